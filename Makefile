@@ -1,0 +1,17 @@
+# make demo | test | bench | setup | lint | clean
+SHELL := /bin/bash
+RUN := . ./env.sh &&
+
+.PHONY: setup demo test bench lint clean
+setup:
+	@bash scripts/setup.sh
+demo: setup
+	@$(RUN) waam demo
+test: setup
+	@$(RUN) ruff check . && bash scripts/test.sh
+bench: setup
+	@$(RUN) python3 bench/run.py $(ONLY)
+lint: setup
+	@$(RUN) ruff format . && ruff check --fix .
+clean:
+	rm -rf waam_ws/build waam_ws/install waam_ws/log .venv .setup.*

@@ -1,0 +1,7 @@
+#!/usr/bin/env bash
+# All tests: every package's own, then those of the whole graph. Arguments go to pytest instead of the default selection.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+export ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1
+if [ $# -gt 0 ]; then exec python3 -m pytest "$@"; fi
+exec python3 -m pytest --durations=15 waam_ws/src/*/test test

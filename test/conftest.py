@@ -1,0 +1,135 @@
+"""Graphs of real processes over real DDS and a real pseudo-terminal, each in its own folder and ROS domain."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from waam_bringup import run_state
+from waam_bringup.client import GraphClient
+from waam_bringup.graph import Settings
+from waam_bringup.jobs import make_goal
+from waam_bringup.operate import graph, graph_trouble
+from waam_bringup.parts import block, write_stl
+
+DOMAINS = iter(range(110, 220))
+
+
+@pytest.fixture(scope='session')
+def part(tmp_path_factory) -> tuple[Path, Path]:
+    """Nominal and worn block of 36 x 30 x 12 mm; the trough needs two layers."""
+    folder = tmp_path_factory.mktemp('part')
+    x, y = np.linspace(0, 36, 37), np.linspace(0, 30, 31)
+    gx, gy = np.meshgrid(x, y)
+    trough = 4 * np.clip(1.5 - 1.5 * np.maximum(np.abs(gx - 18) / 15, np.abs(gy - 15) / 12), 0, 1)
+    write_stl(
+        folder / 'nominal.stl', block(np.full((2, 2), 12.0), x[[0, -1]], y[[0, -1]]), 'nominal'
+    )
+    write_stl(folder / 'worn.stl', block(12 - trough, x, y), 'worn')
+    return folder / 'nominal.stl', folder / 'worn.stl'
+
+
+@dataclass
+class Bench:
+    """A running graph with a client, and short ways to do what tests do."""
+
+    run: Path
+    jobs: Path
+    domain: int
+    client: GraphClient
+    part: tuple[Path, Path]
+
+    def goal(self, **changes):
+        values = {
+            'name': 'test', 'part': self.part[0], 'mode': 'restore', 'material': 'er70s-6', 'profile': 'closed_loop',
+            'layers': 0, 'layer_height': 0.0, 'bead_width': 0.0, 'k_gain': float('nan'), 'tolerance': 0.2,
+            'scale': 1e-3, 'note': [],
+        }  # fmt: skip
+        return make_goal(SimpleNamespace(**{**values, **changes}), self.jobs)
+
+    def load(self) -> None:
+        self.client.load_part(str(self.part[1]), (0.0, 0.0, 0.0), 3)
+
+    def job(self, **changes):
+        """Loads the worn part and runs a job to its end."""
+        self.load()
+        return self.client.run_job(
+            self.goal(**changes), lambda _: None, lambda: graph_trouble(self.run)
+        )
+
+    def state(self) -> run_state.RunState:
+        return run_state.load(self.run)
+
+    def kill(self, node: str) -> None:
+        os.kill(self.state().nodes[node].pid, 9)
+
+    def events(self) -> list[tuple[int, str]]:
+        """What the controller wrote down by itself: (controller us, event)."""
+        rows = (self.run / 'controller.events').read_text().splitlines()
+        return [(int(r.split(' ', 1)[0]), r.split(' ', 1)[1]) for r in rows if ' ' in r]
+
+    def count(self, event: str) -> int:
+        return sum(e == event for _, e in self.events())
+
+    def wait(self, condition, timeout: float, what: str) -> None:
+        assert self.client.until(condition, timeout), f'{what} did not happen within {timeout} s'
+
+
+@contextmanager
+def running_graph(folder: Path, part, **settings) -> Iterator[Bench]:
+    domain = next(DOMAINS)
+    run = folder / 'run'
+    with graph(Settings(run=run, seed=3, **settings), domain, timeout=90.0) as (_, client):
+        yield Bench(run, folder / 'jobs', domain, client, part)
+
+
+@pytest.fixture
+def make_graph(tmp_path, part):
+    """make_graph(**settings) as a context manager -> Bench."""
+    return lambda **settings: running_graph(tmp_path, part, **settings)
+
+
+@pytest.fixture(scope='module')
+def bench(tmp_path_factory, part) -> Iterator[Bench]:
+    """One graph for a module."""
+    with running_graph(tmp_path_factory.mktemp('graph'), part) as b:
+        yield b
+
+
+class Background:
+    """A job in a thread with a client of its own, for tests that disturb it meanwhile."""
+
+    def __init__(self, bench: Bench, **goal) -> None:
+        self.result, self.error = None, None
+        self._thread = threading.Thread(target=self._go, args=(bench, goal), daemon=True)
+        self._thread.start()
+
+    def _go(self, bench: Bench, goal: dict) -> None:
+        try:
+            with GraphClient(bench.domain) as client:
+                self.result = client.run_job(
+                    bench.goal(**goal), lambda _: None, lambda: graph_trouble(bench.run)
+                )
+        except Exception as e:
+            self.error = e
+
+    def join(self, timeout: float = 120.0):
+        end = time.monotonic() + timeout
+        while self._thread.is_alive() and time.monotonic() < end:
+            time.sleep(0.05)
+        assert not self._thread.is_alive(), 'the job did not end'
+        return self.result
+
+
+@pytest.fixture
+def background():
+    return Background

@@ -1,0 +1,156 @@
+"""A whole job through real processes: loop, record, report, refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from waam_msgs.action import RunJob
+from waam_msgs.msg import JobStatus, MachineState
+
+CODES = RunJob.Result
+
+
+@pytest.fixture(scope='module')
+def done(bench):
+    """One closed-loop job; most tests look at what it left."""
+    result = bench.job(profile='closed_loop', note=['wire_lot=4711'])
+    assert result.error_code == 0, result.message
+    return Path(result.job_dir)
+
+
+def run_of(folder: Path) -> dict:
+    return json.loads((folder / 'report.json').read_text())['closed_loop']
+
+
+def test_metal_went_where_it_was_missing(done):
+    run = run_of(done)
+    assert run['as_found_rms_mm'] > 2.5
+    assert run['rms_mm'] < 0.35
+    first = np.load(done / 'layers' / 'scan_000.npz')
+    last = np.load(sorted((done / 'layers').glob('*.npz'))[-1])
+    grown = (last['z'] - first['z'])[first['region']]
+    assert np.nanmean(grown) == pytest.approx(
+        np.nanmean((first['nominal'] - first['z'])[first['region']]), rel=0.15
+    )
+    outside = (last['z'] - first['z'])[~first['region'] & np.isfinite(first['nominal'])]
+    assert np.nanmedian(np.abs(outside)) < 0.05e-3
+
+
+def test_every_layer_reports_what_it_did(done):
+    layers = run_of(done)['layers']
+    assert [r['layer'] for r in layers if not r['final']] == [1, 2]
+    for r in layers[:-1]:
+        assert r['arc_on_time'] > 5 and 60 < r['current_mean'] < 300 and r['wire_used'] > 0.1
+        assert r['arc_starts'] >= 1 and r['heat_input'] > 1e4
+    assert layers[1]['correction_applied'] and layers[1]['psi_min'] < layers[1]['psi_max']
+
+
+def test_nothing_is_lost(done):
+    run = run_of(done)
+    assert run['telemetry_lost'] == 0
+    assert run['profiles_rejected'] == 0
+
+
+def test_record_opens_in_a_third_party_reader_with_all_topics(done):
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([done / 'record']) as reader:
+        count = {c.topic: c.msgcount for c in reader.connections}
+        for topic in ('/telemetry', '/profiles', '/height_map', '/correction_map', '/layer_plan', '/job_status',
+                      '/layer_report', '/heat_factor', '/temperature', '/machine_state', '/segment_done'):  # fmt: skip
+            assert count.get(topic, 0) > 0, topic
+        maps = [c for c in reader.connections if c.topic == '/height_map']
+        _, _, raw = next(reader.messages(connections=maps))
+        height_map = reader.deserialize(raw, maps[0].msgtype)
+        stored = np.load(done / 'layers' / 'scan_000.npz')['z']
+        assert np.array_equal(height_map.z.reshape(stored.shape), stored, equal_nan=True)
+        telemetry = [c for c in reader.connections if c.topic == '/telemetry']
+        sequence = [
+            reader.deserialize(r, telemetry[0].msgtype).sequence
+            for _, _, r in reader.messages(connections=telemetry)
+        ]
+        assert np.all(np.diff(sequence) == 1)
+
+
+def test_recording_for_the_viewer_and_page_exist(done):
+    from waam_view.report import write_report
+
+    assert (done / 'job.rrd').stat().st_size > 10_000
+    page = write_report(done).read_text()
+    assert 'tolerance' in page and f'{run_of(done)["rms_mm"]:.3f}' in page
+
+
+def test_job_yaml_traces_versions_parameters_and_notes(done):
+    text = (done / 'job.yaml').read_text()
+    for word in ('part_sha256', 'wire_lot=4711', 'software', 'numpy', 'work_offset'):
+        assert word in text
+
+
+def test_second_job_is_refused_while_one_runs(bench, background):
+    from waam_bringup.client import ClientError
+
+    bench.load()
+    first = background(bench, layers=1)
+    bench.wait(
+        lambda: bench.client.job and bench.client.job.state == JobStatus.SCANNING, 30, 'scanning'
+    )
+    with pytest.raises(ClientError, match='running already'):
+        bench.client.run_job(bench.goal(), lambda _: None)
+    bench.client.trigger('job_sequencer/abort')
+    assert first.join().error_code == CODES.ABORTED
+
+
+def test_pause_in_a_bead_holds_without_arc_and_resume_finishes(bench, background):
+    bench.load()
+    before = bench.count('arc on')
+    job = background(bench)
+    bench.wait(lambda: bench.count('arc on') > before, 60, 'arc on')
+    bench.client.trigger('job_sequencer/pause')
+    bench.wait(lambda: bench.client.job.state == JobStatus.PAUSED, 20, 'pause')
+    bench.wait(lambda: bench.count('arc off') == bench.count('arc on'), 20, 'arc off')
+    strikes = bench.count('arc on')
+    bench.client.trigger('job_sequencer/resume')
+    result = job.join()
+    assert result.error_code == 0, result.message
+    assert bench.count('state HOLD E200') >= 1 and bench.count('arc on') > strikes
+
+
+@pytest.mark.parametrize(
+    'change,code,word',
+    [
+        ({'part': Path('/nowhere/part.stl')}, CODES.BAD_PART, 'part.stl'),
+        ({'material': 'unobtainium'}, CODES.UNKNOWN_MATERIAL, 'unobtainium'),
+        ({'profile': 'loop'}, CODES.BAD_GOAL, 'loop'),
+        ({'tolerance': 50.0}, CODES.BAD_GOAL, 'tolerance'),
+    ],
+)
+def test_bad_goal_is_refused_and_leaves_nothing(bench, change, code, word):
+    before = set(bench.jobs.iterdir()) if bench.jobs.exists() else set()
+    result = bench.client.run_job(bench.goal(**change), lambda _: None)
+    assert result.error_code == code and word in result.message
+    assert (set(bench.jobs.iterdir()) if bench.jobs.exists() else set()) == before
+    assert bench.client.machine.state == MachineState().state
+
+
+def test_arc_loss_fails_the_job_with_the_place(bench):
+    from waam_msgs.srv import InjectFault
+
+    seen = {'armed': False}
+
+    def once_depositing(status):
+        if status.state == JobStatus.DEPOSITING and not seen['armed']:
+            seen['armed'] = True
+            request = InjectFault.Request(fault='arc_loss', value=600.0)
+            bench.client.node.create_client(InjectFault, 'cell/inject_fault').call_async(request)
+
+    bench.load()
+    result = bench.client.run_job(bench.goal(layers=1), once_depositing)
+    bench.client.call(InjectFault, 'cell/inject_fault', InjectFault.Request(fault='none'))
+    assert result.error_code == CODES.DEPOSITION_FAILED, result.message
+    report = json.loads((Path(result.job_dir) / 'report.json').read_text())['closed_loop']
+    assert report['verdict'] == 'failed' and report['faults'] >= 1
+    assert any(a['class'] == 'arc' for a in report['anomalies'])

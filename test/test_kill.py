@@ -1,0 +1,67 @@
+"""kill -9 of any one node in the middle of a bead: the arc is off in time and the job says what happened."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from waam_msgs.action import RunJob
+
+CODES = RunJob.Result
+LEASE_US = 500_000
+NODES = {
+    'cell': 'ALARM',
+    'bridge': 'telemetry',
+    'scan_fusion': 'scan_fusion',
+    'correction_server': 'correction_server',
+    'feed_forward': 'feed_forward',
+    'thermal_compensator': 'thermal_compensator',
+    'recorder': 'recorder',
+    'dashboard': 'dashboard',
+    'job_sequencer': 'job_sequencer',
+}
+
+
+def arc_off_after(bench, since: int) -> tuple[int, int] | None:
+    """(controller us at which the arc went off, tick up to which the lease had been renewed), first after `since`."""
+    events = bench.events()
+    for i, (t, event) in enumerate(events[:-1]):
+        if t > since and event == 'arc off' and events[i + 1][1].startswith('lease '):
+            return t, int(events[i + 1][1].split()[1])
+    return None
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_arc_is_off_in_time_and_the_job_says_why(make_graph, background, node):
+    with make_graph(rate=6.0) as bench:  # slow enough to be in the middle of a bead
+        bench.load()
+        job = background(bench)
+        bench.wait(lambda: bench.count('arc on'), 60, 'arc on')
+        bench.wait(lambda: bench.client.job and bench.client.job.bead >= 1, 30, 'first bead')
+        on = max(t for t, e in bench.events() if e.startswith('arc on'))
+        bench.kill(node)
+        bench.wait(lambda: arc_off_after(bench, on), 20, 'arc off')
+        off, lease = arc_off_after(bench, on)
+        # no heartbeat that the dead node sent can be younger than its death, so this bounds the time since then
+        assert off - lease <= LEASE_US
+        bench.wait(lambda: bench.state().dead_nodes, 5, 'the supervisor noticing')
+        assert bench.state().nodes[node].exit_code == -9
+        job.join()
+        if node == 'job_sequencer':
+            assert 'job_sequencer' in str(job.error) and 'SIGKILL' in str(job.error)
+            folder = Path((bench.run / 'job').read_text())
+            status = json.loads((folder / 'status.json').read_text())
+            assert status['state'] == 'INTERRUPTED' and 'SIGKILL' in status['message']
+        else:
+            assert job.result is not None, job.error
+            assert job.result.error_code in (
+                CODES.NODE_LOST,
+                CODES.LINK_LOST,
+                CODES.DEPOSITION_FAILED,
+            )
+            assert NODES[node] in job.result.message
+            status = json.loads((Path(job.result.job_dir) / 'status.json').read_text())
+            assert status['state'] == 'FAILED' and NODES[node] in status['message']
+        assert not any(e.startswith('arc on') for t, e in bench.events() if t > off)

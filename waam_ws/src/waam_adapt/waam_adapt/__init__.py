@@ -1,0 +1,5 @@
+"""Correction of the next layer from the scan of the last."""
+
+from .api import correct
+
+__all__ = ['correct']

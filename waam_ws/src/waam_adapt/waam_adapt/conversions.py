@@ -1,0 +1,193 @@
+"""Messages <-> arrays of this package. Big fields go through buffers, never through lists."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+from sensor_msgs.msg import Temperature
+
+from waam_msgs.msg import CorrectionMap, HeatFactor, ProcessEstimate, Segment
+from waam_msgs.srv import ComputeCorrection
+from waam_node.conversions import floats, grid_from_msg, grid_to_msg, map_from_msg, seconds
+from waam_process.grid import GridSpec
+
+from .checks import MapOrigin
+from .feedforward import Field, Path, Setpoints
+from .identification import Estimate
+from .laws import Correction, CorrectionError, CorrectionInput
+from .thermal import Heat
+
+
+def named_map(
+    name: str, values: array, spec: GridSpec, optional: bool = False
+) -> np.ndarray | None:
+    """(rows, cols) float64; an empty optional field is None; CorrectionError names the field."""
+    if optional and not len(values):
+        return None
+    try:
+        a = map_from_msg(values, spec)
+    except ValueError as e:
+        raise CorrectionError(f'{name}: {e}') from None
+    if np.isinf(a).any():
+        raise CorrectionError(f'{name} has infinite values')
+    return a
+
+
+def number(name: str, value: float, low: float, high: float, nan_ok: bool = False) -> float:
+    """The value when it lies in low .. high, else CorrectionError with field and limit."""
+    if np.isnan(value) and nan_ok:
+        return value
+    if not low <= value <= high:
+        raise CorrectionError(f'{name} is {value}, must be {low:g} .. {high:g}')
+    return value
+
+
+def correction_input(
+    request: ComputeCorrection.Request, spec: GridSpec, k_gain: float, k_gain_max: float
+) -> CorrectionInput:
+    """k_gain: the server's default, used when the request says NaN. CorrectionError names the
+    field.
+    """
+    if request.layer < 1:
+        raise CorrectionError('layer is 0, layers count from 1')
+    number('temperature', request.temperature, -50, 2000, nan_ok=True)
+    wish = number(
+        'k_gain', request.k_gain, 0.0, k_gain_max * (1 + 1e-6), nan_ok=True
+    )  # float32 of maps
+    for axis in ('x', 'y'):
+        number(f'direction.{axis}', getattr(request.direction, axis), -1e6, 1e6)
+    return CorrectionInput(
+        z=named_map('map.z', request.map.z, spec),
+        sigma=named_map('map.sigma', request.map.sigma, spec, optional=True),
+        target=named_map('target', request.target, spec),
+        planned=named_map('planned_height', request.planned_height, spec),
+        resolution=spec.resolution,
+        bead_width=number('bead_width', request.bead_width, 5e-4, 0.05),
+        k_gain=k_gain if np.isnan(wish) else wish,
+        direction=(request.direction.x, request.direction.y),
+    )
+
+
+def feed_factor(request: ComputeCorrection.Request) -> float:
+    """Factor of the wire feed that the last layer was laid with (flow and heat); 0 or NaN = 1."""
+    factor = number('previous_feed_factor', request.previous_feed_factor, 0.0, 3.0, nan_ok=True)
+    return 1.0 if np.isnan(factor) or factor == 0 else factor
+
+
+def map_origin(request: ComputeCorrection.Request, now: float) -> MapOrigin:
+    """now: ROS time in s."""
+    m = request.map
+    return MapOrigin(
+        age=now - seconds(m.header.stamp),
+        job_id=m.job_id,
+        expected_job_id=request.job_id,
+        layers=m.layer,
+        expected_layers=request.layer - 1,
+        plausible=m.plausible,
+        reasons=tuple(m.reasons),
+    )
+
+
+def correction_to_msg(
+    result: Correction, request: ComputeCorrection.Request, spec: GridSpec, flow_factor: float
+) -> CorrectionMap:
+    msg = CorrectionMap(header=request.map.header, job_id=request.job_id, layer=request.layer)
+    msg.grid = grid_to_msg(spec)
+    msg.psi = floats(result.psi)
+    msg.confidence = floats(result.confidence)
+    msg.residual_height = floats(result.residual_height)
+    msg.k_gain, msg.flow_factor = float(result.k_gain), float(flow_factor)
+    msg.law, msg.model_hash = result.law, result.model_hash
+    msg.fallback, msg.reasons = result.fallback, list(result.reasons)
+    msg.saturated_cells = result.saturated_cells
+    return msg
+
+
+def estimate_to_msg(estimate: Estimate, job_id: str, layer: int) -> ProcessEstimate:
+    return ProcessEstimate(
+        job_id=job_id,
+        layer=layer,
+        efficiency_ratio=estimate.efficiency_ratio,
+        efficiency_sigma=estimate.efficiency_sigma,
+        height_exponent=estimate.height_exponent,
+        height_exponent_sigma=estimate.slope_sigma,
+        spread=estimate.spread,
+        innovation=estimate.innovation,
+        drift_alarm=estimate.drift_alarm,
+    )
+
+
+def field_from_msg(msg: CorrectionMap) -> Field | None:
+    """None when the message carries no psi. GridError, CorrectionError or SetpointError name what
+    is wrong.
+    """
+    if not len(msg.psi):
+        return None
+    spec = grid_from_msg(msg.grid)
+    return Field(
+        spec,
+        named_map('correction.psi', msg.psi, spec),
+        named_map('correction.residual_height', msg.residual_height, spec),
+        msg.k_gain,
+        msg.flow_factor,
+    )
+
+
+def path_from_msgs(segments: list[Segment]) -> tuple[Path, np.ndarray]:
+    """Arrays of n segments and their planned voltages (n,). Where speed_programmed is not set,
+    speed is V_prog.
+    """
+    rows = [
+        (
+            s.index, s.kind, a.x, a.y, a.z, b.x, b.y, b.z,
+            s.height, s.width, s.speed_programmed, s.speed, s.voltage,
+        )
+        for s in segments
+        for a, b in ((s.start, s.end),)
+    ]  # fmt: skip
+    t = np.array(rows, float).reshape(-1, 13)
+    speed = np.where(t[:, 10] == 0, t[:, 11], t[:, 10])
+    kinds = t[:, 1].astype(int)
+    return Path(t[:, 0].astype(int), kinds, t[:, 2:5], t[:, 5:8], t[:, 8], t[:, 9], speed), t[:, 12]
+
+
+def write_setpoints(segments: list[Segment], path: Path, result: Setpoints) -> None:
+    """Puts the setpoints and their terms into the segments that deposit; the others stay as they
+    are.
+    """
+    names = ('speed', 'wire_feed_speed', 'voltage', 'wire_feed_base', 'psi', 'residual_height')
+    columns = zip(*(getattr(result, n).tolist() for n in names), strict=True)
+    common = (result.k_gain, result.heat_factor, result.flow_factor)
+    for s, deposit, programmed, values, clamps in zip(
+        segments,
+        result.deposit.tolist(),
+        path.speed.tolist(),
+        columns,
+        result.clamps.tolist(),
+        strict=True,
+    ):
+        if not deposit:
+            continue
+        s.speed, s.wire_feed_speed, s.voltage, s.wire_feed_base, s.psi, s.residual_height = values
+        s.k_gain, s.heat_factor, s.flow_factor = common
+        s.speed_programmed, s.clamps = programmed, clamps
+
+
+def heat_to_msg(heat: Heat, interpass_limit: float) -> HeatFactor:
+    """Without its header."""
+    return HeatFactor(
+        factor=heat.factor,
+        temperature=heat.temperature,
+        temperature_rate=heat.rate,
+        interpass_limit=interpass_limit,
+        ready=heat.ready,
+        estimated_wait=heat.wait,
+        plausible=heat.plausible,
+        reasons=list(heat.reasons),
+    )
+
+
+def temperature_sample(msg: Temperature) -> tuple[float, float]:
+    """Time in s (ROS) and degC."""
+    return seconds(msg.header.stamp), msg.temperature

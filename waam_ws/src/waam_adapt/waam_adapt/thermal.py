@@ -1,0 +1,156 @@
+"""Interpass logic: is the pyrometer to be believed, how warm is the layer, may the next one start,
+and if not, when.
+
+Pure and driven by samples: the caller gives times (s, any one clock that only goes forward) and
+temperatures (degC).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from waam_process.heat import cooling_wait, heat_factor
+from waam_process.materials import Material
+
+
+@dataclass(frozen=True)
+class Settings:
+    """range: what the pyrometer can measure; jump: change between samples that no layer makes;
+    confirm: samples that prove it.
+
+    stuck_time: a reading that moves less than stuck_band for so long is frozen. timeout: silence
+    that ends belief. window: time over which temperature and rate are fitted.
+    """
+
+    interpass_limit: float
+    t_min: float = -20.0
+    t_max: float = 1400.0
+    jump: float = 150.0
+    confirm: int = 5
+    stuck_time: float = 10.0
+    stuck_band: float = 0.01
+    timeout: float = 2.0
+    window: float = 3.0
+
+
+@dataclass(frozen=True)
+class Heat:
+    """One answer. temperature degC (NaN before the first sample), rate K/s, wait s (0 = ready, NaN
+    = unknown).
+    """
+
+    factor: float
+    temperature: float
+    rate: float
+    ready: bool
+    wait: float
+    plausible: bool
+    reasons: tuple[str, ...]
+
+
+class InterpassMonitor:
+    """Follows one pyrometer. `add` every sample, `state` at any time."""
+
+    def __init__(self, material: Material, settings: Settings) -> None:
+        self.material, self.settings = material, settings
+        self._samples: deque[tuple[float, float]] = deque(maxlen=1000)
+        self._suspects: list[tuple[float, float]] = []
+        self._last_heard = -math.inf
+        self._last_value = math.nan
+        self._still_since = math.nan
+        self._fault = ''
+
+    def add(self, time: float, temperature: float) -> None:
+        """Takes one sample. Samples out of order are ignored, a clock that was set back starts
+        afresh.
+        """
+        s = self.settings
+        if time < self._last_heard - s.timeout or time > self._last_heard + s.timeout:
+            self._samples.clear()
+            self._suspects.clear()
+            self._still_since = time
+        elif time <= self._last_heard:
+            return
+        self._last_heard = time
+        self._fault = ''
+        if not math.isfinite(temperature):
+            self._fault = 'pyrometer gives no number'
+        elif not s.t_min <= temperature <= s.t_max:
+            self._fault = (
+                f'pyrometer reads {temperature:.0f} degC, outside {s.t_min:.0f} .. {s.t_max:.0f}'
+            )
+        else:
+            self._watch_stillness(time, temperature)
+            self._accept(time, temperature)
+
+    def _watch_stillness(self, time: float, temperature: float) -> None:
+        s = self.settings
+        if not abs(temperature - self._last_value) <= s.stuck_band:
+            self._last_value, self._still_since = temperature, time
+
+    def _accept(self, time: float, temperature: float) -> None:
+        """Into the window, unless it jumps; a jump that `confirm` samples agree on is the new
+        level.
+        """
+        s = self.settings
+        if not self._samples or abs(temperature - self._samples[-1][1]) <= s.jump:
+            self._samples.append((time, temperature))
+            self._suspects.clear()
+        else:
+            if self._suspects and abs(temperature - self._suspects[-1][1]) > s.jump:
+                self._suspects.clear()
+            self._suspects.append((time, temperature))
+            if len(self._suspects) >= s.confirm:
+                self._samples.clear()
+                self._samples.extend(self._suspects)
+                self._suspects.clear()
+        while self._samples[-1][0] - self._samples[0][0] > s.window:
+            self._samples.popleft()
+
+    def state(self, now: float) -> Heat:
+        """What is known at time `now` (s, clock of the samples). Not plausible: factor 1, not
+        ready, wait unknown.
+        """
+        m, s = self.material, self.settings
+        temperature, rate = self._fit()
+        reasons = self._reasons(now)
+        if reasons:
+            return Heat(1.0, temperature, rate, False, math.nan, False, reasons)
+        ready = temperature <= s.interpass_limit
+        wait = cooling_wait(temperature, rate, s.interpass_limit, m.t_env)
+        return Heat(float(heat_factor(temperature, m)), temperature, rate, ready, wait, True, ())
+
+    def _reasons(self, now: float) -> tuple[str, ...]:
+        s, reasons = self.settings, []
+        silent = now - self._last_heard
+        if not self._samples:
+            reasons.append('no usable temperature yet')
+        if math.isfinite(silent) and silent > s.timeout:
+            reasons.append(f'pyrometer silent for {silent:.1f} s')
+        if self._fault:
+            reasons.append(self._fault)
+        if self._suspects:
+            reasons.append(f'pyrometer jumped to {self._suspects[-1][1]:.0f} degC')
+        still = self._last_heard - self._still_since
+        if s.stuck_time > 0 and still >= s.stuck_time:
+            reasons.append(f'pyrometer stuck at {self._last_value:.1f} degC for {still:.0f} s')
+        return tuple(reasons)
+
+    def _fit(self) -> tuple[float, float]:
+        """Temperature at the newest sample and rate: straight line through the window (the median
+        below 5 samples).
+        """
+        if not self._samples:
+            return math.nan, math.nan
+        t, y = np.array(self._samples).T
+        if len(t) < 5:
+            return float(np.median(y)), math.nan
+        t = t - t[-1]
+        rate = float(
+            ((t - t.mean()) * (y - y.mean())).sum() / max(((t - t.mean()) ** 2).sum(), 1e-12)
+        )
+        return float(y.mean() - rate * t.mean()), rate

@@ -1,0 +1,23 @@
+"""The parameter file, the dataclass and the README agree."""
+
+import dataclasses
+from pathlib import Path
+
+import yaml
+
+from waam_bridge.params import BridgeParams
+from waam_node.params import from_dict, markdown
+
+PACKAGE = Path(__file__).parents[1]
+
+
+def test_the_yaml_lists_every_parameter_with_its_default():
+    loaded = yaml.safe_load((PACKAGE / 'config/bridge.yaml').read_text())['bridge'][
+        'ros__parameters'
+    ]
+    assert from_dict(BridgeParams, loaded) == BridgeParams()
+    assert list(loaded) == [f.name for f in dataclasses.fields(BridgeParams)]
+
+
+def test_the_readme_has_the_parameter_table():
+    assert markdown(BridgeParams) in (PACKAGE / 'README.md').read_text()

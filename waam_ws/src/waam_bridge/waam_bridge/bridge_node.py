@@ -1,0 +1,221 @@
+"""The node `bridge`: parameters, topics and services around the core.
+
+Lines are handled and published in the transport's thread: handing each frame to the executor costs a wake-up and a
+change of thread, and a long callback of the executor would then hold up the heartbeat. One lock guards the core.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Temperature
+
+from waam_msgs.msg import Heartbeat, LeaseTick, LinkStatus, Override
+from waam_msgs.srv import Command, Enqueue
+from waam_node import qos
+from waam_node.conversions import segment_from_msg
+from waam_node.deferred import Deferred, create_deferred_service
+from waam_node.node import ERROR, OK, WARN, WaamNode
+from waam_node.node import main as node_main
+
+from . import commands, frames, program
+from .core import Bridge
+from .csv_log import CsvLog
+from .node_publishers import Publishers
+from .params import BridgeParams
+from .program import Refusal
+from .transport import SerialTransport
+
+SWITCH_INTERVAL = 0.001  # s: a long callback may keep the link's thread from running for so long
+
+
+class BridgeNode(WaamNode):
+    """Host end of the link; see docs/interfaces.md."""
+
+    def __init__(self) -> None:
+        super().__init__('bridge', BridgeParams)
+        sys.setswitchinterval(SWITCH_INTERVAL)
+        p = self.params
+        self.core = Bridge(p)
+        self._lock = threading.RLock()
+        self._crash: Exception | None = None  # of the link's thread
+        self._settled = threading.Event()  # the port was tried once
+        self._out = Publishers(self, self.core, p.port, self._open_csv(p.csv_log, p.csv_rate))
+        self._create_inputs()
+        self.create_timer(1.0, self._on_second, clock=self.steady)
+        self.transport = SerialTransport(p.port, p.baud, self, p.reconnect_period)
+        self.transport.start()
+        if p.require_controller:
+            self._await_controller()
+
+    def _create_inputs(self) -> None:
+        beats = QoSProfile(depth=100, reliability=qos.BEAT.reliability)
+        self.create_subscription(Heartbeat, 'heartbeat', self._on_beat, beats)
+        self.create_subscription(Override, 'override', self._on_override, qos.NEWEST)
+        if self._out.csv:
+            self.create_subscription(Temperature, 'temperature', self._on_temperature, qos.BEAT)
+        self.create_service(Enqueue, '~/enqueue', self._on_enqueue)
+        create_deferred_service(self, Command, '~/command', self._on_command)
+
+    def _open_csv(self, path: str, rate: float) -> CsvLog | None:
+        if not path:
+            return None
+        try:
+            return CsvLog(open(path, 'w', encoding='utf-8', buffering=1), rate)
+        except OSError as e:
+            raise ValueError(f"bridge: parameter 'csv_log': {path}: {e.strerror}") from None
+
+    def _await_controller(self) -> None:
+        self._settled.wait(self.params.identify_timeout + 5.0)
+        if not self.core.connected:
+            raise ValueError(f'no controller: {self.core.message}')
+
+    def close(self) -> None:
+        """A clean end leaves the machine in HOLD instead of running until its watchdog acts."""
+        with self._lock:
+            if self.core.state == frames.RUN:
+                self.transport.write(frames.HOLD_BYTE)
+        self.transport.close()
+        if self._out.csv:
+            self._out.csv.close()
+
+    # ---- called by the transport, in its thread
+
+    def on_open(self) -> None:
+        with self._lock:
+            self.core.opened(time.monotonic())
+
+    def on_close(self, reason: str) -> None:
+        with self._lock:
+            if not self.core.connected and reason != self.core.message:
+                self.get_logger().error(f'no controller: {reason}')
+            self.core.closed(reason)
+            self._out.outbox()
+        self._settled.set()
+
+    def on_lines(self, lines: list[bytes]) -> None:
+        with self._lock:
+            now = self._now()
+            for raw in lines:
+                frame = self.core.line(raw, now)
+                if frame is not None:
+                    self._out.frame(frame)
+                if self.core.outbox:
+                    self._out.outbox()
+
+    def on_idle(self) -> None:
+        self._pump()
+        if self.core.link.failed:
+            self.transport.reopen(self.core.link.failed)
+        elif self.core.connected:
+            self._settled.set()
+
+    def on_crash(self, error: Exception) -> None:
+        """Publishing fails when the context ends first; anything else ends the node by its next timer."""
+        if self.context.ok():
+            self._crash = error
+
+    def _now(self) -> float:
+        """Steady time; keeps the core's ROS time up to date where it needs it."""
+        now = time.monotonic()
+        link = self.core.link
+        if not link.clock.synchronised:
+            link.ros_offset_ns = self.get_clock().now().nanoseconds - round(now * 1e9)
+        return now
+
+    def _pump(self) -> None:
+        """Writes what is due and publishes what came of it."""
+        with self._lock:
+            data = self.core.poll(self._now())
+            if data:
+                self.transport.write(data)
+            if self.core.outbox:
+                self._out.outbox()
+
+    def _on_second(self) -> None:
+        if self._crash:
+            raise self._crash
+        with self._lock:
+            self._diagnose(self._out.second())
+
+    def _diagnose(self, msg: LinkStatus) -> None:
+        core = self.core
+        level = ERROR if not core.connected or core.state == frames.ALARM else OK
+        self.level = WARN if level == OK and (core.silent or core.state == frames.HOLD) else level
+        self.message = core.message
+        self.values = {
+            'port': self.params.port,
+            'state': frames.STATE_NAMES[core.state],
+            'fault': core.fault_text or 'none',
+            'resends': msg.resends,
+            'bad_frames': msg.bad_frames,
+            'telemetry_lost': msg.telemetry_lost,
+            'round_trip_p99_ms': f'{msg.round_trip_p99 * 1e3:.2f}',
+        }
+
+    # ---- callbacks of the executor
+
+    def _on_tick(self, tick: LeaseTick) -> None:
+        """Callbacks that wait are still called once after the context has ended."""
+        if self.context.ok():
+            super()._on_tick(tick)
+
+    def _publish_diagnostics(self) -> None:
+        if self.context.ok():
+            super()._publish_diagnostics()
+
+    def _on_beat(self, msg: Heartbeat) -> None:
+        with self._lock:
+            self.core.beat(msg.node, msg.controller_us, msg.boot_id, time.monotonic())
+            if self.core.link.out:
+                self._pump()
+
+    def _on_override(self, msg: Override) -> None:
+        with self._lock:
+            now = time.monotonic()
+            commands.override(self.core, msg.speed_factor, msg.wire_factor, msg.source, now)
+        self._pump()
+
+    def _on_temperature(self, msg: Temperature) -> None:
+        if self._out.csv:
+            self._out.csv.temperature = msg.temperature
+
+    def _on_enqueue(self, request: Enqueue.Request, response: Enqueue.Response) -> Enqueue.Response:
+        """Checks outside the lock, so that a large batch does not hold up the link."""
+        try:
+            segments = [segment_from_msg(m) for m in request.segments]
+            with self._lock:
+                permit = self.core.permit(request.job_id, segments)
+            batch = program.prepare(permit, segments, request.last)
+            with self._lock:
+                self.core.commit(permit, batch)
+            response.accepted, response.duplicates = batch.accepted, batch.duplicates
+            self._pump()
+        except Refusal as e:
+            response.error_code, response.message = e.code, str(e)
+        except ValueError as e:
+            response.error_code, response.message = program.BAD_SEGMENT, str(e)
+        return response
+
+    def _on_command(self, request: Command.Request, response: Command.Response) -> Deferred:
+        later = Deferred()
+
+        def answer(code: int, text: str) -> None:
+            response.error_code, response.message = code, text
+            later.answer(response)
+
+        v = request.vector
+        command = commands.Command(
+            request.code, request.text, tuple(request.names), (v.x, v.y, v.z), request.value
+        )
+        with self._lock:
+            commands.run(self.core, command, answer, time.monotonic())
+        self._pump()
+        return later
+
+
+def main() -> None:
+    node_main(BridgeNode)

@@ -1,0 +1,224 @@
+"""The commands of waam_msgs/srv/Command, one function each. Pure; the reply is called once, possibly much later."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from waam_process.units import to_mm, to_mm_min
+
+from . import frames, requests
+from .core import Bridge, Reply
+from .outbox import WARNING
+from .program import number
+
+ARM, DISARM, HOME, JOG, JOG_WIRE, HOLD, RESUME, STOP, RESET, SET_ZERO, UNLOCK_ESTOP, CLEAR_QUEUE = (
+    range(1, 13)
+)  # waam_msgs/srv/Command
+SPEED_FACTOR, WIRE_FACTOR = (0.1, 2.0), (0.5, 1.5)  # waam_msgs/Override
+
+
+@dataclass(frozen=True)
+class Command:
+    """Arguments as in waam_msgs/srv/Command; SI."""
+
+    code: int
+    text: str = ''
+    names: tuple[str, ...] = ()
+    vector: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    value: float = 0.0
+
+
+class CommandError(ValueError):
+    """A command that is refused before it reaches the controller."""
+
+    def __init__(self, code: int, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+def run(bridge: Bridge, command: Command, reply: Reply, now: float) -> None:
+    """Starts a command. Errors are told through the reply as well."""
+    try:
+        name, act = _COMMANDS.get(command.code, ('', None))
+        if act is None:
+            raise CommandError(requests.BAD_ARGUMENT, f'unknown command {command.code}')
+        if not all(math.isfinite(v) for v in (*command.vector, command.value)):
+            raise CommandError(
+                requests.BAD_ARGUMENT,
+                f'{name}: vector {command.vector}, value {command.value}: not finite',
+            )
+        if not bridge.connected and command.code != STOP:
+            raise CommandError(requests.NOT_CONNECTED, bridge.message)
+        act(bridge, command, reply, now)
+    except CommandError as e:
+        reply(e.code, str(e))
+    except frames.FrameError as e:
+        reply(requests.BAD_ARGUMENT, str(e))
+
+
+def override(bridge: Bridge, speed: float, wire: float, source: str, now: float) -> None:
+    """Factors that act inside the running segment; NaN leaves one as it is. What is refused becomes a notice."""
+    try:
+        if not bridge.connected:
+            raise CommandError(requests.NOT_CONNECTED, 'not connected')
+        factors = (
+            _factor('speed_factor', speed, bridge.overrides[0], SPEED_FACTOR),
+            _factor('wire_factor', wire, bridge.overrides[1], WIRE_FACTOR),
+        )
+    except CommandError as e:
+        bridge.notice(WARNING, 'operator', f"override of '{source}' refused: {e}")
+        return
+    bridge.overrides = factors
+
+    def done(code: int, text: str) -> None:
+        if code != requests.OK:
+            bridge.notice(WARNING, 'operator', f"override of '{source}': {text}")
+
+    args = ' '.join(f'{f * 1000:.0f}' for f in factors)
+    bridge.link.ask('V', args, done, now)
+
+
+def _factor(name: str, value: float, before: float, limits: tuple[float, float]) -> float:
+    low, high = limits
+    if math.isnan(value):
+        return before
+    if not low <= value <= high:
+        text = f'{name} is {value:g}, limits {low:g} .. {high:g}'
+        raise CommandError(requests.BAD_ARGUMENT, text)
+    return value
+
+
+def _need_rest(bridge: Bridge, what: str) -> None:
+    """Raises unless no segment waits."""
+    if bridge.queued:
+        text = f"{what}: job '{bridge.modal.job}' still has {bridge.queued} segments"
+        raise CommandError(requests.WRONG_STATE, text)
+
+
+def _arm(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    if not c.text:
+        raise CommandError(requests.BAD_ARGUMENT, 'ARM needs the job id in text')
+    if len(c.text) > 100:
+        raise CommandError(
+            requests.BAD_ARGUMENT, f'a job id of {len(c.text)} characters, at most 100'
+        )
+    if bridge.modal.job != c.text:
+        _need_rest(bridge, 'ARM')
+    bridge.ask('A', c.text, reply, now, lambda: bridge.armed(c.text, list(c.names)))
+
+
+def _disarm(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    bridge.ask('D', '', reply, now, bridge.disarm)
+
+
+def _home(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    _need_rest(bridge, 'HOME')
+    if bridge.state != frames.IDLE or bridge.link.sender.pending:
+        state = frames.STATE_NAMES[bridge.state]
+        raise CommandError(requests.WRONG_STATE, f'HOME: the controller is in {state}, not IDLE')
+    bridge.home(reply, now)
+
+
+def _feed(name: str, value: float) -> str:
+    if not value > 0:
+        raise CommandError(requests.BAD_ARGUMENT, f'{name}: speed is {value} m/s, must be above 0')
+    return number(to_mm_min(value), 2)
+
+
+def _jog(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    _need_rest(bridge, 'JOG')
+    if c.value > bridge.params.speed_max:
+        text = f'JOG: speed is {c.value:g} m/s, limit {bridge.params.speed_max:g} m/s'
+        raise CommandError(requests.BAD_ARGUMENT, text)
+    move = ' '.join(number(to_mm(v), 4) for v in c.vector)
+    bridge.ask('J', f'{move} {_feed("JOG", c.value)}', reply, now, bridge.moved, repeat=False)
+
+
+def _jog_wire(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    feed = _feed('JOG_WIRE', bridge.params.wire_jog_speed)
+    bridge.ask('W', f'{number(to_mm(c.value), 3)} {feed}', reply, now, repeat=False)
+
+
+def _hold(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    bridge.link.out.append(frames.HOLD_BYTE)
+    bridge.ask('P', '', reply, now)
+
+
+def _resume(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    if bridge.state != frames.HOLD:
+        state = frames.STATE_NAMES[bridge.state]
+        raise CommandError(requests.WRONG_STATE, f'RESUME: the controller is in {state}, not HOLD')
+    bridge.ask('R', '', reply, now, lambda: bridge.say('resumed'))
+
+
+def _stop(
+    bridge: Bridge, c: Command, reply: Reply, now: float, reason: str = 'stopped by host'
+) -> None:
+    """The real-time byte acts even when the line is lost; the line brings the answer."""
+    bridge.link.sender.blocked = True
+    bridge.link.out.append(frames.STOP_BYTE)
+    if not bridge.connected:
+        raise CommandError(
+            requests.NOT_CONNECTED, f'{bridge.message}; the stop byte was sent if the port is open'
+        )
+
+    def done(code: int, text: str) -> None:
+        if code != requests.OK:  # what was not sent yet must not be sent any more
+            bridge.stopped(reason)
+        reply(code, text)
+
+    bridge.ask('S', '', done, now, lambda: bridge.stopped(reason))
+
+
+def _reset(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    bridge.ask('X', '', reply, now, lambda: bridge.stopped('reset'))
+
+
+def _set_zero(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    _need_rest(bridge, 'SET_ZERO')
+    if c.value not in (0.0, 1.0):
+        raise CommandError(requests.BAD_ARGUMENT, f'SET_ZERO: value is {c.value:g}, must be 0 or 1')
+    zero = c.vector
+    if c.value == 1.0:
+        here = bridge.position
+        if bridge.offset is None or here is None:
+            raise CommandError(
+                requests.WRONG_STATE, 'SET_ZERO: the machine position is not known, give the vector'
+            )
+        zero = tuple(o + p for o, p in zip(bridge.offset, here, strict=True))
+    args = [number(to_mm(v), 4) for v in zero]
+    bridge.ask('Z', ' '.join(args), reply, now, lambda: bridge.set_offset(tuple(map(float, args))))
+
+
+def _unlock_estop(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    if bridge.fault != 300:
+        raise CommandError(requests.WRONG_STATE, 'UNLOCK_ESTOP: there is no emergency stop')
+    _reset(bridge, c, reply, now)
+
+
+def _clear_queue(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    if c.text and c.text != bridge.modal.job:
+        text = f"CLEAR_QUEUE: the queue belongs to job '{bridge.modal.job}', not '{c.text}'"
+        raise CommandError(requests.WRONG_STATE, text)
+    if bridge.state == frames.RUN:
+        raise CommandError(
+            requests.WRONG_STATE, 'CLEAR_QUEUE: the machine runs; hold or stop first'
+        )
+    _stop(bridge, c, reply, now, 'queue cleared by host')
+
+
+_COMMANDS = {
+    ARM: ('ARM', _arm),
+    DISARM: ('DISARM', _disarm),
+    HOME: ('HOME', _home),
+    JOG: ('JOG', _jog),
+    JOG_WIRE: ('JOG_WIRE', _jog_wire),
+    HOLD: ('HOLD', _hold),
+    RESUME: ('RESUME', _resume),
+    STOP: ('STOP', _stop),
+    RESET: ('RESET', _reset),
+    SET_ZERO: ('SET_ZERO', _set_zero),
+    UNLOCK_ESTOP: ('UNLOCK_ESTOP', _unlock_estop),
+    CLEAR_QUEUE: ('CLEAR_QUEUE', _clear_queue),
+}

@@ -1,0 +1,114 @@
+"""Lines and states of the core -> messages."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
+
+from waam_msgs.msg import Anomaly, LinkStatus, MachineState, SegmentDone, Telemetry
+from waam_process.units import mm
+
+from . import frames
+from .core import Bridge
+from .outbox import Notice
+from .program import Mark
+
+NAN = float('nan')
+
+
+def stamp_ns(ns: int) -> Time:
+    sec, nanosec = divmod(ns, 1_000_000_000)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def fill_telemetry(msg: Telemetry, t: frames.Telemetry, ros_ns: int, boot: int) -> None:
+    """Writes a frame into a message that is used again and again (a new one costs three times as much)."""
+    stamp, p, flags = msg.header.stamp, msg.position, t.flags
+    stamp.sec, stamp.nanosec = divmod(ros_ns, 1_000_000_000)
+    msg.controller_us, msg.boot_id, msg.sequence, msg.state = t.t_us, boot, t.seq, t.state
+    p.x, p.y, p.z = t.x_um * 1e-6, t.y_um * 1e-6, t.z_um * 1e-6
+    msg.travel_speed = t.v_um_s * 1e-6
+    msg.wire_feed_commanded, msg.wire_feed_speed = t.wire_cmd_um_s * 1e-6, t.wire_um_s * 1e-6
+    msg.arc_current, msg.arc_voltage = t.current_ma * 1e-3, t.voltage_mv * 1e-3
+    msg.arc_enabled = flags & frames.ARC_ENABLED != 0
+    msg.arc_established = flags & frames.ARC_ESTABLISHED != 0
+    msg.gas = flags & frames.GAS != 0
+    msg.line_accepted, msg.line_executed, msg.blocks_free = (
+        t.line_accepted,
+        t.line_executed,
+        t.free_blocks,
+    )
+    msg.speed_override, msg.wire_override = t.speed_permille * 1e-3, t.wire_permille * 1e-3
+    msg.lease_left, msg.underruns, msg.fault = t.lease_left_ms * 1e-3, t.underruns, t.fault
+
+
+def _point(values) -> Point:
+    x, y, z = values or (NAN, NAN, NAN)
+    return Point(x=x, y=y, z=z)
+
+
+def machine_state(bridge: Bridge, port: str) -> MachineState:
+    """Everything but the stamp."""
+    who, flags = bridge.link.identity, bridge.flags if bridge.connected else 0
+    msg = MachineState(connected=bridge.connected, port=port, state=bridge.state)
+    if who:
+        msg.identity, msg.firmware_version = who.name, who.firmware
+        msg.capabilities, msg.boot_id = list(who.capabilities), who.boot
+        box = [mm(v) for v in who.limits_mm]
+        msg.limit_min, msg.limit_max = _point(box[:3]), _point(box[3:])
+    msg.homed, msg.armed = flags & frames.HOMED != 0, flags & frames.ARMED != 0
+    msg.arc_on = flags & frames.ARC_ENABLED != 0
+    msg.armed_job, msg.work_offset = bridge.armed_job, _point(bridge.offset)
+    msg.fault, msg.fault_text = bridge.fault, bridge.fault_text
+    msg.silent_nodes, msg.message = list(bridge.silent), bridge.message
+    return msg
+
+
+def segment_done(mark: Mark) -> SegmentDone:
+    return SegmentDone(job_id=mark.job, index=mark.index, layer=mark.layer, bead=mark.bead)
+
+
+def anomaly(bridge: Bridge, notice: Notice) -> Anomaly:
+    """Everything but the header; layer and bead are those of the segment that is being executed."""
+    mark = bridge.running
+    return Anomaly(
+        job_id=bridge.job,
+        severity=notice.severity,
+        class_name=notice.class_name,
+        text=notice.text,
+        reaction=notice.reaction,
+        layer=mark.layer if mark else 0,
+        bead=mark.bead if mark else 0,
+        position=_point(bridge.position),
+    )
+
+
+def percentile(values: list[float], share: float) -> float:
+    """Of sorted values; NaN when there are none."""
+    return values[min(len(values) - 1, int(share * len(values)))] if values else NAN
+
+
+def link_status(bridge: Bridge, rate: float) -> LinkStatus:
+    """Everything but the stamp. rate: telemetry frames per second of controller time."""
+    link, sender, t = bridge.link, bridge.link.sender, bridge.link.telemetry
+    trips = sorted(link.round_trips)
+    msg = LinkStatus(connected=link.ready, telemetry_rate=rate)
+    msg.lines_sent, msg.resends = sender.lines_sent, sender.resends
+    msg.lines_acknowledged = sender.acknowledged
+    msg.bad_frames, msg.telemetry_received, msg.telemetry_lost = (
+        link.bad_frames,
+        link.received,
+        link.lost,
+    )
+    msg.round_trip_p50, msg.round_trip_p99 = percentile(trips, 0.5), percentile(trips, 0.99)
+    clock = link.clock
+    msg.clock_offset, msg.clock_drift, msg.clock_residual = (
+        clock.offset,
+        clock.drift,
+        clock.residual,
+    )
+    msg.clock_synchronised = clock.synchronised
+    msg.blocks_free, msg.bytes_free = (t.free_blocks if t else 0), max(0, min(sender.room, 65535))
+    msg.segments_queued, msg.underruns = sender.unsent, t.underruns if t else 0
+    msg.reconnects = max(0, link.connects - 1)
+    return msg

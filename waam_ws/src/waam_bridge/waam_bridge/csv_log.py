@@ -1,0 +1,39 @@
+"""The operator's log, with the columns of the cell's specification. Pure but for the file it is given."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import TextIO
+
+from .frames import Telemetry
+
+COLUMNS = ('Timestamp', 'X_pos', 'Y_pos', 'Z_pos', 'Current_A', 'Voltage_V', 'Temp_C', 'Feed_Rate')
+
+
+def row(t: Telemetry, ros_ns: int, temperature: float) -> str:
+    """One row: UTC time, positions in mm (work), A, V, degrees Celsius (nan = unknown), travel feed in mm/min."""
+    stamp = datetime.fromtimestamp(ros_ns // 1_000_000 / 1000, UTC).isoformat(
+        timespec='milliseconds'
+    )
+    return (
+        f'{stamp[:-6]}Z; {t.x_um / 1e3:.3f}; {t.y_um / 1e3:.3f}; {t.z_um / 1e3:.3f}; '
+        f'{t.current_ma / 1e3:.1f}; {t.voltage_mv / 1e3:.2f}; {temperature:.1f}; {t.v_um_s * 0.06:.1f}'
+    )
+
+
+class CsvLog:
+    """Writes rows at most every 1/rate s of controller time."""
+
+    def __init__(self, file: TextIO, rate: float) -> None:
+        self.temperature = float('nan')
+        self._file, self._period_us, self._next_us = file, round(1e6 / rate), 0
+        file.write('; '.join(COLUMNS) + '\n')
+
+    def add(self, t: Telemetry, ros_ns: int) -> None:
+        if self._next_us - self._period_us <= t.t_us < self._next_us:
+            return
+        self._next_us = t.t_us + self._period_us
+        self._file.write(row(t, ros_ns, self.temperature) + '\n')
+
+    def close(self) -> None:
+        self._file.close()

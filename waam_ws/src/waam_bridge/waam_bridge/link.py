@@ -1,0 +1,263 @@
+"""One connection to the controller: identification, numbering, heartbeat, round trips, counters.
+
+Pure: bytes to write collect in `out`, time is an argument (s, steady clock). ROS time at a steady time is
+`now + ros_offset_ns`, which the owner keeps up to date.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from enum import IntEnum
+
+from . import frames
+from .clock import ClockMap
+from .params import BridgeParams
+from .requests import OK, Requests
+from .stream import Sender
+
+LISTEN = 0.1  # s of listening before `$I`, which makes an idle controller forget its line numbers; longer
+# when that controller has lines of ours, for then its numbers must be heard first
+ASK_AGAIN = 0.5  # s
+REPEAT_RESYNC = 0.05  # s between attempts to agree on the next number
+PONGS = 400  # round trips kept for the percentiles
+SEQUENCE = 2**32
+
+
+class Phase(IntEnum):
+    CLOSED = 0
+    LISTEN = 1
+    IDENTIFY = 2
+    SYNC = 3
+    READY = 4
+
+
+class Link:
+    """lease_us(t_us): how far the arc lease may be renewed at controller time t_us, 0 = none.
+    on_ready(known): the controller may be used; `known` when it is the one of before, with the same boot.
+
+    `failed` holds the reason when the owner shall close the port.
+    """
+
+    def __init__(
+        self,
+        params: BridgeParams,
+        lease_us: Callable[[int], int],
+        on_ready: Callable[[bool, float], None],
+    ) -> None:
+        self.params, self._lease_us, self._on_ready = params, lease_us, on_ready
+        self.sender = Sender(params.resend_timeout)
+        self.requests = Requests()
+        self.clock = ClockMap()
+        self.phase = Phase.CLOSED
+        self.failed = ''
+        self.out: list[bytes] = []
+        self.identity: frames.Identity | None = None
+        self.telemetry: frames.Telemetry | None = None
+        self.ros_offset_ns = 0
+        self.bad_frames = self.received = self.lost = self.connects = 0
+        self.round_trips: deque[float] = deque(maxlen=PONGS)
+        self.heard = 0.0  # s, last good line
+        self._since = self._asked = 0.0
+        self._boot: int | None = None  # of the controller that the sender's numbers belong to
+        # lines that the controller said it has, and has executed, before it was asked to identify; kept over
+        # attempts that fail, for `$I` makes an idle controller forget them
+        self._accepted = self.executed = 0
+        self._listened = False
+        self._resync = False  # the controller must be told the next line number
+        self._token = 0
+        self._pings: dict[int, float] = {}
+        self._beat = 0.0  # s
+        self._beat_us = 0
+
+    @property
+    def ready(self) -> bool:
+        return self.phase == Phase.READY
+
+    @property
+    def boot(self) -> int:
+        return self.identity.boot if self.identity else 0
+
+    # ---- the port
+
+    def opened(self, now: float) -> None:
+        self.phase, self.failed = Phase.LISTEN, ''
+        self._since = self.heard = now
+        self._listened = False
+        self._pings.clear()
+        self.out.clear()
+
+    def closed(self, reason: str) -> None:
+        self.phase = Phase.CLOSED
+        self.sender.blocked = True
+        self._resync = False
+        self.out.clear()
+        self.requests.fail(reason)
+
+    # ---- from the controller
+
+    def line(self, raw: bytes, now: float) -> frames.Frame | None:
+        """Takes one line; returns what it said, None when it must not be acted on."""
+        try:
+            frame = frames.parse(raw)
+        except frames.FrameError:
+            self.bad_frames += 1
+            return None
+        self.heard = now
+        kind = type(frame)
+        if kind is frames.Telemetry:
+            self._on_telemetry(frame, now)
+        elif kind is frames.Ack:
+            self.sender.ack(frame.seq, frame.blocks, frame.room, now)
+        elif kind is frames.Resend:
+            self.sender.resend(frame.expected, now)
+        elif kind is frames.Pong:
+            self._on_pong(frame, now)
+        elif kind is frames.Answer:
+            self.requests.answer(frame)
+        elif kind is frames.Identity:
+            self._on_identity(frame, now)
+        return frame
+
+    def _on_telemetry(self, t: frames.Telemetry, now: float) -> None:
+        if self.phase < Phase.SYNC:
+            self._accepted = max(self._accepted, t.line_accepted)
+            self.executed = max(self.executed, t.line_executed)
+            self._listened = True
+            return
+        before = self.telemetry
+        self.received += 1
+        if before is not None:
+            gap = (t.seq - before.seq) % SEQUENCE - 1
+            if 0 < gap < SEQUENCE // 2:
+                self.lost += gap
+        self.telemetry = t
+        if self.phase == Phase.SYNC:
+            if not self.requests.waits('L'):
+                self._synchronise(t, now)
+        else:
+            self.sender.ack(t.line_accepted, t.free_blocks, None, now)
+        if t.t_us - self._beat_us >= self.params.heartbeat_period * 1e6:
+            self.beat(now)
+
+    def _on_pong(self, pong: frames.Pong, now: float) -> None:
+        sent = self._pings.pop(pong.token, None)
+        if sent is None:
+            return
+        self.round_trips.append(now - sent)
+        if not self.clock.synchronised:
+            offset = self.ros_offset_ns
+            self.clock.add(round(sent * 1e9) + offset, round(now * 1e9) + offset, pong.t_us)
+
+    def _on_identity(self, who: frames.Identity, now: float) -> None:
+        if self.phase != Phase.IDENTIFY:
+            return
+        if who.name != self.params.identity:
+            self.failed = f"identifies itself as '{who.name}', expected '{self.params.identity}'"
+            return
+        if self._boot != who.boot or who.synchronised != self.clock.synchronised:
+            self.clock.reset(who.synchronised)
+            self.telemetry = None
+        self.identity = who
+        self.phase, self._since = Phase.SYNC, now
+        self._beat_us = 0
+        self.beat(now)
+
+    def _synchronise(self, t: frames.Telemetry, now: float) -> None:
+        """Tells the controller which line comes next. What it had taken before the link broke is not sent again."""
+        told = max(t.line_accepted, self._accepted)
+        known = self._boot == self.boot and told <= self.sender.written
+        if known:
+            first = max(told, self.sender.acked) + 1
+            if t.line_accepted < told:  # it was idle and has forgotten: all that it had is executed
+                self.executed = told
+        else:
+            self.sender.restart()
+            first = t.line_accepted + 1
+
+        def done(code: int, text: str) -> None:
+            if code != OK:
+                self.failed = f'line numbers could not be agreed: {text}'
+                return
+            self.sender.resync(first, t.free_blocks, self.identity.rx, self.heard)
+            self.sender.restore_words()
+            self._boot, self.phase = self.boot, Phase.READY
+            self.connects += 1
+            self._on_ready(known, self.heard)
+            self._accepted = self.executed = 0
+
+        self.ask('L', str(first), done, now)
+
+    # ---- to the controller
+
+    def ask(self, letter: str, args: str, done, now: float, repeat: bool = True) -> None:
+        """Sends an immediate line; `done(code, text)` is called once. Raises FrameError, see `frames.immediate`."""
+        self.out.append(self.requests.ask(letter, args, done, now, repeat))
+
+    def resync(self) -> None:
+        """After lines were dropped: agree on the next number before anything else is sent."""
+        self.sender.blocked = self._resync = True
+
+    def _ask_resync(self, now: float) -> None:
+        first = self.sender.acked + 1
+        self._asked = now
+
+        def done(code: int, text: str) -> None:
+            if code == OK and first == self.sender.acked + 1 and self.telemetry and self.ready:
+                self.sender.resync(first, self.telemetry.free_blocks, self.identity.rx, self.heard)
+                self._resync = False
+
+        self.ask('L', str(first), done, now)
+
+    def beat(self, now: float) -> None:
+        """A heartbeat; renews the link watchdog and, as far as the nodes have come, the arc lease."""
+        t_us = self.telemetry.t_us if self.telemetry else 0
+        self._token = (self._token + 1) % SEQUENCE
+        if len(self._pings) > PONGS:
+            self._pings.clear()
+        self._pings[self._token] = now
+        self.out.append(frames.heartbeat(self._token, self._lease_us(t_us)))
+        self._beat, self._beat_us = now, t_us
+
+    def poll(self, now: float) -> bytes:
+        """To be called after every line and at least every 20 ms: what is to be written now."""
+        if self.phase == Phase.READY:
+            self._poll_ready(now)
+        elif self.phase in (Phase.LISTEN, Phase.IDENTIFY):
+            self._poll_identify(now)
+        if self.phase >= Phase.SYNC:
+            if now - self._beat >= self.params.heartbeat_period:
+                self.beat(now)
+            again = self.requests.poll(now)
+            if again:
+                self.out.append(again)
+            if now - self.heard > self.params.silence_timeout:
+                self.failed = f'the controller is silent for {self.params.silence_timeout:g} s'
+        if not self.out:
+            return b''
+        data = b''.join(self.out)
+        self.out.clear()
+        return data
+
+    def _poll_ready(self, now: float) -> None:
+        if self._resync and not self.requests.waits('L') and now - self._asked > REPEAT_RESYNC:
+            self._ask_resync(now)
+        lines = self.sender.poll(now)
+        if lines:
+            self.out.append(lines)
+
+    def _poll_identify(self, now: float) -> None:
+        if self.phase == Phase.LISTEN:
+            heard = self._listened or self._boot is None
+            wait = LISTEN if heard else self.params.identify_timeout
+            if now - self._since < wait:
+                return
+            self.phase, self._since, self._asked = Phase.IDENTIFY, now, now - ASK_AGAIN
+        if now - self._since > self.params.identify_timeout:
+            self.failed = (
+                f'no valid answer to $I within {self.params.identify_timeout:g} s: '
+                f'not a {self.params.identity}'
+            )
+        elif now - self._asked >= ASK_AGAIN:
+            self._asked = now
+            self.out.append(b'\n' + frames.immediate('I'))

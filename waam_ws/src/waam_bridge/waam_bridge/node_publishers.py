@@ -1,0 +1,114 @@
+"""Everything the bridge publishes. Called under the node's lock, from the link's thread or from the executor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from waam_msgs.msg import Anomaly, LeaseTick, LinkStatus, MachineState, SegmentDone, Telemetry
+from waam_node import qos
+
+from . import conversions, frames
+from .core import Bridge
+from .csv_log import CsvLog
+from .outbox import Notice
+
+
+class Publishers:
+    """Topics of the node, fed from the core. `csv`: the operator's log, or None."""
+
+    def __init__(self, node: Node, core: Bridge, port: str, csv: CsvLog | None) -> None:
+        self._node, self._core, self._port, self.csv = node, core, port, csv
+        self._frame = Telemetry()
+        self._frame.header.frame_id = 'work'
+        self._counted = (0, 0)  # frames, us: where the telemetry rate is counted from
+        publish = node.create_publisher
+        self._telemetry = publish(Telemetry, 'telemetry', qos.TELEMETRY)
+        self._state = publish(MachineState, 'machine_state', qos.LATCHED)
+        self._done = publish(SegmentDone, 'segment_done', qos.EVENTS)
+        self._status = publish(LinkStatus, 'link_status', qos.BEAT)
+        self._tick = publish(LeaseTick, 'lease_tick', qos.BEAT)
+        self._anomaly = publish(Anomaly, 'anomaly', qos.EVENTS)
+
+    def frame(self, t: frames.Telemetry) -> None:
+        """One telemetry frame."""
+        link = self._core.link
+        ros_ns = link.clock.to_ros_ns(t.t_us)
+        conversions.fill_telemetry(self._frame, t, ros_ns, link.identity.boot)
+        self._send(self._telemetry, self._frame)
+        if self.csv:
+            self._log(t, ros_ns)
+
+    def _send(self, publisher: Publisher, msg: Any) -> None:
+        """After the context has ended the link still lives for a moment; what it says then is nobody's any more."""
+        try:
+            publisher.publish(msg)
+        except Exception:
+            if self._node.context.ok():
+                raise
+
+    def _log(self, t: frames.Telemetry, ros_ns: int) -> None:
+        """A full disk must not end the job."""
+        try:
+            self.csv.add(t, ros_ns)
+        except OSError as e:
+            self.csv = None
+            self._core.notice(Anomaly.WARNING, 'node', f'the CSV log ends: {e.strerror}')
+
+    def outbox(self) -> None:
+        """What has collected in the core; replies last, when everybody can know what they tell."""
+        box, stamp = self._core.take_outbox(), self._stamp()
+        for mark in box.done:
+            msg = conversions.segment_done(mark)
+            msg.header.stamp, msg.header.frame_id = stamp, 'work'
+            self._send(self._done, msg)
+        if box.changed:
+            self._publish_state(stamp)
+        for notice in box.notices:
+            self._publish_notice(notice, stamp)
+        if box.tick_us is not None:
+            boot = self._core.link.boot
+            tick = LeaseTick(stamp=stamp, controller_us=box.tick_us, boot_id=boot)
+            self._send(self._tick, tick)
+        for reply in box.replies:
+            reply()
+
+    def second(self) -> LinkStatus:
+        """What is published at 1 Hz."""
+        link, stamp = self._core.link, self._stamp()
+        frames_then, us_then = self._counted
+        us = link.telemetry.t_us if link.telemetry else 0
+        rate = (link.received - frames_then) / (us - us_then) * 1e6 if us > us_then else 0.0
+        self._counted = (link.received, us)
+        msg = conversions.link_status(self._core, rate)
+        msg.header.stamp = stamp
+        self._send(self._status, msg)
+        self._publish_state(stamp)
+        return msg
+
+    def _stamp(self) -> Time:
+        """ROS time of the last telemetry, or now."""
+        link = self._core.link
+        if link.telemetry and link.clock.ready:
+            return conversions.stamp_ns(link.clock.to_ros_ns(link.telemetry.t_us))
+        return self._node.get_clock().now().to_msg()
+
+    def _publish_state(self, stamp: Time) -> None:
+        msg = conversions.machine_state(self._core, self._port)
+        msg.header.stamp, msg.header.frame_id = stamp, 'machine'
+        self._send(self._state, msg)
+
+    def _publish_notice(self, notice: Notice, stamp: Time) -> None:
+        msg = conversions.anomaly(self._core, notice)
+        msg.header.stamp, msg.header.frame_id = stamp, 'work'
+        self._send(self._anomaly, msg)
+        log = self._node.get_logger()
+        if notice.severity == Anomaly.INFO:  # rclpy wants one severity per place in the code
+            log.info(notice.text)
+        elif notice.severity == Anomaly.WARNING:
+            log.warning(notice.text)
+        else:
+            log.error(notice.text)

@@ -1,0 +1,79 @@
+"""What the core wants to be told to others, and how faults are classed. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from .frames import ALARM, STATE_NAMES
+from .program import Mark
+from .stream import Sender
+
+INFO, WARNING, FAULT, ALARM_SEVERITY = range(4)  # waam_msgs/Anomaly
+HOLD_BY_HOST, LEASE_EXPIRED = 200, 202
+CLASS_OF = {
+    HOLD_BY_HOST: 'operator',
+    LEASE_EXPIRED: 'node',
+    204: 'arc',
+    205: 'arc',
+    206: 'wire',
+    207: 'gas',
+    300: 'operator',
+}  # all others: 'link'
+RESEND_WINDOW = 10.0  # s
+RESEND_LEAST = 5  # lines sent again in the window below which no rate is judged
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Goes out as waam_msgs/Anomaly."""
+
+    severity: int
+    class_name: str
+    text: str
+    reaction: str = 'none'
+
+
+@dataclass
+class Outbox:
+    """What the owner has to publish, in this order."""
+
+    done: list[Mark] = field(default_factory=list)
+    changed: bool = False  # machine state
+    notices: list[Notice] = field(default_factory=list)
+    tick_us: int | None = None
+    replies: list[Callable[[], None]] = field(default_factory=list)
+
+    def __bool__(self) -> bool:
+        return bool(
+            self.changed or self.done or self.notices or self.replies or self.tick_us is not None
+        )
+
+
+def of_fault(state: int, code: int, text: str, silent: list[str]) -> Notice:
+    """The notice of a controller that went to HOLD or ALARM. `silent`: nodes without heartbeat."""
+    said = f'{STATE_NAMES[state]} E{code} {text}'.rstrip()
+    if code == LEASE_EXPIRED and silent:
+        said += f' (silent: {", ".join(silent)})'
+    class_name = CLASS_OF.get(code, 'link')
+    if state == ALARM:
+        return Notice(ALARM_SEVERITY, class_name, said, 'abort')
+    return Notice(INFO if code == HOLD_BY_HOST else FAULT, class_name, said, 'hold')
+
+
+class ResendWatch:
+    """Warns when the share of lines that had to be sent again within 10 s is above `share`."""
+
+    def __init__(self, share: float) -> None:
+        self._share = share
+        self._since, self._sent, self._again = 0.0, 0, 0
+
+    def poll(self, sender: Sender, now: float) -> Notice | None:
+        if now - self._since < RESEND_WINDOW:
+            return None
+        sent, again = sender.lines_sent - self._sent, sender.resends - self._again
+        self._since, self._sent, self._again = now, sender.lines_sent, sender.resends
+        if again < RESEND_LEAST or again <= self._share * sent:
+            return None
+        text = f'{again} of {sent} lines were sent again within {RESEND_WINDOW:g} s'
+        return Notice(WARNING, 'link', text, 'retry')

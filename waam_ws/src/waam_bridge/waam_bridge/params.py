@@ -1,0 +1,71 @@
+"""Parameters of the bridge, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from waam_node.params import ParameterError, param
+from waam_process.units import mm
+
+from .program import Limits
+
+
+@dataclass(frozen=True)
+class BridgeParams:
+    """Defaults fit the cell of the specification: 1.2 mm steel wire, 5 kW source, 320 steps/mm."""
+
+    port: str = param('/dev/serial/by-id/waam', 'serial port or pseudo-terminal of the controller')
+    baud: int = param(115200, 'rate of a true UART; USB-CDC and pseudo-terminals ignore it', 'Bd')
+    identity: str = param('WAAM_CONTROLLER_V1', 'name that the controller must give')
+    require_controller: bool = param(
+        False, 'true: leave with exit status 2 when the port has no controller at start'
+    )
+    identify_timeout: float = param(2.0, 'wait for the identification', 's', 0.2, 30.0)
+    silence_timeout: float = param(
+        3.0, 'without any line for so long the port is opened anew', 's', 0.5, 60.0
+    )
+    reconnect_period: float = param(0.5, 'between attempts to open the port', 's', 0.05, 30.0)
+    heartbeat_period: float = param(
+        0.05, 'between heartbeats, controller time and wall time', 's', 0.01, 0.2
+    )
+    tick_period: float = param(0.1, 'between lease ticks, controller time', 's', 0.02, 0.2)
+    resend_timeout: float = param(
+        0.2, 'without progress for so long the oldest line is sent again', 's', 0.02, 5.0
+    )
+    resend_warning: float = param(
+        0.05, 'share of lines sent again within 10 s that is worth a warning', '', 0.001, 1.0
+    )
+    queue_size: int = param(20000, 'segments that wait in the bridge', '', 1, 1000000)
+    speed_max: float = param(0.5, 'highest speed with the arc off', 'm/s', 0.001, 2.0)
+    arc_speed_min: float = param(0.003, 'lowest travel speed with the arc on', 'm/s', 1e-4, 0.1)
+    arc_speed_max: float = param(0.020, 'highest travel speed with the arc on', 'm/s', 1e-4, 0.1)
+    wire_feed_min: float = param(2 / 60, 'lowest wire feed speed (2 m/min)', 'm/s', 0.0, 0.5)
+    wire_feed_max: float = param(12 / 60, 'highest wire feed speed (12 m/min)', 'm/s', 0.0, 0.5)
+    voltage_min: float = param(12.0, 'lowest voltage of the source', 'V', 0.0, 100.0)
+    voltage_max: float = param(36.0, 'highest voltage of the source', 'V', 0.0, 100.0)
+    dwell_max: float = param(600.0, 'longest dwell', 's', 0.0, 86400.0)
+    wire_jog_speed: float = param(2 / 60, 'wire speed of JOG_WIRE (2 m/min)', 'm/s', 1e-3, 0.2)
+    csv_log: str = param('', "file of the operator's CSV log; empty = none")
+    csv_rate: float = param(
+        10.0, 'rows of the CSV log per second of controller time', 'Hz', 0.1, 100
+    )
+
+    def __post_init__(self) -> None:
+        for name in ('arc_speed', 'wire_feed', 'voltage'):
+            low, high = getattr(self, f'{name}_min'), getattr(self, f'{name}_max')
+            if low > high:
+                text = f"parameter '{name}_min' is {low:g}, above '{name}_max' {high:g}"
+                raise ParameterError(text)
+
+    def limits(self, box_mm: tuple[float, ...]) -> Limits:
+        """With the limits of the axes as the controller told them: x0, y0, z0, x1, y1, z1, mm, machine."""
+        box = tuple(mm(v) for v in box_mm)
+        return Limits(
+            low=box[:3],
+            high=box[3:],
+            speed_max=self.speed_max,
+            arc_speed=(self.arc_speed_min, self.arc_speed_max),
+            wire_feed_speed=(self.wire_feed_min, self.wire_feed_max),
+            voltage=(self.voltage_min, self.voltage_max),
+            dwell_max=self.dwell_max,
+        )

@@ -1,0 +1,50 @@
+"""ros2 launch waam_bringup cell.launch.py port:=/dev/serial/by-id/... (empty = simulated cell)
+
+For full ROS installations. Starts the same processes as `waam up`, from the same description.
+"""
+
+import time
+from pathlib import Path
+
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+
+from launch import LaunchDescription
+from waam_bringup.graph import Settings, processes
+from waam_bringup.paths import run_dir
+
+
+def _start(context):
+    value = {k: LaunchConfiguration(k).perform(context) for k in ('port', 'rate', 'seed', 'run')}
+    run = Path(value['run'])
+    run.mkdir(parents=True, exist_ok=True)
+    settings = Settings(
+        run=run,
+        port=value['port'],
+        rate=float(value['rate']),
+        seed=int(value['seed']),
+        epoch_us=int(time.time()) * 1_000_000,
+    )
+    return [
+        ExecuteProcess(cmd=p.command, name=p.name, output='screen') for p in processes(settings)
+    ]
+
+
+def generate_launch_description():
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                'port', default_value='', description='controller; empty = simulated'
+            ),
+            DeclareLaunchArgument(
+                'rate', default_value='0', description='simulated s per s, 0 = no limit'
+            ),
+            DeclareLaunchArgument(
+                'seed', default_value='1', description='seed of the simulated cell'
+            ),
+            DeclareLaunchArgument(
+                'run', default_value=str(run_dir()), description='sockets and state'
+            ),
+            OpaqueFunction(function=_start),
+        ]
+    )

@@ -1,0 +1,105 @@
+"""The description of the graph becomes processes; mistakes in it are named."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from waam_bringup import run_state
+from waam_bringup.graph import GraphError, Settings, fill, load, processes
+from waam_bringup.parts import DEPTH, HEIGHT, write_parts
+from waam_bringup.run_state import NodeState, RunState, describe_exit
+from waam_bringup.supervisor import mark_interrupted
+
+
+def settings(tmp_path, **changes) -> Settings:
+    return Settings(run=tmp_path, **changes)
+
+
+def test_simulated_graph_has_controller_and_cell_and_real_one_has_not(tmp_path):
+    simulated = {p.name: p for p in processes(settings(tmp_path))}
+    real = {p.name: p for p in processes(settings(tmp_path, port='/dev/serial/by-id/x'))}
+    assert set(simulated) - set(real) == {'virtual_controller', 'cell'}
+    assert 'port:="/dev/serial/by-id/x"' in ' '.join(real['bridge'].command)
+    assert 'use_sim_time:=true' in ' '.join(simulated['bridge'].command)
+    assert 'use_sim_time:=false' in ' '.join(simulated['cell'].command)
+    assert 'use_sim_time:=false' in ' '.join(real['bridge'].command)
+
+
+def test_every_ros_node_is_in_the_lease(tmp_path):
+    specs = processes(settings(tmp_path))
+    job = next(p for p in specs if p.name == 'job_sequencer')
+    lease = next(a for a in job.command if a.startswith('lease_nodes:='))
+    for p in specs:
+        assert (p.name in lease) == p.ros
+
+
+def test_leaving_out_an_unknown_node_is_refused(tmp_path):
+    with pytest.raises(GraphError, match='rekorder'):
+        processes(settings(tmp_path, without=('rekorder',)))
+
+
+def test_unknown_key_and_variable_are_named(tmp_path):
+    file = tmp_path / 'graph.yaml'
+    file.write_text('bridge: {package: waam_bridge, paramters: {}}')
+    with pytest.raises(GraphError, match="bridge: unknown key 'paramters'"):
+        load(file)
+    with pytest.raises(GraphError, match='prot'):
+        fill('${prot}', settings(tmp_path), [])
+
+
+def test_launch_file_starts_the_same_processes():
+    """Without the launch library only the shape can be checked: it must take its commands from the same function."""
+    text = (Path(__file__).parents[1] / 'launch' / 'cell.launch.py').read_text()
+    assert 'from waam_bringup.graph import Settings, processes' in text
+    assert 'for p in processes(settings)' in text
+    assert importlib.util.find_spec('launch') is None or compile(text, 'cell.launch.py', 'exec')
+
+
+def test_state_survives_the_disk_and_a_dead_supervisor_is_noticed(tmp_path):
+    state = RunState(os.getpid(), 'up', 7, True, 'port', nodes={'a': NodeState(1, -9, 2.0)})
+    state.save(tmp_path)
+    loaded = run_state.load(tmp_path)
+    assert loaded == state and loaded.alive and list(loaded.dead_nodes) == ['a']
+    child = subprocess.Popen([sys.executable, '-c', ''])
+    child.wait()
+    loaded.supervisor = child.pid
+    assert not loaded.alive
+    assert describe_exit(-9) == 'killed by SIGKILL' and describe_exit(2) == 'exited with 2'
+
+
+@pytest.mark.parametrize('before,after', [('DEPOSITING', 'INTERRUPTED'), ('DONE', 'DONE')])
+def test_job_of_a_dead_sequencer_is_marked(tmp_path, before, after):
+    job = tmp_path / 'job_folder'
+    job.mkdir()
+    (job / 'status.json').write_text(json.dumps({'state': before, 'message': 'm'}))
+    (tmp_path / 'job').write_text(str(job))
+    mark_interrupted(tmp_path, 'job_sequencer killed by SIGKILL')
+    status = json.loads((job / 'status.json').read_text())
+    assert status['state'] == after
+    assert ('SIGKILL' in status['message']) == (before != after)
+
+
+def test_demo_parts_are_closed_bodies_of_the_same_outline(tmp_path):
+    import trimesh
+
+    nominal, worn = (trimesh.load(p) for p in write_parts(tmp_path))
+    for mesh in (nominal, worn):
+        assert mesh.is_watertight and mesh.volume > 0
+    assert (nominal.bounds == worn.bounds).all()
+    assert nominal.volume > worn.volume
+    assert (
+        HEIGHT - DEPTH - 1 < worn.vertices[worn.vertices[:, 2] > 1][:, 2].min() < HEIGHT - DEPTH + 2
+    )
+
+
+def test_shipped_parts_are_those_of_the_generator(tmp_path):
+    shipped = Path(__file__).parents[1] / 'parts'
+    for made in write_parts(tmp_path):
+        assert made.read_bytes() == (shipped / made.name).read_bytes()

@@ -1,0 +1,137 @@
+"""waam demo: the same worn part, the same seed, open loop and closed loop, and a page that compares them."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from types import SimpleNamespace
+
+from rich.console import Console
+from rich.table import Table
+
+from waam_job.folder import make_job_id, point_latest
+from waam_node.files import write_atomically
+
+from .client import ClientError, GraphClient
+from .graph import Settings
+from .jobs import make_goal
+from .operate import default_domain, graph, graph_trouble
+from .paths import jobs_dir, share
+from .progress import JobProgress
+
+PART, WORN = 'jaw_nominal.stl', 'jaw_worn.stl'
+
+
+def run_demo(args) -> int:
+    """0 when all jobs were done; the verdict is in report.json and on the screen."""
+    console = Console(stderr=True, highlight=False)
+    jobs = (args.jobs or jobs_dir()).resolve()
+    folder = jobs / make_job_id('demo')
+    folder.mkdir(parents=True)
+    started = time.monotonic()
+    console.print(
+        f'Restoring {PART} ({WORN} lies on the simulated table), seed {args.seed}. Starting the graph ...'
+    )
+    settings = Settings(run=folder / '.run', rate=args.rate, seed=args.seed)
+    with graph(settings, default_domain(folder)) as (_, client):
+        results = {p: _one(client, args, folder, p, settings.run) for p in args.profiles}
+    report = combine(folder, results)
+    point_latest(jobs, folder.name)
+    page = _page(folder)
+    show(report, console, time.monotonic() - started)
+    print(f'folder: {os.path.relpath(folder)}\nreport: {os.path.relpath(page)}')
+    failed = [p for p in args.profiles if report[p]['error_code']]
+    return 1 if failed else 0
+
+
+def _one(client: GraphClient, args, folder: Path, profile: str, run: Path) -> Path:
+    parts = share('waam_bringup') / 'parts'
+    client.load_part(str((parts / WORN).resolve()), (0.0, 0.0, 0.0), args.seed)
+    goal = make_goal(
+        SimpleNamespace(
+            name=profile,
+            part=parts / PART,
+            mode='restore',
+            material='er70s-6',
+            profile=profile,
+            layers=args.layers,
+            layer_height=0.0,
+            bead_width=0.0,
+            k_gain=math.nan,
+            tolerance=0.2,
+            scale=1e-3,
+            note=[f'seed={args.seed}'],
+        ),
+        folder,
+    )
+    with JobProgress(profile.replace('_', ' ')) as progress:
+        result = client.run_job(goal, progress, lambda: graph_trouble(run))
+    if not result.job_dir:
+        raise ClientError(f'{profile}: {result.message}')
+    from waam_view.report import write_report
+
+    write_report(Path(result.job_dir))
+    return Path(result.job_dir)
+
+
+def combine(folder: Path, results: dict[str, Path]) -> dict:
+    """The demo's report.json: both runs and their ratio (docs/job_folder.md)."""
+    runs, last = {}, {}
+    for profile, path in results.items():
+        last = json.loads((path / 'report.json').read_text())
+        runs[profile] = {**last[profile], 'folder': path.name}
+    report = {
+        'job_id': folder.name,
+        'name': 'demo',
+        'part': last['part'],
+        'material': last['material'],
+        'created': datetime.now(UTC).isoformat(timespec='seconds'),
+        'tolerance_mm': last['tolerance_mm'],
+        'verdict': last['verdict'],
+        **runs,
+    }
+    if 'open_loop' in runs and 'closed_loop' in runs and runs['open_loop']['rms_mm']:
+        closed = runs['closed_loop']['rms_mm']
+        report['ratio'] = closed / runs['open_loop']['rms_mm'] if closed is not None else None
+    write_atomically(folder / 'report.json', json.dumps(report, indent=1))
+    return report
+
+
+def _page(folder: Path) -> Path:
+    from waam_view.report import write_report
+
+    return write_report(folder)
+
+
+def show(report: dict, console: Console, wall: float) -> None:
+    """The figures as a table."""
+    table = Table(title=f'{report["part"]}, tolerance +-{report["tolerance_mm"]:.2f} mm')
+    rows = [
+        ('RMS height error, mm', 'rms_mm', '{:.3f}'),
+        ('... edges included, mm', 'rms_all_mm', '{:.3f}'),
+        ('largest error, mm', 'max_mm', '{:.2f}'),
+        ('within tolerance', 'share_in_tolerance', '{:.1%}'),
+        ('wire, m', 'wire_m', '{:.1f}'),
+        ('machine time, s', 'duration_s', '{:.0f}'),
+        ('faults', 'faults', '{}'),
+        ('telemetry lost', 'telemetry_lost', '{}'),
+        ('verdict', 'verdict', '{}'),
+    ]
+    runs = [p for p in ('open_loop', 'monitor', 'closed_loop') if p in report]
+    table.add_column('')
+    for p in runs:
+        table.add_column(p.replace('_', ' '), justify='right')
+    for label, key, form in rows:
+        cells = [
+            form.format(report[p][key]) if report[p].get(key) is not None else '-' for p in runs
+        ]
+        table.add_row(label, *cells)
+    console.print(table)
+    if report.get('ratio') is not None:
+        console.print(f'closed loop / open loop: {report["ratio"]:.3f}')
+    machine = sum(report[p]['duration_s'] for p in runs)
+    console.print(f'{machine:.0f} s of machine time in {wall:.0f} s of yours')

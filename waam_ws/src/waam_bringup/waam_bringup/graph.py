@@ -1,0 +1,153 @@
+"""The graph description (config/graph.yaml) turned into processes. Pure: no process is started, no ROS is needed."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from .paths import share
+
+
+class GraphError(ValueError):
+    """The description or a setting of the graph is wrong; the text names the node and the key."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What one start of the graph is made with.
+
+    run: folder for sockets, logs and state; port: serial port of a real controller, '' = simulated cell;
+    rate: simulated seconds per second at most (0 = as fast as it goes); seed: of everything random in the cell.
+    """
+
+    run: Path
+    port: str = ''
+    rate: float = 0.0
+    seed: int = 1
+    epoch_us: int = 1
+    grpc_port: int = 0
+    web_port: int = 0
+    params_files: tuple[Path, ...] = ()
+    without: tuple[str, ...] = ()
+
+    @property
+    def simulated(self) -> bool:
+        return not self.port
+
+
+@dataclass(frozen=True)
+class Process:
+    """One process: name (= node name), command line, whether it is a ROS node, whether the arc lease needs it."""
+
+    name: str
+    command: list[str]
+    ros: bool = True
+    lease: bool = True
+    package: str = ''
+    executable: str = ''
+    arguments: list[str] = field(default_factory=list)
+
+
+KEYS = {'package', 'executable', 'only', 'ros', 'lease', 'arguments', 'parameters', 'use_sim_time'}
+
+
+def load(path: Path | None = None) -> dict[str, dict[str, Any]]:
+    """The description, checked; an unknown key is refused by name."""
+    path = path or share('waam_bringup') / 'config' / 'graph.yaml'
+    try:
+        text = yaml.safe_load(path.read_text())
+    except (OSError, yaml.YAMLError) as e:
+        raise GraphError(f'{path}: {e}') from None
+    for name, node in text.items():
+        for key in node:
+            if key not in KEYS:
+                raise GraphError(f"{path}: node {name}: unknown key '{key}'")
+        if 'package' not in node:
+            raise GraphError(f'{path}: node {name}: package is missing')
+    return text
+
+
+def executable(package: str, name: str) -> Path:
+    """Where `ros2 run` would find it: <prefix>/lib/<package>/<name>."""
+    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':'):
+        candidate = Path(prefix) / 'lib' / package / name
+        if prefix and candidate.exists():
+            return candidate
+    raise GraphError(
+        f'executable {name} of package {package} is not installed (is the workspace built and sourced?)'
+    )
+
+
+def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
+    """Replaces ${name} in a value; a string that is only ${name} keeps the type of the setting."""
+    known = {
+        'run': str(settings.run),
+        'port': settings.port or str(settings.run / 'controller'),
+        'rate': settings.rate,
+        'seed': settings.seed,
+        'epoch_us': settings.epoch_us,
+        'grpc_port': settings.grpc_port,
+        'web_port': settings.web_port,
+        'lease_nodes': lease_nodes,
+    }
+    if not isinstance(value, str):
+        return value
+    whole = re.fullmatch(r'\$\{(\w+)\}', value)
+    names = re.findall(r'\$\{(\w+)\}', value)
+    for name in names:
+        if name not in known:
+            raise GraphError(f'graph description: unknown variable ${{{name}}}')
+    if whole:
+        return known[whole.group(1)]
+    return re.sub(r'\$\{(\w+)\}', lambda m: str(known[m.group(1)]), value)
+
+
+def processes(settings: Settings, description: dict | None = None) -> list[Process]:
+    """Every process in start order."""
+    description = description or load()
+    for name in settings.without:
+        if name not in description:
+            raise GraphError(f"--without {name}: no such node; known are {', '.join(description)}")
+    chosen = {
+        n: d
+        for n, d in description.items()
+        if n not in settings.without and (settings.simulated or d.get('only') != 'sim')
+    }
+    lease_nodes = [n for n, d in chosen.items() if d.get('ros', True) and d.get('lease', True)]
+    return [_process(n, d, settings, lease_nodes) for n, d in chosen.items()]
+
+
+def _process(name: str, node: dict, settings: Settings, lease_nodes: list[str]) -> Process:
+    package, exe = node['package'], node.get('executable', name)
+    arguments = [str(fill(a, settings, lease_nodes)) for a in node.get('arguments', [])]
+    if node.get('ros', True):
+        arguments += _ros_arguments(name, node, settings, lease_nodes)
+    return Process(
+        name=name,
+        command=[str(executable(package, exe)), *arguments],
+        ros=node.get('ros', True),
+        lease=node.get('lease', True),
+        package=package,
+        executable=exe,
+        arguments=arguments,
+    )
+
+
+def _ros_arguments(name: str, node: dict, settings: Settings, lease_nodes: list[str]) -> list[str]:
+    arguments = ['--ros-args', '-r', f'__node:={name}']
+    defaults = share(node['package']) / 'config' / f'{name}.yaml'
+    if defaults.exists():
+        arguments += ['--params-file', str(defaults)]
+    values = {k: fill(v, settings, lease_nodes) for k, v in node.get('parameters', {}).items()}
+    values['use_sim_time'] = node.get('use_sim_time', settings.simulated)
+    for key, value in values.items():
+        arguments += ['-p', f'{key}:={json.dumps(value)}']
+    for file in settings.params_files:
+        arguments += ['--params-file', str(file)]
+    return arguments

@@ -1,0 +1,119 @@
+"""waam job run: from the command line to the goal, and from the result to words and an exit status."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from waam_msgs.action import RunJob
+
+from .client import ClientError, GraphClient
+from .operate import graph_trouble, require_up
+from .paths import jobs_dir
+from .progress import JobProgress
+
+PLATE = (
+    0.240,
+    0.200,
+    0.010,
+)  # m, on the simulated table for a plain build (job_sequencer: plate_zero)
+_R = RunJob.Result
+REFUSED = (_R.BUSY, _R.BAD_GOAL, _R.BAD_PART, _R.UNKNOWN_MATERIAL, _R.PLAN_FAILED)
+
+
+def make_goal(args, jobs: Path) -> RunJob.Goal:
+    """The goal of `waam job run` (mm on the command line, m in the goal)."""
+    return RunJob.Goal(
+        name=args.name,
+        part=str(args.part.resolve()),
+        mode=args.mode,
+        material=args.material,
+        profile=args.profile,
+        layers=args.layers,
+        layer_height=args.layer_height * 1e-3,
+        bead_width=args.bead_width * 1e-3,
+        k_gain=args.k_gain,
+        tolerance=args.tolerance * 1e-3,
+        scale=args.scale,
+        jobs_dir=str(jobs),
+        notes=list(args.note),
+    )
+
+
+def check_arguments(args) -> None:
+    """What can be refused without a graph."""
+    from waam_job.goal import JobError, JobGoal, check
+
+    goal = JobGoal(
+        part=args.part,
+        material=args.material,
+        jobs_dir=Path('.'),
+        mode=args.mode,
+        profile=args.profile,
+        layers=args.layers,
+        layer_height=args.layer_height * 1e-3,
+        bead_width=args.bead_width * 1e-3,
+        k_gain=args.k_gain,
+        tolerance=args.tolerance * 1e-3,
+        scale=args.scale,
+        notes=tuple(args.note),
+    )
+    if args.layers < 0:
+        raise ValueError(f'--layers is {args.layers}, must not be negative')
+    try:
+        check(goal)
+    except JobError as e:
+        raise ValueError(str(e)) from None
+    if args.as_found and not args.as_found.exists():
+        raise ValueError(f'--as-found {args.as_found}: no such file')
+
+
+def run_job(args, run: Path, domain: int) -> int:
+    """0 done, 1 failed, 2 refused, 130 cancelled."""
+    check_arguments(args)
+    state = require_up(run)
+    jobs = (args.jobs or jobs_dir()).resolve()
+    with GraphClient(domain) as client:
+        if state.simulated:
+            place_part(client, args)
+        elif args.as_found:
+            raise ValueError(
+                '--as-found is for the simulated cell; on a real one the part is on the table'
+            )
+        with JobProgress(args.part.stem) as progress:
+            result = client.run_job(make_goal(args, jobs), progress, lambda: graph_trouble(run))
+    return report_result(result)
+
+
+def place_part(client: GraphClient, args) -> None:
+    """Simulated cell: the worn part, the nominal part itself when nothing else is said, or a plate for a build."""
+    client.until(lambda: client.job is not None, 3.0)
+    if client.job and 0 < client.job.state < 9:
+        raise ClientError(
+            f'a job is running already: {client.job.job_id} (waam status, waam job abort)'
+        )
+    if args.mode == 'build':
+        client.load_part('', PLATE, -1)
+        return
+    if not args.as_found:
+        raise ValueError(
+            'the simulated table is empty: say with --as-found which worn mesh lies on it (or use --mode build)'
+        )
+    client.load_part(str(args.as_found.resolve()), (0.0, 0.0, 0.0), -1)
+
+
+def report_result(result: RunJob.Result) -> int:
+    from waam_view.report import write_report
+
+    code = result.error_code
+    if result.job_dir:
+        page = write_report(Path(result.job_dir))
+        print(f'report: {page}')
+    if code:
+        print(f'waam: error {code}: {result.message}', file=sys.stderr)
+        if code == RunJob.Result.ABORTED:
+            return 130
+        return 2 if code in REFUSED else 1
+    verdict = 'in tolerance' if result.in_tolerance else 'out of tolerance'
+    print(f'done: {result.layers} layers, {result.message}; {verdict}')
+    return 0

@@ -1,0 +1,147 @@
+"""Start and stop a graph, or have one for the length of a with-block: shared by the command line, tests, benchmarks."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from . import run_state
+from .client import ClientError, GraphClient
+from .graph import Settings, processes
+from .run_state import RunState, describe_exit
+
+
+def free_port() -> int:
+    """A TCP port that nobody listens on right now (127.0.0.1)."""
+    with socket.socket() as s:
+        s.bind(('127.0.0.1', 0))
+        return s.getsockname()[1]
+
+
+def default_domain(run: Path) -> int:
+    """ROS_DOMAIN_ID when set, else one of 1..99 made from the folder, so that two graphs do not meet."""
+    if os.environ.get('ROS_DOMAIN_ID'):
+        return int(os.environ['ROS_DOMAIN_ID'])
+    return 1 + sum(str(run).encode()) % 99
+
+
+def up(
+    settings: Settings, domain: int, timeout: float = 60.0, supervisor_args: list[str] | None = None
+) -> RunState:
+    """Starts a graph in the background; returns when every node answers, else stops it and raises ClientError."""
+    state = run_state.load(settings.run)
+    if state and state.alive:
+        raise ClientError(f'a graph is up already in {settings.run} (waam status, waam stop)')
+    names = {p.name for p in processes(settings) if p.ros}
+    settings.run.mkdir(parents=True, exist_ok=True)
+    (settings.run / 'state.json').unlink(missing_ok=True)
+    with open(settings.run / 'supervisor.log', 'w') as log:
+        supervisor = subprocess.Popen(
+            [
+                sys.executable,
+                '-m',
+                'waam_bringup.cli',
+                'up',
+                '--foreground',
+                *(supervisor_args or []),
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+    try:
+        with GraphClient(domain) as client:
+            client.wait_ready(names, timeout, lambda: _dead(settings.run, supervisor))
+    except BaseException as e:
+        stop(settings.run)
+        if isinstance(e, ClientError):
+            raise ClientError(f'{e}\nlogs: {settings.run}/logs') from None
+        raise
+    return run_state.load(settings.run)
+
+
+def _dead(run: Path, supervisor: subprocess.Popen) -> dict[str, str]:
+    """Processes that ended, with how and the last line that they printed."""
+    if supervisor.poll() is not None:
+        return {
+            'supervisor': f'{describe_exit(supervisor.returncode)}: {last_line(run / "supervisor.log")}'
+        }
+    state = run_state.load(run)
+    if state is None:
+        return {}
+    return {
+        name: f'{describe_exit(s.exit_code)}: {last_line(run / "logs" / f"{name}.log")}'
+        for name, s in state.dead_nodes.items()
+    }
+
+
+def last_line(path: Path) -> str:
+    try:
+        lines = [line for line in path.read_text(errors='replace').splitlines() if line.strip()]
+    except OSError:
+        return ''
+    return lines[-1] if lines else ''
+
+
+def stop(run: Path, timeout: float = 20.0) -> bool:
+    """Stops the graph in this folder; False when none was up."""
+    state = run_state.load(run)
+    if state is None or not state.alive:
+        return False
+    os.kill(state.supervisor, signal.SIGTERM)
+    end = time.monotonic() + timeout
+    while run_state.process_exists(state.supervisor) and time.monotonic() < end:
+        time.sleep(0.05)
+        with suppress(ChildProcessError):
+            os.waitpid(state.supervisor, os.WNOHANG)
+    if run_state.process_exists(state.supervisor):
+        raise ClientError(
+            f'the supervisor (pid {state.supervisor}) did not stop within {timeout:.0f} s'
+        )
+    return True
+
+
+def require_up(run: Path) -> RunState:
+    state = run_state.load(run)
+    if state is None or not state.alive:
+        raise ClientError("no graph is up; start one with 'waam up'")
+    return state
+
+
+def graph_trouble(run: Path) -> str:
+    """Why the graph cannot finish a job any more: '' while all is well, else which process ended and how."""
+    state = run_state.load(run)
+    if state is None or not state.alive:
+        return 'the graph was stopped'
+    if 'job_sequencer' in state.dead_nodes:
+        how = describe_exit(state.dead_nodes['job_sequencer'].exit_code)
+        return f'job_sequencer {how}; the job is interrupted, the arc lease ended with it'
+    return ''
+
+
+@contextmanager
+def graph(
+    settings: Settings, domain: int, timeout: float = 60.0
+) -> Iterator[tuple[RunState, GraphClient]]:
+    """A graph for the length of the block."""
+    args = ['--run', str(settings.run), '--domain', str(domain), '--seed', str(settings.seed)]
+    args += ['--rate', str(settings.rate), '--grpc-port', str(settings.grpc_port)]
+    args += ['--web-port', str(settings.web_port)]
+    for name in settings.without:
+        args += ['--without', name]
+    for file in settings.params_files:
+        args += ['--params-file', str(file)]
+    state = up(settings, domain, timeout, args)
+    try:
+        with GraphClient(domain) as client:
+            yield state, client
+    finally:
+        stop(settings.run)

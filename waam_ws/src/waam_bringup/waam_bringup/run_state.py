@@ -1,0 +1,78 @@
+"""What is known about a running graph: <run>/state.json, written by the supervisor, read by everyone."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from waam_node.files import write_atomically
+
+
+@dataclass
+class NodeState:
+    """pid and fate of one process; exit_code is None while it runs, negative = ended by that signal."""
+
+    pid: int
+    exit_code: int | None = None
+    ended_at: float | None = None
+
+
+@dataclass
+class RunState:
+    """supervisor: pid; phase: starting, up, stopping, down; domain: ROS_DOMAIN_ID; nodes by name."""
+
+    supervisor: int
+    phase: str
+    domain: int
+    simulated: bool
+    port: str
+    web_url: str = ''
+    message: str = ''
+    nodes: dict[str, NodeState] = field(default_factory=dict)
+
+    def save(self, run: Path) -> None:
+        write_atomically(run / 'state.json', json.dumps(asdict(self), indent=1))
+
+    @property
+    def alive(self) -> bool:
+        """True while the supervisor's process exists and the graph is not down."""
+        return self.phase != 'down' and process_exists(self.supervisor)
+
+    @property
+    def dead_nodes(self) -> dict[str, NodeState]:
+        return {n: s for n, s in self.nodes.items() if s.exit_code is not None}
+
+
+def load(run: Path) -> RunState | None:
+    """The state of the graph in this folder, or None when none was ever started there."""
+    try:
+        data: dict[str, Any] = json.loads((run / 'state.json').read_text())
+    except (OSError, json.JSONDecodeError):
+        return None
+    nodes = {n: NodeState(**s) for n, s in data.pop('nodes').items()}
+    return RunState(nodes=nodes, **data)
+
+
+def process_exists(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
+    except OSError:
+        return True
+
+
+def describe_exit(code: int) -> str:
+    """'exited with 2' or 'killed by SIGKILL'."""
+    import signal
+
+    if code < 0:
+        return f'killed by {signal.Signals(-code).name}'
+    return f'exited with {code}'

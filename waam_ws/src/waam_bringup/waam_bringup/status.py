@@ -1,0 +1,49 @@
+"""waam status: processes, machine, job, as a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from .client import GraphClient
+from .progress import clock, describe
+from .run_state import RunState, describe_exit
+
+STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
+
+
+def print_status(run: Path, state: RunState, domain: int) -> int:
+    """0 when everything is alive, 1 when a process died."""
+    with GraphClient(domain) as client:
+        client.until(lambda: client.machine and client.job, 8.0)
+        machine, job = client.machine, client.job
+    console = Console(highlight=False)
+    table = Table(title=f'graph in {run}, ROS_DOMAIN_ID={domain}, {state.phase}')
+    for column in ('process', 'pid', 'state'):
+        table.add_column(column)
+    for name, node in state.nodes.items():
+        how = 'running' if node.exit_code is None else f'[red]{describe_exit(node.exit_code)}[/red]'
+        table.add_row(name, str(node.pid), how)
+    console.print(table)
+    if machine is None:
+        console.print('machine: the bridge does not answer')
+    elif not machine.connected:
+        console.print(f'machine: not connected. {machine.message}')
+    else:
+        console.print(
+            f'machine: {STATES[machine.state]}, {"homed" if machine.homed else "not homed"}, '
+            f'arc {"on" if machine.arc_on else "off"}, {machine.identity} {machine.firmware_version} on {machine.port}'
+        )
+        if machine.fault_text:
+            console.print(f'  fault {machine.fault}: {machine.fault_text}')
+    if job is None:
+        console.print('job: job_sequencer does not answer')
+    else:
+        console.print(
+            f'job: {job.job_id or "none"} {describe(job)}, {job.progress * 100:.0f} %, left {clock(job.time_left)}'
+        )
+        if job.message:
+            console.print(f'  {job.message}')
+    return 1 if state.dead_nodes else 0

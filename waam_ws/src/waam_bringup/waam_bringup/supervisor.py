@@ -1,0 +1,135 @@
+"""The plain supervisor: starts the processes of the graph, watches them, says what died, stops them in reverse order.
+
+A node that died is not restarted: a job in the middle of a layer must not go on with one that has forgotten everything.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from waam_node.files import write_atomically
+
+from .graph import Process, Settings, processes
+from .run_state import NodeState, RunState, describe_exit
+
+
+class Supervisor:
+    """Owns the processes of one graph. `start`, then `watch` until it is told to stop, then `stop`."""
+
+    def __init__(self, settings: Settings, domain: int) -> None:
+        self.settings = settings
+        self.specs: list[Process] = processes(settings)
+        self.children: dict[str, subprocess.Popen] = {}
+        port = settings.port or str(settings.run / 'controller')
+        self.state = RunState(os.getpid(), 'starting', domain, settings.simulated, port)
+        if settings.web_port:
+            stream = f'rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{settings.grpc_port}%2Fproxy'
+            self.state.web_url = f'http://127.0.0.1:{settings.web_port}/?url={stream}'
+        self._asked_to_stop = False
+
+    def start(self) -> None:
+        """Starts everything, the virtual controller first (the others wait for its port themselves)."""
+        run = self.settings.run
+        (run / 'logs').mkdir(parents=True, exist_ok=True)
+        environment = dict(os.environ, ROS_DOMAIN_ID=str(self.state.domain), PYTHONUNBUFFERED='1')
+        environment.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        environment['ROS_LOG_DIR'] = str(run / 'logs' / 'ros')
+        for spec in self.specs:
+            with open(run / 'logs' / f'{spec.name}.log', 'w') as log:
+                child = subprocess.Popen(
+                    spec.command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    env=environment,
+                    start_new_session=True,  # Ctrl-C in the terminal reaches the supervisor, which stops them in order
+                )
+            self.children[spec.name] = child
+            self.state.nodes[spec.name] = NodeState(child.pid)
+        self.state.save(run)
+
+    def watch(self, poll: float = 0.1) -> None:
+        """Returns when asked to stop (SIGINT, SIGTERM). Every death is recorded at once."""
+        for sig in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(sig, self._on_signal)
+        self.state.phase = 'up'
+        self.state.save(self.settings.run)
+        while not self._asked_to_stop:
+            self._reap()
+            time.sleep(poll)
+
+    def _on_signal(self, *_: object) -> None:
+        self._asked_to_stop = True
+
+    def _reap(self) -> None:
+        changed = False
+        for name, child in self.children.items():
+            state = self.state.nodes[name]
+            if state.exit_code is None and child.poll() is not None:
+                state.exit_code, state.ended_at = child.returncode, time.time()
+                changed = True
+                self._report_death(name, child.returncode)
+        if changed:
+            self.state.save(self.settings.run)
+
+    def _report_death(self, name: str, code: int) -> None:
+        text = f'{name} {describe_exit(code)}'
+        print(f'[waam] {text}; its log: {self.settings.run}/logs/{name}.log', file=sys.stderr)
+        self.state.message = text
+        if name == 'job_sequencer':
+            mark_interrupted(self.settings.run, text)
+
+    def stop(self, patience: float = 8.0) -> None:
+        """Ends the processes in reverse order; what does not leave within `patience` seconds is killed."""
+        self.state.phase = 'stopping'
+        self.state.save(self.settings.run)
+        for name in reversed(list(self.children)):
+            child = self.children[name]
+            if child.poll() is None:
+                child.send_signal(signal.SIGTERM)
+        end = time.monotonic() + patience
+        for name, child in self.children.items():
+            try:
+                child.wait(max(0.1, end - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                print(f'[waam] {name} did not stop and is killed', file=sys.stderr)
+                child.kill()
+                child.wait()
+            self.state.nodes[name].exit_code = child.returncode
+        mark_interrupted(self.settings.run, 'the graph was stopped')
+        self.state.phase = 'down'
+        self.state.save(self.settings.run)
+
+
+def mark_interrupted(run: Path, reason: str) -> None:
+    """Writes into the newest job's status.json that it was interrupted, when it was still going on."""
+    import json
+
+    try:
+        status = Path((run / 'job').read_text()) / 'status.json'
+        data = json.loads(status.read_text())
+    except (OSError, json.JSONDecodeError):
+        return
+    if data.get('state') in ('DONE', 'FAILED', 'ABORTED'):
+        return
+    data.update(
+        state='INTERRUPTED',
+        message=f'{reason}; the arc lease ended with it. {data.get("message", "")}',
+    )
+    write_atomically(status, json.dumps(data, indent=1))
+
+
+def run(settings: Settings, domain: int) -> int:
+    """The whole life of a graph in this process: the body of `waam up --foreground`."""
+    supervisor = Supervisor(settings, domain)
+    try:
+        supervisor.start()
+        supervisor.watch()
+    finally:
+        supervisor.stop()
+    return 0

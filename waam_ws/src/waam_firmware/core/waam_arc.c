@@ -1,0 +1,128 @@
+#include "waam_arc.h"
+
+#define GAS_WAIT_US 1000000u /* longest wait for the flow switch after the purge */
+
+static void enter(waam_arc_t *arc, waam_arc_phase_t phase)
+{
+    arc->phase = phase;
+    arc->phase_us = arc->above_us = arc->below_us = arc->slow_wire_us = 0;
+}
+
+void waam_arc_start(waam_arc_t *arc)
+{
+    arc->tries = 0;
+    enter(arc, WAAM_ARC_PURGE);
+}
+
+bool waam_arc_output(const waam_arc_t *arc)
+{
+    return arc->phase == WAAM_ARC_STRIKE || arc->phase >= WAAM_ARC_BURNING;
+}
+
+void waam_arc_cut(waam_arc_t *arc, const waam_arc_config_t *config)
+{
+    if (arc->phase == WAAM_ARC_OFF)
+        return;
+    arc->post_flow_us = config->post_flow_us;
+    arc->established = false;
+    enter(arc, WAAM_ARC_OFF);
+}
+
+void waam_arc_end(waam_arc_t *arc, bool quick, const waam_arc_config_t *config)
+{
+    if (arc->phase == WAAM_ARC_BURNING)
+        enter(arc, quick ? WAAM_ARC_BURN_BACK : WAAM_ARC_CRATER);
+    else if (arc->phase == WAAM_ARC_CRATER && quick)
+        enter(arc, WAAM_ARC_BURN_BACK);
+    else if (arc->phase < WAAM_ARC_BURNING)
+        waam_arc_cut(arc, config);
+}
+
+double waam_arc_wire(const waam_arc_t *arc, double override, const waam_arc_config_t *config)
+{
+    switch (arc->phase) {
+    case WAAM_ARC_STRIKE: return arc->wire_mm_s * override * config->strike_wire_factor;
+    case WAAM_ARC_BURNING: return arc->wire_mm_s * override;
+    case WAAM_ARC_CRATER: return arc->wire_mm_s * override * config->crater_wire_factor;
+    default: return 0.0;
+    }
+}
+
+static void count(uint64_t *timer, bool running, uint32_t dt_us) { *timer = running ? *timer + dt_us : 0; }
+
+static void gas_tick(waam_arc_t *arc, uint32_t dt_us, bool flow)
+{
+    if (arc->phase == WAAM_ARC_OFF)
+        arc->post_flow_us -= arc->post_flow_us < dt_us ? arc->post_flow_us : dt_us;
+    arc->gas = arc->gas_asked || arc->phase != WAAM_ARC_OFF || arc->post_flow_us > 0;
+    count(&arc->gas_us, arc->gas, dt_us);
+    count(&arc->no_gas_us, arc->gas && !flow, dt_us);
+}
+
+static waam_code_t fault(waam_arc_t *arc, waam_code_t code, const waam_arc_config_t *config)
+{
+    waam_arc_cut(arc, config);
+    return code;
+}
+
+static waam_code_t purge(waam_arc_t *arc, bool flow, const waam_arc_config_t *config)
+{
+    if (arc->gas_us >= config->purge_us && flow)
+        enter(arc, WAAM_ARC_STRIKE);
+    else if (arc->phase_us >= config->purge_us + GAS_WAIT_US)
+        return fault(arc, WAAM_E_GAS, config);
+    return WAAM_OK;
+}
+
+static waam_code_t strike(waam_arc_t *arc, const waam_arc_config_t *config)
+{
+    if (arc->above_us >= config->established_us) {
+        arc->established = true;
+        enter(arc, WAAM_ARC_BURNING);
+    } else if (arc->phase_us >= config->strike_us) {
+        if (++arc->tries >= config->tries)
+            return fault(arc, WAAM_E_NO_ARC, config);
+        enter(arc, WAAM_ARC_RETRY);
+    }
+    return WAAM_OK;
+}
+
+static waam_code_t burning(waam_arc_t *arc, const waam_arc_config_t *config)
+{
+    if (arc->below_us >= config->lost_us)
+        return fault(arc, WAAM_E_ARC_LOST, config);
+    if (arc->slow_wire_us >= config->wire_fault_us)
+        return fault(arc, WAAM_E_WIRE, config);
+    if (arc->no_gas_us >= config->gas_missing_us)
+        return fault(arc, WAAM_E_GAS, config);
+    return WAAM_OK;
+}
+
+waam_code_t waam_arc_tick(waam_arc_t *arc, uint32_t dt_us, const waam_inputs_t *inputs, double wire_command_mm_s,
+                          const waam_arc_config_t *config)
+{
+    bool current = waam_arc_output(arc) && inputs->current_a > config->established_a;
+    gas_tick(arc, dt_us, inputs->gas_ok);
+    arc->phase_us += dt_us;
+    count(&arc->above_us, current, dt_us);
+    count(&arc->below_us, !current, dt_us);
+    count(&arc->slow_wire_us, inputs->wire_mm_s < config->wire_fault_ratio * wire_command_mm_s, dt_us);
+    switch (arc->phase) {
+    case WAAM_ARC_PURGE: return purge(arc, inputs->gas_ok, config);
+    case WAAM_ARC_STRIKE: return strike(arc, config);
+    case WAAM_ARC_RETRY:
+        if (arc->phase_us >= config->retry_pause_us)
+            enter(arc, WAAM_ARC_STRIKE);
+        return WAAM_OK;
+    case WAAM_ARC_BURNING: return burning(arc, config);
+    case WAAM_ARC_CRATER:
+        if (arc->phase_us >= config->crater_us)
+            enter(arc, WAAM_ARC_BURN_BACK);
+        return WAAM_OK;
+    case WAAM_ARC_BURN_BACK:
+        if (arc->phase_us >= config->burn_back_us)
+            waam_arc_cut(arc, config);
+        return WAAM_OK;
+    default: return WAAM_OK;
+    }
+}

@@ -1,0 +1,41 @@
+/* Lines, checks and sequence numbers (docs/link_protocol.md). Knows nothing of G-code. */
+#ifndef WAAM_LINK_H
+#define WAAM_LINK_H
+
+#include "waam_text.h"
+
+typedef enum {
+    WAAM_RX_NONE,      /* no line is complete, or it was dealt with by the link itself */
+    WAAM_RX_IMMEDIATE, /* link.line holds the content of a '$' line */
+    WAAM_RX_QUEUED,    /* a new line waits in the ring */
+    WAAM_RX_DUPLICATE, /* acknowledge again */
+    WAAM_RX_RESEND     /* ask for link.resend_code */
+} waam_rx_t;
+
+typedef struct {
+    char line[WAAM_LINE_MAX + 2];
+    size_t length;              /* of the line being received, then of its content */
+    bool overlong;
+    uint8_t ring[WAAM_RING_BYTES];
+    size_t ring_tail, ring_used;
+    uint32_t received;          /* last line number in the ring */
+    uint32_t accepted;          /* last line number in the planner queue */
+    uint32_t gap_last;          /* last number seen after a resend was asked for; 0 = none asked */
+    bool blocked;               /* an error was reported: nothing is accepted until resynchronised */
+    waam_code_t resend_code;
+} waam_link_t;
+
+void waam_link_init(waam_link_t *link);
+/* One byte of the stream. Real-time bytes must have been taken out before. */
+waam_rx_t waam_link_byte(waam_link_t *link, uint8_t byte);
+/* Oldest waiting line into `line` (WAAM_LINE_MAX bytes); 0 when none waits. It counts as accepted by waam_link_accept. */
+size_t waam_link_next(waam_link_t *link, char *line);
+void waam_link_accept(waam_link_t *link);
+/* The waiting line was refused. */
+void waam_link_block(waam_link_t *link);
+/* Forgets the lines that wait; the next expected one follows the last accepted one. */
+void waam_link_flush(waam_link_t *link);
+void waam_link_resync(waam_link_t *link, uint32_t next_line);
+size_t waam_link_free_bytes(const waam_link_t *link);
+
+#endif

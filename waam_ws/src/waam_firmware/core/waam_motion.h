@@ -1,0 +1,19 @@
+/* Moves along the head block: bounded acceleration, exact braking, exact steps. */
+#ifndef WAAM_MOTION_H
+#define WAAM_MOTION_H
+
+#include "waam_planner.h"
+
+typedef struct {
+    int32_t steps[WAAM_AXES]; /* where the machine is */
+    int32_t datum_steps[WAAM_AXES]; /* steps less pulses given out; homing shifts it */
+    double speed_mm_s;        /* along the path */
+    double done_mm;           /* of the head block */
+} waam_motion_t;
+
+/* Moves for at most dt_s towards `limit_mm_s` (0 = slow down and stand), so that the block can be left at `exit_mm_s`.
+ * Returns the time used; *finished when the end of the block was reached. */
+double waam_motion_advance(waam_motion_t *motion, const waam_block_t *block, double limit_mm_s, double exit_mm_s,
+                           double dt_s, bool *finished);
+
+#endif

@@ -1,0 +1,49 @@
+/* Telemetry. */
+#include <math.h>
+
+#include "waam_internal.h"
+
+enum { FLAG_ARC = 1, FLAG_ESTABLISHED = 2, FLAG_GAS = 4, FLAG_HOMED = 8, FLAG_ARMED = 16, FLAG_EMPTY = 32,
+       FLAG_ESTOP = 64, FLAG_WIRE_JOG = 128 };
+
+static uint32_t flags(const waam_core_t *core)
+{
+    return (waam_arc_output(&core->arc) ? FLAG_ARC : 0) | (core->arc.established ? FLAG_ESTABLISHED : 0) |
+           (core->arc.gas ? FLAG_GAS : 0) | (core->homed ? FLAG_HOMED : 0) | (core->armed ? FLAG_ARMED : 0) |
+           (core->planner.count == 0 ? FLAG_EMPTY : 0) | (core->inputs.estop ? FLAG_ESTOP : 0) |
+           (waam_wire_jogging(&core->wire) ? FLAG_WIRE_JOG : 0);
+}
+
+static int64_t work_um(const waam_core_t *core, int axis)
+{
+    double machine_mm = (double)core->motion.steps[axis] / core->config.steps_per_mm;
+    return llround((machine_mm - core->work_mm[axis] - core->g92_mm[axis]) * 1000.0);
+}
+
+static double speed(const waam_core_t *core)
+{
+    return core->home.active ? fabs(core->home.speed_mm_s) : core->motion.speed_mm_s;
+}
+
+void waam_core_telemetry(waam_core_t *core)
+{
+    const waam_inputs_t *in = &core->inputs;
+    bool measured = in->process == WAAM_PROCESS_OK && waam_inputs_plausible(in);
+    const int64_t fields[] = {
+        core->telemetry_sequence++, (int64_t)core->now_us, core->state, flags(core),
+        work_um(core, 0), work_um(core, 1), work_um(core, 2), llround(speed(core) * 1000.0),
+        llround(core->wire.speed_mm_s * 1000.0), measured ? llround(in->wire_mm_s * 1000.0) : 0,
+        measured ? llround(in->current_a * 1000.0) : 0, measured ? llround(in->voltage_v * 1000.0) : 0,
+        core->link.accepted, core->executed, (int64_t)waam_planner_free(&core->planner),
+        llround(core->planner.override * 1000.0), llround(core->wire_override * 1000.0),
+        (int64_t)(waam_core_lease_left_us(core) / 1000), core->underruns, core->fault,
+    };
+    waam_text_t text = {.length = 0};
+    waam_text_add(&text, "T ");
+    for (size_t i = 0; i < sizeof fields / sizeof fields[0]; i++) {
+        if (i)
+            waam_text_char(&text, ',');
+        waam_text_int(&text, fields[i]);
+    }
+    waam_core_send(core, &text, WAAM_TX_TELEMETRY);
+}

@@ -1,0 +1,100 @@
+/* The host shell of the virtual controller: what a board's shell does with pins, done with files and sockets. */
+#ifndef WAAM_HOST_H
+#define WAAM_HOST_H
+
+#include <poll.h>
+#include <stdio.h>
+
+#include "waam_core.h"
+
+#define STEP_US 10000u   /* one exchange with the plant */
+#define TICK_US 1000u
+#define SAMPLES (STEP_US / TICK_US)
+
+typedef struct {
+    const char *pty_link, *plant, *events;
+    bool null_plant, clock_is_ros_time;
+    double rate;            /* simulated seconds per second; 0 = no limit */
+    uint64_t epoch_us;
+    double start_mm[WAAM_AXES];
+} options_t;
+
+/* Exits with a message when the command line is wrong or help was asked for. */
+options_t options_parse(int argc, char **argv);
+
+/* ---- pseudo-terminal ---- */
+#define TX_BYTES (256u * 1024u)
+#define TX_TELEMETRY_BYTES (32u * 1024u) /* beyond this much unsent, telemetry is dropped */
+#define TX_INPUT_BYTES (128u * 1024u)    /* beyond this much unsent, nothing is read any more */
+
+typedef struct {
+    int fd;
+    char path[64];
+    const char *link;
+    bool connected;
+    char tx[TX_BYTES];
+    size_t tx_head, tx_used;
+    uint64_t telemetry_dropped;
+} pty_t;
+
+/* 0, or -1 with a message on stderr. */
+int pty_open(pty_t *pty, const char *link);
+void pty_close(pty_t *pty);
+/* Reads what has arrived (at most `size` bytes); notices when the other end comes or goes. */
+size_t pty_read(pty_t *pty, char *bytes, size_t size);
+void pty_send(pty_t *pty, const char *bytes, size_t count, waam_tx_kind_t kind);
+void pty_flush(pty_t *pty);
+bool pty_blocked(const pty_t *pty);
+bool pty_reads(const pty_t *pty);
+
+/* ---- plant port ---- */
+typedef struct {
+    double table_x, table_y, tool_z; /* m, machine; the table moves under the torch */
+    double wire_cmd;                 /* m/s */
+    double voltage_set;              /* V */
+    uint32_t outputs;                /* 1 arc, 2 gas */
+    uint32_t padding;
+} plant_sample_t;
+
+typedef struct {
+    int listener, client;
+    const char *path;
+    uint64_t inode;
+    bool was_connected;
+} plant_t;
+
+typedef void (*plant_idle_t)(void *context); /* called while an answer is awaited, when the pty has something to say */
+
+int plant_open(plant_t *plant, const char *path);
+void plant_close(plant_t *plant);
+void plant_accept(plant_t *plant);
+/* Sends one step and waits for the answer. A lost client sets inputs->process to LOST. */
+void plant_exchange(plant_t *plant, const plant_sample_t samples[SAMPLES], uint64_t t_us, waam_inputs_t *inputs,
+                    int pty_fd, plant_idle_t idle, void *context);
+
+/* ---- pacing ---- */
+typedef struct {
+    double rate;
+    uint64_t due_ns; /* when the step that was done was due on the wall clock */
+} pace_t;
+
+uint64_t wall_ns(void);
+/* FAST: as fast as asked for. REAL: at most real time. SLOW: a fifth of it, unless real time or less was asked for. */
+typedef enum { PACE_FAST, PACE_REAL, PACE_SLOW } pace_mode_t;
+
+/* Nanoseconds until the next step may be done. */
+uint64_t pace_left_ns(const pace_t *pace, pace_mode_t mode);
+/* A step is about to be done. */
+void pace_step(pace_t *pace, pace_mode_t mode);
+
+/* ---- events ---- */
+typedef struct {
+    FILE *file;
+    bool arc, established, gas;
+    int state;
+} events_t;
+
+int events_open(events_t *events, const char *path);
+void events_tick(events_t *events, const waam_core_t *core, const waam_outputs_t *outputs);
+
+#endif

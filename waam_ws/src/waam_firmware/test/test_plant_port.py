@@ -1,0 +1,219 @@
+"""The plant port, with a small cell written from docs/link_protocol.md: layout, lock-step, faults seen through it."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+HEADER, SAMPLE, ANSWER = struct.Struct('<IIQ'), struct.Struct('<5dI4x'), struct.Struct('<II3d')
+ESTOP, GAS_OK, LIMIT = 1, 2, 4
+ALARM, HOLD = 3, 2
+
+
+@dataclass
+class Cell:
+    """Answers every step; `current`, `wire` and the flags can be changed while it runs."""
+
+    path: Path
+    current: float = 180.0
+    wire: float | None = None  # m/s; None = as commanded
+    flags: int = 0
+    gas: bool = True
+    magic: int = 0x57414D41
+    answering: bool = True
+    steps: list[tuple[int, list[tuple]]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.connect(str(self.path))
+        self.thread = threading.Thread(target=self._serve, daemon=True)
+        self.thread.start()
+
+    def _receive(self, size: int) -> bytes:
+        data = b''
+        while len(data) < size:
+            part = self.socket.recv(size - len(data))
+            if not part:
+                raise ConnectionError
+            data += part
+        return data
+
+    def _serve(self) -> None:
+        try:
+            while True:
+                magic, count, t_us = HEADER.unpack(self._receive(16))
+                assert (magic, count) == (0x57414D53, 10)
+                samples = list(SAMPLE.iter_unpack(self._receive(48 * count)))
+                self.steps.append((t_us, samples))
+                if self.answering:
+                    self.socket.sendall(self._answer(samples[-1]))
+        except OSError:
+            pass
+
+    def _answer(self, last: tuple) -> bytes:
+        *_, wire, voltage, outputs = last
+        burns = bool(outputs & 1) and self.current > 0
+        flags = self.flags | (GAS_OK if outputs & 2 and self.gas else 0)
+        return ANSWER.pack(
+            self.magic,
+            flags,
+            self.current if burns else 0.0,
+            voltage if burns else 0.0,
+            wire if self.wire is None else self.wire,
+        )
+
+    def close(self) -> None:
+        self.socket.close()
+        self.thread.join(2)
+
+
+@pytest.fixture
+def port(start, tmp_path):
+    """A controller with a cell attached, and its client."""
+    path = tmp_path / 'cell.sock'
+    controller = start('--plant', str(path), '--rate', '30', '--start', '8,6,195')
+    cell = Cell(path)
+    yield controller, cell, controller.connect()
+    cell.close()
+
+
+def weld(client) -> None:
+    client.ready_for_arc()
+    client.send('G0 X50 Y50 Z100', 'M3 W5000 S22', 'G1 X200 F600')
+    client.wait(lambda: client.frame['flags'] & 2 and client.frame['v_um_s'] > 0)
+
+
+def test_steps_carry_the_true_machine_position_and_setpoints(port):
+    _, cell, client = port
+    client.wait(lambda: cell.steps)
+    assert cell.steps[0][1][0][:3] == pytest.approx((-0.008, -0.006, 0.195))
+    client.ask('$Z 10 20 30')
+    weld(client)
+    client.wait(lambda: client.frame['x_um'] > 53_000)
+    times = [t for t, _ in cell.steps]
+    assert all(b - a == 10_000 for a, b in zip(times, times[1:], strict=False))
+    x, y, z, wire, voltage, outputs = cell.steps[-1][1][-1]
+    assert (y, z) == pytest.approx((-0.070, 0.130)) and -0.2 < x < -0.06
+    assert (wire, voltage, outputs) == (pytest.approx(5 / 60), 22.0, 3)
+    moved = [s[0] for _, samples in cell.steps[-20:] for s in samples]
+    assert all(
+        abs(b - a + 10e-6) < 4e-6 for a, b in zip(moved, moved[1:], strict=False)
+    )  # 10 mm/s, 1 ms, one step
+
+
+def test_no_discontinuity_when_homing_sets_the_position(port):
+    _, cell, client = port
+    client.home()
+    path = [s[:3] for _, samples in cell.steps for s in samples]
+    jumps = [
+        max(abs(a - b) for a, b in zip(p, q, strict=True))
+        for p, q in zip(path, path[1:], strict=False)
+    ]
+    assert max(jumps) < 50e-6
+    assert path[-1] == pytest.approx((0.0, 0.0, 0.2), abs=1e-9)
+
+
+@pytest.mark.parametrize(('flag', 'code'), [(ESTOP, 300), (LIMIT, 301)])
+def test_emergency_stop_and_limit_switch_are_alarms(port, flag, code):
+    controller, cell, client = port
+    weld(client)
+    cell.flags = flag
+    assert client.wait_line('^! ALARM').startswith(f'! ALARM E{code} ')
+    frame = client.next_frame()
+    assert frame['state'] == ALARM and not frame['flags'] & (1 | 2 | 4 | 8 | 16)
+    assert frame['wire_cmd_um_s'] == frame['v_um_s'] == 0
+    assert controller.time_of('arc off') == controller.time_of('state ALARM')
+    client.send('G0 X5')
+    assert 'E108 ' in client.wait_line('^er N5')
+    if flag == ESTOP:
+        assert client.ask('$X').startswith('$X error E300')
+        cell.flags = 0
+        client.wait(lambda: not client.frame['flags'] & 64)
+    assert client.ask('$X') == '$X ok'
+    assert client.ask('$P') == '$P ok' and client.ask('$S') == '$S ok'
+    cell.flags = 0
+    client.home()
+
+
+def test_lost_arc(port):
+    controller, cell, client = port
+    weld(client)
+    cell.current = 0.0
+    before = cell.steps[-1][0]
+    assert client.wait_line('^! HOLD') == '! HOLD E204 the arc was lost'
+    assert 180_000 <= controller.time_of('arc off') - before < 250_000
+    cell.current = 180.0
+    client.ask('$R')
+    client.wait(lambda: client.frame['flags'] & 2 and client.frame['v_um_s'] > 0)
+
+
+def test_no_arc_after_three_tries(port):
+    controller, cell, client = port
+    cell.current = 0.0
+    client.ready_for_arc()
+    client.send('G0 X50 Y50 Z100', 'M3 W5000 S22', 'G1 X200 F600')
+    assert client.wait_line('^! HOLD').startswith('! HOLD E205 ')
+    assert sum(what == 'arc on' for _, what in controller.events()) == 3
+    assert client.next_frame()['line_executed'] == 2
+
+
+def test_wire_fault(port):
+    controller, cell, client = port
+    weld(client)
+    client.wait(lambda: client.frame['wire_um_s'] == client.frame['wire_cmd_um_s'] > 80_000)
+    cell.wire = 0.85 * 5 / 60
+    begin = cell.steps[-1][0]
+    assert client.wait_line('^! HOLD').startswith('! HOLD E206 ')
+    assert 480_000 < controller.time_of('state HOLD') - begin < 550_000
+
+
+def test_missing_gas(port):
+    _, cell, client = port
+    cell.gas = False
+    client.ready_for_arc()
+    client.send('M3 W5000 S22', 'G0 X1')
+    assert client.wait_line('^! HOLD') == '! HOLD E207 no gas flow'
+    assert not any(f['flags'] & 1 for f in client.frames)
+
+
+@pytest.mark.parametrize('how', ['hang up', 'silence', 'nonsense', 'nan'])
+def test_lost_cell_is_an_alarm_and_time_goes_on(port, how):
+    controller, cell, client = port
+    weld(client)
+    if how == 'hang up':
+        cell.socket.shutdown(socket.SHUT_RDWR)
+    elif how == 'silence':
+        cell.answering = False
+    elif how == 'nonsense':
+        cell.magic = 1
+    else:
+        cell.current = float('inf')
+    assert client.wait_line('^! ALARM').startswith('! ALARM E303 ')
+    assert not client.next_frame()['flags'] & 1
+    at = client.frame['t_us']
+    client.wait(lambda: client.frame['t_us'] > at + 100_000)
+    if how != 'nan':
+        assert client.ask('$X').startswith('$X error E303')
+        cell.close()
+        again = Cell(cell.path)
+        client.wait(lambda: again.steps)
+        client.next_frame()
+    cell.current = 180.0
+    client.next_frame()
+    assert client.ask('$X') == '$X ok'
+    client.home()
+
+
+def test_only_one_cell(port):
+    _, cell, client = port
+    client.wait(lambda: cell.steps)
+    second = Cell(cell.path)
+    second.thread.join(5)
+    assert not second.steps
+    count = len(cell.steps)
+    client.wait(lambda: len(cell.steps) > count + 3)

@@ -1,0 +1,246 @@
+"""A cell without processes: moves take no wall time, metal follows a rule of thumb, faults can be scripted."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from waam_job.cell import Correction, Heat, Machine, Scan, Sums
+from waam_process.grid import GridSpec, HeightGrid
+from waam_process.segment import Kind
+
+
+class FakeCell:
+    """Implements `waam_job.cell.Cell`. `efficiency` is the share of asked metal that arrives; `script` maps a segment
+    index to a function of the cell that is called when that segment is reached (to inject faults)."""
+
+    def __init__(
+        self, surface: HeightGrid, efficiency: float = 0.85, temperature: float = 25.0
+    ) -> None:
+        self.surface, self.efficiency = surface, efficiency
+        self.time, self.temperature, self.limit = 1000.0, temperature, 165.0
+        self.machine_state = Machine(
+            connected=True, age=0.0, position=(0.0, 0.0, 0.1), limit_max=(0.4, 0.3, 0.2)
+        )
+        self.queue: list = []
+        self.statuses, self.reports, self.anomalies, self.commands, self.executed = (
+            [],
+            [],
+            [],
+            [],
+            [],
+        )
+        self.script: dict = {}
+        self.scan_coverage = [1.0] * 100
+        self.pyrometer_plausible = True
+        self.record_calls: list = []
+
+    def now(self) -> float:
+        return self.time
+
+    def wait(self, seconds: float) -> None:
+        self.time += seconds
+        self.temperature = 25 + (self.temperature - 25) * 0.999
+        if self.machine_state.state in ('HOLD', 'ALARM'):
+            return
+        for _ in range(50):
+            if not self.queue:
+                self.machine_state = replace(self.machine_state, state='IDLE')
+                return
+            segment = self.queue.pop(0)
+            self.machine_state = replace(
+                self.machine_state, state='RUN', executed=segment.index, position=segment.end,
+                arc_on=segment.arc, executed_job=self.machine_state.armed_job,
+            )  # fmt: skip
+            self.executed.append(segment)
+            self.time += segment.duration
+            self._lay(segment)
+            if action := self.script.pop(segment.index, None):
+                action(self)
+                return
+
+    def _lay(self, s) -> None:
+        if s.kind != Kind.DEPOSIT:
+            return
+        self.temperature += 0.02
+        spec = self.surface.spec
+        row, col = (int(v) for v in spec.cell(*s.midpoint[:2]))
+        spot = np.zeros(spec.shape)
+        spot[row, col] = (
+            s.width * 0.73 * s.height * s.flow_factor * s.length / (1 + s.k_gain * s.psi)
+        )
+        window = np.s_[max(0, row - 15) : row + 16, max(0, col - 15) : col + 16]
+        added = gaussian_filter(spot[window], 4.5) / spec.resolution**2
+        self.surface.z[window] += added * self.efficiency
+
+    def machine(self) -> Machine:
+        return self.machine_state
+
+    def heat(self) -> Heat:
+        ready = self.temperature < self.limit
+        return Heat(
+            True,
+            1.0,
+            self.temperature,
+            self.limit,
+            ready,
+            5.0,
+            self.pyrometer_plausible,
+            ('stuck',) * (not self.pyrometer_plausible),
+        )
+
+    def command(self, name, *, text='', names=(), vector=(0, 0, 0), value=0.0) -> None:
+        self.commands.append(name)
+        change = {
+            'ARM': {'armed_job': text}, 'DISARM': {'armed_job': ''}, 'HOME': {'homed': True},
+            'RESUME': {'state': 'RUN', 'fault': 0}, 'HOLD': {'state': 'HOLD', 'fault': 200},
+        }.get(name, {})  # fmt: skip
+        self.machine_state = replace(self.machine_state, **change)
+        if name == 'STOP':
+            self.queue.clear()
+
+    def enqueue(self, job_id, segments, last) -> None:
+        from waam_process.segment import check_chain
+
+        check_chain(segments)
+        for s in segments:
+            s.check()
+        self.queue.extend(segments)
+        self.machine_state = replace(self.machine_state, state='RUN')
+
+    def begin_scan(self, job_id, layer, spec: GridSpec) -> int:
+        assert spec == self.surface.spec
+        return layer
+
+    def finish_scan(self, scan_id, until) -> Scan:
+        coverage = self.scan_coverage.pop(0)
+        z = self.surface.z.copy()
+        grid = HeightGrid(self.surface.spec, z, np.full(z.shape, 1e-5))
+        return Scan(
+            grid,
+            np.ones(z.shape, np.uint16),
+            coverage,
+            coverage > 0.5,
+            () if coverage > 0.5 else ('coverage too low',),
+        )
+
+    def correct(self, job_id, request) -> Correction:
+        on = request.planned > 0
+        planned = np.where(on, request.planned, 1.0)
+        wanted = np.where(
+            on,
+            np.nan_to_num((planned + request.target - request.scan.map.z) / planned, nan=1.0),
+            1.0,
+        )
+        k_gain = 0.3 if np.isnan(request.k_gain) else request.k_gain
+        psi = np.clip((1 / np.clip(wanted, 0.2, 5) - 1) / k_gain, -1, 1)
+        given = planned / (1 + k_gain * psi)
+        residual = np.where(on, planned * wanted - given, 0.0)
+        fallback = not request.scan.plausible
+        if fallback:
+            psi, residual = np.zeros_like(psi), np.zeros_like(psi)
+        return Correction(
+            psi,
+            np.ones_like(psi),
+            residual,
+            k_gain,
+            1.0,
+            'test',
+            fallback,
+            ('map refused',) * fallback,
+            0,
+        )
+
+    def setpoints(self, job_id, material, segments, correction, heat_factor, apply):
+        if correction is None or not apply:
+            return segments
+        psi = HeightGrid(self.surface.spec, correction.psi)
+        residual = HeightGrid(self.surface.spec, correction.residual_height)
+        return [
+            s.at(psi=float(psi.sample(*s.midpoint[:2])), k_gain=correction.k_gain,
+                 height=s.height + float(residual.sample(*s.midpoint[:2])))
+            if s.kind == Kind.DEPOSIT else s
+            for s in segments
+        ]  # fmt: skip
+
+    def record(self, start, directory, custom=()) -> str:
+        self.record_calls.append(start)
+        return 'ok'
+
+    def plan(self, job_id, layer, segments) -> None: ...
+
+    def take_sums(self) -> Sums:
+        return Sums()
+
+    def take_track(self) -> dict:
+        return {}
+
+    def status(self, status) -> None:
+        self.statuses.append(replace(status))
+
+    def layer_report(self, report) -> None:
+        self.reports.append(report)
+
+    def anomaly(self, anomaly) -> None:
+        self.anomalies.append(anomaly)
+
+
+def _parts_module():
+    file = Path(__file__).parents[2] / 'waam_bringup' / 'waam_bringup' / 'parts.py'
+    spec = importlib.util.spec_from_file_location('demo_parts', file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope='session')
+def parts(tmp_path_factory) -> tuple[Path, Path]:
+    """A small nominal block (40 x 30 x 10 mm) and the same with a worn trough of 4 mm."""
+    module = _parts_module()
+    folder = tmp_path_factory.mktemp('parts')
+    x, y = np.linspace(0, 40, 21), np.linspace(0, 30, 16)
+    gx, gy = np.meshgrid(x, y)
+    dip = 4 * np.clip(1.4 - np.hypot((gx - 20) / 14, (gy - 15) / 10), 0, 0.9) / 0.9
+    module.write_stl(
+        folder / 'nominal.stl', module.block(np.full((2, 2), 10.0), x[[0, -1]], y[[0, -1]]), 'n'
+    )
+    module.write_stl(folder / 'worn.stl', module.block(10 - dip, x, y), 'w')
+    return folder / 'nominal.stl', folder / 'worn.stl'
+
+
+@pytest.fixture
+def make_cell(parts):
+    """make_cell(**options) -> FakeCell with the worn part on the table."""
+    from waam_job.geometry import part_grid
+    from waam_plan.part import load_part
+    from waam_plan.surface import top_surface
+
+    def make(**options) -> FakeCell:
+        worn = load_part(parts[1], 1e-3)
+        spec = part_grid(worn.bounds, 0.5e-3, 5e-3)
+        return FakeCell(top_surface(worn.mesh, spec), **options)
+
+    return make
+
+
+@pytest.fixture
+def make_runner(parts, tmp_path):
+    """make_runner(cell, **goal fields) -> (runner, control, folder)."""
+    from waam_job.control import Control
+    from waam_job.folder import JobFolder
+    from waam_job.goal import JobGoal, check
+    from waam_job.runner import JobRunner, Settings
+
+    def make(cell, **fields):
+        goal = JobGoal(part=parts[0], material='er70s-6', jobs_dir=tmp_path, **fields)
+        folder = JobFolder.create(tmp_path, 'test')
+        control = Control()
+        settings = Settings(lease_nodes=('bridge', 'scan_fusion'))
+        return JobRunner(cell, check(goal), folder, control, settings), control, folder
+
+    return make

@@ -1,0 +1,130 @@
+"""Goal, folder, geometry, telemetry sums."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from waam_job.folder import JobFolder, clean
+from waam_job.geometry import asked_growth, deviation, follow
+from waam_job.goal import Code, JobError, JobGoal, check
+from waam_job.telemetry import TelemetryStats
+from waam_node.files import write_atomically
+from waam_process.grid import GridSpec, HeightGrid
+from waam_process.segment import Kind, Segment
+
+
+def test_all_problems_are_said_at_once(tmp_path):
+    goal = JobGoal(
+        tmp_path / 'none.stl', 'unobtainium', tmp_path, profile='loop', layer_height=9e-3
+    )
+    with pytest.raises(JobError) as e:
+        check(goal)
+    for word in ('none.stl', 'unobtainium', 'loop', 'layer height', '9 mm'):
+        assert word in str(e.value)
+    assert e.value.code == Code.BAD_GOAL
+
+
+@pytest.mark.parametrize(
+    'field,value', [('k_gain', 0.9), ('tolerance', 1.0), ('scale', -1.0), ('notes', ('x',))]
+)
+def test_goal_fields_have_limits(tmp_path, parts, field, value):
+    goal = JobGoal(parts[0], 'er70s-6', tmp_path, **{field: value})
+    with pytest.raises(JobError, match='x' if field == 'notes' else field):
+        check(goal)
+
+
+def test_two_jobs_in_one_second_get_two_folders(tmp_path):
+    a, b = (JobFolder.create(tmp_path, 'same name!') for _ in range(2))
+    assert a.path != b.path and ' ' not in a.path.name
+    assert (tmp_path / 'latest').resolve() == b.path.resolve()
+
+
+def test_json_has_no_nan(tmp_path):
+    folder = JobFolder.create(tmp_path, 'x')
+    folder.write_json('a.json', {'v': [math.nan, np.float32(1.5)], 't': (1, np.int64(2))})
+    assert json.loads((folder.path / 'a.json').read_text()) == {'v': [None, 1.5], 't': [1, 2]}
+    assert clean(math.inf) is None
+
+
+def test_atomic_write_leaves_the_old_file_when_it_fails(tmp_path):
+    file = tmp_path / 'a.json'
+    write_atomically(file, 'old')
+    with pytest.raises(TypeError):
+        write_atomically(file, 5)
+    assert file.read_text() == 'old'
+
+
+def test_unseen_cells_count_against_the_verdict():
+    error = np.full((10, 10), 1e-4)
+    error[:2] = np.nan
+    everywhere = np.ones((10, 10), bool)
+    d = deviation(error, everywhere, everywhere, 2e-4)
+    assert d.share_in_tolerance == pytest.approx(0.8) and d.coverage == pytest.approx(0.8)
+    assert d.rms == pytest.approx(1e-4)
+
+
+def test_torch_follows_the_surface_and_the_chain_holds():
+    spec = GridSpec(0, 0, 1e-3, 20, 20)
+    surface = HeightGrid(spec, np.full(spec.shape, 5e-3))
+    down = Segment(0, Kind.IDLE, (0.01, 0.01, 0.03), (0.01, 0.01, 4e-3), 0.05)
+    bead = Segment(1, Kind.DEPOSIT, (0.01, 0.01, 4e-3), (0.012, 0.01, 4e-3), 0.01, arc=True)
+    up = Segment(2, Kind.IDLE, (0.012, 0.01, 4e-3), (0.012, 0.01, 0.03), 0.05)
+    a, b, c = follow([down, bead, up], surface, 1e-3)
+    assert a.start == down.start and c.end == up.end
+    assert a.end == b.start and b.end == c.start
+    assert b.start[2] == pytest.approx(5e-3) and b.end[2] == pytest.approx(5e-3)
+
+
+def test_torch_keeps_its_planned_height_over_unknown_ground():
+    spec = GridSpec(0, 0, 1e-3, 20, 20)
+    bead = Segment(1, Kind.DEPOSIT, (0.01, 0.01, 4e-3), (0.012, 0.01, 4e-3), 0.01, arc=True)
+    assert follow([bead], HeightGrid.full(spec), 1e-3) == [bead]
+
+
+@given(st.floats(-1, 1), st.floats(0.0, 0.3), st.floats(0.5e-3, 4e-3))
+def test_asked_growth_rises_where_the_torch_is_slower(psi, k_gain, planned):
+    growth = asked_growth(np.array([planned, 0.0]), np.array([psi, psi]), k_gain, np.zeros(2))
+    assert growth[1] == 0
+    assert growth[0] * (1 + k_gain * psi) == pytest.approx(planned)
+
+
+def frame(stats, n, **changes):
+    values = {
+        'current': 180.0,
+        'voltage': 22.0,
+        'wire': 0.08,
+        'wire_commanded': 0.08,
+        'speed': 0.01,
+        'arc': True,
+    }
+    stats.add(n, 10_000 * n, n * 0.01, (0.0, 0.0, 0.0), **{**values, **changes})
+
+
+def test_sums_count_lost_frames_arc_starts_and_energy():
+    stats = TelemetryStats()
+    for n in [1, 2, 3, 4, 8, 9]:
+        frame(stats, n)
+    frame(stats, 10, arc=False, current=0.0)
+    frame(stats, 11)
+    s = stats.take_sums()
+    assert (
+        s.lost == 3
+        and s.arc_starts == 2
+        and s.arc_frames == 7
+        and s.frame_period == pytest.approx(0.01)
+    )
+    assert s.power_per_speed / s.arc_frames == pytest.approx(180 * 22 / 0.01)
+    assert stats.take_sums().frames == 0
+
+
+def test_sequence_wraps_without_a_loss():
+    stats = TelemetryStats()
+    frame(stats, 0xFFFFFFFF)
+    frame(stats, 0)
+    assert stats.take_sums().lost == 0

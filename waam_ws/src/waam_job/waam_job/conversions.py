@@ -1,0 +1,164 @@
+"""Records, snapshots and requests <-> messages."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+
+import numpy as np
+from geometry_msgs.msg import Point, Vector3
+
+from waam_msgs.action import RunJob
+from waam_msgs.msg import (
+    Anomaly,
+    CorrectionMap,
+    HeatFactor,
+    HeightMap,
+    JobStatus,
+    LayerReport,
+    MachineState,
+)
+from waam_msgs.srv import ComputeCorrection
+from waam_node.conversions import floats, grid_from_msg, map_from_msg, time_to_msg
+from waam_process.grid import HeightGrid
+
+from .cell import Correction, CorrectionRequest, Heat, Scan
+from .goal import JobGoal
+from .records import AnomalyRecord, LayerRecord, Status
+
+STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
+
+
+def goal_from_msg(msg: RunJob.Goal, default_jobs_dir) -> JobGoal:
+    """Empty fields take their defaults."""
+    from pathlib import Path
+
+    def number(value: float, default: float) -> float:
+        return default if math.isnan(value) or value == 0.0 else value
+
+    return JobGoal(
+        part=Path(msg.part),
+        material=msg.material or 'er70s-6',
+        jobs_dir=Path(msg.jobs_dir or default_jobs_dir),
+        name=msg.name,
+        mode=msg.mode or 'restore',
+        profile=msg.profile or 'closed_loop',
+        layers=msg.layers,
+        layer_height=number(msg.layer_height, 0.0),
+        bead_width=number(msg.bead_width, 0.0),
+        k_gain=msg.k_gain,
+        tolerance=number(msg.tolerance, 0.2e-3),
+        scale=number(msg.scale, 1e-3),
+        operator_name=msg.operator_name,
+        notes=tuple(msg.notes),
+    )
+
+
+def status_to_msg(status: Status, stamp) -> JobStatus:
+    msg = JobStatus()
+    msg.header.stamp = stamp
+    for f in fields(status):
+        value = getattr(status, f.name)
+        setattr(msg, f.name, int(value) if f.name == 'state' else value)
+    return msg
+
+
+def layer_to_msg(record: LayerRecord, stamp) -> LayerReport:
+    msg = LayerReport()
+    msg.header.stamp = stamp
+    for f in fields(record):
+        setattr(msg, f.name, getattr(record, f.name))
+    return msg
+
+
+def anomaly_to_msg(record: AnomalyRecord, job_id: str) -> Anomaly:
+    x, y, z = record.position
+    msg = Anomaly(
+        job_id=job_id,
+        severity=getattr(Anomaly, record.severity),
+        class_name=record.class_name,
+        text=record.text,
+        reaction=record.reaction,
+        layer=record.layer,
+        bead=record.bead,
+        position=Point(x=float(x), y=float(y), z=float(z)),
+    )
+    msg.header.stamp = time_to_msg(record.time)
+    msg.header.frame_id = 'work'
+    return msg
+
+
+def heat_from_msg(msg: HeatFactor) -> Heat:
+    return Heat(
+        known=True,
+        factor=msg.factor,
+        temperature=msg.temperature,
+        limit=msg.interpass_limit,
+        ready=msg.ready,
+        wait=msg.estimated_wait,
+        plausible=msg.plausible,
+        reasons=tuple(msg.reasons),
+    )
+
+
+def machine_fields(msg: MachineState) -> dict:
+    """The fields of `cell.Machine` that machine_state carries."""
+    return {
+        'connected': msg.connected,
+        'homed': msg.homed,
+        'armed_job': msg.armed_job if msg.armed else '',
+        'fault': msg.fault,
+        'fault_text': msg.fault_text,
+        'silent_nodes': tuple(msg.silent_nodes),
+        'message': msg.message,
+        'limit_min': (msg.limit_min.x, msg.limit_min.y, msg.limit_min.z),
+        'limit_max': (msg.limit_max.x, msg.limit_max.y, msg.limit_max.z),
+    }
+
+
+def scan_from_msg(msg: HeightMap) -> Scan:
+    """Raises ValueError when array lengths do not fit the grid."""
+    spec = grid_from_msg(msg.grid)
+    grid = HeightGrid(spec, map_from_msg(msg.z, spec), map_from_msg(msg.sigma, spec))
+    return Scan(
+        map=grid,
+        count=np.frombuffer(msg.count, np.uint16).reshape(spec.shape),
+        coverage=msg.coverage,
+        plausible=msg.plausible,
+        reasons=tuple(msg.reasons),
+        profiles_used=msg.profiles_used,
+        profiles_rejected=msg.profiles_rejected,
+        points_used=msg.points_used,
+        points_rejected=msg.points_rejected,
+        handle=msg,
+    )
+
+
+def correction_from_msg(msg: CorrectionMap) -> Correction:
+    """Raises ValueError when array lengths do not fit the grid."""
+    spec = grid_from_msg(msg.grid)
+    return Correction(
+        psi=map_from_msg(msg.psi, spec),
+        confidence=map_from_msg(msg.confidence, spec),
+        residual_height=map_from_msg(msg.residual_height, spec),
+        k_gain=msg.k_gain,
+        flow_factor=msg.flow_factor,
+        law=msg.law,
+        fallback=msg.fallback,
+        reasons=tuple(msg.reasons),
+        saturated_cells=msg.saturated_cells,
+        handle=msg,
+    )
+
+
+def correction_request(job_id: str, r: CorrectionRequest) -> ComputeCorrection.Request:
+    request = ComputeCorrection.Request(job_id=job_id, layer=r.layer, map=r.scan.handle)
+    request.target, request.planned_height = floats(r.target), floats(r.planned)
+    if r.previous_growth is not None and r.previous_surface is not None:
+        request.previous_growth = floats(r.previous_growth)
+        request.previous_surface = floats(r.previous_surface)
+    request.previous_feed_factor = float(r.previous_feed_factor)
+    request.bead_width, request.temperature = float(r.bead_width), float(r.temperature)
+    request.k_gain = float(r.k_gain)
+    request.direction = Vector3(x=float(r.direction[0]), y=float(r.direction[1]), z=0.0)
+    return request

@@ -1,0 +1,40 @@
+"""Versions and hashes that a job keeps: what ran, on what."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+from importlib import metadata
+from pathlib import Path
+
+PACKAGES = ('numpy', 'scipy', 'numba', 'trimesh', 'shapely', 'mcap', 'rerun-sdk', 'rclpy')
+
+
+def software_revision() -> str:
+    """git revision of the working tree with '+' when it is changed, or 'unknown' outside one."""
+    here = Path(__file__).resolve().parent
+    try:
+        command = ['git', '-C', str(here), 'describe', '--always', '--dirty=+', '--abbrev=12']
+        return subprocess.run(
+            command, capture_output=True, text=True, timeout=5, check=True
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return 'unknown'
+
+
+def version_of(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return 'not installed'
+
+
+def provenance(part_sha256: str) -> dict:
+    """For job.yaml."""
+    return {
+        'part_sha256': part_sha256,
+        'software': software_revision(),
+        'python': platform.python_version(),
+        'system': platform.platform(),
+        'packages': {p: version_of(p) for p in PACKAGES},
+    }

@@ -1,0 +1,173 @@
+"""What a job says about itself: status, layer report, anomaly. Fields are those of the messages of the same name."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field
+from enum import IntEnum
+
+import numpy as np
+
+from waam_process.segment import Clamp, Kind, Segment
+
+from .cell import Correction, Scan, Sums
+
+
+class State(IntEnum):
+    """Phases of a job; numbers as in waam_msgs/JobStatus."""
+
+    IDLE = 0
+    VALIDATING = 1
+    PREPARING = 2
+    COOLING = 3
+    SCANNING = 4
+    CORRECTING = 5
+    DEPOSITING = 6
+    PAUSED = 7
+    FINISHING = 8
+    DONE = 9
+    FAILED = 10
+    ABORTED = 11
+
+
+@dataclass
+class Status:
+    """waam_msgs/JobStatus without the header."""
+
+    job_id: str = ''
+    job_dir: str = ''
+    state: State = State.IDLE
+    profile: str = ''
+    layer: int = 0
+    layers: int = 0
+    bead: int = 0
+    beads: int = 0
+    progress: float = 0.0
+    time_left: float = math.nan
+    height_error_rms: float = math.nan
+    height_error_max: float = math.nan
+    error_code: int = 0
+    message: str = ''
+
+
+@dataclass(frozen=True)
+class AnomalyRecord:
+    """waam_msgs/Anomaly; time in s (ROS time), position in m (work frame)."""
+
+    time: float
+    severity: str
+    class_name: str
+    text: str
+    reaction: str
+    layer: int = 0
+    bead: int = 0
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def to_json(self) -> dict:
+        data = asdict(self)
+        data['class'] = data.pop('class_name')
+        return data
+
+
+@dataclass
+class LayerRecord:
+    """waam_msgs/LayerReport without the header; SI."""
+
+    job_id: str = ''
+    profile: str = ''
+    layer: int = 0
+    final: bool = False
+    duration: float = 0.0
+    wait: float = 0.0
+    temperature: float = math.nan
+    current_mean: float = 0.0
+    voltage_mean: float = 0.0
+    wire_feed_mean: float = 0.0
+    travel_speed_mean: float = 0.0
+    heat_input: float = 0.0
+    energy: float = 0.0
+    wire_used: float = 0.0
+    arc_on_time: float = 0.0
+    arc_starts: int = 0
+    height_error_rms: float = math.nan
+    height_error_max: float = math.nan
+    height_error_mean: float = math.nan
+    coverage: float = 0.0
+    psi_min: float = 0.0
+    psi_mean: float = 0.0
+    psi_max: float = 0.0
+    k_gain: float = 0.0
+    heat_factor: float = 1.0
+    flow_factor: float = 1.0
+    law: str = ''
+    correction_applied: bool = False
+    fallback: bool = False
+    reasons: list[str] = field(default_factory=list)
+    segments: int = 0
+    clamps_speed: int = 0
+    clamps_feed: int = 0
+    clamps_voltage: int = 0
+    clamps_psi: int = 0
+    points_dropped: int = 0
+    profiles_rejected: int = 0
+    telemetry_lost: int = 0
+    faults: int = 0
+    cost: float = 0.0
+
+    def add_errors(self, errors: np.ndarray) -> None:
+        """Height errors (m, any shape, NaN ignored) of the surface before this layer (or after the last)."""
+        known = errors[np.isfinite(errors)]
+        if known.size:
+            self.height_error_rms = float(np.sqrt(np.mean(known**2)))
+            self.height_error_max = float(np.abs(known).max())
+            self.height_error_mean = float(known.mean())
+
+    def add_scan(self, scan: Scan) -> None:
+        self.coverage = scan.coverage
+        self.points_dropped = scan.points_rejected
+        self.profiles_rejected = scan.profiles_rejected
+
+    def add_correction(
+        self, correction: Correction | None, footprint: np.ndarray, applied: bool
+    ) -> None:
+        """footprint: (rows, cols) bool, where the layer lays metal."""
+        self.correction_applied = applied and correction is not None
+        if correction is None:
+            return
+        psi = correction.psi[footprint] if footprint.any() else np.zeros(1)
+        self.psi_min, self.psi_mean, self.psi_max = (
+            float(f(psi)) for f in (np.min, np.mean, np.max)
+        )
+        self.k_gain, self.law = correction.k_gain, correction.law
+        self.fallback = correction.fallback
+        self.reasons += list(correction.reasons)
+
+    def add_segments(self, segments: list[Segment]) -> None:
+        """Counts what was limited and keeps the factors that were really used."""
+        deposit = [s for s in segments if s.kind == Kind.DEPOSIT]
+        self.segments = len(deposit)
+        self.clamps_speed = sum(
+            bool(s.clamps & (Clamp.SPEED_LOW | Clamp.SPEED_HIGH)) for s in deposit
+        )
+        self.clamps_feed = sum(bool(s.clamps & (Clamp.FEED_LOW | Clamp.FEED_HIGH)) for s in deposit)
+        self.clamps_voltage = sum(bool(s.clamps & Clamp.VOLTAGE) for s in deposit)
+        self.clamps_psi = sum(bool(s.clamps & Clamp.PSI) for s in deposit)
+        if deposit:
+            self.heat_factor = float(np.mean([s.heat_factor for s in deposit]))
+            self.flow_factor = float(np.mean([s.flow_factor for s in deposit]))
+
+    def add_sums(self, sums: Sums) -> None:
+        """Means over the frames with a burning arc, and the cost of eq 2.4 with alpha1 = 1 /mm2, alpha2 = 1e-4 /A2."""
+        self.telemetry_lost += sums.lost
+        self.arc_starts = sums.arc_starts
+        n, dt = sums.arc_frames, sums.frame_period
+        if not n:
+            return
+        self.current_mean, self.voltage_mean = sums.current / n, sums.voltage / n
+        self.wire_feed_mean, self.travel_speed_mean = sums.wire / n, sums.speed / n
+        self.heat_input = sums.power_per_speed / n
+        self.arc_on_time, self.wire_used = n * dt, sums.wire * dt
+        self.energy = self.current_mean * self.voltage_mean * n * dt
+        spread = max(0.0, sums.current_error_sq / n - self.current_mean**2)
+        height = 0.0 if math.isnan(self.height_error_rms) else (self.height_error_rms * 1e3) ** 2
+        self.cost = (height + 1e-4 * spread) * self.arc_on_time

@@ -1,0 +1,84 @@
+"""Shared types survive the way through messages."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from std_msgs.msg import Header
+
+from waam_node.conversions import (
+    floats,
+    grid_from_msg,
+    grid_to_msg,
+    image_to_msg,
+    map_from_msg,
+    nanoseconds,
+    seconds,
+    segment_from_msg,
+    segment_to_msg,
+    time_to_msg,
+)
+from waam_process.grid import GridError, GridSpec
+from waam_process.segment import Clamp, Kind, Segment
+
+number = st.floats(-10, 10, allow_nan=False)
+point = st.tuples(number, number, number)
+
+
+@given(
+    st.builds(
+        Segment,
+        index=st.integers(0, 2**31),
+        kind=st.sampled_from(Kind),
+        start=point,
+        end=point,
+        speed=number,
+        layer=st.integers(0, 1000),
+        arc=st.booleans(),
+        wire_feed_speed=number,
+        psi=number,
+        clamps=st.sampled_from([Clamp.NONE, Clamp.PSI | Clamp.FEED_LOW]),
+    )
+)
+def test_segment_round_trip(segment):
+    assert segment_from_msg(segment_to_msg(segment)) == segment
+
+
+@given(number, number, st.floats(1e-4, 1e-2), st.integers(1, 300), st.integers(1, 300))
+def test_grid_round_trip(x, y, resolution, rows, cols):
+    spec = GridSpec(x, y, resolution, rows, cols)
+    assert grid_from_msg(grid_to_msg(spec)) == spec
+
+
+def test_map_round_trip_keeps_nan_and_refuses_a_wrong_length():
+    spec = GridSpec(0, 0, 1e-3, 2, 3)
+    z = np.array([[1, np.nan, 3], [4, 5, 6]], np.float32)
+    np.testing.assert_array_equal(map_from_msg(floats(z), spec), z)
+    with pytest.raises(ValueError, match='5 values for a grid of 2 x 3'):
+        map_from_msg(floats(z.ravel()[:5]), spec)
+
+
+def test_empty_grid_message_is_refused():
+    from waam_msgs.msg import GridInfo
+
+    with pytest.raises(GridError, match='resolution'):
+        grid_from_msg(GridInfo())
+
+
+def test_image_shows_the_largest_y_first():
+    z = np.array([[1.0, 2.0], [3.0, np.nan]])
+    image = image_to_msg(z, Header(frame_id='work'))
+    values = np.frombuffer(image.data, np.float32).reshape(2, 2)
+    assert values[1, 0] == 1.0 and values[0, 0] == 3.0 and math.isnan(values[0, 1])
+    assert image.encoding == '32FC1' and image.step == 8
+
+
+@given(st.integers(1, 2**31 - 1), st.integers(0, 999_999))
+def test_time_round_trip(sec, micro):
+    stamp = time_to_msg(sec + micro * 1e-6)
+    assert abs(nanoseconds(stamp) - (sec * 10**9 + micro * 1000)) < 1000
+    assert seconds(stamp) == pytest.approx(sec + micro * 1e-6)

@@ -1,0 +1,73 @@
+"""Parameters are refused by name, with the limit, before a node exists."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from waam_node.params import ParameterError, from_dict, markdown, param
+
+
+@dataclass(frozen=True)
+class Example:
+    """Parameters for these tests."""
+
+    cell: float = param(0.5e-3, 'edge of a cell', 'm', 1e-4, 5e-3)
+    depth: int = param(10, 'queue', '', 1)
+    law: str = param('zero', 'which law', choices=('zero', 'proportional'))
+    offset: tuple = param((0.0, 0.0), 'offset', 'm')
+    on: bool = param(True, 'switch')
+
+
+def test_defaults():
+    assert from_dict(Example, {}) == Example()
+
+
+def test_unknown_parameter_is_named_with_a_hint():
+    with pytest.raises(
+        ParameterError, match="fusion: unknown parameter 'cel'; did you mean 'cell'"
+    ):
+        from_dict(Example, {'cel': 1.0}, 'fusion')
+
+
+@pytest.mark.parametrize(
+    'name,value,word',
+    [
+        ('cell', 1.0, 'above its limit 0.005 m'),
+        ('cell', 1e-6, 'below its limit 0.0001 m'),
+        ('cell', math.nan, 'not a number'),
+        ('cell', 'wide', 'type float'),
+        ('depth', 0, 'below'),
+        ('depth', 1.5, 'type int'),
+        ('depth', True, 'type int'),
+        ('law', 'magic', 'zero, proportional'),
+        ('on', 1, 'type bool'),
+    ],
+)
+def test_bad_value_is_named(name, value, word):
+    with pytest.raises(ParameterError, match=word) as e:
+        from_dict(Example, {name: value})
+    assert name in str(e.value)
+
+
+def test_int_is_taken_for_float_and_list_for_tuple():
+    got = from_dict(Example, {'offset': [1.0, 2.0], 'use_sim_time': True})
+    assert got.offset == (1.0, 2.0)
+    with pytest.raises(ParameterError):
+        from_dict(Example, {'cell': 1})  # 1 m is out of range, but an int as such is fine
+
+
+@given(st.floats(1e-4, 5e-3))
+def test_values_inside_the_limits_pass_unchanged(value):
+    assert from_dict(Example, {'cell': value}).cell == value
+
+
+def test_markdown_has_every_parameter_with_unit_and_limits():
+    table = markdown(Example)
+    for f in fields(Example):
+        assert f'`{f.name}`' in table
+    assert '0.0001 … 0.005' in table and 'zero, proportional' in table

@@ -1,0 +1,16 @@
+"""Files that a crash must not tear. No ROS."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """The file is either the old or the new one, also after a power cut."""
+    temporary = path.with_name(path.name + '.new')
+    with open(temporary, 'w', encoding='utf-8') as f:
+        f.write(text)
+        f.flush()
+        os.fsync(f.fileno())
+    os.replace(temporary, path)

@@ -1,0 +1,168 @@
+"""Base class of the nodes: checked parameters, heartbeat for the arc lease, diagnostics, and one way to spin."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+
+from waam_msgs.msg import Heartbeat, LeaseTick
+
+from .params import from_dict
+from .qos import BEAT, EVENTS
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class WaamNode(Node):
+    """A node that answers lease ticks with heartbeats and publishes diagnostics at 1 Hz of steady time.
+
+    `params` is an instance of `params_type`, filled from ROS parameters; an unknown or out-of-range one raises
+    ParameterError before anything is created. `values` (shown in diagnostics) may be written at any time.
+    """
+
+    def __init__(self, name: str, params_type: type, **node_options: Any) -> None:
+        super().__init__(name, **node_options)
+        self.params = self._load_params(params_type)
+        self.level, self.message = OK, 'ok'
+        self.values: dict[str, Any] = {}
+        self.steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._heartbeat = self.create_publisher(Heartbeat, 'heartbeat', BEAT)
+        self.create_subscription(LeaseTick, 'lease_tick', self._on_tick, BEAT)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', EVENTS)
+        self.create_timer(1.0, self._publish_diagnostics, clock=self.steady)
+
+    def _load_params(self, params_type: type) -> Any:
+        overrides = {n: p.value for n, p in self._parameter_overrides.items()}
+        params = from_dict(params_type, overrides, self.get_name())
+        for f in dataclasses.fields(params_type):
+            value = getattr(params, f.name)
+            unit = f' [{f.metadata["unit"]}]' if f.metadata.get('unit') else ''
+            descriptor = ParameterDescriptor(
+                description=f.metadata['description'] + unit,
+                read_only=True,
+                dynamic_typing=isinstance(value, tuple),
+            )
+            self.declare_parameter(
+                f.name, list(value) if isinstance(value, tuple) else value, descriptor
+            )
+        return params
+
+    def _on_tick(self, tick: LeaseTick) -> None:
+        if (
+            not self.context.ok()
+        ):  # the executor still runs what was due when the node was told to stop
+            return
+        beat = Heartbeat(
+            node=self.get_name(), controller_us=tick.controller_us, boot_id=tick.boot_id
+        )
+        beat.level = self.level[0]
+        self._heartbeat.publish(beat)
+
+    def _publish_diagnostics(self) -> None:
+        if not self.context.ok():
+            return
+        status = DiagnosticStatus(
+            level=self.level, name=f'{self.get_name()}: state', message=self.message
+        )
+        status.hardware_id = self.get_name()
+        status.values = [KeyValue(key=str(k), value=str(v)) for k, v in self.values.items()]
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def now_s(self) -> float:
+        """ROS time in seconds."""
+        return self.get_clock().now().nanoseconds * 1e-9
+
+
+class CallError(RuntimeError):
+    """A service that is missing or did not answer; the text names it."""
+
+
+def call(
+    client: Any, request: Any, timeout: float, abort: Callable[[], str | None] | None = None
+) -> Any:
+    """Calls a service from a thread that is NOT the executor's and waits at most `timeout` seconds (steady time).
+
+    `abort` is asked while waiting and ends the wait with CallError when it returns a reason.
+    """
+    done = threading.Event()
+    end = time.monotonic() + timeout
+    while not client.service_is_ready():
+        if time.monotonic() > end:
+            raise CallError(f'service {client.srv_name} is not there (waited {timeout:.1f} s)')
+        if abort and (reason := abort()):
+            raise CallError(reason)
+        time.sleep(0.01)
+    future = client.call_async(request)
+    future.add_done_callback(lambda _: done.set())
+    while not done.wait(0.05):
+        if abort and (reason := abort()):
+            client.remove_pending_request(future)
+            raise CallError(reason)
+        if time.monotonic() > end:
+            client.remove_pending_request(future)
+            raise CallError(f'service {client.srv_name} did not answer within {timeout:.1f} s')
+    return future.result()
+
+
+def spin(node: Node) -> None:
+    """Spins until shutdown. Finite timeouts: the untimed spin dispatches nothing in these wheels."""
+    executor = EventsExecutor()
+    executor.add_node(node)
+    try:
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=0.1)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        executor.shutdown()
+
+
+def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
+    """The main of every node: exit status 0 after a clean stop, 2 for bad parameters, 1 for a crash."""
+    rclpy.init(args=args)
+    signal.signal(signal.SIGTERM, lambda *_: rclpy.try_shutdown())
+    node = None
+    try:
+        try:
+            node = factory()
+        except ValueError as e:
+            print(f'error: {e}', file=sys.stderr)
+            return 2
+        spin(node)
+    except Exception:
+        if not rclpy.ok():  # a callback that was under way when the node was told to stop
+            return 0
+        traceback.print_exc()
+        return 1
+    finally:
+        if node is not None:
+            if hasattr(node, 'close'):
+                node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def main(factory: Callable[[], Node]) -> None:
+    """For entry points. Leaves without waiting for stray threads of the middleware."""
+    code = run(factory)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)

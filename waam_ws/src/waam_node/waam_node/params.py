@@ -1,0 +1,109 @@
+"""Parameters of a node, declared once as a frozen dataclass: default, unit, limits and description in one place.
+
+    @dataclass(frozen=True)
+    class FusionParams:
+        cell: float = param(0.5e-3, 'edge of a map cell', 'm', minimum=5e-5, maximum=5e-3)
+
+`load(node, FusionParams)` declares them with ROS descriptors, refuses what is unknown or out of range by name, and
+returns the filled dataclass. `markdown(FusionParams)` writes the table of the README. No rclpy here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+ALWAYS_ALLOWED = ('use_sim_time', 'start_type_description_service')
+
+
+class ParameterError(ValueError):
+    """A parameter that is unknown, of the wrong type or out of range; the text names node, parameter and limit."""
+
+
+def param(
+    default: Any,
+    description: str,
+    unit: str = '',
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: tuple | None = None,
+) -> Any:
+    """A dataclass field with what a parameter needs. Lists are given as tuples or lists."""
+    meta = {
+        'description': description,
+        'unit': unit,
+        'minimum': minimum,
+        'maximum': maximum,
+        'choices': choices,
+    }
+    if isinstance(default, list | tuple):
+        frozen = tuple(default)
+        return dataclasses.field(default=frozen, metadata=meta)
+    return dataclasses.field(default=default, metadata=meta)
+
+
+def check_value(name: str, value: Any, field: dataclasses.Field) -> Any:
+    """The value in the type of the field's default, or ParameterError."""
+    default, meta = field.default, field.metadata
+    if isinstance(default, tuple):
+        return tuple(value)
+    if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if type(value) is not type(default):
+        raise ParameterError(
+            f"parameter '{name}' must be of type {type(default).__name__}, "
+            f'not {type(value).__name__} ({value!r})'
+        )
+    if isinstance(value, float) and math.isnan(value) and not math.isnan(default):
+        raise ParameterError(f"parameter '{name}' is not a number")
+    low, high = meta.get('minimum'), meta.get('maximum')
+    unit = f' {meta["unit"]}' if meta.get('unit') else ''
+    if low is not None and value < low:
+        raise ParameterError(f"parameter '{name}' is {value}{unit}, below its limit {low}{unit}")
+    if high is not None and value > high:
+        raise ParameterError(f"parameter '{name}' is {value}{unit}, above its limit {high}{unit}")
+    choices = meta.get('choices')
+    if choices and value not in choices:
+        raise ParameterError(
+            f"parameter '{name}' is {value!r}, must be one of {', '.join(choices)}"
+        )
+    return value
+
+
+def from_dict(cls: type, values: dict[str, Any], node_name: str = '') -> Any:
+    """The dataclass filled from a dictionary; refuses unknown keys by name, with the nearest known one."""
+    import difflib
+
+    known = {f.name: f for f in dataclasses.fields(cls)}
+    where = f'{node_name}: ' if node_name else ''
+    for name in values:
+        if (
+            name not in known
+            and name not in ALWAYS_ALLOWED
+            and not name.startswith('qos_overrides.')
+        ):
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"; did you mean '{near[0]}'?" if near else f'; known are {", ".join(known)}'
+            raise ParameterError(f"{where}unknown parameter '{name}'{hint}")
+    try:
+        filled = {n: check_value(n, values[n], f) for n, f in known.items() if n in values}
+    except ParameterError as e:
+        raise ParameterError(f'{where}{e}') from None
+    return cls(**filled)
+
+
+def markdown(cls: type) -> str:
+    """The parameter table of a README."""
+    rows = ['| parameter | default | unit | limits | meaning |', '|---|---|---|---|---|']
+    for f in dataclasses.fields(cls):
+        m = f.metadata
+        low, high = m.get('minimum'), m.get('maximum')
+        limits = ', '.join(m['choices']) if m.get('choices') else ''
+        if low is not None or high is not None:
+            limits = f'{"" if low is None else low} … {"" if high is None else high}'
+        default = list(f.default) if isinstance(f.default, tuple) else f.default
+        rows.append(
+            f'| `{f.name}` | `{default}` | {m.get("unit", "")} | {limits} | {m["description"]} |'
+        )
+    return '\n'.join(rows)

@@ -1,0 +1,20 @@
+"""Quality of service of every topic, in one place (docs/interfaces.md says why)."""
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+
+def _profile(depth: int, reliable: bool = True, latched: bool = False) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+LATCHED = _profile(1, latched=True)  # late joiners see the last one
+EVENTS = _profile(100)  # segment_done, anomaly, layer_report: none may be missed
+TELEMETRY = _profile(1000)  # 100 Hz or 1 kHz; recorded, so reliable
+PROFILES = _profile(50)  # batches of profiles, up to a megabyte each
+BEAT = _profile(10)  # lease_tick, heartbeat, link_status, temperature
+NEWEST = _profile(1)  # override: only the newest counts

@@ -1,0 +1,120 @@
+"""The plan verb from the command line to the files, and plans on disk."""
+
+import argparse
+import re
+
+import numpy as np
+import pytest
+import trimesh
+
+from waam_plan import cli
+from waam_plan.build import plan_build
+from waam_plan.part import load_part
+from waam_plan.plan import PlanError
+from waam_plan.posts import read_gcode
+from waam_plan.preview import estimates, table
+from waam_plan.settings import PlanSettings
+from waam_plan.store import load_plan, save_plan
+
+
+def parse(*words):
+    parser = argparse.ArgumentParser()
+    cli.register(parser.add_subparsers(required=True))
+    return parser.parse_args(['plan', *map(str, words)])
+
+
+def waam(*words):
+    args = parse(*words)
+    return args.run(args)
+
+
+def test_build_writes_everything(box_file, tmp_path, capsys):
+    out = tmp_path / 'out'
+    assert waam(box_file((40, 30, 8)), '--layers', 2, '--out', out) == 0
+    assert {p.name for p in out.iterdir()} == {
+        'program.gcode',
+        'segments.csv',
+        'plan.npz',
+        'preview.png',
+    }
+    assert len(read_gcode((out / 'program.gcode').read_text())) > 100
+    assert (out / 'preview.png').read_bytes()[:4] == b'\x89PNG'
+    printed = capsys.readouterr().out
+    assert len(re.findall(r'^ +[12] .*\d\.\d%$', printed, re.M)) == 2
+    assert len(load_plan(out / 'plan.npz').layers) == 2
+
+
+def test_restore_from_two_meshes(tmp_path, box_file):
+    worn = trimesh.creation.box(extents=(60, 40, 14))
+    worn.apply_translation((0, 0, -3))
+    worn.export(tmp_path / 'worn.stl')
+    plan = cli.make_plan(parse(box_file(), '--as-found', tmp_path / 'worn.stl'))
+    assert plan.mode == 'restore' and len(plan.layers) == 3 and plan.name == 'box'
+    np.testing.assert_allclose(plan.final_target[plan.region], 0.020, atol=1e-8)
+    plan.as_found.save_npz(tmp_path / 'scan.npz')
+    again = cli.make_plan(parse(box_file(), '--as-found', tmp_path / 'scan.npz'))
+    assert again.layers[0].segments == plan.layers[0].segments
+
+
+def test_options_reach_the_settings(box_file):
+    options = ['--layer-height', 1, '--bead-width', 4, '--speed', 8, '--direction', 'y']
+    s = cli.make_plan(parse(box_file((30, 20, 4)), *options, '--set', 'clearance=0.02')).settings
+    assert (s.layer_height, s.bead_width, s.speed) == pytest.approx((1e-3, 4e-3, 8e-3))
+    assert s.direction == 'y' and s.clearance == 0.02
+
+
+@pytest.mark.parametrize(
+    ('options', 'word'),
+    [
+        (['--layer-height', 50], 'layer_height'),
+        (['--set', 'nonsense=1'], 'nonsense'),
+        (['--set', 'speed=fast'], 'speed=fast'),
+        (['--mode', 'restore'], '--as-found'),
+        (['--scale', 1], 'wrong units'),
+        (['--layers', -1], 'layers'),
+    ],
+)
+def test_errors_are_one_line_and_leave_nothing(box_file, tmp_path, capsys, options, word):
+    out = tmp_path / 'out'
+    assert waam(box_file(), '--out', out, *options) == 2
+    text = capsys.readouterr().err
+    assert word in text and text.count('\n') == 1 and 'Traceback' not in text
+    assert not out.exists()
+
+
+def test_as_found_equal_to_the_part_leaves_nothing_to_do(box_file, capsys):
+    path = box_file()
+    assert waam(path, '--as-found', path) == 2
+    assert 'nothing to' in capsys.readouterr().err
+
+
+def test_a_stored_plan_is_the_same_plan(box_file, tmp_path):
+    plan = plan_build(load_part(box_file((30, 20, 4))), PlanSettings())
+    save_plan(plan, tmp_path / 'p.npz')
+    again = load_plan(tmp_path / 'p.npz')
+    assert again.settings == plan.settings and again.spec == plan.spec
+    assert again.safe_z == plan.safe_z and again.offset == plan.offset
+    for a, b in zip(plan.layers, again.layers, strict=True):
+        assert a.segments == b.segments
+        np.testing.assert_allclose(a.planned, b.planned, atol=1e-8)
+        np.testing.assert_array_equal(a.footprint, b.footprint)
+
+
+@pytest.mark.parametrize('data', [b'', b'not a zip', None])
+def test_what_is_no_plan_is_refused(tmp_path, data):
+    path = tmp_path / 'p.npz'
+    if data is None:
+        np.savez(path, z=np.zeros(3))
+    else:
+        path.write_bytes(data)
+    with pytest.raises(PlanError, match='not a stored plan'):
+        load_plan(path)
+
+
+def test_estimates_add_up(box_file):
+    plan = plan_build(load_part(box_file((30, 20, 6))), PlanSettings())
+    found = estimates(plan)
+    assert sum(e.wire for e in found) == pytest.approx(plan.wire)
+    assert sum(e.duration for e in found) == pytest.approx(plan.duration)
+    assert all(e.mass_share == pytest.approx(1.0, abs=0.02) for e in found)
+    assert len(table(plan).splitlines()) == len(found) + 2

@@ -1,0 +1,49 @@
+import ast
+import math
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from waam_plan.settings import PlanSettings, SettingsError
+
+
+def test_defaults_describe_the_regime_of_eq_2_17():
+    s = PlanSettings()
+    assert s.pitch * s.layer_height == pytest.approx(0.73 * s.bead_width * s.layer_height)
+    feed = 0.73 * s.bead_width * s.layer_height * s.speed / (s.wire_area * s.efficiency)
+    assert 60 * feed == pytest.approx(5.05, abs=0.05)  # m/min
+
+
+@pytest.mark.parametrize(
+    ('field', 'value'),
+    [
+        ('layer_height', 0.0),
+        ('layer_height', math.nan),
+        ('bead_width', 0.5),
+        ('pitch_ratio', 1.2),
+        ('speed', -0.01),
+        ('segment_length', 0.0),
+        ('min_layer', 1.5),
+        ('clearance', 0.0),
+        ('direction', 'z'),
+        ('alternation', 'sometimes'),
+        ('strategy', 'foam'),
+        ('scanner_offset', (0.0, 1.0)),
+        ('scanner_offset', (0.0, 1.0, math.inf)),
+        ('scanner_range', (-0.1, -0.2)),
+        ('speed', '10'),
+        ('speed_max', 0.005),
+    ],
+)
+def test_a_bad_setting_is_refused_by_name(field, value):
+    with pytest.raises(SettingsError, match=field):
+        PlanSettings(**{field: value})
+
+
+def test_the_readme_lists_every_setting_with_its_default():
+    text = (Path(__file__).parents[1] / 'README.md').read_text()
+    rows = dict(re.findall(r'^\| `(\w+)` \| (.+?) \|', text, re.M))
+    for f in fields(PlanSettings):
+        assert ast.literal_eval(rows[f.name]) == f.default

@@ -1,0 +1,1 @@
+"""Part -> layers -> segments -> program. Pure Python, metres, work frame."""

@@ -1,0 +1,183 @@
+"""waam plan: a part becomes a program, without any machine."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+EPILOG = """\
+examples:
+  waam plan roller.stl --as-found worn_roller.stl        fill what is worn off; both files in the same coordinates
+  waam plan bracket.stl --mode build --layers 5          the first five layers of a solid on a flat substrate
+  waam plan vase.stl --mode build --strategy shell       one bead along the surface; open meshes are accepted
+  waam plan part.stl --mode build --scale 1              a file in metres (default 0.001: mm)
+
+Written to --out: program.gcode (runs on the controller without correction), segments.csv, plan.npz, preview.png.
+"""
+
+
+def register(commands) -> None:
+    """Adds the verb to argparse sub-parsers."""
+    p = commands.add_parser(
+        'plan',
+        help='a part becomes layers, beads and a program; no machine needed',
+        description='Plan the deposition of a part and write program, maps and a picture.',
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument('part', type=Path, metavar='PART', help='mesh: STL, PLY, OBJ or OFF')
+    p.add_argument(
+        '--mode', choices=('build', 'restore'), help='default: restore with --as-found, else build'
+    )
+    p.add_argument(
+        '--as-found', type=Path, metavar='WORN', help='mesh or .npz height map of the worn surface'
+    )
+    p.add_argument(
+        '--layers', type=int, default=0, help='at most so many, from the bottom; 0 = all'
+    )
+    p.add_argument('--layer-height', type=float, metavar='MM', help='default 2')
+    p.add_argument('--bead-width', type=float, metavar='MM', help='default 6')
+    p.add_argument('--speed', type=float, metavar='MM/S', help='travel with the arc on, default 10')
+    p.add_argument(
+        '--direction', choices=('auto', 'x', 'y'), help='of the beads; auto = along the longer side'
+    )
+    p.add_argument(
+        '--alternation', choices=('none', 'reverse', 'cross'), help='from layer to layer'
+    )
+    p.add_argument('--strategy', choices=('solid', 'shell'), help='of a build')
+    p.add_argument(
+        '--overhang', type=float, metavar='DEG', help='steepest overhang of a build, default 45'
+    )
+    p.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='any field of PlanSettings, SI',
+    )
+    p.add_argument(
+        '--scale', type=float, default=1e-3, help='m per unit of the files, default 0.001 (mm)'
+    )
+    p.add_argument(
+        '--out', type=Path, metavar='DIR', help='folder for the files; none are written without it'
+    )
+    p.add_argument(
+        '--preview', action='store_true', help='draw preview.png (into --out or the current folder)'
+    )
+    p.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Plans, prints a table, writes the files. 0, or 2 with one line of error."""
+    try:
+        plan = make_plan(args)
+        _write(plan, args)
+    except (ValueError, OSError) as error:
+        print(f'waam plan: {error}', file=sys.stderr)
+        return 2
+    return 0
+
+
+def make_plan(args: argparse.Namespace):
+    """The plan that the arguments ask for. Raises ValueError with a text for the user."""
+    from waam_plan.build import plan_build
+    from waam_plan.part import load_part
+
+    settings = settings_from(args)
+    mode = args.mode or ('restore' if args.as_found else 'build')
+    if mode == 'restore' and not args.as_found:
+        raise ValueError(
+            '--mode restore needs --as-found: the worn surface as a mesh or a .npz height map'
+        )
+    if mode == 'build' and args.as_found:
+        raise ValueError('--as-found belongs to --mode restore, a build starts on a flat substrate')
+    open_is_fine = mode == 'restore' or settings.strategy == 'shell'
+    part = load_part(args.part, args.scale, require_closed=not open_is_fine)
+    for line in part.report.lines():
+        print(line)
+    if mode == 'build':
+        return plan_build(part, settings, args.layers)
+    return _restoration(part, args, settings)
+
+
+def _restoration(part, args: argparse.Namespace, settings):
+    from dataclasses import replace
+
+    from waam_plan.part import check_fits, load_part
+    from waam_plan.restore import plan_restoration
+    from waam_plan.surface import top_surface
+    from waam_process.grid import GridSpec, HeightGrid
+
+    check_fits(part, settings)
+    offset = tuple(-float(v) for v in part.bounds[0])
+    if args.as_found.suffix.lower() == '.npz':
+        worn = HeightGrid.load_npz(args.as_found)
+        spec = worn.spec
+    else:
+        size = part.bounds[1] - part.bounds[0]
+        m = settings.margin
+        spec = GridSpec.covering(-m, -m, size[0] + m, size[1] + m, settings.grid)
+        worn = top_surface(
+            load_part(args.as_found, args.scale, require_closed=False).mesh, spec, offset
+        )
+    plan = plan_restoration(worn, top_surface(part.mesh, spec, offset), settings, args.layers)
+    return replace(plan, name=part.name, offset=offset)
+
+
+def settings_from(args: argparse.Namespace):
+    """PlanSettings from the options; mm and mm/s become SI here."""
+    from dataclasses import fields
+
+    from waam_plan.settings import PlanSettings, SettingsError
+
+    given: dict[str, object] = {}
+    for name, factor in (('layer_height', 1e-3), ('bead_width', 1e-3), ('speed', 1e-3)):
+        if getattr(args, name) is not None:
+            given[name] = getattr(args, name) * factor
+    if args.overhang is not None:
+        given['overhang_limit_deg'] = args.overhang
+    given |= {
+        k: getattr(args, k) for k in ('direction', 'alternation', 'strategy') if getattr(args, k)
+    }
+    kinds = {f.name: type(f.default) for f in fields(PlanSettings)}
+    for text in args.set:
+        name, _, value = text.partition('=')
+        if name not in kinds:
+            raise SettingsError(
+                f'--set {text}: there is no setting {name}; known: {", ".join(kinds)}'
+            )
+        given[name] = _value(text, value, kinds[name])
+    return PlanSettings(**given)
+
+
+def _value(text: str, value: str, kind: type) -> object:
+    try:
+        if kind is bool:
+            return {'true': True, 'false': False}[value.lower()]
+        if kind is tuple:
+            return tuple(float(v) for v in value.split(','))
+        return kind(value)
+    except (ValueError, KeyError):
+        raise ValueError(f'--set {text}: {value!r} is not a {kind.__name__}') from None
+
+
+def _write(plan, args: argparse.Namespace) -> None:
+    from waam_plan.posts import gcode, to_csv
+    from waam_plan.preview import draw, table
+    from waam_plan.store import save_plan
+
+    print(table(plan))
+    for text in plan.warnings:
+        print(f'warning: {text}')
+    if not plan.layers:
+        raise ValueError('nothing to deposit')
+    if args.out:
+        args.out.mkdir(parents=True, exist_ok=True)
+        (args.out / 'program.gcode').write_text(gcode(plan))
+        (args.out / 'segments.csv').write_text(to_csv(plan))
+        save_plan(plan, args.out / 'plan.npz')
+    if args.preview or args.out:
+        draw(plan, (args.out or Path('.')) / 'preview.png')
+    if args.out:
+        print(f'written: {args.out}')

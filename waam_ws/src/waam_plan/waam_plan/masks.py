@@ -1,0 +1,87 @@
+"""Shapes on a grid: grow, shrink, close, islands, edge-preserving smoothing. Distances in cells."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+EIGHT = np.ones((3, 3), bool)
+
+
+def distance_inside(mask: np.ndarray) -> np.ndarray:
+    """Distance in cells from each set cell to the nearest unset one; the world outside the grid is unset."""
+    return ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
+
+
+def shrink(mask: np.ndarray, cells: float) -> np.ndarray:
+    """Cells whose centre lies at least `cells` inside the edge of the mask (the edge is half a cell out)."""
+    return mask & (distance_inside(mask) - 0.5 >= cells)
+
+
+def close_gaps(mask: np.ndarray, cells: float) -> np.ndarray:
+    """Grow then shrink by `cells`: fills notches and holes narrower than twice that, adds only."""
+    if cells <= 0 or not mask.any():
+        return mask.copy()
+    pad = int(np.ceil(cells)) + 2
+    wide = np.pad(mask, pad)
+    grown = ndimage.distance_transform_edt(~wide) <= cells
+    back = ndimage.distance_transform_edt(grown) > cells
+    return mask | back[pad:-pad, pad:-pad]
+
+
+def drop_slivers(mask: np.ndarray, cells: float) -> np.ndarray:
+    """Shrink then grow by `cells`: removes what is narrower than twice that, rounds corners, adds nothing."""
+    if cells <= 0 or not mask.any():
+        return mask.copy()
+    core = distance_inside(mask) - 0.5 >= cells
+    return mask & (ndimage.distance_transform_edt(~core) <= cells + 0.5)
+
+
+def islands(mask: np.ndarray) -> list[np.ndarray]:
+    """The connected parts (8 neighbours) of a mask, each as a mask of the same shape."""
+    labels, count = ndimage.label(mask, EIGHT)
+    return [labels == i + 1 for i in range(count)]
+
+
+def drop_small(mask: np.ndarray, cells: float) -> np.ndarray:
+    """Without the islands of fewer than `cells` cells."""
+    labels, count = ndimage.label(mask, EIGHT)
+    if count == 0:
+        return mask
+    size = np.bincount(labels.ravel(), minlength=count + 1)
+    keep = size >= cells
+    keep[0] = False
+    return keep[labels]
+
+
+def fill_unknown(z: np.ndarray) -> np.ndarray:
+    """NaN replaced by the nearest known value; a map without any known value comes back unchanged."""
+    unknown = ~np.isfinite(z)
+    if not unknown.any() or unknown.all():
+        return z.copy()
+    row, col = ndimage.distance_transform_edt(unknown, return_distances=False, return_indices=True)
+    return z[row, col]
+
+
+def smooth_surface(z: np.ndarray, window: float, keep: float) -> np.ndarray:
+    """Surface without its roughness but with its walls, NaN where z is NaN.
+
+    A median over `window` cells followed by a narrow Gaussian; where that moves a cell by more than
+    `keep` (m), the cell is at a wall and keeps the median, or its own height if that is too far as well.
+    """
+    size = 2 * int(round(window / 2)) + 1
+    if size < 3:
+        return z.copy()
+    filled = fill_unknown(z)
+    median = ndimage.median_filter(filled, size=size, mode='nearest')
+    soft = ndimage.gaussian_filter(median, size / 4, mode='nearest')
+    out = np.where(np.abs(soft - median) <= keep / 2, soft, median)
+    out = np.where(np.abs(out - filled) <= keep, out, filled)
+    return np.where(np.isfinite(z), out, np.nan)
+
+
+def blur(z: np.ndarray, mask: np.ndarray, sigma: float) -> np.ndarray:
+    """Gaussian mean over the cells of the mask only (sigma in cells); NaN outside the mask."""
+    weight = ndimage.gaussian_filter(mask.astype(float), sigma, mode='constant')
+    total = ndimage.gaussian_filter(np.where(mask, z, 0.0), sigma, mode='constant')
+    return np.where(mask, total / np.where(mask, weight, 1.0), np.nan)

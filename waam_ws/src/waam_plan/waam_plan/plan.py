@@ -1,0 +1,215 @@
+"""The plan: layers with their maps and segments, totals, and the connection from wherever the torch is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waam_plan.settings import SECTION, PlanSettings
+from waam_process.grid import GridSpec, HeightGrid
+from waam_process.segment import Kind, Point, Segment
+
+
+class PlanError(ValueError):
+    """A plan that cannot be made; the text says what, where and what to do."""
+
+
+@dataclass(frozen=True)
+class PlannedLayer:
+    """One layer. Maps are (rows, cols) on the plan's grid, m."""
+
+    number: int  # from 1, the lowest
+    planned: np.ndarray  # metal to add, 0 outside the footprint
+    target_before: np.ndarray  # surface wanted before this layer, NaN = do not care
+    target_after: np.ndarray  # surface wanted after this layer, NaN = do not care
+    segments: list[Segment]  # indices from 0; begin and end at the plan's safe height
+    direction: Point  # unit vector of the beads
+    footprint: np.ndarray  # bool, cells that get metal in this layer
+
+    @property
+    def deposits(self) -> list[Segment]:
+        return [s for s in self.segments if s.kind == Kind.DEPOSIT]
+
+    @property
+    def beads(self) -> int:
+        return len({s.bead for s in self.deposits})
+
+    @property
+    def arc_starts(self) -> int:
+        arc = [s.arc for s in self.segments]
+        return sum(now and not before for before, now in zip([False, *arc], arc, strict=False))
+
+    @property
+    def length(self) -> float:
+        """Path with the arc on, m."""
+        return sum(s.length for s in self.deposits)
+
+    @property
+    def arc_time(self) -> float:
+        """s at programmed speed"""
+        return sum(s.duration for s in self.deposits)
+
+    @property
+    def duration(self) -> float:
+        """s without acceleration, from the first descent to the last lift"""
+        return sum(s.duration for s in self.segments)
+
+    @property
+    def volume(self) -> float:
+        """Metal that the segments add, m3 (eq 2.17: section = 0.73 * width * height)."""
+        return sum(SECTION * s.width * s.height * s.length for s in self.deposits)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A whole program in the work frame."""
+
+    spec: GridSpec
+    as_found: HeightGrid  # surface before the first layer, NaN where there is none
+    nominal: HeightGrid  # wanted final surface, NaN outside the part
+    region: np.ndarray  # bool, cells that get metal
+    interior: np.ndarray  # bool, region without a margin of half a bead
+    layers: list[PlannedLayer]
+    safe_z: float  # height of idle moves, m
+    settings: PlanSettings
+    mode: str = 'restore'
+    name: str = 'part'
+    offset: Point = (0.0, 0.0, 0.0)  # what was added to the part's coordinates, m
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def length(self) -> float:
+        """Path with the arc on, m."""
+        return sum(layer.length for layer in self.layers)
+
+    @property
+    def duration(self) -> float:
+        """s at programmed speed, without acceleration, cooling and scans"""
+        return sum(layer.duration for layer in self.layers)
+
+    @property
+    def arc_time(self) -> float:
+        """s with the arc on"""
+        return sum(layer.arc_time for layer in self.layers)
+
+    @property
+    def volume(self) -> float:
+        """Metal added, m3."""
+        return sum(layer.volume for layer in self.layers)
+
+    @property
+    def wire(self) -> float:
+        """Wire melted, m: S_wire * length * efficiency = volume."""
+        return self.volume / (self.settings.wire_area * self.settings.efficiency)
+
+    @property
+    def beads(self) -> int:
+        return sum(layer.beads for layer in self.layers)
+
+    @property
+    def arc_starts(self) -> int:
+        return sum(layer.arc_starts for layer in self.layers)
+
+    @property
+    def final_target(self) -> np.ndarray:
+        """Surface that the planned layers end at, (rows, cols) m, NaN outside the region.
+
+        Equals nominal plus allowance where all layers of a restoration are planned.
+        """
+        out = np.full(self.spec.shape, np.nan)
+        for layer in self.layers:
+            np.copyto(out, layer.target_after, where=np.isfinite(layer.target_after))
+        return out
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """x0, y0, x1, y1 of the region, m."""
+        rows, cols = (
+            np.flatnonzero(self.region.any(axis=1)),
+            np.flatnonzero(self.region.any(axis=0)),
+        )
+        if rows.size == 0:
+            x0, x1, y0, y1 = self.spec.extent
+            return x0, y0, x1, y1
+        s = self.spec
+        return (
+            s.origin_x + cols[0] * s.resolution,
+            s.origin_y + rows[0] * s.resolution,
+            s.origin_x + (cols[-1] + 1) * s.resolution,
+            s.origin_y + (rows[-1] + 1) * s.resolution,
+        )
+
+
+def highest(*surfaces: HeightGrid) -> float:
+    """Highest known z of some surfaces, m; PlanError when nothing is known."""
+    tops = [float(np.nanmax(s.z)) for s in surfaces if np.isfinite(s.z).any()]
+    if not tops:
+        raise PlanError('no height is known in any of the surfaces: scan first')
+    return max(tops)
+
+
+def idle(start: Point, end: Point, settings: PlanSettings, layer: int = 0) -> Segment:
+    """A move with the arc off, index 0."""
+    speed = settings.idle_speed
+    return Segment(0, Kind.IDLE, start, end, speed, layer=layer, speed_programmed=speed)
+
+
+def hop(
+    start: Point, end: Point, z: float, settings: PlanSettings, layer: int = 0
+) -> list[Segment]:
+    """Lift, travel at height z (or higher, where start or end are), descend. Moves of no length are left out."""
+    top = max(z, start[2], end[2])
+    corners = [start, (start[0], start[1], top), (end[0], end[1], top), end]
+    return [
+        idle(a, b, settings, layer)
+        for a, b in zip(corners, corners[1:], strict=False)
+        if math.dist(a, b) > 1e-9
+    ]
+
+
+def numbered(segments: list[Segment], first_index: int = 0) -> list[Segment]:
+    """The same segments with consecutive indices."""
+    return [s.at(index=first_index + i) for i, s in enumerate(segments)]
+
+
+def renumber(
+    segments: list[Segment],
+    first_index: int,
+    start: Point,
+    settings: PlanSettings,
+    safe_z: float = -math.inf,
+) -> list[Segment]:
+    """Segments with the collision-free connection from `start` before them, numbered from first_index.
+
+    The connection lifts, travels and descends. It travels at the highest of: start, every point of the
+    segments, safe_z (give Plan.safe_z when the torch may be below the highest part of the surface).
+    Segments that begin with an arc (a layer resumed in the middle) are approached from `clearance` above.
+    """
+    if not segments:
+        return []
+    top = max(max(s.start[2], s.end[2]) for s in segments)
+    if segments[0].kind == Kind.DEPOSIT:
+        top += settings.clearance
+    moves = hop(start, segments[0].start, max(top, safe_z), settings, segments[0].layer)
+    return numbered([*moves, *segments], first_index)
+
+
+def check_reach(segments: list[Segment], settings: PlanSettings) -> None:
+    """Raises PlanError when the torch would leave the machine; names axis, place and limit."""
+    if not segments:
+        return
+    points = np.array([s.start for s in segments] + [s.end for s in segments])
+    for axis, name in enumerate('xyz'):
+        low, high = settings.machine_min[axis], settings.machine_max[axis]
+        for value, bad, limit in (
+            (points[:, axis].min(), points[:, axis].min() < low - 1e-9, low),
+            (points[:, axis].max(), points[:, axis].max() > high + 1e-9, high),
+        ):
+            if bad:
+                raise PlanError(
+                    f'outside the machine: the torch would have to go to {name} = {value * 1e3:.1f} mm, '
+                    f'its limit in the work frame is {limit * 1e3:.1f} mm; move the part (work zero), '
+                    'plan fewer layers or scale it'
+                )

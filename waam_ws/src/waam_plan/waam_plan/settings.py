@@ -1,0 +1,146 @@
+"""What a plan is made with. SI; every field is checked and an error names it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+Triple = tuple[float, float, float]
+Pair = tuple[float, float]
+
+SECTION = 0.73  # section of a bead over width * height, eq 2.17: what converts metal into `height`
+
+DIRECTIONS = ('auto', 'x', 'y')
+ALTERNATIONS = ('none', 'reverse', 'cross')
+STRATEGIES = ('solid', 'shell')
+
+
+class SettingsError(ValueError):
+    """A setting out of range; the text names field, value and limit."""
+
+
+# field: (lowest, highest), both allowed
+_LIMITS: dict[str, Pair] = {
+    'layer_height': (0.3e-3, 5e-3),
+    'bead_width': (1e-3, 20e-3),
+    'pitch_ratio': (0.4, 1.0),
+    'speed': (1e-3, 0.05),
+    'speed_max': (1e-3, 0.05),
+    'segment_length': (0.2e-3, 50e-3),
+    'min_layer': (0.05, 0.95),
+    'max_layer_ratio': (1.0, 2.0),
+    'allowance': (-5e-3, 10e-3),
+    'smoothing': (0.0, 2.0),
+    'edge_inset': (0.0, 1.0),
+    'pool_trail': (0.0, 20e-3),
+    'min_share': (0.05, 0.9),
+    'feed_floor': (0.0, 1.0),
+    'lead_in': (0.0, 50e-3),
+    'lead_out': (0.0, 50e-3),
+    'lead_in_metal': (0.3, 1.5),
+    'lead_out_metal': (0.3, 2.0),
+    'idle_speed': (1e-3, 0.5),
+    'scan_speed': (1e-3, 0.5),
+    'clearance': (1e-3, 0.2),
+    'grid': (0.05e-3, 5e-3),
+    'margin': (0.0, 0.1),
+    'overhang_limit_deg': (5.0, 85.0),
+    'foot_height': (0.0, 0.1),
+    'voltage': (5.0, 60.0),
+    'scanner_fov': (1e-3, 1.0),
+    'scanner_overlap': (0.0, 0.9),
+    'wire_diameter': (0.5e-3, 5e-3),
+    'efficiency': (0.3, 1.0),
+    'arc_power': (100.0, 50e3),
+}
+
+
+_CHOICES = {'direction': DIRECTIONS, 'alternation': ALTERNATIONS, 'strategy': STRATEGIES}
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """Lengths in m, speeds in m/s. 'Share' and 'ratio' have no unit."""
+
+    layer_height: float = 2.0e-3  # nominal thickness of a layer
+    bead_width: float = 6.0e-3  # width of one bead
+    pitch_ratio: float = 0.73  # distance of neighbouring beads over bead width
+    speed: float = 0.010  # travel speed of the nominal layer
+    speed_max: float = 0.018  # fastest programmed travel with the arc on; leaves room to correct
+    segment_length: float = 2.0e-3  # longest segment with the arc on
+    min_layer: float = 0.35  # share of layer_height below which nothing is laid
+    max_layer_ratio: float = 1.4  # thickest layer over layer_height
+    allowance: float = 0.0  # metal wanted above nominal, for machining
+    smoothing: float = 0.5  # window over which the as-found surface is smoothed, in bead widths
+    edge_inset: float = 0.2  # distance of bead ends from the edge of the region, in pitches
+    pool_trail: float = 2.0e-3  # distance of the melt pool behind the arc
+    min_share: float = 0.25  # a bead goes on while at least this share of its band is in the region
+    feed_floor: float = 0.5  # of the nominal deposition rate; below it the torch goes faster
+    direction: str = 'auto'  # of the beads: x, y, or auto = the longer side
+    alternation: str = 'reverse'  # none; reverse: even layers start opposite; cross: turned by 90
+    stagger: bool = False  # beads of every second layer lie over the valleys of the one below
+    lead_in: float = 6e-3  # zone after an arc start in which lead_in_metal applies
+    lead_out: float = 6e-3  # zone before an arc end in which lead_out_metal applies
+    lead_in_metal: float = 1.0  # metal in the lead-in over the planned, below 1 against humps
+    lead_out_metal: float = 1.0  # metal in the lead-out over the planned, above 1 against a crater
+    idle_speed: float = 0.050  # travel with the arc off
+    scan_speed: float = 0.025  # travel while scanning
+    clearance: float = 0.010  # height of idle moves over the highest point
+    grid: float = 0.5e-3  # cell of maps made here
+    margin: float = 5e-3  # scanned around the wanted rectangle
+    overhang_limit_deg: float = 45.0  # steepest overhang from the vertical in a build
+    strategy: str = 'solid'  # of a build: fill the part, or shell = one bead along its surface
+    foot_height: float = 0.010  # up to here above the substrate, metal is added below overhangs
+    scanner_offset: Triple = (0.060, 0.0, 0.120)  # origin of frame scanner from torch_tcp
+    scanner_fov: float = 0.050  # width of a profile
+    scanner_overlap: float = 0.2  # of neighbouring scan passes, share of the field of view
+    scanner_range: Pair = (-0.150, -0.100)  # measured z_s, lowest and highest
+    machine_min: Triple = (-0.100, -0.080, -0.020)  # reach of torch_tcp in the work frame
+    machine_max: Triple = (0.300, 0.220, 0.180)  # its other end
+    wire_diameter: float = 1.2e-3  # of the estimate and of programs written to a file
+    efficiency: float = 0.92  # metal in the bead over wire melted
+    voltage: float = 22.0  # V, of a program that is written to a file
+    arc_power: float = 4.0e3  # W, for the estimate of heat
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            self._check_numbers(f.name, getattr(self, f.name))
+        for name, (low, high) in _LIMITS.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise SettingsError(f'{name} is {value:g}, must be between {low:g} and {high:g}')
+        for name, allowed in _CHOICES.items():
+            if getattr(self, name) not in allowed:
+                raise SettingsError(
+                    f'{name} is {getattr(self, name)!r}, must be one of {", ".join(allowed)}'
+                )
+        if self.speed_max < self.speed:
+            raise SettingsError(f'speed_max is {self.speed_max:g}, below speed {self.speed:g}')
+        if self.scanner_range[0] >= self.scanner_range[1]:
+            raise SettingsError(f'scanner_range {self.scanner_range} must be (lowest, highest)')
+        for low, high, axis in zip(self.machine_min, self.machine_max, 'xyz', strict=True):
+            if low >= high:
+                raise SettingsError(
+                    f'machine_min {axis} is {low:g}, not below machine_max {high:g}'
+                )
+
+    @staticmethod
+    def _check_numbers(name: str, value: object) -> None:
+        lengths = {'scanner_offset': 3, 'machine_min': 3, 'machine_max': 3, 'scanner_range': 2}
+        if name in _CHOICES:
+            return
+        if name in lengths and (not isinstance(value, tuple) or len(value) != lengths[name]):
+            raise SettingsError(f'{name} is {value!r}, must be {lengths[name]} numbers')
+        for v in value if isinstance(value, tuple) else (value,):
+            if not isinstance(v, (int, float)) or not math.isfinite(v):
+                raise SettingsError(f'{name} is {value!r}, not a finite number')
+
+    @property
+    def pitch(self) -> float:
+        """Distance of neighbouring beads, m."""
+        return self.pitch_ratio * self.bead_width
+
+    @property
+    def wire_area(self) -> float:
+        """Section of the wire, m2."""
+        return math.pi * self.wire_diameter**2 / 4

@@ -1,0 +1,115 @@
+"""A plan as one .npz file: maps and segments, readable by numpy alone."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from waam_plan.plan import Plan, PlanError, PlannedLayer
+from waam_plan.settings import PlanSettings
+from waam_process.grid import GridSpec, HeightGrid
+from waam_process.segment import Kind, Segment
+
+VERSION = 1
+_FLOATS = ('speed', 'dwell', 'height', 'width', 'speed_programmed', 'wire_feed_speed', 'voltage')
+_INTS = ('index', 'layer', 'bead')
+
+
+def save_plan(plan: Plan, path: Path | str) -> None:
+    """Keys: z maps as_found, nominal, planned, target_before, target_after (layers, rows, cols; m, float32), region,
+    interior, footprint, origin, resolution; segments as columns (start, end, kind, arc, layer, ...); `about` (JSON).
+    """
+    segments = [s for layer in plan.layers for s in layer.segments]
+    about = {
+        'version': VERSION,
+        'mode': plan.mode,
+        'name': plan.name,
+        'offset': plan.offset,
+        'safe_z': plan.safe_z,
+        'warnings': plan.warnings,
+        'settings': asdict(plan.settings),
+    }
+    shape = (0, *plan.spec.shape)
+    maps = {
+        name: np.array([getattr(p, name) for p in plan.layers], np.float32).reshape(-1, *shape[1:])
+        for name in ('planned', 'target_before', 'target_after')
+    }
+    np.savez_compressed(
+        path,
+        about=np.array(json.dumps(about)),
+        origin=np.array([plan.spec.origin_x, plan.spec.origin_y]),
+        resolution=np.array(plan.spec.resolution),
+        as_found=plan.as_found.z,
+        nominal=plan.nominal.z,
+        region=plan.region,
+        interior=plan.interior,
+        footprint=np.array([p.footprint for p in plan.layers], bool).reshape(-1, *shape[1:]),
+        direction=np.array([p.direction for p in plan.layers], float).reshape(-1, 3),
+        start=np.array([s.start for s in segments], float).reshape(-1, 3),
+        end=np.array([s.end for s in segments], float).reshape(-1, 3),
+        kind=np.array([s.kind for s in segments], np.uint8),
+        arc=np.array([s.arc for s in segments], bool),
+        **{k: np.array([getattr(s, k) for s in segments], np.int64) for k in _INTS},
+        **{k: np.array([getattr(s, k) for s in segments], float) for k in _FLOATS},
+        **maps,
+    )
+
+
+def load_plan(path: Path | str) -> Plan:
+    """The plan of `save_plan` (maps of layers to float32). Raises PlanError when the file is not one."""
+    try:
+        with np.load(path, allow_pickle=False) as f:
+            data = {key: f[key] for key in f.files}
+        about = json.loads(str(data['about']))
+        version = about['version']
+        plan = _plan(data, about) if version == VERSION else None
+    except (OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile) as error:
+        raise PlanError(f'{path}: not a stored plan ({error})') from error
+    if plan is None:
+        raise PlanError(f'{path}: plan of version {version}, this program reads {VERSION}')
+    return plan
+
+
+def _plan(data: dict[str, np.ndarray], about: dict) -> Plan:
+    rows, cols = data['nominal'].shape
+    spec = GridSpec(*(float(v) for v in data['origin']), float(data['resolution']), rows, cols)
+    settings = {k: tuple(v) if isinstance(v, list) else v for k, v in about['settings'].items()}
+    segments = _segments(data)
+    layers = [
+        PlannedLayer(
+            i + 1,
+            *(data[k][i].astype(float) for k in ('planned', 'target_before', 'target_after')),
+            [s for s in segments if s.layer == i + 1],
+            tuple(data['direction'][i].tolist()),
+            data['footprint'][i],
+        )
+        for i in range(len(data['planned']))
+    ]
+    return Plan(
+        spec,
+        HeightGrid(spec, data['as_found']),
+        HeightGrid(spec, data['nominal']),
+        data['region'],
+        data['interior'],
+        layers,
+        about['safe_z'],
+        PlanSettings(**settings),
+        about['mode'],
+        about['name'],
+        tuple(about['offset']),
+        about['warnings'],
+    )
+
+
+def _segments(data: dict[str, np.ndarray]) -> list[Segment]:
+    columns = {k: data[k].tolist() for k in ('start', 'end', 'kind', 'arc', *_INTS, *_FLOATS)}
+    out = []
+    for values in zip(*columns.values(), strict=True):
+        row = dict(zip(columns, values, strict=True))
+        row.update(start=tuple(row['start']), end=tuple(row['end']), kind=Kind(row['kind']))
+        out.append(Segment(**row))
+    return out

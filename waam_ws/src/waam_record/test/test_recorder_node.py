@@ -1,0 +1,227 @@
+"""The recorder as a process over DDS, driven as the job drives it, judged by a third-party reader."""
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+from array import array
+from pathlib import Path
+
+import pytest
+import rclpy
+import yaml
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rosbags.highlevel import AnyReader
+from rosgraph_msgs.msg import Clock
+
+from waam_msgs.action import RunJob
+from waam_msgs.msg import Heartbeat, HeightMap, LeaseTick, Telemetry
+from waam_msgs.srv import Record
+from waam_node.params import markdown
+from waam_node.qos import BEAT, LATCHED, TELEMETRY
+from waam_record.bag_reader import check, info, recover
+from waam_record.node_session import RecorderParams
+
+START = 'from waam_record.recorder_node import main; main()'
+
+
+class Graph:
+    """A recorder process and a node that publishes and calls it, in a domain of their own."""
+
+    def __init__(self, domain: int, *parameters: str) -> None:
+        arguments = [a for p in parameters for a in ('-p', p)]
+        command = [sys.executable, '-c', START, '--ros-args', *arguments]
+        env = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+        self.process = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True)
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node('tester', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.client = self.node.create_client(Record, 'recorder/control')
+
+    def call(self, code: int, **fields) -> Record.Response:
+        assert self.client.wait_for_service(timeout_sec=15)
+        future = self.client.call_async(Record.Request(code=code, **fields))
+        self.spin_until(future.done, 15)
+        return future.result()
+
+    def spin_until(self, condition, timeout: float) -> None:
+        end = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < end, 'timeout'
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def close(self) -> None:
+        self.node.destroy_node()
+        self.context.try_shutdown()
+        if self.process.poll() is None:
+            self.process.terminate()
+        self.process.communicate(timeout=15)
+
+
+_domain = iter(range(os.getpid() % 40 + 100, 232))
+
+
+@pytest.fixture
+def graph():
+    made = []
+
+    def make(*parameters: str) -> Graph:
+        made.append(Graph(next(_domain), *parameters))
+        return made[-1]
+
+    yield make
+    for g in made:
+        g.close()
+
+
+def fill(node: Node) -> HeightMap:
+    msg = HeightMap(job_id='j', scan_id=3, reasons=['a', 'bc'], coverage=0.5)
+    msg.z = array('f', [1.0, float('nan'), 3.0])
+    msg.count = array('H', [1, 0, 65535])
+    node.create_publisher(HeightMap, 'height_map', LATCHED).publish(msg)
+    return msg
+
+
+def test_a_job_is_recorded_whole(graph, tmp_path):
+    g = graph()
+    height_map = fill(g.node)
+    telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
+    kind = RunJob.Impl.FeedbackMessage
+    feedback = g.node.create_publisher(kind, 'job_sequencer/run_job/_action/feedback', 10)
+    folder = tmp_path / 'jobs/x/record'
+    answer = g.call(Record.Request.START, directory=str(folder), custom_data=['wire=G3Si1'])
+    assert answer.success, answer.message
+    for i in range(300):  # from the first moment after the answer
+        telemetry.publish(Telemetry(sequence=i, arc_current=i * 0.5))
+        if i == 150:
+            assert g.call(Record.Request.SPLIT).success
+    status = kind()
+    status.feedback.status.layer = 7
+    status.feedback.status.message = 'seven'
+    feedback.publish(status)
+    ticks = g.node.create_publisher(LeaseTick, 'lease_tick', BEAT)  # appears after START
+    beats = []
+    g.node.create_subscription(Heartbeat, 'heartbeat', beats.append, BEAT)
+    g.spin_until(lambda: ticks.get_subscription_count() >= 2, 5)
+    ticks.publish(LeaseTick(controller_us=42))
+    g.spin_until(lambda: beats, 5)
+    answer = g.call(Record.Request.STOP)
+    assert answer.success and 'verified' in answer.message and '0 lost' in answer.message
+    assert answer.lost == 0
+
+    with AnyReader([folder]) as reader:  # compares our definitions with the type hashes as well
+        assert reader.message_count == answer.messages
+        got: dict[str, list] = {}
+        for connection, _, raw in reader.messages():
+            got.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+    assert [m.sequence for m in got['/telemetry']] == list(range(300))
+    assert [m.arc_current for m in got['/telemetry']] == [i * 0.5 for i in range(300)]
+    seen = got['/height_map'][0]
+    assert bytes(seen.z.tobytes()) == height_map.z.tobytes()
+    assert list(seen.count) == [1, 0, 65535] and seen.reasons == ['a', 'bc']
+    shown = got['/job_sequencer/run_job/_action/feedback'][0].feedback.status
+    assert (shown.layer, shown.message) == (7, 'seven')
+    assert [m.controller_us for m in got['/lease_tick']] == [42]
+    assert [m.node for m in got['/heartbeat']] == ['recorder']
+    found = info(folder)
+    assert found.custom_data['wire'] == 'G3Si1' and found.custom_data['lost'] == '0'
+    assert [f.name for f in found.files] == ['record_0.mcap', 'record_1.mcap']
+
+
+def test_what_the_middleware_loses_is_counted(graph, tmp_path):
+    g = graph('depth:=20', 'poll_period:=0.1')
+    telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
+    assert g.call(Record.Request.START, directory=str(tmp_path / 'record')).success
+    telemetry.publish(Telemetry())  # counting begins with the first that is heard
+    time.sleep(0.3)
+    for i in range(1, 900):
+        telemetry.publish(Telemetry(sequence=i))
+        time.sleep(0.0005)  # slow enough for the transport, too fast for a history of 20
+    time.sleep(0.3)  # one look of the recorder
+    telemetry.publish(Telemetry(sequence=900))  # shows the gap
+    answer = g.call(Record.Request.STOP)
+    topic = info(tmp_path / 'record').topics['/telemetry']
+    assert answer.success and topic.lost == answer.lost > 0
+    assert topic.messages + topic.lost == 901
+
+
+def test_kill_9_in_the_middle(graph, tmp_path):
+    g = graph()
+    telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
+    assert g.call(Record.Request.START, directory=str(tmp_path / 'record')).success
+    sent, start = 0, time.monotonic()
+    while time.monotonic() - start < 2.6:
+        telemetry.publish(Telemetry(sequence=sent))
+        sent += 1
+        time.sleep(0.002)
+    g.process.send_signal(signal.SIGKILL)
+    rate = sent / (time.monotonic() - start)
+    g.process.wait()
+    assert not check(tmp_path / 'record').sound
+    recover(tmp_path / 'record', tmp_path / 'saved')
+    saved = info(tmp_path / 'saved').topics['/telemetry'].messages
+    assert saved >= sent - 1.4 * rate
+    assert check(tmp_path / 'saved').sound
+
+
+def test_simulated_time_is_the_log_time(graph, tmp_path):
+    g = graph('use_sim_time:=true')
+    clock = g.node.create_publisher(Clock, '/clock', 10)
+    telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
+    assert g.call(Record.Request.START, directory=str(tmp_path / 'record')).success
+    telemetry.publish(Telemetry())  # before the first clock
+    g.spin_until(lambda: clock.get_subscription_count() >= 2, 5)
+    for t in (100, 101):
+        msg = Clock()
+        msg.clock.sec = t
+        clock.publish(msg)
+        time.sleep(0.1)
+        telemetry.publish(Telemetry(sequence=t))
+        time.sleep(0.1)
+    assert g.call(Record.Request.STOP).success
+    with AnyReader([tmp_path / 'record']) as reader:
+        times = {t for c, t, _ in reader.messages() if c.topic == '/telemetry'}
+    assert times == {100 * 10**9, 101 * 10**9}
+
+
+def test_pause_and_refusals(graph, tmp_path):
+    g = graph()
+    telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
+    refused = g.call(Record.Request.STOP)
+    assert not refused.success and 'nothing is being recorded' in refused.message
+    assert 'exists already' in g.call(Record.Request.START, directory=str(tmp_path)).message
+    folder = str(tmp_path / 'record')
+    bad = g.call(Record.Request.START, directory=folder, custom_data=['novalue'])
+    assert 'novalue' in bad.message and not Path(folder).exists()
+    assert g.call(Record.Request.START, directory=folder).success
+    assert 'stop that first' in g.call(Record.Request.START, directory=folder + '2').message
+    assert 'code 77' in g.call(77).message
+    assert g.call(Record.Request.PAUSE).success
+    telemetry.publish(Telemetry(sequence=1))
+    time.sleep(0.2)
+    assert g.call(Record.Request.RESUME).success
+    telemetry.publish(Telemetry(sequence=2))
+    time.sleep(0.2)
+    g.process.terminate()  # closes what is open
+    assert g.process.wait(10) == 0
+    assert check(tmp_path / 'record').sound
+    assert info(tmp_path / 'record').topics['/telemetry'].messages == 1
+
+
+def test_unknown_parameter_is_refused_by_name(graph):
+    g = graph('quueue_mb:=3')
+    _, err = g.process.communicate(timeout=15)
+    assert g.process.returncode == 2 and "unknown parameter 'quueue_mb'" in err
+
+
+def test_yaml_lists_every_parameter():
+    file = Path(__file__).parents[1] / 'config/recorder.yaml'
+    listed = yaml.safe_load(file.read_text())['recorder']['ros__parameters']
+    assert markdown(RecorderParams) in file.parents[1].joinpath('README.md').read_text()
+    assert listed == {f.name: f.default for f in dataclasses.fields(RecorderParams)}

@@ -1,0 +1,270 @@
+"""Reads recordings: what is in them, whether every byte is whole, and what can be saved of a broken
+one."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import yaml
+import zstandard
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+
+from .bag_writer import BagError, BagWriter, Topic
+
+_BROKEN = (
+    McapError,
+    struct.error,
+    zstandard.ZstdError,
+    EOFError,
+    UnicodeDecodeError,
+    ValueError,
+    KeyError,
+    MemoryError,
+)
+_MESSAGE = 0x05
+
+
+@dataclass
+class TopicSummary:
+    """type, messages written, lost before they arrived (`lost`), dropped by the recorder
+    (`dropped`)."""
+
+    type: str
+    messages: int = 0
+    lost: int = 0
+    dropped: int = 0
+
+
+@dataclass
+class Info:
+    """A recording in numbers; times in ns of log time."""
+
+    files: list[Path]
+    topics: dict[str, TopicSummary] = field(default_factory=dict)
+    first_ns: int = 0
+    last_ns: int = 0
+    bytes: int = 0
+    custom_data: dict[str, str] = field(default_factory=dict)
+    broken: list[str] = field(default_factory=list)
+
+    @property
+    def messages(self) -> int:
+        return sum(t.messages for t in self.topics.values())
+
+    @property
+    def duration_s(self) -> float:
+        return (self.last_ns - self.first_ns) * 1e-9
+
+
+@dataclass
+class Check:
+    """Result of `check`: messages found in chunks whose checksums are right, and what is wrong
+    (empty = sound)."""
+
+    messages: int = 0
+    problems: list[str] = field(default_factory=list)
+
+    @property
+    def sound(self) -> bool:
+        return not self.problems
+
+
+def bag_files(path: Path) -> list[Path]:
+    """The .mcap files of a recording directory, in order, or the file itself. Raises BagError."""
+    path = Path(path)
+    if path.is_file():
+        return [path]
+    files = sorted(path.glob('*.mcap'), key=lambda f: (len(f.name), f.name))
+    if not files:
+        raise BagError(f'{path}: no .mcap file there')
+    return files
+
+
+def stream(path: Path) -> Iterator[object]:
+    """Records of one file in order, chunks opened, up to its end or its first damage (then
+    BagError)."""
+    with open(path, 'rb') as f:
+        try:
+            yield from StreamReader(f, validate_crcs=True).records
+        except _BROKEN as e:
+            raise BagError(
+                f'{path}: damaged at byte {f.tell()} ({type(e).__name__}: {e})'
+            ) from None
+
+
+def info(path: Path) -> Info:
+    """Counts and times. Uses the index of sound files and reads broken ones through to their
+    damage."""
+    result = Info(bag_files(path))
+    for file in result.files:
+        result.bytes += file.stat().st_size
+        if not _indexed_info(file, result):
+            _streamed_info(file, result)
+    metadata = (path if path.is_dir() else path.parent) / 'metadata.yaml'
+    if metadata.is_file():
+        root = yaml.safe_load(metadata.read_text(encoding='utf-8')) or {}
+        result.custom_data = root.get('rosbag2_bagfile_information', {}).get('custom_data') or {}
+    for key, value in result.custom_data.items():
+        kind, _, name = key.partition('.')
+        if kind in ('lost', 'dropped') and name in result.topics:
+            setattr(result.topics[name], kind, int(value))
+    return result
+
+
+def _indexed_info(file: Path, result: Info) -> bool:
+    try:
+        with open(file, 'rb') as f:
+            summary = make_reader(f).get_summary()
+    except _BROKEN:
+        return False
+    if summary is None or summary.statistics is None:
+        return False
+    for channel in summary.channels.values():
+        count = summary.statistics.channel_message_counts.get(channel.id, 0)
+        _count(result, channel.topic, summary.schemas[channel.schema_id].name, count)
+    if summary.statistics.message_count:
+        _times(result, summary.statistics.message_start_time)
+        _times(result, summary.statistics.message_end_time)
+    return True
+
+
+def _streamed_info(file: Path, result: Info) -> None:
+    schemas: dict[int, str] = {}
+    channels: dict[int, Channel] = {}
+    try:
+        for record in stream(file):
+            if isinstance(record, Schema):
+                schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Message):
+                channel = channels[record.channel_id]
+                _count(result, channel.topic, schemas[channel.schema_id], 1)
+                _times(result, record.log_time)
+        result.broken.append(f'{file.name}: no index')
+    except BagError as e:
+        result.broken.append(str(e))
+
+
+def _count(result: Info, topic: str, type_name: str, count: int) -> None:
+    result.topics.setdefault(topic, TopicSummary(type_name)).messages += count
+
+
+def _times(result: Info, t: int) -> None:
+    result.first_ns = t if not result.first_ns else min(result.first_ns, t)
+    result.last_ns = max(result.last_ns, t)
+
+
+def check(path: Path) -> Check:
+    """Opens every file again, verifies the checksum of every chunk and compares counted messages
+    with the index."""
+    result = Check()
+    for file in bag_files(path):
+        try:
+            found = _count_chunks(file)
+            with open(file, 'rb') as f:
+                summary = make_reader(f).get_summary()
+            stated = summary.statistics.message_count if summary and summary.statistics else None
+            if stated != found:
+                result.problems.append(
+                    f'{file.name}: {found} messages found, its index says {stated}'
+                )
+        except BagError as e:
+            result.problems.append(str(e))
+            continue
+        except _BROKEN as e:
+            result.problems.append(f'{file.name}: no usable index ({type(e).__name__})')
+            continue
+        result.messages += found
+    return result
+
+
+def _count_chunks(file: Path) -> int:
+    """Messages of one file, from the bytes of its chunks. Raises BagError."""
+    found, complete = 0, False
+    with open(file, 'rb') as f:
+        try:
+            for record in StreamReader(f, emit_chunks=True, validate_crcs=True).records:
+                if isinstance(record, Chunk):
+                    found += _messages_in(record)
+                complete = complete or isinstance(record, Footer)
+        except _BROKEN as e:
+            raise BagError(
+                f'{file}: damaged at byte {f.tell()} ({type(e).__name__}: {e})'
+            ) from None
+    if not complete:
+        raise BagError(f'{file}: ends without a footer')
+    return found
+
+
+def _messages_in(chunk: Chunk) -> int:
+    data = chunk.data
+    if chunk.compression == 'zstd':
+        data = zstandard.decompress(data, max_output_size=chunk.uncompressed_size)
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError('checksum of a chunk is wrong')
+    count = position = 0
+    while position < len(data):
+        count += data[position] == _MESSAGE
+        position += 9 + int.from_bytes(data[position + 1 : position + 9], 'little')
+    return count
+
+
+@dataclass
+class Recovered:
+    """What `recover` saved: messages, and the damage that ended each file early."""
+
+    messages: int
+    output: Path
+    damage: list[str]
+
+
+def recover(path: Path, output: Path) -> Recovered:
+    """Writes the intact part of a recording (directory or file) as a new, indexed recording. The
+    source stays as it is."""
+    files = bag_files(path)
+    writer = BagWriter(output, name=Path(output).resolve().name)
+    damage: list[str] = []
+    seen: dict[tuple[str, str], int] = {}
+    for number, file in enumerate(files):
+        if number:
+            writer.split()
+        try:
+            _copy(file, writer, seen)
+        except BagError as e:
+            damage.append(str(e))
+    writer.custom_data['recovered_from'] = Path(path).name
+    writer.close()
+    return Recovered(writer.messages, Path(output), damage)
+
+
+def _copy(file: Path, writer: BagWriter, seen: dict[tuple[str, str], int]) -> None:
+    schemas: dict[int, Schema] = {}
+    local: dict[int, int] = {}
+    for record in stream(file):
+        if isinstance(record, Message):
+            topic = local[record.channel_id]
+            writer.write(topic, record.log_time, record.publish_time, record.sequence, record.data)
+        elif isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            key = record.topic, schemas[record.schema_id].name
+            if key not in seen:
+                seen[key] = writer.add_topic(_topic(record, schemas[record.schema_id]))
+            local[record.id] = seen[key]
+        elif isinstance(record, Metadata) and record.name == 'rosbag2':
+            stated = yaml.safe_load(record.metadata['serialized_metadata']) or {}
+            writer.custom_data.update(stated.get('custom_data') or {})
+
+
+def _topic(channel: Channel, schema: Schema) -> Topic:
+    profiles = yaml.safe_load(channel.metadata.get('offered_qos_profiles') or '[]')
+    type_hash = channel.metadata.get('topic_type_hash', '')
+    return Topic(channel.topic, schema.name, schema.data.decode(), type_hash, tuple(profiles))

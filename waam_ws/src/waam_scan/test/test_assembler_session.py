@@ -1,0 +1,175 @@
+import numpy as np
+
+from waam_process.grid import GridSpec
+from waam_scan.assembler import Assembler, ProfileBlock
+from waam_scan.fusion import Fusion
+from waam_scan.plausibility import PlausibilityLimits
+from waam_scan.poses import PoseTrack
+from waam_scan.session import EndWatch, PreviousMap, Session
+from waam_scan.transform import Mounting
+
+MS = 1_000_000
+SPEC = GridSpec(0.0, 0.0, 1e-3, 10, 40)
+LATERAL = np.linspace(-5e-3, 5e-3, 50)
+
+
+def assembler(**options) -> Assembler:
+    mounting = Mounting(np.array([0.0, 0.0, 0.12]), delay=options.pop('delay', 0.0))
+    return Assembler(Fusion(SPEC, mounting), PoseTrack(10_000), **options)
+
+
+def poses(track: PoseTrack, start_ms: int, end_ms: int, step: int = 10) -> None:
+    for t in range(start_ms, end_ms, step):
+        track.append(t * MS, t * 1e-5, 5e-3, 10e-3)
+
+
+def block(start_ms: int, n: int = 10, height: float = 1e-3) -> ProfileBlock:
+    stamps = (start_ms + 10 * np.arange(n)) * MS
+    x = np.broadcast_to(LATERAL, (n, 50)).astype(np.float32)
+    return ProfileBlock(stamps, x, np.full((n, 50), height - 0.13, np.float32))
+
+
+def test_profiles_wait_for_telemetry_and_are_fused_when_it_comes():
+    a = assembler()
+    a.add(block(5))
+    assert (a.waiting, a.counts.used) == (10, 0)
+    poses(a.track, 0, 60)
+    a.resolve()
+    assert (a.waiting, a.counts.used) == (5, 5)
+    poses(a.track, 60, 200)
+    a.resolve()
+    assert (a.waiting, a.counts.used) == (0, 10)
+
+
+def test_what_waits_is_bounded_and_counted():
+    a = assembler(max_waiting=25)
+    for k in range(6):
+        a.add(block(100 * k))
+    assert a.waiting <= 25
+    assert a.counts.overflow == 60 - a.waiting
+
+
+def test_gaps_early_and_late_profiles_are_rejected_not_guessed():
+    a = assembler()
+    poses(a.track, 100, 200)
+    poses(a.track, 300, 400)
+    for start in (55, 155, 255, 355, 455):
+        a.add(block(start))
+    a.close()
+    c = a.counts
+    assert c.too_old == 5  # 55 .. 95
+    assert c.gap == 11  # 195 .. 295 lies between 190 and 300
+    assert c.no_pose == 16  # 395 .. 545
+    assert c.overflow == 0
+    assert c.used + c.rejected == 50
+    text = ' '.join(c.reasons())
+    assert 'gap' in text and 'oldest' in text and 'without telemetry' in text
+
+
+def test_repeated_batches_and_stamps_count_once():
+    a = assembler()
+    poses(a.track, 0, 500)
+    a.add(block(0))
+    a.add(block(0))
+    backwards = block(100)
+    a.add(ProfileBlock(backwards.stamps[::-1].copy(), backwards.x, backwards.z))
+    assert a.counts.used == 11
+    assert a.counts.repeated == 19
+
+
+def test_profiles_from_before_the_scan_are_stale():
+    a = assembler(not_before_ns=50 * MS)
+    poses(a.track, 0, 500)
+    a.add(block(0))
+    assert (a.counts.stale, a.counts.used) == (5, 5)
+
+
+def test_the_delay_moves_profiles_along_the_motion():
+    plain, late = assembler(), assembler(delay=0.1)
+    for a in (plain, late):
+        poses(a.track, 0, 2000)
+        a.add(block(500, n=1))
+    column = [int(np.argmax(a.fusion.result().count.sum(axis=0))) for a in (plain, late)]
+    assert column[1] - column[0] == 1  # 0.1 s at 10 mm/s = 1 mm
+
+
+def test_reasons_for_an_empty_map():
+    a = assembler()
+    assert a.why_empty() == 'no profiles arrived'
+    a.add(block(0, height=np.nan))
+    assert 'drop-outs' in a.why_empty()
+    a = assembler()
+    a.add(block(0))
+    a.close()
+    assert 'no profile has a trustworthy pose' in a.why_empty()
+    a = assembler()
+    poses(a.track, 0, 500)
+    a.add(block(0, height=5.0))
+    assert 'outside the grid or the height limits' in a.why_empty()
+
+
+def session(a: Assembler, job='a', layer=1) -> Session:
+    return Session(job, layer, 0, a)
+
+
+def test_a_session_is_complete_when_profiles_and_poses_reach_the_end():
+    s = session(assembler())
+    s.add(0, block(0))
+    s.until_ns = 100 * MS
+    assert not s.complete, 'no poses yet'
+    poses(s.assembler.track, 0, 200)
+    s.assembler.resolve()
+    assert s.complete, 'the last profile is one period before the end'
+    s.until_ns = 150 * MS
+    assert not s.complete
+
+
+def test_lost_batches_make_a_map_implausible():
+    s = session(assembler())
+    poses(s.assembler.track, 0, 2000)
+    for k in (0, 1, 5, 6):
+        s.add(k, block(100 * k))
+    assert s.lost == 3
+    s.add(0, block(700))
+    assert s.lost == 3, 'a scanner that restarted lost nothing'
+    fused = s.close()
+
+    doubts = s.doubts(fused, None, PlausibilityLimits(min_coverage=0.0))
+    assert any('3 of 8 batches' in d for d in doubts)
+
+
+def test_only_the_same_job_and_grid_is_compared():
+
+    limits = PlausibilityLimits(min_coverage=0.0)
+    s = session(assembler())
+    poses(s.assembler.track, 0, 5000)
+    for k in range(40):
+        s.add(k, block(100 * k))
+    fused = s.close()
+    below = np.full(SPEC.shape, -0.02)
+    assert s.doubts(fused, PreviousMap('a', 0, SPEC, below), limits)
+    assert not s.doubts(fused, PreviousMap('b', 0, SPEC, below), limits)
+    assert not s.doubts(fused, PreviousMap('a', 0, SPEC, np.zeros(SPEC.shape)), limits)
+    other = GridSpec(0.0, 0.0, 2e-3, 5, 20)
+    assert not s.doubts(fused, PreviousMap('a', 0, other, np.zeros(other.shape)), limits)
+
+
+def test_waiting_ends_when_nothing_new_comes_or_never_ends():
+    watch = EndWatch(until_ns=1000, quiet=1.0, end=30.0, news=0.0, newest_pose_ns=500)
+    assert not watch.is_quiet(0.9, 500, last_batch=-5.0)
+    assert not watch.is_quiet(1.5, 600, last_batch=-5.0), 'telemetry still comes nearer to the end'
+    assert not watch.is_quiet(2.4, 1200, last_batch=-5.0)
+    assert watch.is_quiet(2.6, 1300, last_batch=-5.0), 'telemetry past the end is no news'
+    assert not watch.is_quiet(2.6, 1300, last_batch=2.0), 'profiles are'
+    assert not watch.gives_up(30.0) and watch.gives_up(30.1)
+
+
+def test_profiles_of_a_lifted_scanner_are_rejected_but_no_reason_to_doubt_the_map():
+    s = session(assembler())
+    poses(s.assembler.track, 0, 5000)
+    for k in range(40):
+        s.add(k, block(100 * k, height=np.nan if k < 20 else 1e-3))
+    fused = s.close()
+    assert s.assembler.counts.rejected == 200 and s.assembler.counts.untrusted == 0
+    assert fused.dropouts == 200 * 50
+    assert s.doubts(fused, None, PlausibilityLimits(min_coverage=0.0)) == []

@@ -1,0 +1,86 @@
+"""Profile batches, telemetry and height maps: message <-> array."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Header
+
+from waam_msgs.msg import GridInfo, HeightMap, ProfileBatch, Telemetry
+from waam_msgs.srv import BeginScan, FinishScan
+from waam_node.conversions import floats, grid_from_msg, grid_to_msg, nanoseconds
+from waam_process.grid import GridError, GridSpec
+
+from .assembler import ProfileBlock
+from .fusion import FusedMap
+from .session import Session
+
+Response = BeginScan.Response | FinishScan.Response
+
+
+def block_from_msg(msg: ProfileBatch) -> ProfileBlock:
+    """ValueError names the array whose length does not fit the counts."""
+    n, m = msg.profile_count, msg.points_per_profile
+    lengths = {'stamp_offsets_ns': n, 'x': n * m, 'z': n * m}
+    for name, want in lengths.items():
+        if len(getattr(msg, name)) != want:
+            raise ValueError(
+                f'batch {msg.sequence}: {name} has {len(getattr(msg, name))} values, '
+                f'{n} profiles of {m} points need {want}'
+            )
+    if n == 0 or m == 0:
+        raise ValueError(f'batch {msg.sequence}: {n} profiles of {m} points is an empty batch')
+    if len(msg.intensity) not in (0, n * m):
+        raise ValueError(
+            f'batch {msg.sequence}: intensity has {len(msg.intensity)} values, not 0 or {n * m}'
+        )
+    stamps = nanoseconds(msg.header.stamp) + np.frombuffer(msg.stamp_offsets_ns, np.int64)
+    x = np.frombuffer(msg.x, np.float32).reshape(n, m)
+    z = np.frombuffer(msg.z, np.float32).reshape(n, m)
+    return ProfileBlock(stamps, x, z)
+
+
+def pose_from_raw(data: bytes) -> tuple[int, float, float, float]:
+    """Stamp (ns) and wire tip (m, work) of a serialised Telemetry."""
+    msg = deserialize_message(data, Telemetry)
+    p = msg.position
+    return nanoseconds(msg.header.stamp), p.x, p.y, p.z
+
+
+def checked_grid(msg: GridInfo, max_cells: int) -> GridSpec:
+    """GridError also for a rotated grid and for more cells than the node may hold."""
+    q = msg.origin.orientation
+    if abs(q.x) + abs(q.y) + abs(q.z) > 1e-9:
+        raise GridError('a rotated grid is not supported: origin.orientation must be the identity')
+    spec = grid_from_msg(msg)
+    if spec.rows * spec.cols > max_cells:
+        raise GridError(
+            f'{spec.rows} x {spec.cols} cells are more than the limit of {max_cells} (parameter max_cells)'
+        )
+    return spec
+
+
+def map_to_msg(session: Session, fused: FusedMap, doubts: list[str]) -> HeightMap:
+    stamp_ns = session.assembler.newest_used_ns or 0
+    header = Header(frame_id='work')
+    header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+    counts = session.assembler.counts
+    msg = HeightMap(
+        header=header, job_id=session.job_id, scan_id=session.scan_id, layer=session.layer
+    )
+    msg.grid = grid_to_msg(fused.spec)
+    msg.z, msg.sigma = floats(fused.z), floats(fused.sigma)
+    msg.count = array('H', fused.count.tobytes())
+    msg.coverage, msg.residual = fused.coverage, fused.residual
+    msg.plausible, msg.reasons = not doubts, doubts + session.notes()
+    msg.profiles_used, msg.profiles_rejected = counts.used, counts.rejected
+    msg.points_used, msg.points_rejected = fused.points_used, fused.points_rejected
+    return msg
+
+
+def answer(response: Response, code: int, message: str) -> Response:
+    """The response of begin or finish with its code and text."""
+    response.error_code, response.message = code, message
+    return response

@@ -1,0 +1,212 @@
+"""Readers of recorded profiles and arc logs, and the map files. All returned is SI; errors name file and line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from waam_process.grid import GridError, GridSpec, HeightGrid
+
+LASER_HEADER = ['TimeReceived', 'X', 'Z', 'Intensity']
+ARC_COLUMNS = ('x', 'y', 'z', 'speed', 'ArcOn', 'WFS', 'I', 'U')
+INPROCESS_HEADER = ['Layer', 'ScanID', 'Timestamp', 'SensorTimestamp', 'PointNr', 'X', 'Z']
+HOUR = 3600.0
+
+
+class FileError(ValueError):
+    """A file that is missing, unreadable or not what it should be; the text names file, line and field."""
+
+
+@dataclass(frozen=True)
+class LaserScan:
+    """Raw profiles of a line laser. stamps: (n,) int64 ns since 1970; x: (n, m) m lateral; range: (n, m) m, distance
+    from the sensor; intensity: (n, m) as recorded. NaN where a profile has fewer points than the longest."""
+
+    stamps: np.ndarray
+    x: np.ndarray
+    range: np.ndarray
+    intensity: np.ndarray
+
+
+@dataclass(frozen=True)
+class ArcLog:
+    """What the robot logged. t: (n,) s since the beginning of the hour of the first line, truncated to `quantum`;
+    position: (n, 3) m; speed: m/s; arc: bool; wire_feed: m/s; current: A; voltage: V."""
+
+    t: np.ndarray
+    position: np.ndarray
+    speed: np.ndarray
+    arc: np.ndarray
+    wire_feed: np.ndarray
+    current: np.ndarray
+    voltage: np.ndarray
+    quantum: float = 0.1
+
+
+@dataclass(frozen=True)
+class InprocessScan:
+    """Profiles measured beside the arc. layer: (n,) int; t: (n,) s; x, z: (n, m) m, NaN = no point."""
+
+    layer: np.ndarray
+    t: np.ndarray
+    x: np.ndarray
+    z: np.ndarray
+
+
+def read_text(path: Path) -> str:
+    try:
+        return Path(path).read_bytes().decode('utf-8-sig')
+    except FileNotFoundError:
+        raise FileError(f'{path}: no such file') from None
+    except IsADirectoryError:
+        raise FileError(f'{path}: is a folder, not a file') from None
+    except (OSError, UnicodeDecodeError) as e:
+        raise FileError(f'{path}: cannot be read: {e}') from None
+
+
+def records(path: Path, header: list[str]) -> Iterator[tuple[int, list[str]]]:
+    """(line number, fields) of a comma-separated file with any line ends, bare CR too; blank lines are skipped."""
+    lines = re.split(r'\r\n|\r|\n', read_text(path))
+    names = [f.strip() for f in lines[0].split(',')]
+    if names[: len(header)] != header:
+        raise FileError(f'{path}, line 1: header is {lines[0][:60]!r}, expected {",".join(header)}')
+    for number, line in enumerate(lines[1:], 2):
+        if line.strip():
+            fields = line.split(',')
+            if len(fields) != len(names):
+                raise FileError(
+                    f'{path}, line {number}: {len(fields)} fields, the header has {len(names)}'
+                )
+            yield number, fields
+
+
+def numbers(path: Path, line: int, name: str, text: str) -> np.ndarray:
+    """Space-separated numbers of one field."""
+    try:
+        values = np.array(text.split(), float)
+    except ValueError as e:
+        raise FileError(f'{path}, line {line}, field {name}: {e}') from None
+    if np.isinf(values).any():
+        raise FileError(f'{path}, line {line}, field {name}: infinite value')
+    return values
+
+
+def stack(rows: list[np.ndarray]) -> np.ndarray:
+    """(n, longest), NaN behind the end of shorter rows."""
+    out = np.full((len(rows), max(len(r) for r in rows)), np.nan)
+    for i, row in enumerate(rows):
+        out[i, : len(row)] = row
+    return out
+
+
+def read_laser_csv(path: Path) -> LaserScan:
+    """`LaserCoordinateN.csv`: TimeReceived,X,Z,Intensity with the points of a profile space-separated in mm."""
+    stamps, columns = [], ([], [], [])
+    for line, fields in records(path, LASER_HEADER):
+        stamps.append(_date_ns(path, line, fields[0]))
+        rows = [numbers(path, line, LASER_HEADER[k], fields[k]) for k in (1, 2, 3)]
+        sizes = [len(r) for r in rows]
+        if len(set(sizes)) != 1 or sizes[0] == 0:
+            raise FileError(
+                f'{path}, line {line}: X, Z and Intensity have {sizes} values, need equal numbers'
+            )
+        for column, row in zip(columns, rows, strict=True):
+            column.append(row)
+    if not stamps:
+        raise FileError(f'{path}: no profile in it')
+    x, z, intensity = (stack(c) for c in columns)
+    return LaserScan(np.array(stamps, np.int64), x * 1e-3, z * 1e-3, intensity)
+
+
+def _date_ns(path: Path, line: int, text: str) -> int:
+    try:
+        stamp = datetime.fromisoformat(text.strip()).replace(tzinfo=UTC)
+    except ValueError:
+        raise FileError(
+            f'{path}, line {line}, field TimeReceived: {text[:40]!r} is not a date and time'
+        ) from None
+    return round(stamp.timestamp() * 1000) * 1_000_000
+
+
+def read_arc_log(path: Path) -> ArcLog:
+    """`arc_log.csv`: `time` as minute:second.tenth, position in mm, speed and WFS in m/min, I in A, U in V."""
+    header = [f.strip() for f in re.split(r'[\r\n]', read_text(path), maxsplit=1)[0].split(',')]
+    missing = [c for c in ('time', *ARC_COLUMNS) if c not in header]
+    if missing:
+        raise FileError(f'{path}, line 1: no column {", ".join(missing)}')
+    at = {name: header.index(name) for name in ('time', *ARC_COLUMNS)}
+    rows = []
+    for line, fields in records(path, header):
+        t = _minute_second(path, line, fields[at['time']])
+        rest = [numbers(path, line, name, fields[at[name]]) for name in ARC_COLUMNS]
+        if any(len(r) != 1 or np.isnan(r[0]) for r in rest):
+            raise FileError(f'{path}, line {line}: a field is empty or not a number')
+        rows.append([t, *(r[0] for r in rest)])
+    if not rows:
+        raise FileError(f'{path}: no line with data')
+    a = np.array(rows)
+    t = a[:, 0] + HOUR * np.cumsum(np.diff(a[:, 0], prepend=a[0, 0]) < -HOUR / 2)
+    return ArcLog(t, a[:, 1:4] * 1e-3, a[:, 4] / 60, a[:, 5] != 0, a[:, 6] / 60, a[:, 7], a[:, 8])
+
+
+def _minute_second(path: Path, line: int, text: str) -> float:
+    match = re.fullmatch(r'\s*(\d{1,2}):(\d{1,2}(?:\.\d+)?)\s*', text)
+    if not match or int(match[1]) > 59 or float(match[2]) >= 60:
+        raise FileError(
+            f'{path}, line {line}, field time: {text[:40]!r} is not minute:second.tenth'
+        )
+    return 60.0 * int(match[1]) + float(match[2])
+
+
+def read_inprocess_csv(path: Path) -> InprocessScan:
+    """One point per line (Layer, ScanID, Timestamp in s, ..., X, Z in mm), grouped by layer and scan number."""
+    groups: dict[tuple[int, int], list[np.ndarray]] = {}
+    for line, f in records(path, INPROCESS_HEADER):
+        v = numbers(
+            path, line, 'Layer, ScanID, Timestamp, X, Z', ' '.join((f[0], f[1], f[2], f[5], f[6]))
+        )
+        if len(v) != 5 or np.isnan(v).any():
+            raise FileError(
+                f'{path}, line {line}: Layer, ScanID, Timestamp, X and Z must be numbers'
+            )
+        groups.setdefault((int(v[0]), int(v[1])), []).append(v[2:])
+    if not groups:
+        raise FileError(f'{path}: no point in it')
+    blocks = [np.array(g) for g in groups.values()]
+    return InprocessScan(
+        layer=np.array([k[0] for k in groups]),
+        t=np.array([b[0, 0] for b in blocks]),
+        x=stack([b[:, 1] for b in blocks]) * 1e-3,
+        z=stack([b[:, 2] for b in blocks]) * 1e-3,
+    )
+
+
+def save_map(path: Path, spec: GridSpec, z, sigma, count, **more) -> None:
+    """NPZ as docs/job_folder.md has it: z, sigma (float32, m), count, origin (2,), resolution, and `more`."""
+    with open(path, 'wb') as f:
+        np.savez_compressed(
+            f,
+            z=np.asarray(z, np.float32),
+            sigma=np.asarray(sigma, np.float32),
+            count=count,
+            origin=np.array([spec.origin_x, spec.origin_y]),
+            resolution=np.array(spec.resolution),
+            **more,
+        )
+
+
+def load_map(path: Path) -> HeightGrid:
+    """A map written by `save_map` or by a job; FileError when it is none."""
+    try:
+        return HeightGrid.load_npz(path)
+    except FileNotFoundError:
+        raise FileError(f'{path}: no such file') from None
+    except KeyError as e:
+        raise FileError(f'{path}: not a height map: {e.args[0]}') from None
+    except (GridError, ValueError, OSError, EOFError, TypeError, IndexError) as e:
+        raise FileError(f'{path}: not a height map: {e}') from None

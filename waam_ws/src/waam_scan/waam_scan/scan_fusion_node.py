@@ -1,0 +1,213 @@
+"""The node scan_fusion: profiles and telemetry in, height maps out. The ideas are in session.py and fusion.py."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from sensor_msgs.msg import Image
+
+import waam_node.node
+from waam_msgs.msg import Anomaly, HeightMap, ProfileBatch, Telemetry
+from waam_msgs.srv import BeginScan, FinishScan
+from waam_node.conversions import image_to_msg, nanoseconds
+from waam_node.deferred import Deferred, create_deferred_service
+from waam_node.node import WaamNode
+from waam_node.qos import LATCHED, PROFILES, TELEMETRY
+from waam_process.grid import GridError
+
+from . import fusion
+from .assembler import Assembler
+from .conversions import answer, block_from_msg, checked_grid, map_to_msg, pose_from_raw
+from .fusion_monitor import FusionMonitor
+from .fusion_params import FusionParams
+from .node_scanner import ScannerSwitch
+from .node_waiting import Event, after, first, start
+from .poses import PoseTrack
+from .session import EndWatch, PreviousMap, Session
+
+BEGIN, FINISH = BeginScan.Response, FinishScan.Response
+RAW_KEPT = 500  # telemetry frames that are kept unread while no scan runs
+CLOCK_GRAIN_NS = 100_000_000  # /clock comes at 20 Hz of simulated time
+
+
+class ScanFusion(WaamNode):
+    def __init__(self) -> None:
+        super().__init__('scan_fusion', FusionParams)
+        p = self.params
+        self._mounting = p.mounting
+        self._track = PoseTrack(max(2, int(p.telemetry_seconds * p.telemetry_rate)))
+        self._raw: deque[bytes] = deque(maxlen=RAW_KEPT)
+        self._session: Session | None = None  # the scan that runs
+        self._kept: Session | None = None  # the last one that gave a map
+        self._before: PreviousMap | None = None  # the last map that was plausible
+        self._beginning = False
+        self._complete = Event()
+        self._last_scan: tuple[str, int] = ('', -1)
+        self._last_batch = time.monotonic()
+        fusion.warm_up()
+        self._monitor = FusionMonitor(self, self._track)
+        self._scanner = ScannerSwitch(self, p.scanner_wait, p.answer_wait)
+        self._maps = self.create_publisher(HeightMap, 'height_map', LATCHED)
+        self._images = self.create_publisher(Image, 'height_image', LATCHED)
+        self.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY, raw=True)
+        self.create_subscription(ProfileBatch, 'profiles', self._on_profiles, PROFILES)
+        for kind, name, work in (
+            (BeginScan, '~/begin', self._begin),
+            (FinishScan, '~/finish', self._finish),
+        ):
+            create_deferred_service(self, kind, name, partial(self._serve, work))
+        self.create_timer(1.0, lambda: self._monitor.report(self._session), clock=self.steady)
+
+    def _on_telemetry(self, data: bytes) -> None:
+        """Up to 1500 times a second of wall time: nothing is read before a profile needs it."""
+        self._monitor.count['telemetry'] += 1
+        self._raw.append(data)
+        session = self._session
+        if session and session.closing:
+            self._read_telemetry()
+            session.assembler.resolve()
+            if session.complete:
+                self._complete.set()
+        elif session and len(self._raw) >= RAW_KEPT // 2:
+            self._read_telemetry()
+
+    def _read_telemetry(self) -> None:
+        while self._raw:
+            self._track.append(*pose_from_raw(self._raw.popleft()))
+
+    def _on_profiles(self, msg: ProfileBatch) -> None:
+        self._monitor.count['batches'] += 1
+        session = self._session
+        if session is None:
+            self._monitor.count['idle_batches'] += 1
+            return
+        self._last_batch = time.monotonic()
+        try:
+            block = block_from_msg(msg)
+        except ValueError as error:
+            session.refused += 1
+            self._monitor.count['refused_batches'] += 1
+            self._monitor.anomaly(f'profiles refused: {error}', Anomaly.WARNING, session)
+            return
+        self._read_telemetry()
+        session.add(msg.sequence, block)
+        if session.complete:
+            self._complete.set()
+
+    def _serve(self, work: Callable, request: Any, response: Any) -> Deferred:
+        """Runs a coroutine service; its answer is sent when it returns."""
+        later = Deferred()
+        start(
+            work(request, response), later.answer, lambda e: later.answer(self._failed(e, response))
+        )
+        return later
+
+    async def _begin(self, request: BeginScan.Request, response: BEGIN) -> BEGIN:
+        if busy := self._busy():
+            return answer(response, BEGIN.BUSY, busy)
+        try:
+            session = self._new_session(request)
+        except GridError as error:
+            return answer(response, BEGIN.BAD_GRID, str(error))
+        if self._session is not None:
+            self.get_logger().warning(f'scan {self._session.scan_id} was never finished')
+        self._session, self._beginning = session, True
+        trouble = await self._scanner.set(True)
+        self._beginning = False
+        if trouble:
+            self._session = None
+            return answer(response, BEGIN.NO_SCANNER, trouble)
+        self._last_scan = (request.job_id, session.scan_id)
+        response.scan_id = session.scan_id
+        return answer(response, BEGIN.OK, f'scan {session.scan_id}, layer {session.layer}')
+
+    def _busy(self) -> str:
+        """Why no scan may begin now. One that was begun and left behind (its job ended) is given up."""
+        running = self._session
+        if self._beginning or (running and running.closing):
+            return 'another begin or finish is in progress'
+        return ''
+
+    def _new_session(self, request: BeginScan.Request) -> Session:
+        p = self.params
+        spec = checked_grid(request.grid, p.max_cells)
+        surface = fusion.Fusion(spec, self._mounting, p.fusion)
+        if request.keep and self._kept:
+            if (self._kept.job_id, self._kept.spec) != (request.job_id, spec):
+                raise GridError('keep: the map that is there is of another job or grid')
+            surface = self._kept.assembler.fusion
+        earliest = self.get_clock().now().nanoseconds - CLOCK_GRAIN_NS
+        gap = round(p.max_gap * 1e9)
+        assembler = Assembler(surface, self._track, gap, p.max_waiting, earliest)
+        job, last = self._last_scan
+        scan_id = last + 1 if job == request.job_id else 0
+        return Session(request.job_id, request.layer, scan_id, assembler, time.monotonic())
+
+    async def _finish(self, request: FinishScan.Request, response: FINISH) -> FINISH:
+        session = self._session
+        running = session is not None and not session.closing and not self._beginning
+        if not running or session.scan_id != request.scan_id:
+            return answer(response, FINISH.NO_SCAN, f'scan {request.scan_id} is not running')
+        session.until_ns, self._complete = nanoseconds(request.until), Event()
+        try:
+            if trouble := await self._scanner.set(False):
+                session.remarks.append(f'scanner not switched off: {trouble}')
+            if not await self._everything(session):
+                text = f'the end of the scan was not reached in {self.params.finish_timeout:.0f} s'
+                self._monitor.no_map(text, session)
+                return answer(response, FINISH.TIMEOUT, text)
+            return self._fuse(session, response)
+        finally:
+            self._session = None
+
+    async def _everything(self, session: Session) -> bool:
+        """True when all is here or nothing more comes; False when it would never end."""
+        p, now = self.params, time.monotonic()
+        end, until = now + p.finish_timeout, session.until_ns
+        watch = EndWatch(until, p.quiet_time, end, now, self._track.newest_ns)
+        while not session.complete:
+            now = time.monotonic()
+            if watch.gives_up(now):
+                return False
+            if watch.is_quiet(now, self._track.newest_ns, self._last_batch):
+                session.remarks.append(f'nothing new for {p.quiet_time:.1f} s before its end')
+                return True
+            self._complete = (
+                Event()
+            )  # a set one would never wait: 'complete' ends when another batch comes
+            await first(after(self, 0.1), self._complete)
+        return True
+
+    def _fuse(self, session: Session, response: FINISH) -> FINISH:
+        self._read_telemetry()
+        fused = session.close()
+        if fused.points_used == 0:
+            text = f'empty map: {session.assembler.why_empty()}'
+            self._monitor.no_map(text, session)
+            return answer(response, FINISH.EMPTY, text)
+        doubts = session.doubts(fused, self._before, self.params.plausibility)
+        msg = map_to_msg(session, fused, doubts)
+        self._maps.publish(msg)
+        self._images.publish(image_to_msg(fused.z, msg.header))
+        self._monitor.new_map(session, fused, doubts, time.monotonic() - self._last_batch)
+        self._kept = session
+        if not doubts:
+            self._before = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
+        response.map = msg
+        return answer(response, FINISH.OK, '; '.join(msg.reasons))
+
+    def _failed(self, error: Exception, response: BEGIN | FINISH) -> BEGIN | FINISH:
+        """A defect of this node: said aloud, and the caller is not left waiting."""
+        self.get_logger().error(''.join(traceback.format_exception(error)))
+        self._session, self._beginning = None, False
+        code = FINISH.TIMEOUT if isinstance(response, FINISH) else BEGIN.BUSY
+        return answer(response, code, f'internal error of scan_fusion: {error}')
+
+
+def main() -> None:
+    waam_node.node.main(ScanFusion)

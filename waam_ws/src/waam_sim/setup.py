@@ -1,0 +1,18 @@
+from setuptools import find_packages, setup
+
+setup(
+    name='waam_sim',
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/waam_sim']),
+        ('share/waam_sim', ['package.xml']),
+        ('share/waam_sim/config', ['config/cell.yaml']),
+    ],
+    install_requires=['setuptools'],
+    entry_points={'console_scripts': ['cell = waam_sim.cell_node:main']},
+    maintainer='WAAM maintainers',
+    maintainer_email='maintainers@waam.invalid',
+    description='The simulated cell: metal, heat, arc, wire, line scanner, pyrometer and their faults',
+    license='Apache-2.0',
+)

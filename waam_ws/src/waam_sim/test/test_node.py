@@ -1,0 +1,190 @@
+"""The node as a real process against a fake controller: clock, temperature, profiles, services, reconnection."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import Vector3
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Temperature
+from std_srvs.srv import SetBool, Trigger
+
+from waam_msgs.msg import ProfileBatch
+from waam_msgs.srv import InjectFault, LoadPart
+from waam_node.conversions import nanoseconds
+from waam_process.grid import HeightGrid
+
+DOMAIN = os.getpid() % 90 + 110
+
+
+class Observer:
+    """A node of the test's own that listens to everything the cell says."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=DOMAIN)
+        self.node = rclpy.create_node('observer', context=self.context)
+        self.executor = EventsExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.seen = {'/clock': [], 'temperature': [], 'profiles': []}
+        qos = QoSProfile(depth=500, reliability=ReliabilityPolicy.RELIABLE)
+        for name, kind in (
+            ('/clock', Clock),
+            ('temperature', Temperature),
+            ('profiles', ProfileBatch),
+        ):
+            self.node.create_subscription(kind, name, self.seen[name].append, qos)
+
+    def until(self, condition, timeout=20.0) -> bool:
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            self.executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def call(self, kind, name, **fields):
+        client = self.node.create_client(kind, name)
+        assert self.until(client.service_is_ready), f'{name} is not there'
+        future = client.call_async(kind.Request(**fields))
+        assert self.until(future.done), f'{name} did not answer'
+        self.node.destroy_client(client)
+        return future.result()
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+def start(*parameters: str) -> subprocess.Popen:
+    arguments = [a for p in parameters for a in ('-p', p)]
+    return subprocess.Popen(
+        [
+            sys.executable,
+            '-c',
+            'from waam_sim.cell_node import main; main()',
+            '--ros-args',
+            *arguments,
+        ],
+        env={
+            **os.environ,
+            'ROS_DOMAIN_ID': str(DOMAIN),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        },
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+@pytest.fixture
+def cell(controller, tmp_path):
+    process = start(f'plant_socket:={controller.path}', f'truth_dir:={tmp_path}', 'seed:=3')
+    observer = Observer()
+    controller.accept()
+    yield process, observer, controller
+    process.send_signal(signal.SIGTERM)
+    try:
+        process.communicate(timeout=10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+    observer.close()
+
+
+def test_a_job_in_small(cell, tmp_path):
+    process, observer, controller = cell
+    seen = observer.seen
+    loaded = observer.call(
+        LoadPart, 'cell/load_part', plate=Vector3(x=0.05, y=0.03, z=0.01), seed=-1
+    )
+    assert loaded.success, loaded.message
+
+    def discovered() -> bool:
+        controller.run((0.01, 0.015, 0.01), 0.1)
+        return bool(seen['/clock'] and seen['temperature'])
+
+    assert observer.until(discovered)
+    controller.run((0.01, 0.015, 0.01), 0.4, wire=5 / 60, voltage=22.0, outputs=3)
+    answers = controller.run((0.04, 0.015, 0.01), 3.0, wire=5 / 60, voltage=22.0, outputs=3)
+    assert all(a[0] == 0x57414D41 for a in answers)
+    assert 80 < np.median([a[2] for a in answers]) < 160
+    assert answers[-1][1] == 2 and answers[-1][4] == pytest.approx(5 / 60, rel=0.02)
+    assert observer.until(lambda: len(seen['/clock']) >= 50)
+    stamps = np.array([nanoseconds(c.clock) for c in seen['/clock']])
+    assert (np.diff(stamps) > 0).all() and np.median(np.diff(stamps)) == 50_000_000
+    assert stamps[-1] <= controller.time_us * 1000
+    assert observer.until(lambda: len(seen['temperature']) >= 25)
+    assert max(t.temperature for t in seen['temperature']) > 40.0
+    assert not seen['profiles'], 'profiles come only while the scanner is enabled'
+
+    assert observer.call(SetBool, 'scanner/enable', data=True).success
+    controller.run((-0.06, 0.015, 0.03), 0.5)
+    controller.run((0.0, 0.015, 0.03), 0.55)
+    assert observer.until(lambda: len(seen['profiles']) >= 10)
+    assert observer.call(SetBool, 'scanner/enable', data=False).success
+    assert observer.until(lambda: sum(b.profile_count for b in seen['profiles']) >= 105)
+    times = np.concatenate(
+        [nanoseconds(b.header.stamp) + np.array(b.stamp_offsets_ns) for b in seen['profiles']]
+    )
+    assert set(np.diff(times)) == {10_000_000} and len(times) == 105
+    assert [b.sequence for b in seen['profiles']] == list(range(len(seen['profiles'])))
+    assert seen['profiles'][-1].profile_count == 5 and len(seen['profiles'][-1].z) == 5 * 640
+
+    saved = observer.call(Trigger, '/cell/save_truth')
+    assert saved.success, saved.message
+    truth = HeightGrid.load_npz(saved.message)
+    assert truth.z.max() > 0.0115
+    last = seen['profiles'][-1]
+    z = np.array(last.z).reshape(-1, 640)[-1] + 0.03 + 0.12
+    x = 0.0 + 0.06
+    expected = truth.sample(x, 0.015 + np.array(last.x[:640]))
+    good = np.isfinite(z) & np.isfinite(expected)
+    assert good.sum() > 300 and np.median(np.abs(z - expected)[good]) < 1e-4
+    assert process.poll() is None
+
+
+def test_bad_requests_are_refused_by_name(cell):
+    _, observer, controller = cell
+    answer = observer.call(LoadPart, 'cell/load_part', mesh_path='/nowhere/part.stl', seed=-1)
+    assert not answer.success and '/nowhere/part.stl' in answer.message
+    answer = observer.call(
+        LoadPart, 'cell/load_part', plate=Vector3(x=0.1, y=-1.0, z=0.01), seed=-1
+    )
+    assert not answer.success and 'plate.y' in answer.message
+    answer = observer.call(InjectFault, 'cell/inject_fault', fault='flood', value=0.0)
+    assert not answer.success and 'flood' in answer.message and 'arc_loss' in answer.message
+    controller.run((0.0, 0.0, 0.05), 0.1)
+
+
+def test_controller_gone_and_back(cell):
+    _, observer, controller = cell
+    clocks = observer.seen['/clock']
+
+    def time_passes(count: int) -> bool:
+        controller.run((0.0, 0.0, 0.05), 0.1)
+        return len(clocks) >= count
+
+    assert observer.until(lambda: time_passes(5))
+    controller.client.close()
+    controller.accept()
+    before = len(clocks)
+    assert observer.until(lambda: time_passes(before + 5))
+
+
+def test_unknown_parameter_is_refused_by_name():
+    process = start('metal_leveling:=0.5')
+    out, _ = process.communicate(timeout=30)
+    assert process.returncode == 2
+    assert "unknown parameter 'metal_leveling'" in out and 'metal_levelling' in out

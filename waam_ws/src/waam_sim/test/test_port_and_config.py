@@ -1,0 +1,122 @@
+"""The plant port against a fake controller, the parameter file, and the purity of the cores."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from waam_node.params import ParameterError, from_dict, markdown
+from waam_sim.config import CellParams, plant_params
+from waam_sim.drive import Drive
+from waam_sim.port import PlantPort, PortError
+
+PACKAGE = Path(__file__).parents[1]
+PURE = [
+    'arc', 'compiled', 'config', 'disturbance', 'drive', 'faults', 'heat', 'metal', 'part', 'plant', 'port',
+    'pyrometer', 'scanner',
+]  # fmt: skip
+
+
+def serve(path: str, plant, errors: list) -> threading.Thread:
+    def live() -> None:
+        port = PlantPort(path)
+        try:
+            while True:
+                samples, time_us = port.receive()
+                port.answer(plant.step(samples, time_us))
+        except PortError as e:
+            errors.append(str(e))
+        finally:
+            port.close()
+
+    thread = threading.Thread(target=live, daemon=True)
+    thread.start()
+    return thread
+
+
+def test_port_gives_the_same_metal_as_direct_steps(controller, make_cell):
+    over_port, direct, errors = make_cell(seed=4, noise=True), make_cell(seed=4, noise=True), []
+    thread = serve(controller.path, over_port, errors)
+    controller.accept()
+    controller.position = np.array([0.02, 0.03, 0.02])
+    controller.run((0.02, 0.03, 0.02), 0.4, wire=0.08, voltage=22.0, outputs=3)
+    controller.run((0.04, 0.03, 0.02), 2.0, wire=0.08, voltage=22.0, outputs=3)
+    assert over_port.time_us == controller.time_us
+    controller.client.close()
+    thread.join(5)
+    assert errors == ['the controller closed the plant port']
+
+    drive = Drive(direct, (0.02, 0.03, 0.02), controller.time_us - 2_400_000)
+    drive.wait(0.4, 0.08, 22.0, 3)
+    drive.move((0.04, 0.03, 0.02), 0.01, 0.08, 22.0, 3)
+    assert over_port.metal.deposited > 1e-9
+    assert np.abs(over_port.metal.z - direct.metal.z).max() < 1e-9
+
+
+def test_what_is_no_step_is_refused(controller, make_cell):
+    errors = []
+    thread = serve(controller.path, make_cell(), errors)
+    controller.accept()
+    with pytest.raises(ConnectionError):
+        controller.step(np.zeros((10, 3)), magic=0x12345678)
+    thread.join(5)
+    assert 'not a step' in errors[0] and '0x12345678' in errors[0]
+
+
+def test_numbers_that_are_not_finite_are_refused(controller, make_cell):
+    errors = []
+    thread = serve(controller.path, make_cell(), errors)
+    controller.accept()
+    controller.step(np.zeros((10, 3)))
+    with pytest.raises(ConnectionError):
+        controller.step(np.full((10, 3), np.nan))
+    thread.join(5)
+    assert 'not finite' in errors[0]
+
+
+def test_nobody_listening_is_an_os_error(tmp_path):
+    with pytest.raises(OSError):
+        PlantPort(str(tmp_path / 'none'))
+
+
+def test_yaml_lists_every_parameter_with_its_default():
+    values = yaml.safe_load((PACKAGE / 'config' / 'cell.yaml').read_text())['cell'][
+        'ros__parameters'
+    ]
+    known = {f.name: f.default for f in dataclasses.fields(CellParams)}
+    assert list(values) == list(known)
+    for name, default in known.items():
+        value = tuple(values[name]) if isinstance(values[name], list) else values[name]
+        nan = isinstance(default, float) and math.isnan(default)
+        assert type(value) is type(default) and (value == default or (nan and math.isnan(value))), (
+            name
+        )
+
+
+def test_readme_has_the_table_of_parameters():
+    assert markdown(CellParams) in (PACKAGE / 'README.md').read_text()
+
+
+def test_parameters_reach_the_physics():
+    params = plant_params(from_dict(CellParams, {'metal_levelling': 0.2, 'scanner_rate': 50.0}))
+    assert params.metal.levelling == 0.2 and params.scanner.rate == 50.0
+    with pytest.raises(ParameterError, match='arc_wire_lag'):
+        from_dict(CellParams, {'arc_wire_lag': -1.0})
+    with pytest.raises(ValueError, match='work_zero'):
+        plant_params(from_dict(CellParams, {'work_zero': (0.1, 0.2)}))
+
+
+@pytest.mark.parametrize('name', PURE)
+def test_cores_are_free_of_ros_clocks_and_the_models_of_others(name):
+    text = (PACKAGE / 'waam_sim' / f'{name}.py').read_text()
+    for word in ('rclpy', '_msgs', 'import time', 'np.random.rand'):
+        assert word not in text, word
+    ours = set(re.findall(r'(?:from|import) (waam_[a-z_.]+)', text))
+    assert ours <= {'waam_process.grid', 'waam_node.params'}

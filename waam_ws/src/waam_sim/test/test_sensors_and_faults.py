@@ -1,0 +1,77 @@
+"""Pyrometer and faults."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from waam_sim.compiled import normal, random_state, uniform
+from waam_sim.faults import KINDS, FaultError, Faults
+from waam_sim.pyrometer import Pyrometer, PyrometerParams, apparent
+
+
+def test_emissivity_error_reads_low_and_grows_with_temperature():
+    p = PyrometerParams()
+    errors = [apparent(t, p) - t for t in (50.0, 200.0, 400.0)]
+    assert all(-40 < e < 0 for e in errors) and errors == sorted(errors, reverse=True)
+    exact = PyrometerParams(emissivity=0.85)
+    assert apparent(250.0, exact) == pytest.approx(250.0)
+
+
+def test_reading_lags_and_scatters():
+    p = PyrometerParams(emissivity=0.85)
+    meter = Pyrometer(p, random_state(1, 3))
+    for _ in range(20):
+        meter.read(20.0, 0.1)
+    first = meter.read(200.0, 0.1)
+    assert 40 < first < 160, 'lag'
+    values = np.array([meter.read(200.0, 0.1) for _ in range(200)])[40:]
+    assert values.mean() == pytest.approx(200.0, abs=0.5)
+    assert values.std() == pytest.approx(p.noise, rel=0.3)
+
+
+def test_stuck_pyrometer_repeats_itself_and_recovers():
+    meter = Pyrometer(PyrometerParams(), random_state(1, 3))
+    last = meter.read(100.0, 0.1)
+    assert {meter.read(300.0, 0.1, stuck=True) for _ in range(20)} == {last}
+    assert meter.read(300.0, 0.1) > last + 50
+
+
+def test_range_limits_the_reading():
+    meter = Pyrometer(PyrometerParams(range_high=500.0), random_state(1, 3))
+    assert meter.read(900.0, 0.1) == 500.0
+
+
+def test_timed_faults_end_by_themselves():
+    faults = Faults()
+    faults.inject('arc_loss', 0.5, 10.0)
+    assert faults.on('arc_loss', 10.4) and not faults.on('arc_loss', 10.6)
+    faults.inject('scanner_dead', 0.0, 10.0)
+    assert faults.on('scanner_dead', 1e6), 'value 0: until ended'
+    faults.inject('none', 0.0, 20.0)
+    assert not faults.active
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [('wire_slip', 1.5), ('wire_slip', -0.1), ('arc_loss', math.nan)]
+)
+def test_bad_fault_values_are_refused(name, value):
+    with pytest.raises(FaultError, match=name):
+        Faults().inject(name, value, 0.0)
+
+
+def test_unknown_fault_names_the_known_ones():
+    with pytest.raises(FaultError, match=', '.join(KINDS)):
+        Faults().inject('quake', 0.0, 0.0)
+
+
+def test_random_numbers_are_good_enough():
+    rng = random_state(3, 1)
+    u = np.array([uniform(rng) for _ in range(20000)])
+    n = np.array([normal(rng) for _ in range(20000)])
+    assert u.min() > 0 and u.max() < 1 and u.mean() == pytest.approx(0.5, abs=0.01)
+    assert n.mean() == pytest.approx(0.0, abs=0.03) and n.std() == pytest.approx(1.0, abs=0.03)
+    assert abs(np.corrcoef(u[1:], u[:-1])[0, 1]) < 0.03
+    assert uniform(random_state(3, 1)) != uniform(random_state(3, 2))

@@ -1,0 +1,1 @@
+"""The simulated WAAM cell. Its physics is its own: nothing here knows the models that planning and control use."""

@@ -1,0 +1,157 @@
+"""Wire drive, arc and source: what the controller commands and what really comes out. Lengths m, times s.
+
+The wire drive answers after a transport delay and a first-order lag. Its measuring wheel reads a few per cent too
+much, so the drive keeps the commanded reading while less wire arrives (calibration error). The arc strikes some 50 to
+150 ms after wire moves and gas flows, sometimes not at the first try; its current rises with the wire speed and falls
+with the contact-tip-to-work distance, its voltage is the setpoint less the drop in the cables; arc length fluctuates,
+which moves current and voltage in opposite directions. Magnitudes are those of recorded runs, see the README.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from waam_node.params import param
+
+from .compiled import jit, normal, record, state, uniform
+
+
+@dataclass(frozen=True)
+class ArcParams:
+    """Wire drive, arc and source."""
+
+    wire_delay: float = param(0.030, 'transport delay of the wire drive', 's', 0.0, 0.25)
+    wire_lag: float = param(0.065, 'time constant of the wire drive', 's', 1e-3, 1.0)
+    wire_ratio: float = param(
+        0.968, 'true wire speed over the reading of the measuring wheel', '', 0.5, 1.5
+    )
+    wire_quantum: float = param(5e-4, 'resolution of the wire speed reading', 'm/s', 1e-6, 0.01)
+    strike_min: float = param(0.05, 'shortest ignition delay', 's', 0.0, 1.0)
+    strike_max: float = param(0.15, 'longest ignition delay', 's', 0.0, 1.0)
+    strike_failure: float = param(
+        0.02, 'probability that a strike fails and is tried again', '', 0.0, 1.0
+    )
+    strike_wire: float = param(
+        0.008, 'wire speed below which the arc neither strikes nor burns', 'm/s', 0.0, 0.1
+    )
+    open_voltage: float = param(65.0, 'voltage of the source without arc', 'V', 20.0, 120.0)
+    current_ref: float = param(138.0, 'current at 6.6 m/min and 15 mm', 'A', 20.0, 500.0)
+    wire_ref: float = param(0.110, 'wire speed of that current', 'm/s', 0.01, 0.5)
+    current_exponent: float = param(0.65, 'd ln(current) / d ln(wire speed)', '', 0.0, 2.0)
+    current_per_m: float = param(
+        24.0, 'relative loss of current per metre of contact distance', '1/m', 0.0, 100.0
+    )
+    current_lag: float = param(0.008, 'time constant of the current', 's', 1e-4, 1.0)
+    resistance: float = param(3e-3, 'of cables and contact tip', 'Ohm', 0.0, 0.1)
+    length_noise: float = param(0.45, 'sigma of the voltage by arc length', 'V', 0.0, 5.0)
+    length_time: float = param(0.05, 'correlation time of the arc length', 's', 1e-3, 1.0)
+    current_noise: float = param(7.0, 'fall of current per volt of arc length', 'A/V', 0.0, 100.0)
+    sensor_noise: float = param(
+        1.5, 'sigma of the current reading; the voltage has a tenth of it', 'A', 0.0, 20.0
+    )
+    contact_max: float = param(0.030, 'contact distance at which the arc goes out', 'm', 0.016, 0.1)
+    gas_delay: float = param(0.03, 'time from gas valve to flow switch', 's', 0.0, 1.0)
+
+
+DELAY_LINE = 256
+REFERENCE_CTWD = 15e-3
+
+_STATE = (
+    'slot', 'wire', 'reading', 'lit', 'strike', 'starving', 'current', 'length', 'flow', 'voltage', 'voltage_read',
+    'current_read', 'starts', 'failed',
+)  # fmt: skip
+
+
+@dataclass
+class Arc:
+    """State of wire drive and arc. `line`: (256,) commands of the last milliseconds, m/s; `rng`: its random state."""
+
+    params: np.ndarray
+    state: np.ndarray
+    line: np.ndarray
+    rng: np.ndarray
+
+    @classmethod
+    def cold(cls, params: ArcParams, rng: np.ndarray) -> Arc:
+        s = state(*_STATE)
+        s['strike'] = -1.0
+        return cls(record(params), s, np.zeros(DELAY_LINE), rng)
+
+
+@jit
+def advance_wire(p, s, line, rng, command, slip, dt):
+    """One sample of the drive; `slip`: share that the rolls lose (the wheel sees it). Sets s.wire and s.reading."""
+    slot = int(s.slot)
+    line[slot] = command
+    delayed = line[(slot - int(p.wire_delay / dt + 0.5)) % DELAY_LINE]
+    s.slot = (slot + 1) % DELAY_LINE
+    drive = s.reading / max(1.0 - slip, 1e-3) if slip < 1.0 else 0.0
+    drive += (delayed - drive) * min(dt / p.wire_lag, 1.0)
+    s.reading = drive * (1.0 - slip)
+    s.wire = s.reading * p.wire_ratio
+
+
+@jit
+def wire_reading(p, s):
+    """What the measuring wheel reports, m/s."""
+    return round(s.reading / p.wire_quantum) * p.wire_quantum
+
+
+@jit
+def steady_current(p, wire, ctwd):
+    """A, at a wire speed and a contact-tip-to-work distance."""
+    rise = p.current_ref * (max(wire, 1e-4) / p.wire_ref) ** p.current_exponent
+    return max(rise * (1.0 - p.current_per_m * (ctwd - REFERENCE_CTWD)), 10.0)
+
+
+@jit
+def _strike(p, s, rng, ready, dt):
+    """Ignition: a random delay, now and then a failure and another try."""
+    if not ready:
+        s.strike = -1.0
+    elif s.strike < 0.0:
+        s.strike = p.strike_min + (p.strike_max - p.strike_min) * uniform(rng)
+    else:
+        s.strike -= dt
+        if s.strike <= 0.0:
+            if uniform(rng) < p.strike_failure:
+                s.failed += 1.0
+                s.strike = 2.0 * p.strike_max
+            else:
+                s.lit, s.starts, s.starving = 1.0, s.starts + 1.0, 0.0
+
+
+@jit
+def advance_arc(p, s, rng, on, gas, blocked, voltage_set, ctwd, dt):
+    """One sample of the arc. `on`, `gas`: outputs; `blocked`: by a fault. Sets s.lit and the readings."""
+    s.flow += (1.0 if gas else -1.0) * dt / max(p.gas_delay, dt)
+    s.flow = min(max(s.flow, 0.0), 1.0)
+    fed = s.wire > p.strike_wire
+    if not on or blocked:
+        s.lit, s.strike = 0.0, -1.0
+    elif s.lit == 0.0:
+        _strike(p, s, rng, fed and s.flow >= 1.0 and ctwd < p.contact_max, dt)
+    else:
+        s.starving = 0.0 if fed else s.starving + dt
+        if s.starving > 0.1 or ctwd > p.contact_max:
+            s.lit, s.strike = 0.0, -1.0
+    _electric(p, s, rng, on, voltage_set, ctwd, dt)
+
+
+@jit
+def _electric(p, s, rng, on, voltage_set, ctwd, dt):
+    """Current and voltage, and their readings."""
+    keep = max(1.0 - dt / p.length_time, 0.0)
+    s.length = keep * s.length + (1.0 - keep * keep) ** 0.5 * p.length_noise * normal(rng)
+    if s.lit > 0.0:
+        target = steady_current(p, s.wire, ctwd) - p.current_noise * s.length
+        s.current += (max(target, 5.0) - s.current) * min(dt / p.current_lag, 1.0)
+        s.voltage = max(voltage_set - p.resistance * s.current + s.length, 5.0)
+        s.current_read = max(s.current + p.sensor_noise * normal(rng), 0.0)
+    else:
+        s.current *= max(1.0 - dt / 1e-3, 0.0)
+        s.voltage = p.open_voltage if on else 0.0
+        s.current_read = s.current
+    s.voltage_read = s.voltage + 0.1 * p.sensor_noise * normal(rng) if s.voltage > 0.0 else 0.0

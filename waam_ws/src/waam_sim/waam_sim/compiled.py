@@ -1,0 +1,84 @@
+"""What the compiled cores share: parameters and states as records, random numbers that do not depend on threads.
+
+Numba reads a one-element structured array (`record`) by field name, as fast as a C struct; every core takes its
+parameters and its state that way. Random numbers come from an explicit state, so that a seed fixes every run.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+
+jit = numba.njit(cache=True, nogil=True)
+
+
+def _sources() -> int:
+    """Check sum of the package's code."""
+    files = sorted(Path(__file__).parent.glob('*.py'))
+    return zlib.crc32(b''.join(f.read_bytes() for f in files))
+
+
+# Numba notices a change of the file of a cached function, not of the files of the functions it calls. A compiled
+# function that calls into other modules is therefore made by a factory that closes over this number: it becomes part of
+# the key under which numba stores the function, so stale machine code is never used.
+SOURCES = _sources()
+
+
+def record(values: Any) -> np.ndarray:
+    """(1,) structured array with the numeric fields of a dataclass as float64, by name."""
+    names = [f.name for f in dataclasses.fields(values) if isinstance(f.default, int | float)]
+    out = np.zeros(1, np.dtype([(n, np.float64) for n in names]))
+    for n in names:
+        out[n] = getattr(values, n)
+    return out
+
+
+def state(*names: str) -> np.ndarray:
+    """(1,) structured array of float64 zeros with these fields."""
+    return np.zeros(1, np.dtype([(n, np.float64) for n in names]))
+
+
+def random_state(seed: int, stream: int) -> np.ndarray:
+    """(1,) uint64 state of one stream of random numbers; streams of one seed are independent."""
+    return np.random.SeedSequence([seed & 0xFFFFFFFF, stream]).generate_state(1, np.uint64)
+
+
+@jit
+def uniform(rng):
+    """Next number in (0, 1) of a (1,) uint64 state (splitmix64, Steele, Lea and Flood 2014)."""
+    rng[0] += np.uint64(0x9E3779B97F4A7C15)
+    z = rng[0]
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return (np.float64(z >> np.uint64(11)) + 0.5) * (1.0 / 9007199254740992.0)
+
+
+@jit
+def normal(rng):
+    """Next standard normal number (Box and Muller 1958)."""
+    return math.sqrt(-2.0 * math.log(uniform(rng))) * math.cos(2.0 * math.pi * uniform(rng))
+
+
+@jit
+def bilinear(field, origin_x, origin_y, cell, x, y, outside):
+    """Value of a (rows, cols) field of cell centres at a point; `outside` beyond the field."""
+    u = (x - origin_x) / cell - 0.5
+    v = (y - origin_y) / cell - 0.5
+    rows, cols = field.shape
+    if not (u > -0.5 and v > -0.5 and u < cols - 0.5 and v < rows - 0.5):
+        return outside
+    u = min(max(u, 0.0), cols - 1.000001)
+    v = min(max(v, 0.0), rows - 1.000001)
+    c, r = int(u), int(v)
+    c1, r1 = min(c + 1, cols - 1), min(r + 1, rows - 1)
+    fu, fv = u - c, v - r
+    low = field[r, c] * (1.0 - fu) + field[r, c1] * fu
+    high = field[r1, c] * (1.0 - fu) + field[r1, c1] * fu
+    return low * (1.0 - fv) + high * fv

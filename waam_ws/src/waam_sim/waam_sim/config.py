@@ -1,0 +1,72 @@
+"""Parameters of the node `cell`: those of every core under a prefix (`metal_levelling`) and a few of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from waam_node.params import param
+
+from .arc import ArcParams
+from .heat import HeatParams
+from .metal import MetalParams
+from .plant import PlantParams
+from .pyrometer import PyrometerParams
+from .scanner import ScannerParams
+
+GROUPS = {
+    'metal': MetalParams,
+    'heat': HeatParams,
+    'arc': ArcParams,
+    'scanner': ScannerParams,
+    'pyrometer': PyrometerParams,
+}
+
+
+@dataclass(frozen=True)
+class NodeParams:
+    """Parameters of the node itself."""
+
+    plant_socket: str = param(
+        '/tmp/waam_plant', 'Unix socket of the virtual controller (plant port)'
+    )
+    seed: int = param(1, 'of everything random in the cell', '', 0)
+    truth_dir: str = param('.', 'folder for the true surface written by ~/save_truth')
+    work_zero: tuple = param(
+        (0.100, 0.080, 0.020), 'where the part is clamped, machine coordinates', 'm'
+    )
+    plate: tuple = param(
+        (0.120, 0.080, 0.025), 'size of the plate on the table until a part is loaded', 'm'
+    )
+    clock_period: float = param(0.05, 'of /clock in controller time', 's', 0.01, 1.0)
+
+
+def _flat() -> type:
+    """One dataclass with the fields of the node and, prefixed, of all groups."""
+    fields: list[tuple[str, Any, Any]] = [
+        (f.name, f.type, dataclasses.field(default=f.default, metadata=f.metadata))
+        for f in dataclasses.fields(NodeParams)
+    ]
+    for group, cls in GROUPS.items():
+        fields += [
+            (f'{group}_{f.name}', f.type, dataclasses.field(default=f.default, metadata=f.metadata))
+            for f in dataclasses.fields(cls)
+        ]
+    return dataclasses.make_dataclass('CellParams', fields, frozen=True)
+
+
+CellParams = _flat()
+
+
+def plant_params(params: Any) -> PlantParams:
+    """The parameters of the physics out of a CellParams; ValueError when work_zero is not a point."""
+    if len(params.work_zero) != 3 or len(params.plate) != 3:
+        raise ValueError("parameters 'work_zero' and 'plate' need three numbers each (m)")
+    groups = {
+        group: cls(
+            **{f.name: getattr(params, f'{group}_{f.name}') for f in dataclasses.fields(cls)}
+        )
+        for group, cls in GROUPS.items()
+    }
+    return PlantParams(work_zero=tuple(float(v) for v in params.work_zero), **groups)

@@ -1,0 +1,69 @@
+"""Faults that can be put into the cell while it runs. Times are the controller's, in seconds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+
+class FaultError(ValueError):
+    """An unknown fault or a value outside its range; the text names both."""
+
+
+@dataclass(frozen=True)
+class FaultKind:
+    """What `value` means, its limits, the value used when 0 is given; `timed`: value is a duration."""
+
+    meaning: str
+    low: float
+    high: float
+    default: float
+    timed: bool
+
+
+KINDS = {
+    'arc_loss': FaultKind('seconds without arc', 0.0, 3600.0, 0.3, True),
+    'wire_slip': FaultKind('share of wire speed lost', 0.0, 1.0, 0.4, False),
+    'gas_loss': FaultKind('seconds without gas', 0.0, 3600.0, math.inf, True),
+    'scanner_dropout': FaultKind('share of points lost', 0.0, 1.0, 0.5, False),
+    'scanner_dead': FaultKind('seconds without profiles', 0.0, 3600.0, math.inf, True),
+    'pyrometer_stuck': FaultKind('seconds with a frozen reading', 0.0, 3600.0, math.inf, True),
+}
+
+
+@dataclass
+class Faults:
+    """The faults in force: name -> value (shares) or end time (timed)."""
+
+    active: dict[str, float] = field(default_factory=dict)
+
+    def inject(self, name: str, value: float, now: float) -> str:
+        """Starts a fault ('none' ends all); value 0 takes its default. Returns a sentence; raises FaultError."""
+        if name == 'none':
+            self.active.clear()
+            return 'all faults ended'
+        kind = KINDS.get(name)
+        if kind is None:
+            raise FaultError(f"unknown fault '{name}'; known are {', '.join(KINDS)}, none")
+        if not (kind.low <= value <= kind.high):
+            raise FaultError(
+                f"fault '{name}': value {value} ({kind.meaning}) must lie in {kind.low} .. {kind.high}"
+            )
+        value = value if value > 0.0 else kind.default
+        self.active[name] = now + value if kind.timed else value
+        lasting = kind.timed and math.isinf(value)
+        return f"{name}: {'until ended' if lasting else f'{value:g} ({kind.meaning})'}"
+
+    def on(self, name: str, now: float) -> bool:
+        """Whether a timed fault is in force; one that is over is forgotten."""
+        end = self.active.get(name)
+        if end is None:
+            return False
+        if now >= end:
+            del self.active[name]
+            return False
+        return True
+
+    def share(self, name: str) -> float:
+        """Value of a share fault, 0 when not in force."""
+        return self.active.get(name, 0.0)

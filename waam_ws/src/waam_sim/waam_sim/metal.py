@@ -1,0 +1,399 @@
+"""Where the molten wire ends up: a height field on which beads are laid, volume for volume.
+
+The melt arrives in small portions (every 0.2 mm of path or 20 ms). One portion is spread as a half ellipsoid over the
+pool, a circle of one bead width; along a straight path half ellipsoids add up to a parabolic section. The share of a
+cell is raised where the solid below is lower than the pool's mean level and reduced where it is higher, so that beads
+merge with their neighbours and fill valleys. Metal on a slope that is too steep for the melt runs down (edge slump).
+The pool trails the arc: the first millimetres get more metal (start hump), the last ones less, and the arc's pressure
+leaves a crater. All of these move metal, none creates any. Lengths in m, times in s, temperatures in degrees Celsius.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from waam_node.params import param
+from waam_process.grid import GridSpec, HeightGrid
+
+from .arc import REFERENCE_CTWD
+from .compiled import bilinear, jit, record, state
+from .disturbance import AREA_FIXED, AREA_LAYER, WIDTH, noise
+
+
+@dataclass(frozen=True)
+class MetalParams:
+    """Bead, melt and metal balance. The metal balance is deliberately not the one of the controller's tables."""
+
+    cell: float = param(4e-4, 'edge of a cell of the height field', 'm', 1e-4, 2e-3)
+    margin: float = param(0.015, 'rim of bare table around the part', 'm', 0.0, 0.1)
+    wire_diameter: float = param(1.185e-3, 'true diameter of the wire', 'm', 5e-4, 2.5e-3)
+    transfer: float = param(
+        0.91, 'share of the wire that becomes bead at 15 mm and 150 degrees', '', 0.1, 1.0
+    )
+    spatter_per_m: float = param(
+        7.0, 'loss of transfer per metre of contact distance beyond 15 mm', '1/m', 0.0, 50.0
+    )
+    hot_loss_per_k: float = param(
+        1.5e-4, 'loss of transfer per kelvin above 150 degrees', '1/K', 0.0, 2e-3
+    )
+    no_gas_loss: float = param(0.15, 'loss of transfer without shielding gas', '', 0.0, 1.0)
+    width_ref: float = param(
+        7.0e-3, 'width of a single bead at the reference point', 'm', 2e-3, 2e-2
+    )
+    power_ref: float = param(2500.0, 'electrical power at the reference point', 'W', 100.0, 2e4)
+    speed_ref: float = param(0.010, 'travel speed at the reference point', 'm/s', 1e-3, 0.1)
+    power_exponent: float = param(0.35, 'd ln(width) / d ln(power)', '', 0.0, 1.5)
+    speed_exponent: float = param(0.65, '-d ln(width) / d ln(travel speed)', '', 0.0, 1.5)
+    hot_width_per_k: float = param(
+        4e-4, 'gain of width per kelvin above 150 degrees', '1/K', 0.0, 5e-3
+    )
+    levelling: float = param(
+        0.55, 'share of the relief below it that the melt evens out', '', 0.0, 1.0
+    )
+    hot_levelling_per_k: float = param(
+        6e-4, 'gain of levelling per kelvin above 150 degrees', '1/K', 0.0, 5e-3
+    )
+    overhang_share: float = param(
+        0.45, 'share of its metal that a cell without support takes', '', 0.0, 1.0
+    )
+    slump_slope: float = param(4.0, 'steepest slope of fresh melt at 150 degrees', '', 0.6, 20.0)
+    hot_slump_per_k: float = param(
+        6e-3, 'loss of that slope per kelvin above 150 degrees', '1/K', 0.0, 0.02
+    )
+    slump_rate: float = param(
+        0.05, 'share of a cell that runs down per portion of melt', '', 0.0, 0.2
+    )
+    pool_lag: float = param(
+        0.45, 'distance of the pool behind the arc, in bead widths', '', 0.05, 2.0
+    )
+    pool_lag_time: float = param(
+        1.0, 'time in which a pool at rest flows under the arc', 's', 0.05, 10.0
+    )
+    start_narrowing: float = param(
+        0.15, 'share of width that is missing at an arc start', '', 0.0, 0.6
+    )
+    start_length: float = param(
+        6e-3, 'path on which the width comes up after a start', 'm', 1e-4, 0.05
+    )
+    crater_depth: float = param(0.35, 'depth of the end crater in bead heights', '', 0.0, 1.0)
+    area_noise_fixed: float = param(
+        0.03, 'sigma of bead area that returns in every layer', '', 0.0, 0.3
+    )
+    area_noise_layer: float = param(
+        0.045, 'sigma of bead area that changes with height', '', 0.0, 0.3
+    )
+    width_noise: float = param(0.03, 'sigma of bead width', '', 0.0, 0.3)
+    noise_length: float = param(
+        9e-3, 'correlation length of the noise in the plane', 'm', 1e-3, 0.1
+    )
+    noise_height: float = param(2e-3, 'correlation length of the noise along z', 'm', 2e-4, 0.1)
+    portion_path: float = param(2e-4, 'path between two portions of melt', 'm', 2e-5, 2e-3)
+    portion_time: float = param(0.02, 'time between two portions of melt at most', 's', 1e-3, 0.2)
+
+
+MIN_WIDTH, MAX_WIDTH = 2.5e-3, 14e-3
+MIN_SPEED = 2e-3
+REFERENCE_TEMPERATURE = 150.0
+RESOLIDIFIED_AFTER = 0.5  # s without new melt
+POOL_TIME = 0.1  # s, in which the pool's size follows power and travel speed
+
+_STATE = (
+    'origin_x', 'origin_y', 'active', 'x', 'y', 'pool_x', 'pool_y', 'head_x', 'head_y', 'path', 'volume',
+    'carry_path', 'carry_time', 'power', 'speed', 'width', 'height', 'surface', 'deposited', 'lost',
+    'portion', 'portion_x', 'portion_y',
+)  # fmt: skip
+
+
+@dataclass
+class Metal:
+    """The height field and the melt pool. `z`: (rows, cols) surface in the work frame, m."""
+
+    spec: GridSpec
+    z: np.ndarray
+    params: np.ndarray
+    state: np.ndarray
+    solid: np.ndarray
+    touched: np.ndarray
+
+    @classmethod
+    def on(cls, part: HeightGrid, params: MetalParams) -> Metal:
+        """A cold work-piece; the grid must have the cell of the parameters and no unknown heights."""
+        s = state(*_STATE)
+        s['origin_x'], s['origin_y'] = part.spec.origin_x, part.spec.origin_y
+        z = np.ascontiguousarray(part.z, np.float64).copy()
+        return cls(part.spec, z, record(params), s, z.copy(), np.full(z.shape, -1e9))
+
+    def grid(self) -> HeightGrid:
+        """A copy of the true surface."""
+        return HeightGrid(self.spec, self.z.copy())
+
+    @property
+    def volume(self) -> float:
+        """Metal above the table, m^3."""
+        return float(self.z.sum()) * self.spec.resolution**2
+
+    @property
+    def deposited(self) -> float:
+        """Metal that was laid on the field so far, m^3."""
+        return float(self.state['deposited'][0])
+
+
+@jit
+def bead_width(p, power, speed, temperature):
+    """Width of a single bead, m: a power law of the simulation's own, wider on hot metal."""
+    v = max(speed, MIN_SPEED)
+    hot = 1.0 + p.hot_width_per_k * (temperature - REFERENCE_TEMPERATURE)
+    w = p.width_ref * (max(power, 100.0) / p.power_ref) ** p.power_exponent
+    w *= (v / p.speed_ref) ** -p.speed_exponent * hot
+    return min(max(w, MIN_WIDTH), MAX_WIDTH)
+
+
+@jit
+def transfer(p, ctwd, temperature, gas):
+    """Share of the wire that becomes bead, 0..1."""
+    share = p.transfer * (1.0 - p.spatter_per_m * max(ctwd - REFERENCE_CTWD, 0.0))
+    share *= 1.0 - p.hot_loss_per_k * (temperature - REFERENCE_TEMPERATURE)
+    if not gas:
+        share *= 1.0 - p.no_gas_loss
+    return min(max(share, 0.0), 1.0)
+
+
+@jit
+def _box(shape, p, s, x, y, radius):
+    """Rows and columns (first, past the last) of the circle plus one cell, inside the field."""
+    a = p.cell
+    c0 = max(int(math.floor((x - radius - s.origin_x) / a)) - 1, 0)
+    c1 = min(int(math.floor((x + radius - s.origin_x) / a)) + 2, shape[1])
+    r0 = max(int(math.floor((y - radius - s.origin_y) / a)) - 1, 0)
+    r1 = min(int(math.floor((y + radius - s.origin_y) / a)) + 2, shape[0])
+    return r0, max(r1, r0), c0, max(c1, c0)
+
+
+@jit
+def _ellipsoid(p, s, x, y, radius, r0, r1, c0, c1):
+    """Heights 0..1 of a half ellipsoid over the cells of a box."""
+    k = np.zeros((r1 - r0, c1 - c0))
+    for i in range(r1 - r0):
+        dy = s.origin_y + (r0 + i + 0.5) * p.cell - y
+        for j in range(c1 - c0):
+            dx = s.origin_x + (c0 + j + 0.5) * p.cell - x
+            q = 1.0 - (dx * dx + dy * dy) / (radius * radius)
+            k[i, j] = math.sqrt(q) if q > 0.0 else 0.0
+    return k
+
+
+@jit
+def _weigh(k, solid, level, mean, reach, levelling, height, overhang):
+    """Turns the half ellipsoid into shares of metal: more into the low, little over an edge. Returns their sum."""
+    total = 0.0
+    for i in range(k.shape[0]):
+        for j in range(k.shape[1]):
+            if k[i, j] <= 0.0:
+                continue
+            b = min(solid[i, j], level + reach)
+            share = max(
+                k[i, j] + levelling * (mean - b) / height * math.sqrt(k[i, j]), 0.05 * k[i, j]
+            )
+            unsupported = min(max((level - b) / reach - 1.0, 0.0), 1.0)
+            k[i, j] = share + unsupported * (overhang * k[i, j] - share)
+            total += k[i, j]
+    return total
+
+
+@jit
+def _levels(k, solid, reach):
+    """Level of the pool's core, and mean level of what supports the pool."""
+    core, n = 0.0, 0.0
+    limit = 0.866 if k.max() > 0.866 else 0.0
+    for i in range(k.shape[0]):
+        for j in range(k.shape[1]):
+            if k[i, j] > limit:
+                core += k[i, j] * solid[i, j]
+                n += k[i, j]
+    core /= n
+    mean, n = 0.0, 0.0
+    for i in range(k.shape[0]):
+        for j in range(k.shape[1]):
+            if k[i, j] > 0.0 and solid[i, j] >= core - reach:
+                mean += k[i, j] * min(solid[i, j], core + reach)
+                n += k[i, j]
+    return core, (mean / n if n > 0.0 else core)
+
+
+@jit
+def _slump(z, solid, k, r0, c0, steepest, cell, rate):
+    """Fresh metal on slopes beyond `steepest` runs to the lower neighbour; what one cell loses another gains."""
+    rows, cols = k.shape
+    change = np.zeros((rows, cols))
+    for i in range(rows):
+        for j in range(cols):
+            if k[i, j] <= 0.0:
+                continue
+            r, c = r0 + i, c0 + j
+            mobile = rate * max(z[r, c] - solid[r, c], 0.0)
+            if mobile <= 0.0:
+                continue
+            for di, dj in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+                m, n = i + di, j + dj
+                if m < 0 or n < 0 or m >= rows or n >= cols:
+                    continue
+                excess = z[r, c] - z[r0 + m, c0 + n] - steepest * cell
+                if excess > 0.0:
+                    flow = min(0.2 * excess, mobile)
+                    change[i, j] -= flow
+                    change[m, n] += flow
+    for i in range(rows):
+        for j in range(cols):
+            z[r0 + i, c0 + j] += change[i, j]
+
+
+@jit
+def lay(z, solid, touched, p, s, x, y, volume, width, height, temperature, time):
+    """Spreads one portion of melt (m^3) over the pool around (x, y) and lets it slump. Outside the field it is lost."""
+    radius = 0.5 * width
+    r0, r1, c0, c1 = _box(z.shape, p, s, x, y, radius)
+    k = _ellipsoid(p, s, x, y, radius, r0, r1, c0, c1)
+    if k.size == 0 or k.max() <= 0.0:
+        s.lost += volume
+        return
+    for i in range(r1 - r0):
+        for j in range(c1 - c0):
+            if k[i, j] > 0.0:
+                if abs(time - touched[r0 + i, c0 + j]) > RESOLIDIFIED_AFTER:
+                    solid[r0 + i, c0 + j] = z[r0 + i, c0 + j]
+                touched[r0 + i, c0 + j] = time
+    hot = temperature - REFERENCE_TEMPERATURE
+    below = solid[r0:r1, c0:c1]
+    reach = 1.5 * height
+    level, mean = _levels(k, below, reach)
+    levelling = min(max(p.levelling + p.hot_levelling_per_k * hot, 0.0), 1.0)
+    total = _weigh(k, below, level, mean, reach, levelling, height, p.overhang_share)
+    scale = volume / (total * p.cell * p.cell)
+    for i in range(r1 - r0):
+        for j in range(c1 - c0):
+            z[r0 + i, c0 + j] += scale * k[i, j]
+    s.deposited += volume
+    s.surface = level
+    steepest = min(max(p.slump_slope - p.hot_slump_per_k * hot, 0.6), 3.0 * p.slump_slope)
+    _slump(z, solid, k, r0, c0, steepest, p.cell, p.slump_rate)
+
+
+@jit
+def dig_crater(z, solid, p, s):
+    """The arc's last pressure: moves metal of the pool to the bead behind it. Short beads keep their shape."""
+    if s.path < 2.0 * s.width:
+        return
+    tail_x, tail_y = s.pool_x - 0.9 * s.width * s.head_x, s.pool_y - 0.9 * s.width * s.head_y
+    t0, t1, u0, u1 = _box(z.shape, p, s, tail_x, tail_y, 0.6 * s.width)
+    tail = _ellipsoid(p, s, tail_x, tail_y, 0.6 * s.width, t0, t1, u0, u1)
+    for i in range(t1 - t0):
+        for j in range(u1 - u0):
+            tail[i, j] *= (
+                1.0 if z[t0 + i, u0 + j] - solid[t0 + i, u0 + j] > 0.25 * s.height else 0.0
+            )
+    total = tail.sum() if tail.size else 0.0
+    if total <= 0.0:
+        return
+    x, y = s.pool_x - 0.1 * s.width * s.head_x, s.pool_y - 0.1 * s.width * s.head_y
+    r0, r1, c0, c1 = _box(z.shape, p, s, x, y, 0.3 * s.width)
+    bowl = _ellipsoid(p, s, x, y, 0.3 * s.width, r0, r1, c0, c1)
+    moved = 0.0
+    for i in range(r1 - r0):
+        for j in range(c1 - c0):
+            fresh = max(z[r0 + i, c0 + j] - solid[r0 + i, c0 + j], 0.0)
+            depth = min(p.crater_depth * s.height * bowl[i, j] ** 2, 0.7 * fresh)
+            z[r0 + i, c0 + j] -= depth
+            moved += depth
+    for i in range(t1 - t0):
+        for j in range(u1 - u0):
+            z[t0 + i, u0 + j] += moved * tail[i, j] / total
+
+
+@jit
+def _start(z, p, s, x, y):
+    s.active, s.path, s.volume, s.carry_path, s.carry_time = 1.0, 0.0, 0.0, 0.0, 0.0
+    s.pool_x, s.pool_y, s.head_x, s.head_y = x, y, 0.0, 0.0
+    s.surface = bilinear(z, s.origin_x, s.origin_y, p.cell, x, y, 0.0)
+
+
+@jit
+def _follow(p, s, x, y, step, dt):
+    """The pool follows the arc: half at once, the rest with the distance between them, slowly even at rest."""
+    gap_x, gap_y = x - s.pool_x, y - s.pool_y
+    gap = math.hypot(gap_x, gap_y)
+    if gap <= 0.0:
+        return
+    lag = p.pool_lag * max(s.width, MIN_WIDTH)
+    share = min(step * (0.5 / gap + 0.5 / lag) + dt / p.pool_lag_time, 1.0)
+    s.pool_x += share * gap_x
+    s.pool_y += share * gap_y
+
+
+@jit
+def _lay_carried(z, solid, touched, p, s, values, height_z, temperature, time):
+    """Lays what has melted since the last portion."""
+    u, v = s.pool_x / p.noise_length, s.pool_y / p.noise_length
+    w = height_z / p.noise_height
+    area = 1.0 + p.area_noise_fixed * noise(values, AREA_FIXED, u, v, 0.0)
+    area += p.area_noise_layer * noise(values, AREA_LAYER, u, v, w)
+    volume = s.volume * max(area, 0.2)
+    width = bead_width(p, s.power, s.speed, temperature)
+    width *= 1.0 + p.width_noise * noise(values, WIDTH, u, v, w)
+    width *= 1.0 - p.start_narrowing * math.exp(-s.path / p.start_length)
+    s.width = max(width, MIN_WIDTH)
+    rate = volume / max(s.carry_path, MIN_SPEED * s.carry_time)
+    s.height = min(max(1.5 * rate / s.width, 2e-4), 0.7 * s.width)
+    lay(z, solid, touched, p, s, s.pool_x, s.pool_y, volume, s.width, s.height, temperature, time)
+    s.portion, s.portion_x, s.portion_y = s.portion + volume, s.pool_x, s.pool_y
+    s.volume, s.carry_path, s.carry_time = 0.0, 0.0, 0.0
+
+
+@jit
+def advance(
+    z,
+    solid,
+    touched,
+    p,
+    s,
+    values,
+    time,
+    dt,
+    x,
+    y,
+    height_z,
+    lit,
+    wire_speed,
+    power,
+    temperature,
+    ctwd,
+    gas,
+):
+    """One sample of `dt`: the arc at (x, y), torch at height_z (m, work frame), real wire speed m/s, power W."""
+    step_x, step_y = x - s.x, y - s.y
+    step = math.hypot(step_x, step_y)
+    s.x, s.y = x, y
+    s.speed += (step / dt - s.speed) * min(dt / POOL_TIME, 1.0)
+    if not lit:
+        if s.active > 0.0:
+            if s.volume > 0.0:
+                _lay_carried(z, solid, touched, p, s, values, height_z, temperature, time)
+            dig_crater(z, solid, p, s)
+            s.active = 0.0
+        return
+    if s.active == 0.0:
+        _start(z, p, s, x, y)
+        s.power = p.power_ref
+    elif step > 0.0:
+        s.head_x, s.head_y = step_x / step, step_y / step
+    s.power += (power - s.power) * min(dt / POOL_TIME, 1.0)
+    s.path += step
+    s.carry_path += step
+    s.carry_time += dt
+    _follow(p, s, x, y, step, dt)
+    section = 0.25 * math.pi * p.wire_diameter * p.wire_diameter
+    s.volume += section * wire_speed * dt * transfer(p, ctwd, temperature, gas)
+    if s.carry_path >= p.portion_path or s.carry_time >= p.portion_time:
+        _lay_carried(z, solid, touched, p, s, values, height_z, temperature, time)

@@ -1,0 +1,104 @@
+"""The work-piece on the table: the top surface of an STL file, or a flat plate, as heights over the table (m)."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from waam_process.grid import GridSpec, HeightGrid
+
+from .compiled import jit
+
+LARGEST = 0.5
+
+
+class PartError(ValueError):
+    """A part that cannot be put on the table; the text says which and why."""
+
+
+def plate(size_x: float, size_y: float, size_z: float, cell: float, margin: float) -> HeightGrid:
+    """A flat plate with its corner at the origin of the work frame, table around it."""
+    for name, v in (('x', size_x), ('y', size_y), ('z', size_z)):
+        if not (math.isfinite(v) and 0.0 < v <= LARGEST):
+            raise PartError(f'plate.{name} is {v} m, must lie in 0 .. {LARGEST} m')
+    spec = _around(size_x, size_y, cell, margin)
+    x, y = np.meshgrid(spec.x, spec.y)
+    inside = (x > 0) & (x < size_x) & (y > 0) & (y < size_y)
+    return HeightGrid(spec, np.where(inside, size_z, 0.0))
+
+
+def from_stl(path: str, cell: float, margin: float) -> HeightGrid:
+    """Top surface of an STL file (mm). Its bounding box is moved to the origin, its lowest point to the table."""
+    triangles = _read(path)
+    triangles -= triangles.reshape(-1, 3).min(axis=0)
+    size = triangles.reshape(-1, 3).max(axis=0)
+    if not (size[:2] > 0).all() or (size > LARGEST).any():
+        text = ' x '.join(f'{v * 1e3:.1f}' for v in size)
+        raise PartError(f'{path}: the part measures {text} mm, at most {LARGEST * 1e3:.0f} mm fit')
+    spec = _around(size[0], size[1], cell, margin)
+    z = np.full(spec.shape, -1.0)
+    rasterise(z, np.ascontiguousarray(triangles), spec.origin_x, spec.origin_y, cell)
+    return HeightGrid(spec, np.maximum(z, 0.0))
+
+
+def centre(part: HeightGrid) -> tuple[float, float]:
+    """Middle of the area that is covered with metal; of the grid when the table is bare (m)."""
+    x, y = np.meshgrid(part.spec.x, part.spec.y)
+    metal = part.z > 1e-4
+    if not metal.any():
+        x0, x1, y0, y1 = part.spec.extent
+        return 0.5 * (x0 + x1), 0.5 * (y0 + y1)
+    return (
+        0.5 * float(x[metal].min() + x[metal].max()),
+        0.5 * float(y[metal].min() + y[metal].max()),
+    )
+
+
+def _around(size_x: float, size_y: float, cell: float, margin: float) -> GridSpec:
+    rim = math.ceil(margin / cell) * cell
+    return GridSpec.covering(-rim, -rim, size_x + rim, size_y + rim, cell)
+
+
+def _read(path: str) -> np.ndarray:
+    """(n, 3, 3) corners in m."""
+    import trimesh
+
+    if not Path(path).is_file():
+        raise PartError(f'{path}: no such file')
+    try:
+        mesh = trimesh.load_mesh(path, file_type='stl', process=False)
+        corners = np.array(mesh.triangles, float)
+    except Exception as e:
+        raise PartError(f'{path}: not a readable STL file ({e})') from None
+    if not len(corners):
+        raise PartError(f'{path}: the mesh is empty')
+    if not np.isfinite(corners).all():
+        raise PartError(f'{path}: the mesh has corners that are not finite numbers')
+    return corners * 1e-3
+
+
+@jit
+def rasterise(z, triangles, origin_x, origin_y, cell):
+    """Raises z (rows, cols) to the top of every triangle (n, 3, 3) over the cell centres; m."""
+    rows, cols = z.shape
+    for t in range(triangles.shape[0]):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
+        if abs(area) < 1e-18:
+            continue
+        c0 = max(int(math.floor((min(a[0], b[0], c[0]) - origin_x) / cell - 0.5)), 0)
+        c1 = min(int(math.ceil((max(a[0], b[0], c[0]) - origin_x) / cell - 0.5)), cols - 1)
+        r0 = max(int(math.floor((min(a[1], b[1], c[1]) - origin_y) / cell - 0.5)), 0)
+        r1 = min(int(math.ceil((max(a[1], b[1], c[1]) - origin_y) / cell - 0.5)), rows - 1)
+        for r in range(r0, r1 + 1):
+            y = origin_y + (r + 0.5) * cell
+            for k in range(c0, c1 + 1):
+                x = origin_x + (k + 0.5) * cell
+                u = ((x - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (y - a[1])) / area
+                v = ((b[0] - a[0]) * (y - a[1]) - (x - a[0]) * (b[1] - a[1])) / area
+                if u >= -1e-9 and v >= -1e-9 and u + v <= 1.0 + 1e-9:
+                    height = a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2])
+                    if height > z[r, k]:
+                        z[r, k] = height

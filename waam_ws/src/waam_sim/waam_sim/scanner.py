@@ -1,0 +1,146 @@
+"""A laser line scanner beside the torch: profiles of the true surface with the faults that real ones have.
+
+Frame `scanner`: x_s lateral (work +Y), z_s up, origin at torch_tcp + (offset_x, 0, offset_z): P_work = tcp + offset +
+(0, x_s, z_s). The light is a fan in the plane x = const; the camera looks at it from the side of larger x under the
+triangulation angle. Points are missing where the camera's or the fan's line of sight is cut off (shadow), outside the
+measuring range, often on steep slopes, and now and then anywhere. Lengths in m.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from waam_node.params import param
+
+from .compiled import bilinear, jit, normal, record, uniform
+
+
+@dataclass(frozen=True)
+class ScannerParams:
+    """Line scanner."""
+
+    offset_x: float = param(0.060, 'of the scanner from the wire tip along x', 'm', -0.5, 0.5)
+    offset_z: float = param(0.120, 'of the scanner above the wire tip', 'm', 0.0, 0.5)
+    fan: float = param(0.050, 'width of a profile', 'm', 1e-3, 0.5)
+    points: int = param(640, 'points of a profile', '', 2, 8192)
+    rate: float = param(100.0, 'profiles per second', '1/s', 1.0, 1000.0)
+    batch: int = param(10, 'profiles of a message', '', 1, 1000)
+    range_near: float = param(-0.085, 'nearest measurable z_s', 'm', -1.0, 0.0)
+    range_far: float = param(-0.165, 'farthest measurable z_s', 'm', -1.0, 0.0)
+    noise: float = param(3e-5, 'sigma of z on a flat surface', 'm', 0.0, 1e-2)
+    outliers: float = param(0.002, 'share of points that are wrong by millimetres', '', 0.0, 1.0)
+    outlier_size: float = param(1.5e-3, 'sigma of such an error', 'm', 0.0, 0.1)
+    dropout: float = param(0.004, 'share of points lost on a flat surface', '', 0.0, 1.0)
+    steep_dropout: float = param(
+        0.35, 'share of points lost on slopes steeper than 1.5', '', 0.0, 1.0
+    )
+    triangulation: float = param(0.50, 'angle between light and camera', 'rad', 0.05, 1.3)
+
+
+@dataclass
+class Scanner:
+    """Parameters, lateral coordinates (points,) and random state."""
+
+    params: np.ndarray
+    lateral: np.ndarray
+    rng: np.ndarray
+
+    @classmethod
+    def of(cls, params: ScannerParams, rng: np.ndarray) -> Scanner:
+        return cls(
+            record(params), np.linspace(-0.5 * params.fan, 0.5 * params.fan, params.points), rng
+        )
+
+
+@jit
+def _camera_blocked(z, origin_x, origin_y, cell, x, y, height, top, slope):
+    """True when the surface rises into the line of sight from (x, y, height) to the camera on the side of larger x."""
+    away = cell
+    while height + away * slope < top:
+        c = int(math.floor((x + away - origin_x) / cell))
+        r = int(math.floor((y - origin_y) / cell))
+        if r < 0 or r >= z.shape[0] or c >= z.shape[1]:
+            return False
+        if c >= 0 and z[r, c] > height + away * slope:
+            return True
+        away += cell
+    return False
+
+
+@jit
+def _reach(heights, lateral, source, hidden, j, widest):
+    ray = abs(lateral[j]) / max(source - heights[j], 1e-6)
+    if ray < widest - 1e-9:
+        hidden[j] = True
+    return max(ray, widest)
+
+
+@jit
+def _fan_shadow(heights, lateral, source, hidden):
+    """Marks points that the fan from its source cannot reach: nearer to the axis the surface reaches a steeper ray."""
+    n = lateral.size
+    middle = 0
+    while middle < n and lateral[middle] < 0.0:
+        middle += 1
+    widest = 0.0
+    for j in range(middle, n):
+        widest = _reach(heights, lateral, source, hidden, j, widest)
+    widest = 0.0
+    for j in range(middle - 1, -1, -1):
+        widest = _reach(heights, lateral, source, hidden, j, widest)
+
+
+@jit
+def profile(
+    z,
+    origin_x,
+    origin_y,
+    cell,
+    top,
+    p,
+    lateral,
+    rng,
+    tcp_x,
+    tcp_y,
+    tcp_z,
+    extra_dropout,
+    out,
+    intensity,
+):
+    """One profile at a torch position (m, work frame) into `out` (points,): z_s, NaN = no return; intensity 0..1.
+
+    `top`: an upper bound of all heights; the table (height 0) goes on beyond the field.
+    """
+    n = lateral.size
+    x, source = tcp_x + p.offset_x, tcp_z + p.offset_z
+    heights = np.empty(n)
+    hidden = np.zeros(n, np.bool_)
+    for j in range(n):
+        heights[j] = bilinear(z, origin_x, origin_y, cell, x, tcp_y + lateral[j], 0.0)
+    _fan_shadow(heights, lateral, source, hidden)
+    slope = 1.0 / math.tan(p.triangulation)
+    for j in range(n):
+        y = tcp_y + lateral[j]
+        z_s = heights[j] - source
+        a, b = max(j - 1, 0), min(j + 1, n - 1)
+        across = (heights[b] - heights[a]) / (lateral[b] - lateral[a])
+        ahead = bilinear(z, origin_x, origin_y, cell, x + cell, y, 0.0)
+        along = (ahead - heights[j]) / cell
+        steep = math.hypot(across, along)
+        lost = (
+            p.dropout + extra_dropout + (p.steep_dropout - p.dropout) * min(steep / 1.5, 1.0) ** 2
+        )
+        intensity[j] = 0.9 / (1.0 + steep * steep)
+        u = uniform(rng)
+        error = p.noise * (1.0 + 0.5 * min(steep, 4.0)) * normal(rng)
+        lost_here = z_s < p.range_far or z_s > p.range_near or hidden[j] or u < lost
+        eye = heights[j] + 0.5 * cell * slope
+        if lost_here or _camera_blocked(z, origin_x, origin_y, cell, x, y, eye, top, slope):
+            out[j] = np.nan
+        elif u > 1.0 - p.outliers:
+            out[j] = z_s + error + p.outlier_size * normal(rng)
+        else:
+            out[j] = z_s + error

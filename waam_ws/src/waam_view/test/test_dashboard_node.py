@@ -1,0 +1,157 @@
+"""The dashboard as a process: records a synthetic job, keeps its heartbeats while maps flood it."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from waam_msgs.msg import Heartbeat, JobStatus, LeaseTick
+from waam_node.qos import BEAT
+from waam_view import blueprint as bp
+
+sys.path.insert(0, str(Path(__file__).parent))
+from synthetic_cell import Cell  # noqa: E402
+from synthetic_job import write_job  # noqa: E402
+from test_drawing import entities  # noqa: E402
+
+START = 'from waam_view.dashboard_node import main; main()'
+_domain = iter(range(os.getpid() % 40 + 150, 232))
+
+
+class Graph:
+    def __init__(self, *parameters: str) -> None:
+        domain = next(_domain)
+        arguments = [a for p in parameters for a in ('-p', p)]
+        self.process = subprocess.Popen(
+            [sys.executable, '-c', START, '--ros-args', *arguments],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = Node('cell', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.cell = Cell(self.node)
+        self.beats: list[tuple[float, int]] = []
+        self.node.create_subscription(
+            Heartbeat,
+            'heartbeat',
+            lambda m: self.beats.append((time.monotonic(), m.controller_us)),
+            BEAT,
+        )
+        self.ticks = self.node.create_publisher(LeaseTick, 'lease_tick', BEAT)
+        names = [n for n in vars(self.cell) if n.endswith('_')]
+        publishers = [getattr(self.cell, n) for n in names] + [self.ticks]
+        self.until(lambda: all(p.get_subscription_count() for p in publishers), 20)
+
+    def until(self, condition, timeout: float) -> None:
+        end = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < end, 'timeout'
+            assert self.process.poll() is None, self.process.stderr.read()
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def close(self) -> None:
+        self.node.destroy_node()
+        self.context.try_shutdown()
+        if self.process.poll() is None:
+            self.process.terminate()
+        self.process.communicate(timeout=20)
+
+
+@pytest.fixture
+def graph():
+    made = []
+
+    def make(*parameters: str) -> Graph:
+        made.append(Graph(*parameters))
+        return made[-1]
+
+    yield make
+    for g in made:
+        g.close()
+
+
+def play(cell: Cell, folder: Path, frames: int) -> None:
+    cell.status(0.0, JobStatus.SCANNING, str(folder))
+    cell.height_map(0.1, 0)
+    time.sleep(0.5)
+    cell.plan(1.0, 1)
+    cell.correction(1.1, 1)
+    cell.events(1.2)
+    cell.status(1.3, JobStatus.DEPOSITING, str(folder), 1)
+    for i in range(frames):
+        cell.telemetry(2.0 + i * 0.01)
+        if i % 10 == 0:
+            cell.slow(2.0 + i * 0.01)
+            time.sleep(0.005)
+    cell.height_map(60.0, 1)
+    write_job(folder / 'as_written_by_the_job', layers=1)
+    (folder / 'as_written_by_the_job/layers').rename(folder / 'layers')
+    time.sleep(1.0)
+    cell.status(61.0, JobStatus.DONE, str(folder), 1)
+
+
+def test_a_job_is_drawn_into_its_folder(graph, tmp_path):
+    g = graph('grpc_port:=0')
+    folder = tmp_path / 'job'
+    folder.mkdir()
+    play(g.cell, folder, 1000)
+    time.sleep(1.0)
+    g.process.terminate()
+    assert g.process.wait(15) == 0
+    found = entities(folder / 'job.rrd')
+    wanted = {
+        bp.SURFACE, bp.PLAN, f'{bp.PATH}/layer_001', bp.TORCH, bp.ERROR, bp.PSI, bp.CONFIDENCE,
+        bp.CURRENT, bp.VOLTAGE, bp.FEED, bp.TRAVEL, bp.TEMPERATURE, bp.LIMIT, bp.HEAT_FACTOR,
+        bp.MACHINE, bp.JOB, bp.RMS, bp.STATUS, bp.LOG,
+    }  # fmt: skip
+    assert wanted <= found, wanted - found
+
+
+def test_an_old_latched_status_opens_no_file(graph, tmp_path):
+    g = graph('grpc_port:=0')
+    g.cell.status(0.0, JobStatus.DONE, str(tmp_path))
+    g.cell.telemetry(0.0)
+    time.sleep(0.6)
+    assert not list(tmp_path.glob('*.rrd'))
+
+
+def test_heartbeats_keep_their_rate_under_a_flood_of_maps(graph, tmp_path):
+    """280 000 cells 20 times a second is far more than the drawing thread can show."""
+    g = graph('grpc_port:=0')
+    folder = tmp_path / 'job'
+    folder.mkdir()
+    g.cell.status(0.0, JobStatus.SCANNING, str(folder))
+    g.cell.plan(0.5, 1)
+    sent: dict[int, float] = {}
+    start = time.monotonic()
+    count = 0
+    while (now := time.monotonic()) - start < 4.0:
+        if now - start >= count * 0.05:
+            count += 1
+            sent[count] = time.monotonic()
+            g.ticks.publish(LeaseTick(controller_us=count))
+            g.cell.height_map(1.0 + count, 0, scale=5)
+        g.executor.spin_once(timeout_sec=0.005)
+    g.until(lambda: g.beats and g.beats[-1][1] == count, 5)
+    answered = {us: at for at, us in g.beats}
+    delays = sorted(answered[us] - sent[us] for us in answered)
+    assert len(answered) >= 0.95 * len(sent)
+    assert delays[len(delays) // 2] < 0.1, delays
+    assert delays[int(0.95 * len(delays))] < 0.4, delays[-8:]
+
+
+def test_unknown_parameter_is_refused_by_name():
+    command = [sys.executable, '-c', START, '--ros-args', '-p', 'grpc_prt:=1']
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30)
+    assert done.returncode == 2 and "did you mean 'grpc_port'" in done.stderr

@@ -1,0 +1,153 @@
+"""The drawing thread never holds anybody up; layout and recordings are as named."""
+
+import dataclasses
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun as rr
+import yaml
+
+from waam_process.grid import GridSpec
+from waam_view import blueprint as bp
+from waam_view.drawing import Drawing
+from waam_view.mailbox import Mailbox
+from waam_view.scene import MapData, Sample, Scene
+from waam_view.viewer import ViewError, find_recording
+from waam_view.web_viewer import binary
+
+
+def entities(file: Path) -> set[str]:
+    """Entity paths of a recording, as the rerun tool reads them back."""
+    out = subprocess.run(
+        [str(binary()), 'rrd', 'print', str(file)], capture_output=True, text=True, timeout=60
+    ).stdout
+    return {
+        line.split(' - ')[1].strip('/') for line in out.splitlines() if line.startswith('Chunk(')
+    }
+
+
+def sample(i: int) -> Sample:
+    t = 1_800_000_000 * 10**9 + i * 10**8
+    return Sample(t, (0.01 * i, 0.0, 0.0), 0.01, 0.08, 0.08, 180.0 + i, 22.0, 1, True)
+
+
+def test_mailbox_keeps_order_bounds_and_counts():
+    box = Mailbox(limit=3)
+    for i in range(5):
+        box.put(i)
+    for i in range(4):
+        box.replace('map', f'map {i}')
+    assert box.take(0) == ([2, 3, 4], ['map 3'])
+    assert (box.dropped, box.replaced) == (2, 3)
+    assert box.take(0) == ([], [])
+
+
+@pytest.mark.parametrize(
+    'window, whole', [(0.0, None), (60.0, None), (0.0, (10**18, 10**18 + 10**10))]
+)
+def test_blueprint_builds_and_is_stored(tmp_path, window, whole):
+    recording = rr.RecordingStream('test', recording_id='x')
+    recording.set_sinks(
+        rr.FileSink(str(tmp_path / 'x.rrd')), default_blueprint=bp.blueprint(6e-4, window, whole)
+    )
+    bp.log_styles(recording)
+    recording.flush()
+    recording.disconnect()
+    found = entities(tmp_path / 'x.rrd')
+    assert {'viewport', 'time_panel'} <= found
+    assert set(bp.SERIES) <= found
+
+
+def test_drawings_return_at_once_while_the_viewer_stalls():
+    drawing = Drawing(Scene(6e-4), 0, 0, 64, 0.0)
+    drawing.put(lambda _: time.sleep(1.0))
+    time.sleep(0.3)  # the thread is inside
+    start = time.thread_time()  # of this thread: the machine may be busy with other things
+    for i in range(20_000):
+        drawing.telemetry(sample(i))
+        drawing.newest('map', lambda _: None)
+    assert time.thread_time() - start < 0.5
+    assert drawing.mailbox.dropped > 0 and drawing.mailbox.replaced > 0
+    drawing.close()
+
+
+def test_a_drawing_that_fails_is_reported_and_the_next_one_is_drawn():
+    done = []
+    drawing = Drawing(Scene(6e-4), 0, 0, 64, 0.0)
+    drawing.put(lambda _: 1 / 0)
+    drawing.put(lambda _: done.append(1))
+    drawing.close()
+    assert done == [1] and 'ZeroDivisionError' in drawing.problem
+
+
+def test_file_of_a_job_holds_curves_and_surface(tmp_path):
+    scene = Scene(6e-4)
+    scene.new_job()
+    scene.record(tmp_path / 'job.rrd')
+    scene.telemetry([sample(i) for i in range(50)])
+    z = np.zeros((6, 8))
+    z[2, 2] = np.nan
+    scene.height_map(MapData(1_800_000_001 * 10**9, GridSpec(0, 0, 1e-3, 6, 8), z))
+    scene.close()
+    found = entities(tmp_path / 'job.rrd')
+    assert {bp.CURRENT, bp.VOLTAGE, bp.FEED, bp.TRAVEL, bp.TORCH, bp.SURFACE, bp.MACHINE} <= found
+
+
+def test_existing_recording_is_not_overwritten(tmp_path):
+    (tmp_path / 'job.rrd').write_bytes(b'old')
+    drawing = Drawing(Scene(6e-4), 0, 0, 64, 0.0)
+    drawing.start_job(tmp_path)
+    drawing.close()
+    assert (tmp_path / 'job.rrd').read_bytes() == b'old'
+    assert (tmp_path / 'job_2.rrd').is_file()
+
+
+def test_port_in_use_is_said_and_nothing_breaks():
+    import socket
+
+    with socket.socket() as s:
+        s.bind(('127.0.0.1', 0))
+        s.listen()
+        drawing = Drawing(Scene(6e-4), s.getsockname()[1], 0, 64, 0.0)
+        drawing.close()
+    assert 'in use' in drawing.problem
+
+
+def test_find_recording(tmp_path):
+    with pytest.raises(ViewError, match='does not exist'):
+        find_recording(tmp_path / 'none')
+    with pytest.raises(ViewError, match='no job.rrd'):
+        find_recording(tmp_path)
+    (tmp_path / 'record').mkdir()
+    (tmp_path / 'record/record_0.mcap').touch()
+    assert find_recording(tmp_path).name == 'record_0.mcap'
+    (tmp_path / 'job.rrd').touch()
+    assert find_recording(tmp_path).name == 'job.rrd'
+    (tmp_path / 'x.txt').touch()
+    with pytest.raises(ViewError, match='neither'):
+        find_recording(tmp_path / 'x.txt')
+
+
+def test_yaml_lists_every_parameter():
+    from waam_node.params import markdown
+    from waam_view.dashboard_node import DashboardParams
+
+    file = Path(__file__).parents[1] / 'config/dashboard.yaml'
+    listed = yaml.safe_load(file.read_text())['dashboard']['ros__parameters']
+    assert markdown(DashboardParams) in file.parents[1].joinpath('README.md').read_text()
+    assert listed == {f.name: f.default for f in dataclasses.fields(DashboardParams)}
+
+
+def test_core_modules_do_not_know_ros():
+    """Only conversions and the node import ROS."""
+    folder = Path(sys.modules['waam_view'].__file__).parent
+    for file in folder.glob('*.py'):
+        if file.name not in ('conversions.py', 'dashboard_node.py'):
+            assert not re.search(
+                r'(import|from) (rclpy|\w+_msgs|waam_node(?!\.files))', file.read_text()
+            ), file.name

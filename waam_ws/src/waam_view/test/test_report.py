@@ -1,0 +1,166 @@
+"""The report says what report.json says, needs nothing else, and survives what is missing."""
+
+import base64
+import json
+import re
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from synthetic_job import write_demo, write_job  # noqa: E402
+
+from waam_view import figures  # noqa: E402
+from waam_view.job_data import JobError, load_job, read_report  # noqa: E402
+from waam_view.report import write_all, write_report  # noqa: E402
+
+SECTIONS = [
+    'Height error', 'Layers', 'Arc and heat', 'Corrections', 'Limits, drop-outs and faults',
+    'Anomalies', 'Provenance',
+]  # fmt: skip
+
+
+@pytest.fixture(autouse=True, scope='module')
+def coarse_pictures():
+    fine, figures.DPI = figures.DPI, 40
+    yield
+    figures.DPI = fine
+
+
+@pytest.fixture(scope='module')
+def job(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('jobs') / 'one'
+    report = write_job(folder, layers=2)
+    return folder, report, write_report(folder).read_text()
+
+
+def pictures(text):
+    found = re.findall(r'src="data:image/png;base64,([^"]+)"', text)
+    return [base64.b64decode(p) for p in found]
+
+
+def test_numbers_of_the_report_appear(job):
+    _, report, text = job
+    run = report['closed_loop']
+    for value in (f'{run["rms_mm"]:.3f} mm', f'{run["max_mm"]:.3f} mm', '37.42 m', '1.830 MJ'):
+        assert value in text
+    assert '13 min 32 s' in text and '7 min 31 s' in text and '87.3 %' in text
+    for count in (48213, 12, 37, 211):
+        assert f'<td>{count}</td>' in text
+    for layer in run['layers']:
+        assert f'{layer["height_error_rms"] * 1e3:.3f}' in text
+    assert '0123abcd' in text and 'packages.numpy' in text and '4/1/0/17' in text
+
+
+def test_all_sections_and_pictures(job):
+    _, _, text = job
+    for title in SECTIONS:
+        assert f'<h2>{title}</h2>' in text
+    found = pictures(text)
+    assert len(found) == 7
+    assert all(p.startswith(b'\x89PNG') and len(p) > 1000 for p in found)
+
+
+def test_one_file_without_outside_links_or_scripts(job):
+    _, _, text = job
+    assert not re.search(r'https?://|<script|<link|src="(?!data:)', text)
+    assert len(text) < 3_000_000
+
+
+def test_text_from_outside_is_escaped(job):
+    _, _, text = job
+    assert 'arc lost &lt;b&gt;twice&lt;/b&gt;' in text and '<b>twice' not in text
+    assert 'A &amp; B &lt;x&gt;' in text
+
+
+@pytest.mark.parametrize(
+    'error, verdict, style', [(0.2, 'IN TOLERANCE', 'ok'), (1.0, 'OUT OF TOLERANCE', 'warn')]
+)
+def test_verdict_has_colour_and_words(tmp_path, error, verdict, style):
+    write_job(tmp_path / 'job', layers=1, layer_error=error)
+    text = write_report(tmp_path / 'job').read_text()
+    assert f'<div class="verdict {style}">{verdict}' in text
+
+
+def test_failed_job_says_what_happened(tmp_path):
+    write_job(tmp_path / 'job', layers=1, failed=True)
+    text = write_report(tmp_path / 'job').read_text()
+    assert '<div class="verdict bad">FAILED' in text
+    assert 'error 108' in text and 'arc did not strike after 3 tries' in text
+
+
+@pytest.mark.parametrize('missing', ['layers', 'telemetry.npz', 'all'])
+def test_missing_parts_leave_the_rest(tmp_path, missing):
+    folder = tmp_path / 'job'
+    write_job(folder, layers=1)
+    for name in ('layers', 'telemetry.npz', 'job.yaml') if missing == 'all' else (missing,):
+        path = folder / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    text = write_report(folder).read_text()
+    assert all(f'<h2>{s}</h2>' in text for s in SECTIONS)
+    assert 'RMS height error, final' in text
+
+
+def test_bare_failure_without_any_number(tmp_path):
+    run = {'verdict': 'failed', 'error_code': 103, 'message': 'mesh is open', 'folder': '.'}
+    report = {'job_id': 'x', 'verdict': 'failed', 'closed_loop': run}
+    (tmp_path / 'report.json').write_text(json.dumps(report))
+    text = write_report(tmp_path).read_text()
+    assert 'mesh is open' in text and 'No scan was stored' in text
+
+
+def test_damaged_scan_is_said_and_left_out(tmp_path):
+    folder = tmp_path / 'job'
+    write_job(folder, layers=2)
+    (folder / 'layers/scan_001.npz').write_bytes(b'PK not a zip')
+    text = write_report(folder).read_text()
+    assert 'scan_001.npz cannot be read' in text and 'after layer 2' not in text.split('<h2>')[0]
+
+
+def test_unseen_final_surface(tmp_path):
+    """A last scan without one known height must not break the page."""
+    folder = tmp_path / 'job'
+    write_job(folder, layers=1)
+    file = folder / 'layers/scan_001.npz'
+    with np.load(file) as f:
+        data = dict(f)
+    data['z'][:] = np.nan
+    np.savez_compressed(file, **data)
+    assert '<h2>Height error</h2>' in write_report(folder).read_text()
+
+
+def test_maps_are_read_in_metres_with_their_region(tmp_path):
+    write_job(tmp_path / 'job', layers=2)
+    loaded = load_job(tmp_path / 'job', read_report(tmp_path / 'job'), 'closed_loop')
+    last = loaded.scans[-1]
+    error = last.final_error[last.interior]
+    rms = np.sqrt(np.nanmean(error**2)) * 1e3
+    assert rms == pytest.approx(loaded.run['rms_mm'], rel=0.2)
+    assert np.isnan(last.final_error[~last.region]).all()
+    assert last.extent_mm == pytest.approx((10, 80, 20, 60))
+
+
+def test_demo_compares_both_runs(tmp_path):
+    whole = write_demo(tmp_path / 'demo')
+    written = write_all(tmp_path / 'demo')
+    assert [p.parent.name for p in written] == ['closed_loop', 'open_loop', 'demo']
+    text = written[-1].read_text()
+    for profile in ('open_loop', 'closed_loop'):
+        assert f'{whole[profile]["rms_mm"]:.3f} mm' in text
+        assert f'href="{profile}/report.html"' in text
+        for layer in whole[profile]['layers']:
+            assert f'{layer["height_error_rms"] * 1e3:.3f}' in text
+    assert f'{whole["ratio"]:.3f}' in text
+    assert len(pictures(text)) == 4
+
+
+@pytest.mark.parametrize('content', [None, 'nonsense', '[]', '{"job_id": "x"}'])
+def test_a_folder_that_is_no_job_is_refused(tmp_path, content):
+    if content is not None:
+        (tmp_path / 'report.json').write_text(content)
+    with pytest.raises(JobError, match=r'report\.json'):
+        write_report(tmp_path)
+    assert not (tmp_path / 'report.html').exists()

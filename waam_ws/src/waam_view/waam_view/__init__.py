@@ -1,0 +1,1 @@
+"""What people see of a job: the live dashboard (rerun) and the report."""

@@ -1,0 +1,105 @@
+"""Layout of the dashboard, and the names of what is logged."""
+
+from __future__ import annotations
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+TIMELINE = 'ros_time'
+SURFACE, PLAN, PATH, TORCH = 'part/surface', 'part/plan', 'part/path', 'part/torch'
+ERROR, PSI, CONFIDENCE = 'maps/error', 'maps/psi', 'maps/confidence'
+CURRENT, VOLTAGE, FEED, TRAVEL = 'arc/current', 'arc/voltage', 'feed/wire', 'feed/travel'
+TEMPERATURE, LIMIT, HEAT_FACTOR = 'heat/temperature', 'heat/limit', 'heat/factor'
+MACHINE, JOB, RMS = 'state/machine', 'state/job', 'quality/rms'
+STATUS, LOG = 'status', 'log'
+
+_BLUE, _RED, _GREY, _GREEN = (28, 111, 184), (194, 59, 49), (138, 148, 160), (35, 131, 63)
+SERIES = {  # entity: (names, colours)
+    CURRENT: (['current, A'], [_BLUE]),
+    VOLTAGE: (['voltage, V'], [_RED]),
+    FEED: (['commanded, m/min', 'actual, m/min'], [_GREY, _BLUE]),
+    TRAVEL: (['planned, mm/s', 'actual, mm/s'], [_GREY, _BLUE]),
+    TEMPERATURE: (['temperature, °C'], [_RED]),
+    LIMIT: (['interpass limit, °C'], [_GREY]),
+    HEAT_FACTOR: (['heat factor, %'], [_GREEN]),
+    RMS: (['RMS height error, mm', 'largest, mm'], [_BLUE, _GREY]),
+}
+
+
+def blueprint(
+    error_range_m: float, window_s: float = 0.0, whole_ns: tuple[int, int] | None = None
+) -> rrb.Blueprint:
+    """The layout. error_range_m: ends of the error colours; window_s > 0: plots show that many seconds before the
+    cursor (live); whole_ns: they show this range (a job that has ended).
+    """
+    span = None if whole_ns is None else rrb.TimeRange(*(_at(t) for t in whole_ns))
+
+    def _plot(name: str, origin: str, *more: str) -> rrb.TimeSeriesView:
+        contents = ['$origin/**', *(f'+ /{entity}' for entity in more)]
+        axis = None if span is None else rrb.TimeAxis(view_range=span)
+        ranges = _last(window_s) if window_s > 0 and origin != RMS else None
+        return rrb.TimeSeriesView(
+            origin=origin, name=name, contents=contents, axis_x=axis, time_ranges=ranges
+        )
+
+    plots = rrb.Vertical(
+        _plot('Arc current', CURRENT),
+        _plot('Arc voltage', VOLTAGE),
+        _plot('Wire feed', FEED),
+        _plot('Travel speed (while depositing: planned)', TRAVEL),
+        rrb.Tabs(
+            _plot('Temperature and interpass limit', 'heat/temperature', LIMIT),
+            _plot('Heat factor', HEAT_FACTOR),
+            active_tab=0,
+        ),
+        _plot('Height error', RMS),
+    )
+    reach = f'{error_range_m * 1e3:g}'
+    maps = rrb.Vertical(
+        rrb.Spatial2DView(
+            origin=ERROR, name=f'Height error (blue -{reach} mm ... red +{reach} mm)'
+        ),
+        rrb.Spatial2DView(origin=PSI, name='ψ (blue -1: slower, more metal ... red +1)'),
+        rrb.Spatial2DView(origin=CONFIDENCE, name='Confidence of ψ (dark 0 ... yellow 1)'),
+    )
+    part = rrb.Vertical(
+        rrb.Spatial3DView(
+            origin='part',
+            name='Part (surface: colours of the error, beside the beads: of the height)',
+            background=rrb.Background(color=(24, 27, 31)),
+            line_grid=rrb.LineGrid3D(visible=True, spacing=0.01),
+        ),
+        rrb.Horizontal(
+            rrb.TextDocumentView(origin=STATUS, name='Status'),
+            rrb.TextLogView(origin=LOG, name='Log'),
+            column_shares=[1, 2],
+        ),
+        rrb.StateTimelineView(
+            origin='state',
+            name='States',
+            time_view=None if span is None else rrb.TimeAxis(view_range=span),
+        ),
+        row_shares=[5, 2.7, 1.2],
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(part, maps, plots, column_shares=[5, 3, 4]),
+        rrb.TimePanel(state='collapsed', timeline=TIMELINE, play_state='following'),
+        rrb.SelectionPanel(state='collapsed'),
+        rrb.BlueprintPanel(state='collapsed'),
+    )
+
+
+def _at(t_ns: int) -> rrb.TimeRangeBoundary:
+    return rrb.TimeRangeBoundary.absolute(nanos=t_ns)
+
+
+def _last(seconds: float) -> rrb.VisibleTimeRange:
+    start = rrb.TimeRangeBoundary.cursor_relative(seconds=-seconds)
+    return rrb.VisibleTimeRange(TIMELINE, start=start, end=rrb.TimeRangeBoundary.cursor_relative())
+
+
+def log_styles(recording: rr.RecordingStream) -> None:
+    """Names and colours of the curves; once per recording."""
+    for entity, (names, colours) in SERIES.items():
+        recording.log(entity, rr.SeriesLines(names=names, colors=colours), static=True)
+    recording.log('part', rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

@@ -1,0 +1,144 @@
+"""The page of a demo: the same part, several profiles, side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from . import figures
+from .html import cards, duration, escape, fmt, page, picture, table
+from .job_data import Job, number
+
+
+def comparison_page(folder: Path, jobs: list[Job]) -> str:
+    """`jobs`: the runs of one report.json, same part and tolerance."""
+    report = jobs[0].report
+    name = report.get('name') or report.get('job_id') or Path(folder).name
+    profiles = ' against '.join(j.profile.replace('_', ' ') for j in jobs)
+    parts = [
+        f'<h1>{escape(name)}</h1>',
+        f'<p class=soft>{escape(profiles)} · part: <b>{escape(report.get("part", ""))}</b> · '
+        f'material: <b>{escape(report.get("material", ""))}</b> · tolerance: '
+        f'<b>±{jobs[0].tolerance_mm:g} mm</b> · {escape(report.get("created", ""))}</p>',
+        _verdict(report, jobs),
+        _cards(report, jobs),
+        _maps(jobs),
+        _table_of_runs(jobs),
+        _rms_by_layer(jobs),
+        _links(folder, jobs),
+    ]
+    return page(f'{name}: comparison', '\n'.join(parts))
+
+
+def ratio(report: dict, jobs: list[Job]) -> float:
+    """RMS closed over open loop, NaN when one is missing."""
+    stated = number(report.get('ratio'))
+    runs = {j.profile: number(j.run.get('rms_mm')) for j in jobs}
+    if np.isfinite(stated) or not {'open_loop', 'closed_loop'} <= runs.keys():
+        return stated
+    return runs['closed_loop'] / runs['open_loop'] if runs['open_loop'] > 0 else float('nan')
+
+
+def _verdict(report: dict, jobs: list[Job]) -> str:
+    verdict = str(report.get('verdict') or 'unknown')
+    style = {'in tolerance': 'ok', 'out of tolerance': 'warn'}.get(verdict, 'bad')
+    each = '; '.join(
+        f'{j.profile.replace("_", " ")}: {j.run.get("verdict", "unknown")}'
+        + (f' ({j.run["message"]})' if j.run.get('message') and j.run.get('error_code') else '')
+        for j in jobs
+    )
+    return (
+        f'<div class="verdict {style}">{escape(verdict.upper())}<small>{escape(each)}</small></div>'
+    )
+
+
+def _cards(report: dict, jobs: list[Job]) -> str:
+    items = [
+        (fmt(j.run.get('rms_mm'), 3, 'mm'), f'RMS {j.profile.replace("_", " ")}') for j in jobs
+    ]
+    value = ratio(report, jobs)
+    items.append((fmt(value, 3), 'RMS closed over open loop'))
+    if np.isfinite(value) and value > 0:
+        items.append((fmt(1 / value, 1), 'times smaller error'))
+    return cards(items)
+
+
+def _maps(jobs: list[Job]) -> str:
+    shown = [j for j in jobs if j.scans and np.isfinite(j.scans[-1].final_error).any()]
+    if not shown:
+        return '<h2>Final height error</h2><p>No run has a final scan.</p>'
+    errors = [j.scans[-1].final_error[j.scans[-1].interior] * 1e3 for j in shown]
+    limit = figures.nice_range(errors, 2 * shown[0].tolerance_mm)
+    caption = (
+        'Last scan against the nominal surface, the same colour scale for all. Red: too high, blue: too '
+        f'low. Thin lines: beyond ±{shown[0].tolerance_mm:g} mm. Dashed: judged area.'
+    )
+    out = ['<h2>Final height error</h2>', picture(figures.side_by_side(shown, limit), caption)]
+    pair = [
+        picture(figures.histogram(j.scans[-1], j.tolerance_mm, limit), j.profile.replace('_', ' '))
+        for j in shown
+    ]
+    out.append(f'<div class=pair>{"".join(pair)}</div>')
+    return '\n'.join(out)
+
+
+_ROWS = [
+    ('verdict', 'verdict', None, 0),
+    ('RMS height error, mm', 'rms_mm', 1, 3),
+    ('largest error, mm', 'max_mm', 1, 3),
+    ('mean error, mm', 'mean_mm', 1, 3),
+    ('RMS with the edges, mm', 'rms_all_mm', 1, 3),
+    ('RMS as found, mm', 'as_found_rms_mm', 1, 3),
+    ('within tolerance, %', 'share_in_tolerance', 100, 1),
+    ('wire, m', 'wire_m', 1, 2),
+    ('arc energy, MJ', 'energy_J', 1e-6, 3),
+    ('cost J (eq 2.4)', 'cost', 1, 4),
+    ('scanner points dropped', 'points_dropped', 1, 0),
+    ('profiles rejected', 'profiles_rejected', 1, 0),
+    ('telemetry frames lost', 'telemetry_lost', 1, 0),
+    ('faults', 'faults', 1, 0),
+]
+
+
+def _table_of_runs(jobs: list[Job]) -> str:
+    rows = []
+    for text, key, factor, digits in _ROWS:
+        values = [j.run.get(key) for j in jobs]
+        shown = [v if factor is None else fmt(number(v) * factor, digits) for v in values]
+        rows.append([text, *shown])
+    rows.append(['duration', *(duration(j.run.get('duration_s')) for j in jobs)])
+    rows.append(['arc on', *(duration(j.run.get('arc_on_s')) for j in jobs)])
+    for kind in ('speed', 'feed', 'voltage', 'psi'):
+        counts = [(j.run.get('clamps') or {}).get(kind, '–') for j in jobs]
+        rows.append([f'segments with limited {kind}', *counts])
+    head = ['', *(j.profile.replace('_', ' ') for j in jobs)]
+    return '<h2>Runs</h2>' + table(head, rows, {0})
+
+
+def _rms_by_layer(jobs: list[Job]) -> str:
+    if not any(j.layers for j in jobs):
+        return ''
+    count = max(len(j.layers) for j in jobs)
+    rows = []
+    for i in range(count):
+        layers = [j.layers[i] if i < len(j.layers) else {} for j in jobs]
+        final = any(x.get('final') for x in layers)
+        values = [fmt(number(x.get('height_error_rms')) * 1e3, 3) for x in layers]
+        rows.append(['after the last layer' if final else f'before layer {i + 1}', *values])
+    head = ['RMS height error, mm', *(j.profile.replace('_', ' ') for j in jobs)]
+    chart = picture(figures.convergence(jobs), 'RMS height error over the layers')
+    listed = table(head, rows, {0})
+    return f'<h2>Error by layer</h2><div class=pair>{chart}<figure>{listed}</figure></div>'
+
+
+def _links(folder: Path, jobs: list[Job]) -> str:
+    out = ['<h2>Reports of the runs</h2>']
+    for job in jobs:
+        place = str(job.run.get('folder') or '.')
+        name = escape(job.profile.replace('_', ' '))
+        if place != '.' and (job.folder / 'report.json').is_file():
+            out.append(f'<p><a href="{escape(place)}/report.html">{name}</a></p>')
+        else:
+            out.append(f'<p>{name}: no report of its own</p>')
+    return '\n'.join(out)

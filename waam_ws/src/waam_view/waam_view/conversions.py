@@ -1,0 +1,114 @@
+"""Messages -> what the scene draws."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from waam_msgs.msg import (
+    Anomaly,
+    CorrectionMap,
+    HeightMap,
+    JobStatus,
+    LayerPlan,
+    LayerReport,
+    Segment,
+    Telemetry,
+)
+from waam_node.conversions import grid_from_msg, map_from_msg, nanoseconds
+
+from .scene import CorrectionData, MapData, Sample
+from .surface import LayerPath
+
+_STATES = (
+    *('IDLE', 'VALIDATING', 'PREPARING', 'COOLING', 'SCANNING', 'CORRECTING', 'DEPOSITING'),
+    *('PAUSED', 'FINISHING', 'DONE', 'FAILED', 'ABORTED'),
+)
+JOB_STATES = {getattr(JobStatus, name): name for name in _STATES}
+ENDED = (JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED)
+
+
+def stamp_ns(raw: bytes) -> int:
+    """header.stamp of a serialized message whose first field is a Header, without deserializing it."""
+    seconds, nanoseconds_ = struct.unpack_from('<iI' if raw[1] & 1 else '>iI', raw, 4)
+    return seconds * 1_000_000_000 + nanoseconds_
+
+
+def sample(msg: Telemetry) -> Sample:
+    p = msg.position
+    return Sample(
+        nanoseconds(msg.header.stamp),
+        (p.x, p.y, p.z),
+        msg.travel_speed,
+        msg.wire_feed_commanded,
+        msg.wire_feed_speed,
+        msg.arc_current,
+        msg.arc_voltage,
+        msg.state,
+        msg.arc_established,
+    )
+
+
+def map_data(msg: HeightMap) -> MapData:
+    """Raises ValueError when the map does not fit its grid."""
+    spec = grid_from_msg(msg.grid)
+    return MapData(nanoseconds(msg.header.stamp), spec, map_from_msg(msg.z, spec))
+
+
+def correction_data(msg: CorrectionMap) -> CorrectionData:
+    spec = grid_from_msg(msg.grid)
+    psi = map_from_msg(msg.psi, spec)
+    confidence = map_from_msg(msg.confidence, spec) if len(msg.confidence) else np.ones(psi.shape)
+    return CorrectionData(nanoseconds(msg.header.stamp), msg.layer, psi, confidence)
+
+
+def layer_path(msg: LayerPlan) -> LayerPath:
+    laid = [s for s in msg.segments if s.kind == Segment.DEPOSIT]
+
+    def points(name: str) -> np.ndarray:
+        found = [(p.x, p.y, p.z) for p in (getattr(s, name) for s in laid)]
+        return np.array(found, float).reshape(-1, 3)
+
+    height, width, speed = (
+        np.array([getattr(s, n) for s in laid], float) for n in ('height', 'width', 'speed')
+    )
+    return LayerPath(msg.layer, points('start'), points('end'), height, width, speed)
+
+
+def status_text(msg: JobStatus) -> str:
+    """The job in a few lines of markdown."""
+    left = '–' if not np.isfinite(msg.time_left) else f'{msg.time_left / 60:.1f} min'
+    rms, largest = (
+        '–' if not np.isfinite(v) else f'{v * 1e3:.3f} mm'
+        for v in (msg.height_error_rms, msg.height_error_max)
+    )
+    rows = [
+        ('state', f'**{JOB_STATES.get(msg.state, msg.state)}**'),
+        ('profile', msg.profile.replace('_', ' ')),
+        ('layer', f'{msg.layer} of {msg.layers}'),
+        ('bead', f'{msg.bead} of {msg.beads}'),
+        ('progress', f'{100 * msg.progress:.0f} %'),
+        ('time left', left),
+        ('RMS height error', rms),
+        ('largest error', largest),
+    ]
+    table = '\n'.join(f'| {k} | {v} |' for k, v in rows)
+    said = f'\n\n{msg.message}' if msg.message else ''
+    return f'**{msg.job_id or "no job"}**\n\n| | |\n|---|---|\n{table}{said}'
+
+
+def anomaly_text(msg: Anomaly) -> str:
+    place = f' (layer {msg.layer}, bead {msg.bead})' if msg.layer else ''
+    return f'{msg.class_name}: {msg.text}{place}; reaction: {msg.reaction or "none"}'
+
+
+def report_text(msg: LayerReport) -> str:
+    rms = f'RMS {msg.height_error_rms * 1e3:.3f} mm'
+    if msg.final:
+        return f'final surface: {rms}'
+    clamps = (msg.clamps_speed, msg.clamps_feed, msg.clamps_voltage, msg.clamps_psi)
+    return (
+        f'layer {msg.layer} laid: {rms} before, {msg.current_mean:.0f} A, {msg.voltage_mean:.1f} V, '
+        f'{msg.heat_input * 1e-3:.0f} J/mm, clamps {"/".join(map(str, clamps))}'
+    )

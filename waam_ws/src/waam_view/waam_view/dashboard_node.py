@@ -1,0 +1,166 @@
+"""Shows the cell live in rerun and keeps job.rrd of every job. Callbacks only hand over; a thread
+draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Temperature
+
+from waam_msgs.msg import (
+    Anomaly,
+    CorrectionMap,
+    HeatFactor,
+    HeightMap,
+    JobStatus,
+    LayerPlan,
+    LayerReport,
+    MachineState,
+    Telemetry,
+)
+from waam_node.conversions import nanoseconds
+from waam_node.node import OK, WARN, WaamNode
+from waam_node.node import main as run_main
+from waam_node.params import param
+from waam_node.qos import BEAT, EVENTS, LATCHED, TELEMETRY
+
+from . import blueprint as bp
+from . import conversions as cv
+from .drawing import Drawing
+from .scene import Scene
+
+
+@dataclass(frozen=True)
+class DashboardParams:
+    grpc_port: int = param(9876, 'rerun server on 127.0.0.1; 0 = none', '', 0, 65535)
+    web_port: int = param(0, 'web viewer on 127.0.0.1; 0 = none', '', 0, 65535)
+    memory_mb: int = param(
+        512, 'what the server keeps for viewers that connect late', 'MB', 16, 65536
+    )
+    telemetry_period: float = param(
+        0.1, 'ROS time between two telemetry frames shown', 's', 0.0, 10.0
+    )
+    error_range: float = param(
+        0.0006, 'height error at the ends of the colour scale', 'm', 1e-5, 0.1
+    )
+    window: float = param(120.0, 'live plots show this much ROS time; 0 = all', 's', 0.0, 86400.0)
+    record: bool = param(True, 'keep job.rrd in the folder of the job')
+
+
+class Dashboard(WaamNode):
+    def __init__(self) -> None:
+        super().__init__('dashboard', DashboardParams)
+        p = self.params
+        self._drawing = Drawing(
+            Scene(p.error_range), p.grpc_port, p.web_port, p.memory_mb, p.window
+        )
+        self._job = ''
+        self._errors = (0.0, 0.0)
+        self._next_ns = 0
+        self._machine_text = ''
+        self._tap = Node(
+            '_dashboard_tap', context=self.context, use_global_arguments=False,
+            enable_rosout=False, start_parameter_services=False, namespace=self.get_namespace(),
+        )  # fmt: skip
+        topic = self.resolve_topic_name('telemetry')
+        self._telemetry = self._tap.create_subscription(
+            Telemetry, topic, lambda _: None, TELEMETRY, raw=True
+        )
+        self.create_timer(0.02, self._poll_telemetry, clock=self.steady)
+        self.create_timer(1.0, self._report, clock=self.steady)
+        for kind, name, callback, qos in (
+            (HeightMap, 'height_map', self._on_height_map, LATCHED),
+            (CorrectionMap, 'correction_map', self._on_correction, LATCHED),
+            (LayerPlan, 'layer_plan', self._on_plan, LATCHED),
+            (HeatFactor, 'heat_factor', self._on_heat_factor, LATCHED),
+            (Temperature, 'temperature', self._on_temperature, BEAT),
+            (JobStatus, 'job_status', self._on_job_status, LATCHED),
+            (LayerReport, 'layer_report', self._on_layer_report, EVENTS),
+            (MachineState, 'machine_state', self._on_machine_state, LATCHED),
+            (Anomaly, 'anomaly', self._on_anomaly, EVENTS),
+        ):
+            self.create_subscription(kind, name, callback, qos)
+
+    def _poll_telemetry(self) -> None:
+        """Takes what has come (3 us a frame) and reads one frame per period."""
+        handle, period = self._telemetry.handle, int(self.params.telemetry_period * 1e9)
+        with handle:
+            while (taken := handle.take_message(Telemetry, True)) is not None:
+                t = cv.stamp_ns(taken[0])
+                if t >= self._next_ns or t < self._next_ns - 2 * period:
+                    self._next_ns = t + period
+                    self._drawing.telemetry(cv.sample(deserialize_message(taken[0], Telemetry)))
+
+    def _on_height_map(self, msg: HeightMap) -> None:
+        self._drawing.newest('map', lambda scene: scene.height_map(cv.map_data(msg)))
+        self._drawing.expect_scan(msg.scan_id, nanoseconds(msg.header.stamp))
+
+    def _on_correction(self, msg: CorrectionMap) -> None:
+        self._drawing.newest('correction', lambda scene: scene.correction(cv.correction_data(msg)))
+
+    def _on_plan(self, msg: LayerPlan) -> None:
+        t = nanoseconds(msg.header.stamp)
+        self._drawing.newest('plan', lambda scene: scene.plan(t, cv.layer_path(msg)))
+
+    def _on_heat_factor(self, msg: HeatFactor) -> None:
+        t = nanoseconds(msg.header.stamp)
+        self._drawing.put(lambda scene: scene.scalar(t, bp.HEAT_FACTOR, 100 * msg.factor))
+        self._drawing.put(lambda scene: scene.scalar(t, bp.LIMIT, msg.interpass_limit))
+
+    def _on_temperature(self, msg: Temperature) -> None:
+        t = nanoseconds(msg.header.stamp)
+        self._drawing.put(lambda scene: scene.scalar(t, bp.TEMPERATURE, msg.temperature))
+
+    def _on_job_status(self, msg: JobStatus) -> None:
+        t = nanoseconds(msg.header.stamp)
+        ended = msg.state in cv.ENDED
+        if msg.job_dir and msg.job_dir != self._job and not ended and msg.state != JobStatus.IDLE:
+            self._job = msg.job_dir
+            self._drawing.start_job(Path(msg.job_dir), self.params.record)
+        name = cv.JOB_STATES.get(msg.state, str(msg.state))
+        self._drawing.put(lambda scene: scene.state(t, bp.JOB, name))
+        self._drawing.put(lambda scene: scene.status(t, cv.status_text(msg)))
+        errors = (msg.height_error_rms * 1e3, msg.height_error_max * 1e3)
+        if errors != self._errors:
+            self._errors = errors
+            self._drawing.put(lambda scene: scene.scalar(t, bp.RMS, *errors))
+        if ended and msg.job_dir == self._job:
+            self._job = ''
+            self._drawing.put(lambda scene: scene.text(t, 0, f'job {name.lower()}: {msg.message}'))
+            self._drawing.end_job()
+
+    def _on_layer_report(self, msg: LayerReport) -> None:
+        t = nanoseconds(msg.header.stamp)
+        self._drawing.put(lambda scene: scene.text(t, 0, cv.report_text(msg)))
+
+    def _on_machine_state(self, msg: MachineState) -> None:
+        if msg.message and msg.message != self._machine_text:
+            t = nanoseconds(msg.header.stamp)
+            severity = 2 if msg.fault else 0
+            self._drawing.put(lambda scene: scene.text(t, severity, f'machine: {msg.message}'))
+        self._machine_text = msg.message
+
+    def _on_anomaly(self, msg: Anomaly) -> None:
+        t = nanoseconds(msg.header.stamp)
+        self._drawing.put(lambda scene: scene.text(t, msg.severity, cv.anomaly_text(msg)))
+
+    def _report(self) -> None:
+        drawing = self._drawing
+        self.values = {
+            'viewer': drawing.url, 'file': drawing.file, 'drawn': drawing.drawn,
+            'dropped': drawing.mailbox.dropped, 'maps_skipped': drawing.mailbox.replaced,
+            'longest_draw_ms': f'{drawing.longest_s * 1e3:.0f}',
+        }  # fmt: skip
+        self.level = WARN if drawing.problem or drawing.mailbox.dropped else OK
+        self.message = drawing.problem or 'ok'
+
+    def close(self) -> None:
+        self._drawing.close()
+        self._tap.destroy_node()
+
+
+def main() -> None:
+    run_main(Dashboard)

@@ -1,0 +1,329 @@
+"""Pictures of the report. Each function returns a PNG as bytes; input in SI, axes in the units of
+the shop floor."""
+
+from __future__ import annotations
+
+import io
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from .job_data import Job, Scan, find_value, number
+
+DIVERGING, ORANGE = 'RdBu_r', '#e08a1e'
+GRID, INK, BLUE, RED, GREEN, GREY = '#d9dde2', '#1f2933', '#1c6fb8', '#c23b31', '#23833f', '#8a94a0'
+DPI = 130
+_MAX_POINTS = 4000
+_LAYER_SHADES = ('#eef2f6', '#ffffff')
+
+
+def _figure(width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), layout='constrained')
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _png(figure: Figure) -> bytes:
+    out = io.BytesIO()
+    figure.savefig(out, format='png', dpi=DPI)
+    return out.getvalue()
+
+
+def _style(axes: Axes, x: str = '', y: str = '') -> None:
+    axes.grid(color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    for side in ('top', 'right'):
+        axes.spines[side].set_visible(False)
+    axes.tick_params(labelsize=8, colors=INK)
+    axes.set_xlabel(x, fontsize=9)
+    axes.set_ylabel(y, fontsize=9)
+
+
+def nice_range(values: list[np.ndarray], least: float) -> float:
+    """Symmetric colour range (same unit): 99th percentile of the magnitudes, rounded up."""
+    known = [np.abs(v[np.isfinite(v)]) for v in values]
+    known = np.concatenate(known) if known else np.empty(0)
+    wanted = max(least, float(np.percentile(known, 99)) if known.size else least)
+    scale = 10 ** math.floor(math.log10(wanted))
+    steps = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10)
+    return next(s * scale for s in steps if s * scale >= wanted * 0.999)
+
+
+def _window(scan: Scan) -> tuple[float, float, float, float]:
+    """x_min, x_max, y_min, y_max in mm of the region with a little around it; the whole map without a region."""
+    x0, x1, y0, y1 = scan.extent_mm
+    rows, cols = np.nonzero(scan.region)
+    if not rows.size:
+        return x0, x1, y0, y1
+    d, around = scan.resolution * 1e3, 3.0
+    left, right = x0 + cols.min() * d - around, x0 + (cols.max() + 1) * d + around
+    low, high = y0 + rows.min() * d - around, y0 + (rows.max() + 1) * d + around
+    return max(x0, left), min(x1, right), max(y0, low), min(y1, high)
+
+
+def _show(axes: Axes, scan: Scan, values: np.ndarray, limit: float, colours: str = DIVERGING):
+    """A map with y up, cells as they are, unknown cells grey, cut to the region."""
+    axes.set_facecolor('#e4e7eb')
+    image = axes.imshow(
+        values,
+        origin='lower',
+        extent=scan.extent_mm,
+        cmap=colours,
+        vmin=-limit,
+        vmax=limit,
+        interpolation='nearest',
+        aspect='equal',
+    )
+    x0, x1, y0, y1 = _window(scan)
+    axes.set_xlim(x0, x1)
+    axes.set_ylim(y0, y1)
+    axes.tick_params(labelsize=7)
+    return image
+
+
+def _outline(axes: Axes, scan: Scan, mask: np.ndarray, colour: str, **style) -> None:
+    if mask.any() and not mask.all() and min(mask.shape) > 1:
+        x0, _, y0, _ = scan.extent_mm
+        d = scan.resolution * 1e3
+        x = x0 + (np.arange(mask.shape[1]) + 0.5) * d
+        y = y0 + (np.arange(mask.shape[0]) + 0.5) * d
+        axes.contour(x, y, mask.astype(float), [0.5], colors=colour, **style)
+
+
+def _aspect(scan: Scan) -> float:
+    """Height over width of the map as shown."""
+    x0, x1, y0, y1 = _window(scan)
+    return (y1 - y0) / (x1 - x0)
+
+
+def final_map(scan: Scan, tolerance_mm: float, limit_mm: float, title: str = '') -> bytes:
+    """Error of the last scan against the nominal surface, with the tolerance on map and colour bar."""
+    error = scan.final_error * 1e3
+    figure = _figure(9.0, min(7.0, max(2.6, 7.8 * _aspect(scan) + 1.0)))
+    axes = figure.add_subplot()
+    image = _show(axes, scan, error, limit_mm)
+    beyond = np.nan_to_num(np.abs(error), nan=0.0) > tolerance_mm
+    _outline(axes, scan, beyond, '#111111', linewidths=0.5)
+    _outline(axes, scan, scan.interior, GREEN, linewidths=1.2, linestyles='--')
+    bar = figure.colorbar(image, ax=axes, extend='both', fraction=0.05, pad=0.015)
+    bar.set_label('height error, mm', fontsize=9)
+    for side in (-1, 1):
+        bar.ax.axhline(side * tolerance_mm, color='black', linewidth=1.5)
+    axes.set_xlabel('x, mm', fontsize=9)
+    axes.set_ylabel('y, mm', fontsize=9)
+    axes.set_title(title, fontsize=10)
+    return _png(figure)
+
+
+def small_multiples(
+    scans: list[Scan], maps: list[np.ndarray], limit: float, unit: str, titles: list[str]
+) -> bytes:
+    """Maps of all scans on one colour scale."""
+    columns = min(len(scans), 3 if _aspect(scans[0]) < 0.7 else 4)
+    rows = math.ceil(len(scans) / columns)
+    one_wide = 8.5 / columns - 0.35  # beside it: tick labels; at the right: the colour bar
+    height = rows * (one_wide * min(1.3, _aspect(scans[0])) + 0.35) + 0.35
+    figure = _figure(9.4, max(1.8, height))
+    axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True)).ravel()
+    for one, scan, values, title in zip(axes, scans, maps, titles, strict=False):
+        image = _show(one, scan, values, limit)
+        one.set_title(title, fontsize=8)
+    for one in axes[len(scans) :]:
+        one.set_visible(False)
+    bar = figure.colorbar(image, ax=list(axes), fraction=0.03, pad=0.01, extend='both')
+    bar.set_label(unit, fontsize=9)
+    return _png(figure)
+
+
+def histogram(scan: Scan, tolerance_mm: float, reach_mm: float = 0.0) -> bytes:
+    """Distribution of the final error inside the margin, with the tolerance. reach_mm: half the
+    axis; 0 = from the data."""
+    error = scan.final_error[scan.interior] * 1e3
+    error = error[np.isfinite(error)]
+    figure = _figure(4.6, 3.0)
+    axes = figure.add_subplot()
+    if error.size:
+        own = max(2 * tolerance_mm, float(np.percentile(np.abs(error), 99.5)) * 1.1)
+        reach = reach_mm or own
+        edges = np.linspace(-reach, reach, 61)
+        weights = np.full(error.size, 100.0 / error.size)
+        axes.hist(np.clip(error, -reach, reach), edges, weights=weights, color=BLUE)
+        axes.axvline(error.mean(), color=INK, linewidth=1.0, linestyle=':')
+    axes.axvspan(-tolerance_mm, tolerance_mm, color=GREEN, alpha=0.12)
+    for side in (-1, 1):
+        axes.axvline(side * tolerance_mm, color=GREEN, linewidth=1.2)
+    _style(axes, 'final height error, mm (green: tolerance, dotted: mean)', 'share of cells, %')
+    return _png(figure)
+
+
+def convergence(jobs: list[Job]) -> bytes:
+    """RMS height error before every layer and after the last, one line per profile."""
+    figure = _figure(4.6, 3.0)
+    axes = figure.add_subplot()
+    tolerance = jobs[0].tolerance_mm
+    axes.axhspan(0, tolerance, color=GREEN, alpha=0.12)
+    colours = {'open_loop': RED, 'closed_loop': BLUE, 'monitor': GREY}
+    for job in jobs:
+        colour = colours[job.profile]
+        rms = [number(x.get('height_error_rms')) * 1e3 for x in job.layers]
+        axes.plot(range(len(rms)), rms, 'o-', color=colour, label=job.profile.replace('_', ' '))
+    axes.set_ylim(bottom=0)
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    _style(axes, 'layers laid (green: tolerance)', 'RMS height error, mm')
+    axes.legend(fontsize=8, frameon=False)
+    return _png(figure)
+
+
+def section(job: Job) -> bytes:
+    """Cut through the region along its longer side: heights as found, after each layer, final; below: final error."""
+    last = job.scans[-1]
+    rows, cols = np.nonzero(last.region if last.region.any() else np.ones(last.z.shape, bool))
+    along_x = np.ptp(cols) >= np.ptp(rows)
+    place = int(np.median(rows if along_x else cols))
+    figure = _figure(9.4, 4.2)
+    heights, errors = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    _plot_heights(heights, job, along_x, place)
+    errors.axhspan(-job.tolerance_mm, job.tolerance_mm, color=GREEN, alpha=0.12)
+    errors.plot(*_cut(last, last.final_error, along_x, place), color=BLUE, linewidth=1.2)
+    x0, x1, y0, y1 = _window(last)
+    errors.set_xlim(*((x0, x1) if along_x else (y0, y1)))
+    at = last.extent_mm[2 if along_x else 0] + (place + 0.5) * last.resolution * 1e3
+    along, across = ('x', 'y') if along_x else ('y', 'x')
+    _style(heights, '', 'z, mm')
+    _style(errors, f'{along}, mm (cut at {across} = {at:.1f} mm)', 'final error, mm')
+    return _png(figure)
+
+
+def _plot_heights(axes: Axes, job: Job, along_x: bool, place: int) -> None:
+    last = job.scans[-1]
+    nominal = last.maps.get('nominal', np.full(last.z.shape, np.nan))
+    for scan in job.scans:
+        first, final = scan is job.scans[0], scan is last
+        axes.plot(
+            *_cut(scan, scan.z, along_x, place),
+            color=RED if first else BLUE if final else GREY,
+            label='as found' if first else 'final' if final else None,
+            linewidth=1.6 if final else 1.0,
+            alpha=1.0 if first or final else 0.6,
+        )
+    line = _cut(last, nominal, along_x, place)
+    axes.plot(*line, color=GREEN, linewidth=1.2, linestyle='--', label='nominal')
+    axes.legend(fontsize=8, frameon=False, ncols=3)
+
+
+def _cut(
+    scan: Scan, values: np.ndarray, along_x: bool, place: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinate and value in mm along one row or column, as far as the map is shown."""
+    line = values[place] if along_x else values[:, place]
+    start = scan.extent_mm[0 if along_x else 2]
+    x0, x1, y0, y1 = _window(scan)
+    low, high = (x0, x1) if along_x else (y0, y1)
+    at = start + (np.arange(line.size) + 0.5) * scan.resolution * 1e3
+    shown = (at > low) & (at < high)
+    return at[shown], line[shown] * 1e3
+
+
+def thin(
+    t: np.ndarray, values: np.ndarray, points: int = _MAX_POINTS
+) -> tuple[np.ndarray, np.ndarray]:
+    """At most `points` samples that keep every local minimum and maximum visible."""
+    if t.size <= points:
+        return t, values
+    size = math.ceil(t.size / (points // 2))
+    whole = t.size // size * size
+    blocks = values[:whole].reshape(-1, size)
+    filled = np.where(
+        np.isfinite(blocks), blocks, np.nanmean(values) if np.isfinite(values).any() else 0.0
+    )
+    pick = np.stack([filled.argmin(1), filled.argmax(1)], 1)
+    pick.sort(1)
+    index = (np.arange(len(blocks))[:, None] * size + pick).ravel()
+    return t[index], values[index]
+
+
+def process_plots(job: Job) -> bytes:
+    """Current, voltage, wire feed, travel speed and temperature over time, layers shaded."""
+    data = job.telemetry
+    t = np.asarray(data['t'], float)
+    seconds = t - t[0]
+    scale, unit = (60.0, 'min') if seconds[-1] > 180 else (1.0, 's')
+    time = seconds / scale
+    rows = [
+        ('arc current, A', [('current', 1.0, BLUE, '')]),
+        ('arc voltage, V', [('voltage', 1.0, BLUE, '')]),
+        ('wire feed, m/min', [('wire_feed', 60.0, BLUE, 'actual'), ('wire_feed_commanded', 60.0, ORANGE, 'commanded')]),
+        ('travel, mm/s', [('speed', 1e3, BLUE, '')]),
+        ('temperature, °C', [('temperature', 1.0, RED, '')]),
+    ]  # fmt: skip
+    figure = _figure(9.4, 8.2)
+    axes = figure.subplots(len(rows), 1, sharex=True)
+    for one, (label, lines) in zip(axes, rows, strict=True):
+        _shade_layers(one, time, data.get('layer'))
+        for name, factor, colour, text in lines:
+            values = np.asarray(data.get(name, np.full(t.shape, np.nan)), float) * factor
+            one.plot(*thin(time, values), color=colour, linewidth=0.8, label=text or None)
+        _style(one, '', label)
+        if len(lines) > 1:
+            one.legend(fontsize=7, frameon=False, ncols=2, loc='upper right')
+    limit = number(find_value(job.asked, 'interpass_limit'))
+    if math.isfinite(limit):
+        axes[-1].axhline(limit, color=INK, linewidth=1.0, linestyle='--')
+        axes[-1].text(time[-1], limit, ' limit', fontsize=7, va='bottom', ha='right')
+    axes[-1].set_xlabel(f'time, {unit} (numbers at the top: layer)', fontsize=9)
+    _layer_names(axes[0], time, data.get('layer'))
+    return _png(figure)
+
+
+def _spans(layer: np.ndarray | None) -> list[tuple[int, int, int]]:
+    """(layer, first sample, last sample) of each stretch."""
+    if layer is None or not len(layer):
+        return []
+    change = np.flatnonzero(np.diff(layer)) + 1
+    starts, ends = np.r_[0, change], np.r_[change, len(layer)] - 1
+    return [(int(layer[a]), int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
+
+
+def _shade_layers(axes: Axes, time: np.ndarray, layer: np.ndarray | None) -> None:
+    for number_of_layer, a, b in _spans(layer):
+        if number_of_layer > 0:
+            axes.axvspan(time[a], time[b], color=_LAYER_SHADES[number_of_layer % 2], zorder=0)
+
+
+def _layer_names(axes: Axes, time: np.ndarray, layer: np.ndarray | None) -> None:
+    for number_of_layer, a, b in _spans(layer):
+        if number_of_layer > 0 and time[b] - time[a] > 0.02 * (time[-1] - time[0]):
+            axes.annotate(
+                str(number_of_layer), ((time[a] + time[b]) / 2, 1.02), ha='center', fontsize=8,
+                xycoords=axes.get_xaxis_transform(),
+            )  # fmt: skip
+
+
+def side_by_side(jobs: list[Job], limit_mm: float) -> bytes:
+    """Final error maps of two or three profiles on one colour scale."""
+    scans = [j.scans[-1] for j in jobs]
+    wide = _aspect(scans[0]) < 0.45
+    rows, columns = (len(jobs), 1) if wide else (1, len(jobs))
+    width = 9.4
+    height = rows * (width / columns * _aspect(scans[0]) * 0.9 + 0.55) + 0.3
+    figure = _figure(width, height)
+    axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True)).ravel()
+    tolerance = jobs[0].tolerance_mm
+    for one, job, scan in zip(axes, jobs, scans, strict=True):
+        error = scan.final_error * 1e3
+        image = _show(one, scan, error, limit_mm)
+        beyond = np.nan_to_num(np.abs(error), nan=0.0) > tolerance
+        _outline(one, scan, beyond, '#111111', linewidths=0.5)
+        _outline(one, scan, scan.interior, GREEN, linewidths=1.2, linestyles='--')
+        rms = number(job.run.get('rms_mm'))
+        one.set_title(f'{job.profile.replace("_", " ")}: RMS {rms:.3f} mm', fontsize=10)
+        one.set_xlabel('x, mm', fontsize=8)
+        one.set_ylabel('y, mm', fontsize=8)
+    bar = figure.colorbar(image, ax=list(axes), extend='both', fraction=0.05, pad=0.015)
+    bar.set_label('height error, mm', fontsize=9)
+    for side in (-1, 1):
+        bar.ax.axhline(side * tolerance, color='black', linewidth=1.5)
+    return _png(figure)

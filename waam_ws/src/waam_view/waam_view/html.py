@@ -1,0 +1,115 @@
+"""Small pieces of HTML. Everything that comes from outside is escaped here."""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+from typing import Any
+
+STYLE = """
+:root{--ink:#1f2933;--soft:#5f6b7a;--line:#d9dde2;--ok:#23833f;--bad:#c23b31;--warn:#b26a00}
+*{box-sizing:border-box}
+body{font:14px/1.45 system-ui,"Segoe UI","DejaVu Sans",sans-serif;color:var(--ink);margin:0}
+body{background:#f5f6f8}
+main{max-width:1060px;margin:0 auto;padding:24px 28px;background:#fff}
+h1{font-size:25px;margin:0 0 2px}h2{font-size:17px;margin:28px 0 8px;padding-top:12px;border-top:1px solid var(--line)}
+p{margin:6px 0}.soft{color:var(--soft)}.mono{font-family:ui-monospace,"DejaVu Sans Mono",monospace;font-size:12px}
+.verdict{margin:14px 0;padding:12px 18px;border-radius:6px;color:#fff;font-size:22px;font-weight:700}
+.verdict small{display:block;font-size:14px;font-weight:400;margin-top:2px}
+.ok{background:var(--ok)}.bad{background:var(--bad)}.warn{background:var(--warn)}
+.cards{display:flex;flex-wrap:wrap;gap:8px;margin:10px 0}
+.card{border:1px solid var(--line);border-radius:6px;padding:7px 12px;min-width:150px;flex:1}
+.card b{display:block;font-size:18px;white-space:nowrap}.card span{font-size:12px;color:var(--soft)}
+table{border-collapse:collapse;width:100%;font-size:12px;margin:6px 0}
+th,td{padding:3px 6px;border-bottom:1px solid var(--line);text-align:right;vertical-align:top}
+th{color:var(--soft);font-weight:600;border-bottom:1.5px solid #9aa5b1}
+td.t,th.t{text-align:left}td.t{min-width:56px;overflow-wrap:anywhere}
+tr.flag td{background:#fdf1ef}tr.last td{font-weight:700}
+img{max-width:100%;display:block;margin:6px auto}.pair{display:flex;gap:10px;flex-wrap:wrap}
+.pair>figure{flex:1;min-width:340px}figure{margin:8px 0;break-inside:avoid}
+figcaption{font-size:12px;color:var(--soft)}.scroll{overflow-x:auto}
+details{margin:8px 0}summary{cursor:pointer;color:var(--soft)}
+pre{font-size:11px;background:#f5f6f8;padding:10px;white-space:pre-wrap;overflow-wrap:anywhere}
+@media print{@page{size:A4;margin:12mm}body{background:#fff;font-size:11px}main{padding:0;max-width:none}
+h2{break-after:avoid}table,.verdict,.cards{break-inside:avoid}table{font-size:9px}th,td{padding:2px 3px}
+.verdict,.card,tr.flag td{-webkit-print-color-adjust:exact;print-color-adjust:exact}}
+"""
+
+
+def escape(value: Any) -> str:
+    return html.escape(str(value), quote=True)
+
+
+def fmt(value: Any, digits: int = 3, unit: str = '') -> str:
+    """A number for people; a dash when there is none."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        return '–'
+    if not math.isfinite(number):
+        return '–'
+    text = f'{number:.{digits}f}'
+    return f'{text} {unit}' if unit else text
+
+
+def duration(seconds: Any) -> str:
+    try:
+        s = float(seconds)
+    except (TypeError, ValueError):
+        return '–'
+    if not math.isfinite(s):
+        return '–'
+    if s < 60:
+        return f'{s:.1f} s'
+    hours, rest = divmod(round(s), 3600)
+    minutes, left = divmod(rest, 60)
+    return f'{hours} h {minutes:02d} min' if hours else f'{minutes} min {left:02d} s'
+
+
+def picture(png: bytes, caption: str) -> str:
+    data = base64.b64encode(png).decode()
+    text = escape(caption)
+    return (
+        f'<figure><img alt="{text}" src="data:image/png;base64,{data}">'
+        f'<figcaption>{text}</figcaption></figure>'
+    )
+
+
+def card(value: str, label: str) -> str:
+    return f'<div class="card"><b>{escape(value)}</b><span>{escape(label)}</span></div>'
+
+
+def cards(items: list[tuple[str, str]]) -> str:
+    return '<div class="cards">' + ''.join(card(*i) for i in items) + '</div>'
+
+
+def table(head: list[str], rows: list[list[Any]], left: set[int], flagged: set[int] = frozenset(),
+          last: bool = False) -> str:  # fmt: skip
+    """`left`: columns with text; `flagged`: rows to be highlighted; `last`: the last row is bold."""
+
+    def row(cells: list[Any], tag: str, style: str = '') -> str:
+        inner = ''.join(
+            f'<{tag}{" class=t" if i in left else ""}>{escape(c)}</{tag}>'
+            for i, c in enumerate(cells)
+        )
+        return f'<tr{style}>{inner}</tr>'
+
+    body = ''.join(
+        row(
+            cells,
+            'td',
+            ' class=flag' if i in flagged else ' class=last' if last and i == len(rows) - 1 else '',
+        )
+        for i, cells in enumerate(rows)
+    )
+    return f'<div class=scroll><table><thead>{row(head, "th")}</thead><tbody>{body}</tbody></table></div>'
+
+
+def page(title: str, body: str) -> str:
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<title>{escape(title)}</title><style>{STYLE}</style></head>\n'
+        f'<body><main>{body}</main></body></html>\n'
+    )

@@ -1,0 +1,189 @@
+"""A job's folder in memory (docs/job_folder.md). Everything but report.json may be missing."""
+
+from __future__ import annotations
+
+import json
+import math
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+PROFILES = ('open_loop', 'monitor', 'closed_loop')
+
+
+class JobError(ValueError):
+    """A folder that is no job; the text names the file."""
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One file of `layers/`: float maps (rows, cols), m; missing ones are NaN."""
+
+    number: int
+    layer: int
+    origin: tuple[float, float]
+    resolution: float
+    maps: dict[str, np.ndarray]
+
+    @property
+    def z(self) -> np.ndarray:
+        return self.maps['z']
+
+    @property
+    def error(self) -> np.ndarray:
+        """Surface minus wanted surface at that moment, m, where both are known and the region is."""
+        wanted = self.maps.get('target', np.full(self.z.shape, np.nan))
+        return np.where(self.region, self.z - wanted, np.nan)
+
+    @property
+    def final_error(self) -> np.ndarray:
+        """Surface minus nominal surface, m."""
+        nominal = self.maps.get('nominal', np.full(self.z.shape, np.nan))
+        return np.where(self.region, self.z - nominal, np.nan)
+
+    @property
+    def region(self) -> np.ndarray:
+        """bool, cells to be restored; everything when the file does not say."""
+        return self.maps.get('region', np.ones(self.z.shape)).astype(bool)
+
+    @property
+    def interior(self) -> np.ndarray:
+        """bool, region without its margin: what the tolerance is judged on."""
+        return self.maps.get('interior', self.region).astype(bool)
+
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """x_min, x_max, y_min, y_max in mm."""
+        rows, cols = self.z.shape
+        x, y, d = self.origin[0] * 1e3, self.origin[1] * 1e3, self.resolution * 1e3
+        return x, x + cols * d, y, y + rows * d
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of one profile."""
+
+    folder: Path
+    profile: str
+    report: dict[str, Any]
+    run: dict[str, Any]
+    scans: list[Scan] = field(default_factory=list)
+    telemetry: dict[str, np.ndarray] = field(default_factory=dict)
+    asked: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def tolerance_mm(self) -> float:
+        value = number(self.report.get('tolerance_mm'))
+        return value if value > 0 else 0.2
+
+    @property
+    def layers(self) -> list[dict]:
+        return [x for x in self.run.get('layers') or [] if isinstance(x, dict)]
+
+
+def number(value: Any) -> float:
+    """float, or NaN for anything that is none."""
+    try:
+        return math.nan if value is None else float(value)
+    except (TypeError, ValueError):
+        return math.nan
+
+
+def read_report(folder: Path) -> dict[str, Any]:
+    """report.json of a folder. Raises JobError."""
+    file = Path(folder) / 'report.json'
+    try:
+        report = json.loads(file.read_text(encoding='utf-8'))
+    except FileNotFoundError:
+        raise JobError(f'{file} is not there: not the folder of a finished job') from None
+    except (OSError, ValueError) as e:
+        raise JobError(f'{file}: {e}') from None
+    if not isinstance(report, dict):
+        raise JobError(f'{file}: must hold an object')
+    return report
+
+
+def load_job(folder: Path, report: dict[str, Any], profile: str) -> Job:
+    """The run of one profile with what its folder holds; what cannot be read is said in `notes`."""
+    run = report.get(profile) or {}
+    place = Path(folder) / str(run.get('folder') or '.')
+    notes: list[str] = []
+    scans = [s for f in sorted(place.glob('layers/scan_*.npz')) if (s := load_scan(f, notes))]
+    return Job(
+        place, profile, report, run, scans, _telemetry(place, notes), _asked(place, notes), notes
+    )
+
+
+def _arrays(file: Path, notes: list[str]) -> dict[str, np.ndarray]:
+    try:
+        with np.load(file, allow_pickle=False) as f:
+            return {k: f[k] for k in f.files}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as e:
+        notes.append(f'{file.name} cannot be read ({e})')
+        return {}
+
+
+def load_scan(file: Path, notes: list[str]) -> Scan | None:
+    """One file of `layers/`; None, with a reason added to `notes`, when it cannot be read."""
+    data = _arrays(file, notes)
+    if not data:
+        return None
+    try:
+        z = np.asarray(data['z'], float)
+        maps = {
+            k: np.asarray(v, float)
+            for k, v in data.items()
+            if np.shape(v) == z.shape and z.ndim == 2
+        }
+        origin = tuple(float(v) for v in data['origin'])
+        number_of_scan = int(file.stem.split('_')[1])
+        layer = int(data.get('layer', number_of_scan))
+        return Scan(number_of_scan, layer, origin, float(data['resolution']), {'z': z, **maps})
+    except (KeyError, ValueError, TypeError, IndexError) as e:
+        notes.append(f'{file.name} is not a scan ({type(e).__name__}: {e})')
+        return None
+
+
+def _telemetry(place: Path, notes: list[str]) -> dict[str, np.ndarray]:
+    file = place / 'telemetry.npz'
+    data = _arrays(file, notes) if file.is_file() else {}
+    return data if 't' in data and len(data['t']) else {}
+
+
+def _asked(place: Path, notes: list[str]) -> dict[str, Any]:
+    file = place / 'job.yaml'
+    if not file.is_file():
+        return {}
+    try:
+        return yaml.safe_load(file.read_text(encoding='utf-8')) or {}
+    except (OSError, yaml.YAMLError) as e:
+        notes.append(f'job.yaml cannot be read ({e})')
+        return {}
+
+
+def find_value(tree: Any, key: str) -> Any:
+    """First value with this key anywhere in nested dictionaries, or None."""
+    if isinstance(tree, dict):
+        if key in tree:
+            return tree[key]
+        for value in tree.values():
+            found = find_value(value, key)
+            if found is not None:
+                return found
+    return None
+
+
+def flatten(tree: dict[str, Any], prefix: str = '') -> list[tuple[str, str]]:
+    """Nested dictionary -> [('a.b', 'value')]."""
+    rows: list[tuple[str, str]] = []
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            rows += flatten(value, f'{prefix}{key}.')
+        else:
+            rows.append((f'{prefix}{key}', str(value)))
+    return rows

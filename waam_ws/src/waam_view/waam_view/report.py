@@ -1,0 +1,319 @@
+"""report.html: what a job did, on one page that needs nothing else.
+
+`write_report(folder)` reads what docs/job_folder.md describes. A folder with one run becomes the
+report of that run, a folder with several runs (demo) a comparison that links to theirs.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from waam_node.files import write_atomically
+
+from . import figures
+from .comparison import comparison_page
+from .html import cards, duration, escape, fmt, page, picture, table
+from .job_data import PROFILES, Job, JobError, flatten, load_job, number, read_report
+
+
+def write_report(folder: Path) -> Path:
+    """Writes `report.html` into a job or demo folder and returns its path. Raises JobError without
+    report.json."""
+    folder = Path(folder)
+    report = read_report(folder)
+    profiles = [p for p in PROFILES if isinstance(report.get(p), dict)]
+    if not profiles:
+        raise JobError(f'{folder / "report.json"}: holds none of {", ".join(PROFILES)}')
+    jobs = [load_job(folder, report, p) for p in profiles]
+    text = job_page(jobs[0]) if len(jobs) == 1 else comparison_page(folder, jobs)
+    target = folder / 'report.html'
+    write_atomically(target, text)
+    return target
+
+
+def write_all(folder: Path) -> list[Path]:
+    """The report of a folder, after those of the runs inside it (demo). Raises JobError."""
+    report = read_report(Path(folder))
+    inside = {str((report.get(p) or {}).get('folder') or '.') for p in PROFILES} - {'.'}
+    below = [Path(folder) / name for name in sorted(inside)]
+    written = [write_report(f) for f in below if (f / 'report.json').is_file()]
+    return [*written, write_report(folder)]
+
+
+def job_page(job: Job) -> str:
+    """The page of one run."""
+    name = job.report.get('name') or job.report.get('job_id') or job.folder.name
+    parts = [
+        f'<h1>{escape(name)}</h1>',
+        _subtitle(job),
+        verdict_box(job),
+        _figures_of_merit(job),
+        _maps(job),
+        _layers(job),
+        _process(job),
+        _corrections(job),
+        _counts(job),
+        _anomalies(job),
+        _provenance(job),
+    ]
+    return page(f'{name}: WAAM job report', '\n'.join(p for p in parts if p))
+
+
+def _subtitle(job: Job) -> str:
+    r = job.report
+    facts = [
+        ('part', r.get('part')),
+        ('material', r.get('material')),
+        ('profile', job.profile.replace('_', ' ')),
+        ('tolerance', f'±{job.tolerance_mm:g} mm'),
+        ('job', r.get('job_id')),
+        ('created', r.get('created')),
+    ]
+    shown = ' · '.join(f'{k}: <b>{escape(v)}</b>' for k, v in facts if v)
+    return f'<p class=soft>{shown}</p>'
+
+
+def verdict_box(job: Job) -> str:
+    """Colour and words; a failed job says what happened."""
+    run = job.run
+    verdict = str(run.get('verdict') or job.report.get('verdict') or 'unknown')
+    style = {'in tolerance': 'ok', 'out of tolerance': 'warn'}.get(verdict, 'bad')
+    share = number(run.get('share_in_tolerance'))
+    said = []
+    if np.isfinite(share) and '%' not in str(run.get('message')):
+        said.append(f'{100 * share:.1f} % of the judged surface within ±{job.tolerance_mm:g} mm')
+    if run.get('error_code'):
+        said.append(f'error {run["error_code"]}')
+    if run.get('message'):
+        said.append(str(run['message']))
+    words = escape('. '.join(s.rstrip('.') for s in said))
+    return f'<div class="verdict {style}">{escape(verdict.upper())}<small>{words}</small></div>'
+
+
+def _figures_of_merit(job: Job) -> str:
+    r = job.run
+    energy = number(r.get('energy_J'))
+    return cards(
+        [
+            (fmt(r.get('rms_mm'), 3, 'mm'), 'RMS height error, final'),
+            (fmt(r.get('max_mm'), 3, 'mm'), 'largest error'),
+            (fmt(r.get('mean_mm'), 3, 'mm'), 'mean error'),
+            (fmt(r.get('rms_all_mm'), 3, 'mm'), 'RMS with the edges'),
+            (fmt(r.get('as_found_rms_mm'), 3, 'mm'), 'RMS as found'),
+            (duration(r.get('duration_s')), 'duration'),
+            (duration(r.get('arc_on_s')), 'arc on'),
+            (fmt(r.get('wire_m'), 2, 'm'), 'wire'),
+            (fmt(energy / 1e6, 3, 'MJ'), 'arc energy'),
+            (fmt(r.get('cost'), 4), 'cost J (eq 2.4)'),
+        ]
+    )
+
+
+def _maps(job: Job) -> str:
+    if not job.scans:
+        return '<h2>Height error</h2><p>No scan was stored: the job ended before the first one.</p>'
+    last, tolerance = job.scans[-1], job.tolerance_mm
+    out = ['<h2>Height error</h2>']
+    if np.isfinite(last.final_error).any():
+        limit = figures.nice_range([last.final_error[last.interior] * 1e3], 2 * tolerance)
+        caption = (
+            f'Last scan ({last.layer} layers) against the nominal surface. Red: too high, blue: too low, '
+            f'grey: not seen or outside. Thin lines: beyond ±{tolerance:g} mm. Dashed: judged area.'
+        )
+        out.append(picture(figures.final_map(last, tolerance, limit), caption))
+        pair = [picture(figures.histogram(last, tolerance), 'Final error inside the judged area')]
+        if len(job.layers) > 1:
+            pair.append(picture(figures.convergence([job]), 'Error over the layers'))
+        out.append(f'<div class=pair>{"".join(pair)}</div>')
+    out.append(picture(figures.section(job), 'Cut through the middle; grey: after each layer'))
+    errors = [s.error * 1e3 for s in job.scans]
+    limit = figures.nice_range(errors, 2 * tolerance)
+    titles = ['as found' if s.number == 0 else f'after layer {s.layer}' for s in job.scans]
+    caption = 'Surface minus the surface wanted at that moment, all on one scale.'
+    grid = figures.small_multiples(job.scans, errors, limit, 'height error, mm', titles)
+    out.append(picture(grid, caption))
+    return '\n'.join(out)
+
+
+_PROCESS = [  # heading, field, factor to the shown unit, digits
+    ('T before, °C', 'temperature', 1, 0),
+    ('wait, s', 'wait', 1, 0),
+    ('duration, s', 'duration', 1, 0),
+    ('arc on, s', 'arc_on_time', 1, 0),
+    ('arc starts', 'arc_starts', 1, 0),
+    ('I, A', 'current_mean', 1, 1),
+    ('U, V', 'voltage_mean', 1, 2),
+    ('feed, m/min', 'wire_feed_mean', 60, 2),
+    ('travel, mm/s', 'travel_speed_mean', 1e3, 2),
+    ('heat, J/mm', 'heat_input', 1e-3, 0),
+    ('energy, kJ', 'energy', 1e-3, 0),
+    ('wire, m', 'wire_used', 1, 2),
+    ('faults', 'faults', 1, 0),
+]
+_GEOMETRY = [
+    ('RMS, mm', 'height_error_rms', 1e3, 3),
+    ('max, mm', 'height_error_max', 1e3, 2),
+    ('mean, mm', 'height_error_mean', 1e3, 3),
+    ('seen, %', 'coverage', 100, 1),
+]
+_CORRECTION = [
+    ('ψ min', 'psi_min', 1, 2),
+    ('ψ mean', 'psi_mean', 1, 2),
+    ('ψ max', 'psi_max', 1, 2),
+    ('k_gain', 'k_gain', 1, 2),
+    ('K heat', 'heat_factor', 1, 3),
+    ('K flow', 'flow_factor', 1, 3),
+]
+
+
+def _cells(layer: dict, columns: list[tuple]) -> list[str]:
+    return [fmt(number(layer.get(f)) * k, d) for _, f, k, d in columns]
+
+
+def _layers(job: Job) -> str:
+    """Two tables: what the arc did in each layer, and what the surface and the correction were
+    before it."""
+    if not job.layers:
+        return '<h2>Layers</h2><p>No layer was completed.</p>'
+    laid = [x for x in job.layers if not x.get('final')]
+    process = [[x.get('layer'), *_cells(x, _PROCESS)] for x in laid]
+    faulty = {i for i, x in enumerate(laid) if x.get('faults')}
+    head = ['layer', *(c[0] for c in _PROCESS)]
+    out = ['<h2>Layers</h2>', table(head, process, {0}, faulty)]
+    rows, flagged = [], set()
+    for i, layer in enumerate(job.layers):
+        rows.append(_surface_row(layer))
+        if layer.get('fallback'):
+            flagged.add(i)
+    head = [
+        'before',
+        *(c[0] for c in (*_GEOMETRY, *_CORRECTION)),
+        'clamps s/f/v/ψ',
+        'law',
+        'remarks',
+    ]
+    out.append(
+        table(head, rows, {0, len(head) - 2, len(head) - 1}, flagged, bool(laid != job.layers))
+    )
+    out.append(
+        '<p class=soft>Second table: the surface before each layer against its target, and the correction '
+        'made from it; clamps: segments with limited speed, feed, voltage, ψ. Shaded: a fault was met, or '
+        'the correction fell back.</p>'
+    )
+    return '\n'.join(out)
+
+
+def _surface_row(layer: dict) -> list[str]:
+    remarks = '; '.join(map(str, layer.get('reasons') or []))
+    if layer.get('final'):
+        blank = ['–'] * (len(_CORRECTION) + 2)
+        return ['final', *_cells(layer, _GEOMETRY), *blank, remarks]
+    kinds = ('speed', 'feed', 'voltage', 'psi')
+    clamps = '/'.join(str(layer.get(f'clamps_{k}', 0)) for k in kinds)
+    applied = '' if layer.get('correction_applied') else ' (not applied)'
+    law = f'{str(layer.get("law") or "–").replace("_", " ")}{applied}'
+    numbers = _cells(layer, [*_GEOMETRY, *_CORRECTION])
+    return [f'layer {layer.get("layer")}', *numbers, clamps, law, remarks]
+
+
+def _process(job: Job) -> str:
+    if not job.telemetry:
+        return '<h2>Arc and heat</h2><p>No telemetry was stored.</p>'
+    caption = 'Controller telemetry at 10 Hz; bands: layers.'
+    return '<h2>Arc and heat</h2>' + picture(figures.process_plots(job), caption)
+
+
+def _corrections(job: Job) -> str:
+    scans = [s for s in job.scans if 'psi' in s.maps]
+    if not scans:
+        return '<h2>Corrections</h2><p>No correction was computed.</p>'
+    masked = [np.where(s.region, s.maps['psi'], np.nan) for s in scans]
+    titles = [f'for layer {s.layer + 1}' for s in scans]
+    grid = figures.small_multiples(scans, masked, 1.0, 'ψ (V = V_prog (1 + k ψ))', titles)
+    note = {
+        'open_loop': ' Open loop: no correction is applied.',
+        'monitor': ' Monitor: computed and shown, not applied.',
+    }.get(job.profile, '')
+    caption = f'Travel-speed correction ψ: blue = slower, more metal; red = faster.{note}'
+    return '<h2>Corrections</h2>' + picture(grid, caption)
+
+
+def _counts(job: Job) -> str:
+    run, clamps = job.run, job.run.get('clamps') or {}
+    rows = [
+        ['segments with limited travel speed', clamps.get('speed')],
+        ['segments with limited wire feed', clamps.get('feed')],
+        ['segments with limited voltage', clamps.get('voltage')],
+        ['segments with limited correction ψ', clamps.get('psi')],
+        ['scanner points dropped (no return, spikes)', run.get('points_dropped')],
+        ['profiles rejected (no pose, empty, out of order)', run.get('profiles_rejected')],
+        ['telemetry frames lost', run.get('telemetry_lost')],
+        ['faults', run.get('faults')],
+    ]
+    shown = [[text, '–' if value is None else value] for text, value in rows]
+    flagged = {i for i in (6, 7) if number(rows[i][1]) > 0}
+    return '<h2>Limits, drop-outs and faults</h2>' + table(['event', 'count'], shown, {0}, flagged)
+
+
+_SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')  # waam_msgs/Anomaly
+
+
+def _severity(value: object) -> str:
+    """Name of a severity that is given as name or number."""
+    if isinstance(value, int) and 0 <= value < len(_SEVERITIES):
+        return _SEVERITIES[value]
+    return str(value).upper()
+
+
+def _anomalies(job: Job) -> str:
+    found = [a for a in job.run.get('anomalies') or [] if isinstance(a, dict)]
+    if not found:
+        return '<h2>Anomalies</h2><p>None were reported.</p>'
+    start = float(job.telemetry['t'][0]) if job.telemetry else 0.0
+    rows, flagged = [], set()
+    for i, a in enumerate(found):
+        severity = _severity(a.get('severity'))
+        said = [a.get(k, '') for k in ('class', 'text', 'reaction', 'layer', 'bead')]
+        time = fmt(number(a.get('time')) - start, 1)
+        rows.append([time, severity.lower(), *said, _position(a.get('position'))])
+        if severity in ('FAULT', 'ALARM'):
+            flagged.add(i)
+    head = ['time, s', 'severity', 'class', 'what', 'reaction', 'layer', 'bead', 'at x, y, z, mm']
+    return '<h2>Anomalies</h2>' + table(head, rows, {1, 2, 3, 4, 7}, flagged)
+
+
+def _position(place: object) -> str:
+    if isinstance(place, dict):
+        place = [place.get(k) for k in 'xyz']
+    if not isinstance(place, list | tuple):
+        return '–'
+    return ', '.join(fmt(number(v) * 1e3, 1) for v in place)
+
+
+_SETTINGS = (
+    'job_id',
+    'goal',
+    'material',
+    'parameters',
+)  # of job.yaml; everything else there says what ran
+
+
+def _provenance(job: Job) -> str:
+    """Versions and hashes; the settings of the job can be unfolded."""
+    ran = {k: v for k, v in job.asked.items() if k not in _SETTINGS}
+    settings = {k: v for k, v in job.asked.items() if k in _SETTINGS}
+    out = ['<h2>Provenance</h2>']
+    if ran:
+        out.append(table(['what', 'value'], [list(r) for r in flatten(ran)], {0, 1}))
+    else:
+        out.append('<p>job.yaml gives no versions or hashes.</p>')
+    if settings:
+        listed = table(['key', 'value'], [list(r) for r in flatten(settings)], {0, 1})
+        out.append(f'<details><summary>Goal, material and parameters</summary>{listed}</details>')
+    for file, text in (('job.rrd', 'rerun recording'), ('record', 'MCAP recording')):
+        if (job.folder / file).exists():
+            out.append(f'<p>{text}: <span class=mono>{escape(file)}</span></p>')
+    out += [f'<p class=soft>Note: {escape(n)}</p>' for n in job.notes]
+    return '\n'.join(out)
