@@ -25,6 +25,7 @@ class Graph:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.processes: list[subprocess.Popen] = []
+        self.known: set[str] = set()
 
     def start(self, executable: str, *ros_args: str) -> subprocess.Popen:
         path = Path(get_package_prefix('waam_adapt')) / 'lib' / 'waam_adapt' / executable
@@ -42,8 +43,17 @@ class Graph:
             assert time.monotonic() < end, f'{what}: not within {timeout} s'
             self.executor.spin_once(timeout_sec=0.05)
 
-    def call(self, client, request, timeout: float = 20.0):
-        self.wait(client.service_is_ready, what=client.srv_name)
+    def settle(self) -> None:
+        """A server that has not yet found the reader of a new client loses its first answer."""
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def call(self, client, request, timeout: float = 60.0):
+        self.wait(client.service_is_ready, timeout=60, what=client.srv_name)
+        if client.srv_name not in self.known:
+            self.settle()
+            self.known.add(client.srv_name)
         future = client.call_async(request)
         self.wait(future.done, timeout, client.srv_name)
         return future.result()

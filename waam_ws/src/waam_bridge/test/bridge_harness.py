@@ -33,7 +33,7 @@ BRIDGE = [str(Path(get_package_prefix('waam_bridge')) / 'lib/waam_bridge/bridge'
 _domains = itertools.count(os.getpid() % 90 + 100)
 
 
-def until(condition, timeout=15.0, what='condition'):
+def until(condition, timeout=40.0, what='condition'):
     end = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < end, f'{what}: not reached within {timeout} s'
@@ -114,6 +114,9 @@ class Bridge:
         until(self._command.service_is_ready)
         until(self._enqueue.service_is_ready)
         until(lambda: self.got['telemetry'])
+        time.sleep(
+            0.5
+        )  # a server that has not yet found the reader of a new client loses its first answer
         return self
 
     def call(self, client, request):

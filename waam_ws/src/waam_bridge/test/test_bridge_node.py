@@ -114,10 +114,10 @@ def test_a_node_that_is_silent_is_named_and_the_lease_withheld(cell):
     assert cell.command(Command.Request.ARM, text='j', names=['bridge']).error_code == 0
     beats = cell.fake.core.beats
     until(lambda: beats[-1][1] > 0 and beats[-1][1] > beats[-1][0] - 200_000, what='lease')
-    assert cell.state.armed_job == 'j' and cell.state.silent_nodes == []
+    until(lambda: cell.state.armed_job == 'j' and cell.state.silent_nodes == [])
     assert cell.command(Command.Request.ARM, text='j', names=['bridge', 'ghost']).error_code == 0
     until(lambda: list(cell.state.silent_nodes) == ['ghost'])
-    assert beats[-1][1] == 0
+    until(lambda: beats[-1][1] == 0, what='lease withheld')
     until(lambda: any(a.class_name == 'node' and 'ghost' in a.text for a in cell.got['anomaly']))
     assert cell.command(Command.Request.DISARM).error_code == 0
     until(lambda: cell.state.silent_nodes == [] and cell.state.armed_job == '')

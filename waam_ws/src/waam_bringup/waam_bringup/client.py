@@ -17,6 +17,7 @@ from waam_msgs.msg import Heartbeat, JobStatus, MachineState
 from waam_msgs.srv import LoadPart
 from waam_node.qos import BEAT, LATCHED
 
+MATCHING_S = 0.2  # a server that has not yet found a new client's reader loses the answer
 NO_CONTROLLER_S = 6.0  # the virtual controller may come up after the bridge
 
 
@@ -99,6 +100,7 @@ class GraphClient:
         client = self.node.create_client(kind, name)
         if not self.until(client.service_is_ready, 5.0):
             raise ClientError(f'service {name} is not there; is the graph up? (waam up)')
+        self.until(lambda: False, MATCHING_S)
         future = client.call_async(request)
         if not self.until(future.done, timeout):
             raise ClientError(f'service {name} did not answer within {timeout:.0f} s')

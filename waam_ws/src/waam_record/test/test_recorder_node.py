@@ -43,12 +43,28 @@ class Graph:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.client = self.node.create_client(Record, 'recorder/control')
+        self.matched = False
 
     def call(self, code: int, **fields) -> Record.Response:
-        assert self.client.wait_for_service(timeout_sec=15)
+        assert self.client.wait_for_service(timeout_sec=30)
+        if not self.matched:
+            self._match()
         future = self.client.call_async(Record.Request(code=code, **fields))
-        self.spin_until(future.done, 15)
+        self.spin_until(future.done, 60)
         return future.result()
+
+    def _match(self) -> None:
+        """A server that has not yet found the reader of a new client loses its answer: ask something harmless first."""
+        for _ in range(20):
+            future = self.client.call_async(Record.Request(code=0))
+            end = time.monotonic() + 3
+            while not future.done() and time.monotonic() < end:
+                self.executor.spin_once(timeout_sec=0.02)
+            if future.done():
+                assert not future.result().success
+                self.matched = True
+                return
+        raise AssertionError('the recorder answers nothing')
 
     def spin_until(self, condition, timeout: float) -> None:
         end = time.monotonic() + timeout

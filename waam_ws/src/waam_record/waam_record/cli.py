@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -152,6 +153,7 @@ def _control(code: str, directory: str = '', notes: list[str] | None = None) -> 
         client = node.create_client(Record, 'recorder/control')
         if not client.wait_for_service(timeout_sec=3.0):
             return _error('no recorder answers (is the graph up? `waam up`)')
+        time.sleep(0.2)  # a server that has not yet found a new client's reader loses the answer
         future = client.call_async(request)
         rclpy.spin_until_future_complete(node, future, timeout_sec=30.0)
         if not future.done():

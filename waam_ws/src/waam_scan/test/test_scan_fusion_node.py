@@ -117,9 +117,12 @@ class Graph:
             lambda: cell.begin.service_is_ready() and cell.finish.service_is_ready()
             and cell.telemetry.get_subscription_count() and cell.profiles.get_subscription_count()
         )  # fmt: skip
+        # A server that has not yet found the reader of a new client loses its first answer.
+        self.executor.spin_once(timeout_sec=0.5)
+        time.sleep(0.5)
         return self
 
-    def call(self, client, request, timeout: float = 10.0):
+    def call(self, client, request, timeout: float = 60.0):
         future = client.call_async(request)
         self.wait(future.done, timeout)
         return future.result()
