@@ -52,7 +52,7 @@ class Bench:
         values = {
             'name': 'test', 'part': self.part[0], 'mode': 'restore', 'material': 'er70s-6', 'profile': 'closed_loop',
             'layers': 0, 'layer_height': 0.0, 'bead_width': 0.0, 'k_gain': float('nan'), 'tolerance': 0.2,
-            'scale': 1e-3, 'note': [],
+            'scale': 1e-3, 'note': [], 'strategy': '', 'allowance': 0.0, 'passes': 1, 'wire_left': 0.0,
         }  # fmt: skip
         return make_goal(SimpleNamespace(**{**values, **changes}), self.jobs)
 
@@ -133,3 +133,9 @@ class Background:
 @pytest.fixture
 def background():
     return Background
+
+
+@pytest.fixture(scope='session')
+def bench_class() -> type[Bench]:
+    """For tests that start and end the graph themselves."""
+    return Bench

@@ -65,6 +65,10 @@ def _one(client: GraphClient, args, folder: Path, profile: str, run: Path) -> Pa
             tolerance=0.2,
             scale=1e-3,
             note=[f'seed={args.seed}'],
+            strategy='',
+            allowance=0.0,
+            passes=1,
+            wire_left=0.0,
         ),
         folder,
     )

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from .paths import share
+from .paths import jobs_dir, share
 
 
 class GraphError(ValueError):
@@ -23,7 +23,8 @@ class Settings:
     """What one start of the graph is made with.
 
     run: folder for sockets, logs and state; port: serial port of a real controller, '' = simulated cell;
-    rate: simulated seconds per second at most (0 = as fast as it goes); seed: of everything random in the cell.
+    rate: simulated seconds per second at most (0 = as fast as it goes); seed: of everything random in the cell;
+    panel_port: of the operator's page (0 = any free one).
     """
 
     run: Path
@@ -33,6 +34,7 @@ class Settings:
     epoch_us: int = 1
     grpc_port: int = 0
     web_port: int = 0
+    panel_port: int = 0
     params_files: tuple[Path, ...] = ()
     without: tuple[str, ...] = ()
 
@@ -94,8 +96,13 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
         'epoch_us': settings.epoch_us,
         'grpc_port': settings.grpc_port,
         'web_port': settings.web_port,
+        'panel_port': settings.panel_port,
+        'jobs': str(jobs_dir()),
+        'parts': str(share('waam_bringup') / 'parts'),
         'lease_nodes': lease_nodes,
     }
+    if isinstance(value, list):
+        return [fill(v, settings, lease_nodes) for v in value]
     if not isinstance(value, str):
         return value
     whole = re.fullmatch(r'\$\{(\w+)\}', value)

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from waam_msgs.action import RunJob
+from waam_msgs.srv import AdjustJob
 
 from .client import ClientError, GraphClient
 from .operate import graph_trouble, require_up
@@ -18,7 +19,9 @@ PLATE = (
     0.010,
 )  # m, on the simulated table for a plain build (job_sequencer: plate_zero)
 _R = RunJob.Result
-REFUSED = (_R.BUSY, _R.BAD_GOAL, _R.BAD_PART, _R.UNKNOWN_MATERIAL, _R.PLAN_FAILED)
+REFUSED = (
+    _R.BUSY, _R.BAD_GOAL, _R.BAD_PART, _R.UNKNOWN_MATERIAL, _R.PLAN_FAILED, _R.BAD_RESUME,
+)  # fmt: skip
 
 
 def make_goal(args, jobs: Path) -> RunJob.Goal:
@@ -37,6 +40,10 @@ def make_goal(args, jobs: Path) -> RunJob.Goal:
         scale=args.scale,
         jobs_dir=str(jobs),
         notes=list(args.note),
+        strategy=args.strategy,
+        allowance=args.allowance * 1e-3,
+        passes=args.passes,
+        wire_left=args.wire_left,
     )
 
 
@@ -57,9 +64,14 @@ def check_arguments(args) -> None:
         tolerance=args.tolerance * 1e-3,
         scale=args.scale,
         notes=tuple(args.note),
+        strategy=args.strategy,
+        allowance=args.allowance * 1e-3,
+        passes=args.passes,
+        wire_left=args.wire_left,
     )
-    if args.layers < 0:
-        raise ValueError(f'--layers is {args.layers}, must not be negative')
+    for name in ('layers', 'passes'):
+        if getattr(args, name) < 0:
+            raise ValueError(f'--{name} is {getattr(args, name)}, must not be negative')
     try:
         check(goal)
     except JobError as e:
@@ -83,6 +95,28 @@ def run_job(args, run: Path, domain: int) -> int:
         with JobProgress(args.part.stem) as progress:
             result = client.run_job(make_goal(args, jobs), progress, lambda: graph_trouble(run))
     return report_result(result)
+
+
+def resume_job(args, run: Path, domain: int) -> int:
+    """Goes on with an interrupted job on what lies on the table. Exit status as of `run_job`."""
+    require_up(run)
+    folder = (args.folder or jobs_dir() / 'latest').resolve()
+    if not (folder / 'job.yaml').is_file():
+        raise ValueError(f'{folder} is no job folder (there is no job.yaml in it)')
+    goal = RunJob.Goal(resume_dir=str(folder), notes=list(args.note))
+    with GraphClient(domain) as client:
+        with JobProgress(folder.name) as progress:
+            result = client.run_job(goal, progress, lambda: graph_trouble(run))
+    return report_result(result)
+
+
+def adjust_job(code: str, value: float, domain: int) -> None:
+    """A wish of the operator for the running job; ClientError when it is refused."""
+    request = AdjustJob.Request(code=getattr(AdjustJob.Request, code), value=float(value))
+    with GraphClient(domain) as client:
+        response = client.call(AdjustJob, 'job_sequencer/adjust', request)
+    if not response.success:
+        raise ClientError(response.message)
 
 
 def place_part(client: GraphClient, args) -> None:

@@ -25,6 +25,20 @@ def free_port() -> int:
         return s.getsockname()[1]
 
 
+PANEL_PORT = 8600
+
+
+def panel_port() -> int:
+    """The usual port of the operator's page, or any free one when it is taken."""
+    with socket.socket() as s:
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            s.bind(('127.0.0.1', PANEL_PORT))
+        except OSError:
+            return free_port()
+    return PANEL_PORT
+
+
 def default_domain(run: Path) -> int:
     """ROS_DOMAIN_ID when set, else one of 1..99 made from the folder, so that two graphs do not meet."""
     if os.environ.get('ROS_DOMAIN_ID'):
@@ -135,6 +149,7 @@ def graph(
     args = ['--run', str(settings.run), '--domain', str(domain), '--seed', str(settings.seed)]
     args += ['--rate', str(settings.rate), '--grpc-port', str(settings.grpc_port)]
     args += ['--web-port', str(settings.web_port)]
+    args += ['--panel-port', str(settings.panel_port or free_port())]
     for name in settings.without:
         args += ['--without', name]
     for file in settings.params_files:

@@ -30,6 +30,7 @@ class RunState:
     simulated: bool
     port: str
     web_url: str = ''
+    panel_url: str = ''
     message: str = ''
     nodes: dict[str, NodeState] = field(default_factory=dict)
 

@@ -30,6 +30,8 @@ class Supervisor:
         if settings.web_port:
             stream = f'rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{settings.grpc_port}%2Fproxy'
             self.state.web_url = f'http://127.0.0.1:{settings.web_port}/?url={stream}'
+        if settings.panel_port and any(p.name == 'panel' for p in self.specs):
+            self.state.panel_url = f'http://127.0.0.1:{settings.panel_port}/'
         self._asked_to_stop = False
 
     def start(self) -> None:

@@ -39,6 +39,7 @@ class FakeCell:
         self.scan_coverage = [1.0] * 100
         self.pyrometer_plausible = True
         self.record_calls: list = []
+        self.pace = 8  # segments between two looks of the job
 
     def now(self) -> float:
         return self.time
@@ -48,7 +49,7 @@ class FakeCell:
         self.temperature = 25 + (self.temperature - 25) * 0.999
         if self.machine_state.state in ('HOLD', 'ALARM'):
             return
-        for _ in range(50):
+        for _ in range(self.pace):
             if not self.queue:
                 self.machine_state = replace(self.machine_state, state='IDLE')
                 return

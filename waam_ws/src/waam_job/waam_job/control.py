@@ -1,4 +1,4 @@
-"""Pause, resume and abort as the operator asks for them; read by the job's thread."""
+"""What the operator asks of a running job; callbacks write, the job's thread reads."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import threading
 
 
 class Control:
-    """Thread-safe switches. An abort also ends a pause."""
+    """Thread-safe switches. An abort also ends a pause. Wishes for the next layer are taken once."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._paused = False
         self._abort_reason = ''
+        self._wishes: set[str] = set()
+        self._k_gain: float | None = None
+        self._remarks: list[str] = []
 
     def pause(self) -> None:
         with self._lock:
@@ -24,6 +27,37 @@ class Control:
     def abort(self, reason: str) -> None:
         with self._lock:
             self._abort_reason = self._abort_reason or reason
+
+    def wish(self, what: str) -> None:
+        """'rescan' or 'skip_layer', before the next layer."""
+        with self._lock:
+            self._wishes.add(what)
+
+    def take_wish(self, what: str) -> bool:
+        with self._lock:
+            asked = what in self._wishes
+            self._wishes.discard(what)
+            return asked
+
+    def set_k_gain(self, value: float) -> None:
+        """In force from the next layer on; NaN = the correction server's own."""
+        with self._lock:
+            self._k_gain = value
+
+    def k_gain(self, asked: float) -> float:
+        """The operator's value, or the one that the job was started with."""
+        with self._lock:
+            return asked if self._k_gain is None else self._k_gain
+
+    def remark(self, text: str) -> None:
+        """Something the operator did elsewhere (an override), to be kept with the job."""
+        with self._lock:
+            self._remarks.append(text)
+
+    def take_remarks(self) -> list[str]:
+        with self._lock:
+            taken, self._remarks = self._remarks, []
+            return taken
 
     @property
     def paused(self) -> bool:

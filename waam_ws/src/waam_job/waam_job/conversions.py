@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from array import array
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
@@ -19,7 +21,7 @@ from waam_msgs.msg import (
     MachineState,
 )
 from waam_msgs.srv import ComputeCorrection
-from waam_node.conversions import floats, grid_from_msg, map_from_msg, time_to_msg
+from waam_node.conversions import floats, grid_from_msg, grid_to_msg, map_from_msg, time_to_msg
 from waam_process.grid import HeightGrid
 
 from .cell import Correction, CorrectionRequest, Heat, Scan
@@ -31,7 +33,6 @@ STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
 
 def goal_from_msg(msg: RunJob.Goal, default_jobs_dir) -> JobGoal:
     """Empty fields take their defaults."""
-    from pathlib import Path
 
     def number(value: float, default: float) -> float:
         return default if math.isnan(value) or value == 0.0 else value
@@ -51,7 +52,26 @@ def goal_from_msg(msg: RunJob.Goal, default_jobs_dir) -> JobGoal:
         scale=number(msg.scale, 1e-3),
         operator_name=msg.operator_name,
         notes=tuple(msg.notes),
+        strategy=msg.strategy,
+        allowance=msg.allowance,
+        passes=msg.passes or 1,
+        wire_left=msg.wire_left,
     )
+
+
+def goal_from_job(job: dict, resumed: RunJob.Goal) -> JobGoal:
+    """The goal of an interrupted job out of its job.yaml; operator and notes may be new. ValueError when it is none."""
+    try:
+        stored = dict(job['goal'])
+        known = {f.name: stored[f.name] for f in fields(JobGoal) if f.name in stored}
+    except (KeyError, TypeError):
+        raise ValueError('job.yaml holds no goal') from None
+    for name in ('part', 'jobs_dir'):
+        known[name] = Path(known[name])
+    known['k_gain'] = math.nan if known.get('k_gain') is None else known['k_gain']
+    known['notes'] = (*known.get('notes', ()), *resumed.notes)
+    known['operator_name'] = resumed.operator_name or known.get('operator_name', '')
+    return JobGoal(**known)
 
 
 def status_to_msg(status: Status, stamp) -> JobStatus:
@@ -134,6 +154,17 @@ def scan_from_msg(msg: HeightMap) -> Scan:
     )
 
 
+def scan_to_msg(scan: Scan, job_id: str, layer: int, stamp) -> HeightMap:
+    """A stored scan as scan_fusion would publish it after `layer` layers."""
+    msg = HeightMap(job_id=job_id, layer=layer, grid=grid_to_msg(scan.map.spec))
+    msg.header.stamp, msg.header.frame_id = stamp, 'work'
+    msg.z = floats(scan.map.z)
+    msg.sigma = floats(scan.map.z * np.nan if scan.map.sigma is None else scan.map.sigma)
+    msg.count = array('H', np.ascontiguousarray(scan.count, np.uint16).tobytes())
+    msg.coverage, msg.plausible, msg.reasons = scan.coverage, scan.plausible, list(scan.reasons)
+    return msg
+
+
 def correction_from_msg(msg: CorrectionMap) -> Correction:
     """Raises ValueError when array lengths do not fit the grid."""
     spec = grid_from_msg(msg.grid)
@@ -151,8 +182,10 @@ def correction_from_msg(msg: CorrectionMap) -> Correction:
     )
 
 
-def correction_request(job_id: str, r: CorrectionRequest) -> ComputeCorrection.Request:
-    request = ComputeCorrection.Request(job_id=job_id, layer=r.layer, map=r.scan.handle)
+def correction_request(job_id: str, r: CorrectionRequest, stamp) -> ComputeCorrection.Request:
+    """A scan without its message (read from the folder) gets one with `stamp`."""
+    measured = r.scan.handle or scan_to_msg(r.scan, job_id, r.layer - 1, stamp)
+    request = ComputeCorrection.Request(job_id=job_id, layer=r.layer, map=measured)
     request.target, request.planned_height = floats(r.target), floats(r.planned)
     if r.previous_growth is not None and r.previous_surface is not None:
         request.previous_growth = floats(r.previous_growth)

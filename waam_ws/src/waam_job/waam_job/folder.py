@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 import yaml
@@ -60,6 +61,59 @@ class JobFolder:
             return cls(jobs_dir / job_id, job_id)
         raise OSError(f'{jobs_dir}: a thousand jobs within one second')
 
+    @classmethod
+    def open(cls, path: Path) -> JobFolder:
+        """A job that is there already."""
+        return cls(path, path.name)
+
+    def read_yaml(self, name: str) -> dict:
+        """Raises ValueError that names the file when it cannot be read."""
+        try:
+            data = yaml.safe_load((self.path / name).read_text())
+        except (OSError, yaml.YAMLError) as e:
+            raise ValueError(f'{self.path / name}: {e}') from None
+        if not isinstance(data, dict):
+            raise ValueError(f'{self.path / name}: holds no mapping')
+        return data
+
+    def next_run(self) -> int:
+        """Number of the run that would start now; 1 is the job's first."""
+        return 2 + len(list(self.path.glob('resume_*.yaml')))
+
+    def read_json(self, name: str) -> dict | None:
+        """None when the file is missing or torn."""
+        try:
+            return json.loads((self.path / name).read_text())
+        except (OSError, ValueError):
+            return None
+
+    def read_map(self, number: int) -> dict[str, np.ndarray] | None:
+        """layers/scan_NNN.npz, None when it is missing or torn."""
+        return _load_npz(self.path / 'layers' / f'scan_{number:03d}.npz')
+
+    def last_map(self) -> int:
+        """Number of the newest whole scan, -1 = none."""
+        numbers = [int(p.stem[5:]) for p in (self.path / 'layers').glob('scan_*.npz')]
+        return next((n for n in sorted(numbers, reverse=True) if self.read_map(n)), -1)
+
+    def write_track(self, name: str, columns: dict[str, np.ndarray]) -> None:
+        """A piece of the telemetry track, to be joined at the end."""
+        if columns:
+            (self.path / 'track').mkdir(exist_ok=True)
+            _replace_npz(self.path / 'track' / f'{name}.npz', columns)
+
+    def join_tracks(self) -> None:
+        """telemetry.npz out of all pieces, in the order of their names; the pieces go."""
+        pieces = sorted((self.path / 'track').glob('*.npz'))
+        parts = [p for p in map(_load_npz, [self.path / 'telemetry.npz', *pieces]) if p]
+        if pieces and parts:
+            joined = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
+            _replace_npz(self.path / 'telemetry.npz', joined)
+        for piece in pieces:
+            piece.unlink()
+        if (self.path / 'track').exists():
+            (self.path / 'track').rmdir()
+
     def write_yaml(self, name: str, data: dict) -> None:
         write_atomically(self.path / name, yaml.safe_dump(clean(data), sort_keys=False))
 
@@ -72,12 +126,27 @@ class JobFolder:
             k: np.asarray(v, np.float32) if np.asarray(v).dtype.kind == 'f' else np.asarray(v)
             for k, v in maps.items()
         }
-        np.savez_compressed(
-            self.path / 'layers' / f'scan_{number:03d}.npz',
-            origin=np.array([spec.origin_x, spec.origin_y]),
-            resolution=np.array(spec.resolution),
-            **small,
-        )
+        geometry = {
+            'origin': np.array([spec.origin_x, spec.origin_y]),
+            'resolution': np.array(spec.resolution),
+        }
+        _replace_npz(self.path / 'layers' / f'scan_{number:03d}.npz', {**geometry, **small})
+
+
+def _replace_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    unfinished = path.with_name(f'.{path.name}')
+    np.savez_compressed(unfinished, **arrays)
+    with open(unfinished, 'rb') as f:
+        os.fsync(f.fileno())
+    os.replace(unfinished, path)
+
+
+def _load_npz(path: Path) -> dict[str, np.ndarray] | None:
+    try:
+        with np.load(path) as f:
+            return {k: f[k] for k in f.files}
+    except (OSError, ValueError, EOFError, BadZipFile):
+        return None
 
 
 def point_latest(jobs_dir: Path, target: str) -> None:

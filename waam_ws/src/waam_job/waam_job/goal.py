@@ -8,6 +8,7 @@ from enum import IntEnum
 from pathlib import Path
 
 from waam_plan.part import Part, PartError, load_part
+from waam_plan.settings import STRATEGIES
 from waam_process.materials import Material, MaterialError, get
 
 
@@ -28,6 +29,7 @@ class Code(IntEnum):
     LINK_LOST = 110
     ABORTED = 111
     TIMEOUT = 112
+    BAD_RESUME = 113
 
 
 class JobError(RuntimeError):
@@ -39,6 +41,7 @@ class JobError(RuntimeError):
 
 
 PROFILES = ('open_loop', 'monitor', 'closed_loop')
+K_GAIN_MAX = 0.5
 MODES = ('restore', 'build')
 
 
@@ -60,6 +63,10 @@ class JobGoal:
     scale: float = 1e-3
     operator_name: str = ''
     notes: tuple[str, ...] = ()
+    strategy: str = ''
+    allowance: float = 0.0
+    passes: int = 1
+    wire_left: float = 0.0
 
     @property
     def title(self) -> str:
@@ -88,9 +95,16 @@ def field_problems(goal: JobGoal) -> list[str]:
     if goal.bead_width:
         problems.append(_in_range('bead width', goal.bead_width, 2e-3, 15e-3, 'mm', 1e3))
     if not math.isnan(goal.k_gain):
-        problems.append(_in_range('k_gain', goal.k_gain, 0.0, 0.5, '', 1))
+        problems.append(_in_range('k_gain', goal.k_gain, 0.0, K_GAIN_MAX, '', 1))
     problems.append(_in_range('tolerance', goal.tolerance, 0.02e-3, 5e-3, 'mm', 1e3))
     problems.append(_in_range('scale', goal.scale, 1e-6, 1.0, 'm per unit', 1))
+    if goal.strategy and goal.strategy not in STRATEGIES:
+        problems.append(f"strategy '{goal.strategy}' is unknown; known are {', '.join(STRATEGIES)}")
+    problems.append(_in_range('allowance', goal.allowance, -1e-3, 5e-3, 'mm', 1e3))
+    problems.append(_in_range('passes', goal.passes, 1, 9, '', 1))
+    problems.append(_in_range('wire left', goal.wire_left, 0.0, 1e5, 'm', 1))
+    if goal.mode == 'build' and (goal.passes > 1 or goal.allowance):
+        problems.append('passes and allowance belong to mode restore')
     for note in goal.notes:
         if '=' not in note:
             problems.append(f"note '{note}' is not of the form key=value")

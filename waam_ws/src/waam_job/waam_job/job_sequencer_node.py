@@ -1,4 +1,4 @@
-"""Node job_sequencer: action run_job, services pause, resume, abort. One job at a time, in a thread of its own."""
+"""Node job_sequencer: action run_job; services pause, resume, abort, adjust. One job at a time, in its own thread."""
 
 from __future__ import annotations
 
@@ -6,63 +6,30 @@ import math
 import os
 import threading
 import traceback
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from std_srvs.srv import Trigger
 
 from waam_msgs.action import RunJob
+from waam_msgs.msg import Override
+from waam_msgs.srv import AdjustJob
 from waam_node.files import write_atomically
 from waam_node.node import ERROR, OK, WaamNode
 from waam_node.node import main as run_main
-from waam_node.params import param
+from waam_node.qos import NEWEST
 
 from . import conversions as convert
 from .control import Control
 from .folder import JobFolder
 from .goal import Checked, Code, JobError, JobGoal, check
+from .job_params import JobParams, settings_of
+from .node_requests import WithFeedback, adjust, recheck, reopen
 from .provenance import provenance
 from .records import State, Status
 from .ros_cell import RosCell
-from .runner import JobRunner, Settings
-from .watch import Limits
-
-
-@dataclass(frozen=True)
-class JobParams:
-    """Parameters of job_sequencer."""
-
-    lease_nodes: tuple = param(
-        (), 'nodes whose heartbeat the arc lease needs; empty = only the bridge'
-    )
-    jobs_dir: str = param('jobs', 'folder for jobs when the goal names none')
-    job_pointer: str = param('', 'file that always holds the path of the newest job; empty = none')
-    work_offset: tuple = param((0.100, 0.080, 0.020), 'work zero (G54) in machine coordinates', 'm')
-    plate_zero: tuple = param(
-        (0.020, 0.020, 0.010),
-        'mode build: work zero seen from the corner of the clamped plate',
-        'm',
-    )
-    resolution: float = param(0.5e-3, 'edge of a map cell', 'm', 1e-4, 5e-3)
-    margin: float = param(5e-3, 'map beyond the part on every side', 'm', 0.0, 0.1)
-    follow_reach: float = param(
-        3e-3, 'smoothing of the surface that the torch height follows', 'm', 5e-4, 2e-2
-    )
-    cooling_timeout: float = param(1800.0, 'longest interpass wait', 's', 1.0, 86400.0)
-    share_in_tolerance: float = param(
-        0.95, 'share of the interior within tolerance for a good verdict', '', 0.5, 1.0
-    )
-    link_timeout: float = param(
-        5.0, 'steady time without telemetry that ends a job', 's', 0.5, 60.0
-    )
-    node_timeout: float = param(
-        4.0, 'steady time of silence of a required node that ends a job', 's', 0.5, 60.0
-    )
-    lease_retries: int = param(3, 'holds by a late (not dead) node that are resumed', '', 0, 100)
-    service_timeout: float = param(
-        20.0, 'longest wait for an answer of another node', 's', 1.0, 600.0
-    )
+from .runner import JobRunner
 
 
 class JobSequencer(WaamNode):
@@ -84,6 +51,8 @@ class JobSequencer(WaamNode):
         )
         for name in ('pause', 'resume', 'abort'):
             self.create_service(Trigger, f'~/{name}', getattr(self, f'_on_{name}'))
+        self.create_service(AdjustJob, '~/adjust', self._on_adjust)
+        self.create_subscription(Override, 'override', self._on_override, NEWEST)
         self.cell.status(Status())
 
     # ---- operator ------------------------------------------------------------------------------
@@ -118,6 +87,28 @@ class JobSequencer(WaamNode):
     def _on_abort(self, _request, response: Trigger.Response) -> Trigger.Response:
         return self._switch(response, 'abort', 'aborted by the operator')
 
+    def _on_adjust(
+        self, request: AdjustJob.Request, response: AdjustJob.Response
+    ) -> AdjustJob.Response:
+        with self._lock:
+            control = self.control if self._busy else None
+        if control is None:
+            response.message = 'no job is running'
+            return response
+        response.message = adjust(control, request.code, request.value)
+        response.success = not response.message
+        return response
+
+    def _on_override(self, message: Override) -> None:
+        """The bridge acts on it; the job only keeps that it happened."""
+        with self._lock:
+            control = self.control if self._busy else None
+        if control is not None:
+            who = message.source or 'unknown'
+            control.remark(
+                f'override by {who}: speed {message.speed_factor:g}, wire {message.wire_factor:g}'
+            )
+
     # ---- the job -------------------------------------------------------------------------------
 
     async def _execute(self, handle) -> RunJob.Result:
@@ -151,18 +142,15 @@ class JobSequencer(WaamNode):
         done.set_result(result)
 
     def _run(self, handle, result: RunJob.Result) -> None:
-        goal = convert.goal_from_msg(handle.request, self.params.jobs_dir)
-        self.cell.status(Status(state=State.VALIDATING, profile=goal.profile))
+        self.cell.status(Status(state=State.VALIDATING, profile=handle.request.profile))
         try:
-            checked = check(goal)
+            checked, folder, run = self._accept(handle.request)
         except JobError as e:
             result.error_code, result.message = int(e.code), str(e)
             self.cell.status(Status(state=State.FAILED, error_code=int(e.code), message=str(e)))
             return
-        folder = self._make_folder(goal, checked)
-        runner = JobRunner(
-            _WithFeedback(self.cell, handle), checked, folder, self.control, self._settings()
-        )
+        cell = WithFeedback(self.cell, handle)
+        runner = JobRunner(cell, checked, folder, self.control, settings_of(self.params), run)
         status = runner.run()
         result.error_code, result.message = status.error_code, status.message
         result.job_id, result.job_dir = folder.job_id, str(folder.path)
@@ -170,10 +158,31 @@ class JobSequencer(WaamNode):
         result.rms = runner.final.rms if runner.final else math.nan
         result.max_error = runner.final.max if runner.final else math.nan
 
-    def _make_folder(self, goal: JobGoal, checked: Checked) -> JobFolder:
-        folder = JobFolder.create(goal.jobs_dir.resolve(), goal.title)
+    def _accept(self, request: RunJob.Goal) -> tuple[Checked, JobFolder, int]:
+        """A new folder, or the one of the job that goes on. JobError with all that is wrong."""
+        if request.resume_dir:
+            folder, goal = reopen(request)
+            checked = recheck(goal, folder)
+            run = folder.next_run()
+            folder.write_yaml(
+                f'resume_{run}.yaml',
+                {
+                    'operator_name': goal.operator_name,
+                    'notes': list(request.notes),
+                    'parameters': asdict(self.params),
+                    **provenance(checked.part.sha256),
+                },
+            )
+        else:
+            goal, run = convert.goal_from_msg(request, self.params.jobs_dir), 1
+            checked = check(goal)
+            folder = self._make_folder(goal, checked)
         if self.params.job_pointer:
             write_atomically(Path(self.params.job_pointer), str(folder.path))
+        return checked, folder, run
+
+    def _make_folder(self, goal: JobGoal, checked: Checked) -> JobFolder:
+        folder = JobFolder.create(goal.jobs_dir.resolve(), goal.title)
         folder.write_yaml(
             'job.yaml',
             {
@@ -185,36 +194,6 @@ class JobSequencer(WaamNode):
             },
         )
         return folder
-
-    def _settings(self) -> Settings:
-        p = self.params
-        return Settings(
-            work_offset=tuple(p.work_offset),
-            plate_zero=tuple(p.plate_zero),
-            margin=p.margin,
-            resolution=p.resolution,
-            follow_reach=p.follow_reach,
-            cooling_timeout=p.cooling_timeout,
-            share_in_tolerance=p.share_in_tolerance,
-            lease_nodes=tuple(p.lease_nodes),
-            limits=Limits(p.link_timeout, p.node_timeout, p.lease_retries),
-        )
-
-
-class _WithFeedback:
-    """The cell, with every status also sent as feedback of the action."""
-
-    def __init__(self, cell: RosCell, handle) -> None:
-        self._cell, self._handle = cell, handle
-
-    def __getattr__(self, name: str):
-        return getattr(self._cell, name)
-
-    def status(self, status: Status) -> None:
-        self._cell.status(status)
-        feedback = RunJob.Feedback()
-        feedback.status = convert.status_to_msg(status, self._cell.node.get_clock().now().to_msg())
-        self._handle.publish_feedback(feedback)
 
 
 def main() -> None:

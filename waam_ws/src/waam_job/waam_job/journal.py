@@ -9,26 +9,42 @@ import numpy as np
 
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.posts import gcode
-from waam_process.segment import Segment
+from waam_plan.store import save_plan
 
+from . import checkpoint as checkpoints
 from .cell import Cell, Correction, Scan
+from .checkpoint import Checkpoint
 from .folder import JobFolder
 from .geometry import Deviation
 from .goal import JobGoal
+from .program import PassRecord
 from .records import AnomalyRecord, LayerRecord, State, Status
 from .summary import run_summary
 
 
 class Journal:
-    """Every fact goes out on its topic and into the folder at the same time."""
+    """Every fact goes out on its topic and into the folder at the same time. `run`: 1 = first start of the job."""
 
-    def __init__(self, cell: Cell, goal: JobGoal, folder: JobFolder) -> None:
-        self.cell, self.goal, self.folder = cell, goal, folder
-        self.status = Status(folder.job_id, str(folder.path), profile=goal.profile)
+    def __init__(self, cell: Cell, goal: JobGoal, folder: JobFolder, run: int = 1) -> None:
+        self.cell, self.goal, self.folder, self.run = cell, goal, folder, run
+        self.status = Status(
+            folder.job_id,
+            str(folder.path),
+            profile=goal.profile,
+            material=goal.material,
+            k_gain=goal.k_gain,
+            passes=max(1, goal.passes),
+        )
         self.layers: list[LayerRecord] = []
         self.anomalies: list[AnomalyRecord] = []
         self.started = cell.now()
+        self.spent_before = 0.0  # s of the runs before this one
         self._before_pause = State.IDLE
+
+    @property
+    def elapsed(self) -> float:
+        """s of this run"""
+        return self.cell.now() - self.started
 
     def state(self, state: State, message: str = '') -> None:
         """A new phase of the job."""
@@ -63,34 +79,55 @@ class Journal:
         return sum(a.layer == layer and a.severity in ('FAULT', 'ALARM') for a in self.anomalies)
 
     def layer(self, record: LayerRecord) -> None:
+        """A finished layer; from here on a crash loses nothing of it."""
         self.layers.append(record)
         self.cell.layer_report(replace(record))
+        self.track(record.layer)
+        self.keep()
 
-    def checkpoint(self, segment: Segment) -> None:
-        """The bead that is being laid: everything before it is done."""
+    def keep(self) -> None:
+        """records.json: what the report is made of, for a job that goes on after a crash."""
         self.folder.write_json(
-            'checkpoint.json',
+            'records.json',
             {
-                'job_id': self.folder.job_id,
-                'layer': segment.layer,
-                'bead': segment.bead,
-                'index': segment.index,
+                'run': self.run,
+                'elapsed': self.spent_before + self.elapsed,
+                'layers': [asdict(r) for r in self.layers],
+                'anomalies': [asdict(a) for a in self.anomalies],
             },
         )
 
-    def plan(self, plan: Plan) -> None:
-        """program.gcode and plan.npz."""
-        everything = [s for layer in plan.layers for s in layer.segments]
-        (self.folder.path / 'program.gcode').write_text(gcode(plan))
-        np.savez_compressed(
-            self.folder.path / 'plan.npz',
-            start=np.array([s.start for s in everything]),
-            end=np.array([s.end for s in everything]),
-            layer=np.array([s.layer for s in everything]),
-            bead=np.array([s.bead for s in everything]),
-            kind=np.array([int(s.kind) for s in everything]),
-            height=np.array([s.height for s in everything]),
+    def take_over(self, before_layer: int) -> None:
+        """Reads records.json of the runs before; layers from `before_layer` on are laid again and reported anew."""
+        data = self.folder.read_json('records.json') or {}
+        self.spent_before = float(data.get('elapsed') or 0.0)
+        old = [LayerRecord.from_json(r) for r in data.get('layers', [])]
+        self.layers = [r for r in old if r.layer < before_layer and not r.final]
+        self.anomalies = [AnomalyRecord.from_json(a) for a in data.get('anomalies', [])]
+
+    def checkpoint(self, bead: int, beads_done: int, index: int) -> None:
+        status = self.status
+        checkpoints.save(
+            self.folder.path,
+            Checkpoint(
+                self.folder.job_id,
+                self.run,
+                status.pass_number,
+                status.layer,
+                bead,
+                beads_done,
+                index,
+                self.cell.now(),
+            ),
         )
+
+    def plan(self, plan: Plan, pass_number: int) -> None:
+        """plan.npz and program.gcode; later passes have their number in the name. `plan`: its layers count from 1."""
+        suffix = '' if pass_number == 1 else f'_{pass_number}'
+        (self.folder.path / f'program{suffix}.gcode').write_text(gcode(plan))
+        unfinished = self.folder.path / f'.plan{suffix}.npz'
+        save_plan(plan, unfinished)
+        unfinished.replace(self.folder.path / f'plan{suffix}.npz')
 
     def scan(
         self,
@@ -100,6 +137,8 @@ class Journal:
         target: np.ndarray,
         layer: PlannedLayer | None = None,
         correction: Correction | None = None,
+        asked: np.ndarray | None = None,
+        feed_factor: float = 1.0,
     ) -> None:
         """layers/scan_NNN.npz (docs/job_folder.md): the surface after layer `number`, and what comes next."""
         shape = scan.map.spec.shape
@@ -117,21 +156,33 @@ class Journal:
         if correction is not None:
             for name in ('psi', 'confidence', 'residual_height'):
                 maps[name] = getattr(correction, name)
+        if asked is not None:
+            maps |= {'asked': asked, 'feed_factor': np.array(feed_factor)}
         self.folder.write_map(number, scan.map.spec, **maps)
 
-    def track(self) -> None:
-        """telemetry.npz, thinned to 10 Hz."""
-        track = self.cell.take_track()
-        if track:
-            np.savez_compressed(self.folder.path / 'telemetry.npz', **track)
+    def track(self, layer: int) -> None:
+        """The telemetry since the last call, thinned to 10 Hz, goes to disk: a long job does not grow in memory."""
+        self.folder.write_track(f'{self.run:03d}_{layer:04d}', self.cell.take_track())
 
-    def report(self, in_tolerance: bool, final: Deviation | None, as_found_rms: float) -> None:
-        """report.json."""
+    def report(
+        self,
+        in_tolerance: bool,
+        final: Deviation | None,
+        as_found_rms: float,
+        passes: list[PassRecord],
+    ) -> None:
+        """report.json, and all tracks in one telemetry.npz."""
+        self.track(9999)
+        self.keep()
+        self.folder.join_tracks()
         verdict = 'in tolerance' if in_tolerance else 'out of tolerance'
         if self.status.state != State.DONE:
             verdict = 'failed'
-        run = run_summary(verdict, self.status, final, as_found_rms, self.layers, self.anomalies)
-        run['duration_s'] = self.cell.now() - self.started
+        run = run_summary(
+            verdict, self.status, final, as_found_rms, self.layers, self.anomalies, passes
+        )
+        run['duration_s'] = self.spent_before + self.elapsed
+        run['runs'] = self.run
         goal = self.goal
         self.folder.write_json(
             'report.json',

@@ -38,6 +38,10 @@ class Status:
     job_dir: str = ''
     state: State = State.IDLE
     profile: str = ''
+    material: str = ''
+    k_gain: float = math.nan
+    pass_number: int = 0
+    passes: int = 1
     layer: int = 0
     layers: int = 0
     bead: int = 0
@@ -48,6 +52,10 @@ class Status:
     height_error_max: float = math.nan
     error_code: int = 0
     message: str = ''
+
+
+def _without_nulls(data: dict) -> dict:
+    return {k: math.nan if v is None else v for k, v in data.items()}
 
 
 @dataclass(frozen=True)
@@ -68,6 +76,11 @@ class AnomalyRecord:
         data['class'] = data.pop('class_name')
         return data
 
+    @classmethod
+    def from_json(cls, data: dict) -> AnomalyRecord:
+        """From `dataclasses.asdict` that went through JSON."""
+        return cls(**{**_without_nulls(data), 'position': tuple(data['position'])})
+
 
 @dataclass
 class LayerRecord:
@@ -76,6 +89,7 @@ class LayerRecord:
     job_id: str = ''
     profile: str = ''
     layer: int = 0
+    pass_number: int = 1
     final: bool = False
     duration: float = 0.0
     wait: float = 0.0
@@ -113,6 +127,11 @@ class LayerRecord:
     telemetry_lost: int = 0
     faults: int = 0
     cost: float = 0.0
+
+    @classmethod
+    def from_json(cls, data: dict) -> LayerRecord:
+        """From `dataclasses.asdict` that went through JSON, where NaN is null."""
+        return cls(**_without_nulls(data))
 
     def add_errors(self, errors: np.ndarray) -> None:
         """Height errors (m, any shape, NaN ignored) of the surface before this layer (or after the last)."""

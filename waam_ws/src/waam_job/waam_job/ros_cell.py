@@ -176,7 +176,7 @@ class RosCell:
         return convert.scan_from_msg(response.map)
 
     def correct(self, job_id: str, request: CorrectionRequest) -> Correction:
-        message = convert.correction_request(job_id, request)
+        message = convert.correction_request(job_id, request, self._stamp())
         return convert.correction_from_msg(
             self._call(self._correct, message, Code.UNKNOWN).correction
         )

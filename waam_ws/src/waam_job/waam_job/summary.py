@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict
 
 from .geometry import Deviation
+from .program import PassRecord
 from .records import AnomalyRecord, LayerRecord, Status
 
 NOTHING = Deviation(math.nan, math.nan, math.nan, 0.0, math.nan, 0.0)
@@ -18,6 +19,7 @@ def run_summary(
     as_found_rms: float,
     layers: list[LayerRecord],
     anomalies: list[AnomalyRecord],
+    passes: list[PassRecord] | tuple = (),
 ) -> dict:
     """RUN of docs/job_folder.md, without duration_s; final is None when the job did not reach the last scan."""
     found = final or NOTHING
@@ -47,5 +49,6 @@ def run_summary(
         'energy_J': total('energy'),
         'arc_on_s': total('arc_on_time'),
         'cost': total('cost'),
+        'passes': [asdict(p) for p in passes],
         'folder': '.',
     }

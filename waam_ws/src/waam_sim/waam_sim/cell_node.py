@@ -25,6 +25,7 @@ from .config import CellParams, plant_params
 from .conversions import Batcher, clock_to_msg, temperature_to_msg
 from .plant import Plant, warm_up
 from .port import PlantPort
+from .table import restore
 
 
 class Cell(WaamNode):
@@ -35,7 +36,14 @@ class Cell(WaamNode):
         p = self.params
         physics = plant_params(p)
         metal = physics.metal
-        self._plant = Plant(part.plate(*p.plate, metal.cell, metal.margin), physics, p.seed)
+        self._table = Path(p.table_file) if p.table_file else None
+        kept = restore(self._table) if self._table else None
+        if kept is not None:
+            self.get_logger().info(f'on the table lies what was left there ({self._table})')
+        plate = part.plate(*p.plate, metal.cell, metal.margin)
+        self._plant = Plant(plate, physics, p.seed)
+        if self._table is not None:
+            self._plant.load(kept or plate, p.seed, self._table)
         self._batcher = Batcher(self._plant.scanner.lateral, physics.scanner.batch)
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -134,7 +142,8 @@ class Cell(WaamNode):
             with self._lock:
                 if self._plant.arc_on:
                     raise part.PartError('the arc is on: a part can be changed only without it')
-                self._plant.load(loaded, self.params.seed if request.seed < 0 else request.seed)
+                seed = self.params.seed if request.seed < 0 else request.seed
+                self._plant.load(loaded, seed, self._table)
             response.message = f'part on the table, {loaded.z.max() * 1e3:.2f} mm high'
             response.success = True
         except ValueError as e:

@@ -39,6 +39,9 @@ class NodeParams:
     plate: tuple = param(
         (0.120, 0.080, 0.025), 'size of the plate on the table until a part is loaded', 'm'
     )
+    table_file: str = param(
+        '', 'file that keeps what lies on the table when the cell ends; empty = nothing is kept'
+    )
     clock_period: float = param(0.05, 'of /clock in controller time', 's', 0.01, 1.0)
 
 

@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from .metal import Metal, MetalParams
 from .metal import advance as advance_metal
 from .pyrometer import Pyrometer, PyrometerParams
 from .scanner import Scanner, ScannerParams, profile
+from .table import keep
 
 SAMPLE = np.dtype(
     [
@@ -86,11 +88,13 @@ class Plant:
         self._next_profile_us = 0
         self.load(part, seed)
 
-    def load(self, part: HeightGrid, seed: int) -> None:
-        """Clamps a cold part; everything random starts again from the seed."""
+    def load(self, part: HeightGrid, seed: int, table: Path | None = None) -> None:
+        """Clamps a cold part; everything random starts again from the seed. `table`: file that keeps its surface."""
         p = self.params
         self.seed = seed
         self.metal = Metal.on(part, p.metal)
+        if table is not None:
+            self.metal.z = keep(part, table)
         self.heat = Heat.of(part, p.heat)
         self.arc = Arc.cold(p.arc, random_state(seed, 1))
         self.scanner = Scanner.of(p.scanner, random_state(seed, 2))

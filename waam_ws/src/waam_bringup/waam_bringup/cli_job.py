@@ -1,0 +1,170 @@
+"""`waam job`: run jobs, steer the running one, go on with an interrupted one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .cli_common import add_run, run_and_domain
+
+
+def register_job(commands) -> None:
+    job = commands.add_parser('job', help='run and steer jobs').add_subparsers(
+        dest='verb', metavar='VERB', required=True
+    )
+    p = job.add_parser(
+        'run',
+        help='run a job on the graph that is up and follow it',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog='examples:\n'
+        '  waam job run jaw_nominal.stl --as-found jaw_worn.stl --material er70s-6\n'
+        '  waam job run vase.stl --mode build --layers 3 --profile monitor\n\n'
+        'exit status: 0 done, 1 the job failed, 2 it was refused, 130 cancelled with Ctrl-C',
+    )
+    add_run(p)
+    p.add_argument('part', type=Path, help='nominal part: STL or PLY')
+    p.add_argument(
+        '--material', default='er70s-6', help='key of the material table (default er70s-6)'
+    )
+    p.add_argument(
+        '--layers', type=int, default=0, help='at most so many layers; 0 = as many as needed'
+    )
+    p.add_argument(
+        '--profile', choices=('open_loop', 'monitor', 'closed_loop'), default='closed_loop'
+    )
+    p.add_argument(
+        '--mode',
+        choices=('restore', 'build'),
+        default='restore',
+        help='restore: nominal minus scan; build: onto a flat plate',
+    )
+    p.add_argument(
+        '--as-found', type=Path, help='simulated cell: mesh of the worn part that lies on the table'
+    )
+    p.add_argument('--layer-height', type=float, default=0.0, metavar='MM')
+    p.add_argument('--bead-width', type=float, default=0.0, metavar='MM')
+    p.add_argument(
+        '--k-gain',
+        type=float,
+        default=float('nan'),
+        help='authority of the speed correction, 0..0.3',
+    )
+    p.add_argument('--tolerance', type=float, default=0.2, metavar='MM')
+    p.add_argument(
+        '--scale',
+        type=float,
+        default=1e-3,
+        help='metres per unit of the file (default 0.001: millimetres)',
+    )
+    p.add_argument('--name', default='', help='short name in the folder of the job')
+    p.add_argument('--jobs', type=Path, help='where job folders go (default: jobs/)')
+    p.add_argument(
+        '--note',
+        action='append',
+        default=[],
+        metavar='KEY=VALUE',
+        help='kept in job.yaml, such as wire_lot=4711',
+    )
+    p.add_argument(
+        '--strategy', default='', help='how layers are filled (waam plan --help); default: chosen'
+    )
+    p.add_argument(
+        '--allowance',
+        type=float,
+        default=0.0,
+        metavar='MM',
+        help='metal left on top of the nominal part for machining',
+    )
+    p.add_argument(
+        '--passes',
+        type=int,
+        default=1,
+        help='2 = half of the layers, then plan again from the scan (a posteriori)',
+    )
+    p.add_argument(
+        '--wire-left',
+        type=float,
+        default=0.0,
+        metavar='M',
+        help='wire on the spool, checked against the plan',
+    )
+    p.set_defaults(run_command=cmd_job_run)
+    p = job.add_parser(
+        'resume',
+        help='go on: with a paused job, or with an interrupted one after a crash or a power cut',
+        description='Without a folder: resumes the job that is paused; when none is running, the newest interrupted '
+        'job. An interrupted job is scanned again first, compared with its checkpoint, and goes on '
+        'at the first bead that is not done.',
+    )
+    add_run(p)
+    p.add_argument('folder', type=Path, nargs='?', help='job folder (default: jobs/latest)')
+    p.add_argument(
+        '--note', action='append', default=[], metavar='KEY=VALUE', help='kept with the job'
+    )
+    p.set_defaults(run_command=cmd_job_resume)
+    for verb, text in (
+        ('rescan', 'scan again before the next layer'),
+        ('skip-layer', 'leave the next layer out'),
+    ):
+        p = job.add_parser(verb, help=text)
+        add_run(p)
+        p.set_defaults(run_command=cmd_job_adjust, code=verb.upper().replace('-', '_'), value=0.0)
+    p = job.add_parser('gain', help='authority of the speed correction, from the next layer on')
+    add_run(p)
+    p.add_argument('value', type=float, help='0..0.5; nan = that of the correction server')
+    p.set_defaults(run_command=cmd_job_adjust, code='SET_K_GAIN')
+    for verb, text in (
+        ('pause', 'hold the machine; the arc ends properly'),
+        ('abort', 'end the job; the arc ends, the queue is dropped'),
+    ):
+        p = job.add_parser(verb, help=text)
+        add_run(p)
+        p.set_defaults(run_command=cmd_job_switch, verb=verb)
+
+
+def cmd_job_run(args) -> int:
+    from .jobs import run_job
+
+    run, domain = run_and_domain(args)
+    return run_job(args, run, domain)
+
+
+def cmd_job_switch(args) -> int:
+    from .client import GraphClient
+    from .operate import require_up
+
+    run, domain = run_and_domain(args)
+    require_up(run)
+    with GraphClient(domain) as client:
+        client.trigger(f'job_sequencer/{args.verb}')
+    print(f'{args.verb}: accepted')
+    return 0
+
+
+def cmd_job_resume(args) -> int:
+    from .client import GraphClient
+    from .jobs import resume_job
+    from .operate import require_up
+
+    run, domain = run_and_domain(args)
+    require_up(run)
+    if args.folder is None:
+        with GraphClient(domain) as client:
+            client.until(lambda: client.job is not None, 3.0)
+            running = client.job is not None and 0 < client.job.state < 9
+            if running:
+                client.trigger('job_sequencer/resume')
+                print('resume: accepted')
+                return 0
+    return resume_job(args, run, domain)
+
+
+def cmd_job_adjust(args) -> int:
+    from .jobs import adjust_job
+    from .operate import require_up
+
+    run, domain = run_and_domain(args)
+    require_up(run)
+    adjust_job(args.code, args.value, domain)
+    print('accepted; in force from the next layer on')
+    return 0

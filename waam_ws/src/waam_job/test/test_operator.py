@@ -1,0 +1,133 @@
+"""What the operator may change in a running job, and jobs of two passes."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from waam_job.control import Control
+from waam_job.goal import Code, JobError, JobGoal, check
+from waam_job.node_requests import adjust
+from waam_job.records import State
+from waam_msgs.srv import AdjustJob
+from waam_plan.store import load_plan
+from waam_process.segment import Kind
+
+R = AdjustJob.Request
+
+
+def on_deposit(cell, number: int, action) -> None:
+    """Calls `action` when the number-th depositing segment has been laid."""
+    inner, seen = cell._lay, {'n': 0}
+
+    def lay(s):
+        inner(s)
+        seen['n'] += s.kind == Kind.DEPOSIT
+        if seen['n'] == number and s.kind == Kind.DEPOSIT:
+            action()
+
+    cell._lay = lay
+
+
+def run(folder) -> dict:
+    return json.loads((folder.path / 'report.json').read_text())['closed_loop']
+
+
+def test_gain_changes_from_the_next_layer_on(make_cell, make_runner):
+    cell = make_cell(efficiency=0.8)
+    runner, control, folder = make_runner(cell)
+    on_deposit(cell, 5, lambda: adjust(control, R.SET_K_GAIN, 0.1))
+    assert runner.run().state == State.DONE
+    gains = [r['k_gain'] for r in run(folder)['layers'] if not r['final']]
+    assert gains[0] == 0.3 and gains[1:] == [0.1] * (len(gains) - 1)
+    assert any('k_gain set to 0.1' in a['text'] for a in run(folder)['anomalies'])
+    assert cell.statuses[-1].k_gain == 0.1
+
+
+def test_rescan_is_done_once_and_its_map_is_used(make_cell, make_runner):
+    cell = make_cell()
+    runner, control, folder = make_runner(cell)
+    scans = []
+    inner = cell.finish_scan
+    cell.finish_scan = lambda *a: scans.append(a) or inner(*a)
+    on_deposit(cell, 5, lambda: adjust(control, R.RESCAN, 0.0))
+    assert runner.run().state == State.DONE
+    assert len(scans) == runner.status.layers + 2  # as found, after each layer, and one more
+
+
+def test_skipped_layer_gets_no_metal(make_cell, make_runner):
+    cell = make_cell()
+    runner, control, folder = make_runner(cell)
+    assert adjust(control, R.SKIP_LAYER, 0.0) == ''
+    assert runner.run().state == State.DONE
+    assert {s.layer for s in cell.executed if s.kind == Kind.DEPOSIT} == set(
+        range(2, runner.status.layers + 1)
+    )
+    assert 'skipped by the operator' in run(folder)['layers'][0]['reasons']
+    assert any('skipped' in a['text'] for a in run(folder)['anomalies'])
+
+
+@pytest.mark.parametrize(('code', 'value'), [(R.SET_K_GAIN, 0.6), (R.SET_K_GAIN, -0.1), (77, 0.0)])
+def test_nonsense_is_refused_with_a_reason(code, value):
+    control = Control()
+    assert adjust(control, code, value) != ''
+    assert control.k_gain(0.25) == 0.25
+
+
+def test_gain_nan_means_the_servers_own():
+    control = Control()
+    assert adjust(control, R.SET_K_GAIN, math.nan) == ''
+    assert math.isnan(control.k_gain(0.25))
+
+
+def test_second_pass_is_planned_from_the_scan_after_the_first(make_cell, make_runner):
+    once = make_cell(efficiency=0.75)
+    runner, _, folder = make_runner(once, profile='open_loop')
+    runner.run()
+    single = runner.final.rms
+    twice = make_cell(efficiency=0.75)
+    runner, _, folder = make_runner(twice, profile='open_loop', passes=2)
+    assert runner.run().state == State.DONE
+    assert runner.final.rms < 0.8 * single
+    report = json.loads((folder.path / 'report.json').read_text())['open_loop']
+    first, second = report['passes']
+    assert (folder.path / 'plan_2.npz').exists() and (folder.path / 'program_2.gcode').exists()
+    # pass 1 fell short; pass 2 is thicker than what the first plan had left for it, by what was missing
+    assert first['measured_mean'] < -0.1e-3
+    rest = load_plan(folder.path / 'plan.npz').layers[first['layers']].planned
+    assert second['set_height'] > rest[rest > 0].mean() + 0.3 * abs(first['measured_mean'])
+    numbers = [r['layer'] for r in report['layers'] if not r['final']]
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert [r['pass_number'] for r in report['layers']][-1] == 2
+    maps = sorted(p.name for p in (folder.path / 'layers').iterdir())
+    assert maps == [f'scan_{i:03d}.npz' for i in range(len(numbers) + 1)]
+
+
+def test_allowance_is_left_on_top(make_cell, make_runner):
+    plain, thick = make_cell(), make_cell()
+    make_runner(plain)[0].run()
+    runner, _, _ = make_runner(thick, allowance=0.5e-3)
+    assert runner.run().state == State.DONE
+    gained = np.nansum(thick.surface.z - plain.surface.z) * plain.surface.spec.resolution**2
+    area = runner.program.whole.region.sum() * plain.surface.spec.resolution**2
+    assert gained / area == pytest.approx(0.5e-3 * 0.85, rel=0.35)
+
+
+def test_too_little_wire_is_said_before_the_arc(make_cell, make_runner):
+    cell = make_cell()
+    status = make_runner(cell, wire_left=0.5)[0].run()
+    assert status.error_code == Code.MACHINE_NOT_READY and 'm of wire' in status.message
+    assert not any(s.arc for s in cell.executed)
+
+
+def test_all_that_is_wrong_with_a_goal_is_said_at_once(parts, tmp_path):
+    goal = JobGoal(
+        part=parts[0], material='unobtainium', jobs_dir=tmp_path, strategy='spirograph', passes=12
+    )
+    with pytest.raises(JobError) as e:
+        check(goal)
+    for word in ('unobtainium', 'spirograph', 'passes'):
+        assert word in str(e.value)

@@ -1,0 +1,209 @@
+"""A job that was cut off anywhere goes on where its surface says and ends as if nothing had happened."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from waam_job import checkpoint as checkpoints
+from waam_job.checkpoint import Checkpoint, CheckpointError
+from waam_job.goal import Code
+from waam_job.records import State
+from waam_job.resume import change_point
+from waam_job.runner import JobRunner
+from waam_process.grid import HeightGrid
+from waam_process.segment import Kind
+
+
+class PowerCut(BaseException):
+    """Nothing in the job may catch this, as nothing can catch a power cut."""
+
+
+def cut_after(cell, deposits: int) -> None:
+    """The whole cell loses power when so many segments have been laid; half of the checkpoint lag included."""
+    inner, seen = cell._lay, {'n': 0}
+
+    def lay(s):
+        inner(s)
+        if s.kind == Kind.DEPOSIT:
+            seen['n'] += 1
+            if seen['n'] == deposits:
+                raise PowerCut
+
+    cell._lay = lay
+
+
+def cut_off(make_cell, make_runner, deposits: int, **fields):
+    """A job that is cut off. Returns (runner, folder, cell) with the metal that was laid."""
+    cell = make_cell(efficiency=0.8)
+    runner, _, folder = make_runner(cell, **fields)
+    cut_after(cell, deposits)
+    runner._release = lambda: None  # a power cut leaves no time for it
+    with pytest.raises(PowerCut):
+        runner.run()
+    return runner, folder, cell
+
+
+def go_on(make_cell, runner, folder, cell, surface=None):
+    """The same part after power-on, and the job on it."""
+    fresh = make_cell(efficiency=0.8)
+    fresh.surface = surface or cell.surface
+    again = JobRunner(
+        fresh, runner.checked, folder, runner.control, runner.settings, folder.next_run()
+    )
+    folder.write_yaml(f'resume_{folder.next_run()}.yaml', {})
+    return again, fresh, again.run()
+
+
+@pytest.fixture(scope='module')
+def undisturbed():
+    return {}
+
+
+def reference(undisturbed, make_cell, make_runner) -> tuple[float, int]:
+    """RMS (m) and number of deposited segments of the job that nobody interrupts."""
+    if not undisturbed:
+        cell = make_cell(efficiency=0.8)
+        runner, _, _ = make_runner(cell)
+        assert runner.run().state == State.DONE
+        laid = sum(s.kind == Kind.DEPOSIT for s in cell.executed)
+        undisturbed['all'] = runner.final.rms, laid
+    return undisturbed['all']
+
+
+@pytest.mark.parametrize('share', [0.01, 0.17, 0.5, 0.77, 0.995])
+def test_resumed_job_ends_like_an_undisturbed_one(share, undisturbed, make_cell, make_runner):
+    rms, total = reference(undisturbed, make_cell, make_runner)
+    runner, folder, cell = cut_off(make_cell, make_runner, max(1, int(share * total)))
+    laid = sum(s.kind == Kind.DEPOSIT for s in cell.executed)
+    again, fresh, status = go_on(make_cell, runner, folder, cell)
+    assert status.state == State.DONE, status.message
+    rest = sum(s.kind == Kind.DEPOSIT for s in fresh.executed)
+    assert abs(laid + rest - total) <= 3  # the scan sees the end of the metal to a segment or two
+    assert again.final.rms < 1.1 * rms
+    report = json.loads((folder.path / 'report.json').read_text())
+    layers = [r['layer'] for r in report['closed_loop']['layers'] if not r['final']]
+    assert layers == list(range(1, status.layers + 1)) and report['closed_loop']['runs'] == 2
+    assert any('resumed' in a['text'] for a in report['closed_loop']['anomalies'])
+
+
+def test_two_cuts_in_one_layer(undisturbed, make_cell, make_runner):
+    rms, total = reference(undisturbed, make_cell, make_runner)
+    runner, folder, cell = cut_off(make_cell, make_runner, int(0.6 * total))
+    fresh = make_cell(efficiency=0.8)
+    fresh.surface = cell.surface
+    second = JobRunner(fresh, runner.checked, folder, runner.control, runner.settings, 2)
+    folder.write_yaml('resume_2.yaml', {})
+    cut_after(fresh, 20)
+    second._release = lambda: None
+    with pytest.raises(PowerCut):
+        second.run()
+    again, _, status = go_on(make_cell, runner, folder, fresh)
+    assert status.state == State.DONE, status.message
+    assert again.final.rms < 1.1**2 * rms
+
+
+def test_cut_before_anything_was_laid_starts_anew(make_cell, make_runner):
+    cell = make_cell()
+    runner, _, folder = make_runner(cell)
+    runner._release = lambda: None
+
+    def no_scan(*_):
+        raise PowerCut
+
+    cell.finish_scan = no_scan
+    with pytest.raises(PowerCut):
+        runner.run()
+    _, _, status = go_on(make_cell, runner, folder, cell)
+    assert status.state == State.DONE
+
+
+@pytest.mark.parametrize('damage', ['torn', 'empty', 'other bytes', 'gone', 'both torn'])
+def test_spoilt_checkpoint_costs_nothing(damage, undisturbed, make_cell, make_runner):
+    rms, total = reference(undisturbed, make_cell, make_runner)
+    runner, folder, cell = cut_off(make_cell, make_runner, int(0.4 * total))
+    newest = folder.path / checkpoints.NAME
+    text = newest.read_text()
+    if damage == 'gone':
+        newest.unlink()
+    else:
+        spoilt = {'empty': '', 'other bytes': text.replace('"layer": 1', '"layer": 2')}
+        newest.write_text(spoilt.get(damage, text[: len(text) // 2]))
+    if damage == 'both torn':
+        (folder.path / checkpoints.BEFORE).write_text('{')
+    again, fresh, status = go_on(make_cell, runner, folder, cell)
+    assert status.state == State.DONE, status.message
+    assert again.final.rms < 1.1 * rms
+    if damage in ('torn', 'empty', 'both torn'):
+        assert any('checkpoint' in a.text for a in fresh.anomalies)
+
+
+def test_part_that_was_moved_is_refused(make_cell, make_runner):
+    runner, folder, cell = cut_off(make_cell, make_runner, 30)
+    grid = cell.surface
+    raised = HeightGrid(grid.spec, np.where(grid.z > 5e-3, grid.z + 0.4e-3, grid.z))
+    _, fresh, status = go_on(make_cell, runner, folder, cell, raised)
+    assert status.error_code == Code.BAD_RESUME and 'moved' in status.message
+    assert not any(s.arc for s in fresh.executed)
+
+
+def test_other_part_without_the_metal_is_refused(make_cell, make_runner):
+    runner, folder, cell = cut_off(make_cell, make_runner, 40)
+    _, fresh, status = go_on(make_cell, runner, folder, cell, make_cell().surface)
+    assert status.error_code == Code.BAD_RESUME and 'was laid' in status.message
+    assert not any(s.arc for s in fresh.executed)
+
+
+def test_aborted_job_can_go_on(undisturbed, make_cell, make_runner):
+    rms, total = reference(undisturbed, make_cell, make_runner)
+    cell = make_cell(efficiency=0.8)
+    runner, control, folder = make_runner(cell)
+    inner, seen = cell._lay, {'n': 0}
+
+    def lay(s):
+        inner(s)
+        seen['n'] += s.kind == Kind.DEPOSIT
+        if seen['n'] == 20:
+            control.abort('operator')
+
+    cell._lay = lay
+    assert runner.run().state == State.ABORTED
+    cell.machine_state = replace(cell.machine_state, state='IDLE')
+    runner.control = type(control)()
+    again, _, status = go_on(make_cell, runner, folder, cell)
+    assert status.state == State.DONE and again.final.rms < 1.1 * rms
+
+
+@given(st.integers(0, 120), st.integers(0, 2**32 - 1), st.floats(0.6, 1.1))
+def test_change_point_is_found_through_noise(done, seed, efficiency):
+    """Beads of 20 segments side by side at 0.73 bead widths, laid up to `done`."""
+    rng = np.random.default_rng(seed)
+    i = np.arange(120)
+    row, col = i // 20, i % 20
+    middles = np.stack((np.where(row % 2, 19 - col, col) * 2e-3, row * 4.4e-3), axis=1)
+    shares = efficiency * (i < done) + rng.normal(0.0, 0.12, 120)
+    shares[rng.random(120) < 0.05] = np.nan
+    found = change_point(shares, np.full(120, 2e-3), middles, 6e-3)
+    assert abs(found - done) <= 3
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_are_a_checkpoint_or_an_error(data):
+    text = data.decode('latin1')
+    with pytest.raises(CheckpointError):
+        checkpoints.parse(text, 'x')
+
+
+def test_checkpoint_round_trip_and_generations(tmp_path):
+    first, second = Checkpoint('a', layer=1, bead=2), Checkpoint('a', layer=1, bead=3, time=1.5)
+    checkpoints.save(tmp_path, first)
+    checkpoints.save(tmp_path, second)
+    assert checkpoints.load(tmp_path) == (second, [])
+    (tmp_path / checkpoints.NAME).write_text(second.text()[:-4])
+    found, doubts = checkpoints.load(tmp_path)
+    assert found == first and len(doubts) == 1

@@ -1,0 +1,76 @@
+"""How far a job has come, on disk after every bead, so that it can go on after a crash or a power cut.
+
+Two generations are kept, each with a check sum: a torn or spoilt newest file is named and the one before is used. The
+surface itself says what was really laid (resume.py); the checkpoint says what must be there at least.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from waam_node.files import write_atomically
+
+NAME, BEFORE = 'checkpoint.json', 'checkpoint.before.json'
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """State of the deposition. `beads_done` beads of `layer` are complete; `bead` is being laid (0 = none)."""
+
+    job_id: str
+    run: int = 1  # 1 = first start, 2 = first resume ...
+    pass_number: int = 1
+    layer: int = 0
+    bead: int = 0
+    beads_done: int = 0
+    index: int = 0  # last segment that was reported done in this run
+    time: float = 0.0  # s, ROS time
+
+    def text(self) -> str:
+        data = asdict(self)
+        return json.dumps({**data, 'crc32': _crc(data)}, indent=1)
+
+
+def _crc(data: dict) -> int:
+    return zlib.crc32(json.dumps(data, sort_keys=True).encode())
+
+
+class CheckpointError(ValueError):
+    """A file that is no checkpoint; the text says which and why."""
+
+
+def parse(text: str, name: str) -> Checkpoint:
+    """Raises CheckpointError when the text is torn, changed or of another kind."""
+    try:
+        data = json.loads(text)
+        crc = data.pop('crc32')
+        known = {f.name: data.pop(f.name) for f in fields(Checkpoint)}
+    except (ValueError, KeyError, TypeError, AttributeError) as e:
+        raise CheckpointError(f'{name}: not a checkpoint ({e or type(e).__name__})') from None
+    if data or crc != _crc(known):
+        raise CheckpointError(f'{name}: the check sum does not fit, the file is torn or changed')
+    return Checkpoint(**known)
+
+
+def save(folder: Path, checkpoint: Checkpoint) -> None:
+    """The old file becomes the generation before; at every moment at least one of the two is whole."""
+    newest = folder / NAME
+    if newest.exists():
+        write_atomically(folder / BEFORE, newest.read_text(errors='replace'))
+    write_atomically(newest, checkpoint.text())
+
+
+def load(folder: Path) -> tuple[Checkpoint | None, list[str]]:
+    """The newest whole checkpoint (None: there is none) and what was wrong with newer ones."""
+    doubts: list[str] = []
+    for name in (NAME, BEFORE):
+        try:
+            return parse((folder / name).read_text(errors='replace'), name), doubts
+        except FileNotFoundError:
+            continue
+        except (CheckpointError, OSError) as e:
+            doubts.append(str(e))
+    return None, doubts

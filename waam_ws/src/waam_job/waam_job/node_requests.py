@@ -1,0 +1,72 @@
+"""What others ask of the job sequencer: adjustments of the running job, jobs that go on, feedback to the client."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from waam_msgs.action import RunJob
+from waam_msgs.srv import AdjustJob
+
+from . import conversions as convert
+from .control import Control
+from .folder import JobFolder
+from .goal import K_GAIN_MAX, Checked, Code, JobError, JobGoal, check
+from .records import State, Status
+from .ros_cell import RosCell
+
+
+def adjust(control: Control, code: int, value: float) -> str:
+    """Hands a wish of the operator on; what is wrong with it, '' when it was taken."""
+    wishes = {AdjustJob.Request.RESCAN: 'rescan', AdjustJob.Request.SKIP_LAYER: 'skip_layer'}
+    if code in wishes:
+        control.wish(wishes[code])
+        return ''
+    if code != AdjustJob.Request.SET_K_GAIN:
+        return f'code {code} is unknown'
+    if not (math.isnan(value) or 0.0 <= value <= K_GAIN_MAX):
+        return f'k_gain is {value:g}, must be 0 to {K_GAIN_MAX:g} or NaN'
+    control.set_k_gain(value)
+    control.remark(f'k_gain set to {value:g} from the next layer on')
+    return ''
+
+
+def reopen(request: RunJob.Goal) -> tuple[JobFolder, JobGoal]:
+    """The folder and the goal of an interrupted job. JobError BAD_RESUME when it cannot go on."""
+    path = Path(request.resume_dir).resolve()
+    folder = JobFolder.open(path)
+    try:
+        goal = convert.goal_from_job(folder.read_yaml('job.yaml'), request)
+    except ValueError as e:
+        raise JobError(Code.BAD_RESUME, str(e)) from None
+    status = folder.read_json('status.json') or {}
+    if status.get('state') == State.DONE.name:
+        raise JobError(Code.BAD_RESUME, f'{path.name} is finished; there is nothing to go on with')
+    return folder, goal
+
+
+def recheck(goal: JobGoal, folder: JobFolder) -> Checked:
+    """Part and material as at the start of the job; a mesh that was changed since then is refused."""
+    checked = check(goal)
+    before = folder.read_yaml('job.yaml').get('part_sha256')
+    if before != checked.part.sha256:
+        raise JobError(
+            Code.BAD_RESUME, f'{goal.part} was changed since the job began (its hash is another)'
+        )
+    return checked
+
+
+class WithFeedback:
+    """The cell, with every status also sent as feedback of the action."""
+
+    def __init__(self, cell: RosCell, handle) -> None:
+        self._cell, self._handle = cell, handle
+
+    def __getattr__(self, name: str):
+        return getattr(self._cell, name)
+
+    def status(self, status: Status) -> None:
+        self._cell.status(status)
+        feedback = RunJob.Feedback()
+        feedback.status = convert.status_to_msg(status, self._cell.node.get_clock().now().to_msg())
+        self._handle.publish_feedback(feedback)

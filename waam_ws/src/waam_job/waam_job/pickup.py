@@ -1,0 +1,122 @@
+"""An interrupted job goes on: what is on disk, what is on the table, and the first bead that is not done."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from waam_plan.plan import PlanError
+from waam_plan.store import load_plan
+from waam_process.grid import HeightGrid
+
+from . import checkpoint as checkpoints
+from .cell import Scan
+from .goal import Code, JobError
+from .resume import ResumeError, check_unmoved, progress_of, rest_of
+
+if TYPE_CHECKING:
+    from .runner import JobRunner
+
+
+class PickUp:
+    """Works on a runner whose machine is prepared."""
+
+    def __init__(self, runner: JobRunner) -> None:
+        self.runner, self.folder = runner, runner.journal.folder
+        self.checkpoint, doubts = checkpoints.load(self.folder.path)
+        for text in doubts:
+            runner.journal.note('WARNING', 'node', text, 'the generation before is used')
+
+    def run(self) -> tuple[Scan, int]:
+        """The scan to go on from and the number of the next whole layer; the rest of a begun layer is laid here."""
+        runner, number = self.runner, self.folder.last_map() + 1
+        runner.journal.take_over(max(number, 1))
+        if number == 0 or not self._load_plans(number):
+            runner.journal.note(
+                'INFO', 'operator', 'resumed before the first layer', 'started anew'
+            )
+            return runner.begin()
+        if number > runner.program.offset + runner.program.here:
+            return self._between_passes(number)
+        return self._in_layer(number)
+
+    def _load_plans(self, number: int) -> bool:
+        """The passes that were planned up to layer `number`; False when nothing was planned."""
+        runner = self.runner
+        for p in range(1, runner.program.passes + 1):
+            file = self.folder.path / ('plan.npz' if p == 1 else f'plan_{p}.npz')
+            finished = runner.program.plan and number <= runner.program.offset + runner.program.here
+            if finished or not file.exists():
+                break
+            try:
+                runner.add_pass(load_plan(file), keep=False)
+            except PlanError as e:
+                raise JobError(Code.BAD_RESUME, str(e)) from None
+        return runner.program.plan is not None
+
+    def _between_passes(self, number: int) -> tuple[Scan, int]:
+        """All layers planned so far are laid; only a scan (and the next pass) is missing."""
+        runner = self.runner
+        self._say(number - 1, 'all of it is done')
+        return runner.survey(number - 1, required=True), number
+
+    def _in_layer(self, number: int) -> tuple[Scan, int]:
+        """The rest of a layer gets the correction of the whole one, from the surface before it: metal that its first
+        beads have spread to the side belongs to the plan and is no error."""
+        runner, layer = self.runner, self.runner.program.layer(number)
+        before = self._stored_scan(number - 1)
+        self._relearn(number)
+        runner.status.layer = number
+        scan = runner.survey(number - 1, required=True)
+        try:
+            check_unmoved(layer, before.map, scan.map, 1.5 * runner.plan.settings.bead_width)
+            progress = progress_of(layer, before.map, scan.map, self._beads_done(number))
+        except ResumeError as e:
+            raise JobError(Code.BAD_RESUME, str(e)) from None
+        if progress.done == 0:
+            self._say(number, 'nothing of it is laid')
+            return scan, number
+        if progress.complete:
+            self._say(number, 'all of it is laid')
+            self._remember(number)
+            return runner.survey(number), number + 1
+        self._say(
+            number,
+            f'{progress.done} of {progress.total} segments are laid, on from bead {progress.bead}',
+        )
+        scan = runner.one_layer(rest_of(layer, progress), before, resumed=True)
+        self._remember(number)
+        return scan, number + 1
+
+    def _beads_done(self, number: int) -> int:
+        c = self.checkpoint
+        return c.beads_done if c is not None and c.layer == number else 0
+
+    def _say(self, layer: int, text: str) -> None:
+        self.runner.journal.note('INFO', 'operator', f'resumed in layer {layer}: {text}', 'none')
+
+    def _stored_scan(self, number: int) -> Scan:
+        stored = self.folder.read_map(number)
+        z, sigma = (stored[n].astype(float) for n in ('z', 'sigma'))
+        grid = HeightGrid(self.runner.surveyor.spec, z, sigma)
+        return Scan(grid, stored['count'], float(np.isfinite(z).mean()), True)
+
+    def _remember(self, number: int) -> None:
+        """Layer `number` becomes the one that the next scan is compared with."""
+        stored, history = self.folder.read_map(number - 1), self.runner.history
+        known = stored is not None and 'asked' in stored
+        history.growth = stored['asked'].astype(float) if known else None
+        history.surface = stored['z'].astype(float) if known else None
+        history.feed_factor = float(stored['feed_factor']) if known else 1.0
+
+    def _relearn(self, number: int) -> None:
+        """Shows the correction server the layers so far again, so that it knows the process as it did before."""
+        runner = self.runner
+        for k in range(1, number):
+            stored = self.folder.read_map(k - 1)
+            if stored is None or runner.goal.profile == 'open_loop':
+                continue
+            request = runner.request(runner.program.layer(k), self._stored_scan(k - 1))
+            runner.cell.correct(runner.run_id, request)
+            self._remember(k)

@@ -1,0 +1,57 @@
+"""Follows a layer while it is laid: bead, share of the job, time left, and a checkpoint after every bead."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from waam_plan.plan import PlannedLayer
+from waam_process.segment import Kind, Segment
+
+if TYPE_CHECKING:
+    from .runner import JobRunner
+
+
+class BeadProgress:
+    """`on_done` is told the newest finished segment. Beads laid before an interruption count as done."""
+
+    def __init__(self, runner: JobRunner, layer: PlannedLayer, placed: list[Segment]) -> None:
+        self.runner, self.layer = runner, layer
+        deposits = [s for s in placed if s.kind == Kind.DEPOSIT]
+        whole = runner.program.layer(layer.number).deposits
+        beads = list(dict.fromkeys(s.bead for s in whole))
+        here = list(dict.fromkeys(s.bead for s in deposits))
+        self.beads_before = beads.index(here[0]) if here else len(beads)
+        last = {s.bead: s.index for s in deposits}
+        self.ends = np.array([last[b] for b in here], dtype=np.int64)
+        self.starts = {s.index: s.bead for s in deposits}
+        self.laid_before = sum(s.duration for s in whole) - sum(s.duration for s in deposits)
+        self.times = np.cumsum([s.duration for s in deposits])
+        self.indices = np.array([s.index for s in deposits], dtype=np.int64)
+        self._seen = (0, 0)
+
+    def on_done(self, segment: Segment) -> None:
+        status, journal = self.runner.status, self.runner.journal
+        done = self.beads_before + int(np.searchsorted(self.ends, segment.index, side='right'))
+        bead = self.starts.get(segment.index, 0)
+        status.bead = bead or status.bead
+        self._estimate(segment.index)
+        if (done, bead) != self._seen and (done != self._seen[0] or bead):
+            self._seen = (done, bead)
+            journal.checkpoint(bead, done, segment.index)
+        self.runner.note_remarks()
+        self.runner.cell.status(status)
+
+    def _estimate(self, index: int) -> None:
+        """Share of arc time, and the time left at the pace so far."""
+        runner, layers = self.runner, self.runner.plan.layers
+        status, offset = runner.status, runner.program.offset
+        laid = int(np.searchsorted(self.indices, index, side='right'))
+        here = self.laid_before + (float(self.times[laid - 1]) if laid else 0.0)
+        durations = [p.arc_time for p in layers]
+        before = sum(durations[: self.layer.number - offset - 1])
+        share = (before + here) / max(sum(durations), 1e-9)
+        status.progress = min(1.0, (offset + share * len(layers)) / runner.program.total)
+        if status.progress > 0.02:
+            status.time_left = runner.journal.elapsed * (1 / status.progress - 1)

@@ -1,0 +1,156 @@
+"""Where an interrupted layer goes on: the new scan, compared with the surface before the layer and with the checkpoint.
+
+Pure. Segments of a layer are laid in order, so the surface has one change point: metal before it, none after it. The
+scan decides where it is; the checkpoint must not contradict it.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
+
+from waam_plan.plan import PlannedLayer
+from waam_process.grid import HeightGrid
+
+PRESENT = 0.5  # share of the planned metal above which a place counts as laid
+MOVED_LIMIT = 0.15e-3  # m, median change of the surface where nothing was to be laid
+
+
+class ResumeError(ValueError):
+    """The surface and what is on disk do not belong together; the text says where and by how much."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """`done` of `total` deposit segments of the layer are on the part."""
+
+    done: int
+    total: int
+    bead: int  # the bead with which deposition goes on; 0 = all are done
+
+    @property
+    def complete(self) -> bool:
+        return self.done >= self.total
+
+
+def metal_shares(layer: PlannedLayer, before: HeightGrid, now: HeightGrid) -> np.ndarray:
+    """(n,) measured over planned growth along the n deposit segments, NaN where unseen.
+
+    The median over a disc of a quarter of a bead, so that spikes and the crown of the bead do not count.
+    """
+    deposits, spec = layer.deposits, before.spec
+    growth = now.z - before.z
+    middle = np.array([s.midpoint[:2] for s in deposits]).reshape(-1, 2)
+    reach = max(1, round(0.25 * deposits[0].width / spec.resolution)) if deposits else 1
+    offsets = [
+        (r, c)
+        for r in range(-reach, reach + 1)
+        for c in range(-reach, reach + 1)
+        if r * r + c * c <= reach * reach
+    ]
+    rows, cols = spec.cell(middle[:, 0], middle[:, 1])
+    seen = np.full((len(offsets), len(deposits)), np.nan)
+    for k, (dr, dc) in enumerate(offsets):
+        r = np.clip(rows.astype(int) + dr, 0, spec.rows - 1)
+        c = np.clip(cols.astype(int) + dc, 0, spec.cols - 1)
+        asked = layer.planned[r, c]
+        usable = asked > 1e-4
+        seen[k, usable] = growth[r, c][usable] / asked[usable]
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', RuntimeWarning)  # places that were not seen at all stay NaN
+        return np.nanmedian(seen, axis=0)
+
+
+def change_point(
+    shares: np.ndarray, lengths: np.ndarray, middles: np.ndarray, bead_width: float
+) -> int:
+    """k with segments [0, k) laid and [k, n) not, from the (n,) shares of metal found, NaN = unseen.
+
+    Metal of a segment also lies beside it: with k laid, the share expected at segment i is the part of its
+    neighbours' influence (a Gaussian of 0.3 bead widths over the distance of `middles` (n, 2) m) that is laid. k and a
+    common efficiency of 0.5 to 1.2 are fitted by least squares, weighted with `lengths`.
+    """
+    n = len(shares)
+    weight = np.where(np.isfinite(shares), lengths, 0.0)
+    found = np.clip(np.nan_to_num(shares), -0.2, 1.5)
+    tree = cKDTree(middles)
+    near = tree.query_ball_point(middles, 1.2 * bead_width)
+    reach = [np.exp(-0.5 * _square(middles[j] - middles[i]) / (0.3 * bead_width) ** 2)
+             for i, j in enumerate(near)]  # fmt: skip
+    total = np.array([r.sum() for r in reach])
+    expected = np.zeros(n)
+    cross = square = 0.0  # sums of weight * found * expected and weight * expected**2
+    best, best_gain = 0, 0.0
+    for k in range(n):
+        i, add = near[k], reach[k] / total[near[k]]
+        cross += float(np.sum(weight[i] * found[i] * add))
+        square += float(np.sum(weight[i] * add * (2 * expected[i] + add)))
+        expected[i] += add
+        scale = min(max(cross / square, 0.5), 1.2) if square > 0 else 1.0
+        gain = 2 * scale * cross - scale**2 * square  # what the sum of squares falls by
+        if gain > best_gain:
+            best, best_gain = k + 1, gain
+    return best
+
+
+def _square(vectors: np.ndarray) -> np.ndarray:
+    return np.sum(vectors**2, axis=-1)
+
+
+def check_unmoved(
+    layer: PlannedLayer, before: HeightGrid, now: HeightGrid, keep_off: float
+) -> float:
+    """Median |change| (m) of the surface farther than `keep_off` m from the layer; ResumeError above the limit."""
+    far = distance_transform_edt(~layer.footprint) * before.spec.resolution > keep_off
+    known = far & np.isfinite(before.z) & np.isfinite(now.z)
+    if known.sum() < 50:
+        return math.nan
+    change = (now.z - before.z)[known]
+    moved = float(np.median(np.abs(change)))
+    if moved > MOVED_LIMIT:
+        raise ResumeError(
+            f'the surface beside layer {layer.number} changed by {np.median(change) * 1e3:+.2f} mm (median of '
+            f'{moved * 1e3:.2f} mm, limit {MOVED_LIMIT * 1e3:.2f} mm): the part was moved or another one lies there'
+        )
+    return moved
+
+
+def progress_of(
+    layer: PlannedLayer, before: HeightGrid, now: HeightGrid, beads_done: int = 0
+) -> Progress:
+    """How much of the layer is on the part. ResumeError when beads that the checkpoint calls done are missing."""
+    deposits = layer.deposits
+    if not deposits:
+        return Progress(0, 0, 0)
+    shares = metal_shares(layer, before, now)
+    done = change_point(
+        shares,
+        np.array([s.length for s in deposits]),
+        np.array([s.midpoint[:2] for s in deposits]),
+        max(s.width for s in deposits),
+    )
+    beads = list(dict.fromkeys(s.bead for s in deposits))
+    for number, bead in enumerate(beads[:beads_done], 1):
+        mine = np.array([s.bead == bead for s in deposits])
+        share = np.nanmedian(shares[mine]) if np.isfinite(shares[mine]).any() else math.nan
+        if share < PRESENT:
+            x, y, _ = deposits[int(np.flatnonzero(mine)[0])].start
+            raise ResumeError(
+                f'layer {layer.number}: bead {bead} ({number} of {len(beads)}) at x = {x * 1e3:.1f} mm, '
+                f'y = {y * 1e3:.1f} mm was laid, but the scan finds {share:.0%} of its metal'
+            )
+    least = sum(s.bead in beads[:beads_done] for s in deposits)
+    done = max(done, least)
+    return Progress(done, len(deposits), deposits[done].bead if done < len(deposits) else 0)
+
+
+def rest_of(layer: PlannedLayer, progress: Progress) -> PlannedLayer:
+    """The layer from the change point on. Its maps stay those of the whole layer, so the correction does too."""
+    first = layer.deposits[progress.done]
+    at = next(i for i, s in enumerate(layer.segments) if s is first)
+    return replace(layer, segments=layer.segments[at:])

@@ -1,0 +1,26 @@
+"""How this machine runs jobs (parameters of the node). SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from waam_process.segment import Point
+
+from .watch import Limits
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Defaults are those of the simulated cell."""
+
+    work_offset: Point = (0.100, 0.080, 0.020)
+    plate_zero: Point = (0.020, 0.020, 0.010)
+    margin: float = 5e-3
+    resolution: float = 0.5e-3
+    follow_reach: float = 3e-3
+    cooling_timeout: float = 1800.0
+    pyrometer_patience: float = 30.0
+    home_timeout: float = 120.0
+    share_in_tolerance: float = 0.95
+    lease_nodes: tuple[str, ...] = ()
+    limits: Limits = field(default_factory=Limits)

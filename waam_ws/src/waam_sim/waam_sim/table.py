@@ -1,0 +1,42 @@
+"""The table of the simulated cell outlives its process: metal that was laid stays laid, as on a real one.
+
+The surface is a memory-mapped file. The operating system keeps what was written even when the process is killed.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from waam_process.grid import GridSpec, HeightGrid
+
+
+def keep(surface: HeightGrid, path: Path) -> np.ndarray:
+    """A (rows, cols) array with the heights (m) of `surface` that lives in `path`; the geometry goes beside it."""
+    _geometry(path).unlink(missing_ok=True)  # the pair is valid only while the geometry is there
+    kept = np.lib.format.open_memmap(path, mode='w+', dtype=np.float64, shape=surface.z.shape)
+    kept[:] = surface.z
+    kept.flush()
+    s = surface.spec
+    data = [s.origin_x, s.origin_y, s.resolution, s.rows, s.cols]
+    _geometry(path).write_text(json.dumps(data))
+    return np.asarray(kept)
+
+
+def restore(path: Path) -> HeightGrid | None:
+    """What lay on the table when the cell ended; None when nothing usable was kept."""
+    try:
+        x, y, resolution, rows, cols = json.loads(_geometry(path).read_text())
+        z = np.load(path)
+        spec = GridSpec(x, y, resolution, rows, cols)
+    except (OSError, ValueError, TypeError, EOFError):
+        return None
+    if z.shape != spec.shape or not np.isfinite(z).all():
+        return None
+    return HeightGrid(spec, z)
+
+
+def _geometry(path: Path) -> Path:
+    return path.with_name(path.name + '.json')
