@@ -3,49 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from waam_bringup import run_state
-from waam_bringup.client import GraphClient
-from waam_bringup.graph import Settings
-from waam_bringup.operate import graph_trouble, stop, up
+from waam_bringup.drill import power_cut, power_on
+from waam_bringup.operate import graph_trouble
 from waam_msgs.action import RunJob
 
 DOMAIN = 221
-
-
-@contextmanager
-def power_on(run: Path, domain: int, rate: float):
-    """The graph, to be killed or stopped; nothing of it is left afterwards."""
-    args = ['--run', str(run), '--domain', str(domain), '--seed', '3', '--rate', str(rate)]
-    state = up(Settings(run=run, seed=3, rate=rate), domain, 90.0, args)
-    pids = [state.supervisor, *(n.pid for n in state.nodes.values())]
-    try:
-        with GraphClient(domain) as client:
-            yield client, pids
-    finally:
-        if run_state.process_exists(state.supervisor):
-            stop(run)
-
-
-def power_cut(pids: list[int]) -> None:
-    """kill -9 of the whole graph, the supervisor first so that it can tidy nothing up."""
-    for pid in pids:
-        os.kill(pid, signal.SIGKILL)
-    end = time.monotonic() + 20
-    while any(map(run_state.process_exists, pids)) and time.monotonic() < end:
-        time.sleep(0.05)
-        for pid in pids:
-            try:
-                os.waitpid(pid, os.WNOHANG)
-            except ChildProcessError:
-                continue
 
 
 def run_job(client, goal, run):
@@ -56,7 +22,7 @@ def run_job(client, goal, run):
 def undisturbed(tmp_path_factory, part, bench_class):
     """RMS (m) of the same job when nobody disturbs it."""
     folder = tmp_path_factory.mktemp('whole')
-    with power_on(folder / 'run', DOMAIN, 0.0) as (client, _):
+    with power_on(folder / 'run', DOMAIN, 3) as (client, _):
         bench = bench_class(folder / 'run', folder / 'jobs', DOMAIN, client, part)
         result = bench.job()
     assert result.error_code == RunJob.Result.NONE, result.message
@@ -65,7 +31,7 @@ def undisturbed(tmp_path_factory, part, bench_class):
 
 def test_power_cut_in_a_bead_then_resume(tmp_path, part, undisturbed, background, bench_class):
     run = tmp_path / 'run'
-    with power_on(run, DOMAIN + 1, 6.0) as (client, pids):
+    with power_on(run, DOMAIN + 1, 3, 6.0) as (client, pids):
         bench = bench_class(run, tmp_path / 'jobs', DOMAIN + 1, client, part)
         bench.load()
         background(bench)
@@ -76,7 +42,7 @@ def test_power_cut_in_a_bead_then_resume(tmp_path, part, undisturbed, background
     folder = Path((run / 'job').read_text())
     before = json.loads((folder / 'checkpoint.json').read_text())
     assert before['layer'] == 1 and before['bead'] >= 1
-    with power_on(run, DOMAIN + 1, 0.0) as (client, _):
+    with power_on(run, DOMAIN + 1, 3) as (client, _):
         result = run_job(client, RunJob.Goal(resume_dir=str(folder)), run)
         assert result.error_code == RunJob.Result.NONE, result.message
         again = run_job(client, RunJob.Goal(resume_dir=str(folder)), run)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -47,6 +48,7 @@ from .records import AnomalyRecord, LayerRecord, State, Status
 from .telemetry import TelemetryStats
 
 ENQUEUE_CHUNK = 400
+BRIDGE_SILENT = 5.0  # s without telemetry
 
 
 class RosCell:
@@ -136,7 +138,7 @@ class RosCell:
     def _call(self, client, request, code: Code, timeout: float = 0.0):
         """The response, or JobError: NODE_LOST when nobody answers, `code` when the answer is an error."""
         try:
-            response = call(client, request, timeout or self.timeout)
+            response = call(client, request, timeout or self.timeout, self._silence_of(client))
         except CallError as e:
             raise JobError(Code.NODE_LOST, str(e)) from None
         if response.error_code:
@@ -144,6 +146,19 @@ class RosCell:
                 code, f'{client.srv_name}: {response.message} (error {response.error_code})'
             )
         return response
+
+    def _silence_of(self, client) -> Callable[[], str | None]:
+        """Asked while an answer is awaited: says so when the node that is to give it has fallen silent."""
+        name = client.srv_name.strip('/').split('/')[0]
+
+        def reason() -> str | None:
+            machine = self.machine()
+            gone = name in machine.silent_nodes
+            if name == 'bridge':
+                gone = self._seen > 0 and machine.age > BRIDGE_SILENT
+            return f'{name} is silent' if gone else None
+
+        return reason
 
     def command(
         self,
@@ -203,7 +218,8 @@ class RosCell:
         code = Record.Request.START if start else Record.Request.STOP
         request = Record.Request(code=code, directory=directory, custom_data=list(custom))
         try:
-            response = call(self._record, request, self.timeout + 10.0)
+            silence = self._silence_of(self._record)
+            response = call(self._record, request, self.timeout + 10.0, silence)
         except CallError as e:
             raise JobError(Code.NODE_LOST, str(e)) from None
         if not response.success:

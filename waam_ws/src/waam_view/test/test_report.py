@@ -55,6 +55,24 @@ def test_numbers_of_the_report_appear(job):
     assert '0123abcd' in text and 'packages.numpy' in text and '4/1/0/17' in text
 
 
+def test_passes_and_resumes_are_told(job, tmp_path):
+    folder, report, text = job
+    assert '<h2>Passes</h2>' not in text and 'resumed' not in text
+    copy = tmp_path / 'two'
+    shutil.copytree(folder, copy)
+    run = report['closed_loop']
+    first = {'pass_number': 1, 'layers': 3, 'set_height': 5.75e-3, 'predicted_rms': 0.02e-3}
+    passes = [
+        {**first, 'measured_rms': 0.4321e-3, 'measured_mean': -0.25e-3},
+        {**first, 'pass_number': 2, 'measured_rms': None, 'measured_mean': None},
+    ]
+    changed = {**report, 'closed_loop': {**run, 'passes': passes, 'runs': 3}}
+    (copy / 'report.json').write_text(json.dumps(changed))
+    text = write_report(copy).read_text()
+    for value in ('<h2>Passes</h2>', '5.750', '0.432', '-0.250', 'resumed 2 times'):
+        assert value in text.replace('\u2212', '-')
+
+
 def test_all_sections_and_pictures(job):
     _, _, text = job
     for title in SECTIONS:

@@ -16,6 +16,7 @@ from . import figures
 from .comparison import comparison_page
 from .html import cards, duration, escape, fmt, page, picture, table
 from .job_data import PROFILES, Job, JobError, flatten, load_job, number, read_report
+from .passes import passes_section
 
 
 def write_report(folder: Path) -> Path:
@@ -52,6 +53,7 @@ def job_page(job: Job) -> str:
         _figures_of_merit(job),
         _maps(job),
         _layers(job),
+        passes_section(job),
         _process(job),
         _corrections(job),
         _counts(job),

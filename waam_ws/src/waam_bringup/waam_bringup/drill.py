@@ -1,0 +1,43 @@
+"""Power cuts on a simulated cell, for tests and benchmarks: the whole graph is killed and started again."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from . import run_state
+from .client import GraphClient
+from .graph import Settings
+from .operate import stop, up
+
+
+@contextmanager
+def power_on(
+    run: Path, domain: int, seed: int = 1, rate: float = 0.0, timeout: float = 90.0
+) -> Iterator[tuple[GraphClient, list[int]]]:
+    """A graph that may be killed inside the block. Yields a client and the pids, the supervisor's first."""
+    args = ['--run', str(run), '--domain', str(domain), '--seed', str(seed), '--rate', str(rate)]
+    state = up(Settings(run=run, seed=seed, rate=rate), domain, timeout, args)
+    try:
+        with GraphClient(domain) as client:
+            yield client, [state.supervisor, *(n.pid for n in state.nodes.values())]
+    finally:
+        if run_state.process_exists(state.supervisor):
+            stop(run)
+
+
+def power_cut(pids: list[int], timeout: float = 20.0) -> None:
+    """kill -9 of all, in this order (a supervisor that goes first can tidy nothing up), until they are gone."""
+    for pid in pids:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+    end = time.monotonic() + timeout
+    while any(map(run_state.process_exists, pids)) and time.monotonic() < end:
+        time.sleep(0.05)
+        for pid in pids:
+            with suppress(ChildProcessError):
+                os.waitpid(pid, os.WNOHANG)
