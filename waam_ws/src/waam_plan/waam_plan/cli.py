@@ -6,6 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from . import cli_correct
+
 EPILOG = """\
 examples:
   waam plan roller.stl --as-found worn_roller.stl        fill what is worn off; both files in the same coordinates
@@ -18,7 +20,8 @@ Written to --out: program.gcode (runs on the controller without correction), seg
 
 
 def register(commands) -> None:
-    """Adds the verb to argparse sub-parsers."""
+    """Adds the verbs to argparse sub-parsers."""
+    cli_correct.register(commands)
     p = commands.add_parser(
         'plan',
         help='a part becomes layers, beads and a program; no machine needed',

@@ -1,0 +1,140 @@
+"""A corrected program lands on the wanted points on a machine whose axes are skewed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from waam_plan import cli_correct
+from waam_plan.skew import (
+    AxisErrors,
+    SkewError,
+    angles_from_diagonals,
+    correct_gcode,
+    points_of,
+)
+
+angle = st.floats(-0.05, 0.05)
+scale = st.floats(0.97, 1.03)
+number = st.integers(-200_000, 200_000).map(lambda n: n / 1000)
+point = st.tuples(number, number, number)
+
+
+def machine(errors: AxisErrors, commanded: np.ndarray) -> np.ndarray:
+    """Where a machine with leaning axes goes: along each real axis by the commanded length. Written independently."""
+    a, b, c, d = errors.y_to_x, errors.x_to_y, errors.z_to_x, errors.z_to_y
+    out = []
+    for x, y, z in commanded:
+        x, y, z = x * errors.scale_x, y * errors.scale_y, z * errors.scale_z
+        upright = math.sqrt(1 - math.sin(c) ** 2 - math.sin(d) ** 2)
+        px = x * math.cos(b) + y * math.sin(a) + z * math.sin(c)
+        py = x * math.sin(b) + y * math.cos(a) + z * math.sin(d)
+        out.append((px, py, z * upright))
+    return np.array(out)
+
+
+def program(points) -> str:
+    return '\n'.join(f'G1 X{x:.3f} Y{y:.3f} Z{z:.3f} F600 ; to' for x, y, z in points)
+
+
+@given(angle, angle, angle, angle, scale, scale, scale, st.lists(point, min_size=1, max_size=8))
+def test_exact_correction_hits_every_point(a, b, c, d, sx, sy, sz, points):
+    errors = AxisErrors(a, b, c, d, sx, sy, sz)
+    commanded = points_of(correct_gcode(program(points), errors.correction()))
+    assert np.allclose(machine(errors, commanded), np.array(points), atol=2e-4)
+
+
+@given(angle, angle, point)
+def test_forms_of_the_source_are_right_to_first_order(a, b, p):
+    errors = AxisErrors(y_to_x=a, x_to_y=b)
+    size, theta = float(np.linalg.norm(p)), max(abs(a), abs(b))
+    commanded = errors.correction('two_angles') @ np.array(p)
+    assert np.abs(machine(errors, commanded[None]) - p).max() <= 3 * theta**2 * size + 1e-9
+    one = AxisErrors(y_to_x=a)
+    commanded = one.correction('one_angle') @ np.array(p)
+    assert np.abs(machine(one, commanded[None]) - p).max() <= 3 * a**2 * size + 1e-9
+
+
+@given(st.lists(st.tuples(number, number), min_size=2, max_size=6), angle)
+def test_relative_moves_end_where_absolute_ones_do(points, a):
+    matrix = AxisErrors(y_to_x=a).correction()
+    steps = np.diff(np.array([(0.0, 0.0), *points]), axis=0)
+    text = 'G91\n' + '\n'.join(f'G1 X{x:.3f} Y{y:.3f}' for x, y in steps)
+    moves = []
+    for line in correct_gcode(text, matrix).split('\n')[1:]:
+        words = dict.fromkeys('XY', 0.0) | {
+            w[0]: float(w[1:]) for w in line.split() if w[0] in 'XY'
+        }
+        moves.append((words['X'], words['Y']))
+    end = np.sum(moves, axis=0)
+    assert np.allclose(end, (matrix @ [*points[-1], 0.0])[:2], atol=1e-3 * len(points))
+
+
+def test_a_line_with_one_axis_moves_its_partner_too():
+    matrix = AxisErrors(y_to_x=math.radians(1)).correction()
+    first, second, third = correct_gcode('G0 X10 Y10\nG1 Y60 F300\nG1 Z2', matrix).split('\n')
+    assert first.startswith('G0 X') and third == 'G1 Z2.0000'
+    x, y = (float(w[1:]) for w in sorted(w for w in second.split() if w[0] in 'XY'))
+    assert x == pytest.approx(10 - 60 * math.tan(math.radians(1)), abs=1e-3)
+    assert y == pytest.approx(60 / math.cos(math.radians(1)), abs=1e-3)
+    assert second.endswith('F300')
+
+
+def test_everything_else_stays():
+    text = 'G21 ; mm X5\n(Y7)\nM3\nW5000 S22\nG53 X0 Y0\nM30\n'
+    assert correct_gcode(text, AxisErrors(y_to_x=0.01).correction()) == text
+
+
+@pytest.mark.parametrize(
+    ('text', 'what'),
+    [
+        ('G0 X0 Y0\nG2 X1 Y1 I1 J0', 'line 2'),
+        ('G0 X1', 'depends on Y'),
+        ('G92 X0', 'G92'),
+        ('G0 X1 Y1\nG28\nG1 X5', 'line 3'),
+    ],
+)
+def test_what_cannot_be_corrected_is_named(text, what):
+    with pytest.raises(SkewError, match=what):
+        correct_gcode(text, AxisErrors(y_to_x=0.01).correction())
+
+
+@pytest.mark.parametrize('kind', ['scale_x', 'y_to_x'])
+def test_nonsense_calibration_is_refused(kind):
+    with pytest.raises(SkewError, match=kind):
+        AxisErrors(**{kind: 0.5})
+    with pytest.raises(SkewError, match='exact'):
+        AxisErrors(scale_x=1.01).correction('two_angles')
+
+
+@given(st.floats(50, 500), st.floats(50, 500), angle)
+def test_angle_from_the_diagonals_of_a_rectangle(x, y, a):
+    corner = np.array([x + y * math.sin(a), y * math.cos(a)])
+    other = np.array([x - y * math.sin(a), -y * math.cos(a)])
+    found = angles_from_diagonals(x, y, float(np.linalg.norm(corner)), float(np.linalg.norm(other)))
+    assert found == pytest.approx(a, abs=1e-9)
+
+
+def test_diagonals_of_no_parallelogram_are_refused():
+    with pytest.raises(SkewError, match='measure again'):
+        angles_from_diagonals(100, 100, 150, 141)
+
+
+def test_command_line_writes_program_and_picture(tmp_path, capsys):
+    import argparse
+
+    parser = argparse.ArgumentParser()
+    cli_correct.register(parser.add_subparsers())
+    source, out = tmp_path / 'a.gcode', tmp_path / 'b.gcode'
+    source.write_text(program([(0, 0, 5), (100, 0, 5), (100, 80, 5), (0, 80, 5), (0, 0, 5)]))
+    args = parser.parse_args(['correct', str(source), '--y-to-x', '0.3', '--out', str(out)])
+    assert args.run(args) == 0
+    real = machine(AxisErrors(y_to_x=math.radians(0.3)), points_of(out.read_text()))
+    assert np.abs(real - points_of(source.read_text())).max() < 2e-4
+    assert (tmp_path / 'b.png').stat().st_size > 5000
+    args = parser.parse_args(['correct', str(source), '--y-to-x', '30', '--out', str(out)])
+    assert args.run(args) == 2 and 'y_to_x' in capsys.readouterr().err

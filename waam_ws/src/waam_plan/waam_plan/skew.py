@@ -1,0 +1,253 @@
+"""Axes that are not square and not to scale: programs are bent the other way, so that the part comes out straight.
+
+A machine takes a commanded point c (mm, work frame) to the point A c, where the columns of A are its real axes. The
+exact correction commands A^-1 p for a wanted point p; the first-order forms of the source (002, section 3.3) are
+offered by name. The map is linear about the work zero.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+FORMS = ('exact', 'two_angles', 'one_angle')
+LARGEST = math.radians(10)
+
+
+class SkewError(ValueError):
+    """Calibration out of range, or a program that cannot be corrected; the text names value or line."""
+
+
+@dataclass(frozen=True)
+class AxisErrors:
+    """What calibration found. Angles in rad, scales as real over commanded length.
+
+    y_to_x: the y axis leans towards +x (alpha of the source); x_to_y: the x axis leans towards +y (beta);
+    z_to_x, z_to_y: the z axis leans.
+    """
+
+    y_to_x: float = 0.0
+    x_to_y: float = 0.0
+    z_to_x: float = 0.0
+    z_to_y: float = 0.0
+    scale_x: float = 1.0
+    scale_y: float = 1.0
+    scale_z: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ('y_to_x', 'x_to_y', 'z_to_x', 'z_to_y'):
+            angle = getattr(self, name)
+            if not abs(angle) <= LARGEST:
+                raise SkewError(
+                    f'{name} is {math.degrees(angle):g} deg, at most 10 deg is a calibration'
+                )
+        for name in ('scale_x', 'scale_y', 'scale_z'):
+            if not 0.9 <= getattr(self, name) <= 1.1:
+                raise SkewError(f'{name} is {getattr(self, name):g}, must be 0.9 to 1.1')
+
+    @property
+    def axes(self) -> np.ndarray:
+        """A (3, 3): columns are the real x, y and z axis per commanded unit."""
+        lean = math.hypot(math.sin(self.z_to_x), math.sin(self.z_to_y))
+        x = (math.cos(self.x_to_y), math.sin(self.x_to_y), 0.0)
+        y = (math.sin(self.y_to_x), math.cos(self.y_to_x), 0.0)
+        z = (math.sin(self.z_to_x), math.sin(self.z_to_y), math.sqrt(1.0 - lean**2))
+        columns = (
+            np.array(x) * self.scale_x,
+            np.array(y) * self.scale_y,
+            np.array(z) * self.scale_z,
+        )
+        return np.stack(columns, axis=1)
+
+    def correction(self, form: str = 'exact') -> np.ndarray:
+        """(3, 3) matrix from wanted to commanded points.
+
+        'exact': A^-1. 'two_angles': p - (x (cos b - 1) + y sin a, x sin b + y (cos a - 1)). 'one_angle': x - y sin a,
+        y cos a. The source's forms know the angles in the plane only and are right to first order.
+        """
+        if form == 'exact':
+            return np.linalg.inv(self.axes)
+        if form not in FORMS:
+            raise SkewError(f"form '{form}' is unknown; known are {', '.join(FORMS)}")
+        plain = AxisErrors(y_to_x=self.y_to_x, x_to_y=self.x_to_y)
+        if plain != self:
+            raise SkewError(f"form '{form}' knows angles in the plane only; use 'exact'")
+        a, b = self.y_to_x, self.x_to_y
+        if form == 'two_angles':
+            shift = np.array(
+                [[math.cos(b) - 1, math.sin(a), 0], [math.sin(b), math.cos(a) - 1, 0], [0, 0, 0]]
+            )
+            return np.eye(3) - shift
+        if b:
+            raise SkewError("form 'one_angle' knows y_to_x only; use 'exact' or 'two_angles'")
+        return np.array([[1, -math.sin(a), 0], [0, math.cos(a), 0], [0, 0, 1]])
+
+
+def angles_from_diagonals(side_x: float, side_y: float, rising: float, falling: float) -> float:
+    """y_to_x (rad) from a measured parallelogram: its sides and both diagonals (any one unit of length).
+
+    rising: from the corner at the origin to the opposite one. By the law of cosines, rising^2 - falling^2 =
+    4 * side_x * side_y * cos(angle between the sides). SkewError when no parallelogram has these measures.
+    """
+    if min(side_x, side_y, rising, falling) <= 0:
+        raise SkewError('sides and diagonals must be above 0')
+    sine = (rising**2 - falling**2) / (4 * side_x * side_y)
+    closure = (rising**2 + falling**2) / (2 * (side_x**2 + side_y**2)) - 1
+    if abs(sine) >= math.sin(LARGEST) or abs(closure) > 5e-3:
+        raise SkewError(
+            f'no parallelogram of {side_x:g} x {side_y:g} has diagonals of {rising:g} and {falling:g}: measure again'
+        )
+    return math.asin(sine)
+
+
+_WORD = re.compile(r'([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))')
+_COMMENT = re.compile(r'\([^)]*\)|;.*')
+
+
+def correct_gcode(text: str, matrix: np.ndarray) -> str:
+    """The program with every commanded point replaced by matrix @ point. Other words, comments and lines stay.
+
+    Straight moves, absolute (G90) and relative (G91). SkewError naming the line for arcs (their image is no circle),
+    G92, and words whose partner is not known yet (a first X without Y on an axis pair that is not square).
+    """
+    program = _Program(matrix)
+    return '\n'.join(program.line(raw, n) for n, raw in enumerate(text.split('\n'), 1))
+
+
+class _Program:
+    """Modal state: what the program wants and whether it says so in absolute or relative coordinates."""
+
+    def __init__(self, matrix: np.ndarray) -> None:
+        self.matrix = matrix
+        self.wanted = np.full(3, np.nan)
+        self.relative = False
+
+    def line(self, raw: str, number: int) -> str:
+        code = _COMMENT.sub('', raw)
+        words = [(letter.upper(), float(v)) for letter, v in _WORD.findall(code)]
+        codes = {v for letter, v in words if letter == 'G'}
+        self._check(codes, number)
+        given = {letter: v for letter, v in words if letter in 'XYZ'}
+        if (
+            28 in codes or 53 in codes
+        ):  # machine moves: nothing to correct, and the place is unknown afterwards
+            self.wanted[:] = np.nan
+            return raw
+        if not given or 10 in codes:
+            return raw
+        return self._replaced(raw, self._commanded(given, number))
+
+    def _check(self, codes: set[float], number: int) -> None:
+        if codes & {2.0, 3.0}:
+            raise SkewError(
+                f'line {number}: an arc becomes an ellipse on these axes; write it as lines'
+            )
+        if 92 in codes:
+            raise SkewError(f'line {number}: G92 moves the zero that the correction is about')
+        if codes & {90.0, 91.0}:
+            self.relative = 91.0 in codes
+
+    def _commanded(self, given: dict[str, float], number: int) -> dict[str, float]:
+        values = np.array([given.get(a, np.nan) for a in 'XYZ'])
+        if self.relative:
+            step = np.nan_to_num(values)
+            self.wanted = self.wanted + step
+            point = self.matrix @ step
+        else:
+            self.wanted = np.where(np.isfinite(values), values, self.wanted)
+            point = self._product(number, given)
+        touched = np.abs(self.matrix - np.eye(3)) > 1e-15
+        moved = [
+            a in given or any(touched[i, j] and b in given for j, b in enumerate('XYZ'))
+            for i, a in enumerate('XYZ')
+        ]
+        return {a: float(point[i]) for i, a in enumerate('XYZ') if moved[i]}
+
+    def _product(self, number: int, given: dict[str, float]) -> np.ndarray:
+        point = np.full(3, np.nan)
+        for i, axis in enumerate('XYZ'):
+            needed = np.abs(self.matrix[i]) > 1e-15
+            asked = any(needed[j] and b in given for j, b in enumerate('XYZ'))
+            if asked and not np.isfinite(self.wanted[needed]).all():
+                missing = [b for j, b in enumerate('XYZ') if needed[j] and np.isnan(self.wanted[j])]
+                raise SkewError(
+                    f'line {number}: {axis} depends on {", ".join(missing)}, which the program has not said yet'
+                )
+            if asked:
+                point[i] = self.matrix[i, needed] @ self.wanted[needed]
+        return point
+
+    @staticmethod
+    def _replaced(raw: str, point: dict[str, float]) -> str:
+        """The line with its words replaced in place; words that were not there follow the last of X, Y, Z."""
+        head, comment = raw, ''
+        if match := _COMMENT.search(raw):
+            head, comment = raw[: match.start()], raw[match.start() :]
+        left = dict(point)
+
+        def swap(match: re.Match) -> str:
+            axis = match[1].upper()
+            return f'{axis}{left.pop(axis):.4f}' if axis in left else match[0]
+
+        out = _WORD.sub(swap, head)
+        if left:
+            last = max(m.end() for m in _WORD.finditer(out) if m[1].upper() in 'XYZ')
+            extra = ''.join(f' {axis}{value:.4f}' for axis, value in left.items())
+            out = out[:last] + extra + out[last:]
+        return out + comment
+
+
+def points_of(text: str) -> np.ndarray:
+    """(n, 3) end points of the absolute moves of a G-code text, in its units; for pictures and checks."""
+    here, out = np.full(3, np.nan), []
+    for raw in text.split('\n'):
+        words = {a.upper(): float(v) for a, v in _WORD.findall(_COMMENT.sub('', raw))}
+        if not words.keys() & set('XYZ'):
+            continue
+        here = np.array([words.get(a, here[i]) for i, a in enumerate('XYZ')])
+        if np.isfinite(here).all():
+            out.append(here)
+    return np.array(out).reshape(-1, 3)
+
+
+def draw(before: str, after: str, errors: AxisErrors, path) -> None:
+    """Picture: where the machine goes with the program as it was and with the corrected one; errors magnified."""
+    import matplotlib
+
+    matplotlib.use('Agg')
+    from matplotlib import pyplot as plt
+
+    wanted = points_of(before)
+    if not len(wanted):
+        raise SkewError('the program has no moves to draw')
+    real = {
+        'as it was': wanted @ errors.axes.T,
+        'corrected': points_of(after)[: len(wanted)] @ errors.axes.T,
+    }
+    worst = max(float(np.abs(v - wanted).max()) for v in real.values())
+    size = float(np.ptp(wanted[:, :2], axis=0).max()) or 1.0
+    factor = max(1.0, 0.08 * size / worst) if worst > 0 else 1.0
+    figure, axis = plt.subplots(figsize=(8, 6.5), dpi=110)
+    axis.plot(wanted[:, 0], wanted[:, 1], color='0.75', lw=3, label='wanted')
+    for (name, points), colour in zip(real.items(), ('#c0392b', '#1f7a3d'), strict=True):
+        shown = wanted + factor * (points - wanted)
+        error = float(np.linalg.norm(points - wanted, axis=1).max())
+        axis.plot(
+            shown[:, 0],
+            shown[:, 1],
+            color=colour,
+            lw=1,
+            label=f'{name}: largest error {error:.4f} mm',
+        )
+    axis.set_aspect('equal')
+    axis.set(
+        xlabel='x, mm',
+        ylabel='y, mm',
+        title=f'Program on the calibrated axes, errors x {factor:.0f}',
+    )
+    axis.legend(loc='upper center', bbox_to_anchor=(0.5, -0.1), ncol=3, frameon=False)
+    figure.savefig(path, bbox_inches='tight')
+    plt.close(figure)
