@@ -9,6 +9,7 @@ import trimesh
 
 from waam_plan import cli
 from waam_plan.build import plan_build
+from waam_plan.fanuc import read_ls
 from waam_plan.part import load_part
 from waam_plan.plan import PlanError
 from waam_plan.posts import read_gcode
@@ -42,6 +43,14 @@ def test_build_writes_everything(box_file, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert len(re.findall(r'^ +[12] .*\d\.\d%$', printed, re.M)) == 2
     assert len(load_plan(out / 'plan.npz').layers) == 2
+
+
+def test_fanuc_files_are_written_and_their_saving_told(box_file, tmp_path, capsys):
+    out = tmp_path / 'out'
+    assert waam(box_file((40, 30, 8)), '--post', 'fanuc', '--out', out) == 0
+    files = {p.name: p.read_text() for p in out.glob('*.LS')}
+    assert 'WAAM.LS' in files and any(m.arc for m in read_ls(files))
+    assert re.search(r'\d+ points instead of \d+, \d+% saved', capsys.readouterr().out)
 
 
 def test_restore_from_two_meshes(tmp_path, box_file):

@@ -260,13 +260,47 @@ def _grid(placed: Part, use: int, settings: PlanSettings, warnings: list[str]) -
 def _layers(
     sections: list[Section], spec: GridSpec, safe_z: float, settings: PlanSettings
 ) -> list[PlannedLayer]:
+    """Layers from the bottom. One with the section of the layer two below (growth_step) repeats its path."""
     out: list[PlannedLayer] = []
+    references: dict[
+        int, tuple[Section, PlannedLayer]
+    ] = {}  # by parity: directions and starts alternate
     supported = np.ones(spec.shape, bool)
     for section in sections:
-        layer = _layer(section, supported, spec, safe_z, settings)
+        known = references.get(section.number % 2)
+        if known and _same(known[0], section, settings):
+            layer = _repeated(known[1], section, supported)
+        else:
+            layer = _layer(section, supported, spec, safe_z, settings)
+            references[section.number % 2] = (section, layer)
         out.append(layer)
         supported = layer.footprint
     return out
+
+
+def _same(a: Section, b: Section, settings: PlanSettings) -> bool:
+    """Whether two sections differ by at most growth_step. Walls move their seam and never repeat."""
+    if len(a.polygons) != len(b.polygons) or abs(a.thickness - b.thickness) > 1e-9:
+        return False
+    if any(contour.is_wall(p, settings) for p in b.polygons):
+        return False
+    pairs = zip(a.polygons, b.polygons, strict=True)
+    return all(p.boundary.hausdorff_distance(q.boundary) <= settings.growth_step for p, q in pairs)
+
+
+def _repeated(layer: PlannedLayer, section: Section, supported: np.ndarray) -> PlannedLayer:
+    on = layer.footprint
+    low = layer.deposits[0].start[2]
+
+    def moved(p: Point3) -> Point3:
+        return (p[0], p[1], section.z if abs(p[2] - low) < 1e-6 else p[2])
+
+    segments = [
+        s.at(start=moved(s.start), end=moved(s.end), layer=section.number) for s in layer.segments
+    ]
+    before = np.where(on & supported, section.z, np.nan)
+    after = np.where(on, section.z + section.thickness, np.nan)
+    return PlannedLayer(section.number, layer.planned, before, after, segments, layer.direction, on)
 
 
 def _layer(

@@ -66,6 +66,12 @@ def register(commands) -> None:
         '--out', type=Path, metavar='DIR', help='folder for the files; none are written without it'
     )
     p.add_argument(
+        '--post',
+        choices=('gcode', 'fanuc'),
+        default='gcode',
+        help='fanuc: also .LS fragments and a main program, compact (arcs, equal layers once)',
+    )
+    p.add_argument(
         '--preview', action='store_true', help='draw preview.png (into --out or the current folder)'
     )
     p.set_defaults(run=run)
@@ -179,8 +185,21 @@ def _write(plan, args: argparse.Namespace) -> None:
         args.out.mkdir(parents=True, exist_ok=True)
         (args.out / 'program.gcode').write_text(gcode(plan))
         (args.out / 'segments.csv').write_text(to_csv(plan))
+        if args.post == 'fanuc':
+            _write_fanuc(plan, args.out)
         save_plan(plan, args.out / 'plan.npz')
     if args.preview or args.out:
         draw(plan, (args.out or Path('.')) / 'preview.png')
     if args.out:
         print(f'written: {args.out}')
+
+
+def _write_fanuc(plan, folder: Path) -> None:
+    from waam_plan.compact import fragments, saving
+    from waam_plan.fanuc import write_ls
+
+    files = write_ls(plan)
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    s = saving(plan, fragments(plan))
+    print(f'{len(files)} .LS files; {s.after} points instead of {s.before}, {s.share:.0%} saved')

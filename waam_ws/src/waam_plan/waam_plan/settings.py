@@ -46,6 +46,7 @@ _LIMITS: dict[str, Pair] = {
     'margin': (0.0, 0.1),
     'overhang_limit_deg': (5.0, 85.0),
     'foot_height': (0.0, 0.1),
+    'growth_step': (0.0, 1e-3),
     'voltage': (5.0, 60.0),
     'scanner_fov': (1e-3, 1.0),
     'scanner_overlap': (0.0, 0.9),
@@ -91,6 +92,9 @@ class PlanSettings:
     overhang_limit_deg: float = 45.0  # steepest overhang from the vertical in a build
     strategy: str = 'solid'  # of a build: fill the part, or shell = one bead along its surface
     foot_height: float = 0.010  # up to here above the substrate, metal is added below overhangs
+    growth_step: float = (
+        1e-6  # sections of a build that differ by less are planned once and repeated
+    )
     scanner_offset: Triple = (0.060, 0.0, 0.120)  # origin of frame scanner from torch_tcp
     scanner_fov: float = 0.050  # width of a profile
     scanner_overlap: float = 0.2  # of neighbouring scan passes, share of the field of view
