@@ -3,8 +3,7 @@
 loop.rms_ratio: closed / open RMS height error (the open loop of the same run is the baseline);
 loop.sim_speed: simulated seconds per second of wall time, start-up and reports included (baseline: real time);
 loop.seconds_per_simulated_hour: the same, the other way round;
-link.telemetry_lost: frames missing in both jobs (baseline: frames that the bridge received);
-scan.profile_to_map_ms: last profile in to map out, worst of the scans (baseline: what issue "Scan" asks for).
+link.telemetry_lost: frames missing in both jobs (baseline: frames that the bridge received).
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ NAMES = [
     'loop.sim_speed',
     'loop.seconds_per_simulated_hour',
     'link.telemetry_lost',
-    'scan.profile_to_map_ms',
 ]
 
 
@@ -51,25 +49,6 @@ def main() -> None:
         emit('loop.seconds_per_simulated_hour', 3600 * wall / machine, 's', 'real time', 3600.0)
         lost = opened['telemetry_lost'] + closed['telemetry_lost']
         emit('link.telemetry_lost', lost, 'frames', 'frames of the two jobs', machine * 100)
-        emit('scan.profile_to_map_ms', worst_latency(folder), 'ms', 'limit of the scan issue', 50.0)
-
-
-def worst_latency(folder: Path) -> float:
-    """Largest map latency (ms) that scan_fusion reported in /diagnostics, from the records of both jobs."""
-    from rosbags.highlevel import AnyReader
-
-    worst = float('nan')
-    for record in folder.glob('*/record'):
-        with AnyReader([record]) as reader:
-            connections = [c for c in reader.connections if c.topic == '/diagnostics']
-            for connection, _, raw in reader.messages(connections=connections):
-                for status in reader.deserialize(raw, connection.msgtype).status:
-                    if status.hardware_id != 'scan_fusion':
-                        continue
-                    values = {v.key: v.value for v in status.values}
-                    latency = float(values.get('map_latency_ms', 'nan'))
-                    worst = max(worst, latency) if worst == worst else latency
-    return worst
 
 
 if __name__ == '__main__':

@@ -12,6 +12,7 @@ import select
 import threading
 import time
 import tty
+import zlib
 
 IDLE, RUN, HOLD, ALARM = range(4)
 NAMES = ['IDLE', 'RUN', 'HOLD', 'ALARM']
@@ -27,8 +28,10 @@ def crc(data: bytes) -> int:
     return value
 
 
-def sealed(text: str) -> bytes:
-    return f'{text}*{crc(text.encode()):05d}\n'.encode()
+def sealed(text: str, strong: bool = False) -> bytes:
+    """With a CRC-32 in ten digits when `strong`, else with a CRC-16 in five."""
+    data = text.encode()
+    return data + (b'*%010d\n' % zlib.crc32(data) if strong else b'*%05d\n' % crc(data))
 
 
 class FakeCore:
@@ -49,7 +52,11 @@ class FakeCore:
         self.queue: list[str] = []
         self.blocked = False
         self.gcode: list[str] = []
-        self.seen: list[str] = []  # immediate lines other than heartbeats
+        self.seen: list[str] = []  # immediate lines other than heartbeats, without their tokens
+        self.done: dict[str, str] = {}  # token -> answer
+        self.rate = 100
+        self.strong = False  # seal with a CRC-32, as the last `$I` was
+        self.checks: set[int] = set()  # digits of the checks that came
         self.beats: list[tuple[int, int]] = []  # (t_us, lease_us)
         self.refuse: dict[str, str] = {}  # letter -> 'E108 not now'
         self.mute: set[str] = set()  # letters that get no answer
@@ -59,7 +66,8 @@ class FakeCore:
         self._out: list[bytes] = []
 
     def say(self, text: str) -> None:
-        self._out.append(sealed(text))
+        stamp = '' if text[0] == 'T' or text.startswith('$H') else f' @{self.t_us}'
+        self._out.append(sealed(text + stamp, self.strong))
 
     def take(self) -> bytes:
         data, self._out = b''.join(self._out), []
@@ -67,20 +75,23 @@ class FakeCore:
 
     def feed(self, data: bytes) -> None:
         for byte, act in ((b'\x82', self.stop), (b'\x80', self.hold)):
-            if byte in data:
-                data = data.replace(byte, b'')
+            if byte * 2 in data:
                 act()
+            data = data.replace(byte, b'')
         *lines, self._rest = (self._rest + data).split(b'\n')
         for line in filter(None, lines):
             self._line(line)
 
     def _line(self, line: bytes) -> None:
         text, star, check = line.rpartition(b'*')
-        if not star or not check.isdigit() or int(check) != crc(text) or not text.isascii():
+        good = zlib.crc32(text) if len(check) == 10 else crc(text)
+        if not star or not check.isdigit() or int(check) != good or not text.isascii():
             self.resend(100)
         elif text.startswith(b'$'):
-            self._immediate(text.decode())
+            self.checks.add(len(check))
+            self._immediate(text.decode(), len(check))
         else:
+            self.checks.add(len(check))
             self._queued(text.decode())
 
     def resend(self, code: int) -> None:
@@ -120,8 +131,9 @@ class FakeCore:
         self.say(f'! {NAMES[state]} E{code} {text}'.rstrip())
 
     def stop(self) -> None:
+        """Nothing more is accepted until `$L`."""
         self.queue.clear()
-        self.arc = False
+        self.arc, self.blocked = False, True
         if self.state in (RUN, HOLD):
             self.go(IDLE)
 
@@ -132,35 +144,49 @@ class FakeCore:
     def alarm(self, code: int, text: str) -> None:
         self.queue.clear()
         self.arc = self.armed = False
+        self.blocked = True
         self.go(ALARM, code, text)
 
-    def _immediate(self, text: str) -> None:
-        letter, args = text[1], text[2:].split()
+    def _immediate(self, text: str, digits: int) -> None:
+        match = re.fullmatch(r'\$(\w)(?:@(\d+))?(?: (.*))?', text)
+        letter, token, args = match[1], match[2], (match[3] or '').split()
         if letter == 'H':
             self.lease_us = int(args[1])
             self.beats.append((self.t_us, self.lease_us))
             if 'H' not in self.mute:
                 self.say(f'$H {args[0]} {self.t_us}')
             return
-        self.seen.append(text)
+        self.seen.append(f'${letter} {match[3] or ""}'.rstrip())
         if letter in self.mute:
             return
-        if letter in self.refuse:
-            self.say(f'${letter} error {self.refuse[letter]}')
+        if letter == 'I':
+            self.strong = digits == 10
+            self.done.clear()
+            self._do_I(args)
             return
+        name = f'${letter}' + (f'@{token}' if token else '')
+        if token not in self.done:
+            self.done[token] = self._do(letter, args)
+        self.say(f'{name} {self.done[token]}')
+
+    def _do(self, letter: str, args: list[str]) -> str:
+        if letter in self.refuse:
+            return f'error {self.refuse[letter]}'
         getattr(self, f'_do_{letter}', lambda args: None)(args)
-        if letter != 'I':
-            self.say(f'${letter} ok')
+        return 'ok'
 
     def _do_I(self, args) -> None:
-        if self.state == IDLE:
+        if args == ['keep']:
+            self.blocked = True
+        elif self.state == IDLE:
             self.received = self.executed = 0
             self.queue.clear()
             self.blocked = False
         clock = 'sync' if self.sync else 'free'
         self.say(
             f'$I {self.name} fw=0.0.1 boot={self.boot} clk={clock} blocks={self.blocks} '
-            f'rx={self.rx} lim=0,0,0,400,300,200 spmm=320 {self.offset_word}cap=ARC,GAS'
+            f'rx={self.rx} lim=0,0,0,400,300,200 spmm=320 {self.offset_word}acc={self.received} '
+            f'exe={self.executed} cap=ARC,GAS'
         )
 
     def _do_A(self, args) -> None:
@@ -170,7 +196,11 @@ class FakeCore:
         self.armed = False
 
     def _do_L(self, args) -> None:
+        assert int(args[0]) > self.received, 'a number that was used already'
         self.received, self.blocked = int(args[0]) - 1, False
+
+    def _do_T(self, args) -> None:
+        self.rate = int(args[0])
 
     def _do_S(self, args) -> None:
         self.stop()

@@ -33,6 +33,12 @@ BRIDGE = [str(Path(get_package_prefix('waam_bridge')) / 'lib/waam_bridge/bridge'
 _domains = itertools.count(os.getpid() % 90 + 100)
 
 
+def virtual_controller():
+    """The installed controller, or the build that WAAM_VIRTUAL_CONTROLLER names."""
+    installed = Path(get_package_prefix('waam_firmware')) / 'lib/waam_firmware/virtual_controller'
+    return Path(os.environ.get('WAAM_VIRTUAL_CONTROLLER', installed))
+
+
 def until(condition, timeout=40.0, what='condition'):
     end = time.monotonic() + timeout
     while not condition():
@@ -153,7 +159,7 @@ class VirtualController:
 
     def __init__(self, folder, *options):
         self.path, self.events = folder / 'tty', folder / 'events'
-        program = Path(get_package_prefix('waam_firmware')) / 'lib/waam_firmware/virtual_controller'
+        program = virtual_controller()
         command = [
             program,
             '--null-plant',

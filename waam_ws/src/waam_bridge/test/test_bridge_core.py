@@ -6,14 +6,12 @@ import re
 from pathlib import Path
 
 import pytest
+from bridge_cell import Cell, line_of
 from bridge_fake_controller import ALARM, HOLD, IDLE, RUN, FakeCore
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_bridge import commands, core, outbox, program, requests
-from waam_bridge.commands import Command
-from waam_bridge.core import Bridge
-from waam_bridge.params import BridgeParams
 from waam_process.segment import Kind, Segment
 
 PURE = (
@@ -22,6 +20,8 @@ PURE = (
     'program',
     'clock',
     'lease',
+    'arming',
+    'batches',
     'requests',
     'link',
     'core',
@@ -37,118 +37,12 @@ def test_the_cores_are_pure(module):
         assert f'import {word}' not in text and f'from {word}' not in text
 
 
-class Cell:
-    """Bridge and fake controller, 10 ms per step. `plugged` = False cuts the cable."""
-
-    def __init__(self, fake=None, **params):
-        self.fake = fake or FakeCore()
-        self.bridge = Bridge(BridgeParams(**params))
-        self.now = 100.0
-        self.plugged = True
-        self.done, self.notices, self.replies, self.ticks = [], [], [], []
-        self.nodes = []  # answer ticks
-        self.bridge.opened(self.now)
-
-    def step(self, count=1):
-        for _ in range(count):
-            self.now += 0.01
-            self.fake.step()
-            data = self.fake.take()
-            if self.plugged:
-                for line in data.split(b'\n')[:-1]:
-                    self.bridge.line(line, self.now)
-                    self.collect()
-                self.fake.feed(self.bridge.poll(self.now))
-                self.collect()
-                if self.bridge.link.failed:
-                    self.unplug(self.bridge.link.failed)
-
-    def collect(self):
-        box = self.bridge.take_outbox()
-        self.done += [m.index for m in box.done]
-        self.notices += box.notices
-        for reply in box.replies:
-            reply()
-        if box.tick_us is not None:
-            self.ticks.append(box.tick_us)
-            for node in self.nodes:
-                self.bridge.beat(node, box.tick_us, self.fake.boot, self.now)
-
-    def until(self, condition, steps=500):
-        for _ in range(steps):
-            if condition():
-                return
-            self.step()
-        raise AssertionError(f'not reached: {self.bridge.message}')
-
-    def ready(self):
-        self.until(lambda: self.bridge.connected)
-        self.step(2)
-        return self
-
-    def unplug(self, reason='gone'):
-        self.plugged = False
-        self.bridge.closed(reason)
-        self.collect()
-
-    def plug(self):
-        self.plugged = True
-        self.fake.take()
-        self.bridge.opened(self.now)
-
-    def send(self, code, *args, **kwargs):
-        got = []
-        commands.run(
-            self.bridge, Command(code, *args, **kwargs), lambda *r: got.append(r), self.now
-        )
-        return got
-
-    def command(self, code, *args, **kwargs):
-        got = self.send(code, *args, **kwargs)
-        self.until(lambda: got)
-        return got[0]
-
-    def enqueue(self, segments, job='j', last=True):
-        permit = self.bridge.permit(job, segments)
-        batch = program.prepare(permit, segments, last)
-        self.bridge.commit(permit, batch)
-        return batch
-
-    def refused(self, *args, **kwargs):
-        with pytest.raises(program.Refusal) as e:
-            self.enqueue(*args, **kwargs)
-        return e.value.code, str(e.value)
-
-
-def line_of(count, arc=False, first=0, x0=0.0):
-    """`count` segments of 1 mm along x."""
-    more = (
-        {'wire_feed_speed': 0.083, 'voltage': 22.0, 'kind': Kind.DEPOSIT}
-        if arc
-        else {'kind': Kind.IDLE}
-    )
-    at = [(x0 + i * 1e-3, 0.0, 0.0) for i in range(count + 1)]
-    return [
-        Segment(
-            index=first + i,
-            start=at[i],
-            end=at[i + 1],
-            speed=0.01,
-            arc=arc,
-            layer=1,
-            bead=2,
-            **more,
-        )
-        for i in range(count)
-    ]
-
-
 def test_identification_enables_everything_else():
     cell = Cell()
     assert cell.refused(line_of(1))[0] == program.NOT_CONNECTED
     assert cell.send(commands.HOLD)[0][0] == requests.NOT_CONNECTED
     cell.ready()
-    assert cell.fake.seen == ['$I', '$L 1']
+    assert cell.fake.seen == ['$I keep', '$L 1']
     assert cell.bridge.offset == (0.0, 0.0, 0.0) and cell.bridge.message == 'ready'
 
 
@@ -375,19 +269,6 @@ def test_a_cable_pulled_and_put_back_repeats_and_skips_nothing():
         assert cell.done == list(range(80))
         moves = [g for g in cell.fake.gcode if 'G1' in g]
         assert len(moves) == 80 and len([n for n in cell.notices if n.class_name == 'link']) == 6
-
-
-def test_after_reconnecting_an_idle_controller_hears_all_words_again():
-    cell = Cell().ready()
-    cell.fake.blocks = 4
-    cell.enqueue(line_of(30))
-    cell.step(6)
-    cell.unplug()
-    cell.step(60)  # it runs dry and forgets its modal words at $I
-    cell.plug()
-    cell.until(lambda: len(cell.done) == 30, 2000)
-    first = next(g for g in cell.fake.gcode[1:] if 'G21' in g)
-    assert 'F600' in first and 'G1 X' in first
 
 
 def test_another_boot_loses_the_queue_and_says_so():

@@ -22,7 +22,7 @@ GOOD = [
     '$A ok',
     '$J error E108 not now',
     '$I WAAM_CONTROLLER_V1 fw=0.1.0 boot=99 clk=sync blocks=64 rx=2048 lim=0,0,0,400,300,200 '
-    'spmm=320 cap=A,B',
+    'spmm=320 acc=7 exe=5 cap=A,B',
 ]
 
 

@@ -22,6 +22,7 @@ from waam_node.node import ERROR, OK, WARN, WaamNode
 from waam_node.node import main as node_main
 
 from . import commands, frames, program
+from .conversions import diagnostic_values
 from .core import Bridge
 from .csv_log import CsvLog
 from .node_publishers import Publishers
@@ -29,6 +30,7 @@ from .params import BridgeParams
 from .program import Refusal
 from .transport import SerialTransport
 
+ALIGN = 5e-5  # s that reading both clocks may take
 SWITCH_INTERVAL = 0.001  # s: a long callback may keep the link's thread from running for so long
 
 
@@ -77,7 +79,7 @@ class BridgeNode(WaamNode):
         """A clean end leaves the machine in HOLD instead of running until its watchdog acts."""
         with self._lock:
             if self.core.state == frames.RUN:
-                self.transport.write(frames.HOLD_BYTE)
+                self.transport.write(frames.HOLD_NOW)
         self.transport.close()
         if self._out.csv:
             self._out.csv.close()
@@ -96,11 +98,11 @@ class BridgeNode(WaamNode):
             self._out.outbox()
         self._settled.set()
 
-    def on_lines(self, lines: list[bytes]) -> None:
+    def on_lines(self, lines: list[bytes], read_at: float) -> None:
         with self._lock:
-            now = self._now()
+            self._align()
             for raw in lines:
-                frame = self.core.line(raw, now)
+                frame = self.core.line(raw, read_at)
                 if frame is not None:
                     self._out.frame(frame)
                 if self.core.outbox:
@@ -118,20 +120,25 @@ class BridgeNode(WaamNode):
         if self.context.ok():
             self._crash = error
 
-    def _now(self) -> float:
-        """Steady time; keeps the core's ROS time up to date where it needs it."""
-        now = time.monotonic()
+    def _align(self) -> None:
+        """Keeps the core's ROS time up to date where it needs it; an interrupted reading does not count."""
         link = self.core.link
-        if not link.clock.synchronised:
-            link.ros_offset_ns = self.get_clock().now().nanoseconds - round(now * 1e9)
-        return now
+        if link.clock.synchronised:
+            return
+        before = time.monotonic()
+        ros = self.get_clock().now().nanoseconds
+        after = time.monotonic()
+        if after - before < ALIGN or not link.ros_offset_ns:
+            link.ros_offset_ns = ros - round((before + after) * 5e8)
 
     def _pump(self) -> None:
         """Writes what is due and publishes what came of it."""
         with self._lock:
-            data = self.core.poll(self._now())
+            data = self.core.poll(time.monotonic())
             if data:
+                written = time.monotonic()
                 self.transport.write(data)
+                self.core.link.wrote(written)
             if self.core.outbox:
                 self._out.outbox()
 
@@ -146,15 +153,7 @@ class BridgeNode(WaamNode):
         level = ERROR if not core.connected or core.state == frames.ALARM else OK
         self.level = WARN if level == OK and (core.silent or core.state == frames.HOLD) else level
         self.message = core.message
-        self.values = {
-            'port': self.params.port,
-            'state': frames.STATE_NAMES[core.state],
-            'fault': core.fault_text or 'none',
-            'resends': msg.resends,
-            'bad_frames': msg.bad_frames,
-            'telemetry_lost': msg.telemetry_lost,
-            'round_trip_p99_ms': f'{msg.round_trip_p99 * 1e3:.2f}',
-        }
+        self.values = diagnostic_values(core, msg, self.params.port)
 
     # ---- callbacks of the executor
 

@@ -6,19 +6,22 @@ from collections import deque
 
 import numpy as np
 
-WINDOW = 600  # round trips kept: 30 s at 20 Hz
-REFIT = 10  # round trips between two fits
-BEST = 0.3  # share of round trips, the fastest, that a fit uses
-SPAN = 2.0  # s of controller time before the drift is estimated
-JUMP = 0.1  # s by which ROS time must be off, JUMPS times in a row, to start afresh
-JUMPS = 5
+BIN_US = 2_000_000  # us of controller time; of each such stretch the fastest round trip is kept
+BINS = 40  # stretches that a fit uses
+SLOWEST = 2.0  # times the median of their round trips beyond which a stretch does not count
+SPAN = 3.0  # s of controller time before the drift is estimated
+SLACK = 2e-3  # s by which the line may leave the bracket of a round trip: 200 ppm for 10 s
+JUMPS = 8  # brackets left in a row after which a clock was set anew
+ERRORS = 300  # predictions of which the residual is the 99th percentile
 
 
 class ClockMap:
     """ROS time as a line over controller time, fitted through the middles of the fastest round trips.
 
     A round trip sent at s and answered at r (ROS time) brackets the controller's stamp; its middle is wrong by at most
-    half its duration, so the fastest ones carry the information. `synchronised`: the controller's clock *is* ROS time.
+    half its duration. Delays are one-sided (a busy host, a full cable), so the fastest of each two seconds carries the
+    information and the others none. `synchronised`: the controller's clock *is* ROS time.
+    `residual`: how far off the line was at the next fastest round trip, before it was fitted anew.
     """
 
     def __init__(self) -> None:
@@ -27,14 +30,21 @@ class ClockMap:
     def reset(self, synchronised: bool) -> None:
         """Forgets everything: another clock."""
         self.synchronised = synchronised
-        self.drift = self.residual = 0.0  # s/s; s, p99 of the fit
+        self.residual = 0.0  # s, p99
+        self._errors: deque[float] = deque(maxlen=ERRORS)
+        self._start()
+
+    def _start(self) -> None:
+        """A new line, for one of the clocks was set anew."""
+        self.drift = 0.0  # s/s
         self._t0 = self._ros0 = 0  # us, ns: the line goes through here
-        self._samples: deque[tuple[int, int, int]] = deque(maxlen=WINDOW)  # t us, middle ns, rtt ns
-        self._count = self._jumps = 0
+        self._best: deque[tuple[int, int, int]] = deque(maxlen=BINS)  # t us, middle ns, rtt ns
+        self._now: tuple[int, int, int] | None = None  # fastest of the stretch that is not over
+        self._jumps = 0
 
     @property
     def ready(self) -> bool:
-        return self.synchronised or self._count > 0
+        return self.synchronised or self._now is not None
 
     @property
     def offset(self) -> float:
@@ -50,32 +60,46 @@ class ClockMap:
 
     def add(self, sent_ns: int, received_ns: int, t_us: int) -> None:
         """One round trip: ROS times of sending and receiving, and the controller's time in between."""
-        rtt = received_ns - sent_ns
-        if self.synchronised or rtt < 0:
+        if self.synchronised or received_ns < sent_ns:
             return
-        middle = (sent_ns + received_ns) // 2
-        if self._jumped(t_us, middle, rtt):
-            self.reset(False)
-        self._samples.append((t_us, middle, rtt))
-        self._count += 1
-        if self._count <= REFIT or self._count % REFIT == 0:
+        if self._jumped(sent_ns, received_ns, t_us):
+            self._start()
+        sample = (t_us, (sent_ns + received_ns) // 2, received_ns - sent_ns)
+        if self._now is None:
+            self._now = sample
             self._fit()
+        elif t_us // BIN_US != self._now[0] // BIN_US:
+            self._close_bin(sample)
+        elif sample[2] < self._now[2]:
+            self._now = sample
+            if not self._best:
+                self._fit()
 
-    def _jumped(self, t_us: int, middle: int, rtt: int) -> bool:
-        """True when ROS time was set anew."""
-        if not self._count:
+    def _jumped(self, sent_ns: int, received_ns: int, t_us: int) -> bool:
+        """True when one of the clocks was set anew: the line leaves the brackets again and again."""
+        if self._now is None:
             return False
-        off = abs(self.to_ros_ns(t_us) - middle) > JUMP * 1e9 + rtt
-        self._jumps = self._jumps + 1 if off else 0
+        ros, slack = self.to_ros_ns(t_us), round(SLACK * 1e9)
+        outside = not sent_ns - slack <= ros <= received_ns + slack
+        self._jumps = self._jumps + 1 if outside else 0
         return self._jumps >= JUMPS
 
+    def _close_bin(self, sample: tuple[int, int, int]) -> None:
+        t_us, middle, _ = self._now
+        if self.drift:
+            self._errors.append(abs(self.to_ros_ns(t_us) - middle) * 1e-9)
+            self.residual = float(np.quantile(self._errors, 0.99))
+        self._best.append(self._now)
+        self._now = sample
+        self._fit()
+
     def _fit(self) -> None:
-        data = np.array(self._samples, np.int64)
-        fastest = np.argsort(data[:, 2], kind='stable')[: max(1, int(BEST * len(data)))]
-        t0, ros0 = (int(v) for v in data[fastest[0], :2])
-        t = (data[fastest, 0] - t0) * 1e-6
-        excess = (data[fastest, 1] - ros0) * 1e-9 - t
-        slope = float(np.polyfit(t, excess, 1)[0]) if np.ptp(t) > SPAN else 0.0
-        level = float(np.median(excess - slope * t))
-        self.residual = float(np.quantile(np.abs(excess - slope * t - level), 0.99))
+        data = np.array(self._best or [self._now], np.int64)
+        data = data[data[:, 2] <= SLOWEST * np.median(data[:, 2])]
+        t0, ros0 = (int(v) for v in data[np.argmin(data[:, 2]), :2])
+        t = (data[:, 0] - t0) * 1e-6
+        excess = (data[:, 1] - ros0) * 1e-9 - t
+        weight = 1.0 / (data[:, 2] * 1e-9 + 1e-5)
+        slope = float(np.polyfit(t, excess, 1, w=weight)[0]) if np.ptp(t) > SPAN else 0.0
+        level = float(np.average(excess - slope * t, weights=weight))
         self.drift, self._t0, self._ros0 = slope, t0, ros0 + round(level * 1e9)

@@ -12,9 +12,20 @@ from .core import Bridge, Reply
 from .outbox import WARNING
 from .program import number
 
-ARM, DISARM, HOME, JOG, JOG_WIRE, HOLD, RESUME, STOP, RESET, SET_ZERO, UNLOCK_ESTOP, CLEAR_QUEUE = (
-    range(1, 13)
-)  # waam_msgs/srv/Command
+(
+    ARM,
+    DISARM,
+    HOME,
+    JOG,
+    JOG_WIRE,
+    HOLD,
+    RESUME,
+    STOP,
+    RESET,
+    SET_ZERO,
+    UNLOCK_ESTOP,
+    CLEAR_QUEUE,
+) = range(1, 13)  # waam_msgs/srv/Command
 SPEED_FACTOR, WIRE_FACTOR = (0.1, 2.0), (0.5, 1.5)  # waam_msgs/Override
 
 
@@ -76,6 +87,7 @@ def override(bridge: Bridge, speed: float, wire: float, source: str, now: float)
             bridge.notice(WARNING, 'operator', f"override of '{source}': {text}")
 
     args = ' '.join(f'{f * 1000:.0f}' for f in factors)
+    bridge.link.requests.supersede('V', 'a newer override came')
     bridge.link.ask('V', args, done, now)
 
 
@@ -105,7 +117,7 @@ def _arm(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
         )
     if bridge.modal.job != c.text:
         _need_rest(bridge, 'ARM')
-    bridge.ask('A', c.text, reply, now, lambda: bridge.armed(c.text, list(c.names)))
+    bridge.ask('A', c.text, reply, now, lambda: bridge.armed(c.text, list(c.names), now))
 
 
 def _disarm(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
@@ -132,16 +144,16 @@ def _jog(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
         text = f'JOG: speed is {c.value:g} m/s, limit {bridge.params.speed_max:g} m/s'
         raise CommandError(requests.BAD_ARGUMENT, text)
     move = ' '.join(number(to_mm(v), 4) for v in c.vector)
-    bridge.ask('J', f'{move} {_feed("JOG", c.value)}', reply, now, bridge.moved, repeat=False)
+    bridge.ask('J', f'{move} {_feed("JOG", c.value)}', reply, now, bridge.moved)
 
 
 def _jog_wire(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
     feed = _feed('JOG_WIRE', bridge.params.wire_jog_speed)
-    bridge.ask('W', f'{number(to_mm(c.value), 3)} {feed}', reply, now, repeat=False)
+    bridge.ask('W', f'{number(to_mm(c.value), 3)} {feed}', reply, now)
 
 
 def _hold(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
-    bridge.link.out.append(frames.HOLD_BYTE)
+    bridge.link.out.append(frames.HOLD_NOW)
     bridge.ask('P', '', reply, now)
 
 
@@ -157,7 +169,7 @@ def _stop(
 ) -> None:
     """The real-time byte acts even when the line is lost; the line brings the answer."""
     bridge.link.sender.blocked = True
-    bridge.link.out.append(frames.STOP_BYTE)
+    bridge.link.out.append(frames.STOP_NOW)
     if not bridge.connected:
         raise CommandError(
             requests.NOT_CONNECTED, f'{bridge.message}; the stop byte was sent if the port is open'

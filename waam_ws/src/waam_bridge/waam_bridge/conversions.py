@@ -112,3 +112,26 @@ def link_status(bridge: Bridge, rate: float) -> LinkStatus:
     msg.segments_queued, msg.underruns = sender.unsent, t.underruns if t else 0
     msg.reconnects = max(0, link.connects - 1)
     return msg
+
+
+def diagnostic_values(bridge: Bridge, status: LinkStatus, port: str) -> dict[str, object]:
+    """What /diagnostics shows of the link: state, rates, round trips, what was lost or sent again, buffers, clock."""
+    return {
+        'port': port,
+        'state': frames.STATE_NAMES[bridge.state],
+        'fault': bridge.fault_text or 'none',
+        'telemetry_hz': f'{status.telemetry_rate:.1f}',
+        'telemetry_lost': status.telemetry_lost,
+        'lines_sent': status.lines_sent,
+        'resends': status.resends,
+        'bad_frames': status.bad_frames,
+        'reconnects': status.reconnects,
+        'round_trip_p50_ms': f'{status.round_trip_p50 * 1e3:.2f}',
+        'round_trip_p99_ms': f'{status.round_trip_p99 * 1e3:.2f}',
+        'underruns': status.underruns,
+        'blocks_free': status.blocks_free,
+        'bytes_free': status.bytes_free,
+        'segments_queued': status.segments_queued,
+        'clock_drift_ppm': f'{status.clock_drift * 1e6:.1f}',
+        'clock_residual_ms': f'{status.clock_residual * 1e3:.3f}',
+    }

@@ -6,18 +6,27 @@ The owner feeds it lines and time, writes what `poll` returns, and publishes wha
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from waam_process.segment import Point, Segment
 from waam_process.units import mm
 
-from . import frames, program, requests
-from .frames import ALARM, HOLD, IDLE, STATE_NAMES
-from .lease import Lease
+from . import batches, frames, program, requests
+from .arming import Arming
+from .frames import ALARM, HOLD, IDLE
 from .link import Link
-from .outbox import ALARM_SEVERITY, FAULT, INFO, WARNING, Notice, Outbox, ResendWatch, of_fault
+from .outbox import (
+    ALARM_SEVERITY,
+    FAULT,
+    INFO,
+    LEASE_EXPIRED,
+    WARNING,
+    Notice,
+    Outbox,
+    ResendWatch,
+    of_fault,
+)
 from .params import BridgeParams
-from .program import Mark, Modal, Permit, Refusal
+from .program import Mark, Modal, Permit
 
 Reply = Callable[[int, str], None]
 
@@ -27,33 +36,37 @@ class Bridge:
 
     def __init__(self, params: BridgeParams) -> None:
         self.params = params
-        self.link = Link(params, self._lease_us, self._on_ready)
-        self.lease = Lease()
+        self.arming = Arming()
+        self.link = Link(params, self.arming.lease_us, self._on_ready)
         self.outbox = Outbox(changed=True)
         self.state, self.fault, self.fault_text = IDLE, 0, ''
         self.message = 'not connected'
-        self.armed_job = ''
-        self.silent: list[str] = []
         self.offset: Point | None = None  # m, work zero in machine coordinates
         self.flags = 0
         self.modal = Modal()
         self.done = -1  # last executed index of modal.job
-        self._generation = 0
-        self._broken = ''  # why the program cannot go on
-        self._drop_reason = (
-            ''  # queue to be dropped once the next telemetry has told what was executed
-        )
-        self._armed_seen = False
+        self.generation = 0  # of the chain of segments: permits of an older one are void
+        self.broken = ''  # why the program cannot go on
+        self.dropping = ''  # why the queue goes once telemetry has told what was executed
+        self.overrides = (1.0, 1.0)  # speed, wire: factors that were asked for
         self._tick = 0
         self._after_frame: list[Callable[[], None]] = []
         self._after_limit = 0.0  # s
         self._home: tuple[int, Reply, float] | None = None
-        self.overrides = (1.0, 1.0)  # speed, wire: factors that were asked for
         self._resends = ResendWatch(params.resend_warning)
 
     @property
     def connected(self) -> bool:
         return self.link.ready
+
+    @property
+    def armed_job(self) -> str:
+        return self.arming.job
+
+    @property
+    def silent(self) -> list[str]:
+        """Required nodes whose heartbeat is late."""
+        return self.arming.silent
 
     @property
     def job(self) -> str:
@@ -101,26 +114,23 @@ class Bridge:
             self.message = message
             self.outbox.changed = True
 
-    def _on_ready(self, known: bool, now: float) -> None:
+    def _on_ready(self, known: bool, restarted: bool, now: float) -> None:
         link = self.link
         self.outbox.changed = True
-        self.lease.restart(link.boot)
+        self.arming.restart(link.boot, known)
         if known:
-            self._take_done(link.executed)
-            if not link.sender.pending:
-                self.modal = replace(self.modal, words=())
+            self._take_done(link.identity.executed)
             self.say('link restored')
             self.notice(INFO, 'link', 'link restored, same boot of the controller', 'retry')
             return
         if link.connects > 1:
-            self.notice(
-                ALARM_SEVERITY, 'link', 'the controller has restarted: its queue is lost', 'abort'
+            who = (
+                'the controller has restarted' if restarted else 'another host used the controller'
             )
-        self._drop_reason = self._broken = ''
+            self.notice(ALARM_SEVERITY, 'link', f'{who}: its queue is lost', 'abort')
+        self.dropping = self.broken = ''
         self._reopen()
         self._start_offset()
-        self.armed_job = ''
-        self.lease.require(())
         self.overrides = (1.0, 1.0)
         if link.telemetry.flags & frames.ARMED:
             link.ask('D', '', lambda code, text: None, now)
@@ -143,7 +153,7 @@ class Bridge:
         if kind is frames.Telemetry:
             if not self.connected:
                 return None
-            self._on_telemetry(frame)
+            self._on_telemetry(frame, now)
             return frame
         if kind is frames.StateChange:
             self._set_state(frame.state, frame.code, frame.text)
@@ -153,48 +163,47 @@ class Bridge:
             self._end_home(requests.OK, 'homing')
         return None
 
-    def _on_telemetry(self, t: frames.Telemetry) -> None:
+    def _on_telemetry(self, t: frames.Telemetry, now: float) -> None:
         self._take_done(t.line_executed)
         if t.state != self.state or t.fault != self.fault:
             self._set_state(t.state, t.fault, '')
         if (t.flags ^ self.flags) & (frames.ARC_ENABLED | frames.HOMED | frames.ARMED):
-            self._on_flags(t.flags)
+            self.outbox.changed = True
+            self.arming.flags(t.flags)
         self.flags = t.flags
-        if self._drop_reason and t.state in (IDLE, ALARM):
-            self._drop(self._drop_reason)
+        if self.link.missing:
+            why, self.link.missing = self.link.missing, ''
+            self._hold_broken(why)
+        if self.dropping and t.state in (IDLE, ALARM):
+            self._drop(self.dropping)
         if t.t_us - self._tick >= self.params.tick_period * 1e6 or t.t_us < self._tick:
-            self._on_tick(t)
-        if self._after_frame and not self._drop_reason:
+            self._on_tick(t, now)
+        if self._after_frame and not self.dropping:
             self._flush_after_frame()
+
+    def _hold_broken(self, why: str) -> None:
+        """The two ends disagree about what was sent: stand still, an operator decides."""
+        self.broken = why
+        self.link.sender.blocked = True
+        self.link.out.append(frames.HOLD_NOW)
+        self.say(why)
+        self.notice(FAULT, 'link', why, 'hold')
 
     def _take_done(self, line: int) -> None:
         for mark in self.link.sender.executed(line):
             self.done = mark.index
             self.outbox.done.append(mark)
 
-    def _on_tick(self, t: frames.Telemetry) -> None:
+    def _on_tick(self, t: frames.Telemetry, now: float) -> None:
         self._tick = self.outbox.tick_us = t.t_us
-        silent = self.lease.silent(t.t_us) if self.armed_job else []
-        if silent != self.silent:
-            new = [n for n in silent if n not in self.silent]
-            if new:
-                severity = FAULT if t.flags & frames.ARC_ENABLED else WARNING
-                text = f'no heartbeat from {", ".join(new)}: the arc lease is withheld'
-                self.notice(severity, 'node', text, 'hold')
-            self.silent = silent
-            self.outbox.changed = True
-
-    def _on_flags(self, flags: int) -> None:
+        new = self.arming.check(t.t_us, now)
+        if new is None:
+            return
         self.outbox.changed = True
-        if flags & frames.ARMED:
-            self._armed_seen = True
-        elif self._armed_seen and self.armed_job:
-            self._disarmed()
-
-    def _disarmed(self) -> None:
-        self.armed_job, self._armed_seen, self.silent = '', False, []
-        self.lease.require(())
-        self.outbox.changed = True
+        if new:
+            severity = FAULT if t.flags & frames.ARC_ENABLED else WARNING
+            text = f'no heartbeat from {", ".join(new)}: the arc lease is withheld'
+            self.notice(severity, 'node', text, 'hold')
 
     def poll(self, now: float) -> bytes:
         """What is to be written now. Call it after every line and at least every 20 ms."""
@@ -215,13 +224,15 @@ class Bridge:
         self.state, self.fault = state, code
         self.fault_text = (text or frames.CODES.get(code, '')) if code else ''
         self.outbox.changed = True
+        if new and code == LEASE_EXPIRED and self.link.telemetry:
+            self.arming.expired(self.link.telemetry.t_us)
         if new and state in (HOLD, ALARM) and code:
             notice = of_fault(state, code, self.fault_text, self.silent)
             self.outbox.notices.append(notice)
-            self.say(notice.text)
+            self.say(self.broken or notice.text)
         if new and state == ALARM:
             self.link.sender.blocked = True
-            self._drop_reason = f'ALARM E{code} {self.fault_text}'.rstrip()
+            self.dropping = f'ALARM E{code} {self.fault_text}'.rstrip()
 
     def _on_refused(self, refused: frames.LineRefused) -> None:
         sender = self.link.sender
@@ -233,7 +244,7 @@ class Bridge:
             self._forget()
             return
         where = f'line {refused.seq} refused: {text} at column {refused.column}'
-        self._broken = where
+        self.broken = where
         lost = sender.drop(keep=refused.seq - 1)  # what the controller has is still executed
         self.link.resync()
         self._reopen()
@@ -247,7 +258,7 @@ class Bridge:
         self.say(f'{reason}; {lost} segments dropped' if lost else reason)
 
     def _forget(self) -> None:
-        self._drop_reason = ''
+        self.dropping = ''
         self.link.sender.drop()
         self.link.resync()
         self._reopen()
@@ -255,77 +266,23 @@ class Bridge:
     def _reopen(self) -> None:
         """The next segment starts from where the machine is, with all words written anew."""
         self.modal = Modal(job=self.modal.job)
-        self._generation += 1
+        self.generation += 1
 
-    # ---- lease
-
-    def _lease_us(self, t_us: int) -> int:
-        return self.lease.seen_us(t_us) if self.armed_job else 0
+    # ---- lease and segments
 
     def beat(self, node: str, tick_us: int, boot: int, now: float) -> None:
         """Heartbeat of a node. When it moves the lease of an armed job, the controller hears of it at once."""
         t = self.link.telemetry
-        if t is None:
-            return
-        before = self.lease.seen_us(t.t_us)
-        counts = self.lease.beat(node, tick_us, boot, t.t_us) and self.armed_job and self.connected
-        if counts and self.lease.seen_us(t.t_us) > before:
+        if t and self.arming.beat(node, tick_us, boot, t.t_us, now) and self.connected:
             self.link.beat(now)
 
-    # ---- segments
-
     def permit(self, job: str, segments: list[Segment]) -> Permit:
-        """May these segments come now? Raises Refusal. The answer is used with `program.prepare` and `commit`."""
-        if not self.connected:
-            raise Refusal(program.NOT_CONNECTED, self.message)
-        if not job:
-            raise Refusal(program.BAD_SEGMENT, 'job_id is empty')
-        if self._broken:
-            raise Refusal(program.WRONG_STATE, f'{self._broken}; stop or arm first')
-        if self.state in (HOLD, ALARM) or self._drop_reason:
-            raise Refusal(
-                program.WRONG_STATE, f'controller is in {STATE_NAMES[self.state]}: {self.message}'
-            )
-        if not self.flags & frames.HOMED:
-            raise Refusal(program.WRONG_STATE, 'not homed: HOME first')
-        if self.offset is None:
-            raise Refusal(program.WRONG_STATE, 'the work zero is not known: SET_ZERO first')
-        modal, known = self._chain(job)
-        new = sum(s.index > known for s in segments)
-        if any(s.arc for s in segments if s.index > known) and self.armed_job != job:
-            raise Refusal(program.NOT_ARMED, f"armed for '{self.armed_job}', not for '{job}'")
-        if self.queued + new > self.params.queue_size:
-            text = (
-                f'{self.queued} segments wait, {new} more do not fit into {self.params.queue_size}'
-            )
-            raise Refusal(program.QUEUE_FULL, text)
-        limits = self.params.limits(self.link.identity.limits_mm)
-        return Permit(self._generation, modal, known, self._here(), self.offset, limits)
-
-    def _chain(self, job: str) -> tuple[Modal, int]:
-        """State of the chain for this job, and the largest index that is known already."""
-        if job == self.modal.job:
-            index = self.modal.index
-            return self.modal, self.done if index is None else index
-        if self.queued:
-            text = f"job '{self.modal.job}' still has {self.queued} segments"
-            raise Refusal(program.WRONG_STATE, text)
-        return Modal(job=job), -1
-
-    def _here(self) -> Point | None:
-        at_rest = self.state == IDLE and not self.queued and not self.link.sender.pending
-        return self.position if at_rest else None
+        """May these segments come now? Raises Refusal."""
+        return batches.permit(self, job, segments)
 
     def commit(self, permit: Permit, batch: program.Batch) -> None:
-        """Puts the lines of a checked batch into the queue. Raises Refusal when the machine was stopped meanwhile."""
-        if permit.generation != self._generation or not self.connected:
-            raise Refusal(program.WRONG_STATE, f'interrupted: {self.message}')
-        if batch.after.job != self.modal.job:
-            self.done = -1
-        self.modal = batch.after
-        put = self.link.sender.put
-        for gcode, mark in batch.lines:
-            put(gcode, mark)
+        """Puts the lines of a checked batch into the queue. Raises Refusal."""
+        batches.commit(self, permit, batch)
 
     # ---- commands: see commands.py
 
@@ -336,7 +293,6 @@ class Bridge:
         reply: Reply,
         now: float,
         then: Callable[[], None] = lambda: None,
-        repeat: bool = True,
     ) -> None:
         """An immediate line whose outcome is the reply. OK is told after the next telemetry, which shows the effect;
         after a stop, once the machine stands."""
@@ -350,7 +306,7 @@ class Bridge:
             else:
                 self.outbox.replies.append(lambda: reply(code, text))
 
-        self.link.ask(letter, args, done, now, repeat)
+        self.link.ask(letter, args, done, now)
 
     def _flush_after_frame(self) -> None:
         self.outbox.replies += self._after_frame
@@ -370,16 +326,18 @@ class Bridge:
     def stopped(self, reason: str) -> None:
         """The queue goes as soon as telemetry has told what was executed."""
         self.link.sender.blocked = True
-        self._broken = ''
-        self._drop_reason = reason
+        self.broken = ''
+        self.dropping = reason
 
-    def armed(self, job: str, names: list[str]) -> None:
-        self.armed_job, self._armed_seen, self._broken = job, False, ''
-        self.lease.require(names)
+    def armed(self, job: str, names: list[str], now: float) -> None:
+        t = self.link.telemetry
+        self.broken = ''
+        self.arming.arm(job, names, t.t_us if t else 0, now)
         self.outbox.changed = True
 
     def disarm(self) -> None:
-        self._disarmed()
+        self.arming.disarm()
+        self.outbox.changed = True
 
     def moved(self) -> None:
         """The machine moved, or its zero did, outside the program."""

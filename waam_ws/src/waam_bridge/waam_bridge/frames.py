@@ -5,10 +5,13 @@ from __future__ import annotations
 import re
 from binascii import crc_hqx
 from typing import NamedTuple
+from zlib import crc32
 
 MAX_LINE = 160  # bytes of a line to the controller, newline included
 MAX_ANSWER = 400  # bytes of a line from the controller; identifications grow with the firmware
-STOP_BYTE, HOLD_BYTE, RESUME_BYTE = b'\x82', b'\x80', b'\x81'
+# real-time bytes act when two come in a row; four survive the loss of any two
+STOP_NOW, HOLD_NOW = b'\x82' * 4, b'\x80' * 4
+CRC16, CRC32 = 5, 10  # digits of a check
 
 IDLE, RUN, HOLD, ALARM = range(4)
 STATES = {b'IDLE': IDLE, b'RUN': RUN, b'HOLD': HOLD, b'ALARM': ALARM}
@@ -24,9 +27,10 @@ CODES = {
     104: 'bad number', 105: 'contradiction', 106: 'line too long', 107: 'missing word',
     108: 'not now', 200: 'hold by host', 201: 'link watchdog', 202: 'arc lease expired',
     203: 'planner ran dry with the arc on', 204: 'arc lost', 205: 'no arc at start',
-    206: 'wire fault', 207: 'gas', 300: 'emergency stop', 301: 'limit switch',
+    206: 'wire fault', 207: 'gas', 208: 'stubbing', 209: 'burn-back', 210: 'over-temperature',
+    211: 'wire frozen in the bead', 300: 'emergency stop', 301: 'limit switch',
     302: 'soft limit', 303: 'process inputs lost or implausible', 304: 'not homed',
-    305: 'not armed',
+    305: 'not armed', 306: 'power-up: reset needed', 307: 'the watchdog has reset the controller',
 }  # fmt: skip
 
 
@@ -85,14 +89,17 @@ class StateChange(NamedTuple):
     state: int
     code: int
     text: str
+    t_us: int = 0  # controller time, 0 = not told
 
 
 class Answer(NamedTuple):
-    """Answer to the immediate line `$<letter>`; code 0 = done, otherwise the controller's refusal."""
+    """Answer to the immediate line `$<letter>@<token>`; code 0 = done, otherwise the controller's refusal."""
 
     letter: str
     code: int
     text: str
+    token: int = 0
+    t_us: int = 0  # controller time, 0 = not told
 
 
 class Pong(NamedTuple):
@@ -103,7 +110,11 @@ class Pong(NamedTuple):
 
 
 class Identity(NamedTuple):
-    """Answer to `$I`. Limits in mm, machine coordinates: x0, y0, z0, x1, y1, z1."""
+    """Answer to `$I`. Limits in mm, machine coordinates: x0, y0, z0, x1, y1, z1.
+
+    accepted, executed: line numbers; after `$I keep` they do not change before `$L`.
+    digits: of the check that the controller uses from now on.
+    """
 
     name: str
     firmware: str
@@ -115,6 +126,9 @@ class Identity(NamedTuple):
     steps_per_mm: float
     capabilities: tuple[str, ...]
     offset_mm: tuple[float, ...] | None  # work offset G54, when the controller reports it
+    accepted: int
+    executed: int
+    digits: int
 
 
 Frame = Telemetry | Ack | Resend | LineRefused | StateChange | Answer | Pong | Identity
@@ -125,40 +139,47 @@ def check(data: bytes) -> int:
     return crc_hqx(data, 0xFFFF)
 
 
-def seal(payload: bytes) -> bytes:
-    """payload*check and newline. Raises FrameError when the line would be too long or hold bytes that frame it."""
-    line = b'%b*%05d\n' % (payload, crc_hqx(payload, 0xFFFF))
+def seal(payload: bytes, digits: int = CRC16) -> bytes:
+    """payload*check and newline. Raises FrameError when the line would be too long."""
+    if digits == CRC32:
+        line = b'%b*%010d\n' % (payload, crc32(payload))
+    else:
+        line = b'%b*%05d\n' % (payload, crc_hqx(payload, 0xFFFF))
     if len(line) > MAX_LINE:
         raise FrameError(f'a line of {len(line)} bytes, at most {MAX_LINE}')
     return line
 
 
-def queued(seq: int, gcode: bytes) -> bytes:
+def queued(seq: int, gcode: bytes, digits: int = CRC16) -> bytes:
     """A queued line `N<seq> <gcode>`."""
-    return seal(b'N%d %b' % (seq, gcode))
+    return seal(b'N%d %b' % (seq, gcode), digits)
 
 
-def immediate(letter: str, args: str = '') -> bytes:
-    """An immediate line `$<letter> <args>`. Raises FrameError for text that cannot travel."""
-    text = f'${letter} {args}' if args else f'${letter}'
+def immediate(letter: str, args: str = '', token: int = 0, digits: int = CRC16) -> bytes:
+    """An immediate line `$<letter>@<token> <args>`, token 0 = none. Raises FrameError for text that cannot travel."""
+    text = f'${letter}@{token}' if token else f'${letter}'
+    text = f'{text} {args}' if args else text
     if not text.isascii() or not text.isprintable() or '*' in text:
         raise FrameError(f'{args!r} holds characters that cannot be sent')
-    return seal(text.encode())
+    return seal(text.encode(), digits)
 
 
-def heartbeat(token: int, lease_us: int) -> bytes:
-    return seal(b'$H %d %d' % (token, lease_us))
+def heartbeat(token: int, lease_us: int, digits: int = CRC16) -> bytes:
+    return seal(b'$H %d %d' % (token, lease_us), digits)
 
 
-def unseal(line: bytes) -> bytes:
-    """The payload of a line (newline already removed). Raises FrameError when its check fails."""
+def unseal(line: bytes) -> tuple[bytes, int]:
+    """Payload and digits of the check of a line (newline already removed). Raises FrameError when the check fails."""
     star = line.rfind(b'*')
-    digits = line[star + 1 :]
+    check = line[star + 1 :]
+    payload, digits = line[:star], len(check)
     if star < 0 or len(line) > MAX_ANSWER:
         raise FrameError('no check' if star < 0 else f'a line of {len(line)} bytes')
-    if len(digits) != 5 or not digits.isdigit() or int(digits) != crc_hqx(line[:star], 0xFFFF):
+    if not check.isdigit() or digits not in (CRC16, CRC32):
+        raise FrameError('the check is malformed')
+    if int(check) != (crc32(payload) if digits == CRC32 else crc_hqx(payload, 0xFFFF)):
         raise FrameError('the check fails')
-    return line[:star]
+    return payload, digits
 
 
 _U32 = 2**32
@@ -175,13 +196,14 @@ def _telemetry(payload: bytes) -> Telemetry:
     return f
 
 
-_ACK = re.compile(rb'ok N(\d{1,10}) P(\d{1,5}) B(\d{1,5})')
-_RESEND = re.compile(rb'rs N(\d{1,10}) E(\d{1,4})')
-_REFUSED = re.compile(rb'er N(\d{1,10}) E(\d{1,4}) C(\d{1,4})(?: (.*))?')
-_STATE = re.compile(rb'! (IDLE|RUN|HOLD|ALARM) E(\d{1,4})(?: (.*))?')
+_AT = rb'(?: @(\d{1,20}))?'  # controller time, us
+_ACK = re.compile(rb'ok N(\d{1,10}) P(\d{1,5}) B(\d{1,5})(?: @\d{1,20})?')
+_RESEND = re.compile(rb'rs N(\d{1,10}) E(\d{1,4})(?: @\d{1,20})?')
+_REFUSED = re.compile(rb'er N(\d{1,10}) E(\d{1,4}) C(\d{1,4})(?: (.*?))??' + _AT)
+_STATE = re.compile(rb'! (IDLE|RUN|HOLD|ALARM) E(\d{1,4})(?: (.*?))??' + _AT)
 _PONG = re.compile(rb'\$H (\d{1,10}) (\d{1,18})')
-_ERROR = re.compile(rb'\$([A-Z?]) error E(\d{1,4})(?: (.*))?')
-_ANSWER = re.compile(rb'\$([A-Z?])(?: (.*))?')
+_ERROR = re.compile(rb'\$([A-Z?])(?:@(\d{1,10}))? error E(\d{1,4})(?: (.*?))??' + _AT)
+_ANSWER = re.compile(rb'\$([A-Z?])(?:@(\d{1,10}))?(?: (.*?))??' + _AT)
 
 
 def _text(raw: bytes | None) -> str:
@@ -195,7 +217,7 @@ def _match(pattern: re.Pattern, payload: bytes) -> tuple:
     return found.groups()
 
 
-def _identity(payload: bytes) -> Identity:
+def _identity(payload: bytes, digits: int) -> Identity:
     words = _text(payload).split()
     if len(words) < 2:
         raise FrameError('an identification without a name')
@@ -214,6 +236,9 @@ def _identity(payload: bytes) -> Identity:
             steps_per_mm=float(fields['spmm']),
             capabilities=tuple(c for c in fields.get('cap', '').split(',') if c),
             offset_mm=offset,
+            accepted=int(fields['acc']),
+            executed=int(fields['exe']),
+            digits=digits,
         )
     except KeyError as e:
         raise FrameError(f'identification without {e.args[0]}=') from None
@@ -224,21 +249,26 @@ def _identity(payload: bytes) -> Identity:
         raise FrameError('identification out of range')
     if not (0 < who.blocks < 65536 and 0 < who.rx < 2**24):
         raise FrameError('identification out of range')
+    if not 0 <= who.executed <= who.accepted < _U32:
+        raise FrameError('identification with impossible line numbers')
     return who
 
 
-def _dollar(payload: bytes) -> Frame:
+def _dollar(payload: bytes, digits: int) -> Frame:
     kind = payload[1:2]
     error = _ERROR.fullmatch(payload)
     if error:
-        return Answer(error[1].decode(), int(error[2]) or 108, _text(error[3]))
+        letter, token, code, text, t_us = error.groups(b'')
+        return Answer(
+            letter.decode(), int(code) or 108, _text(text), int(token or 0), int(t_us or 0)
+        )
     if kind == b'H':
         token, t_us = _match(_PONG, payload)
         return Pong(int(token), int(t_us))
     if kind == b'I':
-        return _identity(payload)
-    letter, text = _match(_ANSWER, payload)
-    return Answer(letter.decode(), 0, _text(text))
+        return _identity(payload, digits)
+    letter, token, text, t_us = _match(_ANSWER, payload)
+    return Answer(letter.decode(), 0, _text(text), int(token or 0), int(t_us or 0))
 
 
 def _ack(payload: bytes) -> Ack:
@@ -250,22 +280,16 @@ def _resend(payload: bytes) -> Resend:
 
 
 def _refused(payload: bytes) -> LineRefused:
-    seq, code, column, text = _match(_REFUSED, payload)
+    seq, code, column, text, _ = _match(_REFUSED, payload)
     return LineRefused(int(seq), int(code), int(column), _text(text))
 
 
 def _state(payload: bytes) -> StateChange:
-    state, code, text = _match(_STATE, payload)
-    return StateChange(STATES[state], int(code), _text(text))
+    state, code, text, t_us = _match(_STATE, payload)
+    return StateChange(STATES[state], int(code), _text(text), int(t_us or 0))
 
 
-_KINDS = {
-    b'T ': _telemetry,
-    b'ok': _ack,
-    b'rs': _resend,
-    b'er': _refused,
-    b'! ': _state,
-}
+_KINDS = {b'T ': _telemetry, b'ok': _ack, b'rs': _resend, b'er': _refused, b'! ': _state}
 
 
 def parse(line: bytes) -> Frame:
@@ -273,15 +297,12 @@ def parse(line: bytes) -> Frame:
 
     Raises FrameError when the check fails or the line is not of the protocol; never anything else.
     """
-    payload = unseal(line[:-1] if line[-1:] == b'\r' else line)
-    if payload[:1] == b'$':
-        kind = _dollar
-    else:
-        kind = _KINDS.get(payload[:2])
-        if kind is None:
-            raise FrameError(f'not understood: {_text(payload)}')
+    payload, digits = unseal(line[:-1] if line[-1:] == b'\r' else line)
+    kind = None if payload[:1] == b'$' else _KINDS.get(payload[:2])
+    if kind is None and payload[:1] != b'$':
+        raise FrameError(f'not understood: {_text(payload)}')
     try:
-        return kind(payload)
+        return kind(payload) if kind else _dollar(payload, digits)
     except FrameError:
         raise
     except (ValueError, TypeError) as e:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-SILENT_US = 300_000  # us of controller time without a heartbeat after which a node is named
+SILENT_US = 300_000  # us of controller time without a heartbeat after which a node is named ...
+SILENT_WALL = (
+    0.15  # s ... if it was silent for so long on the wall, too: simulated time may run fast
+)
 
 
 class Lease:
@@ -12,22 +15,27 @@ class Lease:
         self.required: tuple[str, ...] = ()
         self._boot = 0
         self._ticks: dict[str, int] = {}
+        self._heard: dict[str, float] = {}  # s, steady clock
+        self._since = (0, 0.0)  # us, s: when they were required
 
     def restart(self, boot: int) -> None:
         """Another boot of the controller: its clock starts anew, old ticks mean nothing."""
         if boot != self._boot:
             self._ticks.clear()
+            self._heard.clear()
             self._boot = boot
 
-    def require(self, names: list[str] | tuple[str, ...]) -> None:
+    def require(self, names: list[str] | tuple[str, ...], now_us: int, now: float) -> None:
         self.required = tuple(dict.fromkeys(names))
+        self._since = (now_us, now)
 
-    def beat(self, node: str, tick_us: int, boot: int, now_us: int) -> bool:
+    def beat(self, node: str, tick_us: int, boot: int, now_us: int, now: float) -> bool:
         """A heartbeat; True when it may move the lease. Ticks of another boot or from the future are not believed."""
         if boot != self._boot or tick_us > now_us:
             return False
         if tick_us > self._ticks.get(node, 0):
             self._ticks[node] = tick_us
+            self._heard[node] = now
             return node in self.required
         return False
 
@@ -35,6 +43,14 @@ class Lease:
         """The smallest tick among the required nodes; with none required, the bridge's own time."""
         return min((self._ticks.get(n, 0) for n in self.required), default=now_us)
 
-    def silent(self, now_us: int) -> list[str]:
-        """Required nodes without a heartbeat in the last 300 ms of controller time, in the order of ARM."""
+    def behind(self, now_us: int) -> list[str]:
+        """Required nodes whose last tick is older than 300 ms of controller time, in the order of ARM."""
         return [n for n in self.required if now_us - self._ticks.get(n, 0) > SILENT_US]
+
+    def silent(self, now_us: int, now: float) -> list[str]:
+        """Those behind that also had the time to answer since they were required, on both clocks."""
+        since_us, since = self._since
+        if now_us - since_us <= SILENT_US:
+            return []
+        heard = self._heard
+        return [n for n in self.behind(now_us) if now - max(heard.get(n, 0.0), since) > SILENT_WALL]

@@ -16,27 +16,27 @@ from .params import BridgeParams
 from .requests import OK, Requests
 from .stream import Sender
 
-LISTEN = 0.1  # s of listening before `$I`, which makes an idle controller forget its line numbers; longer
-# when that controller has lines of ours, for then its numbers must be heard first
 ASK_AGAIN = 0.5  # s
 REPEAT_RESYNC = 0.05  # s between attempts to agree on the next number
 PONGS = 400  # round trips kept for the percentiles
 SEQUENCE = 2**32
+MISSING_FRAMES = 3  # in a row that deny lines which were acknowledged
+DEFAULT_RATE = 100.0  # Hz of telemetry after `$I`
 
 
 class Phase(IntEnum):
     CLOSED = 0
-    LISTEN = 1
-    IDENTIFY = 2
-    SYNC = 3
-    READY = 4
+    IDENTIFY = 1
+    SYNC = 2
+    READY = 3
 
 
 class Link:
     """lease_us(t_us): how far the arc lease may be renewed at controller time t_us, 0 = none.
-    on_ready(known): the controller may be used; `known` when it is the one of before, with the same boot.
+    on_ready(known): the controller may be used; `known` when it is the one of before, with the same boot and lines.
 
-    `failed` holds the reason when the owner shall close the port.
+    `failed` holds the reason when the owner shall close the port; `missing`, when the controller denies lines that it
+    has acknowledged.
     """
 
     def __init__(
@@ -46,11 +46,11 @@ class Link:
         on_ready: Callable[[bool, float], None],
     ) -> None:
         self.params, self._lease_us, self._on_ready = params, lease_us, on_ready
-        self.sender = Sender(params.resend_timeout)
+        self.sender = Sender(params.resend_timeout, params.window)
         self.requests = Requests()
         self.clock = ClockMap()
         self.phase = Phase.CLOSED
-        self.failed = ''
+        self.failed = self.missing = ''
         self.out: list[bytes] = []
         self.identity: frames.Identity | None = None
         self.telemetry: frames.Telemetry | None = None
@@ -59,16 +59,14 @@ class Link:
         self.round_trips: deque[float] = deque(maxlen=PONGS)
         self.heard = 0.0  # s, last good line
         self._since = self._asked = 0.0
+        self._attempts = 0
         self._boot: int | None = None  # of the controller that the sender's numbers belong to
-        # lines that the controller said it has, and has executed, before it was asked to identify; kept over
-        # attempts that fail, for `$I` makes an idle controller forget them
-        self._accepted = self.executed = 0
-        self._listened = False
         self._resync = False  # the controller must be told the next line number
         self._token = 0
-        self._pings: dict[int, float] = {}
+        self._pings: dict[int, float | None] = {}  # when each was written, None = not yet
         self._beat = 0.0  # s
         self._beat_us = 0
+        self._denials = 0
 
     @property
     def ready(self) -> bool:
@@ -81,9 +79,9 @@ class Link:
     # ---- the port
 
     def opened(self, now: float) -> None:
-        self.phase, self.failed = Phase.LISTEN, ''
+        self.phase, self.failed, self.missing = Phase.IDENTIFY, '', ''
         self._since = self.heard = now
-        self._listened = False
+        self._asked, self._attempts = now - ASK_AGAIN, 0
         self._pings.clear()
         self.out.clear()
 
@@ -97,7 +95,7 @@ class Link:
     # ---- from the controller
 
     def line(self, raw: bytes, now: float) -> frames.Frame | None:
-        """Takes one line; returns what it said, None when it must not be acted on."""
+        """Takes one line that was read at `now`; returns what it said, None when it must not be acted on."""
         try:
             frame = frames.parse(raw)
         except frames.FrameError:
@@ -121,24 +119,35 @@ class Link:
 
     def _on_telemetry(self, t: frames.Telemetry, now: float) -> None:
         if self.phase < Phase.SYNC:
-            self._accepted = max(self._accepted, t.line_accepted)
-            self.executed = max(self.executed, t.line_executed)
-            self._listened = True
             return
+        self._count(t)
+        self.telemetry = t
+        if self.phase == Phase.SYNC:
+            if not self.requests.waits('L'):
+                self._synchronise(t, now)
+        else:
+            self._check_promise(t)
+            self.sender.ack(t.line_accepted, t.free_blocks, None, now)
+        if t.t_us - self._beat_us >= self.params.heartbeat_period * 1e6:
+            self.beat(now)
+
+    def _count(self, t: frames.Telemetry) -> None:
         before = self.telemetry
         self.received += 1
         if before is not None:
             gap = (t.seq - before.seq) % SEQUENCE - 1
             if 0 < gap < SEQUENCE // 2:
                 self.lost += gap
-        self.telemetry = t
-        if self.phase == Phase.SYNC:
-            if not self.requests.waits('L'):
-                self._synchronise(t, now)
-        else:
-            self.sender.ack(t.line_accepted, t.free_blocks, None, now)
-        if t.t_us - self._beat_us >= self.params.heartbeat_period * 1e6:
-            self.beat(now)
+
+    def _check_promise(self, t: frames.Telemetry) -> None:
+        """What was acknowledged must be there. Only a damaged answer that passed its check can break this."""
+        denied = not self.sender.blocked and t.line_accepted < self.sender.acked
+        self._denials = self._denials + 1 if denied else 0
+        if self._denials == MISSING_FRAMES:
+            self.missing = (
+                f'the controller has lines up to {t.line_accepted}, '
+                f'but up to {self.sender.acked} were acknowledged'
+            )
 
     def _on_pong(self, pong: frames.Pong, now: float) -> None:
         sent = self._pings.pop(pong.token, None)
@@ -159,40 +168,44 @@ class Link:
             self.clock.reset(who.synchronised)
             self.telemetry = None
         self.identity = who
+        self.sender.digits = self.requests.digits = who.digits
         self.phase, self._since = Phase.SYNC, now
         self._beat_us = 0
         self.beat(now)
 
     def _synchronise(self, t: frames.Telemetry, now: float) -> None:
         """Tells the controller which line comes next. What it had taken before the link broke is not sent again."""
-        told = max(t.line_accepted, self._accepted)
-        known = self._boot == self.boot and told <= self.sender.written
-        if known:
-            first = max(told, self.sender.acked) + 1
-            if t.line_accepted < told:  # it was idle and has forgotten: all that it had is executed
-                self.executed = told
-        else:
-            self.sender.restart()
-            first = t.line_accepted + 1
+        sender, accepted = self.sender, self.identity.accepted
+        known = self._boot == self.boot and sender.acked <= accepted <= sender.written
 
         def done(code: int, text: str) -> None:
             if code != OK:
                 self.failed = f'line numbers could not be agreed: {text}'
                 return
-            self.sender.resync(first, t.free_blocks, self.identity.rx, self.heard)
-            self.sender.restore_words()
+            if not known:
+                sender.restart()
+            sender.resync(accepted + 1, t.free_blocks, self.identity.rx, self.heard)
+            restarted = self._boot != self.boot
             self._boot, self.phase = self.boot, Phase.READY
             self.connects += 1
-            self._on_ready(known, self.heard)
-            self._accepted = self.executed = 0
+            if self.params.telemetry_rate != DEFAULT_RATE:
+                self._ask_rate(self.heard)
+            self._on_ready(known, restarted, self.heard)
 
-        self.ask('L', str(first), done, now)
+        self.ask('L', str(accepted + 1), done, now)
+
+    def _ask_rate(self, now: float) -> None:
+        def done(code: int, text: str) -> None:
+            if code != OK and self.ready:
+                self.failed = f'the telemetry rate was not taken: {text}'
+
+        self.ask('T', f'{self.params.telemetry_rate:g}', done, now)
 
     # ---- to the controller
 
-    def ask(self, letter: str, args: str, done, now: float, repeat: bool = True) -> None:
+    def ask(self, letter: str, args: str, done, now: float) -> None:
         """Sends an immediate line; `done(code, text)` is called once. Raises FrameError, see `frames.immediate`."""
-        self.out.append(self.requests.ask(letter, args, done, now, repeat))
+        self.out.append(self.requests.ask(letter, args, done, now))
 
     def resync(self) -> None:
         """After lines were dropped: agree on the next number before anything else is sent."""
@@ -215,15 +228,22 @@ class Link:
         self._token = (self._token + 1) % SEQUENCE
         if len(self._pings) > PONGS:
             self._pings.clear()
-        self._pings[self._token] = now
-        self.out.append(frames.heartbeat(self._token, self._lease_us(t_us)))
+        self._pings[self._token] = None
+        self.out.append(frames.heartbeat(self._token, self._lease_us(t_us), self.sender.digits))
         self._beat, self._beat_us = now, t_us
+
+    def wrote(self, now: float) -> None:
+        """What `poll` returned last was handed to the port at `now`: round trips count from here."""
+        for token in reversed(self._pings):
+            if self._pings[token] is not None:
+                return
+            self._pings[token] = now
 
     def poll(self, now: float) -> bytes:
         """To be called after every line and at least every 20 ms: what is to be written now."""
         if self.phase == Phase.READY:
             self._poll_ready(now)
-        elif self.phase in (Phase.LISTEN, Phase.IDENTIFY):
+        elif self.phase == Phase.IDENTIFY:
             self._poll_identify(now)
         if self.phase >= Phase.SYNC:
             if now - self._beat >= self.params.heartbeat_period:
@@ -247,12 +267,7 @@ class Link:
             self.out.append(lines)
 
     def _poll_identify(self, now: float) -> None:
-        if self.phase == Phase.LISTEN:
-            heard = self._listened or self._boot is None
-            wait = LISTEN if heard else self.params.identify_timeout
-            if now - self._since < wait:
-                return
-            self.phase, self._since, self._asked = Phase.IDENTIFY, now, now - ASK_AGAIN
+        """Asks with the strong check first; a controller that does not know it understands the other one."""
         if now - self._since > self.params.identify_timeout:
             self.failed = (
                 f'no valid answer to $I within {self.params.identify_timeout:g} s: '
@@ -260,4 +275,6 @@ class Link:
             )
         elif now - self._asked >= ASK_AGAIN:
             self._asked = now
-            self.out.append(b'\n' + frames.immediate('I'))
+            digits = frames.CRC16 if self._attempts % 2 else frames.CRC32
+            self._attempts += 1
+            self.out.append(b'\n' + frames.immediate('I', 'keep', 0, digits))

@@ -18,7 +18,12 @@ CLASS_OF = {
     205: 'arc',
     206: 'wire',
     207: 'gas',
+    208: 'arc',
+    209: 'arc',
+    210: 'temperature',
+    211: 'wire',
     300: 'operator',
+    306: 'operator',
 }  # all others: 'link'
 RESEND_WINDOW = 10.0  # s
 RESEND_LEAST = 5  # lines sent again in the window below which no rate is judged

@@ -25,6 +25,17 @@ class BridgeParams:
         3.0, 'without any line for so long the port is opened anew', 's', 0.5, 60.0
     )
     reconnect_period: float = param(0.5, 'between attempts to open the port', 's', 0.05, 30.0)
+    telemetry_rate: float = param(
+        100.0, 'frames per second of controller time that the controller sends', 'Hz', 10.0, 1000.0
+    )
+    window: int = param(
+        2048,
+        "most bytes under way to the controller, within its buffer; at a UART's rate this bounds how long an "
+        'override waits behind segments',
+        'B',
+        256,
+        65535,
+    )
     heartbeat_period: float = param(
         0.05, 'between heartbeats, controller time and wall time', 's', 0.01, 0.2
     )

@@ -1,4 +1,4 @@
-"""Immediate lines that wait for their answer: order, repetition, time limit. Pure: time is an argument (s)."""
+"""Immediate lines that wait for their answer: tokens, repetition, time limit. Pure: time is an argument (s)."""
 
 from __future__ import annotations
 
@@ -8,17 +8,21 @@ from dataclasses import dataclass
 from . import frames
 
 # error codes of waam_msgs/srv/Command
-OK, NOT_CONNECTED, WRONG_STATE, BAD_ARGUMENT, REFUSED, TIMEOUT = 0, 300, 304, 306, 307, 308
+OK, NOT_CONNECTED, WRONG_STATE, BAD_ARGUMENT, REFUSED, TIMEOUT = (0, 300, 304, 306, 307, 308)
 
 Done = Callable[[int, str], None]  # called once with code and text
 
-REPEAT_AFTER = 0.25  # s without an answer; only lines that may be repeated
+REPEAT_AFTER = 0.1  # s without an answer; the controller does a repeated line once
+REPEAT_URGENT = 0.03  # s, for what has to act at once
+URGENT = 'PSV'
 LIMIT = 1.0  # s
+TOKENS = 2**32
 
 
 @dataclass
 class _Request:
     letter: str
+    token: int
     line: bytes
     done: Done
     asked: float
@@ -26,25 +30,33 @@ class _Request:
 
 
 class Requests:
-    """Answers carry only the letter of the line, so per letter they belong to the oldest request."""
+    """Every line carries a token that its answer repeats, so a late answer is never taken for another one's."""
 
     def __init__(self) -> None:
+        self.digits = frames.CRC16
         self._waiting: list[_Request] = []
+        self._token = 0
 
-    def ask(self, letter: str, args: str, done: Done, now: float, repeat: bool = True) -> bytes:
-        """The line to write. `repeat`: it may be sent twice without harm. Raises FrameError, see `frames.immediate`."""
-        line = frames.immediate(letter, args)
-        again = now + REPEAT_AFTER if repeat else float('inf')
-        self._waiting.append(_Request(letter, line, done, now, again))
+    def ask(self, letter: str, args: str, done: Done, now: float) -> bytes:
+        """The line to write. Raises FrameError, see `frames.immediate`."""
+        self._token = self._token % (TOKENS - 1) + 1
+        line = frames.immediate(letter, args, self._token, self.digits)
+        self._waiting.append(_Request(letter, self._token, line, done, now, now + _pause(letter)))
         return line
 
     def waits(self, letter: str) -> bool:
         return any(r.letter == letter for r in self._waiting)
 
+    def supersede(self, letter: str, text: str) -> None:
+        """Requests with this letter are not repeated any more, for a newer one says what holds."""
+        for r in [r for r in self._waiting if r.letter == letter]:
+            self._waiting.remove(r)
+            r.done(OK, text)
+
     def answer(self, answer: frames.Answer) -> bool:
-        """Ends the oldest request with this letter; False when none waits (the second answer to a repeated line)."""
+        """Ends the request with this token; False when none waits (the second answer to a repeated line)."""
         for r in self._waiting:
-            if r.letter == answer.letter:
+            if r.token == answer.token and answer.letter in (r.letter, '?'):
                 self._waiting.remove(r)
                 if answer.code:
                     text = answer.text or frames.CODES.get(answer.code, '')
@@ -62,7 +74,7 @@ class Requests:
                 self._waiting.remove(r)
                 r.done(TIMEOUT, f'the controller did not answer ${r.letter} within {LIMIT:g} s')
             elif now > r.again:
-                r.again = now + REPEAT_AFTER
+                r.again = now + _pause(r.letter)
                 out += r.line
         return out
 
@@ -71,3 +83,7 @@ class Requests:
         waiting, self._waiting = self._waiting, []
         for r in waiting:
             r.done(NOT_CONNECTED, text)
+
+
+def _pause(letter: str) -> float:
+    return REPEAT_URGENT if letter in URGENT else REPEAT_AFTER

@@ -15,8 +15,6 @@ from . import frames
 RESERVE = 200  # bytes of the receive buffer that are left to heartbeats and other immediate lines
 BACKOFF_MAX = 2.0  # s
 REPEAT = 0.02  # s, above a round trip: requests for one line within it come from the same gap
-MODAL = (b'F', b'W', b'S')
-UNITS = b'G21 G90'  # what every program starts with
 
 
 class Sender:
@@ -27,8 +25,10 @@ class Sender:
     until `resync`.
     """
 
-    def __init__(self, timeout: float = 0.2) -> None:
+    def __init__(self, timeout: float = 0.2, window: int = 65535) -> None:
         self.timeout = timeout  # s without progress after which the oldest line is sent again
+        self.window = window  # most bytes under way
+        self.digits = frames.CRC16  # of the check of every line
         self.acked = 0  # last line in the controller's queue
         self.next = 1  # number of the next line to be put
         self.blocked = True
@@ -38,7 +38,6 @@ class Sender:
         self._high = 0  # largest number ever written
         self._lines: deque[bytes] = deque()  # G-code of line acked + 1 and following
         self._marks: deque[tuple[int, Any]] = deque()  # (line, what is done once it is executed)
-        self._words: dict[bytes, bytes] = {}  # F, W and S as the acknowledged lines left them
         self._blocks = self._room = self._rx = 0
         self._flight = 0  # bytes written and not acknowledged
         self._progress = 0.0  # s, when something was last acknowledged or first written
@@ -98,7 +97,8 @@ class Sender:
         self.acked = first - 1
         self._cursor, self._flight = first, 0
         self._high = max(self._high, self.acked)
-        self._blocks, self._room, self._rx = blocks, rx - RESERVE, rx - RESERVE
+        self._rx = self._room = min(rx - RESERVE, self.window)
+        self._blocks = blocks
         self._progress, self._backoff, self._probe = now, self.timeout, 0
         self.blocked = False
 
@@ -106,7 +106,6 @@ class Sender:
         """Another controller, or the same one after its restart: numbers begin anew, nothing is kept."""
         self._lines.clear()
         self._marks.clear()
-        self._words.clear()
         self.acked = self._high = self._flight = 0
         self.next = self._cursor = 1
         self.blocked = True
@@ -125,19 +124,6 @@ class Sender:
         self.blocked = True
         return before - len(self._marks)
 
-    def restore_words(self) -> None:
-        """Gives the next line all modal words that the lines before it have set.
-
-        The controller may have forgotten them.
-        """
-        if not self._lines or not self._words:
-            return
-        line = self._lines[0]
-        has = {w[:1] for w in line.split()}
-        missing = [w for letter, w in self._words.items() if letter not in has]
-        units = [] if line.startswith(UNITS) else [UNITS]
-        self._lines[0] = b' '.join([*units, line, *missing])
-
     def ack(self, seq: int, blocks: int, room: int | None, now: float) -> None:
         """Everything up to `seq` is accepted. `room`: free bytes then, None when not told (telemetry)."""
         if self.blocked or seq > self._high or seq < self.acked:
@@ -146,7 +132,7 @@ class Sender:
             self._accept(seq, now)
         self._blocks = blocks
         if room is not None:
-            self._room = room - RESERVE
+            self._room = min(room - RESERVE, self.window)
         if self._probe and self._probe == seq and self.in_flight:
             self._rewind(seq + 1)
         if self._probe <= seq:
@@ -155,7 +141,6 @@ class Sender:
     def _accept(self, seq: int, now: float) -> None:
         for n in range(self.acked + 1, seq + 1):
             line = self._lines.popleft()
-            self._words.update((w[:1], w) for w in line.split() if w[:1] in MODAL)
             if n < self._cursor:
                 self._flight -= self._size(n, line)
         self.acknowledged += seq - self.acked
@@ -186,10 +171,9 @@ class Sender:
             done.append(self._marks.popleft()[1])
         return done
 
-    @staticmethod
-    def _size(seq: int, gcode: bytes) -> int:
+    def _size(self, seq: int, gcode: bytes) -> int:
         """Bytes of the sealed line."""
-        return len(gcode) + len(str(seq)) + 9
+        return len(gcode) + len(str(seq)) + 4 + self.digits
 
     def poll(self, now: float) -> bytes:
         """What may be written now."""
@@ -204,7 +188,7 @@ class Sender:
         self._backoff = min(2 * self._backoff, BACKOFF_MAX)
         self._probe = self.acked + 1
         self.resends += 1
-        return frames.queued(self._probe, self._lines[0])
+        return frames.queued(self._probe, self._lines[0], self.digits)
 
     def _fill_window(self, now: float) -> bytes:
         flight = self.in_flight
@@ -216,7 +200,7 @@ class Sender:
             size = self._size(self._cursor, line)
             if self._flight + size > self._room:
                 break
-            out += frames.queued(self._cursor, line)
+            out += frames.queued(self._cursor, line, self.digits)
             self.lines_sent += 1
             if self._cursor <= self._high:
                 self.resends += 1

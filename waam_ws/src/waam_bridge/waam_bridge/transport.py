@@ -7,6 +7,7 @@ import errno
 import os
 import select
 import threading
+import time
 from typing import Protocol
 
 import serial
@@ -26,7 +27,7 @@ class Owner(Protocol):
     """Called from the transport's thread only."""
 
     def on_open(self) -> None: ...
-    def on_lines(self, lines: list[bytes]) -> None: ...
+    def on_lines(self, lines: list[bytes], read_at: float) -> None: ...
     def on_idle(self) -> None: ...
     def on_close(self, reason: str) -> None: ...
     def on_crash(self, error: Exception) -> None: ...
@@ -163,11 +164,12 @@ class SerialTransport:
     def _read(self, rest: bytes) -> bytes:
         """Reads what is there, hands the whole lines over, and returns the incomplete one."""
         data = os.read(self._fd, READ_BYTES)
+        read_at = time.monotonic()
         if not data:
             raise OSError(errno.EIO, 'the other end hung up')
         *lines, rest = (rest + data).split(b'\n')
         if lines:
-            self.owner.on_lines(lines)
+            self.owner.on_lines(lines, read_at)
         return b'' if len(rest) > LINE_LIMIT else rest
 
 

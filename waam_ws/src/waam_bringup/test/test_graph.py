@@ -15,7 +15,7 @@ from waam_bringup import run_state
 from waam_bringup.graph import GraphError, Settings, fill, load, processes
 from waam_bringup.parts import DEPTH, HEIGHT, write_parts
 from waam_bringup.run_state import NodeState, RunState, describe_exit
-from waam_bringup.supervisor import mark_interrupted
+from waam_bringup.supervisor import Supervisor, mark_interrupted
 
 
 def settings(tmp_path, **changes) -> Settings:
@@ -38,6 +38,19 @@ def test_every_ros_node_but_the_panel_is_in_the_lease(tmp_path):
     lease = next(a for a in job.command if a.startswith('lease_nodes:='))
     for p in specs:
         assert (p.name in lease) == (p.ros and p.name != 'panel')
+
+
+def test_panel_gets_its_port_and_folders_and_its_address_is_in_the_state(tmp_path, monkeypatch):
+    monkeypatch.setenv('WAAM_JOBS', str(tmp_path / 'jobs'))
+    made = settings(tmp_path, panel_port=8601)
+    command = next(p.command for p in processes(made) if p.name == 'panel')
+    assert 'port:=8601' in command and f'jobs_dir:="{tmp_path}/jobs"' in command
+    folders = next(a for a in command if a.startswith('part_folders:='))
+    first, second = json.loads(folders.split(':=')[1])
+    assert first == f'{tmp_path}/jobs/parts' and (Path(second) / 'jaw_nominal.stl').is_file()
+    assert Supervisor(made, 1).state.panel_url == 'http://127.0.0.1:8601/'
+    without = settings(tmp_path, panel_port=8601, without=('panel',))
+    assert Supervisor(without, 1).state.panel_url == ''
 
 
 def test_leaving_out_an_unknown_node_is_refused(tmp_path):

@@ -1,33 +1,55 @@
 /* From a parsed command to blocks of the queue, with everything that can be refused. */
 #include <math.h>
 
+#include "waam_arcs.h"
 #include "waam_internal.h"
 
-static bool soft_limit(const waam_core_t *core, const double target_mm[WAAM_AXES], waam_error_t *error)
+#define SHORTEST_MM 5e-4 /* a move below this makes no block of its own but becomes part of the next */
+#define WIRE_MOST_MM 1e4 /* that one line may feed */
+
+double waam_core_zero_mm(const waam_core_t *core, const waam_modal_t *modal, int axis)
 {
-    const waam_config_t *c = &core->config;
-    double half_step = 0.5 / c->steps_per_mm;
+    return core->work_mm[modal->frame][axis] + modal->g92_mm[axis];
+}
+
+/* ---- soft limits ---- */
+
+static bool outside(const waam_core_t *core, int axis, double at_mm)
+{
+    double half_step = 0.5 / core->config.steps_per_mm;
+    return !(at_mm > core->config.limit_min_mm[axis] - half_step && at_mm < core->config.limit_max_mm[axis] + half_step);
+}
+
+/* The whole path, not only its end, stays inside the machine. */
+static bool soft_limit(const waam_core_t *core, const waam_path_t *path, const size_t column[WAAM_AXES],
+                       waam_error_t *error)
+{
     for (int i = 0; i < WAAM_AXES; i++) {
-        double low = c->limit_min_mm[i], high = c->limit_max_mm[i], at = target_mm[i];
-        if (at > low - half_step && at < high + half_step)
+        double low, high;
+        waam_path_reach(path, i, &low, &high);
+        if (!outside(core, i, low) && !outside(core, i, high))
             continue;
-        waam_fail(error, WAAM_E_SOFT_LIMIT, 1, "");
+        bool on_the_way = !outside(core, i, path->end_mm[i]);
+        waam_fail(error, WAAM_E_SOFT_LIMIT, column ? column[i] : 1, on_the_way ? "the arc reaches " : "");
         waam_text_char(&error->text, waam_axis_names[i]);
         waam_text_char(&error->text, ' ');
-        waam_text_fixed(&error->text, at, 3);
+        waam_text_fixed(&error->text, !on_the_way ? path->end_mm[i] : outside(core, i, high) ? high : low, 3);
         waam_text_add(&error->text, " mm (machine) is outside ");
-        waam_text_fixed(&error->text, low, 3);
+        waam_text_fixed(&error->text, core->config.limit_min_mm[i], 3);
         waam_text_add(&error->text, "..");
-        waam_text_fixed(&error->text, high, 3);
+        waam_text_fixed(&error->text, core->config.limit_max_mm[i], 3);
         return false;
     }
     return true;
 }
 
+/* ---- blocks ---- */
+
 static waam_block_t block_of(const waam_core_t *core, waam_block_kind_t kind, uint32_t line)
 {
     return (waam_block_t){.kind = kind, .line = line, .wire_mm_s = core->modal.wire_mm_s,
-                          .voltage_v = core->modal.voltage_v};
+                          .voltage_v = core->modal.voltage_v, .after = core->modal,
+                          .coupled = core->modal.wire_mode != WAAM_WIRE_VELOCITY};
 }
 
 /* A line that needs no time is done together with what comes before it. */
@@ -36,69 +58,13 @@ static void attach(waam_core_t *core, uint32_t line)
     waam_block_t *tail = waam_planner_tail(&core->planner);
     if (!line)
         return;
-    if (tail)
+    if (tail) {
         tail->line = line;
-    else
+        tail->after = core->modal;
+    } else {
         core->executed = line;
-}
-
-bool waam_core_plan_move(waam_core_t *core, const double target_mm[WAAM_AXES], double speed_mm_s, uint32_t line,
-                         bool jog, waam_error_t *error)
-{
-    waam_block_t block = block_of(core, WAAM_BLOCK_MOVE, line);
-    double delta[WAAM_AXES];
-    bool moves = false;
-    for (int i = 0; i < WAAM_AXES; i++) {
-        if (fabs(target_mm[i]) > 1e6)
-            return waam_fail(error, WAAM_E_NUMBER, 1, "a coordinate is out of range");
-        block.start[i] = core->plan_steps[i];
-        block.end[i] = (int32_t)lround(target_mm[i] * core->config.steps_per_mm);
-        delta[i] = target_mm[i] - core->plan_mm[i];
-        moves = moves || block.end[i] != block.start[i];
+        core->executed_modal = core->modal;
     }
-    if (core->plan_homed && !soft_limit(core, target_mm, error))
-        return false;
-    if (!moves) {
-        attach(core, line);
-        return true;
-    }
-    block.jog = jog;
-    block.nominal_mm_s = speed_mm_s;
-    waam_block_geometry(&block, delta, &core->kinematics);
-    waam_planner_push(&core->planner, &block, &core->kinematics);
-    for (int i = 0; i < WAAM_AXES; i++) {
-        core->plan_mm[i] = target_mm[i];
-        core->plan_steps[i] = block.end[i];
-    }
-    return true;
-}
-
-static bool plan_motion(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
-{
-    double target[WAAM_AXES];
-    bool rapid = command->modal.motion == WAAM_MOTION_RAPID;
-    if (!core->plan_homed)
-        return waam_fail(error, WAAM_E_NOT_HOMED, 1, "not homed: send G28 first");
-    for (int i = 0; i < WAAM_AXES; i++) {
-        double shift = command->machine_frame ? 0.0 : core->work_mm[i] + core->g92_mm[i];
-        if (!command->has[i])
-            target[i] = core->plan_mm[i];
-        else
-            target[i] = command->axis_mm[i] + (command->modal.relative ? core->plan_mm[i] : shift);
-    }
-    return waam_core_plan_move(core, target, rapid ? core->config.rapid_mm_s : command->modal.feed_mm_s, line, false,
-                               error);
-}
-
-static bool plan_arc_start(const waam_core_t *core, waam_error_t *error)
-{
-    if (!core->plan_homed)
-        return waam_fail(error, WAAM_E_NOT_HOMED, 1, "M3: not homed");
-    if (!core->armed)
-        return waam_fail(error, WAAM_E_NOT_ARMED, 1, "M3: not armed for a job");
-    if (core->inputs.process != WAAM_PROCESS_OK)
-        return waam_fail(error, WAAM_E_INPUTS, 1, "M3: no arc and wire measurements are connected");
-    return core->plan_arc ? waam_fail(error, WAAM_E_CONTRADICTION, 1, "M3: the arc is on already") : true;
 }
 
 static void push(waam_core_t *core, waam_block_kind_t kind, uint32_t line, double dwell_s)
@@ -108,35 +74,201 @@ static void push(waam_core_t *core, waam_block_kind_t kind, uint32_t line, doubl
     waam_planner_push(&core->planner, &block, &core->kinematics);
 }
 
-static void set_position(waam_core_t *core, const waam_command_t *command, uint32_t line)
+/* Appends a block along `path`, which was found to be inside the machine. */
+static void push_move(waam_core_t *core, waam_block_t *block)
+{
+    waam_block_complete(block, &core->kinematics);
+    waam_planner_push(&core->planner, block, &core->kinematics);
+    for (int i = 0; i < WAAM_AXES && !block->wire_only; i++)
+        core->plan_mm[i] = core->path_mm[i] = block->path.end_mm[i];
+}
+
+bool waam_core_plan_jog(waam_core_t *core, const double delta_mm[WAAM_AXES], double speed_mm_s, waam_error_t *error)
+{
+    waam_block_t block = block_of(core, WAAM_BLOCK_MOVE, 0);
+    double target[WAAM_AXES];
+    for (int i = 0; i < WAAM_AXES; i++) {
+        target[i] = core->plan_mm[i] + delta_mm[i];
+        if (fabs(target[i]) > 1e6)
+            return waam_fail(error, WAAM_E_NUMBER, 1, "a coordinate is out of range");
+    }
+    block.jog = true;
+    block.coupled = false;
+    block.nominal_mm_s = speed_mm_s;
+    block.path = waam_path_line(core->path_mm, target);
+    if (core->plan_homed && !soft_limit(core, &block.path, NULL, error))
+        return false;
+    if (block.path.length_mm >= SHORTEST_MM)
+        push_move(core, &block);
+    return true;
+}
+
+/* ---- moves of the program ---- */
+
+static bool path_of(const waam_core_t *core, const waam_command_t *command, waam_path_t *path, waam_error_t *error)
+{
+    double target[WAAM_AXES], zero[WAAM_AXES];
+    for (int i = 0; i < WAAM_AXES; i++) {
+        zero[i] = waam_core_zero_mm(core, &command->modal, i);
+        double base = command->modal.relative ? core->plan_mm[i] : command->machine_frame ? 0.0 : zero[i];
+        target[i] = command->has[i] ? base + command->axis_mm[i] : core->plan_mm[i];
+        if (fabs(target[i]) > 1e6)
+            return waam_fail(error, WAAM_E_NUMBER, command->axis_column[i], "a coordinate is out of range");
+    }
+    if (command->modal.motion >= WAAM_MOTION_ARC_CW)
+        return waam_arc_path(core->plan_mm, target, zero, command, path, error);
+    *path = waam_path_line(core->path_mm, target);
+    return true;
+}
+
+static double nominal_speed(const waam_core_t *core, const waam_command_t *command, double length_mm)
+{
+    if (command->modal.motion == WAAM_MOTION_RAPID)
+        return core->config.rapid_mm_s;
+    return command->modal.inverse_time ? fmax(length_mm * command->per_s, 1e-3) : command->modal.feed_mm_s;
+}
+
+/* E without a travel, or with one too short for a block: a length of wire, at the feed F. */
+static bool plan_wire(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
+{
+    waam_block_t block = block_of(core, WAAM_BLOCK_MOVE, line);
+    if (core->plan_arc && command->wire_mm < 0.0)
+        return waam_fail(error, WAAM_E_CONTRADICTION, command->wire_column, "E: no wire is drawn back with the arc on");
+    if (fabs(command->wire_mm) < SHORTEST_MM) {
+        attach(core, line);
+        return true;
+    }
+    block.path = waam_path_line(core->path_mm, core->path_mm);
+    block.path.length_mm = fabs(command->wire_mm);
+    block.wire_only = true;
+    block.wire_per_mm = command->wire_mm < 0.0 ? -1.0 : 1.0;
+    block.nominal_mm_s = nominal_speed(core, command, block.path.length_mm);
+    push_move(core, &block);
+    return true;
+}
+
+static bool plan_motion(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
+{
+    waam_block_t block = block_of(core, WAAM_BLOCK_MOVE, line);
+    if (fabs(command->wire_mm) > WIRE_MOST_MM)
+        return waam_fail(error, WAAM_E_NUMBER, command->wire_column, "E feeds more than 10000 mm in one line");
+    if (!command->travels)
+        return plan_wire(core, command, line, error);
+    if (!core->plan_homed)
+        return waam_fail(error, WAAM_E_NOT_HOMED, command->axis_column[0], "not homed: send G28 first");
+    if (command->has_wire && (!core->plan_arc || command->wire_mm < 0.0))
+        return waam_fail(error, WAAM_E_CONTRADICTION, command->wire_column,
+                         "E with a travel feeds forwards, and the arc is on (M3)");
+    if (!path_of(core, command, &block.path, error) || !soft_limit(core, &block.path, command->axis_column, error))
+        return false;
+    if (block.path.length_mm < SHORTEST_MM) {
+        for (int i = 0; i < WAAM_AXES; i++)
+            core->plan_mm[i] = block.path.end_mm[i];
+        return plan_wire(core, command, line, error);
+    }
+    block.nominal_mm_s = nominal_speed(core, command, block.path.length_mm);
+    block.wire_per_mm = command->wire_mm / block.path.length_mm;
+    push_move(core, &block);
+    return true;
+}
+
+/* ---- frames ---- */
+
+static bool set_position(waam_core_t *core, const waam_command_t *command, uint32_t line)
 {
     for (int i = 0; i < WAAM_AXES; i++)
         if (command->has[i])
-            core->g92_mm[i] = core->plan_mm[i] - core->work_mm[i] - command->axis_mm[i];
+            core->modal.g92_mm[i] = core->plan_mm[i] - core->work_mm[core->modal.frame][i] - command->axis_mm[i];
+        else if (command->action == WAAM_DO_CLEAR_POSITION)
+            core->modal.g92_mm[i] = 0.0;
     attach(core, line);
+    return true;
 }
 
-static bool plan_home(waam_core_t *core, uint32_t line, waam_error_t *error)
+bool waam_core_waits(const waam_core_t *core, const waam_command_t *command)
+{
+    return command->action == WAAM_DO_SET_FRAME && core->planner.count > 0 && !core->plan_arc;
+}
+
+/* Taken only when nothing is planned, so that it changes nothing under a running program. */
+static bool set_frame(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
+{
+    double *zero_mm = core->work_mm[command->frame];
+    if (core->plan_arc)
+        return waam_fail(error, WAAM_E_CONTRADICTION, command->action_column, "G10: end the arc first");
+    for (int i = 0; i < WAAM_AXES; i++)
+        if (command->has[i])
+            zero_mm[i] = command->from_here ? core->plan_mm[i] - core->modal.g92_mm[i] - command->axis_mm[i]
+                                            : command->axis_mm[i];
+    attach(core, line);
+    return true;
+}
+
+/* ---- actions ---- */
+
+static bool plan_home(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
 {
     const waam_config_t *c = &core->config;
     if (core->plan_arc)
-        return waam_fail(error, WAAM_E_CONTRADICTION, 1, "G28: end the arc first");
+        return waam_fail(error, WAAM_E_CONTRADICTION, command->action_column, "G28: end the arc first");
     push(core, WAAM_BLOCK_HOME, line, 0.0);
-    for (int i = 0; i < WAAM_AXES; i++) {
-        core->plan_mm[i] = c->home_direction[i] < 0 ? c->limit_min_mm[i] : c->limit_max_mm[i];
-        core->plan_steps[i] = (int32_t)lround(core->plan_mm[i] * c->steps_per_mm);
-    }
+    for (int i = 0; i < WAAM_AXES; i++)
+        core->plan_mm[i] = core->path_mm[i] = c->home_direction[i] < 0 ? c->limit_min_mm[i] : c->limit_max_mm[i];
     core->plan_homed = true;
     return true;
 }
 
-static void plan_arc_end(waam_core_t *core, waam_block_kind_t kind, uint32_t line)
+static bool plan_arc_start(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
+{
+    size_t column = command->action_column;
+    if (!core->plan_homed)
+        return waam_fail(error, WAAM_E_NOT_HOMED, column, "M3: not homed");
+    if (!core->armed)
+        return waam_fail(error, WAAM_E_NOT_ARMED, column, "M3: not armed for a job");
+    if (core->inputs.process != WAAM_PROCESS_OK)
+        return waam_fail(error, WAAM_E_INPUTS, column, "M3: no arc and wire measurements are connected");
+    if (core->plan_arc)
+        return waam_fail(error, WAAM_E_CONTRADICTION, column, "M3: the arc is on already");
+    push(core, WAAM_BLOCK_ARC_START, line, 0.0);
+    core->plan_arc = true;
+    return true;
+}
+
+static bool plan_arc_end(waam_core_t *core, waam_block_kind_t kind, uint32_t line)
 {
     if (core->plan_arc || kind == WAAM_BLOCK_FINISH)
         push(core, kind, line, 0.0);
     else
         attach(core, line);
     core->plan_arc = false;
+    return true;
+}
+
+static bool plan_simple(waam_core_t *core, const waam_command_t *command, uint32_t line)
+{
+    switch (command->action) {
+    case WAAM_DO_DWELL: push(core, WAAM_BLOCK_DWELL, line, command->dwell_s); break;
+    case WAAM_DO_GAS_ON: push(core, WAAM_BLOCK_GAS_ON, line, 0.0); break;
+    case WAAM_DO_GAS_OFF: push(core, WAAM_BLOCK_GAS_OFF, line, 0.0); break;
+    case WAAM_DO_PAUSE: push(core, WAAM_BLOCK_PAUSE, line, 0.0); break;
+    default: attach(core, line); break;
+    }
+    return true;
+}
+
+static bool plan(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
+{
+    switch (command->action) {
+    case WAAM_DO_MOVE: return plan_motion(core, command, line, error);
+    case WAAM_DO_HOME: return plan_home(core, command, line, error);
+    case WAAM_DO_SET_POSITION:
+    case WAAM_DO_CLEAR_POSITION: return set_position(core, command, line);
+    case WAAM_DO_SET_FRAME: return set_frame(core, command, line, error);
+    case WAAM_DO_ARC_START: return plan_arc_start(core, command, line, error);
+    case WAAM_DO_ARC_END: return plan_arc_end(core, WAAM_BLOCK_ARC_END, line);
+    case WAAM_DO_FINISH: return plan_arc_end(core, WAAM_BLOCK_FINISH, line);
+    default: return plan_simple(core, command, line);
+    }
 }
 
 /* Modal words take effect for the line that carries them, so they are in force before its block is made. */
@@ -144,27 +276,8 @@ bool waam_core_plan(waam_core_t *core, const waam_command_t *command, uint32_t l
 {
     waam_modal_t before = core->modal;
     core->modal = command->modal;
-    bool good = true;
-    switch (command->action) {
-    case WAAM_DO_NOTHING: attach(core, line); break;
-    case WAAM_DO_MOVE: good = plan_motion(core, command, line, error); break;
-    case WAAM_DO_DWELL: push(core, WAAM_BLOCK_DWELL, line, command->dwell_s); break;
-    case WAAM_DO_HOME: good = plan_home(core, line, error); break;
-    case WAAM_DO_SET_POSITION: set_position(core, command, line); break;
-    case WAAM_DO_ARC_START:
-        good = plan_arc_start(core, error);
-        if (good) {
-            push(core, WAAM_BLOCK_ARC_START, line, 0.0);
-            core->plan_arc = true;
-        }
-        break;
-    case WAAM_DO_ARC_END: plan_arc_end(core, WAAM_BLOCK_ARC_END, line); break;
-    case WAAM_DO_FINISH: plan_arc_end(core, WAAM_BLOCK_FINISH, line); break;
-    case WAAM_DO_GAS_ON: push(core, WAAM_BLOCK_GAS_ON, line, 0.0); break;
-    case WAAM_DO_GAS_OFF: push(core, WAAM_BLOCK_GAS_OFF, line, 0.0); break;
-    case WAAM_DO_PAUSE: push(core, WAAM_BLOCK_PAUSE, line, 0.0); break;
-    }
-    if (!good)
-        core->modal = before;
-    return good;
+    if (plan(core, command, line, error))
+        return true;
+    core->modal = before;
+    return false;
 }

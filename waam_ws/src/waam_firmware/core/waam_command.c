@@ -1,4 +1,4 @@
-/* Immediate lines: "$<letter> <args>", answered at once with the same letter. */
+/* Immediate lines: "$<letter>[@<token>] <args>", answered at once with the same letter and token. */
 #include <math.h>
 
 #include "waam_internal.h"
@@ -7,6 +7,9 @@ typedef struct {
     waam_core_t *core;
     waam_cursor_t args;
     char letter;
+    bool has_token;
+    uint32_t token;
+    waam_code_t code; /* of the refusal */
     waam_text_t answer;
 } request_t;
 
@@ -15,12 +18,17 @@ static void begin(request_t *r)
     waam_text_clear(&r->answer);
     waam_text_char(&r->answer, '$');
     waam_text_char(&r->answer, r->letter);
+    if (r->has_token) {
+        waam_text_char(&r->answer, '@');
+        waam_text_uint(&r->answer, r->token);
+    }
     waam_text_char(&r->answer, ' ');
 }
 
 static void refuse(request_t *r, waam_code_t code, const char *text)
 {
     begin(r);
+    r->code = code;
     waam_text_add(&r->answer, "error E");
     waam_text_uint(&r->answer, code);
     waam_text_char(&r->answer, ' ');
@@ -64,34 +72,55 @@ static void offset(request_t *r)
     for (int i = 0; i < WAAM_AXES; i++) {
         if (i)
             waam_text_char(&r->answer, ',');
-        waam_text_fixed(&r->answer, core->work_mm[i] + core->g92_mm[i], 4);
+        waam_text_fixed(&r->answer, waam_core_zero_mm(core, &core->executed_modal, i), 4);
     }
 }
 
+void waam_core_new_program(waam_core_t *core) { core->modal = core->executed_modal = (waam_modal_t){0}; }
+
+static void field(request_t *r, const char *name, uint64_t value)
+{
+    waam_text_add(&r->answer, name);
+    waam_text_uint(&r->answer, value);
+}
+
+static void describe(request_t *r)
+{
+    waam_core_t *core = r->core;
+    field(r, "WAAM_CONTROLLER_V1 fw=" WAAM_FIRMWARE_VERSION " boot=", core->config.boot_id);
+    waam_text_add(&r->answer, core->config.clock_is_ros_time ? " clk=sync" : " clk=free");
+    field(r, " blocks=", WAAM_BLOCKS);
+    field(r, " rx=", WAAM_RING_BYTES);
+    waam_text_add(&r->answer, " lim=");
+    limits(r);
+    field(r, " spmm=", (uint64_t)core->config.steps_per_mm);
+    waam_text_add(&r->answer, " off=");
+    offset(r);
+    field(r, " acc=", core->link.accepted);
+    field(r, " exe=", core->executed);
+    waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,CRC32,XOR8,G2,G54,G59,G92,E,TOKEN,RATE,STOCK");
+}
+
+/* "$I keep": the host will say by $L which line comes next; until then the last accepted line cannot change.
+ * "$I" alone: an idle controller starts to count at 1. */
 static void identify(request_t *r)
 {
     waam_core_t *core = r->core;
-    if (core->state == WAAM_IDLE && core->planner.count == 0) {
+    waam_skip_spaces(&r->args);
+    bool keep = r->args.length - r->args.at >= 4 && r->args.text[r->args.at] == 'k';
+    core->link.dialect = WAAM_DIALECT_NATIVE;
+    core->link.strong = core->link.check_digits == 10;
+    core->link.base = 0;
+    core->telemetry_us = core->config.telemetry_us;
+    core->recent_count = 0;
+    if (keep) {
+        waam_link_block(&core->link, false);
+    } else if (core->state == WAAM_IDLE && core->planner.count == 0) {
         waam_link_resync(&core->link, 1);
         core->executed = 0;
-        core->modal = (waam_modal_t){0};
-        for (int i = 0; i < WAAM_AXES; i++)
-            core->g92_mm[i] = 0.0;
+        waam_core_new_program(core);
     }
-    waam_text_add(&r->answer, "WAAM_CONTROLLER_V1 fw=" WAAM_FIRMWARE_VERSION " boot=");
-    waam_text_uint(&r->answer, core->config.boot_id);
-    waam_text_add(&r->answer, core->config.clock_is_ros_time ? " clk=sync" : " clk=free");
-    waam_text_add(&r->answer, " blocks=");
-    waam_text_uint(&r->answer, WAAM_BLOCKS);
-    waam_text_add(&r->answer, " rx=");
-    waam_text_uint(&r->answer, WAAM_RING_BYTES);
-    waam_text_add(&r->answer, " lim=");
-    limits(r);
-    waam_text_add(&r->answer, " spmm=");
-    waam_text_uint(&r->answer, (uint64_t)core->config.steps_per_mm);
-    waam_text_add(&r->answer, " off=");
-    offset(r);
-    waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,XOR8,G54,G92");
+    describe(r);
 }
 
 /* The lease is what a node has seen of this clock, so it cannot lie in the future. */
@@ -100,7 +129,7 @@ static void heartbeat(request_t *r)
     waam_core_t *core = r->core;
     waam_skip_spaces(&r->args);
     size_t start = r->args.at;
-    while (r->args.at < r->args.length && r->args.text[r->args.at] != ' ')
+    while (r->args.at < r->args.length && r->args.text[r->args.at] > ' ' && r->args.text[r->args.at] <= '~')
         r->args.at++;
     size_t end = r->args.at;
     uint64_t lease;
@@ -112,7 +141,7 @@ static void heartbeat(request_t *r)
     core->lease_us = lease < core->now_us ? lease : core->now_us;
     waam_text_bytes(&r->answer, r->args.text + start, end - start);
     waam_text_char(&r->answer, ' ');
-    waam_text_uint(&r->answer, core->now_us);
+    waam_text_uint(&r->answer, core->now_us + core->since_tick_us);
 }
 
 static void arm(request_t *r)
@@ -134,7 +163,7 @@ static void disarm(request_t *r)
 static void jog(request_t *r)
 {
     waam_core_t *core = r->core;
-    double v[4], target[WAAM_AXES];
+    double v[4];
     waam_error_t error;
     if (core->state != WAAM_IDLE && !waam_core_jogging(core)) {
         refuse(r, WAAM_E_NOT_NOW, "jog only in IDLE");
@@ -150,9 +179,7 @@ static void jog(request_t *r)
         refuse(r, WAAM_E_NOT_NOW, "the queue is full");
         return;
     }
-    for (int i = 0; i < WAAM_AXES; i++)
-        target[i] = core->plan_mm[i] + v[i];
-    if (waam_core_plan_move(core, target, v[3] / 60.0, 0, true, &error)) {
+    if (waam_core_plan_jog(core, v, v[3] / 60.0, &error)) {
         ok(r);
         return;
     }
@@ -226,29 +253,38 @@ static void work_offset(request_t *r)
         }
     }
     for (int i = 0; i < WAAM_AXES; i++)
-        core->work_mm[i] = v[i], core->g92_mm[i] = 0.0;
+        core->work_mm[0][i] = v[i], core->modal.g92_mm[i] = core->executed_modal.g92_mm[i] = 0.0;
     ok(r);
 }
 
-static void reset(request_t *r)
+waam_code_t waam_core_reset(waam_core_t *core, const char **text)
 {
-    waam_core_t *core = r->core;
     if (core->state != WAAM_ALARM && core->state != WAAM_IDLE) {
-        refuse(r, WAAM_E_NOT_NOW, "only in ALARM or IDLE: stop first");
-        return;
+        *text = "only in ALARM or IDLE: stop first";
+        return WAAM_E_NOT_NOW;
     }
     if (core->inputs.estop) {
-        refuse(r, WAAM_E_ESTOP, "the emergency stop is still active");
-        return;
+        *text = "the emergency stop is still active";
+        return WAAM_E_ESTOP;
     }
     if (core->inputs.process == WAAM_PROCESS_LOST) {
-        refuse(r, WAAM_E_INPUTS, "the process inputs are still lost");
-        return;
+        *text = "the process inputs are still lost";
+        return WAAM_E_INPUTS;
     }
     core->homed = core->plan_homed = core->armed = false;
     if (core->state == WAAM_ALARM)
         waam_core_state(core, WAAM_IDLE, WAAM_OK, "reset; homing is lost");
-    ok(r);
+    return WAAM_OK;
+}
+
+static void reset(request_t *r)
+{
+    const char *text = "";
+    waam_code_t code = waam_core_reset(r->core, &text);
+    if (code)
+        refuse(r, code, text);
+    else
+        ok(r);
 }
 
 static void resync(request_t *r)
@@ -259,8 +295,8 @@ static void resync(request_t *r)
         refuse(r, WAAM_E_NUMBER, "use $L <next line number>");
         return;
     }
-    if (core->planner.count && next <= core->link.accepted) {
-        refuse(r, WAAM_E_NUMBER, "that line is in the queue already");
+    if (next <= core->link.accepted) {
+        refuse(r, WAAM_E_NUMBER, "that line was accepted already");
         return;
     }
     waam_link_resync(&core->link, (uint32_t)next);
@@ -269,28 +305,106 @@ static void resync(request_t *r)
     ok(r);
 }
 
+static void telemetry_rate(request_t *r)
+{
+    waam_core_t *core = r->core;
+    double hz;
+    if (!numbers(r, &hz, 1))
+        return;
+    if (hz < 1.0 || hz > 1000.0) {
+        refuse(r, WAAM_E_NUMBER, "telemetry rate: 1..1000 Hz");
+        return;
+    }
+    core->telemetry_us = (uint32_t)(1e6 / hz + 0.5);
+    core->telemetry_due_us = core->now_us + core->telemetry_us;
+    ok(r);
+}
+
 static const struct {
     char letter;
     void (*handle)(request_t *);
 } table[] = {
-    {'I', identify}, {'H', heartbeat}, {'A', arm},   {'D', disarm},   {'J', jog},         {'W', jog_wire}, {'P', hold},
-    {'R', resume},   {'S', stop},      {'V', override}, {'Z', work_offset}, {'X', reset}, {'L', resync},
+    {'I', identify}, {'H', heartbeat}, {'A', arm},      {'D', disarm},      {'J', jog},
+    {'W', jog_wire}, {'P', hold},      {'R', resume},   {'S', stop},        {'V', override},
+    {'Z', work_offset}, {'X', reset},  {'L', resync},   {'T', telemetry_rate},
 };
+
+/* ---- tokens ---- */
+
+/* "@<token>" after the letter; false when there is something else than a blank. */
+static bool read_token(request_t *r)
+{
+    uint64_t token;
+    if (r->args.length <= 2 || r->args.text[2] == ' ')
+        return true;
+    if (r->args.text[2] != '@' || r->args.length < 4 || r->args.text[3] == ' ')
+        return false;
+    r->args.at = 3;
+    if (!waam_read_uint(&r->args, &token) || token > UINT32_MAX)
+        return false;
+    r->token = (uint32_t)token;
+    r->has_token = true;
+    return r->args.at >= r->args.length || r->args.text[r->args.at] == ' ';
+}
+
+/* What was done is answered again and not done again; a heartbeat and an identification may be done twice. */
+static bool repeated(request_t *r)
+{
+    waam_core_t *core = r->core;
+    uint32_t kept = core->recent_count < WAAM_RECENT ? core->recent_count : WAAM_RECENT;
+    for (uint32_t i = 0; r->has_token && i < kept; i++) {
+        const waam_recent_t *done = &core->recent[i];
+        if (done->token != r->token || done->letter != r->letter)
+            continue;
+        if (done->code)
+            refuse(r, done->code, "refused already");
+        else
+            ok(r);
+        return true;
+    }
+    return false;
+}
+
+static void remember(const request_t *r)
+{
+    waam_core_t *core = r->core;
+    if (r->has_token && r->letter != 'I')
+        core->recent[core->recent_count++ % WAAM_RECENT] = (waam_recent_t){r->token, r->letter, r->code};
+}
+
+void waam_core_clock(waam_core_t *core, uint32_t since_tick_us) { core->since_tick_us = since_tick_us; }
+
+void waam_core_stamp(const waam_core_t *core, waam_text_t *text)
+{
+    waam_text_add(text, " @");
+    waam_text_uint(text, core->now_us + core->since_tick_us);
+}
+
+static void answer(request_t *r)
+{
+    waam_core_t *core = r->core;
+    size_t i = 0, count = sizeof table / sizeof table[0];
+    bool token_good = read_token(r);
+    while (i < count && table[i].letter != r->letter)
+        i++;
+    begin(r);
+    if (i == count || !token_good) {
+        r->letter = '?';
+        refuse(r, WAAM_E_UNKNOWN_WORD, "not a command of this controller");
+    } else if (core->link.dialect == WAAM_DIALECT_STOCK && r->letter != 'I') {
+        refuse(r, WAAM_E_NOT_NOW, "a stock sender is connected: identify first");
+    } else if (!repeated(r)) {
+        table[i].handle(r);
+        remember(r);
+    }
+}
 
 void waam_core_immediate(waam_core_t *core, const char *line, size_t length)
 {
     request_t r = {.core = core, .args = {line, length, 2}, .letter = length > 1 ? line[1] : '?'};
-    begin(&r);
-    bool separated = length <= 2 || line[2] == ' ';
-    size_t i = 0;
-    while (i < sizeof table / sizeof table[0] && table[i].letter != r.letter)
-        i++;
-    if (i < sizeof table / sizeof table[0] && separated) {
-        table[i].handle(&r);
-    } else {
-        r.letter = '?';
-        refuse(&r, WAAM_E_UNKNOWN_WORD, "not a command of this controller");
-    }
-    waam_text_seal(&r.answer);
+    answer(&r);
+    if (r.letter != 'H')
+        waam_core_stamp(core, &r.answer);
+    waam_text_seal(&r.answer, core->link.strong);
     core->send(core->context, r.answer.text, r.answer.length, WAAM_TX_ASSURED);
 }

@@ -1,5 +1,42 @@
 #include "waam_core.h"
 
+/* Source and arc as in spec 2.26: T = 50 ms, delay 10 ms. The gains are explained and proved in doc/arc_regulator.md. */
+static const waam_regulator_config_t regulator = {
+    .actuator = WAAM_REGULATOR_SOURCE,
+    .gain = 1.0f,
+    .lag_s = 0.05f,
+    .delay_s = 0.01f,
+    .fixed = {.kp = 2.11f, .ki = 43.7f, .kd = 0.0062f, .filter_s = 0.0035f, .weight = 1.0f},
+    .scheduled = {.kp = 7.9f, .ki = 150.0f, .kd = 0.0f, .filter_s = 0.0f, .weight = 1.0f},
+    .scheduling = true,
+    .predictor = true,
+    .trim = 15.0f,
+    .settle_s = 0.3f,
+    .average_s = 0.1f,
+    .schedule = {
+        .current_a = {80.0f, 120.0f, 180.0f, 250.0f},
+        .ctwd_mm = {10.0f, 15.0f, 22.0f},
+        .share = {{1.58f, 1.50f, 1.40f}, {1.06f, 1.00f, 0.94f}, {0.72f, 0.68f, 0.64f}, {0.53f, 0.50f, 0.47f}},
+    },
+    .ctwd = {.current_a = 140.0f, .wire_mm_s = 110.0f, .exponent = 0.65f, .ctwd_mm = 15.0f, .loss_per_mm = 0.024f},
+};
+
+/* Ranges that no real reading leaves; a board's shell narrows them to what its own sensors can give. */
+static const waam_monitor_config_t monitor = {
+    .short_v = 8.0f,
+    .short_a = 30.0f,
+    .short_us = 100000,
+    .long_arc_v = 10.0f,
+    .long_arc_us = 100000,
+    .voltage_min_v = -20.0f,
+    .voltage_max_v = 200.0f,
+    .current_min_a = -100.0f,
+    .current_max_a = 2000.0f,
+    .bad_us = 2000,
+    .stuck_us = 1000000,
+    .stray_us = 200000,
+};
+
 waam_config_t waam_config_default(void)
 {
     return (waam_config_t){
@@ -15,6 +52,11 @@ waam_config_t waam_config_default(void)
         .home_backoff_mm = 1.0,
         .wire_max_mm_s = 300.0,
         .wire_accel_mm_s2 = 2000.0,
+        .wire_delay_s = 0.030,
+        .wire_lag_s = 0.065,
+        .wire_response_s = 0.020,
+        .wire_jump_mm_s = 10.0,
+        .wire_strike_mm_s = 60.0,
         .voltage_max_v = 60.0,
         .arc = {
             .purge_us = 300000,
@@ -32,7 +74,27 @@ waam_config_t waam_config_default(void)
             .gas_missing_us = 500000,
             .wire_fault_ratio = 0.9,
             .wire_fault_us = 500000,
+            .sense_us = 40000,
+            .free_us = 5000,
+            .free_v = 3.0,
+            .pulses = 2,
+            .pulse_us = 40000,
         },
+        .regulator = regulator,
+        .monitor = monitor,
+        .policy = {
+            [WAAM_FAULT_NO_ARC] = {WAAM_REACT_HOLD, 0},
+            [WAAM_FAULT_ARC_LOST] = {WAAM_REACT_HOLD, 0},
+            [WAAM_FAULT_STUBBING] = {WAAM_REACT_RETRY, 2},
+            [WAAM_FAULT_BURN_BACK] = {WAAM_REACT_HOLD, 0},
+            [WAAM_FAULT_WIRE] = {WAAM_REACT_HOLD, 0},
+            [WAAM_FAULT_GAS] = {WAAM_REACT_HOLD, 0},
+            [WAAM_FAULT_OVER_TEMPERATURE] = {WAAM_REACT_HOLD, 0},
+            [WAAM_FAULT_SENSOR] = {WAAM_REACT_ALARM, 0},
+            [WAAM_FAULT_WIRE_STUCK] = {WAAM_REACT_HOLD, 0},
+        },
+        .temperature_max_c = 80.0,
+        .starts_in_alarm = true,
         .link_timeout_us = 500000,
         .lease_us = 500000,
         .lease_margin_us = 10000,

@@ -5,6 +5,10 @@
  *     every tick (1 ms or finer):
  *         waam_core_rx(&core, byte)  for what has arrived, from the same thread as the tick
  *         waam_core_tick(&core, dt_us, &inputs, &outputs)
+ *     every 100 us, from an interrupt that may preempt the tick (single precision only):
+ *         waam_core_fast(&core, &fast_inputs, &fast_outputs)   arc voltage and source
+ *     in the loop that serves the link:  waam_core_linked(&core)
+ *     before the hardware watchdog is fed: waam_core_alive(&core)
  *
  * The shell samples the inputs, spreads the new steps over the tick as pulses, sets the outputs and sends what `send` hands over.
  */
@@ -12,12 +16,20 @@
 #define WAAM_CORE_H
 
 #include "waam_arc.h"
+#include "waam_fast.h"
 #include "waam_gcode.h"
 #include "waam_home.h"
 #include "waam_link.h"
 #include "waam_motion.h"
 #include "waam_planner.h"
 #include "waam_wire.h"
+
+/* An immediate line that was done, so that its repetition is answered and not done again. */
+typedef struct {
+    uint32_t token;
+    char letter;
+    waam_code_t code;
+} waam_recent_t;
 
 typedef struct {
     waam_config_t config;
@@ -32,22 +44,30 @@ typedef struct {
     bool stopping;              /* slowing down to forget the queue */
     bool resume_asked;          /* continue as soon as motion and arc have ended */
     bool arc_wanted;            /* between M3 and M5 of the executed program */
+    bool retrying;              /* slowing down to strike again, still in RUN */
+    uint32_t retries;           /* since M3 */
 
     waam_link_t link;
-    waam_modal_t modal;
+    waam_recent_t recent[WAAM_RECENT]; /* immediate lines with a token that were done */
+    uint32_t recent_count;
+    uint8_t burst_byte;         /* last byte from the host, and how many of it in a row, when it is a real-time byte */
+    unsigned burst;
+    waam_modal_t modal;         /* of what is planned */
+    waam_modal_t executed_modal;/* of what is done */
     waam_planner_t planner;
     waam_motion_t motion;
     waam_arc_t arc;
+    waam_fast_t fast;           /* shared with the fast tick */
+    waam_scheduler_t scheduler; /* of the arc regulator's gains */
     waam_home_t home;
     waam_wire_t wire;
     waam_inputs_t inputs;       /* of the last tick */
 
     /* the end of what is planned */
     double plan_mm[WAAM_AXES];  /* machine coordinates, as commanded */
-    int32_t plan_steps[WAAM_AXES];
+    double path_mm[WAAM_AXES];  /* end of the last block; differs from plan_mm while moves too short for one add up */
     bool plan_homed, plan_arc;
-    double work_mm[WAAM_AXES];  /* G54 in machine coordinates */
-    double g92_mm[WAAM_AXES];   /* further shift by G92, of the program and of what has been executed alike */
+    double work_mm[WAAM_FRAMES][WAAM_AXES]; /* zeros of G54 .. G59 in machine coordinates */
 
     bool block_started;
     uint64_t dwell_us;
@@ -56,6 +76,8 @@ typedef struct {
     uint64_t heard_us;          /* last valid line */
     uint64_t beat_us;           /* last heartbeat; 0 = none yet */
     uint64_t lease_us;          /* controller time that the slowest node has seen; 0 = no lease */
+    uint32_t since_tick_us;     /* time since the last tick, for stamps (waam_core_clock) */
+    uint32_t telemetry_us;      /* between frames */
     uint64_t telemetry_due_us;
     uint32_t telemetry_sequence, executed, underruns;
 } waam_core_t;
@@ -63,7 +85,17 @@ typedef struct {
 waam_config_t waam_config_default(void);
 void waam_core_init(waam_core_t *core, const waam_config_t *config, waam_tx_t send, void *context);
 void waam_core_rx(waam_core_t *core, uint8_t byte);
+/* Optional, before waam_core_rx: the microseconds since the last tick, so that answers carry a finer clock. */
+void waam_core_clock(waam_core_t *core, uint32_t since_tick_us);
+/* The other end is gone (terminal closed, USB unplugged): ends a cut line; the next host chooses its dialect. */
+void waam_core_hang_up(waam_core_t *core);
 void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inputs, waam_outputs_t *outputs);
+/* Exactly every WAAM_FAST_US. Where it is never called, the source gets its setpoint unregulated (outputs of the tick). */
+void waam_core_fast(waam_core_t *core, const waam_fast_inputs_t *inputs, waam_fast_outputs_t *outputs);
+/* The loop that serves the link has come round. */
+void waam_core_linked(waam_core_t *core);
+/* Feed the independent watchdog now? True once tick, fast tick and link loop have all run since the last true answer. */
+bool waam_core_alive(waam_core_t *core);
 const char *waam_state_name(waam_state_t state);
 
 #endif

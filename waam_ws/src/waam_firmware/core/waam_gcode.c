@@ -1,23 +1,7 @@
-#include "waam_gcode.h"
+/* Reading: comments, words, the modal group of each G and M word. What the words say together is checked in waam_words.c. */
+#include "waam_words.h"
 
-#define INCH_MM 25.4
-#define FEED_MAX_MM_MIN 60000.0
-#define DWELL_MAX_S 3600.0
-#define VALUE_LETTERS 7
-
-static const char value_letters[VALUE_LETTERS + 1] = "XYZFPWS";
-enum { X, Y, Z, F, P, W, S };
-
-typedef struct {
-    waam_cursor_t cursor;
-    waam_command_t *command;
-    waam_error_t *error;
-    bool has[VALUE_LETTERS];
-    double value[VALUE_LETTERS];
-    size_t column[VALUE_LETTERS];
-    bool has_units, has_distance, has_motion;
-    size_t action_column;
-} parser_t;
+const char waam_value_letters[WAAM_VALUE_LETTERS + 1] = "XYZIJKREFPLWSN";
 
 bool waam_fail(waam_error_t *error, waam_code_t code, size_t column, const char *text)
 {
@@ -28,117 +12,152 @@ bool waam_fail(waam_error_t *error, waam_code_t code, size_t column, const char 
     return false;
 }
 
-static bool fail_word(parser_t *p, waam_code_t code, size_t column, char letter, const char *text)
+bool waam_fail_word(waam_error_t *error, waam_code_t code, size_t column, char letter, double number, const char *text)
 {
-    waam_fail(p->error, code, column, "");
-    waam_text_char(&p->error->text, letter);
-    waam_text_add(&p->error->text, text);
+    waam_fail(error, code, column, "");
+    waam_text_char(&error->text, letter);
+    waam_text_fixed(&error->text, number, 3);
+    waam_text_add(&error->text, text);
     return false;
 }
 
-static bool fail_number(parser_t *p, waam_code_t code, size_t column, char letter, double number, const char *text)
+static bool fail_letter(waam_words_t *w, waam_code_t code, size_t column, char letter, const char *text)
 {
-    waam_fail(p->error, code, column, "");
-    waam_text_char(&p->error->text, letter);
-    waam_text_fixed(&p->error->text, number, 3);
-    waam_text_add(&p->error->text, text);
+    waam_fail(w->error, code, column, "");
+    waam_text_char(&w->error->text, letter);
+    waam_text_add(&w->error->text, text);
     return false;
 }
 
-static bool set_action(parser_t *p, waam_action_t action, size_t column)
+/* Books a word into its modal group; two words of one group contradict each other, two actions too. */
+static bool group(waam_words_t *w, waam_group_t group, char letter, double number, size_t column)
 {
-    if (p->command->action != WAAM_DO_NOTHING)
-        return waam_fail(p->error, WAAM_E_CONTRADICTION, column, "two actions in one line");
-    p->command->action = action;
-    p->action_column = column;
+    if (w->group_column[group]) {
+        waam_fail_word(w->error, WAAM_E_CONTRADICTION, column, letter, number, " does not go with ");
+        waam_text_char(&w->error->text, w->group_letter[group]);
+        waam_text_fixed(&w->error->text, w->group_number[group], 3);
+        waam_text_add(&w->error->text, " in the same line");
+        return false;
+    }
+    w->group_column[group] = column;
+    w->group_letter[group] = letter;
+    w->group_number[group] = number;
     return true;
 }
 
-static bool set_once(parser_t *p, bool *seen, size_t column, const char *text)
-{
-    if (*seen)
-        return waam_fail(p->error, WAAM_E_CONTRADICTION, column, text);
-    *seen = true;
-    return true;
-}
+typedef struct {
+    uint16_t tenths; /* 10 times the number, so that G91.1 is 911 */
+    waam_group_t group;
+    uint8_t choice;  /* within the group: what the word means */
+} meaning_t;
 
-static bool word_g(parser_t *p, double number, size_t column)
+static const meaning_t g_words[] = {
+    {0, WAAM_GROUP_MOTION, WAAM_MOTION_RAPID}, {10, WAAM_GROUP_MOTION, WAAM_MOTION_LINE},
+    {20, WAAM_GROUP_MOTION, WAAM_MOTION_ARC_CW}, {30, WAAM_GROUP_MOTION, WAAM_MOTION_ARC_CCW},
+    {170, WAAM_GROUP_PLANE, WAAM_PLANE_XY}, {180, WAAM_GROUP_PLANE, WAAM_PLANE_ZX},
+    {190, WAAM_GROUP_PLANE, WAAM_PLANE_YZ}, {200, WAAM_GROUP_UNITS, 1}, {210, WAAM_GROUP_UNITS, 0},
+    {530, WAAM_GROUP_MACHINE, 0}, {540, WAAM_GROUP_FRAME, 0}, {550, WAAM_GROUP_FRAME, 1}, {560, WAAM_GROUP_FRAME, 2},
+    {570, WAAM_GROUP_FRAME, 3}, {580, WAAM_GROUP_FRAME, 4}, {590, WAAM_GROUP_FRAME, 5},
+    {900, WAAM_GROUP_DISTANCE, 0}, {910, WAAM_GROUP_DISTANCE, 1}, {901, WAAM_GROUP_CENTRE, 1},
+    {911, WAAM_GROUP_CENTRE, 0}, {930, WAAM_GROUP_FEED, 1}, {940, WAAM_GROUP_FEED, 0},
+    {40, WAAM_GROUP_ACTION, WAAM_DO_DWELL}, {100, WAAM_GROUP_ACTION, WAAM_DO_SET_FRAME},
+    {280, WAAM_GROUP_ACTION, WAAM_DO_HOME}, {920, WAAM_GROUP_ACTION, WAAM_DO_SET_POSITION},
+    {921, WAAM_GROUP_ACTION, WAAM_DO_CLEAR_POSITION},
+};
+
+static const meaning_t m_words[] = {
+    {0, WAAM_GROUP_ACTION, WAAM_DO_PAUSE}, {20, WAAM_GROUP_ACTION, WAAM_DO_FINISH},
+    {300, WAAM_GROUP_ACTION, WAAM_DO_FINISH}, {30, WAAM_GROUP_ACTION, WAAM_DO_ARC_START},
+    {50, WAAM_GROUP_ACTION, WAAM_DO_ARC_END}, {70, WAAM_GROUP_ACTION, WAAM_DO_GAS_ON},
+    {80, WAAM_GROUP_ACTION, WAAM_DO_GAS_ON}, {90, WAAM_GROUP_ACTION, WAAM_DO_GAS_OFF},
+    {820, WAAM_GROUP_WIRE, WAAM_WIRE_E_ABSOLUTE}, {830, WAAM_GROUP_WIRE, WAAM_WIRE_E_RELATIVE},
+};
+
+static void choose(waam_words_t *w, const meaning_t *m)
 {
-    waam_modal_t *modal = &p->command->modal;
-    int code = (int)number;
-    if (number != code)
-        return fail_number(p, WAAM_E_UNKNOWN_WORD, column, 'G', number, " is not known");
-    switch (code) {
-    case 0:
-    case 1:
-        modal->motion = code ? WAAM_MOTION_LINE : WAAM_MOTION_RAPID;
-        return set_once(p, &p->has_motion, column, "G0 or G1 given twice");
-    case 4: return set_action(p, WAAM_DO_DWELL, column);
-    case 20:
-    case 21:
-        modal->inch = code == 20;
-        return set_once(p, &p->has_units, column, "G20 or G21 given twice");
-    case 28: return set_action(p, WAAM_DO_HOME, column);
-    case 53: p->command->machine_frame = true; return true;
-    case 54: return true;
-    case 90:
-    case 91:
-        modal->relative = code == 91;
-        return set_once(p, &p->has_distance, column, "G90 or G91 given twice");
-    case 92: return set_action(p, WAAM_DO_SET_POSITION, column);
-    default: return fail_number(p, WAAM_E_UNKNOWN_WORD, column, 'G', number, " is not known");
+    waam_modal_t *modal = &w->command->modal;
+    switch (m->group) {
+    case WAAM_GROUP_MOTION: modal->motion = (waam_motion_mode_t)m->choice; break;
+    case WAAM_GROUP_PLANE: modal->plane = (waam_plane_t)m->choice; break;
+    case WAAM_GROUP_DISTANCE: modal->relative = m->choice; break;
+    case WAAM_GROUP_CENTRE: modal->arc_absolute = m->choice; break;
+    case WAAM_GROUP_FEED: modal->inverse_time = m->choice; break;
+    case WAAM_GROUP_UNITS: modal->inch = m->choice; break;
+    case WAAM_GROUP_FRAME: modal->frame = m->choice; break;
+    case WAAM_GROUP_WIRE: modal->wire_mode = (waam_wire_mode_t)m->choice; break;
+    case WAAM_GROUP_MACHINE: w->command->machine_frame = true; break;
+    default: w->command->action = (waam_action_t)m->choice; break;
     }
 }
 
-static bool word_m(parser_t *p, double number, size_t column)
+static bool coded_word(waam_words_t *w, char letter, double number, size_t column)
 {
-    int code = (int)number;
-    if (number == code)
-        switch (code) {
-        case 0: return set_action(p, WAAM_DO_PAUSE, column);
-        case 2:
-        case 30: return set_action(p, WAAM_DO_FINISH, column);
-        case 3: return set_action(p, WAAM_DO_ARC_START, column);
-        case 5: return set_action(p, WAAM_DO_ARC_END, column);
-        case 7:
-        case 8: return set_action(p, WAAM_DO_GAS_ON, column);
-        case 9: return set_action(p, WAAM_DO_GAS_OFF, column);
-        default: break;
-        }
-    return fail_number(p, WAAM_E_UNKNOWN_WORD, column, 'M', number, " is not known");
+    const meaning_t *words = letter == 'G' ? g_words : m_words;
+    size_t count = letter == 'G' ? sizeof g_words / sizeof g_words[0] : sizeof m_words / sizeof m_words[0];
+    for (size_t i = 0; i < count; i++) {
+        double off = number * 10.0 - words[i].tenths;
+        if (off > 1e-6 || off < -1e-6)
+            continue;
+        if (!group(w, words[i].group, letter, number, column))
+            return false;
+        choose(w, &words[i]);
+        return true;
+    }
+    return waam_fail_word(w->error, WAAM_E_UNKNOWN_WORD, column, letter, number, " is not known");
 }
 
-static bool word(parser_t *p)
+static bool first_word(const waam_words_t *w)
 {
-    size_t column = p->cursor.at + 1;
-    char letter = p->cursor.text[p->cursor.at++];
+    for (int i = 0; i < WAAM_VALUE_LETTERS; i++)
+        if (w->has[i])
+            return false;
+    for (int i = 0; i < WAAM_GROUPS; i++)
+        if (w->group_column[i])
+            return false;
+    return true;
+}
+
+static bool value_word(waam_words_t *w, char letter, double number, size_t column)
+{
+    int i = 0;
+    while (i < WAAM_VALUE_LETTERS && waam_value_letters[i] != letter)
+        i++;
+    if (i == WAAM_VALUE_LETTERS)
+        return fail_letter(w, WAAM_E_UNKNOWN_WORD, column, letter, " is not a word of this controller");
+    if (w->has[i])
+        return fail_letter(w, WAAM_E_CONTRADICTION, column, letter, " is given twice");
+    if (i == WAAM_N && (!first_word(w) || number < 0))
+        return waam_fail(w->error, WAAM_E_SYNTAX, column, "N, the number of a line, comes first and is not negative");
+    w->has[i] = true;
+    w->value[i] = number;
+    w->column[i] = column;
+    return true;
+}
+
+static bool word(waam_words_t *w)
+{
+    size_t column = w->cursor.at + 1;
+    char letter = w->cursor.text[w->cursor.at++];
     if (letter >= 'a' && letter <= 'z')
         letter = (char)(letter - 'a' + 'A');
     if (letter < 'A' || letter > 'Z')
-        return waam_fail(p->error, WAAM_E_SYNTAX, column, "a letter was expected here");
+        return waam_fail(w->error, WAAM_E_SYNTAX, column, "a letter was expected here");
+    bool coded = letter == 'G' || letter == 'M';
     double number;
-    bool numbered = waam_read_number(&p->cursor, &number);
-    if (letter == 'G' || letter == 'M') {
-        if (!numbered || number < 0)
-            return fail_word(p, WAAM_E_NUMBER, column, letter, " needs a number");
-        return letter == 'G' ? word_g(p, number, column) : word_m(p, number, column);
+    if (!waam_read_number(&w->cursor, &number)) {
+        bool known = coded;
+        for (int i = 0; i < WAAM_VALUE_LETTERS; i++)
+            known = known || waam_value_letters[i] == letter;
+        return known ? fail_letter(w, WAAM_E_NUMBER, column, letter, " needs a number")
+                     : fail_letter(w, WAAM_E_UNKNOWN_WORD, column, letter, " is not a word of this controller");
     }
-    for (size_t i = 0; i < VALUE_LETTERS; i++) {
-        if (value_letters[i] != letter)
-            continue;
-        if (!numbered)
-            return fail_word(p, WAAM_E_NUMBER, column, letter, " needs a number");
-        p->value[i] = number;
-        p->column[i] = column;
-        return set_once(p, &p->has[i], column, "the same word twice");
-    }
-    return fail_word(p, WAAM_E_UNKNOWN_WORD, column, letter, " is not a word of this controller");
+    return coded ? coded_word(w, letter, number, column) : value_word(w, letter, number, column);
 }
 
 /* Skips "( )"; a ';' ends the line. */
-static bool comment(parser_t *p)
+static bool comment(waam_words_t *w)
 {
-    waam_cursor_t *c = &p->cursor;
+    waam_cursor_t *c = &w->cursor;
     if (c->text[c->at] == ';') {
         c->at = c->length;
         return true;
@@ -147,108 +166,26 @@ static bool comment(parser_t *p)
     while (c->at < c->length && c->text[c->at] != ')')
         c->at++;
     if (c->at == c->length)
-        return waam_fail(p->error, WAAM_E_SYNTAX, open + 1, "comment is not closed");
+        return waam_fail(w->error, WAAM_E_SYNTAX, open + 1, "comment is not closed");
     c->at++;
     return true;
 }
 
-static bool read_words(parser_t *p)
+static bool read_words(waam_words_t *w)
 {
-    while (!waam_at_end(&p->cursor)) {
-        char c = p->cursor.text[p->cursor.at];
-        if (!(c == '(' || c == ';' ? comment(p) : word(p)))
+    while (!waam_at_end(&w->cursor)) {
+        char c = w->cursor.text[w->cursor.at];
+        if (!(c == '(' || c == ';' ? comment(w) : word(w)))
             return false;
     }
     return true;
-}
-
-static bool in_range(parser_t *p, int word_index, double lowest, double highest, const char *unit)
-{
-    double value = p->value[word_index];
-    if (value >= lowest && value <= highest)
-        return true;
-    waam_text_t *text = &p->error->text;
-    fail_number(p, WAAM_E_NUMBER, p->column[word_index], value_letters[word_index], value, " is outside ");
-    waam_text_fixed(text, lowest, 3);
-    waam_text_add(text, "..");
-    waam_text_fixed(text, highest, 3);
-    waam_text_add(text, unit);
-    return false;
-}
-
-static bool apply_values(parser_t *p, const waam_gcode_limits_t *limits)
-{
-    waam_modal_t *modal = &p->command->modal;
-    double unit = modal->inch ? INCH_MM : 1.0;
-    p->value[F] *= unit;
-    p->value[W] *= unit;
-    if (p->has[F]) {
-        if (!in_range(p, F, 0.001, FEED_MAX_MM_MIN, " mm/min"))
-            return false;
-        modal->feed_mm_s = p->value[F] / 60.0;
-    }
-    if (p->has[W]) {
-        if (!in_range(p, W, 0.0, limits->wire_max_mm_s * 60.0, " mm/min"))
-            return false;
-        modal->wire_mm_s = p->value[W] / 60.0;
-    }
-    if (p->has[S]) {
-        if (!in_range(p, S, 0.0, limits->voltage_max_v, " V"))
-            return false;
-        modal->voltage_v = p->value[S];
-    }
-    for (int i = 0; i < WAAM_AXES; i++) {
-        p->command->has[i] = p->has[i];
-        p->command->axis_mm[i] = p->value[i] * unit;
-    }
-    return true;
-}
-
-static bool check_axes(parser_t *p)
-{
-    waam_command_t *command = p->command;
-    bool axes = p->has[X] || p->has[Y] || p->has[Z];
-    size_t first = p->has[X] ? p->column[X] : p->has[Y] ? p->column[Y] : p->column[Z];
-    if (command->action == WAAM_DO_SET_POSITION)
-        return axes || waam_fail(p->error, WAAM_E_MISSING_WORD, p->action_column, "G92 needs X, Y or Z");
-    if (!axes)
-        return true;
-    if (command->action != WAAM_DO_NOTHING)
-        return waam_fail(p->error, WAAM_E_CONTRADICTION, first, "X, Y, Z do not go with this action");
-    if (command->modal.motion == WAAM_MOTION_NONE)
-        return waam_fail(p->error, WAAM_E_MISSING_WORD, first, "X, Y, Z need G0 or G1 first");
-    if (command->modal.motion == WAAM_MOTION_LINE && command->modal.feed_mm_s <= 0)
-        return waam_fail(p->error, WAAM_E_MISSING_WORD, first, "G1 needs a feed F");
-    command->action = WAAM_DO_MOVE;
-    return true;
-}
-
-static bool check_other(parser_t *p)
-{
-    waam_command_t *command = p->command;
-    bool dwell = command->action == WAAM_DO_DWELL;
-    if (p->has[P] != dwell)
-        return dwell ? waam_fail(p->error, WAAM_E_MISSING_WORD, p->action_column, "G4 needs P, seconds")
-                     : waam_fail(p->error, WAAM_E_CONTRADICTION, p->column[P], "P goes with G4 only");
-    if (dwell && !in_range(p, P, 0.0, DWELL_MAX_S, " s"))
-        return false;
-    command->dwell_s = p->value[P];
-    if (command->machine_frame && command->action != WAAM_DO_MOVE)
-        return waam_fail(p->error, WAAM_E_CONTRADICTION, 1, "G53 goes with a move only");
-    if (command->machine_frame && command->modal.relative)
-        return waam_fail(p->error, WAAM_E_CONTRADICTION, 1, "G53 needs G90");
-    if (command->action != WAAM_DO_ARC_START)
-        return true;
-    if (command->modal.wire_mm_s <= 0)
-        return waam_fail(p->error, WAAM_E_MISSING_WORD, p->action_column, "M3 needs a wire feed speed W");
-    return command->modal.voltage_v > 0 ||
-           waam_fail(p->error, WAAM_E_MISSING_WORD, p->action_column, "M3 needs a voltage S");
 }
 
 bool waam_gcode_parse(const char *line, size_t length, size_t start, const waam_modal_t *before,
                       const waam_gcode_limits_t *limits, waam_command_t *command, waam_error_t *error)
 {
     *command = (waam_command_t){.modal = *before};
-    parser_t p = {.cursor = {line, length, start}, .command = command, .error = error};
-    return read_words(&p) && apply_values(&p, limits) && check_axes(&p) && check_other(&p);
+    waam_words_t words = {.cursor = {line, length, start}, .command = command, .error = error, .before = before,
+                          .limits = limits};
+    return read_words(&words) && waam_words_apply(&words);
 }

@@ -1,9 +1,15 @@
 /* What arrives over the link: lines are taken while there are free blocks, answered, refused or asked for again. */
 #include "waam_internal.h"
 
+static bool stock(const waam_core_t *core) { return core->link.dialect == WAAM_DIALECT_STOCK; }
+
 static void acknowledge(waam_core_t *core)
 {
     waam_text_t text = {.length = 0};
+    if (stock(core)) {
+        waam_stock_ok(core);
+        return;
+    }
     waam_text_add(&text, "ok N");
     waam_text_uint(&text, core->link.accepted);
     waam_text_add(&text, " P");
@@ -13,7 +19,7 @@ static void acknowledge(waam_core_t *core)
     waam_core_send(core, &text, WAAM_TX_ASSURED);
 }
 
-static void report_error(waam_core_t *core, const waam_error_t *error)
+static void native_error(waam_core_t *core, const waam_error_t *error)
 {
     waam_text_t text = {.length = 0};
     waam_text_add(&text, "er N");
@@ -25,13 +31,30 @@ static void report_error(waam_core_t *core, const waam_error_t *error)
     waam_text_char(&text, ' ');
     waam_text_bytes(&text, error->text.text, error->text.length);
     waam_core_send(core, &text, WAAM_TX_ASSURED);
-    waam_link_block(&core->link);
+}
+
+static void report_error(waam_core_t *core, const waam_error_t *error)
+{
+    if (stock(core))
+        waam_stock_error(core, error);
+    else
+        native_error(core, error);
+    waam_link_block(&core->link, true);
+}
+
+/* The first line after a stop or an alarm; more of what was under way is dropped in silence. */
+static void report_blocked(waam_core_t *core)
+{
+    waam_error_t error;
+    waam_fail(&error, WAAM_E_NOT_NOW, 1,
+              core->state == WAAM_ALARM ? "ALARM: reset first" : "stopped: say which line comes next ($L) first");
+    report_error(core, &error);
 }
 
 static size_t after_number(const char *line, size_t length)
 {
     size_t at = 1;
-    while (at < length && line[at] >= '0' && line[at] <= '9')
+    while (at < length && ((line[at] >= '0' && line[at] <= '9') || (at == 1 && line[at] == '-')))
         at++;
     return at;
 }
@@ -45,9 +68,17 @@ static bool take_line(waam_core_t *core)
     waam_error_t error;
     if (length == 0)
         return false;
+    if (stock(core) && waam_stock_query(core, line, length, after_number(line, length))) {
+        waam_link_accept(&core->link);
+        return true;
+    }
     bool good = core->state == WAAM_ALARM
                     ? waam_fail(&error, WAAM_E_NOT_NOW, 1, "ALARM: reset first")
                     : waam_gcode_parse(line, length, after_number(line, length), &core->modal, &limits, &command, &error);
+    if (good && waam_core_waits(core, &command)) {
+        waam_link_put_back(&core->link, length);
+        return false;
+    }
     if (!good || !waam_core_plan(core, &command, core->link.accepted + 1, &error)) {
         report_error(core, &error);
         return false;
@@ -66,6 +97,10 @@ void waam_core_take_lines(waam_core_t *core)
 static void ask_resend(waam_core_t *core)
 {
     waam_text_t text = {.length = 0};
+    if (stock(core)) {
+        waam_stock_resend(core);
+        return;
+    }
     waam_text_add(&text, "rs N");
     waam_text_uint(&text, core->link.received + 1);
     waam_text_add(&text, " E");
@@ -73,25 +108,23 @@ static void ask_resend(waam_core_t *core)
     waam_core_send(core, &text, WAAM_TX_ASSURED);
 }
 
-/* A byte made by noise may slow the machine down but never start it again after a fault. */
-static bool real_time_byte(waam_core_t *core, uint8_t byte)
+/* A fault is not resumed by a byte: only HOLD 200 is. */
+static void real_time(waam_core_t *core, uint8_t byte)
 {
     switch (byte) {
-    case 0x80: waam_core_hold(core, WAAM_E_HOLD, "hold by host", false); return true;
-    case 0x81:
+    case WAAM_BYTE_HOLD: waam_core_hold(core, WAAM_E_HOLD, "hold by host", false); break;
+    case WAAM_BYTE_RESUME:
         if (core->fault == WAAM_E_HOLD)
             waam_core_resume(core);
-        return true;
-    case 0x82: waam_core_stop(core); return true;
-    default: return false;
+        break;
+    default: waam_core_stop(core); break;
     }
 }
 
-void waam_core_rx(waam_core_t *core, uint8_t byte)
+static void line_byte(waam_core_t *core, uint8_t byte)
 {
-    if (real_time_byte(core, byte))
-        return;
-    waam_rx_t result = waam_link_byte(&core->link, byte);
+    waam_link_t *link = &core->link;
+    waam_rx_t result = waam_link_byte(link, byte);
     if (result == WAAM_RX_NONE)
         return;
     if (result == WAAM_RX_RESEND) {
@@ -99,12 +132,47 @@ void waam_core_rx(waam_core_t *core, uint8_t byte)
         return;
     }
     core->heard_us = core->now_us;
-    if (result == WAAM_RX_IMMEDIATE) {
-        waam_core_immediate(core, core->link.line, core->link.length);
-        core->link.length = 0;
-    } else if (result == WAAM_RX_DUPLICATE) {
-        acknowledge(core);
-    } else {
-        waam_core_take_lines(core);
+    switch (result) {
+    case WAAM_RX_IMMEDIATE: waam_core_immediate(core, link->line, link->length); break;
+    case WAAM_RX_STOCK: waam_stock_line(core, link->line, link->length); break;
+    case WAAM_RX_DUPLICATE: acknowledge(core); break;
+    case WAAM_RX_BLOCKED: report_blocked(core); break;
+    default: waam_core_take_lines(core); break;
     }
+    if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_STOCK)
+        link->length = 0;
+}
+
+/* A real-time byte acts when it comes twice in a row, for noise makes single ones; more of the same are a burst. A
+ * single one belongs to its line and spoils it. */
+void waam_core_rx(waam_core_t *core, uint8_t byte)
+{
+    bool special = byte >= WAAM_BYTE_HOLD && byte <= WAAM_BYTE_STOP;
+    if (core->burst && byte == core->burst_byte) {
+        core->burst = core->burst < 3 ? core->burst + 1 : 3;
+        if (core->burst == 2)
+            real_time(core, byte);
+        return;
+    }
+    if (core->burst == 1)
+        line_byte(core, core->burst_byte);
+    core->burst = special ? 1 : 0;
+    core->burst_byte = byte;
+    if (!special)
+        line_byte(core, byte);
+}
+
+void waam_core_hang_up(waam_core_t *core)
+{
+    waam_link_t *link = &core->link;
+    bool was_stock = stock(core);
+    link->length = 0;
+    link->overlong = link->strong = false;
+    core->burst = 0;
+    link->dialect = WAAM_DIALECT_OPEN;
+    if (!was_stock)
+        return;
+    link->base = 0;
+    if (core->state != WAAM_ALARM)
+        waam_core_stop(core);
 }

@@ -22,15 +22,33 @@ bool waam_core_jogging(const waam_core_t *core);
 /* immediate lines (waam_command.c) and queued ones (waam_intake.c) */
 void waam_core_immediate(waam_core_t *core, const char *line, size_t length);
 void waam_core_take_lines(waam_core_t *core);
+/* Leaves ALARM; WAAM_OK, or the code and text of the refusal. */
+waam_code_t waam_core_reset(waam_core_t *core, const char **text);
+void waam_core_new_program(waam_core_t *core); /* modal state as after a start */
+void waam_core_stamp(const waam_core_t *core, waam_text_t *text); /* appends " @<microseconds>" */
+
+/* stock senders (waam_stock.c) */
+void waam_stock_line(waam_core_t *core, const char *line, size_t length);
+bool waam_stock_query(waam_core_t *core, const char *line, size_t length, size_t at); /* answered, if it is one */
+void waam_stock_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind);
+void waam_stock_ok(waam_core_t *core);
+void waam_stock_resend(waam_core_t *core);
+void waam_stock_error(waam_core_t *core, const waam_error_t *error);
+
+/* Zero of the program's coordinates in machine coordinates. */
+double waam_core_zero_mm(const waam_core_t *core, const waam_modal_t *modal, int axis);
 
 /* planning (waam_blocks.c); false = refused, `error` says why */
 bool waam_core_plan(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error);
-/* A straight move to machine coordinates. */
-bool waam_core_plan_move(waam_core_t *core, const double target_mm[WAAM_AXES], double speed_mm_s, uint32_t line,
-                         bool jog, waam_error_t *error);
+/* A straight move by so much. */
+bool waam_core_plan_jog(waam_core_t *core, const double delta_mm[WAAM_AXES], double speed_mm_s, waam_error_t *error);
 
-/* execution (waam_run.c) */
+/* This command is taken only when everything before it is done. */
+bool waam_core_waits(const waam_core_t *core, const waam_command_t *command);
+
+/* execution (waam_run.c) and the wire that goes with it (waam_follow.c) */
 void waam_core_run(waam_core_t *core, uint32_t dt_us);
+void waam_core_follow(waam_core_t *core);
 
 /* supervision (waam_guard.c) */
 void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs);
@@ -38,6 +56,11 @@ void waam_guard_link(waam_core_t *core);
 void waam_guard_armed(waam_core_t *core);
 void waam_guard_lease(waam_core_t *core);
 void waam_guard_arc(waam_core_t *core, uint32_t dt_us); /* arc sequence and wire */
+void waam_guard_orders(waam_core_t *core, uint32_t dt_us); /* to the fast tick */
+double waam_guard_source(const waam_core_t *core); /* setpoint of the source, V */
+bool waam_core_too_hot(const waam_core_t *core);
+/* The configured reaction. `text` NULL: the usual one. */
+void waam_core_fault(waam_core_t *core, waam_fault_t fault, const char *text);
 uint64_t waam_core_lease_left_us(const waam_core_t *core);
 bool waam_inputs_plausible(const waam_inputs_t *inputs);
 

@@ -1,5 +1,7 @@
 #include "waam_link.h"
 
+#include "waam_stock.h"
+
 void waam_link_init(waam_link_t *link) { *link = (waam_link_t){0}; }
 
 size_t waam_link_free_bytes(const waam_link_t *link) { return WAAM_RING_BYTES - link->ring_used; }
@@ -35,10 +37,17 @@ static waam_rx_t gap(waam_link_t *link, uint32_t sequence)
     return resend(link, WAAM_E_GAP, sequence);
 }
 
+static waam_rx_t refused_while_blocked(waam_link_t *link)
+{
+    bool told = link->told;
+    link->told = true;
+    return told ? WAAM_RX_NONE : WAAM_RX_BLOCKED;
+}
+
 static waam_rx_t numbered(waam_link_t *link, uint32_t sequence)
 {
     if (link->blocked)
-        return WAAM_RX_NONE;
+        return refused_while_blocked(link);
     if (sequence <= link->received)
         return WAAM_RX_DUPLICATE;
     if (sequence != link->received + 1)
@@ -58,6 +67,24 @@ static waam_rx_t failed(waam_link_t *link, waam_code_t code)
     return link->blocked ? WAAM_RX_NONE : resend(link, code, link->received + 1);
 }
 
+/* "N<number>" of a line whose check holds; stock senders count from where they like. */
+static waam_rx_t with_number(waam_link_t *link)
+{
+    int64_t sequence;
+    if (link->strong && link->check_digits != 10)
+        return failed(link, WAAM_E_CHECK);
+    if (!waam_stock_number(link->line, link->length, &sequence))
+        return failed(link, WAAM_E_SYNTAX);
+    if (link->dialect != WAAM_DIALECT_NATIVE && waam_stock_renumbers(link->line, link->length))
+        return WAAM_RX_STOCK;
+    sequence += link->dialect == WAAM_DIALECT_STOCK ? link->base : 0;
+    if (link->dialect == WAAM_DIALECT_STOCK && sequence < 1 && !link->blocked)
+        return WAAM_RX_DUPLICATE;
+    if (sequence < 1 || sequence > UINT32_MAX - 1)
+        return failed(link, WAAM_E_SYNTAX);
+    return numbered(link, (uint32_t)sequence);
+}
+
 static waam_rx_t complete(waam_link_t *link)
 {
     size_t content;
@@ -67,24 +94,21 @@ static waam_rx_t complete(waam_link_t *link)
         return failed(link, WAAM_E_TOO_LONG);
     if (link->length == 0)
         return WAAM_RX_NONE;
-    if (!waam_check_line(link->line, link->length, &content))
+    if (link->dialect != WAAM_DIALECT_NATIVE &&
+        waam_stock_unnumbered(link->line, link->length, link->dialect == WAAM_DIALECT_STOCK))
+        return WAAM_RX_STOCK;
+    link->check_digits = waam_check_line(link->line, link->length, &content);
+    if (!link->check_digits)
         return failed(link, WAAM_E_CHECK);
     link->length = content;
-    if (link->length && link->line[0] == '$')
-        return WAAM_RX_IMMEDIATE;
-    waam_cursor_t cursor = {link->line, link->length, 1};
-    uint64_t sequence;
-    if (link->length < 2 || (link->line[0] != 'N' && link->line[0] != 'n') || link->line[1] == ' ' ||
-        !waam_read_uint(&cursor, &sequence) || sequence == 0 || sequence > UINT32_MAX - 1)
-        return failed(link, WAAM_E_SYNTAX);
-    return numbered(link, (uint32_t)sequence);
+    return link->length && link->line[0] == '$' ? WAAM_RX_IMMEDIATE : with_number(link);
 }
 
 waam_rx_t waam_link_byte(waam_link_t *link, uint8_t byte)
 {
     if (byte == '\n') {
         waam_rx_t result = complete(link);
-        if (result != WAAM_RX_IMMEDIATE)
+        if (result != WAAM_RX_IMMEDIATE && result != WAAM_RX_STOCK)
             link->length = 0;
         link->overlong = false;
         return result;
@@ -106,24 +130,31 @@ size_t waam_link_next(waam_link_t *link, char *line)
     return length;
 }
 
+void waam_link_put_back(waam_link_t *link, size_t length)
+{
+    link->ring_used += length + 1;
+    link->ring_tail = (link->ring_tail + WAAM_RING_BYTES - length - 1) % WAAM_RING_BYTES;
+}
+
 void waam_link_accept(waam_link_t *link) { link->accepted++; }
 
-void waam_link_flush(waam_link_t *link)
+static void forget_waiting(waam_link_t *link)
 {
     link->ring_used = 0;
     link->received = link->accepted;
     link->gap_last = 0;
 }
 
-void waam_link_block(waam_link_t *link)
+void waam_link_block(waam_link_t *link, bool told)
 {
-    waam_link_flush(link);
+    forget_waiting(link);
     link->blocked = true;
+    link->told = told;
 }
 
 void waam_link_resync(waam_link_t *link, uint32_t next_line)
 {
     link->accepted = next_line - 1;
     link->blocked = false;
-    waam_link_flush(link);
+    forget_waiting(link);
 }

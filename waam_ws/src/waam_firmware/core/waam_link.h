@@ -9,8 +9,13 @@ typedef enum {
     WAAM_RX_IMMEDIATE, /* link.line holds the content of a '$' line */
     WAAM_RX_QUEUED,    /* a new line waits in the ring */
     WAAM_RX_DUPLICATE, /* acknowledge again */
-    WAAM_RX_RESEND     /* ask for link.resend_code */
+    WAAM_RX_RESEND,    /* ask for link.resend_code */
+    WAAM_RX_BLOCKED,   /* the first line that came while nothing is accepted: say so, once */
+    WAAM_RX_STOCK      /* link.line holds a line of a stock sender for waam_stock.c: no number, or M110 */
 } waam_rx_t;
+
+/* Which host is at the other end. OPEN: nobody has said yet; the first line decides. */
+typedef enum { WAAM_DIALECT_OPEN, WAAM_DIALECT_NATIVE, WAAM_DIALECT_STOCK } waam_dialect_t;
 
 typedef struct {
     char line[WAAM_LINE_MAX + 2];
@@ -21,20 +26,25 @@ typedef struct {
     uint32_t received;          /* last line number in the ring */
     uint32_t accepted;          /* last line number in the planner queue */
     uint32_t gap_last;          /* last number seen after a resend was asked for; 0 = none asked */
-    bool blocked;               /* an error was reported: nothing is accepted until resynchronised */
+    bool blocked;               /* after an error, a stop or an alarm: nothing is accepted until resynchronised */
+    bool told;                  /* ... and the host has been told so */
     waam_code_t resend_code;
+    waam_dialect_t dialect;
+    bool strong;                /* the host identified itself with a CRC-32: numbered lines need one too */
+    unsigned check_digits;      /* of the last good line: 3 or less XOR-8, 5 CRC-16, 10 CRC-32 */
+    int64_t base;               /* STOCK: line number here = number of the sender + base */
 } waam_link_t;
 
 void waam_link_init(waam_link_t *link);
-/* One byte of the stream. Real-time bytes must have been taken out before. */
+/* One byte of the stream. Pairs of real-time bytes must have been taken out before. */
 waam_rx_t waam_link_byte(waam_link_t *link, uint8_t byte);
 /* Oldest waiting line into `line` (WAAM_LINE_MAX bytes); 0 when none waits. It counts as accepted by waam_link_accept. */
 size_t waam_link_next(waam_link_t *link, char *line);
+/* The line that was just taken waits again. */
+void waam_link_put_back(waam_link_t *link, size_t length);
 void waam_link_accept(waam_link_t *link);
-/* The waiting line was refused. */
-void waam_link_block(waam_link_t *link);
-/* Forgets the lines that wait; the next expected one follows the last accepted one. */
-void waam_link_flush(waam_link_t *link);
+/* Forgets the lines that wait and takes no others until waam_link_resync. `told`: the host knows already. */
+void waam_link_block(waam_link_t *link, bool told);
 void waam_link_resync(waam_link_t *link, uint32_t next_line);
 size_t waam_link_free_bytes(const waam_link_t *link);
 

@@ -11,23 +11,34 @@ const char *waam_state_name(waam_state_t state)
 
 void waam_core_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind)
 {
-    waam_text_seal(text);
+    if (core->link.dialect == WAAM_DIALECT_STOCK) {
+        waam_stock_send(core, text, kind);
+        return;
+    }
+    if (kind == WAAM_TX_ASSURED)
+        waam_core_stamp(core, text);
+    waam_text_seal(text, core->link.strong);
     core->send(core->context, text->text, text->length, kind);
 }
 
 void waam_core_init(waam_core_t *core, const waam_config_t *config, waam_tx_t send_line, void *context)
 {
     *core = (waam_core_t){.config = *config, .send = send_line, .context = context, .now_us = config->start_us};
-    core->kinematics.steps_per_mm = config->steps_per_mm;
-    core->kinematics.junction_deviation_mm = config->junction_deviation_mm;
-    for (int i = 0; i < WAAM_AXES; i++) {
-        core->kinematics.max_speed_mm_s[i] = config->max_speed_mm_s[i];
-        core->kinematics.accel_mm_s2[i] = config->accel_mm_s2[i];
-    }
+    core->kinematics = waam_kinematics(config);
+    core->motion.steps_per_mm = config->steps_per_mm;
     waam_link_init(&core->link);
     waam_planner_init(&core->planner);
     core->wire_override = 1.0;
+    if (waam_regulator_check(&config->regulator))
+        core->config.regulator.actuator = WAAM_REGULATOR_OFF; /* a tuning that makes no sense is not used */
+    waam_scheduler_start(&core->scheduler);
+    core->arc.unchecked = true; /* the power may have gone with the wire in the pool */
+    if (config->starts_in_alarm) {
+        core->state = WAAM_ALARM;
+        core->fault = config->watchdog_reset ? WAAM_E_WATCHDOG : WAAM_E_POWER_UP;
+    }
     core->heard_us = core->now_us;
+    core->telemetry_us = config->telemetry_us;
     core->telemetry_due_us = core->now_us + config->telemetry_us;
 }
 
@@ -47,13 +58,12 @@ void waam_core_state(waam_core_t *core, waam_state_t state, waam_code_t code, co
     waam_core_send(core, &text, WAAM_TX_ASSURED);
 }
 
-/* The end of what is planned is where the machine stands. */
+/* The end of what is planned is where the machine stands, in the modes of what it has done. */
 static void plan_from_here(waam_core_t *core)
 {
-    for (int i = 0; i < WAAM_AXES; i++) {
-        core->plan_steps[i] = core->motion.steps[i];
-        core->plan_mm[i] = (double)core->motion.steps[i] / core->config.steps_per_mm;
-    }
+    for (int i = 0; i < WAAM_AXES; i++)
+        core->plan_mm[i] = core->path_mm[i] = (double)core->motion.steps[i] / core->config.steps_per_mm;
+    core->modal = core->executed_modal;
     core->plan_homed = core->homed;
     core->plan_arc = core->arc_wanted = false;
 }
@@ -62,7 +72,7 @@ static void forget_queue(waam_core_t *core)
 {
     waam_planner_clear(&core->planner);
     core->motion.done_mm = 0.0;
-    core->block_started = core->stopping = core->resume_asked = false;
+    core->block_started = core->stopping = core->resume_asked = core->retrying = false;
     core->home.active = false;
     plan_from_here(core);
 }
@@ -70,7 +80,7 @@ static void forget_queue(waam_core_t *core)
 void waam_core_hold(waam_core_t *core, waam_code_t code, const char *reason, bool quick)
 {
     waam_wire_stop_jog(&core->wire);
-    core->resume_asked = false;
+    core->resume_asked = core->retrying = false;
     if (core->state == WAAM_ALARM || core->stopping)
         return;
     waam_arc_end(&core->arc, quick, &core->config.arc);
@@ -87,7 +97,7 @@ void waam_core_alarm(waam_core_t *core, waam_code_t code, const char *reason)
     core->wire.speed_mm_s = core->motion.speed_mm_s = 0.0;
     core->homed = core->armed = false;
     forget_queue(core);
-    waam_link_flush(&core->link);
+    waam_link_block(&core->link, false);
     waam_core_state(core, WAAM_ALARM, code, reason);
 }
 
@@ -115,7 +125,7 @@ void waam_core_stop(waam_core_t *core)
 {
     waam_arc_cut(&core->arc, &core->config.arc);
     waam_wire_stop_jog(&core->wire);
-    waam_link_flush(&core->link);
+    waam_link_block(&core->link, false);
     core->arc.gas_asked = false;
     core->stopping = core->state == WAAM_RUN || core->state == WAAM_HOLD || core->planner.count > 0;
     waam_core_finish_stopping(core);
@@ -136,6 +146,7 @@ bool waam_core_jogging(const waam_core_t *core)
 void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inputs, waam_outputs_t *outputs)
 {
     core->now_us += dt_us;
+    core->since_tick_us = 0;
     waam_guard_inputs(core, inputs);
     waam_core_take_lines(core);
     waam_guard_link(core);
@@ -148,9 +159,11 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
     outputs->arc = waam_arc_output(&core->arc);
     outputs->gas = core->arc.gas;
     outputs->wire_mm_s = core->wire.speed_mm_s;
-    outputs->voltage_v = outputs->arc ? core->arc.voltage_v : 0.0;
+    outputs->sense = core->arc.phase == WAAM_ARC_SENSE;
+    outputs->voltage_v = waam_guard_source(core);
+    waam_guard_orders(core, dt_us);
     if (core->now_us >= core->telemetry_due_us) {
-        core->telemetry_due_us += core->config.telemetry_us;
+        core->telemetry_due_us += core->telemetry_us;
         waam_core_telemetry(core);
     }
 }

@@ -24,15 +24,17 @@ static bool arrives_braking(double v0, double left_mm, double exit, double accel
 
 static void place(waam_motion_t *motion, const waam_block_t *block)
 {
-    double share = motion->done_mm / block->length_mm;
+    double at_mm[WAAM_AXES];
+    waam_path_point(&block->path, motion->done_mm / block->path.length_mm, at_mm);
     for (int i = 0; i < WAAM_AXES; i++)
-        motion->steps[i] = block->start[i] + (int32_t)lround(share * (block->end[i] - block->start[i]));
+        motion->steps[i] = (int32_t)lround(at_mm[i] * motion->steps_per_mm);
 }
 
 static double finish(waam_motion_t *motion, const waam_block_t *block, double speed, double time_s, bool *finished)
 {
     for (int i = 0; i < WAAM_AXES; i++)
         motion->steps[i] = block->end[i];
+    motion->wire_mm += block->wire_per_mm * (block->path.length_mm - motion->done_mm);
     motion->done_mm = 0.0;
     motion->speed_mm_s = speed;
     *finished = true;
@@ -42,7 +44,7 @@ static double finish(waam_motion_t *motion, const waam_block_t *block, double sp
 double waam_motion_advance(waam_motion_t *motion, const waam_block_t *block, double limit_mm_s, double exit_mm_s,
                            double dt_s, bool *finished)
 {
-    double v0 = motion->speed_mm_s, left = block->length_mm - motion->done_mm, change = block->accel_mm_s2 * dt_s;
+    double v0 = motion->speed_mm_s, left = block->path.length_mm - motion->done_mm, change = block->accel_mm_s2 * dt_s;
     *finished = false;
     if (limit_mm_s > 0.0 && arrives_braking(v0, left, exit_mm_s, block->accel_mm_s2, dt_s))
         return finish(motion, block, exit_mm_s, 2.0 * left / (v0 + exit_mm_s), finished);
@@ -51,6 +53,7 @@ double waam_motion_advance(waam_motion_t *motion, const waam_block_t *block, dou
     double distance = 0.5 * (v0 + v1) * dt_s;
     if (distance < left - 1e-9) {
         motion->done_mm += distance;
+        motion->wire_mm += block->wire_per_mm * distance;
         motion->speed_mm_s = v1;
         place(motion, block);
         return dt_s;
@@ -61,4 +64,67 @@ double waam_motion_advance(waam_motion_t *motion, const waam_block_t *block, dou
     double time = mean > 0.0 ? fmin(dt_s, left / mean) : dt_s;
     /* A sync point is left at rest; a lower limit of the next move (override) is approached inside that move. */
     return finish(motion, block, exit_mm_s > 0.0 ? v_end : 0.0, time, finished);
+}
+
+/* ---- looking ahead ---- */
+
+typedef struct {
+    double up_s, flat_s, down_s; /* up or down to the peak, at the peak, down to the exit */
+    double from, peak, exit;     /* speeds */
+} profile_t;
+
+/* The trapezoid from v0 over at most `cruise` to `exit`, or to what can be reached of it, that fills `left` mm. */
+static profile_t trapezoid(double v0, double cruise, double exit, double accel, double left)
+{
+    exit = fmin(exit, sqrt(v0 * v0 + 2.0 * accel * left));
+    double reach = sqrt(fmax(0.0, 0.5 * (v0 * v0 + exit * exit) + accel * left));
+    profile_t p = {.from = v0, .peak = fmax(fmin(cruise, reach), 1e-3), .exit = exit};
+    double squares = fabs(p.peak * p.peak - v0 * v0) + fmax(0.0, p.peak * p.peak - exit * exit);
+    p.up_s = fabs(p.peak - v0) / accel;
+    p.down_s = fmax(0.0, p.peak - exit) / accel;
+    p.flat_s = fmax(0.0, left - 0.5 * squares / accel) / p.peak;
+    return p;
+}
+
+static double speed_at(const profile_t *p, double accel, double t)
+{
+    if (t < p->up_s)
+        return p->from + (p->peak > p->from ? accel : -accel) * t;
+    t -= p->up_s + p->flat_s;
+    return t < 0.0 ? p->peak : fmax(p->exit, p->peak - accel * t);
+}
+
+static double distance_at(const profile_t *p, double accel, double t)
+{
+    double up = fmin(t, p->up_s), flat = fmin(fmax(0.0, t - p->up_s), p->flat_s);
+    double down = fmin(fmax(0.0, t - p->up_s - p->flat_s), p->down_s), sign = p->peak > p->from ? 0.5 : -0.5;
+    return up * (p->from + sign * accel * up) + flat * p->peak + down * (p->peak - 0.5 * accel * down);
+}
+
+#define AHEAD_BLOCKS 16 /* the most that is looked through */
+
+waam_ahead_t waam_motion_ahead(const waam_motion_t *motion, const waam_planner_t *planner, double ahead_s)
+{
+    const waam_block_t *block = waam_planner_block(planner, 0);
+    double v0 = motion->speed_mm_s, left = block ? block->path.length_mm - motion->done_mm : 0.0;
+    if (!block || block->kind != WAAM_BLOCK_MOVE)
+        return (waam_ahead_t){.block = block && block->kind == WAAM_BLOCK_DWELL ? block : NULL};
+    double wire = 0.0;
+    for (size_t i = 0; i < AHEAD_BLOCKS; i++) {
+        double exit = waam_planner_exit(planner, i), accel = block->accel_mm_s2;
+        profile_t p = trapezoid(v0, waam_block_cruise(block, planner->override), exit, accel, left);
+        double time = p.up_s + p.flat_s + p.down_s;
+        const waam_block_t *next = waam_planner_block(planner, i + 1);
+        if (ahead_s <= time || !next || (next->kind != WAAM_BLOCK_MOVE && next->kind != WAAM_BLOCK_DWELL))
+            return (waam_ahead_t){block, speed_at(&p, accel, ahead_s),
+                                  wire + block->wire_per_mm * fmin(left, distance_at(&p, accel, ahead_s))};
+        if (next->kind == WAAM_BLOCK_DWELL)
+            return (waam_ahead_t){.block = next, .wire_mm = wire + block->wire_per_mm * left};
+        ahead_s -= time;
+        wire += block->wire_per_mm * left;
+        v0 = p.exit;
+        left = next->path.length_mm;
+        block = next;
+    }
+    return (waam_ahead_t){block, v0, wire};
 }

@@ -5,15 +5,26 @@
 #include "waam_planner.h"
 
 typedef struct {
+    int32_t steps_per_mm;
     int32_t steps[WAAM_AXES]; /* where the machine is */
     int32_t datum_steps[WAAM_AXES]; /* steps less pulses given out; homing shifts it */
     double speed_mm_s;        /* along the path */
     double done_mm;           /* of the head block */
+    double wire_mm;           /* length of wire that the path has asked for so far (E) */
 } waam_motion_t;
 
 /* Moves for at most dt_s towards `limit_mm_s` (0 = slow down and stand), so that the block can be left at `exit_mm_s`.
  * Returns the time used; *finished when the end of the block was reached. */
 double waam_motion_advance(waam_motion_t *motion, const waam_block_t *block, double limit_mm_s, double exit_mm_s,
                            double dt_s, bool *finished);
+
+/* Where the path will be `ahead_s` from now, if nothing intervenes. */
+typedef struct {
+    const waam_block_t *block; /* a move or a dwell; NULL = nothing moves */
+    double speed_mm_s;
+    double wire_mm;            /* that the path asks for until then (E) */
+} waam_ahead_t;
+
+waam_ahead_t waam_motion_ahead(const waam_motion_t *motion, const waam_planner_t *planner, double ahead_s);
 
 #endif

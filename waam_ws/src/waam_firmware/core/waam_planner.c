@@ -14,6 +14,11 @@ size_t waam_planner_free(const waam_planner_t *planner) { return WAAM_BLOCKS - p
 
 static waam_block_t *at(waam_planner_t *planner, size_t i) { return &planner->block[(planner->head + i) % WAAM_BLOCKS]; }
 
+const waam_block_t *waam_planner_block(const waam_planner_t *planner, size_t i)
+{
+    return i < planner->count ? &planner->block[(planner->head + i) % WAAM_BLOCKS] : NULL;
+}
+
 waam_block_t *waam_planner_head(waam_planner_t *planner) { return planner->count ? at(planner, 0) : NULL; }
 
 waam_block_t *waam_planner_tail(waam_planner_t *planner)
@@ -27,42 +32,43 @@ void waam_planner_pop(waam_planner_t *planner)
     planner->count--;
 }
 
-/* Greatest value along `unit` so that no axis exceeds its own limit. */
-static double along(const double unit[WAAM_AXES], const double limit[WAAM_AXES])
+void waam_block_complete(waam_block_t *block, const waam_kinematics_t *kinematics)
 {
-    double result = INFINITY;
-    for (int i = 0; i < WAAM_AXES; i++) {
-        double share = fabs(unit[i]);
-        if (share > 1e-9 && limit[i] / share < result)
-            result = limit[i] / share;
+    const waam_kinematics_t *k = kinematics;
+    double wire = fabs(block->wire_per_mm);
+    for (int i = 0; i < WAAM_AXES; i++)
+        block->end[i] = (int32_t)lround(block->path.end_mm[i] * k->steps_per_mm);
+    waam_path_limits(&block->path, block->nominal_mm_s, k, &block->ceiling_mm_s, &block->accel_mm_s2);
+    if (wire > 1e-9) {
+        block->ceiling_mm_s = fmin(block->ceiling_mm_s, k->wire_max_mm_s / wire);
+        block->accel_mm_s2 = fmin(block->accel_mm_s2, k->wire_accel_mm_s2 / wire);
     }
-    return result;
 }
 
-void waam_block_geometry(waam_block_t *block, const double delta_mm[WAAM_AXES], const waam_kinematics_t *kinematics)
+/* Speed limit of the corner between two moves.
+ * Junction deviation: the corner is taken as a circle that stays within `deviation` of it; its centripetal acceleration
+ * is the smaller of the two blocks'. v^2 = a d s / (1 - s), s = sin(half the angle between the blocks).
+ * Moves shorter than that circle leave less room: half of each, v^2 = a l / 2 tan(half the angle), so that a curve made
+ * of very short moves is not run faster than the same curve as an arc.
+ * A wire that is coupled to the path changes its speed by no more than the jump that the feeder can do. */
+static double junction(const waam_block_t *before, const waam_block_t *after, const waam_kinematics_t *k)
 {
-    double squares = 0.0;
-    for (int i = 0; i < WAAM_AXES; i++)
-        squares += delta_mm[i] * delta_mm[i];
-    block->length_mm = sqrt(squares);
-    for (int i = 0; i < WAAM_AXES; i++)
-        block->unit[i] = delta_mm[i] / block->length_mm;
-    block->ceiling_mm_s = along(block->unit, kinematics->max_speed_mm_s);
-    block->accel_mm_s2 = along(block->unit, kinematics->accel_mm_s2);
-}
-
-/* Junction deviation: the corner is taken as a circle that stays within `deviation` of it; its centripetal acceleration
- * is the smaller of the two blocks'. v^2 = a d s / (1 - s), s = sin(half the angle between the blocks). */
-static double junction(const waam_block_t *before, const waam_block_t *after, double deviation_mm)
-{
-    double cosine = 0.0;
-    for (int i = 0; i < WAAM_AXES; i++)
-        cosine -= before->unit[i] * after->unit[i];
-    double half_sine = sqrt(fmax(0.0, 0.5 * (1.0 - cosine)));
-    if (half_sine > 0.9999999)
-        return INFINITY;
+    double cosine = 0.0, in[WAAM_AXES], out[WAAM_AXES], limit = INFINITY;
+    if (before->wire_only || after->wire_only)
+        return 0.0;
     double accel = fmin(before->accel_mm_s2, after->accel_mm_s2);
-    return sqrt(accel * deviation_mm * half_sine / (1.0 - half_sine));
+    double shorter = fmin(before->path.length_mm, after->path.length_mm);
+    double jump = fabs(after->wire_per_mm - before->wire_per_mm);
+    waam_path_direction(&before->path, 1.0, in);
+    waam_path_direction(&after->path, 0.0, out);
+    for (int i = 0; i < WAAM_AXES; i++)
+        cosine -= in[i] * out[i];
+    double sine = sqrt(fmax(0.0, 0.5 * (1.0 - cosine)));
+    if (sine <= 0.9999999) {
+        double room = 0.5 * shorter * sine / sqrt(1.0 - sine * sine);
+        limit = sqrt(accel * fmin(k->junction_deviation_mm * sine / (1.0 - sine), room));
+    }
+    return jump > 1e-9 ? fmin(limit, k->wire_jump_mm_s / jump) : limit;
 }
 
 double waam_block_cruise(const waam_block_t *block, double override)
@@ -70,15 +76,11 @@ double waam_block_cruise(const waam_block_t *block, double override)
     return fmin(block->nominal_mm_s * override, block->ceiling_mm_s);
 }
 
-static double exit_of(const waam_planner_t *planner, size_t i)
+double waam_planner_exit(const waam_planner_t *planner, size_t i)
 {
-    if (i + 1 >= planner->count)
-        return 0.0;
-    const waam_block_t *next = &planner->block[(planner->head + i + 1) % WAAM_BLOCKS];
-    return next->kind == WAAM_BLOCK_MOVE ? next->entry_mm_s : 0.0;
+    const waam_block_t *next = waam_planner_block(planner, i + 1);
+    return next && next->kind == WAAM_BLOCK_MOVE ? next->entry_mm_s : 0.0;
 }
-
-double waam_planner_exit(const waam_planner_t *planner) { return exit_of(planner, 0); }
 
 /* From the last block to the first: no block is entered faster than it can slow down to its own exit. A forward pass is
  * not needed, for motion accelerates step by step within the limit and these speeds are only upper bounds. */
@@ -91,8 +93,8 @@ static void replan(waam_planner_t *planner, bool all)
         const waam_block_t *before = at(planner, i - 1);
         double entry = 0.0;
         if (before->kind == WAAM_BLOCK_MOVE) {
-            double exit = exit_of(planner, i);
-            entry = sqrt(exit * exit + 2.0 * block->accel_mm_s2 * block->length_mm);
+            double exit = waam_planner_exit(planner, i);
+            entry = sqrt(exit * exit + 2.0 * block->accel_mm_s2 * block->path.length_mm);
             entry = fmin(entry, block->junction_mm_s);
             entry = fmin(entry, waam_block_cruise(before, planner->override));
             entry = fmin(entry, waam_block_cruise(block, planner->override));
@@ -111,7 +113,7 @@ void waam_planner_push(waam_planner_t *planner, const waam_block_t *block, const
     added->entry_mm_s = added->junction_mm_s = 0.0;
     if (block->kind != WAAM_BLOCK_MOVE || !before || before->kind != WAAM_BLOCK_MOVE)
         return;
-    added->junction_mm_s = junction(before, added, kinematics->junction_deviation_mm);
+    added->junction_mm_s = junction(before, added, kinematics);
     replan(planner, false);
 }
 

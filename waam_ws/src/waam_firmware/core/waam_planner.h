@@ -2,7 +2,7 @@
 #ifndef WAAM_PLANNER_H
 #define WAAM_PLANNER_H
 
-#include "waam_types.h"
+#include "waam_gcode.h"
 
 typedef enum {
     WAAM_BLOCK_MOVE,
@@ -21,11 +21,14 @@ typedef struct {
     bool jog;
     uint32_t line;              /* last line that is done when this block is; 0 = none */
     double wire_mm_s, voltage_v;/* in force from the start of this block */
+    bool coupled;               /* the wire follows the path: wire_per_mm instead of wire_mm_s */
+    waam_modal_t after;         /* in force when this block is done */
     double dwell_s;
     /* moves */
-    int32_t start[WAAM_AXES], end[WAAM_AXES]; /* steps */
-    double unit[WAAM_AXES];     /* direction */
-    double length_mm;
+    waam_path_t path;
+    int32_t end[WAAM_AXES];     /* steps */
+    double wire_per_mm;         /* mm of wire per mm of path */
+    bool wire_only;             /* no axis moves: the path is the length of wire */
     double nominal_mm_s;        /* before the override */
     double ceiling_mm_s;        /* the axes allow no more, whatever the override */
     double accel_mm_s2;
@@ -39,25 +42,21 @@ typedef struct {
     double override;            /* factor on nominal speeds */
 } waam_planner_t;
 
-typedef struct {
-    int32_t steps_per_mm;
-    double max_speed_mm_s[WAAM_AXES], accel_mm_s2[WAAM_AXES];
-    double junction_deviation_mm;
-} waam_kinematics_t;
-
 void waam_planner_init(waam_planner_t *planner);
 void waam_planner_clear(waam_planner_t *planner);
 size_t waam_planner_free(const waam_planner_t *planner);
+/* The i-th block from the head; NULL beyond the last. */
+const waam_block_t *waam_planner_block(const waam_planner_t *planner, size_t i);
 waam_block_t *waam_planner_head(waam_planner_t *planner);
 waam_block_t *waam_planner_tail(waam_planner_t *planner);
 void waam_planner_pop(waam_planner_t *planner);
-/* Completes a move from `delta_mm`, its start, end and nominal speed. */
-void waam_block_geometry(waam_block_t *block, const double delta_mm[WAAM_AXES], const waam_kinematics_t *kinematics);
+/* Completes a move from its path, nominal speed and wire per mm: end in steps and limits. */
+void waam_block_complete(waam_block_t *block, const waam_kinematics_t *kinematics);
 /* Appends a block (there must be a free one), works out its corner and plans again. */
 void waam_planner_push(waam_planner_t *planner, const waam_block_t *block, const waam_kinematics_t *kinematics);
 void waam_planner_set_override(waam_planner_t *planner, double factor);
-/* Speed at which the head block may be left. */
-double waam_planner_exit(const waam_planner_t *planner);
+/* Speed at which the i-th block may be left. */
+double waam_planner_exit(const waam_planner_t *planner, size_t i);
 /* Speed wanted inside a block, with override. */
 double waam_block_cruise(const waam_block_t *block, double override);
 

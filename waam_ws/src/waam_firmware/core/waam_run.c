@@ -25,8 +25,10 @@ static void start_block(waam_core_t *core, const waam_block_t *block)
 static void finish_block(waam_core_t *core, const waam_block_t *block)
 {
     waam_block_kind_t kind = block->kind;
-    if (block->line)
+    if (block->line) {
         core->executed = block->line;
+        core->executed_modal = block->after;
+    }
     waam_planner_pop(&core->planner);
     core->block_started = false;
     if (kind == WAAM_BLOCK_PAUSE)
@@ -41,6 +43,8 @@ static bool may_strike(waam_core_t *core)
         waam_core_hold(core, WAAM_E_NOT_HOMED, "not homed", false);
     else if (core->inputs.limit_switch)
         waam_core_alarm(core, WAAM_E_LIMIT_SWITCH, "limit switch");
+    else if (waam_core_too_hot(core))
+        waam_core_fault(core, WAAM_FAULT_OVER_TEMPERATURE, NULL);
     else
         return true;
     return false;
@@ -76,7 +80,7 @@ static double work(waam_core_t *core, const waam_block_t *block, double dt_s, bo
     switch (block->kind) {
     case WAAM_BLOCK_MOVE:
         return waam_motion_advance(&core->motion, block, waam_block_cruise(block, core->planner.override),
-                                   waam_planner_exit(&core->planner), dt_s, done);
+                                   waam_planner_exit(&core->planner, 0), dt_s, done);
     case WAAM_BLOCK_DWELL: {
         double left = block->dwell_s - (double)core->dwell_us * 1e-6;
         *done = left <= dt_s;
@@ -99,6 +103,16 @@ static bool needs_arc(const waam_core_t *core, const waam_block_t *block)
     return core->arc_wanted && block->kind != WAAM_BLOCK_ARC_END && block->kind != WAAM_BLOCK_FINISH;
 }
 
+/* No move with a wire that may be frozen in the bead. True: wait. */
+static bool wire_check(waam_core_t *core, const waam_block_t *block)
+{
+    bool moves = block->kind == WAAM_BLOCK_MOVE || block->kind == WAAM_BLOCK_HOME;
+    if (!moves || core->arc_wanted || !core->arc.unchecked || core->motion.speed_mm_s > 0.0)
+        return false;
+    waam_arc_check(&core->arc);
+    return true;
+}
+
 static void run_queue(waam_core_t *core, double dt_s)
 {
     waam_block_t *block;
@@ -106,6 +120,8 @@ static void run_queue(waam_core_t *core, double dt_s)
         bool done = false;
         if (needs_arc(core, block) && !arc_burns(core))
             return; /* after a hold: strikes again before motion goes on */
+        if (!core->block_started && wire_check(core, block))
+            return;
         if (!core->block_started)
             start_block(core, block);
         dt_s -= work(core, block, dt_s, &done);
@@ -136,7 +152,7 @@ static void slow_down(waam_core_t *core, double dt_s)
         bool done = false;
         if (!core->block_started)
             start_block(core, block);
-        dt_s -= waam_motion_advance(&core->motion, block, 0.0, waam_planner_exit(&core->planner), dt_s, &done);
+        dt_s -= waam_motion_advance(&core->motion, block, 0.0, waam_planner_exit(&core->planner, 0), dt_s, &done);
         if (done)
             finish_block(core, block);
     }
@@ -163,6 +179,11 @@ static void tick_running(waam_core_t *core, uint32_t dt_us)
         waam_wire_stop_jog(&core->wire);
         waam_core_state(core, WAAM_RUN, WAAM_OK, "running");
     }
+    if (core->retrying) {
+        slow_down(core, dt_us * 1e-6);
+        core->retrying = !waam_core_stands(core) || core->arc.phase != WAAM_ARC_OFF;
+        return;
+    }
     run_queue(core, dt_us * 1e-6);
     check_underrun(core, dt_us);
     if (core->state == WAAM_RUN && core->planner.count == 0 && !core->arc_wanted)
@@ -177,4 +198,5 @@ void waam_core_run(waam_core_t *core, uint32_t dt_us)
         tick_hold(core, dt_us * 1e-6);
     else if (core->state != WAAM_ALARM)
         tick_running(core, dt_us);
+    waam_core_follow(core);
 }

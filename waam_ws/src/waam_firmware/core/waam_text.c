@@ -4,7 +4,7 @@ void waam_text_clear(waam_text_t *t) { t->length = 0; }
 
 void waam_text_char(waam_text_t *t, char c)
 {
-    if (t->length < sizeof t->text - 8) /* room for the check is always kept */
+    if (t->length < sizeof t->text - 13) /* room for the check is always kept */
         t->text[t->length++] = c;
 }
 
@@ -59,13 +59,13 @@ void waam_text_fixed(waam_text_t *t, double value, unsigned decimals)
     }
 }
 
-void waam_text_seal(waam_text_t *t)
+void waam_text_seal(waam_text_t *t, bool strong)
 {
-    uint16_t crc = waam_crc16(t->text, t->length);
+    uint32_t check = strong ? waam_crc32(t->text, t->length) : waam_crc16(t->text, t->length);
     char *end = t->text + t->length;
     *end++ = '*';
-    for (uint16_t place = 10000; place; place /= 10)
-        *end++ = (char)('0' + crc / place % 10);
+    for (uint32_t place = strong ? 1000000000 : 10000; place; place /= 10)
+        *end++ = (char)('0' + check / place % 10);
     *end++ = '\n';
     t->length = (size_t)(end - t->text);
 }
@@ -81,25 +81,48 @@ uint16_t waam_crc16(const char *bytes, size_t count)
     return crc;
 }
 
-bool waam_check_line(const char *line, size_t count, size_t *content)
+/* By half bytes: 16 entries instead of 256. */
+uint32_t waam_crc32(const char *bytes, size_t count)
 {
-    size_t digits = 0;
-    uint32_t given = 0;
-    while (digits < count && digits < 6 && line[count - 1 - digits] >= '0' && line[count - 1 - digits] <= '9')
+    static const uint32_t table[16] = {
+        0x00000000, 0x1DB71064, 0x3B6E20C8, 0x26D930AC, 0x76DC4190, 0x6B6B51F4, 0x4DB26158, 0x5005713C,
+        0xEDB88320, 0xF00F9344, 0xD6D6A3E8, 0xCB61B38C, 0x9B64C2B0, 0x86D3D2D4, 0xA00AE278, 0xBDBDF21C};
+    uint32_t crc = 0xFFFFFFFF;
+    for (size_t i = 0; i < count; i++) {
+        crc ^= (uint8_t)bytes[i];
+        crc = (crc >> 4) ^ table[crc & 15];
+        crc = (crc >> 4) ^ table[crc & 15];
+    }
+    return ~crc;
+}
+
+static uint8_t parity(const char *bytes, size_t count)
+{
+    uint8_t x = 0;
+    for (size_t i = 0; i < count; i++)
+        x ^= (uint8_t)bytes[i];
+    return x;
+}
+
+unsigned waam_check_line(const char *line, size_t count, size_t *content)
+{
+    unsigned digits = 0;
+    uint64_t given = 0;
+    while (digits < count && digits < 11 && line[count - 1 - digits] >= '0' && line[count - 1 - digits] <= '9')
         digits++;
     if (digits == 0 || digits >= count || line[count - 1 - digits] != '*')
-        return false;
+        return 0;
     *content = count - 1 - digits;
     for (size_t i = *content + 1; i < count; i++)
-        given = given * 10 + (uint32_t)(line[i] - '0');
-    if (digits == 5)
-        return given == waam_crc16(line, *content);
-    if (digits > 3)
-        return false;
-    uint8_t parity = 0;
-    for (size_t i = 0; i < *content; i++)
-        parity ^= (uint8_t)line[i];
-    return given == parity;
+        given = given * 10 + (uint64_t)(line[i] - '0');
+    switch (digits) {
+    case 1:
+    case 2:
+    case 3: return given == parity(line, *content) ? digits : 0;
+    case 5: return given == waam_crc16(line, *content) ? digits : 0;
+    case 10: return given == waam_crc32(line, *content) ? digits : 0;
+    default: return 0;
+    }
 }
 
 void waam_skip_spaces(waam_cursor_t *c)

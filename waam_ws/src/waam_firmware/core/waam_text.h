@@ -5,7 +5,7 @@
 #include "waam_types.h"
 
 typedef struct {
-    char text[224];
+    char text[360];
     size_t length;
 } waam_text_t;
 
@@ -17,13 +17,16 @@ void waam_text_uint(waam_text_t *t, uint64_t value);
 void waam_text_int(waam_text_t *t, int64_t value);
 /* Rounded to `decimals` digits, trailing zeros removed. */
 void waam_text_fixed(waam_text_t *t, double value, unsigned decimals);
-/* Appends "*", the five digits of the CRC and a line feed. */
-void waam_text_seal(waam_text_t *t);
+/* Appends "*", the CRC-16 in five digits (`strong`: the CRC-32 in ten) and a line feed. */
+void waam_text_seal(waam_text_t *t, bool strong);
 
 /* CRC-16/CCITT-FALSE: polynomial 0x1021, initial value 0xFFFF. */
 uint16_t waam_crc16(const char *bytes, size_t count);
-/* True when the line ends in '*' and a right check; *content is then the number of bytes before the '*'. */
-bool waam_check_line(const char *line, size_t count, size_t *content);
+/* CRC-32 (IEEE 802.3, reflected, as in Ethernet and zip). */
+uint32_t waam_crc32(const char *bytes, size_t count);
+/* Digits of the check (1-3 XOR-8, 5 CRC-16, 10 CRC-32) when the line ends in '*' and a right one, else 0;
+ * *content is then the number of bytes before the '*'. */
+unsigned waam_check_line(const char *line, size_t count, size_t *content);
 
 /* Reading: a cursor over the words of a line. */
 typedef struct {

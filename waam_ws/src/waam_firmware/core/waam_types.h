@@ -7,11 +7,18 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "waam_monitor.h"
+#include "waam_regulator.h"
+
 #define WAAM_AXES 3
 #define WAAM_LINE_MAX 160      /* bytes of one line, end of line excluded */
 #define WAAM_RING_BYTES 2048   /* receive buffer for checked lines that wait for a free block */
 #define WAAM_BLOCKS 64         /* planner queue */
-#define WAAM_FIRMWARE_VERSION "0.1.0"
+#define WAAM_RECENT 8          /* immediate lines that are remembered */
+#define WAAM_BYTE_HOLD 0x80    /* real-time bytes, two in a row */
+#define WAAM_BYTE_RESUME 0x81
+#define WAAM_BYTE_STOP 0x82
+#define WAAM_FIRMWARE_VERSION "0.2.0"
 
 typedef enum { WAAM_IDLE = 0, WAAM_RUN = 1, WAAM_HOLD = 2, WAAM_ALARM = 3 } waam_state_t;
 
@@ -34,13 +41,45 @@ typedef enum {
     WAAM_E_NO_ARC = 205,
     WAAM_E_WIRE = 206,
     WAAM_E_GAS = 207,
+    WAAM_E_STUBBING = 208,
+    WAAM_E_BURN_BACK = 209,
+    WAAM_E_OVER_TEMPERATURE = 210,
+    WAAM_E_WIRE_STUCK = 211,
     WAAM_E_ESTOP = 300,
     WAAM_E_LIMIT_SWITCH = 301,
     WAAM_E_SOFT_LIMIT = 302,
     WAAM_E_INPUTS = 303,
     WAAM_E_NOT_HOMED = 304,
-    WAAM_E_NOT_ARMED = 305
+    WAAM_E_NOT_ARMED = 305,
+    WAAM_E_POWER_UP = 306,
+    WAAM_E_WATCHDOG = 307
 } waam_code_t;
+
+/* What can go wrong with the arc; what is done about it is configured (waam_guard.c). */
+typedef enum {
+    WAAM_FAULT_NO_ARC,
+    WAAM_FAULT_ARC_LOST,
+    WAAM_FAULT_STUBBING,
+    WAAM_FAULT_BURN_BACK,
+    WAAM_FAULT_WIRE,
+    WAAM_FAULT_GAS,
+    WAAM_FAULT_OVER_TEMPERATURE,
+    WAAM_FAULT_SENSOR,
+    WAAM_FAULT_WIRE_STUCK,
+    WAAM_FAULTS,
+    WAAM_FAULT_NONE = WAAM_FAULTS
+} waam_fault_t;
+
+typedef enum {
+    WAAM_REACT_HOLD,            /* slow down, stay where it is, keep the queue: a person decides */
+    WAAM_REACT_RETRY,           /* slow down, strike again, go on; HOLD when the tries are used up */
+    WAAM_REACT_ALARM            /* outputs off, homing lost */
+} waam_reaction_t;
+
+typedef struct {
+    waam_reaction_t reaction;
+    uint32_t tries;             /* of RETRY, between M3 and M5 */
+} waam_policy_t;
 
 typedef struct {
     uint32_t purge_us;          /* gas before the first strike */
@@ -58,6 +97,10 @@ typedef struct {
     uint32_t gas_missing_us;
     double wire_fault_ratio;    /* encoder below this share of the command ... */
     uint32_t wire_fault_us;     /* ... for this long is a wire fault */
+    uint32_t sense_us;          /* stick check: longest look at the sense voltage */
+    uint32_t free_us;           /* ... which must be above free_v for this long */
+    double free_v;
+    uint32_t pulses, pulse_us;  /* of the source, to burn off a wire that froze in the bead */
 } waam_arc_config_t;
 
 typedef struct {
@@ -72,8 +115,18 @@ typedef struct {
     int8_t home_direction[WAAM_AXES]; /* -1: switch at the lower limit, +1: at the upper */
     double home_seek_mm_s, home_latch_mm_s, home_backoff_mm;
     double wire_max_mm_s, wire_accel_mm_s2;
+    double wire_delay_s, wire_lag_s;    /* of the feeder: transport delay, time constant of the motor */
+    double wire_response_s;             /* time constant that the lead makes of the lag; not below = no lead */
+    double wire_jump_mm_s;              /* a wire coupled to the path may change its speed at once by this */
+    double wire_strike_mm_s;            /* for a strike with the wire coupled to a path that is not known yet */
     double voltage_max_v;
     waam_arc_config_t arc;
+    waam_regulator_config_t regulator;
+    waam_monitor_config_t monitor;
+    waam_policy_t policy[WAAM_FAULTS];
+    double temperature_max_c;   /* of torch or drives */
+    bool starts_in_alarm;       /* after power-up (306): nothing but a reset leads to IDLE */
+    bool watchdog_reset;        /* the shell found that the watchdog had reset the processor (307) */
     uint32_t link_timeout_us;   /* no valid line for this long while in RUN: HOLD 201 */
     uint32_t lease_us;          /* the arc is off this long after the lease stamp */
     uint32_t lease_margin_us;   /* the arc end is started this much earlier than its own length asks for */
@@ -87,12 +140,15 @@ typedef struct {
     bool estop, limit_switch, gas_ok;
     bool home_switch[WAAM_AXES];
     waam_process_t process;     /* are the five values below connected */
-    double current_a, voltage_v, wire_mm_s;
+    double current_a, voltage_v, wire_mm_s; /* current and voltage: not used where the fast tick has them */
+    bool over_temperature;      /* thermal switch of torch, drives or cooling */
+    double temperature_c;       /* where it is measured; else 0 */
 } waam_inputs_t;
 
 typedef struct {
     int32_t pulses[WAAM_AXES];  /* pulses since the start, at the end of this tick; the shell spreads the new ones over it */
     bool arc, gas;
+    bool sense;                 /* low sense voltage between wire and work instead of the source: stick check */
     double wire_mm_s, voltage_v;
 } waam_outputs_t;
 

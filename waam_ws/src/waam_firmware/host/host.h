@@ -5,15 +5,14 @@
 #include <poll.h>
 #include <stdio.h>
 
-#include "waam_core.h"
+#include "rig.h"
 
 #define STEP_US 10000u   /* one exchange with the plant */
-#define TICK_US 1000u
 #define SAMPLES (STEP_US / TICK_US)
 
 typedef struct {
     const char *pty_link, *plant, *events;
-    bool null_plant, clock_is_ros_time;
+    bool null_plant, clock_is_ros_time, power_up_alarm;
     double rate;            /* simulated seconds per second; 0 = no limit */
     uint64_t epoch_us;
     double start_mm[WAAM_AXES];
@@ -23,9 +22,9 @@ typedef struct {
 options_t options_parse(int argc, char **argv);
 
 /* ---- pseudo-terminal ---- */
-#define TX_BYTES (256u * 1024u)
-#define TX_TELEMETRY_BYTES (32u * 1024u) /* beyond this much unsent, telemetry is dropped */
-#define TX_INPUT_BYTES (128u * 1024u)    /* beyond this much unsent, nothing is read any more */
+#define TX_BYTES (1024u * 1024u)
+#define TX_TELEMETRY_BYTES (512u * 1024u) /* beyond this much unsent (4 s at 1 kHz), telemetry is dropped */
+#define TX_INPUT_BYTES (768u * 1024u)     /* beyond this much unsent, nothing is read any more */
 
 typedef struct {
     int fd;
@@ -61,6 +60,7 @@ typedef struct {
     const char *path;
     uint64_t inode;
     bool was_connected;
+    bool contact;           /* the wire touches the work: seen by the source's sense supply */
 } plant_t;
 
 typedef void (*plant_idle_t)(void *context); /* called while an answer is awaited, when the pty has something to say */
@@ -75,6 +75,7 @@ void plant_exchange(plant_t *plant, const plant_sample_t samples[SAMPLES], uint6
 /* ---- pacing ---- */
 typedef struct {
     double rate;
+    uint32_t step_us; /* simulated time of the next step */
     uint64_t due_ns; /* when the step that was done was due on the wall clock */
 } pace_t;
 
@@ -82,6 +83,8 @@ uint64_t wall_ns(void);
 /* FAST: as fast as asked for. REAL: at most real time. SLOW: a fifth of it, unless real time or less was asked for. */
 typedef enum { PACE_FAST, PACE_REAL, PACE_SLOW } pace_mode_t;
 
+/* Simulated microseconds since the last step was due; 0 where time runs as fast as it can. */
+uint32_t pace_since_us(const pace_t *pace, pace_mode_t mode);
 /* Nanoseconds until the next step may be done. */
 uint64_t pace_left_ns(const pace_t *pace, pace_mode_t mode);
 /* A step is about to be done. */

@@ -18,7 +18,17 @@ static uint64_t period_ns(const pace_t *pace, pace_mode_t mode)
     double rate = pace->rate;
     if (mode != PACE_FAST && (rate == 0.0 || rate > 1.0))
         rate = most[mode];
-    return rate == 0.0 ? 0 : (uint64_t)(STEP_US * 1e3 / rate);
+    return rate == 0.0 ? 0 : (uint64_t)(pace->step_us * 1e3 / rate);
+}
+
+/* Steps that are late, but will be made up for, count as done: a stamp tells the time, not how busy the computer is. */
+uint32_t pace_since_us(const pace_t *pace, pace_mode_t mode)
+{
+    uint64_t period = period_ns(pace, mode), now = wall_ns();
+    if (period == 0 || now <= pace->due_ns)
+        return 0;
+    uint64_t since = now - pace->due_ns;
+    return (uint32_t)((double)(since < CATCH_UP_NS ? since : CATCH_UP_NS) / (double)period * pace->step_us);
 }
 
 uint64_t pace_left_ns(const pace_t *pace, pace_mode_t mode)

@@ -146,8 +146,10 @@ void plant_exchange(plant_t *plant, const plant_sample_t samples[SAMPLES], uint6
         *inputs = (waam_inputs_t){.process = WAAM_PROCESS_LOST};
         return;
     }
+    plant->contact = answer.inputs & 8;
     *inputs = (waam_inputs_t){
         .estop = answer.inputs & 1, .gas_ok = answer.inputs & 2, .limit_switch = answer.inputs & 4,
+        .over_temperature = answer.inputs & 16,
         .process = WAAM_PROCESS_OK, .current_a = answer.current, .voltage_v = answer.voltage,
         .wire_mm_s = answer.wire_speed * 1e3,
     };

@@ -7,13 +7,17 @@ import re
 import select
 import signal
 import subprocess
+import sys
 import threading
 import time
 import tty
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # helpers beside the tests
 
 TELEMETRY_FIELDS = [
     'seq',
@@ -85,6 +89,7 @@ class Client:
         self.stamps: list[int] = []  # controller time of the frame before each of them, us
         self.frames: list[dict[str, int]] = []
         self.bad_checks = 0
+        self.stamped = 0  # us, controller time of the last answer
         self.heartbeat = heartbeat
         self.lease: bool | str = (
             False  # give the frame's time as lease; 'frozen': give frozen_lease
@@ -137,10 +142,12 @@ class Client:
 
     def _line(self, line: bytes) -> None:
         content, _, check = line.rpartition(b'*')
-        if not check.isdigit() or len(check) != 5 or int(check) != crc16(content):
+        right = zlib.crc32(content) if len(check) == 10 else crc16(content)
+        if not check.isdigit() or len(check) not in (5, 10) or int(check) != right:
             self.bad_checks += 1
             return
-        text = content.decode()
+        text, _, stamp = content.decode().partition(' @')
+        self.stamped = int(stamp or 0) or self.stamped
         if text.startswith('T '):
             self._telemetry(text)
         elif not text.startswith('$H ') or ' error ' in text:
@@ -298,9 +305,21 @@ class Controller:
         assert code == 0, errors
 
 
-@pytest.fixture
+@pytest.fixture(scope='session')
+def client_class() -> type[Client]:
+    """For hosts of other terminals than the virtual controller's."""
+    return Client
+
+
+@pytest.fixture(scope='session')
 def controller_path() -> Path:
     return executable()
+
+
+@pytest.fixture
+def gcode_path() -> str:
+    """The tool that prints the path of a program, beside the controller."""
+    return str(executable().with_name('gcode_path'))
 
 
 @pytest.fixture

@@ -1,10 +1,15 @@
-/* Invariants of planner and motion on random paths: exact steps, bounded acceleration and speed, rest at the end.
- * Each path is executed in ticks of 1 ms with the override changing at random; a failed property prints the seed. */
+/* Invariants of planner, interpolator and motion on random paths of lines and arcs: exact steps, arcs on their circle,
+ * bounded speed and acceleration of every axis, rest at the end, a look ahead that comes true.
+ * Each path is executed in ticks of 1 ms with the override changing at random; a failed property prints the path's number. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "waam_arcs.h"
 #include "waam_core.h"
+
+#define DT 1e-3
+#define AHEAD 30
 
 static uint64_t seed;
 
@@ -24,56 +29,68 @@ static void require(bool condition, const char *what, uint64_t path, double got,
     exit(1);
 }
 
-static waam_kinematics_t kinematics(void)
-{
-    waam_config_t c = waam_config_default();
-    waam_kinematics_t k = {.steps_per_mm = c.steps_per_mm, .junction_deviation_mm = c.junction_deviation_mm};
-    for (int i = 0; i < WAAM_AXES; i++) {
-        k.max_speed_mm_s[i] = c.max_speed_mm_s[i];
-        k.accel_mm_s2[i] = c.accel_mm_s2[i];
-    }
-    return k;
-}
-
 typedef struct {
     waam_planner_t planner;
     waam_kinematics_t kinematics;
     waam_motion_t motion;
-    double at_mm[WAAM_AXES];
-    int32_t at_steps[WAAM_AXES];
-    double scale_mm, turn;
+    double at_mm[WAAM_AXES], velocity[WAAM_AXES];
+    double scale_mm, turn, arcs;
+    bool steady;                 /* the override stays: what was looked ahead must come true */
+    double ahead[AHEAD], ahead_wire[AHEAD]; /* speed and length of wire foretold for the ticks to come */
 } path_t;
 
-/* Appends a move in about the old direction (turn small) or any direction (turn large). */
-static void append(path_t *p, double direction[WAAM_AXES])
+/* A line in about the old direction (turn small) or any direction (turn large). */
+static waam_path_t random_line(path_t *p, double direction[WAAM_AXES])
 {
-    waam_block_t block = {.kind = WAAM_BLOCK_MOVE, .nominal_mm_s = uniform(1.0, 60.0)};
-    double delta[WAAM_AXES], length = p->scale_mm * uniform(0.2, 1.8);
-    bool moves = false;
+    double end[WAAM_AXES], length = p->scale_mm * uniform(0.2, 1.8);
     for (int i = 0; i < WAAM_AXES; i++) {
         direction[i] = (1.0 - p->turn) * direction[i] + p->turn * uniform(-1.0, 1.0);
-        delta[i] = direction[i] * length;
-        block.start[i] = p->at_steps[i];
-        block.end[i] = (int32_t)lround((p->at_mm[i] + delta[i]) * p->kinematics.steps_per_mm);
-        moves = moves || block.end[i] != block.start[i];
+        end[i] = p->at_mm[i] + direction[i] * length;
     }
-    if (!moves)
+    return waam_path_line(p->at_mm, end);
+}
+
+/* An arc or helix of any plane and sweep, through the same code as G2 and G3 with I J K. */
+static waam_path_t random_arc(path_t *p, uint64_t number)
+{
+    waam_command_t command = {.modal = {.plane = (waam_plane_t)uniform(0.0, 2.999)}};
+    const uint8_t *axes = waam_plane_axes[command.modal.plane];
+    double radius = p->scale_mm * uniform(0.1, 3.0), angle = uniform(-WAAM_PI, WAAM_PI), sweep = uniform(-6.28, 6.28);
+    double end[WAAM_AXES], zero[WAAM_AXES] = {0};
+    waam_path_t path;
+    waam_error_t error;
+    command.modal.motion = sweep < 0.0 ? WAAM_MOTION_ARC_CW : WAAM_MOTION_ARC_CCW;
+    command.offset_mm[axes[0]] = -radius * cos(angle);
+    command.offset_mm[axes[1]] = -radius * sin(angle);
+    end[axes[0]] = p->at_mm[axes[0]] + radius * (cos(angle + sweep) - cos(angle));
+    end[axes[1]] = p->at_mm[axes[1]] + radius * (sin(angle + sweep) - sin(angle));
+    end[axes[2]] = p->at_mm[axes[2]] + (uniform(0.0, 1.0) < 0.5 ? 0.0 : p->scale_mm * uniform(-1.0, 1.0));
+    bool good = waam_arc_path(p->at_mm, end, zero, &command, &path, &error);
+    require(good || radius < 2e-3, "a good arc is refused", number, radius, 0.0);
+    if (good && 2.0 * radius * fabs(sin(0.5 * sweep)) > 1e-4) /* below, it is a full circle */
+        require(fabs(path.sweep - sweep) < 1e-6 / radius + 1e-9, "sweep", number, path.sweep, sweep);
+    return good ? path : waam_path_line(p->at_mm, end);
+}
+
+static void append(path_t *p, double direction[WAAM_AXES], uint64_t number)
+{
+    waam_block_t block = {.kind = WAAM_BLOCK_MOVE, .nominal_mm_s = uniform(1.0, 60.0)};
+    block.path = uniform(0.0, 1.0) < p->arcs ? random_arc(p, number) : random_line(p, direction);
+    if (block.path.length_mm < 5e-4)
         return;
-    waam_block_geometry(&block, delta, &p->kinematics);
+    block.wire_per_mm = uniform(0.0, 1.0) < 0.5 ? uniform(0.0, 20.0) : 0.0;
+    waam_block_complete(&block, &p->kinematics);
     waam_planner_push(&p->planner, &block, &p->kinematics);
-    for (int i = 0; i < WAAM_AXES; i++) {
-        p->at_mm[i] += delta[i];
-        p->at_steps[i] = block.end[i];
-    }
+    for (int i = 0; i < WAAM_AXES; i++)
+        p->at_mm[i] = block.path.end_mm[i];
 }
 
 static void check_plan(path_t *p, uint64_t number)
 {
     for (size_t i = 1; i < p->planner.count; i++) {
-        const waam_block_t *b = &p->planner.block[(p->planner.head + i) % WAAM_BLOCKS];
-        bool last = i + 1 == p->planner.count;
-        double exit = last ? 0.0 : p->planner.block[(p->planner.head + i + 1) % WAAM_BLOCKS].entry_mm_s;
-        double slowest = b->entry_mm_s * b->entry_mm_s - 2.0 * b->accel_mm_s2 * b->length_mm;
+        const waam_block_t *b = waam_planner_block(&p->planner, i);
+        double exit = waam_planner_exit(&p->planner, i);
+        double slowest = b->entry_mm_s * b->entry_mm_s - 2.0 * b->accel_mm_s2 * b->path.length_mm;
         require(slowest <= exit * exit + 1e-6, "exit cannot be reached by braking", number, slowest, exit * exit);
         require(b->entry_mm_s <= b->junction_mm_s, "corner too fast", number, b->entry_mm_s, b->junction_mm_s);
         require(b->entry_mm_s <= waam_block_cruise(b, p->planner.override) + 1e-9, "entry above cruise", number,
@@ -81,49 +98,101 @@ static void check_plan(path_t *p, uint64_t number)
     }
 }
 
+/* Steps are whole, so the machine may stand half a step off in each of the two axes. */
+static void check_circle(const path_t *p, const waam_block_t *block, uint64_t number)
+{
+    if (!block->path.arc)
+        return;
+    const uint8_t *axes = waam_plane_axes[block->path.plane];
+    double x = (double)p->motion.steps[axes[0]] / p->motion.steps_per_mm - block->path.centre_mm[0];
+    double y = (double)p->motion.steps[axes[1]] / p->motion.steps_per_mm - block->path.centre_mm[1];
+    double off = fabs(hypot(x, y) - block->path.radius_mm) * p->motion.steps_per_mm;
+    require(off <= 0.7072 + 1e-6, "distance from the circle (steps)", number, off, 0.7072);
+}
+
+/* Within a block no axis changes its speed faster than allowed; 2 % is what braking onto the end of a block may add.
+ * At a corner the direction changes at once; junction deviation bounds the jump: with v^2 = a d s / (1 - s) and a turn
+ * whose half has the cosine s, |dv|^2 = 4 v^2 (1 - s^2) = 4 a d s (1 + s) <= 8 a d. */
+static void check_axes(path_t *p, const waam_block_t *block, double speed, double jumps, uint64_t number)
+{
+    double unit[WAAM_AXES];
+    waam_path_direction(&block->path, speed > 0.0 ? p->motion.done_mm / block->path.length_mm : 1.0, unit);
+    for (int i = 0; i < WAAM_AXES; i++) {
+        double velocity = unit[i] * speed, most = p->kinematics.max_speed_mm_s[i];
+        double change = fabs(velocity - p->velocity[i]), limit = 1.02 * p->kinematics.accel_mm_s2[i] * DT + 1e-3 + jumps;
+        require(fabs(velocity) <= most + 1e-6, "axis speed", number, velocity, most);
+        require(change <= limit, "axis acceleration (mm/s per ms)", number, change, limit);
+        p->velocity[i] = velocity;
+    }
+    double wire = block->wire_per_mm * speed, jump = jumps > 0.0 ? INFINITY : 0.0;
+    require(wire <= p->kinematics.wire_max_mm_s + 1e-6, "wire speed", number, wire, p->kinematics.wire_max_mm_s);
+    require(jump > 0.0 || block->wire_per_mm * block->accel_mm_s2 <= p->kinematics.wire_accel_mm_s2 * (1 + 1e-9),
+            "wire acceleration", number, block->wire_per_mm * block->accel_mm_s2, p->kinematics.wire_accel_mm_s2);
+}
+
+/* What was foretold 30 ms ago; only ticks quantise it, by the acceleration of one of them. */
+static void check_ahead(path_t *p, int tick, uint64_t number)
+{
+    waam_ahead_t ahead = waam_motion_ahead(&p->motion, &p->planner, AHEAD * DT);
+    int slot = tick % AHEAD;
+    if (p->steady && tick >= AHEAD) {
+        double off = fabs(p->ahead[slot] - p->motion.speed_mm_s), wire = fabs(p->ahead_wire[slot] - p->motion.wire_mm);
+        require(off <= 2.5, "foretold speed (mm/s)", number, p->ahead[slot], p->motion.speed_mm_s);
+        require(wire <= 0.5, "foretold wire (mm)", number, p->ahead_wire[slot], p->motion.wire_mm);
+    }
+    p->ahead[slot] = ahead.block ? ahead.speed_mm_s : 0.0;
+    p->ahead_wire[slot] = p->motion.wire_mm + ahead.wire_mm;
+}
+
 static void tick(path_t *p, uint64_t number)
 {
-    double dt = 1e-3, before = p->motion.speed_mm_s, accel = 0.0;
-    int32_t from[WAAM_AXES];
-    for (int i = 0; i < WAAM_AXES; i++)
-        from[i] = p->motion.steps[i];
-    waam_block_t *block;
+    double dt = DT, jumps = 0.0;
+    waam_block_t copy = {.kind = WAAM_BLOCK_DWELL}, *block;
     while (dt > 1e-9 && (block = waam_planner_head(&p->planner)) != NULL) {
         bool done = false;
-        waam_block_t copy = *block;
-        accel = fmax(accel, copy.accel_mm_s2);
+        copy = *block;
         dt -= waam_motion_advance(&p->motion, block, waam_block_cruise(block, p->planner.override),
-                                  waam_planner_exit(&p->planner), dt, &done);
+                                  waam_planner_exit(&p->planner, 0), dt, &done);
         if (!done)
             break;
         for (int i = 0; i < WAAM_AXES; i++)
             require(p->motion.steps[i] == copy.end[i], "steps of a block", number, p->motion.steps[i], copy.end[i]);
         waam_planner_pop(&p->planner);
+        jumps += sqrt(8.0 * copy.accel_mm_s2 * p->kinematics.junction_deviation_mm);
     }
-    double change = fabs(p->motion.speed_mm_s - before);
-    require(change <= accel * 1e-3 * 1.02 + 1e-3, "acceleration (mm/s per ms)", number, change, accel * 1e-3);
-    for (int i = 0; i < WAAM_AXES; i++) {
-        double speed = abs(p->motion.steps[i] - from[i]) / (p->kinematics.steps_per_mm * 1e-3);
-        require(speed <= p->kinematics.max_speed_mm_s[i] + 2e3 / p->kinematics.steps_per_mm, "axis speed", number, speed,
-                p->kinematics.max_speed_mm_s[i]);
-    }
+    if (copy.kind != WAAM_BLOCK_MOVE)
+        return;
+    if (p->motion.done_mm > 0.0)
+        check_circle(p, &copy, number);
+    check_axes(p, &copy, p->motion.speed_mm_s, jumps, number);
+}
+
+static void start(path_t *p, uint64_t number)
+{
+    waam_config_t config = waam_config_default();
+    seed = number * 1000003u;
+    *p = (path_t){.kinematics = waam_kinematics(&config), .motion = {.steps_per_mm = config.steps_per_mm},
+                  .scale_mm = exp(uniform(log(0.01), log(30.0))), .turn = uniform(0.0, 1.0),
+                  .arcs = number % 3 ? uniform(0.0, 1.0) : 0.0, .steady = number % 2};
+    waam_planner_init(&p->planner);
 }
 
 static void run_path(uint64_t number)
 {
     static path_t p;
     double direction[WAAM_AXES] = {1.0, 0.0, 0.0};
-    seed = number * 1000003u;
-    p = (path_t){.kinematics = kinematics(), .scale_mm = exp(uniform(log(0.01), log(30.0))), .turn = uniform(0.0, 1.0)};
-    waam_planner_init(&p.planner);
-    for (int left = 200, ticks = 0; left > 0 || p.planner.count; ticks++) {
-        while (left > 0 && waam_planner_free(&p.planner) > 0 && uniform(0.0, 1.0) < 0.95) {
-            append(&p, direction);
+    start(&p, number);
+    int left = 150;
+    for (int ticks = 0; left > 0 || p.planner.count; ticks++) {
+        while (left > 0 && waam_planner_free(&p.planner) > 0 && (p.steady || uniform(0.0, 1.0) < 0.95)) {
+            append(&p, direction, number);
             left--;
         }
-        if (uniform(0.0, 1.0) < 0.01)
+        if (!p.steady && uniform(0.0, 1.0) < 0.01)
             waam_planner_set_override(&p.planner, uniform(0.1, 2.0));
-        check_plan(&p, number);
+        if (ticks % 8 == 0)
+            check_plan(&p, number);
+        check_ahead(&p, ticks, number);
         tick(&p, number);
         require(ticks < 10000000, "the path does not end", number, ticks, 1e7);
     }
@@ -133,10 +202,11 @@ static void run_path(uint64_t number)
                 p.motion.steps[i], p.at_mm[i] * p.kinematics.steps_per_mm);
 }
 
-int main(void)
+int main(int argc, char **argv)
 {
-    for (uint64_t number = 1; number <= 60; number++)
+    uint64_t paths = argc > 1 ? strtoull(argv[1], NULL, 10) : 50;
+    for (uint64_t number = 1; number <= paths; number++)
         run_path(number);
-    printf("60 random paths: exact steps, bounded acceleration and speed\n");
+    printf("%llu random paths: exact steps, arcs on their circle, bounded speed and acceleration\n", (unsigned long long)paths);
     return 0;
 }

@@ -105,10 +105,10 @@ def test_error_stops_acceptance_until_resynchronised(client):
 @pytest.mark.parametrize(
     ('gcode', 'code', 'column'),
     [
-        ('G2 X1 Y1', 103, 4),
-        ('E5', 103, 4),
+        ('G2 X1 Y1', 107, 4),
+        ('E5', 107, 4),
         ('G1 X', 104, 7),
-        ('G1 X1e5 F100', 103, 9),
+        ('G1 X1e5 F100', 107, 9),
         ('G1 X-.', 104, 7),
         ('X5', 107, 4),
         ('G1 X5', 107, 7),

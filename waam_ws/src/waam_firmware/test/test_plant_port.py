@@ -3,73 +3,11 @@
 from __future__ import annotations
 
 import socket
-import struct
-import threading
-from dataclasses import dataclass, field
-from pathlib import Path
 
 import pytest
+from plant_cell import ESTOP, LIMIT, Cell
 
-HEADER, SAMPLE, ANSWER = struct.Struct('<IIQ'), struct.Struct('<5dI4x'), struct.Struct('<II3d')
-ESTOP, GAS_OK, LIMIT = 1, 2, 4
 ALARM, HOLD = 3, 2
-
-
-@dataclass
-class Cell:
-    """Answers every step; `current`, `wire` and the flags can be changed while it runs."""
-
-    path: Path
-    current: float = 180.0
-    wire: float | None = None  # m/s; None = as commanded
-    flags: int = 0
-    gas: bool = True
-    magic: int = 0x57414D41
-    answering: bool = True
-    steps: list[tuple[int, list[tuple]]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.socket = socket.socket(socket.AF_UNIX)
-        self.socket.connect(str(self.path))
-        self.thread = threading.Thread(target=self._serve, daemon=True)
-        self.thread.start()
-
-    def _receive(self, size: int) -> bytes:
-        data = b''
-        while len(data) < size:
-            part = self.socket.recv(size - len(data))
-            if not part:
-                raise ConnectionError
-            data += part
-        return data
-
-    def _serve(self) -> None:
-        try:
-            while True:
-                magic, count, t_us = HEADER.unpack(self._receive(16))
-                assert (magic, count) == (0x57414D53, 10)
-                samples = list(SAMPLE.iter_unpack(self._receive(48 * count)))
-                self.steps.append((t_us, samples))
-                if self.answering:
-                    self.socket.sendall(self._answer(samples[-1]))
-        except OSError:
-            pass
-
-    def _answer(self, last: tuple) -> bytes:
-        *_, wire, voltage, outputs = last
-        burns = bool(outputs & 1) and self.current > 0
-        flags = self.flags | (GAS_OK if outputs & 2 and self.gas else 0)
-        return ANSWER.pack(
-            self.magic,
-            flags,
-            self.current if burns else 0.0,
-            voltage if burns else 0.0,
-            wire if self.wire is None else self.wire,
-        )
-
-    def close(self) -> None:
-        self.socket.close()
-        self.thread.join(2)
 
 
 @pytest.fixture
@@ -99,7 +37,7 @@ def test_steps_carry_the_true_machine_position_and_setpoints(port):
     assert all(b - a == 10_000 for a, b in zip(times, times[1:], strict=False))
     x, y, z, wire, voltage, outputs = cell.steps[-1][1][-1]
     assert (y, z) == pytest.approx((-0.070, 0.130)) and -0.2 < x < -0.06
-    assert (wire, voltage, outputs) == (pytest.approx(5 / 60), 22.0, 3)
+    assert (wire, voltage, outputs) == (pytest.approx(5 / 60), pytest.approx(22.0, abs=0.05), 3)
     moved = [s[0] for _, samples in cell.steps[-20:] for s in samples]
     assert all(
         abs(b - a + 10e-6) < 4e-6 for a, b in zip(moved, moved[1:], strict=False)

@@ -11,7 +11,16 @@ from .goal import Code, JobError
 
 LEASE_EXPIRED = 202  # controller code, docs/link_protocol.md
 HOST_HOLD = 200
-ARC_CODES = {204: 'arc', 205: 'arc', 206: 'wire', 207: 'gas'}
+ARC_CODES = {
+    204: 'arc',
+    205: 'arc',
+    206: 'wire',
+    207: 'gas',
+    208: 'arc',
+    209: 'arc',
+    210: 'temperature',
+    211: 'wire',
+}
 
 
 @dataclass(frozen=True)

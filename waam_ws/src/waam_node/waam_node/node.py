@@ -19,12 +19,14 @@ from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.service_introspection import ServiceIntrospectionState
 
 from waam_msgs.msg import Heartbeat, LeaseTick
 
 from .params import from_dict
 from .qos import BEAT, EVENTS
 
+SILENT_SERVICES = ('rcl_interfaces', 'type_description_interfaces')
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
@@ -45,6 +47,18 @@ class WaamNode(Node):
         self.create_subscription(LeaseTick, 'lease_tick', self._on_tick, BEAT)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', EVENTS)
         self.create_timer(1.0, self._publish_diagnostics, clock=self.steady)
+
+    def create_service(
+        self, srv_type: type, srv_name: str, callback: Callable, **options: Any
+    ) -> Any:
+        """As of any node; requests and answers also go out on `<service>/_service_event`, so that a record of the
+        topics holds them and a replay can ask again. Those of the middleware (parameters) stay silent."""
+        service = super().create_service(srv_type, srv_name, callback, **options)
+        if not srv_type.__module__.startswith(SILENT_SERVICES):
+            service.configure_introspection(
+                self.get_clock(), EVENTS, ServiceIntrospectionState.CONTENTS
+            )
+        return service
 
     def _load_params(self, params_type: type) -> Any:
         overrides = {n: p.value for n, p in self._parameter_overrides.items()}

@@ -8,7 +8,8 @@ import yaml
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from waam_record.bag_reader import check, info, recover
+from waam_record.bag_copy import recover
+from waam_record.bag_reader import check, info
 from waam_record.bag_writer import BagError, BagWriter, Topic
 from waam_record.definitions import ament_prefixes, full_text
 

@@ -1,6 +1,7 @@
 """The recorder as a process over DDS, driven as the job drives it, judged by a third-party reader."""
 
 import dataclasses
+import json
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 import rclpy
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -19,11 +21,12 @@ from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 
 from waam_msgs.action import RunJob
-from waam_msgs.msg import Heartbeat, HeightMap, LeaseTick, Telemetry
+from waam_msgs.msg import Heartbeat, HeightMap, JobStatus, LeaseTick, Telemetry
 from waam_msgs.srv import Record
 from waam_node.params import markdown
-from waam_node.qos import BEAT, LATCHED, TELEMETRY
-from waam_record.bag_reader import check, info, recover
+from waam_node.qos import BEAT, EVENTS, LATCHED, TELEMETRY
+from waam_record.bag_copy import recover
+from waam_record.bag_reader import check, info
 from waam_record.node_session import RecorderParams
 
 START = 'from waam_record.recorder_node import main; main()'
@@ -134,7 +137,11 @@ def test_a_job_is_recorded_whole(graph, tmp_path):
     with AnyReader([folder]) as reader:  # compares our definitions with the type hashes as well
         assert reader.message_count == answer.messages
         got: dict[str, list] = {}
-        for connection, _, raw in reader.messages():
+        assert any('/srv/' in c.msgtype for c in reader.connections)
+        plain = [
+            c for c in reader.connections if '/srv/' not in c.msgtype
+        ]  # rosbags knows none of those
+        for connection, _, raw in reader.messages(plain):
             got.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
     assert [m.sequence for m in got['/telemetry']] == list(range(300))
     assert [m.arc_current for m in got['/telemetry']] == [i * 0.5 for i in range(300)]
@@ -228,6 +235,47 @@ def test_pause_and_refusals(graph, tmp_path):
     assert g.process.wait(10) == 0
     assert check(tmp_path / 'record').sound
     assert info(tmp_path / 'record').topics['/telemetry'].messages == 1
+
+
+def test_choice_layers_and_parameters(graph, tmp_path):
+    """Only what is chosen; the next file after each layer, with its latched messages; the parameters of the nodes."""
+    g = graph(
+        'topics:=/height_map',
+        'types:=waam_msgs/msg/JobStatus',
+        'split_layers:=1',
+        'metadata_period:=1.0',
+    )
+    fill(g.node)
+    other = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
+    status = g.node.create_publisher(JobStatus, 'any_name', EVENTS)
+    assert g.call(Record.Request.START, directory=str(tmp_path / 'record')).success
+    for layer in (0, 1, 1, 2, 3, 3):
+        status.publish(JobStatus(layer=layer))
+        other.publish(Telemetry())
+        g.spin_until(lambda: True, 1)
+    found: dict = {}
+    g.node.create_subscription(
+        DiagnosticArray, '/diagnostics', lambda m: found.update(diagnosed(m)), 10
+    )
+    g.spin_until(lambda: found.get('messages', 0) >= 7, 30)
+    assert found['lost'] == 0
+    g.spin_until(lambda: b'parameters.recorder' in metadata(tmp_path), 60)
+    assert g.call(Record.Request.STOP).success
+    listed = info(tmp_path / 'record')
+    assert set(listed.topics) == {'/height_map', '/any_name'}
+    assert [info(f).topics['/any_name'].messages for f in listed.files] == [3, 1, 2]
+    assert all(info(f).topics['/height_map'].messages == 1 for f in listed.files)
+    parameters = json.loads(listed.custom_data['parameters.recorder'])
+    assert parameters['split_layers'] == 1 and listed.custom_data['version.mcap']
+
+
+def diagnosed(message: DiagnosticArray) -> dict[str, int]:
+    values = {v.key: v.value for s in message.status for v in s.values}
+    return {k: int(values[k]) for k in ('messages', 'lost') if k in values}
+
+
+def metadata(folder: Path) -> bytes:
+    return (folder / 'record/metadata.yaml').read_bytes()
 
 
 def test_unknown_parameter_is_refused_by_name(graph):

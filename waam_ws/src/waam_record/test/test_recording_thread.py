@@ -8,7 +8,8 @@ import time
 
 import pytest
 
-from waam_record.bag_reader import check, info, recover
+from waam_record.bag_copy import recover
+from waam_record.bag_reader import check, info
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.recording import Limits, Recording
 

@@ -1,34 +1,20 @@
-"""Reads recordings: what is in them, whether every byte is whole, and what can be saved of a broken
-one."""
+"""Reads recordings: what is in them, and whether every byte is whole."""
 
 from __future__ import annotations
 
-import struct
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
-import zstandard
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, Footer, Message, Schema
 from mcap.stream_reader import StreamReader
 
-from .bag_writer import BagError, BagWriter, Topic
+from .bag_writer import BagError
+from .salvage import BROKEN, MESSAGE, Damage, decompressed, records
 
-_BROKEN = (
-    McapError,
-    struct.error,
-    zstandard.ZstdError,
-    EOFError,
-    UnicodeDecodeError,
-    ValueError,
-    KeyError,
-    MemoryError,
-)
-_MESSAGE = 0x05
+_Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 @dataclass
@@ -87,18 +73,6 @@ def bag_files(path: Path) -> list[Path]:
     return files
 
 
-def stream(path: Path) -> Iterator[object]:
-    """Records of one file in order, chunks opened, up to its end or its first damage (then
-    BagError)."""
-    with open(path, 'rb') as f:
-        try:
-            yield from StreamReader(f, validate_crcs=True).records
-        except _BROKEN as e:
-            raise BagError(
-                f'{path}: damaged at byte {f.tell()} ({type(e).__name__}: {e})'
-            ) from None
-
-
 def info(path: Path) -> Info:
     """Counts and times. Uses the index of sound files and reads broken ones through to their
     damage."""
@@ -109,7 +83,7 @@ def info(path: Path) -> Info:
             _streamed_info(file, result)
     metadata = (path if path.is_dir() else path.parent) / 'metadata.yaml'
     if metadata.is_file():
-        root = yaml.safe_load(metadata.read_text(encoding='utf-8')) or {}
+        root = yaml.load(metadata.read_text(encoding='utf-8'), _Loader) or {}
         result.custom_data = root.get('rosbag2_bagfile_information', {}).get('custom_data') or {}
     for key, value in result.custom_data.items():
         kind, _, name = key.partition('.')
@@ -122,7 +96,7 @@ def _indexed_info(file: Path, result: Info) -> bool:
     try:
         with open(file, 'rb') as f:
             summary = make_reader(f).get_summary()
-    except _BROKEN:
+    except BROKEN:
         return False
     if summary is None or summary.statistics is None:
         return False
@@ -138,19 +112,19 @@ def _indexed_info(file: Path, result: Info) -> bool:
 def _streamed_info(file: Path, result: Info) -> None:
     schemas: dict[int, str] = {}
     channels: dict[int, Channel] = {}
-    try:
-        for record in stream(file):
-            if isinstance(record, Schema):
-                schemas[record.id] = record.name
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Message):
-                channel = channels[record.channel_id]
-                _count(result, channel.topic, schemas[channel.schema_id], 1)
-                _times(result, record.log_time)
-        result.broken.append(f'{file.name}: no index')
-    except BagError as e:
-        result.broken.append(str(e))
+    damage: list[str] = []
+    for record in records(file):
+        if isinstance(record, Schema):
+            schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Damage):
+            damage.append(f'{file}: {record}')
+        elif isinstance(record, Message) and record.channel_id in channels:
+            channel = channels[record.channel_id]
+            _count(result, channel.topic, schemas.get(channel.schema_id, ''), 1)
+            _times(result, record.log_time)
+    result.broken += damage or [f'{file.name}: no index']
 
 
 def _count(result: Info, topic: str, type_name: str, count: int) -> None:
@@ -179,7 +153,7 @@ def check(path: Path) -> Check:
         except BagError as e:
             result.problems.append(str(e))
             continue
-        except _BROKEN as e:
+        except BROKEN as e:
             result.problems.append(f'{file.name}: no usable index ({type(e).__name__})')
             continue
         result.messages += found
@@ -195,7 +169,7 @@ def _count_chunks(file: Path) -> int:
                 if isinstance(record, Chunk):
                     found += _messages_in(record)
                 complete = complete or isinstance(record, Footer)
-        except _BROKEN as e:
+        except BROKEN as e:
             raise BagError(
                 f'{file}: damaged at byte {f.tell()} ({type(e).__name__}: {e})'
             ) from None
@@ -205,66 +179,11 @@ def _count_chunks(file: Path) -> int:
 
 
 def _messages_in(chunk: Chunk) -> int:
-    data = chunk.data
-    if chunk.compression == 'zstd':
-        data = zstandard.decompress(data, max_output_size=chunk.uncompressed_size)
+    data = decompressed(chunk.compression, chunk.data, chunk.uncompressed_size)
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise ValueError('checksum of a chunk is wrong')
     count = position = 0
     while position < len(data):
-        count += data[position] == _MESSAGE
+        count += data[position] == MESSAGE
         position += 9 + int.from_bytes(data[position + 1 : position + 9], 'little')
     return count
-
-
-@dataclass
-class Recovered:
-    """What `recover` saved: messages, and the damage that ended each file early."""
-
-    messages: int
-    output: Path
-    damage: list[str]
-
-
-def recover(path: Path, output: Path) -> Recovered:
-    """Writes the intact part of a recording (directory or file) as a new, indexed recording. The
-    source stays as it is."""
-    files = bag_files(path)
-    writer = BagWriter(output, name=Path(output).resolve().name)
-    damage: list[str] = []
-    seen: dict[tuple[str, str], int] = {}
-    for number, file in enumerate(files):
-        if number:
-            writer.split()
-        try:
-            _copy(file, writer, seen)
-        except BagError as e:
-            damage.append(str(e))
-    writer.custom_data['recovered_from'] = Path(path).name
-    writer.close()
-    return Recovered(writer.messages, Path(output), damage)
-
-
-def _copy(file: Path, writer: BagWriter, seen: dict[tuple[str, str], int]) -> None:
-    schemas: dict[int, Schema] = {}
-    local: dict[int, int] = {}
-    for record in stream(file):
-        if isinstance(record, Message):
-            topic = local[record.channel_id]
-            writer.write(topic, record.log_time, record.publish_time, record.sequence, record.data)
-        elif isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            key = record.topic, schemas[record.schema_id].name
-            if key not in seen:
-                seen[key] = writer.add_topic(_topic(record, schemas[record.schema_id]))
-            local[record.id] = seen[key]
-        elif isinstance(record, Metadata) and record.name == 'rosbag2':
-            stated = yaml.safe_load(record.metadata['serialized_metadata']) or {}
-            writer.custom_data.update(stated.get('custom_data') or {})
-
-
-def _topic(channel: Channel, schema: Schema) -> Topic:
-    profiles = yaml.safe_load(channel.metadata.get('offered_qos_profiles') or '[]')
-    type_hash = channel.metadata.get('topic_type_hash', '')
-    return Topic(channel.topic, schema.name, schema.data.decode(), type_hash, tuple(profiles))

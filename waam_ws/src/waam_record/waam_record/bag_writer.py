@@ -21,6 +21,11 @@ from waam_node.files import write_atomically
 from . import __name__ as LIBRARY
 
 METADATA_VERSION = 9  # rosbag2 of ROS 2 Jazzy
+COMPRESSIONS = {
+    'zstd': CompressionType.ZSTD,
+    'lz4': CompressionType.LZ4,
+    'none': CompressionType.NONE,
+}
 _Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
@@ -57,7 +62,8 @@ class BagWriter:
     """One recording. Not thread-safe: one thread writes.
 
     directory: is created and must not exist; name: stem of the files (default: name of the
-    directory); custom_data: strings kept in the metadata, may be extended until `close`.
+    directory); custom_data: strings kept in the metadata, may be extended until `close`; compression: of
+    the chunks, one of `COMPRESSIONS`.
     """
 
     def __init__(
@@ -67,11 +73,16 @@ class BagWriter:
         name: str = '',
         chunk_bytes: int = 1 << 20,
         distribution: str = 'jazzy',
+        compression: str = 'zstd',
     ) -> None:
+        if compression not in COMPRESSIONS:
+            known = ', '.join(COMPRESSIONS)
+            raise BagError(f"unknown compression '{compression}'; known are {known}")
         self.directory = Path(directory)
         self.name = name or self.directory.resolve().name
         self.custom_data = dict(custom_data or {})
         self._chunk_bytes, self._distribution = chunk_bytes, distribution
+        self._compression = COMPRESSIONS[compression]
         self.topics: list[Topic] = []
         self.counts: list[int] = []
         self._latest: dict[int, tuple[int, int, bytes]] = {}
@@ -99,6 +110,16 @@ class BagWriter:
         """Size of the current file so far."""
         return self._file.stream.tell()
 
+    @property
+    def file_duration_ns(self) -> int:
+        """Log time between the first and the last message of the current file."""
+        return self._file.last_ns - self._file.first_ns
+
+    def is_repeat(self, topic: int, publish_ns: int, sequence: int) -> bool:
+        """Whether this is the latched message that the topic held already (as after a split)."""
+        held = self._latest.get(topic)
+        return held is not None and held[:2] == (publish_ns, sequence)
+
     def add_topic(self, topic: Topic) -> int:
         """Registers a topic; the number returned is what `write` wants."""
         self.topics.append(topic)
@@ -123,14 +144,14 @@ class BagWriter:
         if sync:
             os.fsync(self._file.stream.fileno())
 
-    def split(self) -> None:
+    def split(self, repeat: bool = True) -> None:
         """Starts the next file. Latched messages are repeated there (own publish_time and
-        sequence), so that each file can be understood alone."""
+        sequence), so that each file can be understood alone; without `repeat` it begins empty."""
         now = self._file.last_ns
         self._finish(self._file)
         self._done.append(self._file)
         self._file = self._open()
-        for topic, (publish_ns, sequence, data) in list(self._latest.items()):
+        for topic, (publish_ns, sequence, data) in list(self._latest.items()) if repeat else ():
             self.write(topic, now, publish_ns, sequence, data)
         self.write_metadata()
 
@@ -142,7 +163,7 @@ class BagWriter:
     def _open(self) -> _File:
         path = self.directory / f'{self.name}_{len(self._done)}.mcap'
         stream = open(path, 'wb', buffering=1 << 20)  # noqa: SIM115  closed in _finish
-        writer = Writer(stream, chunk_size=self._chunk_bytes, compression=CompressionType.ZSTD)
+        writer = Writer(stream, chunk_size=self._chunk_bytes, compression=self._compression)
         writer.start(profile='ros2', library=LIBRARY)
         file = _File(path, stream, writer)
         self._file = file

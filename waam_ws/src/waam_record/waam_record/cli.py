@@ -1,54 +1,76 @@
-"""`waam record`: look at recordings, verify and save them; start and stop the recorder of a running
-graph."""
+"""`waam record`: look at recordings, verify, save, cut, join and import them; run, start and stop a recorder."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 import time
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from .bag_reader import Info
+from . import file_commands
+from .file_commands import error as _error
 
 _EXAMPLES = """examples:
-  waam record info jobs/latest/record        what is in it: topics, messages, losses, duration
-  waam record check jobs/latest/record       reads every chunk again and compares with the index
-  waam record recover jobs/latest/record     saves the intact part of a recording that was cut off
-  waam record start /tmp/record --note wire=ER70S-6
-  waam record stop
+  waam record info jobs/latest/record         what is in it: topics, messages, losses, duration
+  waam record check jobs/latest/record        reads every chunk again and compares with the index
+  waam record recover jobs/latest/record      saves what is whole in a recording that was cut off
+  waam record convert jobs/latest/record -o small --regex 'height_map|correction' --start 60
+  waam record merge monday tuesday -o both --compression none
+  waam record import run.bag pyrometer.dat -o run
+  waam record run /tmp/record --types sensor_msgs/msg/Temperature      until Ctrl-C, like ros2 bag record
+  waam record start /tmp/record --note wire=ER70S-6                    the recorder of the graph
+  waam record status                          messages, losses per topic, now
 
 A recording is a folder with MCAP files and metadata.yaml: `ros2 bag play FOLDER`, rosbags, Foxglove,
 PlotJuggler and rerun open it."""
+CHOICE = ('topics', 'types', 'regex', 'exclude')
 
 
 def register(commands: argparse._SubParsersAction) -> None:
     """Adds the verb `record` with its sub-verbs."""
     parser = commands.add_parser(
         'record',
-        help='recordings: info, check, recover; start and stop the recorder',
+        help='recordings: look, verify, save, convert, merge, import; run a recorder',
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     verbs = parser.add_subparsers(dest='record_verb', required=True, metavar='VERB')
-    for name, run, text in (
-        ('info', _info, 'topics, messages, losses and duration'),
-        ('check', _check, 'verify every chunk; exit status 1 when something is wrong'),
-    ):
-        verb = verbs.add_parser(name, help=text, description=text)
-        verb.add_argument('path', metavar='PATH', help='recording folder or .mcap file')
-        verb.set_defaults(run=run)
-    _register_recover(verbs)
+    file_commands.register(verbs)
+    _register_run(verbs)
     _register_control(verbs)
 
 
-def _register_recover(verbs: argparse._SubParsersAction) -> None:
-    text = 'write the intact part of a damaged recording as a new one (the old one is not touched)'
-    verb = verbs.add_parser('recover', help=text, description=text)
-    verb.add_argument('path', metavar='PATH', help='recording folder or .mcap file')
-    verb.add_argument('-o', '--output', help='new folder (default: PATH with _recovered added)')
-    verb.set_defaults(run=_recover)
+def _register_run(verbs: argparse._SubParsersAction) -> None:
+    text = 'record the graph of this ROS domain until Ctrl-C; all topics, or those that are chosen'
+    run = verbs.add_parser('run', help=text, description=text)
+    run.add_argument('directory', metavar='FOLDER', help='must not exist yet')
+    run.add_argument('--topics', nargs='+', default=[], metavar='NAME')
+    run.add_argument('--types', nargs='+', default=[], metavar='TYPE')
+    run.add_argument('--regex', default='', help='topics that it is found in')
+    run.add_argument('--exclude', default='', metavar='REGEX', help='not the topics it is found in')
+    run.add_argument('--split-mb', type=int, default=2048)
+    run.add_argument('--split-time', type=float, default=0.0, metavar='S')
+    run.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    import os
+    import subprocess
+    import sys
+    from pathlib import Path
+
+    values = {'directory': str(Path(args.directory).resolve())}
+    values |= {n: ' '.join(v) if isinstance(v := getattr(args, n), list) else v for n in CHOICE}
+    pairs = [f'{n}:={v!r}' for n, v in values.items() if v]
+    pairs += [f'split_mb:={args.split_mb}', f'split_time:={args.split_time}']
+    command = [sys.executable, '-c', 'from waam_record.recorder_node import main; main()']
+    command += ['--ros-args', '-r', f'__node:=recorder_{os.getpid()}']
+    process = subprocess.Popen(command + [a for p in pairs for a in ('-p', p)])
+    print('recording; Ctrl-C ends it')
+    try:
+        return process.wait()
+    except KeyboardInterrupt:
+        process.wait()
+        return 0
 
 
 def _register_control(verbs: argparse._SubParsersAction) -> None:
@@ -64,75 +86,35 @@ def _register_control(verbs: argparse._SubParsersAction) -> None:
     ):
         verb = verbs.add_parser(name, help=text)
         verb.set_defaults(run=lambda args, code=name.upper(): _control(code))
+    text = 'what the recorder does: messages, losses per topic, what waits for the disk'
+    status = verbs.add_parser('status', help=text, description=text)
+    status.set_defaults(run=_status)
 
 
-def _info(args: argparse.Namespace) -> int:
-    from pathlib import Path
+def _status(_: argparse.Namespace) -> int:
+    import rclpy
+    from diagnostic_msgs.msg import DiagnosticArray
 
-    from .bag_reader import info
+    found: list = []
 
+    def take(msg: DiagnosticArray) -> None:
+        found.extend(s for s in msg.status if s.hardware_id.startswith('recorder'))
+
+    rclpy.init()
     try:
-        found = info(Path(args.path))
-    except (ValueError, OSError) as e:
-        return _error(e)
-    print(_table(found))
-    print(
-        f'{found.messages} messages in {len(found.files)} file(s), {found.bytes / 1e6:.1f} MB, '
-        f'{found.duration_s:.1f} s'
-    )
-    for key, value in sorted(found.custom_data.items()):
-        print(f'  {key} = {value}')
-    for text in found.broken:
-        print(f'broken: {text}')
-    return 1 if found.broken else 0
-
-
-def _table(found: Info) -> str:
-    head = ('topic', 'type', 'messages', 'Hz', 'lost', 'dropped')
-    rows = [head]
-    for name, t in sorted(found.topics.items()):
-        rate = f'{t.messages / found.duration_s:.1f}' if found.duration_s > 0 else ''
-        rows.append((name, t.type, str(t.messages), rate, str(t.lost), str(t.dropped)))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
-    lines = []
-    for row in rows:
-        cells = [
-            c.ljust(w) if i < 2 else c.rjust(w)
-            for i, (c, w) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append('  '.join(cells))
-    return '\n'.join(lines)
-
-
-def _check(args: argparse.Namespace) -> int:
-    from pathlib import Path
-
-    from .bag_reader import check
-
-    try:
-        result = check(Path(args.path))
-    except (ValueError, OSError) as e:
-        return _error(e)
-    for problem in result.problems:
-        print(f'error: {problem}', file=sys.stderr)
-    print(f'{result.messages} messages verified' + ('' if result.sound else '; see the errors'))
-    return 0 if result.sound else 1
-
-
-def _recover(args: argparse.Namespace) -> int:
-    from pathlib import Path
-
-    from .bag_reader import recover
-
-    source = Path(args.path)
-    target = Path(args.output) if args.output else source.with_name(source.stem + '_recovered')
-    try:
-        saved = recover(source, target)
-    except (ValueError, OSError) as e:
-        return _error(e)
-    for text in saved.damage:
-        print(f'note: {text}', file=sys.stderr)
-    print(f'{saved.messages} messages saved in {saved.output}')
+        node = rclpy.create_node('record_status')
+        node.create_subscription(DiagnosticArray, '/diagnostics', take, 100)
+        end = time.monotonic() + 6.0
+        while not found and time.monotonic() < end:
+            rclpy.spin_once(node, timeout_sec=0.1)
+    finally:
+        rclpy.try_shutdown()
+    if not found:
+        return _error('no recorder reports (is the graph up? `waam up`)')
+    for status in found:
+        print(f'{status.hardware_id}: {status.message}')
+        for pair in status.values:
+            print(f'  {pair.key} = {pair.value}')
     return 0
 
 
@@ -165,8 +147,3 @@ def _control(code: str, directory: str = '', notes: list[str] | None = None) -> 
         return _error(answer.message)
     print(answer.message)
     return 0
-
-
-def _error(text: object) -> int:
-    print(f'error: {text}', file=sys.stderr)
-    return 1

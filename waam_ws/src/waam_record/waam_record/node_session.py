@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.context import Context
+from rclpy.serialization import deserialize_message
 
+from waam_msgs.msg import JobStatus
 from waam_node.params import param
 
-from .bag_writer import BagWriter
+from .bag_writer import BagError, BagWriter
+from .choice import Choice
+from .node_parameters import ParameterReader
 from .node_taps import Tap, Taps
+from .provenance import versions
 from .recording import Limits, Recording
+
+STATUS_TYPE = 'waam_msgs/msg/JobStatus'
 
 
 @dataclass(frozen=True)
@@ -19,7 +27,12 @@ class RecorderParams:
     directory: str = param(
         '', 'record into this folder from the start; empty = wait for recorder/control'
     )
+    topics: str = param('', 'names of topics, separated by blanks; see below')
+    regex: str = param('', 'regular expression; topics it is found in are recorded')
+    types: str = param('', 'message types, separated by blanks; topics of these are recorded')
     exclude: str = param('', 'regular expression; topics it is found in are not recorded')
+    exclude_types: str = param('', 'message types that are not recorded, separated by blanks')
+    hidden: bool = param(True, 'record hidden topics too: actions and service events')
     poll_period: float = param(
         0.005, 'time between two looks into the subscriptions', 's', 0.001, 0.1
     )
@@ -31,12 +44,14 @@ class RecorderParams:
         256, 'messages that may wait for the disk; more are dropped and counted', 'MB', 1, 65536
     )
     sync_period: float = param(
-        1.0, 'a chunk is closed and synced this often: the loss of a power cut', 's', 0.1, 60.0
+        0.8, 'a chunk is closed and synced this often: the loss of a power cut', 's', 0.1, 60.0
     )
     metadata_period: float = param(10.0, 'metadata.yaml is renewed this often', 's', 1.0, 3600.0)
-    split_mb: int = param(
-        0, 'next file when one is this large; 0 = only on request', 'MB', 0, 1048576
+    split_mb: int = param(2048, 'next file when one is this large; 0 = never', 'MB', 0, 1048576)
+    split_time: float = param(
+        0.0, 'next file when one spans this much log time; 0 = never', 's', 0.0, 1e6
     )
+    split_layers: int = param(0, 'next file after so many layers of a job; 0 = never', '', 0, 10000)
     min_free_mb: int = param(
         200, 'recording ends properly when the disk has less left', 'MB', 0, 1048576
     )
@@ -47,9 +62,15 @@ class RecorderParams:
         0.25, 'START answers this long after the last one connected', 's', 0.0, 10.0
     )
 
+    @property
+    def choice(self) -> Choice:
+        """ChoiceError when an expression is none."""
+        names = Choice.__dataclass_fields__
+        return Choice(**{n: getattr(self, n) for n in names})
+
 
 class Session:
-    """One recording of the whole graph. All methods belong to one thread and return at once, `close` excepted.
+    """One recording of the graph. All methods belong to one thread and return at once, `close` excepted.
 
     simulated: messages are filed under ROS time (`now_ns` of `drain`) instead of their time of arrival.
     """
@@ -67,17 +88,33 @@ class Session:
             params.sync_period,
             params.metadata_period,
             params.split_mb << 20,
+            params.split_time,
             params.min_free_mb << 20,
         )
-        self.recording = Recording(BagWriter(directory, custom_data), limits)
-        self.taps = Taps(context, params.depth, params.exclude)
+        require_space(directory, limits.free_bytes)
+        writer = BagWriter(directory, {**versions(), **custom_data})
+        self.recording = Recording(writer, limits)
+        self.taps = Taps(context, params.depth, params.choice)
+        self.parameters = ParameterReader(context)
         self.paused = False
         self._simulated = simulated
+        self._layers, self._layer, self._split_at = params.split_layers, 0, 0
+        self._noted: dict[str, str] = {}
         self.discover()
 
     def discover(self) -> int:
-        """Subscribes to topics that are new in the graph; returns their number."""
+        """Subscribes to topics that are new in the graph, asks nodes for their parameters, and notes losses; returns
+        the number of new topics."""
+        self._note(self.parameters.read() | self._loss_notes())
         return self.taps.discover_into(self._add)
+
+    def _note(self, custom_data: dict[str, str]) -> None:
+        if new := {k: v for k, v in custom_data.items() if self._noted.get(k) != v}:
+            self._noted |= new
+            self.recording.annotate(new)
+
+    def _loss_notes(self) -> dict[str, str]:
+        return {f'lost.{name}': str(n) for name, n in self.taps.losses().items()}
 
     def _add(self, tap: Tap) -> None:
         tap.number = self.recording.add_topic(tap.topic)
@@ -89,6 +126,8 @@ class Session:
             return
         put, simulated = self.recording.put, self._simulated
         for received, tap, data, info in samples:
+            if self._layers and tap.topic.type == STATUS_TYPE:
+                self._follow_layers(data)
             log_ns = now_ns if simulated else received
             put(
                 tap.number,
@@ -98,17 +137,31 @@ class Session:
                 data,
             )
 
+    def _follow_layers(self, data: bytes) -> None:
+        """Starts the next file when the job has gone on by so many layers."""
+        layer = deserialize_message(data, JobStatus).layer
+        if layer > self._layer and layer - self._split_at >= self._layers and self._split_at:
+            self.recording.split()
+            self._split_at = layer
+        elif not self._split_at or layer < self._layer:
+            self._split_at = layer
+        self._layer = layer
+
     @property
     def lost(self) -> int:
         """Messages known to be missing: lost on the way, or dropped because the disk did not keep up."""
         return self.taps.lost + sum(self.recording.dropped)
 
+    def losses(self) -> dict[str, str]:
+        """'lost <topic>' and 'dropped <topic>' with their counts, for the diagnostics."""
+        found = {f'lost {name}': str(n) for name, n in self.taps.losses().items()}
+        pairs = zip(self.recording.topics, self.recording.dropped, strict=True)
+        return found | {f'dropped {t.name}': str(n) for t, n in pairs if n}
+
     def stop(self) -> None:
         """Asks for the end; `recording.finished` says when the files are closed and verified."""
-        counters = {t.topic.name: t.loss.lost for t in self.taps.taps.values()}
-        lost = {f'lost.{name}': str(n) for name, n in counters.items() if n}
         skipped = {f'skipped.{name}': why for name, why in self.taps.skipped.items()}
-        self.recording.stop({**lost, **skipped, 'lost': str(self.lost)})
+        self.recording.stop({**self._loss_notes(), **skipped, 'lost': str(self.lost)})
 
     def summary(self) -> tuple[str, bool]:
         """After `stop`: a sentence, and whether everything is on the disk as it should be."""
@@ -124,4 +177,14 @@ class Session:
         return f'{text}; verification failed: {problems}', False
 
     def close(self) -> None:
+        self.parameters.close()
         self.taps.close()
+
+
+def require_space(directory: Path, free_bytes: int) -> None:
+    """BagError when the disk of a folder that is to be made has less left."""
+    parent = next(p for p in Path(directory).resolve().parents if p.exists())
+    if (free := shutil.disk_usage(parent).free) < free_bytes:
+        raise BagError(
+            f'{parent}: {free / 1e6:.0f} MB free, recording needs at least {free_bytes / 1e6:.0f} MB'
+        )

@@ -7,7 +7,6 @@ to a callback).
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -17,6 +16,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from .bag_writer import Topic
+from .choice import Choice
 from .conversions import adapt, is_latched, message_type, qos_dict
 from .definitions import DefinitionError, ament_prefixes, full_text
 from .loss import LossCounter
@@ -46,7 +46,7 @@ class Taps:
     """All taps of one recording. A node of its own, in no executor, holds them; everything runs in
     the caller's thread."""
 
-    def __init__(self, context: Context, depth: int, exclude: str = '') -> None:
+    def __init__(self, context: Context, depth: int, choice: Choice = Choice()) -> None:
         self._node = Node(
             '_recorder_taps',
             context=context,
@@ -55,7 +55,7 @@ class Taps:
             start_parameter_services=False,
         )
         self._depth = depth
-        self._exclude = re.compile(exclude) if exclude else None
+        self._choice = choice
         self.taps: dict[str, Tap] = {}
         self.skipped: dict[str, str] = {}
 
@@ -69,7 +69,7 @@ class Taps:
         return len(self.taps) - before
 
     def _look(self, name: str, kinds: list[str]) -> Tap | None:
-        if name in self.skipped or (self._exclude and self._exclude.search(name)):
+        if name in self.skipped or not self._choice.wants(name, kinds):
             return None
         offers = self._node.get_publishers_info_by_topic(name)
         tap = self.taps.get(name)
@@ -90,6 +90,8 @@ class Taps:
 
     def _tap(self, name: str, kind: str, offers: list) -> Tap:
         hashes = {str(o.topic_type_hash) for o in offers}
+        if '/srv/' in kind:  # rosbags cannot verify these and would refuse the whole recording
+            hashes = set()
         qos = adapt([o.qos_profile for o in offers], self._depth)
         topic = Topic(
             name,
@@ -141,6 +143,10 @@ class Taps:
     @property
     def lost(self) -> int:
         return sum(t.loss.lost for t in self.taps.values())
+
+    def losses(self) -> dict[str, int]:
+        """Lost messages of the topics that lost any."""
+        return {t.topic.name: t.loss.lost for t in self.taps.values() if t.loss.lost}
 
     def close(self) -> None:
         self._node.destroy_node()

@@ -156,6 +156,7 @@ class Recorder(WaamNode):
             'lost': taps.lost,
             'dropped': sum(recording.dropped),
             'waiting_bytes': recording.waiting_bytes,
+            **self._session.losses(),
         }
         if recording.error:
             self.level, self.message = ERROR, recording.error

@@ -18,12 +18,14 @@ from .bag_writer import BagWriter, Topic
 class Limits:
     """queue_bytes: messages that may wait for the disk; sync_s: a chunk is closed and synced this
     often; metadata_s: metadata.yaml is renewed this often; file_bytes: next file above this size (0
-    = never); free_bytes: recording stops when the disk has less left."""
+    = never); file_s: and after this much log time (0 = never); free_bytes: recording stops when the disk
+    has less left."""
 
     queue_bytes: int = 256 << 20
     sync_s: float = 1.0
     metadata_s: float = 10.0
     file_bytes: int = 0
+    file_s: float = 0.0
     free_bytes: int = 200 << 20
 
 
@@ -76,6 +78,10 @@ class Recording:
 
     def split(self) -> None:
         self._queue.append((None, self.writer.split))
+
+    def annotate(self, custom_data: dict[str, str]) -> None:
+        """Adds to what the metadata tells beside the topics."""
+        self._queue.append((None, lambda: self.writer.custom_data.update(custom_data)))
 
     def stop(self, custom_data: dict[str, str]) -> None:
         """Asks the thread to write what is queued, close and verify; `finished` says when."""
@@ -146,10 +152,15 @@ class Recording:
 
     def _sync(self) -> None:
         self.writer.flush()
-        if 0 < self.limits.file_bytes <= self.writer.file_bytes:
+        if self._file_is_full():
             self.writer.split()
         if shutil.disk_usage(self.writer.directory).free < self.limits.free_bytes:
             self.writer.custom_data['stopped'] = 'disk full'
             self.writer.close()
             free = self.limits.free_bytes / 1e6
             raise OSError(f'less than {free:.0f} MB free on the disk: recording closed')
+
+    def _file_is_full(self) -> bool:
+        limits, writer = self.limits, self.writer
+        too_large = 0 < limits.file_bytes <= writer.file_bytes
+        return too_large or 0 < limits.file_s <= writer.file_duration_ns * 1e-9

@@ -5,6 +5,7 @@ from waam_scan.assembler import Assembler, ProfileBlock
 from waam_scan.fusion import Fusion
 from waam_scan.plausibility import PlausibilityLimits
 from waam_scan.poses import PoseTrack
+from waam_scan.profiles import StampWatch
 from waam_scan.session import EndWatch, PreviousMap, Session
 from waam_scan.transform import Mounting
 
@@ -71,10 +72,71 @@ def test_repeated_batches_and_stamps_count_once():
     poses(a.track, 0, 500)
     a.add(block(0))
     a.add(block(0))
-    backwards = block(100)
-    a.add(ProfileBlock(backwards.stamps[::-1].copy(), backwards.x, backwards.z))
-    assert a.counts.used == 11
-    assert a.counts.repeated == 19
+    twice = block(200)
+    stamps = np.repeat(twice.stamps[:5], 2)
+    a.add(ProfileBlock(stamps, twice.x, twice.z))
+    assert (a.counts.used, a.counts.repeated) == (15, 15)
+    assert a.fusion.profiles == 15
+
+
+def test_late_batches_are_used_and_give_the_same_map():
+    straight, mixed = assembler(), assembler()
+    for a, order in ((straight, range(8)), (mixed, (3, 0, 7, 1, 2, 6, 5, 4))):
+        poses(a.track, 0, 1500)
+        for k in order:
+            b = block(100 * k, height=1e-3 + 1e-4 * k)
+            flip = slice(None, None, -1 if a is mixed else 1)
+            a.add(ProfileBlock(b.stamps[flip].copy(), b.x, b.z))
+    assert straight.counts.used == mixed.counts.used == 80
+    assert straight.counts.out_of_order == 0
+    assert mixed.counts.out_of_order == 80 - 2, 'all but the first of batches 3 and 7'
+    one, other = straight.fusion.result(), mixed.fusion.result()
+    assert one.z.tobytes() == other.z.tobytes()
+    assert 'out of order' in ' '.join(mixed.counts.remarks())
+
+
+def test_a_stamp_that_is_no_longer_remembered_is_not_believed():
+    a = assembler(watch=StampWatch(keep=20))
+    poses(a.track, 0, 2000)
+    for k in range(5):
+        a.add(block(100 * k))
+    a.add(block(0))
+    assert (a.counts.forgotten, a.counts.used) == (10, 50)
+    assert a.counts.untrusted == 10
+
+
+def test_pauses_between_profiles_are_counted():
+    a = assembler()
+    poses(a.track, 0, 2000)
+    for start in (0, 100, 540, 640):
+        a.add(block(start))
+    assert a.counts.breaks == 1
+    assert abs(a.counts.longest_break - 0.35) < 1e-9
+
+
+def test_profiles_of_one_point_and_partial_ones_are_used():
+    a = assembler()
+    poses(a.track, 0, 2000)
+    stamps = (100 + 10 * np.arange(50)) * MS
+    a.add(ProfileBlock(stamps, np.zeros((50, 1), np.float32), np.full((50, 1), -0.129, np.float32)))
+    partial = block(700)
+    partial.z[:, 5:] = np.nan
+    a.add(partial)
+    assert a.counts.used == 60 and a.counts.rejected == 0
+    m = a.fusion.result()
+    assert m.points_used > 0 and a.fusion.dropouts == 10 * 45
+
+
+def test_points_outside_the_intensity_limits_are_dropouts():
+    a = assembler(intensity=(0.1, 0.9))
+    poses(a.track, 0, 2000)
+    b = block(0)
+    light = np.full(b.z.shape, 0.5, np.float32)
+    light[:, :10], light[:, -5:] = 0.05, 1.0
+    a.add(ProfileBlock(b.stamps, b.x, b.z, light))
+    assert a.fusion.dropouts == 10 * 15
+    a.add(ProfileBlock(b.stamps + 200 * MS, b.x, b.z))
+    assert a.fusion.dropouts == 10 * 15, 'a scanner without intensity is not gated'
 
 
 def test_profiles_from_before_the_scan_are_stale():
@@ -130,12 +192,18 @@ def test_lost_batches_make_a_map_implausible():
     for k in (0, 1, 5, 6):
         s.add(k, block(100 * k))
     assert s.lost == 3
-    s.add(0, block(700))
-    assert s.lost == 3, 'a scanner that restarted lost nothing'
+    s.add(4, block(400))
+    assert s.lost == 2, 'a batch that comes late is not lost'
+    s.add(6, block(600))
+    s.add(7, block(700))
+    assert s.lost == 2, 'a batch that comes twice changes nothing'
+    s.add(0, block(800))
+    s.add(1, block(900))
+    assert s.lost == 2, 'a scanner that restarted lost nothing'
     fused = s.close()
 
-    doubts = s.doubts(fused, None, PlausibilityLimits(min_coverage=0.0))
-    assert any('3 of 8 batches' in d for d in doubts)
+    doubts = s.doubts(fused, None, PlausibilityLimits(min_coverage=0.0, max_rejected=0.1))
+    assert any('2 of 11 batches' in d for d in doubts)
 
 
 def test_only_the_same_job_and_grid_is_compared():

@@ -13,13 +13,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_srvs.srv import SetBool
 
 from waam_msgs.msg import Anomaly, HeightMap, ProfileBatch, Telemetry
 from waam_msgs.srv import BeginScan, FinishScan
 from waam_node.conversions import floats, grid_to_msg, map_from_msg, seconds, time_to_msg
-from waam_node.qos import EVENTS, LATCHED, PROFILES, TELEMETRY
+from waam_node.qos import EVENTS, LATCHED, PROFILES, SENSOR, TELEMETRY
 from waam_process.grid import GridSpec
 
 SPEC = GridSpec(0.0, 0.0, 1e-3, 20, 30)
@@ -40,6 +40,7 @@ class Cell(Node):
         super().__init__('test_cell', context=context)
         self.telemetry = self.create_publisher(Telemetry, 'telemetry', TELEMETRY)
         self.profiles = self.create_publisher(ProfileBatch, 'profiles', PROFILES)
+        self.points = self.create_publisher(PointCloud2, 'points', SENSOR)
         self.maps, self.images, self.anomalies, self.values = [], [], [], {}
         self.enabled = []
         self.create_subscription(HeightMap, 'height_map', self.maps.append, LATCHED)
@@ -84,6 +85,22 @@ class Cell(Node):
         msg.x, msg.z = floats(lateral), floats(z.ravel()[: z.size - cut])
         self.profiles.publish(msg)
 
+    def send_cloud(self, t: float, x: float, rng, points: int = 200) -> None:
+        """One profile as scanCONTROL drivers publish it, scanner over x."""
+        lateral = np.linspace(-9e-3, 9e-3, points)
+        distance = 150e-3 - surface(x, 10e-3 + lateral) + rng.normal(0, NOISE, points)
+        distance[rng.random(points) < 0.05] = np.inf
+        data = np.zeros((points, 8), np.float32)
+        data[:, 0], data[:, 2], data[:, 4] = lateral, distance, 500.0
+        msg = PointCloud2(height=1, width=points, point_step=32, row_step=32 * points)
+        msg.header.stamp, msg.header.frame_id = time_to_msg(t), 'scancontrol'
+        msg.fields = [
+            PointField(name=n, offset=o, datatype=PointField.FLOAT32, count=1)
+            for n, o in (('x', 0), ('y', 4), ('z', 8), ('intensity', 16))
+        ]
+        msg.data = array('B', data.tobytes())
+        self.points.publish(msg)
+
 
 class Graph:
     """The node under test and the cell, with a way to wait for conditions."""
@@ -101,7 +118,7 @@ class Graph:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.cell)
 
-    def wait(self, condition, timeout: float = 15.0) -> None:
+    def wait(self, condition, timeout: float = 90.0) -> None:
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end or self.process.poll() is not None:
@@ -138,13 +155,18 @@ class Graph:
             self.cell.finish, FinishScan.Request(scan_id=scan_id, until=time_to_msg(until))
         )
 
-    def scan(self, seed: int = 0, poses: bool = True, start: float = -3e-3) -> float:
+    def scan(self, seed=0, poses: bool = True, start: float = -3e-3, clouds=False) -> float:
         """4 s of scan in 10 ms steps over 40 mm, telemetry after the profiles; returns the time of its end."""
         rng, cell = np.random.default_rng(seed), self.cell
         t0 = time.time()
         for k in range(40):
             x = start + 1e-3 * k + 1e-4 * np.arange(10)
-            cell.send_batch(t0 + 0.1 * k, x, rng)
+            if clouds:
+                for i in range(10):
+                    cell.send_cloud(t0 + 0.1 * k + 0.01 * i, x[i], rng)
+                time.sleep(0.02)  # best effort: no faster than it can be taken
+            else:
+                cell.send_batch(t0 + 0.1 * k, x, rng)
             if poses:
                 for i in range(11 if k == 39 else 10):
                     cell.send_pose(t0 + 0.1 * k + 0.01 * i, start + 1e-3 * k + 1e-4 * i)
@@ -204,6 +226,40 @@ def test_a_scan_becomes_a_map_that_is_returned_and_latched(graph):
     assert (image.encoding, image.height, image.width) == ('32FC1', 20, 30)
     g.wait(lambda: 'map_latency_ms' in g.cell.values)
     assert 0 < float(g.cell.values['map_latency_ms']) < 2000
+
+
+def test_clouds_of_a_driver_become_the_same_map(graph):
+    """One profile per cloud in the layout of PCL points, z = distance, +infinity = no return, best effort."""
+    g = graph(parameters=('max_waiting:=5000',))
+    g.wait(lambda: g.cell.points.get_subscription_count())
+    begun = g.begin(layer=3)
+    until = g.scan(clouds=True)
+    done = g.finish(begun.scan_id, until)
+    assert done.error_code == FINISH.OK, done.message
+    m = done.map
+    assert 20 < m.profiles_used <= 400, 'best effort: a busy machine may lose some'
+    z = map_from_msg(m.z, SPEC)
+    x, y = np.meshgrid(SPEC.x, SPEC.y)
+    assert np.isfinite(z).sum() > 10
+    assert np.nanmedian(np.abs(z - surface(x, y))) < 20e-6
+    g.wait(lambda: g.cell.values.get('maps') == '1' and 'holes' in g.cell.values)
+    assert float(g.cell.values['sigma_mm']) < 0.02
+    assert {'unseen', 'steep_cells', 'edge_cells', 'longest_pause_s'} <= set(g.cell.values)
+
+
+def test_a_cloud_without_heights_is_refused_with_its_fields(graph):
+    g = graph()
+    g.begin()
+    g.wait(lambda: g.cell.points.get_subscription_count())
+    empty = PointCloud2(height=1, width=1, point_step=4, row_step=4, data=array('B', bytes(4)))
+    empty.fields = [PointField(name='range', offset=0, datatype=PointField.FLOAT32, count=1)]
+
+    def said():
+        g.cell.points.publish(empty)
+        return g.cell.anomalies
+
+    g.wait(said)
+    assert 'no field x and z (it has range)' in g.cell.anomalies[0].text
 
 
 def test_a_second_layer_is_compared_and_keep_merges(graph):

@@ -177,7 +177,7 @@ def test_the_command_writes_maps_and_prints_the_bead_tops(folder, tmp_path):
 @pytest.mark.parametrize(
     'args, words',
     [
-        (['fuse', 'absent'], ['absent', 'no such folder']),
+        (['fuse', 'absent'], ['absent', 'no such file or folder']),
         (['fuse', '.'], ['no LaserCoordinateN.csv']),
         (['picture', 'absent.npz'], ['absent.npz', 'no such file']),
         (['info', 'text.csv'], ['text.csv', 'line 1']),

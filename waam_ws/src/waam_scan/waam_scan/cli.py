@@ -6,7 +6,16 @@ import argparse
 import sys
 from pathlib import Path
 
+from . import cli_register
+
 FUSE_EPILOG = """\
+PATH is a folder with the recording of a wall, a pass of a scanner with poses, or a cloud.
+
+A pass (.npz) holds profiles and poses: stamps (n,) int64 ns, x and z (n, m) in m, NaN = no return; pose_stamps (k,)
+int64 ns, poses (k, 3) in m of the wire tip, work frame. Where the scanner sits is told by --calibration (a file of
+waam scan calibrate) or --mount. All passes go into one map, in whatever direction they ran. A cloud (.pcd, .ply,
+.xyz, .npy) gives one map each; --scale tells its unit.
+
 A folder holds one recording of a wall:
   LaserCoordinate1.csv, LaserCoordinate2.csv ...  raw profiles: TimeReceived,X,Z,Intensity; the points of a profile are
                       space-separated, in mm. 1 is the scan before the first layer, 2 the one after it, and so on.
@@ -21,7 +30,20 @@ and with --ply the surface for other tools. Heights are above the substrate.
 examples:
   waam scan fuse ../shared/data/wall_profiles
   waam scan fuse recordings/monday recordings/tuesday --out maps --cell 0.5 --ply
-A cell smaller than the way between two profiles leaves gaps: nothing is filled in.
+  waam scan fuse pass_1.npz pass_2.npz --calibration calibration.yaml --cell 0.25
+  waam scan fuse wall.pcd --cell 0.5 --fill 2
+A cell smaller than the way between two profiles leaves gaps: nothing is filled in unless --fill says up to which
+area; what was filled is then marked in the map (array "filled", count 0, no sigma) and hatched in the picture. """
+FILTER_EPILOG = """\
+FILE is a table with the columns Layer, ScanID, Timestamp (s), SensorTimestamp, PointNr, X, Z (mm), one point per
+line, as measured beside the burning arc. Every profile is cut where neighbouring points jump; the piece that fits
+what was seen before gives the crown of the bead, and a causal filter joins the crowns. Writes
+  NAME_filtered.csv   time, median of the profile, crown, its uncertainty, filtered height, its uncertainty, used
+  NAME_filtered.png   points, and the series beside a running median
+and compares spikes, noise, correlation of neighbours and delay with a plain median filter.
+
+example:
+  waam scan filter ../shared/data/inprocess_profiles/Representative_Layer_raw_points.csv --out maps
 """
 PICTURE_EPILOG = """\
 examples:
@@ -29,8 +51,8 @@ examples:
   waam scan picture maps/scan_002.npz --png wall.png --ply wall.ply --range -0.5 7
 """
 INFO_EPILOG = """\
-Knows LaserCoordinateN.csv (raw profiles), arc_log.csv (robot log), profiles measured beside the arc (one point per
-line: Layer,ScanID,Timestamp,SensorTimestamp,PointNr,X,Z) and map files (.npz).
+Knows maps and passes (.npz), clouds (.pcd, .ply, .xyz, .npy), LaserCoordinateN.csv (raw profiles), arc_log.csv (robot
+log) and profiles measured beside the arc (Layer,ScanID,Timestamp,SensorTimestamp,PointNr,X,Z, one point per line).
 
 example:
   waam scan info ../shared/data/wall_profiles/LaserCoordinate2.csv jobs/latest/layers/scan_000.npz
@@ -42,16 +64,20 @@ def register(commands) -> None:
     scan = commands.add_parser('scan', help='height maps from laser profiles, and pictures of them')
     verbs = scan.add_subparsers(dest='verb', metavar='VERB', required=True)
     fuse = _leaf(
-        verbs, 'fuse', 'recorded profiles and robot log -> one height map per scan', FUSE_EPILOG
+        verbs, 'fuse', 'recorded profiles with poses, or clouds -> height maps', FUSE_EPILOG
     )
     fuse.add_argument(
-        'paths', nargs='+', type=Path, metavar='FOLDER', help='folder with a recording'
+        'paths',
+        nargs='+',
+        type=Path,
+        metavar='PATH',
+        help='folder with a recording, passes, clouds',
     )
     fuse.add_argument(
         '--out',
         type=Path,
         metavar='DIR',
-        help='where to write (default: maps/<name of the folder>)',
+        help='where to write (default: maps/<name of the folder>, maps for files)',
     )
     fuse.add_argument(
         '--cell',
@@ -61,7 +87,17 @@ def register(commands) -> None:
         help='edge of a cell in mm (default 1.0)',
     )
     fuse.add_argument('--ply', action='store_true', help='also write the surface as PLY mesh (mm)')
+    _add_fuse_options(fuse)
     fuse.set_defaults(run=run_fuse)
+    sift = _leaf(
+        verbs, 'filter', 'profiles from beside the arc -> bead height over time', FILTER_EPILOG
+    )
+    sift.add_argument('files', nargs='+', type=Path, metavar='FILE')
+    sift.add_argument('--out', type=Path, default=Path('maps'), metavar='DIR', help='default: maps')
+    sift.add_argument(
+        '--height', action='store_true', help='Z of the file grows upwards (default: a distance)'
+    )
+    sift.set_defaults(run=run_filter)
     picture = _leaf(verbs, 'picture', 'a map file as PNG picture or PLY surface', PICTURE_EPILOG)
     picture.add_argument('map', type=Path, help='NPZ file of a map')
     picture.add_argument('--png', type=Path, help='picture to write (default: beside the map)')
@@ -73,6 +109,29 @@ def register(commands) -> None:
     info = _leaf(verbs, 'info', 'what a file of profiles, a robot log or a map holds', INFO_EPILOG)
     info.add_argument('files', nargs='+', type=Path, metavar='FILE')
     info.set_defaults(run=run_info)
+    cli_register.add_commands(verbs)
+
+
+def _add_fuse_options(fuse: argparse.ArgumentParser) -> None:
+    fuse.add_argument('--calibration', type=Path, metavar='FILE', help='where the scanner sits')
+    fuse.add_argument(
+        '--mount', nargs=6, type=float, metavar=('X', 'Y', 'Z', 'ROLL', 'PITCH', 'YAW'),
+        help='the same in mm and degrees (default 60 0 120 0 0 90)',
+    )  # fmt: skip
+    fuse.add_argument(
+        '--scale',
+        type=float,
+        default=1e-3,
+        metavar='M',
+        help='m per unit of clouds (default 0.001: mm)',
+    )
+    fuse.add_argument(
+        '--fill',
+        type=float,
+        default=0.0,
+        metavar='MM2',
+        help='fill holes up to this area in mm² (default 0: none)',
+    )
 
 
 def _leaf(verbs, name: str, text: str, epilog: str) -> argparse.ArgumentParser:
@@ -105,13 +164,46 @@ def run_fuse(args: argparse.Namespace) -> int:
     from .wall_report import fuse_folder
 
     def action() -> None:
-        for path in args.paths:
+        files = [p for p in args.paths if not p.is_dir()]
+        folders = [p for p in args.paths if p.is_dir()]
+        for path in folders:
             out = args.out or Path('maps') / path.resolve().name
             if args.out and len(args.paths) > 1:
                 out = args.out / path.resolve().name
             fuse_folder(path, out, args.cell * 1e-3, args.ply)
+        if files:
+            from .scan_files import fuse_files
+
+            fuse_files(files, args.out or Path('maps'), args.cell * 1e-3, _fuse_options(args))
 
     return _guarded(action)
+
+
+def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
+    """What scan_files.fuse_files wants, in SI."""
+    import math
+
+    from .transform import Mounting
+
+    mounting = Mounting()
+    if args.calibration and args.mount:
+        raise ValueError('--calibration and --mount contradict each other')
+    if args.calibration:
+        from .calibration_file import load_calibration
+
+        mounting = load_calibration(args.calibration).mounting
+    if args.mount:
+        rpy = tuple(math.radians(a) for a in args.mount[3:])
+        mounting = Mounting.from_rpy(tuple(v * 1e-3 for v in args.mount[:3]), rpy)
+    return argparse.Namespace(
+        scale=args.scale, mounting=mounting, fill=args.fill * 1e-6, ply=args.ply
+    )
+
+
+def run_filter(args: argparse.Namespace) -> int:
+    from .inprocess_report import filter_file
+
+    return _guarded(lambda: [filter_file(p, args.out, not args.height) for p in args.files] and 0)
 
 
 def run_picture(args: argparse.Namespace) -> int:

@@ -6,6 +6,7 @@ from array import array
 
 import numpy as np
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from waam_msgs.msg import GridInfo, HeightMap, ProfileBatch, Telemetry
@@ -13,8 +14,9 @@ from waam_msgs.srv import BeginScan, FinishScan
 from waam_node.conversions import floats, grid_from_msg, grid_to_msg, nanoseconds
 from waam_process.grid import GridError, GridSpec
 
-from .assembler import ProfileBlock
 from .fusion import FusedMap
+from .point_fields import CloudLayout, profiles_of
+from .profiles import ProfileBlock
 from .session import Session
 
 Response = BeginScan.Response | FinishScan.Response
@@ -37,9 +39,26 @@ def block_from_msg(msg: ProfileBatch) -> ProfileBlock:
             f'batch {msg.sequence}: intensity has {len(msg.intensity)} values, not 0 or {n * m}'
         )
     stamps = nanoseconds(msg.header.stamp) + np.frombuffer(msg.stamp_offsets_ns, np.int64)
-    x = np.frombuffer(msg.x, np.float32).reshape(n, m)
-    z = np.frombuffer(msg.z, np.float32).reshape(n, m)
-    return ProfileBlock(stamps, x, z)
+    x, z, light = (
+        np.frombuffer(v, np.float32).reshape(n, m) if len(v) else None
+        for v in (msg.x, msg.z, msg.intensity)
+    )
+    return ProfileBlock(stamps, x, z, light)
+
+
+def block_from_cloud(msg: PointCloud2, down: bool, nearest: float, period_ns: int) -> ProfileBlock:
+    """A driver's cloud: one profile per row, `period_ns` apart. ValueError says what is wrong with it."""
+    fields = tuple((f.name, f.offset, f.datatype, f.count) for f in msg.fields)
+    layout = CloudLayout(
+        fields, msg.width, msg.height, msg.point_step, msg.row_step, msg.is_bigendian
+    )
+    if msg.height > 1 and period_ns <= 0:
+        raise ValueError(
+            f'the cloud holds {msg.height} profiles but one stamp: set the parameter points_period'
+        )
+    x, z, light = profiles_of(layout, msg.data, down, nearest)
+    stamps = nanoseconds(msg.header.stamp) + period_ns * np.arange(len(x), dtype=np.int64)
+    return ProfileBlock(stamps, x, z, light)
 
 
 def pose_from_raw(data: bytes) -> tuple[int, float, float, float]:

@@ -1,8 +1,8 @@
 """Streaming fusion of profile points into one height per cell.
 
-Any number of points in bounded memory, and the same map to the last bit in whatever order the profiles came. Per cell:
-a sample of its points (see `kernels.py`), their median, the local slope from the neighbours' medians, and the mean of
-the inliers reduced to the cell centre. A cell that no point fell into stays NaN; nothing is filled in.
+Any number of points in bounded memory, and the same map to the last bit in whatever order, batches or threads they came
+(`kernels.py`). A cell's height comes from all of its points, by an estimator that spikes hardly move
+(`cell_kernels.py`). A cell that no point fell into stays NaN; nothing is filled in.
 """
 
 from __future__ import annotations
@@ -13,8 +13,16 @@ import numpy as np
 
 from waam_process.grid import GridSpec, HeightGrid
 
-from . import kernels
+from .accumulator import Accumulator, Workers
+from .heights import CellHeights
+from .kernels import UNITS, rows_seen
 from .transform import Mounting
+
+PARALLEL_FROM = 200_000  # points of a batch that are worth a second thread
+LEAST_PERIOD = 1.6384e-3  # m: wide against noise, narrow against spikes; height unit 0.1 um
+CELLS_PER_PERIOD = (
+    0.25  # coarse cells need a longer period, because their points lie higher and lower on a slope
+)
 
 
 @dataclass(frozen=True)
@@ -22,7 +30,7 @@ class FusionLimits:
     """height_min, height_max: m, work frame, points beyond are counted as outside; noise: m, expected scatter of the
     scanner, used while the data cannot tell; spike_factor: points further from the cell's level than this many robust
     standard deviations are spikes; support: m, cells with fewer than four points need a neighbour this close in height;
-    slots: points kept per cell."""
+    slots: points in the sample of a cell."""
 
     height_min: float = -0.05
     height_max: float = 0.30
@@ -35,13 +43,16 @@ class FusionLimits:
 @dataclass(frozen=True)
 class FusedMap:
     """A fused surface. z, sigma: (rows, cols) float32, m, NaN = never seen; count: (rows, cols) uint16 points that
-    support the cell; coverage: known share of the cells; residual: m, robust scatter of points about their cell's
-    height; the rest counts points."""
+    support the cell (65535 = that many or more); scatter: (rows, cols) float32, m, robust scatter of the points in a
+    cell about the local slope; share: (rows, cols) float32, supporting share of the points in a cell; coverage: known
+    share of the cells; residual: m, typical scatter; the rest counts points."""
 
     spec: GridSpec
     z: np.ndarray
     sigma: np.ndarray
     count: np.ndarray
+    scatter: np.ndarray
+    share: np.ndarray
     coverage: float
     residual: float
     points_used: int
@@ -60,24 +71,38 @@ class FusedMap:
 
 @dataclass
 class Fusion:
-    """One map in the making. `add` as often as profiles come, `result` whenever a map is wanted."""
+    """One map in the making. `add` as often as profiles come, `result` whenever a map is wanted.
+
+    threads: for large batches and for the result; they change the speed only.
+    """
 
     spec: GridSpec
     mounting: Mounting = field(default_factory=Mounting)
     limits: FusionLimits = field(default_factory=FusionLimits)
+    threads: int = 1
 
     def __post_init__(self) -> None:
-        cells, slots = self.spec.rows * self.spec.cols, self.limits.slots
-        self._count = np.zeros(cells, np.int64)
-        self._top = np.zeros(cells, np.uint64)
-        self._keys = np.empty((cells, slots), np.uint64)
-        self._samples = np.empty((cells, slots, 3), np.float32)
+        limits = self.limits
+        if not limits.height_min < limits.height_max:
+            raise ValueError(
+                f'height_min {limits.height_min} m must be below height_max {limits.height_max} m'
+            )
+        self._unit = max(LEAST_PERIOD, self.spec.resolution / CELLS_PER_PERIOD) / UNITS
+        self._parts = [self._accumulator()]
+        self._heights = CellHeights(self._parts[0])
+        self._workers = Workers(self.threads)
         self.points = self.dropouts = self.outside = self.profiles = 0
+
+    def _accumulator(self) -> Accumulator:
+        limits = self.limits
+        return Accumulator(
+            self.spec, limits.slots, limits.height_min, limits.height_max, self._unit
+        )
 
     @property
     def memory(self) -> int:
-        """Bytes held; does not grow with the number of points."""
-        return sum(a.nbytes for a in (self._count, self._top, self._keys, self._samples))
+        """Bytes held; does not grow with the number of points (a second thread doubles it once)."""
+        return sum(p.nbytes for p in self._parts) + self._heights.nbytes
 
     def add(self, tcp: np.ndarray, x: np.ndarray, z: np.ndarray) -> None:
         """Profiles x, z (n, m) in m, scanner frame, NaN = no return, taken at wire tip positions tcp (n, 3) in m, work.
@@ -92,64 +117,87 @@ class Fusion:
             )
         if not np.isfinite(tcp).all():
             raise ValueError('a profile without a pose cannot be fused (position is not finite)')
-        origins = self.mounting.origins(tcp)
-        rotation, spec, limits = self.mounting.rotation, self.spec, self.limits
-        dropouts, outside = kernels.add_profiles(
-            origins, _origin_keys(origins), rotation[:, 0].copy(), rotation[:, 2].copy(),
-            x, z, x.view(np.uint32), z.view(np.uint32),
-            np.array([spec.origin_x, spec.origin_y], float), float(spec.resolution), spec.rows, spec.cols,
-            float(limits.height_min), float(limits.height_max), self._count, self._top, self._keys, self._samples,
-        )  # fmt: skip
+        origins, axis = self._in_cells(self.mounting.origins(tcp))
+        threads = self.threads if x.size >= PARALLEL_FROM else 1
+        while len(self._parts) < threads:
+            self._parts.append(self._accumulator())
+        edges = np.linspace(0, len(x), threads + 1).astype(int)
+        work = [
+            (part, slice(a, b))
+            for part, a, b in zip(self._parts, edges, edges[1:], strict=False)
+            if b > a
+        ]
+        counts = self._workers.run(lambda p, s: p.add(origins[s], axis, x[s], z[s]), work)
         self.points += x.size
         self.profiles += len(x)
-        self.dropouts += dropouts
-        self.outside += outside
+        self.dropouts += sum(c[0] for c in counts)
+        self.outside += sum(c[1] for c in counts)
+
+    def _in_cells(self, origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Scanner origins (n, 3) as columns, rows, m and what a metre of scanner x and z adds to them (6,), float32."""
+        spec, scale = self.spec, np.array([1 / self.spec.resolution] * 2 + [1.0])
+        corner = np.array([spec.origin_x, spec.origin_y, 0.0])
+        axis = np.concatenate([self.mounting.rotation[:, k] * scale for k in (0, 2)])
+        return ((origins - corner) * scale).astype(np.float32), axis.astype(np.float32)
+
+    def merge(self, other: Fusion) -> None:
+        """Takes over all that `other` (another scanner, another pass) saw of the same grid; `other` is empty
+        afterwards.
+
+        ValueError when grid or limits differ.
+        """
+        if (self.spec, self.limits) != (other.spec, other.limits):
+            raise ValueError('only maps of the same grid and limits can be merged')
+        for part in other._parts:
+            self._take_over(part)
+        other._heights = CellHeights(other._parts[0])
+        for name in ('points', 'dropouts', 'outside', 'profiles'):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+            setattr(other, name, 0)
+
+    def _take_over(self, part: Accumulator) -> None:
+        first = self._parts[0]
+        ranges = self._workers.parts(len(first.words))
+        self._workers.run(lambda a, b: first.take_over(part, a, b), ranges)
+
+    def refresh(self) -> None:
+        """Does the part of `result` that need not be repeated for cells that get no more points."""
+        for part in self._parts[1:]:
+            self._take_over(part)
+        self._heights.refresh(self._workers)
 
     def result(self) -> FusedMap:
         """The map of everything added so far; more may be added afterwards."""
-        cells, shape = self._count.size, self.spec.shape
-        kernels.sort_samples(self._count, self._keys, self._samples)
-        medians, gx, gy, levels, scatter, z, sigma = np.zeros((7, cells))
-        used = np.zeros(cells, np.int64)
-        kernels.cell_medians(self._count, self._samples, medians)
-        medians = medians.reshape(shape)
-        kernels.slopes(medians, gx.reshape(shape), gy.reshape(shape))
-        kernels.cell_scatter(self._count, self._samples, gx, gy, levels, scatter)
-        pooled, residual = self._pooled(scatter)
-        kernels.cell_means(
-            self._count, self._samples, medians, gx, gy, levels, scatter, pooled,
-            float(self.limits.spike_factor), float(self.limits.support), z, sigma, used,
-        )  # fmt: skip
+        self.refresh()
+        h = self._heights.finish(self._workers, self.limits)
+        z, sigma, scatter, used = (self._crop(a) for a in (h.z, h.sigma, h.scatter, h.used))
+        seen = self._crop(self._parts[0].words[:, 0])
+        points_used = int(used.sum())
+        known = np.isfinite(z)
         return FusedMap(
             spec=self.spec,
-            z=z.reshape(shape).astype(np.float32),
-            sigma=sigma.reshape(shape).astype(np.float32),
-            count=np.minimum(used, 65535).reshape(shape).astype(np.uint16),
-            coverage=float(np.isfinite(z).mean()),
-            residual=residual,
-            points_used=int(used.sum()),
+            z=z.astype(np.float32),
+            sigma=sigma.astype(np.float32),
+            count=np.minimum(used, 65535).astype(np.uint16),
+            scatter=np.where(known, scatter, np.nan).astype(np.float32),
+            share=(used / np.maximum(seen, 1)).astype(np.float32),
+            coverage=float(known.mean()),
+            residual=h.residual,
+            points_used=points_used,
             dropouts=self.dropouts,
             outside=self.outside,
-            spikes=int(self._count.sum() - used.sum()),
+            spikes=int(seen.sum()) - points_used,
         )
 
-    def _pooled(self, scatter: np.ndarray) -> tuple[float, float]:
-        """Typical scatter (m) from the cells that have enough points: what decides about spikes, and what is reported
-        (NaN when no cell has enough)."""
-        known = scatter[self._count >= kernels.ENOUGH]
-        residual = float(np.median(known)) if len(known) else float('nan')
-        return (residual if len(known) >= 20 and residual > 0 else self.limits.noise), residual
-
-
-def _origin_keys(origins: np.ndarray) -> np.ndarray:
-    """(n,) uint64 from the bits of the origins (n, 3): tells points of different profiles apart in the hash."""
-    bits = np.ascontiguousarray(origins, float).view(np.uint64)
-    odd = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
-    return np.bitwise_xor.reduce(bits * odd, axis=1)
+    def _crop(self, values: np.ndarray) -> np.ndarray:
+        return values.reshape(self.spec.rows, -1)[:, : self.spec.cols]
 
 
 def warm_up() -> None:
-    """Compiles the loops, so that the first scan does not wait for it (about 2 s, then cached on disk)."""
+    """Compiles all loops, so that the first scan does not wait for it (some 10 s, then cached on disk)."""
     fusion = Fusion(GridSpec(0.0, 0.0, 1e-3, 4, 4), Mounting(np.zeros(3)))
-    fusion.add(np.zeros((1, 3)), np.full((1, 8), 1e-3), np.full((1, 8), 1e-3))
+    x = np.full((1, 8), 1e-3, np.float32)
+    if rows_seen(x, x).all():
+        fusion.add(np.zeros((1, 3)), x, x)
+    fusion.merge(Fusion(fusion.spec, fusion.mounting))
     fusion.result()

@@ -10,9 +10,24 @@ from waam_node.qos import EVENTS
 
 from .fusion import FusedMap
 from .poses import PoseTrack
+from .quality import MapQuality, assess
 from .session import Session
 
 COUNTERS = ('telemetry', 'batches', 'idle_batches', 'refused_batches', 'maps', 'empty_maps')
+
+
+def quality_values(q: MapQuality) -> dict[str, str]:
+    """For the diagnostics; areas in mm², sigma in mm."""
+    return {
+        'holes': str(q.holes),
+        'hole_area_mm2': f'{q.hole_area * 1e6:.3f}',
+        'largest_hole_mm2': f'{q.largest_hole * 1e6:.3f}',
+        'unseen': f'{q.unseen:.4f}',
+        'steep_cells': f'{q.steep:.5f}',
+        'edge_cells': f'{q.edges:.5f}',
+        'sigma_mm': f'{q.sigma * 1e3:.5f}',
+        'points_per_cell': f'{q.points:.1f}',
+    }
 
 
 class FusionMonitor:
@@ -59,7 +74,11 @@ class FusionMonitor:
             'spikes': fused.spikes,
             'outside': fused.outside,
             'batches_lost': session.lost,
+            'profiles_out_of_order': counts.out_of_order,
+            'profile_pauses': counts.breaks,
+            'longest_pause_s': f'{counts.longest_break:.3f}',
         }
+        self._node.values |= quality_values(assess(fused))
         self._node.get_logger().info(
             f"job '{session.job_id}' layer {session.layer}: map {session.scan_id} "
             f'of {counts.used} profiles, coverage {fused.coverage:.1%}, '

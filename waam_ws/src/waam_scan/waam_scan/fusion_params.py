@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
-from waam_node.params import param
+from waam_node.params import ParameterError, param
 
 from .fusion import FusionLimits
 from .plausibility import PlausibilityLimits
@@ -25,6 +26,20 @@ class FusionParams:
     profile_delay: float = param(
         0.0, 'added to profile stamps to bring them onto the clock of the telemetry', 's', -1.0, 1.0
     )
+    calibration: str = param(
+        '', 'file of waam scan calibrate; replaces mount_xyz, mount_rpy and profile_delay'
+    )
+    points_down: bool = param(
+        True, 'z of the topic points is the distance from the scanner (drivers), not the height'
+    )
+    points_nearest: float = param(
+        1e-3, 'points of the topic points nearer than this are no returns', 'm', 0.0, 10.0
+    )
+    points_period: float = param(
+        0.0, 'time between the rows of a cloud on points; 0 = one profile per cloud', 's', 0.0, 10.0
+    )
+    intensity_min: float = param(0.0, 'points darker than this are drop-outs', '', 0.0, 1e9)
+    intensity_max: float = param(1e9, 'points brighter than this are drop-outs', '', 0.0, 1e9)
     telemetry_seconds: float = param(60.0, 'length of the pose track', 's', 1.0, 3600.0)
     telemetry_rate: float = param(
         100.0, 'telemetry rate that the track is sized for', 'Hz', 1.0, 10e3
@@ -53,7 +68,11 @@ class FusionParams:
         1e-5,
         0.1,
     )
-    slots: int = param(16, 'points kept per cell', '', 4, 256)
+    slots: int = param(16, 'points in the sample of a cell', '', 8, 256)
+    threads: int = param(2, 'threads for large batches and for the map', '', 1, 64)
+    refresh_period: float = param(
+        0.25, 'cells are worked up during the scan this often (steady)', 's', 0.01, 60.0
+    )
     min_coverage: float = param(
         0.5, 'plausible maps know at least this share of the grid', '', 0.0, 1.0
     )
@@ -87,7 +106,21 @@ class FusionParams:
 
     @property
     def mounting(self) -> Mounting:
+        """From the calibration file when there is one. ParameterError when it cannot be trusted."""
+        if self.calibration:
+            from .calibration_file import load_calibration
+
+            try:
+                return load_calibration(Path(self.calibration)).mounting
+            except ValueError as error:
+                raise ParameterError(f"parameter 'calibration': {error}") from None
         return Mounting.from_rpy(self.mount_xyz, self.mount_rpy, self.profile_delay)
+
+    @property
+    def intensity(self) -> tuple[float, float] | None:
+        """None when every intensity is good."""
+        limits = (self.intensity_min, self.intensity_max)
+        return None if limits == (0.0, 1e9) else limits
 
     @property
     def fusion(self) -> FusionLimits:

@@ -1,8 +1,14 @@
-"""Compiled loops of the fusion. Everything here works on plain arrays; `fusion.py` says what they mean.
+"""Compiled loops that sort points into cells; `accumulator.py` says what the arrays hold.
 
-Per cell a fixed number of slots keeps the points with the smallest hash of their own coordinates ("bottom-k sampling",
-Cohen and Kaplan 2007): a random sample of all points of the cell that does not depend on the order in which they came
-and needs no memory beyond the slots. While a cell has no more points than slots, the sample is all of them.
+Everything that is kept per cell is an integer sum or a set, so neither order nor batching nor the number of threads can
+change a bit of it. A point becomes three small integers: height in units of period / 16384 above the lower limit, and
+its place in the cell in 1/65536. From them follow
+
+* the count, the sums of cosine and sine of the height's phase in the period (for the sine M-estimator, see
+  `cell_kernels.py`) and the sums of the place, two 32-bit sums to one 64-bit word;
+* the sample: the distinct points of the cell whose hash is below a threshold that is lowered whenever they no longer
+  fit into the slots (adaptive threshold sampling after Gibbons, VLDB 2001): a random sample that depends on the points
+  only.
 """
 
 from __future__ import annotations
@@ -10,211 +16,234 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-MAD_TO_SIGMA = 1.4826  # median absolute deviation -> standard deviation of a normal distribution
-ENOUGH = 5  # samples from which the scatter of a cell says something about noise
-WEAK = 4  # cells with fewer samples need a neighbour at a similar height
+CHUNK = 512  # points that are prepared at a time: vectorised, and still in the first-level cache for the second loop
+UNITS = 16384  # height units per period
+PHASES = 1024  # entries of the phase table
+AMPLITUDE = (
+    1 << 14
+)  # of the table's cosine and sine, which are stored with this offset (never negative)
+COUNT, PHASE, PLACE, SAMPLE = range(4)  # words of a cell
+SPILL = 0xFFFF  # after so many points the 32-bit sums of a cell are emptied into 64-bit ones
+OPEN = 0xFFFFFFFF  # threshold of a cell that still keeps every distinct point
+OUTSIDE, DROPOUT = 0xFFFFFFFF, 0xFFFFFFFE  # instead of a cell number
+EXPONENT = 0x7F800000  # of a float32: all ones for NaN and infinity
 
 
-@njit(cache=True, inline='always')
-def mix(h):
-    """Finaliser of MurmurHash3, 64 bit: every input bit changes every output bit with probability one half."""
-    h ^= h >> np.uint64(33)
-    h *= np.uint64(0xFF51AFD7ED558CCD)
-    h ^= h >> np.uint64(33)
-    h *= np.uint64(0xC4CEB9FE1A85EC53)
-    return h ^ (h >> np.uint64(33))
+def phase_table() -> np.ndarray:
+    """(PHASES,) uint64: offset cosine in the low and offset sine in the high 32 bits."""
+    angle = (np.arange(PHASES) + 0.5) * (2 * np.pi / PHASES)
+    c, s = (np.round(AMPLITUDE * f(angle) + AMPLITUDE).astype(np.uint64) for f in (np.cos, np.sin))
+    return c | (s << np.uint64(32))
 
 
 @njit(cache=True)
-def keep_sample(cell, key, u, v, z, count, top, keys, samples):
-    """Puts one point into the slots of its cell when there is room or its key is below the largest one kept."""
-    slots = keys.shape[1]
-    n = count[cell]
-    if n < slots:
-        slot = n
-    else:
-        if key >= top[cell]:
+def key_of(height, place):
+    """32-bit hash of a point (two rounds of multiply and shift, constants of xxHash and MurmurHash3)."""
+    k = np.uint32(height * np.uint32(0x9E3779B1))
+    k = np.uint32(k ^ (k >> np.uint32(15)))
+    k = np.uint32(np.uint32(k ^ np.uint32(place * np.uint32(0x85EBCA77))) * np.uint32(0x2C1B3C6D))
+    k = np.uint32(k ^ (k >> np.uint32(13)))
+    k = np.uint32(k * np.uint32(0x297A2D39))
+    return np.uint32(k ^ (k >> np.uint32(16)))
+
+
+@njit(cache=True)
+def record_key(record):
+    return key_of(np.uint32(record >> np.uint64(32)), np.uint32(record))
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def prepare(origin, axis, x, z, x_bits, z_bits, size, low, high, per_unit, cells, keys, heights, places):  # fmt: skip
+    """One stretch of a profile to cell numbers, hashes, heights and places. Free of branches, so that it vectorises;
+    no fused or reassociated arithmetic, so that vector and remainder loops agree to the last bit."""
+    zero, one = np.float32(0), np.uint32(EXPONENT)
+    cols, rows, stride = size
+    ou, ov, oh = origin[0], origin[1], origin[2]
+    ux, vx, hx, uz, vz, hz = axis[0], axis[1], axis[2], axis[3], axis[4], axis[5]
+    for k in range(len(x)):
+        ok = ((x_bits[k] & one) != one) & ((z_bits[k] & one) != one)
+        xs = x[k] if ok else zero
+        zs = z[k] if ok else zero
+        u = ou + ux * xs + uz * zs
+        v = ov + vx * xs + vz * zs
+        h = oh + hx * xs + hz * zs
+        good = ok & (u >= zero) & (u < cols) & (v >= zero) & (v < rows) & (h >= low) & (h <= high)
+        u = u if good else zero
+        v = v if good else zero
+        h = h if good else low
+        col, row = np.int32(u), np.int32(v)
+        cell = np.uint32(np.int32(np.int32(row * stride) + col))
+        cells[k] = cell if good else (np.uint32(OUTSIDE) if ok else np.uint32(DROPOUT))
+        pu = np.uint32(np.int32((u - np.float32(col)) * np.float32(65536)))
+        pv = np.uint32(np.int32((v - np.float32(row)) * np.float32(65536)))
+        place = np.uint32(pu | np.uint32(pv << np.uint32(16)))
+        height = np.uint32(np.int32((h - low) * per_unit))
+        places[k], heights[k], keys[k] = place, height, key_of(height, place)
+
+
+@njit(cache=True)
+def lower(threshold):
+    """The next threshold: a quarter less, so that a sample that has become too large keeps three quarters."""
+    return np.uint32(threshold - max(np.uint32(1), np.uint32(threshold >> np.uint32(2))))
+
+
+@njit(cache=True, nogil=True)
+def distinct(rows, cell, m):
+    """Moves the distinct ones of rows[cell, :m] to the front and returns their number."""
+    k = 0
+    for i in range(m):
+        record = rows[cell, i]
+        new = True
+        for j in range(k):
+            if rows[cell, j] == record:
+                new = False
+        if new:
+            rows[cell, k] = record
+            k += 1
+    return k
+
+
+@njit(cache=True, nogil=True)
+def thin(rows, cell, m, threshold):
+    """Keeps those of rows[cell, :m] whose hash is not above the threshold; returns their number."""
+    k = 0
+    for i in range(m):
+        record = rows[cell, i]
+        if record_key(record) <= threshold:
+            rows[cell, k] = record
+            k += 1
+    return k
+
+
+@njit(cache=True, nogil=True)
+def make_room(cell, record, key, halves, rows):
+    """Puts a point into a full cell: repeats go first, then the threshold is lowered until there is room."""
+    slots = rows.shape[1]
+    m = distinct(rows, cell, slots)
+    for i in range(m):
+        if rows[cell, i] == record:
+            halves[cell, 7] = m
             return
-        slot = 0
-        for i in range(1, slots):
-            if keys[cell, i] > keys[cell, slot]:
-                slot = i
-    keys[cell, slot] = key
-    samples[cell, slot, 0] = u
-    samples[cell, slot, 1] = v
-    samples[cell, slot, 2] = z
-    if n + 1 >= slots:
-        largest = keys[cell, 0]
-        for i in range(1, slots):
-            largest = max(largest, keys[cell, i])
-        top[cell] = largest
+    threshold = halves[cell, 6]
+    while m == slots and key <= threshold and threshold > 0:
+        threshold = lower(threshold)
+        m = thin(rows, cell, m, threshold)
+    halves[cell, 6] = threshold
+    if key <= threshold and m < slots:
+        rows[cell, m] = record
+        m += 1
+    halves[cell, 7] = m
+
+
+@njit(cache=True, nogil=True)
+def spill(cell, words, sums):
+    """Empties the 32-bit sums of a cell into its 64-bit ones."""
+    low, shift = np.uint64(0xFFFFFFFF), np.uint64(32)
+    for k in range(2):
+        word = words[cell, PHASE + k]
+        sums[cell, 2 * k] += np.int64(word & low)
+        sums[cell, 2 * k + 1] += np.int64(word >> shift)
+        words[cell, PHASE + k] = 0
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def scatter(cells, keys, heights, places, table, words, halves, rows, sums):
+    """Adds prepared points to their cells; returns (drop-outs, points outside)."""
+    dropouts = outside = 0
+    slots, low16 = np.uint64(rows.shape[1]), np.uint64(0xFFFF)
+    for k in range(len(cells)):
+        cell = np.uint64(cells[k])
+        if cell >= np.uint64(DROPOUT):
+            outside += np.int64(cell & np.uint64(1))
+            dropouts += np.int64(np.uint64(1) - (cell & np.uint64(1)))
+            continue
+        height, place = heights[k], np.uint64(places[k])
+        n = words[cell, COUNT] + np.uint64(1)
+        words[cell, COUNT] = n
+        words[cell, PHASE] += table[np.uint64((height >> np.uint32(4)) & np.uint32(PHASES - 1))]
+        words[cell, PLACE] += (place & low16) | ((place >> np.uint64(16)) << np.uint64(32))
+        if (n & np.uint64(SPILL)) == 0:
+            spill(cell, words, sums)
+        if keys[k] <= halves[cell, 6]:
+            record = (np.uint64(height) << np.uint64(32)) | place
+            m = np.uint64(halves[cell, 7])
+            if m < slots:
+                rows[cell, m] = record
+                halves[cell, 7] = np.uint32(m + np.uint64(1))
+            else:
+                make_room(cell, record, keys[k], halves, rows)
+    return dropouts, outside
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def add_profiles(
-    origins, origin_keys, axis_x, axis_z, x, z, x_bits, z_bits, corner, resolution, rows, cols,
-    height_min, height_max, count, top, keys, samples,
+    origins, axis, x, z, x_bits, z_bits, size, low, high, per_unit, table, words, halves, rows, sums,
 ):  # fmt: skip
-    """Adds profiles x, z (n, m) with scanner origins (n, 3); returns (drop-outs, points outside grid or heights)."""
+    """Adds profiles x, z (n, m) float32 with origins (n, 3) float32 (columns, rows, m); returns (drop-outs,
+    outside)."""
+    cells, keys = np.empty(CHUNK, np.uint32), np.empty(CHUNK, np.uint32)
+    heights, places = np.empty(CHUNK, np.uint32), np.empty(CHUNK, np.uint32)
     dropouts = outside = 0
-    inv = 1.0 / resolution
     for i in range(x.shape[0]):
-        ox = (origins[i, 0] - corner[0]) * inv
-        oy = (origins[i, 1] - corner[1]) * inv
-        oz = origins[i, 2]
-        ux, uz = axis_x[0] * inv, axis_z[0] * inv
-        vx, vz = axis_x[1] * inv, axis_z[1] * inv
-        for j in range(x.shape[1]):
-            xs, zs = np.float64(x[i, j]), np.float64(z[i, j])
-            if not (np.isfinite(xs) and np.isfinite(zs)):
-                dropouts += 1
-                continue
-            u = ox + ux * xs + uz * zs
-            v = oy + vx * xs + vz * zs
-            h = oz + axis_x[2] * xs + axis_z[2] * zs
-            if not (0.0 <= u < cols and 0.0 <= v < rows and height_min <= h <= height_max):
-                outside += 1
-                continue
-            col, row = int(u), int(v)
-            cell = row * cols + col
-            bits = (np.uint64(x_bits[i, j]) << np.uint64(32)) | np.uint64(z_bits[i, j])
-            key = mix(bits ^ origin_keys[i])
-            n = count[cell]
-            if n < keys.shape[1] or key < top[cell]:
-                keep_sample(cell, key, u - col - 0.5, v - row - 0.5, h, count, top, keys, samples)
-            count[cell] = n + 1
+        for j in range(0, x.shape[1], CHUNK):
+            end = min(j + CHUNK, x.shape[1])
+            m = end - j
+            prepare(
+                origins[i], axis, x[i, j:end], z[i, j:end], x_bits[i, j:end], z_bits[i, j:end],
+                size, low, high, per_unit, cells, keys, heights, places,
+            )  # fmt: skip
+            d, o = scatter(
+                cells[:m], keys[:m], heights[:m], places[:m], table, words, halves, rows, sums
+            )
+            dropouts += d
+            outside += o
     return dropouts, outside
 
 
 @njit(cache=True, nogil=True)
-def sort_samples(count, keys, samples):
-    """Orders the samples of every cell by key, so that sums do not depend on the order of arrival either."""
-    slots = keys.shape[1]
-    for cell in range(count.shape[0]):
-        n = min(count[cell], slots)
-        for i in range(1, n):
-            key = keys[cell, i]
-            u, v, z = samples[cell, i, 0], samples[cell, i, 1], samples[cell, i, 2]
-            j = i - 1
-            while j >= 0 and keys[cell, j] > key:
-                keys[cell, j + 1] = keys[cell, j]
-                for a in range(3):
-                    samples[cell, j + 1, a] = samples[cell, j, a]
-                j -= 1
-            keys[cell, j + 1] = key
-            samples[cell, j + 1, 0], samples[cell, j + 1, 1], samples[cell, j + 1, 2] = u, v, z
-
-
-@njit(cache=True)
-def median_of(values, n):
-    """Median of values[:n]; sorts them in place."""
-    for i in range(1, n):
-        a = values[i]
-        j = i - 1
-        while j >= 0 and values[j] > a:
-            values[j + 1] = values[j]
-            j -= 1
-        values[j + 1] = a
-    return values[n // 2] if n % 2 else 0.5 * (values[n // 2 - 1] + values[n // 2])
+def merge_sample(cell, halves, rows, other, m_other, threshold, buffer):
+    """Unites the sample of a cell with `other` (m_other records), thinned to a common threshold."""
+    slots = rows.shape[1]
+    m = np.int64(halves[cell, 7])
+    buffer[0, :m] = rows[cell, :m]
+    buffer[0, m : m + m_other] = other[:m_other]
+    k = thin(buffer, 0, distinct(buffer, 0, m + m_other), threshold)
+    while k > slots and threshold > 0:
+        threshold = lower(threshold)
+        k = thin(buffer, 0, k, threshold)
+    k = min(k, slots)
+    rows[cell, :k] = buffer[0, :k]
+    halves[cell, 6], halves[cell, 7] = threshold, k
 
 
 @njit(cache=True, nogil=True)
-def cell_medians(count, samples, medians):
-    """Median height per cell into medians (cells,); NaN where there is no point."""
-    slots = samples.shape[1]
-    buffer = np.empty(slots)
-    for cell in range(count.shape[0]):
-        n = min(count[cell], slots)
-        for i in range(n):
-            buffer[i] = samples[cell, i, 2]
-        medians[cell] = median_of(buffer, n) if n else np.nan
-
-
-@njit(cache=True)
-def minmod(back, ahead):
-    """The smaller of two slopes of equal sign, else 0: a slope that makes no new peak."""
-    if not (np.isfinite(back) and np.isfinite(ahead)) or back * ahead <= 0:
-        return 0.0
-    return back if abs(back) < abs(ahead) else ahead
-
-
-@njit(cache=True, nogil=True)
-def slopes(medians, gx, gy):
-    """Height change per cell along columns and rows, from the neighbours' medians (rows, cols); 0 where not known."""
-    rows, cols = medians.shape
-    for r in range(rows):
-        for c in range(cols):
-            m = medians[r, c]
-            left = m - medians[r, c - 1] if c > 0 else np.nan
-            right = medians[r, c + 1] - m if c < cols - 1 else np.nan
-            down = m - medians[r - 1, c] if r > 0 else np.nan
-            up = medians[r + 1, c] - m if r < rows - 1 else np.nan
-            gx[r, c] = minmod(left, right)
-            gy[r, c] = minmod(down, up)
-
-
-@njit(cache=True)
-def supported(medians, r, c, z, limit):
-    """Whether a neighbour of cell (r, c) lies within `limit` of z."""
-    rows, cols = medians.shape
-    for rr in range(max(0, r - 1), min(rows, r + 2)):
-        for cc in range(max(0, c - 1), min(cols, c + 2)):
-            if (rr != r or cc != c) and abs(medians[rr, cc] - z) <= limit:
-                return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def cell_scatter(count, samples, gx, gy, levels, scatter):
-    """Median level and robust scatter (1.4826 MAD) of every cell's samples, reduced to the cell centre by the slope."""
-    slots = samples.shape[1]
-    buffer = np.empty(slots)
-    for cell in range(count.shape[0]):
-        n = min(count[cell], slots)
-        levels[cell] = scatter[cell] = np.nan
+def merge(start, stop, words, halves, rows, sums, words2, halves2, rows2, sums2):
+    """Moves what the second accumulator holds of the cells start .. stop into the first one and empties it."""
+    buffer = np.empty((1, 2 * rows.shape[1]), np.uint64)
+    for cell in range(start, stop):
+        n = words2[cell, COUNT]
         if n == 0:
             continue
-        for i in range(n):
-            s = samples[cell, i]
-            buffer[i] = s[2] - gx[cell] * s[0] - gy[cell] * s[1]
-        level = median_of(buffer, n)
-        for i in range(n):
-            buffer[i] = abs(buffer[i] - level)
-        levels[cell] = level
-        scatter[cell] = MAD_TO_SIGMA * median_of(buffer, n)
+        spill(cell, words, sums)
+        spill(cell, words2, sums2)
+        words[cell, COUNT] += n
+        for k in range(4):
+            sums[cell, k] += sums2[cell, k]
+            sums2[cell, k] = 0
+        threshold = min(halves[cell, 6], halves2[cell, 6])
+        m = np.int64(halves2[cell, 7])
+        merge_sample(cell, halves, rows, rows2[cell], m, threshold, buffer)
+        words2[cell, COUNT] = 0
+        halves2[cell, 6], halves2[cell, 7] = OPEN, 0
 
 
 @njit(cache=True, nogil=True)
-def cell_means(
-    count, samples, medians, gx, gy, levels, scatter, pooled, factor, support_limit, z, sigma, used
-):
-    """Mean of the inliers per cell with its standard uncertainty and how many points it stands for."""
-    rows, cols = medians.shape
-    slots = samples.shape[1]
-    for cell in range(count.shape[0]):
-        n = min(count[cell], slots)
-        z[cell] = sigma[cell] = np.nan
-        used[cell] = 0
-        if n == 0:
-            continue
-        limit = factor * max(scatter[cell], pooled)
-        k, total, squares = 0, 0.0, 0.0
-        for i in range(n):
-            s = samples[cell, i]
-            if n < WEAK:
-                good = supported(medians, cell // cols, cell % cols, s[2], support_limit)
-            else:
-                good = abs(s[2] - gx[cell] * s[0] - gy[cell] * s[1] - levels[cell]) <= limit
-            if good:
-                d = s[2] - gx[cell] * s[0] - gy[cell] * s[1] - levels[cell]
-                k += 1
-                total += d
-                squares += d * d
-        if k == 0:
-            continue
-        z[cell] = levels[cell] + total / k
-        spread = pooled
-        if k >= ENOUGH:
-            spread = max(np.sqrt(max(0.0, squares - total * total / k) / (k - 1)), 0.25 * pooled)
-        sigma[cell] = spread / np.sqrt(k)
-        used[cell] = round(count[cell] * k / n)
+def rows_seen(x, z):
+    """Whether each profile (n, m) has a point with finite x and z; stops at the first one."""
+    seen = np.zeros(len(x), np.bool_)
+    for i in range(len(x)):
+        for j in range(x.shape[1]):
+            if np.isfinite(x[i, j]) and np.isfinite(z[i, j]):
+                seen[i] = True
+                break
+    return seen

@@ -16,11 +16,12 @@ def save_png(
     title: str = '',
     limits_mm: tuple | None = None,
     mark=None,
+    filled: np.ndarray | None = None,
 ) -> None:
     """Heights z (rows, cols; m, NaN = unknown, drawn grey) in mm over x and y in mm, +y up.
 
     limits_mm: colour range; None = 1st to 99th percentile. mark: (x (n,), height (n,), u (n,)) in m of a bead top to be
-    drawn below the map.
+    drawn below the map. filled: (rows, cols) mask of cells that were filled in, drawn hatched.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -40,6 +41,10 @@ def save_png(
         np.ma.masked_invalid(z * 1e3), origin='lower', extent=extent, cmap='viridis',
         vmin=limits_mm[0], vmax=limits_mm[1], interpolation='nearest', aspect='equal',
     )  # fmt: skip
+    if filled is not None and filled.any():
+        axes[0].contourf(
+            spec.x * 1e3, spec.y * 1e3, filled, [0.5, 1.5], colors='none', hatches=['xxx']
+        )
     figure.colorbar(image, ax=list(axes), label='height in mm', extend='both')
     axes[0].set(xlabel='x in mm', ylabel='y in mm', title=title)
     if mark is not None:

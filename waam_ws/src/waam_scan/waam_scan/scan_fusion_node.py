@@ -12,22 +12,24 @@ from typing import Any
 from sensor_msgs.msg import Image
 
 import waam_node.node
-from waam_msgs.msg import Anomaly, HeightMap, ProfileBatch, Telemetry
+from waam_msgs.msg import Anomaly, HeightMap, Telemetry
 from waam_msgs.srv import BeginScan, FinishScan
 from waam_node.conversions import image_to_msg, nanoseconds
 from waam_node.deferred import Deferred, create_deferred_service
 from waam_node.node import WaamNode
-from waam_node.qos import LATCHED, PROFILES, TELEMETRY
+from waam_node.qos import LATCHED, TELEMETRY
 from waam_process.grid import GridError
 
 from . import fusion
 from .assembler import Assembler
-from .conversions import answer, block_from_msg, checked_grid, map_to_msg, pose_from_raw
+from .conversions import answer, checked_grid, map_to_msg, pose_from_raw
 from .fusion_monitor import FusionMonitor
 from .fusion_params import FusionParams
+from .node_input import ProfileInput
 from .node_scanner import ScannerSwitch
 from .node_waiting import Event, after, first, start
 from .poses import PoseTrack
+from .profiles import ProfileBlock
 from .session import EndWatch, PreviousMap, Session
 
 BEGIN, FINISH = BeginScan.Response, FinishScan.Response
@@ -55,13 +57,15 @@ class ScanFusion(WaamNode):
         self._maps = self.create_publisher(HeightMap, 'height_map', LATCHED)
         self._images = self.create_publisher(Image, 'height_image', LATCHED)
         self.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY, raw=True)
-        self.create_subscription(ProfileBatch, 'profiles', self._on_profiles, PROFILES)
+        ProfileInput(self, self._on_batch)
         for kind, name, work in (
             (BeginScan, '~/begin', self._begin),
             (FinishScan, '~/finish', self._finish),
         ):
             create_deferred_service(self, kind, name, partial(self._serve, work))
         self.create_timer(1.0, lambda: self._monitor.report(self._session), clock=self.steady)
+        # The first line that a process logs takes some 50 ms: not in the middle of the first scan.
+        self.get_logger().info(f'ready, grids up to {p.max_cells} cells, {p.threads} threads')
 
     def _on_telemetry(self, data: bytes) -> None:
         """Up to 1500 times a second of wall time: nothing is read before a profile needs it."""
@@ -80,7 +84,7 @@ class ScanFusion(WaamNode):
         while self._raw:
             self._track.append(*pose_from_raw(self._raw.popleft()))
 
-    def _on_profiles(self, msg: ProfileBatch) -> None:
+    def _on_batch(self, sequence: int, make: Callable[[], ProfileBlock]) -> None:
         self._monitor.count['batches'] += 1
         session = self._session
         if session is None:
@@ -88,16 +92,18 @@ class ScanFusion(WaamNode):
             return
         self._last_batch = time.monotonic()
         try:
-            block = block_from_msg(msg)
+            block = make()
         except ValueError as error:
             session.refused += 1
             self._monitor.count['refused_batches'] += 1
             self._monitor.anomaly(f'profiles refused: {error}', Anomaly.WARNING, session)
             return
         self._read_telemetry()
-        session.add(msg.sequence, block)
+        session.add(sequence, block)
         if session.complete:
             self._complete.set()
+        else:
+            session.refresh(self._last_batch, self.params.refresh_period)
 
     def _serve(self, work: Callable, request: Any, response: Any) -> Deferred:
         """Runs a coroutine service; its answer is sent when it returns."""
@@ -136,14 +142,14 @@ class ScanFusion(WaamNode):
     def _new_session(self, request: BeginScan.Request) -> Session:
         p = self.params
         spec = checked_grid(request.grid, p.max_cells)
-        surface = fusion.Fusion(spec, self._mounting, p.fusion)
+        surface = fusion.Fusion(spec, self._mounting, p.fusion, p.threads)
         if request.keep and self._kept:
             if (self._kept.job_id, self._kept.spec) != (request.job_id, spec):
                 raise GridError('keep: the map that is there is of another job or grid')
             surface = self._kept.assembler.fusion
         earliest = self.get_clock().now().nanoseconds - CLOCK_GRAIN_NS
         gap = round(p.max_gap * 1e9)
-        assembler = Assembler(surface, self._track, gap, p.max_waiting, earliest)
+        assembler = Assembler(surface, self._track, gap, p.max_waiting, earliest, p.intensity)
         job, last = self._last_scan
         scan_id = last + 1 if job == request.job_id else 0
         return Session(request.job_id, request.layer, scan_id, assembler, time.monotonic())
@@ -167,6 +173,8 @@ class ScanFusion(WaamNode):
 
     async def _everything(self, session: Session) -> bool:
         """True when all is here or nothing more comes; False when it would never end."""
+        self._read_telemetry()
+        session.assembler.resolve()
         p, now = self.params, time.monotonic()
         end, until = now + p.finish_timeout, session.until_ns
         watch = EndWatch(until, p.quiet_time, end, now, self._track.newest_ns)

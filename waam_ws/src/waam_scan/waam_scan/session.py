@@ -8,9 +8,10 @@ import numpy as np
 
 from waam_process.grid import GridSpec
 
-from .assembler import Assembler, ProfileBlock
+from .assembler import Assembler
 from .fusion import FusedMap
 from .plausibility import PlausibilityLimits, jump_reasons, map_reasons, stream_reasons
+from .profiles import ProfileBlock, SequenceWatch
 
 DEFAULT_PERIOD_NS = 20_000_000
 
@@ -58,26 +59,34 @@ class Session:
     assembler: Assembler
     began: float = 0.0  # s, steady clock of the caller
     batches: int = 0
-    lost: int = 0
     refused: int = 0
     until_ns: int | None = None  # end of the scanning motion, once finish was asked for
     remarks: list[str] = field(default_factory=list)
-    _sequence: int | None = None
-    _period_ns: int = DEFAULT_PERIOD_NS
+    sequences: SequenceWatch = field(default_factory=SequenceWatch)
+    _refreshed: float = -1.0
+
+    @property
+    def lost(self) -> int:
+        return self.sequences.lost
 
     @property
     def spec(self) -> GridSpec:
         return self.assembler.fusion.spec
 
     def add(self, sequence: int, block: ProfileBlock) -> None:
-        """A batch. A gap in the sequence counts the missing ones; a number that falls is a scanner that restarted."""
-        if self._sequence is not None and sequence > self._sequence + 1:
-            self.lost += sequence - self._sequence - 1
-        self._sequence = sequence
-        self.batches += 1
-        if len(block) > 1:
-            self._period_ns = max(1, int(np.median(np.diff(block.stamps))))
+        """A batch; missing numbers count as lost."""
+        before = self.assembler.newest_ns
         self.assembler.add(block)
+        after = self.assembler.newest_ns
+        self.sequences.follow(sequence, before is None or (after is not None and after > before))
+        self.batches += 1
+
+    def refresh(self, now: float, period: float) -> None:
+        """Works up what came, every `period` s of the caller's steady clock, so that the map is ready soon at the
+        end."""
+        if now - self._refreshed >= period:
+            self._refreshed = now
+            self.assembler.fusion.refresh()
 
     @property
     def closing(self) -> bool:
@@ -89,7 +98,8 @@ class Session:
         newest = self.assembler.newest_ns
         if newest is None or self.until_ns is None:
             return False
-        return newest >= self.until_ns - self._period_ns and self.assembler.waiting == 0
+        period = self.assembler.watch.period_ns or DEFAULT_PERIOD_NS
+        return newest >= self.until_ns - period and self.assembler.waiting == 0
 
     def close(self) -> FusedMap:
         """No more profiles: the map."""
@@ -112,4 +122,5 @@ class Session:
 
     def notes(self) -> list[str]:
         """Remarks that do not make a map implausible."""
-        return self.remarks + self.assembler.counts.reasons()
+        counts = self.assembler.counts
+        return self.remarks + counts.reasons() + counts.remarks()

@@ -1,6 +1,8 @@
 """The dashboard as a process: records a synthetic job, keeps its heartbeats while maps flood it."""
 
 import os
+import socket
+import struct
 import subprocess
 import sys
 import time
@@ -111,7 +113,8 @@ def test_a_job_is_drawn_into_its_folder(graph, tmp_path):
     assert g.process.wait(15) == 0
     found = entities(folder / 'job.rrd')
     wanted = {
-        bp.SURFACE, bp.PLAN, f'{bp.PATH}/layer_001', bp.TORCH, bp.ERROR, bp.PSI, bp.CONFIDENCE,
+        bp.SURFACE, bp.PLAN, f'{bp.PATH}/layer_001/0001', bp.TORCH, bp.LAYER, bp.ALARMS,
+        bp.ERROR, bp.PSI, bp.CONFIDENCE,
         bp.CURRENT, bp.VOLTAGE, bp.FEED, bp.TRAVEL, bp.TEMPERATURE, bp.LIMIT, bp.HEAT_FACTOR,
         bp.MACHINE, bp.JOB, bp.RMS, bp.STATUS, bp.LOG,
     }  # fmt: skip
@@ -149,6 +152,60 @@ def test_heartbeats_keep_their_rate_under_a_flood_of_maps(graph, tmp_path):
     assert len(answered) >= 0.95 * len(sent)
     assert delays[len(delays) // 2] < 0.1, delays
     assert delays[int(0.95 * len(delays))] < 0.4, delays[-8:]
+
+
+def frame(kind: int, flags: int, stream: int, payload: bytes) -> bytes:
+    """One HTTP/2 frame."""
+    head = struct.pack('>I', len(payload))[1:] + bytes([kind, flags]) + struct.pack('>I', stream)
+    return head + payload
+
+
+def hanging_viewer(port: int) -> socket.socket:
+    """Asks for the stream as a rerun viewer does, reads the start of the answer, and nothing more."""
+    fields = {
+        ':method': 'POST', ':scheme': 'http', ':authority': f'127.0.0.1:{port}', 'te': 'trailers',
+        ':path': '/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages',
+        'content-type': 'application/grpc',
+    }  # fmt: skip
+    block = b''.join(
+        b'\x00' + b''.join(bytes([len(t)]) + t.encode() for t in item)
+        for item in sorted(fields.items())
+    )
+    s = socket.create_connection(('127.0.0.1', port), timeout=20)
+    s.sendall(b'PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n' + frame(4, 0, 0, b''))
+    s.sendall(frame(1, 4, 1, block) + frame(0, 1, 1, bytes(5)))
+    heard = b''
+    while len(heard) < 2000:  # settings are short: this is the stream itself
+        more = s.recv(2000)
+        assert more, heard
+        heard += more
+    return s
+
+
+def test_viewers_that_hang_change_nothing(graph, tmp_path):
+    """Three viewers that stop reading, far more data than their buffers hold: every tick is answered, the file of the
+    job holds everything."""
+    with socket.socket() as s:
+        s.bind(('127.0.0.1', 0))
+        port = s.getsockname()[1]
+    g = graph(f'grpc_port:={port}')
+    folder = tmp_path / 'job'
+    folder.mkdir()
+    g.cell.status(0.0, JobStatus.SCANNING, str(folder))
+    g.until(lambda: list(folder.glob('*.rrd')), 20)
+    viewers = [hanging_viewer(port) for _ in range(3)]
+    for count in range(1, 41):
+        g.cell.height_map(1.0 + count, 0, scale=4)
+        g.cell.telemetry(1.0 + count)
+        g.ticks.publish(LeaseTick(controller_us=count))
+        g.until(lambda n=count: g.beats and g.beats[-1][1] == n, 20)
+    play(g.cell, folder, 100)
+    g.process.terminate()
+    assert g.process.wait(20) == 0
+    found = entities(folder / 'job.rrd')
+    assert {bp.SURFACE, bp.ERROR, bp.CURRENT, bp.JOB} <= found
+    for viewer in viewers:
+        viewer.close()
 
 
 def test_unknown_parameter_is_refused_by_name():

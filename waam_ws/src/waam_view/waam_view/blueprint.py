@@ -5,20 +5,20 @@ from __future__ import annotations
 import rerun as rr
 import rerun.blueprint as rrb
 
-TIMELINE = 'ros_time'
+TIMELINE, JOB_TIME, LAYERS = 'ros_time', 'job_time', 'layer'
 SURFACE, PLAN, PATH, TORCH = 'part/surface', 'part/plan', 'part/path', 'part/torch'
 ERROR, PSI, CONFIDENCE = 'maps/error', 'maps/psi', 'maps/confidence'
 CURRENT, VOLTAGE, FEED, TRAVEL = 'arc/current', 'arc/voltage', 'feed/wire', 'feed/travel'
 TEMPERATURE, LIMIT, HEAT_FACTOR = 'heat/temperature', 'heat/limit', 'heat/factor'
-MACHINE, JOB, RMS = 'state/machine', 'state/job', 'quality/rms'
-STATUS, LOG = 'status', 'log'
+MACHINE, JOB, LAYER, RMS = 'state/machine', 'state/job', 'state/layer', 'quality/rms'
+STATUS, LOG, ALARMS = 'status', 'log', 'log/alarms'
 
 _BLUE, _RED, _GREY, _GREEN = (28, 111, 184), (194, 59, 49), (138, 148, 160), (35, 131, 63)
 SERIES = {  # entity: (names, colours)
     CURRENT: (['current, A'], [_BLUE]),
     VOLTAGE: (['voltage, V'], [_RED]),
     FEED: (['commanded, m/min', 'actual, m/min'], [_GREY, _BLUE]),
-    TRAVEL: (['planned, mm/s', 'actual, mm/s'], [_GREY, _BLUE]),
+    TRAVEL: (['commanded, mm/s', 'actual, mm/s'], [_GREY, _BLUE]),
     TEMPERATURE: (['temperature, °C'], [_RED]),
     LIMIT: (['interpass limit, °C'], [_GREY]),
     HEAT_FACTOR: (['heat factor, %'], [_GREEN]),
@@ -46,7 +46,7 @@ def blueprint(
         _plot('Arc current', CURRENT),
         _plot('Arc voltage', VOLTAGE),
         _plot('Wire feed', FEED),
-        _plot('Travel speed (while depositing: planned)', TRAVEL),
+        _plot('Travel speed', TRAVEL),
         rrb.Tabs(
             _plot('Temperature and interpass limit', 'heat/temperature', LIMIT),
             _plot('Heat factor', HEAT_FACTOR),
@@ -71,12 +71,16 @@ def blueprint(
         ),
         rrb.Horizontal(
             rrb.TextDocumentView(origin=STATUS, name='Status'),
-            rrb.TextLogView(origin=LOG, name='Log'),
+            rrb.Tabs(
+                rrb.TextLogView(origin=LOG, name='Log and alarms'),
+                rrb.TextLogView(origin=ALARMS, name='Alarms'),
+                active_tab=0,
+            ),
             column_shares=[1, 2],
         ),
         rrb.StateTimelineView(
             origin='state',
-            name='States',
+            name='States and layers',
             time_view=None if span is None else rrb.TimeAxis(view_range=span),
         ),
         row_shares=[5, 2.7, 1.2],
@@ -98,8 +102,34 @@ def _last(seconds: float) -> rrb.VisibleTimeRange:
     return rrb.VisibleTimeRange(TIMELINE, start=start, end=rrb.TimeRangeBoundary.cursor_relative())
 
 
-def log_styles(recording: rr.RecordingStream) -> None:
+def side_by_side(names: dict[str, str], error_range_m: float) -> rrb.Blueprint:
+    """Jobs beside each other. names: prefix of the entities ('a/') -> title of the job. Every job has its column (part,
+    error, psi), curves of one kind lie below each other on one time axis that starts with each job.
+    """
+    reach = f'{error_range_m * 1e3:g}'
+    columns = [
+        rrb.Vertical(
+            rrb.Spatial3DView(origin=f'{p}part', name=name),
+            rrb.Spatial2DView(origin=p + ERROR, name=f'{name}: height error, ±{reach} mm'),
+            rrb.Spatial2DView(origin=p + PSI, name=f'{name}: ψ'),
+            *(rrb.TimeSeriesView(origin=p + e, name=f'{name}: {t}') for e, t in _COMPARED.items()),
+            row_shares=[4, 3, 2, *[2] * len(_COMPARED)],
+        )
+        for p, name in names.items()
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(*columns),
+        rrb.TimePanel(state='collapsed', timeline=JOB_TIME),
+        rrb.SelectionPanel(state='collapsed'),
+        rrb.BlueprintPanel(state='collapsed'),
+    )
+
+
+_COMPARED = {RMS: 'height error', FEED: 'wire feed', TEMPERATURE: 'temperature'}
+
+
+def log_styles(recording: rr.RecordingStream, prefix: str = '') -> None:
     """Names and colours of the curves; once per recording."""
     for entity, (names, colours) in SERIES.items():
-        recording.log(entity, rr.SeriesLines(names=names, colors=colours), static=True)
-    recording.log('part', rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        recording.log(prefix + entity, rr.SeriesLines(names=names, colors=colours), static=True)
+    recording.log(f'{prefix}part', rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

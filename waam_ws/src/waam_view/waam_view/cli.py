@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import argparse
 import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _VIEW_EXAMPLES = """examples:
   waam view jobs/latest                     serves the job in the browser, prints the address; Ctrl-C ends
   waam view jobs/latest --png job.png       one picture of the end of the job, no screen needed
+  waam view jobs/latest --follow            a job that is running, from its record as it is written
+  waam view jobs/latest --record            from the record (MCAP), also when the dashboard kept a job.rrd
+  waam view jobs/A jobs/B                   jobs side by side, on the time since their start
   waam view jobs/latest/record/record_0.mcap
 
-A running graph is seen live: start the dashboard with web_port and open the address it reports in
-/diagnostics, or run `rerun --connect rerun+http://127.0.0.1:9876/proxy`."""
+A running graph is seen live as well: `waam up --web-port 9090` serves the dashboard, and the operator's page
+(`waam panel`) embeds it."""
 
 _REPORT_EXAMPLES = """examples:
   waam report jobs/latest         rebuilds report.html of a job
@@ -24,7 +31,16 @@ def register(commands: argparse._SubParsersAction) -> None:
     view = commands.add_parser(
         'view', help='open a job in the rerun viewer', epilog=_VIEW_EXAMPLES, formatter_class=raw
     )
-    view.add_argument('path', metavar='JOB|FILE', help='job folder, .rrd or .mcap')
+    view.add_argument(
+        'paths',
+        metavar='JOB|FILE',
+        nargs='+',
+        help='job folder, .rrd or .mcap; several: side by side',
+    )
+    view.add_argument('--follow', action='store_true', help='draw on while the job is recorded')
+    view.add_argument(
+        '--record', action='store_true', help='from the MCAP even if there is a job.rrd'
+    )
     view.add_argument('--png', metavar='FILE', help='draw a picture instead of serving')
     view.add_argument('--port', type=int, default=9090, help='port of the web page (default 9090)')
     view.set_defaults(run=_view)
@@ -36,20 +52,52 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def _view(args: argparse.Namespace) -> int:
+    import tempfile
     from pathlib import Path
 
-    from .viewer import ViewError, find_recording, screenshot, serve
+    from .viewer import ViewError, screenshot, serve
 
+    paths = [Path(p) for p in args.paths]
     try:
-        file = find_recording(Path(args.path))
-        if args.png:
-            screenshot(file, Path(args.png))
-            print(args.png)
-            return 0
-        return serve(file, args.port)
-    except ViewError as e:
+        if args.follow:
+            from .ros_view import tail
+
+            return tail(paths[0], args.port)
+        with tempfile.TemporaryDirectory(prefix='waam_view_') as scratch:
+            file = _recording(paths, Path(scratch) / 'view' / 'job.rrd', args.record)
+            if args.png:
+                screenshot(file, Path(args.png))
+                print(args.png)
+                return 0
+            return serve(file, args.port)
+    except (ViewError, OSError) as e:
         print(f'error: {e}', file=sys.stderr)
         return 1
+
+
+def _recording(paths: list[Path], scratch: Path, from_record: bool) -> Path:
+    """The file to open: what the dashboard kept, else made from the records."""
+    from .viewer import find_recording
+
+    file = find_recording(paths[0]) if len(paths) == 1 else None
+    if file is not None and file.suffix == '.rrd' and not from_record:
+        return file
+    from rich.progress import Progress
+
+    from .ros_view import build, build_comparison, size
+
+    scratch.parent.mkdir()
+    with Progress(transient=True) as bar:
+        task = bar.add_task('reading the record', total=None if len(paths) > 1 else size(paths))
+
+        def progress(count: int) -> None:
+            bar.update(task, advance=count)
+
+        if len(paths) == 1:
+            build(paths[0], scratch, progress)
+        else:
+            build_comparison(paths, scratch, progress)
+    return scratch
 
 
 def _report(args: argparse.Namespace) -> int:

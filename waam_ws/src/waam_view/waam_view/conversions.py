@@ -47,6 +47,7 @@ def sample(msg: Telemetry) -> Sample:
         msg.arc_voltage,
         msg.state,
         msg.arc_established,
+        msg.speed_override or 1.0,
     )
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Temperature
 
@@ -25,11 +24,12 @@ from waam_node.conversions import nanoseconds
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_main
 from waam_node.params import param
-from waam_node.qos import BEAT, EVENTS, LATCHED, TELEMETRY
+from waam_node.qos import BEAT, EVENTS, LATCHED
 
 from . import blueprint as bp
 from . import conversions as cv
 from .drawing import Drawing
+from .node_tap import TelemetryTap
 from .scene import Scene
 
 
@@ -61,14 +61,7 @@ class Dashboard(WaamNode):
         self._errors = (0.0, 0.0)
         self._next_ns = 0
         self._machine_text = ''
-        self._tap = Node(
-            '_dashboard_tap', context=self.context, use_global_arguments=False,
-            enable_rosout=False, start_parameter_services=False, namespace=self.get_namespace(),
-        )  # fmt: skip
-        topic = self.resolve_topic_name('telemetry')
-        self._telemetry = self._tap.create_subscription(
-            Telemetry, topic, lambda _: None, TELEMETRY, raw=True
-        )
+        self._tap = TelemetryTap(self, '_dashboard_tap')
         self.create_timer(0.02, self._poll_telemetry, clock=self.steady)
         self.create_timer(1.0, self._report, clock=self.steady)
         for kind, name, callback, qos in (
@@ -85,14 +78,13 @@ class Dashboard(WaamNode):
             self.create_subscription(kind, name, callback, qos)
 
     def _poll_telemetry(self) -> None:
-        """Takes what has come (3 us a frame) and reads one frame per period."""
-        handle, period = self._telemetry.handle, int(self.params.telemetry_period * 1e9)
-        with handle:
-            while (taken := handle.take_message(Telemetry, True)) is not None:
-                t = cv.stamp_ns(taken[0])
-                if t >= self._next_ns or t < self._next_ns - 2 * period:
-                    self._next_ns = t + period
-                    self._drawing.telemetry(cv.sample(deserialize_message(taken[0], Telemetry)))
+        """Of all frames that came one per period is read."""
+        period = int(self.params.telemetry_period * 1e9)
+        for raw in self._tap.take():
+            t = cv.stamp_ns(raw)
+            if t >= self._next_ns or t < self._next_ns - 2 * period:
+                self._next_ns = t + period
+                self._drawing.telemetry(cv.sample(deserialize_message(raw, Telemetry)))
 
     def _on_height_map(self, msg: HeightMap) -> None:
         self._drawing.newest('map', lambda scene: scene.height_map(cv.map_data(msg)))
@@ -122,6 +114,7 @@ class Dashboard(WaamNode):
             self._drawing.start_job(Path(msg.job_dir), self.params.record)
         name = cv.JOB_STATES.get(msg.state, str(msg.state))
         self._drawing.put(lambda scene: scene.state(t, bp.JOB, name))
+        self._drawing.put(lambda scene: scene.layer(t, msg.layer))
         self._drawing.put(lambda scene: scene.status(t, cv.status_text(msg)))
         errors = (msg.height_error_rms * 1e3, msg.height_error_max * 1e3)
         if errors != self._errors:
@@ -159,7 +152,7 @@ class Dashboard(WaamNode):
 
     def close(self) -> None:
         self._drawing.close()
-        self._tap.destroy_node()
+        self._tap.close()
 
 
 def main() -> None:

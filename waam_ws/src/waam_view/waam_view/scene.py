@@ -17,6 +17,7 @@ from .surface import LayerPath, colours, mesh, picture
 
 STATES = {0: 'IDLE', 1: 'RUN', 2: 'HOLD', 3: 'ALARM'}
 LEVELS = {0: 'INFO', 1: 'WARN', 2: 'ERROR', 3: 'CRITICAL'}
+PIECE = 300  # points of the executed path in one entity: what is drawn again with every batch stays small
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Sample:
     voltage: float
     state: int
     arc: bool
+    speed_override: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -54,19 +56,25 @@ class CorrectionData:
 
 
 class Scene:
-    """Everything drawn goes to all `recordings` (live viewer, file of the job)."""
+    """Everything drawn goes to all `recordings` (live viewer, file of the job).
 
-    def __init__(self, error_range_m: float) -> None:
+    prefix: in front of every entity ('a/'), zero: ns of ROS time that the timeline of jobs side by side starts at.
+    """
+
+    def __init__(self, error_range_m: float, prefix: str = '', zero: int | None = None) -> None:
         self.recordings: dict[str, rr.RecordingStream] = {}
         self.error_range = error_range_m
+        self._prefix, self._zero = prefix, zero
         self._path: LayerPath | None = None
-        self._laid: dict[int, list[tuple[float, float, float]]] = {}
+        self._laid: list[tuple[float, float, float]] = []
+        self._piece = 0
+        self._layer = 0
         self._states: dict[str, str] = {}
         self._span: tuple[int, int] | None = None
 
     def add(self, name: str, recording: rr.RecordingStream) -> None:
         self.recordings[name] = recording
-        bp.log_styles(recording)
+        bp.log_styles(recording, self._prefix)
 
     def remove(self, name: str) -> None:
         """Flushes and closes a recording; its file is complete afterwards."""
@@ -83,11 +91,12 @@ class Scene:
         """Nothing of the last part stays in view."""
         self.remove('file')
         for live in self.recordings.values():
-            live.log('part', rr.Clear(recursive=True))
-            live.log('maps', rr.Clear(recursive=True))
+            live.log(f'{self._prefix}part', rr.Clear(recursive=True))
+            live.log(f'{self._prefix}maps', rr.Clear(recursive=True))
         self._laid.clear()
         self._states.clear()
         self._path = self._span = None
+        self._piece = self._layer = 0
 
     def record(self, file: Path) -> None:
         """Everything from now on also goes into a file, until `remove('file')`."""
@@ -102,16 +111,32 @@ class Scene:
             (t, t) if self._span is None else (min(self._span[0], t), max(self._span[1], t))
         )
         for recording in self.recordings.values():
+            self._set_time(recording, t)
+            recording.log(self._prefix + entity, what)
+
+    def _set_time(self, recording: rr.RecordingStream, t: int) -> None:
+        """ROS time, or seconds since the start of the job when several are shown; and the layer."""
+        if self._zero is None:
             recording.set_time(bp.TIMELINE, timestamp=np.datetime64(t, 'ns'))
-            recording.log(entity, what)
+        else:
+            recording.set_time(bp.JOB_TIME, duration=(t - self._zero) * 1e-9)
+        recording.set_time(bp.LAYERS, sequence=self._layer)
+
+    def layer(self, t: int, number: int) -> None:
+        """From now on everything belongs to this layer (0 = before the first)."""
+        self._layer = number
+        self.state(t, bp.LAYER, f'layer {number}' if number else 'as found')
 
     def telemetry(self, samples: list[Sample]) -> None:
         """A batch of frames: curves in one call per entity, torch and path of the newest."""
         if not samples:
             return
-        times = np.array([s.t for s in samples], 'datetime64[ns]')
+        times = np.array([s.t for s in samples], np.int64)
         path = self._path
-        planned = [path.planned_speed(s.position) if path and s.arc else math.nan for s in samples]
+        planned = [
+            path.planned_speed(s.position) * s.speed_override if path and s.arc else math.nan
+            for s in samples
+        ]
         columns = {
             bp.CURRENT: [[s.current] for s in samples],
             bp.VOLTAGE: [[s.voltage] for s in samples],
@@ -120,7 +145,7 @@ class Scene:
         }
         for recording in self.recordings.values():
             for entity, values in columns.items():
-                _send(recording, entity, times, np.array(values))
+                self._send(recording, entity, times, np.array(values))
         last = samples[-1]
         colour = (255, 140, 40) if last.arc else (120, 170, 220)
         self._log(last.t, bp.TORCH, rr.Points3D([last.position], radii=0.0012, colors=[colour]))
@@ -128,19 +153,27 @@ class Scene:
         self._draw_laid(samples)
 
     def _draw_laid(self, samples: list[Sample]) -> None:
+        """The path that was welded, in pieces of one layer; only the newest piece grows."""
         points = [s.position for s in samples if s.arc]
-        if points:
-            layer = self._path.layer if self._path else 0
-            laid = self._laid.setdefault(layer, [])
-            laid += points
-            strip = rr.LineStrips3D([np.array(laid)], radii=0.0004, colors=[(255, 140, 40)])
-            self._log(samples[-1].t, f'{bp.PATH}/layer_{layer:03d}', strip)
+        if not points:
+            return
+        self._laid += points
+        layer = self._path.layer if self._path else 0
+        strip = rr.LineStrips3D([np.array(self._laid)], radii=0.0004, colors=[(255, 140, 40)])
+        self._log(samples[-1].t, f'{bp.PATH}/layer_{layer:03d}/{self._piece:04d}', strip)
+        if len(self._laid) >= PIECE:
+            self._begin_piece(keep=1)
+
+    def _begin_piece(self, keep: int) -> None:
+        del self._laid[: len(self._laid) - keep]
+        self._piece += 1
 
     def plan(self, t: int, path: LayerPath) -> None:
         """Segments of the next layer; a plan without deposition (a scan) is left out."""
         if not len(path.start):
             return
         self._path = path
+        self._begin_piece(keep=0)
         strips = np.stack([path.start, path.end], 1)
         self._log(t, bp.PLAN, rr.LineStrips3D(strips, radii=0.0002, colors=[(90, 200, 120)]))
 
@@ -187,7 +220,8 @@ class Scene:
             self._log(t, entity, rr.StateChange(state=name))
 
     def text(self, t: int, severity: int, text: str) -> None:
-        self._log(t, bp.LOG, rr.TextLog(text, level=LEVELS.get(severity, 'INFO')))
+        entry = rr.TextLog(text, level=LEVELS.get(severity, 'INFO'))
+        self._log(t, bp.ALARMS if severity else bp.LOG, entry)
 
     def status(self, t: int, markdown: str) -> None:
         self._log(t, bp.STATUS, rr.TextDocument(markdown, media_type='text/markdown'))
@@ -196,14 +230,18 @@ class Scene:
         for name in list(self.recordings):
             self.remove(name)
 
-
-def _send(
-    recording: rr.RecordingStream, entity: str, times: np.ndarray, values: np.ndarray
-) -> None:
-    recording.send_columns(
-        entity,
-        indexes=[rr.TimeColumn(bp.TIMELINE, timestamp=times)],
-        columns=rr.Scalars.columns(scalars=values.ravel()).partition(
-            np.full(len(values), values.shape[1])
-        ),
-    )
+    def _send(
+        self, recording: rr.RecordingStream, entity: str, times: np.ndarray, values: np.ndarray
+    ) -> None:
+        """times (n,) ns, values (n, curves)."""
+        if self._zero is None:
+            column = rr.TimeColumn(bp.TIMELINE, timestamp=times.astype('datetime64[ns]'))
+        else:
+            column = rr.TimeColumn(bp.JOB_TIME, duration=(times - self._zero) * 1e-9)
+        recording.send_columns(
+            self._prefix + entity,
+            indexes=[column],
+            columns=rr.Scalars.columns(scalars=values.ravel()).partition(
+                np.full(len(values), values.shape[1])
+            ),
+        )

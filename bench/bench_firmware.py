@@ -1,0 +1,124 @@
+"""The controller core on the STM32F407: share of the processor's instructions, flash and RAM.
+
+The firmware runs under QEMU with instruction counting (8 ns of virtual time for each) at its worst: X, Y, Z and wire
+at their greatest speeds (200, 200, 100 and 300 mm/s: 64, 64, 32 and 15 thousand pulses per second), arc on, segments
+of 1 mm streaming in, telemetry going out. Counted are instructions, not cycles: a Cortex-M4 needs some 1.3 for each.
+
+firmware.isr_budget_pct: interrupts (pulses at 80 kHz, fast tick at 10 kHz, link) and the main loop, of 168 MHz;
+firmware.cpu_budget_pct: the same with the 1 kHz tick of the core (planner, motion, link, arc sequence);
+firmware.tick_longest_pct: longest single tick, of the instructions in 1 ms;
+firmware.flash_bytes, firmware.ram_bytes: image with the link on USART2, RAM with its stack of 16 KiB.
+
+Without gcc-arm-none-eabi or qemu-system-arm it says so on stderr and prints nothing.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from emit import emit
+
+NAMES = [
+    'firmware.isr_budget_pct',
+    'firmware.cpu_budget_pct',
+    'firmware.tick_longest_pct',
+    'firmware.flash_bytes',
+    'firmware.ram_bytes',
+]
+PACKAGE = Path(__file__).parents[1] / 'waam_ws/src/waam_firmware'
+NS_PER_INSTRUCTION = 8.0
+CLOCK_HZ = 168e6
+CHIP_FLASH, CHIP_RAM = 1 << 20, 192 << 10
+
+
+def load(name: str):
+    """A module of the package's tests, by path."""
+    spec = importlib.util.spec_from_file_location(name, PACKAGE / f'test/{name}.py')
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def stretch(report: str) -> dict[str, float]:
+    """Of a report of the firmware: virtual seconds, instructions but idling, of the tick, of the longest tick."""
+    elapsed, idle = map(int, report.split()[:2])
+    parts = {k: [int(v) for v in vs.split()] for k, vs in re.findall(r'([a-z]+) ([0-9 ]+)', report)}
+    return {
+        'seconds': elapsed * 1e-9,
+        'busy': (elapsed - idle) / NS_PER_INSTRUCTION,
+        'tick': parts['tick'][1] / NS_PER_INSTRUCTION,
+        'longest': parts['tick'][2] / NS_PER_INSTRUCTION,
+    }
+
+
+def burn(board, lines: list[str]) -> None:
+    """Streams until everything runs at top speed; again when a busy computer made the host lose its lease."""
+    client = board.client
+    client.wait(lambda: client.frame)
+    for _ in range(5):
+        client.lease = True
+        client.ask('$X')
+        client.identify()
+        client.sequence = client.accepted = 0
+        client.run('G28', 'G0 X0 Y0 Z190')
+        client.ask('$A bench')
+        client.send('M3 W18000 S25', 'G4 P1', *lines[:110])
+        client.wait(lambda: client.frame['v_um_s'] > 200_000 or client.frame['state'] in (2, 3))
+        if client.frame['state'] == 1:
+            return
+        client.ask('$S')
+        client.wait(lambda: client.frame['state'] in (0, 3))
+    raise RuntimeError(f'the bead does not run: {client.lines[-4:]}')
+
+
+def worst_case(board) -> dict[str, float]:
+    """The busiest 0.1 s while a queue, filled during a dwell with the arc on, runs off at top speed."""
+    board.client.wait(lambda: board.client.frame)
+    board.fault('r')  # reports on
+    burn(board, [f'G1 X{i} Y{i} Z{190 - i / 2} F60000' for i in range(1, 111)])
+    board.client.wait(lambda: board.client.frame['v_um_s'] == 0)
+    pins = board.pins()
+    runs = [stretch(r) for r in re.findall(r'load ([-0-9a-z ]+)\n', board.heard)]
+    worst = max(runs[1:], key=lambda r: r['busy'] / r['seconds'])
+    worst['longest'] = max(r['longest'] for r in runs[1:])
+    print(f'firmware: {worst} of {len(runs)} stretches, {pins}', file=sys.stderr)
+    return worst
+
+
+def sizes(folder: Path) -> tuple[int, int]:
+    """Flash and RAM of the image for the board, bytes."""
+    out = subprocess.run(
+        [str(PACKAGE / 'stm32/build.sh'), str(folder)], check=True, capture_output=True, text=True
+    ).stdout
+    row = re.search(r'^waam_stm32f407 +(\d+) \(.*\) +(\d+) \(', out, re.MULTILINE)
+    return int(row[1]), int(row[2])
+
+
+def main() -> None:
+    target, conftest = load('test_target'), load('conftest')
+    if absent := target.missing([*target.TOOLS, 'qemu-system-arm']):
+        print(f'firmware.*: not installed: {absent}', file=sys.stderr)
+        return
+    with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
+        flash, ram = sizes(Path(scratch))
+        board = target.Emulator(Path(scratch) / 'waam_qemu.elf', conftest.Client)
+        try:
+            load_now = worst_case(board)
+        finally:
+            board.close()
+    budget = CLOCK_HZ * load_now['seconds'] / 100
+    emit(NAMES[0], (load_now['busy'] - load_now['tick']) / budget, '%', 'allowed', 65.0)
+    emit(NAMES[1], load_now['busy'] / budget, '%', 'allowed', 65.0)
+    emit(NAMES[2], load_now['longest'] / (CLOCK_HZ * 1e-5), '%', 'one millisecond', 100.0)
+    emit(NAMES[3], flash, 'bytes', 'flash of the chip', CHIP_FLASH)
+    emit(NAMES[4], ram, 'bytes', 'RAM of the chip', CHIP_RAM)
+
+
+if __name__ == '__main__':
+    main()

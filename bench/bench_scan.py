@@ -1,0 +1,179 @@
+"""Scan fusion: speed of the core, speed through ROS, time to the map, accuracy.
+
+scan.core_points_per_s: points per second on 2 cores into 512 x 512 cells of 0.2 mm, poses, validity and the robust
+  estimator included, from four sensors of 3200 points at 16 kHz; points in scanning order, with the profiles shuffled,
+  and with all points shuffled. Baselines in the same run, one thread as they are: SciPy binned_statistic_2d (mean) and
+  Open3D voxel down-sampling. Wall time on an idle machine; WAAM_BENCH_CPU=1 takes 2 x points per CPU second instead
+  (on a busy one), and the line says so.
+scan.ros_points_per_s: the most points per second from a publisher process through ProfileBatch messages into the real
+  node with nothing lost (baseline: what the scan issue asks for). WAAM_BENCH_ROS_S: seconds per rate (default 3).
+scan.profile_to_map_ms: last profile published to 512 x 512 map received, by another process, worst of the runs.
+scan.rms_mm: error of the map of a simulated scan (noise 0.03 mm, 1 % spikes, 5 % drop-outs, cells of 0.25 mm), against
+  the plain mean and the exact median per cell.
+`python bench/bench_scan.py table` prints the comparison of estimators in waam_scan's README.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+import scan_surface
+from emit import emit
+
+from waam_process.grid import GridSpec
+from waam_scan.assembler import Assembler
+from waam_scan.fusion import Fusion
+from waam_scan.poses import PoseTrack
+from waam_scan.profiles import ProfileBlock
+from waam_scan.transform import Mounting
+
+NAMES = ['scan.core_points_per_s', 'scan.ros_points_per_s', 'scan.profile_to_map_ms', 'scan.rms_mm']
+GRID = GridSpec(0.0, 0.0, 0.2e-3, 512, 512)
+POINTS, BATCH, RATE = (
+    3200,
+    2048,
+    64_000,
+)  # per profile; profiles per batch; profiles per second of four sensors
+SPEED = 0.1  # m/s, travel: the grid takes one second and 2e8 points
+CPU = os.environ.get('WAAM_BENCH_CPU') == '1'
+
+
+def batch(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """x, z (BATCH, POINTS) float32 m: noise 0.03 mm, 1 % spikes, 5 % drop-outs."""
+    x = np.tile(np.linspace(-51.2e-3, 51.2e-3, POINTS, dtype=np.float32), (BATCH, 1))
+    z = -0.11 + 30e-6 * rng.standard_normal(x.shape, dtype=np.float32)
+    chance = rng.random(x.shape, dtype=np.float32)
+    z[chance < 0.01] += 5e-3 * rng.random(int((chance < 0.01).sum()), dtype=np.float32)
+    z[chance > 0.95] = np.nan
+    return x, z.astype(np.float32)
+
+
+def pose_track(seconds: float) -> PoseTrack:
+    """1 kHz of telemetry along x; after every second the travel turns back."""
+    track = PoseTrack(200_000)
+    for k in range(int(seconds * 1000) + 100):
+        t = k * 1e-3
+        share = abs((t * SPEED + 0.1) % 0.2 - 0.1)
+        track.append(k * 1_000_000, 1.2e-3 + share, 51.2e-3, 0.0)
+    return track
+
+
+def core(order: str, batches: int) -> tuple[float, float]:
+    """Points per second of wall time and per second of CPU time. order: scanning, profiles, points."""
+    rng = np.random.default_rng(0)
+    x, z = batch(rng)
+    if order == 'points':
+        places = rng.permutation(x.size)
+        x, z = x.ravel()[places].reshape(x.shape), z.ravel()[places].reshape(z.shape)
+    stamps = (np.arange(batches * BATCH) * (1e9 / RATE)).astype(np.int64)
+    if order != 'scanning':
+        rng.shuffle(stamps)
+    track = pose_track(batches * BATCH / RATE)
+    fusion = Fusion(GRID, Mounting(np.array([0.0, 0.0, 0.11])), threads=2)
+    assembler = Assembler(fusion, track, max_waiting=10**6)
+    wall, cpu = time.perf_counter(), time.process_time()
+    for part in stamps.reshape(batches, BATCH):
+        assembler.add(ProfileBlock(part, x, z))
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    assert assembler.counts.used == batches * BATCH, assembler.counts
+    return fusion.points / wall, fusion.points / cpu
+
+
+def baselines() -> dict[str, float]:
+    """Points per second of what others offer, on one batch that is already in work coordinates."""
+    import open3d
+    from scipy.stats import binned_statistic_2d
+
+    x, z = batch(np.random.default_rng(0))
+    px = np.repeat(np.linspace(0.0, 0.1, BATCH), POINTS)
+    py, pz = x.ravel().astype(float) + 51.2e-3, z.ravel().astype(float)
+    good = np.isfinite(pz)
+    px, py, pz = px[good], py[good], pz[good]
+    edges = [np.arange(513) * 0.2e-3] * 2
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(np.column_stack([px, py, pz])))
+    actions: dict[str, Callable] = {
+        'SciPy binned_statistic_2d mean': lambda: binned_statistic_2d(py, px, pz, 'mean', edges),
+        'Open3D voxel down-sampling 0.2 mm': lambda: cloud.voxel_down_sample(0.2e-3),
+    }
+    return {name: len(px) / _seconds(action) for name, action in actions.items()}
+
+
+def _seconds(action: Callable) -> float:
+    clock = time.process_time if CPU else time.perf_counter
+    started = clock()
+    action()
+    return clock() - started
+
+
+def bench_core() -> None:
+    core('scanning', 2)  # compiled
+    found = baselines()
+    for order in ('scanning', 'profiles', 'points'):
+        wall, cpu = core(order, 31)
+        value = 2 * cpu if CPU else wall
+        how = '2 x per CPU second' if CPU else 'wall time'
+        for name, baseline in found.items():
+            emit(
+                'scan.core_points_per_s', value, 'points/s',
+                f'{name}; input: {order} order{" shuffled" * (order != "scanning")}; {how}', baseline,
+            )  # fmt: skip
+
+
+def bench_accuracy() -> None:
+    s = scan_surface.scan()
+    z, sigma, _ = scan_surface.ours(s)
+    rms, bias = scan_surface.errors(z)
+    true, good = scan_surface.truth()
+    ratio = float(np.sqrt(np.nanmean(((z - true) / sigma)[good] ** 2)))
+    note = f'bias {bias * 1e3:+.5f} mm, true error / stated uncertainty {ratio:.3f}'
+    for name, other in (
+        ('plain mean per cell', scan_surface.mean(s)[0]),
+        (
+            'exact median per cell',
+            scan_surface.of_all_points(s, lambda h: float(np.median(h)))[0],
+        ),
+    ):
+        baseline = scan_surface.errors(other)[0]
+        emit('scan.rms_mm', rms * 1e3, 'mm', f'{name}; {note}', baseline * 1e3)
+
+
+def bench_ros() -> None:
+    import scan_graph
+
+    seconds = float(os.environ.get('WAAM_BENCH_ROS_S', '3'))
+    with scan_graph.Graph() as graph:
+        best, cause, latencies = 0.0, '', []
+        for rate in (0.5e7, 1e7, 1.5e7, 2e7, 2.5e7, 3e7, 4e7, 6e7):
+            run = graph.scan(rate, seconds)
+            latencies.append(run.latency_ms)
+            if run.lost:
+                cause = f'at {rate:.1e} asked: {run.why}'
+                break
+            best = max(best, run.rate)
+        emit(
+            'scan.ros_points_per_s', best, 'points/s',
+            f'limit of the scan issue; nothing lost; {cause or "highest rate that was tried"}', 2e7,
+        )  # fmt: skip
+        calm = [graph.scan(2e6, 1.0).latency_ms for _ in range(5)]
+        emit(
+            'scan.profile_to_map_ms', max(calm), 'ms',
+            f'limit of the scan issue; 512 x 512 map, worst of 5; up to {max(latencies):.0f} ms at full rate', 50.0,
+        )  # fmt: skip
+
+
+def main() -> None:
+    """All four."""
+    bench_accuracy()
+    bench_core()
+    bench_ros()
+
+
+if __name__ == '__main__':
+    if sys.argv[1:] == ['table']:
+        print('\n'.join(scan_surface.table()))
+    else:
+        main()

@@ -1,0 +1,175 @@
+"""What watching costs: the same job on the simulated cell in real time, with recorder, dashboard and panel and without.
+
+Loop latency: from a lease tick (10 per second) to the answer of each node that the arc lease needs, on the steady clock
+of one observer; it contains the scheduling of every node of the loop, and decides whether the arc stays on.
+The runs alternate (off, on, off, on); the first layer of the demo's part is scanned, planned and laid meanwhile. "On":
+the recorder writes, the dashboard serves and keeps its file, the panel has an open page that takes every frame and map.
+"Off": this process answers for the recorder, for a job does not start without one.
+
+view.loop_p99_growth_pct: growth of the 99th percentile (baseline: the limit of the issue, 10 %);
+view.loop_p99_ms: the 99th percentile with everything on (baseline: with everything off).
+
+WAAM_VIEW_BENCH_S: seconds measured per run (default 40); WAAM_VIEW_BENCH_RUNS: runs of each kind (default 2).
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+from emit import emit
+
+NAMES = ['view.loop_p99_growth_pct', 'view.loop_p99_ms']
+WATCHERS = ('recorder', 'dashboard', 'panel')
+SECONDS = float(os.environ.get('WAAM_VIEW_BENCH_S', '40'))
+RUNS = int(os.environ.get('WAAM_VIEW_BENCH_RUNS', '2'))
+PAGE = """
+import asyncio, sys, aiohttp
+async def main(url):
+    async with aiohttp.ClientSession() as s, s.ws_connect(url + 'stream', headers={'Origin': url.rstrip('/')}) as ws:
+        seen = {}
+        async for message in ws:
+            for name, version in message.json()['maps'].items():
+                if seen.get(name) != version:
+                    seen[name] = version
+                    async with s.get(f'{url}api/map/{name}') as answer:
+                        await answer.read()
+asyncio.run(main(sys.argv[1]))
+"""
+
+
+class Observer:
+    """Takes ticks and answers in a thread of its own; `delays` in s by node. Plays the recorder when asked to."""
+
+    def __init__(self, domain: int, recorder: bool) -> None:
+        import rclpy
+        from rclpy.experimental import EventsExecutor
+
+        from waam_msgs.msg import Heartbeat, LeaseTick
+        from waam_msgs.srv import Record
+        from waam_node.qos import BEAT
+
+        self.context = rclpy.context.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('observer', context=self.context)
+        self.delays: dict[str, list[float]] = {}
+        self._ticks: dict[int, float] = {}
+        self.node.create_subscription(LeaseTick, 'lease_tick', self._on_tick, BEAT)
+        self.node.create_subscription(Heartbeat, 'heartbeat', self._on_beat, 100)
+        if recorder:
+            self.node.create_service(Record, 'recorder/control', self._on_record)
+        self._executor = EventsExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        while not self._over.is_set():
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def _on_tick(self, tick) -> None:
+        self._ticks[tick.controller_us] = time.monotonic()
+
+    def _on_beat(self, beat) -> None:
+        sent = self._ticks.get(beat.controller_us)
+        if sent is not None:
+            self.delays.setdefault(beat.node, []).append(time.monotonic() - sent)
+
+    def _on_record(self, request, response):
+        response.success = True
+        return response
+
+    def close(self) -> None:
+        import rclpy
+
+        self._over.set()
+        self._thread.join(5.0)
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+def measure(folder: Path, watched: bool, domain: int) -> np.ndarray:
+    """Delays (s) of all nodes that both kinds of run have, during a job."""
+    from waam_bringup.graph import Settings
+    from waam_bringup.operate import free_port, graph
+
+    without = () if watched else WATCHERS
+    settings = Settings(
+        run=folder / 'run', seed=7, rate=1.0, without=without,
+        grpc_port=free_port() if watched else 0, web_port=free_port() if watched else 0,
+    )  # fmt: skip
+    with graph(settings, domain, 90.0) as (state, client):
+        observer = Observer(domain, recorder=not watched)
+        page = None
+        if watched:
+            page = subprocess.Popen([sys.executable, '-c', PAGE, state.panel_url])
+        try:
+            _keep_running(client, folder / 'jobs', observer)
+            delays = {n: d for n, d in observer.delays.items() if n not in WATCHERS}
+        finally:
+            if page is not None:
+                page.kill()
+                page.wait()
+            observer.close()
+    return np.concatenate([np.array(d) for d in delays.values()])
+
+
+def _keep_running(client, jobs: Path, observer: Observer) -> None:
+    """SECONDS of a job; one that ends before (a loaded machine can cost a node its deadline) is started again."""
+    _run_job(client, jobs)
+    observer.delays.clear()
+    end = time.monotonic() + SECONDS
+    if client.until(lambda: client.job.state >= 9, SECONDS):
+        print(f'# the job ended ({client.job.message}), another one', file=sys.stderr, flush=True)
+        _run_job(client, jobs)
+        client.until(lambda: False, end - time.monotonic())
+
+
+def _run_job(client, jobs: Path) -> None:
+    """Starts the demo's job; returns when it scans."""
+    from rclpy.action import ActionClient
+
+    from waam_bringup.paths import share
+    from waam_msgs.action import RunJob
+
+    parts = share('waam_bringup') / 'parts'
+    client.load_part(str(parts / 'jaw_worn.stl'), (0.0, 0.0, 0.0), 7)
+    goal = RunJob.Goal(
+        name='view', part=str(parts / 'jaw_nominal.stl'), mode='restore', material='er70s-6',
+        profile='closed_loop', layers=1, jobs_dir=str(jobs), k_gain=float('nan'),
+    )  # fmt: skip
+    action = ActionClient(client.node, RunJob, 'job_sequencer/run_job')
+    assert client.until(action.server_is_ready, 20.0), 'job_sequencer is not there'
+    action.send_goal_async(goal)
+    assert client.until(lambda: client.job and 4 <= client.job.state < 9, 60.0), (
+        'the job does not scan'
+    )
+
+
+def main() -> None:
+    """Alternating runs, pooled by kind."""
+    domain = int(os.environ.get('ROS_DOMAIN_ID', '98'))
+    pooled: dict[bool, list[np.ndarray]] = {False: [], True: []}
+    for number in range(RUNS):
+        for watched in (False, True):
+            with tempfile.TemporaryDirectory(prefix='waam_view_bench_') as scratch:
+                pooled[watched].append(measure(Path(scratch), watched, domain))
+                shown = np.percentile(pooled[watched][-1] * 1e3, [50, 99])
+                kind = 'on' if watched else 'off'
+                print(f'# run {number + 1} {kind}: p50 {shown[0]:.2f} ms, p99 {shown[1]:.2f} ms',
+                      file=sys.stderr, flush=True)  # fmt: skip
+    off, on = (float(np.percentile(np.concatenate(pooled[k]) * 1e3, 99)) for k in (False, True))
+    emit('view.loop_p99_growth_pct', 100 * (on / off - 1), '%', 'limit of the issue', 10.0)
+    emit('view.loop_p99_ms', on, 'ms', 'recorder, dashboard and panel off, same run', off)
+
+
+if __name__ == '__main__':
+    main()

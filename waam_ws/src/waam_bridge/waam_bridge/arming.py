@@ -1,0 +1,65 @@
+"""The job that may use the arc, and the nodes that must live for it. Pure."""
+
+from __future__ import annotations
+
+from . import frames
+from .lease import Lease
+
+
+class Arming:
+    """`silent`: required nodes whose heartbeat is late, as last checked."""
+
+    def __init__(self) -> None:
+        self.lease = Lease()
+        self.job = ''
+        self.silent: list[str] = []
+        self._seen = False  # telemetry has shown it
+
+    def arm(self, job: str, names: list[str], now_us: int, now: float) -> None:
+        self.job, self._seen = job, False
+        self.lease.require(names, now_us, now)
+
+    def disarm(self) -> None:
+        self.job, self._seen, self.silent = '', False, []
+        self.lease.require((), 0, 0.0)
+
+    def restart(self, boot: int, known: bool) -> None:
+        """The controller is there (again); unless it is the one of before it holds no job of ours."""
+        self.lease.restart(boot)
+        if not known:
+            self.disarm()
+
+    def flags(self, flags: int) -> bool:
+        """Takes the flags of telemetry; True when the controller has disarmed by itself."""
+        if flags & frames.ARMED:
+            self._seen = True
+        elif self._seen and self.job:
+            self.disarm()
+            return True
+        return False
+
+    def lease_us(self, t_us: int) -> int:
+        """How far the arc lease may be renewed at controller time t_us, 0 = none."""
+        return self.lease.seen_us(t_us) if self.job else 0
+
+    def beat(self, node: str, tick_us: int, boot: int, t_us: int, now: float) -> bool:
+        """Takes a heartbeat; True when it moves the lease of an armed job."""
+        before = self.lease.seen_us(t_us)
+        counts = self.lease.beat(node, tick_us, boot, t_us, now) and self.job
+        return bool(counts) and self.lease.seen_us(t_us) > before
+
+    def check(self, t_us: int, now: float) -> list[str] | None:
+        """Looks who is silent: None when nothing changed, else the names that are new."""
+        silent = self.lease.silent(t_us, now) if self.job else []
+        return self._change(silent)
+
+    def expired(self, t_us: int) -> None:
+        """The controller ended the arc because of the lease: whoever is behind now has caused it."""
+        self._change(self.lease.behind(t_us) if self.job else [])
+
+    def _change(self, silent: list[str]) -> list[str] | None:
+        if silent == self.silent:
+            return None
+        new = [n for n in silent if n not in self.silent]
+        self.silent = silent
+        return new

@@ -1,0 +1,327 @@
+/* The whole controller: link, parser, planner, motion, arc and supervision on a small machine with a simple plant, driven by
+ * a script that the fuzzer writes. One record per line of the input, chosen by its first byte:
+ *
+ *     ~<n>      n ticks of 1 ms                          =<n>   heartbeat whose lease is n ms old
+ *     ^<chars>  toggle inputs and faults (see toggle)    !      resynchronise to the line that is expected
+ *     $...      immediate line, sealed                   N...   queued line with that number, sealed
+ *     %...      these bytes and a line feed              @...   these bytes alone
+ *     other     queued line with the right number, sealed
+ *
+ * After every tick the outputs are held against what docs/link_protocol.md promises, with bookkeeping of its own. */
+#include <math.h>
+#include <string.h>
+
+#include "fuzz.h"
+#include "waam_core.h"
+
+#define TICK_US 1000u
+#define TICKS_MAX 1200u
+#define HEARTBEAT_US 20000u
+#define STRIKE_US 3000u
+
+typedef struct {
+    waam_core_t core;
+    waam_config_t config;
+    waam_inputs_t inputs;
+    waam_outputs_t outputs;
+    unsigned ticks;
+    bool no_heartbeat, no_current, no_gas, slow_wire, stuck, implausible;
+    uint64_t arc_us;             /* output on for this long */
+    uint64_t hold_arc_us;        /* ... of which in HOLD */
+    uint64_t fed_us;             /* last line feed given to the core */
+    uint64_t granted_us;         /* last heartbeat answered: no lease can be younger */
+    waam_state_t announced;
+    unsigned announced_code;
+    uint32_t acknowledged;
+} rig_t;
+
+static rig_t rig;
+
+/* ---- what the controller sends ---- */
+
+static unsigned long number_after(const char *line, const char *mark)
+{
+    const char *at = strstr(line, mark);
+    REQUIRE(at, "field of a line");
+    return strtoul(at + strlen(mark), NULL, 10);
+}
+
+static void on_state(const char *line)
+{
+    static const char *const names[] = {"! IDLE E", "! RUN E", "! HOLD E", "! ALARM E"};
+    for (int i = 0; i < 4; i++)
+        if (strncmp(line, names[i], strlen(names[i])) == 0) {
+            rig.announced = (waam_state_t)i;
+            rig.announced_code = (unsigned)strtoul(line + strlen(names[i]), NULL, 10);
+            REQUIRE(strlen(line) > strlen(names[i]) + 4, "a state has a reason");
+            REQUIRE((i >= WAAM_HOLD) == (rig.announced_code != 0), "HOLD and ALARM have a code, IDLE and RUN none");
+            return;
+        }
+    REQUIRE(false, "a known state");
+}
+
+static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_t kind)
+{
+    char text[512];
+    size_t content;
+    (void)context;
+    bool stock = rig.core.link.dialect == WAAM_DIALECT_STOCK;
+    REQUIRE(bytes > 2 && bytes <= 400 && line[bytes - 1] == '\n', "length of a sent line");
+    content = bytes - 1;
+    REQUIRE(stock || waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
+    for (size_t i = 0; i < content; i++)
+        REQUIRE(line[i] >= ' ' && (uint8_t)line[i] <= '~', "a sent line is printable");
+    memcpy(text, line, content);
+    text[content] = '\0';
+    if (stock) {
+        if (strncmp(text, "echo:! ", 7) == 0)
+            on_state(text + 5);
+        return;
+    }
+    REQUIRE((kind == WAAM_TX_TELEMETRY) == (text[0] == 'T'), "only telemetry may be dropped");
+    if (text[0] == '!')
+        on_state(text);
+    else if (strncmp(text, "ok N", 4) == 0)
+        rig.acknowledged = (uint32_t)number_after(text, "ok N");
+    else if (strncmp(text, "$H ", 3) == 0 && !strstr(text, " error "))
+        rig.granted_us = rig.core.now_us;
+}
+
+/* ---- what the controller gets ---- */
+
+static void feed(const char *bytes, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (bytes[i] == '\n')
+            rig.fed_us = rig.core.now_us;
+        waam_core_rx(&rig.core, (uint8_t)bytes[i]);
+    }
+}
+
+static void feed_sealed(const char *text, size_t count)
+{
+    waam_text_t line = {.length = 0};
+    waam_text_bytes(&line, text, count < WAAM_LINE_MAX ? count : WAAM_LINE_MAX);
+    waam_text_seal(&line, rig.core.link.strong);
+    feed(line.text, line.length);
+}
+
+static void feed_numbered(const char *before, uint64_t number, const char *after, size_t count)
+{
+    waam_text_t line = {.length = 0};
+    waam_text_add(&line, before);
+    waam_text_uint(&line, number);
+    waam_text_bytes(&line, after, count);
+    feed_sealed(line.text, line.length);
+}
+
+static void heartbeat(uint64_t age_ms)
+{
+    uint64_t now = rig.core.now_us, age = age_ms * 1000u;
+    feed_numbered("$H f ", age < now ? now - age : 0, "", 0);
+}
+
+static void toggle(char what)
+{
+    waam_inputs_t *in = &rig.inputs;
+    switch (what) {
+    case 'e': in->estop = !in->estop; break;
+    case 'l': in->limit_switch = !in->limit_switch; break;
+    case 'p': in->process = (waam_process_t)((in->process + 1) % 3); break;
+    case 'h': rig.no_heartbeat = !rig.no_heartbeat; break;
+    case 'c': rig.no_current = !rig.no_current; break;
+    case 'g': rig.no_gas = !rig.no_gas; break;
+    case 'w': rig.slow_wire = !rig.slow_wire; break;
+    case 's': rig.stuck = !rig.stuck; break;
+    case 't': in->over_temperature = !in->over_temperature; break;
+    case 'i': in->temperature_c = in->temperature_c == 0.0 ? 95.0 : 0.0; break;
+    case 'n': rig.implausible = !rig.implausible; break;
+    default: break;
+    }
+}
+
+/* ---- the plant ---- */
+
+static void move_plant(void)
+{
+    static const double start_mm[WAAM_AXES] = {0.3, 0.4, 9.7};
+    const waam_config_t *c = &rig.config;
+    for (int i = 0; i < WAAM_AXES; i++) {
+        double at = start_mm[i] + (double)rig.outputs.pulses[i] / c->steps_per_mm;
+        rig.inputs.home_switch[i] = c->home_direction[i] < 0 ? at <= c->limit_min_mm[i] : at >= c->limit_max_mm[i];
+    }
+    rig.arc_us = rig.outputs.arc ? rig.arc_us + TICK_US : 0;
+    bool burns = rig.arc_us >= STRIKE_US && !rig.no_current;
+    rig.inputs.gas_ok = rig.outputs.gas && !rig.no_gas;
+    rig.inputs.wire_mm_s = rig.outputs.wire_mm_s * (rig.slow_wire ? 0.5 : 1.0);
+    rig.inputs.current_a = burns ? 180.0 : 0.0;
+    rig.inputs.voltage_v = rig.stuck ? 0.5 : burns ? 22.0 : rig.outputs.arc ? 65.0 : rig.outputs.sense ? 12.0 : 0.0;
+    if (rig.implausible)
+        rig.inputs.voltage_v = NAN;
+}
+
+/* ---- what must hold ---- */
+
+static void require_arc(void)
+{
+    const waam_core_t *c = &rig.core;
+    const waam_arc_config_t *arc = &rig.config.arc;
+    rig.hold_arc_us = rig.outputs.arc && c->state == WAAM_HOLD ? rig.hold_arc_us + TICK_US : 0;
+    uint32_t ending_us = arc->crater_us + arc->burn_back_us + arc->pulses * arc->pulse_us;
+    REQUIRE(rig.hold_arc_us <= ending_us + 2 * TICK_US, "HOLD ends the arc");
+    REQUIRE(rig.outputs.voltage_v >= 0.0 && rig.outputs.voltage_v <= rig.config.voltage_max_v, "voltage setpoint");
+    if (!rig.outputs.arc) {
+        REQUIRE(rig.outputs.voltage_v == 0.0, "no voltage without the arc");
+        return;
+    }
+    REQUIRE(c->state == WAAM_RUN || c->state == WAAM_HOLD, "arc only in RUN, or while HOLD ends it");
+    REQUIRE(c->homed, "arc only when homed");
+    REQUIRE(c->armed || c->state == WAAM_HOLD, "arc only when armed");
+    REQUIRE(rig.granted_us && c->now_us < rig.granted_us + rig.config.lease_us, "arc only with a lease");
+}
+
+/* The fast ticks until the next tick never do more than the last one allowed. */
+static void fast_ticks(void)
+{
+    waam_fast_inputs_t in = {.valid = rig.inputs.process == WAAM_PROCESS_OK,
+                             .voltage_v = (float)rig.inputs.voltage_v, .current_a = (float)rig.inputs.current_a};
+    for (unsigned i = 0; i < TICK_US / WAAM_FAST_US; i++) {
+        waam_fast_outputs_t out = {.arc = true, .voltage_v = NAN};
+        waam_core_fast(&rig.core, &in, &out);
+        REQUIRE(!out.arc || rig.outputs.arc, "the source is on only when the tick said so");
+        REQUIRE(out.voltage_v >= 0.0f && out.voltage_v <= (float)rig.config.voltage_max_v, "setpoint of the source");
+    }
+}
+
+static void require_motion(const int32_t before[WAAM_AXES])
+{
+    const waam_core_t *c = &rig.core;
+    for (int i = 0; i < WAAM_AXES; i++) {
+        double most = rig.config.max_speed_mm_s[i] * 1e-6 * TICK_US * rig.config.steps_per_mm + 2.0;
+        REQUIRE(fabs((double)rig.outputs.pulses[i] - before[i]) <= most, "no axis jumps");
+        double at = (double)c->motion.steps[i] / rig.config.steps_per_mm, step = 1.5 / rig.config.steps_per_mm;
+        REQUIRE(!c->homed || (at >= rig.config.limit_min_mm[i] - step && at <= rig.config.limit_max_mm[i] + step),
+                "inside the soft limits");
+    }
+    REQUIRE(isfinite(c->motion.speed_mm_s) && c->motion.speed_mm_s >= 0.0, "speed");
+    REQUIRE(fabs(rig.outputs.wire_mm_s) <= rig.config.wire_max_mm_s + 1e-9, "wire speed");
+}
+
+static void require_state(bool limit_before)
+{
+    const waam_core_t *c = &rig.core;
+    REQUIRE(c->state == rig.announced && (unsigned)c->fault == rig.announced_code, "every state was announced");
+    REQUIRE(!rig.inputs.estop || c->state == WAAM_ALARM, "emergency stop");
+    REQUIRE(!(rig.inputs.limit_switch && !limit_before) || c->state == WAAM_ALARM, "limit switch");
+    REQUIRE(c->state != WAAM_RUN || c->now_us - rig.fed_us <= rig.config.link_timeout_us, "no RUN without a host");
+    REQUIRE(c->state != WAAM_ALARM || (!rig.outputs.arc && rig.outputs.wire_mm_s == 0.0 && !c->homed && !c->armed),
+            "ALARM blocks all outputs");
+    REQUIRE(c->planner.count <= WAAM_BLOCKS && c->link.ring_used <= WAAM_RING_BYTES, "queues");
+    REQUIRE(c->link.accepted <= c->link.received && c->executed <= c->link.accepted, "line numbers");
+}
+
+static void tick(void)
+{
+    int32_t before[WAAM_AXES];
+    bool limit_before = rig.core.inputs.limit_switch;
+    if (++rig.ticks > TICKS_MAX)
+        return;
+    if (!rig.no_heartbeat && rig.core.now_us % HEARTBEAT_US == 0)
+        heartbeat(0);
+    memcpy(before, rig.outputs.pulses, sizeof before);
+    waam_core_tick(&rig.core, TICK_US, &rig.inputs, &rig.outputs);
+    fast_ticks();
+    require_arc();
+    require_motion(before);
+    require_state(limit_before);
+    move_plant();
+}
+
+/* ---- the script ---- */
+
+static void ticks(const char *text, size_t count)
+{
+    unsigned long n = 0;
+    for (size_t i = 0; i < count && i < 4 && text[i] >= '0' && text[i] <= '9'; i++)
+        n = n * 10 + (unsigned long)(text[i] - '0');
+    while (n--)
+        tick();
+}
+
+static void record(const char *text, size_t count)
+{
+    char digits[8] = "";
+    if (count == 0)
+        return;
+    memcpy(digits, text + 1, count - 1 < 7 ? count - 1 : 7);
+    switch (text[0]) {
+    case '~': ticks(text + 1, count - 1); break;
+    case '=': heartbeat(strtoul(digits, NULL, 10)); break;
+    case '!': feed_numbered("$L ", (uint64_t)rig.core.link.accepted + 1, "", 0); break;
+    case '^':
+        for (size_t i = 1; i < count; i++)
+            toggle(text[i]);
+        break;
+    case '%': feed(text + 1, count - 1); feed("\n", 1); break;
+    case '@': feed(text + 1, count - 1); break;
+    case '$':
+    case 'N': feed_sealed(text, count); break;
+    default: {
+        char line[WAAM_LINE_MAX];
+        size_t room = count < sizeof line - 20 ? count : sizeof line - 20;
+        line[0] = ' ';
+        memcpy(line + 1, text, room);
+        feed_numbered("N", (uint64_t)rig.core.link.received + 1, line, room + 1);
+    }
+    }
+}
+
+/* The machine of waam_config_default, made small and quick, so that a short script gets far. */
+static waam_config_t small_machine(void)
+{
+    waam_config_t c = waam_config_default();
+    const double size_mm[WAAM_AXES] = {20.0, 15.0, 10.0}, accel_mm_s2[WAAM_AXES] = {4000.0, 4000.0, 3000.0};
+    memcpy(c.limit_max_mm, size_mm, sizeof c.limit_max_mm);
+    memcpy(c.accel_mm_s2, accel_mm_s2, sizeof c.accel_mm_s2);
+    c.boot_id = 1;
+    c.home_seek_mm_s = 20.0;
+    c.home_backoff_mm = 0.1;
+    c.home_latch_mm_s = 20.0;
+    c.telemetry_us = 40000;
+    c.start_us = 1000000;
+    c.arc.purge_us = 5000;
+    c.arc.strike_us = 20000;
+    c.arc.retry_pause_us = 5000;
+    c.arc.established_us = 3000;
+    c.arc.lost_us = c.arc.gas_missing_us = c.arc.wire_fault_us = 20000;
+    c.arc.sense_us = 6000;
+    c.arc.free_us = 2000;
+    c.arc.pulse_us = 5000;
+    c.arc.crater_us = 5000;
+    c.arc.burn_back_us = 4000;
+    c.arc.post_flow_us = 10000;
+    c.link_timeout_us = c.lease_us = 60000;
+    c.lease_margin_us = 2000;
+    c.underrun_grace_us = 5000;
+    return c;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    const char *text = (const char *)data;
+    rig = (rig_t){.config = small_machine(), .announced = WAAM_ALARM, .announced_code = WAAM_E_POWER_UP};
+    waam_core_init(&rig.core, &rig.config, on_line, NULL);
+    rig.inputs.process = WAAM_PROCESS_OK;
+    rig.fed_us = rig.core.now_us;
+    move_plant();
+    while (size && rig.ticks <= TICKS_MAX) {
+        const char *end = memchr(text, '\n', size);
+        size_t length = end ? (size_t)(end - text) : size, used = end ? length + 1 : size;
+        record(text, length);
+        text += used;
+        size -= used;
+    }
+    for (int i = 0; i < 30; i++) /* what the last record started */
+        tick();
+    return 0;
+}

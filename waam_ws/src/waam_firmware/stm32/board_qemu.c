@@ -1,0 +1,208 @@
+/* Stands in for the board under QEMU (machine netduinoplus2). The period of its TIM models depends on when they are started,
+ * so SysTick takes their place; TIM5 is a good clock of virtual nanoseconds. The machine around it does nothing wrong:
+ * switches follow the step pulses, the arc burns 50 ms after it is enabled. USART1 is the hand of a test: a small letter
+ * makes a fault, the capital ends it; '?' asks what the pins have done, 'r' for the load every 100 ms. */
+#include "board.h"
+#include "load.h"
+#include "registers.h"
+#include "steps.h"
+
+#define STRIKE_TICKS (FAST_HZ / 20)
+#define WATCHDOG_TICKS (FAST_HZ / 2)
+#define REPORT_NS 100000000u
+#define SCB_AIRCR (*(reg_t *)0xE000ED0Cu)
+
+#define SYSTICK ((reg_t *)0xE000E010u) /* control, reload, value */
+#define CORE_HZ 168000000u
+
+const uint32_t board_pulse = 1;
+static const float start_mm[WAAM_AXES] = {8.0f, 6.0f, 195.0f};
+static uint32_t arc_ticks, fault_changes;
+static volatile uint32_t hungry; /* fast ticks since the watchdog was fed */
+static volatile char asked;
+static uint32_t idle_loops, loops_per_ms;
+static waam_fast_outputs_t arc;
+static waam_outputs_t slow;
+static bool fault[26];
+static uint32_t starts __attribute__((section(".noinit"))), hung __attribute__((section(".noinit")));
+
+static bool faulty(char letter) { return fault[letter - 'a']; }
+
+void board_start_timers(void)
+{
+    irq_enable(IRQ_TIM3, 0);
+    irq_enable(IRQ_TIM2, 2);
+    SYSTICK[1] = CORE_HZ / STEP_HZ - 1;
+    SYSTICK[2] = 0;
+    SYSTICK[0] = 7;
+}
+
+void SysTick_Handler(void)
+{
+    static uint32_t count;
+    NVIC_ISPR[0] = 1u << IRQ_TIM3 | (++count % (STEP_HZ / FAST_HZ) == 0 ? 1u << IRQ_TIM2 : 0u);
+}
+
+void USART1_IRQHandler(void)
+{
+    char byte = (char)USART1->DR, small = (char)(byte | 0x20);
+    if (small >= 'a' && small <= 'z') {
+        fault[small - 'a'] = byte == small;
+        fault_changes++;
+    } else {
+        asked = byte;
+    }
+}
+
+static void say(const char *text)
+{
+    for (; *text; text++)
+        USART1->DR = (uint8_t)*text;
+}
+
+static void say_number(int64_t value)
+{
+    waam_text_t text = {.length = 0};
+    waam_text_int(&text, value);
+    waam_text_char(&text, ' ');
+    text.text[text.length] = '\0';
+    say(text.text);
+}
+
+static void say_pins(void)
+{
+    int32_t at[STEP_AXES];
+    steps_given(at);
+    say("pins ");
+    for (unsigned i = 0; i < STEP_AXES; i++)
+        say_number(at[i]);
+    say_number(arc.arc);
+    say_number(slow.gas);
+    say_number((int64_t)(arc.voltage_v * 1000.0f));
+    say_number(steps_starved());
+    say_number(fault_changes);
+    say("\n");
+}
+
+static void say_load(void)
+{
+    static const char *const names[LOADS] = {"steps ", "link ", "fast ", "tick "};
+    static uint32_t before;
+    uint32_t now = board_clock();
+    if (now - before < REPORT_NS)
+        return;
+    say("load ");
+    say_number(now - before);
+    say_number((int64_t)(idle_loops * 1000000ull / loops_per_ms));
+    before = now;
+    idle_loops = 0;
+    for (unsigned i = 0; i < LOADS; i++) {
+        load_t load = load_take((load_part_t)i);
+        say(names[i]);
+        say_number(load.runs);
+        say_number((int64_t)load.total);
+        say_number(load.longest);
+    }
+    say("\n");
+}
+
+void board_start_watchdog(void) { hungry = 0; }
+
+void board_feed_watchdog(void)
+{
+    char question = asked;
+    asked = 0;
+    hungry = 0;
+    if (question == '?')
+        say_pins();
+    if (faulty('r'))
+        say_load();
+    while (faulty('h')) { /* the main loop hangs, interrupts go on */
+    }
+}
+
+/* A processor that sleeps would be woken by QEMU some thousand times per second only; one that spins is on time, and the
+ * loops tell how much of the processor was left. */
+static __attribute__((noinline)) uint32_t spin(uint32_t before, uint32_t most)
+{
+    uint32_t loops = 0;
+    while (before == hungry && loops < most)
+        loops++;
+    return loops;
+}
+
+void board_idle(void) { idle_loops += spin(hungry, 1000000u); }
+
+bool board_init(void)
+{
+    TIM5->ARR = 0xFFFFFFFFu;
+    TIM5->CR1 = TIM_CEN;
+    USART1->CR1 = USART_UE | USART_RE | USART_TE | USART_RXNEIE;
+    irq_enable(IRQ_USART1, 3);
+    uint32_t start = board_clock(), loops = spin(hungry, 100000u);
+    loops_per_ms = (uint32_t)(loops * 1000000ull / (board_clock() - start));
+    return true;
+}
+
+void board_safe(void) { arc = (waam_fast_outputs_t){0}; }
+
+bool board_was_hung(void)
+{
+    bool was = hung;
+    hung = false;
+    return was;
+}
+
+uint32_t board_boot_id(void) { return ++starts; }
+
+uint32_t board_clock(void) { return TIM5->CNT; }
+
+static float current(void)
+{
+    return arc_ticks < STRIKE_TICKS || faulty('c') ? 0.0f : arc_ticks & 1u ? 181.0f : 179.0f;
+}
+
+static float voltage(void)
+{
+    float ripple = arc_ticks & 1u ? 0.1f : -0.1f; /* one that never changes would be a broken sensor */
+    if (slow.sense)
+        return faulty('s') ? 0.5f : 12.0f;
+    return current() > 0.0f ? arc.voltage_v + ripple : arc.arc ? 65.0f : 0.0f;
+}
+
+void board_sample(waam_fast_inputs_t *now)
+{
+    *now = (waam_fast_inputs_t){.valid = true, .voltage_v = voltage(), .current_a = current()};
+    if (++hungry <= WATCHDOG_TICKS)
+        return;
+    board_safe();
+    say("watchdog reset\n");
+    hung = true;
+    SCB_AIRCR = 0x05FA0004u;
+    barrier();
+}
+
+void board_arc(const waam_fast_outputs_t *outputs)
+{
+    arc = *outputs;
+    arc_ticks = arc.arc ? arc_ticks + 1 : 0;
+}
+
+void board_outputs(const waam_outputs_t *outputs) { slow = *outputs; }
+
+void board_direction(unsigned axis, bool negative) { (void)axis, (void)negative; }
+
+void board_inputs(waam_inputs_t *inputs)
+{
+    waam_config_t c = waam_config_default();
+    int32_t at[STEP_AXES];
+    steps_given(at);
+    *inputs = (waam_inputs_t){.estop = faulty('e'), .limit_switch = faulty('l'), .gas_ok = slow.gas && !faulty('g'),
+                              .process = faulty('p') ? WAAM_PROCESS_LOST : WAAM_PROCESS_OK,
+                              .over_temperature = faulty('t'), .wire_mm_s = faulty('w') ? 0.0 : slow.wire_mm_s,
+                              .current_a = (double)current(), .voltage_v = (double)voltage()};
+    for (unsigned i = 0; i < WAAM_AXES; i++) {
+        double mm = (double)start_mm[i] + (double)at[i] / c.steps_per_mm;
+        inputs->home_switch[i] = c.home_direction[i] < 0 ? mm <= c.limit_min_mm[i] : mm >= c.limit_max_mm[i];
+    }
+}

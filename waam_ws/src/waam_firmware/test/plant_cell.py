@@ -1,0 +1,94 @@
+"""A small cell at the plant port, written from docs/link_protocol.md: answers every step as it is told to."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+from dataclasses import dataclass, field
+from pathlib import Path
+
+HEADER, SAMPLE, ANSWER = struct.Struct('<IIQ'), struct.Struct('<5dI4x'), struct.Struct('<II3d')
+ESTOP, GAS_OK, LIMIT, CONTACT, HOT = 1, 2, 4, 8, 16
+RIPPLE = 0.02  # A and V; a real arc never reads the same twice
+
+
+@dataclass
+class Cell:
+    """Answers every step; `current`, `wire`, `voltage`, `drop` and the flags can be changed while it runs."""
+
+    path: Path
+    current: float = 180.0
+    wire: float | None = None  # m/s; None = as commanded
+    voltage: float | None = None  # V while the arc burns; None = as set, less `drop`
+    drop: float = 0.0  # V
+    shorted: bool = False  # the wire is in the pool until the source goes off
+    freed_by_pulse: bool = False  # the wire comes off the work once the source went on and off
+    arcs: int = 0
+    lit: bool = False  # source on at the last step
+    dips: bool = False  # short circuits of 20 ms, ten a second
+    ripple: float = RIPPLE
+    flags: int = 0
+    gas: bool = True
+    stray: bool = False  # current although the source is off
+    magic: int = 0x57414D41
+    answering: bool = True
+    steps: list[tuple[int, list[tuple]]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.socket = socket.socket(socket.AF_UNIX)
+        self.socket.connect(str(self.path))
+        self.thread = threading.Thread(target=self._serve, daemon=True)
+        self.thread.start()
+
+    def _receive(self, size: int) -> bytes:
+        data = b''
+        while len(data) < size:
+            part = self.socket.recv(size - len(data))
+            if not part:
+                raise ConnectionError
+            data += part
+        return data
+
+    def _serve(self) -> None:
+        try:
+            while True:
+                magic, count, t_us = HEADER.unpack(self._receive(16))
+                assert (magic, count) == (0x57414D53, 10)
+                samples = list(SAMPLE.iter_unpack(self._receive(48 * count)))
+                self.steps.append((t_us, samples))
+                self._react(bool(samples[-1][5] & 1))
+                if self.answering:
+                    self.socket.sendall(self._answer(samples[-1]))
+        except OSError:
+            pass
+
+    def _react(self, on: bool) -> None:
+        """Faults that the controller's own answer ends, so that no test has to be quick enough."""
+        if self.shorted and self.lit and not on:
+            self.shorted, self.voltage = False, None
+        if self.freed_by_pulse and self.lit and not on and self.flags & CONTACT:
+            self.arcs += 1
+            if self.arcs == 2:  # the bead, and the pulse
+                self.flags &= ~CONTACT
+        self.lit = on
+
+    def _answer(self, last: tuple) -> bytes:
+        *_, wire, voltage, outputs = last
+        burns = bool(outputs & 1) and self.current > 0
+        flags = self.flags | (GAS_OK if outputs & 2 and self.gas else 0)
+        swing = self.ripple * (-1) ** len(self.steps)
+        arc = (voltage - self.drop if self.voltage is None else self.voltage) + swing
+        if self.dips and len(self.steps) % 10 < 2:
+            arc = 3.5
+        return ANSWER.pack(
+            self.magic,
+            flags,
+            self.current + swing if burns or self.stray else 0.0,
+            arc if burns else 0.0,
+            wire if self.wire is None else self.wire,
+        )
+
+    def close(self) -> None:
+        self.socket.close()
+        self.thread.join(2)

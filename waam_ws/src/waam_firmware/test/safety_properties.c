@@ -1,0 +1,224 @@
+/* What only the core's own interface can show: other reactions than the usual ones, the fast tick's own cut, the signs of
+ * life that an independent watchdog is fed by, temperature as a number. A burning arc on a small plant, tick by tick. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "waam_internal.h"
+
+static waam_core_t core;
+static waam_config_t config;
+static waam_inputs_t in;
+static waam_outputs_t out;
+static waam_fast_outputs_t fast_out;
+static char last[256];
+static float voltage_v, current_a; /* of a burning arc */
+
+#define CHECK(condition)                                                                  \
+    do {                                                                                  \
+        if (!(condition)) {                                                               \
+            fprintf(stderr, "%s:%d: %s (last: %s)\n", __func__, __LINE__, #condition, last); \
+            exit(1);                                                                      \
+        }                                                                                 \
+    } while (0)
+
+static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_t kind)
+{
+    (void)context;
+    if (kind == WAAM_TX_ASSURED && bytes < sizeof last && line[0] == '!')
+        snprintf(last, sizeof last, "%.*s", (int)bytes, line);
+}
+
+static void fast(void)
+{
+    bool burns = out.arc;
+    const waam_fast_inputs_t sample = {true, out.sense ? 12.0f : burns ? voltage_v : 0.0f, burns ? current_a : 0.0f};
+    waam_core_fast(&core, &sample, &fast_out);
+}
+
+static void run(unsigned ms)
+{
+    for (unsigned i = 0; i < ms; i++) {
+        for (int k = 0; k < 10; k++)
+            fast();
+        in.gas_ok = out.gas;
+        in.wire_mm_s = out.wire_mm_s;
+        core.heard_us = core.now_us;
+        core.lease_us = core.now_us;
+        waam_core_tick(&core, 1000, &in, &out);
+    }
+}
+
+static void send_line(const char *gcode)
+{
+    char line[160];
+    uint8_t check = 0;
+    int length = snprintf(line, sizeof line, "N%u %s", (unsigned)core.link.accepted + 1, gcode);
+    for (int i = 0; i < length; i++)
+        check ^= (uint8_t)line[i];
+    length += snprintf(line + length, sizeof line - (size_t)length, "*%u\n", check);
+    for (int i = 0; i < length; i++)
+        waam_core_rx(&core, (uint8_t)line[i]);
+}
+
+/* An arc that burns in the middle of a long move. */
+static void weld(void)
+{
+    config.starts_in_alarm = false;
+    config.monitor.stuck_us = 0;
+    config.start_us = 1000000;
+    waam_core_init(&core, &config, on_line, NULL);
+    in = (waam_inputs_t){.process = WAAM_PROCESS_OK};
+    out = (waam_outputs_t){0};
+    voltage_v = 22.0f;
+    current_a = 120.0f;
+    core.homed = core.plan_homed = core.armed = true;
+    run(10);
+    send_line("M3 W5000 S22");
+    send_line("G1 X300 F600");
+    run(1000);
+    CHECK(core.state == WAAM_RUN && core.arc.phase == WAAM_ARC_BURNING && core.motion.speed_mm_s > 0.0);
+}
+
+static void test_a_lost_arc_is_struck_again_where_that_is_configured(void)
+{
+    config = waam_config_default();
+    config.policy[WAAM_FAULT_ARC_LOST] = (waam_policy_t){WAAM_REACT_RETRY, 1};
+    weld();
+    current_a = 0.0f;
+    run(250);
+    CHECK(core.state == WAAM_RUN && core.fault == WAAM_E_ARC_LOST && strstr(last, "try 1 of 1"));
+    current_a = 120.0f;
+    run(2000);
+    CHECK(core.state == WAAM_RUN && core.fault == WAAM_OK && core.motion.speed_mm_s > 0.0);
+    current_a = 0.0f;
+    run(300);
+    CHECK(core.state == WAAM_HOLD && core.fault == WAAM_E_ARC_LOST);
+}
+
+static void test_any_fault_can_be_an_alarm(void)
+{
+    config = waam_config_default();
+    config.policy[WAAM_FAULT_STUBBING].reaction = WAAM_REACT_ALARM;
+    weld();
+    voltage_v = 2.0f;
+    run(200);
+    CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_STUBBING && !core.homed && !core.armed && !out.arc);
+}
+
+static void test_the_fast_tick_cuts_the_source_itself(void)
+{
+    config = waam_config_default();
+    weld();
+    voltage_v = 2.0f;
+    for (unsigned i = 0; i < 1100 && fast_out.arc; i++)
+        fast(); /* the tick is dead; the fast tick goes on */
+    CHECK(!fast_out.arc && fast_out.voltage_v == 0.0f);
+}
+
+static void test_a_sample_that_is_no_number_is_bridged_and_a_row_of_them_is_a_fault(void)
+{
+    config = waam_config_default();
+    weld();
+    float nan = strtof("nan", NULL);
+    for (int k = 0; k < 15; k++) {
+        waam_core_fast(&core, &(waam_fast_inputs_t){true, nan, 120.0f}, &fast_out);
+        CHECK(fast_out.arc && fast_out.voltage_v > 20.0f && fast_out.voltage_v < 24.0f);
+    }
+    run(10);
+    CHECK(core.state == WAAM_RUN);
+    voltage_v = nan;
+    run(5);
+    CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_INPUTS && !fast_out.arc);
+}
+
+static void test_temperature_as_a_number(void)
+{
+    config = waam_config_default();
+    weld();
+    in.temperature_c = config.temperature_max_c - 1.0;
+    run(100);
+    CHECK(core.state == WAAM_RUN);
+    in.temperature_c = config.temperature_max_c + 1.0;
+    run(2);
+    CHECK(core.state == WAAM_HOLD && core.fault == WAAM_E_OVER_TEMPERATURE && !out.arc);
+}
+
+static void test_running_dry_with_the_arc_on_ends_it_and_holds(void)
+{
+    config = waam_config_default();
+    weld();
+    while (core.planner.count > 0)
+        run(1);
+    run(600);
+    CHECK(core.state == WAAM_HOLD && core.fault == WAAM_E_UNDERRUN && !out.arc && core.motion.speed_mm_s == 0.0);
+}
+
+static void test_the_watchdog_is_fed_only_while_all_three_loops_run(void)
+{
+    config = waam_config_default();
+    weld();
+    waam_core_linked(&core);
+    CHECK(waam_core_alive(&core));
+    CHECK(!waam_core_alive(&core)); /* nothing has run since */
+    for (int missing = 0; missing < 3; missing++) {
+        for (int i = 0; i < 50; i++) {
+            if (missing != 0)
+                fast();
+            if (missing != 1)
+                waam_core_tick(&core, 1000, &in, &out);
+            if (missing != 2)
+                waam_core_linked(&core);
+            CHECK(!waam_core_alive(&core));
+        }
+        fast();
+        waam_core_tick(&core, 1000, &in, &out);
+        waam_core_linked(&core);
+        CHECK(waam_core_alive(&core));
+    }
+}
+
+static void test_a_board_starts_in_alarm_and_says_why(void)
+{
+    config = waam_config_default();
+    waam_core_init(&core, &config, on_line, NULL);
+    CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_POWER_UP);
+    config.watchdog_reset = true;
+    waam_core_init(&core, &config, on_line, NULL);
+    CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_WATCHDOG);
+    in = (waam_inputs_t){.process = WAAM_PROCESS_OK};
+    out = (waam_outputs_t){0};
+    run(1000);
+    CHECK(core.state == WAAM_ALARM && !out.arc && !out.gas && !out.sense && out.wire_mm_s == 0.0);
+}
+
+static void test_voltage_by_wire(void)
+{
+    config = waam_config_default();
+    config.regulator.actuator = WAAM_REGULATOR_WIRE;
+    CHECK(waam_regulator_check(&config.regulator) != NULL); /* more wire lowers the voltage: the gain must say so */
+    config.regulator.gain = -0.2f; /* V per mm/s */
+    CHECK(waam_regulator_check(&config.regulator) == NULL);
+    weld();
+    double before = out.wire_mm_s;
+    voltage_v = 22.5f; /* a long arc */
+    run(50);
+    CHECK(out.wire_mm_s > before + 1.0 && out.voltage_v == 22.0);
+    run(2000);
+    CHECK(out.wire_mm_s <= before + config.regulator.trim + 0.5 && core.state == WAAM_RUN);
+}
+
+int main(void)
+{
+    test_a_lost_arc_is_struck_again_where_that_is_configured();
+    test_any_fault_can_be_an_alarm();
+    test_the_fast_tick_cuts_the_source_itself();
+    test_a_sample_that_is_no_number_is_bridged_and_a_row_of_them_is_a_fault();
+    test_temperature_as_a_number();
+    test_running_dry_with_the_arc_on_ends_it_and_holds();
+    test_the_watchdog_is_fed_only_while_all_three_loops_run();
+    test_a_board_starts_in_alarm_and_says_why();
+    test_voltage_by_wire();
+    puts("safety: all properties hold");
+    return 0;
+}

@@ -1,0 +1,208 @@
+"""Stock 3-D printing senders: Marlin's form of the link, and Printrun's printcore as the third-party judge of it.
+
+They may move the machine; nothing that they send strikes an arc.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import select
+import time
+import tty
+from functools import reduce
+
+import pytest
+
+
+def xored(text: str) -> bytes:
+    return f'{text}*{reduce(lambda a, b: a ^ b, text.encode())}\n'.encode()
+
+
+class Plain:
+    """A terminal that reads lines without checks."""
+
+    def __init__(self, path) -> None:
+        self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(self.fd)
+        self.lines: list[str] = []
+        self.rest = b''
+
+    def send(self, data: bytes) -> None:
+        os.write(self.fd, data)
+
+    def wait(self, pattern: str, start: int = 0, timeout: float = 20.0) -> str:
+        end = time.monotonic() + timeout
+        while True:
+            for line in self.lines[start:]:
+                if re.search(pattern, line):
+                    return line
+            assert time.monotonic() < end, f'no {pattern!r} in {self.lines[-10:]}'
+            if select.select([self.fd], [], [], 0.1)[0]:
+                *lines, self.rest = (self.rest + os.read(self.fd, 65536)).split(b'\n')
+                self.lines += [x.decode() for x in lines]
+
+    def ask(self, data: bytes, pattern: str = '^ok') -> str:
+        start = len(self.lines)
+        self.send(data)
+        return self.wait(pattern, start)
+
+    def close(self) -> None:
+        os.close(self.fd)
+
+
+@pytest.fixture
+def stock(start):
+    """A controller beside its home switches, and a stock sender that has said hello and homed."""
+    controller = start('--null-plant', '--start', '0.5,0.5,199.5')
+    plain = Plain(controller.link)
+    assert plain.ask(b'M105\n').startswith('ok T:')
+    assert 'start' in plain.lines
+    plain.ask(xored('N-1 M110 N-1'))
+    plain.ask(xored('N0 G28'))
+    yield controller, plain
+    plain.close()
+
+
+def test_lines_are_taken_in_marlins_form(stock):
+    controller, plain = stock
+    assert plain.ask(xored('N1 G91')).startswith('ok N1 P')
+    assert plain.ask(xored('N2 G1 X1 F6000')).startswith('ok N2 P')
+    assert plain.ask(xored('N2 G1 X1 F6000')).startswith('ok N2 P')  # a duplicate is dropped
+    assert 'FIRMWARE_NAME' in plain.ask(xored('N3 M115'))
+    assert plain.ask(b'N4 G1 X1*0\n', '^Resend').endswith('Resend: 4')
+    assert plain.ask(xored('N4 G1 X2'), '^ok N4')
+    assert plain.ask(xored('N6 G1 X1'), '^Resend') == 'Resend: 5'
+    assert plain.ask(b'M110 N99\n').startswith('ok N99 ')
+    assert plain.ask(xored('N100 G1 Y1')).startswith('ok N100 ')
+    end = time.monotonic() + 20
+    while plain.ask(b'M114\n') != 'ok X:3 Y:1 Z:200 E:0':
+        assert time.monotonic() < end, plain.lines[-3:]
+    assert not any(x.startswith(('T ', '$', 'er ', 'rs ')) for x in plain.lines)
+
+
+def test_what_has_no_number_and_check_never_moves(stock):
+    _, plain = stock
+    before = plain.ask(b'M114\n')
+    for text in (b'G1 X50 F6000\n', b'G0 X50\n', b'hello\n', b'M104 S200\n'):
+        assert plain.ask(text, '^echo').startswith('echo:E108')
+    assert plain.ask(b'M114\n', '^ok X') == before
+
+
+@pytest.mark.parametrize('line', ['M3 W5000 S22', 'M7'])
+def test_it_never_strikes_the_arc(stock, line):
+    controller, plain = stock
+    for text in ('$A job', '$H 1 999999999'):
+        assert 'error E108' in plain.ask(xored(text), r'^\$')
+    start = len(plain.lines)
+    plain.send(xored(f'N1 {line}'))
+    if line.startswith('M3'):
+        assert plain.wait('^Error', start).startswith('Error:E305 line 1 ')
+        assert plain.wait('^!!', start)
+        plain.send(xored('N2 G4 P0'))  # nothing is taken any more
+        plain.ask(b'M110 N0\n', '^ok N0')
+        assert not any(x.startswith('ok N2') for x in plain.lines)
+    assert not any(what == 'arc on' for _, what in controller.events())
+
+
+def test_it_is_entered_only_by_the_first_line_of_an_idle_machine(controller):
+    native = controller.connect()
+    native.home()
+    start = len(native.lines)
+    native.raw(b'M105\n')
+    assert native.wait_line('^rs', start) == 'rs N2 E100'
+    native.send('G1 X100 F600')
+    native.wait(lambda: native.frame['x_um'] > 500)
+    native.close()
+    controller.clients.clear()
+    plain = Plain(controller.link)
+    plain.send(b'M105\n')  # the machine is not handed over while it works for another host
+    plain.wait('^T ')
+    assert 'start' not in plain.lines
+    plain.close()
+
+
+def idle_events(controller) -> int:
+    return sum(what.startswith('state IDLE') for _, what in controller.events())
+
+
+def test_when_its_terminal_closes_the_machine_stops(stock):
+    controller, plain = stock
+    plain.ask(xored('N1 G1 X300 F3000'))
+    end = time.monotonic() + 20
+    while not re.match(r'ok X:(?!0)\d+\.?\d* Y:0 Z:200 ', plain.ask(b'M114\n', '^ok X')):
+        assert time.monotonic() < end
+    idle = idle_events(controller)
+    os.close(plain.fd)
+    wait(lambda: idle_events(controller) > idle, 20)
+    client = controller.connect()
+    plain.fd = os.dup(client.fd)
+    client.wait(lambda: client.frame and client.frame['state'] == 0)
+    assert client.frame['x_um'] < 299_000
+    client.identify()
+    assert client.frame['flags'] & 8  # still homed; the native host takes over
+    client.sequence = client.accepted = 0
+    client.run('G1 X1 F6000')
+
+
+printcore = pytest.importorskip('printrun.printcore', reason='Printrun is not installed')
+JOB_LINES = 2000
+
+
+def spoil(write, dice: random.Random, share: float):
+    """A cable that changes one byte in this share of the numbered lines."""
+
+    def worse(data: bytes) -> None:
+        if data.startswith(b'N') and not data.startswith(b'N-1') and dice.random() < share:
+            at = dice.randrange(1, len(data) - 1)
+            data = data[:at] + bytes([data[at] ^ dice.choice((1, 2, 4))]) + data[at + 1 :]
+        write(data)
+
+    return worse
+
+
+@pytest.mark.parametrize('share', [0.0, 0.03])
+def test_printcore_streams_a_job_without_loss(start, share):
+    """Relative moves: a line lost, doubled or misread would end elsewhere."""
+    from printrun import gcoder
+
+    controller = start('--null-plant', '--start', '0.5,0.5,199.5')
+    dice = random.Random(5)
+    moves = [(dice.randrange(1, 8) * 0.05, dice.randrange(1, 6) * 0.05) for _ in range(JOB_LINES)]
+    job = ['G28', 'G21', 'G91', *(f'G1 X{x:.2f} Y{y:.2f} F6000' for x, y in moves), 'G4 P0.05']
+    received: list[str] = []
+    core = printcore.printcore()
+    core.recvcb = received.append
+    core.connect(str(controller.link), 115200)
+    try:
+        wait(lambda: core.online, 20)
+        core.printer.write = spoil(core.printer.write, dice, share)
+        assert core.startprint(gcoder.LightGCode(job))
+        wait(lambda: not core.printing, 60)
+        x, y = (sum(m[i] for m in moves) for i in (0, 1))
+
+        def arrived() -> bool:
+            core.send_now('M114')
+            time.sleep(0.1)
+            return any(place(line, x, y) for line in received[-5:])
+
+        wait(arrived, 60)
+    finally:
+        core.disconnect()
+    resends = sum(line.startswith('Resend') for line in received)
+    assert (resends > JOB_LINES * share / 3) if share else resends == 0
+    assert not any(line.startswith('!!') for line in received)
+
+
+def place(line: str, x: float, y: float) -> bool:
+    """Is this the answer to M114 of a machine that stands at x, y (mm)?"""
+    match = re.match(r'ok X:([\d.]+) Y:([\d.]+) Z:200 ', line)
+    return bool(match) and abs(float(match[1]) - x) < 0.003 and abs(float(match[2]) - y) < 0.003
+
+
+def wait(condition, timeout: float) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, 'not reached'
+        time.sleep(0.02)

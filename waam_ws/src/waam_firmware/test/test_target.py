@@ -1,0 +1,329 @@
+"""The firmware of the STM32F407, built with Debian's compiler and run under QEMU.
+
+board_qemu.c stands in for the board; the plant port of these tests is its USART1 (small letter: fault, capital: end).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import shutil
+import struct
+import subprocess
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1]
+IDLE, RUN, HOLD, ALARM = range(4)
+ARC, ESTABLISHED, HOMED, WIRE_JOG = 1, 2, 8, 128
+STEPS_PER_MM, WIRE_STEPS_PER_MM = 320, 50
+TOOLS = ['arm-none-eabi-gcc', 'arm-none-eabi-size', 'cmake']
+
+
+def missing(tools: list[str]) -> str:
+    return ', '.join(t for t in tools if not shutil.which(t))
+
+
+@pytest.fixture(scope='module')
+def images(controller_path) -> Path:
+    """The folder of the images, kept beside the other build results; only what changed is compiled again."""
+    if absent := missing(TOOLS):
+        pytest.skip(f'not installed: {absent}')
+    folder = controller_path.resolve().parent / 'stm32'
+    script = str(PACKAGE / 'stm32/build.sh')
+    built = subprocess.run(
+        [script, str(folder)], check=False, capture_output=True, text=True, timeout=300
+    )
+    assert built.returncode == 0, built.stderr
+    (folder / 'sizes.txt').write_text(built.stdout)
+    return folder
+
+
+class Emulator:
+    """QEMU with the firmware. -icount makes it count: 8 ns per instruction, never faster than real time; and when the
+    computer is busy, the controller's time is to stand still rather than the host's."""
+
+    def __init__(self, image: Path, client_class: type) -> None:
+        class PatientClient(client_class):
+            def wait(self, condition, timeout=10.0):
+                return super().wait(condition, max(timeout, 90.0))  # emulation on a busy computer
+
+        self.process = subprocess.Popen(
+            [
+                'qemu-system-arm',
+                '-M',
+                'netduinoplus2',
+                '-nodefaults',
+                '-display',
+                'none',
+            ]
+            + ['-kernel', str(image), '-icount', 'shift=3,align=on']
+            + ['-chardev', 'pty,id=plant', '-chardev', 'pty,id=link']
+            + ['-serial', 'chardev:plant', '-serial', 'chardev:link'],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        assert self.process.stdout is not None
+        paths: dict[str, str] = {}
+        while len(paths) < 2:
+            line = self.process.stdout.readline()
+            assert line, 'QEMU ended before it had opened its terminals'
+            if found := re.search(r'redirected to (\S+) \(label (\w+)\)', line):
+                paths[found[2]] = found[1]
+        self.plant = os.open(paths['plant'], os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(self.plant)
+        self.said = self.heard = ''
+        self.client = PatientClient(paths['link'])
+
+    def hear(self, pattern: str, question: bytes = b'') -> re.Match[str]:
+        """Next thing that the plant port says; what comes before it counts as heard. The question is repeated."""
+        end = time.monotonic() + 90.0
+        while not (found := re.search(pattern, self.said)):
+            assert time.monotonic() < end, f'not heard: {pattern}; said {self.said!r}'
+            if select.select([self.plant], [], [], 2.0)[0]:
+                self.said += os.read(self.plant, 4096).decode()
+            else:
+                os.write(self.plant, question)
+        self.heard += self.said[: found.end()]
+        self.said = self.said[found.end() :]
+        return found
+
+    def fault(self, letters: str) -> None:
+        """Waits until the firmware has read them."""
+        before = self.pins()['changes']
+        for letter in letters:
+            os.write(self.plant, letter.encode())
+        while self.pins()['changes'] < before + len(letters):
+            pass
+
+    def pins(self) -> dict[str, int]:
+        """Pulses given out, arc and gas outputs, source setpoint, late ticks, faults made or ended."""
+        os.write(self.plant, b'?')
+        names = ['x', 'y', 'z', 'wire', 'arc', 'gas', 'setpoint_mv', 'late', 'changes']
+        values = self.hear(r'pins ([-0-9 ]+)\n', b'?')[1].split()
+        return dict(zip(names, map(int, values), strict=True))
+
+    def pins_at_rest(self) -> dict[str, int]:
+        """When all pulses have been given out, some milliseconds after the controller has come to its end."""
+        pins = self.pins()
+        while (later := self.pins()) != pins:
+            pins = later
+        return pins
+
+    def burn(self) -> None:
+        """A bead under way. A host that was late lost the arc or the link, as it must, and tries again."""
+        client = self.client
+        client.lease = True
+        for _ in range(5):
+            assert client.ask('$A target') == '$A ok'
+            client.send('M3 W3000 S22', 'G1 X40 F600')
+            client.wait(
+                lambda: client.frame['flags'] & ESTABLISHED or client.frame['state'] == HOLD
+            )
+            if client.frame['flags'] & ESTABLISHED:
+                return
+            assert client.frame['fault'] in (201, 202)
+            client.ask('$S')
+            client.wait(lambda: client.frame['state'] == IDLE)
+            client.ask(f'$L {client.sequence + 1}')
+        pytest.fail('the arc could not be held')
+
+    def close(self) -> None:
+        self.client.close()
+        self.process.kill()
+        self.process.wait()
+        os.close(self.plant)
+        self.process.stdout.close()
+
+
+@pytest.fixture(scope='module')
+def emulator(images, client_class) -> Iterator[Emulator]:
+    if absent := missing(['qemu-system-arm']):
+        pytest.skip(f'not installed: {absent}')
+    machines = subprocess.run(['qemu-system-arm', '-M', 'help'], capture_output=True, text=True)
+    if 'netduinoplus2' not in machines.stdout:
+        pytest.skip('this QEMU has no machine netduinoplus2')
+    emulator = Emulator(images / 'waam_qemu.elf', client_class)
+    yield emulator
+    emulator.close()
+
+
+@pytest.fixture
+def board(emulator) -> Emulator:
+    """Without faults, IDLE, homed, work frame at the machine's zero; booted only once, for that takes its time."""
+    client = emulator.client
+    client.heartbeat, client.lease = True, False
+    client.wait(lambda: client.frame)
+    if client.next_frame()['state'] == ALARM:
+        client.ask('$X')
+    client.ask('$S')
+    client.wait(lambda: client.frame['state'] == IDLE)
+    client.identify()
+    client.sequence = client.accepted = 0
+    if not client.next_frame()['flags'] & HOMED:
+        client.run('G28')
+    client.run('G0 X0 Y0')
+    return emulator
+
+
+def steps(pins: dict[str, int]) -> list[int]:
+    return [pins[axis] for axis in 'xyz']
+
+
+def test_image_fits_and_starts_where_the_processor_looks(images):
+    sizes = (images / 'sizes.txt').read_text()
+    rows = re.findall(r'^(waam_\w+) +(\d+) .* +(\d+) \(', sizes, re.MULTILINE)
+    assert {name for name, _, _ in rows} == {'waam_stm32f407', 'waam_qemu'}
+    assert all(int(flash) < 1 << 20 and int(ram) < 128 << 10 for _, flash, ram in rows)
+    stack, reset, *handlers = struct.unpack(
+        '<98I', (images / 'waam_stm32f407.bin').read_bytes()[: 98 * 4]
+    )
+    assert stack == 0x2002_0000
+    flash = next(int(f) for name, f, _ in rows if name == 'waam_stm32f407')
+    assert all(a & 1 and 0x0800_0000 < a < 0x0800_0000 + flash for a in (reset, *handlers))
+
+
+def test_interrupts_use_no_double_precision(images):
+    """The processor has no double unit: a call of the emulation has no place in what runs 80 000 times per second."""
+    listing = subprocess.run(
+        ['arm-none-eabi-objdump', '-d', str(images / 'waam_stm32f407.elf')],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    bodies = dict(re.findall(r'<(\w+)>:\n((?:.+\n)+)', listing))
+    todo = ['TIM3_IRQHandler', 'TIM2_IRQHandler', 'USART2_IRQHandler']
+    seen: set[str] = set()
+    while todo:
+        name = todo.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        assert not name.startswith(('__aeabi_d', '__aeabi_ui2d', '__aeabi_i2d', '__aeabi_f2d')), (
+            seen
+        )
+        todo += re.findall(r'\sbl?(?:\.w)?\s+\w+ <(\w+)>', bodies[name])
+    assert {'waam_core_fast', 'board_sample', 'board_direction', 'load_end'} <= seen
+
+
+def test_identifies_itself(board):
+    answer = board.client.identify()
+    assert (
+        answer.startswith('$I WAAM_CONTROLLER_V1 fw=') and ' clk=free blocks=64 rx=2048 ' in answer
+    )
+    assert board.client.bad_checks == 0
+
+
+def test_streams_and_gives_out_every_pulse(board):
+    client = board.client
+    start = steps(board.pins_at_rest())
+    lines = [f'G1 X{0.2 * (i + 1):.3f} Y{0.002 * (i + 1):.3f} F3000' for i in range(250)]
+    client.run('G0 Z198', *lines, timeout=120)
+    frame = client.next_frame()
+    assert (frame['x_um'], frame['y_um'], frame['z_um']) == (50_000, 500, 198_000)
+    moved = [b - a for a, b in zip(start, steps(board.pins_at_rest()), strict=True)]
+    assert moved == [50 * STEPS_PER_MM, STEPS_PER_MM // 2, -2 * STEPS_PER_MM]
+    client.run('G0 Z200')
+    assert client.bad_checks == 0
+
+
+def test_line_with_a_bad_check_is_asked_for_again(board):
+    client = board.client
+    last = client.sequence
+    start = len(client.lines)
+    client.raw(b'N%d G0 X300*12345\n' % (last + 1))
+    assert client.wait_line('^rs', start) == f'rs N{last + 1} E100'
+    client.numbered(last + 3, 'G0 X3')
+    client.wait_line(f'^rs N{last + 1} E10', start)
+    client.run('G0 X1', 'G0 X2')
+    client.numbered(last + 2, 'G0 X9')
+    client.wait(lambda: sum(x.startswith(f'ok N{last + 2} ') for x in client.lines[start:]) == 2)
+    assert client.next_frame()['x_um'] == 2_000
+
+
+def test_hold_and_resume(board):
+    client = board.client
+    client.send('G1 X30 F1200', 'G1 X30 Y2')
+    client.wait(lambda: client.frame['x_um'] > 2_000)
+    client.ask('$P')
+    client.wait(lambda: client.frame['state'] == HOLD and client.frame['v_um_s'] == 0)
+    stood = client.next_frame()['x_um']
+    assert client.next_frame()['x_um'] == stood < 30_000
+    client.ask('$V 2000 1000')
+    client.ask('$R')
+    client.wait(lambda: client.frame['v_um_s'] == 40_000)
+    client.ask('$V 1000 1000')
+    client.wait(lambda: client.frame['state'] == IDLE)
+    assert (client.frame['x_um'], client.frame['y_um']) == (30_000, 2_000)
+
+
+def test_wire_is_the_fourth_axis(board):
+    client = board.client
+    before = board.pins_at_rest()['wire']
+    client.ask('$W 10 3000')
+    client.wait(lambda: client.frame['flags'] & WIRE_JOG)
+    client.wait(lambda: not client.frame['flags'] & WIRE_JOG)
+    client.next_frame()
+    assert board.pins_at_rest()['wire'] - before == pytest.approx(10 * WIRE_STEPS_PER_MM, rel=0.03)
+
+
+def test_arc_burns_for_a_bead_and_ends_with_the_lease(board):
+    client = board.client
+    board.burn()
+    pins = board.pins()
+    assert pins['arc'] == pins['gas'] == 1 and pins['setpoint_mv'] > 0
+    client.frozen_lease, client.lease = client.frame['t_us'], 'frozen'
+    client.wait(lambda: client.frame['fault'] == 202)
+    client.wait(lambda: not client.frame['flags'] & ARC)
+    off = client.frame['t_us']
+    assert off - client.frozen_lease <= 500_000 + 10_000  # one telemetry period
+    pins = board.pins()
+    assert pins['arc'] == pins['setpoint_mv'] == 0
+
+
+def test_silent_host_is_noticed(board):
+    client = board.client
+    client.send('G1 X300 F1200')
+    client.wait(lambda: client.frame['x_um'] > 500)
+    client.heartbeat = False
+    assert client.wait_line('^! HOLD E201', len(client.lines) - 1)
+    client.wait(lambda: client.frame['v_um_s'] == 0)
+
+
+def test_emergency_stop_blocks_all_outputs(board):
+    client = board.client
+    board.burn()
+    board.fault('e')
+    client.wait(lambda: client.frame['state'] == ALARM)
+    assert client.next_frame()['fault'] == 300
+    stopped = board.pins_at_rest()
+    assert stopped['arc'] == stopped['setpoint_mv'] == 0
+    assert client.ask('$X').startswith('$X error E300')
+    board.fault('E')
+    assert client.ask('$X') == '$X ok'
+    assert (
+        steps(board.pins_at_rest()) == steps(stopped) and not client.next_frame()['flags'] & HOMED
+    )
+
+
+def test_hanging_main_loop_is_reset_and_says_that_it_is_new(board):
+    """The watchdog is fed only when tick, fast tick and link loop have run; here only interrupts go on."""
+    client = board.client
+    boot = re.search(r' boot=(\d+) ', client.identify())[1]
+    client.sequence = client.accepted = 0
+    client.send('G1 X300 F1200')
+    client.wait(lambda: client.frame['x_um'] > 500)
+    os.write(board.plant, b'h')
+    board.hear('watchdog reset')
+    count = len(client.frames)
+    client.wait(lambda: any(f['seq'] < 5 for f in client.frames[count:]))
+    assert re.search(r' boot=(\d+) ', client.identify())[1] != boot
+    frame = client.next_frame()
+    assert (frame['state'], frame['fault']) == (ALARM, 307)
+    assert not frame['flags'] & (HOMED | ARC) and frame['v_um_s'] == 0

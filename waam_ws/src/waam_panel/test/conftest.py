@@ -1,0 +1,132 @@
+"""A graph with the panel for the browser, and a panel without ROS for everything else."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from waam_bringup.parts import block, write_stl
+from waam_panel.cell import Cell
+from waam_panel.operations import Refused
+from waam_panel.parts import PartFolders
+from waam_panel.security import Guard
+from waam_panel.state import PanelState
+from waam_panel.web import WebServer
+from waam_view.mailbox import Mailbox
+
+
+@pytest.fixture(scope='session')
+def domain() -> int:
+    return 80 + os.getpid() % 10
+
+
+@pytest.fixture(scope='session')
+def write_part():
+    return make_part
+
+
+def make_part(folder: Path) -> tuple[Path, Path]:
+    """Nominal and worn block of 26 x 20 x 12 mm; the trough is 4 mm deep: two layers."""
+    folder.mkdir(parents=True, exist_ok=True)
+    x, y = np.linspace(0, 26, 27), np.linspace(0, 20, 21)
+    gx, gy = np.meshgrid(x, y)
+    trough = 4 * np.clip(1.5 - 1.5 * np.maximum(np.abs(gx - 13) / 11, np.abs(gy - 10) / 8), 0, 1)
+    write_stl(folder / 'block.stl', block(np.full((2, 2), 12.0), x[[0, -1]], y[[0, -1]]), 'nominal')
+    write_stl(folder / 'block_worn.stl', block(12 - trough, x, y), 'worn')
+    return folder / 'block.stl', folder / 'block_worn.stl'
+
+
+@dataclass
+class FakeOperations:
+    """Keeps what was asked for; `hang` makes every command but stop wait."""
+
+    simulated: bool = True
+    adjustable: bool = True
+    asked: list[tuple] = field(default_factory=list)
+    refuse: str = ''
+    hang: threading.Event = field(default_factory=threading.Event)
+
+    def __post_init__(self) -> None:
+        self.hang.set()
+
+    def stop(self) -> str:
+        self.asked.append(('stop',))
+        return 'stopped'
+
+    def __getattr__(self, name: str):
+        if name.startswith('_'):
+            raise AttributeError(name)
+
+        def operation(*arguments) -> str:
+            self.hang.wait(20)
+            if self.refuse:
+                raise Refused(self.refuse)
+            self.asked.append((name, *arguments))
+            return name
+
+        return operation
+
+
+@dataclass
+class Panel:
+    """A served panel without ROS."""
+
+    server: WebServer
+    cell: Cell
+    operations: FakeOperations
+    folder: Path
+
+    @property
+    def url(self) -> str:
+        return f'http://127.0.0.1:{self.server.port}'
+
+    @property
+    def csrf(self) -> str:
+        return self.cell.guard.csrf('')
+
+
+@pytest.fixture
+def make_panel(tmp_path) -> Iterator:
+    """make_panel(token='', hosts=()) -> Panel."""
+    made: list[Panel] = []
+
+    def make(token: str = '', hosts: tuple[str, ...] = (), boot: str = '') -> Panel:
+        operations, cells = FakeOperations(), []
+
+        def cell(port: int) -> Cell:
+            cells.append(
+                Cell(
+                    guard=Guard.create(token, '127.0.0.1', port, hosts),
+                    state=PanelState(100),
+                    operations=operations,
+                    mailbox=Mailbox(),
+                    convert=lambda _, message: message,
+                    parts=PartFolders((tmp_path / 'parts',)),
+                    jobs_dir=tmp_path / 'jobs',
+                    materials=('er70s-6', '316l'),
+                    upload_bytes=1 << 20,
+                    wrong_token_s=0.01,
+                )
+            )
+            return cells[0]
+
+        server = WebServer(cell, '127.0.0.1', 0)
+        assert not server.problem, server.problem
+        made.append(Panel(server, cells[0], operations, tmp_path))
+        return made[-1]
+
+    yield make
+    for panel in made:
+        panel.operations.hang.set()
+        panel.server.close()
+
+
+@pytest.fixture
+def panel(make_panel) -> Panel:
+    return make_panel()

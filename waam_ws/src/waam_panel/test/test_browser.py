@@ -1,0 +1,311 @@
+"""A whole shift in a real browser on a real graph: what an operator does, clicked and typed.
+
+WAAM_SCREENSHOTS=docs/panel keeps pictures of the pages there.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from waam_bringup.graph import Settings
+from waam_bringup.operate import graph
+from waam_msgs.srv import InjectFault
+from waam_panel.state import Sample
+
+CHROMIUM = shutil.which('chromium') or shutil.which('google-chrome')
+pytest.importorskip('playwright', reason='playwright is not installed (pip install playwright)')
+pytestmark = pytest.mark.skipif(not CHROMIUM, reason='chromium is not installed (apt-get)')
+PATIENCE_MS = 90_000
+TRIES = 3
+PICTURES = os.environ.get('WAAM_SCREENSHOTS', '')
+RATE = 3.0  # simulated seconds per second: a bead lasts long enough to be seen
+
+
+class Screen:
+    """A page with short ways to do and to wait; keeps everything that the console says."""
+
+    def __init__(self, browser, width: int, height: int, **options) -> None:
+        self.context = browser.new_context(viewport={'width': width, 'height': height}, **options)
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(PATIENCE_MS)
+        self.said: list[str] = []
+        self.page.on('console', self._on_console)
+        self.page.on('pageerror', lambda e: self.said.append(f'pageerror: {e}'))
+
+    def _on_console(self, message) -> None:
+        if message.type in ('error', 'warning'):
+            self.said.append(f'{message.type}: {message.text}')
+
+    def shows(self, selector: str, pattern: str) -> None:
+        from playwright.sync_api import expect
+
+        found = self.page.locator(selector)
+        expect(found).to_have_text(re.compile(pattern), timeout=PATIENCE_MS)
+
+    def has_value(self, selector: str, value: str) -> None:
+        from playwright.sync_api import expect
+
+        expect(self.page.locator(selector)).to_have_value(value, timeout=PATIENCE_MS)
+
+    def visible(self, selector: str, visible: bool = True) -> None:
+        state = 'visible' if visible else 'hidden'
+        self.page.locator(selector).first.wait_for(state=state, timeout=PATIENCE_MS)
+
+    def click(self, selector: str) -> None:
+        self.page.click(selector)  # waits until it is enabled and nothing lies over it
+
+    def picture(self, name: str) -> None:
+        if PICTURES:
+            Path(PICTURES).mkdir(parents=True, exist_ok=True)
+            self.page.screenshot(path=f'{PICTURES}/{name}.png')
+
+
+@pytest.fixture(scope='module')
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as p:
+        made = p.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+        yield made
+        made.close()
+
+
+@pytest.fixture(scope='module')
+def cell(tmp_path_factory, write_part, domain):
+    """(address of the page, client of the graph, folder with parts that are not yet uploaded)."""
+    folder = tmp_path_factory.mktemp('shift')
+    part, worn = write_part(folder / 'usb_stick')
+    (folder / 'jobs' / 'parts').mkdir(parents=True)
+    shutil.copy(worn, folder / 'jobs' / 'parts')
+    before = os.environ.get('WAAM_JOBS')
+    os.environ['WAAM_JOBS'] = str(folder / 'jobs')
+    try:
+        with graph(Settings(run=folder / 'run', seed=3, rate=RATE), domain, timeout=90.0) as (
+            state,
+            client,
+        ):
+            yield state.panel_url, client, part
+    finally:
+        os.environ.pop('WAAM_JOBS') if before is None else os.environ.update(WAAM_JOBS=before)
+
+
+def start(s: Screen, until: str, act=lambda: None, then: str = '') -> None:
+    """Arm and Start until the job gets so far; `act` then brings it into the state `then`.
+
+    A loaded machine can cost a node its deadline and the job with it; then an operator acknowledges and starts again.
+    """
+    said = []
+    for _ in range(TRIES):
+        s.click('#arm')
+        s.shows('#machine-detail', 'ARMED')
+        s.click('#start')
+        s.click('nav [data-page=run]')
+        s.shows('#job-state', 'VALIDATING|PREPARING|SCANNING|CORRECTING|DEPOSITING')
+        s.shows('#job-state', f'{until}|FAILED')
+        act()
+        s.shows('#job-state', f'{then or until}|FAILED')
+        if 'FAILED' not in s.page.text_content('#job-state'):
+            return
+        said.append(s.page.text_content('#job-detail'))
+        s.click('nav [data-page=alarms]')
+        s.click('#ack-all')
+    raise AssertionError(said)
+
+
+def pictures_of_a_bead(s: Screen) -> None:
+    s.click('[data-map=error]')
+    s.shows('#arc-state', 'ON')
+    s.picture('run')
+    s.page.set_viewport_size({'width': 1024, 'height': 768})
+    s.picture('run_tablet')
+    s.page.keyboard.press('t')
+    s.click('[data-map=path]')
+    s.picture('run_dark')
+    s.page.keyboard.press('t')
+    s.page.set_viewport_size({'width': 1280, 'height': 800})
+
+
+def test_a_whole_shift(cell, browser):
+    address, client, part = cell
+    s = Screen(browser, 1280, 800)
+    s.page.goto(address)
+
+    # connect, identify
+    s.shows('#machine-state', 'IDLE')
+    s.click('nav [data-page=machine]')
+    s.shows('#facts', r'connected[\s\S]*WAAM_CONTROLLER_V1')
+
+    # home, jog by click and key, set zero
+    s.click('nav [data-page=move]')
+    s.click('#home')
+    s.shows('#machine-detail', '^homed')
+    s.click('#steps [data-step="10"]')
+    s.click('[data-jog="x+"]')
+    s.shows('#p-x', r'^10\.00$')
+    s.page.keyboard.press('ArrowLeft')
+    s.shows('#p-x', r'^0\.00$')
+    s.click('[data-jog="y+"]')
+    s.shows('#p-y', r'^10\.00$')
+    s.click('#zero')
+    s.shows('#p-y', r'^0\.00$')
+    s.picture('move')
+
+    # load: nothing can be started before; upload, load, preview
+    assert s.page.is_disabled('#arm') and s.page.is_disabled('#start')
+    s.click('nav [data-page=setup]')
+    s.page.set_input_files('#f-upload', part)
+    s.has_value('#f-part', 'block.stl')
+    s.page.select_option('#f-as_found', 'block_worn.stl')
+    s.click('#load')
+    s.shows('#job-name', 'loaded: block.stl')
+    s.click('#preview')
+    s.visible('#preview-picture')
+    assert 'layer' in s.page.text_content('#preview-table')
+    s.picture('setup')
+
+    # arm, start, pause, resume
+    start(s, 'DEPOSITING', lambda: s.page.keyboard.press('Escape'), 'PAUSED')
+    s.shows('#arc-state', 'off')
+
+    # an alarm at the next arc: what to do, acknowledge
+    fault = InjectFault.Request(fault='arc_loss', value=900.0)
+    client.call(InjectFault, 'cell/inject_fault', fault)
+    s.click('#resume')
+    s.shows('#alarm-list', 'E20[45]')
+    s.shows('#banner-text', '→')
+    s.click('nav [data-page=alarms]')
+    s.visible('.alarm .todo')
+    s.picture('alarms')
+    if not s.page.is_disabled('#pause') or s.page.is_visible('#resume'):
+        s.click('#stop')
+    s.shows('#job-state', 'FAILED|ABORTED')
+    s.shows('#machine-state', 'IDLE')
+    client.call(InjectFault, 'cell/inject_fault', InjectFault.Request(fault='none'))
+    s.click('#ack-all')
+    s.visible('#banner', False)
+
+    # start again, finish, open the report
+    s.click('nav [data-page=setup]')
+    s.page.fill('#f-name', 'second')
+    s.page.fill('#f-operator_name', 'Kim')
+    s.click('#load')
+    s.shows('#toast', 'loaded')
+    if PICTURES:
+        start(s, 'DEPOSITING 2')
+        pictures_of_a_bead(s)
+        s.shows('#job-state', 'DONE')
+    else:
+        start(s, 'DONE')
+    s.click('nav [data-page=jobs]')
+    s.shows('#job-list tr:nth-child(2)', 'second')
+    with s.context.expect_page() as opened:
+        s.click('#job-list tr:nth-child(2) a')
+    report = opened.value
+    report.wait_for_load_state()
+    assert 'TOLERANCE' in report.text_content('.verdict')
+    s.picture('jobs')
+    assert s.said == []
+
+
+# ---- without ROS: the page itself
+
+
+SIZES = {'desk': (1280, 800), 'tablet': (1024, 768)}
+LAYOUT = """() => {
+  const all = [...document.querySelectorAll('button, select, input, td a')];
+  const found = all.filter((e) => e.offsetParent && e.type !== 'hidden');
+  const boxes = found.map((e) => [e.id || e.textContent.trim() || e.title, e.getBoundingClientRect(), e]);
+  const bad = [];
+  for (const [name, b] of boxes) {
+    if (b.width < 47.5 || b.height < 47.5) bad.push(`${name}: ${b.width} x ${b.height}`);
+    if (b.left < 0 || b.right > innerWidth) bad.push(`${name} leaves the screen`);
+  }
+  for (const [i, [name, a, e]] of boxes.entries()) for (const [other, b, f] of boxes.slice(i + 1)) {
+    const over = a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1;
+    const scrolled = Boolean(e.closest('main')) !== Boolean(f.closest('main'));
+    if (over && !scrolled) bad.push(`${name} over ${other}`);
+  }
+  for (const e of document.querySelectorAll('.page.on, .value, .over, .over b, nav button')) {
+    if (e.offsetParent && e.scrollWidth > e.clientWidth + 1) bad.push(`${e.id || e.textContent.trim()} is cut off`);
+  }
+  return bad;
+}"""
+
+
+@pytest.mark.parametrize('size', SIZES.values(), ids=SIZES)
+def test_targets_are_large_enough_for_gloves_and_nothing_overlaps(panel, browser, size):
+    panel.cell.mailbox.put(('anomaly', {'class': 'scan', 'severity': 1, 'text': 'dirty'}))
+    numbers = (-123.456, 123.456, -99.9), 288.0, 28.8, 0.2, 0.2, 0.055
+    frame = Sample(1.0, *numbers, 'RUN', True, True, True, 1.25, 1.25, 0.4)
+    panel.cell.mailbox.put(('telemetry', frame))
+    s = Screen(browser, *size, has_touch=True)
+    s.page.goto(panel.url)
+    s.visible('#banner')
+    s.shows('#o-speed', '125 %')
+    for name in ('run', 'setup', 'move', 'alarms', 'jobs', 'machine'):
+        s.page.tap(f'nav [data-page={name}]')
+        s.visible(f'#{name}')
+        assert s.page.evaluate(LAYOUT) == [], name
+    assert s.said == []
+
+
+def test_a_lost_panel_is_said_at_once_and_an_old_page_can_still_stop(make_panel, browser):
+    panel = make_panel()
+    s = Screen(browser, 1280, 800)
+    s.page.goto(panel.url)
+    s.visible('#lost', False)
+    panel.server.close()
+    s.visible('#lost')
+    s.click('#stop')
+    s.shows('#toast', 'cannot be reached.*emergency stop')
+
+
+def test_without_any_script_stop_still_works(panel, browser):
+    s = Screen(browser, 1280, 800, java_script_enabled=False)
+    s.page.goto(panel.url)
+    s.click('#stop')
+    s.visible('#lost')
+    assert panel.operations.asked == [('stop',)]
+
+
+ATTACK = """async (target) => {
+  const tried = [];
+  const note = (name) => (e) => tried.push(name);
+  for (const type of ['text/plain', 'application/json']) {
+    const options = { method: 'POST', mode: 'no-cors', credentials: 'include' };
+    const headers = { 'Content-Type': type };
+    await fetch(`${target}/api/home`, { ...options, body: '{}', headers }).catch(note('home'));
+    await fetch(`${target}/api/stop`, options).catch(note('stop'));
+  }
+  const form = document.createElement('form');
+  Object.assign(form, { method: 'post', action: `${target}/api/stop`, target: 'f' });
+  const frame = Object.assign(document.createElement('iframe'), { name: 'f' });
+  document.body.append(frame, form);
+  form.submit();
+  await new Promise((done) => { frame.onload = done; setTimeout(done, 3000); });
+  const read = await fetch(`${target}/`).then((a) => a.text()).catch(() => 'refused');
+  const stream = await new Promise((done) => {
+    const s = new WebSocket(target.replace('http', 'ws') + '/stream');
+    s.onmessage = () => done('open'); s.onerror = () => done('refused'); s.onclose = () => done('refused');
+  });
+  return { read, stream };
+}"""
+
+
+def test_a_page_of_another_origin_reaches_nothing(make_panel, browser):
+    target, other = make_panel(), make_panel()
+    s = Screen(browser, 800, 600)
+    s.page.goto(f'{other.url}/api/choices')  # an origin like any other: same host, another port
+    s.page.goto('about:blank')
+    s.page.route(
+        'http://evil.example/', lambda r: r.fulfill(body='<body></body>', content_type='text/html')
+    )
+    for place in (f'{other.url}/api/jobs', 'http://evil.example/'):
+        s.page.goto(place)
+        assert s.page.evaluate(ATTACK, target.url) == {'read': 'refused', 'stream': 'refused'}
+    assert target.operations.asked == []

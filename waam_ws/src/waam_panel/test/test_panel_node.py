@@ -1,0 +1,236 @@
+"""The panel as a process in a graph: what the page asks for reaches bridge and job, what they say reaches the page."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+
+import aiohttp
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from std_srvs.srv import Trigger
+
+from waam_msgs.msg import Heartbeat, LeaseTick, MachineState, Override, Telemetry
+from waam_msgs.srv import Command
+from waam_node.qos import BEAT, LATCHED, NEWEST, TELEMETRY
+
+START = 'from waam_panel.panel_node import main; main()'
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(('127.0.0.1', 0))
+        return s.getsockname()[1]
+
+
+class Graph:
+    """The panel, and a node that plays bridge and job_sequencer."""
+
+    def __init__(self, domain: int, folder) -> None:
+        self.port = free_port()
+        self.url = f'http://127.0.0.1:{self.port}/'
+        values = {'port': self.port, 'jobs_dir': folder, 'part_folders': f'[{folder}/parts]'}
+        given = [x for k, v in values.items() for x in ('-p', f'{k}:={v}')]
+        self.process = subprocess.Popen(
+            [sys.executable, '-c', START, '--ros-args', *given],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)}, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        self.context = rclpy.context.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = node = rclpy.create_node('cell', context=self.context)
+        self.commands: list[Command.Request] = []
+        self.switched: list[str] = []
+        self.overrides: list[Override] = []
+        self.beats: list[int] = []
+        node.create_service(Command, 'bridge/command', self._on_command)
+        for name in ('pause', 'resume'):  # abort is missing: a job_sequencer that hangs
+            node.create_service(Trigger, f'job_sequencer/{name}', self._on_switch(name))
+        node.create_subscription(Override, 'override', self.overrides.append, NEWEST)
+        node.create_subscription(
+            Heartbeat, 'heartbeat', lambda m: self.beats.append(m.controller_us), BEAT
+        )
+        self.telemetry = node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
+        self.machine = node.create_publisher(MachineState, 'machine_state', LATCHED)
+        self.ticks = node.create_publisher(LeaseTick, 'lease_tick', BEAT)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(node)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+        self.until(self.served, 'the page')
+        self.until(lambda: self.telemetry.get_subscription_count() > 0, 'the panel')
+        self.until(lambda: self.post('resume')[0] == 200, 'the first answer')
+        self.commands.clear()
+
+    def _spin(self) -> None:
+        while not self._over.is_set():
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def _on_command(self, request, response):
+        self.commands.append(request)
+        if request.code == Command.Request.RESET:
+            response.error_code, response.message = Command.Response.REFUSED, 'the cause is there'
+        return response
+
+    def _on_switch(self, name: str):
+        def answer(_request, response):
+            self.switched.append(name)
+            response.success = True
+            return response
+
+        return answer
+
+    def until(self, condition, what: str, timeout: float = 40.0) -> None:
+        end = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < end, f'{what} did not come'
+            assert self.process.poll() is None, self.process.stderr.read()
+            time.sleep(0.02)
+
+    def served(self) -> bool:
+        try:
+            page = urllib.request.urlopen(self.url, timeout=5).read().decode()
+        except OSError:
+            return False
+        self.csrf = re.search(r'name="csrf" content="(\w+)"', page)[1]
+        return True
+
+    def post(self, name: str, data: dict | None = None) -> tuple[int, dict]:
+        headers = {'Content-Type': 'application/json', 'X-Waam-Csrf': self.csrf}
+        body = json.dumps(data or {}).encode()
+        request = urllib.request.Request(f'{self.url}api/{name}', body, headers)
+        try:
+            with urllib.request.urlopen(request, timeout=40) as answer:
+                return answer.status, json.load(answer)
+        except urllib.error.HTTPError as e:
+            return e.code, json.load(e)
+
+    def frame(self, good) -> dict:
+        """The first frame of the stream for which `good` holds."""
+
+        async def go() -> dict:
+            origin = {'Origin': self.url.rstrip('/')}
+            async with aiohttp.ClientSession() as session:
+                async with session.ws_connect(f'{self.url}stream', headers=origin) as stream:
+                    while not good(frame := await stream.receive_json(timeout=30)):
+                        pass
+                    return frame
+
+        return asyncio.run(asyncio.wait_for(go(), 40))
+
+    def close(self) -> None:
+        self.process.terminate()
+        self.process.communicate(timeout=20)
+        self._over.set()
+        self._thread.join(5)
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture(scope='module')
+def cell(domain, tmp_path_factory):
+    graph = Graph(domain + 10, tmp_path_factory.mktemp('panel'))
+    yield graph
+    graph.close()
+    assert graph.process.returncode == 0
+
+
+def test_commands_reach_the_bridge_in_si_and_its_words_come_back(cell):
+    assert cell.post('home')[0] == 200
+    assert cell.post('jog', {'axis': 'y', 'direction': -1, 'step': 10})[0] == 200
+    assert cell.post('jog_wire', {'mm': 10})[0] == 200
+    home, jog, wire = cell.commands[-3:]
+    assert home.code == Command.Request.HOME
+    assert (jog.code, jog.vector.y, jog.value) == (Command.Request.JOG, -0.01, 0.02)
+    assert (wire.code, wire.value) == (Command.Request.JOG_WIRE, 0.01)
+    assert cell.post('reset') == (409, {'ok': False, 'message': 'the cause is there'})
+
+
+def test_stop_reaches_the_machine_although_the_job_does_not_answer(cell):
+    status, answer = cell.post('stop')
+    assert status == 200 and 'stopped' in answer['message'] and 'abort' in answer['message']
+    assert cell.commands[-1].code == Command.Request.STOP
+
+
+def test_overrides_are_published(cell):
+    cell.until(
+        lambda: cell.post('override', {'speed': 0.8})[0] == 200 and cell.overrides, 'override'
+    )
+    last = cell.overrides[-1]
+    assert (last.speed_factor, last.source) == (0.8, 'panel') and last.wire_factor != last.wire_factor  # fmt: skip
+
+
+def test_what_the_cell_says_is_on_the_page_and_goes_stale(cell):
+    state = MachineState(connected=True, identity='WAAM_CONTROLLER_V1', homed=True, fault=204)
+    state.state, state.fault_text = MachineState().state + 2, 'arc lost'
+    cell.machine.publish(state)
+    frame = Telemetry(arc_current=181.0, wire_feed_speed=0.1, arc_established=True, state=2)
+    frame.header.stamp.sec = 5
+    for _ in range(300):
+        cell.telemetry.publish(frame)
+    shown = cell.frame(lambda f: f['samples'] and 'machine' in f['sections'] and f.get('alarms'))
+    assert shown['sections']['telemetry']['current'] == 181.0
+    assert shown['sections']['telemetry']['feed'] == pytest.approx(6.0)
+    assert shown['sections']['machine']['identity'] == 'WAAM_CONTROLLER_V1'
+    assert shown['alarms'][0]['code'] == '204' and shown['alarms'][0]['action']
+    assert 'telemetry' in cell.frame(lambda f: 'telemetry' in f['stale'])['stale']
+
+
+def test_heartbeats_are_answered_while_pages_hang(cell):
+    hanging = []
+    for _ in range(4):
+        s = socket.create_connection(('127.0.0.1', cell.port))
+        s.sendall(
+            f'GET /stream HTTP/1.1\r\nHost: 127.0.0.1:{cell.port}\r\nOrigin: {cell.url.rstrip("/")}\r\nUpgrade: '
+            'websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n'
+            'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n'.encode()
+        )
+        hanging.append(s)
+    for us in range(1, 31):
+        cell.ticks.publish(LeaseTick(controller_us=us))
+        cell.until(lambda n=us: n in cell.beats, f'heartbeat {us}')
+    for s in hanging:
+        s.close()
+
+
+@pytest.mark.parametrize(
+    'given,words',
+    [
+        (('bind:=0.0.0.0',), "'token_file'"),
+        (('token_file:=/none/there',), 'No such file'),
+        (('prot:=1',), "did you mean 'port'"),
+    ],
+)
+def test_what_must_not_start_does_not(domain, given, words):
+    arguments = [x for g in given for x in ('-p', g)]
+    done = subprocess.run(
+        [sys.executable, '-c', START, '--ros-args', *arguments], capture_output=True, text=True,
+        timeout=60, env={**os.environ, 'ROS_DOMAIN_ID': str(domain + 10)},
+    )  # fmt: skip
+    assert done.returncode == 2 and words in done.stderr and 'Traceback' not in done.stderr
+
+
+def test_a_port_in_use_is_said_and_the_node_lives(domain):
+    with socket.socket() as s:
+        s.bind(('127.0.0.1', 0))
+        s.listen()
+        node = subprocess.Popen(
+            [sys.executable, '-c', START, '--ros-args', '-p', f'port:={s.getsockname()[1]}'],
+            stderr=subprocess.PIPE, text=True, env={**os.environ, 'ROS_DOMAIN_ID': str(domain + 10)},
+        )  # fmt: skip
+        line = node.stderr.readline()
+        assert 'no page' in line and 'in use' in line
+        assert node.poll() is None
+        node.terminate()
+        node.communicate(timeout=20)
+    assert node.returncode == 0

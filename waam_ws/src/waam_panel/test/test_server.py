@@ -1,0 +1,252 @@
+"""What the page asks for and gets: commands with their limits, uploads, reports, pages that hang. No ROS."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import sys
+import time
+from pathlib import Path
+
+import aiohttp
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+SETUP = {'part': 'block.stl', 'as_found': 'block_worn.stl'}
+MACHINE = {
+    'connected': True, 'silent': [], 'state': 'IDLE', 'fault': 0, 'fault_text': '', 'message': '', 'armed': False,
+}  # fmt: skip
+
+
+def ask(panel, name: str, data: object = None, body: bytes | None = None) -> tuple[int, dict]:
+    async def go() -> tuple[int, dict]:
+        headers = {'X-Waam-Csrf': panel.csrf, 'Origin': panel.url}
+        if body is None:
+            headers['Content-Type'] = 'application/json'
+        sent = json.dumps(data or {}).encode() if body is None else body
+        async with aiohttp.ClientSession() as session:
+            async with session.post(
+                f'{panel.url}/api/{name}', data=sent, headers=headers
+            ) as answer:
+                return answer.status, await answer.json()
+
+    return asyncio.run(go())
+
+
+def get(panel, path: str) -> tuple[int, bytes]:
+    async def go() -> tuple[int, bytes]:
+        async with aiohttp.ClientSession() as session, session.get(panel.url + path) as answer:
+            return answer.status, await answer.read()
+
+    return asyncio.run(go())
+
+
+def until(condition, what: str, timeout: float = 30.0) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, what
+        time.sleep(0.02)
+
+
+def tell(panel, name: str, value: object) -> None:
+    """As a callback would; waits until the page can see it."""
+    panel.cell.mailbox.put((name, value))
+    until(lambda: panel.cell.state.sections.get(name) == value, name)
+
+
+@pytest.mark.parametrize(
+    'name,data,asked',
+    [
+        ('jog', {'axis': 'x', 'direction': -1, 'step': 10}, ('jog', (-0.01, 0.0, 0.0), 0.02)),
+        ('jog', {'axis': 'z', 'direction': 1, 'step': 50, 'held': True}, ('jog', (0.0, 0.0, 0.0075), 0.03)),
+        ('jog_wire', {'mm': -10}, ('jog_wire', -0.01)),
+        ('override', {'speed': 0.8, 'wire': 1.2}, ('override', 0.8, 1.2)),
+        ('gain', {'value': 0.1}, ('adjust', 'SET_K_GAIN', 0.1)),
+        ('skip_layer', {}, ('adjust', 'SKIP_LAYER', 0.0)),
+        ('home', {}, ('command', 'HOME')),
+        ('zero', {}, ('set_zero',)),
+    ],
+)  # fmt: skip
+def test_commands_arrive_in_si(panel, name, data, asked):
+    assert ask(panel, name, data)[0] == 200
+    assert panel.operations.asked == [asked]
+
+
+@pytest.mark.parametrize(
+    'name,data',
+    [
+        ('jog', {'axis': 'a', 'direction': 1, 'step': 1}), ('jog', {'axis': 'x', 'direction': 1, 'step': 500}),
+        ('jog', {'axis': 'x', 'direction': 2, 'step': 1}), ('jog_wire', {'mm': 51}), ('jog_wire', {'mm': 'x'}),
+        ('jog_wire', {'mm': True}), ('override', {'speed': 2.1}), ('override', {'wire': 0.4}), ('override', {}),
+        ('override', {'speed': 1, 'x': 1}), ('gain', {'value': 0.6}), ('acknowledge', {'id': 'all'}),
+    ],
+)  # fmt: skip
+def test_values_out_of_their_limits_are_refused_and_go_nowhere(panel, name, data):
+    status, answer = ask(panel, name, data)
+    assert status == 400 and not answer['ok'] and answer['message']
+    assert panel.operations.asked == []
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    st.sampled_from(['jog', 'override', 'load', 'gain', 'acknowledge', 'jog_wire']),
+    st.binary(max_size=60),
+)
+def test_no_body_brings_the_server_down(panel, name, body):
+    async def go() -> int:
+        headers = {'X-Waam-Csrf': panel.csrf, 'Content-Type': 'application/json'}
+        async with aiohttp.ClientSession() as session:
+            async with session.post(f'{panel.url}/api/{name}', data=body, headers=headers) as a:
+                return a.status
+
+    assert asyncio.run(go()) in (400, 409)
+
+
+def test_words_of_the_machine_reach_the_operator(panel):
+    panel.operations.refuse = 'HOME: the controller is in ALARM, not IDLE'
+    status, answer = ask(panel, 'home')
+    assert (status, answer['message']) == (409, panel.operations.refuse)
+
+
+def test_load_arm_start_in_this_order_only(panel, write_part):
+    write_part(panel.folder / 'parts')
+    for name in ('arm', 'start', 'preview'):
+        assert ask(panel, name) == (409, {'ok': False, 'message': 'load a part first'})
+    status, answer = ask(panel, 'load', SETUP | {'material': 'lead'})
+    assert status == 409 and 'material' in answer['message']
+    status, answer = ask(panel, 'load', SETUP | {'part': '../block.stl'})
+    assert status == 409
+    assert ask(panel, 'load', SETUP)[0] == 200
+    tell(panel, 'machine', MACHINE)
+    assert ask(panel, 'start')[1]['message'] == 'press Arm first'
+    assert ask(panel, 'arm')[0] == 200
+    tell(panel, 'machine', MACHINE | {'armed': True})
+    assert ask(panel, 'start')[0] == 200
+    name, setup, part, jobs = panel.operations.asked[-1]
+    assert (name, setup.part, part.name, jobs) == (
+        'start',
+        'block.stl',
+        'block.stl',
+        panel.folder / 'jobs',
+    )
+    tell(panel, 'job', {'state': 'DEPOSITING', 'dir': ''})
+    for name, data in (('start', {}), ('load', SETUP)):
+        assert ask(panel, name, data)[1]['message'] == 'a job is running'
+    assert ask(panel, 'pause')[0] == 200
+    assert panel.operations.asked[-1] == ('pause', True)
+
+
+def test_an_interrupted_job_goes_on_after_arm_and_start(panel):
+    folder = panel.folder / 'jobs/20260101T000000Z_anvil'
+    folder.mkdir(parents=True)
+    (folder / 'job.yaml').write_text('job_id: x')
+    (folder / 'status.json').write_text('{"state": "DONE"}')
+    status, answer = ask(panel, 'load_job', {'id': folder.name})
+    assert (status, answer['ok']) == (409, False)
+    (folder / 'status.json').write_text('{"state": "INTERRUPTED"}')
+    assert json.loads(get(panel, '/api/jobs')[1])[0]['can_go_on']
+    assert ask(panel, 'load_job', {'id': '../jobs'})[0] == 409
+    assert ask(panel, 'load_job', {'id': folder.name})[0] == 200
+    assert ask(panel, 'arm')[0] == 200
+    tell(panel, 'machine', MACHINE | {'armed': True})
+    assert ask(panel, 'start')[0] == 200
+    assert panel.operations.asked[-1] == ('resume_job', folder)
+
+
+def test_preview_plans_the_part_and_says_why_it_cannot(panel, write_part):
+    part, _ = write_part(panel.folder / 'parts')
+    assert get(panel, '/api/preview.png')[0] == 404
+    ask(panel, 'load', SETUP)
+    status, answer = ask(panel, 'preview')
+    assert status == 200, answer
+    assert 'layer' in answer['table'] and get(panel, '/api/preview.png')[1].startswith(b'\x89PNG')
+    (panel.folder / 'parts/torn.stl').write_bytes(part.read_bytes()[:200])
+    ask(panel, 'load', SETUP | {'part': 'torn.stl'})
+    status, answer = ask(panel, 'preview')
+    assert status == 409 and 'torn.stl' in answer['message']
+    assert get(panel, '/api/preview.png')[0] == 404
+
+
+def test_uploads_are_stored_bounded_and_never_overwrite(panel):
+    assert ask(panel, 'parts?name=a.stl', body=b'solid')[1]['name'] == 'a.stl'
+    assert ask(panel, 'parts?name=a.stl', body=b'other')[1]['name'] == 'a-2.stl'
+    assert ask(panel, 'parts?name=../a.stl', body=b'x')[0] == 409
+    assert sorted(f.name for f in (panel.folder / 'parts').iterdir()) == ['a-2.stl', 'a.stl']
+
+    async def large() -> int:
+        headers = {'X-Waam-Csrf': panel.csrf}
+        async with aiohttp.ClientSession() as session:
+            url = f'{panel.url}/api/parts?name=big.stl'
+            async with session.post(url, data=bytes(3 << 20), headers=headers) as answer:
+                return answer.status
+
+    assert asyncio.run(large()) == 413
+
+
+def test_report_of_a_job_is_made_when_missing_and_served_without_scripts(panel):
+    sys.path.insert(0, str(Path(__file__).parents[2] / 'waam_view/test'))
+    from synthetic_job import write_job
+
+    folder = panel.folder / 'jobs/20260101T000000Z_anvil'
+    write_job(folder, layers=1)
+    jobs = json.loads(get(panel, '/api/jobs')[1])
+    assert [j['id'] for j in jobs] == [folder.name] and jobs[0]['report']
+
+    async def report():
+        async with aiohttp.ClientSession() as session:
+            async with session.get(f'{panel.url}/jobs/{folder.name}/report.html') as answer:
+                return answer.status, answer.headers, await answer.text()
+
+    status, headers, page = asyncio.run(report())
+    assert status == 200 and 'tolerance' in page and (folder / 'report.html').is_file()
+    assert 'sandbox' in headers['Content-Security-Policy']
+    assert 'allow-scripts' not in headers['Content-Security-Policy']
+    assert get(panel, '/jobs/20990101T000000Z_none/report.html')[0] == 404
+
+
+def test_alarms_are_acknowledged_once(panel):
+    panel.cell.mailbox.put(('anomaly', {'class': 'scan', 'severity': 1, 'text': 'dirty'}))
+    until(lambda: panel.cell.state.alarms.listing(), 'alarm')
+    assert ask(panel, 'acknowledge', {'id': None})[1]['message'] == '1 acknowledged'
+    assert panel.cell.state.alarms.listing()[0]['acknowledged']
+
+
+def test_a_page_that_hangs_changes_nothing_for_the_others(panel):
+    """A page that never reads: the pump and other pages go on, and nothing is queued for it."""
+    start = (
+        f'GET /stream HTTP/1.1\r\nHost: 127.0.0.1:{panel.server.port}\r\nOrigin: {panel.url}\r\n'
+        'Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n'
+        'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n'
+    )
+    hanging = []
+    for _ in range(3):
+        s = socket.socket()
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        s.connect(('127.0.0.1', panel.server.port))
+        s.sendall(start.encode())
+        hanging.append(s)
+    until(lambda: panel.cell.pages == 3, 'three pages')
+    panel.cell.state.sections['setup'] = {'ballast': 'x' * 300_000}
+
+    async def watch() -> list[dict]:
+        async with aiohttp.ClientSession() as session:
+            async with session.ws_connect(
+                f'{panel.url}/stream', headers={'Origin': panel.url}, max_msg_size=0
+            ) as ws:
+                return [await ws.receive_json(timeout=30) for _ in range(20)]
+
+    assert len(asyncio.run(watch())) == 20
+    assert ask(panel, 'home')[0] == 200
+    for s in hanging:
+        s.close()
+    until(lambda: panel.cell.pages == 0, 'pages let go')
+
+
+def test_a_message_that_cannot_be_read_is_reported_and_the_next_one_is_shown(panel):
+    panel.cell.mailbox.put(('machine', 'no message'))
+    tell(panel, 'link', {'rate': 100})
+    assert 'machine' in panel.cell.problem

@@ -1,0 +1,289 @@
+"""Commands, lists and pictures: /api/... Every command is a POST with JSON (stop also as a plain form)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from aiohttp import web
+
+from . import alarms, history
+from .cell import CELL, Cell
+from .operations import Refused
+from .parts import PartsError
+from .security import COOKIE, CSRF_HEADER
+from .setup_form import LAST_SCAN, FormError, parse
+from .worker import WorkError
+
+STEPS_MM = (0.1, 1.0, 10.0, 50.0)
+JOG_SPEED = {0.1: 2e-3, 1.0: 5e-3, 10.0: 20e-3, 50.0: 40e-3}  # m/s per step size
+HOLD_SPEED = {0.1: 0.5e-3, 1.0: 2e-3, 10.0: 10e-3, 50.0: 30e-3}  # m/s while a key is held
+HOLD_S = (
+    0.25  # motion that one request of a held key asks for: without the next one the machine stands
+)
+WIRE_MM = 50.0  # longest wire jog of one request
+FACTORS = {'speed': (0.1, 2.0), 'wire': (0.5, 1.5)}  # waam_msgs/Override
+BODY = 64 << 10
+KNOWN = (Refused, FormError, PartsError, WorkError, history.HistoryError)
+Run = Callable[[Cell, dict[str, Any]], Awaitable[Any]]
+
+
+class BadRequest(ValueError):
+    """A request whose values make no sense."""
+
+
+def number(data: dict[str, Any], name: str, low: float, high: float) -> float:
+    """A finite number within limits. Raises BadRequest."""
+    value = data.get(name)
+    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if not good or not low <= value <= high:
+        raise BadRequest(f'{name}: {value!r}, must be a number from {low:g} to {high:g}')
+    return float(value)
+
+
+# ---- what the commands do
+
+
+async def stop(cell: Cell, _: dict[str, Any]) -> str:
+    return await cell.do(cell.operations.stop)
+
+
+async def pause(cell: Cell, _: dict[str, Any]) -> str:
+    return await cell.do(cell.operations.pause, cell.state.job_running)
+
+
+async def resume(cell: Cell, _: dict[str, Any]) -> str:
+    return await cell.do(cell.operations.resume, cell.state.job_running)
+
+
+def machine(name: str) -> Run:
+    async def run(cell: Cell, _: dict[str, Any]) -> str:
+        return await cell.do(cell.operations.command, name)
+
+    return run
+
+
+async def arm(cell: Cell, _: dict[str, Any]) -> str:
+    if cell.setup is None and cell.going_on is None:
+        raise Refused('load a part first')
+    name = cell.setup.part if cell.setup else cell.going_on.name
+    return await cell.do(cell.operations.arm, f'panel {name}')
+
+
+async def jog(cell: Cell, data: dict[str, Any]) -> str:
+    """axis x, y, z; direction +1, -1; step in mm; held: a short piece at the speed that belongs to the step."""
+    axis, step = data.get('axis'), data.get('step')
+    if axis not in ('x', 'y', 'z') or step not in STEPS_MM or data.get('direction') not in (1, -1):
+        raise BadRequest('jog: axis x, y or z; step 0.1, 1, 10 or 50; direction 1 or -1')
+    held = bool(data.get('held'))
+    speed = HOLD_SPEED[step] if held else JOG_SPEED[step]
+    length = data['direction'] * (speed * HOLD_S if held else step * 1e-3)
+    move = tuple(length if a == axis else 0.0 for a in 'xyz')
+    return await cell.do(cell.operations.jog, move, speed)
+
+
+async def jog_wire(cell: Cell, data: dict[str, Any]) -> str:
+    length = number(data, 'mm', -WIRE_MM, WIRE_MM)
+    return await cell.do(cell.operations.jog_wire, length * 1e-3)
+
+
+async def zero(cell: Cell, _: dict[str, Any]) -> str:
+    return await cell.do(cell.operations.set_zero)
+
+
+async def override(cell: Cell, data: dict[str, Any]) -> str:
+    """speed, wire: factors; what is missing stays."""
+    given = {n: number(data, n, *limits) for n, limits in FACTORS.items() if n in data}
+    if not given or len(given) != len(data):
+        raise BadRequest('override: speed 0.1 to 2, wire 0.5 to 1.5')
+    nan = math.nan
+    return await cell.do(cell.operations.override, given.get('speed', nan), given.get('wire', nan))
+
+
+async def gain(cell: Cell, data: dict[str, Any]) -> str:
+    """value 0 to 0.5, or null: the correction server's own."""
+    value = math.nan if data.get('value') is None else number(data, 'value', 0.0, 0.5)
+    return await cell.do(cell.operations.adjust, 'SET_K_GAIN', value)
+
+
+def adjust(what: str) -> Run:
+    async def run(cell: Cell, _: dict[str, Any]) -> str:
+        return await cell.do(cell.operations.adjust, what, 0.0)
+
+    return run
+
+
+async def acknowledge(cell: Cell, data: dict[str, Any]) -> str:
+    which = data.get('id')
+    if which is not None and (not isinstance(which, int) or isinstance(which, bool)):
+        raise BadRequest('id: the number of an alarm, or null for all')
+    count = cell.state.alarms.acknowledge(which)
+    return f'{count} acknowledged' if count else 'nothing to acknowledge'
+
+
+async def load(cell: Cell, data: dict[str, Any]) -> str:
+    """Checks the setup and takes it; on the simulated cell the part is put on the table."""
+    if cell.state.job_running:
+        raise Refused('a job is running')
+    setup = parse(data, cell.materials)
+    cell.parts.find(setup.part)
+    named = setup.as_found and setup.as_found != LAST_SCAN
+    as_found = cell.parts.find(setup.as_found) if named else None
+    said = await cell.do(cell.operations.load, setup, as_found)
+    cell.setup, cell.going_on = setup, None
+    cell.state.sections['setup'] = setup.as_dict()
+    return said
+
+
+async def load_job(cell: Cell, data: dict[str, Any]) -> str:
+    """id: a job that was interrupted, failed or aborted; Arm and Start then go on with it."""
+    if cell.state.job_running:
+        raise Refused('a job is running')
+    folder = history.find(cell.jobs_dir, str(data.get('id')))
+    if not history.can_go_on(folder):
+        raise Refused(f'{folder.name} is not an interrupted job')
+    cell.setup, cell.going_on = None, folder
+    cell.state.sections['setup'] = {'part': f'{folder.name}, to go on'}
+    return 'loaded; Arm and Start scan the part and go on at the first bead that is not done'
+
+
+async def preview(cell: Cell, _: dict[str, Any]) -> dict[str, Any]:
+    """Plans the loaded part; the picture is then at /api/preview.png."""
+    if cell.setup is None:
+        raise Refused('load a part first')
+    return {'table': await cell.make_preview(cell.setup)}
+
+
+async def start(cell: Cell, _: dict[str, Any]) -> str:
+    """The two steps of a machine tool: arm, then start."""
+    if cell.setup is None and cell.going_on is None:
+        raise Refused('load a part first')
+    if cell.state.job_running:
+        raise Refused('a job is running')
+    if not (cell.state.sections.get('machine') or {}).get('armed'):
+        raise Refused('press Arm first')
+    if cell.going_on is not None:
+        return await cell.do(cell.operations.resume_job, cell.going_on)
+    part = cell.parts.find(cell.setup.part)
+    return await cell.do(cell.operations.start, cell.setup, part, cell.jobs_dir)
+
+
+COMMANDS: dict[str, Run] = {
+    'pause': pause, 'resume': resume, 'home': machine('HOME'), 'disarm': machine('DISARM'), 'reset': machine('RESET'),
+    'arm': arm, 'jog': jog, 'jog_wire': jog_wire, 'zero': zero, 'override': override, 'gain': gain,
+    'rescan': adjust('RESCAN'), 'skip_layer': adjust('SKIP_LAYER'), 'acknowledge': acknowledge, 'load': load,
+    'load_job': load_job,    'preview': preview, 'start': start,
+}  # fmt: skip
+
+
+# ---- requests
+
+
+async def _json(request: web.Request) -> dict[str, Any]:
+    if request.content_type != 'application/json' or (request.content_length or 0) > BODY:
+        raise BadRequest('a small JSON object is wanted')
+    try:
+        data = json.loads(await request.text())
+    except ValueError:
+        raise BadRequest('not JSON') from None
+    if not isinstance(data, dict):
+        raise BadRequest('a JSON object is wanted')
+    return data
+
+
+async def _answer(run: Run, cell: Cell, data: dict[str, Any]) -> web.Response:
+    """200 done; 409 the cell said no; 400 nonsense. The text is always for people."""
+    try:
+        said = await run(cell, data)
+    except KNOWN as e:
+        return web.json_response({'ok': False, 'message': str(e)}, status=409)
+    except BadRequest as e:
+        return web.json_response({'ok': False, 'message': str(e)}, status=400)
+    more = said if isinstance(said, dict) else {'message': said}
+    return web.json_response({'ok': True, 'message': 'done'} | more)
+
+
+def _session(request: web.Request) -> str:
+    return request.cookies.get(COOKIE, '')
+
+
+async def _command(request: web.Request) -> web.Response:
+    cell: Cell = request.app[CELL]
+    csrf = request.headers.get(CSRF_HEADER, '')
+    cell.guard.check_command(request.headers, _session(request), csrf)
+    run = COMMANDS.get(request.match_info['name'])
+    if run is None:
+        raise web.HTTPNotFound
+    try:
+        data = await _json(request)
+    except BadRequest as e:
+        return web.json_response({'ok': False, 'message': str(e)}, status=400)
+    return await _answer(run, cell, data)
+
+
+async def _stop(request: web.Request) -> web.Response:
+    """Works from a script (JSON answer) and as a plain form without any script (back to the page)."""
+    cell: Cell = request.app[CELL]
+    form = await request.post() if request.content_type.endswith('form-urlencoded') else {}
+    csrf = request.headers.get(CSRF_HEADER, '') or str(form.get('csrf', ''))
+    cell.guard.check_stop(request.headers, _session(request), csrf)
+    answer = await _answer(stop, cell, {})
+    if form:
+        raise web.HTTPSeeOther('/')
+    return answer
+
+
+async def _upload(request: web.Request) -> web.Response:
+    """The file is the body, its name a query parameter."""
+    cell: Cell = request.app[CELL]
+    csrf = request.headers.get(CSRF_HEADER, '')
+    cell.guard.check_command(request.headers, _session(request), csrf)
+    data = await request.read()
+
+    async def run(cell: Cell, _: dict[str, Any]) -> dict[str, Any]:
+        name = cell.parts.save(request.query.get('name', ''), data)
+        return {'message': f'{name} is stored', 'name': name}
+
+    return await _answer(run, cell, {})
+
+
+def _listing(read: Callable[[Cell], Any]) -> Callable[[web.Request], Awaitable[web.Response]]:
+    async def handler(request: web.Request) -> web.Response:
+        return web.json_response(read(request.app[CELL]))
+
+    return handler
+
+
+def _choices(cell: Cell) -> dict[str, Any]:
+    return {
+        'parts': cell.parts.listing(), 'materials': cell.materials, 'steps_mm': STEPS_MM,
+        'simulated': cell.operations.simulated,
+        'alarms': {k: {c: vars(a) for c, a in t.items()} for k, t in alarms.table().items()},
+    }  # fmt: skip
+
+
+async def _map(request: web.Request) -> web.Response:
+    cell: Cell = request.app[CELL]
+    version, picture = cell.state.maps.get(request.match_info['name'], (0, None))
+    if picture is None:
+        raise web.HTTPNotFound
+    return web.json_response(picture | {'version': version})
+
+
+async def _preview(request: web.Request) -> web.Response:
+    file = request.app[CELL].preview
+    if not file.is_file():
+        raise web.HTTPNotFound
+    return web.Response(body=file.read_bytes(), content_type='image/png')
+
+
+def add_commands(app: web.Application) -> None:
+    """Routes of commands, lists, pictures."""
+    app.add_routes([
+        web.post('/api/stop', _stop), web.post('/api/parts', _upload), web.get('/api/map/{name}', _map),
+        web.get('/api/preview.png', _preview), web.get('/api/choices', _listing(_choices)),
+        web.get('/api/jobs', _listing(lambda cell: history.jobs(cell.jobs_dir))),
+        web.post('/api/{name}', _command),
+    ])  # fmt: skip

@@ -1,0 +1,144 @@
+"""What all requests share: state, operations, folders, and the pump that empties the mailbox. No ROS."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import secrets
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from aiohttp import web
+
+from waam_process.grid import GridSpec, HeightGrid
+from waam_view.job_data import load_scan
+from waam_view.mailbox import Mailbox
+
+from . import history, pictures
+from .operations import Operations
+from .parts import PartFolders
+from .security import Guard
+from .setup_form import LAST_SCAN, JobSetup
+from .state import PanelState
+from .worker import WorkError, plan_arguments, work
+
+PUMP_S = 0.1
+
+
+@dataclass
+class Cell:
+    """One panel. Everything here runs in the web thread, but for `operations`, which block and go through `do`."""
+
+    guard: Guard
+    state: PanelState
+    operations: Operations
+    mailbox: Mailbox
+    convert: Callable[[str, Any], Any]
+    parts: PartFolders
+    jobs_dir: Path
+    materials: tuple[str, ...]
+    error_range: float = 0.6e-3
+    upload_bytes: int = 64 << 20
+    wrong_token_s: float = 1.0
+    boot: str = field(default_factory=lambda: secrets.token_hex(4))
+    setup: JobSetup | None = None
+    going_on: Path | None = None  # an interrupted job that is to go on, instead of a setup
+    problem: str = ''
+    pages: int = 0  # open streams
+
+    def __post_init__(self) -> None:
+        self.login_lock, self.work_lock = asyncio.Lock(), asyncio.Lock()
+        self._workers = ThreadPoolExecutor(4, 'command')
+        self._stoppers = ThreadPoolExecutor(4, 'stop')  # never behind a slow command
+        self._scratch = tempfile.TemporaryDirectory(prefix='waam_panel_')
+        self.preview = Path(self._scratch.name) / 'plan' / 'preview.png'
+        self._judged = ('', -1)
+
+    def close(self) -> None:
+        self._workers.shutdown(wait=False, cancel_futures=True)
+        self._stoppers.shutdown(wait=False, cancel_futures=True)
+        self._scratch.cleanup()
+
+    async def do(self, operation: Callable[..., str], *arguments: Any) -> str:
+        """A blocking operation in a worker thread; stop has threads of its own."""
+        pool = self._stoppers if operation == self.operations.stop else self._workers
+        return await asyncio.get_running_loop().run_in_executor(pool, operation, *arguments)
+
+    # ---- what arrives
+
+    async def pump(self) -> None:
+        """Ten times a second: messages into the state. One that cannot be read is left out and reported."""
+        for turn in itertools.count():
+            if turn % 10 == 0:
+                operations = self.operations
+                self.state.sections['cell'] = {
+                    'simulated': operations.simulated,
+                    'adjustable': operations.adjustable,
+                }
+            items, newest = self.mailbox.take(0.0)
+            for name, message in (*items, *newest):
+                try:
+                    value = self.convert(name, message)
+                    self.state.apply(name, value, time.monotonic(), time.time())
+                except (ValueError, IndexError, TypeError) as e:
+                    self.problem = f'{name}: {type(e).__name__}: {e}'
+            await self._judge()
+            await asyncio.sleep(PUMP_S)
+
+    async def _judge(self) -> None:
+        """The error of a scan is drawn when the job has written what was wanted at that moment."""
+        scan, job = self.state.scan, self.state.sections.get('job')
+        if not scan or not job or not job['dir'] or self._judged == (job['dir'], scan['scan_id']):
+            return
+        file = Path(job['dir']) / f'layers/scan_{scan["scan_id"]:03d}.npz'
+        found = await asyncio.to_thread(load_scan, file, []) if file.is_file() else None
+        if found is not None:
+            self._judged = (job['dir'], scan['scan_id'])
+            spec = GridSpec(*found.origin, found.resolution, *found.z.shape)
+            reach = self.error_range
+            picture = pictures.encode_map(spec, found.error, -reach, reach)
+            self.state.put_map(
+                'error', picture | {'title': f'scan {scan["scan_id"]}: measured minus wanted'}
+            )
+
+    # ---- slow work
+
+    def as_found(self, setup: JobSetup) -> Path | None:
+        """The file that a restoration is planned from; the newest scan is written out. Raises WorkError."""
+        if setup.mode == 'build' or not setup.as_found:
+            return None
+        if setup.as_found != LAST_SCAN:
+            return self.parts.find(setup.as_found)
+        if self.state.scan is None:
+            raise WorkError('there is no scan yet')
+        file = Path(self._scratch.name) / 'scan.npz'
+        HeightGrid(self.state.scan['spec'], self.state.scan['z']).save_npz(file)
+        return file
+
+    async def make_preview(self, setup: JobSetup) -> str:
+        """Plans the part; the picture lies at `preview`. Returns the table. Raises WorkError, PartsError."""
+        out = self.preview.parent
+        arguments = plan_arguments(setup, self.parts.find(setup.part), self.as_found(setup), out)
+        async with self.work_lock:
+            self.preview.unlink(missing_ok=True)
+            lines = (await work(arguments)).splitlines()
+        return '\n'.join(line for line in lines if not line.startswith('written:'))
+
+    async def report_page(self, name: str, inner: str) -> Path:
+        """report.html of a job, or of a run inside a demo. Raises HistoryError, WorkError."""
+        folder = history.find(self.jobs_dir, name)
+        folder = history.find(folder, inner) if inner else folder
+        if not (folder / 'report.json').is_file():
+            raise history.HistoryError(f'{name} has no report')
+        async with self.work_lock:
+            if history.report_is_old(folder):
+                await work(['report', str(folder)])
+        return folder / 'report.html'
+
+
+CELL: web.AppKey[Cell] = web.AppKey('cell', Cell)  # where the server keeps it

@@ -1,0 +1,186 @@
+"""Messages -> what the page shows (mm, mm/s, m/min; NaN becomes None); the setup -> the goal of a job."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import Temperature
+
+from waam_msgs.action import RunJob
+from waam_msgs.msg import (
+    Anomaly,
+    CorrectionMap,
+    HeatFactor,
+    HeightMap,
+    JobStatus,
+    LayerPlan,
+    LinkStatus,
+    MachineState,
+    Segment,
+    Telemetry,
+)
+from waam_node.conversions import grid_from_msg, map_from_msg, nanoseconds, seconds
+
+from . import pictures
+from .setup_form import JobSetup
+from .state import Sample
+
+MACHINE_STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
+JOB_STATES = (
+    *('IDLE', 'VALIDATING', 'PREPARING', 'COOLING', 'SCANNING', 'CORRECTING', 'DEPOSITING'),
+    *('PAUSED', 'FINISHING', 'DONE', 'FAILED', 'ABORTED'),
+)
+
+
+def number(value: float, factor: float = 1.0, digits: int = 4) -> float | None:
+    """Rounded, None for NaN and infinity: JSON has neither."""
+    return round(value * factor, digits) if math.isfinite(value) else None
+
+
+def _mm(point: Any) -> list[float | None]:
+    return [number(v, 1e3, 3) for v in (point.x, point.y, point.z)]
+
+
+def sample(m: Telemetry) -> Sample:
+    """One telemetry frame."""
+    p = m.position
+    return Sample(
+        t=nanoseconds(m.header.stamp) * 1e-9,
+        position=(p.x, p.y, p.z),
+        current=m.arc_current,
+        voltage=m.arc_voltage,
+        feed_commanded=m.wire_feed_commanded,
+        feed=m.wire_feed_speed,
+        speed=m.travel_speed,
+        state=MACHINE_STATES[m.state] if m.state < 4 else str(m.state),
+        arc=m.arc_established,
+        arc_enabled=m.arc_enabled,
+        gas=m.gas,
+        speed_override=m.speed_override,
+        wire_override=m.wire_override,
+        lease_left=m.lease_left,
+    )
+
+
+def machine(m: MachineState) -> dict[str, Any]:
+    return {
+        'connected': m.connected, 'port': m.port, 'identity': m.identity, 'firmware': m.firmware_version,
+        'capabilities': list(m.capabilities), 'state': MACHINE_STATES[m.state] if m.state < 4 else str(m.state),
+        'homed': m.homed, 'armed': m.armed, 'armed_job': m.armed_job, 'fault': m.fault, 'fault_text': m.fault_text,
+        'silent': list(m.silent_nodes), 'message': m.message, 'work_offset': _mm(m.work_offset),
+        'limit_min': _mm(m.limit_min), 'limit_max': _mm(m.limit_max),
+    }  # fmt: skip
+
+
+def link(m: LinkStatus) -> dict[str, Any]:
+    return {
+        'round_trip_ms': number(m.round_trip_p99, 1e3, 2), 'rate': number(m.telemetry_rate, 1, 1),
+        'lost': m.telemetry_lost, 'resends': m.resends, 'queued': m.segments_queued,
+        'underruns': m.underruns, 'reconnects': m.reconnects,
+    }  # fmt: skip
+
+
+def job(m: JobStatus) -> dict[str, Any]:
+    return {
+        'id': m.job_id, 'dir': m.job_dir, 'state': JOB_STATES[m.state] if m.state < 12 else str(m.state),
+        'profile': m.profile, 'material': m.material, 'k_gain': number(m.k_gain), 'layer': m.layer,
+        'layers': m.layers, 'bead': m.bead, 'beads': m.beads, 'pass': m.pass_number, 'passes': m.passes,
+        'progress': number(m.progress, 1, 4), 'time_left': number(m.time_left, 1, 0),
+        'rms_mm': number(m.height_error_rms, 1e3), 'max_mm': number(m.height_error_max, 1e3),
+        'error_code': m.error_code, 'message': m.message,
+    }  # fmt: skip
+
+
+def heat(m: HeatFactor) -> dict[str, Any]:
+    return {
+        'factor': number(m.factor), 'temperature': number(m.temperature, 1, 1),
+        'rate': number(m.temperature_rate, 1, 2),
+        'limit': number(m.interpass_limit, 1, 1), 'ready': m.ready, 'wait': number(m.estimated_wait, 1, 0),
+        'plausible': m.plausible, 'reasons': list(m.reasons),
+    }  # fmt: skip
+
+
+def temperature(m: Temperature) -> dict[str, Any]:
+    return {'value': number(m.temperature, 1, 1)}
+
+
+def diagnostics(m: DiagnosticArray) -> list[dict[str, Any]]:
+    """One row per node; `viewer`: where the dashboard serves the rerun viewer."""
+    rows = []
+    for s in m.status:
+        values = {v.key: v.value for v in s.values}
+        rows.append({
+            'node': s.hardware_id, 'level': s.level[0], 'message': s.message, 'viewer': values.get('viewer', ''),
+        })  # fmt: skip
+    return rows
+
+
+def anomaly(m: Anomaly) -> dict[str, Any]:
+    place = f' (layer {m.layer}, bead {m.bead})' if m.layer else ''
+    return {
+        'class': m.class_name, 'severity': m.severity,
+        'text': f'{m.text}{place}' + (f'. Reaction: {m.reaction}' if m.reaction else ''),
+    }  # fmt: skip
+
+
+def height(m: HeightMap) -> dict[str, Any]:
+    """The surface, its number in the job, and the map itself for planning from it."""
+    spec = grid_from_msg(m.grid)
+    z = map_from_msg(m.z, spec)
+    title = f'scan {m.scan_id} after layer {m.layer}' + ('' if m.plausible else ', not believed')
+    return {
+        'picture': pictures.height_map(spec, z) | {'title': title}, 'job_id': m.job_id,
+        'scan_id': m.scan_id, 'spec': spec, 'z': z, 'time': seconds(m.header.stamp),
+    }  # fmt: skip
+
+
+def correction(m: CorrectionMap) -> dict[str, Any]:
+    spec = grid_from_msg(m.grid)
+    title = f'for layer {m.layer}, {m.law}' + (', fallback' if m.fallback else '')
+    psi = pictures.encode_map(spec, map_from_msg(m.psi, spec), -1.0, 1.0, 1e4)
+    return {'psi': psi | {'title': title}, 'reasons': list(m.reasons), 'fallback': m.fallback}
+
+
+def plan(m: LayerPlan) -> dict[str, Any]:
+    """Path of a layer as strips, and its deposition segments for the commanded speed."""
+    s = m.segments
+    start, end = (
+        np.array([(p.x, p.y, p.z) for p in (getattr(x, n) for x in s)], float).reshape(-1, 3)
+        for n in ('start', 'end')
+    )
+    laid = np.array([x.kind == Segment.DEPOSIT for x in s], bool)
+    return {
+        'path': pictures.paths(laid, start, end) | {'layer': m.layer, 'deposits': bool(laid.any())},
+        'start': start[laid, :2], 'end': end[laid, :2],
+        'speed': np.array([x.speed for x in s], float)[laid], 'layer': m.layer,
+    }  # fmt: skip
+
+
+CONVERT: dict[str, Callable[[Any], Any]] = {
+    'telemetry': sample, 'machine': machine, 'link': link, 'job': job, 'heat': heat, 'plan': plan,
+    'temperature': temperature, 'diagnostics': diagnostics, 'anomaly': anomaly, 'height': height,
+    'correction': correction,
+}  # fmt: skip
+
+
+def goal(setup: JobSetup, part: Path, jobs_dir: Path) -> RunJob.Goal:
+    """mm of the page to m of the goal."""
+    return RunJob.Goal(
+        name=setup.name, part=str(part), mode=setup.mode, material=setup.material, profile=setup.profile,
+        layers=setup.layers, layer_height=setup.layer_height_mm * 1e-3, bead_width=setup.bead_width_mm * 1e-3,
+        k_gain=setup.k_gain, tolerance=setup.tolerance_mm * 1e-3, scale=1e-3, jobs_dir=str(jobs_dir),
+        operator_name=setup.operator_name, passes=setup.passes,
+        allowance=setup.allowance_mm * 1e-3, notes=['started_from=panel'],
+    )  # fmt: skip
+
+
+def resumed(folder: Path, operator: str = '') -> RunJob.Goal:
+    """An interrupted job goes on; everything else stands in its job.yaml."""
+    return RunJob.Goal(
+        resume_dir=str(folder.resolve()), operator_name=operator, notes=['resumed_from=panel']
+    )

@@ -1,0 +1,83 @@
+"""The jobs on disk, newest first, for the history and its reports. No ROS."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]*')
+PROFILES = ('closed_loop', 'monitor', 'open_loop')
+UNFINISHED = ('INTERRUPTED', 'FAILED', 'ABORTED')
+SHOWN = 60
+
+
+class HistoryError(ValueError):
+    """A name that is no job."""
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        data = json.loads(file.read_text(encoding='utf-8'))
+    except (OSError, ValueError):
+        return {}
+    return data if isinstance(data, dict) else {}
+
+
+def jobs(folder: Path, shown: int = SHOWN) -> list[dict[str, Any]]:
+    """One row per job (and demo) of a folder. A folder without status and report is no job."""
+    found = [f for f in folder.iterdir() if _is_job(f)] if folder.is_dir() else []
+    found.sort(key=lambda f: f.name, reverse=True)
+    return [_row(f) for f in found[:shown]]
+
+
+def _is_job(folder: Path) -> bool:
+    if folder.is_symlink() or not folder.is_dir() or not _NAME.fullmatch(folder.name):
+        return False
+    return any((folder / n).is_file() for n in ('report.json', 'status.json', 'job.yaml'))
+
+
+def _row(folder: Path) -> dict[str, Any]:
+    status, report = _read(folder / 'status.json'), _read(folder / 'report.json')
+    run = next((report[p] for p in PROFILES if isinstance(report.get(p), dict)), {})
+    runs = [p for p in PROFILES if p in report]
+    return {
+        'id': folder.name,
+        'state': str(status.get('state') or ('DONE' if report else 'UNKNOWN')),
+        'message': str(status.get('message') or ''),
+        'part': str(report.get('part') or ''),
+        'material': str(report.get('material') or ''),
+        'profile': ', '.join(runs) or str(status.get('profile') or ''),
+        'verdict': str(report.get('verdict') or ''),
+        'rms_mm': _number(run.get('rms_mm')),
+        'layers': _number(status.get('layers')),
+        'duration_s': _number(run.get('duration_s')),
+        'report': bool(report),
+        'can_go_on': can_go_on(folder),
+    }
+
+
+def can_go_on(folder: Path) -> bool:
+    """It ended before its last layer and says what it was asked for."""
+    state = _read(folder / 'status.json').get('state')
+    return state in UNFINISHED and (folder / 'job.yaml').is_file()
+
+
+def _number(value: Any) -> float | None:
+    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return float(value) if good else None
+
+
+def find(folder: Path, name: str) -> Path:
+    """The folder of a job. Raises HistoryError; names only, so nothing outside can be named."""
+    if not _NAME.fullmatch(name) or not _is_job(folder / name):
+        raise HistoryError(f'there is no job {name!r}')
+    return folder / name
+
+
+def report_is_old(folder: Path) -> bool:
+    """report.html is missing or older than report.json."""
+    page, data = folder / 'report.html', folder / 'report.json'
+    return not page.is_file() or page.stat().st_mtime < data.stat().st_mtime

@@ -1,0 +1,59 @@
+"""What an operator can make the cell do, as the web server sees it. The node implements it; tests put a fake there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+from .setup_form import JobSetup
+
+
+class Refused(RuntimeError):
+    """The machine or the job said no; the text holds its words."""
+
+
+class Operations(Protocol):
+    """Every method blocks until the answer, at most some seconds, and raises Refused. Called from worker threads."""
+
+    simulated: bool  # a simulated cell answers: parts can be put on its table
+    adjustable: bool  # the running job takes k_gain, rescan and skip
+
+    def stop(self) -> str: ...
+
+    def pause(self, job_running: bool) -> str: ...
+
+    def resume(self, job_running: bool) -> str: ...
+
+    def command(self, name: str) -> str:
+        """HOME, DISARM or RESET."""
+        ...
+
+    def arm(self, job: str) -> str: ...
+
+    def jog(self, move: tuple[float, float, float], speed: float) -> str:
+        """m, m/s."""
+        ...
+
+    def jog_wire(self, length: float) -> str:
+        """m, negative = back."""
+        ...
+
+    def set_zero(self) -> str: ...
+
+    def override(self, speed: float, wire: float) -> str:
+        """Factors; NaN leaves one as it is."""
+        ...
+
+    def adjust(self, what: str, value: float) -> str:
+        """SET_K_GAIN, RESCAN, SKIP_LAYER of the running job."""
+        ...
+
+    def load(self, setup: JobSetup, as_found: Path | None) -> str:
+        """Simulated cell: puts the part on the table."""
+        ...
+
+    def start(self, setup: JobSetup, part: Path, jobs_dir: Path) -> str: ...
+
+    def resume_job(self, folder: Path) -> str:
+        """Goes on with an interrupted job."""
+        ...

@@ -1,0 +1,153 @@
+"""Node panel: the operator's web page. Callbacks put messages into a bounded mailbox; a thread of its own serves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Temperature
+
+from waam_msgs.msg import (
+    Anomaly,
+    CorrectionMap,
+    HeatFactor,
+    HeightMap,
+    JobStatus,
+    LayerPlan,
+    LinkStatus,
+    MachineState,
+    Telemetry,
+)
+from waam_node.node import OK, WARN, WaamNode
+from waam_node.node import main as run_main
+from waam_node.params import param
+from waam_node.qos import BEAT, EVENTS, LATCHED
+from waam_process.materials import load as materials
+from waam_view.mailbox import Mailbox
+from waam_view.node_tap import TelemetryTap
+
+from .cell import Cell
+from .conversions import CONVERT
+from .node_operations import RosOperations
+from .parts import PartFolders
+from .security import Guard, is_local, read_token
+from .state import PanelState
+from .web import WebServer
+
+
+@dataclass(frozen=True)
+class PanelParams:
+    bind: str = param(
+        '127.0.0.1', 'address to listen on; anything but this machine needs token_file'
+    )
+    port: int = param(8600, 'port of the page; 0 = any free one', '', 0, 65535)
+    token_file: str = param(
+        '', 'file with the token (at least 16 characters, chmod 600); empty = none'
+    )
+    allowed_hosts: str = param(
+        '',
+        'further names of this machine that the page may be asked for by, separated by commas; with or without port',
+    )
+    jobs_dir: str = param('jobs', 'folder of the jobs')
+    part_folders: tuple = param(('parts',), 'folders with parts; the first one takes uploads')
+    upload_mb: int = param(64, 'largest part that can be uploaded', 'MB', 1, 1024)
+    sample_period: float = param(
+        0.1, 'steady time between two samples of the plots', 's', 0.02, 2.0
+    )
+    history: float = param(180.0, 'steady time that the plots reach back', 's', 10.0, 3600.0)
+    error_range: float = param(
+        0.0006, 'height error at the ends of the colour scale', 'm', 1e-5, 0.1
+    )
+
+
+FRAMES = 4  # telemetry frames read per sample period at most
+TOPICS = (  # name of the section, type, topic, quality of service, newest only
+    ('machine', MachineState, 'machine_state', LATCHED, False),
+    ('link', LinkStatus, 'link_status', BEAT, True),
+    ('job', JobStatus, 'job_status', LATCHED, False),
+    ('heat', HeatFactor, 'heat_factor', LATCHED, True),
+    ('temperature', Temperature, 'temperature', BEAT, True),
+    ('plan', LayerPlan, 'layer_plan', LATCHED, True),
+    ('height', HeightMap, 'height_map', LATCHED, True),
+    ('correction', CorrectionMap, 'correction_map', LATCHED, True),
+    ('anomaly', Anomaly, 'anomaly', EVENTS, False),
+    ('diagnostics', DiagnosticArray, '/diagnostics', EVENTS, False),
+)
+
+
+class Panel(WaamNode):
+    """Not among the nodes that the arc lease needs: its death or silence stops no job."""
+
+    def __init__(self) -> None:
+        super().__init__('panel', PanelParams)
+        p = self.params
+        self._token = read_token(p.token_file, p.bind)
+        if not p.part_folders:
+            raise ValueError("panel: parameter 'part_folders' names no folder")
+        self._mailbox = Mailbox()
+        self._tap = TelemetryTap(self, '_panel_tap')
+        self._operations = RosOperations(self)
+        for name, kind, topic, qos, newest in TOPICS:
+            self.create_subscription(kind, topic, self._put(name, newest), qos)
+        self.create_timer(p.sample_period, self._on_sample, clock=self.steady)
+        self.create_timer(1.0, self._report, clock=self.steady)
+        self._cell: Cell | None = None
+        self._server = WebServer(self._make_cell, p.bind, p.port)
+        if self._server.problem:
+            self.get_logger().error(f'no page: {self._server.problem}')
+        else:
+            self.get_logger().info(f'page: {self.url}')
+
+    @property
+    def url(self) -> str:
+        host = '127.0.0.1' if is_local(self.params.bind) else self.params.bind
+        return '' if self._server.problem else f'http://{host}:{self._server.port}/'
+
+    def _make_cell(self, port: int) -> Cell:
+        p = self.params
+        self._cell = Cell(
+            guard=Guard.create(self._token, p.bind, port, tuple(p.allowed_hosts.split(','))),
+            state=PanelState(round(FRAMES * p.history / p.sample_period)),
+            operations=self._operations,
+            mailbox=self._mailbox,
+            convert=lambda name, message: CONVERT[name](message),
+            parts=PartFolders(tuple(Path(f) for f in p.part_folders)),
+            jobs_dir=Path(p.jobs_dir),
+            materials=tuple(materials()),
+            error_range=p.error_range,
+            upload_bytes=p.upload_mb << 20,
+        )
+        return self._cell
+
+    def _put(self, name: str, newest: bool) -> Any:
+        """A callback that only hands over."""
+        if newest:
+            return lambda message: self._mailbox.replace(name, (name, message))
+        return lambda message: self._mailbox.put((name, message))
+
+    def _on_sample(self) -> None:
+        """Of all frames that came since the last time a few are read; simulated time can run fast."""
+        frames = self._tap.take()
+        step = -(-len(frames) // FRAMES)
+        for raw in frames[-1::-step][::-1] if frames else ():
+            self._mailbox.put(('telemetry', deserialize_message(raw, Telemetry)))
+
+    def _report(self) -> None:
+        cell = self._cell
+        self.values = {
+            'page': self.url, 'pages_open': cell.pages if cell else 0, 'dropped': self._mailbox.dropped,
+        }  # fmt: skip
+        problem = self._server.problem or (cell.problem if cell else '')
+        self.level, self.message = (WARN, problem) if problem else (OK, 'ok')
+
+    def close(self) -> None:
+        self._server.close()
+        self._operations.close()
+        self._tap.close()
+
+
+def main() -> None:
+    run_main(Panel)

@@ -1,0 +1,70 @@
+"""Folders with parts: what can be chosen, and where uploads go. No ROS."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+SUFFIXES = ('.stl', '.ply', '.obj', '.off')
+_NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9 ._+-]{0,79}')
+LISTED = 500
+
+
+class PartsError(ValueError):
+    """A name or file that is refused; the text says why."""
+
+
+@dataclass(frozen=True)
+class PartFolders:
+    """The first folder takes uploads; all are searched, one level deep."""
+
+    folders: tuple[Path, ...]
+
+    def listing(self) -> list[dict[str, object]]:
+        """Files that can be chosen: name, size in kB, changed (UTC, s); newest first. One entry per name."""
+        found: dict[str, tuple[float, int]] = {}
+        for folder in self.folders:
+            for file in sorted(folder.glob('*')) if folder.is_dir() else ():
+                if file.suffix.lower() in SUFFIXES and file.is_file() and file.name not in found:
+                    stat = file.stat()
+                    found[file.name] = (stat.st_mtime, stat.st_size)
+        rows = sorted(found.items(), key=lambda item: -item[1][0])[:LISTED]
+        return [{'name': n, 'kb': round(size / 1024, 1), 'time': t} for n, (t, size) in rows]
+
+    def find(self, name: str) -> Path:
+        """The file of a name from the list. Raises PartsError: names only, no paths."""
+        if name != Path(name).name or name in ('', '.', '..'):
+            raise PartsError(f'{name!r} is not the name of a part')
+        for folder in self.folders:
+            file = folder / name
+            if file.suffix.lower() in SUFFIXES and file.is_file():
+                return file.resolve()
+        raise PartsError(f'there is no part {name!r}')
+
+    def save(self, name: str, data: bytes) -> str:
+        """Stores an upload under its name, with a number when another file has it. Returns the name."""
+        if not _NAME.fullmatch(name) or Path(name).suffix.lower() not in SUFFIXES:
+            raise PartsError(
+                f'{name!r}: letters, digits, space and . _ + - only, ending in {", ".join(SUFFIXES)}'
+            )
+        if not data:
+            raise PartsError(f'{name}: the file is empty')
+        folder = self.folders[0]
+        folder.mkdir(parents=True, exist_ok=True)
+        file = _free(folder, name, data)
+        if not file.exists():
+            temporary = folder / f'.{file.name}.new'
+            temporary.write_bytes(data)
+            os.replace(temporary, file)
+        return file.name
+
+
+def _free(folder: Path, name: str, data: bytes) -> Path:
+    """The file to write: the name itself, the same content under it, or a numbered one."""
+    file, number = folder / name, 1
+    while file.exists() and file.read_bytes() != data:
+        number += 1
+        file = folder / f'{Path(name).stem}-{number}{Path(name).suffix}'
+    return file

@@ -1,0 +1,99 @@
+"""What the operator sets up before a job, checked field by field. mm on the page, m inside. No ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+PROFILES = ('closed_loop', 'monitor', 'open_loop')
+MODES = ('restore', 'build')
+LAST_SCAN = '(last scan)'
+
+
+class FormError(ValueError):
+    """All fields that are wrong, each with its limits."""
+
+
+@dataclass(frozen=True)
+class JobSetup:
+    """Names are those of files in the part folders. 0 and NaN: the default of the regime or of the correction."""
+
+    part: str = ''
+    as_found: str = ''
+    mode: str = 'restore'
+    material: str = 'er70s-6'
+    profile: str = 'closed_loop'
+    layers: int = 0
+    layer_height_mm: float = 0.0
+    bead_width_mm: float = 0.0
+    tolerance_mm: float = 0.2
+    k_gain: float = math.nan
+    passes: int = 1
+    allowance_mm: float = 0.0
+    operator_name: str = ''
+    name: str = ''
+
+    def as_dict(self) -> dict[str, Any]:
+        data = asdict(self)
+        return data | {'k_gain': None if math.isnan(self.k_gain) else self.k_gain}
+
+
+LIMITS = {  # 0 is allowed besides where 0 means 'default'
+    'layers': (0, 1000),
+    'layer_height_mm': (0.5, 4.0),
+    'bead_width_mm': (2.0, 15.0),
+    'tolerance_mm': (0.02, 5.0),
+    'k_gain': (0.0, 0.5),
+    'passes': (1, 9),
+    'allowance_mm': (-1.0, 5.0),
+}
+DEFAULTED = ('layer_height_mm', 'bead_width_mm')
+CHOICES = {'mode': MODES, 'profile': PROFILES}
+LONGEST = 80
+
+
+def parse(data: Mapping[str, Any], materials: tuple[str, ...]) -> JobSetup:
+    """The setup from JSON. Raises FormError that names everything that is wrong."""
+    known = {f.name: f for f in fields(JobSetup)}
+    problems = [f'unknown field {n}' for n in data if n not in known]
+    values: dict[str, Any] = {}
+    for name, value in data.items():
+        if name in known:
+            try:
+                values[name] = _field(name, value, known[name].default, materials)
+            except FormError as e:
+                problems.append(str(e))
+    if not problems and not values.get('part'):
+        problems.append('part: choose one')
+    if values.get('mode') == 'build' and (
+        values.get('passes', 1) > 1 or values.get('allowance_mm')
+    ):
+        problems.append('passes, allowance_mm: only to restore')
+    if problems:
+        raise FormError('; '.join(problems))
+    return JobSetup(**values)
+
+
+def _field(name: str, value: Any, default: Any, materials: tuple[str, ...]) -> Any:
+    if isinstance(default, str):
+        return _text(name, value, CHOICES.get(name) or (materials if name == 'material' else ()))
+    if value is None and isinstance(default, float):
+        return default
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise FormError(f'{name}: {value!r} is not a number')
+    low, high = LIMITS[name]
+    if isinstance(default, int) and value != int(value):
+        raise FormError(f'{name}: {value} is not a whole number')
+    if not (low <= value <= high or (value == 0 and name in DEFAULTED)):
+        raise FormError(f'{name}: {value:g}, must be {low:g} to {high:g}')
+    return type(default)(value)
+
+
+def _text(name: str, value: Any, choices: tuple[str, ...]) -> str:
+    if not isinstance(value, str) or len(value) > LONGEST or not value.isprintable():
+        raise FormError(f'{name}: must be a line of at most {LONGEST} characters')
+    if choices and value not in choices:
+        raise FormError(f'{name}: {value!r} is not one of {", ".join(choices)}')
+    return value.strip()

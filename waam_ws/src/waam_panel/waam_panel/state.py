@@ -1,0 +1,195 @@
+"""Everything the page shows, in the one thread that serves it. Arrays and plain values in, JSON-ready values out."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .alarms import AlarmLog
+
+STALE_S = {'telemetry': 1.5, 'machine': 4.0, 'link': 4.0, 'temperature': 4.0, 'heat': 10.0}
+SILENT_S = 1.5  # a node that is late for a moment is no alarm
+PAUSED = 200  # controller code of a hold that was asked for: a state, no alarm
+RUNNING = (
+    *('VALIDATING', 'PREPARING', 'COOLING', 'SCANNING', 'CORRECTING', 'DEPOSITING'),
+    *('PAUSED', 'FINISHING'),
+)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One telemetry frame; t in s of ROS time, the rest SI."""
+
+    t: float
+    position: tuple[float, float, float]
+    current: float
+    voltage: float
+    feed_commanded: float
+    feed: float
+    speed: float
+    state: str
+    arc: bool
+    arc_enabled: bool
+    gas: bool
+    speed_override: float
+    wire_override: float
+    lease_left: float
+
+
+def rounded(value: float, digits: int) -> float | None:
+    """None for NaN and infinity: JSON has neither."""
+    return round(value, digits) if math.isfinite(value) else None
+
+
+class PanelState:
+    """`apply` what arrives; `frame` is what goes to a page. Times `now` are of the steady clock, `utc` of the day."""
+
+    def __init__(self, kept: int) -> None:
+        self.sections: dict[str, Any] = {'setup': None, 'programs': {}}
+        self.alarms = AlarmLog()
+        self.samples: deque[list[Any]] = deque(maxlen=kept)
+        self.taken = 0  # samples since the start
+        self.maps: dict[str, tuple[int, dict[str, Any]]] = {}
+        self.scan: dict[str, Any] | None = None  # the newest height map
+        self._arrived: dict[str, float] = {}
+        self._plan: dict[str, Any] | None = None
+        self._silent_since = math.inf
+        self.job_ends = 0
+
+    # ---- what arrives
+
+    def apply(self, name: str, value: Any, now: float, utc: float) -> None:
+        """One converted message; see conversions.CONVERT for the names."""
+        self._arrived[name] = now
+        handler = getattr(self, f'_on_{name}', None)
+        if handler:
+            handler(value, utc)
+        else:
+            self.sections[name] = value
+
+    def _on_telemetry(self, s: Sample, _utc: float) -> None:
+        mm = [rounded(v * 1e3, 3) for v in s.position]
+        heat, temperature = self.sections.get('heat'), self.sections.get('temperature')
+        commanded = self._commanded_speed(s)
+        self.taken += 1
+        self.samples.append([
+            rounded(s.t, 3), rounded(s.current, 1), rounded(s.voltage, 2), rounded(s.feed_commanded * 60, 3),
+            rounded(s.feed * 60, 3), commanded, rounded(s.speed * 1e3, 2), temperature and temperature['value'],
+            heat and heat['limit'], *mm, int(s.arc),
+        ])  # fmt: skip
+        self.sections['telemetry'] = {
+            't': rounded(s.t, 3), 'position': mm, 'state': s.state, 'arc': s.arc, 'arc_enabled': s.arc_enabled,
+            'gas': s.gas, 'current': rounded(s.current, 1), 'voltage': rounded(s.voltage, 2),
+            'feed': rounded(s.feed * 60, 2), 'feed_commanded': rounded(s.feed_commanded * 60, 2),
+            'speed': rounded(s.speed * 1e3, 2), 'speed_commanded': commanded, 'lease_left': rounded(s.lease_left, 2),
+            'speed_override': rounded(s.speed_override, 3), 'wire_override': rounded(s.wire_override, 3),
+        }  # fmt: skip
+
+    def _commanded_speed(self, s: Sample) -> float | None:
+        """mm/s of the planned segment nearest to the torch, times the override; None without arc."""
+        plan = self._plan
+        if not s.arc or plan is None or not len(plan['speed']):
+            return None
+        at = np.array(s.position[:2])
+        along = plan['end'] - plan['start']
+        share = ((at - plan['start']) * along).sum(1) / np.maximum((along**2).sum(1), 1e-18)
+        nearest = plan['start'] + np.clip(share, 0, 1)[:, None] * along - at
+        speed = float(plan['speed'][int((nearest**2).sum(1).argmin())])
+        return rounded(speed * 1e3 * (s.speed_override or 1.0), 2)
+
+    def _on_machine(self, m: dict[str, Any], utc: float) -> None:
+        self.sections['machine'] = m
+        alarms = self.alarms
+        if not m['connected']:
+            alarms.set('link', utc, 'condition', 'disconnected', 3, m['message'])
+        else:
+            alarms.clear('link')
+        self._silent_since = min(self._silent_since, utc) if m['silent'] else math.inf
+        if m['silent'] and utc - self._silent_since >= SILENT_S:
+            text = f'silent: {", ".join(m["silent"])}'
+            alarms.set('silent', utc, 'condition', 'silent', 3, text)
+        elif not m['silent']:
+            alarms.clear('silent')
+        self._machine_fault(m, utc)
+
+    def _machine_fault(self, m: dict[str, Any], utc: float) -> None:
+        severity = 3 if m['state'] == 'ALARM' else 2
+        stopped = m['connected'] and m['state'] in ('HOLD', 'ALARM') and m['fault'] != PAUSED
+        if stopped and m['fault']:
+            self.alarms.set('fault', utc, 'controller', m['fault'], severity, m['fault_text'])
+        elif stopped:
+            code = m['state'].lower()
+            self.alarms.set('fault', utc, 'condition', code, severity, m['message'])
+        else:
+            self.alarms.clear('fault')
+
+    def _on_job(self, j: dict[str, Any], utc: float) -> None:
+        before = self.sections.get('job')
+        self.sections['job'] = j
+        ended = j['state'] in ('DONE', 'FAILED', 'ABORTED')
+        if ended and before and before['state'] != j['state']:
+            self.job_ends += 1
+            if j['error_code']:
+                severity = 1 if j['error_code'] == 111 else 2
+                self.alarms.event(utc, 'job', j['error_code'], severity, j['message'])
+
+    def _on_anomaly(self, a: dict[str, Any], utc: float) -> None:
+        code = re.search(
+            r'\bE([1-3]\d\d)\b', a['text']
+        )  # the controller's words: its line says more
+        if code and int(code[1]) != PAUSED:
+            self.alarms.event(utc, 'controller', code[1], min(a['severity'], 2), a['text'])
+        elif a['severity'] >= 1 and not code:
+            self.alarms.event(utc, 'anomaly', a['class'], a['severity'], a['text'])
+
+    def _on_diagnostics(self, rows: list[dict[str, Any]], _utc: float) -> None:
+        for row in rows:
+            self.sections['programs'][row['node']] = row
+            if row['node'] == 'dashboard':
+                self.sections['viewer'] = row['viewer'] if row['viewer'].startswith('http') else ''
+
+    def _on_plan(self, p: dict[str, Any], _utc: float) -> None:
+        self.put_map('path', p['path'])
+        if len(p['speed']):
+            self._plan = p
+
+    def _on_height(self, h: dict[str, Any], _utc: float) -> None:
+        self.scan = h
+        self.put_map('height', h['picture'])
+
+    def _on_correction(self, c: dict[str, Any], _utc: float) -> None:
+        self.put_map('psi', c['psi'])
+
+    def put_map(self, name: str, picture: dict[str, Any]) -> None:
+        """A new picture under a name; pages fetch it when its version has changed."""
+        self.maps[name] = (self.maps.get(name, (0, {}))[0] + 1, picture)
+
+    # ---- what is shown
+
+    @property
+    def job_running(self) -> bool:
+        return (self.sections.get('job') or {}).get('state') in RUNNING
+
+    def stale(self, now: float) -> list[str]:
+        """Sections that never came or are older than they may be."""
+        return [n for n, limit in STALE_S.items() if now - self._arrived.get(n, -math.inf) > limit]
+
+    def frame(self, now: float, since: int, alarms_seen: int) -> dict[str, Any]:
+        """Sections, samples after number `since`, alarms when they changed."""
+        new = min(self.taken - since, len(self.samples))
+        frame = {
+            'sections': self.sections,
+            'running': self.job_running,
+            'stale': self.stale(now),
+            'samples': [self.samples[i] for i in range(len(self.samples) - new, len(self.samples))],
+            'maps': {n: v for n, (v, _) in self.maps.items()},
+            'job_ends': self.job_ends,
+        }
+        if alarms_seen != self.alarms.version:
+            frame['alarms'] = self.alarms.listing()
+        return frame

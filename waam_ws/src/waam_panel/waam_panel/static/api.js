@@ -1,0 +1,59 @@
+// Requests to the panel. Every command carries the anti-forgery value that stands in the page.
+const csrf = document.querySelector('meta[name=csrf]').content;
+export const $ = (id) => document.getElementById(id);
+
+let hide = 0;
+export function toast(text, bad = false) {
+  const box = $('toast');
+  box.textContent = text;
+  box.className = bad ? 'on bad' : 'on';
+  clearTimeout(hide);
+  hide = setTimeout(() => { box.className = ''; }, bad ? 6000 : 2500);
+}
+
+async function send(path, options) {
+  const stop = new AbortController();
+  const timer = setTimeout(() => stop.abort(), options.patience || 20000);
+  try {
+    const answer = await fetch(path, { ...options, signal: stop.signal, credentials: 'same-origin' });
+    return await answer.json();
+  } catch (e) {
+    return { ok: false, message: e.name === 'AbortError' ? 'no answer' : 'the panel cannot be reached' };
+  } finally { clearTimeout(timer); }
+}
+
+// A command; says what came of it unless `quiet`. Resolves to the answer, never rejects.
+export async function post(name, data = {}, { quiet = false, patience = 20000 } = {}) {
+  const answer = await send(`/api/${name}`, {
+    method: 'POST', body: JSON.stringify(data), patience,
+    headers: { 'Content-Type': 'application/json', 'X-Waam-Csrf': csrf },
+  });
+  if (!answer.ok) toast(answer.message, true);
+  else if (!quiet) toast(answer.message);
+  return answer;
+}
+
+export const upload = (file) => send(`/api/parts?name=${encodeURIComponent(file.name)}`, {
+  method: 'POST', body: file, headers: { 'X-Waam-Csrf': csrf }, patience: 120000,
+});
+
+export async function get(path) {
+  try {
+    const answer = await fetch(path, { credentials: 'same-origin' });
+    return answer.ok ? await answer.json() : null;
+  } catch { return null; }
+}
+
+export const text = (id, value) => { const e = $(id); if (e.textContent !== value) e.textContent = value; };
+export const fixed = (v, digits) => (v === null || v === undefined ? '–' : v.toFixed(digits));
+export function element(tag, content = '', style = '') {
+  const e = document.createElement(tag);
+  e.textContent = content;
+  if (style) e.className = style;
+  return e;
+}
+export function duration(seconds) {
+  if (seconds === null || seconds === undefined) return '–';
+  const m = Math.round(seconds / 60);
+  return m < 60 ? `${m} min` : `${Math.floor(m / 60)} h ${String(m % 60).padStart(2, '0')} min`;
+}

@@ -1,0 +1,68 @@
+// Jogging. A click is one step; a held key asks for short pieces one after the other, so that losing the page, the
+// network or the finger leaves the machine standing after a quarter of a second.
+import { element, post } from './api.js';
+
+const HELD_MS = 350, AGAIN_MS = 150;
+let step = 1;
+
+export function makeSteps(box, steps) {
+  box.replaceChildren(...steps.map((mm) => {
+    const b = element('button', `${mm} mm`);
+    b.setAttribute('role', 'radio');
+    b.addEventListener('click', () => choose(mm));
+    b.dataset.step = mm;
+    return b;
+  }));
+  function choose(mm) {
+    step = mm;
+    for (const b of box.children) {
+      b.classList.toggle('on', Number(b.dataset.step) === mm);
+      b.setAttribute('aria-checked', Number(b.dataset.step) === mm);
+    }
+  }
+  choose(step);
+}
+
+const move = (key, held) => post('jog', { axis: key[0], direction: key[1] === '+' ? 1 : -1, step, held }, { quiet: true, patience: 3000 });
+const wire = (mm, held) => post('jog_wire', { mm: held ? Math.sign(mm) * 5 : mm }, { quiet: true, patience: 3000 });
+
+// Press: after HELD_MS it is held and repeats; released before, it is one click.
+function hold(button, act) {
+  let timer = 0, held = false, down = false;
+  async function again() {
+    held = true;
+    const answer = await act(true);
+    if (down && answer.ok) timer = setTimeout(again, AGAIN_MS);
+  }
+  const end = (click) => {
+    if (!down) return;
+    down = false;
+    clearTimeout(timer);
+    if (click && !held) act(false);
+  };
+  button.addEventListener('pointerdown', (e) => {
+    if (e.button || button.disabled) return;
+    button.setPointerCapture(e.pointerId);
+    down = true; held = false;
+    timer = setTimeout(again, HELD_MS);
+  });
+  button.addEventListener('pointerup', () => end(true));
+  for (const name of ['pointercancel', 'lostpointercapture', 'blur']) button.addEventListener(name, () => end(false));
+  button.addEventListener('contextmenu', (e) => e.preventDefault());
+  button.addEventListener('keydown', (e) => {
+    if ((e.key === 'Enter' || e.key === ' ') && !e.repeat) { e.preventDefault(); act(false); }
+  });
+}
+
+export function bindJog() {
+  document.querySelectorAll('[data-jog]').forEach((b) => hold(b, (held) => move(b.dataset.jog, held)));
+  document.querySelectorAll('[data-wire]').forEach((b) => hold(b, (held) => wire(Number(b.dataset.wire), held)));
+}
+
+const ARROWS = { ArrowLeft: 'x-', ArrowRight: 'x+', ArrowUp: 'y+', ArrowDown: 'y-', PageUp: 'z+', PageDown: 'z-' };
+export function jogKey(event) {
+  if (!ARROWS[event.key]) return false;
+  event.preventDefault();
+  if (!event.repeat) move(ARROWS[event.key], false);
+  return true;
+}

@@ -1,0 +1,204 @@
+// The page: binds buttons and keys, shows every frame of the stream.
+import { $, duration, element, fixed, get, post, text, toast } from './api.js';
+import { acknowledgeTop, bindAlarms, makeTable, showAlarms } from './alarms.js';
+import { bindJog, jogKey, makeSteps } from './jog.js';
+import { bindMap, draw as drawMap, hasMap, moveTorch, refresh, show as showMap } from './map.js';
+import { addSamples, makePlots, setJob } from './plots.js';
+import { bindSetup, choices } from './setup.js';
+import { follow } from './stream.js';
+
+let sections = {}, running = false, again = 0, jobEnds = -1, page = 'run';
+const drawPlots = makePlots($('plots'));
+
+// ---- commands
+
+async function stop() {
+  const answer = await post('stop', {}, { patience: 8000 });
+  if (!answer.ok) toast(`STOP: ${answer.message}. Use the emergency stop button.`, true);
+}
+const pause = () => (running ? post('pause') : stop());
+const GAIN = 0.2; // where the buttons start when the correction server uses its own
+
+function override(kind, percent) {
+  const t = sections.telemetry;
+  if (!t) return;
+  const now = kind === 'speed' ? t.speed_override : t.wire_override, [low, high] = kind === 'speed' ? [0.1, 2] : [0.5, 1.5];
+  post('override', { [kind]: Math.min(high, Math.max(low, Math.round(now * 100 + percent) / 100)) }, { quiet: true });
+}
+function gain(change) {
+  const now = sections.job && sections.job.k_gain !== null ? sections.job.k_gain : GAIN;
+  post('gain', { value: Math.min(0.5, Math.max(0, Math.round((now + change) * 100) / 100)) });
+}
+
+function bind() {
+  $('stop-form').addEventListener('submit', (e) => { e.preventDefault(); stop(); });
+  $('pause').addEventListener('click', pause);
+  for (const name of ['arm', 'start', 'resume', 'home', 'zero', 'disarm', 'reset', 'rescan', 'skip_layer']) $(name).addEventListener('click', () => post(name));
+  document.querySelectorAll('[data-over]').forEach((b) => b.addEventListener('click', () => override(b.dataset.over, Number(b.dataset.step))));
+  document.querySelectorAll('[data-gain]').forEach((b) => b.addEventListener('click', () => gain(Number(b.dataset.gain))));
+  document.querySelectorAll('nav [data-page]').forEach((b) => b.addEventListener('click', () => open(b.dataset.page)));
+  $('theme').addEventListener('click', () => theme(!document.documentElement.classList.contains('dark')));
+  $('jobs-again').addEventListener('click', jobs);
+  document.addEventListener('keydown', key);
+  window.addEventListener('resize', redraw);
+  $('map-tabs').addEventListener('click', redraw);
+  bindAlarms(open); bindJog(); bindMap(); bindSetup();
+}
+
+function key(e) {
+  if (e.key === 'Escape') { e.preventDefault(); if (e.shiftKey) stop(); else pause(); return; }
+  if (e.ctrlKey || e.altKey || e.metaKey || ['INPUT', 'SELECT', 'TEXTAREA'].includes(e.target.tagName)) return;
+  if (page === 'move' && jogKey(e)) return;
+  const pages = document.querySelectorAll('nav [data-page]');
+  if (/^[1-6]$/.test(e.key)) { open(pages[e.key - 1].dataset.page); return; }
+  const act = { p: pause, a: () => $('arm').click(), S: () => $('start').click(), r: () => $('resume').click(), k: acknowledgeTop,
+    t: () => $('theme').click(), h: () => page === 'move' && $('home').click() }[e.key];
+  if (act && !e.repeat) act();
+}
+
+function open(name) {
+  page = name;
+  document.querySelectorAll('.page').forEach((p) => p.classList.toggle('on', p.id === name));
+  document.querySelectorAll('nav [data-page]').forEach((b) => b.classList.toggle('on', b.dataset.page === name));
+  redraw();
+  if (name === 'setup') choices();
+  if (name === 'jobs') jobs();
+}
+
+function theme(dark) {
+  document.documentElement.classList.toggle('dark', dark);
+  text('theme', dark ? 'Light' : 'Dark');
+  redraw();
+  try { localStorage.setItem('theme', dark ? 'dark' : 'light'); } catch { /* private window: not kept */ }
+}
+
+// ---- what is shown
+
+function showValues(t, heat, temperature) {
+  text('v-current', fixed(t && t.current, 0)); text('v-voltage', fixed(t && t.voltage, 1));
+  text('v-feed', fixed(t && t.feed, 1)); text('v-feed-set', fixed(t && t.feed_commanded, 1));
+  text('v-speed', fixed(t && t.speed, 1)); text('v-speed-set', fixed(t && t.speed_commanded, 1));
+  text('v-temperature', fixed(temperature && temperature.value, 0)); text('v-limit', fixed(heat && heat.limit, 0));
+  const ready = !heat ? '' : !heat.plausible ? 'not believed' : heat.ready ? 'ready' : `wait ${heat.wait === null ? '' : duration(heat.wait)}`;
+  text('v-ready', ready);
+  $('heat-value').classList.toggle('bad', Boolean(heat && !heat.plausible));
+  ['x', 'y', 'z'].forEach((axis, i) => text(`p-${axis}`, fixed(t && t.position[i], 2)));
+  text('o-speed', t ? `${Math.round(t.speed_override * 100)} %` : '–'); text('o-wire', t ? `${Math.round(t.wire_override * 100)} %` : '–');
+  text('arc-state', t ? (t.arc ? 'ON' : t.arc_enabled ? 'strikes' : 'off') : '–');
+  $('arc-tile').classList.toggle('lit', Boolean(t && t.arc_enabled));
+  text('gas-state', t ? (t.gas ? 'gas on' : 'gas off') : '');
+}
+
+function showMachine(m, t) {
+  const state = m && !m.connected ? 'NOT CONNECTED' : t ? t.state : m ? m.state : '–';
+  text('machine-state', state);
+  text('machine-detail', m ? `${m.homed ? 'homed' : 'not homed'}, ${m.armed ? 'ARMED' : 'not armed'}` : 'no data yet');
+  $('machine-tile').classList.toggle('bad', state === 'ALARM' || state === 'NOT CONNECTED');
+  $('machine-tile').classList.toggle('held', state === 'HOLD');
+}
+
+function showJob(j, setup) {
+  const state = j ? j.state : '–', loaded = setup ? `loaded: ${setup.part}` : 'no part loaded';
+  text('job-name', j && j.id && running ? j.id : loaded);
+  text('job-state', !j ? '–' : state === 'IDLE' ? 'no job' : running && j.layers ? `${state} ${j.layer}/${j.layers}` : state);
+  const error = j && j.rms_mm !== null ? `, error ${fixed(j.rms_mm, 2)} mm` : '';
+  const bead = j && j.beads ? `bead ${j.bead}/${j.beads}, ` : '';
+  text('job-detail', !j ? '' : running ? `${bead}${Math.round(100 * j.progress)} %, left ${duration(j.time_left)}${error}` : j.message || error.slice(2));
+  $('job-progress').value = j && running ? j.progress : 0;
+  $('job-tile').classList.toggle('held', state === 'PAUSED');
+  text('o-gain', j && j.k_gain !== null && j.k_gain !== undefined ? fixed(j.k_gain, 2) : 'auto');
+}
+
+function showButtons(m, t, j, setup) {
+  const idle = Boolean(m && m.connected && m.state === 'IDLE' && (!t || t.state === 'IDLE'));
+  const still = idle && !running, paused = (j && j.state === 'PAUSED') || (!running && m && m.state === 'HOLD');
+  $('arm').disabled = !still || !setup || m.armed;
+  $('start').disabled = !still || !setup || !m.armed;
+  $('pause').hidden = Boolean(paused); $('resume').hidden = !paused;
+  $('pause').disabled = !running && !(t && t.state === 'RUN');
+  for (const id of ['home', 'zero']) $(id).disabled = !still;
+  $('load').disabled = running;
+  $('disarm').disabled = running || !(m && m.armed);
+  $('reset').disabled = !(m && (m.state === 'ALARM' || m.state === 'HOLD')) || running;
+  const jogs = !running && Boolean(m && m.connected && t && (t.state === 'IDLE' || t.state === 'RUN'));
+  document.querySelectorAll('[data-jog], [data-wire]').forEach((b) => { b.disabled = !jogs; });
+  document.querySelectorAll('[data-over]').forEach((b) => { b.disabled = !(m && m.connected); });
+  const takes = running && sections.cell && sections.cell.adjustable;
+  document.querySelectorAll('[data-gain], .wishes button').forEach((b) => { b.disabled = !takes; });
+}
+
+function rows(table, pairs) {
+  table.replaceChildren(...pairs.map(([a, b]) => { const r = element('tr'); r.append(element('th', a), element('td', b)); return r; }));
+}
+
+function showFacts(s) {
+  const m = s.machine, l = s.link || {};
+  const mm = (p) => p.map((v) => fixed(v, 1)).join(', ');
+  rows($('facts'), !m ? [['controller', 'no data yet']] : [
+    ['connection', m.connected ? 'connected' : `not connected: ${m.message}`], ['port', m.port], ['identification', `${m.identity} ${m.firmware}`],
+    ['capabilities', m.capabilities.join(', ') || '–'], ['work zero, mm (machine)', mm(m.work_offset)], ['range, mm', `${mm(m.limit_min)} to ${mm(m.limit_max)}`],
+    ['armed for', m.armed_job || '–'], ['fault', m.fault ? `E${m.fault} ${m.fault_text}` : 'none'], ['round trip, ms (99 %)', fixed(l.round_trip_ms, 1)],
+    ['telemetry, Hz / lost', `${fixed(l.rate, 0)} / ${l.lost ?? '–'}`], ['resent lines', String(l.resends ?? '–')], ['last words', m.message || '–'],
+  ]);
+  rows($('programs'), Object.values(s.programs).map((p) => [p.node, p.level ? `! ${p.message}` : p.message]));
+}
+
+function showViewer(address) {
+  const local = ['127.0.0.1', 'localhost', '[::1]'].includes(location.hostname);
+  $('viewer-tab').hidden = !(address && local);
+  const frame = $('viewer');
+  if (address && local && !frame.hidden && frame.dataset.at !== address) { frame.dataset.at = address; frame.src = address; }
+}
+
+function onFrame(frame) {
+  sections = frame.sections; running = frame.running;
+  const s = sections;
+  setJob(s.job && s.job.id);
+  addSamples(frame.samples);
+  document.querySelectorAll('[data-from]').forEach((e) => e.classList.toggle('stale', frame.stale.includes(e.dataset.from)));
+  showValues(s.telemetry, s.heat, s.temperature); showMachine(s.machine, s.telemetry); showJob(s.job, s.setup);
+  showButtons(s.machine, s.telemetry, s.job, s.setup); showViewer(s.viewer);
+  if (page === 'machine') showFacts(s);
+  moveTorch(s.telemetry); refresh(frame.maps);
+  if (frame.alarms) showAlarms(frame.alarms);
+  if (frame.job_ends !== jobEnds) { if (jobEnds >= 0) { jobs(); if (hasMap('error')) showMap('error'); } jobEnds = frame.job_ends; }
+  redraw();
+}
+function redraw() { if (page === 'run') { drawPlots(); drawMap(); } }
+
+async function jobs() {
+  const list = await get('/api/jobs');
+  if (!list) return;
+  clearTimeout(again);
+  if (page === 'jobs' && list.length && !list[0].report && !running) again = setTimeout(jobs, 1500); // the job still writes its report
+  const table = element('table'), head = element('tr');
+  head.append(...['job', 'state', 'verdict', 'RMS, mm', 'material, profile', 'time', ''].map((h) => element('th', h)));
+  table.append(head, ...list.map((j) => {
+    const row = element('tr'), link = element('td');
+    row.append(...[j.id, j.state, j.verdict || '–', fixed(j.rms_mm, 3), `${j.material} ${j.profile}`, duration(j.duration_s)].map((c) => element('td', c)));
+    if (j.report) {
+      const a = element('a', 'Report');
+      a.href = `/jobs/${encodeURIComponent(j.id)}/report.html`; a.target = '_blank'; a.rel = 'noopener';
+      link.append(a);
+    }
+    if (j.can_go_on) {
+      const goOn = element('button', 'Go on');
+      goOn.addEventListener('click', () => post('load_job', { id: j.id }));
+      link.append(' ', goOn);
+    }
+    row.append(link);
+    return row;
+  }));
+  $('job-list').replaceChildren(list.length ? table : element('p', 'No jobs yet.', 'note'));
+}
+
+async function begin() {
+  bind();
+  let kept = null;
+  try { kept = localStorage.getItem('theme'); } catch { /* private window */ }
+  theme(kept === 'dark');
+  follow(onFrame);
+  const found = await choices();
+  if (found) { makeSteps($('steps'), found.steps_mm); makeTable(found.alarms); }
+}
+begin();

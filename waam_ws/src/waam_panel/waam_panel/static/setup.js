@@ -1,0 +1,66 @@
+// Set up: choose or upload a part, load, preview.
+import { $, element, get, post, text, toast, upload } from './api.js';
+
+const FIELDS = ['part', 'as_found', 'mode', 'material', 'profile', 'layers', 'tolerance_mm', 'layer_height_mm', 'bead_width_mm', 'passes', 'allowance_mm', 'operator_name', 'name'];
+let simulated = false;
+
+function fill(select, values, chosen) {
+  select.replaceChildren(...values.map(([value, label]) => { const o = element('option', label); o.value = value; return o; }));
+  if (chosen && values.some(([v]) => v === chosen)) select.value = chosen;
+}
+
+export async function choices() {
+  const found = await get('/api/choices');
+  if (!found) return null;
+  simulated = found.simulated;
+  const parts = found.parts.map((p) => [p.name, `${p.name} (${p.kb} kB)`]);
+  fill($('f-part'), parts.length ? parts : [['', 'no part yet: upload one']], $('f-part').value);
+  const first = simulated ? ['', 'choose what lies on the table'] : ['', 'scanned when the job starts'];
+  fill($('f-as_found'), [first, ['(last scan)', 'last scan (for the preview)'], ...parts], $('f-as_found').value);
+  fill($('f-material'), found.materials.map((m) => [m, m]), $('f-material').value);
+  return found;
+}
+
+function form() {
+  const data = {};
+  for (const name of FIELDS) {
+    const input = $(`f-${name}`);
+    data[name] = input.type === 'number' ? Number(input.value) : input.value;
+  }
+  return data;
+}
+
+async function load() {
+  const answer = await post('load', form(), { patience: 70000 });
+  if (answer.ok) $('preview').focus();
+  return answer;
+}
+
+async function preview() {
+  const button = $('preview');
+  button.disabled = true;
+  text('preview-note', 'Planning …');
+  const answer = await post('preview', {}, { quiet: true, patience: 130000 });
+  button.disabled = false;
+  text('preview-note', answer.ok ? 'Blue: path with the arc on, dashed: idle, green: start, red: end. Touch the picture to enlarge it.' : answer.message);
+  $('preview-picture').hidden = $('preview-table').hidden = !answer.ok;
+  if (!answer.ok) return;
+  $('preview-picture').src = `/api/preview.png?${Date.now()}`;
+  text('preview-table', answer.table);
+}
+
+export function bindSetup() {
+  $('load').addEventListener('click', load);
+  $('preview').addEventListener('click', preview);
+  $('setup-form').addEventListener('submit', (e) => { e.preventDefault(); load(); });
+  $('f-upload').addEventListener('change', async (e) => {
+    const file = e.target.files[0];
+    if (!file) return;
+    const answer = await upload(file);
+    toast(answer.message, !answer.ok);
+    e.target.value = '';
+    if (!answer.ok) return;
+    await choices();
+    $('f-part').value = answer.name;
+  });
+}

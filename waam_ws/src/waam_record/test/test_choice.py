@@ -1,0 +1,33 @@
+"""Which topics are recorded."""
+
+import pytest
+
+from waam_record.choice import Choice, ChoiceError, is_hidden
+
+TEMPERATURE = ['sensor_msgs/msg/Temperature']
+STRING = ['std_msgs/msg/String']
+
+
+def test_everything_by_default_hidden_topics_included():
+    assert Choice().wants('/a', STRING)
+    assert Choice().wants('/x/_action/feedback', STRING)
+    assert is_hidden('/x/_action/feedback') and not is_hidden('/x/action_/a')
+
+
+def test_name_regex_or_type_choose():
+    choice = Choice(topics='/a /b', regex='^/map', types='sensor_msgs/msg/Temperature')
+    assert choice.wants('/a', STRING) and choice.wants('/map_1', STRING)
+    assert choice.wants('/anything', TEMPERATURE)
+    assert not choice.wants('/c', STRING)
+
+
+def test_exclusion_wins():
+    assert not Choice(topics='/a', exclude='a').wants('/a', STRING)
+    assert not Choice(exclude_types='std_msgs/msg/String').wants('/a', STRING)
+    assert not Choice(hidden=False).wants('/x/_service_event', STRING)
+    assert Choice(hidden=False, topics='/x/_event').wants('/x/_event', STRING)
+
+
+def test_a_wrong_expression_is_named():
+    with pytest.raises(ChoiceError, match=r"parameter 'regex': '\(' is no regular expression"):
+        Choice(regex='(')

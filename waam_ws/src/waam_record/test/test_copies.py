@@ -1,0 +1,206 @@
+"""convert, merge and import: what comes out is what went in, in order, under the same names."""
+
+import argparse
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from waam_record import cli
+from waam_record.bag_copy import Copy, Selection, convert, messages, qos_conflicts, type_conflicts
+from waam_record.bag_reader import bag_files, check, info
+from waam_record.bag_writer import BagError, BagWriter, Topic
+from waam_record.importing import import_logs
+
+S = 10**9
+DATA = Path(__file__).parents[5] / 'shared/data/arc_logs'
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f'no recordings in {DATA}')
+TEXT = 'string data\n'
+
+
+LATCHED = ({'reliability': 'reliable', 'durability': 'transient_local'},)
+
+
+def payload(i: int) -> bytes:
+    text = f'{i:05d}'.encode() + b'\0'
+    return b'\0\1\0\0' + len(text).to_bytes(4, 'little') + text + bytes(300)
+
+
+def write(folder, names, offset=0, type_name='std_msgs/msg/String', qos=(), split_at=()):
+    writer = BagWriter(folder, {'from': folder.name})
+    numbers = [
+        writer.add_topic(
+            Topic(n, type_name, TEXT, qos=LATCHED if n == '/held' else qos, latched=n == '/held')
+        )
+        for n in names
+    ]
+    for i in range(50):
+        t = S * 100 + i * S // 10 + offset
+        for number, name in zip(numbers, names, strict=True):
+            if name != '/held' or i == 0:
+                writer.write(number, t, t - 5, i + 1, payload(i))
+        if i in split_at:
+            writer.split()
+    writer.close()
+
+
+def listed(folder, selection=Selection()):
+    return [
+        (t.name, m.log_time, m.sequence, m.data) for t, m in messages(bag_files(folder), selection)
+    ]
+
+
+def test_convert_keeps_every_byte_and_drops_repeats(tmp_path):
+    write(tmp_path / 'a', ['/x', '/held'], split_at=(10, 30))
+    assert info(tmp_path / 'a').topics['/held'].messages == 3
+    assert convert([tmp_path / 'a'], tmp_path / 'b', settings=Copy('none')) == 51
+    one, other = listed(tmp_path / 'a'), listed(tmp_path / 'b')
+    assert [m for m in one if m[0] == '/x'] == [m for m in other if m[0] == '/x']
+    assert check(tmp_path / 'b').sound
+    with open(tmp_path / 'b/b_0.mcap', 'rb') as f:
+        assert {c.compression for c in make_reader(f).get_summary().chunk_indexes} == {''}
+    assert info(tmp_path / 'b').custom_data['from'] == 'a'
+
+
+def test_convert_a_part(tmp_path):
+    write(tmp_path / 'a', ['/x', '/y', '/xx'])
+    wanted = Selection(include='x', exclude='xx', start=1.0, end=2.0)
+    convert([tmp_path / 'a'], tmp_path / 'b', wanted, Copy('lz4'))
+    found = listed(tmp_path / 'b')
+    assert [m[0] for m in found] == ['/x'] * 11
+    assert found[0][1] == 101 * S and found[-1][1] == 102 * S
+
+
+def test_convert_splits_by_size(tmp_path):
+    writer = BagWriter(tmp_path / 'a')
+    topic = writer.add_topic(Topic('/x', 'std_msgs/msg/String', TEXT))
+    for i in range(5000):
+        writer.write(topic, i + 1, i + 1, i, b'\0\1\0\0' + i.to_bytes(4, 'big') * 100)
+    writer.close()
+    convert([tmp_path / 'a'], tmp_path / 'b', settings=Copy('none', file_bytes=500_000))
+    assert len(bag_files(tmp_path / 'b')) >= 2
+    assert listed(tmp_path / 'a') == listed(tmp_path / 'b')
+
+
+def test_merge_is_ordered_by_time(tmp_path):
+    write(tmp_path / 'a', ['/x', '/y'])
+    write(tmp_path / 'b', ['/x', '/z'], offset=S // 20)
+    assert convert([tmp_path / 'a', tmp_path / 'b'], tmp_path / 'both') == 200
+    times = [m[1] for m in listed(tmp_path / 'both')]
+    assert times == sorted(times)
+    found = info(tmp_path / 'both')
+    assert {n: t.messages for n, t in found.topics.items()} == {'/x': 100, '/y': 50, '/z': 50}
+    assert found.custom_data['merged_from'] == 'a, b'
+    with AnyReader([tmp_path / 'both']) as reader:
+        assert sum(1 for _ in reader.messages()) == 200
+
+
+def test_conflicts_are_named(tmp_path):
+    reliable = ({'reliability': 'reliable', 'durability': 'volatile'},)
+    latched = ({'reliability': 'reliable', 'durability': 'transient_local'},)
+    write(tmp_path / 'a', ['/x'], qos=reliable)
+    write(tmp_path / 'b', ['/x'], type_name='std_msgs/msg/Char')
+    write(tmp_path / 'c', ['/x'], qos=latched)
+    files = [bag_files(tmp_path / n)[0] for n in 'abc']
+    assert 'is std_msgs/msg/String' in type_conflicts(files)[0]
+    assert '/x was offered differently' in qos_conflicts([files[0], files[2]])[0]
+    with pytest.raises(BagError, match=r'/x is std_msgs/msg/String in .* std_msgs/msg/Char in'):
+        convert([tmp_path / 'a', tmp_path / 'b'], tmp_path / 'both')
+    assert not (tmp_path / 'both').exists()
+
+
+def test_a_broken_source_is_named(tmp_path):
+    write(tmp_path / 'a', ['/x'])
+    file = bag_files(tmp_path / 'a')[0]
+    file.write_bytes(file.read_bytes()[:2000])
+    with pytest.raises(BagError, match='not whole .* waam record recover'):
+        convert([tmp_path / 'a'], tmp_path / 'b')
+
+
+def test_unknown_compression_is_refused(tmp_path):
+    with pytest.raises(BagError, match="unknown compression 'zip'"):
+        BagWriter(tmp_path / 'x', compression='zip')
+
+
+def run(*argv) -> int:
+    parser = argparse.ArgumentParser()
+    cli.register(parser.add_subparsers())
+    args = parser.parse_args(['record', *map(str, argv)])
+    return args.run(args)
+
+
+def test_commands(tmp_path, capsys):
+    write(tmp_path / 'a', ['/x', '/y'])
+    assert run('convert', tmp_path / 'a', '-o', tmp_path / 'b', '--topics', '/x') == 0
+    assert run('merge', tmp_path / 'a', tmp_path / 'b', '-o', tmp_path / 'c') == 0
+    assert '150 messages in' in capsys.readouterr().out
+    assert run('info', tmp_path / 'c') == 0 and run('check', tmp_path / 'c') == 0
+    assert run('merge', tmp_path / 'a', '-o', tmp_path / 'b') == 1
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_csv_log(tmp_path):
+    log = tmp_path / 'weld.csv'
+    log.write_text('timestamp,voltage,wfs,note\r\n10.5,20.25,6,x\r\n\r\n11.5,21,12,y\r\n')
+    assert import_logs([log], tmp_path / 'out') == 4
+    with AnyReader([tmp_path / 'out']) as reader:
+        found = [
+            (c.topic, t, reader.deserialize(raw, c.msgtype).data) for c, t, raw in reader.messages()
+        ]
+    assert ('/weld/arc_voltage', 10_500_000_000, 20.25) in found
+    assert ('/weld/wire_feed_speed', 11_500_000_000, 0.2) in found
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'message'),
+    [
+        ('a.csv', 'x,y\n1,2\n', 'no column with time'),
+        ('a.csv', 'time,y\n1,2\nsoon,3\n', r"a.csv, line 3: 'soon' is not a time stamp"),
+        ('a.csv', 'time,y\n1,a\n', 'no column with numbers'),
+        ('a.csv', 'time', 'header and at least one row'),
+        ('a.dat', 'nothing', 'no table'),
+        ('a.txt', '', 'neither of'),
+    ],
+)
+def test_bad_logs_are_named(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(BagError, match=message):
+        import_logs([tmp_path / name], tmp_path / 'out')
+
+
+@needs_data
+def test_ros1_bag_becomes_standard_messages(tmp_path):
+    source = DATA / 'plate25_ros1.bag'
+    assert import_logs([source], tmp_path / 'out') == 4759
+    with AnyReader([source]) as one, AnyReader([tmp_path / 'out']) as other:
+        for a, b in zip(one.messages(), other.messages(), strict=True):
+            assert (a[0].topic, a[1], a[0].msgtype) == (b[0].topic, b[1], b[0].msgtype)
+            old, new = one.deserialize(a[2], a[0].msgtype), other.deserialize(b[2], b[0].msgtype)
+            assert not hasattr(new.header, 'seq') and new.header.stamp.sec == old.header.stamp.sec
+            if a[0].topic == '/joint_states':
+                assert list(new.position) == list(old.position)
+            else:
+                assert (new.voltage, new.current, new.wfs) == (old.voltage, old.current, old.wfs)
+
+
+@needs_data
+def test_logs_of_the_same_weld(tmp_path):
+    names = ('plate25_weld_params.csv', 'plate25_joint_states.csv', 'pyro_Plate19.dat')
+    assert import_logs([DATA / n for n in names], tmp_path / 'out') > 9000
+    kinds = {n: t.type for n, t in info(tmp_path / 'out').topics.items()}
+    assert kinds['/plate25_joint_states/joint_states'] == 'sensor_msgs/msg/JointState'
+    assert kinds['/pyro_plate19/ratio'] == 'sensor_msgs/msg/Temperature'
+    with AnyReader([tmp_path / 'out']) as reader:
+        hot = [
+            reader.deserialize(raw, c.msgtype).temperature
+            for c, _, raw in reader.messages()
+            if c.topic == '/pyro_plate19/process'
+        ]
+        feeds = [
+            reader.deserialize(raw, c.msgtype).data
+            for c, _, raw in reader.messages()
+            if c.topic == '/plate25_weld_params/wire_feed_speed'
+        ]
+    assert 930.8 in hot and min(hot) == 550.0
+    assert abs(feeds[0] - 7.7 / 60) < 1e-6

@@ -1,0 +1,233 @@
+"""Recordings made from recordings: what can be saved of a broken one, a part of one, several in one."""
+
+from __future__ import annotations
+
+import heapq
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import yaml
+from mcap.reader import make_reader
+from mcap.records import Channel, Message, Metadata, Schema
+
+from .bag_reader import bag_files, info
+from .bag_writer import BagError, BagWriter, Topic
+from .salvage import BROKEN, Damage, records
+
+Progress = Callable[[int], None]
+
+
+@dataclass
+class Recovered:
+    """What `recover` saved: messages, and every damage that it met."""
+
+    messages: int
+    output: Path
+    damage: list[str]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which messages are taken. include, exclude: regular expressions that are looked for in topic names (empty = all,
+    none); topics: names (empty = all); start, end: s after the beginning of the recording."""
+
+    topics: tuple[str, ...] = ()
+    include: str = ''
+    exclude: str = ''
+    start: float = 0.0
+    end: float = float('inf')
+
+    def wants(self, topic: str) -> bool:
+        if self.topics and topic not in self.topics:
+            return False
+        if self.include and not re.search(self.include, topic):
+            return False
+        return not (self.exclude and re.search(self.exclude, topic))
+
+
+def recover(path: Path, output: Path) -> Recovered:
+    """Writes everything that is whole in a recording (directory or file) as a new, indexed recording, file by file.
+    The source stays as it is."""
+    files = bag_files(path)
+    writer = BagWriter(output, name=Path(output).resolve().name)
+    damage: list[str] = []
+    seen: dict[tuple[str, str], int] = {}
+    for number, file in enumerate(files):
+        if number:
+            writer.split(repeat=False)
+        damage += _salvage(file, writer, seen)
+    writer.custom_data['recovered_from'] = Path(path).name
+    writer.close()
+    return Recovered(writer.messages, Path(output), damage)
+
+
+def _salvage(file: Path, writer: BagWriter, seen: dict[tuple[str, str], int]) -> list[str]:
+    schemas: dict[int, Schema] = {}
+    local: dict[int, int] = {}
+    damage: list[str] = []
+    for record in records(file):
+        if isinstance(record, Message):
+            topic = local.get(record.channel_id)
+            if topic is None:
+                damage.append(
+                    f'{file}: a message of channel {record.channel_id}, whose name is lost'
+                )
+                continue
+            writer.write(topic, record.log_time, record.publish_time, record.sequence, record.data)
+        elif isinstance(record, Damage):
+            damage.append(f'{file}: {record}')
+        elif isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel) and record.schema_id in schemas:
+            key = record.topic, schemas[record.schema_id].name
+            if key not in seen:
+                seen[key] = writer.add_topic(topic_of(record, schemas[record.schema_id]))
+            local[record.id] = seen[key]
+        elif isinstance(record, Metadata) and record.name == 'rosbag2':
+            stated = yaml.safe_load(record.metadata['serialized_metadata']) or {}
+            writer.custom_data.update(stated.get('custom_data') or {})
+    return damage
+
+
+def topic_of(channel: Channel, schema: Schema) -> Topic:
+    """A topic as another recording keeps it."""
+    profiles = tuple(yaml.safe_load(channel.metadata.get('offered_qos_profiles') or '[]'))
+    type_hash = channel.metadata.get('topic_type_hash', '')
+    latched = bool(profiles) and all(
+        p.get('durability') in ('transient_local', 1) for p in profiles
+    )
+    return Topic(channel.topic, schema.name, schema.data.decode(), type_hash, profiles, latched)
+
+
+def messages(
+    files: list[Path], selection: Selection = Selection()
+) -> Iterator[tuple[Topic, Message]]:
+    """Messages of whole files, by log time, files that come first first. BagError names a file that is not whole."""
+    start = min((info(f).first_ns for f in files), default=0)
+    first = start + round(selection.start * 1e9)
+    last = 2**63 - 1 if selection.end == float('inf') else start + round(selection.end * 1e9)
+    streams = [_file_messages(f, selection, first, last) for f in files]
+    yield from heapq.merge(*streams, key=lambda pair: pair[1].log_time)
+
+
+def _file_messages(
+    file: Path, selection: Selection, first: int, last: int
+) -> Iterator[tuple[Topic, Message]]:
+    topics: dict[int, Topic] = {}
+    with open(file, 'rb') as f:
+        try:
+            reader = make_reader(f, validate_crcs=True)
+            summary = reader.get_summary()
+            if summary is None:
+                raise ValueError('no index')
+            names = [c.topic for c in summary.channels.values() if selection.wants(c.topic)]
+            if not names:
+                return
+            for schema, channel, message in reader.iter_messages(names, first, last + 1):
+                if channel.id not in topics:
+                    topics[channel.id] = topic_of(channel, schema)
+                yield topics[channel.id], message
+        except BROKEN as e:
+            raise BagError(
+                f'{file} is not whole ({type(e).__name__}: {e}); save it first: waam record recover'
+            ) from None
+
+
+@dataclass
+class Copy:
+    """Settings of a written copy. compression: see `COMPRESSIONS`; file_bytes: next file above this size, 0 = one."""
+
+    compression: str = 'zstd'
+    file_bytes: int = 0
+    custom_data: dict[str, str] = field(default_factory=dict)
+
+
+def convert(
+    paths: list[Path],
+    output: Path,
+    selection: Selection = Selection(),
+    settings: Copy | None = None,
+    progress: Progress = lambda n: None,
+) -> int:
+    """Writes (parts of) one or several recordings as one, by log time; returns the number of messages. Latched messages
+    that the sources repeat after a split are taken once. BagError names topics that the sources know with different
+    types, and files that are not whole."""
+    settings = settings or Copy()
+    files = [f for path in paths for f in bag_files(path)]
+    conflicts = type_conflicts(files)
+    if conflicts:
+        raise BagError('; '.join(conflicts))
+    custom = dict(settings.custom_data)
+    for path in paths:
+        custom = {**info(path).custom_data, **custom}
+    if len(paths) > 1:
+        custom['merged_from'] = ', '.join(Path(p).resolve().name for p in paths)
+    writer = BagWriter(output, custom, compression=settings.compression)
+    try:
+        _copy(messages(files, selection), writer, settings.file_bytes, progress)
+    finally:
+        writer.close()
+    return writer.messages
+
+
+def _copy(
+    source: Iterator[tuple[Topic, Message]], writer: BagWriter, file_bytes: int, progress: Progress
+) -> None:
+    numbers: dict[str, int] = {}
+    for n, (topic, m) in enumerate(source):
+        number = numbers.get(topic.name)
+        if number is None:
+            number = numbers[topic.name] = writer.add_topic(topic)
+        if not writer.is_repeat(number, m.publish_time, m.sequence):
+            writer.write(number, m.log_time, m.publish_time, m.sequence, m.data)
+        if n % 1000 == 999:
+            progress(1000)
+            if 0 < file_bytes <= writer.file_bytes:
+                writer.split()
+
+
+def type_conflicts(files: list[Path]) -> list[str]:
+    """Topics that files know with different types or definitions, in words; one topic can have one type only."""
+    known: dict[str, tuple[Topic, Path]] = {}
+    conflicts: list[str] = []
+    for file in files:
+        for topic in topics_of(file):
+            first, where = known.setdefault(topic.name, (topic, file))
+            if first.type != topic.type:
+                conflicts.append(f'{topic.name} is {first.type} in {where}, {topic.type} in {file}')
+            elif first.definition != topic.definition:
+                conflicts.append(
+                    f'{topic.name}: {topic.type} is defined differently in {where} and {file}'
+                )
+    return conflicts
+
+
+def qos_conflicts(files: list[Path]) -> list[str]:
+    """Topics whose publishers offered different quality of service in different files; the first one is kept."""
+    known: dict[str, tuple[Topic, Path]] = {}
+    conflicts: list[str] = []
+    for file in files:
+        for topic in topics_of(file):
+            first, where = known.setdefault(topic.name, (topic, file))
+            here, there = ({_strength(q) for q in t.qos} for t in (first, topic))
+            if here != there:
+                conflicts.append(f'{topic.name} was offered differently in {where} and {file}')
+    return conflicts
+
+
+def _strength(profile: dict) -> tuple:
+    return profile.get('reliability'), profile.get('durability')
+
+
+def topics_of(file: Path) -> list[Topic]:
+    """Topics of a whole file; empty for a broken one (reading its messages then says so)."""
+    try:
+        with open(file, 'rb') as f:
+            summary = make_reader(f).get_summary()
+    except BROKEN:
+        return []
+    if summary is None:
+        return []
+    return [topic_of(c, summary.schemas[c.schema_id]) for c in summary.channels.values()]

@@ -1,0 +1,52 @@
+"""Which topics of a graph are recorded: by name, by regular expression, by type."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+
+class ChoiceError(ValueError):
+    """A regular expression that is none; the text names it."""
+
+
+def is_hidden(topic: str) -> bool:
+    """ROS calls a topic hidden when a part of its name begins with an underscore (actions, service events)."""
+    return any(part.startswith('_') for part in topic.split('/'))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """topics: names that are taken, with their leading slash; regex: is looked for in names; types: `package/msg/Name`.
+    A topic is taken when any of the three names it, or when all three are empty. exclude (regex), exclude_types and
+    hidden = False then leave topics out. Lists are separated by blanks."""
+
+    topics: str = ''
+    regex: str = ''
+    types: str = ''
+    exclude: str = ''
+    exclude_types: str = ''
+    hidden: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ('regex', 'exclude'):
+            try:
+                re.compile(getattr(self, name))
+            except re.error as e:
+                text = getattr(self, name)
+                raise ChoiceError(
+                    f"parameter '{name}': '{text}' is no regular expression: {e}"
+                ) from None
+
+    def wants(self, topic: str, types: list[str]) -> bool:
+        """Whether the topic with these types (one, if all is well) is recorded."""
+        if not self.hidden and is_hidden(topic) and topic not in self.topics.split():
+            return False
+        if self.exclude and re.search(self.exclude, topic):
+            return False
+        if set(types) & set(self.exclude_types.split()):
+            return False
+        if not (self.topics or self.regex or self.types):
+            return True
+        named = topic in self.topics.split() or bool(set(types) & set(self.types.split()))
+        return named or bool(self.regex and re.search(self.regex, topic))

@@ -1,0 +1,224 @@
+"""`waam record` on files: info, check, recover, convert, merge, import."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .bag_reader import Info
+
+PATH = 'recording folder or .mcap file'
+
+
+def register(verbs: argparse._SubParsersAction) -> None:
+    for name, run, text in (
+        ('info', _info, 'topics, messages, losses and duration'),
+        ('check', _check, 'verify every chunk; exit status 1 when something is wrong'),
+    ):
+        verb = verbs.add_parser(name, help=text, description=text)
+        verb.add_argument('path', type=Path, metavar='PATH', help=PATH)
+        if name == 'info':
+            verb.add_argument(
+                '-v', '--verbose', action='store_true', help='also the parameters of all nodes'
+            )
+        verb.set_defaults(run=run)
+    text = 'write everything that is whole in a damaged recording as a new one (the old one is not touched)'
+    verb = verbs.add_parser('recover', help=text, description=text)
+    verb.add_argument('path', type=Path, metavar='PATH', help=PATH)
+    verb.add_argument(
+        '-o', '--output', type=Path, help='new folder (default: PATH with _recovered added)'
+    )
+    verb.set_defaults(run=_recover)
+    _register_copies(verbs)
+
+
+def _register_copies(verbs: argparse._SubParsersAction) -> None:
+    text = 'a part of a recording, or the same in another form (topics, time, compression); also from .db3'
+    verb = verbs.add_parser('convert', help=text, description=text)
+    verb.add_argument(
+        'path', type=Path, metavar='PATH', help=f'{PATH}, or a folder with .db3 files'
+    )
+    _add_copy_options(verb)
+    verb.add_argument('--topics', nargs='+', default=[], metavar='NAME', help='only these')
+    verb.add_argument(
+        '--regex', default='', help='only topics that this regular expression is found in'
+    )
+    verb.add_argument(
+        '--exclude', default='', metavar='REGEX', help='not the topics it is found in'
+    )
+    verb.add_argument('--start', type=float, default=0.0, metavar='S', help='after the beginning')
+    verb.add_argument(
+        '--end', type=float, default=float('inf'), metavar='S', help='after the beginning'
+    )
+    verb.set_defaults(run=_convert)
+    text = (
+        'several recordings as one, in the order of time; topics that do not fit together are named'
+    )
+    verb = verbs.add_parser('merge', help=text, description=text)
+    verb.add_argument('paths', type=Path, nargs='+', metavar='PATH', help=PATH)
+    _add_copy_options(verb)
+    verb.set_defaults(run=_merge)
+    text = 'ROS 1 bags (.bag), CSV logs and pyrometer files (.dat) as one recording with standard types'
+    verb = verbs.add_parser('import', help=text, description=text)
+    verb.add_argument('paths', type=Path, nargs='+', metavar='FILE')
+    verb.add_argument(
+        '-o', '--output', type=Path, required=True, metavar='FOLDER', help='new folder'
+    )
+    verb.set_defaults(run=_import)
+
+
+def _add_copy_options(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument(
+        '-o', '--output', type=Path, required=True, metavar='FOLDER', help='new folder'
+    )
+    verb.add_argument('--compression', choices=('zstd', 'lz4', 'none'), default='zstd')
+    verb.add_argument(
+        '--split-mb', type=float, default=0.0, help='next file above this size; 0 = one file'
+    )
+
+
+def _info(args: argparse.Namespace) -> int:
+    from .bag_reader import info
+
+    try:
+        found = info(args.path)
+    except (ValueError, OSError) as e:
+        return error(e)
+    print(_table(found))
+    print(
+        f'{found.messages} messages in {len(found.files)} file(s), {found.bytes / 1e6:.1f} MB, '
+        f'{found.duration_s:.1f} s'
+    )
+    for key, value in sorted(found.custom_data.items()):
+        if args.verbose or not key.startswith('parameters.'):
+            print(f'  {key} = {value}')
+    for text in found.broken:
+        print(f'broken: {text}')
+    return 1 if found.broken else 0
+
+
+def _table(found: Info) -> str:
+    head = ('topic', 'type', 'messages', 'Hz', 'lost', 'dropped')
+    rows = [head]
+    for name, t in sorted(found.topics.items()):
+        rate = f'{t.messages / found.duration_s:.1f}' if found.duration_s > 0 else ''
+        rows.append((name, t.type, str(t.messages), rate, str(t.lost), str(t.dropped)))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+    lines = []
+    for row in rows:
+        cells = [
+            c.ljust(w) if i < 2 else c.rjust(w)
+            for i, (c, w) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append('  '.join(cells))
+    return '\n'.join(lines)
+
+
+def _check(args: argparse.Namespace) -> int:
+    from .bag_reader import check
+
+    try:
+        result = check(args.path)
+    except (ValueError, OSError) as e:
+        return error(e)
+    for problem in result.problems:
+        print(f'error: {problem}', file=sys.stderr)
+    print(f'{result.messages} messages verified' + ('' if result.sound else '; see the errors'))
+    return 0 if result.sound else 1
+
+
+def _recover(args: argparse.Namespace) -> int:
+    from .bag_copy import recover
+
+    target = args.output or args.path.with_name(args.path.stem + '_recovered')
+    try:
+        saved = recover(args.path, target)
+    except (ValueError, OSError) as e:
+        return error(e)
+    for text in saved.damage:
+        print(f'note: {text}', file=sys.stderr)
+    print(f'{saved.messages} messages saved in {saved.output}')
+    return 0
+
+
+@contextmanager
+def _progress(text: str, total: int | None) -> Iterator[Callable[[int], None]]:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(text, total=total)
+        yield lambda n: bar.advance(task, n)
+
+
+def _convert(args: argparse.Namespace) -> int:
+    from .bag_copy import Selection
+    from .importing import import_logs
+
+    if args.path.is_dir() and list(args.path.glob('*.db3')):
+        return _run(
+            'converting',
+            args.output,
+            None,
+            lambda tick: import_logs([args.path], args.output, tick),
+        )
+    selection = Selection(tuple(args.topics), args.regex, args.exclude, args.start, args.end)
+    return _copy(args, [args.path], selection, 'converting')
+
+
+def _merge(args: argparse.Namespace) -> int:
+    from .bag_copy import Selection, qos_conflicts
+    from .bag_reader import bag_files
+
+    try:
+        files = [f for p in args.paths for f in bag_files(p)]
+    except (ValueError, OSError) as e:
+        return error(e)
+    for text in qos_conflicts(files):
+        print(f'note: {text}; the first one is kept', file=sys.stderr)
+    return _copy(args, args.paths, Selection(), 'merging')
+
+
+def _copy(args: argparse.Namespace, paths: list[Path], selection: object, text: str) -> int:
+    from .bag_copy import Copy, convert
+    from .bag_reader import info
+
+    settings = Copy(args.compression, round(args.split_mb * 1e6))
+    try:
+        total = sum(info(p).messages for p in paths)
+    except (ValueError, OSError) as e:
+        return error(e)
+    return _run(
+        text,
+        args.output,
+        total,
+        lambda tick: convert(paths, args.output, selection, settings, tick),
+    )
+
+
+def _import(args: argparse.Namespace) -> int:
+    from .importing import import_logs
+
+    return _run(
+        'importing', args.output, None, lambda tick: import_logs(args.paths, args.output, tick)
+    )
+
+
+def _run(text: str, output: Path, total: int | None, work: Callable[[Callable], int]) -> int:
+    try:
+        with _progress(text, total) as tick:
+            count = work(tick)
+    except (ValueError, OSError) as e:
+        return error(e)
+    print(f'{count} messages in {output}')
+    return 0
+
+
+def error(text: object) -> int:
+    print(f'error: {text}', file=sys.stderr)
+    return 1

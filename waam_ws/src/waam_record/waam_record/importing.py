@@ -1,0 +1,97 @@
+"""Foreign recordings into MCAP: ROS 1 bags and SQLite bags (read by `rosbags`), CSV logs and pyrometer files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from .bag_copy import Selection
+from .bag_writer import BagError, BagWriter, Topic
+
+Progress = Callable[[int], None]
+QOS = {
+    'history': 'unknown',
+    'depth': 0,
+    'reliability': 'reliable',
+    'durability': 'volatile',
+    'deadline': {'sec': 9223372036, 'nsec': 854775807},
+    'lifespan': {'sec': 9223372036, 'nsec': 854775807},
+    'liveliness': 'automatic',
+    'liveliness_lease_duration': {'sec': 9223372036, 'nsec': 854775807},
+    'avoid_ros_namespace_conventions': False,
+}  # of what imported topics say of themselves: nothing is known, so the defaults of ROS 2
+
+
+@dataclass(frozen=True)
+class Column:
+    """One topic made of a log: messages as (stamp ns, CDR bytes) in any order."""
+
+    topic: Topic
+    messages: Iterable[tuple[int, bytes]]
+
+
+def import_logs(paths: list[Path], output: Path, progress: Progress = lambda n: None) -> int:
+    """Writes foreign logs as one recording, by time; returns the number of messages. BagError names file and line."""
+    from .import_csv import read_csv
+    from .import_pyrometer import read_pyrometer
+
+    readers = {'.csv': read_csv, '.dat': read_pyrometer, '.bag': read_bag, '.db3': read_bag}
+    columns: list[Column] = []
+    for path in paths:
+        reader = read_bag if path.is_dir() else readers.get(path.suffix.lower())
+        if not path.exists():
+            raise BagError(f'{path}: no such file')
+        if reader is None:
+            raise BagError(f'{path}: neither of {", ".join(readers)} nor a bag folder')
+        columns += reader(path)
+    names = [c.topic.name for c in columns]
+    if twice := [n for n in names if names.count(n) > 1]:
+        raise BagError(f"topic '{twice[0]}' comes from two of the files: import them one by one")
+    return _write(columns, output, [p.name for p in paths], progress)
+
+
+def _write(columns: list[Column], output: Path, sources: list[str], progress: Progress) -> int:
+    rows = [(stamp, number, data) for number, c in enumerate(columns) for stamp, data in c.messages]
+    if not rows:
+        raise BagError('there is not one message in these files')
+    rows.sort(key=lambda row: row[0])
+    writer = BagWriter(output, {'imported_from': ', '.join(sources)})
+    sequences = [0] * len(columns)
+    numbers = [writer.add_topic(c.topic) for c in columns]
+    for n, (stamp, number, data) in enumerate(rows):
+        sequences[number] += 1
+        writer.write(numbers[number], stamp, stamp, sequences[number], data)
+        if n % 1000 == 999:
+            progress(1000)
+    writer.close()
+    return writer.messages
+
+
+def read_bag(path: Path, selection: Selection = Selection()) -> list[Column]:
+    """Topics of a ROS 1 bag or of any ROS 2 bag that `rosbags` opens, as ROS 2 messages: types of the standard packages
+    get their ROS 2 definition (no `seq` in headers)."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.highlevel.anyreader import AnyReaderError
+    from rosbags.typesys import Stores, get_typestore
+
+    from .ros1 import Converter
+
+    found: dict[str, list[tuple[int, bytes]]] = {}
+    topics: dict[str, Topic] = {}
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            converter = Converter(reader.typestore, reader.is2)
+            for connection, stamp, raw in reader.messages():
+                name = (
+                    connection.topic if connection.topic.startswith('/') else f'/{connection.topic}'
+                )
+                if not selection.wants(name):
+                    continue
+                if name not in topics:
+                    text, type_hash = converter.definition(connection.msgtype)
+                    topics[name] = Topic(name, connection.msgtype, text, type_hash, (QOS,))
+                found.setdefault(name, []).append((stamp, converter.cdr(raw, connection.msgtype)))
+    except AnyReaderError as e:
+        raise BagError(f'{path}: {e}') from None
+    return [Column(topic, found[name]) for name, topic in topics.items()]

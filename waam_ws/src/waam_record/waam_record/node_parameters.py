@@ -1,0 +1,105 @@
+"""Asks every node of the graph for its effective parameters, so that a recording can be computed again with them."""
+
+from __future__ import annotations
+
+import json
+from array import array
+from typing import Any
+
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+_FIELDS = (
+    None, 'bool_value', 'integer_value', 'double_value', 'string_value', 'byte_array_value',
+    'bool_array_value', 'integer_array_value', 'double_array_value', 'string_array_value',
+)  # fmt: skip
+PATIENCE = (
+    5  # looks without an answer after which a node is asked again (a first answer can be lost)
+)
+
+
+def value_of(msg: ParameterValue) -> Any:
+    """The Python value of a parameter; None when it is not set."""
+    field = _FIELDS[msg.type]
+    if field is None:
+        return None
+    value = getattr(msg, field)
+    return list(value) if isinstance(value, array | list | tuple) else value
+
+
+class _Asked:
+    """One node: its names, then its values."""
+
+    def __init__(self, node: Node, name: str) -> None:
+        self.lister = node.create_client(ListParameters, f'{name}/list_parameters')
+        self.getter = node.create_client(GetParameters, f'{name}/get_parameters')
+        self.names: list[str] | None = None
+        self.text: str | None = None
+        self._future, self._looks = None, 0
+
+    def advance(self) -> None:
+        """One step, without waiting."""
+        if self._future is not None and self._future.done():
+            result, self._future = self._future.result(), None
+            if self.names is None:
+                self.names = list(result.result.names)
+            else:
+                values = map(value_of, result.values)
+                pairs = dict(zip(self.names, values, strict=False))
+                self.text = json.dumps(pairs, sort_keys=True, default=str)
+                return
+        self._looks += 1
+        if self._future is None or self._looks % PATIENCE == 0:
+            self._ask()
+
+    def _ask(self) -> None:
+        if self.names is None:
+            self._future = _call(self.lister, ListParameters.Request())
+        else:
+            self._future = _call(self.getter, GetParameters.Request(names=self.names))
+
+
+def _call(client: Client, request: Any) -> Any:
+    return client.call_async(request) if client.service_is_ready() else None
+
+
+class ParameterReader:
+    """`read` as often as you like; it never waits. A node of its own, so that nothing else is disturbed."""
+
+    def __init__(self, context: Context) -> None:
+        self._node = Node(
+            '_recorder_parameters',
+            context=context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self._node)
+        self._asked: dict[str, _Asked] = {}
+
+    def read(self) -> dict[str, str]:
+        """`parameters.<node>` with the parameters as JSON, of the nodes that have answered so far."""
+        for name, kinds in self._node.get_service_names_and_types():
+            node, _, service = name.rpartition('/')
+            if service == 'list_parameters' and node not in self._asked and kinds:
+                self._asked[node] = _Asked(self._node, node)
+        for _ in range(4 * len(self._asked) if self._busy else 0):
+            self._executor.spin_once(timeout_sec=0.0)
+        for asked in self._asked.values():
+            if asked.text is None:
+                asked.advance()
+        found = {n: a.text for n, a in self._asked.items() if a.text is not None}
+        return {f'parameters.{n.lstrip("/")}': text for n, text in found.items()}
+
+    @property
+    def _busy(self) -> bool:
+        return any(a.text is None for a in self._asked.values())
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()

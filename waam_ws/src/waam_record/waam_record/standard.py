@@ -1,0 +1,52 @@
+"""Messages of standard types as CDR, without ROS: what imported logs are made of."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+
+@cache
+def _store() -> Typestore:
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+class Standard:
+    """Definitions, hashes and bytes; stamps in ns."""
+
+    @staticmethod
+    def text(name: str) -> str:
+        return _store().generate_msgdef(name, ros_version=2)[0]
+
+    @staticmethod
+    def hash(name: str) -> str:
+        return _store().hash_rihs01(name)
+
+    @staticmethod
+    def float64(value: float) -> bytes:
+        kind = 'std_msgs/msg/Float64'
+        return bytes(_store().serialize_cdr(_store().types[kind](value), kind))
+
+    @staticmethod
+    def _header(stamp: int, frame: str = ''):
+        types = _store().types
+        time = types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9)
+        return types['std_msgs/msg/Header'](time, frame)
+
+    @staticmethod
+    def temperature(stamp: int, celsius: float) -> bytes:
+        kind = 'sensor_msgs/msg/Temperature'
+        message = _store().types[kind](Standard._header(stamp), celsius, 0.0)
+        return bytes(_store().serialize_cdr(message, kind))
+
+    @staticmethod
+    def joint_state(stamp: int, names: list[str], positions: list[float]) -> bytes:
+        """positions: m or rad."""
+        kind, none = 'sensor_msgs/msg/JointState', np.empty(0)
+        message = _store().types[kind](
+            Standard._header(stamp), names, np.array(positions, float), none, none
+        )
+        return bytes(_store().serialize_cdr(message, kind))

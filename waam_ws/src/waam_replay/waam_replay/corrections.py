@@ -1,0 +1,107 @@
+"""Psi again, from the recorded requests: surface, target, planned metal and what the last layer was asked for.
+
+The order of steps is that of the node correction_server; its state (the identified process) grows layer by layer from
+the requests alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from waam_adapt import conversions as convert
+from waam_adapt.checks import MapLimits, reasons_against
+from waam_adapt.correction_server_node import CorrectionParams
+from waam_adapt.identification import Estimate, Identifier, Layer
+from waam_adapt.laws import Correction, CorrectionInput, make_law, safe_correct
+from waam_node.conversions import grid_from_msg
+from waam_process.grid import GridSpec
+
+from .maps import MapAgain
+from .record import Exchange
+
+
+@dataclass(frozen=True)
+class PsiAgain:
+    """One correction: the recorded one (message) and the same computed again."""
+
+    recorded: object
+    spec: GridSpec
+    core: CorrectionInput
+    result: Correction
+    flow_factor: float
+    estimate: Estimate
+
+    @property
+    def layer(self) -> int:
+        return self.recorded.layer
+
+    @property
+    def identical(self) -> bool:
+        """psi, confidence, residual and the factors, to the last bit of what is published."""
+        m, r = self.recorded, self.result
+        maps = (
+            (m.psi, r.psi),
+            (m.confidence, r.confidence),
+            (m.residual_height, r.residual_height),
+        )
+        same = all(
+            np.asarray(a, np.float32).tobytes() == np.asarray(b, np.float32).tobytes()
+            for a, b in maps
+        )
+        numbers = ((m.k_gain, r.k_gain), (m.flow_factor, self.flow_factor))
+        return same and all(np.float32(a) == np.float32(b) for a, b in numbers)
+
+    @property
+    def difference(self) -> tuple[float, float]:
+        """RMS and largest difference of psi over the footprint."""
+        old = np.asarray(self.recorded.psi, np.float32).reshape(self.spec.shape)
+        d = (self.result.psi.astype(np.float32) - old)[self.core.footprint].astype(float)
+        if not d.size:
+            return 0.0, 0.0
+        return float(np.sqrt(np.mean(d**2))), float(np.abs(d).max())
+
+
+class Corrector:
+    """Answers the recorded requests of one job in order."""
+
+    def __init__(self, params: CorrectionParams, k_gain: float = float('nan')) -> None:
+        p = self.params = params
+        self.law = make_law(p.law, p.gain, p.regularisation)
+        self.limits = MapLimits(p.max_age, p.min_coverage, p.max_sigma, p.max_error)
+        self.identifier = Identifier(p.forgetting, p.learning)
+        self._k_gain = k_gain
+
+    def one(self, call: Exchange, surface: MapAgain | None) -> PsiAgain:
+        """surface: the map computed again, in place of the recorded one."""
+        request, p = call.request, self.params
+        spec = grid_from_msg(request.map.grid)
+        if not np.isnan(self._k_gain):
+            request = replace(request, k_gain=self._k_gain)
+        core = convert.correction_input(request, spec, p.k_gain, p.k_gain_max)
+        origin = convert.map_origin(request, call.ros_ns * 1e-9)
+        if surface is not None:
+            core = replace(core, z=surface.z.astype(float), sigma=surface.sigma.astype(float))
+            origin = replace(origin, plausible=surface.plausible, reasons=surface.reasons)
+        reasons = reasons_against(origin, core, self.limits)
+        self._learn(request, core, spec, trusted=not reasons)
+        flow, expected = 1.0, core
+        if p.identify:
+            flow = self.identifier.estimate.flow_factor
+            expected = core.expecting(self.identifier.shortfall.share)
+        result = safe_correct(self.law, expected, reasons)
+        estimate = self.identifier.estimate
+        return PsiAgain(call.response.correction, spec, core, result, flow, estimate)
+
+    def _learn(self, request: object, core: CorrectionInput, spec: GridSpec, trusted: bool) -> None:
+        before = convert.named_map(
+            'previous_surface', request.previous_surface, spec, optional=True
+        )
+        growth = convert.named_map('previous_growth', request.previous_growth, spec, optional=True)
+        factor = convert.feed_factor(request)
+        self.identifier.start(request.job_id, request.layer)
+        if trusted and before is not None and growth is not None:
+            self.identifier.add(
+                Layer(before, core.z, growth * factor, core.resolution, core.bead_width)
+            )

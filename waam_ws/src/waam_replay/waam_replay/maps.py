@@ -1,0 +1,150 @@
+"""Height maps again, from the recorded profiles and telemetry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from waam_node.conversions import grid_from_msg, nanoseconds
+from waam_scan.assembler import Assembler
+from waam_scan.fusion import Fusion
+from waam_scan.fusion_params import FusionParams
+from waam_scan.poses import PoseTrack
+from waam_scan.profiles import ProfileBlock
+from waam_scan.session import PreviousMap, Session
+
+from .record import Exchange, Record
+
+CLOCK_GRAIN_NS = (
+    100_000_000  # as scan_fusion: profiles this much older than its clock belong to the scan
+)
+
+
+@dataclass(frozen=True)
+class MapAgain:
+    """One scan: the recorded map (message) and the same computed again; z, sigma (rows, cols) float32 in m, count."""
+
+    recorded: object
+    z: np.ndarray
+    sigma: np.ndarray
+    count: np.ndarray
+    plausible: bool
+    reasons: tuple[str, ...]
+    whole: bool  # all profiles that went into the recorded map are in the record
+
+    @property
+    def layer(self) -> int:
+        return self.recorded.layer
+
+    @property
+    def identical(self) -> bool:
+        """To the last bit."""
+        m = self.recorded
+        return (
+            np.asarray(m.z, np.float32).tobytes() == self.z.tobytes()
+            and np.asarray(m.sigma, np.float32).tobytes() == self.sigma.tobytes()
+            and np.asarray(m.count, np.uint16).tobytes() == self.count.tobytes()
+        )
+
+    @property
+    def difference(self) -> tuple[float, float]:
+        """RMS and largest difference of heights in m over cells that both know; NaN when there is none."""
+        old = np.asarray(self.recorded.z, np.float32).reshape(self.z.shape).astype(float)
+        d = (self.z.astype(float) - old)[np.isfinite(self.z) & np.isfinite(old)]
+        if not d.size:
+            return float('nan'), float('nan')
+        return float(np.sqrt(np.mean(d**2))), float(np.abs(d).max())
+
+
+class Mapper:
+    """Feeds the cores of scan_fusion in the recorded order; scans must be asked for in order."""
+
+    def __init__(self, record: Record, params: FusionParams) -> None:
+        self.record, self.params = record, params
+        self._track = PoseTrack(max(2, int(params.telemetry_seconds * params.telemetry_rate)))
+        self._mounting = params.mounting
+        self._fed = self._batch = 0
+        self._kept: Session | None = None
+        self._before: PreviousMap | None = None
+
+    def all(self) -> list[MapAgain]:
+        """Every scan that gave a map."""
+        made = []
+        finishes = self.record.calls['finish']
+        for begin in self.record.calls['begin']:
+            if begin.response is None or begin.response.error_code:
+                continue
+            end = next((f for f in finishes if f.at_ns > begin.at_ns), None)
+            if end is None or end.response is None or end.response.error_code:
+                continue
+            made.append(self._one(begin, end))
+        return made
+
+    def _one(self, begin: Exchange, end: Exchange) -> MapAgain:
+        session = self._session(begin)
+        wanted = end.response.map.profiles_used + end.response.map.profiles_rejected
+        profiles = 0
+        for sequence, block in self._blocks(begin.at_ns, end.answered_ns):
+            if profiles >= wanted:
+                break
+            self._feed(int(block.stamps.max()))
+            session.add(sequence, block)
+            profiles += len(block)
+        session.until_ns = nanoseconds(end.request.until)
+        self._feed(max(session.until_ns, session.assembler.newest_ns or 0))
+        fused = session.close()
+        doubts = session.doubts(fused, self._before, self.params.plausibility)
+        self._kept = session
+        if not doubts:
+            self._before = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
+        reasons = tuple(doubts + session.notes())
+        return MapAgain(
+            end.response.map,
+            fused.z,
+            fused.sigma,
+            fused.count,
+            not doubts,
+            reasons,
+            profiles == wanted,
+        )
+
+    def _session(self, begin: Exchange) -> Session:
+        p, request = self.params, begin.request
+        spec = grid_from_msg(request.grid)
+        surface = Fusion(spec, self._mounting, p.fusion, p.threads)
+        if request.keep and self._kept:
+            surface = self._kept.assembler.fusion
+        earliest = begin.ros_ns - CLOCK_GRAIN_NS
+        gap = round(p.max_gap * 1e9)
+        assembler = Assembler(surface, self._track, gap, p.max_waiting, earliest, p.intensity)
+        return Session(request.job_id, request.layer, begin.response.scan_id, assembler)
+
+    def _blocks(self, after_ns: int, before_ns: int):
+        batches = self.record.batches
+        while self._batch < len(batches) and batches[self._batch][0] < before_ns:
+            at, msg = batches[self._batch]
+            self._batch += 1
+            if at > after_ns:
+                yield msg.sequence, block_of(msg)
+
+    def _feed(self, until_ns: int) -> None:
+        """Telemetry up to the first frame that is not older than `until_ns`."""
+        stamps, positions = self.record.stamps, self.record.positions
+        while self._fed < len(stamps):
+            t = int(stamps[self._fed])
+            self._track.append(t, *positions[self._fed].tolist())
+            self._fed += 1
+            if t >= until_ns:
+                return
+
+
+def block_of(msg: object) -> ProfileBlock:
+    """A recorded ProfileBatch."""
+    shape = msg.profile_count, msg.points_per_profile
+    stamps = nanoseconds(msg.header.stamp) + np.asarray(msg.stamp_offsets_ns, np.int64)
+    x, z, light = (
+        np.asarray(v, np.float32).reshape(shape) if len(v) else None
+        for v in (msg.x, msg.z, msg.intensity)
+    )
+    return ProfileBlock(stamps, x, z, light)

@@ -1,0 +1,190 @@
+"""player: publishes a record to a graph, with /clock; pause, resume, step, seek and rate while it runs."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from waam_node.node import OK, WaamNode
+from waam_node.node import main as run_main
+from waam_node.params import param
+
+from .node_lockstep import Lockstep
+from .node_publishers import Publishers
+from .play_clock import PlayClock
+from .playlist import Playlist, Wanted, parse_remap
+from .record import record_folder
+
+BURST = 500  # messages that are published at most before the executor gets its turn
+
+
+@dataclass(frozen=True)
+class PlayerParams:
+    record: str = param('', 'job folder or record folder')
+    rate: float = param(1.0, 'recorded seconds per second', '', 0.001, 1000.0)
+    topics: str = param('', 'names of topics that are published, separated by blanks; empty = all')
+    exclude: str = param('', 'regular expression; topics it is found in are not published')
+    remap: str = param('', 'from:=to, separated by blanks')
+    start: float = param(0.0, 'where to begin, after the beginning of the record', 's', 0.0)
+    until: float = param(
+        0.0, 'where to end, after the beginning of the record; 0 = at its end', 's', 0.0
+    )
+    paused: bool = param(False, 'begin paused')
+    clock: bool = param(True, 'publish /clock')
+    clock_rate: float = param(
+        100.0, 'messages on /clock per second of wall time', 'Hz', 1.0, 1000.0
+    )
+    wait: float = param(
+        0.5, 'wall time between the publishers being there and the first message', 's', 0.0, 60.0
+    )
+    force: bool = param(False, 'publish commands to a machine, and topics that others publish')
+    lockstep: bool = param(
+        False, 'ask the nodes what the job asked them, wait for each answer and compare it'
+    )
+    patience: float = param(
+        60.0, 'longest wait for an answer in lock-step, wall time', 's', 1.0, 3600.0
+    )
+    report: str = param('', 'file for the result of lock-step, JSON')
+
+    @property
+    def wanted(self) -> Wanted:
+        remap = parse_remap(self.remap.split())
+        topics = tuple(self.topics.split())
+        return Wanted(topics, self.exclude, remap, self.start, self.until, self.force)
+
+
+class Player(WaamNode):
+    """Ends the process when the record is over."""
+
+    def __init__(self) -> None:
+        super().__init__('player', PlayerParams)
+        p = self.params
+        if not p.record:
+            raise ValueError("player: parameter 'record' is empty: give a job or record folder")
+        self.done = False
+        self._clock_out = self.create_publisher(Clock, '/clock', QoSProfile(depth=10))
+        self._folder = record_folder(Path(p.record))
+        if p.lockstep:
+            self._lockstep = Lockstep(self, self._folder, p.patience, p.report)
+            threading.Thread(target=self._run_lockstep, name='lockstep', daemon=True).start()
+        else:
+            self._prepare(p)
+
+    def _run_lockstep(self) -> None:
+        self._lockstep.run()
+        self._end()
+
+    def _prepare(self, p: PlayerParams) -> None:
+        self._playlist = Playlist(self._folder, p.wanted)
+        taken = {n for n, _ in self.get_topic_names_and_types() if self.count_publishers(n)}
+        chosen, refused = self._playlist.allowed(taken)
+        names = {n: self._playlist.published_name(n) for n in chosen}
+        self._outputs = Publishers(self, chosen, names)
+        for name, why in {**refused, **self._outputs.missing}.items():
+            self.get_logger().info(f'not published: {name}: {why}')
+        begin = self._playlist.first_ns + round(p.start * 1e9)
+        self._chosen = chosen
+        self._play_time = PlayClock(begin, p.rate, p.paused, time.monotonic() + p.wait)
+        self._published = self._steps = 0
+        self._jump(begin)
+        for name, work in (('pause', self._pause), ('resume', self._resume), ('step', self._step)):
+            self.create_service(Trigger, f'~/{name}', work)
+        self.create_subscription(Float64, '~/seek', self._on_seek, 10)
+        self.create_subscription(Float64, '~/rate', self._on_rate, 10)
+        self.create_timer(0.002, self._advance, clock=self.steady)
+        if p.clock:
+            self.create_timer(1.0 / p.clock_rate, self._tick, clock=self.steady)
+
+    def _jump(self, at_ns: int) -> None:
+        """Goes on at a recorded time; latched topics get what they held there."""
+        for name, message in self._playlist.latched_before(self._chosen, at_ns):
+            if name in self._outputs:
+                self._outputs.publish(name, message.data)
+        self._stream = self._playlist.messages(self._outputs.names, at_ns)
+        self._coming = next(self._stream, None)
+
+    def _tick(self) -> None:
+        self._publish_clock(self._play_time.now_ns(time.monotonic()))
+
+    def _publish_clock(self, ns: int) -> None:
+        if not self.context.ok():  # the timer was due when the player was told to stop
+            return
+        msg = Clock()
+        msg.clock.sec, msg.clock.nanosec = divmod(min(ns, self._playlist.until_ns), 1_000_000_000)
+        self._clock_out.publish(msg)
+
+    def _advance(self) -> None:
+        now = self._play_time.now_ns(time.monotonic())
+        for _ in range(BURST):
+            if self._coming is None or (self._coming[1].log_time > now and not self._steps):
+                break
+            self._steps = max(0, self._steps - 1)
+            self._publish_next()
+        self.level, self.message = OK, 'paused' if self._play_time.paused else 'playing'
+        position = (now - self._playlist.first_ns) * 1e-9
+        self.values = {
+            'position_s': f'{position:.2f}',
+            'rate': self._play_time.rate,
+            'published': self._published,
+        }
+        if self._coming is None and not self._play_time.paused:
+            self._end()
+
+    def _publish_next(self) -> None:
+        name, message = self._coming
+        if self._play_time.paused:  # a step takes the time with it
+            self._play_time.seek(
+                max(message.log_time, self._play_time.now_ns(0.0)), time.monotonic()
+            )
+            self._publish_clock(message.log_time)
+        self._outputs.publish(name, message.data)
+        self._published += 1
+        self._coming = next(self._stream, None)
+
+    def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._play_time.pause(time.monotonic())
+        response.success = True
+        return response
+
+    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._play_time.resume(time.monotonic())
+        response.success = True
+        return response
+
+    def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """The next message, while paused."""
+        response.success = self._play_time.paused and self._coming is not None
+        if response.success:
+            self._steps += 1
+            response.message = self._coming[0]
+        else:
+            response.message = 'pause first' if self._coming is not None else 'the record is over'
+        return response
+
+    def _on_seek(self, msg: Float64) -> None:
+        at = self._playlist.first_ns + round(max(0.0, msg.data) * 1e9)
+        self._play_time.seek(at, time.monotonic())
+        self._jump(at)
+
+    def _on_rate(self, msg: Float64) -> None:
+        try:
+            self._play_time.set_rate(msg.data, time.monotonic())
+        except ValueError as e:
+            self.get_logger().error(str(e))
+
+    def _end(self) -> None:
+        if not self.done:
+            self.done = True
+            self.get_logger().info('the record is over')
+            self.context.try_shutdown()
+
+
+def main() -> None:
+    run_main(Player)

@@ -1,0 +1,188 @@
+"""A recorded job as the offline replay needs it: what was measured, what was asked, what was answered, in the order of
+publication."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Channel, Message, Schema
+
+from waam_record.bag_reader import bag_files, info
+from waam_record.salvage import Damage, records
+
+from .decode import Decoder, poses
+
+REQUEST, RESPONSE = 1, 2  # ServiceEventInfo: received by, sent by the server
+SERVICES = {
+    'begin': 'scan_fusion/begin',
+    'finish': 'scan_fusion/finish',
+    'correct': 'correction_server/compute',
+    'feed': 'feed_forward/compute',
+}
+SUFFIX = '/_service_event'
+
+
+class ReplayError(ValueError):
+    """A recording that cannot be computed again; the text says what is missing."""
+
+
+@dataclass
+class Exchange:
+    """One call of a service. at_ns: publication of the request event (wall time); ros_ns: ROS time at the server;
+    answered_ns: publication of the answer."""
+
+    request: Any
+    at_ns: int
+    ros_ns: int
+    response: Any = None
+    answered_ns: int = 0
+
+
+@dataclass
+class Record:
+    """Everything of one recording that is computed again or compared. Times in ns; stamps, positions: telemetry."""
+
+    path: Path
+    stamps: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
+    positions: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    batches: list[tuple[int, Any]] = field(default_factory=list)  # publication time, ProfileBatch
+    calls: dict[str, list[Exchange]] = field(default_factory=lambda: {k: [] for k in SERVICES})
+    estimates: list[Any] = field(default_factory=list)
+    parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
+    profile: str = ''
+    first_ns: int = 0
+    last_ns: int = 0
+    damage: list[str] = field(default_factory=list)
+
+    @property
+    def duration(self) -> float:
+        """Machine time from the first to the last message in s (log time: ROS time of the graph)."""
+        return (self.last_ns - self.first_ns) * 1e-9
+
+
+def record_folder(path: Path) -> Path:
+    """The recording of a job folder (`record`), or the folder itself. ReplayError when there is none."""
+    path = Path(path)
+    for folder in (path / 'record', path):
+        if folder.is_file() or list(folder.glob('*.mcap')):
+            return folder
+    raise ReplayError(
+        f'{path}: no record there (a job folder or a folder with .mcap files is wanted)'
+    )
+
+
+def load(path: Path, tick: Callable[[int], None] = lambda n: None) -> Record:
+    """Reads a job or record folder once. ReplayError when it holds no scan, BagError when there is no file."""
+    folder = record_folder(path)
+    record = Record(folder)
+    reader = _Reader(record, tick)
+    for file in bag_files(folder):
+        reader.read(file)
+    reader.finish()
+    custom = info(folder).custom_data
+    record.profile = custom.get('profile', '')
+    for key, text in custom.items():
+        kind, _, node = key.partition('.')
+        if kind == 'parameters':
+            record.parameters[node] = json.loads(text)
+    if not record.calls['finish']:
+        raise ReplayError(
+            f'{folder}: holds no call of scan_fusion/finish. Service events are needed '
+            '(recorder parameter hidden: true; records made before they existed lack them)'
+        )
+    return record
+
+
+class _Reader:
+    """Sorts the messages of the files into a `Record`."""
+
+    def __init__(self, record: Record, tick: Callable[[int], None]) -> None:
+        self.record, self.tick = record, tick
+        self.decoder = Decoder()
+        self._frames: list[tuple[int, bytes]] = []
+        self._schemas: dict[int, Schema] = {}
+        self._take: dict[int, Callable[[Message], None]] = {}
+        self._open: dict[tuple[str, int], Exchange] = {}
+        self._seen: set[tuple[str, int, int]] = set()
+
+    def read(self, file: Path) -> None:
+        self._schemas.clear()
+        self._take.clear()
+        first, last, count = self.record.first_ns, self.record.last_ns, 0
+        for item in records(file):
+            if isinstance(item, Message):
+                count += 1
+                t = item.log_time
+                first, last = min(first or t, t), max(last, t)
+                if take := self._take.get(item.channel_id):
+                    take(item)
+            elif isinstance(item, Channel):
+                self._channel(item)
+            elif isinstance(item, Schema):
+                self._schemas[item.id] = item
+            elif isinstance(item, Damage):
+                self.record.damage.append(f'{file.name}: {item}')
+        self.record.first_ns, self.record.last_ns = first, last
+        self.tick(count)
+
+    def _channel(self, channel: Channel) -> None:
+        name = channel.topic.lstrip('/')
+        schema = self._schemas[channel.schema_id]
+        take = {
+            'telemetry': self._telemetry,
+            'profiles': self._profiles,
+            'process_estimate': self._estimate,
+        }.get(name.rpartition('/')[2])
+        for key, service in SERVICES.items():
+            if name.endswith(service + SUFFIX):
+                take = self._event(key)
+        if take is None:
+            return
+        self.decoder.add(schema.name, schema.data.decode())
+        self._take[channel.id] = lambda m: take(m, schema.name)
+
+    def _repeated(self, m: Message, name: str) -> bool:
+        """Whether a split repeated this latched message."""
+        key = name, m.publish_time, m.sequence
+        known = key in self._seen
+        self._seen.add(key)
+        return known
+
+    def _telemetry(self, m: Message, _: str) -> None:
+        self._frames.append((m.publish_time, m.data))
+
+    def _profiles(self, m: Message, name: str) -> None:
+        self.record.batches.append((m.publish_time, self.decoder.message(name, m.data)))
+
+    def _estimate(self, m: Message, name: str) -> None:
+        if not self._repeated(m, name):
+            self.record.estimates.append(self.decoder.message(name, m.data))
+
+    def _event(self, key: str) -> Callable[[Message, str], None]:
+        def take(m: Message, name: str) -> None:
+            event = self.decoder.message(name, m.data)
+            call_id = bytes(event.info.client_gid).hex() + key, event.info.sequence_number
+            stamp = event.info.stamp
+            if event.info.event_type == REQUEST and len(event.request):
+                ros_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+                exchange = Exchange(event.request[0], m.publish_time, ros_ns)
+                self._open[call_id] = exchange
+                self.record.calls[key].append(exchange)
+            elif event.info.event_type == RESPONSE and call_id in self._open:
+                exchange = self._open.pop(call_id)
+                exchange.response, exchange.answered_ns = event.response[0], m.publish_time
+
+        return take
+
+    def finish(self) -> None:
+        record = self.record
+        self._frames.sort(key=lambda f: f[0])
+        record.stamps, record.positions = poses([data for _, data in self._frames])
+        record.batches.sort(key=lambda b: b[0])
+        for calls in record.calls.values():
+            calls.sort(key=lambda c: c.at_ns)

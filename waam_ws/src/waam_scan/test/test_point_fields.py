@@ -1,0 +1,95 @@
+"""Clouds of scanner drivers: the layouts of the public scanCONTROL drivers, and anything else."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from waam_scan.point_fields import DATATYPES, CloudLayout, profiles_of, read_fields
+
+F32, U16, U32 = 7, 4, 6
+# PCL's PointXYZI: 32 bytes, z is the distance, points without return have z = +infinity
+PCL = (('x', 0, F32, 1), ('y', 4, F32, 1), ('z', 8, F32, 1), ('intensity', 16, F32, 1))
+# a packed point of 26 bytes, unaligned behind; without return z = 0
+PACKED = (
+    ('x', 0, F32, 1), ('y', 4, F32, 1), ('z', 8, F32, 1), ('m0', 12, U32, 1), ('m1', 16, U32, 1),
+    ('width', 20, U16, 1), ('intensity', 22, U16, 1), ('threshold', 24, U16, 1),
+)  # fmt: skip
+
+
+def test_the_layout_of_pcl_points():
+    points = [(0.001, 0, 0.1, 200.0), (0.002, 0, float('inf'), 0.0), (0.003, 0, 0.102, 1023.0)]
+    data = b''.join(struct.pack('<fff4xf12x', *p) for p in points)
+    x, z, light = profiles_of(CloudLayout(PCL, 3, 1, 32, 96), data, True, 1e-3)
+    np.testing.assert_allclose(x, [[0.001, 0.002, 0.003]], rtol=1e-6)
+    np.testing.assert_allclose(z, [[-0.1, -np.inf, -0.102]], rtol=1e-6)
+    assert not np.isfinite(z[0, 1]), 'a drop-out for the fusion'
+    assert light.tolist() == [[200.0, 0.0, 1023.0]]
+
+
+def test_the_packed_layout_without_marks():
+    points = [(0.001, 0.0, 0.1, 7, 8, 5, 300, 9), (0.0, 0.0, 0.0, 0, 0, 0, 0, 0)]
+    data = b''.join(struct.pack('<fffIIHHH', *p) for p in points)
+    x, z, light = profiles_of(CloudLayout(PACKED, 2, 1, 26, 52), data, True, 1e-3)
+    assert z[0, 0] == np.float32(-0.1) and np.isnan(z[0, 1]), 'z = 0 is no return'
+    assert light.tolist() == [[300.0, 0.0]]
+    assert x.dtype == z.dtype == light.dtype == np.float32 and x.flags.c_contiguous
+
+
+def test_rows_padding_byte_order_and_heights_that_point_up():
+    fields = (('z', 0, 8, 1), ('x', 8, F32, 1))
+    rows = [
+        struct.pack('>dfdf', -0.1, 1.0, -0.2, 2.0) + b'pad!',
+        struct.pack('>dfdf', -0.3, 3.0, -0.4, 4.0),
+    ]
+    layout = CloudLayout(fields, 2, 2, 12, 28, big_endian=True)
+    x, z, light = profiles_of(layout, b''.join(rows), False, 1e-3)
+    np.testing.assert_allclose(z, [[-0.1, -0.2], [-0.3, -0.4]], rtol=1e-6)
+    assert x.tolist() == [[1.0, 2.0], [3.0, 4.0]] and light is None
+
+
+@pytest.mark.parametrize(
+    'layout, data, word',
+    [
+        (CloudLayout(PCL, 3, 1, 32, 96), bytes(95), '95 bytes of data'),
+        (CloudLayout(PCL, 0, 1, 32, 0), b'', 'empty cloud'),
+        (CloudLayout(PCL[:2], 1, 1, 32, 32), bytes(32), 'no field z'),
+        (CloudLayout(PCL, 1, 1, 18, 18), bytes(18), 'does not fit'),
+        (CloudLayout((('x', 0, 99, 1),), 1, 1, 4, 4), bytes(4), 'unknown datatype'),
+        (CloudLayout(PCL, 4, 2, 32, 64), bytes(1000), 'row_step'),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_the_reason(layout, data, word):
+    with pytest.raises(ValueError, match=word):
+        profiles_of(layout, data, True, 1e-3)
+
+
+field = st.tuples(
+    st.sampled_from(['x', 'z', 'intensity', 'y', '']), st.integers(0, 80), st.integers(0, 10), st.integers(0, 3)
+)  # fmt: skip
+
+
+@given(
+    st.lists(field, max_size=6), st.integers(0, 6), st.integers(0, 4), st.integers(0, 70),
+    st.integers(0, 200), st.booleans(), st.binary(max_size=600),
+)  # fmt: skip
+def test_any_layout_and_any_bytes_give_arrays_or_a_reason(fields, w, h, step, row, big, data):
+    layout = CloudLayout(tuple(fields), w, h, step, row, big)
+    try:
+        x, z, light = profiles_of(layout, data, True, 1e-3)
+    except ValueError:
+        return
+    assert x.shape == z.shape == (h, w) and (light is None or light.shape == (h, w))
+
+
+@given(
+    st.lists(st.floats(-1, 1, width=32), min_size=1, max_size=20),
+    st.sampled_from(sorted(DATATYPES)),
+)
+def test_values_come_back_in_their_own_type(values, datatype):
+    kind = np.dtype('<' + DATATYPES[datatype])
+    a = np.array(values).astype(kind)
+    layout = CloudLayout((('x', 0, datatype, 1),), len(a), 1, kind.itemsize, 0)
+    assert read_fields(layout, a.tobytes(), ('x',))['x'][0].tolist() == a.tolist()

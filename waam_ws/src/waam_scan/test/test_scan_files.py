@@ -1,0 +1,156 @@
+"""`waam scan fuse` on passes and clouds of all formats."""
+
+import argparse
+
+import numpy as np
+import pytest
+
+from waam_scan import cli
+from waam_scan.files import load_map
+
+CELL = 0.5e-3
+
+
+def surface(x, y):
+    """m"""
+    return 2e-3 + 0.1 * x + 0.3e-3 * np.sin(y / 2e-3)
+
+
+def cloud(n=20_000):
+    """(n, 3) mm"""
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(0, 20e-3, n), rng.uniform(0, 10e-3, n)
+    return np.column_stack([x, y, surface(x, y) + rng.normal(0, 10e-6, n)]) * 1e3
+
+
+def write_cloud(path, points, kind):
+    """Every format that is read, written as others would."""
+    import open3d as o3d
+
+    pc = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    if kind == 'npy':
+        np.save(path, points.astype(np.float32))
+    elif kind == 'xyz':
+        np.savetxt(path, points, '%.6f')
+    else:
+        options = {'ascii': {'write_ascii': True}, 'binary': {}, 'compressed': {'compressed': True}}
+        assert o3d.io.write_point_cloud(str(path), pc, **options[kind])
+
+
+def run(*arguments):
+    parser = argparse.ArgumentParser()
+    cli.register(parser.add_subparsers())
+    args = parser.parse_args(['scan', *map(str, arguments)])
+    return args.run(args)
+
+
+@pytest.mark.parametrize(
+    'name, kind',
+    [
+        ('a.pcd', 'ascii'), ('b.pcd', 'binary'), ('c.pcd', 'compressed'), ('d.ply', 'ascii'),
+        ('e.ply', 'binary'), ('f.npy', 'npy'), ('g.xyz', 'xyz'),
+    ],
+)  # fmt: skip
+def test_clouds_become_maps(tmp_path, capsys, name, kind):
+    write_cloud(tmp_path / name, cloud(), kind)
+    assert run('fuse', tmp_path / name, '--cell', 0.5, '--out', tmp_path / 'maps') == 0
+    grid = load_map((tmp_path / 'maps' / name).with_suffix('.npz'))
+    x, y = np.meshgrid(grid.spec.x, grid.spec.y)
+    assert grid.spec.shape == (20, 40) and np.isfinite(grid.z).all()
+    assert np.sqrt(np.mean((grid.z - surface(x, y)) ** 2)) < 10e-6
+    assert '100.0% known' in capsys.readouterr().out
+
+
+def test_holes_are_filled_only_when_asked_and_marked(tmp_path):
+    points = cloud()
+    hole = np.hypot(points[:, 0] - 10, points[:, 1] - 5) < 1.5
+    write_cloud(tmp_path / 'a.npy', points[~hole], 'npy')
+    run(
+        'fuse',
+        tmp_path / 'a.npy',
+        '--cell',
+        0.5,
+        '--out',
+        tmp_path / 'asked',
+        '--fill',
+        20,
+        '--ply',
+    )
+    run('fuse', tmp_path / 'a.npy', '--cell', 0.5, '--out', tmp_path / 'not')
+    asked, plain = (np.load(tmp_path / d / 'a.npz') for d in ('asked', 'not'))
+    mask = asked['filled']
+    assert 15 < mask.sum() < 40 and 'filled' not in plain
+    assert np.isnan(plain['z'][mask]).all() and np.isfinite(asked['z'][mask]).all()
+    assert np.isnan(asked['sigma'][mask]).all() and (asked['count'][mask] == 0).all()
+    np.testing.assert_array_equal(asked['z'][~mask], plain['z'][~mask])
+    assert (tmp_path / 'asked/a.png').stat().st_size > 5000
+    assert (tmp_path / 'asked/a.ply').read_bytes().startswith(b'ply')
+
+
+def write_pass(path, reverse=False, gap=False, seed=0):
+    """4 s along x at 5 mm/s, 100 Hz profiles, 50 Hz poses; the scanner 30 mm ahead, 100 mm up."""
+    rng = np.random.default_rng(seed)
+    pose_t = np.arange(0, 4.1, 0.02)
+    if gap:
+        pose_t = pose_t[(pose_t < 1.5) | (pose_t > 2.0)]
+    t = np.arange(0.05, 4.0, 0.01)
+    start = rng.uniform(0, 0.05e-3)
+
+    def along(at):
+        return start + (20e-3 - 5e-3 * at if reverse else 5e-3 * at)
+
+    poses = np.column_stack([along(pose_t) - 30e-3, np.full_like(pose_t, 5e-3), 0 * pose_t])
+    x = np.tile(np.linspace(-5e-3, 5e-3, 200), (len(t), 1))
+    z = surface(along(t)[:, None], 5e-3 + x) - 0.1 + rng.normal(0, 20e-6, x.shape)
+    z[rng.random(z.shape) < 0.05] = np.nan
+    np.savez(
+        path, stamps=(t * 1e9).astype(np.int64), x=x, z=z,
+        pose_stamps=(pose_t * 1e9).astype(np.int64), poses=poses,
+    )  # fmt: skip
+
+
+MOUNT = ('--mount', 30, 0, 100, 0, 0, 90)
+
+
+def test_passes_of_both_directions_become_one_map(tmp_path, capsys):
+    write_pass(tmp_path / 'there.npz')
+    write_pass(tmp_path / 'back.npz', reverse=True, gap=True, seed=1)
+    files = (tmp_path / 'there.npz', tmp_path / 'back.npz')
+    assert run('fuse', *files, '--cell', 0.5, '--out', tmp_path, *MOUNT) == 0
+    text = capsys.readouterr().out
+    assert '395 profiles used, 0 rejected' in text
+    assert 'rejected: ' in text and 'in a gap of the telemetry' in text
+    grid = load_map(tmp_path / 'there.npz')
+    x, y = np.meshgrid(grid.spec.x, grid.spec.y)
+    known = np.isfinite(grid.z)
+    assert known.mean() > 0.7
+    assert np.sqrt(np.mean((grid.z - surface(x, y))[known] ** 2)) < 10e-6
+
+
+def test_bad_input_is_one_line_that_names_it(tmp_path, capsys):
+    (tmp_path / 'notes.txt').write_text('hello')
+    (tmp_path / 'broken.pcd').write_bytes(b'# .PCD v0.7\nFIELDS x y z\nDATA binary\n\x00')
+    write_cloud(tmp_path / 'wide.npy', cloud() * 1000, 'npy')
+    for file, word in (
+        ('notes.txt', 'neither a folder'),
+        ('broken.pcd', 'broken.pcd'),
+        ('none.ply', 'no such file'),
+        ('wide.npy', '--scale'),
+    ):
+        assert run('fuse', tmp_path / file, '--out', tmp_path / 'o') == 1
+        err = capsys.readouterr().err
+        assert word in err and len(err.splitlines()) == 1, err
+    assert run('fuse', tmp_path / 'x.npz', '--calibration', tmp_path / 'c.yaml', *MOUNT) == 1
+    assert 'contradict' in capsys.readouterr().err
+
+
+def test_info_tells_what_a_file_holds(tmp_path, capsys):
+    write_pass(tmp_path / 'p.npz')
+    write_cloud(tmp_path / 'c.ply', cloud(500), 'binary')
+    assert run('fuse', tmp_path / 'p.npz', '--cell', 0.5, '--out', tmp_path / 'm', *MOUNT) == 0
+    capsys.readouterr()
+    assert run('info', tmp_path / 'p.npz', tmp_path / 'c.ply', tmp_path / 'm/p.npz') == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert 'pass of 395 profiles of 200 points' in lines[0] and '205 poses' in lines[0]
+    assert 'cloud of 500 points' in lines[1]
+    assert 'map of ' in lines[2] and ' holes' in lines[2]

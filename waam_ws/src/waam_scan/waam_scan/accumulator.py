@@ -1,0 +1,76 @@
+"""What a map in the making holds per cell, and how points get in. Memory depends on the grid alone."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from waam_process.grid import GridSpec
+
+from . import kernels
+
+PAD = 3  # unused cells at the end of a row, so that a profile across the rows does not fall into one cache set
+CELLS_PER_THREAD = 50_000  # less work is done before another thread is awake
+TABLE = kernels.phase_table()
+
+
+class Accumulator:
+    """Integer sums and a sample of points per cell of `spec`.
+
+    slots: points in the sample; low, high: m, limits of height; unit: m, height resolution.
+    words: (cells, 4) uint64 count, phase sums, place sums, threshold and size of the sample; sums: (cells, 4) int64
+    that take over before 32 bits overflow; rows: (cells, slots) uint64 records, height << 32 | place v << 16 | place u.
+    """
+
+    def __init__(self, spec: GridSpec, slots: int, low: float, high: float, unit: float) -> None:
+        self.spec, self.stride = spec, spec.cols + PAD
+        self.low, self.high, self.unit = np.float32(low), np.float32(high), unit
+        cells = spec.rows * self.stride
+        self.words = np.zeros((cells, 4), np.uint64)
+        self.halves = self.words.view(np.uint32)  # [:, 6] threshold, [:, 7] size of the sample
+        self.halves[:, 6] = kernels.OPEN
+        self.sums = np.zeros((cells, 4), np.int64)
+        self.rows = np.zeros((cells, slots), np.uint64)
+
+    @property
+    def nbytes(self) -> int:
+        return self.words.nbytes + self.sums.nbytes + self.rows.nbytes
+
+    def add(self, origins: np.ndarray, axis: np.ndarray, x: np.ndarray, z: np.ndarray) -> tuple:
+        """Profiles x, z (n, m) float32, m, with origins (n, 3) float32 in cells, cells, m and the scanner's axes
+        (6,) float32: what a metre of x and of z adds to them. Returns (drop-outs, points outside)."""
+        spec, f = self.spec, np.float32
+        size = (f(spec.cols), f(spec.rows), np.int32(self.stride))
+        return kernels.add_profiles(
+            origins, axis, x, z, x.view(np.uint32), z.view(np.uint32), size,
+            self.low, self.high, f(1.0 / self.unit), TABLE, self.words, self.halves, self.rows, self.sums,
+        )  # fmt: skip
+
+    def take_over(self, other: Accumulator, start: int, stop: int) -> None:
+        """Moves what `other` (same grid and limits) holds of the cells start .. stop in here."""
+        mine, theirs = ((a.words, a.halves, a.rows, a.sums) for a in (self, other))
+        kernels.merge(
+            start, stop, mine[0], mine[1], mine[2], mine[3],
+            theirs[0], theirs[1], theirs[2], theirs[3],
+        )  # fmt: skip
+
+
+class Workers:
+    """Runs a compiled loop over parts of a range, one part per thread; the loops let go of the interpreter lock."""
+
+    def __init__(self, threads: int) -> None:
+        self.threads = max(1, threads)
+        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+
+    def parts(self, length: int, cells_each: int = 1) -> list[tuple[int, int]]:
+        """The range 0 .. length in as many parts as are worth a thread; cells_each: cells per step of the range."""
+        count = max(1, min(self.threads, length * cells_each // CELLS_PER_THREAD))
+        edges = np.linspace(0, length, count + 1).astype(int)
+        return [(int(a), int(b)) for a, b in zip(edges, edges[1:], strict=False)]
+
+    def run(self, action, parts: list[tuple]) -> list:
+        """action(*part) for every part; the results in their order."""
+        if self._pool is None or len(parts) == 1:
+            return [action(*p) for p in parts]
+        return list(self._pool.map(lambda p: action(*p), parts))

@@ -1,0 +1,114 @@
+"""`waam view` of records: one job, several side by side, or one that is still being recorded."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import rerun as rr
+
+from . import blueprint as bp
+from .drawing import free_port
+from .ros_playback import first_stamp, follow, play, record_files
+from .scene import Scene
+from .viewer import ViewError
+from .web_viewer import WebViewer
+
+ERROR_RANGE = 0.6e-3  # m
+LAST_WRITES_S = 3.0  # after the end of a job its recorder still closes the file
+ENDED = ('DONE', 'FAILED', 'ABORTED', 'INTERRUPTED')
+Progress = Callable[[int], None] | None
+
+
+def record_of(path: Path) -> tuple[list[Path], Path | None]:
+    """(MCAP files, folder of the job or None) of a job, a record folder or one file. Raises ViewError."""
+    path = Path(path).resolve()
+    files = [path] if path.is_file() else record_files(path)
+    if not files or any(f.suffix != '.mcap' for f in files):
+        raise ViewError(f'{path}: no .mcap there')
+    folder = files[0].parent.parent if files[0].parent.name == 'record' else files[0].parent
+    return files, folder if (folder / 'layers').is_dir() else None
+
+
+def size(paths: list[Path]) -> int:
+    """Bytes of all records, for a progress bar."""
+    return sum(f.stat().st_size for p in paths for f in record_of(p)[0])
+
+
+def build(path: Path, rrd: Path, progress: Progress = None) -> int:
+    """One record into a file for the viewer, with our layout. Returns messages drawn. Raises ViewError."""
+    files, folder = record_of(path)
+    scene = Scene(ERROR_RANGE)
+    scene.new_job()
+    scene.record(rrd)
+    drawn = play(files, scene, folder, progress)
+    scene.close()
+    if not drawn:
+        raise ViewError(f'{path}: nothing of a job is recorded there')
+    return drawn
+
+
+def build_comparison(paths: list[Path], rrd: Path, progress: Progress = None) -> int:
+    """Several jobs into one file, each in its column, on time since the start of the job. Raises ViewError."""
+    names = {f'job_{i}/': _title(p) for i, p in enumerate(paths, 1)}
+    recording = rr.RecordingStream('waam', recording_id='comparison')
+    layout = bp.side_by_side(names, ERROR_RANGE)
+    recording.set_sinks(rr.FileSink(str(rrd)), default_blueprint=layout)
+    drawn = 0
+    for prefix, path in zip(names, paths, strict=True):
+        files, folder = record_of(path)
+        zero = first_stamp(files)
+        if zero is None:
+            raise ViewError(f'{path}: no telemetry is recorded there')
+        scene = Scene(ERROR_RANGE, prefix, zero)
+        scene.add('both', recording)
+        drawn += play(files, scene, folder, progress)
+    recording.flush()
+    recording.disconnect()
+    return drawn
+
+
+def _title(path: Path) -> str:
+    files, folder = record_of(path)
+    return (folder or files[0].parent).name
+
+
+def job_ended(folder: Path) -> bool:
+    """status.json says that nothing more happens."""
+    try:
+        status = json.loads((folder / 'status.json').read_text(encoding='utf-8'))
+    except (OSError, ValueError):
+        return False
+    return status.get('state') in ENDED
+
+
+def tail(path: Path, web_port: int) -> int:
+    """Serves a job in the browser while it is recorded, until Ctrl-C. Raises ViewError."""
+    folder = Path(path).resolve()
+    if not folder.is_dir():
+        raise ViewError(f'{path}: --follow needs the folder of a job')
+    port, scene = free_port(), Scene(ERROR_RANGE)
+    live = rr.RecordingStream('waam', recording_id='tail')
+    sink = rr.GrpcServerSink(bind_ip='127.0.0.1', port=port, server_memory_limit='512MB')
+    live.set_sinks(sink, default_blueprint=bp.blueprint(ERROR_RANGE, 120.0))
+    scene.add('live', live)
+    viewer = WebViewer(f'rerun+http://127.0.0.1:{port}/proxy', web_port)
+    print(f'{folder}\n{viewer.url}\nCtrl-C ends.', flush=True)
+    over: list[float] = []
+
+    def ended() -> bool:
+        if not over and job_ended(folder):
+            over.append(time.monotonic() + LAST_WRITES_S)
+        return bool(over) and time.monotonic() > over[0]
+
+    try:
+        drawn = follow(folder, scene, ended)
+        print(f'the job has ended; {drawn} messages were drawn', flush=True)
+        return viewer.wait()
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        viewer.close()
+        scene.close()
