@@ -47,6 +47,9 @@ if [ "$(cat .venv/.waam_ready 2>/dev/null || true)" != "$want" ]; then
     "$python" -c 'import sys; print(sys.version, end=" ")' > .venv/.waam_python; echo "$root" >> .venv/.waam_python
     .venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt \
         || die "pip could not install requirements.txt: is the package index reachable?"
+    # a stock 3-D printing sender that judges our link; its graphical dependencies are left out
+    .venv/bin/python -m pip install -q --disable-pip-version-check --no-deps printrun==2.2.0 \
+        || say "printrun could not be installed: the tests with a stock sender will be skipped"
     .venv/bin/python scripts/fix_wheels.py
     echo "$want" > .venv/.waam_ready
 fi

@@ -20,8 +20,7 @@ class Preparation:
         self.cell, self.motion, self.checked, self.settings = cell, motion, checked, settings
 
     def run(self, run_id: str, record_folder: str, custom: tuple[str, ...]) -> None:
-        """Raises JobError with everything that is wrong when the machine is not ready."""
-        self._check_ready()
+        """Record, arming, homing, work zero of a machine that is ready."""
         settings = self.settings
         self.cell.record(True, record_folder, custom)
         self.cell.command('ARM', text=run_id, names=settings.lease_nodes)
@@ -59,8 +58,8 @@ class Preparation:
             strategy=goal.strategy or PlanSettings.strategy,
         )
 
-    def _check_ready(self) -> None:
-        """What may only be late (a node that has just started) gets a few seconds."""
+    def check_ready(self) -> None:
+        """JobError with everything that is wrong. What may only be late (a node just started) gets a few seconds."""
         problems: list[str] = []
         for _ in range(READY_LOOKS):
             problems = self._problems()
@@ -71,7 +70,7 @@ class Preparation:
 
     def _problems(self) -> list[str]:
         machine = self.cell.machine()
-        problems = []
+        problems = [] if self.cell.now() > 0 else ['no /clock is coming in']
         if not machine.connected:
             problems.append(machine.message or 'no controller is connected')
         elif machine.age > self.settings.limits.link_timeout:

@@ -48,7 +48,7 @@ from .records import AnomalyRecord, LayerRecord, State, Status
 from .telemetry import TelemetryStats
 
 ENQUEUE_CHUNK = 400
-BRIDGE_SILENT = 5.0  # s without telemetry
+SILENT = 5.0  # s without a sign of life after which no answer is awaited any more
 
 
 class RosCell:
@@ -150,13 +150,19 @@ class RosCell:
     def _silence_of(self, client) -> Callable[[], str | None]:
         """Asked while an answer is awaited: says so when the node that is to give it has fallen silent."""
         name = client.srv_name.strip('/').split('/')[0]
+        answered = time.monotonic()
 
         def reason() -> str | None:
+            nonlocal answered
             machine = self.machine()
-            gone = name in machine.silent_nodes
+            silent = name in machine.silent_nodes
             if name == 'bridge':
-                gone = self._seen > 0 and machine.age > BRIDGE_SILENT
-            return f'{name} is silent' if gone else None
+                silent = self._seen > 0 and machine.age > SILENT
+            elif not silent:
+                answered = time.monotonic()
+            else:  # a busy node comes back
+                silent = time.monotonic() - answered > SILENT
+            return f'{name} is silent' if silent else None
 
         return reason
 

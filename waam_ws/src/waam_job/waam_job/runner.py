@@ -96,6 +96,8 @@ class JobRunner:
             suffix = '' if self.run_number == 1 else f'_{self.run_number}'
             custom = (f'job_id={self.run_id}', f'profile={self.goal.profile}', *self.goal.notes)
             record = str(self.journal.folder.path / f'record{suffix}')
+            self.preparation.check_ready()
+            self.journal.started = self.cell.now()  # only now is there a clock for certain
             self.preparation.run(self.run_id, record, custom)
             pick_up = PickUp(self) if self.run_number > 1 else None
             scan, first = pick_up.run() if pick_up else self.begin()
