@@ -1,7 +1,11 @@
 #!/usr/bin/env bash
-# All tests: every package's own, then those of the whole graph. Arguments go to pytest instead of the default selection.
+# All tests: every package's own (in two processes, for most of them wait), then those of the whole graph, one after the other.
+# Arguments go to pytest instead of the default selection.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1
 if [ $# -gt 0 ]; then exec python3 -m pytest "$@"; fi
-exec python3 -m pytest --durations=15 waam_ws/src/*/test test
+code=0
+python3 -m pytest -n 2 --dist loadfile --durations=15 waam_ws/src/*/test || code=$?
+python3 -m pytest --durations=15 test || code=$?
+exit $code

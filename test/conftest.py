@@ -20,8 +20,7 @@ from waam_bringup.graph import Settings
 from waam_bringup.jobs import make_goal
 from waam_bringup.operate import graph, graph_trouble
 from waam_bringup.parts import block, write_stl
-
-DOMAINS = iter(range(110, 220))
+from waam_node.testing import fresh_domain
 
 
 @pytest.fixture(scope='session')
@@ -86,7 +85,7 @@ class Bench:
 
 @contextmanager
 def running_graph(folder: Path, part, **settings) -> Iterator[Bench]:
-    domain = next(DOMAINS)
+    domain = fresh_domain()
     run = folder / 'run'
     with graph(Settings(run=run, seed=3, **settings), domain, timeout=90.0) as (_, client):
         yield Bench(run, folder / 'jobs', domain, client, part)

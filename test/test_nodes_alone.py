@@ -12,12 +12,16 @@ import yaml
 
 from waam_bringup.graph import executable, load
 from waam_bringup.paths import share
+from waam_node.testing import fresh_domain
 
 NODES = [(n, d['package']) for n, d in load().items() if d.get('ros', True)]
 
 
+DOMAIN = fresh_domain()
+
+
 def start(name: str, package: str, *arguments: str) -> subprocess.Popen:
-    environment = dict(os.environ, ROS_DOMAIN_ID='221')
+    environment = dict(os.environ, ROS_DOMAIN_ID=str(DOMAIN))
     command = [str(executable(package, name)), '--ros-args', *arguments]
     return subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
@@ -53,7 +57,7 @@ def test_starts_with_its_own_file_and_stops_cleanly(name, package, tmp_path):
     file: Path = share(package) / 'config' / f'{name}.yaml'
     node = start(name, package, '--params-file', str(file))
     try:
-        with GraphClient(221) as client:
+        with GraphClient(DOMAIN) as client:
             up = client.until(lambda: name in client.node.get_node_names(), 40)
             assert up, f'{name} did not appear'
     finally:

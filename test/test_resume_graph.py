@@ -10,8 +10,7 @@ import pytest
 from waam_bringup.drill import power_cut, power_on
 from waam_bringup.operate import graph_trouble
 from waam_msgs.action import RunJob
-
-DOMAIN = 221
+from waam_node.testing import fresh_domain
 
 
 def run_job(client, goal, run):
@@ -21,18 +20,18 @@ def run_job(client, goal, run):
 @pytest.fixture(scope='module')
 def undisturbed(tmp_path_factory, part, bench_class):
     """RMS (m) of the same job when nobody disturbs it."""
-    folder = tmp_path_factory.mktemp('whole')
-    with power_on(folder / 'run', DOMAIN, 3) as (client, _):
-        bench = bench_class(folder / 'run', folder / 'jobs', DOMAIN, client, part)
+    folder, domain = tmp_path_factory.mktemp('whole'), fresh_domain()
+    with power_on(folder / 'run', domain, 3) as (client, _):
+        bench = bench_class(folder / 'run', folder / 'jobs', domain, client, part)
         result = bench.job()
     assert result.error_code == RunJob.Result.NONE, result.message
     return result.rms
 
 
 def test_power_cut_in_a_bead_then_resume(tmp_path, part, undisturbed, background, bench_class):
-    run = tmp_path / 'run'
-    with power_on(run, DOMAIN + 1, 3, 6.0) as (client, pids):
-        bench = bench_class(run, tmp_path / 'jobs', DOMAIN + 1, client, part)
+    run, domain = tmp_path / 'run', fresh_domain()
+    with power_on(run, domain, 3, 6.0) as (client, pids):
+        bench = bench_class(run, tmp_path / 'jobs', domain, client, part)
         bench.load()
         background(bench)
         bench.wait(
@@ -42,7 +41,7 @@ def test_power_cut_in_a_bead_then_resume(tmp_path, part, undisturbed, background
     folder = Path((run / 'job').read_text())
     before = json.loads((folder / 'checkpoint.json').read_text())
     assert before['layer'] == 1 and before['bead'] >= 1
-    with power_on(run, DOMAIN + 1, 3) as (client, _):
+    with power_on(run, domain, 3) as (client, _):
         result = run_job(client, RunJob.Goal(resume_dir=str(folder)), run)
         assert result.error_code == RunJob.Result.NONE, result.message
         again = run_job(client, RunJob.Goal(resume_dir=str(folder)), run)

@@ -12,7 +12,9 @@ import rclpy
 from ament_index_python.packages import get_package_prefix
 from rclpy.executors import SingleThreadedExecutor
 
-DOMAIN = os.getpid() % 90 + 100
+from waam_node.testing import fresh_domain
+
+DOMAIN = fresh_domain()
 
 
 class Graph:

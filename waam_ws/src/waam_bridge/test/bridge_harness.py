@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import os
 import subprocess
 import threading
@@ -27,10 +26,10 @@ from waam_msgs.msg import (
 from waam_msgs.srv import Command, Enqueue
 from waam_node import qos
 from waam_node.conversions import segment_to_msg
+from waam_node.testing import fresh_domain
 from waam_process.segment import Kind, Segment
 
 BRIDGE = [str(Path(get_package_prefix('waam_bridge')) / 'lib/waam_bridge/bridge')]
-_domains = itertools.count(os.getpid() % 90 + 100)
 
 
 def virtual_controller():
@@ -65,7 +64,7 @@ class Bridge:
     """A bridge process and a client node in a ROS domain of their own."""
 
     def __init__(self, port, **params):
-        self.domain = next(_domains)
+        self.domain = fresh_domain()
         self.port, self.params = str(port), params
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=self.domain)

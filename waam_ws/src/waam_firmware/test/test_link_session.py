@@ -59,6 +59,8 @@ def test_a_host_that_uses_crc32_is_held_to_it(client):
     assert client.wait_line('^rs', start) == 'rs N2 E100'
     client.raw(strong('N2 G4 P0'))
     client.wait(lambda: client.accepted == 2)
+    # only an idle machine starts counting anew
+    client.wait(lambda: client.frame['line_executed'] == 2 and client.frame['state'] == 0)
     client.identify()  # CRC-16 again
     client.sequence = client.accepted = 0
     client.run('G4 P0')

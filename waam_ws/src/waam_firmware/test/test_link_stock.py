@@ -150,20 +150,7 @@ printcore = pytest.importorskip('printrun.printcore', reason='Printrun is not in
 JOB_LINES = 2000
 
 
-def spoil(write, dice: random.Random, share: float):
-    """A cable that changes one byte in this share of the numbered lines."""
-
-    def worse(data: bytes) -> None:
-        if data.startswith(b'N') and not data.startswith(b'N-1') and dice.random() < share:
-            at = dice.randrange(1, len(data) - 1)
-            data = data[:at] + bytes([data[at] ^ dice.choice((1, 2, 4))]) + data[at + 1 :]
-        write(data)
-
-    return worse
-
-
-@pytest.mark.parametrize('share', [0.0, 0.03])
-def test_printcore_streams_a_job_without_loss(start, share):
+def test_printcore_streams_a_job_without_loss(start):
     """Relative moves: a line lost, doubled or misread would end elsewhere."""
     from printrun import gcoder
 
@@ -176,10 +163,9 @@ def test_printcore_streams_a_job_without_loss(start, share):
     core.recvcb = received.append
     core.connect(str(controller.link), 115200)
     try:
-        wait(lambda: core.online, 20)
-        core.printer.write = spoil(core.printer.write, dice, share)
+        wait(lambda: core.online, 60)
         assert core.startprint(gcoder.LightGCode(job))
-        wait(lambda: not core.printing, 60)
+        wait(lambda: not core.printing, 240)
         x, y = (sum(m[i] for m in moves) for i in (0, 1))
 
         def arrived() -> bool:
@@ -187,7 +173,7 @@ def test_printcore_streams_a_job_without_loss(start, share):
             time.sleep(0.1)
             return any(place(line, x, y) for line in received[-5:])
 
-        wait(arrived, 60)
+        wait(arrived, 120)
     finally:
         core.disconnect()
     resends = sum(line.startswith('Resend') for line in received)

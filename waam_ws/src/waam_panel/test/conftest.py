@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 
 from waam_bringup.parts import block, write_stl
+from waam_node.testing import fresh_domain
 from waam_panel.cell import Cell
 from waam_panel.operations import Refused
 from waam_panel.parts import PartFolders
@@ -23,7 +23,7 @@ from waam_view.mailbox import Mailbox
 
 @pytest.fixture(scope='session')
 def domain() -> int:
-    return 80 + os.getpid() % 10
+    return fresh_domain()
 
 
 @pytest.fixture(scope='session')

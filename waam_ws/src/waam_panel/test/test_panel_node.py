@@ -139,7 +139,7 @@ class Graph:
 
 @pytest.fixture(scope='module')
 def cell(domain, tmp_path_factory):
-    graph = Graph(domain + 10, tmp_path_factory.mktemp('panel'))
+    graph = Graph(domain, tmp_path_factory.mktemp('panel'))
     yield graph
     graph.close()
     assert graph.process.returncode == 0
@@ -215,7 +215,7 @@ def test_what_must_not_start_does_not(domain, given, words):
     arguments = [x for g in given for x in ('-p', g)]
     done = subprocess.run(
         [sys.executable, '-c', START, '--ros-args', *arguments], capture_output=True, text=True,
-        timeout=60, env={**os.environ, 'ROS_DOMAIN_ID': str(domain + 10)},
+        timeout=60, env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
     )  # fmt: skip
     assert done.returncode == 2 and words in done.stderr and 'Traceback' not in done.stderr
 
@@ -226,7 +226,7 @@ def test_a_port_in_use_is_said_and_the_node_lives(domain):
         s.listen()
         node = subprocess.Popen(
             [sys.executable, '-c', START, '--ros-args', '-p', f'port:={s.getsockname()[1]}'],
-            stderr=subprocess.PIPE, text=True, env={**os.environ, 'ROS_DOMAIN_ID': str(domain + 10)},
+            stderr=subprocess.PIPE, text=True, env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
         )  # fmt: skip
         line = node.stderr.readline()
         assert 'no page' in line and 'in use' in line

@@ -25,6 +25,7 @@ from waam_msgs.msg import Heartbeat, HeightMap, JobStatus, LeaseTick, Telemetry
 from waam_msgs.srv import Record
 from waam_node.params import markdown
 from waam_node.qos import BEAT, EVENTS, LATCHED, TELEMETRY
+from waam_node.testing import fresh_domain
 from waam_record.bag_copy import recover
 from waam_record.bag_reader import check, info
 from waam_record.node_session import RecorderParams
@@ -83,15 +84,12 @@ class Graph:
         self.process.communicate(timeout=15)
 
 
-_domain = iter(range(os.getpid() % 40 + 100, 232))
-
-
 @pytest.fixture
 def graph():
     made = []
 
     def make(*parameters: str) -> Graph:
-        made.append(Graph(next(_domain), *parameters))
+        made.append(Graph(fresh_domain(), *parameters))
         return made[-1]
 
     yield make

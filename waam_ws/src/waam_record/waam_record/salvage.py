@@ -30,6 +30,7 @@ BROKEN = (
     ValueError,
     KeyError,
     MemoryError,
+    OverflowError,
     RuntimeError,
 )
 HEAD = struct.Struct('<BQ')  # opcode and length of every record

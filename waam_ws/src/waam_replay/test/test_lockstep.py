@@ -5,12 +5,13 @@ import json
 
 from mcap.records import Channel, Message
 
+from waam_node.testing import fresh_domain
 from waam_record.bag_reader import bag_files
 from waam_record.salvage import records
 from waam_replay import cli
 from waam_replay.steps import steps
 
-DOMAIN = 77
+DOMAIN = fresh_domain()
 
 
 def play(job, capsys) -> tuple[int, str]:

@@ -20,6 +20,7 @@ from waam_msgs.msg import Anomaly, HeightMap, ProfileBatch, Telemetry
 from waam_msgs.srv import BeginScan, FinishScan
 from waam_node.conversions import floats, grid_to_msg, map_from_msg, seconds, time_to_msg
 from waam_node.qos import EVENTS, LATCHED, PROFILES, SENSOR, TELEMETRY
+from waam_node.testing import fresh_domain
 from waam_process.grid import GridSpec
 
 SPEC = GridSpec(0.0, 0.0, 1e-3, 20, 30)
@@ -188,7 +189,7 @@ class Graph:
 
 @pytest.fixture
 def graph(request):
-    domain = os.getpid() % 90 + 100
+    domain = fresh_domain()
     made = []
 
     def start(**options) -> Graph:
@@ -319,7 +320,7 @@ def test_no_scanner_bad_grid_and_no_scan_are_answered(graph):
 
 
 def test_an_unknown_parameter_is_refused_by_name():
-    env = os.environ | {'ROS_DOMAIN_ID': str(os.getpid() % 90 + 100)}
+    env = os.environ | {'ROS_DOMAIN_ID': str(fresh_domain())}
     ran = subprocess.run(
         [sys.executable, '-c', START, '--ros-args', '-p', 'cel:=1.0'],
         env=env, capture_output=True, text=True, timeout=30,

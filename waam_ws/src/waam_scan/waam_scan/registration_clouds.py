@@ -38,8 +38,12 @@ def _read(path: Path) -> np.ndarray:
         raise FileError(f'{path}: not a cloud; known are .npz maps, .npy, {", ".join(CLOUDS)}')
     import open3d as o3d
 
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        points = np.asarray(o3d.io.read_point_cloud(str(path), remove_nan_points=True).points)
+    try:
+        with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+            cloud = o3d.io.read_point_cloud(str(path), remove_nan_points=True)
+    except (MemoryError, RuntimeError) as e:  # a header that promises more than there is
+        raise FileError(f'{path}: damaged ({e})') from None
+    points = np.asarray(cloud.points)
     if len(points) == 0:
         raise FileError(f'{path}: no points in it, or damaged')
     return points

@@ -22,9 +22,10 @@ from std_srvs.srv import SetBool, Trigger
 from waam_msgs.msg import ProfileBatch
 from waam_msgs.srv import InjectFault, LoadPart
 from waam_node.conversions import nanoseconds
+from waam_node.testing import fresh_domain
 from waam_process.grid import HeightGrid
 
-DOMAIN = os.getpid() % 90 + 110
+DOMAIN = fresh_domain()
 
 
 class Observer:

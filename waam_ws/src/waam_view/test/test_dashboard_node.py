@@ -16,6 +16,7 @@ from rclpy.node import Node
 
 from waam_msgs.msg import Heartbeat, JobStatus, LeaseTick
 from waam_node.qos import BEAT
+from waam_node.testing import fresh_domain
 from waam_view import blueprint as bp
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -24,12 +25,11 @@ from synthetic_job import write_job  # noqa: E402
 from test_drawing import entities  # noqa: E402
 
 START = 'from waam_view.dashboard_node import main; main()'
-_domain = iter(range(os.getpid() % 40 + 150, 232))
 
 
 class Graph:
     def __init__(self, *parameters: str) -> None:
-        domain = next(_domain)
+        domain = fresh_domain()
         arguments = [a for p in parameters for a in ('-p', p)]
         self.process = subprocess.Popen(
             [sys.executable, '-c', START, '--ros-args', *arguments],
