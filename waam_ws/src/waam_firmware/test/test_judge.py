@@ -316,7 +316,15 @@ def ours(gcode_path: str, lines: list[str]) -> list[Motion]:
     return [m for m in motions if m.counts]
 
 
+def length(motion: Motion) -> float:
+    return sum(math.dist(a, b) for a, b in zip(motion.points, motion.points[1:], strict=False))
+
+
 def compare(expected: list[Motion], got: list[Motion]) -> None:
+    if len(got) != len(
+        expected
+    ):  # moves below a step: one side may keep them, the other add them to the next
+        expected, got = ([m for m in side if length(m) > 3e-3] for side in (expected, got))
     assert len(got) == len(expected)
     for number, (e, g) in enumerate(zip(expected, got, strict=True)):
         assert (g.rapid, len(g.points)) == (e.rapid, len(e.points)), number
