@@ -173,12 +173,24 @@ def test_overrides_are_published(cell):
 def test_what_the_cell_says_is_on_the_page_and_goes_stale(cell):
     state = MachineState(connected=True, identity='WAAM_CONTROLLER_V1', homed=True, fault=204)
     state.state, state.fault_text = MachineState().state + 2, 'arc lost'
-    cell.machine.publish(state)
     frame = Telemetry(arc_current=181.0, wire_feed_speed=0.1, arc_established=True, state=2)
     frame.header.stamp.sec = 5
-    for _ in range(300):
-        cell.telemetry.publish(frame)
-    shown = cell.frame(lambda f: f['samples'] and 'machine' in f['sections'] and f.get('alarms'))
+    over = threading.Event()
+
+    def speak() -> None:
+        while not over.wait(0.02):
+            cell.machine.publish(state)
+            cell.telemetry.publish(frame)
+
+    speaker = threading.Thread(target=speak)
+    speaker.start()
+    try:
+        shown = cell.frame(
+            lambda f: f['samples'] and 'machine' in f['sections'] and f.get('alarms')
+        )
+    finally:
+        over.set()
+        speaker.join()
     assert shown['sections']['telemetry']['current'] == 181.0
     assert shown['sections']['telemetry']['feed'] == pytest.approx(6.0)
     assert shown['sections']['machine']['identity'] == 'WAAM_CONTROLLER_V1'
