@@ -11,7 +11,7 @@ from adapt_graph import Graph
 from ament_index_python.packages import get_package_share_directory
 from sensor_msgs.msg import Temperature
 
-from waam_adapt.correction_server_node import CorrectionParams
+from waam_adapt.corrector import CorrectionParams
 from waam_adapt.feed_forward_node import FeedParams
 from waam_adapt.thermal_compensator_node import ThermalParams
 from waam_msgs.msg import CorrectionMap, HeatFactor, ProcessEstimate, Segment

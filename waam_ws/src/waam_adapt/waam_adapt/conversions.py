@@ -13,6 +13,7 @@ from waam_node.conversions import floats, grid_from_msg, grid_to_msg, map_from_m
 from waam_process.grid import GridSpec
 
 from .checks import MapOrigin
+from .corrector import LastLayer
 from .feedforward import Field, Path, Setpoints
 from .identification import Estimate
 from .laws import Correction, CorrectionError, CorrectionInput
@@ -73,6 +74,15 @@ def feed_factor(request: ComputeCorrection.Request) -> float:
     """Factor of the wire feed that the last layer was laid with (flow and heat); 0 or NaN = 1."""
     factor = number('previous_feed_factor', request.previous_feed_factor, 0.0, 3.0, nan_ok=True)
     return 1.0 if np.isnan(factor) or factor == 0 else factor
+
+
+def last_layer(request: ComputeCorrection.Request, spec: GridSpec) -> LastLayer:
+    """CorrectionError names the field."""
+    return LastLayer(
+        named_map('previous_surface', request.previous_surface, spec, optional=True),
+        named_map('previous_growth', request.previous_growth, spec, optional=True),
+        feed_factor(request),
+    )
 
 
 def map_origin(request: ComputeCorrection.Request, now: float) -> MapOrigin:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import signal
 import sys
 import time
 from pathlib import Path
@@ -48,6 +49,19 @@ def build_parser() -> argparse.ArgumentParser:
 def _register_graph(commands) -> None:
     p = commands.add_parser('up', help='start the graph and return when every node answers')
     add_run(p)
+    _add_up(p)
+    p.set_defaults(run_command=cmd_up)
+    p = commands.add_parser(
+        'stop', help='stop the graph; a running job is aborted with a safe end of the arc'
+    )
+    add_run(p)
+    p.set_defaults(run_command=cmd_stop)
+    p = commands.add_parser('status', help='what is up, what the machine and the job do')
+    add_run(p)
+    p.set_defaults(run_command=cmd_status)
+
+
+def _add_up(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--port',
         default='',
@@ -79,34 +93,20 @@ def _register_graph(commands) -> None:
         type=Path,
         help='ROS parameter file for all nodes (repeatable)',
     )
-    p.add_argument(
-        '--grpc-port',
-        type=int,
-        default=0,
-        help='dashboard: port for rerun viewers on 127.0.0.1 (0 = off)',
-    )
-    p.add_argument(
-        '--web-port',
-        type=int,
-        default=0,
-        help='dashboard: port of the web viewer on 127.0.0.1 (0 = off)',
-    )
-    p.add_argument(
-        '--panel-port',
-        type=int,
-        default=0,
-        help="port of the operator's page on 127.0.0.1 (default 8600, any other one when that is taken)",
-    )
     p.add_argument('--timeout', type=float, default=60.0, help='longest wait for readiness, s')
-    p.set_defaults(run_command=cmd_up)
-    p = commands.add_parser(
-        'stop', help='stop the graph; a running job is aborted with a safe end of the arc'
-    )
-    add_run(p)
-    p.set_defaults(run_command=cmd_stop)
-    p = commands.add_parser('status', help='what is up, what the machine and the job do')
-    add_run(p)
-    p.set_defaults(run_command=cmd_status)
+    _add_up_ports(p)
+
+
+def _add_up_ports(p: argparse.ArgumentParser) -> None:
+    for name, text in (
+        ('grpc', 'dashboard: port for rerun viewers on 127.0.0.1 (0 = off)'),
+        ('web', 'dashboard: port of the web viewer on 127.0.0.1 (0 = off)'),
+        (
+            'panel',
+            "port of the operator's page on 127.0.0.1 (default 8600, any other one when that is taken)",
+        ),
+    ):
+        p.add_argument(f'--{name}-port', type=int, default=0, help=text)
 
 
 def _register_demo(commands) -> None:
@@ -191,17 +191,19 @@ def cmd_demo(args) -> int:
     return run_demo(args)
 
 
+def _terminated(number, _frame) -> None:
+    """Ends like Ctrl-C does: whatever the command has started is stopped on the way out."""
+    raise SystemExit(128 + number)
+
+
 def main(argv: list[str] | None = None) -> int:
     """Errors of use print one line and give exit status 2."""
     from .client import ClientError
 
     args = build_parser().parse_args(argv)
+    signal.signal(signal.SIGTERM, _terminated)
     try:
-        return (
-            getattr(args, 'run_command', None)(args)
-            if hasattr(args, 'run_command')
-            else args.run(args)
-        )
+        return args.run_command(args)
     except (ValueError, OSError, ClientError) as e:
         print(f'waam: error: {e}', file=sys.stderr)
         return 2

@@ -12,6 +12,12 @@ def register_job(commands) -> None:
     job = commands.add_parser('job', help='run and steer jobs').add_subparsers(
         dest='verb', metavar='VERB', required=True
     )
+    _register_run(job)
+    _register_resume(job)
+    _register_steering(job)
+
+
+def _register_run(job) -> None:
     p = job.add_parser(
         'run',
         help='run a job on the graph that is up and follow it',
@@ -22,15 +28,16 @@ def register_job(commands) -> None:
         'exit status: 0 done, 1 the job failed, 2 it was refused, 130 cancelled with Ctrl-C',
     )
     add_run(p)
+    _add_part(p)
+    _add_process(p)
+    _add_bookkeeping(p)
+    p.set_defaults(run_command=cmd_job_run)
+
+
+def _add_part(p: argparse.ArgumentParser) -> None:
     p.add_argument('part', type=Path, help='nominal part: STL or PLY')
     p.add_argument(
-        '--material', default='er70s-6', help='key of the material table (default er70s-6)'
-    )
-    p.add_argument(
-        '--layers', type=int, default=0, help='at most so many layers; 0 = as many as needed'
-    )
-    p.add_argument(
-        '--profile', choices=('open_loop', 'monitor', 'closed_loop'), default='closed_loop'
+        '--as-found', type=Path, help='simulated cell: mesh of the worn part that lies on the table'
     )
     p.add_argument(
         '--mode',
@@ -39,34 +46,10 @@ def register_job(commands) -> None:
         help='restore: nominal minus scan; build: onto a flat plate',
     )
     p.add_argument(
-        '--as-found', type=Path, help='simulated cell: mesh of the worn part that lies on the table'
-    )
-    p.add_argument('--layer-height', type=float, default=0.0, metavar='MM')
-    p.add_argument('--bead-width', type=float, default=0.0, metavar='MM')
-    p.add_argument(
-        '--k-gain',
-        type=float,
-        default=float('nan'),
-        help='authority of the speed correction, 0..0.3',
-    )
-    p.add_argument('--tolerance', type=float, default=0.2, metavar='MM')
-    p.add_argument(
         '--scale',
         type=float,
         default=1e-3,
         help='metres per unit of the file (default 0.001: millimetres)',
-    )
-    p.add_argument('--name', default='', help='short name in the folder of the job')
-    p.add_argument('--jobs', type=Path, help='where job folders go (default: jobs/)')
-    p.add_argument(
-        '--note',
-        action='append',
-        default=[],
-        metavar='KEY=VALUE',
-        help='kept in job.yaml, such as wire_lot=4711',
-    )
-    p.add_argument(
-        '--strategy', default='', help='how layers are filled (waam plan --help); default: chosen'
     )
     p.add_argument(
         '--allowance',
@@ -82,13 +65,51 @@ def register_job(commands) -> None:
         help='2 = half of the layers, then plan again from the scan (a posteriori)',
     )
     p.add_argument(
+        '--strategy', default='', help='how layers are filled (waam plan --help); default: chosen'
+    )
+    p.add_argument(
+        '--layers', type=int, default=0, help='at most so many layers; 0 = as many as needed'
+    )
+
+
+def _add_process(p: argparse.ArgumentParser) -> None:
+    p.add_argument(
+        '--material', default='er70s-6', help='key of the material table (default er70s-6)'
+    )
+    p.add_argument(
+        '--profile', choices=('open_loop', 'monitor', 'closed_loop'), default='closed_loop'
+    )
+    p.add_argument('--layer-height', type=float, default=0.0, metavar='MM')
+    p.add_argument('--bead-width', type=float, default=0.0, metavar='MM')
+    p.add_argument(
+        '--k-gain',
+        type=float,
+        default=float('nan'),
+        help='authority of the speed correction, 0..0.3',
+    )
+    p.add_argument('--tolerance', type=float, default=0.2, metavar='MM')
+    p.add_argument(
         '--wire-left',
         type=float,
         default=0.0,
         metavar='M',
         help='wire on the spool, checked against the plan',
     )
-    p.set_defaults(run_command=cmd_job_run)
+
+
+def _add_bookkeeping(p: argparse.ArgumentParser) -> None:
+    p.add_argument('--name', default='', help='short name in the folder of the job')
+    p.add_argument('--jobs', type=Path, help='where job folders go (default: jobs/)')
+    p.add_argument(
+        '--note',
+        action='append',
+        default=[],
+        metavar='KEY=VALUE',
+        help='kept in job.yaml, such as wire_lot=4711',
+    )
+
+
+def _register_resume(job) -> None:
     p = job.add_parser(
         'resume',
         help='go on: with a paused job, or with an interrupted one after a crash or a power cut',
@@ -102,6 +123,9 @@ def register_job(commands) -> None:
         '--note', action='append', default=[], metavar='KEY=VALUE', help='kept with the job'
     )
     p.set_defaults(run_command=cmd_job_resume)
+
+
+def _register_steering(job) -> None:
     for verb, text in (
         ('rescan', 'scan again before the next layer'),
         ('skip-layer', 'leave the next layer out'),

@@ -74,7 +74,7 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser()
     register(parser.add_subparsers(required=True))
     args = parser.parse_args(arguments)
-    return args.run(args)
+    return args.run_command(args)
 
 
 if __name__ == '__main__':

@@ -26,7 +26,7 @@ def parse(*words):
 
 def waam(*words):
     args = parse(*words)
-    return args.run(args)
+    return args.run_command(args)
 
 
 def test_build_writes_everything(box_file, tmp_path, capsys):

@@ -132,9 +132,9 @@ def test_command_line_writes_program_and_picture(tmp_path, capsys):
     source, out = tmp_path / 'a.gcode', tmp_path / 'b.gcode'
     source.write_text(program([(0, 0, 5), (100, 0, 5), (100, 80, 5), (0, 80, 5), (0, 0, 5)]))
     args = parser.parse_args(['correct', str(source), '--y-to-x', '0.3', '--out', str(out)])
-    assert args.run(args) == 0
+    assert args.run_command(args) == 0
     real = machine(AxisErrors(y_to_x=math.radians(0.3)), points_of(out.read_text()))
     assert np.abs(real - points_of(source.read_text())).max() < 2e-4
     assert (tmp_path / 'b.png').stat().st_size > 5000
     args = parser.parse_args(['correct', str(source), '--y-to-x', '30', '--out', str(out)])
-    assert args.run(args) == 2 and 'y_to_x' in capsys.readouterr().err
+    assert args.run_command(args) == 2 and 'y_to_x' in capsys.readouterr().err

@@ -74,7 +74,7 @@ def register(commands) -> None:
     p.add_argument(
         '--preview', action='store_true', help='draw preview.png (into --out or the current folder)'
     )
-    p.set_defaults(run=run)
+    p.set_defaults(run_command=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -56,7 +56,7 @@ def register(commands) -> None:
         help="exact inverse (default), or the source's first-order forms",
     )
     p.add_argument('--out', type=Path, required=True, metavar='FILE', help='corrected program')
-    p.set_defaults(run=run)
+    p.set_defaults(run_command=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -127,7 +127,7 @@ def run(*argv) -> int:
     parser = argparse.ArgumentParser()
     cli.register(parser.add_subparsers())
     args = parser.parse_args(['record', *map(str, argv)])
-    return args.run(args)
+    return args.run_command(args)
 
 
 def test_commands(tmp_path, capsys):

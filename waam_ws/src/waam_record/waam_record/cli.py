@@ -49,7 +49,7 @@ def _register_run(verbs: argparse._SubParsersAction) -> None:
     run.add_argument('--exclude', default='', metavar='REGEX', help='not the topics it is found in')
     run.add_argument('--split-mb', type=int, default=2048)
     run.add_argument('--split-time', type=float, default=0.0, metavar='S')
-    run.set_defaults(run=_run)
+    run.set_defaults(run_command=_run)
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -77,7 +77,7 @@ def _register_control(verbs: argparse._SubParsersAction) -> None:
     start = verbs.add_parser('start', help='let the running recorder record into a new folder')
     start.add_argument('directory', metavar='FOLDER', help='must not exist yet')
     start.add_argument('--note', action='append', default=[], metavar='KEY=VALUE')
-    start.set_defaults(run=lambda args: _control('START', args.directory, args.note))
+    start.set_defaults(run_command=lambda args: _control('START', args.directory, args.note))
     for name, text in (
         ('stop', 'close and verify the recording'),
         ('split', 'start the next file'),
@@ -85,10 +85,10 @@ def _register_control(verbs: argparse._SubParsersAction) -> None:
         ('resume', 'go on after a pause'),
     ):
         verb = verbs.add_parser(name, help=text)
-        verb.set_defaults(run=lambda args, code=name.upper(): _control(code))
+        verb.set_defaults(run_command=lambda args, code=name.upper(): _control(code))
     text = 'what the recorder does: messages, losses per topic, what waits for the disk'
     status = verbs.add_parser('status', help=text, description=text)
-    status.set_defaults(run=_status)
+    status.set_defaults(run_command=_status)
 
 
 def _status(_: argparse.Namespace) -> int:

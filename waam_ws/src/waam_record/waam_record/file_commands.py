@@ -26,14 +26,14 @@ def register(verbs: argparse._SubParsersAction) -> None:
             verb.add_argument(
                 '-v', '--verbose', action='store_true', help='also the parameters of all nodes'
             )
-        verb.set_defaults(run=run)
+        verb.set_defaults(run_command=run)
     text = 'write everything that is whole in a damaged recording as a new one (the old one is not touched)'
     verb = verbs.add_parser('recover', help=text, description=text)
     verb.add_argument('path', type=Path, metavar='PATH', help=PATH)
     verb.add_argument(
         '-o', '--output', type=Path, help='new folder (default: PATH with _recovered added)'
     )
-    verb.set_defaults(run=_recover)
+    verb.set_defaults(run_command=_recover)
     _register_copies(verbs)
 
 
@@ -55,21 +55,21 @@ def _register_copies(verbs: argparse._SubParsersAction) -> None:
     verb.add_argument(
         '--end', type=float, default=float('inf'), metavar='S', help='after the beginning'
     )
-    verb.set_defaults(run=_convert)
+    verb.set_defaults(run_command=_convert)
     text = (
         'several recordings as one, in the order of time; topics that do not fit together are named'
     )
     verb = verbs.add_parser('merge', help=text, description=text)
     verb.add_argument('paths', type=Path, nargs='+', metavar='PATH', help=PATH)
     _add_copy_options(verb)
-    verb.set_defaults(run=_merge)
+    verb.set_defaults(run_command=_merge)
     text = 'ROS 1 bags (.bag), CSV logs and pyrometer files (.dat) as one recording with standard types'
     verb = verbs.add_parser('import', help=text, description=text)
     verb.add_argument('paths', type=Path, nargs='+', metavar='FILE')
     verb.add_argument(
         '-o', '--output', type=Path, required=True, metavar='FOLDER', help='new folder'
     )
-    verb.set_defaults(run=_import)
+    verb.set_defaults(run_command=_import)
 
 
 def _add_copy_options(verb: argparse.ArgumentParser) -> None:

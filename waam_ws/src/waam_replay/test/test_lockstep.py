@@ -18,7 +18,7 @@ def play(job, capsys) -> tuple[int, str]:
     parser = argparse.ArgumentParser()
     cli.register(parser.add_subparsers())
     args = parser.parse_args(['replay', 'play', str(job), '--lockstep', '--domain', str(DOMAIN)])
-    code = args.run(args)
+    code = args.run_command(args)
     return code, capsys.readouterr().out
 
 

@@ -134,7 +134,7 @@ def run(argv: list[str]) -> int:
     parser = argparse.ArgumentParser()
     cli.register(parser.add_subparsers())
     args = parser.parse_args(['replay', *argv])
-    return args.run(args)
+    return args.run_command(args)
 
 
 def test_commands(job, tmp_path, capsys):

@@ -47,13 +47,13 @@ def register(commands: argparse._SubParsersAction) -> None:
     tune.add_argument(
         '-o', '--output', type=Path, help='folder of tune.json and tune.png (default: JOB/replay)'
     )
-    tune.set_defaults(run=_tune)
+    tune.set_defaults(run_command=_tune)
     text = (
         'offline, with the recorded parameters; exit status 1 when anything differs from the record'
     )
     check = verbs.add_parser('check', help=text, description=text)
     check.add_argument('job', type=Path, metavar='JOB', help='job folder or its record folder')
-    check.set_defaults(run=_check)
+    check.set_defaults(run_command=_check)
     _register_play(verbs)
 
 
@@ -88,7 +88,7 @@ def _register_play(verbs: argparse._SubParsersAction) -> None:
     )
     play.add_argument('--paused', action='store_true', help='begin paused (service player/control)')
     play.add_argument('--force', action='store_true', help='also topics that command a machine')
-    play.set_defaults(run=_play)
+    play.set_defaults(run_command=_play)
 
 
 def _tuned(job: Path, settings: list[str]) -> Tuning:

@@ -1,7 +1,7 @@
 """Psi again, from the recorded requests: surface, target, planned metal and what the last layer was asked for.
 
-The order of steps is that of the node correction_server; its state (the identified process) grows layer by layer from
-the requests alone.
+The answers come from the class that the node uses; its state (the identified process) grows layer by layer from the
+requests alone.
 """
 
 from __future__ import annotations
@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waam_adapt import conversions as convert
-from waam_adapt.checks import MapLimits, reasons_against
-from waam_adapt.correction_server_node import CorrectionParams
-from waam_adapt.identification import Estimate, Identifier, Layer
-from waam_adapt.laws import Correction, CorrectionInput, make_law, safe_correct
+from waam_adapt.corrector import CorrectionParams, Corrector
+from waam_adapt.identification import Estimate
+from waam_adapt.laws import Correction, CorrectionInput
 from waam_node.conversions import grid_from_msg
 from waam_process.grid import GridSpec
 
@@ -63,15 +62,11 @@ class PsiAgain:
         return float(np.sqrt(np.mean(d**2))), float(np.abs(d).max())
 
 
-class Corrector:
-    """Answers the recorded requests of one job in order."""
+class Corrections:
+    """Answers the recorded requests of one job in order; k_gain: in place of the recorded one, NaN = as recorded."""
 
     def __init__(self, params: CorrectionParams, k_gain: float = float('nan')) -> None:
-        p = self.params = params
-        self.law = make_law(p.law, p.gain, p.regularisation)
-        self.limits = MapLimits(p.max_age, p.min_coverage, p.max_sigma, p.max_error)
-        self.identifier = Identifier(p.forgetting, p.learning)
-        self._k_gain = k_gain
+        self.params, self._corrector, self._k_gain = params, Corrector(params), k_gain
 
     def one(self, call: Exchange, surface: MapAgain | None) -> PsiAgain:
         """surface: the map computed again, in place of the recorded one."""
@@ -84,24 +79,8 @@ class Corrector:
         if surface is not None:
             core = replace(core, z=surface.z.astype(float), sigma=surface.sigma.astype(float))
             origin = replace(origin, plausible=surface.plausible, reasons=surface.reasons)
-        reasons = reasons_against(origin, core, self.limits)
-        self._learn(request, core, spec, trusted=not reasons)
-        flow, expected = 1.0, core
-        if p.identify:
-            flow = self.identifier.estimate.flow_factor
-            expected = core.expecting(self.identifier.shortfall.share)
-        result = safe_correct(self.law, expected, reasons)
-        estimate = self.identifier.estimate
-        return PsiAgain(call.response.correction, spec, core, result, flow, estimate)
-
-    def _learn(self, request: object, core: CorrectionInput, spec: GridSpec, trusted: bool) -> None:
-        before = convert.named_map(
-            'previous_surface', request.previous_surface, spec, optional=True
+        last = convert.last_layer(request, spec)
+        a = self._corrector.answer(request.layer, core, origin, last)
+        return PsiAgain(
+            call.response.correction, spec, core, a.correction, a.flow_factor, a.estimate
         )
-        growth = convert.named_map('previous_growth', request.previous_growth, spec, optional=True)
-        factor = convert.feed_factor(request)
-        self.identifier.start(request.job_id, request.layer)
-        if trusted and before is not None and growth is not None:
-            self.identifier.add(
-                Layer(before, core.z, growth * factor, core.resolution, core.bead_width)
-            )

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .corrections import Corrector, PsiAgain
+from .corrections import Corrections, PsiAgain
 from .maps import MapAgain, Mapper
 from .parameters import Parameters, effective
 from .prediction import Prediction, predict
@@ -94,11 +94,11 @@ def tune(
 
 
 def _corrections(result: Tuning) -> None:
-    corrector = Corrector(result.parameters.correction_server, result.parameters.job.k_gain)
+    corrections = Corrections(result.parameters.correction_server, result.parameters.job.k_gain)
     for call in result.record.calls['correct']:
         if call.response is None or call.response.error_code:
             continue
-        again = corrector.one(call, _surface(result, call.request.map))
+        again = corrections.one(call, _surface(result, call.request.map))
         result.layers.append(Layer(again.layer, psi=again))
 
 

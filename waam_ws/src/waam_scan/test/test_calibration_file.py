@@ -31,7 +31,7 @@ def run(*words):
     parser = argparse.ArgumentParser()
     cli_register.add_commands(parser.add_subparsers())
     args = parser.parse_args([str(w) for w in words])
-    return args.run(args)
+    return args.run_command(args)
 
 
 @pytest.fixture(scope='module')

@@ -83,7 +83,7 @@ def run(*words):
     parser = argparse.ArgumentParser()
     cli_register.add_commands(parser.add_subparsers())
     args = parser.parse_args([str(w) for w in words])
-    return args.run(args)
+    return args.run_command(args)
 
 
 def test_top_heights_are_those_of_the_mesh():

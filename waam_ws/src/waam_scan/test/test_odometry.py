@@ -71,7 +71,7 @@ def test_the_command_writes_a_track(tmp_path, capsys):
     args = parser.parse_args(
         ['register', *paths, '--change', 'any', '--out', str(tmp_path / 'track')]
     )
-    assert args.run(args) == 0
+    assert args.run_command(args) == 0
     assert 'frame_2.npy' in capsys.readouterr().out
     data = json.loads((tmp_path / 'track' / 'trajectory.json').read_text())
     assert worst(np.array([f['matrix_m'] for f in data['frames']]), truth) < 0.05e-3

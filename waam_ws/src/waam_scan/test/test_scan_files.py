@@ -41,7 +41,7 @@ def run(*arguments):
     parser = argparse.ArgumentParser()
     cli.register(parser.add_subparsers())
     args = parser.parse_args(['scan', *map(str, arguments)])
-    return args.run(args)
+    return args.run_command(args)
 
 
 @pytest.mark.parametrize(

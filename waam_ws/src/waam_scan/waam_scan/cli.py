@@ -88,7 +88,7 @@ def register(commands) -> None:
     )
     fuse.add_argument('--ply', action='store_true', help='also write the surface as PLY mesh (mm)')
     _add_fuse_options(fuse)
-    fuse.set_defaults(run=run_fuse)
+    fuse.set_defaults(run_command=run_fuse)
     sift = _leaf(
         verbs, 'filter', 'profiles from beside the arc -> bead height over time', FILTER_EPILOG
     )
@@ -97,7 +97,7 @@ def register(commands) -> None:
     sift.add_argument(
         '--height', action='store_true', help='Z of the file grows upwards (default: a distance)'
     )
-    sift.set_defaults(run=run_filter)
+    sift.set_defaults(run_command=run_filter)
     picture = _leaf(verbs, 'picture', 'a map file as PNG picture or PLY surface', PICTURE_EPILOG)
     picture.add_argument('map', type=Path, help='NPZ file of a map')
     picture.add_argument('--png', type=Path, help='picture to write (default: beside the map)')
@@ -105,10 +105,10 @@ def register(commands) -> None:
     picture.add_argument(
         '--range', nargs=2, type=float, metavar=('LOW', 'HIGH'), help='colour range in mm'
     )
-    picture.set_defaults(run=run_picture)
+    picture.set_defaults(run_command=run_picture)
     info = _leaf(verbs, 'info', 'what a file of profiles, a robot log or a map holds', INFO_EPILOG)
     info.add_argument('files', nargs='+', type=Path, metavar='FILE')
-    info.set_defaults(run=run_info)
+    info.set_defaults(run_command=run_info)
     cli_register.add_commands(verbs)
 
 

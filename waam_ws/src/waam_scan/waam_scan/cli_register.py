@@ -111,7 +111,7 @@ def _add_calibrate(subparsers) -> None:
         action='store_true',
         help='keep the start value where the scans show nothing, instead of refusing',
     )
-    p.set_defaults(run=run_calibrate)
+    p.set_defaults(run_command=run_calibrate)
 
 
 def _add_change(p: argparse.ArgumentParser, default: str) -> None:
@@ -155,7 +155,7 @@ def _add_register(subparsers) -> None:
     )
     p.add_argument('--out', type=Path, default=Path('registration'), help='folder for the results')
     p.add_argument('--moved', action='store_true', help='also write the moved cloud as PLY (mm)')
-    p.set_defaults(run=run_register)
+    p.set_defaults(run_command=run_register)
 
 
 def _add_compare(subparsers) -> None:
@@ -185,7 +185,7 @@ def _add_compare(subparsers) -> None:
     )
     _add_change(p, 'wear')
     p.add_argument('--out', type=Path, default=Path('compare'), help='folder for the results')
-    p.set_defaults(run=run_compare)
+    p.set_defaults(run_command=run_compare)
 
 
 def _guarded(action, args: argparse.Namespace) -> int:

@@ -43,12 +43,12 @@ def register(commands: argparse._SubParsersAction) -> None:
     )
     view.add_argument('--png', metavar='FILE', help='draw a picture instead of serving')
     view.add_argument('--port', type=int, default=9090, help='port of the web page (default 9090)')
-    view.set_defaults(run=_view)
+    view.set_defaults(run_command=_view)
     report = commands.add_parser(
         'report', help='rebuild report.html of a job', epilog=_REPORT_EXAMPLES, formatter_class=raw
     )
     report.add_argument('path', metavar='JOB', help='folder with report.json')
-    report.set_defaults(run=_report)
+    report.set_defaults(run_command=_report)
 
 
 def _view(args: argparse.Namespace) -> int:
