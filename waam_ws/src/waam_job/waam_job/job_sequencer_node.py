@@ -9,7 +9,7 @@ import traceback
 from dataclasses import asdict
 from pathlib import Path
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import CancelResponse, GoalResponse
 from std_srvs.srv import Trigger
 
 from waam_msgs.action import RunJob
@@ -25,6 +25,7 @@ from .control import Control
 from .folder import JobFolder
 from .goal import Checked, Code, JobError, JobGoal, check
 from .job_params import JobParams, settings_of
+from .node_action import ThreadedActionServer
 from .node_requests import WithFeedback, adjust, recheck, reopen
 from .provenance import provenance
 from .records import State, Status
@@ -41,11 +42,11 @@ class JobSequencer(WaamNode):
         self.control: Control | None = None
         self._lock = threading.Lock()
         self._busy = False
-        self._server = ActionServer(
+        self._server = ThreadedActionServer(
             self,
             RunJob,
             '~/run_job',
-            execute_callback=self._execute,
+            work=self._work,
             goal_callback=self._on_goal,
             cancel_callback=self._on_cancel,
         )
@@ -111,16 +112,8 @@ class JobSequencer(WaamNode):
 
     # ---- the job -------------------------------------------------------------------------------
 
-    async def _execute(self, handle) -> RunJob.Result:
-        """Waits for the job's thread without blocking the executor."""
-        from rclpy.task import Future
-
-        done: Future = Future(executor=self.executor)
-        worker = threading.Thread(target=self._work, args=(handle, done), name='job', daemon=True)
-        worker.start()
-        return await done
-
-    def _work(self, handle, done) -> None:
+    def _work(self, handle) -> RunJob.Result:
+        """The goal's whole life, in a thread of its own."""
         result = RunJob.Result()
         try:
             self._run(handle, result)
@@ -139,7 +132,7 @@ class JobSequencer(WaamNode):
             handle.succeed()
         with self._lock:
             self._busy = False
-        done.set_result(result)
+        return result
 
     def _run(self, handle, result: RunJob.Result) -> None:
         self.cell.status(Status(state=State.VALIDATING, profile=handle.request.profile))
