@@ -53,6 +53,10 @@ def test_nothing_is_lost(done):
     run = run_of(done)
     assert run['telemetry_lost'] == 0
     assert run['profiles_rejected'] == 0
+    track = np.load(done / 'telemetry.npz')
+    steps = np.diff(track['t'])
+    assert np.all(steps > 0) and steps.max() < 1.0, 'a piece of the track is missing'
+    assert track['t'][-1] - track['t'][0] > sum(r['duration'] for r in run['layers'])
 
 
 def test_record_opens_in_a_third_party_reader_with_all_topics(done):

@@ -39,6 +39,7 @@ class FakeCell:
         self.scan_coverage = [1.0] * 100
         self.pyrometer_plausible = True
         self.record_calls: list = []
+        self.tracks_taken = 0
         self.pace = 8  # segments between two looks of the job
 
     def now(self) -> float:
@@ -179,7 +180,8 @@ class FakeCell:
         return Sums()
 
     def take_track(self) -> dict:
-        return {}
+        self.tracks_taken += 1
+        return {'t': np.array([float(self.tracks_taken)])}
 
     def status(self, status) -> None:
         self.statuses.append(replace(status))

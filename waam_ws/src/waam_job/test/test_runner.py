@@ -50,6 +50,8 @@ def test_closed_loop_beats_open_loop_and_the_folder_is_complete(make_cell, make_
         error = (last['z'] - last['target'])[last['interior']]
         assert np.sqrt(np.nanmean(error**2)) * 1e3 == pytest.approx(figures[profile], rel=1e-3)
         assert (folder.path / 'program.gcode').stat().st_size > 100
+        pieces = list(np.load(folder.path / 'telemetry.npz')['t'])
+        assert pieces == list(range(2, runner.cell.tracks_taken + 1))  # 1: before the job
     # two layers, no identification in this cell: what is left is the last layer's own shortfall
     assert figures['closed_loop'] < 0.75 * figures['open_loop']
 

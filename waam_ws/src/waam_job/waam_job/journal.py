@@ -27,6 +27,7 @@ class Journal:
 
     def __init__(self, cell: Cell, goal: JobGoal, folder: JobFolder, run: int = 1) -> None:
         self.cell, self.goal, self.folder, self.run = cell, goal, folder, run
+        self._pieces = 0  # of the telemetry track
         self.status = Status(
             folder.job_id,
             str(folder.path),
@@ -82,7 +83,7 @@ class Journal:
         """A finished layer; from here on a crash loses nothing of it."""
         self.layers.append(record)
         self.cell.layer_report(replace(record))
-        self.track(record.layer)
+        self.track()
         self.keep()
 
     def keep(self) -> None:
@@ -160,9 +161,10 @@ class Journal:
             maps |= {'asked': asked, 'feed_factor': np.array(feed_factor)}
         self.folder.write_map(number, scan.map.spec, **maps)
 
-    def track(self, layer: int) -> None:
+    def track(self) -> None:
         """The telemetry since the last call, thinned to 10 Hz, goes to disk: a long job does not grow in memory."""
-        self.folder.write_track(f'{self.run:03d}_{layer:04d}', self.cell.take_track())
+        self._pieces += 1
+        self.folder.write_track(f'{self.run:03d}_{self._pieces:05d}', self.cell.take_track())
 
     def report(
         self,
@@ -172,7 +174,7 @@ class Journal:
         passes: list[PassRecord],
     ) -> None:
         """report.json, and all tracks in one telemetry.npz."""
-        self.track(9999)
+        self.track()
         self.keep()
         self.folder.join_tracks()
         verdict = 'in tolerance' if in_tolerance else 'out of tolerance'
