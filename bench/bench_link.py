@@ -3,8 +3,9 @@
 link.segments_per_s: segments per second of wall time through bridge core, transport and a real pseudo-terminal into
     the virtual controller (`--rate 0`), executed; baseline: lines per second of printcore, same run
 link.host_us_per_segment: CPU of the host process per segment; baseline: printcore's per line
-link.override_p99_ms: wall time from the call of `override` to the controller's answer that it is in force, while
-    segments are streamed in real time; the motion follows in the next tick of 1 ms. Limit: 5 ms
+link.override_p99_ms: wall time from the request for an override to the first telemetry frame (1 kHz) that shows it in
+    force, while segments are streamed in real time; baseline: limit of 5 ms. The time to the controller's answer, which
+    is shorter, goes to stderr, and so does the longest time that this process was kept from running meanwhile
 link.telemetry_1khz_lost: frames missing (sequence numbers) at 1 kHz while segments are streamed in real time;
     baseline: frames received. WAAM_BENCH_LINK_S seconds (60; 600 = the requirement)
 link.clock_residual_p99_ms: over the same time, how far the fitted line was from the fastest round trip of the next
@@ -14,9 +15,12 @@ link.third_outcomes: the noise campaign (waam_bridge/test/bridge_campaign.py: th
     requirement)
 arc.off_max_ms: age of the lease, in controller time, when the arc went off after kill -9 of the host or a pulled
     terminal; the outputs of a killed controller die with it and count 0. Limit: 500 ms.
-    WAAM_BENCH_KILLS moments (9; 200 = the requirement)
+    WAAM_BENCH_KILLS moments (9; 200 = the requirement). A scene that a busy computer has upset is set up anew, five
+    times at most; how often goes to stderr
 
-Without Printrun the two baselines are null.
+Without Printrun the two baselines are null. With the defaults it takes about 3 minutes, with WAAM_BENCH_LINK_S=600 and
+WAAM_BENCH_KILLS=200 some 20; WAAM_BENCH_NOISE=1000000 takes an hour of its own. Each part says on stderr how long it
+took, and nothing waits without a limit.
 """
 
 from __future__ import annotations
@@ -46,16 +50,29 @@ TESTS = ROOT / 'waam_ws/src/waam_bridge/test'
 JOB = 20_000  # segments of the speed run
 PRINTCORE_JOB = 2_000  # it sends about 600 lines per second
 OVERRIDES = 400
+SWITCH_INTERVAL = 0.001  # s, as in the node
+UPSET_MOST = 5
 
 
 def main() -> None:
     sys.path.insert(0, str(TESTS))
     with tempfile.TemporaryDirectory(prefix='waam_link_') as scratch:
         folder = Path(scratch)
-        speed(folder)
-        steady(folder, float(os.environ.get('WAAM_BENCH_LINK_S', '60')))
-        noise(int(os.environ.get('WAAM_BENCH_NOISE', '20000')))
-        kills(folder, int(os.environ.get('WAAM_BENCH_KILLS', '9')))
+        part('speed', speed, folder)
+        part('steady', steady, folder, float(os.environ.get('WAAM_BENCH_LINK_S', '60')))
+        part('noise', noise, int(os.environ.get('WAAM_BENCH_NOISE', '20000')))
+        part('kills', kills, folder, int(os.environ.get('WAAM_BENCH_KILLS', '9')))
+
+
+def part(name: str, run, *args) -> None:
+    """One part that fails does not take the others with it."""
+    began = time.monotonic()
+    try:
+        run(*args)
+        said = 'took'
+    except (AssertionError, TimeoutError, OSError) as e:
+        said = f'failed: {e}; after'
+    print(f'bench_link: {name} {said} {time.monotonic() - began:.0f} s', file=sys.stderr)
 
 
 class Controller:
@@ -87,6 +104,8 @@ def connect(path: Path, **params):
     light = Light(str(path), quiet=True, **params)
     bridge = light.bridge
     light.until(lambda: bridge.connected and bridge.position)
+    if bridge.state == frames.ALARM:  # just switched on
+        light.command(commands.RESET)
     light.command(commands.HOME)
     light.until(lambda: bridge.flags & frames.HOMED and bridge.state == frames.IDLE)
     return light
@@ -143,8 +162,8 @@ def printcore_speed(folder: Path) -> tuple[float | None, float | None]:
     controller = Controller(folder, '--rate', '0', '--start', '0.5,0.5,199.5')
     core = printcore.printcore()
     core.connect(str(controller.path), 115200)
-    while not core.online:
-        time.sleep(0.01)
+    until(lambda: core.online, 'printcore is online')
+    core.send_now('M999')  # leaves the ALARM of a controller that was just switched on
     job = [
         'G28',
         'G91',
@@ -152,8 +171,7 @@ def printcore_speed(folder: Path) -> tuple[float | None, float | None]:
     ]
     wall, cpu = time.monotonic(), time.process_time()
     core.startprint(gcoder.LightGCode(job))
-    while core.printing:
-        time.sleep(0.005)
+    until(lambda: not core.printing, 'printcore has printed')
     lines = PRINTCORE_JOB / (time.monotonic() - wall)
     used = (time.process_time() - cpu) / PRINTCORE_JOB * 1e6
     core.disconnect()
@@ -161,8 +179,17 @@ def printcore_speed(folder: Path) -> tuple[float | None, float | None]:
     return lines, used
 
 
+def until(condition, what: str, limit: float = 120.0) -> None:
+    end = time.monotonic() + limit
+    while not condition():
+        if time.monotonic() > end:
+            raise TimeoutError(f'{what}: not within {limit:.0f} s')
+        time.sleep(0.005)
+
+
 def steady(folder: Path, seconds: float) -> None:
     """Real time, 1 kHz telemetry, segments of 1 mm at 50 mm/s without end, overrides in between."""
+    sys.setswitchinterval(SWITCH_INTERVAL)
     controller = Controller(folder, '--rate', '1', '--start', '0.5,0.5,199.5')
     light = connect(controller.path, telemetry_rate=1000.0)
     bridge, link = light.bridge, light.bridge.link
@@ -170,10 +197,11 @@ def steady(folder: Path, seconds: float) -> None:
     feeder = threading.Thread(target=keep_streaming, args=(light, stop), daemon=True)
     feeder.start()
     light.until(lambda: bridge.queued > 100)
+    stalls = Stalls()
     received, lost = link.received, link.lost
     end = time.monotonic() + seconds
     pause = seconds / OVERRIDES
-    waits = [override_wait(light, 0.9 + 0.2 * (n % 2), pause) for n in range(OVERRIDES)]
+    waits = [override_wait(light, 900 + n % 200, pause) for n in range(OVERRIDES)]
     while time.monotonic() < end:
         time.sleep(0.1)
     received, lost = link.received - received, link.lost - lost
@@ -182,8 +210,15 @@ def steady(folder: Path, seconds: float) -> None:
     residual = link.clock.residual
     light.transport.close()
     controller.close()
-    waits.sort()
-    emit('link.override_p99_ms', waits[int(0.99 * len(waits))], 'ms', 'limit', 5.0)
+    answered, shown = (sorted(column) for column in zip(*waits, strict=True))
+    p99 = int(0.99 * OVERRIDES)
+    print(
+        f'bench_link: overrides answered p50 {answered[OVERRIDES // 2]:.2f} p99 {answered[p99]:.2f} ms, '
+        f'shown p50 {shown[OVERRIDES // 2]:.2f} p99 {shown[p99]:.2f} ms; '
+        f'kept from running for {stalls.end():.1f} ms at most',
+        file=sys.stderr,
+    )
+    emit('link.override_p99_ms', shown[p99], 'ms', 'limit', 5.0)
     emit('link.telemetry_1khz_lost', lost, 'frames', 'frames received', float(received))
     emit('link.clock_residual_p99_ms', residual * 1e3, 'ms', 'limit', 0.2)
 
@@ -197,24 +232,45 @@ def keep_streaming(light, stop: threading.Event) -> None:
         time.sleep(0.05)
 
 
-def override_wait(light, factor: float, pause: float) -> float:
-    """ms until the controller has answered."""
-    from waam_bridge.requests import OK
+def override_wait(light, permille: int, pause: float) -> tuple[float, float]:
+    """ms until the controller has answered, and until a frame has shown it in force; inf after 2 s."""
+    answered, shown = threading.Event(), threading.Event()
+    times = [math.inf, math.inf]
 
-    answered = threading.Event()
-    began = time.monotonic()
+    def mark(which: int, event: threading.Event) -> None:
+        if not event.is_set():
+            times[which] = (time.monotonic() - began) * 1e3
+            event.set()
 
-    def done(code: int, text: str) -> None:
-        if code == OK:
-            answered.set()
-
+    light.on_frame = lambda frame: frame.speed_permille == permille and mark(1, shown)
     with light.lock:
-        light.bridge.link.ask('V', f'{factor * 1000:.0f} 1000', done, began)
+        began = time.monotonic()
+        light.bridge.link.ask('V', f'{permille} 1000', lambda code, text: mark(0, answered), began)
         light.on_idle()
-    answered.wait(2.0)
-    took = (time.monotonic() - began) * 1e3 if answered.is_set() else math.inf
-    time.sleep(max(0.0, pause - took * 1e-3))
-    return took
+    shown.wait(2.0)
+    time.sleep(max(0.0, began + pause - time.monotonic()))
+    return times[0], times[1]
+
+
+class Stalls:
+    """How long the computer keeps a thread waiting that asks for a millisecond of sleep: what no program can better."""
+
+    def __init__(self) -> None:
+        self._worst, self._stop = 0.0, threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            before = time.monotonic()
+            time.sleep(0.001)
+            self._worst = max(self._worst, time.monotonic() - before - 0.001)
+
+    def end(self) -> float:
+        """ms."""
+        self._stop.set()
+        self._thread.join()
+        return self._worst * 1e3
 
 
 def noise(segments: int) -> None:
@@ -235,11 +291,23 @@ def kills(folder: Path, count: int) -> None:
     from bridge_kill import KINDS, Scene
     from rich.progress import track
 
+    ages: list[float] = []
+    upset = 0
     scene = Scene(folder, virtual_controller(), seed=7)
     try:
-        ages = [scene.kill(KINDS[n % 3]) for n in track(range(count), 'kills', transient=True)]
+        for n in track(range(count), 'kills', transient=True):
+            try:
+                ages.append(scene.kill(KINDS[n % 3]))
+            except (AssertionError, OSError) as e:
+                upset += 1
+                print(f'bench_link: {KINDS[n % 3]}, moment {n}: {e}', file=sys.stderr)
+                if upset > UPSET_MOST or 'struck' in str(e):
+                    raise
+                scene.close()
+                scene = Scene(folder, virtual_controller(), seed=7 + n)
     finally:
         scene.close()
+    print(f'bench_link: {len(ages)} kills, {upset} scenes upset', file=sys.stderr)
     emit('arc.off_max_ms', max(ages), 'ms', 'limit', 500.0)
 
 

@@ -1,22 +1,53 @@
-"""Planning: compact programs beside plain ones.
+"""Planning: programs that keep to their section, very long ones, compact ones.
 
+plan.coverage_min: least share of a section under beads, all recorded meshes with all strategies (baseline: asked for;
+0 when a path leaves its section by more than 1 um, an idle move goes through simulated metal or a refusal names no
+place). plan.overlap_min: least share of a section in which neighbouring beads are neither too near nor too far;
+plan.starts_apart_min_mm: of arc starts of neighbouring layers. WAAM_PLAN_LAYERS: layers checked of each program
+(default 4; 0 = all, about an hour).
+plan.million_points_s: wall time to plan 10^6 path points, its peak memory, and the exponent of time over points.
 plan.compact_saving: share of points saved on a prismatic part at equal geometry (baseline: what is asked for);
 plan.compact_time_s: time to plan and write it with equal layers planned once (baseline: every layer planned).
+plan.restore_flat_share: recorded worn surface, restored on the simulated cell: share of the area within 0.2 mm.
 """
 
 from __future__ import annotations
 
+import json
+import math
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
 
 from emit import emit
 
-NAMES = ['plan.compact_saving', 'plan.compact_time_s']
+NAMES = [
+    'plan.coverage_min',
+    'plan.overlap_min',
+    'plan.starts_apart_min_mm',
+    'plan.million_points_s',
+    'plan.million_points_memory_gb',
+    'plan.million_points_exponent',
+    'plan.compact_saving',
+    'plan.compact_time_s',
+    'plan.restore_flat_share',
+    'plan.restore_flat_p95_mm',
+]
 LAYERS = 40
+MICROMETRE = 1e-6
 
 
 def main() -> None:
+    """All of them; what needs recorded data says so where it is absent."""
+    compact()
+    million()
+    coverage()
+    restoration()
+
+
+def compact() -> None:
     """A cylinder of 60 mm, 40 layers."""
     import trimesh
 
@@ -32,6 +63,57 @@ def main() -> None:
     emit('plan.compact_saving', saving(plan, fragments(plan)).share, '1', 'asked for', 0.8)
     _, every = timed(part, PlanSettings(growth_step=0.0))
     emit('plan.compact_time_s', once, 's', 'every layer planned', every)
+
+
+def million() -> None:
+    """An eighth of the points and all of them, each in a process of its own; scaled to exactly 10^6."""
+    few, many = planned(125_000), planned(1_000_000)
+    scale = 1e6 / many['points']
+    emit('plan.million_points_s', many['wall'] * scale, 's', 'asked for', 20.0)
+    emit('plan.million_points_memory_gb', many['peak'] / 1e9, 'GB', 'asked for', 2.0)
+    exponent = math.log(many['cpu'] / few['cpu']) / math.log(many['points'] / few['points'])
+    emit('plan.million_points_exponent', exponent, '1', 'linear', 1.0)
+
+
+def planned(points: int) -> dict:
+    """Figures of plan_million.py."""
+    script = Path(__file__).with_name('plan_million.py')
+    found = subprocess.run(
+        [sys.executable, str(script), str(points)], capture_output=True, text=True, check=True
+    )
+    return json.loads(found.stdout.splitlines()[-1])
+
+
+def coverage() -> None:
+    """All recorded meshes with all strategies."""
+    from plan_coverage import MESHES, run
+
+    if not MESHES.is_dir():
+        print(f'plan.coverage_min: no {MESHES}', file=sys.stderr)
+        return
+    found = run()
+    for text in found.vague:
+        print(f'refusal without a place: {text}', file=sys.stderr)
+    worst = found.worst
+    good = worst.outside <= MICROMETRE and worst.idle_depth <= MICROMETRE and not found.vague
+    if not good:
+        print(f'{found.where}: {worst}', file=sys.stderr)
+    emit('plan.coverage_min', worst.coverage if good else 0.0, '1', 'asked for', 0.99)
+    emit('plan.overlap_min', worst.in_range, '1', 'all of it', 1.0)
+    emit('plan.starts_apart_min_mm', worst.starts_apart * 1e3, 'mm', 'asked for', 5.0)
+
+
+def restoration() -> None:
+    """The recorded wall as the worn surface."""
+    from plan_restoration_wall import CLOUD, run
+
+    if not CLOUD.is_file():
+        print(f'plan.restore_flat_share: no {CLOUD}', file=sys.stderr)
+        return
+    result = run()
+    emit('plan.restore_flat_share', result.share, '1', 'asked for', 0.95)
+    emit('plan.restore_flat_p95_mm', result.p95 * 1e3, 'mm', 'asked for', 0.2)
+    print(f'layers {result.layers}, edges apart: {result.edges}', file=sys.stderr)
 
 
 def timed(part, settings):

@@ -5,7 +5,8 @@ replay.identical: share of maps, psi and sets of setpoints that equal the record
 from each other (baseline: all);
 replay.lockstep_identical: the same for the nodes on a graph of their own.
 
-BENCH_REPLAY_JOB: folder of a recorded job; without it two layers of the demo part are laid first (some minutes).
+BENCH_REPLAY_JOB: folder of a recorded job; without it two layers of the demo part are laid first (one
+minute).
 """
 
 from __future__ import annotations
@@ -18,8 +19,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from emit import emit
+from limit import within
 
 NAMES = ['replay.speed', 'replay.identical', 'replay.lockstep_identical']
+
+
+JOB_S, LOCKSTEP_S, OFFLINE_S = 600.0, 180.0, 300.0  # the longest wait for each part, wall time
 
 
 def make_job(scratch: Path) -> Path:
@@ -28,7 +33,8 @@ def make_job(scratch: Path) -> Path:
     args = SimpleNamespace(seed=7, jobs=scratch, layers=2, profiles=['closed_loop'], rate=0.0)
     stdout, sys.stdout = sys.stdout, sys.stderr
     try:
-        run_demo(args)
+        with within(JOB_S, 'the job that is recorded'):
+            run_demo(args)
     finally:
         sys.stdout = stdout
     return next((scratch / 'latest').resolve().glob('*/record')).parent
@@ -37,8 +43,9 @@ def make_job(scratch: Path) -> Path:
 def measure(job: Path) -> None:
     from waam_replay.tune import tune
 
-    tune(job)  # compiles what is not cached
-    runs = [tune(job) for _ in range(3)]
+    with within(OFFLINE_S, 'computing offline'):
+        tune(job)  # compiles what is not cached
+        runs = [tune(job) for _ in range(3)]
     best = min(runs, key=lambda r: r.seconds)
     emit('replay.speed', best.machine_seconds / best.seconds, 's/s', 'asked for', 100.0)
     same = len({r.digest for r in runs}) == 1
@@ -46,7 +53,9 @@ def measure(job: Path) -> None:
     total = sum(t for _, t in best.identical.values())
     emit('replay.identical', found / total if same else 0.0, '1', f'all {total} of the record', 1.0)
     command = [sys.executable, '-m', 'waam_bringup.cli', 'replay', 'play', str(job), '--lockstep']
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+    done = subprocess.run(
+        command, stdout=subprocess.PIPE, text=True, check=False, timeout=LOCKSTEP_S
+    )
     print(done.stdout, file=sys.stderr)
     rows = [line.split() for line in done.stdout.splitlines() if line.endswith('identical')]
     good, asked = (sum(int(row[i]) for row in rows) for i in (1, 3))

@@ -2,11 +2,13 @@
 
 scan.core_points_per_s: points per second on 2 cores into 512 x 512 cells of 0.2 mm, poses, validity and the robust
   estimator included, from four sensors of 3200 points at 16 kHz; points in scanning order, with the profiles shuffled,
-  and with all points shuffled. Baselines in the same run, one thread as they are: SciPy binned_statistic_2d (mean) and
-  Open3D voxel down-sampling. Wall time on an idle machine; WAAM_BENCH_CPU=1 takes 2 x points per CPU second instead
-  (on a busy one), and the line says so.
+  and with the points of every profile shuffled too. Baselines in the same run on the same order, one thread as they
+  are: SciPy binned_statistic_2d (mean) and Open3D voxel down-sampling. Wall time on an idle machine; WAAM_BENCH_CPU=1
+  takes 2 x points per CPU second instead (on a busy one), and the line says so.
+scan.memory_mb: peak memory of the process after 31 times the points, against after the first batch.
 scan.ros_points_per_s: the most points per second from a publisher process through ProfileBatch messages into the real
-  node with nothing lost (baseline: what the scan issue asks for). WAAM_BENCH_ROS_S: seconds per rate (default 3).
+  node with nothing lost (baseline: what the scan issue asks for); the line also tells what the node's process used of
+  a core per point and how much memory it holds. WAAM_BENCH_ROS_S: seconds per rate (default 3).
 scan.profile_to_map_ms: last profile published to 512 x 512 map received, by another process, worst of the runs.
 scan.rms_mm: error of the map of a simulated scan (noise 0.03 mm, 1 % spikes, 5 % drop-outs, cells of 0.25 mm), against
   the plain mean and the exact median per cell.
@@ -16,6 +18,7 @@ scan.rms_mm: error of the map of a simulated scan (noise 0.03 mm, 1 % spikes, 5 
 from __future__ import annotations
 
 import os
+import resource
 import sys
 import time
 from collections.abc import Callable
@@ -31,7 +34,13 @@ from waam_scan.poses import PoseTrack
 from waam_scan.profiles import ProfileBlock
 from waam_scan.transform import Mounting
 
-NAMES = ['scan.core_points_per_s', 'scan.ros_points_per_s', 'scan.profile_to_map_ms', 'scan.rms_mm']
+NAMES = [
+    'scan.core_points_per_s',
+    'scan.memory_mb',
+    'scan.ros_points_per_s',
+    'scan.profile_to_map_ms',
+    'scan.rms_mm',
+]
 GRID = GridSpec(0.0, 0.0, 0.2e-3, 512, 512)
 POINTS, BATCH, RATE = (
     3200,
@@ -52,6 +61,12 @@ def batch(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return x, z.astype(np.float32)
 
 
+def shuffled(rng: np.random.Generator, *arrays: np.ndarray) -> list[np.ndarray]:
+    """The values of equal arrays in a common random order."""
+    places = rng.permutation(arrays[0].size)
+    return [a.ravel()[places].reshape(a.shape) for a in arrays]
+
+
 def pose_track(seconds: float) -> PoseTrack:
     """1 kHz of telemetry along x; after every second the travel turns back."""
     track = PoseTrack(200_000)
@@ -67,8 +82,7 @@ def core(order: str, batches: int) -> tuple[float, float]:
     rng = np.random.default_rng(0)
     x, z = batch(rng)
     if order == 'points':
-        places = rng.permutation(x.size)
-        x, z = x.ravel()[places].reshape(x.shape), z.ravel()[places].reshape(z.shape)
+        x, z = shuffled(rng, x, z)
     stamps = (np.arange(batches * BATCH) * (1e9 / RATE)).astype(np.int64)
     if order != 'scanning':
         rng.shuffle(stamps)
@@ -83,13 +97,19 @@ def core(order: str, batches: int) -> tuple[float, float]:
     return fusion.points / wall, fusion.points / cpu
 
 
-def baselines() -> dict[str, float]:
-    """Points per second of what others offer, on one batch that is already in work coordinates."""
+def baselines(order: str) -> dict[str, float]:
+    """Points per second of what others offer, on one batch that is already in work coordinates and in that order."""
     import open3d
     from scipy.stats import binned_statistic_2d
 
-    x, z = batch(np.random.default_rng(0))
-    px = np.repeat(np.linspace(0.0, 0.1, BATCH), POINTS)
+    rng = np.random.default_rng(0)
+    x, z = batch(rng)
+    travel = np.linspace(0.0, 0.1, BATCH)
+    if order != 'scanning':
+        rng.shuffle(travel)
+    px = np.repeat(travel, POINTS)
+    if order == 'points':
+        x, z = shuffled(rng, x, z)
     py, pz = x.ravel().astype(float) + 51.2e-3, z.ravel().astype(float)
     good = np.isfinite(pz)
     px, py, pz = px[good], py[good], pz[good]
@@ -111,16 +131,27 @@ def _seconds(action: Callable) -> float:
 
 def bench_core() -> None:
     core('scanning', 2)  # compiled
-    found = baselines()
     for order in ('scanning', 'profiles', 'points'):
         wall, cpu = core(order, 31)
         value = 2 * cpu if CPU else wall
         how = '2 x per CPU second' if CPU else 'wall time'
-        for name, baseline in found.items():
+        for name, baseline in baselines(order).items():
             emit(
                 'scan.core_points_per_s', value, 'points/s',
                 f'{name}; input: {order} order{" shuffled" * (order != "scanning")}; {how}', baseline,
             )  # fmt: skip
+
+
+def bench_memory() -> None:
+    core('scanning', 1)
+    before = peak_mb()
+    core('scanning', 31)
+    after = peak_mb()
+    emit('scan.memory_mb', after, 'MB', 'peak of the process after one batch instead of 31', before)
+
+
+def peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def bench_accuracy() -> None:
@@ -146,27 +177,32 @@ def bench_ros() -> None:
 
     seconds = float(os.environ.get('WAAM_BENCH_ROS_S', '3'))
     with scan_graph.Graph() as graph:
-        best, cause, latencies = 0.0, '', []
+        best, cause, latencies, held, cost = 0.0, '', [], [], 0.0
         for rate in (0.5e7, 1e7, 1.5e7, 2e7, 2.5e7, 3e7, 4e7, 6e7):
             run = graph.scan(rate, seconds)
-            latencies.append(run.latency_ms)
+            held.append(run.memory_mb)
             if run.lost:
                 cause = f'at {rate:.1e} asked: {run.why}'
                 break
-            best = max(best, run.rate)
+            latencies.append(run.latency_ms)
+            best, cost = max(best, run.rate), run.ns_per_point
         emit(
             'scan.ros_points_per_s', best, 'points/s',
-            f'limit of the scan issue; nothing lost; {cause or "highest rate that was tried"}', 2e7,
+            f'limit of the scan issue; nothing lost; {cause or "highest rate that was tried"}; the node takes '
+            f'{cost:.1f} ns of CPU per point and holds {held[1]:.0f} MB after two scans, {held[-1]:.0f} MB '
+            f'after {len(held)}', 2e7,
         )  # fmt: skip
         calm = [graph.scan(2e6, 1.0).latency_ms for _ in range(5)]
         emit(
             'scan.profile_to_map_ms', max(calm), 'ms',
-            f'limit of the scan issue; 512 x 512 map, worst of 5; up to {max(latencies):.0f} ms at full rate', 50.0,
+            f'limit of the scan issue; 512 x 512 map, worst of 5, median {np.median(calm):.0f} ms; up to '
+            f'{max(latencies, default=0.0):.0f} ms at full rate', 50.0,
         )  # fmt: skip
 
 
 def main() -> None:
-    """All four."""
+    """All of them; memory first, because it looks at the peak."""
+    bench_memory()
     bench_accuracy()
     bench_core()
     bench_ros()

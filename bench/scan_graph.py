@@ -30,12 +30,15 @@ PATIENCE = 120.0  # s
 
 @dataclass(frozen=True)
 class Run:
-    """rate: points/s that were sent and used; lost: anything missing; latency_ms: last batch sent to map received."""
+    """rate: points/s that were sent and used; lost: anything missing; latency_ms: last batch sent to map received;
+    ns_per_point: CPU time of the node; memory_mb: what its process holds at the end."""
 
     rate: float
     lost: bool
     why: str
     latency_ms: float
+    ns_per_point: float
+    memory_mb: float
 
 
 class Graph:
@@ -97,6 +100,7 @@ class Graph:
         script = str(Path(__file__).parent / 'scan_publisher.py')
         self._publisher = self._start(script, str(rate), str(seconds))
         assert self._publisher.stdout.readline().strip() == 'ready'
+        cpu = self._cpu_seconds()
         for _ in range(20):  # the scanner's service may not be found at once
             begun = self._call(
                 self._begin, BeginScan.Request(job_id='bench', grid=grid_to_msg(GRID))
@@ -110,13 +114,24 @@ class Graph:
         sent = json.loads(self._publisher.stdout.readline())
         self._until(lambda: len(self._maps) > seen or done.error_code != FinishScan.Response.OK)
         self._publisher.wait(20)
-        return self._judge(done, sent)
+        return self._judge(done, sent, self._cpu_seconds() - cpu)
 
-    def _judge(self, done: FinishScan.Response, sent: dict) -> Run:
+    def _cpu_seconds(self) -> float:
+        """CPU time of the node's process so far."""
+        fields = Path(f'/proc/{self._node.pid}/stat').read_text().rpartition(')')[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+    def _memory_mb(self) -> float:
+        pages = int(Path(f'/proc/{self._node.pid}/statm').read_text().split()[1])
+        return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+    def _judge(self, done: FinishScan.Response, sent: dict, cpu: float) -> Run:
         used, wanted = done.map.profiles_used, sent['profiles']
         late = sent['points_per_s'] < 0.95 * sent['asked']
         why = f'{wanted - used} of {wanted} profiles missing ({done.message or "no reason given"})'
         if late:
             why = f'the publisher itself reached only {sent["points_per_s"]:.2e} points/s'
         latency = (self._maps[-1] - sent['last']) * 1e3 if self._maps else float('nan')
-        return Run(sent['points_per_s'], used != wanted or late, why, latency)
+        cost = cpu * 1e9 / (wanted * sent['points_per_profile'])
+        lost = used != wanted or late
+        return Run(sent['points_per_s'], lost, why, latency, cost, self._memory_mb())

@@ -100,7 +100,13 @@ def main(rate: float, seconds: float) -> None:
     reached = (count - 1) * BATCH * POINTS / took
     print(
         json.dumps(
-            {'profiles': count * BATCH, 'points_per_s': reached, 'asked': rate, 'last': last}
+            {
+                'profiles': count * BATCH,
+                'points_per_profile': POINTS,
+                'points_per_s': reached,
+                'asked': rate,
+                'last': last,
+            }
         ),
         flush=True,
     )

@@ -52,6 +52,7 @@ class Bench:
             'name': 'test', 'part': self.part[0], 'mode': 'restore', 'material': 'er70s-6', 'profile': 'closed_loop',
             'layers': 0, 'layer_height': 0.0, 'bead_width': 0.0, 'k_gain': float('nan'), 'tolerance': 0.2,
             'scale': 1e-3, 'note': [], 'strategy': '', 'allowance': 0.0, 'passes': 1, 'wire_left': 0.0,
+            'operator': 'test',
         }  # fmt: skip
         return make_goal(SimpleNamespace(**{**values, **changes}), self.jobs)
 
@@ -120,6 +121,12 @@ class Background:
                 )
         except Exception as e:
             self.error = e
+
+    def raise_error(self) -> bool:
+        """For conditions that wait: an error of the job's thread ends the wait, and names the cause."""
+        if self.error:
+            raise self.error
+        return False
 
     def join(self, timeout: float = 120.0):
         end = time.monotonic() + timeout

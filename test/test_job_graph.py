@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 from waam_msgs.action import RunJob
 from waam_msgs.msg import JobStatus, MachineState
+from waam_node.testing import fresh_domain
 
 CODES = RunJob.Result
 
@@ -80,6 +82,34 @@ def test_record_opens_in_a_third_party_reader_with_all_topics(done):
         assert np.all(np.diff(sequence) == 1)
 
 
+def test_offline_replay_reproduces_every_map_psi_and_setpoint(done):
+    from waam_replay.tune import tune
+
+    again = tune(done)
+    scans = len(list((done / 'layers').glob('*.npz')))
+    assert again.identical == {'maps': (scans, scans), 'psi': (2, 2), 'setpoints': (2, 2)}
+    assert tune(done).digest == again.digest
+
+
+def test_lockstep_replay_by_the_nodes_reproduces_every_published_map_and_psi(done, capsys):
+    domain = str(fresh_domain())
+    args = replay_arguments(['replay', 'play', str(done), '--lockstep', '--domain', domain])
+    code = args.run_command(args)
+    out = capsys.readouterr().out
+    scans = len(list((done / 'layers').glob('*.npz')))
+    for line in (f'maps: {scans} of {scans}', 'psi: 2 of 2', 'setpoints: 2 of 2'):
+        assert f'{line} identical' in out, out
+    assert code == 0
+
+
+def replay_arguments(words: list[str]) -> argparse.Namespace:
+    from waam_replay import cli
+
+    parser = argparse.ArgumentParser()
+    cli.register(parser.add_subparsers())
+    return parser.parse_args(words)
+
+
 def test_recording_for_the_viewer_and_page_exist(done):
     from waam_view.report import write_report
 
@@ -121,6 +151,56 @@ def test_pause_in_a_bead_holds_without_arc_and_resume_finishes(bench, background
     result = job.join()
     assert result.error_code == 0, result.message
     assert bench.count('state HOLD E200') >= 1 and bench.count('arc on') > strikes
+
+
+def test_report_traces_the_nodes_that_really_ran(done):
+    trace = json.loads((done / 'report.json').read_text())['trace']
+    assert trace['operator'] == 'test' and trace['wire_lot'] == '4711'
+    assert trace['not_told'] == ['gas']
+    assert trace['controller']['identity'] and trace['controller']['firmware']
+    assert len(trace['calibration']['mounting']['mount_xyz']) == 3
+    assert trace['programs']['program.gcode']['sha256']
+    asked = (done / 'job.yaml').read_text()
+    for node in (
+        'scan_fusion',
+        'correction_server',
+        'feed_forward',
+        'thermal_compensator',
+        'bridge',
+    ):
+        assert f'  {node}:' in asked
+    assert 'interpass_limit' in asked and (done / 'tolerance_map.csv').stat().st_size > 1000
+
+
+def test_every_verb_of_waam_job_steers_the_running_job(bench, background, capfd):
+    from waam_bringup.cli import main
+
+    def waam(*words: str) -> int:
+        return main(['job', *words, '--run', str(bench.run), '--domain', str(bench.domain)])
+
+    bench.load()
+    job = background(bench)
+    bench.wait(
+        lambda: job.raise_error() or bench.client.job.state == JobStatus.DEPOSITING,
+        90,
+        'the first layer',
+    )
+    assert waam('pause') == 0
+    bench.wait(lambda: bench.client.job.state == JobStatus.PAUSED, 30, 'pause')
+    assert waam('gain', '0.1') == 0 and waam('rescan') == 0
+    assert waam('feed', '--speed', '0.9') == 0 and 'travel speed x 0.9' in capfd.readouterr().out
+    assert waam('gain', '0.9') == 2 and 'must be 0 to 0.5' in capfd.readouterr().err
+    assert waam('feed', '--wire', '9') == 2 and '0.5 to 1.5' in capfd.readouterr().err
+    assert waam('feed', '--speed', '1') == 0
+    assert waam('resume') == 0
+    result = job.join()
+    assert result.error_code == 0, result.message
+    run = run_of(Path(result.job_dir))
+    assert [r['k_gain'] for r in run['layers'] if not r['final']][1] == pytest.approx(0.1)
+    said = ' '.join(f'{a["text"]} {a["reaction"]}' for a in run['anomalies'])
+    for words in ('paused', 'k_gain set to 0.1', 'another scan was asked for', 'speed 0.9'):
+        assert words in said
+    assert waam('abort') == 2 and 'no job is running' in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

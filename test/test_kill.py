@@ -1,8 +1,11 @@
-"""kill -9 of any one node in the middle of a bead: the arc is off in time and the job says what happened."""
+"""kill -9 of any one node in the middle of a bead: the arc is off in time and the job says what happened. Those that
+only show may hang or die: the job goes on."""
 
 from __future__ import annotations
 
 import json
+import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -19,7 +22,6 @@ NODES = {
     'feed_forward': 'feed_forward',
     'thermal_compensator': 'thermal_compensator',
     'recorder': 'recorder',
-    'dashboard': 'dashboard',
     'job_sequencer': 'job_sequencer',
 }
 
@@ -65,3 +67,21 @@ def test_arc_is_off_in_time_and_the_job_says_why(make_graph, background, node):
             status = json.loads((Path(job.result.job_dir) / 'status.json').read_text())
             assert status['state'] == 'FAILED' and NODES[node] in status['message']
         assert not any(e.startswith('arc on') for t, e in bench.events() if t > off)
+
+
+def test_viewers_that_hang_or_die_in_a_bead_change_nothing(make_graph, background):
+    """Dashboard and panel stop answering (SIGSTOP), and die later: the job ends as if they were there."""
+    with make_graph() as bench:
+        bench.load()
+        job = background(bench, layers=1)
+        bench.wait(lambda: bench.count('arc on'), 60, 'arc on')
+        viewers = {name: bench.state().nodes[name].pid for name in ('dashboard', 'panel')}
+        for pid in viewers.values():
+            os.kill(pid, signal.SIGSTOP)
+        at = bench.client.job.bead
+        bench.wait(lambda: bench.client.job.bead > at + 1, 60, 'the next beads')
+        for name in viewers:
+            bench.kill(name)
+        result = job.join()
+        assert result is not None and result.error_code == 0, (job.error, result)
+        assert set(bench.state().dead_nodes) == set(viewers)

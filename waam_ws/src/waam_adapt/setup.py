@@ -4,6 +4,7 @@ setup(
     name='waam_adapt',
     version='0.1.0',
     packages=find_packages(exclude=['test']),
+    package_data={'waam_adapt': ['models/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/waam_adapt']),
         ('share/waam_adapt', ['package.xml']),

@@ -18,6 +18,12 @@ def test_speed_factors_along_a_path():
     assert slower[28] < 0.9
 
 
+def test_a_wall_answers_more_weakly_so_more_is_asked():
+    (pad,) = waam_adapt.correct(HUMP * 0.2, 0.5, [LINE], 2.0)
+    (wall,) = waam_adapt.correct(HUMP * 0.2, 0.5, [LINE], 2.0, height_exponent=-0.4)
+    assert wall[28] - 1 == pytest.approx((pad[28] - 1) / 0.4, rel=0.15)
+
+
 def test_units_frame_and_limits():
     shifted = [LINE + (100.0, -40.0)]
     args = (HUMP, 0.5, shifted, 2.0)
@@ -45,6 +51,7 @@ def test_unknown_cells_and_many_paths():
         ({'layer_height_mm': np.ones((2, 2))}, 'layer_height_mm'),
         ({'resolution_mm': 0.0}, 'resolution'),
         ({'bead_width_mm': np.nan}, 'bead_width'),
+        ({'height_exponent': 0.3}, 'height_exponent'),
         ({'law': 'magic'}, 'known are'),
     ],
 )

@@ -42,7 +42,7 @@ def run(
         if last is not None:
             identifier.add(identification.Layer(last[0], z, last[1], plant.resolution, WIDTH))
         estimate = identifier.estimate
-        c = law.correct(request.expecting(identifier.shortfall.share))
+        c = law.correct(identifier.prepare(request))
         path = ff.Path(**plant.path(n, HEIGHT))
         field = ff.Field(plant.spec, c.psi, c.residual_height, K_GAIN, estimate.flow_factor)
         s = ff.compute(path, MATERIAL, LIMITS, 22.0, field, apply)

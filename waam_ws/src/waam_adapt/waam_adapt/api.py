@@ -4,6 +4,7 @@ Millimetres.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -23,10 +24,13 @@ def correct(
     k_gain: float = 0.3,
     origin_mm: tuple[float, float] = (0.0, 0.0),
     direction: tuple[float, float] = (0.0, 0.0),
+    height_exponent: float = -1.0,
     sigma_mm: np.ndarray | None = None,
     law: str = 'damped_inverse',
     gain: float = 0.9,
     regularisation: float = 0.1,
+    model: str = '',
+    temperature: float = math.nan,
 ) -> list[np.ndarray]:
     """Travel-speed factors V/V_prog along the paths of the next layer.
 
@@ -35,8 +39,11 @@ def correct(
     resolution_mm: edge of a cell. paths: arrays (n, 2) or (n, 3) of points in mm, in the frame of
     the map. layer_height_mm: metal that the plan adds, one number or a map like the error map (0 =
     nothing). bead_width_mm, direction: width of one bead and (x, y) along the beads, (0, 0) =
-    unknown. sigma_mm: standard uncertainty, map. k_gain: largest change of speed, 0.3 = 70 .. 130
-    %. law, gain, regularisation: as of correction_server.
+    unknown. height_exponent: d ln(height)/d ln(speed) of the process, -1 over overlapped beads (all
+    metal counts), about -0.3 .. -0.6 for a single-bead wall, which answers more weakly. sigma_mm:
+    standard uncertainty, map. k_gain: largest change of speed, 0.3 = 70 .. 130 %. law, gain,
+    regularisation, model: as of correction_server; law 'unet' also uses the paths (every array one
+    bead, from arc on to arc off) and temperature, degC of the layer below.
 
     Returns one array (n,) per path: below 1 over a hollow (slower, more metal), above 1 over a
     hump, 1 where nothing is known or outside the map. CorrectionError (a ValueError) names the
@@ -45,9 +52,11 @@ def correct(
     error = np.asarray(error_map_mm, float)
     if error.ndim != 2 or not error.size:
         raise CorrectionError(f'error_map_mm must have shape (rows, cols), not {error.shape}')
+    if not -1.3 <= height_exponent <= -0.1:
+        raise CorrectionError(f'height_exponent is {height_exponent}, must be -1.3 .. -0.1')
     points = [_points(p, i) for i, p in enumerate(paths)]
     request = CorrectionInput(
-        z=error * 1e-3,
+        z=error * 1e-3 / -height_exponent,
         target=np.zeros_like(error),
         planned=_planned(layer_height_mm, error.shape),
         resolution=resolution_mm * 1e-3,
@@ -55,8 +64,10 @@ def correct(
         k_gain=k_gain,
         sigma=None if sigma_mm is None else np.asarray(sigma_mm, float) * 1e-3,
         direction=direction,
+        paths=tuple(p - np.array(origin_mm) * 1e-3 for p in points if len(p) > 1),
+        temperature=temperature,
     )
-    result = safe_correct(make_law(law, gain, regularisation), request, ())
+    result = safe_correct(make_law(law, gain, regularisation, model), request, ())
     spec = GridSpec(origin_mm[0] * 1e-3, origin_mm[1] * 1e-3, request.resolution, *error.shape)
     psi = HeightGrid(spec, result.psi)
     return [1 + k_gain * np.nan_to_num(psi.sample(p[:, 0], p[:, 1])) for p in points]

@@ -67,6 +67,7 @@ def correction_input(
         bead_width=number('bead_width', request.bead_width, 5e-4, 0.05),
         k_gain=k_gain if np.isnan(wish) else wish,
         direction=(request.direction.x, request.direction.y),
+        temperature=request.temperature,
     )
 
 

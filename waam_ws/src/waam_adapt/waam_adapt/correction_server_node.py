@@ -77,7 +77,7 @@ class CorrectionServer(node.WaamNode):
             'flow_factor': round(msg.flow_factor, 3), 'error_rms_mm': round(msg.error_rms * 1e3, 3),
         }  # fmt: skip
         if msg.fallback:
-            self.get_logger().warning(f'layer {msg.layer}: no correction: {self.message}')
+            self.get_logger().warning(f'layer {msg.layer}: fallback to {msg.law}: {self.message}')
 
 
 def main() -> None:

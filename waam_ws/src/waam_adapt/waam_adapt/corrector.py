@@ -19,8 +19,9 @@ from .laws import Correction, CorrectionInput, make_law, safe_correct
 @dataclass(frozen=True)
 class CorrectionParams:
     law: str = param(
-        'damped_inverse', 'correction law', choices=('damped_inverse', 'proportional', 'zero')
+        'damped_inverse', 'correction law', choices=('damped_inverse', 'unet', 'proportional', 'zero')
     )
+    model: str = param('', "file with the weights of law unet; '' = the packaged ones")
     k_gain: float = param(
         0.3, 'authority over travel speed when a request names none', '', 0.0, 0.3
     )
@@ -73,7 +74,7 @@ class Corrector:
 
     def __init__(self, params: CorrectionParams) -> None:
         p = self.params = params
-        self.law = make_law(p.law, p.gain, p.regularisation)
+        self.law = make_law(p.law, p.gain, p.regularisation, p.model)
         self.limits = MapLimits(p.max_age, p.min_coverage, p.max_sigma, p.max_error)
         self.identifier = Identifier(p.forgetting, p.learning)
 
@@ -96,6 +97,6 @@ class Corrector:
         flow, expected = 1.0, request
         if self.params.identify:
             flow = self.identifier.estimate.flow_factor
-            expected = request.expecting(self.identifier.shortfall.share)
+            expected = self.identifier.prepare(request)
         correction = safe_correct(self.law, expected, reasons)
         return Answer(correction, flow, self.identifier.estimate)

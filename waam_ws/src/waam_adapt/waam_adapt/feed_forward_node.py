@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from waam_process.units import m_min
 
 from . import conversions as convert
 from .feedforward import Limits, SetpointError, compute
+from .lead import Drives
 
 Response = ComputeFeed.Response
 CLAMPS = {
@@ -35,6 +37,20 @@ class FeedParams:
     speed_max: float = param(20e-3, 'fastest travel of the machine while depositing', 'm/s', 1e-3)
     feed_min: float = param(m_min(2.0), 'slowest wire feed of the source', 'm/s', 0.0)
     feed_max: float = param(m_min(12.0), 'fastest wire feed of the source', 'm/s', 1e-3)
+    wire_lag: float = param(
+        0.0,
+        'time constant of the wire drive that the feed leads; 0 = the controller does',
+        's',
+        0.0,
+        1.0,
+    )
+    acceleration: float = param(
+        0.0, 'of travel: less wire where corners take time; 0 = not compensated', 'm/s2', 0.0
+    )
+
+    @property
+    def drives(self) -> Drives:
+        return Drives(self.wire_lag, self.acceleration or math.inf)
 
 
 class FeedForward(node.WaamNode):
@@ -79,8 +95,9 @@ class FeedForward(node.WaamNode):
         path, voltage = convert.path_from_msgs(request.segments)
         volts = np.where(voltage > 0, voltage, material.voltage)
         result = compute(
-            path, material, limits, volts, field, request.apply_correction, request.heat_factor
-        )
+            path, material, limits, volts, field, request.apply_correction, request.heat_factor,
+            p.drives,
+        )  # fmt: skip
         convert.write_setpoints(request.segments, path, result)
         for name, bits in CLAMPS.items():
             self.values[f'last_clamps_{name}'] = result.count(bits)

@@ -25,18 +25,31 @@ def extend(values: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return values[rows, cols], distance
 
 
-def depth(mask: np.ndarray) -> np.ndarray:
+def depth(mask: np.ndarray, weights: tuple[float, float] = (1.0, 1.0)) -> np.ndarray:
     """Distance in cells from every cell of the mask to the nearest cell outside it; the border of
-    the map counts as outside.
+    the map counts as outside. weights: what a cell counts along rows' and columns' axis.
     """
-    return distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
+    return distance_transform_edt(np.pad(mask, 1), sampling=weights)[1:-1, 1:-1]
 
 
-def away_from_edges(mask: np.ndarray, margin: float) -> np.ndarray:
-    """Cells of the mask at least `margin` cells from its edge; where the mask is narrower, its middle."""
-    inside = depth(mask)
+def away_from_edges(
+    mask: np.ndarray, margin: float, direction: tuple[float, float] = (0.0, 0.0), along: float = 0.7
+) -> np.ndarray:
+    """Cells of the mask at least `margin` cells from its edge; where the mask is narrower, its middle.
+
+    Where beads run along x or y, only the share `along` of the margin is kept at their ends: a bead's flank is half its
+    width, its end is steeper.
+    """
+    inside = depth(mask, _weights(direction, along))
     thickest = maximum_filter(inside, size=4 * int(np.ceil(margin)) + 1)
     return mask & (inside >= np.minimum(margin, 0.7 * thickest))
+
+
+def _weights(direction: tuple[float, float], along: float) -> tuple[float, float]:
+    x, y = abs(direction[0]), abs(direction[1])
+    if x > 10 * y:
+        return 1.0, 1 / along
+    return (1 / along, 1.0) if y > 10 * x else (1.0, 1.0)
 
 
 def reliability(sigma: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
@@ -60,7 +73,7 @@ def bead_transfer(frequency: np.ndarray, width: float) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def _inverse_transfer(
+def inverse_transfer(
     shape: tuple[int, int],
     resolution: float,
     width: float,
@@ -104,7 +117,7 @@ def inverse_bead_filter(
     padded = np.pad(
         padded, [(0, n - m) for n, m in zip(shape, padded.shape, strict=True)], mode='edge'
     )
-    transfer = _inverse_transfer(shape, resolution, width, direction, regularisation)
+    transfer = inverse_transfer(shape, resolution, width, direction, regularisation)
     out = fft.irfft2(fft.rfft2(padded) * transfer, s=shape)
     rows, cols = values.shape
     return out[pad : pad + rows, pad : pad + cols]

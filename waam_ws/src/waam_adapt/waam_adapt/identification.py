@@ -1,39 +1,28 @@
-"""What the layers teach about the process: measured growth against the growth that the material
-table expects.
+"""What the layers teach about the process: efficiency, exponent of height on metal, spread, what is always missing.
 
-Both maps are averaged over square blocks one bead wide, so the waviness of the beads and the noise
-of the scanner drop out and the blocks are about independent. A scalar Kalman filter follows the
-efficiency ratio from layer to layer.
+A scalar Kalman filter follows the efficiency ratio from layer to layer, another one the exponent; `evidence` says what
+one layer is worth, `shortfall` learns what layers miss at the same place again and again.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from . import filters
+from .evidence import MIN_GROWTH, Habits, Layer, LayerEvidence, layer_evidence, response
+from .laws import CorrectionInput
+from .shortfall import Shortfall
 
+LAYER_NOISE = (
+    0.02  # relative, of a whole layer: what one layer is off all over is mostly gone in the next
+)
 LOW, HIGH = 0.7, 1.3  # efficiency ratios beyond this are a fault, not a property of the wire
-MIN_BLOCKS = 4
-MAX_SHORTFALL = 0.5  # share; more is a fault and no habit
-MIN_GROWTH = 0.2e-3  # m; thinner layers say nothing about the ratio
-
-
-@dataclass(frozen=True)
-class LayerEvidence:
-    """One layer: ratio of growths and its standard uncertainty, slope of growth on command with its
-    own, spread in m.
-    """
-
-    ratio: float
-    ratio_sigma: float
-    slope: float
-    slope_sigma: float
-    spread: float
-    commanded: float
-    blocks: int
+SLOPE_FORGETTING = (
+    0.95  # per layer: the exponent is a property of geometry and wire, not of one layer
+)
+SLOPE_LOW, SLOPE_HIGH = 0.2, 1.3  # of growth on metal; beyond this the scan is wrong
 
 
 @dataclass(frozen=True)
@@ -53,78 +42,14 @@ class Estimate:
 
     @property
     def flow_factor(self) -> float:
-        """Multiplies the wire feed so that the table's metal arrives: 1/efficiency_ratio, inside
-        1/1.3 .. 1/0.7.
-        """
-        return 1.0 / min(max(self.efficiency_ratio, LOW), HIGH)
+        """Multiplies the wire feed so that the planned height arrives: efficiency_ratio^(-1/slope), bounded."""
+        ratio = min(max(self.efficiency_ratio, LOW), HIGH)
+        return min(max(ratio ** (-1 / min(self.slope, 1.0)), 1 / HIGH), 1 / LOW)
 
     @property
     def height_exponent(self) -> float:
-        """d ln(height)/d ln(speed) on overlapped beads: -slope, because the command varies as
-        1/speed (mass balance).
-        """
+        """d ln(height)/d ln(speed): -slope, because the command varies as 1/speed (mass balance)."""
         return -self.slope
-
-
-def block_means(
-    values: np.ndarray, known: np.ndarray, size: int, share: float = 0.6
-) -> tuple[np.ndarray, np.ndarray]:
-    """Means over size x size blocks and a mask of the blocks of which at least `share` of the cells
-    are known.
-    """
-    rows, cols = (n // size * size for n in values.shape)
-    shape = (rows // size, size, cols // size, size)
-    n = known[:rows, :cols].reshape(shape).sum(axis=(1, 3))
-    total = np.where(known, values, 0.0)[:rows, :cols].reshape(shape).sum(axis=(1, 3))
-    return total / np.maximum(n, 1), n >= share * size * size
-
-
-@dataclass(frozen=True)
-class Layer:
-    """One layer as it was laid. Maps (rows, cols) in m.
-
-    before, after: surfaces, NaN = unknown. commanded: growth that the table expects of the final feed and speed
-    (`waam_process.bead.commanded_growth`), 0 or NaN outside the layer.
-    """
-
-    before: np.ndarray
-    after: np.ndarray
-    commanded: np.ndarray
-    resolution: float
-    bead_width: float
-
-
-def layer_evidence(layer: Layer) -> LayerEvidence | None:
-    """Evidence of one layer; None when too little of its interior (half a bead at the edge is left out) is known."""
-    commanded, resolution, bead_width = layer.commanded, layer.resolution, layer.bead_width
-    footprint = np.nan_to_num(commanded) > MIN_GROWTH
-    interior = filters.depth(footprint) * resolution > 0.5 * bead_width
-    growth = layer.after - layer.before
-    known = interior & np.isfinite(growth)
-    size = max(1, round(bead_width / resolution))
-    g, enough = block_means(growth, known, size)
-    c, _ = block_means(commanded, known, size)
-    g, c = g[enough], c[enough]
-    if g.size < MIN_BLOCKS:
-        return None
-    ratio = float(np.median(g / c))
-    residual = g - ratio * c
-    spread = float(1.4826 * np.median(np.abs(residual - np.median(residual))))
-    ratio_sigma = 1.2533 * max(spread / float(c.mean()), 5e-3) / math.sqrt(g.size)
-    return LayerEvidence(ratio, ratio_sigma, *_slope(g, c, ratio), spread, float(c.mean()), g.size)
-
-
-def _slope(g: np.ndarray, c: np.ndarray, ratio: float) -> tuple[float, float]:
-    """Slope of relative growth on relative command over the blocks and its uncertainty, inf without
-    excitation (< 2 %).
-    """
-    x, y = c / c.mean() - 1, g / (ratio * c.mean()) - 1
-    sxx = float(((x - x.mean()) ** 2).sum())
-    if g.size < 8 or math.sqrt(sxx / g.size) < 0.02:
-        return 1.0, math.inf
-    slope = float(((x - x.mean()) * (y - y.mean())).sum() / sxx)
-    scatter = y - y.mean() - slope * (x - x.mean())
-    return slope, math.sqrt(float((scatter**2).sum()) / (g.size - 2) / sxx)
 
 
 def update(
@@ -138,21 +63,16 @@ def update(
     outlier moves the estimate no further than that distance.
     """
     prior = estimate.efficiency_sigma**2 / (forgetting if estimate.updates else 1.0)
-    noise = evidence.ratio_sigma**2
+    noise = evidence.ratio_sigma**2 + LAYER_NOISE**2
     difference = evidence.ratio - estimate.efficiency_ratio
     limit = max(alarm_sigmas * math.sqrt(prior + noise), 0.05)
     gain = prior / (prior + noise)
     settled = estimate.updates >= 2
     step = max(-limit, min(limit, difference)) if settled else difference
-    slope, slope_sigma = _combine(
-        estimate.slope, estimate.slope_sigma, evidence.slope, evidence.slope_sigma
-    )
     return replace(
         estimate,
         efficiency_ratio=min(max(estimate.efficiency_ratio + gain * step, LOW), HIGH),
         efficiency_sigma=max(math.sqrt((1 - gain) * prior), 2e-3),
-        slope=slope,
-        slope_sigma=slope_sigma,
         spread=evidence.spread,
         innovation=difference * evidence.commanded,
         drift_alarm=not LOW <= evidence.ratio <= HIGH or (settled and abs(difference) > limit),
@@ -160,35 +80,24 @@ def update(
     )
 
 
-def _combine(a: float, sigma_a: float, b: float, sigma_b: float) -> tuple[float, float]:
-    """Inverse-variance mean of two independent estimates."""
-    if math.isinf(sigma_b):
-        return a, sigma_a
-    wa, wb = sigma_a**-2, max(sigma_b, 0.02) ** -2
-    return (a * wa + b * wb) / (wa + wb), (wa + wb) ** -0.5
+def update_slope(
+    estimate: Estimate, slope: float, sigma: float, forgetting: float = SLOPE_FORGETTING
+) -> Estimate:
+    """With the slope of one more pair of layers, inside `SLOPE_LOW` .. `SLOPE_HIGH`; sigma inf changes nothing.
 
-
-@dataclass(frozen=True)
-class Shortfall:
-    """Share of the commanded growth that layers miss at the same place, (rows, cols); None = nothing learned yet.
-
-    Humps where beads turn and hollows where they end come back in every layer; a law that sees only the surface is
-    always one layer late for them. Mean over the layers so far, with at least the weight `learning` for the newest one.
+    A slope further than three sigmas from the estimate counts as three sigmas: one odd layer does not turn it round.
     """
-
-    share: np.ndarray | None = None
-    layers: int = 0
-
-    def learn(self, layer: Layer, ratio: float, learning: float) -> Shortfall:
-        """With one more layer, whose efficiency was `ratio`. Cells that are not known keep what they had."""
-        enough = np.nan_to_num(layer.commanded) > MIN_GROWTH
-        expected = np.where(enough, ratio * layer.commanded, np.nan)
-        missing = np.clip(
-            1 - (layer.after - layer.before) / expected, -MAX_SHORTFALL, MAX_SHORTFALL
-        )
-        share = np.zeros_like(layer.before) if self.share is None else self.share
-        weight = max(1 / (self.layers + 2), learning)  # the prior, nothing, counts as one layer
-        return Shortfall(share + weight * np.nan_to_num(missing - share), self.layers + 1)
+    if not math.isfinite(sigma):
+        return estimate
+    prior, noise = estimate.slope_sigma**2 / forgetting, max(sigma, 0.03) ** 2
+    limit = 3 * math.sqrt(prior + noise)
+    gain = prior / (prior + noise)
+    step = max(-limit, min(limit, slope - estimate.slope))
+    return replace(
+        estimate,
+        slope=min(max(estimate.slope + gain * step, SLOPE_LOW), SLOPE_HIGH),
+        slope_sigma=max(math.sqrt((1 - gain) * prior), 0.01),
+    )
 
 
 @dataclass
@@ -204,22 +113,53 @@ class Identifier:
     layer: int = 0
     estimate: Estimate = Estimate()
     shortfall: Shortfall = Shortfall()
-    _before: tuple[Estimate, Shortfall] = (Estimate(), Shortfall())
+    habits: tuple[Habits | None, Habits | None] = (None, None)  # of even and odd layers
+    planned: dict[int, np.ndarray] = field(default_factory=dict)  # maps of the newest layers
+    _before: tuple = (Estimate(), Shortfall(), (None, None))
 
     def start(self, job_id: str, layer: int) -> None:
         """Call before every layer: forgets another job's process, repeats a layer from where it began."""
         if job_id != self.job_id or layer < self.layer:
-            self._before = Estimate(), Shortfall()
+            self._before = Estimate(), Shortfall(), (None, None)
         elif layer > self.layer:
-            self._before = self.estimate, self.shortfall
+            self._before = self.estimate, self.shortfall, self.habits
         self.job_id, self.layer = job_id, layer
-        self.estimate, self.shortfall = self._before
+        self.estimate, self.shortfall, self.habits = self._before
 
     def add(self, layer: Layer) -> None:
         """Learns from the layer that was laid last, if enough of it can be seen."""
-        evidence = layer_evidence(layer)
+        number = self.layer - 1
+        if layer.planned is None and number in self.planned:
+            layer = replace(layer, planned=self.planned[number])
+        slope = min(self.estimate.slope, 1.0)
+        evidence = layer_evidence(layer, slope)
         if evidence is None:
             return
         self.estimate = update(self.estimate, evidence, self.forgetting)
+        habits = list(self.habits)
+        side = number % 2
+        if habits[side] is not None:
+            self.estimate = update_slope(self.estimate, *habits[side].slope(evidence))
+        habits[side] = Habits.after(habits[side], evidence)
+        self.habits = tuple(habits)
         if self.learning > 0:
-            self.shortfall = self.shortfall.learn(layer, evidence.ratio, self.learning)
+            laid = np.where(np.nan_to_num(layer.commanded) > MIN_GROWTH, layer.commanded, np.nan)
+            plan = laid if layer.planned is None else layer.planned
+            expected = evidence.ratio * response(laid, plan, slope)
+            missing = 1 - (layer.after - layer.before) / expected
+            smooth = 0.25 * layer.bead_width / layer.resolution
+            self.shortfall = self.shortfall.learn(number, missing, self.learning, smooth)
+
+    def prepare(self, request: CorrectionInput) -> CorrectionInput:
+        """The request as a law for overlapped beads must see it: with the shortfall, in terms of metal.
+
+        Growth goes with metal to the power `slope`; where that is below 1 (a wall gets wider as well), more metal has
+        to be asked for than is missing. The slope is taken cautiously, one sigma towards 1: too large an answer swings.
+        """
+        self.planned = {n: p for n, p in self.planned.items() if n >= self.layer - 1}
+        self.planned[self.layer] = request.planned
+        request = request.expecting(self.shortfall.share(self.layer))
+        slope = min(1.0, self.estimate.slope + self.estimate.slope_sigma)
+        if slope >= 1.0:
+            return request
+        return replace(request, target=request.z + request.error / slope)

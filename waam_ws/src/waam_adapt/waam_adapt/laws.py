@@ -8,6 +8,7 @@ NaN = unknown.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -17,6 +18,7 @@ from . import filters
 
 # relative layer height beyond which a bead is no bead of the regime any more
 RATIO_LOW, RATIO_HIGH = 0.4, 1.8
+LAWS = ('zero', 'proportional', 'damped_inverse', 'unet')
 MIN_GAIN = 1e-3  # less authority over speed than this is none
 MIN_PLANNED = 0.05e-3  # m; thinner than this the plan adds no metal
 
@@ -32,7 +34,11 @@ class CorrectionInput:
     z: measured surface, NaN = never seen. target: wanted surface at this moment (before the layer),
     NaN = do not care. planned: metal that the plan adds in this layer, 0 or NaN outside its
     footprint. sigma: standard uncertainty of z or None. bead_width m; direction: (x, y) of the
-    beads, (0, 0) = unknown; k_gain: authority of eq 2.23, V = V_prog*(1 + k_gain*psi).
+    beads, (0, 0) = unknown; k_gain: authority of eq 2.23, V = V_prog*(1 + k_gain*psi). shortfall:
+    share of the planned metal that is expected to be missing, already in target (`expecting`).
+    paths: the beads of this layer from arc on to arc off in the order they are laid, arrays (n, 2)
+    of x, y in m from the corner of cell (0, 0); empty = unknown. temperature of the layer below in
+    degC, NaN = unknown. The last three are for learned laws; explicit ones need them not.
     """
 
     z: np.ndarray
@@ -43,9 +49,12 @@ class CorrectionInput:
     k_gain: float
     sigma: np.ndarray | None = None
     direction: tuple[float, float] = (0.0, 0.0)
+    shortfall: np.ndarray | None = None
+    paths: tuple[np.ndarray, ...] = ()
+    temperature: float = math.nan
 
     def __post_init__(self) -> None:
-        for name in ('target', 'planned', 'sigma'):
+        for name in ('target', 'planned', 'sigma', 'shortfall'):
             a = getattr(self, name)
             if a is not None and a.shape != self.z.shape:
                 raise CorrectionError(f'{name} has shape {a.shape}, the map {self.z.shape}')
@@ -65,6 +74,9 @@ class CorrectionInput:
                 raise CorrectionError(f'{name} is {value}, must be {low} .. {high}')
         if not np.isfinite(self.direction).all():
             raise CorrectionError(f'direction is {self.direction}, not finite')
+        for i, p in enumerate(self.paths):
+            if p.ndim != 2 or p.shape[1] != 2 or len(p) < 2 or not np.isfinite(p).all():
+                raise CorrectionError(f'paths[{i}] must be finite points of shape (n >= 2, 2)')
 
     @property
     def footprint(self) -> np.ndarray:
@@ -75,7 +87,8 @@ class CorrectionInput:
         """The same with the share of the planned metal (rows, cols) that will be missing again added to the target."""
         if shortfall is None or shortfall.shape != self.z.shape:
             return self
-        return replace(self, target=self.target + shortfall * np.nan_to_num(self.planned))
+        target = self.target + shortfall * np.nan_to_num(self.planned)
+        return replace(self, target=target, shortfall=shortfall)
 
     @property
     def error(self) -> np.ndarray:
@@ -179,6 +192,17 @@ class Proportional:
 
 
 @dataclass(frozen=True)
+class Wish:
+    """ratio: wanted over planned layer height; planned m, continued outside the footprint;
+    confidence 0..1. All (rows, cols).
+    """
+
+    ratio: np.ndarray
+    planned: np.ndarray
+    confidence: np.ndarray
+
+
+@dataclass(frozen=True)
 class DampedInverse:
     """Inverse of the overlap of beads, smoothed over their footprint and damped.
 
@@ -196,12 +220,22 @@ class DampedInverse:
     name: str = 'damped_inverse'
 
     def correct(self, request: CorrectionInput) -> Correction:
+        w = self.wish(request)
+        if w is None:
+            reason = 'no known cell in the footprint'
+            return nothing(request.z.shape, request.k_gain, self.name, (reason,))
+        psi, residual = split_ratio(w.ratio, w.planned, request.k_gain)
+        return Correction(psi, w.confidence, residual, self.name, request.k_gain)
+
+    def wish(self, request: CorrectionInput) -> Wish | None:
+        """What is asked of every cell before it is split into speed and residual; None without a known cell."""
         known = request.footprint & np.isfinite(request.error)
         if not known.any():
-            reason = 'no known cell in the footprint'
-            return nothing(known.shape, request.k_gain, self.name, (reason,))
+            return None
         width = request.bead_width / request.resolution  # cells
-        trusted = known & filters.away_from_edges(request.footprint, self.edge_margin * width)
+        trusted = known & filters.away_from_edges(
+            request.footprint, self.edge_margin * width, request.direction
+        )
         missing, _ = filters.extend(request.error, trusted if trusted.any() else known)
         wanted = filters.inverse_bead_filter(
             missing, request.resolution, request.bead_width, request.direction, self.regularisation
@@ -209,8 +243,7 @@ class DampedInverse:
         planned, _ = filters.extend(request.planned, request.footprint)
         confidence = self._confidence(request, known, width)
         ratio = np.clip(1 + self.gain * confidence * wanted / planned, RATIO_LOW, RATIO_HIGH)
-        psi, residual = split_ratio(ratio, planned, request.k_gain)
-        return Correction(psi, confidence, residual, self.name, request.k_gain)
+        return Wish(ratio, planned, confidence)
 
     def _confidence(self, request: CorrectionInput, known: np.ndarray, width: float) -> np.ndarray:
         """(rows, cols) 0..1 from uncertainty and distance of the nearest known cell; width of a bead in cells."""
@@ -220,16 +253,20 @@ class DampedInverse:
         return fade * filters.reliability(nearest, known.shape)
 
 
-def make_law(name: str, gain: float, regularisation: float) -> CorrectionLaw:
-    """The law of that name; CorrectionError names the known ones."""
-    laws: dict[str, CorrectionLaw] = {
-        'zero': Zero(),
-        'proportional': Proportional(gain),
-        'damped_inverse': DampedInverse(gain, regularisation),
-    }
-    if name not in laws:
-        raise CorrectionError(f"unknown law '{name}'; known are {', '.join(laws)}")
-    return laws[name]
+def make_law(
+    name: str, gain: float = 0.9, regularisation: float = 0.1, model: str = ''
+) -> CorrectionLaw:
+    """The law of that name; CorrectionError names the known ones. model: file of weights for unet,
+    '' = the packaged one.
+    """
+    if name not in LAWS:
+        raise CorrectionError(f"unknown law '{name}'; known are {', '.join(LAWS)}")
+    inverse = DampedInverse(gain, regularisation)
+    if name == 'unet':
+        from .net_law import UNetLaw  # reads weights: only who asks for it pays
+
+        return UNetLaw.load(model, inverse)
+    return {'zero': Zero(), 'proportional': Proportional(gain), 'damped_inverse': inverse}[name]
 
 
 def safe_correct(

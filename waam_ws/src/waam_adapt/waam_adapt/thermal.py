@@ -16,14 +16,18 @@ import numpy as np
 from waam_process.heat import cooling_wait, heat_factor
 from waam_process.materials import Material
 
+from .cooling import CoolingModel
+
 
 @dataclass(frozen=True)
 class Settings:
     """range: what the pyrometer can measure; jump: change between samples that no layer makes;
     confirm: samples that prove it.
 
-    stuck_time: a reading that moves less than stuck_band for so long is frozen. timeout: silence
-    that ends belief. window: time over which temperature and rate are fitted.
+    step: fall between two samples below step_top degC that no metal cools by: emissivity or view
+    changed, and for `hold` s nothing is believed. stuck_time: a reading that moves less than
+    stuck_band for so long is frozen. timeout: silence that ends belief. window: time over which
+    temperature and rate are fitted.
     """
 
     interpass_limit: float
@@ -31,6 +35,9 @@ class Settings:
     t_max: float = 1400.0
     jump: float = 150.0
     confirm: int = 5
+    step: float = 40.0
+    step_top: float = 800.0
+    hold: float = 10.0
     stuck_time: float = 10.0
     stuck_band: float = 0.01
     timeout: float = 2.0
@@ -63,6 +70,8 @@ class InterpassMonitor:
         self._last_value = math.nan
         self._still_since = math.nan
         self._fault = ''
+        self._stepped, self._step_time = 0.0, -math.inf
+        self.cooling = CoolingModel(material.t_env)
 
     def add(self, time: float, temperature: float) -> None:
         """Takes one sample. Samples out of order are ignored, a clock that was set back starts
@@ -73,6 +82,7 @@ class InterpassMonitor:
             self._samples.clear()
             self._suspects.clear()
             self._still_since = time
+            self.cooling.close()
         elif time <= self._last_heard:
             return
         self._last_heard = time
@@ -98,18 +108,41 @@ class InterpassMonitor:
         """
         s = self.settings
         if not self._samples or abs(temperature - self._samples[-1][1]) <= s.jump:
+            self._watch_step(time, temperature)
             self._samples.append((time, temperature))
             self._suspects.clear()
+            self.cooling.add(time, temperature)
         else:
             if self._suspects and abs(temperature - self._suspects[-1][1]) > s.jump:
                 self._suspects.clear()
             self._suspects.append((time, temperature))
             if len(self._suspects) >= s.confirm:
-                self._samples.clear()
-                self._samples.extend(self._suspects)
-                self._suspects.clear()
+                self._take_level()
         while self._samples[-1][0] - self._samples[0][0] > s.window:
             self._samples.popleft()
+
+    def _take_level(self) -> None:
+        """The suspects are right: the layer got hot or, if they are far below, the pyrometer sees something else."""
+        if self._suspects[-1][1] < self._samples[-1][1]:
+            self._mark_step(self._suspects[-1][0], self._suspects[-1][1] - self._samples[-1][1])
+        self._samples.clear()
+        self._samples.extend(self._suspects)
+        self._suspects.clear()
+        for time, temperature in self._samples:
+            self.cooling.add(time, temperature)
+
+    def _watch_step(self, time: float, temperature: float) -> None:
+        s = self.settings
+        if not self._samples or self._samples[-1][1] > s.step_top:
+            return
+        change = temperature - self._samples[-1][1]
+        if change < -s.step and time - self._samples[-1][0] <= 0.5:
+            self._samples.clear()
+            self._mark_step(time, change)
+
+    def _mark_step(self, time: float, change: float) -> None:
+        self._stepped, self._step_time = change, time
+        self.cooling.close()
 
     def state(self, now: float) -> Heat:
         """What is known at time `now` (s, clock of the samples). Not plausible: factor 1, not
@@ -121,8 +154,18 @@ class InterpassMonitor:
         if reasons:
             return Heat(1.0, temperature, rate, False, math.nan, False, reasons)
         ready = temperature <= s.interpass_limit
-        wait = cooling_wait(temperature, rate, s.interpass_limit, m.t_env)
+        wait = self._wait(temperature, rate)
         return Heat(float(heat_factor(temperature, m)), temperature, rate, ready, wait, True, ())
+
+    def _wait(self, temperature: float, rate: float) -> float:
+        """By the curve of the layers before; for the first ones as one lump that cools at the present rate."""
+        limit = self.settings.interpass_limit
+        if temperature <= limit:
+            return 0.0
+        learned = self.cooling.wait(limit)
+        if math.isfinite(learned):
+            return learned
+        return cooling_wait(temperature, rate, limit, self.material.t_env)
 
     def _reasons(self, now: float) -> tuple[str, ...]:
         s, reasons = self.settings, []
@@ -135,6 +178,10 @@ class InterpassMonitor:
             reasons.append(self._fault)
         if self._suspects:
             reasons.append(f'pyrometer jumped to {self._suspects[-1][1]:.0f} degC')
+        if self._last_heard - self._step_time < s.hold:
+            reasons.append(
+                f'pyrometer stepped by {self._stepped:.0f} K: emissivity or view changed'
+            )
         still = self._last_heard - self._still_since
         if s.stuck_time > 0 and still >= s.stuck_time:
             reasons.append(f'pyrometer stuck at {self._last_value:.1f} degC for {still:.0f} s')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from sensor_msgs.msg import Temperature
 
@@ -30,6 +30,11 @@ class ThermalParams:
     t_max: float = param(1400.0, 'highest reading that is believed', 'degC', 100.0)
     jump: float = param(150.0, 'change between two samples that is taken for a fault', 'K', 1.0)
     confirm: int = param(5, 'samples in a row that turn a jump into a new level', '', 1, 100)
+    step: float = param(
+        40.0, 'fall between two samples that no metal cools by: emissivity jump', 'K', 1.0
+    )
+    step_top: float = param(800.0, 'above this metal may cool that fast', 'degC', 100.0)
+    hold: float = param(10.0, 'time after an emissivity jump that nothing is believed', 's', 0.0)
     stuck_time: float = param(10.0, 'a reading that rests so long is stuck; 0 = never', 's', 0.0)
     stuck_band: float = param(0.01, 'and rests means: moves less than this', 'K', 0.0)
     timeout: float = param(2.0, 'silence (ROS time) after which nothing is believed', 's', 0.1)
@@ -49,17 +54,10 @@ class ThermalCompensator(node.WaamNode):
         p = self.params
         material = materials.get(p.material, p.materials_file or None)
         limit = material.interpass_limit if math.isnan(p.interpass_limit) else p.interpass_limit
-        self.settings = Settings(
-            limit,
-            p.t_min,
-            p.t_max,
-            p.jump,
-            p.confirm,
-            p.stuck_time,
-            p.stuck_band,
-            p.timeout,
-            p.window,
-        )
+        limits = {
+            f.name: getattr(p, f.name) for f in fields(Settings) if f.name != 'interpass_limit'
+        }
+        self.settings = Settings(limit, **limits)
         self.monitor = InterpassMonitor(material, self.settings)
         self.publisher = self.create_publisher(HeatFactor, 'heat_factor', qos.LATCHED)
         self.create_subscription(Temperature, 'temperature', self.on_temperature, qos.BEAT)

@@ -96,8 +96,8 @@ class Scene:
             [sys.executable, str(HERE / 'bridge_light.py'), str(self.folder / 'cable')],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            text=True,
         )
+        self._heard = [b'']  # lines, and the beginning of the next
 
     def events(self) -> list[tuple[int, str]]:
         text = self.events_file.read_text()
@@ -108,18 +108,26 @@ class Scene:
         return sum(event.startswith(what) for _, event in self.events())
 
     def strike(self) -> None:
-        """A bead that burns; then a random moment in it."""
-        self.host.stdin.write('weld\n')
-        self.host.stdin.flush()
-        self.hear('welding')
-        time.sleep(self.dice.uniform(0.0, 0.4))
+        """A bead that burns; then a random moment in it. Again when a stalled computer has lost the arc meanwhile."""
+        while True:
+            self.host.stdin.write(b'weld\n')
+            self.host.stdin.flush()
+            self.hear('welding')
+            time.sleep(self.dice.uniform(0.0, 0.4))
+            if self.count('arc on') > self.count('arc off'):
+                return
 
     def hear(self, word: str) -> None:
-        while True:
-            line = self.host.stdout.readline()
-            assert line, 'the host has died'
-            if line.strip() == word:
-                return
+        """Reads lines of the host until this one."""
+        end = time.monotonic() + PATIENCE
+        while word.encode() not in self._heard[:-1]:
+            left = max(0.0, end - time.monotonic())
+            ready = select.select([self.host.stdout], [], [], left)[0]
+            assert ready, f'the host does not say {word} within {PATIENCE:.0f} s'
+            data = os.read(self.host.stdout.fileno(), 4096)
+            assert data, 'the host has died'
+            self._heard = (self._heard.pop() + data).split(b'\n')
+        del self._heard[: self._heard.index(word.encode()) + 1]
 
     def until(self, condition, what: str) -> None:
         end = time.monotonic() + PATIENCE

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from collections.abc import Callable
 
 from waam_bridge import commands, frames, program
 from waam_bridge.commands import Command
@@ -18,6 +19,7 @@ from waam_bridge.transport import SerialTransport
 from waam_process.segment import Kind, Segment
 
 SEGMENTS = 4000
+PATIENCE = 120.0  # s that anything may take on a busy computer
 
 
 class Light:
@@ -28,6 +30,7 @@ class Light:
         self.quiet = quiet
         self.lock = threading.RLock()
         self.job = 0
+        self.on_frame: Callable[[frames.Telemetry], None] = lambda frame: None
         self.ros_offset_ns = time.time_ns() - time.monotonic_ns()
         self.transport = SerialTransport(port, 115200, self, 0.05)
         self.transport.start()
@@ -48,7 +51,9 @@ class Light:
         with self.lock:
             was = self.bridge.connected
             for line in lines:
-                self.bridge.line(line, read_at)
+                frame = self.bridge.line(line, read_at)
+                if frame is not None:
+                    self.on_frame(frame)
                 self._collect()
             if self.bridge.connected and not was:
                 self.say('connected')
@@ -85,7 +90,10 @@ class Light:
         self.until(lambda: got)
 
     def until(self, condition) -> None:
+        end = time.monotonic() + PATIENCE
         while not condition():
+            if time.monotonic() > end:
+                raise TimeoutError(f'nothing within {PATIENCE:.0f} s: {self.bridge.message}')
             time.sleep(0.002)
 
     def weld(self) -> None:

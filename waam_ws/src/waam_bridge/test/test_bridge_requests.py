@@ -6,7 +6,7 @@ import pytest
 from bridge_cell import Cell, line_of
 from bridge_fake_controller import HOLD, RUN, sealed
 
-from waam_bridge import commands, frames, outbox, program, requests
+from waam_bridge import commands, frames, outbox, parsing, program, requests
 from waam_bridge.requests import Requests
 
 
@@ -21,7 +21,7 @@ class Host:
         return self.requests.ask(letter, args, lambda *r: self.got.append((letter, *r)), now)
 
     def hear(self, text):
-        return self.requests.answer(frames.parse(sealed(text)[:-1]))
+        return self.requests.answer(parsing.parse(sealed(text)[:-1]))
 
 
 def token_of(line):

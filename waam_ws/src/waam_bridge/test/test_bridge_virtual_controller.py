@@ -3,7 +3,7 @@
 import pytest
 from bridge_harness import Bridge, VirtualController, line_of, until
 
-from waam_msgs.msg import Telemetry
+from waam_msgs.msg import Anomaly, Telemetry
 from waam_msgs.srv import Command, Enqueue
 
 ZERO = (0.1, 0.08, 0.02)
@@ -19,6 +19,7 @@ def machine(tmp_path_factory):
     bridge.controller = controller
     try:
         bridge.ready()
+        switched_on(bridge)
         assert bridge.command(Command.Request.HOME).error_code == 0
         until(lambda: bridge.state.homed and bridge.state.state == Telemetry.STATE_IDLE)
         assert bridge.command(Command.Request.SET_ZERO, ZERO).error_code == 0
@@ -27,6 +28,18 @@ def machine(tmp_path_factory):
     finally:
         bridge.close()
         controller.close()
+
+
+def switched_on(bridge):
+    """Like a board it waits in ALARM for somebody to acknowledge; that is no fault, but nothing moves before."""
+    assert (bridge.state.state, bridge.state.fault) == (Telemetry.STATE_ALARM, 306)
+    assert 'power-up' in bridge.state.fault_text
+    assert bridge.command(Command.Request.HOME).error_code == Command.Response.WRONG_STATE
+    assert bridge.command(Command.Request.ARM, text='j').error_code != 0
+    assert bridge.command(Command.Request.RESET).error_code == 0
+    until(lambda: bridge.state.state == Telemetry.STATE_IDLE)
+    assert not bridge.state.homed
+    assert all(a.severity == Anomaly.INFO for a in bridge.got['anomaly'])
 
 
 @pytest.fixture

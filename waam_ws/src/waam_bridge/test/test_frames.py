@@ -5,7 +5,7 @@ from bridge_fake_controller import crc, sealed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_bridge import frames
+from waam_bridge import frames, parsing
 
 TELEMETRY = (
     'T 7,1700000000000000,1,31,100000,-2000,150000,10000,83000,82000,180000,22000,'
@@ -41,7 +41,7 @@ def test_the_fast_check_agrees_with_the_bitwise_one(data):
 
 
 def test_each_line_is_understood():
-    got = [frames.parse(line(text)) for text in GOOD]
+    got = [parsing.parse(line(text)) for text in GOOD]
     assert got[0] == frames.Ack(12, 30, 2048)
     assert got[1] == frames.Resend(13, 101)
     assert got[2] == frames.LineRefused(14, 103, 7, 'unknown word Q')
@@ -56,7 +56,7 @@ def test_each_line_is_understood():
 
 
 def test_a_carriage_return_is_accepted():
-    assert frames.parse(line('$D ok') + b'\r') == frames.Answer('D', 0, 'ok')
+    assert parsing.parse(line('$D ok') + b'\r') == frames.Answer('D', 0, 'ok')
 
 
 @given(st.sampled_from(GOOD), st.integers(0, 300), st.integers(0, 255))
@@ -67,7 +67,7 @@ def test_a_changed_byte_is_detected(text, place, byte):
     if bad == good:
         return
     with pytest.raises(frames.FrameError):
-        frames.parse(bad)
+        parsing.parse(bad)
 
 
 @given(st.sampled_from(GOOD), st.integers(0, 300), st.integers(1, 8))
@@ -75,14 +75,14 @@ def test_lost_bytes_are_detected(text, place, count):
     good = line(text)
     place %= len(good) - count
     with pytest.raises(frames.FrameError):
-        frames.parse(good[:place] + good[place + count :])
+        parsing.parse(good[:place] + good[place + count :])
 
 
 @settings(max_examples=500)
 @given(st.binary(max_size=200))
 def test_noise_raises_only_the_typed_error(data):
     with pytest.raises(frames.FrameError):
-        frames.parse(data)
+        parsing.parse(data)
 
 
 @settings(max_examples=500)
@@ -97,7 +97,7 @@ def test_noise_raises_only_the_typed_error(data):
 def test_wrong_content_with_a_right_check_raises_only_the_typed_error(start, rest):
     payload = (start + rest).encode('latin-1').replace(b'*', b'')
     try:
-        frame = frames.parse(payload + b'*%05d' % crc(payload))
+        frame = parsing.parse(payload + b'*%05d' % crc(payload))
     except frames.FrameError:
         return
     if isinstance(frame, frames.Telemetry):

@@ -6,7 +6,7 @@ from bridge_fake_controller import RUN, FakeCore
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_bridge import frames
+from waam_bridge import frames, parsing
 from waam_bridge.stream import Sender
 
 
@@ -33,7 +33,7 @@ class Channel:
 
 def hear(sender, line, now, done):
     try:
-        frame = frames.parse(line)
+        frame = parsing.parse(line)
     except frames.FrameError:
         return
     if isinstance(frame, frames.Ack):

@@ -14,20 +14,17 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Temperature
 
 from waam_msgs.msg import Heartbeat, LeaseTick, LinkStatus, Override
-from waam_msgs.srv import Command, Enqueue
 from waam_node import qos
-from waam_node.conversions import segment_from_msg
-from waam_node.deferred import Deferred, create_deferred_service
 from waam_node.node import ERROR, OK, WARN, WaamNode
 from waam_node.node import main as node_main
 
-from . import commands, frames, program
+from . import commands, frames
 from .conversions import diagnostic_values
 from .core import Bridge
 from .csv_log import CsvLog
 from .node_publishers import Publishers
+from .node_services import Services
 from .params import BridgeParams
-from .program import Refusal
 from .transport import SerialTransport
 
 ALIGN = 5e-5  # s that reading both clocks may take
@@ -59,8 +56,7 @@ class BridgeNode(WaamNode):
         self.create_subscription(Override, 'override', self._on_override, qos.NEWEST)
         if self._out.csv:
             self.create_subscription(Temperature, 'temperature', self._on_temperature, qos.BEAT)
-        self.create_service(Enqueue, '~/enqueue', self._on_enqueue)
-        create_deferred_service(self, Command, '~/command', self._on_command)
+        Services(self, self.core, self._lock, self._pump)
 
     def _open_csv(self, path: str, rate: float) -> CsvLog | None:
         if not path:
@@ -181,39 +177,6 @@ class BridgeNode(WaamNode):
     def _on_temperature(self, msg: Temperature) -> None:
         if self._out.csv:
             self._out.csv.temperature = msg.temperature
-
-    def _on_enqueue(self, request: Enqueue.Request, response: Enqueue.Response) -> Enqueue.Response:
-        """Checks outside the lock, so that a large batch does not hold up the link."""
-        try:
-            segments = [segment_from_msg(m) for m in request.segments]
-            with self._lock:
-                permit = self.core.permit(request.job_id, segments)
-            batch = program.prepare(permit, segments, request.last)
-            with self._lock:
-                self.core.commit(permit, batch)
-            response.accepted, response.duplicates = batch.accepted, batch.duplicates
-            self._pump()
-        except Refusal as e:
-            response.error_code, response.message = e.code, str(e)
-        except ValueError as e:
-            response.error_code, response.message = program.BAD_SEGMENT, str(e)
-        return response
-
-    def _on_command(self, request: Command.Request, response: Command.Response) -> Deferred:
-        later = Deferred()
-
-        def answer(code: int, text: str) -> None:
-            response.error_code, response.message = code, text
-            later.answer(response)
-
-        v = request.vector
-        command = commands.Command(
-            request.code, request.text, tuple(request.names), (v.x, v.y, v.z), request.value
-        )
-        with self._lock:
-            commands.run(self.core, command, answer, time.monotonic())
-        self._pump()
-        return later
 
 
 def main() -> None:

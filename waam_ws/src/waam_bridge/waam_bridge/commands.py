@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from waam_process.units import to_mm, to_mm_min
 
 from . import frames, requests
-from .core import Bridge, Reply
+from .core import Bridge
 from .outbox import WARNING
+from .pending import Reply
 from .program import number
 
 (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
 
-from waam_msgs.msg import Anomaly, LinkStatus, MachineState, SegmentDone, Telemetry
+from waam_msgs.msg import Anomaly, LinkStatus, MachineState, SegmentDone
 from waam_process.units import mm
 
 from . import frames
@@ -19,27 +19,6 @@ NAN = float('nan')
 def stamp_ns(ns: int) -> Time:
     sec, nanosec = divmod(ns, 1_000_000_000)
     return Time(sec=sec, nanosec=nanosec)
-
-
-def fill_telemetry(msg: Telemetry, t: frames.Telemetry, ros_ns: int, boot: int) -> None:
-    """Writes a frame into a message that is used again and again (a new one costs three times as much)."""
-    stamp, p, flags = msg.header.stamp, msg.position, t.flags
-    stamp.sec, stamp.nanosec = divmod(ros_ns, 1_000_000_000)
-    msg.controller_us, msg.boot_id, msg.sequence, msg.state = t.t_us, boot, t.seq, t.state
-    p.x, p.y, p.z = t.x_um * 1e-6, t.y_um * 1e-6, t.z_um * 1e-6
-    msg.travel_speed = t.v_um_s * 1e-6
-    msg.wire_feed_commanded, msg.wire_feed_speed = t.wire_cmd_um_s * 1e-6, t.wire_um_s * 1e-6
-    msg.arc_current, msg.arc_voltage = t.current_ma * 1e-3, t.voltage_mv * 1e-3
-    msg.arc_enabled = flags & frames.ARC_ENABLED != 0
-    msg.arc_established = flags & frames.ARC_ESTABLISHED != 0
-    msg.gas = flags & frames.GAS != 0
-    msg.line_accepted, msg.line_executed, msg.blocks_free = (
-        t.line_accepted,
-        t.line_executed,
-        t.free_blocks,
-    )
-    msg.speed_override, msg.wire_override = t.speed_permille * 1e-3, t.wire_permille * 1e-3
-    msg.lease_left, msg.underruns, msg.fault = t.lease_left_ms * 1e-3, t.underruns, t.fault
 
 
 def _point(values) -> Point:

@@ -10,25 +10,22 @@ from collections.abc import Callable
 from waam_process.segment import Point, Segment
 from waam_process.units import mm
 
-from . import batches, frames, program, requests
+from . import batches, faults, frames, program, requests
 from .arming import Arming
-from .frames import ALARM, HOLD, IDLE
+from .frames import ALARM, IDLE
 from .link import Link
 from .outbox import (
     ALARM_SEVERITY,
     FAULT,
     INFO,
-    LEASE_EXPIRED,
     WARNING,
     Notice,
     Outbox,
     ResendWatch,
-    of_fault,
 )
 from .params import BridgeParams
+from .pending import Pending, Reply
 from .program import Mark, Modal, Permit
-
-Reply = Callable[[int, str], None]
 
 
 class Bridge:
@@ -50,9 +47,7 @@ class Bridge:
         self.dropping = ''  # why the queue goes once telemetry has told what was executed
         self.overrides = (1.0, 1.0)  # speed, wire: factors that were asked for
         self._tick = 0
-        self._after_frame: list[Callable[[], None]] = []
-        self._after_limit = 0.0  # s
-        self._home: tuple[int, Reply, float] | None = None
+        self.pending = Pending()
         self._resends = ResendWatch(params.resend_warning)
 
     @property
@@ -105,8 +100,8 @@ class Bridge:
         if self.connected:
             self.notice(FAULT, 'link', f'link lost: {reason}', 'retry')
         self.link.closed(reason)
-        self._end_home(requests.NOT_CONNECTED, reason)
-        self._flush_after_frame()
+        self.pending.end_home(requests.NOT_CONNECTED, reason, self.outbox.replies)
+        self.pending.flush(self.outbox.replies)
         self.say(reason)
 
     def say(self, message: str) -> None:
@@ -156,38 +151,30 @@ class Bridge:
             self._on_telemetry(frame, now)
             return frame
         if kind is frames.StateChange:
-            self._set_state(frame.state, frame.code, frame.text)
+            faults.state_changed(self, frame.state, frame.code, frame.text)
         elif kind is frames.LineRefused:
-            self._on_refused(frame)
-        if self._home and self.link.sender.acked >= self._home[0]:
-            self._end_home(requests.OK, 'homing')
+            faults.line_refused(self, frame)
+        if 0 < self.pending.home_line <= self.link.sender.acked:
+            self.pending.end_home(requests.OK, 'homing', self.outbox.replies)
         return None
 
     def _on_telemetry(self, t: frames.Telemetry, now: float) -> None:
         self._take_done(t.line_executed)
         if t.state != self.state or t.fault != self.fault:
-            self._set_state(t.state, t.fault, '')
+            faults.state_changed(self, t.state, t.fault, '')
         if (t.flags ^ self.flags) & (frames.ARC_ENABLED | frames.HOMED | frames.ARMED):
             self.outbox.changed = True
             self.arming.flags(t.flags)
         self.flags = t.flags
         if self.link.missing:
             why, self.link.missing = self.link.missing, ''
-            self._hold_broken(why)
+            faults.lines_denied(self, why)
         if self.dropping and t.state in (IDLE, ALARM):
             self._drop(self.dropping)
         if t.t_us - self._tick >= self.params.tick_period * 1e6 or t.t_us < self._tick:
             self._on_tick(t, now)
-        if self._after_frame and not self.dropping:
-            self._flush_after_frame()
-
-    def _hold_broken(self, why: str) -> None:
-        """The two ends disagree about what was sent: stand still, an operator decides."""
-        self.broken = why
-        self.link.sender.blocked = True
-        self.link.out.append(frames.HOLD_NOW)
-        self.say(why)
-        self.notice(FAULT, 'link', why, 'hold')
+        if not self.dropping:
+            self.pending.flush(self.outbox.replies)
 
     def _take_done(self, line: int) -> None:
         for mark in self.link.sender.executed(line):
@@ -207,57 +194,21 @@ class Bridge:
 
     def poll(self, now: float) -> bytes:
         """What is to be written now. Call it after every line and at least every 20 ms."""
-        if self._home and now > self._home[2]:
-            self._end_home(requests.TIMEOUT, 'the controller did not accept G28 within 1 s')
-        if self._after_frame and now > self._after_limit:
-            self._flush_after_frame()
+        self.pending.poll(now, self.outbox.replies)
         if self.connected and (notice := self._resends.poll(self.link.sender, now)):
             self.outbox.notices.append(notice)
         return self.link.poll(now)
 
-    # ---- state and faults
-
-    def _set_state(self, state: int, code: int, text: str) -> None:
-        new = (state, code) != (self.state, self.fault)
-        if not new and not (text and text != self.fault_text):
-            return
-        self.state, self.fault = state, code
-        self.fault_text = (text or frames.CODES.get(code, '')) if code else ''
-        self.outbox.changed = True
-        if new and code == LEASE_EXPIRED and self.link.telemetry:
-            self.arming.expired(self.link.telemetry.t_us)
-        if new and state in (HOLD, ALARM) and code:
-            notice = of_fault(state, code, self.fault_text, self.silent)
-            self.outbox.notices.append(notice)
-            self.say(self.broken or notice.text)
-        if new and state == ALARM:
-            self.link.sender.blocked = True
-            self.dropping = f'ALARM E{code} {self.fault_text}'.rstrip()
-
-    def _on_refused(self, refused: frames.LineRefused) -> None:
-        sender = self.link.sender
-        if sender.blocked:
-            return
-        text = f'E{refused.code} {refused.text or frames.CODES.get(refused.code, "")}'.rstrip()
-        if self._home and refused.seq == self._home[0]:
-            self._end_home(requests.REFUSED, f'controller: {text}')
-            self._forget()
-            return
-        where = f'line {refused.seq} refused: {text} at column {refused.column}'
-        self.broken = where
-        lost = sender.drop(keep=refused.seq - 1)  # what the controller has is still executed
-        self.link.resync()
-        self._reopen()
-        self.say(f'{where}; {lost} segments dropped')
-        self.notice(FAULT, 'link', where, 'abort')
+    # ---- the queue
 
     def _drop(self, reason: str) -> None:
         """Forgets all segments that were not executed, and says why."""
         lost = self.queued
-        self._forget()
+        self.forget()
         self.say(f'{reason}; {lost} segments dropped' if lost else reason)
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
+        """All lines that the controller has not executed; what comes next starts where the machine is."""
         self.dropping = ''
         self.link.sender.drop()
         self.link.resync()
@@ -301,27 +252,16 @@ class Bridge:
             if code == requests.OK:
                 then()
                 self.outbox.changed = True
-                self._after_frame.append(lambda: reply(code, text))
-                self._after_limit = self.link.heard + requests.LIMIT
+                self.pending.after_frame(lambda: reply(code, text), self.link.heard)
             else:
                 self.outbox.replies.append(lambda: reply(code, text))
 
         self.link.ask(letter, args, done, now)
 
-    def _flush_after_frame(self) -> None:
-        self.outbox.replies += self._after_frame
-        self._after_frame = []
-
     def home(self, reply: Reply, now: float) -> None:
         seq = self.link.sender.put(b'G28')
         self._reopen()
-        self._home = (seq, reply, now + requests.LIMIT)
-
-    def _end_home(self, code: int, text: str) -> None:
-        if self._home:
-            reply = self._home[1]
-            self._home = None
-            self.outbox.replies.append(lambda: reply(code, text))
+        self.pending.home(seq, reply, now)
 
     def stopped(self, reason: str) -> None:
         """The queue goes as soon as telemetry has told what was executed."""

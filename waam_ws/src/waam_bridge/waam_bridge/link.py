@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 from enum import IntEnum
 
-from . import frames
+from . import frames, parsing
 from .clock import ClockMap
 from .params import BridgeParams
 from .requests import OK, Requests
@@ -97,7 +97,7 @@ class Link:
     def line(self, raw: bytes, now: float) -> frames.Frame | None:
         """Takes one line that was read at `now`; returns what it said, None when it must not be acted on."""
         try:
-            frame = frames.parse(raw)
+            frame = parsing.parse(raw)
         except frames.FrameError:
             self.bad_frames += 1
             return None

@@ -11,7 +11,7 @@ from rclpy.publisher import Publisher
 from waam_msgs.msg import Anomaly, LeaseTick, LinkStatus, MachineState, SegmentDone, Telemetry
 from waam_node import qos
 
-from . import conversions, frames
+from . import conversions, frames, telemetry_cdr
 from .core import Bridge
 from .csv_log import CsvLog
 from .outbox import Notice
@@ -22,8 +22,6 @@ class Publishers:
 
     def __init__(self, node: Node, core: Bridge, port: str, csv: CsvLog | None) -> None:
         self._node, self._core, self._port, self.csv = node, core, port, csv
-        self._frame = Telemetry()
-        self._frame.header.frame_id = 'work'
         self._counted = (0, 0)  # frames, us: where the telemetry rate is counted from
         publish = node.create_publisher
         self._telemetry = publish(Telemetry, 'telemetry', qos.TELEMETRY)
@@ -37,8 +35,7 @@ class Publishers:
         """One telemetry frame."""
         link = self._core.link
         ros_ns = link.clock.to_ros_ns(t.t_us)
-        conversions.fill_telemetry(self._frame, t, ros_ns, link.identity.boot)
-        self._send(self._telemetry, self._frame)
+        self._send(self._telemetry, telemetry_cdr.pack(t, ros_ns, link.identity.boot))
         if self.csv:
             self._log(t, ros_ns)
 

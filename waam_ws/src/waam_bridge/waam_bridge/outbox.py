@@ -10,7 +10,7 @@ from .program import Mark
 from .stream import Sender
 
 INFO, WARNING, FAULT, ALARM_SEVERITY = range(4)  # waam_msgs/Anomaly
-HOLD_BY_HOST, LEASE_EXPIRED = 200, 202
+HOLD_BY_HOST, LEASE_EXPIRED, POWER_UP = 200, 202, 306
 CLASS_OF = {
     HOLD_BY_HOST: 'operator',
     LEASE_EXPIRED: 'node',
@@ -23,7 +23,7 @@ CLASS_OF = {
     210: 'temperature',
     211: 'wire',
     300: 'operator',
-    306: 'operator',
+    POWER_UP: 'operator',
 }  # all others: 'link'
 RESEND_WINDOW = 10.0  # s
 RESEND_LEAST = 5  # lines sent again in the window below which no rate is judged
@@ -61,6 +61,8 @@ def of_fault(state: int, code: int, text: str, silent: list[str]) -> Notice:
     if code == LEASE_EXPIRED and silent:
         said += f' (silent: {", ".join(silent)})'
     class_name = CLASS_OF.get(code, 'link')
+    if code == POWER_UP:
+        return Notice(INFO, class_name, said)
     if state == ALARM:
         return Notice(ALARM_SEVERITY, class_name, said, 'abort')
     return Notice(INFO if code == HOLD_BY_HOST else FAULT, class_name, said, 'hold')

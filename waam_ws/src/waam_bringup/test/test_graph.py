@@ -32,12 +32,12 @@ def test_simulated_graph_has_controller_and_cell_and_real_one_has_not(tmp_path):
     assert 'use_sim_time:=false' in ' '.join(real['bridge'].command)
 
 
-def test_every_ros_node_but_the_panel_is_in_the_lease(tmp_path):
+def test_every_ros_node_but_those_that_only_show_is_in_the_lease(tmp_path):
     specs = processes(settings(tmp_path))
     job = next(p for p in specs if p.name == 'job_sequencer')
     lease = next(a for a in job.command if a.startswith('lease_nodes:='))
     for p in specs:
-        assert (p.name in lease) == (p.ros and p.name != 'panel')
+        assert (p.name in lease) == (p.ros and p.name not in ('dashboard', 'panel'))
 
 
 def test_panel_gets_its_port_and_folders_and_its_address_is_in_the_state(tmp_path, monkeypatch):

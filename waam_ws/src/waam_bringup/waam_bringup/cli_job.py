@@ -9,9 +9,20 @@ from .cli_common import add_run, run_and_domain
 
 
 def register_job(commands) -> None:
-    job = commands.add_parser('job', help='run and steer jobs').add_subparsers(
-        dest='verb', metavar='VERB', required=True
+    parser = commands.add_parser(
+        'job',
+        help='run and steer jobs',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog='while a job runs, from any other terminal (or the panel):\n'
+        '  waam job pause                   the arc ends properly, the machine holds; waam job resume goes on\n'
+        '  waam job rescan                  measure again before the next layer\n'
+        '  waam job gain 0.15               less authority for the correction, from the next layer on\n'
+        '  waam job feed --speed 0.9        travel speed and wire feed of what is being laid, at once\n'
+        '  waam job skip-layer              leave the next layer out\n'
+        '  waam job abort                   safe end; waam job resume FOLDER goes on with it later\n\n'
+        'after a crash or a power cut: waam up, then waam job resume',
     )
+    job = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
     _register_run(job)
     _register_resume(job)
     _register_steering(job)
@@ -100,12 +111,13 @@ def _add_process(p: argparse.ArgumentParser) -> None:
 def _add_bookkeeping(p: argparse.ArgumentParser) -> None:
     p.add_argument('--name', default='', help='short name in the folder of the job')
     p.add_argument('--jobs', type=Path, help='where job folders go (default: jobs/)')
+    p.add_argument('--operator', default='', metavar='NAME', help='who answers for the job')
     p.add_argument(
         '--note',
         action='append',
         default=[],
         metavar='KEY=VALUE',
-        help='kept in job.yaml, such as wire_lot=4711',
+        help='kept with the job; the report asks for wire_lot=... and gas=... and names what nobody told',
     )
 
 
@@ -119,6 +131,7 @@ def _register_resume(job) -> None:
     )
     add_run(p)
     p.add_argument('folder', type=Path, nargs='?', help='job folder (default: jobs/latest)')
+    p.add_argument('--operator', default='', metavar='NAME', help='who answers for it from here on')
     p.add_argument(
         '--note', action='append', default=[], metavar='KEY=VALUE', help='kept with the job'
     )
@@ -137,6 +150,22 @@ def _register_steering(job) -> None:
     add_run(p)
     p.add_argument('value', type=float, help='0..0.5; nan = that of the correction server')
     p.set_defaults(run_command=cmd_job_adjust, code='SET_K_GAIN')
+    p = job.add_parser(
+        'feed',
+        help='overrides while running: travel speed and wire feed, at once',
+        description='Factors on the programmed travel speed and wire feed, in force at once. What is not given stays '
+        'as it is: with --speed alone the wire goes on as before, so slower means more metal.',
+    )
+    add_run(p)
+    for name, limits in (('speed', '0.1..2'), ('wire', '0.5..1.5')):
+        p.add_argument(
+            f'--{name}',
+            type=float,
+            default=float('nan'),
+            metavar='FACTOR',
+            help=f'{limits}; 1 = as programmed',
+        )
+    p.set_defaults(run_command=cmd_job_feed)
     for verb, text in (
         ('pause', 'hold the machine; the arc ends properly'),
         ('abort', 'end the job; the arc ends, the queue is dropped'),
@@ -181,6 +210,17 @@ def cmd_job_resume(args) -> int:
                 print('resume: accepted')
                 return 0
     return resume_job(args, run, domain)
+
+
+def cmd_job_feed(args) -> int:
+    from .jobs import override
+    from .operate import require_up
+
+    run, domain = run_and_domain(args)
+    require_up(run)
+    speed, wire = override(args.speed, args.wire, domain)
+    print(f'in force: travel speed x {speed:g}, wire feed x {wire:g}')
+    return 0
 
 
 def cmd_job_adjust(args) -> int:

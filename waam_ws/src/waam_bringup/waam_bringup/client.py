@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable
 from typing import Any
+from uuid import uuid4
 
 import rclpy
+from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.experimental import EventsExecutor
 from std_srvs.srv import Trigger
+from unique_identifier_msgs.msg import UUID
 
 from waam_msgs.action import RunJob
-from waam_msgs.msg import Heartbeat, JobStatus, MachineState
+from waam_msgs.msg import Heartbeat, JobStatus, MachineState, Override, Telemetry
 from waam_msgs.srv import LoadPart
-from waam_node.qos import BEAT, LATCHED
+from waam_node.qos import BEAT, LATCHED, NEWEST, TELEMETRY
 
 MATCHING_S = 0.2  # a server that has not yet found a new client's reader loses the answer
+REPEAT_S = 4.0
+ANSWER_S = 10.0
+ALIVE_S = 0.5  # between two looks whether the graph is still there
 NO_CONTROLLER_S = 6.0  # the virtual controller may come up after the bridge
 
 
@@ -36,10 +44,8 @@ class GraphClient:
         self.executor.add_node(self.node)
         self.machine: MachineState | None = None
         self.job: JobStatus | None = None
-        self.beating: set[str] = set()
         self.node.create_subscription(MachineState, 'machine_state', self._on_machine, LATCHED)
         self.node.create_subscription(JobStatus, 'job_status', self._on_job, LATCHED)
-        self.node.create_subscription(Heartbeat, 'heartbeat', self._on_beat, BEAT)
 
     def __enter__(self) -> GraphClient:
         return self
@@ -55,9 +61,6 @@ class GraphClient:
     def _on_job(self, message: JobStatus) -> None:
         self.job = message
 
-    def _on_beat(self, message: Heartbeat) -> None:
-        self.beating.add(message.node)
-
     def until(self, condition: Callable[[], Any], timeout: float) -> bool:
         """Spins until the condition holds; False after `timeout` seconds."""
         end = time.monotonic() + timeout
@@ -70,14 +73,33 @@ class GraphClient:
     def wait_ready(
         self, nodes: set[str], timeout: float, dead: Callable[[], dict[str, str]]
     ) -> None:
-        """Until the controller answers and every node has repeated a tick. `dead` names processes that ended."""
+        """Until the controller answers and every node has repeated a tick. `dead` names processes that ended.
+
+        Heartbeats are heard only here: hundreds a second would cost a command that follows a job a tenth of a core.
+        """
+        beating: set[str] = set()
+        beats = self.node.create_subscription(
+            Heartbeat, 'heartbeat', lambda beat: beating.add(beat.node), BEAT
+        )
+        try:
+            self._until_ready(nodes, beating, timeout, dead)
+        finally:
+            self.node.destroy_subscription(beats)
+
+    def _until_ready(
+        self,
+        nodes: set[str],
+        beating: set[str],
+        timeout: float,
+        dead: Callable[[], dict[str, str]],
+    ) -> None:
         end = time.monotonic() + timeout
         refused_since: float | None = None
         while True:
             refused_since = self._refused(refused_since)
             if gone := dead():
                 raise ClientError('; '.join(f'{n} {how}' for n, how in gone.items()))
-            missing = nodes - self.beating
+            missing = nodes - beating
             if not missing and self.machine and self.machine.connected:
                 return
             if time.monotonic() > end:
@@ -95,21 +117,51 @@ class GraphClient:
             raise ClientError(f'no controller: {self.machine.message}')
         return since
 
-    def call(self, kind: Any, name: str, request: Any, timeout: float = 20.0) -> Any:
-        """A service call, or ClientError."""
+    def call(
+        self, kind: Any, name: str, request: Any, timeout: float = 20.0, repeat: bool = True
+    ) -> Any:
+        """A service call, or ClientError.
+
+        repeat: ask again every REPEAT_S, for the answer to a new client may be lost; only for requests that do no harm
+        twice.
+        """
         client = self.node.create_client(kind, name)
         if not self.until(client.service_is_ready, 5.0):
             raise ClientError(f'service {name} is not there; is the graph up? (waam up)')
         self.until(lambda: False, MATCHING_S)
-        future = client.call_async(request)
-        if not self.until(future.done, timeout):
-            raise ClientError(f'service {name} did not answer within {timeout:.0f} s')
-        return future.result()
+        asked, end = [], time.monotonic() + timeout
+        while (left := end - time.monotonic()) > 0:
+            asked.append(client.call_async(request))
+            if self.until(lambda: any(f.done() for f in asked), REPEAT_S if repeat else left):
+                return next(f.result() for f in asked if f.done())
+        raise ClientError(f'service {name} did not answer within {timeout:.0f} s')
 
     def trigger(self, name: str) -> None:
         response = self.call(Trigger, name, Trigger.Request())
         if not response.success:
             raise ClientError(response.message)
+
+    def override(self, speed: float, wire: float, source: str) -> tuple[float, float]:
+        """Factors (NaN = as it is), asked for until telemetry shows them; ClientError when it never does."""
+        seen: list[Telemetry] = []
+        listening = self.node.create_subscription(Telemetry, 'telemetry', seen.append, TELEMETRY)
+        publisher = self.node.create_publisher(Override, 'override', NEWEST)
+
+        def taken() -> bool:
+            del seen[:-1]
+            pairs = [(speed, t.speed_override) for t in seen] + [
+                (wire, t.wire_override) for t in seen
+            ]
+            return bool(seen) and all(math.isnan(a) or abs(a - b) < 1e-3 for a, b in pairs)
+
+        try:
+            for _ in range(5):
+                publisher.publish(Override(speed_factor=speed, wire_factor=wire, source=source))
+                if self.until(taken, 2.0):
+                    return seen[-1].speed_override, seen[-1].wire_override
+        finally:
+            self.node.destroy_subscription(listening)
+        raise ClientError('the controller did not take the override over (waam status)')
 
     def load_part(self, mesh: str, plate: tuple[float, float, float], seed: int) -> None:
         """Simulated cell: what lies on the table. plate in m, used when mesh is ''."""
@@ -132,16 +184,8 @@ class GraphClient:
         action = ActionClient(self.node, RunJob, 'job_sequencer/run_job')
         if not self.until(action.server_is_ready, 5.0):
             raise ClientError('job_sequencer is not there; is the graph up? (waam up)')
-        sent = action.send_goal_async(
-            goal, feedback_callback=lambda f: on_status(f.feedback.status)
-        )
-        if not self.until(sent.done, 10.0):
-            raise ClientError('job_sequencer did not answer the goal within 10 s')
-        handle = sent.result()
-        if not handle.accepted:
-            raise ClientError(
-                'a job is running already; the goal was refused (waam status, waam job abort)'
-            )
+        self.until(lambda: False, MATCHING_S)
+        handle = self._send_goal(action, goal, lambda f: on_status(f.feedback.status))
         result = handle.get_result_async()
         try:
             self._await_result(result, alive)
@@ -149,12 +193,33 @@ class GraphClient:
             handle.cancel_goal_async()
             if not self.until(result.done, 30.0):
                 raise ClientError('cancelled, but the job did not end within 30 s') from None
+        if result.result().status == GoalStatus.STATUS_UNKNOWN:
+            raise ClientError('job_sequencer did not answer the goal')
         return result.result().result
 
+    def _send_goal(self, action: ActionClient, goal: RunJob.Goal, feedback) -> ClientGoalHandle:
+        """ClientError when the goal is refused.
+
+        The answer to a new client may be lost while the job runs already: its result is then asked for by the goal's
+        name, and a server that has never heard of it says so.
+        """
+        name = UUID(uuid=list(uuid4().bytes))
+        sent = action.send_goal_async(goal, feedback_callback=feedback, goal_uuid=name)
+        if not self.until(sent.done, ANSWER_S):
+            return ClientGoalHandle(
+                action, name, RunJob.Impl.SendGoalService.Response(accepted=True)
+            )
+        handle = sent.result()
+        if not handle.accepted:
+            raise ClientError(
+                'a job is running already; the goal was refused (waam status, waam job abort)'
+            )
+        return handle
+
     def _await_result(self, result: Any, alive: Callable[[], str]) -> None:
-        while not result.done():
+        """`alive` reads files: it is asked twice a second, not at every message."""
+        while not self.until(result.done, ALIVE_S):
             if reason := alive():
                 if self.until(result.done, 1.0):
                     return
                 raise ClientError(reason)
-            self.executor.spin_once(timeout_sec=0.1)

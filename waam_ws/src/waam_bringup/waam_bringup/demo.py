@@ -64,11 +64,12 @@ def _one(client: GraphClient, args, folder: Path, profile: str, run: Path) -> Pa
             k_gain=math.nan,
             tolerance=0.2,
             scale=1e-3,
-            note=[f'seed={args.seed}'],
+            note=[f'seed={args.seed}', 'wire_lot=simulated', 'gas=simulated'],
             strategy='',
             allowance=0.0,
             passes=1,
             wire_left=0.0,
+            operator='waam demo',
         ),
         folder,
     )

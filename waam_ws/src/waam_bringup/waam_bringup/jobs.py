@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 import sys
 from pathlib import Path
 
@@ -18,6 +20,7 @@ PLATE = (
     0.200,
     0.010,
 )  # m, on the simulated table for a plain build (job_sequencer: plate_zero)
+SPEEDS, WIRES = (0.1, 2.0), (0.5, 1.5)  # waam_msgs/Override
 _R = RunJob.Result
 REFUSED = (
     _R.BUSY, _R.BAD_GOAL, _R.BAD_PART, _R.UNKNOWN_MATERIAL, _R.PLAN_FAILED, _R.BAD_RESUME,
@@ -44,6 +47,7 @@ def make_goal(args, jobs: Path) -> RunJob.Goal:
         allowance=args.allowance * 1e-3,
         passes=args.passes,
         wire_left=args.wire_left,
+        operator_name=getattr(args, 'operator', ''),
     )
 
 
@@ -103,7 +107,7 @@ def resume_job(args, run: Path, domain: int) -> int:
     folder = (args.folder or jobs_dir() / 'latest').resolve()
     if not (folder / 'job.yaml').is_file():
         raise ValueError(f'{folder} is no job folder (there is no job.yaml in it)')
-    goal = RunJob.Goal(resume_dir=str(folder), notes=list(args.note))
+    goal = RunJob.Goal(resume_dir=str(folder), notes=list(args.note), operator_name=args.operator)
     with GraphClient(domain) as client:
         with JobProgress(folder.name) as progress:
             result = client.run_job(goal, progress, lambda: graph_trouble(run))
@@ -114,9 +118,21 @@ def adjust_job(code: str, value: float, domain: int) -> None:
     """A wish of the operator for the running job; ClientError when it is refused."""
     request = AdjustJob.Request(code=getattr(AdjustJob.Request, code), value=float(value))
     with GraphClient(domain) as client:
-        response = client.call(AdjustJob, 'job_sequencer/adjust', request)
+        # not repeated: a second SKIP_LAYER would leave another layer out
+        response = client.call(AdjustJob, 'job_sequencer/adjust', request, repeat=False)
     if not response.success:
         raise ClientError(response.message)
+
+
+def override(speed: float, wire: float, domain: int) -> tuple[float, float]:
+    """Factors of travel speed and wire feed (NaN = as it is). Returns those that the controller then reports."""
+    for name, value, (low, high) in (('speed', speed, SPEEDS), ('wire', wire, WIRES)):
+        if not (math.isnan(value) or low <= value <= high):
+            raise ValueError(f'--{name} {value:g} must be {low:g} to {high:g}')
+    if math.isnan(speed) and math.isnan(wire):
+        raise ValueError('say what is to change: --speed FACTOR, --wire FACTOR')
+    with GraphClient(domain) as client:
+        return client.override(speed, wire, os.environ.get('USER') or 'command line')
 
 
 def place_part(client: GraphClient, args) -> None:

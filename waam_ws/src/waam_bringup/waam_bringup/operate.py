@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from . import run_state
+from . import run_state, shared_memory
 from .client import ClientError, GraphClient
 from .graph import Settings, processes
 from .run_state import RunState, describe_exit
@@ -54,6 +54,7 @@ def up(
     if state and state.alive:
         raise ClientError(f'a graph is up already in {settings.run} (waam status, waam stop)')
     names = {p.name for p in processes(settings) if p.ros}
+    shared_memory.clean()  # of nodes that were killed
     settings.run.mkdir(parents=True, exist_ok=True)
     (settings.run / 'state.json').unlink(missing_ok=True)
     with open(settings.run / 'supervisor.log', 'w') as log:

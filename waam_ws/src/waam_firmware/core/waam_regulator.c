@@ -25,30 +25,35 @@ const char *waam_regulator_check(const waam_regulator_config_t *c)
         return "arc regulator: the plant needs a gain, a lag of 0 or more and a delay below 25.5 ms";
     if (c->actuator != WAAM_REGULATOR_OFF && (c->gain < 0.0f) != (c->actuator == WAAM_REGULATOR_WIRE))
         return "arc regulator: more source voltage raises the arc's, more wire lowers it";
-    if (!rising(c->schedule.current_a, WAAM_SCHEDULE_CURRENTS) || !rising(c->schedule.ctwd_mm, WAAM_SCHEDULE_DISTANCES))
-        return "arc regulator: the axes of the schedule must rise";
+    if (!(c->schedule.current_a[0] > 0.0f) || !rising(c->schedule.current_a, WAAM_SCHEDULE_CURRENTS) ||
+        !rising(c->schedule.ctwd_mm, WAAM_SCHEDULE_DISTANCES))
+        return "arc regulator: the axes of the schedule must rise, from above 0";
     for (int i = 0; i < WAAM_SCHEDULE_CURRENTS * WAAM_SCHEDULE_DISTANCES; i++)
         if (!((&c->schedule.share[0][0])[i] >= 0.2f) || (&c->schedule.share[0][0])[i] > 5.0f)
             return "arc regulator: shares of the schedule must lie in 0.2..5";
     return NULL;
 }
 
-/* Cell of a rising axis and the position in it, 0..1; held at the ends. */
-static int locate(const float *axis, int count, float value, float *within)
+static int cell(const float *axis, int count, float value)
 {
     int i = 0;
     while (i < count - 2 && value > axis[i + 1])
         i++;
-    float f = (value - axis[i]) / (axis[i + 1] - axis[i]);
-    *within = f > 0.0f ? (f < 1.0f ? f : 1.0f) : 0.0f;
     return i;
+}
+
+static float within(float value, float from, float to)
+{
+    float f = (value - from) / (to - from);
+    return f > 0.0f ? (f < 1.0f ? f : 1.0f) : 0.0f;
 }
 
 float waam_schedule_share(const waam_schedule_t *s, float current_a, float ctwd_mm)
 {
-    float f, g;
-    int i = locate(s->current_a, WAAM_SCHEDULE_CURRENTS, current_a, &f);
-    int j = locate(s->ctwd_mm, WAAM_SCHEDULE_DISTANCES, ctwd_mm, &g);
+    int i = cell(s->current_a, WAAM_SCHEDULE_CURRENTS, current_a);
+    int j = cell(s->ctwd_mm, WAAM_SCHEDULE_DISTANCES, ctwd_mm);
+    float f = within(1.0f / fmaxf(current_a, 1.0f), 1.0f / s->current_a[i], 1.0f / s->current_a[i + 1]);
+    float g = within(ctwd_mm, s->ctwd_mm[j], s->ctwd_mm[j + 1]);
     float low = s->share[i][j] + g * (s->share[i][j + 1] - s->share[i][j]);
     float high = s->share[i + 1][j] + g * (s->share[i + 1][j + 1] - s->share[i + 1][j]);
     return low + f * (high - low);

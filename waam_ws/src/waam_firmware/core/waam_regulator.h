@@ -15,9 +15,10 @@ typedef enum {
     WAAM_REGULATOR_WIRE         /* arc voltage by wire speed; the plant's gain is negative */
 } waam_actuator_t;
 
-/* How much arc voltage one unit of output gives, as a share of the nominal gain, over current and distance. */
+/* How much arc voltage one unit of output gives, as a share of the nominal gain, over current and distance; in between it is
+ * linear in the distance and in 1/current, for so the slope of an arc's characteristic falls (Ayrton). Held at the ends. */
 typedef struct {
-    float current_a[WAAM_SCHEDULE_CURRENTS];   /* rising */
+    float current_a[WAAM_SCHEDULE_CURRENTS];   /* rising, above 0 */
     float ctwd_mm[WAAM_SCHEDULE_DISTANCES];    /* rising */
     float share[WAAM_SCHEDULE_CURRENTS][WAAM_SCHEDULE_DISTANCES];
 } waam_schedule_t;

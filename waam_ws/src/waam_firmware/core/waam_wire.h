@@ -5,7 +5,8 @@
  *     u = x + lag / response (w - x),  x' = (u - x) / lag,
  * with w the speed wanted and x what the motor is taken to do, so that x approaches w with the time constant `response`
  * instead of `lag`. As long as no limit is met this is the pressure-advance law u = w + K dw/dt of a filtered w
- * (K = lag); because x follows the limited command, limits leave no overshoot behind. */
+ * (K = lag). x follows the command as limited, and the command goes only so far beyond w that it can be back in time, so
+ * limits of speed and acceleration leave no overshoot behind. */
 #ifndef WAAM_WIRE_H
 #define WAAM_WIRE_H
 

@@ -12,7 +12,7 @@
 
 typedef struct {
     const char *pty_link, *plant, *events;
-    bool null_plant, clock_is_ros_time, power_up_alarm;
+    bool null_plant, clock_is_ros_time, start_idle;
     double rate;            /* simulated seconds per second; 0 = no limit */
     uint64_t epoch_us;
     double start_mm[WAAM_AXES];

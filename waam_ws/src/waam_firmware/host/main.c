@@ -79,7 +79,8 @@ static pace_mode_t pace_mode(const host_t *h)
         return PACE_REAL;
     if (age < FRESH_US)
         return pty_blocked(&h->pty) ? PACE_REAL : PACE_FAST;
-    return h->rig.core.state == WAAM_RUN && age < h->rig.config.lease_us ? PACE_SLOW : PACE_REAL;
+    bool moves = h->rig.core.state == WAAM_RUN || waam_wire_jogging(&h->rig.core.wire);
+    return moves && age < h->rig.config.lease_us ? PACE_SLOW : PACE_REAL;
 }
 
 /* Waits until the next step is due; what arrives meanwhile is served and may bring it forward. */
@@ -137,7 +138,7 @@ static int start(host_t *h)
         config->boot_id = (uint32_t)wall_ns();
     h->rig.null_plant = h->options.null_plant;
     rig_source(&h->rig, STEP_US);
-    config->starts_in_alarm = h->options.power_up_alarm;
+    config->starts_in_alarm = !h->options.start_idle;
     memcpy(h->rig.start_mm, h->options.start_mm, sizeof h->rig.start_mm);
     h->pace = (pace_t){.rate = h->options.rate, .step_us = STEP_US, .due_ns = wall_ns()};
     waam_core_init(&h->rig.core, config, on_line, h);

@@ -13,7 +13,7 @@ static const char help[] =
     "without asking a program.\n"
     "\n"
     "It speaks exactly what the board speaks over USB (docs/link_protocol.md): open the terminal,\n"
-    "identify with $I, home with G28, arm with $A, stream numbered G-code.\n"
+    "identify with $I, reset with $X, home with G28, arm with $A, stream numbered G-code.\n"
     "\n"
     "usage: virtual_controller [options]\n"
     "\n"
@@ -32,8 +32,8 @@ static const char help[] =
     "  --events FILE     write every change of state, arc and gas with its controller time, for tests.\n"
     "  --start X,Y,Z     where the axes stand at first, machine mm (default 60,50,150). The controller does not know\n"
     "                    it: it must home. Home switches are at X 0, Y 0 and Z 200 (torch up).\n"
-    "  --power-up-alarm  start as a board does: in ALARM (306) until a host resets ($X) with the emergency stop released.\n"
-    "                    Without it the simulated controller starts in IDLE, for nothing can have happened to it.\n"
+    "  --start-idle      start in IDLE, as if an operator had just acknowledged. Without it the controller starts as a board\n"
+    "                    does: in ALARM (306) until a host resets it ($X) with the emergency stop released.\n"
     "  --help            this text\n"
     "\n"
     "Without --null-plant, and as long as no cell has connected to --plant, there are no arc and wire measurements:\n"
@@ -102,7 +102,7 @@ options_t options_parse(int argc, char **argv)
         {"pty-link", required_argument, NULL, 'l'}, {"plant", required_argument, NULL, 'p'},
         {"null-plant", no_argument, NULL, 'n'},     {"rate", required_argument, NULL, 'r'},
         {"epoch-us", required_argument, NULL, 't'}, {"events", required_argument, NULL, 'e'},
-        {"start", required_argument, NULL, 's'},    {"power-up-alarm", no_argument, NULL, 'u'}, {"help", no_argument, NULL, 'h'},
+        {"start", required_argument, NULL, 's'},    {"start-idle", no_argument, NULL, 'i'},   {"help", no_argument, NULL, 'h'},
         {NULL, 0, NULL, 0}};
     options_t o = {.rate = 1.0, .start_mm = {60.0, 50.0, 150.0}};
     waam_config_t config = waam_config_default();
@@ -113,7 +113,7 @@ options_t options_parse(int argc, char **argv)
         case 'l': o.pty_link = optarg; break;
         case 'p': o.plant = optarg; break;
         case 'n': o.null_plant = true; break;
-        case 'u': o.power_up_alarm = true; break;
+        case 'i': o.start_idle = true; break;
         case 'r': o.rate = rate(optarg); break;
         case 't': o.epoch_us = epoch(optarg); o.clock_is_ros_time = true; break;
         case 'e': o.events = optarg; break;

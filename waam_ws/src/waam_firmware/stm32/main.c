@@ -121,7 +121,8 @@ int main(void)
             ticks_done++;
             tick();
         }
-        port_serve(&received, &to_send);
+        if (port_serve(&received, &to_send))
+            waam_core_hang_up(&core);
         waam_core_linked(&core);
         if (waam_core_alive(&core))
             board_feed_watchdog();

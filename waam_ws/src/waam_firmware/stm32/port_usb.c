@@ -30,16 +30,18 @@ static void transmit(queue_t *send)
         send->got += (uint32_t)waam_usb_write(send->bytes + at, used < to_end ? used : to_end);
 }
 
-void port_serve(queue_t *received, queue_t *send)
+/* While nobody listens nothing is kept for later: a host that comes identifies first. */
+bool port_serve(queue_t *received, queue_t *send)
 {
     static bool was_open;
-    bool open = waam_usb_poll();
-    if (was_open && !open)
-        queue_put(received, '\n'); /* ends a line that was cut off */
+    bool open = waam_usb_poll(), gone = was_open && !open;
     was_open = open;
     receive(received);
-    if (open)
+    if (open) {
         transmit(send);
-    else
-        send->got = send->put; /* nobody listens; a host that comes identifies first */
+        return false;
+    }
+    send->got = send->put;
+    received->got = received->put;
+    return gone;
 }

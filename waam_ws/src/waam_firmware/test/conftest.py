@@ -242,9 +242,9 @@ class Client:
 
 
 class Controller:
-    """One virtual controller process."""
+    """One virtual controller process; `idle`: acknowledged already, not in the ALARM of a power-up."""
 
-    def __init__(self, folder: Path, *arguments: str) -> None:
+    def __init__(self, folder: Path, *arguments: str, idle: bool = True) -> None:
         self.link = folder / 'tty'
         self.event_file = folder / 'events'
         self.process = subprocess.Popen(
@@ -254,6 +254,7 @@ class Controller:
                 str(self.link),
                 '--events',
                 str(self.event_file),
+                *(['--start-idle'] if idle else []),
                 *arguments,
             ],
             stdout=subprocess.PIPE,
@@ -327,10 +328,10 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Controller]]:
     """Starts controllers with the given arguments; each must end cleanly on SIGTERM."""
     started: list[Controller] = []
 
-    def begin(*arguments: str) -> Controller:
+    def begin(*arguments: str, idle: bool = True) -> Controller:
         folder = tmp_path / str(len(started))
         folder.mkdir()
-        started.append(Controller(folder, *arguments))
+        started.append(Controller(folder, *arguments, idle=idle))
         return started[-1]
 
     yield begin

@@ -10,6 +10,7 @@ import arc_bounds
 import numpy as np
 import pytest
 from arc_loop import (
+    CALM,
     FIXED,
     GAINS,
     NOMINAL,
@@ -21,6 +22,7 @@ from arc_loop import (
     Variant,
     current_overshoot,
     distance_step,
+    fastest_reaction,
     library_path,
     margin_computed,
     margin_simulated,
@@ -103,20 +105,37 @@ def test_scheduled_gains_react_faster_to_a_distance_step(current, error):
     assert current_overshoot(scheduled, regime) < 0.01
 
 
+@pytest.mark.parametrize('current', [100.0, 120.0, 180.0, 250.0])
+def test_scheduled_gains_against_fixed_ones_that_keep_the_current_down_as_well(current):
+    """Like with like: without overshoot of current over the whole range."""
+    regime = Regime(current)
+    fixed, scheduled = distance_step(CALM, regime), distance_step(SCHEDULED, regime)
+    assert current_overshoot(fixed, regime) < 0.01
+    assert reaction(scheduled, regime) <= 0.65 * reaction(fixed, regime)
+
+
+def test_at_the_highest_gain_nothing_can_be_35_percent_faster_than_the_fixed_gains():
+    """80 A: even a source that jumps to the end of its trim at once is not; the scheduled gains lose nothing there."""
+    regime = Regime(80.0)
+    fixed, scheduled = distance_step(FIXED, regime), distance_step(SCHEDULED, regime)
+    assert fastest_reaction(regime) > 0.65 * reaction(fixed, regime)
+    assert fastest_reaction(regime) < reaction(scheduled, regime) < reaction(fixed, regime)
+
+
 @pytest.mark.parametrize('current', [80.0, 100.0])
-def test_scheduled_gains_never_overshoot_where_the_fixed_ones_are_at_their_limit(current):
-    """High gain: the fixed gains are made for it; all there is to gain is the overshoot (doc/arc_regulator.md)."""
+def test_scheduled_gains_do_not_overshoot_where_the_fixed_ones_do(current):
+    """High gain: the fixed gains are made for it; what there is to gain is mostly the overshoot (doc/arc_regulator.md)."""
     regime = Regime(current, 1.1)
     fixed, scheduled = distance_step(FIXED, regime), distance_step(SCHEDULED, regime)
     assert current_overshoot(scheduled, regime) < 0.01 < current_overshoot(fixed, regime)
-    assert reaction(scheduled, regime) < 1.05 * reaction(fixed, regime)
+    assert reaction(scheduled, regime) < reaction(fixed, regime)
 
 
 def test_mean_reaction_over_all_regimes():
     regimes = [Regime(a) for a in (80.0, 100.0, 120.0, 180.0, 250.0)]
     fixed = sum(reaction(distance_step(FIXED, r), r) for r in regimes)
     scheduled = sum(reaction(distance_step(SCHEDULED, r), r) for r in regimes)
-    assert scheduled <= 0.65 * fixed
+    assert scheduled <= 0.55 * fixed
 
 
 def test_schedule_follows_current_and_distance():

@@ -330,9 +330,13 @@ def test_wire_jog_feeds_the_length(client):
     client.next_frame()
     first = len(client.frames)
     assert client.ask('$W -30 1200') == '$W ok'
-    client.wait(lambda: client.frame['flags'] & 128)
-    client.wait(lambda: not client.frame['flags'] & 128)
-    client.next_frame()
+    client.wait(
+        lambda: (
+            any(f['flags'] & 128 for f in client.frames[first:])
+            and not client.frame['flags'] & 128
+            and client.frame['wire_cmd_um_s'] == 0
+        )
+    )
     pairs = zip(client.frames[first:], client.frames[first + 1 :], strict=False)
     length = sum(
         0.5e-6 * (a['wire_cmd_um_s'] + b['wire_cmd_um_s']) * (b['t_us'] - a['t_us'])

@@ -181,17 +181,31 @@ def test_no_step_is_lost_and_no_axis_overdone(execute, geometry):
     steps()
 
 
+def built(name: str) -> Path:
+    """A C program of this folder, or a skip that says so."""
+    program = Path(__file__).parents[3] / 'build/waam_firmware' / name
+    if not program.exists():
+        pytest.skip(f'{name} was not built (BUILD_TESTING)')
+    return program
+
+
 def test_planner_keeps_its_invariants():
     """The C program that checks planner, interpolator and look ahead on random paths of lines and arcs."""
-    program = Path(__file__).parents[3] / 'build/waam_firmware/planner_properties'
-    if not program.exists():
-        pytest.skip(f'{program.name} was not built (BUILD_TESTING)')
-    result = subprocess.run([program, '30'], capture_output=True, text=True, timeout=300)
+    result = subprocess.run(
+        [built('planner_properties'), '30'], capture_output=True, text=True, timeout=300
+    )
     assert result.returncode == 0, result.stderr
     assert result.stdout.startswith('30 random paths')
 
 
 # ---- wire ----
+
+
+def test_wire_feeder_keeps_its_invariants():
+    """The C program that jogs, stops and orders at random: lengths, bounds, direction, no overshoot of the lead."""
+    result = subprocess.run([built('wire_properties')], capture_output=True, text=True, timeout=100)
+    assert result.returncode == 0, result.stdout
+    assert result.stdout == '12000 jogs, stops and orders\n'
 
 
 def feeder(command: np.ndarray, delay: float = 0.030, lag: float = 0.065) -> np.ndarray:

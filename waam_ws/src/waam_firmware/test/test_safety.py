@@ -217,7 +217,7 @@ def test_current_with_the_source_off_is_an_alarm(port):
 
 def test_starts_faulted_and_only_a_reset_with_the_stop_released_leads_to_idle(start, tmp_path):
     path = tmp_path / 'cell.sock'
-    controller = start('--plant', str(path), '--rate', '30', '--power-up-alarm')
+    controller = start('--plant', str(path), '--rate', '30', idle=False)
     cell = Cell(path, flags=ESTOP)
     client = controller.connect()
     client.wait(lambda: client.frame and client.frame['flags'] & 64)

@@ -172,6 +172,15 @@ def board(emulator) -> Emulator:
     return emulator
 
 
+def test_usb_port_forgets_a_host_that_goes():
+    """port_usb.c on the host, with a USB device that the program plays."""
+    program = PACKAGE.parents[1] / 'build/waam_firmware/usb_port_properties'
+    if not program.exists():
+        pytest.skip(f'{program.name} was not built (BUILD_TESTING)')
+    done = subprocess.run([program], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout
+
+
 def steps(pins: dict[str, int]) -> list[int]:
     return [pins[axis] for axis in 'xyz']
 
@@ -277,7 +286,12 @@ def test_arc_burns_for_a_bead_and_ends_with_the_lease(board):
     client = board.client
     board.burn()
     pins = board.pins()
-    assert pins['arc'] == pins['gas'] == 1 and pins['setpoint_mv'] > 0
+    assert pins['arc'] == pins['gas'] == 1
+    steady = client.frame['t_us'] + 800_000  # 0.3 s fixed gains, then scheduled ones
+    client.wait(lambda: client.frame['t_us'] > steady)
+    if client.frame['flags'] & ARC:  # the host kept up
+        assert board.pins()['setpoint_mv'] == pytest.approx(22_000, abs=3_000)  # the ripple's share
+        assert client.frame['voltage_mV'] == pytest.approx(22_000, abs=500)
     client.frozen_lease, client.lease = client.frame['t_us'], 'frozen'
     client.wait(lambda: client.frame['fault'] == 202)
     client.wait(lambda: not client.frame['flags'] & ARC)

@@ -39,6 +39,8 @@ class FakeCell:
         self.scan_coverage = [1.0] * 100
         self.pyrometer_plausible = True
         self.record_calls: list = []
+        self.warnings: list = []
+        self.node_parameters: dict = {}
         self.tracks_taken = 0
         self.pace = 8  # segments between two looks of the job
 
@@ -83,6 +85,13 @@ class FakeCell:
     def machine(self) -> Machine:
         return self.machine_state
 
+    def parameters(self) -> dict:
+        return self.node_parameters
+
+    def take_warnings(self) -> list:
+        taken, self.warnings = self.warnings, []
+        return taken
+
     def heat(self) -> Heat:
         ready = self.temperature < self.limit
         return Heat(
@@ -101,6 +110,8 @@ class FakeCell:
         change = {
             'ARM': {'armed_job': text}, 'DISARM': {'armed_job': ''}, 'HOME': {'homed': True},
             'RESUME': {'state': 'RUN', 'fault': 0}, 'HOLD': {'state': 'HOLD', 'fault': 200},
+            'SET_ZERO': {'work_offset': tuple(vector)},
+            'RESET': {'state': 'IDLE', 'fault': 0, 'homed': False},
         }.get(name, {})  # fmt: skip
         self.machine_state = replace(self.machine_state, **change)
         if name == 'STOP':

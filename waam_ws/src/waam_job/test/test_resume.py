@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_job import checkpoint as checkpoints
@@ -141,6 +141,8 @@ def test_spoilt_checkpoint_costs_nothing(damage, undisturbed, make_cell, make_ru
     assert again.final.rms < 1.1 * rms
     if damage in ('torn', 'empty', 'both torn'):
         assert any('checkpoint' in a.text for a in fresh.anomalies)
+        report = json.loads((folder.path / 'report.json').read_text())
+        assert any('checkpoint' in a['text'] for a in report['closed_loop']['anomalies'])
 
 
 def test_part_that_was_moved_is_refused(make_cell, make_runner):
@@ -179,6 +181,41 @@ def test_aborted_job_can_go_on(undisturbed, make_cell, make_runner):
     assert status.state == State.DONE and again.final.rms < 1.1 * rms
 
 
+def half_a_layer(make_cell, make_runner):
+    """A job cut off in its first layer, and the runner and cell that go on with it."""
+    runner, folder, cell = cut_off(make_cell, make_runner, 40)
+    fresh = make_cell(efficiency=0.8)
+    fresh.surface = cell.surface
+    control = type(runner.control)()
+    again = JobRunner(fresh, runner.checked, folder, control, runner.settings, 2)
+    return again, control, fresh, folder
+
+
+def test_rescan_asked_for_while_a_layer_is_resumed_waits_for_the_next(make_cell, make_runner):
+    again, control, fresh, folder = half_a_layer(make_cell, make_runner)
+    control.wish('rescan')
+    before = np.load(folder.path / 'layers' / 'scan_000.npz')['z']
+    assert again.run().state == State.DONE
+    asked = [a for a in fresh.anomalies if 'another scan' in a.text]
+    assert [a.layer for a in asked] == [2]
+    # the surface before the begun layer is not replaced by one with half of the layer on it
+    assert np.array_equal(
+        before, np.load(folder.path / 'layers' / 'scan_000.npz')['z'], equal_nan=True
+    )
+
+
+def test_rest_of_a_resumed_layer_can_be_skipped_and_what_lies_there_is_measured(
+    make_cell, make_runner
+):
+    again, control, fresh, folder = half_a_layer(make_cell, make_runner)
+    control.wish('skip_layer')
+    assert again.run().state == State.DONE
+    assert not any(s.layer == 1 and s.kind == Kind.DEPOSIT for s in fresh.executed)
+    first, second = (np.load(folder.path / 'layers' / f'scan_00{i}.npz')['z'] for i in (0, 1))
+    assert np.nanmax(second - first) > 0.5e-3  # the half that was laid
+
+
+@settings(deadline=None)
 @given(st.integers(0, 120), st.integers(0, 2**32 - 1), st.floats(0.6, 1.1))
 def test_change_point_is_found_through_noise(done, seed, efficiency):
     """Beads of 20 segments side by side at 0.73 bead widths, laid up to `done`."""

@@ -200,3 +200,28 @@ def test_not_connected_says_so_before_anything_moves(make_cell, make_runner):
     status = make_runner(cell)[0].run()
     assert status.error_code == Code.MACHINE_NOT_READY and 'no controller' in status.message
     assert not cell.executed
+
+
+def in_alarm(cell, fault):
+    cell.machine_state = replace(
+        cell.machine_state, state='ALARM', fault=fault, fault_text='as told', homed=True
+    )
+    return cell
+
+
+def test_starting_a_job_acknowledges_that_the_controller_was_switched_on(make_cell, make_runner):
+    cell = in_alarm(make_cell(), 306)
+    assert make_runner(cell)[0].run().state == State.DONE
+    assert [c for c in cell.commands if c in ('RESET', 'ARM', 'HOME')][:3] == [
+        'RESET',
+        'ARM',
+        'HOME',
+    ]
+
+
+@pytest.mark.parametrize('fault', [300, 301, 303, 307])
+def test_any_other_alarm_is_left_to_a_person(make_cell, make_runner, fault):
+    cell = in_alarm(make_cell(), fault)
+    status = make_runner(cell)[0].run()
+    assert status.error_code == Code.MACHINE_NOT_READY and 'ALARM: as told' in status.message
+    assert 'RESET' not in cell.commands

@@ -33,6 +33,10 @@ class Machine:
     executed_job: str = ''
     limit_min: Point = (0.0, 0.0, 0.0)
     limit_max: Point = (0.0, 0.0, 0.0)
+    work_offset: Point = (0.0, 0.0, 0.0)  # zero of the work frame in machine coordinates
+    identity: str = ''
+    firmware: str = ''
+    port: str = ''
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,7 @@ class Scan:
     profiles_rejected: int = 0
     points_used: int = 0
     points_rejected: int = 0
+    stamp: float = float('nan')  # s, ROS time of the last profile; NaN = not known
     handle: object = None  # the message, handed on to the correction server
 
 
@@ -78,6 +83,7 @@ class Correction:
     fallback: bool
     reasons: tuple[str, ...]
     saturated_cells: int
+    model_hash: str = ''  # of the weights, '' for explicit laws
     handle: object = None
 
 
@@ -121,6 +127,9 @@ class Cell(Protocol):
     def now(self) -> float: ...
     def machine(self) -> Machine: ...
     def heat(self) -> Heat: ...
+    def parameters(self) -> dict[str, dict]:
+        """Effective parameters of the other nodes by their names; a node that did not answer is missing."""
+
     def wait(self, seconds: float) -> None:
         """Lets `seconds` of wall time pass."""
 
@@ -148,6 +157,9 @@ class Cell(Protocol):
     ) -> list[Segment]: ...
     def record(self, start: bool, directory: str, custom: tuple[str, ...] = ()) -> str: ...
     def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None: ...
+    def take_warnings(self) -> list:
+        """AnomalyRecords of severity WARNING that other nodes published since the last call."""
+
     def take_sums(self) -> Sums: ...
     def take_track(self) -> dict[str, np.ndarray]: ...
     def status(self, status: object) -> None: ...

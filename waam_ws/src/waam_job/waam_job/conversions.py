@@ -21,7 +21,14 @@ from waam_msgs.msg import (
     MachineState,
 )
 from waam_msgs.srv import ComputeCorrection
-from waam_node.conversions import floats, grid_from_msg, grid_to_msg, map_from_msg, time_to_msg
+from waam_node.conversions import (
+    floats,
+    grid_from_msg,
+    grid_to_msg,
+    map_from_msg,
+    seconds,
+    time_to_msg,
+)
 from waam_process.grid import HeightGrid
 
 from .cell import Correction, CorrectionRequest, Heat, Scan
@@ -29,6 +36,7 @@ from .goal import JobGoal
 from .records import AnomalyRecord, LayerRecord, Status
 
 STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
+SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')
 
 
 def goal_from_msg(msg: RunJob.Goal, default_jobs_dir) -> JobGoal:
@@ -108,6 +116,20 @@ def anomaly_to_msg(record: AnomalyRecord, job_id: str) -> Anomaly:
     return msg
 
 
+def anomaly_from_msg(msg: Anomaly) -> AnomalyRecord:
+    p = msg.position
+    return AnomalyRecord(
+        seconds(msg.header.stamp),
+        SEVERITIES[msg.severity] if msg.severity < len(SEVERITIES) else 'WARNING',
+        msg.class_name,
+        msg.text,
+        msg.reaction,
+        msg.layer,
+        msg.bead,
+        (p.x, p.y, p.z),
+    )
+
+
 def heat_from_msg(msg: HeatFactor) -> Heat:
     return Heat(
         known=True,
@@ -133,6 +155,10 @@ def machine_fields(msg: MachineState) -> dict:
         'message': msg.message,
         'limit_min': (msg.limit_min.x, msg.limit_min.y, msg.limit_min.z),
         'limit_max': (msg.limit_max.x, msg.limit_max.y, msg.limit_max.z),
+        'work_offset': (msg.work_offset.x, msg.work_offset.y, msg.work_offset.z),
+        'identity': msg.identity,
+        'firmware': msg.firmware_version,
+        'port': msg.port,
     }
 
 
@@ -150,6 +176,7 @@ def scan_from_msg(msg: HeightMap) -> Scan:
         profiles_rejected=msg.profiles_rejected,
         points_used=msg.points_used,
         points_rejected=msg.points_rejected,
+        stamp=seconds(msg.header.stamp),
         handle=msg,
     )
 
@@ -178,6 +205,7 @@ def correction_from_msg(msg: CorrectionMap) -> Correction:
         fallback=msg.fallback,
         reasons=tuple(msg.reasons),
         saturated_cells=msg.saturated_cells,
+        model_hash=msg.model_hash,
         handle=msg,
     )
 

@@ -18,7 +18,7 @@ def wait_for_interpass(
 
     JobError when the pyrometer is not believed for `pyrometer_patience` or it stays too hot for `cooling_timeout`.
     """
-    started = cell.now()
+    started, held = cell.now(), watch.held
     doubtful_since: float | None = None
     while True:
         watch.tick()
@@ -33,10 +33,10 @@ def wait_for_interpass(
             doubtful_since = doubtful_since or now
             if now - doubtful_since > settings.pyrometer_patience:
                 raise _not_believed(journal, heat)
-        if now - started > settings.cooling_timeout:
-            raise JobError(
-                Code.TIMEOUT, f'not below {heat.limit:.0f} C after {now - started:.0f} s'
-            )
+        if now - started - (watch.held - held) > settings.cooling_timeout:
+            text = f'not below {heat.limit:.0f} C after {now - started:.0f} s'
+            journal.note('FAULT', 'temperature', text, 'job ended before the layer')
+            raise JobError(Code.TIMEOUT, text)
 
 
 def _not_believed(journal: Journal, heat: Heat) -> JobError:

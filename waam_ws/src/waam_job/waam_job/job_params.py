@@ -31,6 +31,19 @@ class JobParams:
         3e-3, 'smoothing of the surface that the torch height follows', 'm', 5e-4, 2e-2
     )
     cooling_timeout: float = param(1800.0, 'longest interpass wait', 's', 1.0, 86400.0)
+    scan_max_age: float = param(
+        900.0, 'a layer is not laid on an older map: it is scanned again; 0 = any age', 's', 0.0
+    )
+    height_warning: float = param(
+        1.0e-3, 'height error after a layer that is noted as an anomaly, with its place', 'm', 1e-5
+    )
+    calibration_max_age: float = param(
+        30.0,
+        'days after which no job starts on a scanner calibration; 0 = any age, and none needed',
+        'd',
+        0.0,
+        3650.0,
+    )
     share_in_tolerance: float = param(
         0.95, 'share of the interior within tolerance for a good verdict', '', 0.5, 1.0
     )
@@ -46,7 +59,7 @@ class JobParams:
     )
 
 
-def settings_of(p: JobParams) -> Settings:
+def settings_of(p: JobParams, simulated: bool) -> Settings:
     """The settings of the runner."""
     return Settings(
         work_offset=tuple(p.work_offset),
@@ -55,6 +68,10 @@ def settings_of(p: JobParams) -> Settings:
         resolution=p.resolution,
         follow_reach=p.follow_reach,
         cooling_timeout=p.cooling_timeout,
+        scan_max_age=p.scan_max_age,
+        height_warning=p.height_warning,
+        calibration_max_days=p.calibration_max_age,
+        simulated=simulated,
         share_in_tolerance=p.share_in_tolerance,
         lease_nodes=tuple(p.lease_nodes),
         limits=Limits(p.link_timeout, p.node_timeout, p.lease_retries),

@@ -6,6 +6,7 @@ import math
 import os
 import threading
 import traceback
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -21,13 +22,13 @@ from waam_node.node import main as run_main
 from waam_node.qos import NEWEST
 
 from . import conversions as convert
+from . import readiness
 from .control import Control
 from .folder import JobFolder
-from .goal import Checked, Code, JobError, JobGoal, check
+from .goal import Checked, Code, JobError, check
 from .job_params import JobParams, settings_of
 from .node_action import ThreadedActionServer
-from .node_requests import WithFeedback, adjust, recheck, reopen
-from .provenance import provenance
+from .node_requests import WithFeedback, adjust, keep_resume, new_folder, recheck, reopen
 from .records import State, Status
 from .ros_cell import RosCell
 from .runner import JobRunner
@@ -40,6 +41,7 @@ class JobSequencer(WaamNode):
         super().__init__('job_sequencer', JobParams)
         self.cell = RosCell(self, self.params.service_timeout)
         self.control: Control | None = None
+        self.settings = settings_of(self.params, self.get_parameter('use_sim_time').value)
         self._lock = threading.Lock()
         self._busy = False
         self._server = ThreadedActionServer(
@@ -143,7 +145,7 @@ class JobSequencer(WaamNode):
             self.cell.status(Status(state=State.FAILED, error_code=int(e.code), message=str(e)))
             return
         cell = WithFeedback(self.cell, handle)
-        runner = JobRunner(cell, checked, folder, self.control, settings_of(self.params), run)
+        runner = JobRunner(cell, checked, folder, self.control, self.settings, run)
         status = runner.run()
         result.error_code, result.message = status.error_code, status.message
         result.job_id, result.job_dir = folder.job_id, str(folder.path)
@@ -153,40 +155,27 @@ class JobSequencer(WaamNode):
 
     def _accept(self, request: RunJob.Goal) -> tuple[Checked, JobFolder, int]:
         """A new folder, or the one of the job that goes on. JobError with all that is wrong."""
+        self.cell.read_parameters()
+        kept = {'parameters': asdict(self.params), 'nodes': self.cell.parameters()}
         if request.resume_dir:
             folder, goal = reopen(request)
-            checked = recheck(goal, folder)
-            run = folder.next_run()
-            folder.write_yaml(
-                f'resume_{run}.yaml',
-                {
-                    'operator_name': goal.operator_name,
-                    'notes': list(request.notes),
-                    'parameters': asdict(self.params),
-                    **provenance(checked.part.sha256),
-                },
-            )
+            checked = self._with_all_that_is_wrong(lambda: recheck(goal, folder))
+            run = keep_resume(folder, goal, checked, kept)
         else:
             goal, run = convert.goal_from_msg(request, self.params.jobs_dir), 1
-            checked = check(goal)
-            folder = self._make_folder(goal, checked)
+            checked = self._with_all_that_is_wrong(lambda: check(goal))
+            folder = new_folder(goal, checked, kept)
         if self.params.job_pointer:
             write_atomically(Path(self.params.job_pointer), str(folder.path))
         return checked, folder, run
 
-    def _make_folder(self, goal: JobGoal, checked: Checked) -> JobFolder:
-        folder = JobFolder.create(goal.jobs_dir.resolve(), goal.title)
-        folder.write_yaml(
-            'job.yaml',
-            {
-                'job_id': folder.job_id,
-                'goal': {k: str(v) if isinstance(v, Path) else v for k, v in asdict(goal).items()},
-                'material': asdict(checked.material),
-                'parameters': asdict(self.params),
-                **provenance(checked.part.sha256),
-            },
-        )
-        return folder
+    def _with_all_that_is_wrong(self, check: Callable[[], Checked]) -> Checked:
+        """A refused goal also says what is wrong with the cell; with a good one the cell gets some seconds."""
+        try:
+            return check()
+        except JobError as e:
+            wrong = readiness.problems(self.cell, self.settings)
+            raise JobError(e.code, '; '.join([str(e), *wrong])) from None
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.posts import gcode
 from waam_plan.store import save_plan
+from waam_process.segment import Point
 
 from . import checkpoint as checkpoints
 from .cell import Cell, Correction, Scan
@@ -20,6 +21,7 @@ from .goal import JobGoal
 from .program import PassRecord
 from .records import AnomalyRecord, LayerRecord, State, Status
 from .summary import run_summary
+from .trace import trace
 
 
 class Journal:
@@ -38,7 +40,10 @@ class Journal:
         )
         self.layers: list[LayerRecord] = []
         self.anomalies: list[AnomalyRecord] = []
+        self._anomalies_before = 0  # of the runs before this one
         self.started = cell.now()
+        self.models: dict[str, list[int]] = {}
+        self.remarks: list[str] = []
         self.spent_before = 0.0  # s of the runs before this one
         self._before_pause = State.IDLE
 
@@ -63,18 +68,43 @@ class Journal:
         if paused:
             self._before_pause = self.status.state
             self.state(State.PAUSED, 'paused; resume or abort')
+            self.note('INFO', 'operator', 'paused', 'arc ended, machine held')
         else:
+            self.note('INFO', 'operator', 'the pause is over', 'none')
             self.state(self._before_pause)
 
-    def note(self, severity: str, class_name: str, text: str, reaction: str) -> None:
-        """An anomaly, with time and place."""
-        position = self.cell.machine().position
+    def note(
+        self,
+        severity: str,
+        class_name: str,
+        text: str,
+        reaction: str,
+        place: Point | None = None,
+    ) -> None:
+        """An anomaly, with time and place (m, work frame; None: where the torch is)."""
+        position = place or self.cell.machine().position
         layer, bead = self.status.layer, self.status.bead
         anomaly = AnomalyRecord(
             self.cell.now(), severity, class_name, text, reaction, layer, bead, position
         )
         self.anomalies.append(anomaly)
         self.cell.anomaly(anomaly)
+
+    def model(self, model_hash: str, layer: int) -> None:
+        """Notes which network corrected a layer; explicit laws have no hash."""
+        if model_hash:
+            self.models.setdefault(model_hash, []).append(layer)
+
+    def heard(self) -> None:
+        """Warnings that other nodes have published meanwhile (a retry of the arc, lines sent again) are kept as well;
+        to their faults the job reacts and notes that itself."""
+        self.anomalies += self.cell.take_warnings()
+
+    @property
+    def faulted(self) -> bool:
+        """A fault was noted in this run."""
+        mine = self.anomalies[self._anomalies_before :]
+        return any(a.severity in ('FAULT', 'ALARM') for a in mine)
 
     def faults_in(self, layer: int) -> int:
         return sum(a.layer == layer and a.severity in ('FAULT', 'ALARM') for a in self.anomalies)
@@ -93,6 +123,7 @@ class Journal:
             {
                 'run': self.run,
                 'elapsed': self.spent_before + self.elapsed,
+                'models': self.models,
                 'layers': [asdict(r) for r in self.layers],
                 'anomalies': [asdict(a) for a in self.anomalies],
             },
@@ -102,9 +133,12 @@ class Journal:
         """Reads records.json of the runs before; layers from `before_layer` on are laid again and reported anew."""
         data = self.folder.read_json('records.json') or {}
         self.spent_before = float(data.get('elapsed') or 0.0)
+        self.models = data.get('models') or {}
         old = [LayerRecord.from_json(r) for r in data.get('layers', [])]
         self.layers = [r for r in old if r.layer < before_layer and not r.final]
-        self.anomalies = [AnomalyRecord.from_json(a) for a in data.get('anomalies', [])]
+        before = [AnomalyRecord.from_json(a) for a in data.get('anomalies', [])]
+        self.anomalies = before + self.anomalies
+        self._anomalies_before += len(before)
 
     def checkpoint(self, bead: int, beads_done: int, index: int) -> None:
         status = self.status
@@ -172,6 +206,7 @@ class Journal:
         final: Deviation | None,
         as_found_rms: float,
         passes: list[PassRecord],
+        tolerance_map: dict | None = None,
     ) -> None:
         """report.json, and all tracks in one telemetry.npz."""
         self.track()
@@ -184,7 +219,7 @@ class Journal:
             verdict, self.status, final, as_found_rms, self.layers, self.anomalies, passes
         )
         run['duration_s'] = self.spent_before + self.elapsed
-        run['runs'] = self.run
+        run['runs'], run['tolerance_map'] = self.run, tolerance_map
         goal = self.goal
         self.folder.write_json(
             'report.json',
@@ -196,6 +231,16 @@ class Journal:
                 'created': datetime.now(UTC).isoformat(timespec='seconds'),
                 'tolerance_mm': goal.tolerance * 1e3,
                 'verdict': verdict,
+                'trace': self._trace(),
                 goal.profile: run,
             },
         )
+
+    def _trace(self) -> dict:
+        cell, folder = self.cell, self.folder
+        try:
+            job = folder.read_yaml('job.yaml')
+        except ValueError:  # the report is written whatever else is missing
+            job = {}
+        facts = trace(self.goal, job, folder.path, cell.parameters(), cell.machine(), self.models)
+        return {**facts, 'remarks': self.remarks}

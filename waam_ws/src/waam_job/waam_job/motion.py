@@ -19,11 +19,15 @@ class Motion:
         self.next_index = 1
         self.position: Point = (0.0, 0.0, 0.0)
 
+    def now(self) -> float:
+        """s of ROS time without the pauses."""
+        return self.cell.now() - self.watch.held
+
     def until(self, condition: Callable[[Machine], bool], timeout: float, text: str) -> None:
         """Waits for a state of the machine, at most `timeout` s of ROS time."""
-        end = self.cell.now() + timeout
+        end = self.now() + timeout
         while not condition(self.watch.tick()):
-            if self.cell.now() > end:
+            if self.now() > end:
                 raise JobError(Code.TIMEOUT, f'{text} within {timeout:.0f} s')
 
     def home(self, timeout: float) -> None:
@@ -40,17 +44,19 @@ class Motion:
         self.cell.enqueue(self.job_id, segments, True)
         by_index = {s.index: s for s in segments}
         last, seen = segments[-1].index, -1
-        allowed = 3.0 * sum(s.duration for s in segments) + 120.0
-        deadline = self.cell.now() + allowed
+        # an override may stretch a segment tenfold; what a pause takes does not count
+        allowed = 12.0 * max(s.duration for s in segments) + 120.0
+        deadline = self.now() + allowed
         while True:
             machine = self.watch.tick()
             done = machine.executed if machine.executed_job == self.job_id else -1
             if done != seen:
-                seen = done
+                seen, deadline = done, self.now() + allowed
                 if on_done and done in by_index:
                     on_done(by_index[done])
             if done >= last and machine.state == 'IDLE':
                 break
-            if self.cell.now() > deadline:
-                raise JobError(Code.TIMEOUT, f'segment {done} of {last} after {allowed:.0f} s')
+            if self.now() > deadline:
+                text = f'no segment was finished for {allowed:.0f} s: {done} of {last} are done'
+                raise JobError(Code.TIMEOUT, text)
         self.next_index, self.position = last + 1, segments[-1].end

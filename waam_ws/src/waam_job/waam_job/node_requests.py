@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 
 from waam_msgs.action import RunJob
@@ -12,6 +13,7 @@ from . import conversions as convert
 from .control import Control
 from .folder import JobFolder
 from .goal import K_GAIN_MAX, Checked, Code, JobError, JobGoal, check
+from .provenance import provenance
 from .records import State, Status
 from .ros_cell import RosCell
 
@@ -54,6 +56,23 @@ def recheck(goal: JobGoal, folder: JobFolder) -> Checked:
             Code.BAD_RESUME, f'{goal.part} was changed since the job began (its hash is another)'
         )
     return checked
+
+
+def new_folder(goal: JobGoal, checked: Checked, kept: dict) -> JobFolder:
+    """The folder of a new job with its job.yaml; `kept`: parameters of this node and of the others."""
+    folder = JobFolder.create(goal.jobs_dir.resolve(), goal.title)
+    asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(goal).items()}
+    facts = {'job_id': folder.job_id, 'goal': asked, 'material': asdict(checked.material), **kept}
+    folder.write_yaml('job.yaml', {**facts, **provenance(checked.part.sha256)})
+    return folder
+
+
+def keep_resume(folder: JobFolder, goal: JobGoal, checked: Checked, kept: dict) -> int:
+    """Writes who goes on and with what. Returns the number of the run."""
+    run = folder.next_run()
+    facts = {'operator_name': goal.operator_name, 'notes': list(goal.notes), **kept}
+    folder.write_yaml(f'resume_{run}.yaml', {**facts, **provenance(checked.part.sha256)})
+    return run
 
 
 class WithFeedback:

@@ -85,7 +85,7 @@ class PickUp:
             number,
             f'{progress.done} of {progress.total} segments are laid, on from bead {progress.bead}',
         )
-        scan = runner.one_layer(rest_of(layer, progress), before, resumed=True)
+        scan = runner.cycle.lay(rest_of(layer, progress), before, resumed=True)
         self._remember(number)
         return scan, number + 1
 
@@ -104,7 +104,7 @@ class PickUp:
 
     def _remember(self, number: int) -> None:
         """Layer `number` becomes the one that the next scan is compared with."""
-        stored, history = self.folder.read_map(number - 1), self.runner.history
+        stored, history = self.folder.read_map(number - 1), self.runner.cycle.history
         known = stored is not None and 'asked' in stored
         history.growth = stored['asked'].astype(float) if known else None
         history.surface = stored['z'].astype(float) if known else None
@@ -117,6 +117,6 @@ class PickUp:
             stored = self.folder.read_map(k - 1)
             if stored is None or runner.goal.profile == 'open_loop':
                 continue
-            request = runner.request(runner.program.layer(k), self._stored_scan(k - 1))
+            request = runner.cycle.request(runner.program.layer(k), self._stored_scan(k - 1))
             runner.cell.correct(runner.run_id, request)
             self._remember(k)

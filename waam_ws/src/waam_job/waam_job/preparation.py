@@ -5,6 +5,7 @@ from __future__ import annotations
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Point
 
+from . import readiness
 from .cell import Cell
 from .goal import Checked, Code, JobError
 from .motion import Motion
@@ -22,15 +23,36 @@ class Preparation:
     def run(self, run_id: str, record_folder: str, custom: tuple[str, ...]) -> None:
         """Record, arming, homing, work zero of a machine that is ready."""
         settings = self.settings
+        self._acknowledge_power_up()
         self.cell.record(True, record_folder, custom)
         self.cell.command('ARM', text=run_id, names=settings.lease_nodes)
         self.motion.until(lambda m: m.armed_job == run_id, 10.0, 'the controller did not arm')
         self.motion.home(settings.home_timeout)
-        self.cell.command('SET_ZERO', vector=self.work_zero())
-        self.cell.wait(0.1)
+        self._set_zero(run_id)
         self.motion.position = self.cell.machine().position
         self.cell.take_sums()
         self.cell.take_track()
+        self.cell.take_warnings()
+
+    def _acknowledge_power_up(self) -> None:
+        """Starting a job acknowledges that the controller was switched on. Any other alarm is left to a person."""
+        if not readiness.switched_on(self.cell.machine()):
+            return
+        self.cell.command('RESET')
+        for _ in range(READY_LOOKS):
+            if self.cell.machine().state == 'IDLE':
+                return
+            self.cell.wait(0.1)
+        raise JobError(Code.MACHINE_NOT_READY, 'the controller stays in ALARM after RESET')
+
+    def _set_zero(self, run_id: str) -> None:
+        zero = self.work_zero()
+        self.cell.command('SET_ZERO', vector=zero)
+        self.motion.until(
+            lambda m: not readiness.spark_problems(m, run_id, zero),
+            10.0,
+            'homing, arming and work zero were not all confirmed by the controller',
+        )
 
     def work_zero(self) -> Point:
         """Machine coordinates of the part's lower corner: the clamp's zero, or inside and on top of the plate."""
@@ -62,28 +84,28 @@ class Preparation:
         """JobError with everything that is wrong. What may only be late (a node just started) gets a few seconds."""
         problems: list[str] = []
         for _ in range(READY_LOOKS):
-            problems = self._problems()
+            problems = readiness.problems(self.cell, self.settings)
             if not problems:
                 return
             self.cell.wait(0.1)
         raise JobError(Code.MACHINE_NOT_READY, '; '.join(problems))
 
-    def _problems(self) -> list[str]:
-        machine = self.cell.machine()
-        problems = [] if self.cell.now() > 0 else ['no /clock is coming in']
-        if not machine.connected:
-            problems.append(machine.message or 'no controller is connected')
-        elif machine.age > self.settings.limits.link_timeout:
-            problems.append('no telemetry is coming from the controller')
-        elif machine.state != 'IDLE':
-            problems.append(
-                f'the controller is in {machine.state}: {machine.fault_text or "not idle"}'
-            )
-        heat = self.cell.heat()
-        if not heat.known:
-            problems.append('no temperature is coming in (pyrometer or thermal_compensator silent)')
-        elif not heat.plausible:
-            problems.append(
-                f'temperature is not believed: {"; ".join(heat.reasons) or "no reason"}'
-            )
-        return problems
+    def check_spark(self, run_id: str) -> None:
+        """JobError with everything that would make an arc wrong at this moment."""
+        wrong = readiness.spark_problems(self.cell.machine(), run_id, self.work_zero())
+        if wrong:
+            raise JobError(Code.MACHINE_NOT_READY, f'before the arc: {"; ".join(wrong)}')
+
+    def remarks(self) -> list[str]:
+        """What a person should know although the job may start."""
+        scan = self.cell.parameters().get('scan_fusion', {})
+        heat = self.cell.parameters().get('thermal_compensator', {})
+        goal, said = self.checked.goal, []
+        if not scan.get('calibration'):
+            said.append('the scanner has no calibration file: its age was not checked')
+        if not goal.wire_left and not self.settings.simulated:
+            said.append('nobody said how much wire is left: it was not checked against the plan')
+        named = heat.get('material', goal.material)
+        if named != goal.material:
+            said.append(f'the interpass limit is that of {named}, the job lays {goal.material}')
+        return said

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -45,6 +46,7 @@ from . import conversions as convert
 from .cell import Correction, CorrectionRequest, Heat, Machine, Scan, Sums
 from .goal import Code, JobError
 from .records import AnomalyRecord, LayerRecord, State, Status
+from .ros_parameters import ParameterReader
 from .telemetry import TelemetryStats
 
 ENQUEUE_CHUNK = 400
@@ -63,6 +65,8 @@ class RosCell:
         node.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY)
         node.create_subscription(MachineState, 'machine_state', self._on_machine, LATCHED)
         node.create_subscription(SegmentDone, 'segment_done', self._on_done, EVENTS)
+        self._own, self._warnings = deque(maxlen=64), []
+        node.create_subscription(Anomaly, 'anomaly', self._on_anomaly, EVENTS)
         node.create_subscription(HeatFactor, 'heat_factor', self._on_heat, LATCHED)
         self._status = node.create_publisher(JobStatus, 'job_status', LATCHED)
         self._report = node.create_publisher(LayerReport, 'layer_report', EVENTS)
@@ -76,6 +80,7 @@ class RosCell:
         self._correct = client(ComputeCorrection, 'correction_server/compute')
         self._feed = client(ComputeFeed, 'feed_forward/compute')
         self._record = client(Record, 'recorder/control')
+        self._reader, self._parameters = ParameterReader(node), {}
 
     # ---- topics (executor thread) --------------------------------------------------------------
 
@@ -95,6 +100,11 @@ class RosCell:
     def _on_done(self, m: SegmentDone) -> None:
         with self._lock:
             self._machine = replace(self._machine, executed=m.index, executed_job=m.job_id)
+
+    def _on_anomaly(self, m: Anomaly) -> None:
+        if m.severity == Anomaly.WARNING and m.text not in self._own:
+            with self._lock:
+                self._warnings.append(convert.anomaly_from_msg(m))
 
     def _on_heat(self, m: HeatFactor) -> None:
         with self._lock:
@@ -124,6 +134,18 @@ class RosCell:
     def heat(self) -> Heat:
         with self._lock:
             return self._heat
+
+    def read_parameters(self) -> None:
+        """Asks the other nodes; takes some seconds when one of them is gone."""
+        self._parameters = self._reader.read()
+
+    def parameters(self) -> dict[str, dict]:
+        return self._parameters
+
+    def take_warnings(self) -> list[AnomalyRecord]:
+        with self._lock:
+            taken, self._warnings = self._warnings, []
+            return taken
 
     def take_sums(self) -> Sums:
         with self._lock:
@@ -254,4 +276,5 @@ class RosCell:
         self._report.publish(convert.layer_to_msg(report, self._stamp()))
 
     def anomaly(self, anomaly: AnomalyRecord) -> None:
+        self._own.append(anomaly.text)
         self._anomaly.publish(convert.anomaly_to_msg(anomaly, self.job_id))

@@ -5,42 +5,27 @@ Pure: everything outside goes through `Cell`. The state machine is drawn in docs
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 
-from waam_plan.plan import Plan, PlannedLayer, renumber
-from waam_process.segment import Segment
+from waam_plan.plan import Plan
 
-from .cell import Cell, Correction, CorrectionRequest, Scan
+from .cell import Cell, Scan
 from .control import Control
-from .cooling import wait_for_interpass
+from .ending import Ending
 from .folder import JobFolder
-from .geometry import Deviation, asked_growth, deviation, follow
+from .geometry import Deviation, deviation
 from .goal import Checked, Code, JobError
 from .journal import Journal
+from .layer_cycle import CLOSED_LOOP, LayerCycle
 from .motion import Motion
 from .pickup import PickUp
 from .planning import make_plan
 from .preparation import Preparation
 from .program import Program
-from .progress import BeadProgress
-from .records import LayerRecord, State, Status
+from .records import State, Status
 from .settings import Settings
 from .surveyor import Surveyor
 from .watch import Watch
-
-OPEN_LOOP, CLOSED_LOOP = 'open_loop', 'closed_loop'
-
-
-@dataclass
-class History:
-    """What the last layer was asked for, for the identification in the correction server."""
-
-    growth: np.ndarray | None = None
-    surface: np.ndarray | None = None
-    feed_factor: float = 1.0
 
 
 class JobRunner:
@@ -76,9 +61,8 @@ class JobRunner:
             settings.margin,
         )
         self.program = Program(self.goal.passes)
-        self.history = History()
-        self.as_found_rms = math.nan
-        self.final: Deviation | None = None
+        self.cycle = LayerCycle(self)
+        self.ending = Ending(self)
 
     @property
     def status(self) -> Status:
@@ -98,13 +82,20 @@ class JobRunner:
             record = str(self.journal.folder.path / f'record{suffix}')
             self.preparation.check_ready()
             self.journal.started = self.cell.now()  # only now is there a clock for certain
+            self.journal.remarks = self.preparation.remarks()
+            self.journal.say('; '.join(['arming and homing', *self.journal.remarks]))
             self.preparation.run(self.run_id, record, custom)
             pick_up = PickUp(self) if self.run_number > 1 else None
             scan, first = pick_up.run() if pick_up else self.begin()
             self._finish(self._lay(scan, first))
-            self.journal.state(State.DONE, self._verdict_text())
+            self.journal.state(State.DONE, self.ending.verdict_text())
         except JobError as e:
-            self._fail(e)
+            self.ending.fail(e)
+        except (
+            Exception
+        ) as e:  # a fault of this software: told as such, and the machine is left in order
+            self.ending.fail(JobError(Code.UNKNOWN, f'{type(e).__name__}: {e}'))
+            raise
         finally:
             self._release()
         return self.status
@@ -164,130 +155,9 @@ class JobRunner:
         while True:
             for layer in self.program.layers:
                 if layer.number >= first:
-                    scan = self.one_layer(layer, scan)
+                    scan = self.cycle.lay(layer, scan)
             if not self._next_pass(scan):
                 return scan
-
-    def one_layer(self, layer: PlannedLayer, scan: Scan, resumed: bool = False) -> Scan:
-        """Deposits a layer (resumed: what is left of it) onto the surface of `scan` and returns the scan after it."""
-        status = self.status
-        record = LayerRecord(
-            job_id=self.run_id,
-            profile=self.goal.profile,
-            layer=layer.number,
-            pass_number=self.program.pass_number,
-        )
-        status.layer, status.bead = layer.number, 0
-        status.beads = self.program.layer(layer.number).beads
-        status.k_gain = self.control.k_gain(self.goal.k_gain)
-        self.note_remarks()
-        self.journal.state(State.COOLING)
-        record.wait, record.temperature = wait_for_interpass(
-            self.cell, self.watch, self.journal, self.settings
-        )
-        if self.control.take_wish('rescan'):
-            self.journal.note('INFO', 'operator', 'another scan was asked for', 'scanned again')
-            scan = self.survey(layer.number - 1)
-        error = scan.map.z - layer.target_before
-        record.add_errors(error[self.plan.interior & (layer.planned > 0)])
-        record.add_scan(scan)
-        if self.control.take_wish('skip_layer'):
-            return self._skip(layer, scan, record)
-        correction = self._correct(layer, scan, record)
-        segments = self._setpoints(layer, scan, correction, record)
-        asked = self._asked(layer, correction)
-        if not resumed:  # else the file holds the surface before the whole layer, which stays true
-            self._keep_scan(layer, scan, correction, asked, record.flow_factor)
-        self._deposit(segments, layer, record)
-        # what eq 2.19 took off counts as part of the process: the scan then shows whether it was right to
-        self.history = History(asked, scan.map.z, record.flow_factor)
-        self.journal.layer(record)
-        return self.survey(layer.number)
-
-    def _keep_scan(self, layer, scan, correction, asked, feed_factor: float) -> None:
-        number = layer.number - 1
-        target = self.program.target_after(number)
-        self.journal.scan(number, scan, self.plan, target, layer, correction, asked, feed_factor)
-
-    def _skip(self, layer: PlannedLayer, scan: Scan, record: LayerRecord) -> Scan:
-        self.journal.note(
-            'WARNING', 'operator', f'layer {layer.number} was skipped', 'layer not laid'
-        )
-        record.reasons.append('skipped by the operator')
-        self._keep_scan(layer, scan, None, np.zeros(scan.map.spec.shape), 1.0)
-        self.history = History()
-        self.journal.layer(record)
-        return scan
-
-    def request(self, layer: PlannedLayer, scan: Scan) -> CorrectionRequest:
-        """What the correction server needs for a layer on the surface of `scan`."""
-        return CorrectionRequest(
-            layer=layer.number,
-            scan=scan,
-            target=layer.target_before,
-            planned=layer.planned,
-            previous_growth=self.history.growth,
-            previous_surface=self.history.surface,
-            previous_feed_factor=self.history.feed_factor,
-            bead_width=self.plan.settings.bead_width,
-            temperature=self.cell.heat().temperature,
-            k_gain=self.status.k_gain,
-            direction=layer.direction,
-        )
-
-    def _correct(self, layer: PlannedLayer, scan: Scan, record: LayerRecord) -> Correction | None:
-        if self.goal.profile == OPEN_LOOP:
-            return None
-        self.journal.state(State.CORRECTING)
-        correction = self.cell.correct(self.run_id, self.request(layer, scan))
-        record.add_correction(correction, layer.planned > 0, self.goal.profile == CLOSED_LOOP)
-        if correction.fallback:
-            removed = not correction.psi.any()
-            reaction = 'correction removed' if removed else 'explicit law'
-            self.journal.note('WARNING', 'correction', '; '.join(correction.reasons), reaction)
-        return correction
-
-    def _setpoints(
-        self, layer: PlannedLayer, scan: Scan, correction: Correction | None, record: LayerRecord
-    ) -> list[Segment]:
-        """Speed, feed and voltage of every segment; in closed loop the torch also follows the measured surface."""
-        closed = self.goal.profile == CLOSED_LOOP
-        segments = layer.segments
-        if closed and scan.plausible:
-            segments = follow(segments, scan.map, self.settings.follow_reach)
-        factor, material = self.cell.heat().factor, self.goal.material
-        segments = self.cell.setpoints(self.run_id, material, segments, correction, factor, closed)
-        record.add_segments(segments)
-        return segments
-
-    def _asked(self, layer: PlannedLayer, correction: Correction | None) -> np.ndarray:
-        """Metal that the setpoints ask for, (rows, cols) m."""
-        if correction is None or self.goal.profile != CLOSED_LOOP:
-            return np.where(layer.planned > 0, layer.planned, 0.0)
-        c = correction
-        return asked_growth(layer.planned, c.psi, c.k_gain, c.residual_height)
-
-    def _deposit(self, segments: list[Segment], layer: PlannedLayer, record: LayerRecord) -> None:
-        self.journal.state(State.DEPOSITING)
-        self.cell.take_sums()
-        settings = self.preparation.plan_settings()
-        placed = renumber(
-            segments, self.motion.next_index, self.motion.position, settings, self.plan.safe_z
-        )
-        self.cell.plan(self.run_id, layer.number, placed)
-        started = self.cell.now()
-        progress = BeadProgress(self, layer, placed)
-        self.journal.checkpoint(0, progress.beads_before, placed[0].index - 1)
-        self.motion.execute(placed, progress.on_done)
-        self.journal.checkpoint(0, progress.beads_before + layer.beads, placed[-1].index)
-        record.duration = self.cell.now() - started
-        record.add_sums(self.cell.take_sums())
-        record.faults = self.journal.faults_in(layer.number)
-
-    def note_remarks(self) -> None:
-        """What the operator changed elsewhere becomes part of the job's record."""
-        for text in self.control.take_remarks():
-            self.journal.note('INFO', 'operator', text, 'none')
 
     # ---- scanning ------------------------------------------------------------------------------
 
@@ -299,7 +169,26 @@ class JobRunner:
             found = self.deviation(scan.map.z, self.program.target_after(layer))
             self.status.height_error_rms, self.status.height_error_max = found.rms, found.max
             self.cell.status(self.status)
+            if layer and found.max > self.settings.height_warning:
+                self._note_height(layer, scan)
         return scan
+
+    def _note_height(self, layer: int, scan: Scan) -> None:
+        """The place where the surface is farthest from what was wanted."""
+        wanted = self.program.target_after(layer)
+        error = np.where(self.plan.interior, scan.map.z - wanted, np.nan)
+        row, col = np.unravel_index(np.nanargmax(np.abs(error)), error.shape)
+        spec = scan.map.spec
+        place = (float(spec.x[col]), float(spec.y[row]), float(scan.map.z[row, col]))
+        ended = layer >= self.program.total
+        closed = self.goal.profile == CLOSED_LOOP and not ended
+        self.journal.note(
+            'WARNING',
+            'height',
+            f'{error[row, col] * 1e3:+.2f} mm after layer {layer}',
+            'the next layer corrects it' if closed else 'none',
+            place,
+        )
 
     def deviation(self, z: np.ndarray, target: np.ndarray, whole: bool = False) -> Deviation:
         """Of a surface from its target, over this pass's region or the whole job's."""
@@ -309,60 +198,27 @@ class JobRunner:
             z - target, plan.region & wanted, plan.interior & wanted, self.goal.tolerance
         )
 
+    def note_remarks(self) -> None:
+        """What the operator changed elsewhere becomes part of the job's record."""
+        for text in self.control.take_remarks():
+            self.journal.note('INFO', 'operator', text, 'none')
+        self.journal.heard()
+
     # ---- the end -------------------------------------------------------------------------------
 
     def _finish(self, scan: Scan) -> None:
-        """Judged by the region and the surface of the first plan, however many passes there were."""
         self.journal.state(State.FINISHING)
-        whole, number = self.program.whole, self.program.layers[-1].number
-        self._note_pass(scan, number)
-        target = whole.final_target
-        self.journal.scan(number, scan, whole, target)
-        self.final = self.deviation(scan.map.z, target, whole=True)
-        self.as_found_rms = self.deviation(whole.as_found.z, target, whole=True).rms
-        record = LayerRecord(
-            job_id=self.run_id,
-            profile=self.goal.profile,
-            layer=number,
-            pass_number=self.program.pass_number,
-            final=True,
-        )
-        record.add_errors((scan.map.z - target)[whole.interior])
-        record.add_scan(scan)
-        record.temperature = self.cell.heat().temperature
-        self.journal.layer(record)
-        self.status.progress, self.status.time_left = 1.0, 0.0
-
-    def _fail(self, error: JobError) -> None:
-        self.status.error_code = int(error.code)
-        aborted = error.code == Code.ABORTED
-        if aborted:
-            self.journal.note('WARNING', 'operator', str(error), 'arc ended, queue dropped')
-        self.journal.state(State.ABORTED if aborted else State.FAILED, str(error))
+        self._note_pass(scan, self.program.layers[-1].number)
+        self.ending.judge(scan)
 
     def _release(self) -> None:
-        """Leaves machine and folder in order; what cannot be done is written down, not raised."""
-        if self.status.state != State.DONE:
-            self._try(lambda: self.cell.command('STOP'))
-        self._try(lambda: self.cell.command('DISARM'))
-        self._try(lambda: self.cell.record(False, ''))
-        self.note_remarks()
-        self.journal.report(self.in_tolerance, self.final, self.as_found_rms, self.program.records)
+        self.ending.release()
 
-    def _try(self, step) -> None:
-        try:
-            step()
-        except JobError as e:
-            self.journal.note('WARNING', 'link', f'at the end of the job: {e}', 'none')
+    @property
+    def final(self) -> Deviation | None:
+        """Of the last scan from the surface that was wanted; None when the job did not come so far."""
+        return self.ending.final
 
     @property
     def in_tolerance(self) -> bool:
-        done = self.final is not None and self.status.state == State.DONE
-        return done and self.final.share_in_tolerance >= self.settings.share_in_tolerance
-
-    def _verdict_text(self) -> str:
-        f = self.final
-        return (
-            f'RMS {f.rms * 1e3:.3f} mm, {f.share_in_tolerance * 100:.1f} % of the interior within '
-            f'+-{self.goal.tolerance * 1e3:.2f} mm'
-        )
+        return self.ending.in_tolerance

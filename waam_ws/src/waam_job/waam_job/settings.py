@@ -21,6 +21,10 @@ class Settings:
     cooling_timeout: float = 1800.0
     pyrometer_patience: float = 30.0
     home_timeout: float = 120.0
+    scan_max_age: float = 900.0
+    height_warning: float = 1.0e-3
+    calibration_max_days: float = 30.0
+    simulated: bool = True
     share_in_tolerance: float = 0.95
     lease_nodes: tuple[str, ...] = ()
     limits: Limits = field(default_factory=Limits)

@@ -11,7 +11,7 @@ from .goal import Code, JobError
 
 LEASE_EXPIRED = 202  # controller code, docs/link_protocol.md
 HOST_HOLD = 200
-ARC_CODES = {
+CLASS_OF = {  # of an anomaly; all others: link
     204: 'arc',
     205: 'arc',
     206: 'wire',
@@ -20,6 +20,7 @@ ARC_CODES = {
     209: 'arc',
     210: 'temperature',
     211: 'wire',
+    300: 'operator',
 }
 
 
@@ -51,25 +52,25 @@ class Watch:
         self.note, self.paused = note, paused
         self._silent_for = 0.0
         self._lease_holds = 0
+        self.held = 0.0  # s of ROS time in pauses so far: no deadline counts them
 
     def tick(self) -> Machine:
         """One look at the machine. Returns it when all is well."""
-        if self.control.abort_reason:
-            raise JobError(Code.ABORTED, self.control.abort_reason)
+        self._check_abort()
         machine = self.cell.machine()
         self._check_link(machine)
         self._check_nodes(machine)
-        if machine.state == 'ALARM':
-            raise JobError(
-                Code.DEPOSITION_FAILED,
-                f'controller in ALARM: {machine.fault_text or machine.fault}',
-            )
+        self._check_alarm(machine)
         if machine.state == 'HOLD':
             self._on_hold(machine)
         elif self.control.paused:
             self._pause()
         self.cell.wait(self.limits.poll)
         return machine
+
+    def _check_abort(self) -> None:
+        if self.control.abort_reason:
+            raise JobError(Code.ABORTED, self.control.abort_reason)
 
     def _check_link(self, machine: Machine) -> None:
         if machine.age > self.limits.link_timeout:
@@ -79,6 +80,13 @@ class Watch:
             )
         if not machine.connected:
             raise JobError(Code.LINK_LOST, machine.message or 'the controller is not connected')
+
+    def _check_alarm(self, machine: Machine) -> None:
+        if machine.state == 'ALARM':
+            text = f'controller in ALARM: {machine.fault_text or machine.fault}'
+            kind = CLASS_OF.get(machine.fault, 'link')
+            self.note('ALARM', kind, text, 'arc and motion ended by the controller, job ended')
+            raise JobError(Code.DEPOSITION_FAILED, text)
 
     def _check_nodes(self, machine: Machine) -> None:
         self._silent_for = self._silent_for + self.limits.poll if machine.silent_nodes else 0.0
@@ -105,7 +113,7 @@ class Watch:
         if machine.fault in (0, HOST_HOLD):
             self._pause()
             return
-        kind = ARC_CODES.get(machine.fault, 'link')
+        kind = CLASS_OF.get(machine.fault, 'link')
         text = machine.fault_text or f'hold {machine.fault}'
         self.note('FAULT', kind, text, 'hold, job ended')
         raise JobError(Code.DEPOSITION_FAILED, f'controller holds: {text}')
@@ -116,13 +124,15 @@ class Watch:
         if self.cell.machine().state == 'RUN':
             self.cell.command('HOLD')
         self.paused(True)
+        began = self.cell.now()
         while self.control.paused:
             machine = self.cell.machine()
             self._check_link(machine)
-            if machine.state == 'ALARM':
-                raise JobError(Code.DEPOSITION_FAILED, f'controller in ALARM: {machine.fault_text}')
+            self._check_alarm(machine)
             self.cell.wait(0.05)
+        self._check_abort()
+        self.held += self.cell.now() - began
         self.paused(False)
-        if not self.control.abort_reason and self.cell.machine().state == 'HOLD':
+        if self.cell.machine().state == 'HOLD':
             self.cell.command('RESUME')
             self.cell.wait(0.2)

@@ -120,7 +120,8 @@ def prism(tmp_path_factory):
 
 def test_prismatic_part_needs_a_fifth_of_the_points(prism):
     found = fragments(prism)
-    assert len(found) == 2 and sorted(n for f in found for n, _ in f.levels) == list(range(1, 11))
+    assert [len(f.levels) for f in found] == [1, 5, 4]  # the base layer is slower than the others
+    assert sorted(n for f in found for n, _ in f.levels) == list(range(1, 11))
     s = saving(prism, found)
     assert s.share >= 0.8 and s.before == sum(len(p.deposits) for p in prism.layers)
 

@@ -37,6 +37,7 @@ def test_build_writes_everything(box_file, tmp_path, capsys):
         'segments.csv',
         'plan.npz',
         'preview.png',
+        'preview.html',
     }
     assert len(read_gcode((out / 'program.gcode').read_text())) > 100
     assert (out / 'preview.png').read_bytes()[:4] == b'\x89PNG'

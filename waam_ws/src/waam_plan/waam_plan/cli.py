@@ -7,16 +7,48 @@ import sys
 from pathlib import Path
 
 from . import cli_correct
+from .settings import ALTERNATIONS, STRATEGIES
 
-EPILOG = """\
+EXAMPLES = """\
 examples:
   waam plan roller.stl --as-found worn_roller.stl        fill what is worn off; both files in the same coordinates
-  waam plan bracket.stl --mode build --layers 5          the first five layers of a solid on a flat substrate
+  waam plan roller.stl --as-found scan.pcd --zone        the scan (PCD, PLY, XYZ, NPY) shows the worn zone only
+  waam plan scan.pcd                                     no part: bring the scanned zone flat (--level)
+  waam plan bracket.3mf --mode build --layers 5          the first five layers of a solid on a flat substrate
+  waam plan bracket.stl --strategy combined --levels adaptive
   waam plan vase.stl --mode build --strategy shell       one bead along the surface; open meshes are accepted
+  waam plan vase.stl --repair                            close its holes first; what was changed is printed
   waam plan part.stl --mode build --scale 1              a file in metres (default 0.001: mm)
 
-Written to --out: program.gcode (runs on the controller without correction), segments.csv, plan.npz, preview.png.
+--set of what a program without the closed loop needs:
+  bead_time=60         wait when a bead took less than so many seconds (a job waits for the temperature instead)
+  lead_on=0.5 lead_off=0.003 lead_in_metal=0.9           light before moving, put out before the end, less in the hump
+  edge_metal=1.25      machining allowance along the edges
+  alternation=turn turn_deg=67                           by --alternation turn: every layer at another angle
+
+Written to --out: program.gcode (runs on the controller without correction), segments.csv, plan.npz, preview.png,
+preview.html (3-D, one file: open it in a browser).
 """
+
+
+def epilog() -> str:
+    """Strategies and examples for --help."""
+    from waam_plan.strategies import REGISTRY
+
+    lines = [f'  {name:9s} {entry.summary}' for name, entry in REGISTRY.items()]
+    return '\n'.join(['strategies (--strategy):', *lines, '', EXAMPLES])
+
+
+class _Help(argparse.Action):
+    """--help; the table of strategies is read only when somebody asks for it."""
+
+    def __init__(self, option_strings, dest, **options) -> None:
+        super().__init__(option_strings, dest, nargs=0, help='show this help and exit')
+
+    def __call__(self, parser, namespace, values, option_string=None) -> None:
+        parser.epilog = epilog()
+        parser.print_help()
+        parser.exit()
 
 
 def register(commands) -> None:
@@ -26,15 +58,24 @@ def register(commands) -> None:
         'plan',
         help='a part becomes layers, beads and a program; no machine needed',
         description='Plan the deposition of a part and write program, maps and a picture.',
-        epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        add_help=False,
     )
-    p.add_argument('part', type=Path, metavar='PART', help='mesh: STL, PLY, OBJ or OFF')
+    p.add_argument('-h', '--help', action=_Help, dest=argparse.SUPPRESS)
+    p.add_argument(
+        'part',
+        type=Path,
+        metavar='PART',
+        help='mesh (STL, PLY, 3MF, OBJ, OFF) or cloud (PCD, PLY, XYZ, NPY)',
+    )
     p.add_argument(
         '--mode', choices=('build', 'restore'), help='default: restore with --as-found, else build'
     )
     p.add_argument(
-        '--as-found', type=Path, metavar='WORN', help='mesh or .npz height map of the worn surface'
+        '--as-found',
+        type=Path,
+        metavar='WORN',
+        help='mesh, cloud or .npz height map of the worn surface',
     )
     p.add_argument(
         '--layers', type=int, default=0, help='at most so many, from the bottom; 0 = all'
@@ -45,10 +86,27 @@ def register(commands) -> None:
     p.add_argument(
         '--direction', choices=('auto', 'x', 'y'), help='of the beads; auto = along the longer side'
     )
+    p.add_argument('--alternation', choices=ALTERNATIONS, help='from layer to layer')
+    p.add_argument('--strategy', choices=STRATEGIES, help='how layers are filled, see below')
     p.add_argument(
-        '--alternation', choices=('none', 'reverse', 'cross'), help='from layer to layer'
+        '--levels', choices=('equal', 'adaptive'), help='heights of the layers of a build'
     )
-    p.add_argument('--strategy', choices=('solid', 'shell'), help='of a build')
+    p.add_argument(
+        '--zone',
+        action='store_true',
+        help='the scan shows the worn zone only; nothing beside it is planned',
+    )
+    p.add_argument(
+        '--level',
+        type=float,
+        metavar='MM',
+        help='wanted height of a zone without a part; default: top + a layer',
+    )
+    p.add_argument(
+        '--repair',
+        action='store_true',
+        help='close holes, remove double faces, turn normals outwards',
+    )
     p.add_argument(
         '--overhang', type=float, metavar='DEG', help='steepest overhang of a build, default 45'
     )
@@ -72,7 +130,9 @@ def register(commands) -> None:
         help='fanuc: also .LS fragments and a main program, compact (arcs, equal layers once)',
     )
     p.add_argument(
-        '--preview', action='store_true', help='draw preview.png (into --out or the current folder)'
+        '--preview',
+        action='store_true',
+        help='draw preview.png and preview.html (into --out or the current folder)',
     )
     p.set_defaults(run_command=run)
 
@@ -91,18 +151,25 @@ def run(args: argparse.Namespace) -> int:
 def make_plan(args: argparse.Namespace):
     """The plan that the arguments ask for. Raises ValueError with a text for the user."""
     from waam_plan.build import plan_build
+    from waam_plan.clouds import is_cloud
     from waam_plan.part import load_part
 
     settings = settings_from(args)
+    if is_cloud(args.part):
+        return _flat(args, settings)
+    if args.level is not None:
+        raise ValueError('--level belongs to a cloud without a part')
     mode = args.mode or ('restore' if args.as_found else 'build')
     if mode == 'restore' and not args.as_found:
         raise ValueError(
-            '--mode restore needs --as-found: the worn surface as a mesh or a .npz height map'
+            '--mode restore needs --as-found: the worn surface as a mesh, a cloud or a .npz height map'
         )
     if mode == 'build' and args.as_found:
         raise ValueError('--as-found belongs to --mode restore, a build starts on a flat substrate')
     open_is_fine = mode == 'restore' or settings.strategy == 'shell'
-    part = load_part(args.part, args.scale, require_closed=not open_is_fine)
+    part = load_part(
+        args.part, args.scale, not open_is_fine, repair=args.repair, look_for_crossings=True
+    )
     for line in part.report.lines():
         print(line)
     if mode == 'build':
@@ -111,27 +178,32 @@ def make_plan(args: argparse.Namespace):
 
 
 def _restoration(part, args: argparse.Namespace, settings):
-    from dataclasses import replace
-
-    from waam_plan.part import check_fits, load_part
-    from waam_plan.restore import plan_restoration
-    from waam_plan.surface import top_surface
-    from waam_process.grid import GridSpec, HeightGrid
+    from waam_plan.inputs import of_part
+    from waam_plan.part import check_fits
 
     check_fits(part, settings)
-    offset = tuple(-float(v) for v in part.bounds[0])
-    if args.as_found.suffix.lower() == '.npz':
-        worn = HeightGrid.load_npz(args.as_found)
-        spec = worn.spec
-    else:
-        size = part.bounds[1] - part.bounds[0]
-        m = settings.margin
-        spec = GridSpec.covering(-m, -m, size[0] + m, size[1] + m, settings.grid)
-        worn = top_surface(
-            load_part(args.as_found, args.scale, require_closed=False).mesh, spec, offset
-        )
-    plan = plan_restoration(worn, top_surface(part.mesh, spec, offset), settings, args.layers)
-    return replace(plan, name=part.name, offset=offset)
+    surfaces = of_part(part, args.as_found, args.scale, settings, args.zone)
+    return _restored(surfaces, args, settings)
+
+
+def _flat(args: argparse.Namespace, settings):
+    """A scanned zone without a part."""
+    from waam_plan.clouds import read_cloud
+    from waam_plan.inputs import flat
+
+    if args.as_found or args.mode == 'build':
+        raise ValueError(f'{args.part} is a cloud: give the part first, the cloud as --as-found')
+    level = None if args.level is None else args.level * 1e-3
+    return _restored(flat(read_cloud(args.part, args.scale), settings, level), args, settings)
+
+
+def _restored(surfaces, args: argparse.Namespace, settings):
+    from dataclasses import replace
+
+    from waam_plan.restore import plan_restoration
+
+    plan = plan_restoration(surfaces.found, surfaces.nominal, settings, args.layers)
+    return replace(plan, name=args.part.stem, offset=surfaces.offset)
 
 
 def settings_from(args: argparse.Namespace):
@@ -147,7 +219,9 @@ def settings_from(args: argparse.Namespace):
     if args.overhang is not None:
         given['overhang_limit_deg'] = args.overhang
     given |= {
-        k: getattr(args, k) for k in ('direction', 'alternation', 'strategy') if getattr(args, k)
+        k: getattr(args, k)
+        for k in ('direction', 'alternation', 'strategy', 'levels')
+        if getattr(args, k)
     }
     kinds = {f.name: type(f.default) for f in fields(PlanSettings)}
     for text in args.set:
@@ -172,6 +246,7 @@ def _value(text: str, value: str, kind: type) -> object:
 
 
 def _write(plan, args: argparse.Namespace) -> None:
+    from waam_plan.page import write_page
     from waam_plan.posts import gcode, to_csv
     from waam_plan.preview import draw, table
     from waam_plan.store import save_plan
@@ -189,7 +264,9 @@ def _write(plan, args: argparse.Namespace) -> None:
             _write_fanuc(plan, args.out)
         save_plan(plan, args.out / 'plan.npz')
     if args.preview or args.out:
-        draw(plan, (args.out or Path('.')) / 'preview.png')
+        folder = args.out or Path('.')
+        draw(plan, folder / 'preview.png')
+        write_page(plan, folder / 'preview.html')
     if args.out:
         print(f'written: {args.out}')
 

@@ -6,8 +6,13 @@ import numpy as np
 from shapely import LineString, Polygon, maximum_inscribed_circle
 from shapely.ops import substring
 
+from waam_plan.medial import medial_lines
 from waam_plan.section import pieces
 from waam_plan.settings import PlanSettings
+
+# bead widths: up to this thickness a wall is one bead, beyond it two are nearer to the right overlap
+ONE_BEAD = 1.05
+LONG = 6.0  # outline over thickness: shorter pieces are spots, not walls
 
 
 def wall_width(polygon: Polygon) -> float:
@@ -20,17 +25,26 @@ def is_wall(polygon: Polygon, settings: PlanSettings) -> bool:
     return polygon.buffer(-settings.bead_width).is_empty
 
 
+def is_one_bead(polygon: Polygon, settings: PlanSettings) -> bool:
+    """True for walls that are thicker than a bead only where they meet."""
+    mean = 2 * polygon.area / polygon.length
+    thin = is_wall(polygon, settings) and mean <= ONE_BEAD * settings.bead_width
+    return thin and polygon.length > LONG * wall_width(polygon)
+
+
 def wall_lines(polygon: Polygon, settings: PlanSettings, number: int) -> list[np.ndarray]:
     """Lines (n, 2) of a thin wall in layer `number`; a closed line repeats its first point.
 
-    Up to about 1.4 beads thick: the middle line; thicker: one line along each outline. Seams of closed lines move
-    from layer to layer, even layers run the other way.
+    Up to ONE_BEAD thick: the middle line, with branches; thicker: one line along each outline. Seams of closed
+    lines move from layer to layer, even layers run the other way.
     """
     width = wall_width(polygon)
-    lines = None
-    if width <= settings.bead_width + 0.5 * settings.pitch:
-        lines = _middle(polygon, width)
-    if lines is None:
+    least = settings.bead_width / 3
+    if width <= ONE_BEAD * settings.bead_width:
+        lines = _middle(polygon, width) or medial_lines(polygon, least)
+    elif is_one_bead(polygon, settings):
+        lines = medial_lines(polygon, least)
+    else:
         lines = _outlines(polygon, width / 4)
     return [_seamed(line, number) for line in lines]
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
+from waam_plan.crossing import crossings
+from waam_plan.repair import repaired
 from waam_plan.settings import PlanSettings, Triple
+from waam_plan.threemf import read_3mf
 
-FORMATS = ('.stl', '.ply', '.obj', '.off')
+FORMATS = ('.stl', '.ply', '.3mf', '.obj', '.off')
 SMALLEST, LARGEST = 1e-3, 2.0  # m, plausible size of a part
 MAX_BYTES = 500_000_000
 UNITS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'inch': 0.0254, 'um': 1e-6}
@@ -33,6 +36,8 @@ class PartReport:
     boundary_edges: int
     bodies: int
     collapsed_faces: int  # two corners in one point, removed
+    repairs: tuple[str, ...] = ()  # what was changed, when asked for
+    crossing: str = ''  # faces that pass through each other, when looked for
 
     def lines(self) -> list[str]:
         """For a person."""
@@ -43,7 +48,8 @@ class PartReport:
             text.append(f'open: {self.boundary_edges} boundary edges')
         if self.collapsed_faces:
             text.append(f'{self.collapsed_faces} collapsed faces were removed')
-        return text
+        text += [f'repaired: {r}' for r in self.repairs]
+        return text + ([self.crossing] if self.crossing else [])
 
 
 @dataclass(frozen=True)
@@ -68,17 +74,23 @@ class Part:
         return Part(self.name, self.path, mesh, self.sha256, self.report)
 
 
-def load_part(path: Path | str, scale: float = 1e-3, require_closed: bool = True) -> Part:
-    """Read a mesh file; scale is m per unit of the file (STL has no units; 1e-3 = mm).
+def load_part(
+    path: Path | str,
+    scale: float = 1e-3,
+    require_closed: bool = True,
+    repair: bool = False,
+    look_for_crossings: bool = False,
+) -> Part:
+    """Read a mesh file; scale is m per unit of the file (STL has no units; 1e-3 = mm; 3MF knows its own).
 
     require_closed=False accepts open meshes and wrong normals, enough where only the top surface is used.
-    Raises PartError.
+    repair: close holes, remove double faces, turn normals outwards (PartReport.repairs). Raises PartError.
     """
     path = Path(path)
     if not (np.isfinite(scale) and scale > 0):
         raise PartError(f'scale is {scale}, must be a positive length in m per unit of the file')
     data = _read(path)
-    mesh = _parse(path, data)
+    mesh = _parse(path, data, scale)
     mesh.apply_scale(scale)
     a, b, c = mesh.faces.T
     collapsed = (a == b) | (b == c) | (c == a)
@@ -87,10 +99,28 @@ def load_part(path: Path | str, scale: float = 1e-3, require_closed: bool = True
     if len(mesh.faces) == 0 or mesh.area <= 0:
         raise PartError(f'{path}: empty mesh, no face has an area; export the part again')
     _check_size(path, mesh, scale)
-    report = _report(mesh, int(collapsed.sum()))
+    done: list[str] = []
+    if repair:
+        mesh, done = repaired(mesh)
+    crossing = _crossing(mesh) if look_for_crossings else ''
+    report = replace(_report(mesh, int(collapsed.sum())), repairs=tuple(done), crossing=crossing)
     if require_closed:
         _check_closed(path, mesh, report)
     return Part(path.stem, path, mesh, hashlib.sha256(data).hexdigest(), report)
+
+
+def _crossing(mesh: trimesh.Trimesh) -> str:
+    """For a person; empty where no faces cross."""
+    try:
+        count, at = crossings(np.asarray(mesh.triangles), np.asarray(mesh.faces))
+    except ValueError as error:
+        return f'self-intersection: not looked for, {error}'
+    if not count:
+        return ''
+    return (
+        f'self-intersection: {count} pairs of faces pass through each other, one at {_mm(at)}; bodies that overlap '
+        'are united in every section, a fold is not: look at it'
+    )
 
 
 def check_fits(part: Part, settings: PlanSettings) -> None:
@@ -121,13 +151,17 @@ def _read(path: Path) -> bytes:
     return data
 
 
-def _parse(path: Path, data: bytes) -> trimesh.Trimesh:
+def _parse(path: Path, data: bytes, scale: float) -> trimesh.Trimesh:
     kind = path.suffix.lower()[1:]
     if kind == 'stl':
         _check_stl(path, data)
     try:
         with np.errstate(invalid='ignore', over='ignore'):  # of vertices that are refused below
-            loaded = trimesh.load(io.BytesIO(data), file_type=kind, process=False, force='mesh')
+            if kind == '3mf':
+                vertices, faces = read_3mf(data)
+                loaded = trimesh.Trimesh(vertices / scale, faces, process=False)
+            else:
+                loaded = trimesh.load(io.BytesIO(data), file_type=kind, process=False, force='mesh')
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise PartError(f'{path}: not a readable {kind.upper()} file ({error})') from error
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
@@ -221,18 +255,18 @@ def _check_closed(path: Path, mesh: trimesh.Trimesh, report: PartReport) -> None
         centre = mesh.vertices[np.unique(loops[0])].mean(axis=0)
         raise PartError(
             f'{path}: open mesh: {report.boundary_edges} boundary edges in {len(loops)} holes, the first '
-            f'({len(loops[0])} edges) around {_mm(centre)}; close it, build it as a wall of one bead (strategy '
-            'shell), or use it in restore mode, which needs its top surface only'
+            f'({len(loops[0])} edges) around {_mm(centre)}; close it (--repair), build it as a wall of one bead '
+            '(strategy shell), or use it in restore mode, which needs its top surface only'
         )
     if not mesh.is_winding_consistent:
         raise PartError(
-            f'{path}: faces are wound in different directions; unify the normals and export again'
+            f'{path}: faces are wound in different directions; unify the normals and export again, or --repair'
         )
     if abs(mesh.volume) < 1e-12:
         raise PartError(f'{path}: zero volume, the part is flat; give it a thickness')
     if mesh.volume < 0:
         raise PartError(
-            f'{path}: inverted normals, they point into the part; flip them and export again'
+            f'{path}: inverted normals, they point into the part; flip them and export again, or --repair'
         )
 
 

@@ -1,7 +1,8 @@
-"""Hatch -> segments: stations along the path, metal per segment, idle moves between chains."""
+"""Chains -> pieces: stations along the path on the surface; hatch of a region in any direction."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,15 @@ from scipy.spatial import cKDTree
 
 from waam_plan import hatch
 from waam_plan.masks import fill_unknown
-from waam_plan.plan import hop, idle, numbered
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment
+
+CORNER = np.cos(
+    np.radians(30)
+)  # sharper turns stay where they are, stations are spread between them
+BREAK = 1.0  # m, put between lines that are measured along one another
+SHORTEST = 1e-7  # m, between two stations
 
 
 @dataclass(frozen=True)
@@ -45,8 +51,22 @@ def hatch_region(
 ) -> tuple[list[hatch.Chain], str]:
     """Chains in m (work frame) that cover the mask of layer `number`, and the direction of the beads."""
     direction = choose_direction(mask, settings, number)
-    cells = mask if direction == 'x' else mask.T
+    turn = settings.turn_deg * (number - 1) if settings.alternation == 'turn' else 0.0
+    if turn % 180.0:
+        return _hatch_turned(mask, spec, settings, direction, math.radians(turn)), direction
     second = settings.alternation != 'none' and number % 2 == 0
+    return _hatched(mask, spec, settings, direction, second, number), direction
+
+
+def _hatched(
+    mask: np.ndarray,
+    spec: GridSpec,
+    settings: PlanSettings,
+    direction: str,
+    second: bool,
+    number: int,
+) -> list[hatch.Chain]:
+    cells = mask if direction == 'x' else mask.T
     pitch = settings.pitch / spec.resolution
     stagger = settings.stagger and number % 2 == 0
     chains = hatch.hatch(
@@ -58,49 +78,93 @@ def hatch_region(
         line = line if direction == 'x' else line[:, ::-1]
         return origin + line * spec.resolution
 
-    return [[to_work(line) for line in chain] for chain in chains], direction
+    return [[to_work(line) for line in chain] for chain in chains]
+
+
+def _hatch_turned(
+    mask: np.ndarray, spec: GridSpec, settings: PlanSettings, direction: str, turn: float
+) -> list[hatch.Chain]:
+    """Hatch of the mask as seen on a grid that is turned about the middle by `turn` (rad)."""
+    x0, x1, y0, y1 = spec.extent
+    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
+    reach = math.hypot(x1 - x0, y1 - y0) / 2
+    grid = GridSpec.covering(-reach, -reach, reach, reach, spec.resolution)
+    c, s = math.cos(turn), math.sin(turn)
+    back = np.array([[c, s], [-s, c]])  # rows times this: turned by +turn
+    x, y = np.meshgrid(grid.x, grid.y)
+    at = np.column_stack([x.ravel(), y.ravel()]) @ back + middle
+    row, col = spec.cell(*at.T)
+    on = spec.contains(*at.T)
+    turned = np.zeros(row.shape, bool)
+    turned[on] = mask[row[on], col[on]]
+    chains = _hatched(turned.reshape(grid.shape), grid, settings, direction, False, 1)
+    return [[line @ back + middle for line in chain] for chain in chains]
 
 
 def lay_out(chains: list[hatch.Chain], surface: HeightGrid, settings: PlanSettings) -> Pieces:
     """Stations at most segment_length apart on the surface (unknown cells take the nearest known height).
 
-    A bead is one line of a chain with the link that leads to it.
+    A bead is one line of a chain with the link that leads to it. Corners stay corners.
     """
-    filled = HeightGrid(surface.spec, fill_unknown(surface.z))
-    start, end, bead_of, chain_of = [], [], [], []
+    lines, bead, chain = _lines(chains)
+    first = np.concatenate([[0], np.cumsum([len(line) for line in lines])])
+    points, line_of = _dense(np.concatenate(lines), first, surface.spec.resolution)
+    z = HeightGrid(surface.spec, fill_unknown(surface.z)).sample(*points.T)
+    points = np.column_stack([points, z])
+    same = line_of[1:] == line_of[:-1]
+    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(np.where(same, step, BREAK))])
+    legs = _legs(points[:, :2], same)
+    length = along[legs[:, 1]] - along[legs[:, 0]]
+    legs, length = legs[length > SHORTEST], length[length > SHORTEST]
+    n = np.maximum(1, np.ceil(length / settings.segment_length - 1e-9)).astype(int)
+    leg = np.repeat(np.arange(len(n)), n)
+    k = np.arange(len(leg)) - np.repeat(np.cumsum(n) - n, n)
+    begin = along[legs[leg, 0]]
+    ends = [begin + (k + i) * (length / n)[leg] for i in (0, 1)]
+    start, end = (np.column_stack([np.interp(at, along, c) for c in points.T]) for at in ends)
+    of = line_of[legs[leg, 0]]
+    return Pieces(start, end, bead[of], chain[of])
+
+
+def _lines(chains: list[hatch.Chain]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """Lines and links in order with the numbers of their beads and chains."""
+    lines, beads, owner = [], [], []
     bead = 0
     for number, chain in enumerate(chains):
         last: np.ndarray | None = None
         for line in chain:
             bead += 1
-            for piece in (line,) if last is None else (np.array([last, line[0]]), line):
-                points = _stations(piece, filled, settings)
-                start.append(points[:-1])
-                end.append(points[1:])
-                bead_of.append(np.full(len(points) - 1, bead))
-                chain_of.append(np.full(len(points) - 1, number))
+            own = [line] if last is None else [np.array([last, line[0]]), line]
+            lines += own
+            beads += [bead] * len(own)
+            owner += [number] * len(own)
             last = line[-1]
-    return Pieces(*(np.concatenate(part) for part in (start, end, bead_of, chain_of)))
+    return lines, np.array(beads), np.array(owner)
 
 
-def _stations(line: np.ndarray, surface: HeightGrid, settings: PlanSettings) -> np.ndarray:
-    """Points (n, 3) along a polyline (k, 2), equally spaced along the surface."""
-    fine = _densify(line, surface.spec.resolution)
-    points = np.column_stack([fine, surface.sample(fine[:, 0], fine[:, 1])])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    n = max(1, int(np.ceil(along[-1] / settings.segment_length - 1e-9)))
-    at = np.linspace(0, along[-1], n + 1)
-    return np.column_stack([np.interp(at, along, points[:, i]) for i in range(3)])
+def _dense(points: np.ndarray, first: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """The same lines with points at most `step` apart, and the line of every point."""
+    line = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    gap = np.append(np.linalg.norm(np.diff(points, axis=0), axis=1), 0.0)
+    inner = np.append(line[1:] == line[:-1], False)
+    n = np.where(inner, np.maximum(1, np.ceil(gap / step - 1e-6)), 1).astype(int)
+    at = np.repeat(np.arange(len(points)), n)
+    share = (np.arange(len(at)) - np.repeat(np.cumsum(n) - n, n)) / n[at]
+    ahead = np.minimum(at + 1, len(points) - 1)
+    return points[at] + share[:, None] * (points[ahead] - points[at]), line[at]
 
 
-def _densify(line: np.ndarray, step: float) -> np.ndarray:
-    """The same polyline with points at most `step` apart."""
-    gaps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    parts = [
-        a + np.linspace(0, 1, max(1, int(np.ceil(gap / step))), endpoint=False)[:, None] * (b - a)
-        for a, b, gap in zip(line, line[1:], gaps, strict=False)
-    ]
-    return np.concatenate([*parts, line[-1:]])
+def _legs(points: np.ndarray, same: np.ndarray) -> np.ndarray:
+    """(n, 2) first and last point of every stretch between ends of lines and corners."""
+    step = np.diff(points, axis=0)
+    size = np.maximum(np.linalg.norm(step, axis=1), 1e-12)
+    cosine = (step[1:] * step[:-1]).sum(axis=1) / (size[1:] * size[:-1])
+    corner = np.zeros(len(points), bool)
+    corner[1:-1] = (cosine < CORNER) & same[1:] & same[:-1]
+    joint = np.flatnonzero(corner | ~np.append(same, False) | ~np.append(False, same))
+    legs = np.column_stack([joint[:-1], joint[1:]])
+    return legs[same[legs[:, 0]]] if len(legs) else legs
 
 
 def nearest_piece(
@@ -114,55 +178,6 @@ def nearest_piece(
     )
     distance, index = cKDTree(samples.reshape(-1, 2)).query(np.column_stack([x, y]))
     return index // n, distance
-
-
-def programmed_speed(height: np.ndarray, settings: PlanSettings) -> np.ndarray:
-    """Travel speed (n,) m/s: nominal, faster where the deposition rate would fall below the floor."""
-    share = height / settings.layer_height
-    faster = np.maximum(1.0, settings.feed_floor / np.maximum(share, 1e-6))
-    return np.minimum(settings.speed * faster, settings.speed_max)
-
-
-def to_segments(
-    pieces: Pieces, height: np.ndarray, layer: int, safe_z: float, settings: PlanSettings
-) -> list[Segment]:
-    """Segments of one layer from safe height to safe height, indices from 0."""
-    speed = programmed_speed(height, settings)
-    out: list[Segment] = []
-    rows = zip(
-        map(tuple, pieces.start.tolist()),
-        map(tuple, pieces.end.tolist()),
-        pieces.bead.tolist(),
-        pieces.chain.tolist(),
-        height.tolist(),
-        speed.tolist(),
-        strict=True,
-    )
-    chain_before = -1
-    for start, end, bead, chain, h, v in rows:
-        if chain != chain_before:
-            from_ = out[-1].end if out else (start[0], start[1], safe_z)
-            out.extend(hop(from_, start, safe_z, settings, layer))
-            chain_before = chain
-        out.append(
-            Segment(
-                0,
-                Kind.DEPOSIT,
-                start,
-                end,
-                v,
-                layer=layer,
-                bead=bead,
-                arc=True,
-                height=h,
-                width=settings.bead_width,
-                speed_programmed=v,
-            )
-        )
-    if out:
-        x, y, _ = out[-1].end
-        out.append(idle(out[-1].end, (x, y, safe_z), settings, layer))
-    return numbered(out)
 
 
 def coverage(

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from waam_plan.harmonic import HarmonicLaw
 from waam_plan.settings import SECTION, PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Point, Segment
@@ -142,6 +146,18 @@ class Plan:
         )
 
 
+@contextmanager
+def collector_paused() -> Iterator[None]:
+    """No cyclic garbage collection meanwhile: planning makes millions of small objects and no cycles."""
+    running = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if running:
+            gc.enable()
+
+
 def highest(*surfaces: HeightGrid) -> float:
     """Highest known z of some surfaces, m; PlanError when nothing is known."""
     tops = [float(np.nanmax(s.z)) for s in surfaces if np.isfinite(s.z).any()]
@@ -156,6 +172,24 @@ def idle(start: Point, end: Point, settings: PlanSettings, layer: int = 0) -> Se
     return Segment(0, Kind.IDLE, start, end, speed, layer=layer, speed_programmed=speed)
 
 
+def leg(start: Point, end: Point, settings: PlanSettings, layer: int = 0) -> list[Segment]:
+    """A straight idle move from rest to rest: pieces with the speeds of the harmonic law (or one, idle_law 'plain')."""
+    length = math.dist(start, end)
+    if length <= 1e-9:
+        return []
+    if settings.idle_law == 'plain':
+        return [idle(start, end, settings, layer)]
+    law = HarmonicLaw.within(length, settings.idle_speed, settings.idle_acceleration)
+    at, speeds = law.pieces()
+    share = at[1:-1, None] / length
+    inner = np.asarray(start) + share * np.subtract(end, start)
+    corners = [start, *map(tuple, inner.tolist()), end]
+    return [
+        Segment(0, Kind.IDLE, a, b, v, layer=layer, speed_programmed=v)
+        for a, b, v in zip(corners, corners[1:], speeds.tolist(), strict=False)
+    ]
+
+
 def hop(
     start: Point, end: Point, z: float, settings: PlanSettings, layer: int = 0
 ) -> list[Segment]:
@@ -163,9 +197,7 @@ def hop(
     top = max(z, start[2], end[2])
     corners = [start, (start[0], start[1], top), (end[0], end[1], top), end]
     return [
-        idle(a, b, settings, layer)
-        for a, b in zip(corners, corners[1:], strict=False)
-        if math.dist(a, b) > 1e-9
+        s for a, b in zip(corners, corners[1:], strict=False) for s in leg(a, b, settings, layer)
     ]
 
 

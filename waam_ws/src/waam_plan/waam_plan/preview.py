@@ -28,6 +28,8 @@ class LayerEstimate:
     height_mean: float  # m
     height_min: float
     height_max: float
+    gas: float = 0.0  # m3
+    heat_input: float = 0.0  # J/m of bead, what reaches the part
 
 
 def estimates(plan: Plan) -> list[LayerEstimate]:
@@ -52,6 +54,8 @@ def _estimate(plan: Plan, layer: PlannedLayer) -> LayerEstimate:
         float(height.mean()),
         float(height.min()),
         float(height.max()),
+        s.gas_flow * layer.arc_time,
+        s.arc_efficiency * s.arc_power * layer.arc_time / max(layer.length, 1e-9),
     )
 
 

@@ -10,12 +10,17 @@ even wear is filled with equal layers.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from waam_plan import masks, path
+from waam_plan import masks, path, strategies
 from waam_plan.allocate import metal_heights
-from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, highest
+from waam_plan.linking import arc_starts, spread_starts
+from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
+from waam_plan.section import outline
 from waam_plan.settings import PlanSettings
+from waam_plan.travel import Ceiling, to_segments
 from waam_process.grid import GridSpec, HeightGrid
 
 ADAPT = 0.15  # the common thickness may differ from the wanted one by this share
@@ -25,12 +30,17 @@ UNKNOWN_LIMIT = 0.3  # share of the part's cells that may be missing in the scan
 
 
 def plan_restoration(
-    as_found: HeightGrid, nominal: HeightGrid, settings: PlanSettings, layers: int = 0
+    as_found: HeightGrid,
+    nominal: HeightGrid,
+    settings: PlanSettings,
+    layers: int = 0,
+    laid: int = 0,
 ) -> Plan:
     """Plan the metal between `as_found` and `nominal` (m, same grid, work frame, NaN = unknown or outside).
 
     layers: at most so many layers, counted from the bottom; 0 = all. Asking for more than there are gives a
-    warning. Raises PlanError when the grids differ, the scan misses too much or the machine cannot reach.
+    warning. laid: layers that lie there already; directions and starts alternate on from them, numbers begin at 1.
+    Raises PlanError when the grids differ, the scan misses too much or the machine cannot reach.
     """
     if layers < 0:
         raise PlanError(f'layers is {layers}, must be 0 (all) or a positive number')
@@ -46,21 +56,11 @@ def plan_restoration(
         warnings.append(f'{layers} layers were asked for, {total} are needed')
     use = min(layers, total) if layers else total
     safe_z = highest(as_found, HeightGrid(nominal.spec, wanted)) + settings.clearance
-    planned = [
-        _layer(
-            number,
-            total - number + 1,
-            count,
-            thickness,
-            wanted,
-            found,
-            smooth,
-            safe_z,
-            settings,
-            nominal.spec,
-        )
-        for number in range(1, use + 1)
-    ]
+    job = _Restoration(
+        nominal.spec, count, thickness, wanted, found, smooth, as_found.z, safe_z, laid, settings
+    )
+    with collector_paused():
+        planned = _layers(job, total, use)
     region = np.any([p.footprint for p in planned], axis=0) if planned else count > 0
     half_bead = settings.bead_width / 2 / nominal.spec.resolution
     _warn(wanted - found, count, planned, use == total, settings, nominal, warnings)
@@ -157,33 +157,69 @@ def layer_count(
     return count
 
 
-def _layer(
-    number: int,
-    k: int,
-    count: np.ndarray,
-    thickness: float,
-    wanted: np.ndarray,
-    found: np.ndarray,
-    smooth: np.ndarray,
-    safe_z: float,
-    settings: PlanSettings,
-    spec: GridSpec,
-) -> PlannedLayer:
-    """Layer `number`, k-th from the top, on the cells that have at least k layers."""
-    on = count >= k
-    first = count == k
+@dataclass(frozen=True)
+class _Restoration:
+    """What all layers are made from. Maps (rows, cols), heights in m."""
+
+    spec: GridSpec
+    count: np.ndarray  # layers at each place
+    thickness: float
+    wanted: np.ndarray  # final surface
+    found: np.ndarray  # as found, on the part
+    smooth: np.ndarray
+    standing: np.ndarray  # whatever was scanned, also beside the part
+    safe_z: float
+    laid: int  # layers below the first one
+    settings: PlanSettings
+
+
+def _layers(job: _Restoration, total: int, use: int) -> list[PlannedLayer]:
+    planned: list[PlannedLayer] = []
+    for number in range(1, use + 1):
+        below = arc_starts(planned[-1].segments) if planned else np.zeros((0, 2))
+        planned.append(_layer(job, number, total - number + 1, below))
+    return planned
+
+
+def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> PlannedLayer:
+    """Layer `number`, k-th from the top, on the cells that have at least k layers.
+
+    below: arc starts of the layer before, (n, 2) m.
+    """
+    spec, settings, wanted = job.spec, job.settings, job.wanted
+    on = job.count >= k
+    first = job.count == k
     thickest = settings.max_layer_ratio * settings.layer_height
-    after = np.where(on, wanted - (k - 1) * thickness, np.nan)
-    before = np.where(on, np.where(first, found, wanted - k * thickness), np.nan)
+    after = np.where(on, wanted - (k - 1) * job.thickness, np.nan)
+    before = np.where(on, np.where(first, job.found, wanted - k * job.thickness), np.nan)
     planned = np.where(on, np.clip(after - before, 0.0, thickest), 0.0)
-    under = np.where(first, smooth, wanted - k * thickness)
+    under = np.where(first, job.smooth, wanted - k * job.thickness)
     soft = masks.blur(under, on, settings.bead_width / 4 / spec.resolution)
-    chains, direction = path.hatch_region(on, spec, settings, number)
+    direction = path.choose_direction(on, settings, number + job.laid)
+    chains = spread_starts(
+        _chains(on, spec, settings, number + job.laid), below, settings.start_spread
+    )
     pieces = path.lay_out(chains, HeightGrid(spec, soft), settings)
     height = metal_heights(pieces, planned, on, spec, settings)
-    segments = path.to_segments(pieces, height, number, safe_z, settings)
+    ceiling = Ceiling.over(spec, _metal(job, on, after), settings.torch_radius)
+    segments = to_segments(pieces, height, number, ceiling, job.safe_z, settings)
     vector = (1.0, 0.0, 0.0) if direction == 'x' else (0.0, 1.0, 0.0)
     return PlannedLayer(number, planned, before, after, segments, vector, on)
+
+
+def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """What idle moves of a layer pass over (m): its top or what was found; unknown cells are as high as any."""
+    metal = np.where(on, np.fmax(after, job.found), np.fmax(job.found, job.standing))
+    return np.where(np.isfinite(metal), metal, job.safe_z - job.settings.clearance)
+
+
+def _chains(
+    on: np.ndarray, spec: GridSpec, settings: PlanSettings, number: int
+) -> list[path.hatch.Chain]:
+    if settings.strategy in ('solid', 'shell', 'zigzag'):
+        return path.hatch_region(on, spec, settings, number)[0]
+    area = strategies.Area(outline(on, spec), on, spec, settings, number)
+    return strategies.fill(area)
 
 
 def _warn(

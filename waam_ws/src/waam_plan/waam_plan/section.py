@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 from shapely import Polygon, make_valid, unary_union
 from shapely.geometry.base import BaseGeometry
 
@@ -104,3 +105,17 @@ def _flip(ring: np.ndarray, spec: GridSpec, flips: np.ndarray) -> None:
     at = u[edge] + (row - v[edge]) / (v[edge + 1] - v[edge]) * (u[edge + 1] - u[edge])
     col = np.clip(np.ceil(at), 0, spec.cols).astype(np.int64)
     np.add.at(flips, (row, col), 1)
+
+
+def outline(mask: np.ndarray, spec: GridSpec) -> list[Polygon]:
+    """Polygons around the cells of a mask, their steps rounded by a cell; they stay within a cell of the mask."""
+    edge = np.diff(np.pad(mask.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    row, first = np.nonzero(edge == 1)
+    _, last = np.nonzero(edge == -1)
+    x0, x1 = (spec.origin_x + spec.resolution * c for c in (first, last))
+    y0 = spec.origin_y + spec.resolution * row
+    runs = shapely.box(x0, y0, x1, y0 + spec.resolution)
+    r = spec.resolution
+    rough = shapely.union_all(runs)
+    smooth = rough.buffer(r).buffer(-2 * r).buffer(r).simplify(r / 4)
+    return sorted(pieces(smooth), key=lambda p: -p.area)

@@ -11,8 +11,11 @@ Pair = tuple[float, float]
 SECTION = 0.73  # section of a bead over width * height, eq 2.17: what converts metal into `height`
 
 DIRECTIONS = ('auto', 'x', 'y')
-ALTERNATIONS = ('none', 'reverse', 'cross')
-STRATEGIES = ('solid', 'shell')
+ALTERNATIONS = ('none', 'reverse', 'cross', 'turn')
+STRATEGIES = ('solid', 'shell', 'zigzag', 'contour', 'spiral', 'combined', 'medial')
+LEVELS = ('equal', 'adaptive')
+OVERHANGS = ('refuse', 'flag')
+IDLE_LAWS = ('harmonic', 'plain')
 
 
 class SettingsError(ValueError):
@@ -35,10 +38,23 @@ _LIMITS: dict[str, Pair] = {
     'pool_trail': (0.0, 20e-3),
     'min_share': (0.05, 0.9),
     'feed_floor': (0.0, 1.0),
+    'start_spread': (0.0, 50e-3),
     'lead_in': (0.0, 50e-3),
     'lead_out': (0.0, 50e-3),
     'lead_in_metal': (0.3, 1.5),
     'lead_out_metal': (0.3, 2.0),
+    'turn_deg': (0.0, 180.0),
+    'contours': (1, 20),
+    'edge_metal': (0.5, 1.5),
+    'lead_on': (0.0, 10.0),
+    'lead_off': (0.0, 50e-3),
+    'bead_time': (0.0, 600.0),
+    'base_layers': (0, 100),
+    'base_speed': (0.3, 1.0),
+    'adaptive_min': (0.3, 1.0),
+    'cusp': (0.05e-3, 5e-3),
+    'torch_radius': (0.0, 0.1),
+    'idle_acceleration': (0.01, 50.0),
     'idle_speed': (1e-3, 0.5),
     'scan_speed': (1e-3, 0.5),
     'clearance': (1e-3, 0.2),
@@ -53,10 +69,19 @@ _LIMITS: dict[str, Pair] = {
     'wire_diameter': (0.5e-3, 5e-3),
     'efficiency': (0.3, 1.0),
     'arc_power': (100.0, 50e3),
+    'arc_efficiency': (0.1, 1.0),
+    'gas_flow': (0.0, 2e-3),
 }
 
 
-_CHOICES = {'direction': DIRECTIONS, 'alternation': ALTERNATIONS, 'strategy': STRATEGIES}
+_CHOICES = {
+    'direction': DIRECTIONS,
+    'alternation': ALTERNATIONS,
+    'strategy': STRATEGIES,
+    'levels': LEVELS,
+    'overhang': OVERHANGS,
+    'idle_law': IDLE_LAWS,
+}
 
 
 @dataclass(frozen=True)
@@ -78,19 +103,40 @@ class PlanSettings:
     min_share: float = 0.25  # a bead goes on while at least this share of its band is in the region
     feed_floor: float = 0.5  # of the nominal deposition rate; below it the torch goes faster
     direction: str = 'auto'  # of the beads: x, y, or auto = the longer side
-    alternation: str = 'reverse'  # none; reverse: even layers start opposite; cross: turned by 90
+    # none; reverse: even layers start opposite; cross: and turned by 90; turn: every layer by turn_deg
+    alternation: str = 'reverse'
+    turn_deg: float = 67.0  # between the beads of neighbouring layers, alternation turn
+    contours: int = 1  # rings along the edge, strategy combined
     stagger: bool = False  # beads of every second layer lie over the valleys of the one below
+    start_spread: float = (
+        5e-3  # least distance of arc starts in neighbouring layers, where possible
+    )
     lead_in: float = 6e-3  # zone after an arc start in which lead_in_metal applies
     lead_out: float = 6e-3  # zone before an arc end in which lead_out_metal applies
     lead_in_metal: float = 1.0  # metal in the lead-in over the planned, below 1 against humps
     lead_out_metal: float = 1.0  # metal in the lead-out over the planned, above 1 against a crater
-    idle_speed: float = 0.050  # travel with the arc off
+    edge_metal: float = 1.0  # metal of the beads along the edge over what the schedule gives them
+    lead_on: float = 0.0  # s that the arc burns before the torch moves
+    lead_off: float = 0.0  # last stretch of a path that is travelled without arc
+    bead_time: float = 0.0  # s; after a shorter bead the torch waits for the rest of it
+    base_layers: int = 1  # lowest layers of a build, laid slower on the cold substrate
+    base_speed: float = 0.8  # of the nominal travel, in the base layers; the feed follows
+    idle_law: str = 'harmonic'  # speeds of idle moves: harmonic, or plain = one speed
+    idle_speed: float = 0.050  # fastest travel with the arc off
+    idle_acceleration: float = 0.5  # m/s2, highest with the arc off
+    torch_radius: float = (
+        0.010  # no metal higher than the clearance allows within this of an idle move
+    )
     scan_speed: float = 0.025  # travel while scanning
     clearance: float = 0.010  # height of idle moves over the highest point
     grid: float = 0.5e-3  # cell of maps made here
     margin: float = 5e-3  # scanned around the wanted rectangle
     overhang_limit_deg: float = 45.0  # steepest overhang from the vertical in a build
-    strategy: str = 'solid'  # of a build: fill the part, or shell = one bead along its surface
+    overhang: str = 'refuse'  # what is steeper; flag: warn and build it
+    strategy: str = 'solid'  # how layers are filled, see below; shell = one bead along the surface
+    levels: str = 'equal'  # of a build; adaptive: thinner layers on slanting faces
+    adaptive_min: float = 0.6  # thinnest adaptive layer over layer_height
+    cusp: float = 0.8e-3  # largest step off a slanting face, adaptive layers
     foot_height: float = 0.010  # up to here above the substrate, metal is added below overhangs
     growth_step: float = (
         1e-6  # sections of a build that differ by less are planned once and repeated
@@ -105,6 +151,8 @@ class PlanSettings:
     efficiency: float = 0.92  # metal in the bead over wire melted
     voltage: float = 22.0  # V, of a program that is written to a file
     arc_power: float = 4.0e3  # W, for the estimate of heat
+    arc_efficiency: float = 0.8  # heat in the part over energy of the arc
+    gas_flow: float = 2.5e-4  # m3/s of shielding gas while the arc burns (15 l/min)
 
     def __post_init__(self) -> None:
         for f in fields(self):

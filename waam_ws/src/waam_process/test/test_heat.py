@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,3 +75,39 @@ def test_wait_is_zero_below_the_limit_and_unknown_when_it_does_not_cool():
     assert math.isnan(heat.cooling_wait(300, 0.5, 250, 20))
     assert math.isnan(heat.cooling_wait(300, math.nan, 250, 20))
     assert math.isnan(heat.cooling_wait(300, -1, 15, 20))
+
+
+STACK = heat.LayerStack(energy=60e3, heat_capacity=80.0, base=400.0, loss=0.8, t_env=20.0)
+
+
+def test_a_part_heats_up_layer_by_layer_until_new_metal_and_loss_take_what_the_arc_brings():
+    t = STACK.interpass(400, 90.0)
+    assert t[0] == 20.0
+    assert (np.diff(t[:6]) > 0).all()
+    assert t[-1] == pytest.approx(20 + 60e3 / (80 + 0.8 * 90.0), rel=0.03)
+
+
+@given(st.floats(30, 600), st.floats(5, 200))
+def test_longer_cycles_never_make_the_part_warmer(cycle, more):
+    assert (STACK.interpass(30, cycle + more) <= STACK.interpass(30, cycle) + 1e-9).all()
+
+
+@given(st.floats(40, 400), st.floats(5, 200))
+def test_pauses_keep_the_limit_and_are_not_longer_than_needed(limit, duration):
+    waits = STACK.pause(20, duration, limit)
+    assert (waits >= 0).all()
+    assert waits[0] == 0
+    t = 20.0
+    for n in range(1, 20):
+        capacity = 400.0 + n * 80.0
+        t = 20 + ((t - 20) * (capacity - 80.0) + 60e3) / capacity * np.exp(
+            -(duration + waits[n]) * 0.8 / capacity
+        )
+        assert t <= limit + 1e-6
+        assert waits[n] == 0 or t == pytest.approx(limit)
+
+
+@pytest.mark.parametrize('name', ['energy', 'heat_capacity', 'base', 'loss'])
+def test_a_stack_that_cannot_be_is_refused_by_name(name):
+    with pytest.raises(heat.HeatError, match=name):
+        replace(STACK, **{name: 0.0})

@@ -105,3 +105,23 @@ def test_every_unit_converts_in_proportion(dimension, value, data):
     unit = data.draw(st.sampled_from(sorted(materials.UNITS[dimension])))
     one = parse_quantity(f'1 {unit}', dimension)
     assert parse_quantity(f'{value!r} {unit}', dimension) == pytest.approx(value * one)
+
+
+def test_a_regime_replaces_some_fields_and_is_checked_like_a_material(tmp_path):
+    plain, thin = materials.get('er70s-6'), materials.get('ER70S-6:thin')
+    assert thin.layer_height == pytest.approx(1.5e-3)
+    assert (thin.wire_diameter, thin.bead_laws) == (plain.wire_diameter, plain.bead_laws)
+    text = materials.TABLE.read_text().replace('voltage: 20 V', 'voltage: 20 mm')
+    bad = tmp_path / 'own.yaml'
+    bad.write_text(text)
+    with pytest.raises(materials.MaterialError, match="er70s-6.*'voltage'.*must be one of 'V'"):
+        materials.load(bad)
+
+
+@pytest.mark.parametrize('regimes', ['fast', '{fast: 3}', '{fast: {colour: red}}'])
+def test_regimes_that_make_no_sense_are_refused(tmp_path, regimes):
+    own = tmp_path / 'own.yaml'
+    head, _, tail = materials.TABLE.read_text().partition('er4043:')
+    own.write_text('er4043:' + tail.partition('316l:')[0] + f'  regimes: {regimes}\n')
+    with pytest.raises(materials.MaterialError, match='regime|unknown field'):
+        materials.load(own)

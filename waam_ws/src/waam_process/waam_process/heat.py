@@ -106,3 +106,49 @@ def cooling_wait(temperature: float, rate: float, limit: float, t_env: float) ->
         return 0.0
     lump = LumpedCooling.from_rate(temperature, rate, t_env)
     return math.nan if lump is None else lump.time_to(temperature, limit)
+
+
+@dataclass(frozen=True)
+class LayerStack:
+    """A growing part as one lump: every layer adds its metal and its heat, between layers it cools.
+
+    energy: heat that a layer brings, J (arc efficiency included). heat_capacity: of one layer, J/K; base: of what lies
+    below the first layer and warms up with it, J/K. loss: to the surroundings, W/K. t_env degC.
+    """
+
+    energy: float
+    heat_capacity: float
+    base: float
+    loss: float
+    t_env: float
+
+    def __post_init__(self) -> None:
+        for name in ('energy', 'heat_capacity', 'base', 'loss'):
+            if not getattr(self, name) > 0:
+                raise HeatError(f'{name} is {getattr(self, name)}, must be above zero')
+
+    def interpass(self, layers: int, cycle: float) -> np.ndarray:
+        """(layers,) degC before each layer when a layer and its pause take `cycle` s together; the first is t_env."""
+        if layers < 1 or not cycle > 0:
+            raise HeatError(f'layers ({layers}) must be at least 1, cycle ({cycle} s) above zero')
+        out = np.full(layers, self.t_env)
+        for n in range(1, layers):
+            capacity = self.base + n * self.heat_capacity
+            excess = (out[n - 1] - self.t_env) * (capacity - self.heat_capacity) / capacity
+            excess += self.energy / capacity
+            out[n] = self.t_env + excess * math.exp(-cycle * self.loss / capacity)
+        return out
+
+    def pause(self, layers: int, duration: float, limit: float) -> np.ndarray:
+        """(layers,) s to wait before each layer so that it starts at or below `limit`; `duration`: s of laying one."""
+        if limit <= self.t_env:
+            raise HeatError(f'limit ({limit} degC) must be above t_env ({self.t_env} degC)')
+        waits, before = np.zeros(layers), self.t_env
+        for n in range(1, layers):
+            capacity = self.base + n * self.heat_capacity
+            excess = (before - self.t_env) * (capacity - self.heat_capacity) / capacity
+            excess = (excess + self.energy / capacity) * math.exp(-duration * self.loss / capacity)
+            lump = LumpedCooling(capacity / self.loss, self.t_env)
+            waits[n] = lump.time_to(self.t_env + excess, limit)
+            before = float(lump.temperature(self.t_env + excess, waits[n]))
+        return waits

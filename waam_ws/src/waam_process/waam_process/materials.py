@@ -168,11 +168,27 @@ def _parse_file(path: Path) -> dict[str, Material]:
     table = {}
     for name, entry in data.items():
         try:
-            material = _parse_material(str(name).strip().lower(), entry)
+            for key, values in _regimes(str(name).strip().lower(), entry).items():
+                table[key] = _parse_material(key, values)
         except (MaterialError, bead.BeadError) as e:
             raise MaterialError(f"{path}: material '{name}': {e}") from None
-        table[material.name] = material
     return table
+
+
+def _regimes(name: str, entry: Any) -> dict[str, Any]:
+    """The entry itself and one 'name:regime' for each of its `regimes`, which replace some of its fields."""
+    if not isinstance(entry, Mapping):
+        return {name: entry}
+    plain = {k: v for k, v in entry.items() if k != 'regimes'}
+    out: dict[str, Any] = {name: plain}
+    regimes = entry.get('regimes') or {}
+    if not isinstance(regimes, Mapping):
+        raise MaterialError("field 'regimes' must map names to fields")
+    for regime, changes in regimes.items():
+        if not isinstance(changes, Mapping):
+            raise MaterialError(f"regime '{regime}' must map fields to values")
+        out[f'{name}:{str(regime).strip().lower()}'] = {**plain, **changes}
+    return out
 
 
 def _parse_material(name: str, entry: Any) -> Material:

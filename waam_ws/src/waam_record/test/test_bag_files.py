@@ -31,7 +31,7 @@ def installed_hash(name):
     """The type hash that rosidl installed; rosbags compares it with the definition text."""
     package, kind, base = name.split('/')
     for prefix in ament_prefixes():
-        file = prefix / 'share' / package / kind / f'{base}.json'
+        file = prefix / 'share' / package / kind / f'{base.removesuffix("_Event")}.json'
         if file.is_file():
             hashes = json.loads(file.read_text())['type_hashes']
             return next(h['hash_string'] for h in hashes if h['type_name'] == name)
@@ -156,6 +156,31 @@ def test_records_inside_the_file(tmp_path, store):
         assert [s['message_count'] for s in stated] == [0, 205]
         _, _, message = next(reader.iter_messages(topics=['/telemetry']))
         assert (message.sequence, message.publish_time) == (1, 10**18 - 5000)
+
+
+def test_service_events_keep_their_hash_where_rosbags_does_not_look(tmp_path, store):
+    """With it in metadata.yaml rosbags refuses to open the whole recording."""
+    from mcap.reader import make_reader
+
+    kind = 'waam_msgs/srv/BeginScan_Event'
+    event_hash = installed_hash(kind)
+    writer = BagWriter(tmp_path / 'record')
+    topic = writer.add_topic(
+        Topic('/begin/_service_event', kind, definition(kind), event_hash, (QOS,))
+    )
+    writer.write(topic, 10**18, 10**18, 1, bytes(8))
+    writer.close()
+    with open(tmp_path / 'record/record_0.mcap', 'rb') as f:
+        reader = make_reader(f)
+        channel = next(iter(reader.get_summary().channels.values()))
+        assert channel.metadata['topic_type_hash'] == event_hash
+        stated = [yaml.safe_load(m.metadata['serialized_metadata']) for m in reader.iter_metadata()]
+        described = stated[-1]['topics_with_message_count'][0]['topic_metadata']
+        assert described['type_description_hash'] == event_hash
+    with AnyReader([tmp_path / 'record']) as reader:
+        assert [(c.topic, raw) for c, _, raw in reader.messages()] == [
+            ('/begin/_service_event', bytes(8))
+        ]
 
 
 def test_latched_messages_are_repeated_after_a_split(tmp_path, store):

@@ -140,6 +140,14 @@ def test_commands(tmp_path, capsys):
     assert 'exists already' in capsys.readouterr().err
 
 
+def test_a_job_folder_stands_for_its_record(tmp_path, capsys):
+    write(tmp_path / 'job/record', ['/x'])
+    assert run('check', tmp_path / 'job') == 0
+    assert '50 messages verified' in capsys.readouterr().out
+    assert run('recover', tmp_path / 'job') == 0
+    assert check(tmp_path / 'job/record_recovered').messages == 50
+
+
 def test_csv_log(tmp_path):
     log = tmp_path / 'weld.csv'
     log.write_text('timestamp,voltage,wfs,note\r\n10.5,20.25,6,x\r\n\r\n11.5,21,12,y\r\n')

@@ -125,9 +125,9 @@ def test_a_job_is_recorded_whole(graph, tmp_path):
     ticks = g.node.create_publisher(LeaseTick, 'lease_tick', BEAT)  # appears after START
     beats = []
     g.node.create_subscription(Heartbeat, 'heartbeat', beats.append, BEAT)
-    g.spin_until(lambda: ticks.get_subscription_count() >= 2, 5)
+    g.spin_until(lambda: ticks.get_subscription_count() >= 2, 30)
     ticks.publish(LeaseTick(controller_us=42))
-    g.spin_until(lambda: beats, 5)
+    g.spin_until(lambda: beats, 30)
     answer = g.call(Record.Request.STOP)
     assert answer.success and 'verified' in answer.message and '0 lost' in answer.message
     assert answer.lost == 0
@@ -197,7 +197,7 @@ def test_simulated_time_is_the_log_time(graph, tmp_path):
     telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
     assert g.call(Record.Request.START, directory=str(tmp_path / 'record')).success
     telemetry.publish(Telemetry())  # before the first clock
-    g.spin_until(lambda: clock.get_subscription_count() >= 2, 5)
+    g.spin_until(lambda: clock.get_subscription_count() >= 2, 30)
     for t in (100, 101):
         msg = Clock()
         msg.clock.sec = t

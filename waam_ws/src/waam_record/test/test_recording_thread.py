@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from waam_record.bag_copy import recover
@@ -96,11 +97,12 @@ while True:
 def test_kill_9_loses_at_most_about_a_second(tmp_path):
     command = [sys.executable, '-c', KILLED, str(tmp_path / 'record')]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    times: list[int] = []
     try:
-        start = time.monotonic()
         for line in process.stdout:
             last_ns, sent = map(int, line.split())
-            if time.monotonic() - start > 2.6:
+            times.append(last_ns)
+            if last_ns - times[0] > 2.6e9:
                 break
     finally:
         os.kill(process.pid, signal.SIGKILL)
@@ -108,7 +110,8 @@ def test_kill_9_loses_at_most_about_a_second(tmp_path):
     saved = recover(tmp_path / 'record', tmp_path / 'saved')
     found = info(tmp_path / 'saved')
     assert 0 < saved.messages <= sent + 20
-    assert (last_ns - found.last_ns) * 1e-9 < 1.3
+    stalled = max(np.diff(times)) * 1e-9  # a loaded machine lets nobody run for so long
+    assert (last_ns - found.last_ns) * 1e-9 < 1.3 + 3 * stalled
 
 
 @pytest.mark.parametrize('keys', [{}, {'lost': '3', 'lost./blob': '3'}])

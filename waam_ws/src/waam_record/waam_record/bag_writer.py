@@ -198,11 +198,15 @@ class BagWriter:
         file.writer.add_metadata('rosbag2', {'serialized_metadata': text})
 
     def write_metadata(self) -> None:
-        """Replaces `metadata.yaml` by one that is true now."""
-        text = _dump(self._information([*self._done, self._file]))
+        """Replaces `metadata.yaml` by one that is true now.
+
+        The hashes of services' types are in the MCAP files only: rosbags 0.11 refuses a whole recording when
+        metadata.yaml has one, because it looks the type up by a name that its parser never gives.
+        """
+        text = _dump(self._information([*self._done, self._file], service_hashes=False))
         write_atomically(self.directory / 'metadata.yaml', text)
 
-    def _information(self, files: list[_File]) -> dict:
+    def _information(self, files: list[_File], service_hashes: bool = True) -> dict:
         used = [f for f in files if f.messages]
         first = min((f.first_ns for f in used), default=0)
         last = max((f.last_ns for f in used), default=first)
@@ -213,7 +217,7 @@ class BagWriter:
             'starting_time': {'nanoseconds_since_epoch': first},
             'message_count': sum(f.messages for f in files),
             'topics_with_message_count': [
-                {'topic_metadata': _topic_metadata(t), 'message_count': n}
+                {'topic_metadata': _topic_metadata(t, service_hashes), 'message_count': n}
                 for t, n in zip(self.topics, self.counts, strict=True)
             ],
             'compression_format': '',
@@ -235,13 +239,14 @@ def _file_information(file: _File) -> dict:
     }
 
 
-def _topic_metadata(topic: Topic) -> dict:
+def _topic_metadata(topic: Topic, service_hashes: bool) -> dict:
+    shown = service_hashes or '/srv/' not in topic.type
     return {
         'name': topic.name,
         'type': topic.type,
         'serialization_format': 'cdr',
         'offered_qos_profiles': [dict(q) for q in topic.qos],
-        'type_description_hash': topic.type_hash,
+        'type_description_hash': topic.type_hash if shown else '',
     }
 
 

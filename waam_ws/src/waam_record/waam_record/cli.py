@@ -9,9 +9,9 @@ from . import file_commands
 from .file_commands import error as _error
 
 _EXAMPLES = """examples:
-  waam record info jobs/latest/record         what is in it: topics, messages, losses, duration
-  waam record check jobs/latest/record        reads every chunk again and compares with the index
-  waam record recover jobs/latest/record      saves what is whole in a recording that was cut off
+  waam record info jobs/latest                what is in it: topics, messages, losses, duration
+  waam record check jobs/latest               reads every chunk again and compares with the index
+  waam record recover jobs/latest             saves what is whole in a recording that was cut off
   waam record convert jobs/latest/record -o small --regex 'height_map|correction' --start 60
   waam record merge monday tuesday -o both --compression none
   waam record import run.bag pyrometer.dat -o run

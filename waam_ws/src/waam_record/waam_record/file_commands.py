@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .bag_reader import Info
 
-PATH = 'recording folder or .mcap file'
+PATH = 'recording folder, job folder or .mcap file'
+
+
+def recording(text: str) -> Path:
+    """The path that was given; of a job's folder the recording inside it."""
+    path = Path(text)
+    inside = path / 'record'
+    return inside if not any(path.glob('*.mcap')) and any(inside.glob('*.mcap')) else path
 
 
 def register(verbs: argparse._SubParsersAction) -> None:
@@ -21,15 +28,18 @@ def register(verbs: argparse._SubParsersAction) -> None:
         ('check', _check, 'verify every chunk; exit status 1 when something is wrong'),
     ):
         verb = verbs.add_parser(name, help=text, description=text)
-        verb.add_argument('path', type=Path, metavar='PATH', help=PATH)
+        verb.add_argument('path', type=recording, metavar='PATH', help=PATH)
         if name == 'info':
             verb.add_argument(
-                '-v', '--verbose', action='store_true', help='also the parameters of all nodes'
+                '-v',
+                '--verbose',
+                action='store_true',
+                help='also job.yaml and the parameters of all nodes',
             )
         verb.set_defaults(run_command=run)
     text = 'write everything that is whole in a damaged recording as a new one (the old one is not touched)'
     verb = verbs.add_parser('recover', help=text, description=text)
-    verb.add_argument('path', type=Path, metavar='PATH', help=PATH)
+    verb.add_argument('path', type=recording, metavar='PATH', help=PATH)
     verb.add_argument(
         '-o', '--output', type=Path, help='new folder (default: PATH with _recovered added)'
     )
@@ -41,7 +51,7 @@ def _register_copies(verbs: argparse._SubParsersAction) -> None:
     text = 'a part of a recording, or the same in another form (topics, time, compression); also from .db3'
     verb = verbs.add_parser('convert', help=text, description=text)
     verb.add_argument(
-        'path', type=Path, metavar='PATH', help=f'{PATH}, or a folder with .db3 files'
+        'path', type=recording, metavar='PATH', help=f'{PATH}, or a folder with .db3 files'
     )
     _add_copy_options(verb)
     verb.add_argument('--topics', nargs='+', default=[], metavar='NAME', help='only these')
@@ -60,7 +70,7 @@ def _register_copies(verbs: argparse._SubParsersAction) -> None:
         'several recordings as one, in the order of time; topics that do not fit together are named'
     )
     verb = verbs.add_parser('merge', help=text, description=text)
-    verb.add_argument('paths', type=Path, nargs='+', metavar='PATH', help=PATH)
+    verb.add_argument('paths', type=recording, nargs='+', metavar='PATH', help=PATH)
     _add_copy_options(verb)
     verb.set_defaults(run_command=_merge)
     text = 'ROS 1 bags (.bag), CSV logs and pyrometer files (.dat) as one recording with standard types'
@@ -95,7 +105,7 @@ def _info(args: argparse.Namespace) -> int:
         f'{found.duration_s:.1f} s'
     )
     for key, value in sorted(found.custom_data.items()):
-        if args.verbose or not key.startswith('parameters.'):
+        if args.verbose or not (key.startswith('parameters.') or '\n' in value):
             print(f'  {key} = {value}')
     for text in found.broken:
         print(f'broken: {text}')

@@ -16,7 +16,7 @@ from .bag_writer import BagError, BagWriter
 from .choice import Choice
 from .node_parameters import ParameterReader
 from .node_taps import Tap, Taps
-from .provenance import versions
+from .provenance import job_files, versions
 from .recording import Limits, Recording
 
 STATUS_TYPE = 'waam_msgs/msg/JobStatus'
@@ -92,7 +92,7 @@ class Session:
             params.min_free_mb << 20,
         )
         require_space(directory, limits.free_bytes)
-        writer = BagWriter(directory, {**versions(), **custom_data})
+        writer = BagWriter(directory, {**versions(), **job_files(directory), **custom_data})
         self.recording = Recording(writer, limits)
         self.taps = Taps(context, params.depth, params.choice)
         self.parameters = ParameterReader(context)
@@ -161,7 +161,8 @@ class Session:
     def stop(self) -> None:
         """Asks for the end; `recording.finished` says when the files are closed and verified."""
         skipped = {f'skipped.{name}': why for name, why in self.taps.skipped.items()}
-        self.recording.stop({**self._loss_notes(), **skipped, 'lost': str(self.lost)})
+        files = job_files(self.recording.writer.directory)
+        self.recording.stop({**files, **self._loss_notes(), **skipped, 'lost': str(self.lost)})
 
     def summary(self) -> tuple[str, bool]:
         """After `stop`: a sentence, and whether everything is on the disk as it should be."""

@@ -90,8 +90,6 @@ class Taps:
 
     def _tap(self, name: str, kind: str, offers: list) -> Tap:
         hashes = {str(o.topic_type_hash) for o in offers}
-        if '/srv/' in kind:  # rosbags cannot verify these and would refuse the whole recording
-            hashes = set()
         qos = adapt([o.qos_profile for o in offers], self._depth)
         topic = Topic(
             name,

@@ -19,7 +19,8 @@ def play(job, capsys) -> tuple[int, str]:
     cli.register(parser.add_subparsers())
     args = parser.parse_args(['replay', 'play', str(job), '--lockstep', '--domain', str(DOMAIN)])
     code = args.run_command(args)
-    return code, capsys.readouterr().out
+    said = capsys.readouterr()
+    return code, said.out + said.err
 
 
 def test_the_nodes_reproduce_every_map_and_psi(job, capsys):
@@ -64,3 +65,13 @@ def test_a_difference_is_told(make_job, tmp_path, capsys):
     assert 'maps: 0 of 3 identical' in out, out
     assert 'map after layer 0 differs in z' in out
     assert 'psi: 2 of 2 identical' in out, 'psi is asked with the recorded surface'
+
+
+def test_a_node_that_does_not_start_is_named(make_job, tmp_path, capsys):
+    folder = tmp_path / 'record'
+    make_job(folder)
+    file = folder / 'metadata.yaml'
+    file.write_text(file.read_text().replace('{"noise": 5e-05}', '{"noise": -1.0}'))
+    code, said = play(tmp_path, capsys)
+    assert code == 1
+    assert 'scan_fusion ended' in said and 'noise' in said

@@ -10,15 +10,18 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import IO
 
 import yaml
 
 from waam_record.bag_reader import info
 
-from .record import record_folder
+from .record import ReplayError, record_folder
+from .transport import quick_environment
 
 ASKED = {
     'scan_fusion': 'waam_scan.scan_fusion_node',
@@ -27,15 +30,23 @@ ASKED = {
 }
 DOMAINS = 99  # 1 .. 99: their ports lie below those that the system hands out
 END_S = 10.0
+LOOK_S = 0.1
 
 
-def start(module: str, domain: int | None, arguments: list[str], quiet: bool) -> subprocess.Popen:
-    """The `main` of a node module as a process."""
+def start(
+    module: str,
+    domain: int | None,
+    arguments: list[str],
+    changes: dict[str, str] | None = None,
+    log: IO[bytes] | None = None,
+) -> subprocess.Popen:
+    """The `main` of a node module as a process, with `changes` of its environment; log: instead of our output."""
     command = [sys.executable, '-c', f'from {module} import main; main()', '--ros-args', *arguments]
-    env = dict(os.environ) if domain is None else {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    env = {**os.environ, **(changes or {})}
+    if domain is not None:
+        env['ROS_DOMAIN_ID'] = str(domain)
     env.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    output = subprocess.DEVNULL if quiet else None
-    return subprocess.Popen(command, env=env, stdout=output, stderr=output)
+    return subprocess.Popen(command, env=env, stdout=log, stderr=log)
 
 
 def end(processes: list[subprocess.Popen]) -> None:
@@ -51,21 +62,33 @@ def end(processes: list[subprocess.Popen]) -> None:
 
 
 @contextmanager
-def nodes(folder: Path, domain: int) -> Iterator[None]:
-    """The nodes that a job asks, with the parameters in the record."""
+def nodes(folder: Path, domain: int) -> Iterator[Callable[[], str]]:
+    """The nodes that a job asks, with the parameters in the record. Gives a function that says which one ended, and
+    its last words; empty while all run."""
     custom = info(folder).custom_data
-    with tempfile.TemporaryDirectory(prefix='waam_replay_') as scratch:
-        running = []
+    with tempfile.TemporaryDirectory(prefix='waam_replay_') as name:
+        scratch, running = Path(name), {}
+
+        def trouble() -> str:
+            ended = (n for n, p in running.items() if p.poll() is not None)
+            return next((f'{n} ended: {_last_words(scratch / f"{n}.log")}' for n in ended), '')
+
         try:
-            for name, module in ASKED.items():
-                values = json.loads(custom.get(f'parameters.{name}', '{}'))
+            for node, module in ASKED.items():
+                values = json.loads(custom.get(f'parameters.{node}', '{}'))
                 values['use_sim_time'] = True
-                file = Path(scratch) / f'{name}.yaml'
-                file.write_text(yaml.safe_dump({name: {'ros__parameters': values}}))
-                running.append(start(module, domain, ['--params-file', str(file)], quiet=True))
-            yield
+                file = scratch / f'{node}.yaml'
+                file.write_text(yaml.safe_dump({node: {'ros__parameters': values}}))
+                with open(scratch / f'{node}.log', 'wb') as log:
+                    running[node] = start(module, domain, ['--params-file', str(file)], log=log)
+            yield trouble
         finally:
-            end(running)
+            end(list(running.values()))
+
+
+def _last_words(log: Path) -> str:
+    lines = log.read_text(errors='replace').strip().splitlines()
+    return lines[-1] if lines else 'without a word'
 
 
 def parameters(values: dict[str, object]) -> list[str]:
@@ -89,22 +112,33 @@ def play(args: argparse.Namespace) -> int:
             'remap': ' '.join(args.remap), 'start': float(args.start), 'until': float(args.until),
             'paused': args.paused, 'force': args.force,
         }  # fmt: skip
-        return _wait(start('waam_replay.player_node', None, parameters(values), quiet=False))
+        return _wait(start('waam_replay.player_node', None, parameters(values)), _no_trouble)
     with tempfile.TemporaryDirectory(prefix='waam_replay_') as scratch:
         report = Path(scratch) / 'report.json'
         values['report'] = str(report)
-        if args.attach:
-            _wait(start('waam_replay.player_node', args.domain, parameters(values), quiet=False))
-        else:
-            domain = args.domain if args.domain is not None else 1 + os.getpid() % DOMAINS
-            with nodes(folder, domain):
-                _wait(start('waam_replay.player_node', domain, parameters(values), quiet=False))
+        quick = quick_environment(dict(os.environ), Path(scratch))
+        domain = args.domain
+        if domain is None and not args.attach:
+            domain = 1 + os.getpid() % DOMAINS
+        asked = nullcontext(_no_trouble) if args.attach else nodes(folder, domain)
+        with asked as trouble:
+            _wait(start('waam_replay.player_node', domain, parameters(values), quick), trouble)
         return _judge(report)
 
 
-def _wait(process: subprocess.Popen) -> int:
+def _no_trouble() -> str:
+    return ''
+
+
+def _wait(process: subprocess.Popen, trouble: Callable[[], str]) -> int:
+    """Exit status of the player; it is ended when there is `trouble`, or by Ctrl-C."""
     try:
-        return process.wait()
+        while process.poll() is None:
+            if text := trouble():
+                end([process])
+                raise ReplayError(text)
+            time.sleep(LOOK_S)
+        return process.returncode
     except KeyboardInterrupt:
         end([process])
         return 130

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from waam_process.grid import GridSpec
 from waam_scan import fusion as fusion_module
+from waam_scan import heights as heights_module
 from waam_scan.fusion import Fusion, FusionLimits
 from waam_scan.transform import Mounting
 
@@ -36,8 +37,17 @@ def same(a, b):
         assert getattr(a, name) == getattr(b, name), name
 
 
-def whole(scan, **options):
-    f = Fusion(SPEC, FLAT, **options)
+class Turned(Mounting):
+    """The same scanner, whose map lies the other way round in memory."""
+
+    along_rows = not FLAT.along_rows
+
+
+TURNED = Turned(FLAT.offset)
+
+
+def whole(scan, mounting=FLAT, **options):
+    f = Fusion(SPEC, mounting, **options)
     f.add(*scan)
     return f
 
@@ -49,7 +59,7 @@ def test_order_batches_threads_merges_and_looks_in_between_change_no_bit(
 ):
     tcp, x, z = scan = profiles(seed, quantum=quantum)
     order = np.random.default_rng(seed + 1).permutation(len(tcp))
-    pieces = [Fusion(SPEC, FLAT, threads=1 + k % 2) for k in range(parts)]
+    pieces = [Fusion(SPEC, (FLAT, TURNED)[k % 2], threads=1 + k % 2) for k in range(parts)]
     for i in range(0, len(order), chunk):
         part = order[i : i + chunk]
         f = pieces[i // chunk % parts]
@@ -71,6 +81,16 @@ def test_two_threads_share_a_large_batch(monkeypatch):
     single = whole(scan)
     single.add(*profiles(4))
     same(single.result(), double.result())
+
+
+def test_how_the_cells_lie_in_memory_changes_no_bit_even_when_only_some_cells_tell_the_noise(
+    monkeypatch,
+):
+    monkeypatch.setattr(heights_module, 'WITNESSES', 50)
+    scan = profiles(8)
+    one, other = whole(scan), whole(scan, TURNED)
+    assert one._parts[0].turned != other._parts[0].turned
+    same(one.result(), other.result())
 
 
 def test_the_sample_holds_distinct_points_of_all_that_came():

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from .fusion import Fusion
-from .kernels import rows_seen
+from .kernels import read_only, rows_seen
 from .poses import PoseStatus, PoseTrack
 from .profiles import ProfileBlock, ProfileCounts, StampWatch
 
@@ -51,7 +51,7 @@ class Assembler:
         block = block.shifted(round(self.fusion.mounting.delay * 1e9))
         new = self.watch.check(block.stamps, self.counts)
         fresh = block.stamps >= self.not_before_ns
-        seen = rows_seen(block.x, block.z)
+        seen = rows_seen(read_only(block.x), read_only(block.z))
         self.counts.stale += int((new & ~fresh).sum())
         empty = int((new & fresh & ~seen).sum())
         self.counts.empty += empty

@@ -9,7 +9,9 @@ import numpy as np
 from .artefact import Artefact, load_artefact
 from .calibration import PARAMETERS, Calibration, CalibrationError, calibrate
 from .calibration_file import rpy_of, save_calibration
-from .calibration_scan import load_pass
+from .calibration_scan import Pass, load_pass
+from .scan_records import passes as recorded
+from .scan_records import record_files
 from .transform import Mounting
 
 SHOWN = {'x': ('mm', 1e3), 'y': ('mm', 1e3), 'z': ('mm', 1e3), 'delay': ('ms', 1e3)}
@@ -19,10 +21,15 @@ SUSPECT = (
 SHARED = 5e-6  # m
 
 
+def _read(path: Path) -> list[Pass]:
+    """The pass of a file, or all scans of a recording."""
+    return list(recorded(path)) if record_files(path) else [load_pass(path)]
+
+
 def calibrate_files(args) -> int:
     """Reads artefact and passes, writes calibration and picture. CalibrationError when the pose is not observed."""
     artefact = load_artefact(args.artefact)
-    passes = [load_pass(p) for p in args.scans]
+    passes = [scan for path in args.scans for scan in _read(path)]
     start = Mounting.from_rpy(
         tuple(v * 1e-3 for v in args.start_xyz),
         tuple(np.radians(args.start_rpy)),

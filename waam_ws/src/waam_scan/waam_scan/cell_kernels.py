@@ -97,7 +97,7 @@ def minmod(back, ahead):
 
 @njit(cache=True, nogil=True)
 def slopes(start, stop, height, cols, gx, gy):
-    """Height change per cell along columns and rows of height (rows, stride), rows start .. stop; 0 where not known."""
+    """Height change per cell along and across the lines start .. stop of height (lines, stride); 0 if unknown."""
     rows = height.shape[0]
     for r in range(start, stop):
         for c in range(cols):

@@ -9,7 +9,11 @@ from pathlib import Path
 from . import cli_register
 
 FUSE_EPILOG = """\
-PATH is a folder with the recording of a wall, a pass of a scanner with poses, or a cloud.
+PATH is a recorded job, a folder with the recording of a wall, a pass of a scanner with poses, or a cloud.
+
+A recorded job is its folder, the folder of its record, or an .mcap file: profile batches and telemetry. Every scan
+(profiles without a pause of more than a second) gives a map of its own, scan_000 ..., with the mounting that the job
+used unless --calibration or --mount says otherwise.
 
 A pass (.npz) holds profiles and poses: stamps (n,) int64 ns, x and z (n, m) in m, NaN = no return; pose_stamps (k,)
 int64 ns, poses (k, 3) in m of the wire tip, work frame. Where the scanner sits is told by --calibration (a file of
@@ -30,6 +34,7 @@ and with --ply the surface for other tools. Heights are above the substrate.
 examples:
   waam scan fuse ../shared/data/wall_profiles
   waam scan fuse recordings/monday recordings/tuesday --out maps --cell 0.5 --ply
+  waam scan fuse jobs/latest --cell 0.5
   waam scan fuse pass_1.npz pass_2.npz --calibration calibration.yaml --cell 0.25
   waam scan fuse wall.pcd --cell 0.5 --fill 2
 A cell smaller than the way between two profiles leaves gaps: nothing is filled in unless --fill says up to which
@@ -64,20 +69,20 @@ def register(commands) -> None:
     scan = commands.add_parser('scan', help='height maps from laser profiles, and pictures of them')
     verbs = scan.add_subparsers(dest='verb', metavar='VERB', required=True)
     fuse = _leaf(
-        verbs, 'fuse', 'recorded profiles with poses, or clouds -> height maps', FUSE_EPILOG
+        verbs, 'fuse', 'recorded jobs, profiles with poses, or clouds -> height maps', FUSE_EPILOG
     )
     fuse.add_argument(
         'paths',
         nargs='+',
         type=Path,
         metavar='PATH',
-        help='folder with a recording, passes, clouds',
+        help='recorded job, folder of a wall, passes, clouds',
     )
     fuse.add_argument(
         '--out',
         type=Path,
         metavar='DIR',
-        help='where to write (default: maps/<name of the folder>, maps for files)',
+        help='where to write (default: maps/<name of the recording>, maps for files)',
     )
     fuse.add_argument(
         '--cell',
@@ -116,7 +121,7 @@ def _add_fuse_options(fuse: argparse.ArgumentParser) -> None:
     fuse.add_argument('--calibration', type=Path, metavar='FILE', help='where the scanner sits')
     fuse.add_argument(
         '--mount', nargs=6, type=float, metavar=('X', 'Y', 'Z', 'ROLL', 'PITCH', 'YAW'),
-        help='the same in mm and degrees (default 60 0 120 0 0 90)',
+        help='the same in mm and degrees (default 60 0 120 0 0 90, for a recorded job: what it used)',
     )  # fmt: skip
     fuse.add_argument(
         '--scale',
@@ -161,20 +166,24 @@ def _guarded(action, *args) -> int:
 
 
 def run_fuse(args: argparse.Namespace) -> int:
+    from .scan_files import fuse_files, fuse_record
+    from .scan_records import record_files
     from .wall_report import fuse_folder
 
     def action() -> None:
-        files = [p for p in args.paths if not p.is_dir()]
-        folders = [p for p in args.paths if p.is_dir()]
-        for path in folders:
-            out = args.out or Path('maps') / path.resolve().name
+        options, cell = _fuse_options(args), args.cell * 1e-3
+        recorded = [p for p in args.paths if record_files(p)]
+        files = [p for p in args.paths if not p.is_dir() and p not in recorded]
+        for path in args.paths:
+            out = args.out or Path('maps') / path.resolve().stem
             if args.out and len(args.paths) > 1:
-                out = args.out / path.resolve().name
-            fuse_folder(path, out, args.cell * 1e-3, args.ply)
+                out = args.out / path.resolve().stem
+            if path in recorded:
+                fuse_record(path, out, cell, options)
+            elif path.is_dir():
+                fuse_folder(path, out, cell, args.ply)
         if files:
-            from .scan_files import fuse_files
-
-            fuse_files(files, args.out or Path('maps'), args.cell * 1e-3, _fuse_options(args))
+            fuse_files(files, args.out or Path('maps'), cell, options)
 
     return _guarded(action)
 
@@ -185,7 +194,7 @@ def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
 
     from .transform import Mounting
 
-    mounting = Mounting()
+    mounting = None
     if args.calibration and args.mount:
         raise ValueError('--calibration and --mount contradict each other')
     if args.calibration:

@@ -18,12 +18,14 @@ or
   kind: spheres                   balls on the table, three at different heights or one scanned from many places
   spheres: [{center_mm: [0, 0, 15], radius_mm: 10}, ...]   relative to position_mm
 
-SCAN.npz holds one pass: stamps (n,) int64 ns, x and z (n, m) in m, NaN = no return, of the profiles;
+SCAN is the folder or .mcap file of a recording (every scan in it is a pass), or a file .npz with one pass:
+stamps (n,) int64 ns, x and z (n, m) in m, NaN = no return, of the profiles;
 pose_stamps (k,) int64 ns, poses (k, 3) in m of the wire tip, work frame. Scan with passes both ways and across, at two
 heights: passes in one direction only cannot tell the time offset from the position, and the program says so.
 
 examples:
   waam scan calibrate block.yaml pass_*.npz --out calibration.yaml
+  waam scan calibrate block.yaml jobs/latest
   waam scan calibrate spheres.yaml pass_*.npz --start-xyz 60 0 120 --start-rpy 0 0 90
 Refuses when the motion does not observe the pose, and names the direction.
 --accept-unobserved keeps the start value there.
@@ -79,7 +81,9 @@ def _add_calibrate(subparsers) -> None:
         CALIBRATE_EPILOG,
     )
     p.add_argument('artefact', type=Path, metavar='ARTEFACT', help='YAML file of the artefact')
-    p.add_argument('scans', type=Path, nargs='+', metavar='SCAN', help='NPZ file of one pass')
+    p.add_argument(
+        'scans', type=Path, nargs='+', metavar='SCAN', help='recording or NPZ file of one pass'
+    )
     p.add_argument(
         '--out', type=Path, default=Path('calibration.yaml'), help='default calibration.yaml'
     )

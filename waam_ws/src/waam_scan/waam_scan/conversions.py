@@ -5,18 +5,17 @@ from __future__ import annotations
 from array import array
 
 import numpy as np
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from waam_msgs.msg import GridInfo, HeightMap, ProfileBatch, Telemetry
+from waam_msgs.msg import GridInfo, HeightMap, ProfileBatch
 from waam_msgs.srv import BeginScan, FinishScan
 from waam_node.conversions import floats, grid_from_msg, grid_to_msg, nanoseconds
 from waam_process.grid import GridError, GridSpec
 
 from .fusion import FusedMap
 from .point_fields import CloudLayout, profiles_of
-from .profiles import ProfileBlock
+from .profiles import ProfileBlock, block_of
 from .session import Session
 
 Response = BeginScan.Response | FinishScan.Response
@@ -24,26 +23,11 @@ Response = BeginScan.Response | FinishScan.Response
 
 def block_from_msg(msg: ProfileBatch) -> ProfileBlock:
     """ValueError names the array whose length does not fit the counts."""
-    n, m = msg.profile_count, msg.points_per_profile
-    lengths = {'stamp_offsets_ns': n, 'x': n * m, 'z': n * m}
-    for name, want in lengths.items():
-        if len(getattr(msg, name)) != want:
-            raise ValueError(
-                f'batch {msg.sequence}: {name} has {len(getattr(msg, name))} values, '
-                f'{n} profiles of {m} points need {want}'
-            )
-    if n == 0 or m == 0:
-        raise ValueError(f'batch {msg.sequence}: {n} profiles of {m} points is an empty batch')
-    if len(msg.intensity) not in (0, n * m):
-        raise ValueError(
-            f'batch {msg.sequence}: intensity has {len(msg.intensity)} values, not 0 or {n * m}'
-        )
-    stamps = nanoseconds(msg.header.stamp) + np.frombuffer(msg.stamp_offsets_ns, np.int64)
-    x, z, light = (
-        np.frombuffer(v, np.float32).reshape(n, m) if len(v) else None
-        for v in (msg.x, msg.z, msg.intensity)
-    )
-    return ProfileBlock(stamps, x, z, light)
+    return block_of(
+        msg.sequence, msg.profile_count, msg.points_per_profile, nanoseconds(msg.header.stamp),
+        np.frombuffer(msg.stamp_offsets_ns, np.int64),
+        *(np.frombuffer(v, np.float32) for v in (msg.x, msg.z, msg.intensity)),
+    )  # fmt: skip
 
 
 def block_from_cloud(msg: PointCloud2, down: bool, nearest: float, period_ns: int) -> ProfileBlock:
@@ -59,13 +43,6 @@ def block_from_cloud(msg: PointCloud2, down: bool, nearest: float, period_ns: in
     x, z, light = profiles_of(layout, msg.data, down, nearest)
     stamps = nanoseconds(msg.header.stamp) + period_ns * np.arange(len(x), dtype=np.int64)
     return ProfileBlock(stamps, x, z, light)
-
-
-def pose_from_raw(data: bytes) -> tuple[int, float, float, float]:
-    """Stamp (ns) and wire tip (m, work) of a serialised Telemetry."""
-    msg = deserialize_message(data, Telemetry)
-    p = msg.position
-    return nanoseconds(msg.header.stamp), p.x, p.y, p.z
 
 
 def checked_grid(msg: GridInfo, max_cells: int) -> GridSpec:

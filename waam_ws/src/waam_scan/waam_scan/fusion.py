@@ -15,7 +15,7 @@ from waam_process.grid import GridSpec, HeightGrid
 
 from .accumulator import Accumulator, Workers
 from .heights import CellHeights
-from .kernels import UNITS, rows_seen
+from .kernels import UNITS, read_only, rows_seen
 from .transform import Mounting
 
 PARALLEL_FROM = 200_000  # points of a batch that are worth a second thread
@@ -96,8 +96,9 @@ class Fusion:
     def _accumulator(self) -> Accumulator:
         limits = self.limits
         return Accumulator(
-            self.spec, limits.slots, limits.height_min, limits.height_max, self._unit
-        )
+            self.spec, limits.slots, limits.height_min, limits.height_max, self._unit,
+            turned=self.mounting.along_rows,
+        )  # fmt: skip
 
     @property
     def memory(self) -> int:
@@ -149,7 +150,8 @@ class Fusion:
         if (self.spec, self.limits) != (other.spec, other.limits):
             raise ValueError('only maps of the same grid and limits can be merged')
         for part in other._parts:
-            self._take_over(part)
+            self._take_over(part.laid_out(self._parts[0].turned))
+        other._parts = [other._accumulator()]
         other._heights = CellHeights(other._parts[0])
         for name in ('points', 'dropouts', 'outside', 'profiles'):
             setattr(self, name, getattr(self, name) + getattr(other, name))
@@ -169,9 +171,11 @@ class Fusion:
     def result(self) -> FusedMap:
         """The map of everything added so far; more may be added afterwards."""
         self.refresh()
+        cells = self._parts[0]
+        crop = cells.on_grid
         h = self._heights.finish(self._workers, self.limits)
-        z, sigma, scatter, used = (self._crop(a) for a in (h.z, h.sigma, h.scatter, h.used))
-        seen = self._crop(self._parts[0].words[:, 0])
+        z, sigma, scatter, used = (crop(a) for a in (h.z, h.sigma, h.scatter, h.used))
+        seen = crop(cells.words[:, 0])
         points_used = int(used.sum())
         known = np.isfinite(z)
         return FusedMap(
@@ -189,15 +193,12 @@ class Fusion:
             spikes=int(seen.sum()) - points_used,
         )
 
-    def _crop(self, values: np.ndarray) -> np.ndarray:
-        return values.reshape(self.spec.rows, -1)[:, : self.spec.cols]
-
 
 def warm_up() -> None:
     """Compiles all loops, so that the first scan does not wait for it (some 10 s, then cached on disk)."""
     fusion = Fusion(GridSpec(0.0, 0.0, 1e-3, 4, 4), Mounting(np.zeros(3)))
     x = np.full((1, 8), 1e-3, np.float32)
-    if rows_seen(x, x).all():
+    if rows_seen(read_only(x), read_only(x)).all():
         fusion.add(np.zeros((1, 3)), x, x)
     fusion.merge(Fusion(fusion.spec, fusion.mounting))
     fusion.result()

@@ -52,7 +52,7 @@ class CellHeights:
 
     def refresh(self, workers: Workers) -> None:
         """Medians, sine estimates, slopes and scatters."""
-        c, spec = self._cells, self._cells.spec
+        c = self._cells
         low = float(c.low)
         parts = workers.parts(len(c.words))
         workers.run(
@@ -64,10 +64,11 @@ class CellHeights:
         )  # fmt: skip
         np.copyto(self._best, self._median)
         np.copyto(self._best, self._wave, where=np.isfinite(self._wave))
-        best, gx, gy = (a.reshape(spec.rows, -1) for a in (self._best, self._gx, self._gy))
+        best, gx, gy = (c.in_lines(a) for a in (self._best, self._gx, self._gy))
+        along, across = (gy, gx) if c.turned else (gx, gy)
         workers.run(
-            lambda a, b: ck.slopes(a, b, best, spec.cols, gx, gy),
-            workers.parts(spec.rows, c.stride),
+            lambda a, b: ck.slopes(a, b, best, c.per_line, along, across),
+            workers.parts(c.lines, c.stride),
         )
         workers.run(
             lambda a, b: ck.scatters(
@@ -79,15 +80,14 @@ class CellHeights:
 
     def finish(self, workers: Workers, limits: FusionLimits) -> Heights:
         """Heights and uncertainties after a `refresh`."""
-        c, spec = self._cells, self._cells.spec
-        low, best = float(c.low), self._best.reshape(spec.rows, -1)
+        c = self._cells
+        low, best = float(c.low), c.in_lines(self._best)
         parts = workers.parts(len(c.words))
-        enough = np.flatnonzero(c.halves[:, 7] >= ck.ENOUGH)
-        enough = enough[:: 1 + len(enough) // WITNESSES]
+        enough = self._witnesses()
         rough = self._rough(enough, limits.noise)
         workers.run(
             lambda a, b: ck.inliers(
-                a, b, c.halves, c.rows, low, c.unit, best, spec.cols, self._gx, self._gy, self._level,
+                a, b, c.halves, c.rows, low, c.unit, best, c.per_line, self._gx, self._gy, self._level,
                 self._scatter, rough, float(limits.spike_factor), float(limits.support),
                 self._kept, self._mean, self._squares,
             ),
@@ -105,6 +105,16 @@ class CellHeights:
             parts,
         )  # fmt: skip
         return Heights(self._z, self._sigma, self._scatter, self._used, residual)
+
+    def _witnesses(self) -> np.ndarray:
+        """Cells whose samples tell the scatter, in the order of the grid, however it lies in memory."""
+        c = self._cells
+        good = c.in_lines(c.halves[:, 7] >= ck.ENOUGH)
+        if c.turned:
+            place, line = np.nonzero(good.T)
+        else:
+            line, place = np.nonzero(good)
+        return (line * c.stride + place)[:: 1 + len(line) // WITNESSES]
 
     def _rough(self, enough: np.ndarray, noise: float) -> float:
         """First idea of the scatter (m) from medians alone, of the cells `enough`: decides about spikes."""

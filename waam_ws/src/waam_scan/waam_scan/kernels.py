@@ -36,6 +36,13 @@ def phase_table() -> np.ndarray:
     return c | (s << np.uint64(32))
 
 
+def read_only(values: np.ndarray) -> np.ndarray:
+    """A view that cannot be written: the loops are compiled once, for what came over the wire and for all else."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
+
+
 @njit(cache=True)
 def key_of(height, place):
     """32-bit hash of a point (two rounds of multiply and shift, constants of xxHash and MurmurHash3)."""
@@ -57,7 +64,7 @@ def prepare(origin, axis, x, z, x_bits, z_bits, size, low, high, per_unit, cells
     """One stretch of a profile to cell numbers, hashes, heights and places. Free of branches, so that it vectorises;
     no fused or reassociated arithmetic, so that vector and remainder loops agree to the last bit."""
     zero, one = np.float32(0), np.uint32(EXPONENT)
-    cols, rows, stride = size
+    cols, rows, per_col, per_row = size
     ou, ov, oh = origin[0], origin[1], origin[2]
     ux, vx, hx, uz, vz, hz = axis[0], axis[1], axis[2], axis[3], axis[4], axis[5]
     for k in range(len(x)):
@@ -72,7 +79,7 @@ def prepare(origin, axis, x, z, x_bits, z_bits, size, low, high, per_unit, cells
         v = v if good else zero
         h = h if good else low
         col, row = np.int32(u), np.int32(v)
-        cell = np.uint32(np.int32(np.int32(row * stride) + col))
+        cell = np.uint32(np.int32(np.int32(row * per_row) + np.int32(col * per_col)))
         cells[k] = cell if good else (np.uint32(OUTSIDE) if ok else np.uint32(DROPOUT))
         pu = np.uint32(np.int32((u - np.float32(col)) * np.float32(65536)))
         pv = np.uint32(np.int32((v - np.float32(row)) * np.float32(65536)))
@@ -83,8 +90,8 @@ def prepare(origin, axis, x, z, x_bits, z_bits, size, low, high, per_unit, cells
 
 @njit(cache=True)
 def lower(threshold):
-    """The next threshold: a quarter less, so that a sample that has become too large keeps three quarters."""
-    return np.uint32(threshold - max(np.uint32(1), np.uint32(threshold >> np.uint32(2))))
+    """The next threshold: five eighths of it, so that a sample that has become too large keeps that much of itself."""
+    return np.uint32(np.uint64(threshold) * np.uint64(5) >> np.uint64(3))
 
 
 @njit(cache=True, nogil=True)

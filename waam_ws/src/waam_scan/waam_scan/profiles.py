@@ -52,6 +52,25 @@ class ProfileBlock:
         return ProfileBlock(self.stamps, self.x, np.where(good, self.z, np.float32(np.nan)))
 
 
+def block_of(
+    sequence: int, n: int, m: int, start_ns: int, offsets: np.ndarray, x: np.ndarray, z: np.ndarray, light: np.ndarray
+) -> ProfileBlock:  # fmt: skip
+    """n profiles of m points from the flat arrays of batch `sequence`; offsets (n,) ns from start_ns. ValueError names
+    the array whose length does not fit."""
+    for name, values, want in (('stamp_offsets_ns', offsets, n), ('x', x, n * m), ('z', z, n * m)):
+        if len(values) != want:
+            raise ValueError(
+                f'batch {sequence}: {name} has {len(values)} values, '
+                f'{n} profiles of {m} points need {want}'
+            )
+    if n == 0 or m == 0:
+        raise ValueError(f'batch {sequence}: {n} profiles of {m} points is an empty batch')
+    if len(light) not in (0, n * m):
+        raise ValueError(f'batch {sequence}: intensity has {len(light)} values, not 0 or {n * m}')
+    x, z, light = (v.reshape(n, m) if len(v) else None for v in (x, z, light))
+    return ProfileBlock(start_ns + offsets, x, z, light)
+
+
 REASONS = {
     'empty': 'without a single return',
     'gap': 'in a gap of the telemetry',

@@ -17,6 +17,7 @@ from .picture import save_ply, save_png
 from .poses import PoseTrack
 from .quality import assess
 from .registration_clouds import load_points
+from .scan_records import passes, recorded_mounting
 from .transform import Mounting
 
 LARGEST = 4_000_000  # cells of a map
@@ -99,30 +100,45 @@ def _box(p: Pass, mounting: Mounting) -> tuple[np.ndarray, np.ndarray]:
 def fuse_files(paths: list[Path], out: Path, cell: float, options) -> None:
     """Passes (.npz) into one map, clouds into one map each; writes NPZ and PNG, prints what they are worth.
 
-    options: scale (m per unit of clouds), mounting, fill (m², largest hole), ply (bool).
+    options: scale (m per unit of clouds), mounting (None: the default), fill (m², largest hole), ply (bool).
     """
     clouds = [p for p in paths if p.suffix.lower() in CLOUDS]
-    passes = [p for p in paths if p.suffix.lower() == '.npz']
-    other = [p for p in paths if p not in clouds and p not in passes]
+    files = [p for p in paths if p.suffix.lower() == '.npz']
+    other = [p for p in paths if p not in clouds and p not in files]
     for path in paths:
         if not path.exists():
             raise FileError(f'{path}: no such file or folder')
     if other:
         raise FileError(
-            f'{other[0]}: neither a folder with a recording, a pass (.npz) nor a cloud ({", ".join(CLOUDS)})'
+            f'{other[0]}: neither a recording (folder, .mcap), a pass (.npz) nor a cloud ({", ".join(CLOUDS)})'
         )
     out.mkdir(parents=True, exist_ok=True)
     for path in clouds:
         write(out / path.stem, fuse_cloud(load_points(path, options.scale), cell), options)
-    if passes:
-        fused, used = fuse_passes([load_pass(p) for p in passes], options.mounting, cell)
-        for path, assembler in zip(passes, used, strict=True):
-            c = assembler.counts
-            words = '; '.join(c.reasons() + c.remarks())
-            print(
-                f'{path}: {c.used} profiles used, {c.rejected} rejected{": " * bool(words)}{words}'
-            )
-        write(out / passes[0].stem, fused, options)
+    if files:
+        fused, used = fuse_passes(
+            [load_pass(p) for p in files], options.mounting or Mounting(), cell
+        )
+        for path, assembler in zip(files, used, strict=True):
+            _tell(path, assembler)
+        write(out / files[0].stem, fused, options)
+
+
+def fuse_record(path: Path, out: Path, cell: float, options) -> None:
+    """Every scan of a recorded job into a map of its own, scan_000 ...; options as in `fuse_files`, mounting None:
+    that of the job."""
+    mounting = options.mounting or recorded_mounting(path)
+    out.mkdir(parents=True, exist_ok=True)
+    for k, scan in enumerate(passes(path)):
+        fused, used = fuse_passes([scan], mounting, cell)
+        _tell(scan.name, used[0])
+        write(out / f'scan_{k:03}', fused, options)
+
+
+def _tell(name, assembler: Assembler) -> None:
+    c = assembler.counts
+    words = '; '.join(c.reasons() + c.remarks())
+    print(f'{name}: {c.used} profiles used, {c.rejected} rejected{": " * bool(words)}{words}')
 
 
 def write(name: Path, fused: FusedMap, options) -> None:

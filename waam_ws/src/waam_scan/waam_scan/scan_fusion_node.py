@@ -22,15 +22,15 @@ from waam_process.grid import GridError
 
 from . import fusion
 from .assembler import Assembler
-from .conversions import answer, checked_grid, map_to_msg, pose_from_raw
+from .conversions import answer, checked_grid, map_to_msg
 from .fusion_monitor import FusionMonitor
 from .fusion_params import FusionParams
-from .node_input import ProfileInput
+from .node_input import Make, ProfileInput
 from .node_scanner import ScannerSwitch
 from .node_waiting import Event, after, first, start
 from .poses import PoseTrack
-from .profiles import ProfileBlock
 from .session import EndWatch, PreviousMap, Session
+from .wire import read_pose
 
 BEGIN, FINISH = BeginScan.Response, FinishScan.Response
 RAW_KEPT = 500  # telemetry frames that are kept unread while no scan runs
@@ -82,9 +82,9 @@ class ScanFusion(WaamNode):
 
     def _read_telemetry(self) -> None:
         while self._raw:
-            self._track.append(*pose_from_raw(self._raw.popleft()))
+            self._track.append(*read_pose(self._raw.popleft()))
 
-    def _on_batch(self, sequence: int, make: Callable[[], ProfileBlock]) -> None:
+    def _on_batch(self, make: Make) -> None:
         self._monitor.count['batches'] += 1
         session = self._session
         if session is None:
@@ -92,7 +92,7 @@ class ScanFusion(WaamNode):
             return
         self._last_batch = time.monotonic()
         try:
-            block = make()
+            sequence, block = make()
         except ValueError as error:
             session.refused += 1
             self._monitor.count['refused_batches'] += 1
@@ -160,6 +160,7 @@ class ScanFusion(WaamNode):
         if not running or session.scan_id != request.scan_id:
             return answer(response, FINISH.NO_SCAN, f'scan {request.scan_id} is not running')
         session.until_ns, self._complete = nanoseconds(request.until), Event()
+        session.refresh(time.monotonic(), 0.0)  # what is worked up now does not wait for the last
         try:
             if trouble := await self._scanner.set(False):
                 session.remarks.append(f'scanner not switched off: {trouble}')

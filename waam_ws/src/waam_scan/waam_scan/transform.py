@@ -53,6 +53,11 @@ class Mounting:
             raise ValueError(f'a mounting needs 3 + 3 numbers, not {len(xyz)} + {len(rpy)}')
         return cls(np.array(xyz, float), rotation_rpy(*rpy), delay)
 
+    @property
+    def along_rows(self) -> bool:
+        """Whether a profile runs along y rather than along x: from row to row of a grid in the work frame."""
+        return bool(abs(self.rotation[1, 0]) > abs(self.rotation[0, 0]))
+
     def origins(self, tcp: np.ndarray) -> np.ndarray:
         """Scanner origins (n, 3) in the work frame from wire tip positions (n, 3), m."""
         return np.asarray(tcp, float) + self.offset

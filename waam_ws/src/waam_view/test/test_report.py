@@ -13,7 +13,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from synthetic_job import write_demo, write_job  # noqa: E402
 
-from waam_view import figures  # noqa: E402
+from waam_view import canvas  # noqa: E402
 from waam_view.job_data import JobError, load_job, read_report  # noqa: E402
 from waam_view.report import write_all, write_report  # noqa: E402
 
@@ -25,9 +25,9 @@ SECTIONS = [
 
 @pytest.fixture(autouse=True, scope='module')
 def coarse_pictures():
-    fine, figures.DPI = figures.DPI, 40
+    fine, canvas.DPI = canvas.DPI, 40
     yield
-    figures.DPI = fine
+    canvas.DPI = fine
 
 
 @pytest.fixture(scope='module')
@@ -71,6 +71,27 @@ def test_passes_and_resumes_are_told(job, tmp_path):
     text = write_report(copy).read_text()
     for value in ('<h2>Passes</h2>', '5.750', '0.432', '-0.250', 'resumed 2 times'):
         assert value in text.replace('\u2212', '-')
+
+
+def test_traceability_names_what_is_known_and_what_nobody_told(job, tmp_path):
+    _, whole, page = job
+    report = {**whole, 'closed_loop': dict(whole['closed_loop'])}
+    report['trace'] = {
+        'operator': '', 'wire_lot': 'L<4711>', 'calibration': {'sha256': 'abcd', 'age_days': 3.5},
+        'models': {'f00d': [1, 2]}, 'not_told': ['operator', 'gas'], 'remarks': ['no calibration file'],
+    }  # fmt: skip
+    about = {'file': 'tolerance_map.csv', 'cell_mm': 0.5, 'cells': 100}
+    about |= {'in_tolerance': 90, 'above': 7, 'below': 2, 'unseen': 1}
+    report['closed_loop']['tolerance_map'] = about
+    (tmp_path / 'report.json').write_text(json.dumps(report))
+    text = write_report(tmp_path).read_text()
+    section = text.split('<h2>Traceability</h2>')[1].split('<h2>')[0]
+    for words in (
+        'L&lt;4711&gt;', 'abcd', '3.5', 'models.f00d', '[1, 2]', 'Nobody told:</b> operator, gas',
+        'no calibration file', 'tolerance_map.csv', '90 are within', '7 above, 2 below, 1 not seen',
+    ):  # fmt: skip
+        assert words in section, words
+    assert '<h2>Traceability</h2>' not in page
 
 
 def test_all_sections_and_pictures(job):

@@ -33,64 +33,71 @@ def blueprint(
     cursor (live); whole_ns: they show this range (a job that has ended).
     """
     span = None if whole_ns is None else rrb.TimeRange(*(_at(t) for t in whole_ns))
-
-    def _plot(name: str, origin: str, *more: str) -> rrb.TimeSeriesView:
-        contents = ['$origin/**', *(f'+ /{entity}' for entity in more)]
-        axis = None if span is None else rrb.TimeAxis(view_range=span)
-        ranges = _last(window_s) if window_s > 0 and origin != RMS else None
-        return rrb.TimeSeriesView(
-            origin=origin, name=name, contents=contents, axis_x=axis, time_ranges=ranges
-        )
-
-    plots = rrb.Vertical(
-        _plot('Arc current', CURRENT),
-        _plot('Arc voltage', VOLTAGE),
-        _plot('Wire feed', FEED),
-        _plot('Travel speed', TRAVEL),
-        rrb.Tabs(
-            _plot('Temperature and interpass limit', 'heat/temperature', LIMIT),
-            _plot('Heat factor', HEAT_FACTOR),
-            active_tab=0,
-        ),
-        _plot('Height error', RMS),
+    axis = None if span is None else rrb.TimeAxis(view_range=span)
+    columns = (_part(axis), _maps(error_range_m), _plots(axis, window_s))
+    return rrb.Blueprint(
+        rrb.Horizontal(*columns, column_shares=[5, 3, 4]),
+        rrb.TimePanel(state='collapsed', timeline=TIMELINE, play_state='following'),
+        rrb.SelectionPanel(state='collapsed'),
+        rrb.BlueprintPanel(state='collapsed'),
     )
+
+
+def _part(axis: rrb.TimeAxis | None) -> rrb.Vertical:
+    """The part in space, what is said, and the states."""
+    space = rrb.Spatial3DView(
+        origin='part',
+        name='Part (surface: colours of the error, beside the beads: of the height)',
+        background=rrb.Background(color=(24, 27, 31)),
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.01),
+    )
+    words = rrb.Tabs(
+        rrb.TextLogView(origin=LOG, name='Log and alarms'),
+        rrb.TextLogView(origin=ALARMS, name='Alarms'),
+        active_tab=0,
+    )
+    status = rrb.TextDocumentView(origin=STATUS, name='Status')
+    states = rrb.StateTimelineView(origin='state', name='States and layers', time_view=axis)
+    said = rrb.Horizontal(status, words, column_shares=[1, 2])
+    return rrb.Vertical(space, said, states, row_shares=[5, 2.7, 1.2])
+
+
+def _maps(error_range_m: float) -> rrb.Vertical:
+    """The height error, and beside it what is done about it."""
     reach = f'{error_range_m * 1e3:g}'
-    maps = rrb.Vertical(
+    return rrb.Vertical(
         rrb.Spatial2DView(
             origin=ERROR, name=f'Height error (blue -{reach} mm ... red +{reach} mm)'
         ),
         rrb.Spatial2DView(origin=PSI, name='ψ (blue -1: slower, more metal ... red +1)'),
         rrb.Spatial2DView(origin=CONFIDENCE, name='Confidence of ψ (dark 0 ... yellow 1)'),
     )
-    part = rrb.Vertical(
-        rrb.Spatial3DView(
-            origin='part',
-            name='Part (surface: colours of the error, beside the beads: of the height)',
-            background=rrb.Background(color=(24, 27, 31)),
-            line_grid=rrb.LineGrid3D(visible=True, spacing=0.01),
-        ),
-        rrb.Horizontal(
-            rrb.TextDocumentView(origin=STATUS, name='Status'),
-            rrb.Tabs(
-                rrb.TextLogView(origin=LOG, name='Log and alarms'),
-                rrb.TextLogView(origin=ALARMS, name='Alarms'),
-                active_tab=0,
-            ),
-            column_shares=[1, 2],
-        ),
-        rrb.StateTimelineView(
-            origin='state',
-            name='States and layers',
-            time_view=None if span is None else rrb.TimeAxis(view_range=span),
-        ),
-        row_shares=[5, 2.7, 1.2],
+
+
+def _plots(axis: rrb.TimeAxis | None, window_s: float) -> rrb.Vertical:
+    """Curves over time."""
+
+    def plot(name: str, origin: str, *more: str) -> rrb.TimeSeriesView:
+        contents = ['$origin/**', *(f'+ /{entity}' for entity in more)]
+        ranges = _last(window_s) if window_s > 0 and origin != RMS else None
+        return rrb.TimeSeriesView(
+            origin=origin, name=name, contents=contents, axis_x=axis, time_ranges=ranges
+        )
+
+    heat = rrb.Tabs(
+        plot('Temperature and interpass limit', TEMPERATURE, LIMIT),
+        plot('Heat factor', HEAT_FACTOR),
+        active_tab=0,
     )
-    return rrb.Blueprint(
-        rrb.Horizontal(part, maps, plots, column_shares=[5, 3, 4]),
-        rrb.TimePanel(state='collapsed', timeline=TIMELINE, play_state='following'),
-        rrb.SelectionPanel(state='collapsed'),
-        rrb.BlueprintPanel(state='collapsed'),
+    curves = (
+        plot('Arc current', CURRENT),
+        plot('Arc voltage', VOLTAGE),
+        plot('Wire feed', FEED),
+        plot('Travel speed', TRAVEL),
+        heat,
+        plot('Height error', RMS),
     )
+    return rrb.Vertical(*curves)
 
 
 def _at(t_ns: int) -> rrb.TimeRangeBoundary:

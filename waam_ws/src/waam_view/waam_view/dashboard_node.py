@@ -3,6 +3,7 @@ draws."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +32,8 @@ from . import conversions as cv
 from .drawing import Drawing
 from .node_tap import TelemetryTap
 from .scene import Scene
+
+NICE = 10  # where cores are scarce the nodes of the loop come first
 
 
 @dataclass(frozen=True)
@@ -156,4 +159,5 @@ class Dashboard(WaamNode):
 
 
 def main() -> None:
+    os.nice(NICE)
     run_main(Dashboard)

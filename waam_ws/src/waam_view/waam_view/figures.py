@@ -3,43 +3,15 @@ the shop floor."""
 
 from __future__ import annotations
 
-import io
 import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from .job_data import Job, Scan, find_value, number
+from .canvas import BLUE, GREEN, GREY, INK, RED, new_figure, png, style
+from .job_data import Job, Scan, number
 
-DIVERGING, ORANGE = 'RdBu_r', '#e08a1e'
-GRID, INK, BLUE, RED, GREEN, GREY = '#d9dde2', '#1f2933', '#1c6fb8', '#c23b31', '#23833f', '#8a94a0'
-DPI = 130
-_MAX_POINTS = 4000
-_LAYER_SHADES = ('#eef2f6', '#ffffff')
-
-
-def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout='constrained')
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _png(figure: Figure) -> bytes:
-    out = io.BytesIO()
-    figure.savefig(out, format='png', dpi=DPI)
-    return out.getvalue()
-
-
-def _style(axes: Axes, x: str = '', y: str = '') -> None:
-    axes.grid(color=GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
-    for side in ('top', 'right'):
-        axes.spines[side].set_visible(False)
-    axes.tick_params(labelsize=8, colors=INK)
-    axes.set_xlabel(x, fontsize=9)
-    axes.set_ylabel(y, fontsize=9)
+DIVERGING = 'RdBu_r'
 
 
 def nice_range(values: list[np.ndarray], least: float) -> float:
@@ -102,7 +74,7 @@ def _aspect(scan: Scan) -> float:
 def final_map(scan: Scan, tolerance_mm: float, limit_mm: float, title: str = '') -> bytes:
     """Error of the last scan against the nominal surface, with the tolerance on map and colour bar."""
     error = scan.final_error * 1e3
-    figure = _figure(9.0, min(7.0, max(2.6, 7.8 * _aspect(scan) + 1.0)))
+    figure = new_figure(9.0, min(7.0, max(2.6, 7.8 * _aspect(scan) + 1.0)))
     axes = figure.add_subplot()
     image = _show(axes, scan, error, limit_mm)
     beyond = np.nan_to_num(np.abs(error), nan=0.0) > tolerance_mm
@@ -115,7 +87,7 @@ def final_map(scan: Scan, tolerance_mm: float, limit_mm: float, title: str = '')
     axes.set_xlabel('x, mm', fontsize=9)
     axes.set_ylabel('y, mm', fontsize=9)
     axes.set_title(title, fontsize=10)
-    return _png(figure)
+    return png(figure)
 
 
 def small_multiples(
@@ -126,7 +98,7 @@ def small_multiples(
     rows = math.ceil(len(scans) / columns)
     one_wide = 8.5 / columns - 0.35  # beside it: tick labels; at the right: the colour bar
     height = rows * (one_wide * min(1.3, _aspect(scans[0])) + 0.35) + 0.35
-    figure = _figure(9.4, max(1.8, height))
+    figure = new_figure(9.4, max(1.8, height))
     axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True)).ravel()
     for one, scan, values, title in zip(axes, scans, maps, titles, strict=False):
         image = _show(one, scan, values, limit)
@@ -135,7 +107,7 @@ def small_multiples(
         one.set_visible(False)
     bar = figure.colorbar(image, ax=list(axes), fraction=0.03, pad=0.01, extend='both')
     bar.set_label(unit, fontsize=9)
-    return _png(figure)
+    return png(figure)
 
 
 def histogram(scan: Scan, tolerance_mm: float, reach_mm: float = 0.0) -> bytes:
@@ -143,7 +115,7 @@ def histogram(scan: Scan, tolerance_mm: float, reach_mm: float = 0.0) -> bytes:
     axis; 0 = from the data."""
     error = scan.final_error[scan.interior] * 1e3
     error = error[np.isfinite(error)]
-    figure = _figure(4.6, 3.0)
+    figure = new_figure(4.6, 3.0)
     axes = figure.add_subplot()
     if error.size:
         own = max(2 * tolerance_mm, float(np.percentile(np.abs(error), 99.5)) * 1.1)
@@ -155,13 +127,13 @@ def histogram(scan: Scan, tolerance_mm: float, reach_mm: float = 0.0) -> bytes:
     axes.axvspan(-tolerance_mm, tolerance_mm, color=GREEN, alpha=0.12)
     for side in (-1, 1):
         axes.axvline(side * tolerance_mm, color=GREEN, linewidth=1.2)
-    _style(axes, 'final height error, mm (green: tolerance, dotted: mean)', 'share of cells, %')
-    return _png(figure)
+    style(axes, 'final height error, mm (green: tolerance, dotted: mean)', 'share of cells, %')
+    return png(figure)
 
 
 def convergence(jobs: list[Job]) -> bytes:
     """RMS height error before every layer and after the last, one line per profile."""
-    figure = _figure(4.6, 3.0)
+    figure = new_figure(4.6, 3.0)
     axes = figure.add_subplot()
     tolerance = jobs[0].tolerance_mm
     axes.axhspan(0, tolerance, color=GREEN, alpha=0.12)
@@ -172,9 +144,9 @@ def convergence(jobs: list[Job]) -> bytes:
         axes.plot(range(len(rms)), rms, 'o-', color=colour, label=job.profile.replace('_', ' '))
     axes.set_ylim(bottom=0)
     axes.xaxis.get_major_locator().set_params(integer=True)
-    _style(axes, 'layers laid (green: tolerance)', 'RMS height error, mm')
+    style(axes, 'layers laid (green: tolerance)', 'RMS height error, mm')
     axes.legend(fontsize=8, frameon=False)
-    return _png(figure)
+    return png(figure)
 
 
 def section(job: Job) -> bytes:
@@ -183,7 +155,7 @@ def section(job: Job) -> bytes:
     rows, cols = np.nonzero(last.region if last.region.any() else np.ones(last.z.shape, bool))
     along_x = np.ptp(cols) >= np.ptp(rows)
     place = int(np.median(rows if along_x else cols))
-    figure = _figure(9.4, 4.2)
+    figure = new_figure(9.4, 4.2)
     heights, errors = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     _plot_heights(heights, job, along_x, place)
     errors.axhspan(-job.tolerance_mm, job.tolerance_mm, color=GREEN, alpha=0.12)
@@ -192,9 +164,9 @@ def section(job: Job) -> bytes:
     errors.set_xlim(*((x0, x1) if along_x else (y0, y1)))
     at = last.extent_mm[2 if along_x else 0] + (place + 0.5) * last.resolution * 1e3
     along, across = ('x', 'y') if along_x else ('y', 'x')
-    _style(heights, '', 'z, mm')
-    _style(errors, f'{along}, mm (cut at {across} = {at:.1f} mm)', 'final error, mm')
-    return _png(figure)
+    style(heights, '', 'z, mm')
+    style(errors, f'{along}, mm (cut at {across} = {at:.1f} mm)', 'final error, mm')
+    return png(figure)
 
 
 def _plot_heights(axes: Axes, job: Job, along_x: bool, place: int) -> None:
@@ -227,81 +199,6 @@ def _cut(
     return at[shown], line[shown] * 1e3
 
 
-def thin(
-    t: np.ndarray, values: np.ndarray, points: int = _MAX_POINTS
-) -> tuple[np.ndarray, np.ndarray]:
-    """At most `points` samples that keep every local minimum and maximum visible."""
-    if t.size <= points:
-        return t, values
-    size = math.ceil(t.size / (points // 2))
-    whole = t.size // size * size
-    blocks = values[:whole].reshape(-1, size)
-    filled = np.where(
-        np.isfinite(blocks), blocks, np.nanmean(values) if np.isfinite(values).any() else 0.0
-    )
-    pick = np.stack([filled.argmin(1), filled.argmax(1)], 1)
-    pick.sort(1)
-    index = (np.arange(len(blocks))[:, None] * size + pick).ravel()
-    return t[index], values[index]
-
-
-def process_plots(job: Job) -> bytes:
-    """Current, voltage, wire feed, travel speed and temperature over time, layers shaded."""
-    data = job.telemetry
-    t = np.asarray(data['t'], float)
-    seconds = t - t[0]
-    scale, unit = (60.0, 'min') if seconds[-1] > 180 else (1.0, 's')
-    time = seconds / scale
-    rows = [
-        ('arc current, A', [('current', 1.0, BLUE, '')]),
-        ('arc voltage, V', [('voltage', 1.0, BLUE, '')]),
-        ('wire feed, m/min', [('wire_feed', 60.0, BLUE, 'actual'), ('wire_feed_commanded', 60.0, ORANGE, 'commanded')]),
-        ('travel, mm/s', [('speed', 1e3, BLUE, '')]),
-        ('temperature, °C', [('temperature', 1.0, RED, '')]),
-    ]  # fmt: skip
-    figure = _figure(9.4, 8.2)
-    axes = figure.subplots(len(rows), 1, sharex=True)
-    for one, (label, lines) in zip(axes, rows, strict=True):
-        _shade_layers(one, time, data.get('layer'))
-        for name, factor, colour, text in lines:
-            values = np.asarray(data.get(name, np.full(t.shape, np.nan)), float) * factor
-            one.plot(*thin(time, values), color=colour, linewidth=0.8, label=text or None)
-        _style(one, '', label)
-        if len(lines) > 1:
-            one.legend(fontsize=7, frameon=False, ncols=2, loc='upper right')
-    limit = number(find_value(job.asked, 'interpass_limit'))
-    if math.isfinite(limit):
-        axes[-1].axhline(limit, color=INK, linewidth=1.0, linestyle='--')
-        axes[-1].text(time[-1], limit, ' limit', fontsize=7, va='bottom', ha='right')
-    axes[-1].set_xlabel(f'time, {unit} (numbers at the top: layer)', fontsize=9)
-    _layer_names(axes[0], time, data.get('layer'))
-    return _png(figure)
-
-
-def _spans(layer: np.ndarray | None) -> list[tuple[int, int, int]]:
-    """(layer, first sample, last sample) of each stretch."""
-    if layer is None or not len(layer):
-        return []
-    change = np.flatnonzero(np.diff(layer)) + 1
-    starts, ends = np.r_[0, change], np.r_[change, len(layer)] - 1
-    return [(int(layer[a]), int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
-
-
-def _shade_layers(axes: Axes, time: np.ndarray, layer: np.ndarray | None) -> None:
-    for number_of_layer, a, b in _spans(layer):
-        if number_of_layer > 0:
-            axes.axvspan(time[a], time[b], color=_LAYER_SHADES[number_of_layer % 2], zorder=0)
-
-
-def _layer_names(axes: Axes, time: np.ndarray, layer: np.ndarray | None) -> None:
-    for number_of_layer, a, b in _spans(layer):
-        if number_of_layer > 0 and time[b] - time[a] > 0.02 * (time[-1] - time[0]):
-            axes.annotate(
-                str(number_of_layer), ((time[a] + time[b]) / 2, 1.02), ha='center', fontsize=8,
-                xycoords=axes.get_xaxis_transform(),
-            )  # fmt: skip
-
-
 def side_by_side(jobs: list[Job], limit_mm: float) -> bytes:
     """Final error maps of two or three profiles on one colour scale."""
     scans = [j.scans[-1] for j in jobs]
@@ -309,7 +206,7 @@ def side_by_side(jobs: list[Job], limit_mm: float) -> bytes:
     rows, columns = (len(jobs), 1) if wide else (1, len(jobs))
     width = 9.4
     height = rows * (width / columns * _aspect(scans[0]) * 0.9 + 0.55) + 0.3
-    figure = _figure(width, height)
+    figure = new_figure(width, height)
     axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True)).ravel()
     tolerance = jobs[0].tolerance_mm
     for one, job, scan in zip(axes, jobs, scans, strict=True):
@@ -326,4 +223,4 @@ def side_by_side(jobs: list[Job], limit_mm: float) -> bytes:
     bar.set_label('height error, mm', fontsize=9)
     for side in (-1, 1):
         bar.ax.axhline(side * tolerance, color='black', linewidth=1.5)
-    return _png(figure)
+    return png(figure)

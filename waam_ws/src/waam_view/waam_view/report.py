@@ -16,7 +16,10 @@ from . import figures
 from .comparison import comparison_page
 from .html import cards, duration, escape, fmt, page, picture, table
 from .job_data import PROFILES, Job, JobError, flatten, load_job, number, read_report
+from .layer_tables import layers_section
 from .passes import passes_section
+from .process_figures import process_plots
+from .traceability import traceability_section
 
 
 def write_report(folder: Path) -> Path:
@@ -52,12 +55,13 @@ def job_page(job: Job) -> str:
         verdict_box(job),
         _figures_of_merit(job),
         _maps(job),
-        _layers(job),
+        layers_section(job),
         passes_section(job),
         _process(job),
         _corrections(job),
         _counts(job),
         _anomalies(job),
+        traceability_section(job),
         _provenance(job),
     ]
     return page(f'{name}: WAAM job report', '\n'.join(p for p in parts if p))
@@ -139,92 +143,11 @@ def _maps(job: Job) -> str:
     return '\n'.join(out)
 
 
-_PROCESS = [  # heading, field, factor to the shown unit, digits
-    ('T before, °C', 'temperature', 1, 0),
-    ('wait, s', 'wait', 1, 0),
-    ('duration, s', 'duration', 1, 0),
-    ('arc on, s', 'arc_on_time', 1, 0),
-    ('arc starts', 'arc_starts', 1, 0),
-    ('I, A', 'current_mean', 1, 1),
-    ('U, V', 'voltage_mean', 1, 2),
-    ('feed, m/min', 'wire_feed_mean', 60, 2),
-    ('travel, mm/s', 'travel_speed_mean', 1e3, 2),
-    ('heat, J/mm', 'heat_input', 1e-3, 0),
-    ('energy, kJ', 'energy', 1e-3, 0),
-    ('wire, m', 'wire_used', 1, 2),
-    ('faults', 'faults', 1, 0),
-]
-_GEOMETRY = [
-    ('RMS, mm', 'height_error_rms', 1e3, 3),
-    ('max, mm', 'height_error_max', 1e3, 2),
-    ('mean, mm', 'height_error_mean', 1e3, 3),
-    ('seen, %', 'coverage', 100, 1),
-]
-_CORRECTION = [
-    ('ψ min', 'psi_min', 1, 2),
-    ('ψ mean', 'psi_mean', 1, 2),
-    ('ψ max', 'psi_max', 1, 2),
-    ('k_gain', 'k_gain', 1, 2),
-    ('K heat', 'heat_factor', 1, 3),
-    ('K flow', 'flow_factor', 1, 3),
-]
-
-
-def _cells(layer: dict, columns: list[tuple]) -> list[str]:
-    return [fmt(number(layer.get(f)) * k, d) for _, f, k, d in columns]
-
-
-def _layers(job: Job) -> str:
-    """Two tables: what the arc did in each layer, and what the surface and the correction were
-    before it."""
-    if not job.layers:
-        return '<h2>Layers</h2><p>No layer was completed.</p>'
-    laid = [x for x in job.layers if not x.get('final')]
-    process = [[x.get('layer'), *_cells(x, _PROCESS)] for x in laid]
-    faulty = {i for i, x in enumerate(laid) if x.get('faults')}
-    head = ['layer', *(c[0] for c in _PROCESS)]
-    out = ['<h2>Layers</h2>', table(head, process, {0}, faulty)]
-    rows, flagged = [], set()
-    for i, layer in enumerate(job.layers):
-        rows.append(_surface_row(layer))
-        if layer.get('fallback'):
-            flagged.add(i)
-    head = [
-        'before',
-        *(c[0] for c in (*_GEOMETRY, *_CORRECTION)),
-        'clamps s/f/v/ψ',
-        'law',
-        'remarks',
-    ]
-    out.append(
-        table(head, rows, {0, len(head) - 2, len(head) - 1}, flagged, bool(laid != job.layers))
-    )
-    out.append(
-        '<p class=soft>Second table: the surface before each layer against its target, and the correction '
-        'made from it; clamps: segments with limited speed, feed, voltage, ψ. Shaded: a fault was met, or '
-        'the correction fell back.</p>'
-    )
-    return '\n'.join(out)
-
-
-def _surface_row(layer: dict) -> list[str]:
-    remarks = '; '.join(map(str, layer.get('reasons') or []))
-    if layer.get('final'):
-        blank = ['–'] * (len(_CORRECTION) + 2)
-        return ['final', *_cells(layer, _GEOMETRY), *blank, remarks]
-    kinds = ('speed', 'feed', 'voltage', 'psi')
-    clamps = '/'.join(str(layer.get(f'clamps_{k}', 0)) for k in kinds)
-    applied = '' if layer.get('correction_applied') else ' (not applied)'
-    law = f'{str(layer.get("law") or "–").replace("_", " ")}{applied}'
-    numbers = _cells(layer, [*_GEOMETRY, *_CORRECTION])
-    return [f'layer {layer.get("layer")}', *numbers, clamps, law, remarks]
-
-
 def _process(job: Job) -> str:
     if not job.telemetry:
         return '<h2>Arc and heat</h2><p>No telemetry was stored.</p>'
     caption = 'Controller telemetry at 10 Hz; bands: layers.'
-    return '<h2>Arc and heat</h2>' + picture(figures.process_plots(job), caption)
+    return '<h2>Arc and heat</h2>' + picture(process_plots(job), caption)
 
 
 def _corrections(job: Job) -> str:
@@ -299,6 +222,7 @@ _SETTINGS = (
     'goal',
     'material',
     'parameters',
+    'nodes',
 )  # of job.yaml; everything else there says what ran
 
 

@@ -48,7 +48,7 @@ def screenshot(file: Path, png: Path, settle_s: float = 4.0, size: str = '1900x1
     command += ['--port', str(port), '--window-size', size]
     env = {**os.environ, 'RUST_LOG': 'error'}
     with subprocess.Popen(
-        command, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        command, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     ) as viewer:
         try:
             _wait_for(port, viewer)
@@ -58,17 +58,26 @@ def screenshot(file: Path, png: Path, settle_s: float = 4.0, size: str = '1900x1
             time.sleep(1.0)
             client.save_screenshot(str(png))
         except (RuntimeError, ValueError, OSError) as e:
-            raise ViewError(f'{file}: no picture ({e})') from None
+            raise ViewError(f'{file}: no picture ({_why(viewer, e)})') from None
         finally:
             viewer.kill()
+
+
+def _why(viewer: subprocess.Popen, error: Exception) -> str:
+    """A viewer that ended by itself found nothing to draw with, whatever the connection to it says."""
+    try:
+        viewer.wait(2.0)
+    except subprocess.TimeoutExpired:
+        return str(error)
+    driver = 'drawing needs a Vulkan driver, in software: mesa-vulkan-drivers'
+    return f'the viewer ended with status {viewer.returncode}; {driver}'
 
 
 def _wait_for(port: int, viewer: subprocess.Popen, timeout: float = 15.0) -> None:
     end = time.monotonic() + timeout
     while time.monotonic() < end:
         if viewer.poll() is not None:
-            said = (viewer.stderr.read() or b'').decode(errors='replace').strip()[-300:]
-            raise OSError(f'the viewer ended: {said or viewer.returncode}')
+            raise OSError(f'the viewer ended with status {viewer.returncode}')
         try:
             with socket.create_connection(('127.0.0.1', port), timeout=1.0):
                 return

@@ -49,6 +49,7 @@ export function show(name) {
   shown = name;
   document.querySelectorAll('[data-map]').forEach((b) => b.classList.toggle('on', b.dataset.map === name));
   $('viewer').hidden = name !== 'viewer';
+  $('run-split').classList.toggle('viewing', name === 'viewer'); // it brings its own plots
   note();
 }
 

@@ -1,0 +1,318 @@
+"""Adaptation: what corrections leave on pads and walls, beside the baselines, on the same seeds.
+
+adapt.pad_gap_closed: share of the gap between the best explicit law (each with its best gain) and the oracle (knows the
+  plant, not its noise) that the network closes; pads of 20 layers (bench/adapt_plants.py).
+adapt.wall_rms_trimmed_mm, adapt.wall_rms_all_mm: final top of a 100-layer single-bead wall fitted to a recording
+  (bench/adapt_wall.py), without and with two segments at each end (baseline: the published cell).
+adapt.transfer_worst_ratio: largest RMS of the network over that of the best explicit law, pads unlike training.
+adapt.service_p99_ms: round trip of the real service, 256 x 256 cells, conversion included (baseline: what was asked).
+thermal.wait_error_pct: mean error of the foretold wait for an interpass limit, recorded wall (baseline: exponential).
+`make bench ONLY=<name>` runs that part alone. Environment: WAAM_BENCH_LAW (default unet) the law in the network's
+place, WAAM_BENCH_SEEDS (default 10) seeds of pads, twice as many walls; WAAM_BENCH_CALLS (default 300) service calls.
+`python bench/bench_adapt.py fit` prints the fit of the wall to the recordings, `ablation` that table.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import replace
+
+import adapt_wall
+import numpy as np
+from adapt_loop import Settings, log_log, open_loop, pad_oracle, run, wall_oracle
+from adapt_plants import Pad, PadPhysics, transfer_plants
+from adapt_stats import interval, progress, table, text
+from adapt_wall import Wall
+from emit import emit
+
+from waam_adapt.laws import LAWS
+
+NAMES = [
+    'adapt.pad_gap_closed', 'adapt.wall_rms_trimmed_mm', 'adapt.wall_rms_all_mm',
+    'adapt.transfer_worst_ratio', 'adapt.service_p99_ms', 'thermal.wait_error_pct',
+]  # fmt: skip
+LAW = os.environ.get('WAAM_BENCH_LAW', 'unet')
+SEEDS = range(int(os.environ.get('WAAM_BENCH_SEEDS', '10')))
+CALLS = int(os.environ.get('WAAM_BENCH_CALLS', '300'))
+EXPLICIT = [law for law in LAWS if law not in ('zero', 'unet')]
+GAINS = (0.3, 0.5, 0.7, 0.9, 1.1)
+PAD_LAYERS, WALL_LAYERS = 20, 100
+
+
+def last(runs: list) -> np.ndarray:
+    """(seeds, 3) m: figures of the final tops."""
+    return np.array([r.figures[-1] for r in runs])
+
+
+def pads(settings: Settings, physics: PadPhysics, what: str = '') -> np.ndarray:
+    seeds = progress(SEEDS, what or f'{settings.law} {settings.gain}')
+    return last([run(Pad(s, physics), settings, PAD_LAYERS) for s in seeds])
+
+
+def best(
+    law: str, physics: PadPhysics, gains: tuple[float, ...] = GAINS, **switches
+) -> tuple[float, np.ndarray]:
+    """The gain with the smallest mean RMS, and its figures."""
+    found = {g: pads(Settings(law, g, **switches), physics) for g in gains}
+    gain = min(found, key=lambda g: found[g][:, 1].mean())
+    return gain, found[gain]
+
+
+def bench_pads() -> None:
+    plant = PadPhysics()
+    rows = {'open loop': last([open_loop(Pad(s, plant), PAD_LAYERS) for s in SEEDS])}
+    explicit = {}
+    for law in EXPLICIT:
+        gain, explicit[law] = best(law, plant)
+        rows[f'{law}, gain {gain}'] = explicit[law]
+    top = min(explicit.values(), key=lambda f: f[:, 1].mean())
+    gain, ours = best(LAW, plant, gains=(0.9, 1.1))
+    rows[f'{LAW}, gain {gain}'] = ours
+    floor = last([pad_oracle(Pad(s, plant), PAD_LAYERS) for s in progress(SEEDS, 'oracle')])
+    rows['oracle'] = floor
+    table(
+        f'Pads, {PAD_LAYERS} layers of 2 mm, {len(SEEDS)} seeds: mean [95 %] after the last layer, mm',
+        ('law', 'RMS', 'RMS without the last 5 mm', 'worst end (mean over 5 mm)'),
+        [(name, text(f[:, 1]), text(f[:, 0]), text(f[:, 2])) for name, f in rows.items()],
+    )
+    parts = np.stack([top[:, 1], ours[:, 1], floor[:, 1]], axis=1)
+    share, low, high = interval(parts, _closed)
+    note = (
+        f'best explicit {top[:, 1].mean() * 1e3:.3f}, {LAW} {ours[:, 1].mean() * 1e3:.3f}, oracle '
+    )
+    note += f'{floor[:, 1].mean() * 1e3:.3f} mm; 95 % {low:.2f} .. {high:.2f}'
+    emit('adapt.pad_gap_closed', share, '1', f'asked; {note}', 0.7)
+
+
+def _closed(parts: np.ndarray, axis: int | None = None) -> float:
+    top, ours, floor = parts.mean(axis=0)
+    return (top - ours) / (top - floor)
+
+
+def bench_walls() -> None:
+    seeds = range(2 * len(SEEDS))
+    explicit = Settings('damped_inverse')
+    rows = {
+        'open loop': [open_loop(Wall(s), WALL_LAYERS) for s in seeds],
+        'log-log inverse of the recorded model': [log_log(Wall(s), WALL_LAYERS) for s in seeds],
+    }
+    for s in dict.fromkeys((explicit, replace(explicit, identify=False), Settings(LAW))):
+        name = s.law + ('' if s.identify else ', without identification')
+        rows[name] = [run(Wall(n), s, WALL_LAYERS) for n in progress(seeds, name)]
+    rows['oracle'] = [wall_oracle(Wall(s), WALL_LAYERS) for s in seeds]
+    figures = {name: last(r) for name, r in rows.items()}
+    table(
+        f'Walls, {WALL_LAYERS} layers, {len(seeds)} seeds: RMS of the final top, mm, mean [95 %]',
+        ('law', 'trimmed', 'all', 'worst end', 'mean of layers 21 .. 100, trimmed'),
+        [
+            (n, text(f[:, 0]), text(f[:, 1]), text(f[:, 2]), text([_late(r) for r in rows[n]]))
+            for n, f in figures.items()
+        ],
+    )
+    found = np.mean([r.exponent[-1] for r in rows['damped_inverse']])
+    print(
+        f'identified exponent at the end: {found:.2f} (plant {Wall().physics.a})', file=sys.stderr
+    )
+    for column, name, published in ((0, 'trimmed', 0.227), (1, 'all', 0.529)):
+        value, floor = (figures[k][:, column].mean() * 1e3 for k in (LAW, 'oracle'))
+        plain = figures['damped_inverse'][:, column].mean() * 1e3
+        note = f'published LSTM; {LAW}; damped_inverse {plain:.3f}, oracle {floor:.3f} mm'
+        emit(f'adapt.wall_rms_{name}_mm', value, 'mm', note, published)
+
+
+def _late(r) -> float:
+    return float(np.mean(np.array(r.figures)[20:, 0]))
+
+
+def bench_transfer() -> None:
+    rows, worst = [], (0.0, '')
+    for name, plant in transfer_plants().items():
+        cover = {'min_coverage': 0.6} if plant.missing else {}
+        explicit = {law: best(law, plant, **cover) for law in EXPLICIT}
+        law = min(explicit, key=lambda k: explicit[k][1][:, 1].mean())
+        top, ours = explicit[law][1], pads(Settings(LAW, **cover), plant)
+        ratio = ours[:, 1].mean() / top[:, 1].mean()
+        worst = max(worst, (ratio, name))
+        rows.append(
+            (name, f'{law} {explicit[law][0]}', text(top[:, 1]), text(ours[:, 1]), f'{ratio:.3f}')
+        )
+    table(
+        f'Transfer: pads outside the training, {len(SEEDS)} seeds, RMS in mm, mean [95 %]',
+        ('plant', 'best explicit law, gain', 'its RMS', LAW, 'ratio'), rows,
+    )  # fmt: skip
+    _confidence()
+    emit('adapt.transfer_worst_ratio', worst[0], '1', f'asked; worst on: {worst[1]}', 1.1)
+
+
+def _confidence() -> None:
+    """Does a low confidence go with a large error? Cells of the last ten layers, plants in and outside the training."""
+    from scipy.stats import spearmanr
+
+    rows = []
+    for name, plant in {'as trained': PadPhysics(), **transfer_plants()}.items():
+        cover = 0.6 if plant.missing else 0.9
+        runs = [
+            run(Pad(s, plant), Settings(LAW, min_coverage=cover), PAD_LAYERS)
+            for s in list(SEEDS)[:3]
+        ]
+        sure = np.concatenate([np.concatenate(r.confidence[10:]) for r in runs])
+        off = np.concatenate([np.concatenate(r.missed[10:]) for r in runs])
+        low, high = np.quantile(sure, [0.1, 0.9])
+        rms = [np.sqrt(np.mean(off[p] ** 2)) * 1e3 for p in (sure <= low, sure >= high)]
+        falls = sum(r.fallbacks for r in runs)
+        rows.append(
+            (
+                name,
+                f'{spearmanr(sure, off).statistic:+.2f}',
+                f'{sure.mean():.2f}',
+                f'{rms[0]:.3f}',
+                f'{rms[1]:.3f}',
+                falls,
+            )
+        )
+    table(
+        'Confidence and the error that followed, cell by cell',
+        ('plant', 'rank correlation', 'mean confidence', 'RMS of the least sure tenth', 'of the surest', 'fallbacks'),
+        rows,
+    )  # fmt: skip
+
+
+def ablation() -> None:
+    """The chain without one of its parts, on pads that heat up, and on walls."""
+    full = Settings(LAW)
+    variants = {
+        'complete': full,
+        'without network (damped_inverse)': replace(full, law='damped_inverse'),
+        'without identification': replace(full, identify=False),
+        'without thermal term': replace(full, thermal=False),
+        'without confidence (sigma unknown)': replace(full, confidence=False),
+    }
+    rows = []
+    for name, s in variants.items():
+        p = pads(s, PadPhysics(), name)
+        hot = pads(s, PadPhysics(heat=2.0), name)
+        w = last([run(Wall(n), s, WALL_LAYERS) for n in progress(SEEDS, name)])
+        rows.append((name, text(p[:, 1]), text(hot[:, 1]), text(w[:, 0]), text(w[:, 1])))
+    table(
+        'Ablation: RMS after the last layer, mm, mean [95 %]',
+        ('chain', 'pad', 'pad, doubled heat', 'wall, trimmed', 'wall, all'), rows,
+    )  # fmt: skip
+
+
+def bench_service() -> None:
+    import adapt_latency
+
+    rows = {
+        law: adapt_latency.measure(law, CALLS) for law in dict.fromkeys(('damped_inverse', LAW))
+    }
+    head = ('p50', 'p99', 'max', 'server_p99', 'memory_mb', 'fallbacks')
+    table(
+        f'Service, 256 x 256 cells, {CALLS} calls: ms (load of this machine now: {os.getloadavg()[0]:.1f})',
+        ('law', *head), [(k, *(f'{v[h]:.1f}' for h in head)) for k, v in rows.items()],
+    )  # fmt: skip
+    note = f'limit that was asked; {LAW}; server {rows[LAW]["memory_mb"]:.0f} MB'
+    emit('adapt.service_p99_ms', rows[LAW]['p99'], 'ms', note, 60.0)
+
+
+def hot_walls() -> None:
+    """Walls of 40 layers, interpass temperature rising from 20 to 400 degC: how far ten layers are off nominal."""
+    physics = [replace(Wall().physics, kt=k, warm_up=0.0) for k in (6e-4, 7.5e-4, 9e-4)]
+    rows = []
+    for name, s in {
+        'complete': Settings('damped_inverse'),
+        'Kt alone (law zero, not identified)': Settings('zero', identify=False),
+        'neither': Settings('zero', identify=False, thermal=False),
+    }.items():
+        runs = [
+            run(Wall(n, p), s, 40, ramp=(20.0, 400.0)) for p in physics for n in list(SEEDS)[:3]
+        ]
+        ten = np.array(
+            [
+                [(r.level[k + 9] - (r.level[k - 1] if k else 0.0)) for k in (0, 10, 20, 30)]
+                for r in runs
+            ]
+        )
+        off = ten / 10 / Wall().nominal.mean() * 100
+        rows.append((name, *(f'{m:+.2f}' for m in off.mean(axis=0)), f'{np.abs(off).max():.2f}'))
+    head = ('chain', '20 .. 108 degC', '.. 205', '.. 303', '.. 400', 'largest')
+    table(
+        'Simulated wall, 20 to 400 degC, three strengths of the effect: % off nominal height, ten layers each',
+        head,
+        rows,
+    )
+
+
+def bench_thermal() -> None:
+    import adapt_thermal
+
+    hot_walls()
+
+    found = adapt_thermal.all_forecasts()
+    if not found:
+        print(f'thermal.wait_error_pct: no recording in {adapt_thermal.FOLDER}', file=sys.stderr)
+        return
+    groups = [
+        (
+            f'learned, asked at {a:.0%} of the dwell',
+            [f for f in found if f.learned and f.asked == a],
+        )
+        for a in adapt_thermal.ASKED
+    ]
+    groups += [
+        ('all, learned', [f for f in found if f.learned]),
+        ('first layers, nothing learned yet', [f for f in found if not f.learned]),
+    ]
+    rows = []
+    for name, some in groups:
+        e, single = (np.abs([getattr(f, k) for f in some]) * 100 for k in ('error', 'single'))
+        layers = len({(f.wall, f.dwell) for f in some})
+        rows.append(
+            (
+                name,
+                len(some),
+                layers,
+                f'{np.median(e):.1f}',
+                f'{e.mean():.1f}',
+                f'{np.quantile(e, 0.9):.1f}',
+                f'{(e <= 15).mean():.0%}',
+                f'{single.mean():.1f}',
+            )
+        )
+    table(
+        'Foretold wait for an interpass limit, recorded wall: error in %',
+        ('', 'limits', 'layers', 'median', 'mean', '90 %', 'within 15 %', 'one exponential, mean'), rows,
+    )  # fmt: skip
+    learned = [f for f in found if f.learned]
+    value = float(np.mean(np.abs([f.error for f in learned])) * 100)
+    inside = float(np.mean(np.abs([f.error for f in learned]) <= 0.15))
+    single = float(np.mean(np.abs([f.single for f in learned])) * 100)
+    emit(
+        'thermal.wait_error_pct',
+        value,
+        '%',
+        f'one exponential; {len(learned)} limits, {inside:.0%} within 15 %',
+        single,
+    )
+
+
+PARTS = {
+    'adapt.pad_gap_closed': bench_pads, 'adapt.wall_rms_trimmed_mm': bench_walls,
+    'adapt.wall_rms_all_mm': bench_walls, 'adapt.transfer_worst_ratio': bench_transfer,
+    'adapt.service_p99_ms': bench_service, 'thermal.wait_error_pct': bench_thermal,
+    'fit': adapt_wall.print_fit, 'ablation': ablation,
+}  # fmt: skip
+
+
+def main() -> None:
+    """All, or the part that the command line names (a benchmark, or the part of names before the dot)."""
+    asked = sys.argv[1] if len(sys.argv) > 1 else ''
+    some = [asked] if asked in PARTS else [n for n in NAMES if n.split('.')[0] == asked] or NAMES
+    for part in dict.fromkeys(PARTS[n] for n in some):
+        part()
+    if not asked or asked == 'adapt':
+        ablation()
+
+
+if __name__ == '__main__':
+    main()

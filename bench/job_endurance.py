@@ -1,0 +1,150 @@
+"""One long job on the simulated cell, with the memory of every process looked at as simulated time goes by.
+
+A tall block is built in thin strips of heat: most of the time the cell waits for the interpass limit, as a real one
+does. When the hours are over the job is aborted, which is its ordinary safe end.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from job_part import SEED, goal
+
+DOMAIN = int(os.environ.get('WAAM_BENCH_DOMAIN', 217))
+BLOCK = (40.0, 30.0, 150.0)  # mm: as high as the machine allows, about eighty layers
+EVERY = 600.0  # s of simulated time between two samples
+SILENT_S = 120.0  # s without a status after which the run is given up
+PLATE = (0.240, 0.200, 0.010)  # m
+
+
+@dataclass
+class Endurance:
+    """samples: (simulated s, wall s, {process: MB}); scans: simulated s at which the scan after a layer began."""
+
+    hours: float
+    pids: dict[str, int]
+    file: Path | None = None
+    every: float = EVERY
+    begin: float = 0.0
+    start: float = 0.0
+    now: float = 0.0
+    news: float = field(default_factory=time.monotonic)
+    samples: list[tuple[float, float, dict[str, float]]] = field(default_factory=list)
+    scans: dict[int, float] = field(default_factory=dict)
+    asked: bool = False
+
+    def on_status(self, status) -> None:
+        """Callback of the job."""
+        self.news = time.monotonic()
+        stamp = status.header.stamp
+        t = stamp.sec + stamp.nanosec * 1e-9
+        if status.state < status.PREPARING or t <= 0:
+            return
+        if not self.begin:
+            self.begin, self.start = t, self.news
+        self.now = t - self.begin
+        if status.state == status.SCANNING:
+            self.scans.setdefault(status.layer, self.now)
+        if self.now >= len(self.samples) * self.every:
+            self._sample(status.layer)
+
+    @property
+    def over(self) -> bool:
+        return self.now >= self.hours * 3600
+
+    def _sample(self, layer: int) -> None:
+        memory = {name: resident(pid) for name, pid in self.pids.items()}
+        wall = time.monotonic() - self.start
+        self.samples.append((self.now, wall, memory))
+        line = {'sim_s': self.now, 'wall_s': wall, 'layer': layer, 'mb': memory}
+        if self.file:
+            with open(self.file, 'a') as f:
+                f.write(json.dumps(line) + '\n')
+        print(
+            f'{self.now / 3600:.2f} h of {self.hours:g}: layer {layer}, {sum(memory.values()):.0f} MB, '
+            f'{self.now / max(wall, 1e-9):.1f} simulated seconds a second',
+            file=sys.stderr,
+            flush=True,
+        )
+
+    def growth(self) -> tuple[float, float, dict[str, float]]:
+        """(growth of all after the first hour, or after the first third of a shorter run, in %; MB then; by process).
+
+        A straight line through the samples after that: one sample is noise.
+        """
+        settle = min(3600.0, self.hours * 1200)
+        later = [(t, m) for t, _, m in self.samples if t >= settle]
+        if len(later) < 3:
+            raise RuntimeError(f'{len(later)} samples after settling are too few; run longer')
+        t = np.array([s[0] for s in later])
+        rows = np.array([[s[1][n] for n in self.pids] for s in later])
+        slope, first = np.polyfit(t - t[0], rows, 1)
+        gained = slope * (t[-1] - t[0])
+        by_process = dict(zip(self.pids, 100 * gained / first, strict=True))
+        return float(100 * gained.sum() / first.sum()), float(first.sum()), by_process
+
+
+def resident(pid: int) -> float:
+    """MB of a process, 0 when it is gone."""
+    with suppress(OSError):
+        pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
+        return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+    return 0.0
+
+
+def write_block(folder: Path) -> Path:
+    from waam_bringup.parts import block, write_stl
+
+    folder.mkdir(parents=True, exist_ok=True)
+    x, y, z = (np.array([0.0, v]) for v in BLOCK)
+    write_stl(folder / 'block.stl', block(np.full((2, 2), z[1]), x, y), 'block')
+    return folder / 'block.stl'
+
+
+def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endurance, dict]:
+    """The samples and the report's run. RuntimeError when the job ended by itself before its time."""
+    from waam_bringup import run_state
+    from waam_bringup.drill import power_on
+    from waam_bringup.operate import graph_trouble
+    from waam_msgs.action import RunJob
+
+    with power_on(scratch / 'run', DOMAIN, SEED) as (client, _):
+        pids = {n: s.pid for n, s in run_state.load(scratch / 'run').nodes.items()}
+        watch = Endurance(hours, pids, file, min(EVERY, hours * 3600 / 24))
+        client.load_part('', PLATE, SEED)
+
+        def alive() -> str:
+            if watch.over and not watch.asked:
+                watch.asked = True
+                client.trigger('job_sequencer/abort')
+            silent = time.monotonic() - watch.news > SILENT_S
+            return graph_trouble(scratch / 'run') or ('the job is silent' if silent else '')
+
+        request = goal(
+            write_block(scratch / 'part'), scratch / 'jobs', mode='build', name='endurance'
+        )
+        result = client.run_job(request, watch.on_status, alive)
+    if result.error_code != RunJob.Result.ABORTED:
+        raise RuntimeError(f'the job ended before its time: {result.message}')
+    report = json.loads((Path(result.job_dir) / 'report.json').read_text())
+    return watch, report['closed_loop']
+
+
+def loop_periods(watch: Endurance, run: dict) -> tuple[np.ndarray, np.ndarray]:
+    """(layers (n,), s (n,)): from the scan after one layer to the scan after the next, without the interpass wait and
+    the deposition: what scan, map, correction, setpoints and the job itself take."""
+    layers, periods = [], []
+    for record in run['layers']:
+        k = record['layer']
+        if k in watch.scans and k - 1 in watch.scans:
+            whole = watch.scans[k] - watch.scans[k - 1]
+            layers.append(k)
+            periods.append(whole - record['wait'] - record['duration'])
+    return np.array(layers), np.array(periods)

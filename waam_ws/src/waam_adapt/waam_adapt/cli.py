@@ -1,0 +1,166 @@
+"""waam train: trains the correction network."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+EPILOG = """\
+examples:
+  waam train --out jobs/net                            the packaged network again (about half an hour of one core)
+  waam train --out jobs/net --steps 200                a first look, two minutes
+  waam train --out jobs/net --resume                   go on where it was stopped (Ctrl-C, power, ...)
+  waam train --out jobs/mine --from jobs/A jobs/B      fine-tune the packaged network, half of the scenes start from
+                                                       the recorded surfaces of these jobs
+  torchrun --nproc-per-node 4 -m waam_adapt.cli --out jobs/net      several processes, gradients averaged
+
+--out gets correction.npz (best weights by the validation, no pickle), correction.md (model card), curves.png and
+checkpoint.npz. Use the weights with the parameters  law: unet  and  model: FILE  of correction_server.
+The same seed, settings and torch on the same machine give the same weights, resumed or not.
+"""
+
+
+def register(commands) -> None:
+    """Adds the verb to argparse sub-parsers."""
+    p = commands.add_parser(
+        'train',
+        help='train the correction network on synthetic jobs, or fine-tune it on recorded ones',
+        description='Train the correction network through a differentiable model of the deposition.',
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _arguments(p)
+    p.set_defaults(run_command=run)
+
+
+def _arguments(p: argparse.ArgumentParser) -> None:
+    p.add_argument('--out', type=Path, required=True, metavar='FOLDER')
+    p.add_argument('--steps', type=int, default=2000, help='steps in all (default 2000)')
+    p.add_argument('--batch', type=int, default=8, help='scenes per step and process (default 8)')
+    p.add_argument(
+        '--unroll', type=int, default=3, help='layers that gradients go through (default 3)'
+    )
+    p.add_argument('--rate', type=float, default=2e-3, help='largest learning rate (default 0.002)')
+    p.add_argument('--seed', type=int, default=1)
+    p.add_argument(
+        '--check-every', type=int, default=100, metavar='STEPS', help='validation and checkpoint'
+    )
+    p.add_argument('--threads', type=int, default=1, help='of torch in every process (default 1)')
+    p.add_argument('--resume', action='store_true', help='go on from the checkpoint in --out')
+    p.add_argument(
+        '--from', dest='jobs', type=Path, nargs='+', default=[], metavar='JOB', help='recorded jobs'
+    )
+    p.add_argument(
+        '--start',
+        type=Path,
+        metavar='NPZ',
+        help='weights to begin with (default with --from: packaged)',
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    try:
+        import torch
+    except ModuleNotFoundError:
+        print('waam train needs torch: pip install -r requirements-train.txt', file=sys.stderr)
+        return 1
+    torch.set_num_threads(args.threads)
+    torch.use_deterministic_algorithms(True)
+    several = 'RANK' in os.environ and 'WORLD_SIZE' in os.environ
+    if several:
+        torch.distributed.init_process_group('gloo')
+    try:
+        return _train(args)
+    except (ValueError, OSError) as e:
+        print(f'waam train: {e}', file=sys.stderr)
+        return 1
+    finally:
+        if several:
+            torch.distributed.destroy_process_group()
+
+
+def _train(args: argparse.Namespace) -> int:
+    from . import net, recorded, train
+
+    settings = train.Settings(
+        steps=args.steps, seed=args.seed, batch=args.batch, unroll=args.unroll, rate=args.rate,
+        check_every=args.check_every,
+    )  # fmt: skip
+    jobs = recorded.from_jobs(args.jobs)
+    first = args.start or (net.PACKAGED if jobs else None)
+    trainer = train.Trainer(settings, net.load(first).weights if first else None, jobs)
+    checkpoint = args.out / 'checkpoint.npz'
+    if args.resume:
+        trainer.resume(checkpoint)
+    elif checkpoint.exists():
+        raise train.TrainingError(
+            f'{checkpoint} exists: --resume goes on with it, or name another folder'
+        )
+    note = 'synthetic scenes' + (
+        f' and {len(jobs)} surfaces of {len(args.jobs)} recorded jobs' if jobs else ''
+    )
+    with _bar(trainer) as tick:
+        out = train.train(trainer, args.out, note, tick)
+    if trainer.rank == 0:
+        print(_last_words(trainer, out))
+    return 0
+
+
+def _last_words(trainer, out: Path) -> str:
+    best = min(trainer.progress.checks, key=lambda c: c['ratio'])
+    return (
+        f'{out}: best at step {best["step"]}, held-out RMS {best["rms_mm"]:.3f} mm, '
+        f'explicit law {best["explicit_mm"]:.3f} mm '
+        f'(quotient {best["ratio"]:.3f}); curves in {out.with_name("curves.png")}'
+    )
+
+
+def _bar(trainer):
+    """Progress bar of rank 0 with the last figures, and a new picture of the curves after every validation."""
+    from contextlib import contextmanager
+
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    @contextmanager
+    def show():
+        columns = (
+            TextColumn('training'),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            TextColumn('{task.fields[note]}'),
+        )
+        with Progress(*columns, disable=trainer.rank != 0) as bar:
+            p = trainer.progress
+            task = bar.add_task('', total=trainer.settings.steps, completed=p.step, note='')
+
+            def tick(t) -> None:
+                note = f'loss {sum(p.loss[-20:]) / len(p.loss[-20:]):.3f}'
+                if p.checks:
+                    note += f', network/explicit {p.checks[-1]["ratio"]:.3f}'
+                bar.update(task, completed=t.progress.step, note=note)
+
+            yield tick
+
+    return show()
+
+
+def main() -> None:
+    """Entry for torchrun, which wants a module."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    _arguments(parser)
+    raise SystemExit(run(parser.parse_args()))
+
+
+if __name__ == '__main__':
+    main()

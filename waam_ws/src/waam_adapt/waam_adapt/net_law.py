@@ -1,0 +1,107 @@
+"""The learned law: the damped inverse, and what the network adds to it where it may be trusted.
+
+The network never replaces the explicit law. Where it doubts its own answer its share fades out;
+for a map unlike those of
+its training, and without a sound model file, the explicit law answers alone, and the answer says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from . import features, filters, net
+from .laws import (
+    RATIO_HIGH,
+    RATIO_LOW,
+    Correction,
+    CorrectionInput,
+    DampedInverse,
+    Wish,
+    split_ratio,
+)
+
+DOUBT = 0.15  # layer heights: predicted error at which the confidence is a half
+LOW, FULL = 0.15, 0.35  # confidence below which the network has no say, and from which on all of it
+
+
+@dataclass(frozen=True)
+class UNetLaw:
+    """psi from the explicit law's relative layer height plus the network's change of it.
+
+    explicit: what is corrected, and the fallback. network None: `broken` says why, and the explicit law answers.
+    confidence of the result: that of the explicit law times 1/(1 + (foretold error/DOUBT)^2).
+    """
+
+    explicit: DampedInverse
+    network: net.Network | None
+    broken: str = ''
+    name: str = 'unet'
+
+    @classmethod
+    def load(cls, path: str, explicit: DampedInverse) -> UNetLaw:
+        """path '' = the packaged weights. A file that cannot be used is announced in every answer, not raised."""
+        try:
+            return cls(explicit, _model(Path(path) if path else net.PACKAGED))
+        except net.ModelError as e:
+            return cls(explicit, None, str(e))
+
+    def correct(self, request: CorrectionInput) -> Correction:
+        plain = self.explicit.wish(request)
+        if plain is None or self.network is None:
+            return self._alone(request, self.broken)
+        seen = features.build(request, plain.ratio - 1)
+        if odd := unlike(self.network, features.summary(seen.x)):
+            return self._alone(request, f'input unlike the training: {odd}')
+        change, doubt = self.network(seen.x)
+        sure = 1 / (1 + (np.exp(doubt) / DOUBT) ** 2)
+        inside = seen.channel('footprint') > 0
+        if (middle := float(np.median(sure[inside]))) < LOW:
+            return self._alone(
+                request, f'low confidence of the network: median {middle:.2f}, limit {LOW}'
+            )
+        return self._both(request, plain, seen, change, np.where(inside, sure, 0.0))
+
+    def _both(
+        self,
+        request: CorrectionInput,
+        plain: Wish,
+        seen: features.Features,
+        change: np.ndarray,
+        sure: np.ndarray,
+    ) -> Correction:
+        inside = seen.channel('footprint') > 0
+        say = np.clip((sure - LOW) / (FULL - LOW), 0.0, 1.0) * change
+        add = seen.resampler.fine(filters.extend(say.astype(float), inside)[0])
+        sure = np.clip(seen.resampler.fine(filters.extend(sure, inside)[0]), 0.0, 1.0)
+        ratio = np.clip(plain.ratio + plain.confidence * add, RATIO_LOW, RATIO_HIGH)
+        psi, residual = split_ratio(ratio, plain.planned, request.k_gain)
+        digest = self.network.digest if self.network else ''
+        return Correction(
+            psi, plain.confidence * sure, residual, self.name, request.k_gain, model_hash=digest
+        )
+
+    def _alone(self, request: CorrectionInput, why: str) -> Correction:
+        """The explicit law's answer, announced as a fallback."""
+        result = self.explicit.correct(request)
+        reason = f'unet: {why}; {self.explicit.name} answers' if why else ''
+        reasons = (*((reason,) if reason else ()), *result.reasons)
+        return replace(result, fallback=bool(reasons), reasons=reasons)
+
+
+def unlike(network: net.Network, figures: np.ndarray) -> str:
+    """The first figure of the input that lies outside of what the training has seen, in words; '' = none."""
+    for name, value in zip(features.SUMMARIES, figures, strict=True):
+        low, high = network.card['seen'][name]
+        if not low <= value <= high:
+            return f'{name} {value:.3g}, seen {low:.3g} .. {high:.3g}'
+    return ''
+
+
+@lru_cache(maxsize=4)
+def _model(path: Path) -> net.Network:
+    """Read once per process: the weights do not change under a running job."""
+    return net.load(path)

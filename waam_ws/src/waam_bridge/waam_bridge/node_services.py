@@ -1,0 +1,59 @@
+"""The services of the bridge. Answers of `command` are sent later, from the link's thread."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from threading import RLock
+
+from rclpy.node import Node
+
+from waam_msgs.srv import Command, Enqueue
+from waam_node.conversions import segment_from_msg
+from waam_node.deferred import Deferred, create_deferred_service
+
+from . import commands, program
+from .core import Bridge
+from .program import Refusal
+
+
+class Services:
+    """`lock` guards the core; `pump` writes and publishes what came of a request."""
+
+    def __init__(self, node: Node, core: Bridge, lock: RLock, pump: Callable[[], None]) -> None:
+        self._core, self._lock, self._pump = core, lock, pump
+        node.create_service(Enqueue, '~/enqueue', self._on_enqueue)
+        create_deferred_service(node, Command, '~/command', self._on_command)
+
+    def _on_enqueue(self, request: Enqueue.Request, response: Enqueue.Response) -> Enqueue.Response:
+        """Checks outside the lock, so that a large batch does not hold up the link."""
+        try:
+            segments = [segment_from_msg(m) for m in request.segments]
+            with self._lock:
+                permit = self._core.permit(request.job_id, segments)
+            batch = program.prepare(permit, segments, request.last)
+            with self._lock:
+                self._core.commit(permit, batch)
+            response.accepted, response.duplicates = batch.accepted, batch.duplicates
+            self._pump()
+        except Refusal as e:
+            response.error_code, response.message = e.code, str(e)
+        except ValueError as e:
+            response.error_code, response.message = program.BAD_SEGMENT, str(e)
+        return response
+
+    def _on_command(self, request: Command.Request, response: Command.Response) -> Deferred:
+        later = Deferred()
+
+        def answer(code: int, text: str) -> None:
+            response.error_code, response.message = code, text
+            later.answer(response)
+
+        v = request.vector
+        command = commands.Command(
+            request.code, request.text, tuple(request.names), (v.x, v.y, v.z), request.value
+        )
+        with self._lock:
+            commands.run(self._core, command, answer, time.monotonic())
+        self._pump()
+        return later

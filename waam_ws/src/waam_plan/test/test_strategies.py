@@ -1,0 +1,164 @@
+"""Strategies: inside the section, covering it, few arc starts that move from layer to layer."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import Point, Polygon, box
+
+from waam_plan import path, strategies
+from waam_plan.inside import keep_inside
+from waam_plan.linking import spread_starts
+from waam_plan.medial import medial_lines
+from waam_plan.rings import bead_count
+from waam_plan.section import outline, raster
+from waam_plan.settings import STRATEGIES, PlanSettings
+from waam_process.grid import GridSpec, HeightGrid
+
+SPEC = GridSpec.covering(-0.012, -0.012, 0.092, 0.072, 0.5e-3)
+PLATE = box(0, 0, 0.08, 0.05).difference(Point(0.05, 0.025).buffer(0.012))
+ELL = Polygon([(0, 0), (0.07, 0), (0.07, 0.025), (0.03, 0.025), (0.03, 0.06), (0, 0.06)])
+RIBS = box(0, 0, 0.08, 0.006).union(box(0.036, 0, 0.042, 0.05)).union(box(0.06, 0, 0.066, 0.04))
+SHAPES = {'plate': PLATE, 'ell': ELL, 'ribs': RIBS}
+FILLS = [s for s in STRATEGIES if s != 'shell']
+
+
+def filled(shape, strategy, number=1, **options):
+    """Pieces of layer `number`."""
+    s = PlanSettings(strategy=strategy, **options)
+    area = strategies.Area([shape], raster([shape], SPEC), SPEC, s, number)
+    return keep_inside(
+        path.lay_out(strategies.fill(area), HeightGrid.full(SPEC, 0.0), s), area.polygons
+    )
+
+
+def lines(pieces):
+    return shapely.linestrings(np.stack([pieces.start[:, :2], pieces.end[:, :2]], axis=1))
+
+
+def starts(pieces):
+    first = np.append(True, pieces.chain[1:] != pieces.chain[:-1])
+    return pieces.start[first, :2]
+
+
+def test_every_name_of_the_settings_has_a_strategy():
+    assert tuple(strategies.REGISTRY) == STRATEGIES
+    assert all(entry.summary for entry in strategies.REGISTRY.values())
+
+
+@pytest.mark.parametrize('strategy', FILLS)
+@pytest.mark.parametrize('name', SHAPES)
+def test_path_is_inside_and_covers_the_section(name, strategy):
+    shape = SHAPES[name]
+    pieces = filled(shape, strategy)
+    assert shapely.contains(shape.buffer(1e-9), lines(pieces)).all()
+    covered = shapely.union_all(lines(pieces)).buffer(3e-3).intersection(shape).area
+    assert covered >= 0.985 * shape.area
+    assert len(starts(pieces)) <= 6
+
+
+@pytest.mark.parametrize('strategy', ['contour', 'spiral', 'combined'])
+def test_the_edge_is_followed_half_a_bead_inside(strategy):
+    edge = shapely.union_all(lines(filled(ELL, strategy)))
+    ring = ELL.buffer(-3e-3).exterior
+    assert edge.buffer(0.1e-3).intersection(ring).length > 0.97 * ring.length
+
+
+def test_a_spiral_has_one_arc_start_where_contours_have_a_seam_per_ring():
+    disc = Point(0.04, 0.03).buffer(0.024)
+    spiral, rings = filled(disc, 'spiral'), filled(disc, 'contour')
+    assert len(starts(spiral)) == 1
+    radius = np.hypot(*(spiral.end[:, :2] - (0.04, 0.03)).T)
+    assert (np.diff(radius) < 0.3e-3).all() and radius[-1] < 0.006  # inwards, turn by turn
+    steps = np.sort(np.hypot(*(rings.end[:, :2] - (0.04, 0.03)).T).round(3))
+    assert len(np.unique(steps)) >= 4
+
+
+def test_zigzag_turns_by_the_angle_of_the_settings():
+    def heading(number):
+        p = filled(box(0, 0, 0.08, 0.05), 'zigzag', number, alternation='turn', turn_deg=30.0)
+        step = (p.end - p.start)[:, :2]
+        long = np.linalg.norm(step, axis=1) > 1.5e-3
+        angle = np.degrees(np.arctan2(step[long, 1], step[long, 0])) % 180
+        return float(np.median(angle))
+
+    assert heading(2) == pytest.approx(30, abs=3) and heading(4) == pytest.approx(90, abs=3)
+
+
+@pytest.mark.parametrize('strategy', FILLS)
+def test_arc_starts_move_between_layers(strategy):
+    for shape in (PLATE, ELL):
+        below = starts(filled(shape, strategy, 1))
+        s = PlanSettings(strategy=strategy)
+        area = strategies.Area([shape], raster([shape], SPEC), SPEC, s, 2)
+        chains = spread_starts(strategies.fill(area), below, s.start_spread)
+        long = [c for c in chains if sum(shapely.LineString(x).length for x in c) > 20e-3]
+        gaps = [np.linalg.norm(below - c[0][0], axis=1).min() for c in long]
+        assert long and min(gaps) >= 5e-3
+
+
+@given(st.floats(6e-3, 0.1), st.floats(4e-3, 8e-3), st.floats(0.55, 0.7))
+def test_bead_count_keeps_the_overlap(wall, width, ratio):
+    """The source's rule: never wider apart than the ratio, never one bead more than that needs."""
+    n = bead_count(wall, width, ratio)
+    if n > 1:
+        apart = (wall - width) / (n - 1)
+        assert apart <= ratio * width * (1 + 1e-5)
+        assert n == 2 or (wall - width) / (n - 2) > ratio * width * (1 - 1e-5)
+
+
+@pytest.mark.parametrize('thickness', [4e-3, 6e-3])
+def test_medial_axis_of_a_curved_wall_and_a_tee(thickness):
+    arc = shapely.LineString([(0.03 * math.cos(a), 0.03 * math.sin(a)) for a in np.linspace(0, 3)])
+    (line,) = medial_lines(arc.buffer(thickness / 2, cap_style='flat'), 2e-3)
+    np.testing.assert_allclose(np.hypot(*line.T), 0.03, atol=0.3e-3)
+    tee = box(0, -thickness / 2, 0.06, thickness / 2).union(
+        box(0.03 - thickness / 2, 0, 0.03 + thickness / 2, 0.04)
+    )
+    found = sorted(shapely.LineString(x).length for x in medial_lines(tee, 2e-3))
+    assert len(found) == 2
+    assert found[1] == pytest.approx(0.06, abs=thickness)
+    assert found[0] == pytest.approx(0.04, abs=thickness)
+
+
+def test_edge_beads_get_the_surplus_of_the_rule_of_thumb():
+    """Half a bead from the edge they have more area than pitch times length: 20 to 30 % more, as the source says."""
+    from waam_plan.allocate import along_edge, metal_heights
+
+    s = PlanSettings(strategy='contour', pitch_ratio=0.65)
+    shape = box(0, 0, 0.08, 0.06)
+    pieces = filled(shape, 'contour', pitch_ratio=0.65)
+    mask = raster([shape], SPEC)
+    height = metal_heights(pieces, np.where(mask, 2e-3, 0.0), mask, SPEC, s)
+    edge = along_edge(pieces, mask, SPEC, s)
+    inner = ~edge & (np.abs(pieces.start[:, 0] - 0.04) < 0.02) & (pieces.start[:, 1] < 0.02)
+    side = edge & (np.abs(pieces.start[:, 0] - 0.04) < 0.02) & (pieces.start[:, 1] < 0.02)
+    assert 1.1 < height[side].mean() / height[inner].mean() < 1.45
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=8, deadline=None)
+def test_whatever_leaves_the_section_is_brought_back(seed):
+    rng = np.random.default_rng(seed)
+    angle = np.linspace(0, 2 * np.pi, 15)[:-1]
+    radius = rng.uniform(0.008, 0.03, 14)
+    shape = Polygon(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])).buffer(0)
+    points = np.column_stack([rng.uniform(-0.03, 0.03, (15, 2)), np.zeros(15)])
+    number = np.zeros(14, int)
+    kept = keep_inside(path.Pieces(points[:-1], points[1:], number + 1, number), [shape])
+    assert shapely.contains(shape, lines(kept)).all()
+    whole = shapely.contains(shape, lines(path.Pieces(points[:-1], points[1:], number, number)))
+    assert len(kept.bead) >= whole.sum()
+    joined = np.linalg.norm(kept.end[:-1] - kept.start[1:], axis=1) < 1e-9
+    assert joined[kept.chain[1:] == kept.chain[:-1]].all()
+
+
+def test_the_outline_of_a_mask_is_within_a_cell_of_it():
+    mask = raster([PLATE], SPEC)
+    again = raster(outline(mask, SPEC), SPEC)
+    assert (mask ^ again).sum() < 0.01 * mask.sum()
+    (shape,) = outline(mask, SPEC)
+    assert shape.hausdorff_distance(PLATE) < 1.5 * SPEC.resolution and len(shape.interiors) == 1

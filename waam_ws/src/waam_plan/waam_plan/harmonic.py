@@ -1,0 +1,52 @@
+"""Idle moves with continuous acceleration: the harmonic law of source 004.
+
+The law joins two places with R'' = A cos(k t + psi), R' = (A / k)(sin(k t + psi) - sin psi) + C. The torch stands still
+where the arc goes off and where it is lit, so speed and acceleration vanish at both ends; then psi = -pi/2,
+k = 2 pi / T, C = 0 and A = 2 pi L / T^2, and no iteration is needed: R = L (u - sin(2 pi u) / (2 pi)), u = t / T.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+FINEST = 0.5e-3  # m: a move is not cut into pieces shorter than this on the average
+PIECES = 8  # of equal time, at most
+
+
+@dataclass(frozen=True)
+class HarmonicLaw:
+    """From rest to rest over `length` (m) in `duration` (s)."""
+
+    length: float
+    duration: float
+
+    @classmethod
+    def within(cls, length: float, speed: float, acceleration: float) -> HarmonicLaw:
+        """The quickest that keeps to a highest speed (m/s) and acceleration (m/s2)."""
+        by_speed = 2 * length / speed
+        by_acceleration = math.sqrt(2 * math.pi * length / acceleration)
+        return cls(length, max(by_speed, by_acceleration))
+
+    def position(self, t):
+        """m after t seconds."""
+        u = np.asarray(t, float) / self.duration
+        return self.length * (u - np.sin(2 * np.pi * u) / (2 * np.pi))
+
+    def speed(self, t):
+        """m/s"""
+        u = np.asarray(t, float) / self.duration
+        return self.length / self.duration * (1 - np.cos(2 * np.pi * u))
+
+    def acceleration(self, t):
+        """m/s2; zero at both ends, so it does not break where moves meet."""
+        u = np.asarray(t, float) / self.duration
+        return 2 * np.pi * self.length / self.duration**2 * np.sin(2 * np.pi * u)
+
+    def pieces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places (n + 1,) m and mean speeds (n,) m/s of pieces of equal time."""
+        n = int(np.clip(self.length / FINEST, 1, PIECES))
+        at = self.position(np.linspace(0, self.duration, n + 1))
+        return at, np.diff(at) * n / self.duration
