@@ -7,10 +7,12 @@ doubled in the resumed jobs (baseline: all their beads).
   WAAM_BENCH_TRIALS=N   how many trials (default 6; 100 take about 45 minutes on an idle machine with two cores)
   WAAM_BENCH_CUTS=FILE  the trials are kept in this file, one JSON line each; a campaign can so be run in portions:
                         trials that are in the file are not run again. Failed ones leave their folder beside it.
+                        One file per version of the software: the undisturbed jobs in it are the reference.
 job.memory_growth_pct: resident memory of all processes together during one job, growth after the first hour (a shorter
 run: the first third), baseline the MB then. job.loop_drift_pct: change of the loop's period (scan to scan, without wait
 and deposition) over the same job, baseline its mean in s. job.simulated_per_wall: simulated seconds per second.
   WAAM_BENCH_HOURS=H    simulated hours (default 0.2; 8 take as long as job.simulated_per_wall says, about an hour)
+  WAAM_BENCH_INTERPASS=C  limit in degrees Celsius (default 80: long waits)
   WAAM_BENCH_SAMPLES=FILE  memory of every process every ten simulated minutes, one JSON line each
 WAAM_BENCH_ONLY=cuts or hours runs one of the two. Portions of it with other work on the machine: nice -n 10.
 """
@@ -18,6 +20,7 @@ WAAM_BENCH_ONLY=cuts or hours runs one of the two. Portions of it with other wor
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -39,6 +42,7 @@ NAMES = [
 
 def main() -> None:
     """Both benchmarks, in a temporary folder."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the graph is stopped as well
     only = os.environ.get('WAAM_BENCH_ONLY', '')
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as folder:
         scratch = Path(folder)
@@ -64,11 +68,19 @@ def cuts(scratch: Path, file: Path, trials: int) -> None:
         f'{sum(d["resumed"] for d in done)} of {len(lines)} jobs were cut off and resumed',
         file=sys.stderr,
     )
+    versions = sorted({d.get('software', 'unknown') for d in lines + campaign.lines('undisturbed')})
+    if len(versions) > 1:
+        print(f'the trials are of several versions: {", ".join(versions)}', file=sys.stderr)
     for d in lines:
         if 'error' in d:
             print(f'trial {d["number"]} ({d["how"]}) failed: {d["error"]}', file=sys.stderr)
+    if late := sum(d.get('failed_starts', 0) for d in lines):
+        print(f'the graph came up only at a second attempt {late} times', file=sys.stderr)
     worst = max(d['rms_mm'] for d in done) / reference
-    emit('job.resume_rms_ratio_worst', worst, '1', 'undisturbed job, same part', 1.0)
+    spread = max(whole) / reference
+    emit(
+        'job.resume_rms_ratio_worst', worst, '1', 'worst undisturbed job over their median', spread
+    )
     emit('job.cuts_failed', len(lines) - len(done), 'trials', 'all trials', len(lines))
     wrong = sum(d['missing'] + d['doubled'] for d in done)
     beads = sum(d['beads'] for d in done)
@@ -81,6 +93,11 @@ def endure(scratch: Path, hours: float, file: Path | None) -> None:
     growth, settled, by_process = watch.growth()
     for name, percent in sorted(by_process.items(), key=lambda kv: -kv[1]):
         print(f'{name:20s} {percent:+7.2f} %', file=sys.stderr)
+    for name, (simulated, wall, cpu) in watch.phases.items():
+        print(
+            f'{name:12s} {simulated:8.1f} simulated s in {wall:7.1f} s, {cpu / max(simulated, 1e-9):.3f} s of CPU each',
+            file=sys.stderr,
+        )
     layers, periods = loop_periods(watch, run)
     slope = np.polyfit(layers, periods, 1)[0] if len(layers) > 2 else 0.0
     drift = 100 * slope * (layers[-1] - layers[0]) / periods.mean() if len(layers) > 2 else 0.0

@@ -23,6 +23,7 @@ from job_part import SEED, goal, write_part
 DOMAIN = int(os.environ.get('WAAM_BENCH_DOMAIN', 216))
 JOB_S, UP_S = 300.0, 120.0  # longest wait for a job and for a graph, s
 WAYS = ('everything', 'one node', 'torn checkpoint')
+WHOLE = 3  # undisturbed jobs at least: they differ, too
 ACTIVE = range(2, 9)  # JobStatus states in which a job may be cut off
 
 
@@ -38,12 +39,15 @@ class Campaign:
     """A graph that is kept from trial to trial as long as it lives. `file` holds the trials so far."""
 
     def __init__(self, scratch: Path, file: Path) -> None:
+        from waam_job.provenance import software_revision
+
         self.scratch, self.file = scratch, file
         self.part, self.worn = write_part(scratch / 'part')
         self.run = scratch / 'run'
         self.length = 0.0  # s on the wall, from the first move to the end of an undisturbed job
         self._graph = None
-        self._without_graph = 0
+        self._without_graph = self.failed_starts = 0
+        self.software = software_revision()
 
     # ---- the file ------------------------------------------------------------------------------
 
@@ -53,7 +57,7 @@ class Campaign:
 
     def _append(self, kind: str, **data) -> dict:
         with open(self.file, 'a') as f:
-            f.write(json.dumps({'kind': kind, **data}) + '\n')
+            f.write(json.dumps({'kind': kind, 'software': self.software, **data}) + '\n')
         return data
 
     # ---- the graph -----------------------------------------------------------------------------
@@ -68,11 +72,15 @@ class Campaign:
         if self._graph and state and state.alive and not state.dead_nodes:
             return self._client
         self.down()
-        graph = power_on(self.run, DOMAIN, SEED, timeout=UP_S)
-        try:
-            self._client, self.pids = graph.__enter__()
-        except ClientError as e:
-            raise NoGraph(str(e)) from None
+        for attempt in (1, 2):  # an operator would try again, too; the line of the trial says so
+            graph = power_on(self.run, DOMAIN, SEED, timeout=UP_S)
+            try:
+                self._client, self.pids = graph.__enter__()
+                break
+            except ClientError as e:
+                self.failed_starts += 1
+                if attempt == 2:
+                    raise NoGraph(str(e)) from None
         self._graph = graph
         return self._client
 
@@ -117,7 +125,7 @@ class Campaign:
 
     def trial(self, number: int) -> dict:
         """Cut `number` of the campaign, appended to the file whatever its end is."""
-        start, cut = time.monotonic(), Cut(self, number)
+        start, cut, before = time.monotonic(), Cut(self, number), self.failed_starts
         try:
             facts = cut.run()
             self._without_graph = 0
@@ -129,8 +137,9 @@ class Campaign:
             self._keep(cut.folder, number)
             self.down()
         shutil.rmtree(self.scratch / 'jobs', ignore_errors=True)
-        wall = round(time.monotonic() - start, 1)
-        return self._append('cut', number=number, **cut.about, **facts, wall_s=wall)
+        facts |= {'wall_s': round(time.monotonic() - start, 1)}
+        facts |= {'failed_starts': self.failed_starts - before}
+        return self._append('cut', number=number, **cut.about, **facts)
 
     def _keep(self, folder: Path | None, number: int) -> None:
         """The job and the logs of a trial that failed, beside the file."""
@@ -269,12 +278,12 @@ def beads_of(folder: Path) -> dict:
 
 
 def run_campaign(scratch: Path, file: Path, trials: int) -> Campaign:
-    """Trials 0 .. trials - 1 that are not in the file yet, beside one undisturbed job per sitting."""
+    """Trials 0 .. trials - 1 that are not in the file yet, after an undisturbed job per sitting, WHOLE in the first."""
     campaign = Campaign(scratch, file)
     done = {d['number'] for d in campaign.lines('cut')}
     missing = [n for n in range(trials) if n not in done]
     try:
-        if missing:
+        for _ in range(max(1, WHOLE - len(campaign.lines('undisturbed'))) if missing else 0):
             campaign.undisturbed()
         for number in missing:
             facts = campaign.trial(number)

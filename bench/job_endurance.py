@@ -1,7 +1,7 @@
 """One long job on the simulated cell, with the memory of every process looked at as simulated time goes by.
 
-A tall block is built in thin strips of heat: most of the time the cell waits for the interpass limit, as a real one
-does. When the hours are over the job is aborted, which is its ordinary safe end.
+A tall block is built below an interpass limit that is set low, so that the cell waits before most layers, as a real
+one does. When the hours are over the job is aborted, which is its ordinary safe end.
 """
 
 from __future__ import annotations
@@ -18,8 +18,13 @@ import numpy as np
 from job_part import SEED, goal
 
 DOMAIN = int(os.environ.get('WAAM_BENCH_DOMAIN', 217))
-BLOCK = (40.0, 30.0, 150.0)  # mm: as high as the machine allows, about eighty layers
+BLOCK = (70.0, 50.0, 150.0)  # mm: as high as the machine allows, about eighty layers
+INTERPASS_C = float(os.environ.get('WAAM_BENCH_INTERPASS', 80.0))
 EVERY = 600.0  # s of simulated time between two samples
+NAMES = (
+    'idle', 'validating', 'preparing', 'cooling', 'scanning', 'correcting', 'depositing', 'paused', 'finishing',
+    'done', 'failed', 'aborted',
+)  # fmt: skip
 SILENT_S = 120.0  # s without a status after which the run is given up
 PLATE = (0.240, 0.200, 0.010)  # m
 
@@ -39,6 +44,8 @@ class Endurance:
     samples: list[tuple[float, float, dict[str, float]]] = field(default_factory=list)
     scans: dict[int, float] = field(default_factory=dict)
     asked: bool = False
+    phases: dict[str, list[float]] = field(default_factory=dict)  # simulated s, wall s, CPU s
+    last: tuple[str, float, float, float] | None = None
 
     def on_status(self, status) -> None:
         """Callback of the job."""
@@ -50,6 +57,7 @@ class Endurance:
         if not self.begin:
             self.begin, self.start = t, self.news
         self.now = t - self.begin
+        self._phase(NAMES[status.state])
         if status.state == status.SCANNING:
             self.scans.setdefault(status.layer, self.now)
         if self.now >= len(self.samples) * self.every:
@@ -58,6 +66,18 @@ class Endurance:
     @property
     def over(self) -> bool:
         return self.now >= self.hours * 3600
+
+    def _phase(self, name: str) -> None:
+        """Adds what has passed to the phase in which it passed; looked at when the phase changes."""
+        if self.last and self.last[0] == name:
+            return
+        spent = sum(cpu_seconds(pid) for pid in self.pids.values())
+        if self.last:
+            old, *before = self.last
+            gone = (self.now - before[0], self.news - before[1], spent - before[2])
+            total = self.phases.setdefault(old, [0.0, 0.0, 0.0])
+            self.phases[old] = [a + b for a, b in zip(total, gone, strict=True)]
+        self.last = (name, self.now, self.news, spent)
 
     def _sample(self, layer: int) -> None:
         memory = {name: resident(pid) for name, pid in self.pids.items()}
@@ -99,6 +119,14 @@ def resident(pid: int) -> float:
     return 0.0
 
 
+def cpu_seconds(pid: int) -> float:
+    """Processor time of a process so far, 0 when it is gone."""
+    with suppress(OSError):
+        fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+    return 0.0
+
+
 def write_block(folder: Path) -> Path:
     from waam_bringup.parts import block, write_stl
 
@@ -115,7 +143,12 @@ def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endura
     from waam_bringup.operate import graph_trouble
     from waam_msgs.action import RunJob
 
-    with power_on(scratch / 'run', DOMAIN, SEED) as (client, _):
+    scratch.mkdir(parents=True, exist_ok=True)
+    limit = scratch / 'interpass.yaml'
+    limit.write_text(
+        f'thermal_compensator: {{ros__parameters: {{interpass_limit: {INTERPASS_C}}}}}\n'
+    )
+    with power_on(scratch / 'run', DOMAIN, SEED, params_file=limit) as (client, _):
         pids = {n: s.pid for n, s in run_state.load(scratch / 'run').nodes.items()}
         watch = Endurance(hours, pids, file, min(EVERY, hours * 3600 / 24))
         client.load_part('', PLATE, SEED)
@@ -139,11 +172,11 @@ def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endura
 
 def loop_periods(watch: Endurance, run: dict) -> tuple[np.ndarray, np.ndarray]:
     """(layers (n,), s (n,)): from the scan after one layer to the scan after the next, without the interpass wait and
-    the deposition: what scan, map, correction, setpoints and the job itself take."""
+    the deposition: what scan, map, correction, setpoints and the job itself take. From the third layer on."""
     layers, periods = [], []
     for record in run['layers']:
         k = record['layer']
-        if k in watch.scans and k - 1 in watch.scans:
+        if k > 2 and k in watch.scans and k - 1 in watch.scans:
             whole = watch.scans[k] - watch.scans[k - 1]
             layers.append(k)
             periods.append(whole - record['wait'] - record['duration'])

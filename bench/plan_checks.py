@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 PORTION = 0.5e-3  # m of path between portions of simulated melt
-TIP = 1.0e-3  # m, radius of the wire tip that must not touch metal
+TIP = 0.6e-3  # m, radius of the wire, whose tip must not touch metal
 RANGE = (0.40, 0.76)  # of the bead width: distance of neighbouring beads with the overlap in range
 CELL = 0.5e-3
 
@@ -163,7 +163,7 @@ def depth(metal, segment, allowed: float) -> float:
     n = max(2, math.ceil(segment.length / 0.5e-3))
     p = np.linspace(segment.start, segment.end, n)
     level = math.dist(segment.start[:2], segment.end[:2]) > 1e-6
-    reach = math.ceil(TIP / metal.spec.resolution)
+    reach = max(1, round(TIP / metal.spec.resolution))
     row, col = metal.spec.cell(p[:, 0], p[:, 1])
     worst = 0.0
     for r, c, z in zip(row, col, p[:, 2], strict=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,19 @@ def test_record_opens_in_a_third_party_reader_with_all_topics(done):
             for _, _, r in reader.messages(connections=telemetry)
         ]
         assert np.all(np.diff(sequence) == 1)
+
+
+def test_record_opens_in_rerun_with_every_topic(done):
+    """Messages of several publishers are not in the order of their publication: rerun notes that, and reads them."""
+    from waam_record.bag_reader import info
+    from waam_view.web_viewer import binary
+
+    command = [binary(), 'mcap', 'check', done / 'record/record_0.mcap']
+    checked = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    rows = [line.split(maxsplit=4) for line in checked.stdout.splitlines() if ' /' in line]
+    found = {row[3]: (row[0], row[4]) for row in rows if len(row) == 5}
+    assert set(found) == set(info(done / 'record').topics)
+    assert not [n for n, (status, why) in found.items() if status != 'ok' and 'order' not in why]
 
 
 def test_offline_replay_reproduces_every_map_psi_and_setpoint(done):

@@ -39,7 +39,7 @@ class Graph:
         self.processes.append(process)
         return process
 
-    def wait(self, condition, timeout: float = 20.0, what: str = 'condition') -> None:
+    def wait(self, condition, timeout: float = 90.0, what: str = 'condition') -> None:
         end = time.monotonic() + timeout
         while not condition():
             assert time.monotonic() < end, f'{what}: not within {timeout} s'

@@ -109,7 +109,7 @@ def test_hollow_gets_a_slower_torch_and_the_answer_is_published(graph, correct):
     assert abs(psi[40, 15]) < 0.05
     assert not answer.correction.fallback
     assert answer.correction.k_gain == pytest.approx(0.3)
-    assert 0 < answer.correction.latency < 1
+    assert answer.correction.latency > 0
     graph.wait(lambda: maps and estimates, what='latched answers')
     assert list(maps[-1].psi) == list(answer.correction.psi)
     assert estimates[-1].efficiency_ratio == 1.0
@@ -254,7 +254,7 @@ def test_unknown_parameter_is_refused_by_name():
     g = Graph()
     try:
         process = g.start('correction_server', '-p', 'gian:=0.5')
-        assert process.wait(20) == 2
+        assert process.wait(120) == 2
         assert "unknown parameter 'gian'; did you mean 'gain'" in process.stderr.read()
     finally:
         g.close()

@@ -9,8 +9,8 @@ from pathlib import Path
 
 EPILOG = """\
 examples:
-  waam train --out jobs/net                            the packaged network again (about half an hour of one core)
-  waam train --out jobs/net --steps 200                a first look, two minutes
+  waam train --out jobs/net                            the packaged network again (a few minutes of one core)
+  waam train --out jobs/net --steps 100                a first look
   waam train --out jobs/net --resume                   go on where it was stopped (Ctrl-C, power, ...)
   waam train --out jobs/mine --from jobs/A jobs/B      fine-tune the packaged network, half of the scenes start from
                                                        the recorded surfaces of these jobs
@@ -37,7 +37,7 @@ def register(commands) -> None:
 
 def _arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument('--out', type=Path, required=True, metavar='FOLDER')
-    p.add_argument('--steps', type=int, default=2000, help='steps in all (default 2000)')
+    p.add_argument('--steps', type=int, default=400, help='steps in all (default 400)')
     p.add_argument('--batch', type=int, default=8, help='scenes per step and process (default 8)')
     p.add_argument(
         '--unroll', type=int, default=3, help='layers that gradients go through (default 3)'

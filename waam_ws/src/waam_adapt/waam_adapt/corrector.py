@@ -19,7 +19,9 @@ from .laws import Correction, CorrectionInput, make_law, safe_correct
 @dataclass(frozen=True)
 class CorrectionParams:
     law: str = param(
-        'damped_inverse', 'correction law', choices=('damped_inverse', 'unet', 'proportional', 'zero')
+        'damped_inverse',
+        'correction law',
+        choices=('damped_inverse', 'unet', 'proportional', 'zero'),
     )
     model: str = param('', "file with the weights of law unet; '' = the packaged ones")
     k_gain: float = param(

@@ -20,6 +20,7 @@ TILE, HALO = (
     96,
     24,
 )  # cells; the halo is wider than what an output cell sees, so tiles join without a seam
+ALONE = 250_000  # multiplications of one product that BLAS does in one thread
 STRIP = 16  # rows at a time, so that the columns stay in the cache
 CONVS = (
     'enc1a', 'enc1b', 'enc2a', 'enc2b', 'mida', 'midb', 'dec2a', 'dec2b', 'dec1a', 'dec1b', 'head', 'doubt',
@@ -86,9 +87,18 @@ def conv3x3(x: np.ndarray, weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
         for tap in range(9):
             i, j = divmod(tap, 3)
             columns[:, tap] = padded[:, r + i : r + i + k, j : j + cols]
-        out[:, r : r + k] = (flat @ columns.reshape(n * 9, k * cols)).reshape(-1, k, cols)
+        out[:, r : r + k] = _product(flat, columns.reshape(n * 9, k * cols)).reshape(-1, k, cols)
     out += bias[:, None, None]
     return np.maximum(out, 0, out=out)
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a @ b in pieces so small that BLAS starts no threads: those wait for each other longer than they compute."""
+    out = np.empty((len(a), b.shape[1]), np.float32)
+    step = max(16, ALONE // a.size)
+    for i in range(0, b.shape[1], step):
+        out[:, i : i + step] = a @ b[:, i : i + step]
+    return out
 
 
 def halve(x: np.ndarray) -> np.ndarray:

@@ -24,8 +24,8 @@ from .laws import (
     split_ratio,
 )
 
-DOUBT = 0.15  # layer heights: predicted error at which the confidence is a half
-LOW, FULL = 0.15, 0.35  # confidence below which the network has no say, and from which on all of it
+DOUBT = 0.25  # layer heights: predicted error at which the confidence is a half
+LOW, FULL = 0.08, 0.2  # confidence below which the network has no say, and from which on all of it
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class TrainingError(ValueError):
 class Settings:
     """unroll: layers that gradients go through; warm: at most so many before them; layers of the validation runs."""
 
-    steps: int = 700
+    steps: int = 400
     seed: int = 1
     batch: int = 8
     unroll: int = 3

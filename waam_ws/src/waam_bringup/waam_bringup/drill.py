@@ -17,11 +17,20 @@ from .operate import stop, up
 
 @contextmanager
 def power_on(
-    run: Path, domain: int, seed: int = 1, rate: float = 0.0, timeout: float = 90.0
+    run: Path,
+    domain: int,
+    seed: int = 1,
+    rate: float = 0.0,
+    timeout: float = 90.0,
+    params_file: Path | None = None,
 ) -> Iterator[tuple[GraphClient, list[int]]]:
     """A graph that may be killed inside the block. Yields a client and the pids, the supervisor's first."""
     args = ['--run', str(run), '--domain', str(domain), '--seed', str(seed), '--rate', str(rate)]
-    state = up(Settings(run=run, seed=seed, rate=rate), domain, timeout, args)
+    files = (params_file,) if params_file else ()
+    for file in files:
+        args += ['--params-file', str(file)]
+    settings = Settings(run=run, seed=seed, rate=rate, params_files=files)
+    state = up(settings, domain, timeout, args)
     try:
         with GraphClient(domain) as client:
             yield client, [state.supervisor, *(n.pid for n in state.nodes.values())]

@@ -7,7 +7,7 @@ static const waam_regulator_config_t regulator = {
     .lag_s = 0.05f,
     .delay_s = 0.01f,
     .fixed = {.kp = 2.11f, .ki = 43.7f, .kd = 0.0062f, .filter_s = 0.0035f, .weight = 1.0f},
-    .scheduled = {.kp = 10.0f, .ki = 195.0f, .kd = 0.0f, .filter_s = 0.0f, .weight = 1.0f},
+    .scheduled = {.kp = 8.3f, .ki = 172.0f, .kd = 0.0f, .filter_s = 0.0f, .weight = 1.0f},
     .scheduling = true,
     .predictor = true,
     .trim = 15.0f,

@@ -60,7 +60,7 @@ FIXED = Variant()
 SCHEDULED = Variant(scheduling=True, predictor=True)
 # The fastest PID with at most 5 % overshoot at the nominal gain alone, by the search in doc/arc_regulator.md.
 NOMINAL = Variant(gains=(2.96, 55.4, 0.0082, 0.0080))
-# The fastest fixed gains that never raise the current by more than 1 % of its dip, 80 to 250 A, gain up to 10 % off; the same way.
+# The fastest fixed gains that never raise the current by more than 1 % of its dip, 80 to 250 A, gain up to 10 % off.
 CALM = Variant(gains=(2.01, 40.1, 0.0058, 0.0014))
 TRIM = 15.0  # V that the source may be moved away from its setpoint, as shipped
 

@@ -190,6 +190,7 @@ def test_a_whole_shift(cell, browser):
     s.click('nav [data-page=setup]')
     s.page.fill('#f-name', 'second')
     s.page.fill('#f-operator_name', 'Kim')
+    s.page.fill('#f-wire_lot', 'lot 4711')
     s.click('#load')
     s.shows('#toast', 'loaded')
     start(s)
@@ -204,6 +205,7 @@ def test_a_whole_shift(cell, browser):
     report = opened.value
     report.wait_for_load_state()
     assert 'TOLERANCE' in report.text_content('.verdict')
+    assert 'lot 4711' in report.text_content('body') and 'Kim' in report.text_content('body')
     s.picture('jobs')
     assert s.said == []
 

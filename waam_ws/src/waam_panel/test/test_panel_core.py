@@ -216,6 +216,12 @@ def test_a_setup_names_everything_that_is_wrong():
         parse({}, MATERIALS)
 
 
+def test_wire_and_gas_are_noted_only_when_somebody_told_them():
+    told = parse({'part': 'a.stl', 'wire_lot': ' 4711 ', 'gas': 'M21'}, MATERIALS)
+    assert told.notes == ['started_from=panel', 'wire_lot=4711', 'gas=M21']
+    assert parse({'part': 'a.stl', 'gas': ''}, MATERIALS).notes == ['started_from=panel']
+
+
 @given(
     st.dictionaries(
         st.sampled_from([f.name for f in dataclasses.fields(JobSetup)]),

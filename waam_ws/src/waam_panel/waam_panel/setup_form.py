@@ -33,7 +33,15 @@ class JobSetup:
     passes: int = 1
     allowance_mm: float = 0.0
     operator_name: str = ''
+    wire_lot: str = ''
+    gas: str = ''
     name: str = ''
+
+    @property
+    def notes(self) -> list[str]:
+        """What the record keeps of the consumables, as key=value; only a person can tell it."""
+        told = {'wire_lot': self.wire_lot, 'gas': self.gas}
+        return ['started_from=panel', *(f'{k}={v}' for k, v in told.items() if v)]
 
     def as_dict(self) -> dict[str, Any]:
         data = asdict(self)

@@ -4,10 +4,13 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from waam_plan.build import plan_build
 from waam_plan.harmonic import HarmonicLaw
+from waam_plan.part import load_part
 from waam_plan.plan import hop
 from waam_plan.restore import plan_restoration
 from waam_plan.settings import PlanSettings
@@ -68,18 +71,16 @@ def test_idle_moves_pass_over_the_metal_as_built(worn_block):
     assert max(s.start[2] for s in lowest) <= plan.safe_z + 1e-12
 
 
-def test_low_metal_is_passed_low(worn_block):
-    """Four islands at the bottom of a wide pit: no reason to climb above the rim of the block."""
-    found, nominal = worn_block(
-        lambda x, y: np.where(np.hypot(x - 0.03, y - 0.02) < 0.012, 0, 8e-3)
-    )
-    plan = plan_restoration(found, nominal, PlanSettings(torch_radius=2e-3))
+def test_low_metal_is_passed_low(tmp_path):
+    """In the first layer of a tall tube the torch does not climb to where the last layer will be."""
+    path = tmp_path / 'tube.stl'
+    trimesh.creation.annulus(r_min=10, r_max=30, height=40).export(path)
+    s = PlanSettings()
+    plan = plan_build(load_part(path), s)
     layer = plan.layers[0]
-    k = [i for i, s in enumerate(layer.segments) if s.arc]
-    inner = [s.end[2] for s in layer.segments[k[0] : k[-1]] if not s.arc]
-    if inner:
-        assert max(inner) <= plan.safe_z
-    assert plan.safe_z == pytest.approx(0.030 + 0.010)
+    lit = [i for i, x in enumerate(layer.segments) if x.arc]
+    between = [x.end[2] for x in layer.segments[lit[0] : lit[-1]] if not x.arc]
+    assert max(between) == pytest.approx(2e-3 + s.clearance) and plan.safe_z > 0.045
 
 
 def test_short_beads_wait_and_the_arc_is_lit_before_and_put_out_before_the_end(worn_block):

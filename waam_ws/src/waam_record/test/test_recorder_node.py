@@ -50,7 +50,7 @@ class Graph:
         self.matched = False
 
     def call(self, code: int, **fields) -> Record.Response:
-        assert self.client.wait_for_service(timeout_sec=30)
+        assert self.client.wait_for_service(timeout_sec=90)
         if not self.matched:
             self._match()
         future = self.client.call_async(Record.Request(code=code, **fields))
@@ -81,7 +81,7 @@ class Graph:
         self.context.try_shutdown()
         if self.process.poll() is None:
             self.process.terminate()
-        self.process.communicate(timeout=15)
+        self.process.communicate(timeout=60)
 
 
 @pytest.fixture
@@ -176,18 +176,20 @@ def test_kill_9_in_the_middle(graph, tmp_path):
     g = graph()
     telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
     assert g.call(Record.Request.START, directory=str(tmp_path / 'record')).success
-    sent, start = 0, time.monotonic()
-    while time.monotonic() - start < 2.6:
+    sent, start, stalled = 0, time.monotonic(), 0.0
+    while (before := time.monotonic()) - start < 2.6:
         telemetry.publish(Telemetry(sequence=sent))
         sent += 1
         time.sleep(0.002)
+        stalled = max(stalled, time.monotonic() - before)  # so long a loaded machine runs nobody
     g.process.send_signal(signal.SIGKILL)
     rate = sent / (time.monotonic() - start)
     g.process.wait()
     assert not check(tmp_path / 'record').sound
     recover(tmp_path / 'record', tmp_path / 'saved')
     saved = info(tmp_path / 'saved').topics['/telemetry'].messages
-    assert saved >= sent - 1.4 * rate
+    assert saved > 0
+    assert saved >= sent - (1.4 + 3 * stalled) * rate
     assert check(tmp_path / 'saved').sound
 
 
@@ -278,7 +280,7 @@ def metadata(folder: Path) -> bytes:
 
 def test_unknown_parameter_is_refused_by_name(graph):
     g = graph('quueue_mb:=3')
-    _, err = g.process.communicate(timeout=15)
+    _, err = g.process.communicate(timeout=60)
     assert g.process.returncode == 2 and "unknown parameter 'quueue_mb'" in err
 
 

@@ -1,7 +1,7 @@
 // Set up: choose or upload a part, load, preview.
 import { $, element, get, post, text, toast, upload } from './api.js';
 
-const FIELDS = ['part', 'as_found', 'mode', 'material', 'profile', 'layers', 'tolerance_mm', 'layer_height_mm', 'bead_width_mm', 'passes', 'allowance_mm', 'operator_name', 'name'];
+const FIELDS = ['part', 'as_found', 'mode', 'material', 'profile', 'layers', 'tolerance_mm', 'layer_height_mm', 'bead_width_mm', 'passes', 'allowance_mm', 'operator_name', 'wire_lot', 'gas', 'name'];
 let simulated = false;
 
 function fill(select, values, chosen) {
