@@ -7,7 +7,8 @@ setup:
 	@bash scripts/setup.sh
 demo: setup
 	@$(RUN) waam demo
-test: setup
+test:
+	@bash scripts/setup.sh --train
 	@$(RUN) ruff check . && bash scripts/test.sh
 bench: setup
 	@$(RUN) python3 bench/run.py $(ONLY)

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # Makes the working tree ready: virtual environment, pinned wheels, colcon workspace. Idempotent; the second run takes about a second.
+# --train: also what `waam train` and its tests need (torch, about 5 GB).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 root=$PWD
@@ -52,6 +53,15 @@ if [ "$(cat .venv/.waam_ready 2>/dev/null || true)" != "$want" ]; then
         || say "printrun could not be installed: the tests with a stock sender will be skipped"
     .venv/bin/python scripts/fix_wheels.py
     echo "$want" > .venv/.waam_ready
+    rm -f .venv/.waam_train
+fi
+if [ "${1:-}" = --train ] && ! cmp -s requirements-train.txt .venv/.waam_train; then
+    say "torch, for waam train and its tests (one or two minutes, 5 GB) ..."
+    if .venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt -r requirements-train.txt; then
+        cp requirements-train.txt .venv/.waam_train
+    else
+        say "torch could not be installed: waam train will not work and its tests will be skipped"
+    fi
 fi
 
 sources() {  # everything that a build depends on; Python files are linked, so only their names count
