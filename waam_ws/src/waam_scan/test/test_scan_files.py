@@ -132,7 +132,7 @@ def test_bad_input_is_one_line_that_names_it(tmp_path, capsys):
     (tmp_path / 'broken.pcd').write_bytes(b'# .PCD v0.7\nFIELDS x y z\nDATA binary\n\x00')
     write_cloud(tmp_path / 'wide.npy', cloud() * 1000, 'npy')
     for file, word in (
-        ('notes.txt', 'neither a folder'),
+        ('notes.txt', 'neither a recording'),
         ('broken.pcd', 'broken.pcd'),
         ('none.ply', 'no such file'),
         ('wide.npy', '--scale'),

@@ -146,7 +146,7 @@ def shifted(laser, seconds):
 
 CALL = (
     'import argparse, sys; from waam_scan import cli; p = argparse.ArgumentParser(prog="waam"); '
-    's = p.add_subparsers(required=True); cli.register(s); a = p.parse_args(); sys.exit(a.run(a))'
+    's = p.add_subparsers(required=True); cli.register(s); a = p.parse_args(); sys.exit(a.run_command(a))'
 )
 
 
