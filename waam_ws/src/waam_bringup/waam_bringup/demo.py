@@ -36,7 +36,8 @@ def run_demo(args) -> int:
     console.print(
         f'Restoring {PART} ({WORN} lies on the simulated table), seed {args.seed}. Starting the graph ...'
     )
-    settings = Settings(run=folder / '.run', rate=args.rate, seed=args.seed)
+    # nobody opens the operator's page of a demo, and two cores are few
+    settings = Settings(run=folder / '.run', rate=args.rate, seed=args.seed, without=('panel',))
     with graph(settings, default_domain(folder)) as (_, client):
         results = {p: _one(client, args, folder, p, settings.run) for p in args.profiles}
     report = combine(folder, results)
