@@ -51,7 +51,7 @@ class PadPhysics:
 
 
 @njit(cache=True)
-def _lay(z, metal, rows, centre, spread, lean, order):  # pragma: no cover
+def _lay(z, metal, rows, centre, spread, lean, order):
     """Adds metal (cols,) m2 per column / resolution to z (rows, cols) in travel order; the weights used, (cols, k)."""
     first, k = rows
     weights = np.empty((z.shape[1], k))

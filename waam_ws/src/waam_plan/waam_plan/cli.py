@@ -62,6 +62,14 @@ def register(commands) -> None:
         add_help=False,
     )
     p.add_argument('-h', '--help', action=_Help, dest=argparse.SUPPRESS)
+    _add_inputs(p)
+    _add_layers(p)
+    _add_outputs(p)
+    p.set_defaults(run_command=run)
+
+
+def _add_inputs(p: argparse.ArgumentParser) -> None:
+    """What is there and what is wanted."""
     p.add_argument(
         'part',
         type=Path,
@@ -76,20 +84,6 @@ def register(commands) -> None:
         type=Path,
         metavar='WORN',
         help='mesh, cloud or .npz height map of the worn surface',
-    )
-    p.add_argument(
-        '--layers', type=int, default=0, help='at most so many, from the bottom; 0 = all'
-    )
-    p.add_argument('--layer-height', type=float, metavar='MM', help='default 2')
-    p.add_argument('--bead-width', type=float, metavar='MM', help='default 6')
-    p.add_argument('--speed', type=float, metavar='MM/S', help='travel with the arc on, default 10')
-    p.add_argument(
-        '--direction', choices=('auto', 'x', 'y'), help='of the beads; auto = along the longer side'
-    )
-    p.add_argument('--alternation', choices=ALTERNATIONS, help='from layer to layer')
-    p.add_argument('--strategy', choices=STRATEGIES, help='how layers are filled, see below')
-    p.add_argument(
-        '--levels', choices=('equal', 'adaptive'), help='heights of the layers of a build'
     )
     p.add_argument(
         '--zone',
@@ -108,6 +102,27 @@ def register(commands) -> None:
         help='close holes, remove double faces, turn normals outwards',
     )
     p.add_argument(
+        '--scale', type=float, default=1e-3, help='m per unit of the files, default 0.001 (mm)'
+    )
+
+
+def _add_layers(p: argparse.ArgumentParser) -> None:
+    """How the metal is laid."""
+    p.add_argument(
+        '--layers', type=int, default=0, help='at most so many, from the bottom; 0 = all'
+    )
+    p.add_argument('--layer-height', type=float, metavar='MM', help='default 2')
+    p.add_argument('--bead-width', type=float, metavar='MM', help='default 6')
+    p.add_argument('--speed', type=float, metavar='MM/S', help='travel with the arc on, default 10')
+    p.add_argument(
+        '--direction', choices=('auto', 'x', 'y'), help='of the beads; auto = along the longer side'
+    )
+    p.add_argument('--alternation', choices=ALTERNATIONS, help='from layer to layer')
+    p.add_argument('--strategy', choices=STRATEGIES, help='how layers are filled, see below')
+    p.add_argument(
+        '--levels', choices=('equal', 'adaptive'), help='heights of the layers of a build'
+    )
+    p.add_argument(
         '--overhang', type=float, metavar='DEG', help='steepest overhang of a build, default 45'
     )
     p.add_argument(
@@ -117,9 +132,10 @@ def register(commands) -> None:
         metavar='NAME=VALUE',
         help='any field of PlanSettings, SI',
     )
-    p.add_argument(
-        '--scale', type=float, default=1e-3, help='m per unit of the files, default 0.001 (mm)'
-    )
+
+
+def _add_outputs(p: argparse.ArgumentParser) -> None:
+    """What is written."""
     p.add_argument(
         '--out', type=Path, metavar='DIR', help='folder for the files; none are written without it'
     )
@@ -134,7 +150,6 @@ def register(commands) -> None:
         action='store_true',
         help='draw preview.png and preview.html (into --out or the current folder)',
     )
-    p.set_defaults(run_command=run)
 
 
 def run(args: argparse.Namespace) -> int:
