@@ -286,7 +286,7 @@ def test_arc_burns_for_a_bead_and_ends_with_the_lease(board):
     client = board.client
     board.burn()
     pins = board.pins()
-    assert pins['arc'] == pins['gas'] == 1
+    assert pins['arc'] == pins['gas'] == 1 and pins['setpoint_mv'] > 0
     steady = client.frame['t_us'] + 800_000  # 0.3 s fixed gains, then scheduled ones
     client.wait(lambda: client.frame['t_us'] > steady)
     if client.frame['flags'] & ARC:  # the host kept up

@@ -176,12 +176,11 @@ def test_kill_9_in_the_middle(graph, tmp_path):
     g = graph()
     telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
     assert g.call(Record.Request.START, directory=str(tmp_path / 'record')).success
-    sent, start, stalled = 0, time.monotonic(), 0.0
-    while (before := time.monotonic()) - start < 2.6:
+    sent, start = 0, time.monotonic()
+    while time.monotonic() - start < 2.6:
         telemetry.publish(Telemetry(sequence=sent))
         sent += 1
         time.sleep(0.002)
-        stalled = max(stalled, time.monotonic() - before)  # so long a loaded machine runs nobody
     g.process.send_signal(signal.SIGKILL)
     rate = sent / (time.monotonic() - start)
     g.process.wait()
@@ -189,7 +188,7 @@ def test_kill_9_in_the_middle(graph, tmp_path):
     recover(tmp_path / 'record', tmp_path / 'saved')
     saved = info(tmp_path / 'saved').topics['/telemetry'].messages
     assert saved > 0
-    assert saved >= sent - (1.4 + 3 * stalled) * rate
+    assert saved >= sent - 1.4 * rate
     assert check(tmp_path / 'saved').sound
 
 

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
 
 from waam_record.bag_copy import recover
@@ -110,8 +109,7 @@ def test_kill_9_loses_at_most_about_a_second(tmp_path):
     saved = recover(tmp_path / 'record', tmp_path / 'saved')
     found = info(tmp_path / 'saved')
     assert 0 < saved.messages <= sent + 20
-    stalled = max(np.diff(times)) * 1e-9  # a loaded machine lets nobody run for so long
-    assert (last_ns - found.last_ns) * 1e-9 < 1.3 + 3 * stalled
+    assert (last_ns - found.last_ns) * 1e-9 < 1.3
 
 
 @pytest.mark.parametrize('keys', [{}, {'lost': '3', 'lost./blob': '3'}])
