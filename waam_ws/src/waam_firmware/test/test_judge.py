@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 PROGRAMS = 300
+RATE_FLOOR = 0.1  # units/min, of rs274 in G93
 TOLERANCE = 1e-3  # mm
 SHORTEST = 5.5e-4  # mm; a move below half a um makes no block
 PLANES = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
@@ -210,7 +211,8 @@ class Judge:
     """Reads the canonical motions that rs274 prints; keeps units, offsets, plane and position as they say."""
 
     def __init__(self) -> None:
-        self.unit, self.plane, self.speed = 1.0, 17, 0.0
+        self.unit, self.plane = 1.0, 17
+        self.speed: float | None = 0.0
         self.at: Vector = (0.0, 0.0, 0.0)
         self.g5x: Vector = (0.0, 0.0, 0.0)
         self.g92: Vector = (0.0, 0.0, 0.0)
@@ -273,7 +275,8 @@ class Judge:
         elif "SET_G92_OFFSET" in text:
             self.g92 = tuple(v * self.unit for v in values[:3])
         elif "SET_FEED_RATE" in text:
-            self.speed = values[0] * self.unit / 60.0
+            # an inverse-time move slower than its floor is printed at the floor, whatever the program says
+            self.speed = values[0] * self.unit / 60.0 if values[0] > RATE_FLOOR else None
         elif "STRAIGHT_" in text:
             self.straight(values, "TRAVERSE" in text)
         elif "ARC_FEED" in text:
