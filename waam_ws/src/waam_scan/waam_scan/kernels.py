@@ -123,23 +123,38 @@ def thin(rows, cell, m, threshold):
 
 
 @njit(cache=True, nogil=True)
-def make_room(cell, record, key, halves, rows):
-    """Puts a point into a full cell: repeats go first, then the threshold is lowered until there is room."""
-    slots = rows.shape[1]
-    m = distinct(rows, cell, slots)
+def make_room(cell, record, key, halves, rows, own):
+    """Puts a point into a full cell: repeats go first, then the threshold is lowered until there is room.
+    own: buffer for two times the hashes of the cell's points."""
+    slots, one = np.uint64(rows.shape[1]), np.uint64(1)
+    for i in range(slots):
+        at = np.uint64(i)
+        own[at] = own[at + slots] = record_key(rows[cell, at])
+    clash = False  # of hashes, as repeats have, and as others rarely have: looks at all pairs, which vectorises
+    for shift in range(one, (slots >> one) + one):
+        for i in range(slots):
+            clash |= own[np.uint64(i)] == own[np.uint64(i) + np.uint64(shift)]
+    m = slots
+    if clash:
+        m = np.uint64(distinct(rows, cell, np.int64(slots)))
+        for i in range(m):
+            own[np.uint64(i)] = record_key(rows[cell, np.uint64(i)])
     for i in range(m):
-        if rows[cell, i] == record:
-            halves[cell, 7] = m
+        if own[np.uint64(i)] == key and rows[cell, np.uint64(i)] == record:
+            halves[cell, 7] = np.uint32(m)
             return
     threshold = halves[cell, 6]
     while m == slots and key <= threshold and threshold > 0:
         threshold = lower(threshold)
-        m = thin(rows, cell, m, threshold)
+        m = np.uint64(0)
+        for i in range(slots):
+            rows[cell, m] = rows[cell, np.uint64(i)]
+            m += np.uint64(own[np.uint64(i)] <= threshold)
     halves[cell, 6] = threshold
     if key <= threshold and m < slots:
         rows[cell, m] = record
-        m += 1
-    halves[cell, 7] = m
+        m += one
+    halves[cell, 7] = np.uint32(m)
 
 
 @njit(cache=True, nogil=True)
@@ -154,10 +169,11 @@ def spill(cell, words, sums):
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def scatter(cells, keys, heights, places, table, words, halves, rows, sums):
-    """Adds prepared points to their cells; returns (drop-outs, points outside)."""
+def scatter(cells, keys, heights, places, table, words, halves, sums, late):
+    """Adds prepared points to the sums of their cells; returns (drop-outs, points outside, number of points for the
+    sample). late: where the indices of those go."""
     dropouts = outside = 0
-    slots, low16 = np.uint64(rows.shape[1]), np.uint64(0xFFFF)
+    low16, waiting = np.uint64(0xFFFF), np.uint64(0)
     for k in range(len(cells)):
         cell = np.uint64(cells[k])
         if cell >= np.uint64(DROPOUT):
@@ -171,15 +187,32 @@ def scatter(cells, keys, heights, places, table, words, halves, rows, sums):
         words[cell, PLACE] += (place & low16) | ((place >> np.uint64(16)) << np.uint64(32))
         if (n & np.uint64(SPILL)) == 0:
             spill(cell, words, sums)
-        if keys[k] <= halves[cell, 6]:
-            record = (np.uint64(height) << np.uint64(32)) | place
+        late[waiting] = k
+        waiting += np.uint64(keys[k] <= halves[cell, 6])
+    return dropouts, outside, waiting
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def admit(late, cells, keys, heights, places, halves, rows, own):
+    """Puts the points `late` into the samples of their cells.
+
+    The samples of a whole grid do not fit into a cache: the first loop fetches all that is needed, at once."""
+    slots, fetched = np.uint64(rows.shape[1]), np.uint64(0)
+    for k in late:
+        cell = np.uint64(cells[np.uint64(k)])
+        fetched |= rows[cell, 0] | rows[cell, slots >> np.uint64(1)]
+    own[0] = np.uint32(fetched)  # or the compiler would leave it out
+    for i in late:
+        k = np.uint64(i)
+        cell, key = np.uint64(cells[k]), keys[k]
+        if key <= halves[cell, 6]:
+            record = (np.uint64(heights[k]) << np.uint64(32)) | np.uint64(places[k])
             m = np.uint64(halves[cell, 7])
             if m < slots:
                 rows[cell, m] = record
                 halves[cell, 7] = np.uint32(m + np.uint64(1))
             else:
-                make_room(cell, record, keys[k], halves, rows)
-    return dropouts, outside
+                make_room(cell, record, key, halves, rows, own)
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -190,6 +223,7 @@ def add_profiles(
     outside)."""
     cells, keys = np.empty(CHUNK, np.uint32), np.empty(CHUNK, np.uint32)
     heights, places = np.empty(CHUNK, np.uint32), np.empty(CHUNK, np.uint32)
+    late, own = np.empty(CHUNK, np.uint32), np.empty(2 * rows.shape[1], np.uint32)
     dropouts = outside = 0
     for i in range(x.shape[0]):
         for j in range(0, x.shape[1], CHUNK):
@@ -199,9 +233,10 @@ def add_profiles(
                 origins[i], axis, x[i, j:end], z[i, j:end], x_bits[i, j:end], z_bits[i, j:end],
                 size, low, high, per_unit, cells, keys, heights, places,
             )  # fmt: skip
-            d, o = scatter(
-                cells[:m], keys[:m], heights[:m], places[:m], table, words, halves, rows, sums
+            d, o, waiting = scatter(
+                cells[:m], keys[:m], heights[:m], places[:m], table, words, halves, sums, late
             )
+            admit(late[:waiting], cells, keys, heights, places, halves, rows, own)
             dropouts += d
             outside += o
     return dropouts, outside
