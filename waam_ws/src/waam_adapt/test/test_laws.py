@@ -8,7 +8,7 @@ from waam_adapt.laws import CorrectionError, CorrectionInput
 
 SHAPE, RES, WIDTH, H = (80, 120), 0.5e-3, 6e-3, 2e-3
 PITCH = 0.73 * WIDTH
-LAWS = [laws.DampedInverse(), laws.Proportional()]
+LAWS = [laws.DampedInverse(), laws.Proportional(), laws.LogLog()]
 named = pytest.mark.parametrize('law', LAWS, ids=lambda law: law.name)
 
 
@@ -183,9 +183,20 @@ def test_impossible_input_is_refused_naming_the_field(changes, word):
         given_surface(np.zeros(SHAPE), **changes)
 
 
+@given(st.floats(-0.8, -0.3), st.floats(-0.5e-3, 0.5e-3))
+def test_log_log_hits_a_wall_that_grows_by_its_model(exponent, missing):
+    """Height goes with speed**exponent: what the law asks of the speed gives the height that is missing."""
+    law = laws.LogLog(gain=1.0, exponent=exponent)
+    result = law.correct(given_surface(np.full(SHAPE, -missing), sigma=np.zeros(SHAPE), k_gain=0.9))
+    free = footprint() & (np.abs(result.psi) < 1)
+    laid = H * result.speed_factor**exponent
+    assert laid[free] == pytest.approx(H + missing, rel=1e-9)
+    assert free[footprint()].all() or abs(missing) > 0.2e-3
+
+
 def test_unknown_law_names_the_known_ones():
     with pytest.raises(
-        CorrectionError, match="'magic'; known are zero, proportional, damped_inverse"
+        CorrectionError, match="'magic'; known are zero, proportional, log_log"
     ):
         laws.make_law('magic', 0.9, 0.1)
 

@@ -10,8 +10,10 @@ import pytest
 import yaml
 from adapt_graph import Graph
 from ament_index_python.packages import get_package_share_directory
+from geometry_msgs.msg import Point32, Polygon
 from sensor_msgs.msg import Temperature
 
+from waam_adapt.conversions import correction_input
 from waam_adapt.corrector import CorrectionParams
 from waam_adapt.feed_forward_node import FeedParams
 from waam_adapt.thermal_compensator_node import ThermalParams
@@ -167,6 +169,24 @@ def test_bad_request_is_refused_naming_the_field(graph, correct, field, value):
     answer = correct(r)
     assert answer.error_code == ComputeCorrection.Response.BAD_INPUT
     assert field.split('_')[0] in answer.message
+
+
+def test_beads_reach_the_law_from_the_corner_of_the_map(graph):
+    r = request_with_hollow(graph)
+    r.beads = [Polygon(points=[Point32(x=0.01, y=0.02), Point32(x=0.03, y=0.02)])]
+    corner = np.array([SPEC.origin_x, SPEC.origin_y])
+    (path,) = correction_input(r, SPEC, 0.3, 0.3).paths
+    assert path + corner == pytest.approx(np.array([[0.01, 0.02], [0.03, 0.02]]))
+
+
+@pytest.mark.parametrize('points', [[], [(0.0, 0.0)], [(0.0, 0.0), (math.nan, 0.0)]])
+def test_a_bead_that_is_no_line_is_refused_by_its_number(graph, correct, points):
+    r = request_with_hollow(graph)
+    r.beads = [Polygon(points=[Point32(), Point32(x=0.01)])]
+    r.beads.append(Polygon(points=[Point32(x=x, y=y) for x, y in points]))
+    answer = correct(r)
+    assert answer.error_code == ComputeCorrection.Response.BAD_INPUT
+    assert 'beads[1]' in answer.message
 
 
 def test_correction_and_feed_together_lay_what_is_missing(graph, correct, feed):

@@ -67,8 +67,21 @@ def correction_input(
         bead_width=number('bead_width', request.bead_width, 5e-4, 0.05),
         k_gain=k_gain if np.isnan(wish) else wish,
         direction=(request.direction.x, request.direction.y),
+        paths=bead_paths(request, spec),
         temperature=request.temperature,
     )
+
+
+def bead_paths(request: ComputeCorrection.Request, spec: GridSpec) -> tuple[np.ndarray, ...]:
+    """(n, 2) m from the corner of cell (0, 0), one per stretch from arc on to arc off; CorrectionError names the bead."""
+    corner = np.array([spec.origin_x, spec.origin_y])
+    paths = []
+    for i, bead in enumerate(request.beads):
+        path = np.array([(p.x, p.y) for p in bead.points]).reshape(-1, 2)
+        if len(path) < 2 or not np.isfinite(path).all():
+            raise CorrectionError(f'beads[{i}] must have at least two finite points')
+        paths.append(path - corner)
+    return tuple(paths)
 
 
 def feed_factor(request: ComputeCorrection.Request) -> float:

@@ -21,7 +21,7 @@ class CorrectionParams:
     law: str = param(
         'damped_inverse',
         'correction law',
-        choices=('damped_inverse', 'unet', 'proportional', 'zero'),
+        choices=('damped_inverse', 'unet', 'proportional', 'log_log', 'zero'),
     )
     model: str = param('', "file with the weights of law unet; '' = the packaged ones")
     k_gain: float = param(

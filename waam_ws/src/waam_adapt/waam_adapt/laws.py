@@ -18,7 +18,7 @@ from . import filters
 
 # relative layer height beyond which a bead is no bead of the regime any more
 RATIO_LOW, RATIO_HIGH = 0.4, 1.8
-LAWS = ('zero', 'proportional', 'damped_inverse', 'unet')
+LAWS = ('zero', 'proportional', 'log_log', 'damped_inverse', 'unet')
 MIN_GAIN = 1e-3  # less authority over speed than this is none
 MIN_PLANNED = 0.05e-3  # m; thinner than this the plan adds no metal
 
@@ -192,6 +192,30 @@ class Proportional:
 
 
 @dataclass(frozen=True)
+class LogLog:
+    """Speed from the inverse of one fixed model ln(height) = exponent*ln(speed) + b, cell by cell, no residual.
+
+    1 + k_gain*psi = (wanted/planned)**(1/exponent); b cancels, for the plan's height belongs to the plan's speed. What
+    published single-bead cells do with their regression; exponent: -0.5 lies amid the fits of the material table.
+    """
+
+    gain: float = 0.7
+    exponent: float = -0.5
+    name: str = 'log_log'
+
+    def correct(self, request: CorrectionInput) -> Correction:
+        known = request.footprint & np.isfinite(request.error)
+        if request.k_gain < MIN_GAIN:
+            return nothing(request.z.shape, request.k_gain, self.name)
+        with np.errstate(invalid='ignore', divide='ignore'):
+            ratio = np.clip(1 + self.gain * request.error / request.planned, RATIO_LOW, RATIO_HIGH)
+        wish = (np.where(known, ratio, 1.0) ** (1 / self.exponent) - 1) / request.k_gain
+        confidence = np.where(known, filters.reliability(request.sigma, known.shape), 0.0)
+        psi = np.clip(wish, -1.0, 1.0)
+        return Correction(psi, confidence, np.zeros_like(psi), self.name, request.k_gain)
+
+
+@dataclass(frozen=True)
 class Wish:
     """ratio: wanted over planned layer height; planned m, continued outside the footprint;
     confidence 0..1. All (rows, cols).
@@ -266,7 +290,8 @@ def make_law(
         from .net_law import UNetLaw  # reads weights: only who asks for it pays
 
         return UNetLaw.load(model, inverse)
-    return {'zero': Zero(), 'proportional': Proportional(gain), 'damped_inverse': inverse}[name]
+    laws = (Zero(), Proportional(gain), LogLog(gain), inverse)
+    return {law.name: law for law in laws}[name]
 
 
 def safe_correct(

@@ -57,6 +57,8 @@ class UNetLaw:
         if odd := unlike(self.network, features.summary(seen.x)):
             return self._alone(request, f'input unlike the training: {odd}')
         change, doubt = self.network(seen.x)
+        if not (np.isfinite(change).all() and np.isfinite(doubt).all()):
+            return self._alone(request, 'the network gave an answer that is not finite')
         sure = 1 / (1 + (np.exp(doubt) / DOUBT) ** 2)
         inside = seen.channel('footprint') > 0
         if (middle := float(np.median(sure[inside]))) < LOW:

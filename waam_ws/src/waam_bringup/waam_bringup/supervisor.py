@@ -49,7 +49,9 @@ class Supervisor:
                     stdout=log,
                     stderr=subprocess.STDOUT,
                     env=environment,
-                    start_new_session=True,  # Ctrl-C in the terminal reaches the supervisor, which stops them in order
+                    # Ctrl-C in the terminal reaches the supervisor, which stops them in order. No session of its own:
+                    # Linux shares out the processor by session first, and `nice` counts only within one
+                    process_group=0,
                 )
             self.children[spec.name] = child
             self.state.nodes[spec.name] = NodeState(child.pid)

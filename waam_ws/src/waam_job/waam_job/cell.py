@@ -89,7 +89,9 @@ class Correction:
 
 @dataclass(frozen=True)
 class CorrectionRequest:
-    """Surface, target and history for the correction server; maps (rows, cols) in m on the scan's grid."""
+    """Surface, target and history for the correction server; maps (rows, cols) in m on the scan's grid.
+
+    beads: (n, 2) x, y in m of every stretch from arc on to arc off, in the order they are laid."""
 
     layer: int
     scan: Scan
@@ -102,6 +104,7 @@ class CorrectionRequest:
     temperature: float
     k_gain: float
     direction: tuple[float, float]
+    beads: tuple[np.ndarray, ...] = ()
 
 
 @dataclass

@@ -8,7 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
-from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Point, Point32, Polygon, Vector3
 
 from waam_msgs.action import RunJob
 from waam_msgs.msg import (
@@ -222,4 +222,5 @@ def correction_request(job_id: str, r: CorrectionRequest, stamp) -> ComputeCorre
     request.bead_width, request.temperature = float(r.bead_width), float(r.temperature)
     request.k_gain = float(r.k_gain)
     request.direction = Vector3(x=float(r.direction[0]), y=float(r.direction[1]), z=0.0)
+    request.beads = [Polygon(points=[Point32(x=x, y=y) for x, y in b.tolist()]) for b in r.beads]
     return request

@@ -117,6 +117,7 @@ class LayerCycle:
             temperature=self.cell.heat().temperature,
             k_gain=self.runner.status.k_gain,
             direction=layer.direction,
+            beads=tuple(layer.arc_paths),
         )
 
     def _correct(self, layer: PlannedLayer, scan: Scan, record: LayerRecord) -> Correction | None:

@@ -175,6 +175,19 @@ def test_one_arc_per_layer_on_a_rectangle(worn_block):
     assert [p.arc_starts for p in plan_restoration(found, nominal, S).layers] == [1, 1]
 
 
+def test_arc_paths_hold_every_metre_of_arc_and_begin_at_every_start(worn_block):
+    found, nominal = worn_block(
+        lambda x, y: np.where(np.hypot(x - 0.03, y - 0.02) < 0.010, 0.0, 0.002)
+    )
+    (layer,) = plan_restoration(found, nominal, S).layers
+    paths = layer.arc_paths
+    assert len(paths) == layer.arc_starts > 1
+    burning = [s for s in layer.segments if s.arc]
+    steps = np.concatenate([np.linalg.norm(np.diff(p, axis=0), axis=1) for p in paths])
+    assert steps == pytest.approx([math.dist(s.start[:2], s.end[:2]) for s in burning])
+    assert (paths[0][0] == burning[0].start[:2]).all() and (paths[-1][-1] == burning[-1].end[:2]).all()
+
+
 def test_a_hole_is_not_crossed_with_the_arc_on(worn_block):
     found, nominal = worn_block(
         lambda x, y: np.where(np.hypot(x - 0.03, y - 0.02) < 0.010, 0.0, 0.002)

@@ -46,6 +46,19 @@ class PlannedLayer:
         return sum(now and not before for before, now in zip([False, *arc], arc, strict=False))
 
     @property
+    def arc_paths(self) -> list[np.ndarray]:
+        """(n, 2) x, y in m of every stretch from arc on to arc off, in the order they are laid."""
+        paths: list[list[tuple[float, float]]] = []
+        burning = False
+        for s in self.segments:
+            if s.arc and not burning:
+                paths.append([(s.start[0], s.start[1])])
+            if s.arc:
+                paths[-1].append((s.end[0], s.end[1]))
+            burning = s.arc
+        return [np.array(p) for p in paths]
+
+    @property
     def length(self) -> float:
         """Path with the arc on, m."""
         return sum(s.length for s in self.deposits)
