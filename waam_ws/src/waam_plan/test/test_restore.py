@@ -60,8 +60,10 @@ def test_properties_of_any_plan(worn_block, depth, options):
     missing = nominal.z - found.z
     laid = np.sum([p.planned for p in plan.layers], axis=0) if plan.layers else 0 * missing
     check_metal(plan, missing, laid)
+    metal = found.z.copy()
     for layer in plan.layers:
-        check_layer(plan, layer, found)
+        metal += layer.planned
+        check_layer(plan, layer, metal)
 
 
 def check_metal(plan, missing, laid):
@@ -87,25 +89,33 @@ def check_metal(plan, missing, laid):
         assert plan.region[deep].mean() > 0.97
 
 
-def check_layer(plan, layer, found):
+def check_layer(plan, layer, metal):
+    """metal: (rows, cols) m, the surface when the layer is laid."""
     check_chain(layer.segments)
     for s in layer.segments:
         s.check()
     assert layer.segments[0].start[2] == layer.segments[-1].end[2] == plan.safe_z
-    top = float(np.nanmax(found.z))
     heights = np.array([s.height for s in layer.deposits])
     assert heights.max() <= 1.4 * S.layer_height + 1e-12
     assert heights.min() >= 0.5 * S.min_layer * S.layer_height - 1e-12
     for s in layer.segments:
         assert s.length <= S.segment_length + 1e-9 or s.kind == Kind.IDLE
         if s.kind == Kind.IDLE and math.dist(s.start[:2], s.end[:2]) > 0:
-            assert min(s.start[2], s.end[2]) >= max(top, NOMINAL) + S.clearance - 1e-9
+            assert min(s.start[2], s.end[2]) >= highest(plan, metal, s) + S.clearance - 1e-9
     share, _ = coverage(layer.segments, layer.footprint, plan.spec, S.pitch / 2 + 0.6e-3)
     assert share >= 0.99
     inside(plan, layer)
     fine = ~np.isnan(layer.target_before) == layer.footprint
     assert fine.all()
     assert (np.isfinite(layer.target_after) == layer.footprint).all()
+
+
+def highest(plan, metal, s):
+    """Highest metal (m) under a move, -inf where there is none."""
+    x, y = (np.linspace(s.start[k], s.end[k], 200) for k in (0, 1))
+    row, col = plan.spec.cell(x, y)
+    on = (row >= 0) & (row < plan.spec.rows) & (col >= 0) & (col < plan.spec.cols)
+    return np.nanmax(metal[row[on], col[on]], initial=-math.inf)
 
 
 def inside(plan, layer):
