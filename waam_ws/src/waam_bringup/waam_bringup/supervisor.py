@@ -49,9 +49,7 @@ class Supervisor:
                     stdout=log,
                     stderr=subprocess.STDOUT,
                     env=environment,
-                    # Ctrl-C in the terminal reaches the supervisor, which stops them in order. No session of its own:
-                    # Linux shares out the processor by session first, and `nice` counts only within one
-                    process_group=0,
+                    start_new_session=True,  # Ctrl-C in the terminal reaches the supervisor, which stops them in order
                 )
             self.children[spec.name] = child
             self.state.nodes[spec.name] = NodeState(child.pid)
