@@ -59,7 +59,8 @@ def test_gradient_through_the_metal_is_that_of_finite_differences(batch):
 
 def test_metal_is_conserved_along_the_bead_and_on_the_surface(batch):
     pool, s = doubles(batch)
-    flat = replace(pool, exponent=torch.ones_like(pool.exponent))
+    one = torch.ones_like(pool.exponent)
+    flat = replace(pool, exponent=one, conserved=one)
     volume = deposit.along_bead(flat, s, torch.ones_like(s.metal), torch.zeros_like(s.metal))
     fed = pool.efficiency[s.scene] * s.metal
     for scene in range(4):
@@ -132,7 +133,7 @@ def test_features_of_the_loop_are_those_of_the_law(batch):
     share = 0.1 * batch.footprint.float()
     error = -batch.z
     ours = rollout.inputs(
-        batch, share, error, torch.from_numpy(known).float(), torch.zeros_like(error), 0
+        batch, share, error, torch.from_numpy(known).float(), torch.zeros_like(error), 2
     )[i].numpy()
     cos2a, sin2a = (
         ours[features.NAMES.index('cos2a')][0, 0],
@@ -145,7 +146,7 @@ def test_features_of_the_loop_are_those_of_the_law(batch):
         planned=batch.planned[i].numpy().astype(float) * h, resolution=1.5e-3, bead_width=6e-3, k_gain=0.3,
         sigma=np.full(batch.z.shape[1:], float(batch.sigma[i]) * h),
         direction=(0.0, 0.0) if unknown else (np.cos(angle), np.sin(angle)),
-        shortfall=share[i].numpy().astype(float),
+        shortfall=share[i].numpy().astype(float), experience=1,
     )  # fmt: skip
     seen = features.build(request, np.zeros(request.z.shape)).x
     skip = {'starts', 'ends', 'paths', 'temperature'}

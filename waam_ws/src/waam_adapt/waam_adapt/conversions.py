@@ -73,7 +73,7 @@ def correction_input(
 
 
 def bead_paths(request: ComputeCorrection.Request, spec: GridSpec) -> tuple[np.ndarray, ...]:
-    """(n, 2) m from the corner of cell (0, 0), one per stretch from arc on to arc off; CorrectionError names the bead."""
+    """(n, 2) m from the corner of cell (0, 0), one per stretch with the arc on; CorrectionError names the bead."""
     corner = np.array([spec.origin_x, spec.origin_y])
     paths = []
     for i, bead in enumerate(request.beads):

@@ -19,15 +19,17 @@ REACH = 4  # cells on each side of a station that its metal can touch
 class Stations:
     """n points along the beads of one layer, one cell apart, of all scenes of a batch.
 
-    scene (n,): its number; bead (n,): number of the bead, unique in the batch; where (n, 2): row, col; cells (n, k):
-    flat index into (scenes, rows, cols); share (n, k): of the metal that a flat surface gives to the cell, sum 1;
-    metal (n,): planned volume; from_start, to_end (n,): along the bead.
+    scene (n,): its number; bead (n,): number of the bead, unique in the batch; where (n, 2): row,
+    col; cells (n, k): flat index into (scenes, rows, cols); outside (n, k): not in the footprint;
+    share (n, k): of the metal that a flat surface gives to the cell, sum 1; metal (n,): planned
+    volume; from_start, to_end (n,): along the bead.
     """
 
     scene: torch.Tensor
     bead: torch.Tensor
     where: torch.Tensor
     cells: torch.Tensor
+    outside: torch.Tensor
     share: torch.Tensor
     metal: torch.Tensor
     from_start: torch.Tensor
@@ -42,7 +44,9 @@ class Pool:
     bead gets wider as well); hump, crater: relative excess at the start, lack at the end, with their
     lengths in cells; filling: preference for hollows, per layer height; levelling: 0..0.2, per step;
     lag: 0..1, cells by which the metal comes late; cliff: layer heights, a step that metal hangs
-    over instead of flowing down.
+    over instead of flowing down; conserved: 0..1, whether humps and craters keep the metal of their bead.
+    spill: 0..1, of the metal beside the footprint that goes there, for surface tension holds it on the edge; run_over:
+    0..1, how much the depth beside the part draws it.
     """
 
     efficiency: torch.Tensor
@@ -55,6 +59,9 @@ class Pool:
     levelling: torch.Tensor
     lag: torch.Tensor
     cliff: torch.Tensor
+    conserved: torch.Tensor
+    spill: torch.Tensor
+    run_over: torch.Tensor
 
 
 def shares(
@@ -96,7 +103,8 @@ def driven(pool: Pool, s: Stations, wanted: torch.Tensor) -> torch.Tensor:
 def along_bead(pool: Pool, s: Stations, wanted: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
     """Volume (n,) that really lies at every station. wanted (n,): relative layer height; noise (n,): relative.
 
-    What is too much at the start of a bead is missing elsewhere along it: the metal of a bead is what was fed.
+    `conserved` 1: what is too much at the start of a bead is missing elsewhere along it, for the metal of a bead is
+    what was fed; 0: it is not.
     """
     b = s.scene
     fed = pool.efficiency[b] * s.metal * wanted ** pool.exponent[b] * (1 + noise)
@@ -108,7 +116,8 @@ def along_bead(pool: Pool, s: Stations, wanted: torch.Tensor, noise: torch.Tenso
     beads = int(s.bead.max()) + 1
     total = torch.zeros(beads, dtype=fed.dtype).index_add(0, s.bead, fed)
     shaped = torch.zeros(beads, dtype=fed.dtype).index_add(0, s.bead, fed * shape)
-    return fed * shape * (total / shaped.clamp_min(1e-9))[s.bead]
+    level = (total / shaped.clamp_min(1e-9))[s.bead]
+    return fed * shape * level.clamp_min(1e-3) ** pool.conserved[b]
 
 
 def deposit(z: torch.Tensor, pool: Pool, s: Stations, volume: torch.Tensor) -> torch.Tensor:
@@ -119,7 +128,10 @@ def deposit(z: torch.Tensor, pool: Pool, s: Stations, volume: torch.Tensor) -> t
     mean = (s.share * ground).sum(1, keepdim=True)
     cliff = pool.cliff[s.scene][:, None]
     deeper = torch.minimum(torch.maximum(mean - ground, -cliff), cliff)
-    prefer = torch.exp(pool.filling[s.scene][:, None] * deeper)
+    drawn, let_go = (
+        torch.where(s.outside, p[s.scene][:, None], 1.0) for p in (pool.run_over, pool.spill)
+    )
+    prefer = let_go * torch.exp(pool.filling[s.scene][:, None] * drawn * deeper)
     share = s.share * prefer
     share = share / share.sum(1, keepdim=True)
     laid = torch.zeros(z.numel(), dtype=z.dtype)

@@ -20,11 +20,12 @@ from .laws import CorrectionInput
 CELLS_PER_BEAD = 4
 NAMES = (
     'error', 'known', 'sigma', 'footprint', 'planned', 'explicit', 'shortfall', 'cos2a', 'sin2a',
-    'starts', 'ends', 'paths', 'edge', 'temperature',
+    'starts', 'ends', 'paths', 'edge', 'temperature', 'experience',
 )  # fmt: skip
 CHANNELS = len(NAMES)
 LIMIT = 2.0  # of errors in layer heights
 END_REACH = 1.0  # bead widths over which the mark of a start or end fades
+FAMILIAR = 4  # layers of a direction of travel after which its shortfall counts as known
 EDGE_REACH = 2.0  # bead widths from the edge at which a cell counts as interior
 
 
@@ -109,6 +110,11 @@ def temperature_feature(temperature: float) -> float:
     return 0.0 if math.isnan(temperature) else float(np.clip((temperature - 20) / 380, 0, 2))
 
 
+def experience_feature(layers: int) -> float:
+    """0 before the shortfall of this direction of travel was ever seen, 1 from FAMILIAR layers on."""
+    return min(layers, FAMILIAR) / FAMILIAR
+
+
 SUMMARIES = (
     'error', 'roughness', 'known share', 'sigma', 'explicit change', 'shortfall', 'planned variation'
 )  # fmt: skip
@@ -170,5 +176,6 @@ def build(request: CorrectionInput, explicit: np.ndarray) -> Features:
         sin2a * constant, fading(starts, r.shape), fading(ends, r.shape),
         constant * bool(request.paths), edge_distance(mark),
         constant * temperature_feature(request.temperature),
+        constant * experience_feature(request.experience),
     )  # fmt: skip
     return Features(np.stack(maps).astype(np.float32), height, r)

@@ -158,7 +158,8 @@ class Identifier:
         """
         self.planned = {n: p for n, p in self.planned.items() if n >= self.layer - 1}
         self.planned[self.layer] = request.planned
-        request = request.expecting(self.shortfall.share(self.layer))
+        learned = self.shortfall
+        request = request.expecting(learned.share(self.layer), learned.layers[self.layer % 2])
         slope = min(1.0, self.estimate.slope + self.estimate.slope_sigma)
         if slope >= 1.0:
             return request

@@ -38,7 +38,8 @@ class CorrectionInput:
     share of the planned metal that is expected to be missing, already in target (`expecting`).
     paths: the beads of this layer from arc on to arc off in the order they are laid, arrays (n, 2)
     of x, y in m from the corner of cell (0, 0); empty = unknown. temperature of the layer below in
-    degC, NaN = unknown. The last three are for learned laws; explicit ones need them not.
+    degC, NaN = unknown. experience: layers of this direction of travel that shortfall was learned
+    from. The last four are for learned laws; explicit ones need them not.
     """
 
     z: np.ndarray
@@ -52,6 +53,7 @@ class CorrectionInput:
     shortfall: np.ndarray | None = None
     paths: tuple[np.ndarray, ...] = ()
     temperature: float = math.nan
+    experience: int = 0
 
     def __post_init__(self) -> None:
         for name in ('target', 'planned', 'sigma', 'shortfall'):
@@ -83,12 +85,12 @@ class CorrectionInput:
         """(rows, cols) bool: where the plan adds metal."""
         return np.nan_to_num(self.planned) > MIN_PLANNED
 
-    def expecting(self, shortfall: np.ndarray | None) -> CorrectionInput:
+    def expecting(self, shortfall: np.ndarray | None, experience: int = 0) -> CorrectionInput:
         """The same with the share of the planned metal (rows, cols) that will be missing again added to the target."""
         if shortfall is None or shortfall.shape != self.z.shape:
             return self
         target = self.target + shortfall * np.nan_to_num(self.planned)
-        return replace(self, target=target, shortfall=shortfall)
+        return replace(self, target=target, shortfall=shortfall, experience=experience)
 
     @property
     def error(self) -> np.ndarray:

@@ -24,7 +24,7 @@ RANGES = {  # what the model card states; lengths in bead widths, heights in lay
     'filling': (0.4, 2.5), 'levelling': (0.08, 0.22), 'wear': (0.0, 0.6), 'scan_sigma': (0.002, 0.06),
     'holes': (0.0, 0.4), 'true_width': (0.8, 1.35), 'heat': (-0.02, 0.03), 'gain': (0.7, 1.0),
     'planned_variation': (0.0, 0.3), 'pool_length': (0.12, 0.4), 'spikes': (0.0, 0.01), 'lag': (0.0, 1.0),
-    'cliff': (0.3, 1.5),
+    'cliff': (0.3, 5.0), 'conserved': (0.0, 1.0), 'spill': (0.05, 1.0), 'run_over': (0.0, 1.0),
 }  # fmt: skip
 
 

@@ -98,15 +98,17 @@ def inputs(
     error: torch.Tensor,
     known: torch.Tensor,
     explicit: torch.Tensor,
-    variant: int,
+    layer: int,
 ) -> torch.Tensor:
     """The network's channels in the order of `features.NAMES`."""
-    f = b.fixed[variant]
+    f = b.fixed[layer % 2]
+    familiar = torch.full_like(error, features.experience_feature(layer // 2))
     inside = b.footprint.float()
     sigma = b.sigma[:, None, None] * known
     maps = (
         (error * known).clamp(-features.LIMIT, features.LIMIT), known, sigma, f[:, 0], f[:, 1],
         explicit * inside, share * known, f[:, 2], f[:, 3], f[:, 4], f[:, 5], f[:, 6], f[:, 7], f[:, 8],
+        familiar,
     )  # fmt: skip
     return torch.stack(maps, 1)
 
@@ -121,9 +123,7 @@ def step(b: Batch, state: State, z: torch.Tensor, layer: int, net: torch.nn.Modu
     explicit = wish(b, error, known, variant)
     ratio, log_error = 1 + explicit, torch.zeros_like(z)
     if net is not None:
-        change, log_error = net(
-            inputs(b, share, error, known_t, explicit.clamp(-0.6, 0.8), variant)
-        )
+        change, log_error = net(inputs(b, share, error, known_t, explicit.clamp(-0.6, 0.8), layer))
         ratio = ratio.clamp(RATIO_LOW, RATIO_HIGH) + change
     ratio = ratio.clamp(RATIO_LOW, RATIO_HIGH)
     s = b.layers[variant]

@@ -65,7 +65,13 @@ def marks(p: Part, layer: int, known: bool) -> np.ndarray:
     )
 
 
-def _stations(parts: Sequence[Part], layer: int, width: np.ndarray, length: np.ndarray) -> Stations:
+def _stations(
+    parts: Sequence[Part],
+    footprint: np.ndarray,
+    layer: int,
+    width: np.ndarray,
+    length: np.ndarray,
+) -> Stations:
     columns: list[tuple] = []
     bead = 0
     for scene, p in enumerate(parts):
@@ -93,8 +99,9 @@ def _stations(parts: Sequence[Part], layer: int, width: np.ndarray, length: np.n
     cells, share = shares(where, tangent, w, n, SIZE)
     cells = cells + scene[:, None] * SIZE * SIZE
     f = torch.float32
+    outside = ~torch.from_numpy(footprint).reshape(-1)[cells]
     return Stations(
-        scene, number, where.to(f), cells, share.to(f), metal.to(f), start.to(f), end.to(f)
+        scene, number, where.to(f), cells, outside, share.to(f), metal.to(f), start.to(f), end.to(f)
     )
 
 
@@ -126,8 +133,8 @@ def batch(seed: Sequence[int], size: int, layers: int, recorded: Sequence[Record
         return torch.from_numpy(np.asarray(a)).float()
 
     width, length = each('true_width') * BEAD, each('pool_length') * BEAD
-    stations = tuple(_stations(parts, k, width, length) for k in (0, 1))
     footprint = np.stack([p.footprint for p in parts])
+    stations = tuple(_stations(parts, footprint, k, width, length) for k in (0, 1))
     walls = np.array([p.wall for p in parts])
     surface = np.stack([worn(rng) for _ in parts])
     for i in range(size if recorded else 0):
@@ -146,6 +153,7 @@ def batch(seed: Sequence[int], size: int, layers: int, recorded: Sequence[Record
         each('efficiency'), np.where(walls, each('exponent_wall'), each('exponent_pad')),
         each('hump') * defects, each('defect_length') * BEAD, each('crater') * defects,
         each('defect_length') * BEAD, each('filling'), each('levelling'), each('lag'), each('cliff'),
+        each('conserved'), each('spill'), each('run_over'),
     )))  # fmt: skip
     fixed = tuple(tensor(_fixed(parts, footprint, planned, k, told, rng)) for k in (0, 1))
     return Batch(

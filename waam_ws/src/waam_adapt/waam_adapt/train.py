@@ -38,7 +38,7 @@ class Settings:
     seed: int = 1
     batch: int = 8
     unroll: int = 3
-    warm: int = 8
+    warm: int = 12
     rate: float = 2e-3
     widths: tuple[int, int, int] = (8, 16, 32)
     check_every: int = 100

@@ -26,7 +26,10 @@ t.join()
 )
 def test_a_thread_that_is_started_later_has_the_short_slice_too():
     out = subprocess.run(
-        [sys.executable, '-c', CHILD.format(slice_ms=0.4)], capture_output=True, text=True, timeout=60
+        [sys.executable, '-c', CHILD.format(slice_ms=0.4)],
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert out.stdout.startswith('True'), out
     assert re.search(r'se\.slice\s*:\s*400000\b', out.stdout)

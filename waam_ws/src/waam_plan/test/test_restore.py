@@ -195,7 +195,9 @@ def test_arc_paths_hold_every_metre_of_arc_and_begin_at_every_start(worn_block):
     burning = [s for s in layer.segments if s.arc]
     steps = np.concatenate([np.linalg.norm(np.diff(p, axis=0), axis=1) for p in paths])
     assert steps == pytest.approx([math.dist(s.start[:2], s.end[:2]) for s in burning])
-    assert (paths[0][0] == burning[0].start[:2]).all() and (paths[-1][-1] == burning[-1].end[:2]).all()
+    assert (paths[0][0] == burning[0].start[:2]).all() and (
+        paths[-1][-1] == burning[-1].end[:2]
+    ).all()
 
 
 def test_a_hole_is_not_crossed_with_the_arc_on(worn_block):

@@ -34,7 +34,7 @@ class RecorderParams:
     exclude_types: str = param('', 'message types that are not recorded, separated by blanks')
     hidden: bool = param(True, 'record hidden topics too: actions and service events')
     poll_period: float = param(
-        0.005, 'time between two looks into the subscriptions', 's', 0.001, 0.1
+        0.02, 'time between two looks into the subscriptions', 's', 0.001, 0.1
     )
     discovery_period: float = param(1.0, 'time between two looks for new topics', 's', 0.05, 60.0)
     depth: int = param(
