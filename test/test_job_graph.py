@@ -193,14 +193,12 @@ def test_every_verb_of_waam_job_steers_the_running_job(bench, background, capfd)
         return main(['job', *words, '--run', str(bench.run), '--domain', str(bench.domain)])
 
     bench.load()
+    before = bench.count('arc on')
     job = background(bench)
-    bench.wait(
-        lambda: job.raise_error() or bench.client.job.state == JobStatus.DEPOSITING,
-        90,
-        'the first layer',
-    )
-    assert waam('pause') == 0
+    bench.wait(lambda: job.raise_error() or bench.count('arc on') > before, 90, 'the first arc')
+    bench.client.trigger('job_sequencer/pause')  # a new process would take longer than the layer
     bench.wait(lambda: bench.client.job.state == JobStatus.PAUSED, 30, 'pause')
+    assert waam('pause') == 0  # and once more, as people do
     assert waam('gain', '0.1') == 0 and waam('rescan') == 0
     assert waam('feed', '--speed', '0.9') == 0 and 'travel speed x 0.9' in capfd.readouterr().out
     assert waam('gain', '0.9') == 2 and 'must be 0 to 0.5' in capfd.readouterr().err

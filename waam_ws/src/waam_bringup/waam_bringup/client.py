@@ -23,6 +23,7 @@ from waam_msgs.srv import LoadPart
 from waam_node.qos import BEAT, LATCHED, NEWEST, TELEMETRY
 
 MATCHING_S = 0.2  # a server that has not yet found a new client's reader loses the answer
+SETTLED_S = 0.3  # without news for so long all readers of a new topic are found
 REPEAT_S = 4.0
 ANSWER_S = 10.0
 ALIVE_S = 0.5  # between two looks whether the graph is still there
@@ -154,7 +155,16 @@ class GraphClient:
             ]
             return bool(seen) and all(math.isnan(a) or abs(a - b) < 1e-3 for a, b in pairs)
 
+        found = [0, 0.0]  # readers, and when the last of them was found
+
+        def settled() -> bool:
+            count, now = publisher.get_subscription_count(), time.monotonic()
+            if count != found[0]:
+                found[:] = count, now
+            return count > 0 and now - found[1] > SETTLED_S
+
         try:
+            self.until(settled, 2.0)  # the job is to hear of it as well, not only the bridge
             for _ in range(5):
                 publisher.publish(Override(speed_factor=speed, wire_factor=wire, source=source))
                 if self.until(taken, 2.0):

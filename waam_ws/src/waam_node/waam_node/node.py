@@ -24,7 +24,6 @@ from rclpy.service_introspection import ServiceIntrospectionState
 from waam_msgs.msg import Heartbeat, LeaseTick
 
 from .params import from_dict
-from .priority import answer_soon
 from .qos import BEAT, EVENTS
 
 SILENT_SERVICES = ('rcl_interfaces', 'type_description_interfaces')
@@ -175,13 +174,8 @@ def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     return 0
 
 
-def main(factory: Callable[[], Node], prompt: bool = True) -> None:
-    """For entry points. Leaves without waiting for stray threads of the middleware.
-
-    prompt: False for nodes that only watch; where cores are scarce they come after those of the loop.
-    """
-    if prompt:
-        answer_soon()
+def main(factory: Callable[[], Node]) -> None:
+    """For entry points. Leaves without waiting for stray threads of the middleware."""
     code = run(factory)
     sys.stdout.flush()
     sys.stderr.flush()

@@ -150,4 +150,4 @@ class Panel(WaamNode):
 
 
 def main() -> None:
-    run_main(Panel, prompt=False)
+    run_main(Panel)

@@ -175,4 +175,4 @@ class Recorder(WaamNode):
 
 
 def main() -> None:
-    run_main(Recorder, prompt=False)
+    run_main(Recorder)

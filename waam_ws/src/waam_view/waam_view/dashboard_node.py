@@ -160,4 +160,4 @@ class Dashboard(WaamNode):
 
 def main() -> None:
     os.nice(NICE)
-    run_main(Dashboard, prompt=False)
+    run_main(Dashboard)
