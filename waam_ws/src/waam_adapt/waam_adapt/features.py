@@ -25,7 +25,6 @@ NAMES = (
 CHANNELS = len(NAMES)
 LIMIT = 2.0  # of errors in layer heights
 END_REACH = 1.0  # bead widths over which the mark of a start or end fades
-BLIND = 0.3  # bead widths at the edge whose level is not shown: the flank there says little of what lies behind it
 FAMILIAR = 4  # layers of a direction of travel after which its shortfall counts as known
 EDGE_REACH = 2.0  # bead widths from the edge at which a cell counts as interior
 
@@ -151,14 +150,10 @@ def build(request: CorrectionInput, explicit: np.ndarray) -> Features:
     cell = request.bead_width / CELLS_PER_BEAD
     r = Resampler.of(request.z.shape, request.resolution, cell)
     known = footprint & np.isfinite(request.error)
-    level = known & filters.away_from_edges(
-        footprint, BLIND * request.bead_width / request.resolution
-    )
-    level = level if level.any() else known
-    weight = r.mean(level.astype(float))
+    weight = r.mean(known.astype(float))
 
     def over_known(values: np.ndarray) -> np.ndarray:
-        total = r.mean(np.where(level, values, 0.0))
+        total = r.mean(np.where(known, values, 0.0))
         return np.where(weight > 0.05, total / np.maximum(weight, 0.05), 0.0)
 
     sigma = np.full(known.shape, 1e-4) if request.sigma is None else request.sigma

@@ -104,7 +104,6 @@ def inputs(
     f = b.fixed[layer % 2]
     familiar = torch.full_like(error, features.experience_feature(layer // 2))
     inside = b.footprint.float()
-    known = known * b.judged
     sigma = b.sigma[:, None, None] * known
     maps = (
         (error * known).clamp(-features.LIMIT, features.LIMIT), known, sigma, f[:, 0], f[:, 1],
