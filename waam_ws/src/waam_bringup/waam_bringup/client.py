@@ -22,8 +22,8 @@ from waam_msgs.msg import Heartbeat, JobStatus, MachineState, Override, Telemetr
 from waam_msgs.srv import LoadPart
 from waam_node.qos import BEAT, LATCHED, NEWEST, TELEMETRY
 
-MATCHING_S = 0.2  # a server that has not yet found a new client's reader loses the answer
-SETTLED_S = 0.3  # without news for so long all readers of a new topic are found
+MATCHING_S = 0.8  # a server that has not yet found a new client's reader loses the answer
+MATCHED_S = 3.0  # at most, for the readers of an override; then it goes to those that are there
 REPEAT_S = 4.0
 ANSWER_S = 10.0
 ALIVE_S = 0.5  # between two looks whether the graph is still there
@@ -155,16 +155,13 @@ class GraphClient:
             ]
             return bool(seen) and all(math.isnan(a) or abs(a - b) < 1e-3 for a, b in pairs)
 
-        found = [0, 0.0]  # readers, and when the last of them was found
-
-        def settled() -> bool:
-            count, now = publisher.get_subscription_count(), time.monotonic()
-            if count != found[0]:
-                found[:] = count, now
-            return count > 0 and now - found[1] > SETTLED_S
+        def matched() -> bool:
+            readers = self.node.get_subscriptions_info_by_topic(publisher.topic_name)
+            here = any(r.node_name == 'job_sequencer' for r in readers)
+            return here and publisher.get_subscription_count() >= len(readers)
 
         try:
-            self.until(settled, 2.0)  # the job is to hear of it as well, not only the bridge
+            self.until(matched, MATCHED_S)  # the job is to hear of it as well, not only the bridge
             for _ in range(5):
                 publisher.publish(Override(speed_factor=speed, wire_factor=wire, source=source))
                 if self.until(taken, 2.0):
