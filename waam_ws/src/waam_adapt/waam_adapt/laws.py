@@ -9,6 +9,7 @@ NaN = unknown.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -171,6 +172,20 @@ class Zero:
         return nothing(request.z.shape, request.k_gain, self.name)
 
 
+def cell_by_cell(
+    request: CorrectionInput, name: str, faster: Callable[[np.ndarray], np.ndarray]
+) -> Correction:
+    """A law without neighbours and residual. faster: relative change of speed (rows, cols) for the missing share of the
+    planned metal (rows, cols), 0 for 0."""
+    if request.k_gain < MIN_GAIN:
+        return nothing(request.z.shape, request.k_gain, name)
+    known = request.footprint & np.isfinite(request.error)
+    missing = np.where(known, request.error, 0.0) / np.where(known, request.planned, 1.0)
+    psi = np.clip(faster(missing) / request.k_gain, -1.0, 1.0)
+    confidence = np.where(known, filters.reliability(request.sigma, known.shape), 0.0)
+    return Correction(psi, confidence, np.zeros_like(psi), name, request.k_gain)
+
+
 @dataclass(frozen=True)
 class Proportional:
     """psi = -gain*error/(k_gain*planned), cell by cell: no smoothing, no knowledge of the bead, no
@@ -183,14 +198,7 @@ class Proportional:
     name: str = 'proportional'
 
     def correct(self, request: CorrectionInput) -> Correction:
-        known = request.footprint & np.isfinite(request.error)
-        if request.k_gain < MIN_GAIN:
-            return nothing(request.z.shape, request.k_gain, self.name)
-        with np.errstate(invalid='ignore', divide='ignore'):
-            wish = -self.gain * request.error / (request.k_gain * request.planned)
-        psi = np.where(known, np.clip(wish, -1.0, 1.0), 0.0)
-        confidence = np.where(known, filters.reliability(request.sigma, known.shape), 0.0)
-        return Correction(psi, confidence, np.zeros_like(psi), self.name, request.k_gain)
+        return cell_by_cell(request, self.name, lambda missing: -self.gain * missing)
 
 
 @dataclass(frozen=True)
@@ -206,15 +214,11 @@ class LogLog:
     name: str = 'log_log'
 
     def correct(self, request: CorrectionInput) -> Correction:
-        known = request.footprint & np.isfinite(request.error)
-        if request.k_gain < MIN_GAIN:
-            return nothing(request.z.shape, request.k_gain, self.name)
-        with np.errstate(invalid='ignore', divide='ignore'):
-            ratio = np.clip(1 + self.gain * request.error / request.planned, RATIO_LOW, RATIO_HIGH)
-        wish = (np.where(known, ratio, 1.0) ** (1 / self.exponent) - 1) / request.k_gain
-        confidence = np.where(known, filters.reliability(request.sigma, known.shape), 0.0)
-        psi = np.clip(wish, -1.0, 1.0)
-        return Correction(psi, confidence, np.zeros_like(psi), self.name, request.k_gain)
+        def faster(missing: np.ndarray) -> np.ndarray:
+            ratio = np.clip(1 + self.gain * missing, RATIO_LOW, RATIO_HIGH)
+            return ratio ** (1 / self.exponent) - 1
+
+        return cell_by_cell(request, self.name, faster)
 
 
 @dataclass(frozen=True)

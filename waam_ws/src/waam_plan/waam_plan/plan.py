@@ -42,8 +42,7 @@ class PlannedLayer:
 
     @property
     def arc_starts(self) -> int:
-        arc = [s.arc for s in self.segments]
-        return sum(now and not before for before, now in zip([False, *arc], arc, strict=False))
+        return len(self.arc_paths)
 
     @property
     def arc_paths(self) -> list[np.ndarray]:

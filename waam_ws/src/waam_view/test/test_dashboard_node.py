@@ -5,7 +5,10 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -61,6 +64,23 @@ class Graph:
             assert time.monotonic() < end, 'timeout'
             assert self.process.poll() is None, self.process.stderr.read()
             self.executor.spin_once(timeout_sec=0.02)
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Takes what comes in a thread of its own meanwhile."""
+        over = threading.Event()
+
+        def listen() -> None:
+            while not over.is_set():
+                self.executor.spin_once(timeout_sec=0.02)
+
+        thread = threading.Thread(target=listen)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
     def close(self) -> None:
         self.node.destroy_node()
@@ -130,29 +150,29 @@ def test_an_old_latched_status_opens_no_file(graph, tmp_path):
 
 
 def test_heartbeats_keep_their_rate_under_a_flood_of_maps(graph, tmp_path):
-    """280 000 cells 20 times a second is far more than the drawing thread can show.
-
-    Behind the drawing the answers would come seconds late; `make bench ONLY=view` measures how late they are."""
+    """280 000 cells 20 times a second is far more than the drawing thread can show."""
     g = graph('grpc_port:=0')
     folder = tmp_path / 'job'
     folder.mkdir()
     g.cell.status(0.0, JobStatus.SCANNING, str(folder))
     g.cell.plan(0.5, 1)
     sent: dict[int, float] = {}
-    start = time.monotonic()
-    count = 0
-    while (now := time.monotonic()) - start < 4.0:
-        if now - start >= count * 0.05:
-            count += 1
-            sent[count] = time.monotonic()
-            g.ticks.publish(LeaseTick(controller_us=count))
-            g.cell.height_map(1.0 + count, 0, scale=5)
-        g.executor.spin_once(timeout_sec=0.005)
+    with g.listening():  # in a thread: making maps must not make the answers look late
+        start = time.monotonic()
+        count = 0
+        while (now := time.monotonic()) - start < 4.0:
+            if now - start >= count * 0.05:
+                count += 1
+                sent[count] = time.monotonic()
+                g.ticks.publish(LeaseTick(controller_us=count))
+                g.cell.height_map(1.0 + count, 0, scale=5)
+            time.sleep(0.005)
     g.until(lambda: g.beats and g.beats[-1][1] == count, 60)
     answered = {us: at for at, us in g.beats}
     delays = sorted(answered[us] - sent[us] for us in answered)
     assert len(answered) >= 0.95 * len(sent)
-    assert delays[len(delays) // 2] < 0.5, delays
+    assert delays[len(delays) // 2] < 0.1, delays
+    assert delays[int(0.95 * len(delays))] < 0.4, delays[-8:]
 
 
 def frame(kind: int, flags: int, stream: int, payload: bytes) -> bytes:
