@@ -56,3 +56,14 @@ def test_on_pads_the_oracle_is_a_floor_and_open_loop_is_far_above():
 def test_same_seed_same_metal():
     a, b = (adapt_loop.run(adapt_wall.Wall(3), adapt_loop.Settings(), 6).figures for _ in range(2))
     assert a == b
+
+
+def test_on_pads_the_network_with_the_bead_model_beats_the_best_explicit_law():
+    """Neither the pad's physics nor its lag, humps and craters are in the model; it is told the paths."""
+    plain, ours = (
+        adapt_loop.run(adapt_plants.Pad(0), adapt_loop.Settings(law, 1.1), 20)
+        for law in ('damped_inverse', 'unet')
+    )
+    assert ours.fallbacks == 0
+    assert ours.figures[-1][1] < 0.8 * plain.figures[-1][1]
+    assert ours.figures[-1][2] < 0.5e-3 < plain.figures[-1][2]

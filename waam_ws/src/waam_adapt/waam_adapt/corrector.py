@@ -78,7 +78,7 @@ class Corrector:
         p = self.params = params
         self.law = make_law(p.law, p.gain, p.regularisation, p.model)
         self.limits = MapLimits(p.max_age, p.min_coverage, p.max_sigma, p.max_error)
-        self.identifier = Identifier(p.forgetting, p.learning)
+        self.identifier = Identifier(p.forgetting, p.learning, watch_beads=p.law == 'unet')
 
     def answer(
         self, layer: int, request: CorrectionInput, origin: MapOrigin, last: LastLayer

@@ -11,7 +11,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .bead_habits import BeadHabits, Learned
+from .bead_model import MARGIN, BeadModel, bead_model, inner_mean
 from .evidence import MIN_GROWTH, Habits, Layer, LayerEvidence, layer_evidence, response
+from .grids import CELLS_PER_BEAD, Resampler
 from .laws import CorrectionInput
 from .shortfall import Shortfall
 
@@ -104,27 +107,31 @@ def update_slope(
 class Identifier:
     """Keeps what one job has taught; asking twice for the same layer does not count its evidence twice.
 
-    forgetting: see `update`; learning 0..1: of the shortfall, 0 = never.
+    forgetting: see `update`; learning 0..1: of the shortfall, 0 = never. watch_beads: compare layers with the bead
+    model too (`bead_habits`), for laws that solve through it.
     """
 
     forgetting: float = 0.5
     learning: float = 0.3
+    watch_beads: bool = False
     job_id: str = ''
     layer: int = 0
     estimate: Estimate = Estimate()
     shortfall: Shortfall = Shortfall()
     habits: tuple[Habits | None, Habits | None] = (None, None)  # of even and odd layers
+    beads: BeadHabits = BeadHabits()
     planned: dict[int, np.ndarray] = field(default_factory=dict)  # maps of the newest layers
-    _before: tuple = (Estimate(), Shortfall(), (None, None))
+    paths: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)  # of the same
+    _before: tuple = (Estimate(), Shortfall(), (None, None), BeadHabits())
 
     def start(self, job_id: str, layer: int) -> None:
         """Call before every layer: forgets another job's process, repeats a layer from where it began."""
         if job_id != self.job_id or layer < self.layer:
-            self._before = Estimate(), Shortfall(), (None, None)
+            self._before = Estimate(), Shortfall(), (None, None), BeadHabits()
         elif layer > self.layer:
-            self._before = self.estimate, self.shortfall, self.habits
+            self._before = self.estimate, self.shortfall, self.habits, self.beads
         self.job_id, self.layer = job_id, layer
-        self.estimate, self.shortfall, self.habits = self._before
+        self.estimate, self.shortfall, self.habits, self.beads = self._before
 
     def add(self, layer: Layer) -> None:
         """Learns from the layer that was laid last, if enough of it can be seen."""
@@ -149,6 +156,21 @@ class Identifier:
             missing = 1 - (layer.after - layer.before) / expected
             smooth = 0.25 * layer.bead_width / layer.resolution
             self.shortfall = self.shortfall.learn(number, missing, self.learning, smooth)
+            if self.watch_beads and self.paths.get(number):
+                self._learn_beads(number, layer, laid, plan)
+
+    def _learn_beads(self, number: int, layer: Layer, laid: np.ndarray, plan: np.ndarray) -> None:
+        """What the bead model did not foretell of a layer whose paths are told. laid: command, NaN outside; plan: m."""
+        grid = Resampler.of(laid.shape, layer.resolution, layer.bead_width / CELLS_PER_BEAD)
+        model = bead_model(self.paths[number], grid.shape, layer.bead_width)
+        plan = np.where(plan > MIN_GROWTH, plan, np.nan)
+        relative = np.nan_to_num(laid / plan, nan=1.0)
+        asked = model.at_pieces(relative, layer.resolution) ** self._slope_of(model)
+        growth = (layer.after - layer.before) / plan
+        footprint, margin = np.isfinite(laid), MARGIN * layer.bead_width / layer.resolution
+        known = footprint & np.isfinite(growth)
+        growth, seen = inner_mean(growth, known, footprint, grid, margin)
+        self.beads = self.beads.learn(number, model, asked, growth, seen, self.learning)
 
     def prepare(self, request: CorrectionInput) -> CorrectionInput:
         """The request as a law for overlapped beads must see it: with the shortfall, in terms of metal.
@@ -157,10 +179,25 @@ class Identifier:
         to be asked for than is missing. The slope is taken cautiously, one sigma towards 1: too large an answer swings.
         """
         self.planned = {n: p for n, p in self.planned.items() if n >= self.layer - 1}
-        self.planned[self.layer] = request.planned
+        self.paths = {n: p for n, p in self.paths.items() if n >= self.layer - 1}
+        self.planned[self.layer], self.paths[self.layer] = request.planned, request.paths
         learned = self.shortfall
         request = request.expecting(learned.share(self.layer), learned.layers[self.layer % 2])
         slope = min(1.0, self.estimate.slope + self.estimate.slope_sigma)
+        if self.watch_beads and request.paths:
+            request = replace(request, learned=self._beads_of(request, slope))
         if slope >= 1.0:
             return request
         return replace(request, target=request.z + request.error / slope)
+
+    def _beads_of(self, request: CorrectionInput, scale: float) -> Learned:
+        cell = request.bead_width / CELLS_PER_BEAD
+        shape = Resampler.of(request.z.shape, request.resolution, cell).shape
+        model = bead_model(request.paths, shape, request.bead_width)
+        lag = self.beads.lag * request.bead_width
+        slope = self._slope_of(model, self.estimate.slope_sigma)
+        return Learned(self.beads.of(self.layer, shape), lag, slope, scale)
+
+    def _slope_of(self, model: BeadModel, caution: float = 0.0) -> float:
+        """Of growth on metal: overlapped beads keep all of it, a single one gets wider as well."""
+        return 1.0 if model.overlapped else min(1.0, self.estimate.slope + caution)

@@ -16,6 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from . import filters
+from .bead_habits import Learned
 
 # relative layer height beyond which a bead is no bead of the regime any more
 RATIO_LOW, RATIO_HIGH = 0.4, 1.8
@@ -40,7 +41,8 @@ class CorrectionInput:
     paths: the beads of this layer from arc on to arc off in the order they are laid, arrays (n, 2)
     of x, y in m from the corner of cell (0, 0); empty = unknown. temperature of the layer below in
     degC, NaN = unknown. experience: layers of this direction of travel that shortfall was learned
-    from. The last four are for learned laws; explicit ones need them not.
+    from. learned: what the beads of this layer will do unlike the nominal model, None = nothing known. The last
+    five are for learned laws; explicit ones need them not.
     """
 
     z: np.ndarray
@@ -55,6 +57,7 @@ class CorrectionInput:
     paths: tuple[np.ndarray, ...] = ()
     temperature: float = math.nan
     experience: int = 0
+    learned: Learned | None = None
 
     def __post_init__(self) -> None:
         for name in ('target', 'planned', 'sigma', 'shortfall'):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import features, filters, net
+from . import bead_solver, features, filters, net
 from .laws import (
     RATIO_HIGH,
     RATIO_LOW,
@@ -80,6 +80,9 @@ class UNetLaw:
         add = seen.resampler.fine(filters.extend(say.astype(float), inside)[0])
         sure = np.clip(seen.resampler.fine(filters.extend(sure, inside)[0]), 0.0, 1.0)
         ratio = np.clip(plain.ratio + plain.confidence * add, RATIO_LOW, RATIO_HIGH)
+        if request.paths:
+            solved = bead_solver.refine(request, ratio, self.explicit.gain, seen.resampler)
+            ratio = 1 + plain.confidence * (solved - 1)
         psi, residual = split_ratio(ratio, plain.planned, request.k_gain)
         digest = self.network.digest if self.network else ''
         return Correction(

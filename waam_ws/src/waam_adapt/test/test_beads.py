@@ -1,0 +1,234 @@
+"""The bead model, what is learned beside it, and the last layer of law unet that solves through it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from net_weights import model as weights
+from scipy.optimize import lsq_linear
+
+from waam_adapt import bead_solver, filters, laws
+from waam_adapt.bead_habits import BeadHabits, Learned
+from waam_adapt.bead_model import bead_model, inner_mean
+from waam_adapt.grids import CELLS_PER_BEAD, Resampler
+from waam_adapt.identification import Identifier, Layer
+
+W, H, PITCH = 6e-3, 2e-3, 4.4e-3
+CELL = W / CELLS_PER_BEAD
+SIZE = (28, 40)  # cells of the model's grid
+CORNER, LENGTH, BEADS = np.array([6e-3, 6e-3]), 48e-3, 7
+
+
+def zigzag(turn: int = 0, beads: int = BEADS) -> tuple[np.ndarray, ...]:
+    lines = [CORNER + np.array([[0.0, y], [LENGTH, y]]) for y in (np.arange(beads) + 0.5) * PITCH]
+    return tuple(p if (i + turn) % 2 == 0 else p[::-1] for i, p in enumerate(lines))
+
+
+def pad(resolution: float, error=0.0, **changes) -> laws.CorrectionInput:
+    """error: of cells or all, m, missing metal."""
+    rows, cols = (round(n * CELL / resolution) for n in SIZE)
+    y, x = (np.arange(n) * resolution + 0.5 * resolution for n in (rows, cols))
+    inside = np.outer(
+        (y > CORNER[1]) & (y < CORNER[1] + BEADS * PITCH),
+        (x > CORNER[0]) & (x < CORNER[0] + LENGTH),
+    )
+    z = -np.broadcast_to(error, inside.shape)
+    values = {
+        'z': z, 'target': np.zeros(z.shape), 'planned': np.where(inside, H, 0.0), 'resolution': resolution,
+        'bead_width': W, 'k_gain': 0.3, 'sigma': np.full(z.shape, 1e-6), 'direction': (1.0, 0.0),
+        'paths': zigzag(),
+    }  # fmt: skip
+    return laws.CorrectionInput(**(values | changes))
+
+
+def refined(request: laws.CorrectionInput, gain: float = 1.0) -> np.ndarray:
+    grid = Resampler.of(request.z.shape, request.resolution, request.bead_width / CELLS_PER_BEAD)
+    return bead_solver.refine(request, np.ones(request.z.shape), gain, grid)
+
+
+def test_the_plan_gives_the_plan_wherever_beads_reach():
+    model = bead_model(zigzag(), SIZE, W)
+    growth = model.growth(np.ones(len(model.where)), 0.0)
+    assert growth[growth > 0] == pytest.approx(1.0)
+    assert (growth[5:20, 5:35] > 0).all()
+    assert not growth[:, -2:].any()
+    assert model.overlapped
+    assert not bead_model(zigzag(beads=1), SIZE, W).overlapped
+
+
+@pytest.mark.parametrize('turn', [0, 1])
+def test_metal_that_comes_late_lies_further_along_the_travel(turn):
+    model = bead_model(zigzag(turn)[:1], SIZE, W)
+    pulse = np.zeros(len(model.where))
+    pulse[len(pulse) // 2] = 1.0
+    x = (np.arange(SIZE[1]) + 0.5) * CELL
+
+    def centre(lag):
+        share = model.growth(pulse, lag).sum(axis=0)
+        return (share * x).sum() / share.sum()
+
+    assert centre(2e-3) - centre(0.0) == pytest.approx(-2e-3 if turn else 2e-3, abs=1e-4)
+
+
+def test_solution_is_that_of_bounded_least_squares():
+    model, rng = bead_model(zigzag(), SIZE, W), np.random.default_rng(1)
+    need = _waves(rng)
+    weight = (rng.random(SIZE) > 0.2) * 1.0
+    x = bead_solver.solve(model, need, weight, np.ones(len(model.where)), 1e-3) - 1
+    high = np.where(model.to_arc < bead_solver.END_REACH * W, bead_solver.END_HIGH, laws.RATIO_HIGH)
+    assert (x >= laws.RATIO_LOW - 1).all()
+    assert (x <= high - 1).all()
+    a, w = model.matrix(1e-3).toarray(), weight.ravel()
+    typical = np.median((a**2 * w[:, None]).sum(axis=0))
+    n = len(x)
+    joined = model.first[1:] == model.first[:-1]
+    falls = np.diff(np.eye(n), axis=0)[joined]
+    stacked = np.concatenate([
+        np.sqrt(w)[:, None] * a, np.sqrt(bead_solver.SMALL * typical) * np.eye(n),
+        np.sqrt(bead_solver.SMOOTH * typical) * falls,
+    ])  # fmt: skip
+    right = np.concatenate([np.sqrt(w) * need.ravel(), np.zeros(n + len(falls))])
+    best = lsq_linear(stacked, right, (laws.RATIO_LOW - 1, high - 1)).x
+    cost, least, nothing = (np.sum((stacked @ v - right) ** 2) for v in (x, best, np.zeros(n)))
+    assert cost - least < 0.03 * (nothing - least)
+
+
+def _waves(rng: np.random.Generator) -> np.ndarray:
+    """(rows, cols) as strong as limits are reached."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    phase = rng.uniform(0, 6, 2)
+    return 0.9 * np.sin(x / 4 + phase[0]) * np.cos(y / 5 + phase[1])
+
+
+def test_where_nothing_is_known_the_wish_stays():
+    model = bead_model(zigzag(), SIZE, W)
+    wish = 1 + 0.3 * np.sin(np.arange(len(model.where)))
+    x = bead_solver.solve(model, np.ones(SIZE), np.zeros(SIZE), wish, 0.0)
+    assert x == pytest.approx(wish)
+
+
+def test_missing_height_is_asked_for_in_the_share_gain_and_what_is_learned_in_full():
+    x = refined(pad(0.5e-3, error=0.2e-3), gain=0.5)
+    middle = (slice(30, 50), slice(40, 80))
+    assert x[middle] == pytest.approx(1 + 0.5 * 0.1, abs=4e-3)
+    learned = Learned(np.full(SIZE, 0.1))
+    assert refined(pad(0.5e-3, learned=learned), 0.5)[middle] == pytest.approx(1.1, abs=8e-3)
+
+
+def test_the_flank_is_not_filled_but_what_lies_inside_of_it_is():
+    shape = pad(0.5e-3).z.shape
+    x = np.arange(shape[1]) * 0.5e-3 + 0.25e-3
+    flank, inner = (
+        np.where((x > CORNER[0] + a) & (x < CORNER[0] + b), 0.6e-3, 0.0) for a, b in ((0, 1.5e-3), (2e-3, 3.5e-3))
+    )  # fmt: skip
+    end = int((CORNER[0] + 1e-3) / 0.5e-3)
+    assert np.abs(refined(pad(0.5e-3, error=flank)) - 1).max() < 1e-6
+    assert (refined(pad(0.5e-3, error=inner))[25:55, end] > 1.2).all()
+
+
+def test_same_answer_on_a_finer_map_and_for_beads_of_another_size():
+    rng = np.random.default_rng(5)
+    coarse = pad(0.75e-3, error=2e-4 * rng.standard_normal(pad(0.75e-3).z.shape))
+    names = ('z', 'target', 'planned', 'sigma')
+    fine = replace(
+        coarse, resolution=0.375e-3,
+        **{k: np.repeat(np.repeat(getattr(coarse, k), 2, 0), 2, 1) for k in names},
+    )  # fmt: skip
+    a, b = refined(coarse), refined(fine)
+    b = b.reshape(a.shape[0], 2, a.shape[1], 2).mean(axis=(1, 3))
+    assert np.abs(a - 1).max() > 0.1
+    assert np.abs(a - b).max() < 0.02
+    larger = replace(
+        coarse, resolution=1.5e-3, bead_width=2 * W, paths=tuple(2 * p for p in coarse.paths),
+        **{k: 2 * getattr(coarse, k) for k in names},
+    )  # fmt: skip
+    assert refined(larger) == pytest.approx(refined(coarse), abs=1e-9)
+
+
+def test_weights_of_cells_at_the_edge_do_not_depend_on_the_resolution():
+    one = np.zeros((20, 20), bool)
+    one[3:17, 4:18] = True
+    two = one.repeat(2, 0).repeat(2, 1)
+    share = filters.inner_share(two, 2 * 1.3).reshape(20, 2, 20, 2).mean(axis=(1, 3))
+    straight = (slice(6, 14), slice(None))
+    assert share[straight] == pytest.approx(filters.inner_share(one, 1.3)[straight])
+
+
+def test_paths_beside_the_map_or_of_no_length_change_nothing():
+    beside = tuple(p + 1.0 for p in zigzag())
+    still = (np.tile(CORNER + 10e-3, (2, 1)),)
+    for paths in (beside, still):
+        x = refined(pad(0.75e-3, error=0.3e-3, paths=paths))
+        assert np.isfinite(x).all()
+    assert (refined(pad(0.75e-3, error=0.3e-3, paths=beside)) == 1).all()
+
+
+def lay(habits: BeadHabits, layer: int, rng, lag: float, lacking: np.ndarray) -> BeadHabits:
+    """One layer of a plant with that lag that lacks `lacking` (rows, cols) of the planned height."""
+    model = bead_model(zigzag(layer), SIZE, W)
+    asked = np.clip(1 + 0.15 * rng.standard_normal(len(model.where)), 0.4, 1.8)
+    growth = model.growth(asked, lag) - lacking + 0.03 * rng.standard_normal(SIZE)
+    seen = (model.growth(asked, 0.0) > 0) * 1.0
+    return habits.learn(layer, model, asked, 0.9 * growth, seen, 0.3)
+
+
+@pytest.mark.parametrize('lag', [0.0, 1.5e-3])
+def test_lag_and_what_is_always_missing_are_learned_per_direction(lag):
+    rng, habits = np.random.default_rng(2), BeadHabits()
+    lacking = [np.zeros(SIZE), np.zeros(SIZE)]
+    lacking[0][8:18, 5:7] = 0.3
+    for layer in range(1, 13):
+        habits = lay(habits, layer, rng, lag, lacking[layer % 2])
+    assert habits.lag * W == pytest.approx(lag, abs=0.25e-3)
+    here = (slice(9, 17), slice(5, 7))
+    assert habits.of(14, SIZE)[here].mean() == pytest.approx(0.9 * 0.3, abs=0.05)
+    assert abs(habits.of(13, SIZE)[here].mean()) < 0.05
+
+
+def test_what_cannot_be_compared_teaches_nothing():
+    model, habits = bead_model(zigzag(), SIZE, W), BeadHabits()
+    one = np.ones(len(model.where))
+    assert habits.learn(1, model, one, np.ones(SIZE), np.zeros(SIZE), 0.3) is habits
+    assert not habits.of(1, (3, 4)).any()
+
+
+def test_a_layer_asked_for_twice_counts_once_and_another_job_starts_afresh():
+    request = pad(0.75e-3)
+    layer = Layer(
+        request.z, request.z + np.where(request.footprint, 1.7e-3, 0.0), request.planned, request.resolution, W
+    )  # fmt: skip
+    once, twice = Identifier(watch_beads=True), Identifier(watch_beads=True)
+    for who, times in ((once, 1), (twice, 2)):
+        who.start('a', 1)
+        who.prepare(request)
+        for _ in range(times):
+            who.start('a', 2)
+            who.add(layer)
+    assert once.beads.layers == twice.beads.layers == (0, 1)
+    once.start('b', 1)
+    assert once.beads.layers == (0, 0)
+
+
+def test_growth_over_the_inner_cells_ignores_holes():
+    request = pad(0.75e-3)
+    grid = Resampler.of(request.z.shape, request.resolution, CELL)
+    values = np.full(request.z.shape, 0.7)
+    values[10:12] = np.nan
+    mean, weight = inner_mean(values, np.isfinite(values), request.footprint, grid, 2.0)
+    assert mean[weight > 0] == pytest.approx(0.7)
+    assert weight.max() == pytest.approx(1.0)
+
+
+def test_law_unet_solves_for_the_beads_only_when_they_are_told(tmp_path):
+    path = str(weights(tmp_path / 'm.npz', head=0.0))
+    law = laws.make_law('unet', gain=1.0, model=path)
+    y, x = np.mgrid[: pad(0.75e-3).z.shape[0], : pad(0.75e-3).z.shape[1]]
+    told = pad(0.75e-3, error=2e-4 * np.sin(x / 5) * np.cos(y / 4))
+    plain = laws.DampedInverse(1.0).correct(told)
+    ours, untold = law.correct(told), law.correct(replace(told, paths=()))
+    assert untold.psi == pytest.approx(plain.psi, abs=1e-12)
+    assert np.abs(ours.psi - plain.psi).max() > 0.05
+    assert np.abs(ours.psi).max() <= 1
+    assert not ours.fallback
+    again = law.correct(told)
+    assert ours.psi.tobytes() == again.psi.tobytes()
