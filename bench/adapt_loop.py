@@ -43,12 +43,13 @@ class Settings:
     thermal: bool = True
     confidence: bool = True
     min_coverage: float = 0.9
+    model: str = ''
 
     def corrector(self) -> Corrector:
         return Corrector(
             CorrectionParams(
                 law=self.law, gain=self.gain, k_gain=self.k_gain, identify=self.identify,
-                min_coverage=self.min_coverage,
+                min_coverage=self.min_coverage, model=self.model,
             )
         )  # fmt: skip
 

@@ -1,7 +1,8 @@
 """Adaptation: what corrections leave on pads and walls, beside the baselines, on the same seeds.
 
 adapt.pad_gap_closed: share of the gap between the best explicit law (each with its best gain) and the oracle (knows the
-  plant, not its noise) that the network closes; pads of 20 layers (bench/adapt_plants.py).
+  plant, not its noise) that law unet closes (network and bead model; the ablation tells them apart); pads of 20 layers
+  (bench/adapt_plants.py).
 adapt.wall_rms_trimmed_mm, adapt.wall_rms_all_mm: final top of a 100-layer single-bead wall fitted to a recording
   (bench/adapt_wall.py), without and with two segments at each end (baseline: the published cell).
 adapt.transfer_worst_ratio: largest RMS of the network over that of the best explicit law, pads unlike training.
@@ -183,7 +184,8 @@ def ablation() -> None:
     full = Settings(LAW)
     variants = {
         'complete': full,
-        'without network (damped_inverse)': replace(full, law='damped_inverse'),
+        'without network (bead model alone)': replace(full, model='none'),
+        'without both (damped_inverse)': replace(full, law='damped_inverse'),
         'without identification': replace(full, identify=False),
         'without thermal term': replace(full, thermal=False),
         'without confidence (sigma unknown)': replace(full, confidence=False),

@@ -232,3 +232,13 @@ def test_law_unet_solves_for_the_beads_only_when_they_are_told(tmp_path):
     assert not ours.fallback
     again = law.correct(told)
     assert ours.psi.tobytes() == again.psi.tobytes()
+
+
+def test_without_a_network_the_bead_model_starts_from_the_explicit_law(tmp_path):
+    silent = laws.make_law('unet', model=str(weights(tmp_path / 'm.npz', head=0.0)))
+    bare, request = laws.make_law('unet', model='none'), pad(0.75e-3, error=2e-4)
+    result = bare.correct(request)
+    assert (result.law, result.model_hash, result.fallback) == ('unet', '', False)
+    assert result.psi == pytest.approx(silent.correct(request).psi, abs=1e-6)
+    plain = laws.DampedInverse().correct(replace(request, paths=()))
+    assert (bare.correct(replace(request, paths=())).psi == plain.psi).all()

@@ -11,13 +11,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from . import filters
 from .bead_model import BeadModel
+from .grids import CELLS_PER_BEAD
 
 LAG_SIGMA = 0.3  # bead widths, of the lag before any layer
 LAG_LIMITS = (-0.1, 0.5)  # bead widths
 LAG_FORGETTING = 0.97  # per layer
 ALIKE = 4.0  # neighbouring cells whose noise is one
 INNER = 1.0  # bead widths from arc on and off, where the lag can be told from humps and craters
+INNER_SHARE = (
+    1 / 3
+)  # of the learning rate a bead away from ends and edges: noise, where nothing comes back
 MIN_CELLS = 50
 MAX_MISSING = 1.0  # layer heights; more is a fault of the scan
 SEEN = 0.3  # share of a cell that must be known
@@ -73,6 +78,8 @@ class BeadHabits:
         after = self._with_lag(model, asked, growth / ratio, expected, known)
         expected = model.growth(asked, after.lag * model.width)
         lacks = np.clip(np.where(known, ratio * expected - growth, 0.0), -MAX_MISSING, MAX_MISSING)
+        inner = (model.arc > INNER * model.width) & (filters.depth(known) > INNER * CELLS_PER_BEAD)
+        learning = learning * np.where(inner, INNER_SHARE, 1.0)
         return after._with_missing(layer, lacks, known, learning)
 
     def _with_lag(
@@ -98,10 +105,10 @@ class BeadHabits:
         return replace(self, lag=lag, information=LAG_FORGETTING * self.information + news)
 
     def _with_missing(
-        self, layer: int, lacks: np.ndarray, known: np.ndarray, learning: float
+        self, layer: int, lacks: np.ndarray, known: np.ndarray, learning: np.ndarray
     ) -> BeadHabits:
         side, before = layer % 2, self.of(layer, lacks.shape)
-        weight = max(1 / (self.layers[side] + 2), learning)  # knowing nothing counts as one layer
+        weight = np.maximum(1 / (self.layers[side] + 2), learning)  # knowing nothing: one layer
         missing, layers = list(self.missing), list(self.layers)
         missing[side] = before + weight * np.where(known, lacks - before, 0.0)
         layers[side] += 1

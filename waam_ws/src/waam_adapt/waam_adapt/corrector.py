@@ -23,7 +23,9 @@ class CorrectionParams:
         'correction law',
         choices=('damped_inverse', 'unet', 'proportional', 'log_log', 'zero'),
     )
-    model: str = param('', "file with the weights of law unet; '' = the packaged ones")
+    model: str = param(
+        '', "file with the weights of law unet; '' = the packaged ones, none = its bead model alone"
+    )
     k_gain: float = param(
         0.3, 'authority over travel speed when a request names none', '', 0.0, 0.3
     )

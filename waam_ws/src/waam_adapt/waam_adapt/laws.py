@@ -290,7 +290,7 @@ def make_law(
     name: str, gain: float = 0.9, regularisation: float = 0.1, model: str = ''
 ) -> CorrectionLaw:
     """The law of that name; CorrectionError names the known ones. model: file of weights for unet,
-    '' = the packaged one.
+    '' = the packaged one, 'none' = its bead model without a network.
     """
     if name not in LAWS:
         raise CorrectionError(f"unknown law '{name}'; known are {', '.join(LAWS)}")

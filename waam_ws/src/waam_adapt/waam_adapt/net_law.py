@@ -1,4 +1,5 @@
-"""The learned law: the damped inverse, and what the network adds to it where it may be trusted.
+"""The learned law: the damped inverse, what the network adds to it where it may be trusted, and a last
+layer that solves for the beads (`bead_solver`) where their paths are told.
 
 The network never replaces the explicit law. Where it doubts its own answer its share fades out;
 for a map unlike those of
@@ -14,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from . import bead_solver, features, filters, net
+from .grids import CELLS_PER_BEAD, Resampler
 from .laws import (
     RATIO_HIGH,
     RATIO_LOW,
@@ -24,6 +26,7 @@ from .laws import (
     split_ratio,
 )
 
+NO_MODEL = 'none'  # in place of a file of weights: the bead model without a network
 DOUBT = 0.25  # layer heights: predicted error at which the confidence is a half
 LOW, FULL = 0.08, 0.2  # confidence below which the network has no say, and from which on all of it
 
@@ -32,7 +35,8 @@ LOW, FULL = 0.08, 0.2  # confidence below which the network has no say, and from
 class UNetLaw:
     """psi from the explicit law's relative layer height plus the network's change of it.
 
-    explicit: what is corrected, and the fallback. network None: `broken` says why, and the explicit law answers.
+    explicit: what is corrected, and the fallback. network None: `broken` says why, and the explicit law answers; where
+    `broken` says nothing (NO_MODEL), the bead model starts from the explicit law.
     confidence of the result: that of the explicit law times 1/(1 + (foretold error/DOUBT)^2).
     """
 
@@ -43,7 +47,12 @@ class UNetLaw:
 
     @classmethod
     def load(cls, path: str, explicit: DampedInverse) -> UNetLaw:
-        """path '' = the packaged weights. A file that cannot be used is announced in every answer, not raised."""
+        """path '' = the packaged weights, NO_MODEL = none.
+
+        A file that cannot be used is announced in every answer, not raised.
+        """
+        if path == NO_MODEL:
+            return cls(explicit, None)
         try:
             return cls(explicit, _model(Path(path) if path else net.PACKAGED))
         except net.ModelError as e:
@@ -51,8 +60,12 @@ class UNetLaw:
 
     def correct(self, request: CorrectionInput) -> Correction:
         plain = self.explicit.wish(request)
-        if plain is None or self.network is None:
+        if plain is None or self.broken:
             return self._alone(request, self.broken)
+        if self.network is None:
+            return self._solved(
+                request, plain, plain.ratio, np.ones_like(plain.ratio), self._grid(request)
+            )
         seen = features.build(request, plain.ratio - 1)
         if odd := unlike(self.network, features.summary(seen.x)):
             return self._alone(request, f'input unlike the training: {odd}')
@@ -80,14 +93,30 @@ class UNetLaw:
         add = seen.resampler.fine(filters.extend(say.astype(float), inside)[0])
         sure = np.clip(seen.resampler.fine(filters.extend(sure, inside)[0]), 0.0, 1.0)
         ratio = np.clip(plain.ratio + plain.confidence * add, RATIO_LOW, RATIO_HIGH)
+        return self._solved(request, plain, ratio, sure, seen.resampler)
+
+    def _solved(
+        self,
+        request: CorrectionInput,
+        plain: Wish,
+        ratio: np.ndarray,
+        sure: np.ndarray,
+        grid: Resampler,
+    ) -> Correction:
+        """ratio: wished relative layer height, sure: share of the explicit law's confidence, both (rows, cols)."""
         if request.paths:
-            solved = bead_solver.refine(request, ratio, self.explicit.gain, seen.resampler)
+            solved = bead_solver.refine(request, ratio, self.explicit.gain, grid)
             ratio = 1 + plain.confidence * (solved - 1)
         psi, residual = split_ratio(ratio, plain.planned, request.k_gain)
         digest = self.network.digest if self.network else ''
         return Correction(
             psi, plain.confidence * sure, residual, self.name, request.k_gain, model_hash=digest
         )
+
+    @staticmethod
+    def _grid(request: CorrectionInput) -> Resampler:
+        cell = request.bead_width / CELLS_PER_BEAD
+        return Resampler.of(request.z.shape, request.resolution, cell)
 
     def _alone(self, request: CorrectionInput, why: str) -> Correction:
         """The explicit law's answer, announced as a fallback."""
