@@ -78,8 +78,9 @@ def test_solution_is_that_of_bounded_least_squares():
     high = np.where(model.to_arc < bead_solver.END_REACH * W, bead_solver.END_HIGH, laws.RATIO_HIGH)
     assert (x >= laws.RATIO_LOW - 1).all()
     assert (x <= high - 1).all()
-    a, w = model.matrix(1e-3).toarray(), weight.ravel()
-    typical = np.median((a**2 * w[:, None]).sum(axis=0))
+    spread, w = model.spread.toarray(), weight.ravel()
+    a = spread @ model.driven(1e-3).toarray()
+    typical = np.median((spread**2 * w[:, None]).sum(axis=0))
     n = len(x)
     joined = model.first[1:] == model.first[:-1]
     falls = np.diff(np.eye(n), axis=0)[joined]
@@ -183,6 +184,21 @@ def test_lag_and_what_is_always_missing_are_learned_per_direction(lag):
     here = (slice(9, 17), slice(5, 7))
     assert habits.of(14, SIZE)[here].mean() == pytest.approx(0.9 * 0.3, abs=0.05)
     assert abs(habits.of(13, SIZE)[here].mean()) < 0.05
+
+
+def test_an_efficiency_that_drifts_ahead_of_the_flow_factor_is_expected():
+    model, habits = bead_model(zigzag(), SIZE, W), BeadHabits()
+    asked, seen = np.ones(len(model.where)), np.ones(SIZE)
+    growth = model.growth(asked, 0.0)
+    for layer in range(1, 30):
+        habits = habits.learn(layer, model, asked, 0.93 * growth, seen, 0.3, allowed=0.9)
+    assert habits.surplus == pytest.approx(0.93 / 0.9 - 1, abs=1e-3)
+    for layer in range(30, 60):
+        habits = habits.learn(layer, model, asked, 2 * growth, seen, 0.3, allowed=0.9)
+    assert habits.surplus < 0.051
+    request = pad(0.75e-3)
+    who = Identifier(watch_beads=True, beads=habits)
+    assert who._beads_of(request, 1.0).missing.max() < -0.04
 
 
 def test_what_cannot_be_compared_teaches_nothing():

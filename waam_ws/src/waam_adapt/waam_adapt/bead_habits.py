@@ -20,9 +20,8 @@ LAG_LIMITS = (-0.1, 0.5)  # bead widths
 LAG_FORGETTING = 0.97  # per layer
 ALIKE = 4.0  # neighbouring cells whose noise is one
 INNER = 1.0  # bead widths from arc on and off, where the lag can be told from humps and craters
-INNER_SHARE = (
-    1 / 3
-)  # of the learning rate a bead away from ends and edges: noise, where nothing comes back
+INNER_SHARE = 1 / 3  # of the learning rate there, for little comes back; the rest is noise
+DRIFT, MAX_DRIFT = 0.15, 0.05  # weight of the newest layer in the surplus; most that is believed
 MIN_CELLS = 50
 MAX_MISSING = 1.0  # layer heights; more is a fault of the scan
 SEEN = 0.3  # share of a cell that must be known
@@ -42,12 +41,14 @@ class Learned:
 @dataclass(frozen=True)
 class BeadHabits:
     """missing: maps on the model's grid of even and odd layers, None = never seen; layers: seen of each. lag and its
-    information (1/variance) in bead widths."""
+    information (1/variance) in bead widths. surplus: share of metal by which layers exceed what the flow factor allowed
+    for; an efficiency that drifts, as in a part that heats up, is always a layer or two ahead of its estimate."""
 
     missing: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
     layers: tuple[int, int] = (0, 0)
     lag: float = 0.0
     information: float = field(default=LAG_SIGMA**-2)
+    surplus: float = 0.0
 
     def of(self, layer: int, shape: tuple[int, int]) -> np.ndarray:
         """What layer `layer` will lack; before its direction was ever seen, half of what the other one did."""
@@ -64,8 +65,9 @@ class BeadHabits:
         growth: np.ndarray,
         seen: np.ndarray,
         learning: float,
+        allowed: float | None = None,
     ) -> BeadHabits:
-        """With one more layer, which counts at least `learning`.
+        """With one more layer, which counts at least `learning`. allowed: efficiency that the flow factor assumed.
 
         asked (n,): relative growth that the pieces should have given; growth (rows, cols) over the planned height; seen
         (rows, cols): share of the cells that is known and away from the edge.
@@ -78,6 +80,9 @@ class BeadHabits:
         after = self._with_lag(model, asked, growth / ratio, expected, known)
         expected = model.growth(asked, after.lag * model.width)
         lacks = np.clip(np.where(known, ratio * expected - growth, 0.0), -MAX_MISSING, MAX_MISSING)
+        if allowed is not None:
+            news = float(np.clip(ratio / allowed - 1, -MAX_DRIFT, MAX_DRIFT))
+            after = replace(after, surplus=self.surplus + DRIFT * (news - self.surplus))
         inner = (model.arc > INNER * model.width) & (filters.depth(known) > INNER * CELLS_PER_BEAD)
         learning = learning * np.where(inner, INNER_SHARE, 1.0)
         return after._with_missing(layer, lacks, known, learning)

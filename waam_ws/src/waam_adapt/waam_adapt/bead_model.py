@@ -54,28 +54,32 @@ class BeadModel:
     def arc(self) -> np.ndarray:
         return self.to_arc[self.nearest]
 
-    def matrix(self, lag: float) -> sparse.csr_array:
-        """(cells, n): relative growth for what is asked of the pieces when it arrives `lag` m late along the travel."""
-        return (self.spread @ self._driven(lag)).tocsr()
-
     def growth(self, asked: np.ndarray, lag: float) -> np.ndarray:
         """(rows, cols) relative growth for the relative metal (n,) that is asked of the pieces."""
-        return (self.spread @ (self._driven(lag) @ asked)).reshape(self.shape)
+        columns, shares = self._sources(lag)
+        return (self.spread @ (shares * asked[columns]).sum(axis=1)).reshape(self.shape)
 
-    def _driven(self, lag: float) -> sparse.csr_array:
-        """(n, n) means over a segment around the place `lag` m before; what a bead begins and ends with goes on."""
-        n = len(self.step)
+    def driven(self, lag: float) -> sparse.csr_array:
+        """(n, n) what reaches the metal of the pieces of what is asked of them, `lag` m late along the travel."""
+        columns, shares = self._sources(lag)
+        n, k = columns.shape
+        return sparse.csr_array(
+            (shares.ravel(), columns.ravel(), np.arange(0, n * k + 1, k)), shape=(n, n)
+        )
+
+    def _sources(self, lag: float) -> tuple[np.ndarray, np.ndarray]:
+        """Pieces (n, k) and their shares (n, k) in the mean over a segment around the place `lag` m before every piece;
+        what a bead begins and ends with goes on."""
         half = 0.5 * SEGMENT * CELLS_PER_BEAD
-        offsets = np.arange(-int(half) - 1, int(half) + 2)
-        share = np.clip(half + 0.5 - np.abs(offsets), 0.0, 1.0)
-        at = np.arange(n)[:, None] + offsets - (lag / self.step)[:, None]
-        low = np.floor(at)
-        part = at - low
-        columns = np.stack([low, low + 1], -1).astype(int)
-        columns = np.clip(columns, self.first[:, None, None], self.last[:, None, None])
-        values = np.stack([1 - part, part], -1) * (share / share.sum())[:, None]
-        rows = np.broadcast_to(np.arange(n)[:, None, None], columns.shape)
-        return sparse.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape=(n, n))
+        offsets = np.arange(-int(half) - 1, int(half) + 3)
+        late = -lag / self.step
+        low = np.floor(late)
+        share = np.clip(half + 0.5 - np.abs(offsets[:-1]), 0.0, 1.0)
+        share = np.append(share, 0.0) / share.sum()
+        part = (late - low)[:, None]
+        shares = (1 - part) * share + part * np.roll(share, 1)
+        columns = np.arange(len(low))[:, None] + offsets + low[:, None].astype(int)
+        return np.clip(columns, self.first[:, None], self.last[:, None]), shares
 
     def on_cells(self, pieces: np.ndarray) -> np.ndarray:
         """(rows, cols) values (n,) of the nearest bead, linear between its pieces."""

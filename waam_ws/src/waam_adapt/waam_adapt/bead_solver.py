@@ -18,7 +18,7 @@ from .bead_model import MARGIN, BeadModel, bead_model, inner_mean
 from .grids import Resampler
 from .laws import RATIO_HIGH, RATIO_LOW, CorrectionInput
 
-SMALL, SMOOTH = 0.003, 0.01  # of the typical diagonal of A'wA
+SMALL, SMOOTH = 0.002, 0.007  # of the typical diagonal of A'wA before segments smear it
 END_HIGH = 3.0  # relative layer height up to which an end of a bead may be filled (crater filling)
 END_REACH = 0.4  # bead widths from arc on or off that count as its end
 STEPS = 24
@@ -54,27 +54,29 @@ def solve(
     need, weight (rows, cols): growth that is wanted beside the plan's, in planned heights, and how much a cell counts.
     start (n,): x0, what is asked where nothing is known. lag: m.
     """
-    a = model.matrix(lag)
-    w = weight.ravel()
+    spread, driven, w = model.spread, model.driven(lag), weight.ravel()
     high = np.where(model.to_arc < END_REACH * model.width, END_HIGH, RATIO_HIGH) - 1
     low, x0 = RATIO_LOW - 1, start - 1
-    diagonal = (a.multiply(a)).T @ w
+    diagonal = spread.power(2).T @ w
     typical = float(np.median(diagonal[diagonal > 0])) if diagonal.any() else 1.0
     small, smooth = SMALL * typical, SMOOTH * typical
     joined = (model.first[1:] == model.first[:-1]).astype(float)
-    at = (a.multiply(w[:, None])).T.tocsr()
-    target = at @ need.ravel()
+
+    def back(cells: np.ndarray) -> np.ndarray:
+        return driven.T @ (spread.T @ (w * cells))
+
+    target = back(need.ravel())
 
     def gradient(x: np.ndarray) -> np.ndarray:
         d = x - x0
         fall = smooth * joined * np.diff(d)
-        g = at @ (a @ x) - target + small * d
+        g = back(spread @ (driven @ x)) - target + small * d
         g[1:] += fall
         g[:-1] -= fall
         return g
 
     # sums of the rows are no less than the curvature, for nothing in A'wA is negative
-    steepest = at @ (a @ np.ones(len(x0))) + small + 4 * smooth
+    steepest = back(spread @ np.ones(len(x0))) + small + 4 * smooth
     return 1 + _projected(gradient, np.clip(x0, low, high), low, high, steepest)
 
 

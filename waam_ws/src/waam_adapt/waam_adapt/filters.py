@@ -48,7 +48,13 @@ def away_from_edges(
 def inner_share(mask: np.ndarray, margin: float) -> np.ndarray:
     """(rows, cols) 0..1: share of every cell of the mask that is at least `margin` cells from its edge; where the mask
     is narrower, its middle. Means of it are the same on a finer map."""
-    far = depth(mask)
+    return _inner_share(mask.tobytes(), mask.shape, margin)
+
+
+@lru_cache(maxsize=4)
+def _inner_share(mask: bytes, shape: tuple[int, int], margin: float) -> np.ndarray:
+    """Footprints are the same in layer after layer."""
+    far = depth(np.frombuffer(mask, bool).reshape(shape))
     thickest = maximum_filter(far, size=4 * int(np.ceil(margin)) + 1)
     return np.clip(far - np.minimum(margin, 0.7 * thickest), 0.0, 1.0)
 

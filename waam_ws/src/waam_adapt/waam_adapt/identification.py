@@ -142,6 +142,7 @@ class Identifier:
         evidence = layer_evidence(layer, slope)
         if evidence is None:
             return
+        before = self.estimate
         self.estimate = update(self.estimate, evidence, self.forgetting)
         habits = list(self.habits)
         side = number % 2
@@ -157,20 +158,25 @@ class Identifier:
             smooth = 0.25 * layer.bead_width / layer.resolution
             self.shortfall = self.shortfall.learn(number, missing, self.learning, smooth)
             if self.watch_beads and self.paths.get(number):
-                self._learn_beads(number, layer, laid, plan)
+                self._learn_beads(number, layer, laid, plan, before)
 
-    def _learn_beads(self, number: int, layer: Layer, laid: np.ndarray, plan: np.ndarray) -> None:
-        """What the bead model did not foretell of a layer whose paths are told. laid: command, NaN outside; plan: m."""
+    def _learn_beads(
+        self, number: int, layer: Layer, laid: np.ndarray, plan: np.ndarray, before: Estimate
+    ) -> None:
+        """What the bead model did not foretell of a layer whose paths are told. laid: command, NaN outside; plan: m.
+        before: estimate that the layer was laid with."""
         grid = Resampler.of(laid.shape, layer.resolution, layer.bead_width / CELLS_PER_BEAD)
         model = bead_model(self.paths[number], grid.shape, layer.bead_width)
         plan = np.where(plan > MIN_GROWTH, plan, np.nan)
         relative = np.nan_to_num(laid / plan, nan=1.0)
-        asked = model.at_pieces(relative, layer.resolution) ** self._slope_of(model)
+        slope = self._slope_of(model)
+        asked = model.at_pieces(relative, layer.resolution) ** slope
+        allowed = before.flow_factor**-slope if before.updates >= 2 else None
         growth = (layer.after - layer.before) / plan
         footprint, margin = np.isfinite(laid), MARGIN * layer.bead_width / layer.resolution
         known = footprint & np.isfinite(growth)
         growth, seen = inner_mean(growth, known, footprint, grid, margin)
-        self.beads = self.beads.learn(number, model, asked, growth, seen, self.learning)
+        self.beads = self.beads.learn(number, model, asked, growth, seen, self.learning, allowed)
 
     def prepare(self, request: CorrectionInput) -> CorrectionInput:
         """The request as a law for overlapped beads must see it: with the shortfall, in terms of metal.
@@ -196,7 +202,8 @@ class Identifier:
         model = bead_model(request.paths, shape, request.bead_width)
         lag = self.beads.lag * request.bead_width
         slope = self._slope_of(model, self.estimate.slope_sigma)
-        return Learned(self.beads.of(self.layer, shape), lag, slope, scale)
+        missing = self.beads.of(self.layer, shape) - self.beads.surplus
+        return Learned(missing, lag, slope, scale)
 
     def _slope_of(self, model: BeadModel, caution: float = 0.0) -> float:
         """Of growth on metal: overlapped beads keep all of it, a single one gets wider as well."""

@@ -273,7 +273,8 @@ def card_text(content: dict[str, Any], code: str) -> str:
         f'Held-out scenes of the same ranges, mean RMS of the last four of ten layers: {m["rms_mm"]:.3f} mm, '
         f'explicit law '
         f'{m["explicit_mm"]:.3f} mm (geometric mean of the quotient {m["ratio"]:.3f}; more than 10 % worse in '
-        f'{m["worse"]:.1%} of the scenes). Rank correlation of foretold and true error: {m["doubt"]:.2f}.', '',
+        f'{m["worse"]:.1%} of the scenes). Rank correlation of foretold and true error: {m["doubt"]:.2f}. '
+        'All without the last layer of the law, which solves for the beads: the training does not know it.', '',
         'Lengths in bead widths, heights in layer heights.', '', '| range | from | to |', '|---|---|---|',
         *(f'| {k} | {a:g} | {b:g} |' for k, (a, b) in content['ranges'].items()), '',
         'Inputs whose figures leave these ranges are answered by the explicit law:', '',
