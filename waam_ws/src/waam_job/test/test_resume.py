@@ -14,10 +14,11 @@ from waam_job import checkpoint as checkpoints
 from waam_job.checkpoint import Checkpoint, CheckpointError
 from waam_job.goal import Code
 from waam_job.records import State
-from waam_job.resume import change_point
+from waam_job.resume import Progress, change_point, rest_of
 from waam_job.runner import JobRunner
+from waam_plan.plan import PlannedLayer
 from waam_process.grid import HeightGrid
-from waam_process.segment import Kind
+from waam_process.segment import Kind, Segment
 
 
 class PowerCut(BaseException):
@@ -213,6 +214,68 @@ def test_rest_of_a_resumed_layer_can_be_skipped_and_what_lies_there_is_measured(
     assert not any(s.layer == 1 and s.kind == Kind.DEPOSIT for s in fresh.executed)
     first, second = (np.load(folder.path / 'layers' / f'scan_00{i}.npz')['z'] for i in (0, 1))
     assert np.nanmax(second - first) > 0.5e-3  # the half that was laid
+
+
+def two_beads() -> PlannedLayer:
+    """Two beads of four segments of 2 mm along x, 5 mm apart, each with a dwell in the arc before it moves."""
+    segments, at = [], (0.0, 0.0, 0.05)
+
+    def go(kind: Kind, x: float, y: float, z: float, bead: int, **more) -> None:
+        nonlocal at
+        end = (x * 1e-3, y * 1e-3, z * 1e-3)
+        segments.append(
+            Segment(len(segments), kind, at, end, 0.01, 1, bead, kind != Kind.IDLE, **more)
+        )
+        at = end
+
+    for bead in (1, 2):
+        y = 5.0 * bead
+        go(Kind.IDLE, 0, y, 2, bead)
+        go(Kind.DWELL, 0, y, 2, bead, dwell=0.5)
+        for x in (2, 4, 6, 8):
+            go(Kind.DEPOSIT, x, y, 2, bead, height=2e-3, width=5e-3)
+        go(Kind.IDLE, 8, y, 50, bead)
+    flat = np.zeros((2, 2))
+    return PlannedLayer(1, flat, flat, flat, segments, (1.0, 0.0, 0.0), flat > 0)
+
+
+def rest(done: int, shares=None) -> list[Segment]:
+    found = np.repeat([0.8, 0.0], [done, 8 - done]) if shares is None else np.array(shares)
+    return rest_of(two_beads(), Progress(done, 8, 0, found)).segments
+
+
+def heights(segments: list[Segment]) -> list[float]:
+    """Of what is laid, over the planned one."""
+    return [round(s.height / 2e-3, 3) for s in segments if s.kind == Kind.DEPOSIT]
+
+
+def test_a_path_that_was_begun_goes_on_with_what_its_end_did_not_leave():
+    shares = [0.8, 0.8, 0.4, 0.16, 0.0, 0.0, 0.0, 0.0]
+    segments = rest(2, shares)
+    assert heights(segments) == [0.5, 0.8, 1, 1, 1, 1]
+    plain = rest(2)
+    assert plain == two_beads().segments[4:]
+    assert [s.at(height=0.0) for s in segments] == [s.at(height=0.0) for s in plain]
+
+
+def test_what_neighbours_spread_is_no_end_of_a_bead_and_the_arc_keeps_some_wire():
+    assert heights(rest(1, [0.8, 0.5, 0.18, *[0.1] * 5]))[:3] == [0.5, 0.9, 1]
+    assert heights(rest(1, [0.8, 3.0, *[0.0] * 6]))[0] == 0.3
+    assert heights(rest(1, [0.8, np.nan, *[0.0] * 6]))[0] == 1
+
+
+def test_the_next_path_gets_all_of_its_metal():
+    assert heights(rest(3, [0.8, 0.8, 0.8, 0.4, 0.4, 0.0, 0.0, 0.0])) == [0.5, 1, 1, 1, 1]
+
+
+def test_a_path_that_was_not_begun_is_laid_whole_with_its_dwell():
+    segments = rest(4, [0.8] * 4 + [0.4] * 4)
+    assert segments == two_beads().segments[8:] and segments[0].kind == Kind.DWELL
+    assert rest(0) == two_beads().segments[1:]
+
+
+def test_nothing_is_left_of_a_complete_layer():
+    assert rest(8) == []
 
 
 @settings(deadline=None)

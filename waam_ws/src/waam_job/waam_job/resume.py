@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -16,8 +17,11 @@ from scipy.spatial import cKDTree
 
 from waam_plan.plan import PlannedLayer
 from waam_process.grid import HeightGrid
+from waam_process.segment import Kind, Segment
 
 PRESENT = 0.5  # share of the planned metal above which a place counts as laid
+REACH = 1.5  # bead widths that the end of an interrupted bead goes beyond the change point, at most
+LEAST = 0.3  # of its metal that a segment gets, however much lies there: the arc needs wire
 MOVED_LIMIT = 0.15e-3  # m, median change of the surface where nothing was to be laid
 
 
@@ -27,11 +31,12 @@ class ResumeError(ValueError):
 
 @dataclass(frozen=True)
 class Progress:
-    """`done` of `total` deposit segments of the layer are on the part."""
+    """`done` of `total` deposit segments of the layer are on the part; shares: (total,) found of their metal."""
 
     done: int
     total: int
     bead: int  # the bead with which deposition goes on; 0 = all are done
+    shares: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def complete(self) -> bool:
@@ -146,11 +151,46 @@ def progress_of(
             )
     least = sum(s.bead in beads[:beads_done] for s in deposits)
     done = max(done, least)
-    return Progress(done, len(deposits), deposits[done].bead if done < len(deposits) else 0)
+    bead = deposits[done].bead if done < len(deposits) else 0
+    return Progress(done, len(deposits), bead, shares)
 
 
 def rest_of(layer: PlannedLayer, progress: Progress) -> PlannedLayer:
-    """The layer from the change point on. Its maps stay those of the whole layer, so the correction does too."""
-    first = layer.deposits[progress.done]
+    """The layer from the change point on. Its maps stay those of the whole layer, so the correction does too; a path
+    that was begun goes on with as much less metal as its last portion already left there."""
+    if progress.complete:
+        return replace(layer, segments=[])
+    deposits = layer.deposits
+    first = deposits[progress.done]
     at = next(i for i, s in enumerate(layer.segments) if s is first)
-    return replace(layer, segments=layer.segments[at:])
+    if at and layer.segments[at - 1].kind == Kind.DWELL and layer.segments[at - 1].arc:
+        at -= 1  # the arc burns here for a while before the torch moves
+    begun = at > 0 and layer.segments[at - 1].kind == Kind.DEPOSIT
+    less = still_missing(deposits, progress) if begun else {}
+    rest = [s.at(height=s.height * less.get(s.index, 1.0)) for s in layer.segments[at:]]
+    return replace(layer, segments=rest)
+
+
+def still_missing(deposits: list[Segment], progress: Progress) -> dict[int, float]:
+    """Share of its metal that a segment still needs, by index: of those that follow the change point on the same path.
+
+    The end of a bead is round, and the pool that trailed the arc set ahead of its place: metal reaches about a bead
+    width beyond the change point. What is found farther on comes from neighbouring beads, as the plan wants it.
+    """
+    done, found = progress.done, np.nan_to_num(progress.shares)
+    width, way, missing = deposits[done].width, 0.0, {}
+    laid = np.clip(np.median(found[:done]), 0.5, 1.2) if done else 1.0
+    beside = found[done:][_way(deposits[done:]) > REACH * width]
+    planned = np.median(beside) if beside.size else 0.0
+    for i, (before, s) in enumerate(pairwise(deposits[done - 1 :]), done):
+        if math.dist(before.end, s.start) > 1e-6 or way > REACH * width:
+            break
+        way += s.length
+        missing[s.index] = float(np.clip(1 - (found[i] - planned) / laid, LEAST, 1.0))
+    return missing
+
+
+def _way(segments: list[Segment]) -> np.ndarray:
+    """(n,) m from the start of the first segment to the middle of each, along them."""
+    lengths = np.array([s.length for s in segments])
+    return np.cumsum(lengths) - 0.5 * lengths
