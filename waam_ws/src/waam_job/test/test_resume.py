@@ -14,7 +14,7 @@ from waam_job import checkpoint as checkpoints
 from waam_job.checkpoint import Checkpoint, CheckpointError
 from waam_job.goal import Code
 from waam_job.records import State
-from waam_job.resume import Progress, change_point, rest_of
+from waam_job.resume import Progress, change_point, cold_share, rest_of
 from waam_job.runner import JobRunner
 from waam_plan.plan import PlannedLayer
 from waam_process.grid import HeightGrid
@@ -249,23 +249,39 @@ def heights(segments: list[Segment]) -> list[float]:
     return [round(s.height / 2e-3, 3) for s in segments if s.kind == Kind.DEPOSIT]
 
 
-def test_a_path_that_was_begun_goes_on_with_what_its_end_did_not_leave():
-    shares = [0.8, 0.8, 0.4, 0.16, 0.0, 0.0, 0.0, 0.0]
-    segments = rest(2, shares)
-    assert heights(segments) == [0.5, 0.8, 1, 1, 1, 1]
-    plain = rest(2)
-    assert plain == two_beads().segments[4:]
-    assert [s.at(height=0.0) for s in segments] == [s.at(height=0.0) for s in plain]
+def test_a_path_that_was_begun_goes_on_where_half_of_its_metal_is_there():
+    """Middles of the segments at 1, 3, 5 and 7 mm; half of the 0.8 that the others have is there at 5 mm."""
+    first, second, *others = rest(2, [0.8, 0.8, 0.4, 0.16, 0.0, 0.0, 0.0, 0.0])
+    assert first.start == pytest.approx((5e-3, 5e-3, 2e-3), abs=5e-5) and first.end[0] == 6e-3
+    assert heights([first, second]) == pytest.approx([0.575, 0.8], abs=0.01)
+    assert [first.at(height=2e-3, start=first.end), second.at(height=2e-3), *others] == [
+        two_beads().segments[4].at(start=first.end), *two_beads().segments[5:]
+    ]  # fmt: skip
+
+
+def test_a_sharp_end_goes_on_at_the_next_segment_with_all_of_its_metal():
+    assert heights(rest(2)) == [1] * 6
+    assert rest(2)[0].start == pytest.approx((4e-3, 5e-3, 2e-3))
 
 
 def test_what_neighbours_spread_is_no_end_of_a_bead_and_the_arc_keeps_some_wire():
-    assert heights(rest(1, [0.8, 0.5, 0.18, *[0.1] * 5]))[:3] == [0.5, 0.9, 1]
-    assert heights(rest(1, [0.8, 3.0, *[0.0] * 6]))[0] == 0.3
+    found = heights(rest(1, [0.8, 0.0, 0.0, 0.0, *[0.1] * 4]))
+    assert found == [1] * 7
+    assert min(heights(rest(1, [0.8, 0.0, 3.0, *[0.0] * 5]))) == 0.3
     assert heights(rest(1, [0.8, np.nan, *[0.0] * 6]))[0] == 1
 
 
-def test_the_next_path_gets_all_of_its_metal():
-    assert heights(rest(3, [0.8, 0.8, 0.8, 0.4, 0.4, 0.0, 0.0, 0.0])) == [0.5, 1, 1, 1, 1]
+def test_the_next_path_gets_all_of_its_metal_and_a_path_never_ends_before_it_is_resumed():
+    segments = rest(3, [0.8, 0.8, 0.8, 0.9, 0.4, 0.0, 0.0, 0.0])
+    assert heights(segments)[1:] == [1, 1, 1, 1] and 0 < segments[0].length < 1e-3
+
+
+def test_share_on_a_part_that_has_cooled():
+    assert cold_share(520.0, 20.0, 2e-4) == pytest.approx(0.9)
+    assert cold_share(300.0, 350.0, 2e-4) == 1 and cold_share(900.0, 20.0, 1e-3) == 0.8
+    assert cold_share(float('nan'), 20.0, 2e-4) == cold_share(500.0, float('nan'), 2e-4) == 1
+    half = rest_of(two_beads(), Progress(4, 8, 0, np.repeat([0.8, 0.0], 4)), 0.5).segments
+    assert heights(half) == [0.5] * 4
 
 
 def test_a_path_that_was_not_begun_is_laid_whole_with_its_dwell():
