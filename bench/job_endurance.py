@@ -136,6 +136,17 @@ def write_block(folder: Path) -> Path:
     return folder / 'block.stl'
 
 
+def parameters(scratch: Path) -> Path:
+    """The interpass limit, and the pyrometer aimed at the block instead of at the middle of the plate."""
+    file = scratch / 'parameters.yaml'
+    nodes = {
+        'thermal_compensator': {'interpass_limit': INTERPASS_C},
+        'cell': {'pyrometer_spot_x': 5e-4 * BLOCK[0], 'pyrometer_spot_y': 5e-4 * BLOCK[1]},
+    }
+    file.write_text(json.dumps({n: {'ros__parameters': p} for n, p in nodes.items()}))
+    return file
+
+
 def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endurance, dict]:
     """The samples and the report's run. RuntimeError when the job ended by itself before its time."""
     from waam_bringup import run_state
@@ -144,11 +155,7 @@ def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endura
     from waam_msgs.action import RunJob
 
     scratch.mkdir(parents=True, exist_ok=True)
-    limit = scratch / 'interpass.yaml'
-    limit.write_text(
-        f'thermal_compensator: {{ros__parameters: {{interpass_limit: {INTERPASS_C}}}}}\n'
-    )
-    with power_on(scratch / 'run', DOMAIN, SEED, params_file=limit) as (client, _):
+    with power_on(scratch / 'run', DOMAIN, SEED, params_file=parameters(scratch)) as (client, _):
         pids = {n: s.pid for n, s in run_state.load(scratch / 'run').nodes.items()}
         watch = Endurance(hours, pids, file, min(EVERY, hours * 3600 / 24))
         client.load_part('', PLATE, SEED)

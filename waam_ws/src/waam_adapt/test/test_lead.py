@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from waam_adapt import feedforward as ff
@@ -25,14 +25,18 @@ def behind_lag(command, duration, lag, first):
 
 
 @given(st.lists(st.floats(0.05, 0.15), min_size=2, max_size=30), st.floats(0.2, 1.0))
+@example([0.125, 0.0625, 0.1484375, 0.0546875], 0.3515625)
 def test_metal_arrives_where_it_is_meant(feeds, duration):
+    """Exactly, where segments are long enough; a wire that would have to run backwards stops instead."""
     feed, t, lag = np.array(feeds), np.full(len(feeds), duration), 0.12
     joined = np.arange(len(feed)) > 0
     plain = behind_lag(feed, t, lag, feed[0]) - feed
-    led = behind_lag(lead.wire_lead(feed, t, joined, lag), t, lag, feed[0]) - feed
+    command = lead.wire_lead(feed, t, joined, lag)
+    led = behind_lag(command, t, lag, feed[0]) - feed
     assert np.abs(led).sum() <= np.abs(plain).sum() + 1e-12
     if duration > 0.35:
-        assert np.abs(led).max() < 0.25 * np.abs(plain).max() + 1e-9
+        assert np.abs(led[command > 0]).max() < 1e-9
+        assert (led[command == 0] >= 0).all()
 
 
 def test_a_steady_bead_and_no_lag_need_no_lead_and_beads_do_not_know_each_other():

@@ -26,7 +26,8 @@ def _start(context):
         epoch_us=int(time.time()) * 1_000_000,
     )
     return [
-        ExecuteProcess(cmd=p.command, name=p.name, output='screen') for p in processes(settings)
+        ExecuteProcess(cmd=p.command, name=p.name, output='screen', additional_env=p.environment)
+        for p in processes(settings)
     ]
 
 

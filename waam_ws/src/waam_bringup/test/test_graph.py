@@ -40,6 +40,22 @@ def test_every_ros_node_but_those_that_only_show_is_in_the_lease(tmp_path):
         assert (p.name in lease) == (p.ros and p.name not in ('dashboard', 'panel'))
 
 
+def asks_for_real_time(made: Settings) -> set[str]:
+    return {p.name for p in processes(made) if p.environment.get('WAAM_REALTIME') == '1'}
+
+
+def test_real_time_is_for_the_loop_and_only_where_the_wall_clock_counts(tmp_path):
+    loop = {
+        'bridge', 'scan_fusion', 'correction_server', 'feed_forward', 'thermal_compensator', 'job_sequencer',
+    }  # fmt: skip
+    assert asks_for_real_time(settings(tmp_path, port='/dev/ttyACM0')) == loop
+    assert asks_for_real_time(settings(tmp_path, rate=1.0)) == loop | {'cell'}
+    assert not asks_for_real_time(
+        settings(tmp_path)
+    )  # as fast as it goes: the cell must not starve
+    assert not asks_for_real_time(settings(tmp_path, rate=4.0))
+
+
 def test_panel_gets_its_port_and_folders_and_its_address_is_in_the_state(tmp_path, monkeypatch):
     monkeypatch.setenv('WAAM_JOBS', str(tmp_path / 'jobs'))
     made = settings(tmp_path, panel_port=8601)

@@ -42,10 +42,16 @@ class Settings:
     def simulated(self) -> bool:
         return not self.port
 
+    @property
+    def paced(self) -> bool:
+        """Whether the graph keeps step with the wall clock, so that a late answer is late in the cell as well."""
+        return not self.simulated or 0 < self.rate <= 1
+
 
 @dataclass(frozen=True)
 class Process:
-    """One process: name (= node name), command line, whether it is a ROS node, whether the arc lease needs it."""
+    """One process: name (= node name), command line, whether it is a ROS node, whether the arc lease needs it, and what
+    is added to its environment."""
 
     name: str
     command: list[str]
@@ -54,9 +60,12 @@ class Process:
     package: str = ''
     executable: str = ''
     arguments: list[str] = field(default_factory=list)
+    environment: dict[str, str] = field(default_factory=dict)
 
 
-KEYS = {'package', 'executable', 'only', 'ros', 'lease', 'arguments', 'parameters', 'use_sim_time'}
+KEYS = {
+    'package', 'executable', 'only', 'ros', 'lease', 'realtime', 'arguments', 'parameters', 'use_sim_time',
+}  # fmt: skip
 
 
 def load(path: Path | None = None) -> dict[str, dict[str, Any]]:
@@ -143,6 +152,7 @@ def _process(name: str, node: dict, settings: Settings, lease_nodes: list[str]) 
         package=package,
         executable=exe,
         arguments=arguments,
+        environment={'WAAM_REALTIME': '1'} if settings.paced and node.get('realtime') else {},
     )
 
 

@@ -48,7 +48,7 @@ class Supervisor:
                     stdin=subprocess.DEVNULL,
                     stdout=log,
                     stderr=subprocess.STDOUT,
-                    env=environment,
+                    env=environment | spec.environment,
                     start_new_session=True,  # Ctrl-C in the terminal reaches the supervisor, which stops them in order
                 )
             self.children[spec.name] = child

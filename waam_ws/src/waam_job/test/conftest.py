@@ -14,6 +14,8 @@ from waam_job.cell import Correction, Heat, Machine, Scan, Sums
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind
 
+TRAIL = 2e-3  # m, of the melt pool behind the arc
+
 
 class FakeCell:
     """Implements `waam_job.cell.Cell`. `efficiency` is the share of asked metal that arrives; `script` maps a segment
@@ -28,6 +30,7 @@ class FakeCell:
             connected=True, age=0.0, position=(0.0, 0.0, 0.1), limit_max=(0.4, 0.3, 0.2)
         )
         self.queue: list = []
+        self.pool = None
         self.statuses, self.reports, self.anomalies, self.commands, self.executed = (
             [],
             [],
@@ -70,10 +73,11 @@ class FakeCell:
 
     def _lay(self, s) -> None:
         if s.kind != Kind.DEPOSIT:
+            self.pool = None
             return
         self.temperature += 0.02
         spec = self.surface.spec
-        row, col = (int(v) for v in spec.cell(*s.midpoint[:2]))
+        row, col = (int(v) for v in spec.cell(*self._pool_under(s)))
         spot = np.zeros(spec.shape)
         spot[row, col] = (
             s.width * 0.73 * s.height * s.flow_factor * s.length / (1 + s.k_gain * s.psi)
@@ -81,6 +85,15 @@ class FakeCell:
         window = np.s_[max(0, row - 15) : row + 16, max(0, col - 15) : col + 16]
         added = gaussian_filter(spot[window], 4.5) / spec.resolution**2
         self.surface.z[window] += added * self.efficiency
+
+    def _pool_under(self, s) -> np.ndarray:
+        """Where the melt is while segment `s` is laid: `TRAIL` behind the arc, at first under it."""
+        torch = np.array(s.midpoint[:2])
+        if self.pool is None:
+            self.pool = np.array(s.start[:2])
+        behind = self.pool - torch
+        self.pool = torch + behind * min(1.0, TRAIL / max(np.linalg.norm(behind), 1e-9))
+        return self.pool
 
     def machine(self) -> Machine:
         return self.machine_state

@@ -14,10 +14,11 @@ from waam_job import checkpoint as checkpoints
 from waam_job.checkpoint import Checkpoint, CheckpointError
 from waam_job.goal import Code
 from waam_job.records import State
-from waam_job.resume import change_point
+from waam_job.resume import Progress, change_point, cold_share, rest_of
 from waam_job.runner import JobRunner
+from waam_plan.plan import PlannedLayer
 from waam_process.grid import HeightGrid
-from waam_process.segment import Kind
+from waam_process.segment import Kind, Segment
 
 
 class PowerCut(BaseException):
@@ -213,6 +214,84 @@ def test_rest_of_a_resumed_layer_can_be_skipped_and_what_lies_there_is_measured(
     assert not any(s.layer == 1 and s.kind == Kind.DEPOSIT for s in fresh.executed)
     first, second = (np.load(folder.path / 'layers' / f'scan_00{i}.npz')['z'] for i in (0, 1))
     assert np.nanmax(second - first) > 0.5e-3  # the half that was laid
+
+
+def two_beads() -> PlannedLayer:
+    """Two beads of four segments of 2 mm along x, 5 mm apart, each with a dwell in the arc before it moves."""
+    segments, at = [], (0.0, 0.0, 0.05)
+
+    def go(kind: Kind, x: float, y: float, z: float, bead: int, **more) -> None:
+        nonlocal at
+        end = (x * 1e-3, y * 1e-3, z * 1e-3)
+        segments.append(
+            Segment(len(segments), kind, at, end, 0.01, 1, bead, kind != Kind.IDLE, **more)
+        )
+        at = end
+
+    for bead in (1, 2):
+        y = 5.0 * bead
+        go(Kind.IDLE, 0, y, 2, bead)
+        go(Kind.DWELL, 0, y, 2, bead, dwell=0.5)
+        for x in (2, 4, 6, 8):
+            go(Kind.DEPOSIT, x, y, 2, bead, height=2e-3, width=5e-3)
+        go(Kind.IDLE, 8, y, 50, bead)
+    flat = np.zeros((2, 2))
+    return PlannedLayer(1, flat, flat, flat, segments, (1.0, 0.0, 0.0), flat > 0)
+
+
+def rest(done: int, shares=None) -> list[Segment]:
+    found = np.repeat([0.8, 0.0], [done, 8 - done]) if shares is None else np.array(shares)
+    return rest_of(two_beads(), Progress(done, 8, 0, found)).segments
+
+
+def heights(segments: list[Segment]) -> list[float]:
+    """Of what is laid, over the planned one."""
+    return [round(s.height / 2e-3, 3) for s in segments if s.kind == Kind.DEPOSIT]
+
+
+def test_a_path_that_was_begun_goes_on_where_half_of_its_metal_is_there():
+    """Middles of the segments at 1, 3, 5 and 7 mm; half of the 0.8 that the others have is there at 5 mm."""
+    first, second, *others = rest(2, [0.8, 0.8, 0.4, 0.16, 0.0, 0.0, 0.0, 0.0])
+    assert first.start == pytest.approx((5e-3, 5e-3, 2e-3), abs=5e-5) and first.end[0] == 6e-3
+    assert heights([first, second]) == pytest.approx([0.575, 0.8], abs=0.01)
+    assert [first.at(height=2e-3, start=first.end), second.at(height=2e-3), *others] == [
+        two_beads().segments[4].at(start=first.end), *two_beads().segments[5:]
+    ]  # fmt: skip
+
+
+def test_a_sharp_end_goes_on_at_the_next_segment_with_all_of_its_metal():
+    assert heights(rest(2)) == [1] * 6
+    assert rest(2)[0].start == pytest.approx((4e-3, 5e-3, 2e-3))
+
+
+def test_what_neighbours_spread_is_no_end_of_a_bead_and_the_arc_keeps_some_wire():
+    found = heights(rest(1, [0.8, 0.0, 0.0, 0.0, *[0.1] * 4]))
+    assert found == [1] * 7
+    assert min(heights(rest(1, [0.8, 0.0, 3.0, *[0.0] * 5]))) == 0.3
+    assert heights(rest(1, [0.8, np.nan, *[0.0] * 6]))[0] == 1
+
+
+def test_the_next_path_gets_all_of_its_metal_and_a_path_never_ends_before_it_is_resumed():
+    segments = rest(3, [0.8, 0.8, 0.8, 0.9, 0.4, 0.0, 0.0, 0.0])
+    assert heights(segments)[1:] == [1, 1, 1, 1] and 0 < segments[0].length < 1e-3
+
+
+def test_share_on_a_part_that_has_cooled():
+    assert cold_share(520.0, 20.0, 2e-4) == pytest.approx(0.9)
+    assert cold_share(300.0, 350.0, 2e-4) == 1 and cold_share(900.0, 20.0, 1e-3) == 0.8
+    assert cold_share(float('nan'), 20.0, 2e-4) == cold_share(500.0, float('nan'), 2e-4) == 1
+    half = rest_of(two_beads(), Progress(4, 8, 0, np.repeat([0.8, 0.0], 4)), 0.5).segments
+    assert heights(half) == [0.5] * 4
+
+
+def test_a_path_that_was_not_begun_is_laid_whole_with_its_dwell():
+    segments = rest(4, [0.8] * 4 + [0.4] * 4)
+    assert segments == two_beads().segments[8:] and segments[0].kind == Kind.DWELL
+    assert rest(0) == two_beads().segments[1:]
+
+
+def test_nothing_is_left_of_a_complete_layer():
+    assert rest(8) == []
 
 
 @settings(deadline=None)

@@ -28,6 +28,7 @@ class Checkpoint:
     beads_done: int = 0
     index: int = 0  # last segment that was reported done in this run
     time: float = 0.0  # s, ROS time
+    temperature: float | None = None  # degC, what the pyrometer then showed; None = nothing
 
     def text(self) -> str:
         data = asdict(self)

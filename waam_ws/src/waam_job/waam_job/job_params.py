@@ -37,6 +37,13 @@ class JobParams:
     height_warning: float = param(
         1.0e-3, 'height error after a layer that is noted as an anomaly, with its place', 'm', 1e-5
     )
+    cold_metal: float = param(
+        2e-4,
+        'metal less per kelvin that a part is colder than when its layer was interrupted: beads are higher',
+        '1/K',
+        0.0,
+        1e-3,
+    )
     calibration_max_age: float = param(
         30.0,
         'days after which no job starts on a scanner calibration; 0 = any age, and none needed',
@@ -70,6 +77,7 @@ def settings_of(p: JobParams, simulated: bool) -> Settings:
         cooling_timeout=p.cooling_timeout,
         scan_max_age=p.scan_max_age,
         height_warning=p.height_warning,
+        cold_metal=p.cold_metal,
         calibration_max_days=p.calibration_max_age,
         simulated=simulated,
         share_in_tolerance=p.share_in_tolerance,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 
@@ -141,7 +142,7 @@ class Journal:
         self._anomalies_before += len(before)
 
     def checkpoint(self, bead: int, beads_done: int, index: int) -> None:
-        status = self.status
+        status, temperature = self.status, self.cell.heat().temperature
         checkpoints.save(
             self.folder.path,
             Checkpoint(
@@ -153,6 +154,7 @@ class Journal:
                 beads_done,
                 index,
                 self.cell.now(),
+                round(temperature, 1) if math.isfinite(temperature) else None,
             ),
         )
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from waam_plan.plan import PlanError
+from waam_plan.plan import PlanError, PlannedLayer
 from waam_plan.store import load_plan
 from waam_process.grid import HeightGrid
 
 from . import checkpoint as checkpoints
 from .cell import Scan
 from .goal import Code, JobError
-from .resume import ResumeError, check_unmoved, progress_of, rest_of
+from .resume import ResumeError, check_unmoved, cold_share, progress_of, rest_of
 
 if TYPE_CHECKING:
     from .runner import JobRunner
@@ -71,7 +73,8 @@ class PickUp:
         scan = runner.survey(number - 1, required=True)
         try:
             check_unmoved(layer, before.map, scan.map, 1.5 * runner.plan.settings.bead_width)
-            progress = progress_of(layer, before.map, scan.map, self._beads_done(number))
+            asked = replace(layer, planned=self._asked(layer))
+            progress = progress_of(asked, before.map, scan.map, self._beads_done(number))
         except ResumeError as e:
             raise JobError(Code.BAD_RESUME, str(e)) from None
         if progress.done == 0:
@@ -81,17 +84,26 @@ class PickUp:
             self._say(number, 'all of it is laid')
             self._remember(number)
             return runner.survey(number), number + 1
+        share = self._cold_share(number)
         self._say(
             number,
-            f'{progress.done} of {progress.total} segments are laid, on from bead {progress.bead}',
+            f'{progress.done} of {progress.total} segments are laid, on from bead {progress.bead} '
+            f'with {share:.0%} of its metal',
         )
-        scan = runner.cycle.lay(rest_of(layer, progress), before, resumed=True)
+        scan = runner.cycle.lay(rest_of(layer, progress, share), before, resumed=True)
         self._remember(number)
         return scan, number + 1
 
     def _beads_done(self, number: int) -> int:
         c = self.checkpoint
         return c.beads_done if c is not None and c.layer == number else 0
+
+    def _cold_share(self, number: int) -> float:
+        """Of the metal, see `resume.cold_share`; 1 when no checkpoint says how warm the layer was."""
+        c, heat = self.checkpoint, self.runner.cell.heat()
+        known = c is not None and c.layer == number and c.temperature is not None
+        before = c.temperature if known else math.nan
+        return cold_share(before, heat.temperature, self.runner.settings.cold_metal)
 
     def _say(self, layer: int, text: str) -> None:
         self.runner.journal.note('INFO', 'operator', f'resumed in layer {layer}: {text}', 'none')
@@ -101,6 +113,11 @@ class PickUp:
         z, sigma = (stored[n].astype(float) for n in ('z', 'sigma'))
         grid = HeightGrid(self.runner.surveyor.spec, z, sigma)
         return Scan(grid, stored['count'], float(np.isfinite(z).mean()), True)
+
+    def _asked(self, layer: PlannedLayer) -> np.ndarray:
+        """Metal (rows, cols) m that the setpoints of a layer asked for; what was planned when nobody wrote it down."""
+        stored = self.folder.read_map(layer.number - 1)
+        return stored['asked'].astype(float) if 'asked' in stored else layer.planned
 
     def _remember(self, number: int) -> None:
         """Layer `number` becomes the one that the next scan is compared with."""

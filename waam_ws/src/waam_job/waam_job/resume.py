@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -16,8 +17,12 @@ from scipy.spatial import cKDTree
 
 from waam_plan.plan import PlannedLayer
 from waam_process.grid import HeightGrid
+from waam_process.segment import Kind, Point, Segment
 
 PRESENT = 0.5  # share of the planned metal above which a place counts as laid
+REACH = 0.75  # bead widths that the end of an interrupted bead goes beyond the place where half of it is there
+LEAST = 0.3  # of its metal that a segment gets, however much lies there: the arc needs wire
+COLDEST = 0.8  # of its metal that a bead gets on the coldest part
 MOVED_LIMIT = 0.15e-3  # m, median change of the surface where nothing was to be laid
 
 
@@ -27,11 +32,12 @@ class ResumeError(ValueError):
 
 @dataclass(frozen=True)
 class Progress:
-    """`done` of `total` deposit segments of the layer are on the part."""
+    """`done` of `total` deposit segments of the layer are on the part; shares: (total,) found of their metal."""
 
     done: int
     total: int
     bead: int  # the bead with which deposition goes on; 0 = all are done
+    shares: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def complete(self) -> bool:
@@ -146,11 +152,70 @@ def progress_of(
             )
     least = sum(s.bead in beads[:beads_done] for s in deposits)
     done = max(done, least)
-    return Progress(done, len(deposits), deposits[done].bead if done < len(deposits) else 0)
+    bead = deposits[done].bead if done < len(deposits) else 0
+    return Progress(done, len(deposits), bead, shares)
 
 
-def rest_of(layer: PlannedLayer, progress: Progress) -> PlannedLayer:
-    """The layer from the change point on. Its maps stay those of the whole layer, so the correction does too."""
-    first = layer.deposits[progress.done]
-    at = next(i for i, s in enumerate(layer.segments) if s is first)
-    return replace(layer, segments=layer.segments[at:])
+def cold_share(before: float, now: float, per_kelvin: float) -> float:
+    """Share of its metal that a bead gets on a part that has cooled from `before` to `now` degC since the layer was
+    interrupted: it is narrower there, so less of it ends beside the part. 1 when a temperature is not known (NaN)."""
+    share = 1 - per_kelvin * max(before - now, 0.0)
+    return max(share, COLDEST) if math.isfinite(share) else 1.0
+
+
+def rest_of(layer: PlannedLayer, progress: Progress, share: float = 1.0) -> PlannedLayer:
+    """The layer from the change point on, with `share` of its metal. Its maps stay those of the whole layer, so the
+    correction does too; a path that was begun goes on as `restart` says."""
+    if progress.complete:
+        return replace(layer, segments=[])
+    first, beginning, missing = restart(layer.deposits, progress)
+    at = next(i for i, s in enumerate(layer.segments) if s is layer.deposits[first])
+    rest = [s.at(height=s.height * share * missing.get(s.index, 1.0)) for s in layer.segments[at:]]
+    if beginning is not None:
+        rest[0] = rest[0].at(start=beginning)
+    elif at and layer.segments[at - 1].kind == Kind.DWELL and layer.segments[at - 1].arc:
+        rest.insert(
+            0, layer.segments[at - 1]
+        )  # the arc burns here for a while before the torch moves
+    return replace(layer, segments=rest)
+
+
+def restart(
+    deposits: list[Segment], progress: Progress
+) -> tuple[int, Point | None, dict[int, float]]:
+    """Where deposition goes on: the segment, the point of it (None: its start, a new path), and the share of its metal
+    that a segment still needs, by index.
+
+    The end of a bead is round, and the pool that trailed the arc set ahead of its place. A path that was begun goes on
+    where half of its metal is there, and what lies within `REACH` beyond that point is not laid again. What is found
+    farther on comes from neighbouring beads, as the plan wants it.
+    """
+    done, found = progress.done, np.nan_to_num(progress.shares)
+    joined = [math.dist(a.end, b.start) < 1e-6 for a, b in pairwise(deposits)]
+    if done == 0 or not joined[done - 1]:
+        return done, None, {}
+    begin = next((i for i in range(done, 0, -1) if not joined[i - 1]), 0)
+    stop = next((i for i in range(done, len(joined)) if not joined[i]), len(joined)) + 1
+    edges = np.cumsum([0.0] + [s.length for s in deposits[begin:stop]])  # along the path
+    middles, reach = 0.5 * (edges[1:] + edges[:-1]), REACH * deposits[done].width
+    beyond, on_path = middles - edges[done - begin], found[begin:stop]
+    before, ahead = (
+        on_path[(beyond * way > reach) & (beyond * way < 4 * reach)] for way in (-1, 1)
+    )
+    laid = np.clip(np.median(before if before.size else found[:done]), 0.5, 1.2)
+    beside = min(np.median(ahead), 0.4) if ahead.size else 0.0
+    there = (on_path - beside) / (laid - beside)
+
+    fine = edges[done - begin] + np.linspace(-reach, reach, 201)
+    full = fine[np.interp(fine, middles, there) >= 0.5]
+    end = min(max(full[-1] if full.size else fine[0], 0.0), edges[-1] - 1e-4)
+    k = int(np.searchsorted(edges, end, side='right')) - 1
+    s, part = deposits[begin + k], (end - edges[k]) / (edges[k + 1] - edges[k])
+    point = tuple(float(a + (b - a) * part) for a, b in zip(s.start, s.end, strict=True))
+    there[k] = np.interp(0.5 * (end + edges[k + 1]), middles, there)
+    missing = {
+        deposits[begin + i].index: float(np.clip(1 - there[i], LEAST, 1.0))
+        for i in range(k, stop - begin)
+        if middles[i] < end + reach
+    }
+    return begin + k, point, missing

@@ -23,6 +23,7 @@ class Settings:
     home_timeout: float = 120.0
     scan_max_age: float = 900.0
     height_warning: float = 1.0e-3
+    cold_metal: float = 2e-4
     calibration_max_days: float = 30.0
     simulated: bool = True
     share_in_tolerance: float = 0.95

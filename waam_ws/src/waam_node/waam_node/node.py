@@ -23,6 +23,7 @@ from rclpy.service_introspection import ServiceIntrospectionState
 
 from waam_msgs.msg import Heartbeat, LeaseTick
 
+from . import priority
 from .params import from_dict
 from .qos import BEAT, EVENTS
 
@@ -150,12 +151,14 @@ def spin(node: Node) -> None:
 
 def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     """The main of every node: exit status 0 after a clean stop, 2 for bad parameters, 1 for a crash."""
+    turn = priority.take()  # before the middleware starts its threads
     rclpy.init(args=args)
     signal.signal(signal.SIGTERM, lambda *_: rclpy.try_shutdown())
     node = None
     try:
         try:
             node = factory()
+            node.get_logger().info(f'priority: {turn}')
         except ValueError as e:
             print(f'error: {e}', file=sys.stderr)
             return 2

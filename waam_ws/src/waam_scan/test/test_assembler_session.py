@@ -241,3 +241,24 @@ def test_profiles_of_a_lifted_scanner_are_rejected_but_no_reason_to_doubt_the_ma
     assert s.assembler.counts.rejected == 200 and s.assembler.counts.untrusted == 0
     assert fused.dropouts == 200 * 50
     assert s.doubts(fused, None, PlausibilityLimits(min_coverage=0.0)) == []
+
+
+def test_a_scan_may_end_beside_the_part_but_a_blind_scanner_is_noticed():
+    """The last second without a return: right where nothing was seen before either, as beside a tall part."""
+    limits = PlausibilityLimits(min_coverage=0.0)
+    s = session(assembler())
+    poses(s.assembler.track, 0, 5000)
+    for k in range(40):
+        s.add(k, block(100 * k, height=1e-3 if k < 30 else np.nan))
+    s.until_ns = 4000 * MS
+    fused = s.close()
+    assert 0.1 < fused.coverage < 0.9
+    same = PreviousMap('a', 0, SPEC, fused.z)
+    assert s.doubts(fused, same, limits) == []
+    (late,) = s.doubts(fused, None, limits)
+    assert 'the last profile is 1.' in late
+    (blind,) = s.doubts(fused, PreviousMap('a', 0, SPEC, np.zeros(SPEC.shape)), limits)
+    assert 'coverage fell' in blind
+    s.until_ns = 5000 * MS
+    (stopped,) = s.doubts(fused, same, limits)
+    assert 'the last profile is 1.' in stopped

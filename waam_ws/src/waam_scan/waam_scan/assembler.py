@@ -29,6 +29,7 @@ class Assembler:
     counts: ProfileCounts = field(default_factory=ProfileCounts)
     watch: StampWatch = field(default_factory=StampWatch)
     newest_used_ns: int | None = None
+    newest_empty_ns: int | None = None
     _waiting: deque[ProfileBlock] = field(default_factory=deque)
 
     @property
@@ -53,11 +54,16 @@ class Assembler:
         fresh = block.stamps >= self.not_before_ns
         seen = rows_seen(read_only(block.x), read_only(block.z))
         self.counts.stale += int((new & ~fresh).sum())
-        empty = int((new & fresh & ~seen).sum())
-        self.counts.empty += empty
-        self.fusion.dropouts += empty * block.z.shape[1]
+        self._pass_over(block.take(new & fresh & ~seen))
         self._push(block.take(new & fresh & seen))
         self.resolve()
+
+    def _pass_over(self, empty: ProfileBlock) -> None:
+        """Profiles without a return, as beside a tall part, where the table is out of range."""
+        if len(empty):
+            self.counts.empty += len(empty)
+            self.fusion.dropouts += empty.z.size
+            self.newest_empty_ns = max(self.newest_empty_ns or 0, int(empty.stamps.max()))
 
     def _push(self, block: ProfileBlock) -> None:
         if len(block):
@@ -84,9 +90,7 @@ class Assembler:
             good = block.take(ok)
             self.fusion.add(tcp[ok], good.x, good.z)
             last = int(good.stamps.max())
-            self.newest_used_ns = (
-                last if self.newest_used_ns is None else max(self.newest_used_ns, last)
-            )
+            self.newest_used_ns = max(self.newest_used_ns or 0, last)
         self.counts.used += int(ok.sum())
         self.counts.gap += int((status == PoseStatus.GAP).sum())
         self.counts.too_old += int((status == PoseStatus.TOO_OLD).sum())

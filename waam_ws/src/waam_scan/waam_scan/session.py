@@ -111,12 +111,15 @@ class Session:
     ) -> list[str]:
         """Why the map should not be trusted; empty when it may be."""
         counts = self.assembler.counts
+        comparable = before and before.job_id == self.job_id and before.spec == fused.spec
         last = self.assembler.newest_used_ns or 0
+        if comparable:  # a scanner gone blind shows in the loss of coverage; the end of a scan may lie beside the part
+            last = max(last, self.assembler.newest_empty_ns or 0)
         age = (self.until_ns - last) * 1e-9 if self.until_ns else 0.0
         reasons = map_reasons(fused, limits)
         bad = self.lost + self.refused
         reasons += stream_reasons(counts.used, counts.untrusted, self.batches, bad, age, limits)
-        if before and before.job_id == self.job_id and before.spec == fused.spec:
+        if comparable:
             reasons += jump_reasons(fused, before.z, self.layer - before.layer, limits)
         return reasons
 

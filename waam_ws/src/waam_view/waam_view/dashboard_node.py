@@ -41,7 +41,7 @@ class DashboardParams:
     grpc_port: int = param(9876, 'rerun server on 127.0.0.1; 0 = none', '', 0, 65535)
     web_port: int = param(0, 'web viewer on 127.0.0.1; 0 = none', '', 0, 65535)
     memory_mb: int = param(
-        512, 'what the server keeps for viewers that connect late', 'MB', 16, 65536
+        96, 'what the server keeps for viewers that connect late', 'MB', 16, 65536
     )
     telemetry_period: float = param(
         0.1, 'ROS time between two telemetry frames shown', 's', 0.0, 10.0
