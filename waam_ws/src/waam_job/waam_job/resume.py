@@ -174,9 +174,7 @@ def rest_of(layer: PlannedLayer, progress: Progress, share: float = 1.0) -> Plan
     if beginning is not None:
         rest[0] = rest[0].at(start=beginning)
     elif at and layer.segments[at - 1].kind == Kind.DWELL and layer.segments[at - 1].arc:
-        rest.insert(
-            0, layer.segments[at - 1]
-        )  # the arc burns here for a while before the torch moves
+        rest.insert(0, layer.segments[at - 1])  # the arc burns before the torch moves
     return replace(layer, segments=rest)
 
 
@@ -187,35 +185,50 @@ def restart(
     that a segment still needs, by index.
 
     The end of a bead is round, and the pool that trailed the arc set ahead of its place. A path that was begun goes on
-    where half of its metal is there, and what lies within `REACH` beyond that point is not laid again. What is found
-    farther on comes from neighbouring beads, as the plan wants it.
+    where half of its metal is there, and what lies within `REACH` beyond that point is not laid again.
     """
-    done, found = progress.done, np.nan_to_num(progress.shares)
-    joined = [math.dist(a.end, b.start) < 1e-6 for a, b in pairwise(deposits)]
-    if done == 0 or not joined[done - 1]:
+    done = progress.done
+    path = begun_path(deposits, done)
+    if not path:
         return done, None, {}
-    begin = next((i for i in range(done, 0, -1) if not joined[i - 1]), 0)
-    stop = next((i for i in range(done, len(joined)) if not joined[i]), len(joined)) + 1
-    edges = np.cumsum([0.0] + [s.length for s in deposits[begin:stop]])  # along the path
-    middles, reach = 0.5 * (edges[1:] + edges[:-1]), REACH * deposits[done].width
-    beyond, on_path = middles - edges[done - begin], found[begin:stop]
-    before, ahead = (
-        on_path[(beyond * way > reach) & (beyond * way < 4 * reach)] for way in (-1, 1)
-    )
-    laid = np.clip(np.median(before if before.size else found[:done]), 0.5, 1.2)
-    beside = min(np.median(ahead), 0.4) if ahead.size else 0.0
-    there = (on_path - beside) / (laid - beside)
+    edges = np.cumsum([0.0] + [deposits[i].length for i in path])  # along the path
+    middles, change = 0.5 * (edges[1:] + edges[:-1]), edges[done - path.start]
+    reach = REACH * deposits[done].width
+    found = np.nan_to_num(progress.shares)
+    there = share_of_end(found[path.start : path.stop], middles - change, reach, found[:done])
 
-    fine = edges[done - begin] + np.linspace(-reach, reach, 201)
-    full = fine[np.interp(fine, middles, there) >= 0.5]
-    end = min(max(full[-1] if full.size else fine[0], 0.0), edges[-1] - 1e-4)
+    fine = change + np.linspace(-reach, reach, 201)
+    half = fine[np.interp(fine, middles, there) >= 0.5]
+    end = min(max(half[-1] if half.size else fine[0], 0.0), edges[-1] - 1e-4)
     k = int(np.searchsorted(edges, end, side='right')) - 1
-    s, part = deposits[begin + k], (end - edges[k]) / (edges[k + 1] - edges[k])
+    s, part = deposits[path[k]], (end - edges[k]) / (edges[k + 1] - edges[k])
     point = tuple(float(a + (b - a) * part) for a, b in zip(s.start, s.end, strict=True))
     there[k] = np.interp(0.5 * (end + edges[k + 1]), middles, there)
-    missing = {
-        deposits[begin + i].index: float(np.clip(1 - there[i], LEAST, 1.0))
-        for i in range(k, stop - begin)
-        if middles[i] < end + reach
-    }
-    return begin + k, point, missing
+    near = [i for i in range(k, len(path)) if middles[i] < end + reach]
+    missing = {deposits[path[i]].index: float(np.clip(1 - there[i], LEAST, 1.0)) for i in near}
+    return path[k], point, missing
+
+
+def begun_path(deposits: list[Segment], done: int) -> range:
+    """The deposits that the arc lays in one go with segment `done`; none when that is the first of them."""
+    joined = [math.dist(a.end, b.start) < 1e-6 for a, b in pairwise(deposits)]
+    if done == 0 or not joined[done - 1]:
+        return range(done, done)
+    begin = next((i for i in range(done, 0, -1) if not joined[i - 1]), 0)
+    stop = next((i for i in range(done, len(joined)) if not joined[i]), len(joined)) + 1
+    return range(begin, stop)
+
+
+def share_of_end(
+    found: np.ndarray, beyond: np.ndarray, reach: float, laid_before: np.ndarray
+) -> np.ndarray:
+    """(n,) metal of an interrupted path over that of its laid part, from the shares found (n,).
+
+    beyond: (n,) m from the change point to the middle of each segment. What is found farther than `reach` beyond comes
+    from neighbouring beads, as the plan wants it, and is taken off. laid_before: shares of all that was laid, for a
+    path that was only just begun.
+    """
+    before, ahead = (found[(beyond * way > reach) & (beyond * way < 4 * reach)] for way in (-1, 1))
+    laid = np.clip(np.median(before if before.size else laid_before), 0.5, 1.2)
+    beside = min(np.median(ahead), 0.4) if ahead.size else 0.0
+    return (found - beside) / (laid - beside)
