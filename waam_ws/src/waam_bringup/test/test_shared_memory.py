@@ -51,7 +51,7 @@ def test_segment_goes_when_its_owner_was_killed(tmp_path, owner):
 
 
 def test_what_is_young_or_no_segment_stays(tmp_path):
-    kept = [segment(tmp_path, 3, age=0.0), tmp_path / 'fastrtps_port7411', tmp_path / 'sem.other']
+    kept = [segment(tmp_path, 3, age=0.0), tmp_path / 'fastrtps_other', tmp_path / 'sem.other']
     for file in kept[1:]:
         file.touch()
     assert clean(tmp_path) == 0 and all(f.exists() for f in kept)
@@ -63,3 +63,29 @@ def test_a_lock_held_here_counts_and_a_machine_without_the_place_is_fine(tmp_pat
         fcntl.flock(mark, fcntl.LOCK_EX)
         assert clean(tmp_path) == 0
     assert clean(tmp_path / 'nowhere') == 0
+
+
+def port(place: Path, number: int, *marks: str) -> list[Path]:
+    """A port a hundred seconds old, its semaphore, and the files that its listeners lock."""
+    name = f'fastrtps_port{number}'
+    files = [place / n for n in (name, f'sem.{name}_mutex', *(name + m for m in marks))]
+    for file in files:
+        file.write_bytes(bytes(100))
+        os.utime(file, (file.stat().st_mtime - 100,) * 2)
+    return files
+
+
+@pytest.mark.parametrize(('mark', 'kind'), [('_el', fcntl.LOCK_EX), ('_sl', fcntl.LOCK_SH)])
+def test_port_stays_as_long_as_somebody_listens(tmp_path, mark, kind):
+    files = port(tmp_path, 7411, mark)
+    with open(files[-1]) as lock:
+        fcntl.flock(lock, kind)
+        assert clean(tmp_path) == 0 and all(f.exists() for f in files)
+    assert clean(tmp_path) == 100 and not list(tmp_path.iterdir())
+
+
+def test_port_that_nobody_ever_locked_goes_and_a_young_one_stays(tmp_path):
+    files = port(tmp_path, 7413)
+    os.utime(files[0])
+    assert clean(tmp_path) == 0 and all(f.exists() for f in files)
+    assert clean(tmp_path, young=0.0) == 100 and not list(tmp_path.iterdir())
