@@ -61,10 +61,7 @@ asyncio.run(main(sys.argv[1]))
 @contextmanager
 def urgent():
     """Threads that are started here run before those of the loop, where the account may have that."""
-    try:
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority.LEVEL + 1))
-    except OSError as e:
-        print(f'# no real-time priority: {e}', file=sys.stderr, flush=True)
+    print(f'# observer: {priority.request(priority.LEVEL + 1)}', file=sys.stderr, flush=True)
     try:
         yield
     finally:

@@ -51,7 +51,8 @@ def test_segment_goes_when_its_owner_was_killed(tmp_path, owner):
 
 
 def test_what_is_young_or_no_segment_stays(tmp_path):
-    kept = [segment(tmp_path, 3, age=0.0), tmp_path / 'fastrtps_other', tmp_path / 'sem.other']
+    names = ('fastrtps_port7411', 'fastrtps_other', 'sem.other')
+    kept = [segment(tmp_path, 3, age=0.0), *(tmp_path / n for n in names)]
     for file in kept[1:]:
         file.touch()
     assert clean(tmp_path) == 0 and all(f.exists() for f in kept)

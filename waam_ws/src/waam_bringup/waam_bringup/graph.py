@@ -11,6 +11,8 @@ from typing import Any
 
 import yaml
 
+from waam_node import priority
+
 from .paths import jobs_dir, share
 
 
@@ -152,7 +154,7 @@ def _process(name: str, node: dict, settings: Settings, lease_nodes: list[str]) 
         package=package,
         executable=exe,
         arguments=arguments,
-        environment={'WAAM_REALTIME': '1'} if settings.paced and node.get('realtime') else {},
+        environment={priority.VARIABLE: '1'} if settings.paced and node.get('realtime') else {},
     )
 
 

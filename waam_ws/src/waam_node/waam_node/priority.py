@@ -12,15 +12,15 @@ VARIABLE = 'WAAM_REALTIME'
 LEVEL = 10  # of 1..99; the kernel's own interrupt threads have 50
 
 
-def take(environment: dict[str, str] | None = None) -> str:
-    """How this process runs from now on, in words for people: 'real time' when `WAAM_REALTIME` is 1 and it is allowed.
+def take() -> str:
+    """How this process runs from now on, in words: 'real time' when `WAAM_REALTIME` is 1 and it is allowed."""
+    return request() if os.environ.get(VARIABLE, '') == '1' else 'ordinary'
 
-    To be called before any thread is started that is to have the priority as well: threads inherit it.
-    """
-    if (os.environ if environment is None else environment).get(VARIABLE, '') != '1':
-        return 'ordinary'
+
+def request(level: int = LEVEL) -> str:
+    """Asks for it; the same words. Before any thread is started that is to have it as well: threads inherit it."""
     try:
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LEVEL))
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(level))
     except (OSError, AttributeError) as e:  # AttributeError: not Linux
         return f'ordinary (real time was refused: {e})'
     return 'real time'
