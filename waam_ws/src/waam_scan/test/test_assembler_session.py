@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from waam_process.grid import GridSpec
 from waam_scan.assembler import Assembler, ProfileBlock
@@ -262,3 +263,15 @@ def test_a_scan_may_end_beside_the_part_but_a_blind_scanner_is_noticed():
     s.until_ns = 5000 * MS
     (stopped,) = s.doubts(fused, same, limits)
     assert 'the last profile is 1.' in stopped
+
+
+@pytest.mark.parametrize('end,believed', [(30, True), (24, False)])
+def test_a_first_scan_may_end_beside_the_part_as_it_began(end, believed):
+    """A second without a return at the beginning; as long at the end, or longer because the scanner went blind."""
+    s = session(assembler())
+    poses(s.assembler.track, 0, 5000)
+    for k in range(40):
+        s.add(k, block(100 * k, height=1e-3 if 10 <= k < end else np.nan))
+    s.until_ns = 4000 * MS
+    doubts = s.doubts(s.close(), None, PlausibilityLimits(min_coverage=0.0))
+    assert (doubts == []) == believed

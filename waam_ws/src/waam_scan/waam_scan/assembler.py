@@ -28,7 +28,9 @@ class Assembler:
     intensity: tuple[float, float] | None = None
     counts: ProfileCounts = field(default_factory=ProfileCounts)
     watch: StampWatch = field(default_factory=StampWatch)
+    oldest_used_ns: int | None = None
     newest_used_ns: int | None = None
+    oldest_empty_ns: int | None = None
     newest_empty_ns: int | None = None
     _waiting: deque[ProfileBlock] = field(default_factory=deque)
 
@@ -63,7 +65,9 @@ class Assembler:
         if len(empty):
             self.counts.empty += len(empty)
             self.fusion.dropouts += empty.z.size
-            self.newest_empty_ns = max(self.newest_empty_ns or 0, int(empty.stamps.max()))
+            first, last = int(empty.stamps.min()), int(empty.stamps.max())
+            self.oldest_empty_ns = min(self.oldest_empty_ns or first, first)
+            self.newest_empty_ns = max(self.newest_empty_ns or last, last)
 
     def _push(self, block: ProfileBlock) -> None:
         if len(block):
@@ -89,12 +93,25 @@ class Assembler:
         if ok.any():
             good = block.take(ok)
             self.fusion.add(tcp[ok], good.x, good.z)
-            last = int(good.stamps.max())
-            self.newest_used_ns = max(self.newest_used_ns or 0, last)
+            first, last = int(good.stamps.min()), int(good.stamps.max())
+            self.oldest_used_ns = min(self.oldest_used_ns or first, first)
+            self.newest_used_ns = max(self.newest_used_ns or last, last)
         self.counts.used += int(ok.sum())
         self.counts.gap += int((status == PoseStatus.GAP).sum())
         self.counts.too_old += int((status == PoseStatus.TOO_OLD).sum())
         return block.take(status == PoseStatus.WAITING)
+
+    @property
+    def empty_ends_ns(self) -> tuple[int, int]:
+        """How long the scan saw nothing at its beginning and at its end, ns; beside a tall part the table is out of
+        range."""
+        if self.oldest_used_ns is None or self.oldest_empty_ns is None:
+            return 0, 0
+        begin, end = (
+            self.oldest_used_ns - self.oldest_empty_ns,
+            self.newest_empty_ns - self.newest_used_ns,
+        )
+        return max(begin, 0), max(end, 0)
 
     def close(self) -> None:
         """Telemetry ends here: what still waits is rejected."""

@@ -13,6 +13,7 @@ from .fusion import FusedMap
 from .plausibility import PlausibilityLimits, jump_reasons, map_reasons, stream_reasons
 from .profiles import ProfileBlock, SequenceWatch
 
+EMPTY_ENDS = 1.5  # both ends of a scan lie equally far beside the part, or nearly so
 DEFAULT_PERIOD_NS = 20_000_000
 
 
@@ -113,7 +114,10 @@ class Session:
         counts = self.assembler.counts
         comparable = before and before.job_id == self.job_id and before.spec == fused.spec
         last = self.assembler.newest_used_ns or 0
-        if comparable:  # a scanner gone blind shows in the loss of coverage; the end of a scan may lie beside the part
+        begin, end = self.assembler.empty_ends_ns
+        # the end of a scan may lie beside the part; a scanner gone blind shows in the loss of coverage, or, in a first
+        # map, in an end that is emptier than the beginning
+        if comparable or end <= EMPTY_ENDS * begin:
             last = max(last, self.assembler.newest_empty_ns or 0)
         age = (self.until_ns - last) * 1e-9 if self.until_ns else 0.0
         reasons = map_reasons(fused, limits)

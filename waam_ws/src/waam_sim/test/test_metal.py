@@ -157,6 +157,16 @@ def test_metal_slumps_over_an_edge(make_cell):
     assert 0.03 < beside < 0.3, 'some metal ran down beside the part'
 
 
+def test_the_arc_burns_on_at_the_edge_of_a_tall_part(make_cell):
+    def laid(high: float) -> float:
+        plant = make_cell(size=(0.1, 0.06, high))
+        drive = Drive(plant, (0.0, 0.0, high + 0.03))
+        drive.bead(track(0.06, 0.0595, high, False), 0.01, WIRE)
+        return plant.metal.deposited
+
+    assert laid(0.12) == pytest.approx(laid(0.02), rel=0.05)
+
+
 def test_disturbances_belong_to_the_place_not_to_the_run():
     values = lattice(7)
     assert np.array_equal(values, lattice(7)) and not np.array_equal(values, lattice(8))

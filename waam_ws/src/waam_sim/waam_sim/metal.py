@@ -98,6 +98,7 @@ MIN_WIDTH, MAX_WIDTH = 2.5e-3, 14e-3
 MIN_SPEED = 2e-3
 REFERENCE_TEMPERATURE = 150.0
 RESOLIDIFIED_AFTER = 0.5  # s without new melt
+ARC_REACH = 10e-3  # m below the highest place under it that the arc still burns to
 POOL_TIME = 0.1  # s, in which the pool's size follows power and travel speed
 
 _STATE = (
@@ -205,12 +206,18 @@ def _weigh(k, solid, level, mean, reach, levelling, height, overhang):
 
 @jit
 def _levels(k, solid, reach):
-    """Level of the pool's core, and mean level of what supports the pool."""
+    """Level of the pool's core, and mean level of what supports the pool. The arc burns to what is near: of a core that
+    hangs over an edge the ground below does not count."""
     core, n = 0.0, 0.0
     limit = 0.866 if k.max() > 0.866 else 0.0
+    highest = -1e9
     for i in range(k.shape[0]):
         for j in range(k.shape[1]):
             if k[i, j] > limit:
+                highest = max(highest, solid[i, j])
+    for i in range(k.shape[0]):
+        for j in range(k.shape[1]):
+            if k[i, j] > limit and solid[i, j] >= highest - ARC_REACH:
                 core += k[i, j] * solid[i, j]
                 n += k[i, j]
     core /= n

@@ -21,14 +21,17 @@ from waam_view.viewer import ViewError, find_recording
 from waam_view.web_viewer import binary
 
 
-def entities(file: Path) -> set[str]:
-    """Entity paths of a recording, as the rerun tool reads them back."""
+def chunks(file: Path) -> list[tuple[str, int]]:
+    """Entity path and rows of every chunk of a recording, as the rerun tool reads them back."""
     out = subprocess.run(
         [str(binary()), 'rrd', 'print', str(file)], capture_output=True, text=True, timeout=60
     ).stdout
-    return {
-        line.split(' - ')[1].strip('/') for line in out.splitlines() if line.startswith('Chunk(')
-    }
+    lines = re.findall(r'^Chunk\(.*?\) with (\d+) rows .*? - (\S+)', out, re.MULTILINE)
+    return [(entity.strip('/'), int(rows)) for rows, entity in lines]
+
+
+def entities(file: Path) -> set[str]:
+    return {entity for entity, _ in chunks(file)}
 
 
 def sample(i: int) -> Sample:
@@ -96,6 +99,19 @@ def test_file_of_a_job_holds_curves_and_surface(tmp_path):
     scene.close()
     found = entities(tmp_path / 'job.rrd')
     assert {bp.CURRENT, bp.VOLTAGE, bp.FEED, bp.TRAVEL, bp.TORCH, bp.SURFACE, bp.MACHINE} <= found
+
+
+def test_curves_go_to_a_file_in_large_parts_and_all_of_them(tmp_path):
+    """For every part the library keeps a note in memory until the file is closed."""
+    scene = Scene(6e-4)
+    scene.record(tmp_path / 'job.rrd')
+    for k in range(130):
+        scene.telemetry([sample(10 * k + i) for i in range(10)])
+    scene.close()
+    rows = [n for entity, n in chunks(tmp_path / 'job.rrd') if entity == bp.CURRENT]
+    assert sorted(rows) == [1, 100, 600, 600]  # the first is the style of the curve
+    torch = [n for entity, n in chunks(tmp_path / 'job.rrd') if entity == bp.TORCH]
+    assert sum(torch) == 130 and len(torch) < 30
 
 
 def test_existing_recording_is_not_overwritten(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,11 @@ from .surface import LayerPath, colours, mesh, picture
 
 STATES = {0: 'IDLE', 1: 'RUN', 2: 'HOLD', 3: 'ALARM'}
 LEVELS = {0: 'INFO', 1: 'WARN', 2: 'ERROR', 3: 'CRITICAL'}
+FILE_TICK = timedelta(
+    seconds=5
+)  # rows of an entity go into a file together: the library keeps some
+FILE_BYTES = 8 << 20  # kB of every chunk in memory until the file is closed
+FILE_SAMPLES = 600  # telemetry frames that go into a file together
 PIECE = 300  # points of the executed path in one entity: what is drawn again with every batch stays small
 
 
@@ -69,6 +75,7 @@ class Scene:
         self._laid: list[tuple[float, float, float]] = []
         self._piece = 0
         self._layer = 0
+        self._held: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []  # curves for the file
         self._states: dict[str, str] = {}
         self._span: tuple[int, int] | None = None
 
@@ -78,6 +85,8 @@ class Scene:
 
     def remove(self, name: str) -> None:
         """Flushes and closes a recording; its file is complete afterwards."""
+        if name == 'file':
+            self._write_held()
         recording = self.recordings.pop(name, None)
         if recording is not None:
             if (
@@ -100,7 +109,10 @@ class Scene:
 
     def record(self, file: Path) -> None:
         """Everything from now on also goes into a file, until `remove('file')`."""
-        recording = rr.RecordingStream('waam', recording_id=file.parent.name)
+        batches = rr.ChunkBatcherConfig(flush_tick=FILE_TICK, flush_num_bytes=FILE_BYTES)
+        recording = rr.RecordingStream(
+            'waam', recording_id=file.parent.name, batcher_config=batches
+        )
         recording.set_sinks(
             rr.FileSink(str(file)), default_blueprint=bp.blueprint(self.error_range)
         )
@@ -137,20 +149,41 @@ class Scene:
             path.planned_speed(s.position) * s.speed_override if path and s.arc else math.nan
             for s in samples
         ]
-        columns = {
+        curves = {
             bp.CURRENT: [[s.current] for s in samples],
             bp.VOLTAGE: [[s.voltage] for s in samples],
             bp.FEED: [[s.feed_commanded * 60, s.feed * 60] for s in samples],
             bp.TRAVEL: [[p * 1e3, s.speed * 1e3] for p, s in zip(planned, samples, strict=True)],
         }
-        for recording in self.recordings.values():
-            for entity, values in columns.items():
-                self._send(recording, entity, times, np.array(values))
+        self._draw_curves(times, {entity: np.array(v) for entity, v in curves.items()})
         last = samples[-1]
         colour = (255, 140, 40) if last.arc else (120, 170, 220)
         self._log(last.t, bp.TORCH, rr.Points3D([last.position], radii=0.0012, colors=[colour]))
         self.state(last.t, bp.MACHINE, STATES.get(last.state, str(last.state)))
         self._draw_laid(samples)
+
+    def _draw_curves(self, times: np.ndarray, curves: dict[str, np.ndarray]) -> None:
+        """curves by entity, (n, curves): at once to viewers, in larger parts to a file."""
+        for name, recording in self.recordings.items():
+            if name != 'file':
+                self._send_all(recording, times, curves)
+        if 'file' in self.recordings:
+            self._held.append((times, curves))
+            if sum(len(t) for t, _ in self._held) >= FILE_SAMPLES:
+                self._write_held()
+
+    def _write_held(self) -> None:
+        if self._held and 'file' in self.recordings:
+            times = np.concatenate([t for t, _ in self._held])
+            curves = {e: np.concatenate([c[e] for _, c in self._held]) for e in self._held[0][1]}
+            self._send_all(self.recordings['file'], times, curves)
+        self._held.clear()
+
+    def _send_all(
+        self, recording: rr.RecordingStream, times: np.ndarray, curves: dict[str, np.ndarray]
+    ) -> None:
+        for entity, values in curves.items():
+            self._send(recording, entity, times, values)
 
     def _draw_laid(self, samples: list[Sample]) -> None:
         """The path that was welded, in pieces of one layer; only the newest piece grows."""
