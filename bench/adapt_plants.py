@@ -130,12 +130,12 @@ class Pad:
         }  # fmt: skip
 
     def bead_paths(self, layer: int) -> tuple[np.ndarray, ...]:
-        """Arc-on to arc-off lines in order, (2, 2) m from the corner of cell (0, 0)."""
+        """Lines from arc on to arc off in order, with the ends of the segments; (n, 2) m from the corner of the map."""
         p = self.path(layer)
         n = len(p['index']) // len(self.beads)
         corner = np.array([self.spec.origin_x, self.spec.origin_y])
         return tuple(
-            np.stack([p['start'][i, :2], p['end'][i + n - 1, :2]]) - corner
+            np.concatenate([p['start'][i : i + n, :2], p['end'][i + n - 1 : i + n, :2]]) - corner
             for i in range(0, len(p['index']), n)
         )
 

@@ -8,10 +8,13 @@ from net_weights import model as weights
 from scipy.optimize import lsq_linear
 
 from waam_adapt import bead_solver, filters, laws
+from waam_adapt import feedforward as ff
 from waam_adapt.bead_habits import BeadHabits, Learned
 from waam_adapt.bead_model import bead_model, inner_mean
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
 from waam_adapt.identification import Identifier, Layer
+from waam_process.grid import GridSpec
+from waam_process.segment import Kind
 
 W, H, PITCH = 6e-3, 2e-3, 4.4e-3
 CELL = W / CELLS_PER_BEAD
@@ -48,7 +51,7 @@ def refined(request: laws.CorrectionInput, gain: float = 1.0) -> np.ndarray:
 
 def test_the_plan_gives_the_plan_wherever_beads_reach():
     model = bead_model(zigzag(), SIZE, W)
-    growth = model.growth(np.ones(len(model.where)), 0.0)
+    growth = model.growth(np.ones(len(model.first)), 0.0)
     assert growth[growth > 0] == pytest.approx(1.0)
     assert (growth[5:20, 5:35] > 0).all()
     assert not growth[:, -2:].any()
@@ -59,7 +62,7 @@ def test_the_plan_gives_the_plan_wherever_beads_reach():
 @pytest.mark.parametrize('turn', [0, 1])
 def test_metal_that_comes_late_lies_further_along_the_travel(turn):
     model = bead_model(zigzag(turn)[:1], SIZE, W)
-    pulse = np.zeros(len(model.where))
+    pulse = np.zeros(len(model.first))
     pulse[len(pulse) // 2] = 1.0
     x = (np.arange(SIZE[1]) + 0.5) * CELL
 
@@ -70,17 +73,64 @@ def test_metal_that_comes_late_lies_further_along_the_travel(turn):
     assert centre(2e-3) - centre(0.0) == pytest.approx(-2e-3 if turn else 2e-3, abs=1e-4)
 
 
+def cut(path: np.ndarray, length: float) -> np.ndarray:
+    """The straight path with the ends of segments of that length."""
+    n = round(float(np.hypot(*(path[-1] - path[0]))) / length)
+    return path[0] + np.linspace(0, 1, n + 1)[:, None] * (path[-1] - path[0])
+
+
+def test_a_setpoint_holds_from_one_told_point_to_the_next():
+    paths = tuple(cut(p, 4e-3) for p in zigzag())
+    model = bead_model(paths, SIZE, W)
+    assert len(model.first) == BEADS * 12
+    begin, end = paths[0][:-1], paths[0][1:]
+    assert model.points[:12] == pytest.approx(np.stack([begin, 0.5 * (begin + end), end], 1))
+    one = (np.arange(len(model.first)) == 5) * 1.0  # from 20 to 24 mm
+    driven = model.driven(1.5e-3) @ one
+    assert driven @ np.diff(model.pieces).ravel() == pytest.approx(4e-3)
+    assert np.flatnonzero(driven > 1e-9).tolist() == [14, 15, 16]  # of 1.5 mm
+    assert model.driven(0.7e-3).sum(axis=1) == pytest.approx(1.0)
+
+
+def test_points_close_together_are_joined_and_long_ways_are_cut():
+    line = zigzag()[0]
+    assert len(bead_model((cut(line, 0.1e-3),), SIZE, W).first) == 32
+    assert len(bead_model((line,), SIZE, W).first) == 16
+
+
+def test_the_model_reads_a_map_as_the_feed_forward_does():
+    """What is solved for is what the segments get in the end."""
+    paths = tuple(cut(p, 3e-3) for p in zigzag())
+    model, resolution = bead_model(paths, SIZE, W), CELL / 5
+    wish = 1 + 0.3 * np.sin(2.5 * np.arange(len(model.first)))
+    grid = Resampler.of((SIZE[0] * 5, SIZE[1] * 5), resolution, CELL)
+    field = grid.fine(model.on_cells(wish))
+    start, middle, end = (np.pad(model.points[:, i], ((0, 0), (0, 1))) for i in range(3))
+    n = len(start)
+    path = ff.Path(np.arange(n), np.full(n, int(Kind.DEPOSIT)), start, end, *np.ones((3, n)))
+    _, read, _ = ff.sample(
+        ff.Field(GridSpec(0, 0, resolution, *field.shape), 0 * field, 0.01 * field, 0.3), path
+    )
+    inner = model.to_arc > 4e-3
+    off = [np.abs(100 * read - expected)[inner].max() for expected in (model.read @ wish, wish)]
+
+    assert off[0] < 0.5 * off[1]
+
+    assert model.of_cells(field, resolution)[inner] == pytest.approx(100 * read[inner], abs=0.03)
+    assert model.read.sum(axis=1) == pytest.approx(1.0)
+
+
 def test_solution_is_that_of_bounded_least_squares():
     model, rng = bead_model(zigzag(), SIZE, W), np.random.default_rng(1)
     need = _waves(rng)
     weight = (rng.random(SIZE) > 0.2) * 1.0
-    x = bead_solver.solve(model, need, weight, np.ones(len(model.where)), 1e-3) - 1
+    x = bead_solver.solve(model, need, weight, np.ones(len(model.first)), 1e-3) - 1
     high = np.where(model.to_arc < bead_solver.END_REACH * W, bead_solver.END_HIGH, laws.RATIO_HIGH)
     assert (x >= laws.RATIO_LOW - 1).all()
     assert (x <= high - 1).all()
-    spread, w = model.spread.toarray(), weight.ravel()
-    a = spread @ model.driven(1e-3).toarray()
-    typical = np.median((spread**2 * w[:, None]).sum(axis=0))
+    w = weight.ravel()
+    a = (model.spread @ model.driven(1e-3) @ model.read).toarray()
+    typical = np.median((a**2 * w[:, None]).sum(axis=0))
     n = len(x)
     joined = model.first[1:] == model.first[:-1]
     falls = np.diff(np.eye(n), axis=0)[joined]
@@ -103,7 +153,7 @@ def _waves(rng: np.random.Generator) -> np.ndarray:
 
 def test_where_nothing_is_known_the_wish_stays():
     model = bead_model(zigzag(), SIZE, W)
-    wish = 1 + 0.3 * np.sin(np.arange(len(model.where)))
+    wish = 1 + 0.3 * np.sin(np.arange(len(model.first)))
     x = bead_solver.solve(model, np.ones(SIZE), np.zeros(SIZE), wish, 0.0)
     assert x == pytest.approx(wish)
 
@@ -167,7 +217,7 @@ def test_paths_beside_the_map_or_of_no_length_change_nothing():
 def lay(habits: BeadHabits, layer: int, rng, lag: float, lacking: np.ndarray) -> BeadHabits:
     """One layer of a plant with that lag that lacks `lacking` (rows, cols) of the planned height."""
     model = bead_model(zigzag(layer), SIZE, W)
-    asked = np.clip(1 + 0.15 * rng.standard_normal(len(model.where)), 0.4, 1.8)
+    asked = np.clip(1 + 0.15 * rng.standard_normal(len(model.first)), 0.4, 1.8)
     growth = model.growth(asked, lag) - lacking + 0.03 * rng.standard_normal(SIZE)
     seen = (model.growth(asked, 0.0) > 0) * 1.0
     return habits.learn(layer, model, asked, 0.9 * growth, seen, 0.3)
@@ -181,14 +231,43 @@ def test_lag_and_what_is_always_missing_are_learned_per_direction(lag):
     for layer in range(1, 13):
         habits = lay(habits, layer, rng, lag, lacking[layer % 2])
     assert habits.lag * W == pytest.approx(lag, abs=0.25e-3)
-    here = (slice(9, 17), slice(5, 7))
-    assert habits.of(14, SIZE)[here].mean() == pytest.approx(0.9 * 0.3, abs=0.05)
-    assert abs(habits.of(13, SIZE)[here].mean()) < 0.05
+    here, model = (slice(9, 17), slice(5, 7)), bead_model(zigzag(), SIZE, W)
+    assert habits.of(14, model)[here].mean() == pytest.approx(0.9 * 0.3, abs=0.05)
+    assert abs(habits.of(13, model)[here].mean()) < 0.05
+
+
+def test_what_the_ends_of_beads_lack_is_learned_from_all_of_them():
+    """Some beads were never seen; what the others lack at their ends is expected there as well."""
+    rng, habits, model = np.random.default_rng(3), BeadHabits(), bead_model(zigzag(), SIZE, W)
+    lacking, seen = np.where((model.end < 0) & (model.end > -6), 0.4, 0.0), np.ones(SIZE)
+    seen[:14] = 0.0
+    before = habits.prior
+    for layer in (2, 4, 6):
+        asked = 1 + 0.1 * rng.standard_normal(len(model.first))
+        growth = model.growth(asked, 0.0) - lacking + 0.03 * rng.standard_normal(SIZE)
+        habits = habits.learn(layer, model, asked, growth, seen, 0.3)
+    unseen = (seen == 0) & (model.growth(np.ones(len(model.first)), 0.0) > 0)
+    assert habits.of(8, model)[unseen & (lacking > 0)].mean() == pytest.approx(0.4, abs=0.1)
+    assert abs(habits.of(8, model)[unseen & (lacking == 0)].mean()) < 0.03
+    assert habits.prior < 0.5 * before
+
+
+def test_a_guess_of_what_ends_lack_counts_until_the_job_has_shown_it():
+    request, grid = pad(0.5e-3), Resampler.of(pad(0.5e-3).z.shape, 0.5e-3, CELL)
+    guess = np.where(np.arange(SIZE[1]) < 8, 0.2, 0.0) * np.ones(SIZE)
+
+    def at_left(prior: float) -> float:
+        known = replace(request, learned=Learned(np.zeros(SIZE), prior=prior))
+        x = bead_solver.refine(known, np.ones(request.z.shape), 1.0, grid, guess)
+        return float(x[30:50, 14:20].mean()) - 1
+
+    assert at_left(0.5) == pytest.approx(0.1, abs=0.03)
+    assert at_left(0.0) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_an_efficiency_that_drifts_ahead_of_the_flow_factor_is_expected():
     model, habits = bead_model(zigzag(), SIZE, W), BeadHabits()
-    asked, seen = np.ones(len(model.where)), np.ones(SIZE)
+    asked, seen = np.ones(len(model.first)), np.ones(SIZE)
     growth = model.growth(asked, 0.0)
     for layer in range(1, 30):
         habits = habits.learn(layer, model, asked, 0.93 * growth, seen, 0.3, allowed=0.9)
@@ -203,9 +282,9 @@ def test_an_efficiency_that_drifts_ahead_of_the_flow_factor_is_expected():
 
 def test_what_cannot_be_compared_teaches_nothing():
     model, habits = bead_model(zigzag(), SIZE, W), BeadHabits()
-    one = np.ones(len(model.where))
+    one = np.ones(len(model.first))
     assert habits.learn(1, model, one, np.ones(SIZE), np.zeros(SIZE), 0.3) is habits
-    assert not habits.of(1, (3, 4)).any()
+    assert not habits.of(1, model).any()
 
 
 def test_a_layer_asked_for_twice_counts_once_and_another_job_starts_afresh():

@@ -1,8 +1,9 @@
-"""Nominal model of a layer: what every piece of its beads adds to the cells of a grid a quarter of a bead wide.
+"""Nominal model of a layer: what every setpoint of its beads adds to the cells of a grid a quarter of a bead wide.
 
-Across a bead its metal is shared out by a Gaussian, along it by the length of the melt pool; a segment smears what is
-asked along the bead, and what is asked arrives late along the travel (`BeadModel.growth`, `lag`). Nothing of a plant is
-in it but the bead width that the controller believes in. The plan is taken to give the plan: every row sums to 1.
+A setpoint holds along its segment, from one point of a told path to the next, and arrives late along the travel
+(`BeadModel.driven`, `lag`). Across a bead its metal is shared out by a Gaussian, along it by the length of the melt
+pool. Nothing of a plant is in it but the bead width that the controller believes in. The plan is taken to give the
+plan: every row sums to 1.
 """
 
 from __future__ import annotations
@@ -10,15 +11,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
 from . import filters
+from .feedforward import WEIGHTS
 from .grids import CELLS_PER_BEAD, Resampler
 
-SPREAD, POOL, SEGMENT = 0.33, 0.2, 0.5  # bead widths: sigma across and along, length of a segment
+SPREAD, POOL = 0.33, 0.2  # bead widths: sigma across and along
+SHORT, LONG, PART = (
+    0.25,
+    1.0,
+    0.5,
+)  # bead widths: points closer together bound no segment; points farther apart are
+# corners of a path rather than bounds of a setpoint, and the way between is cut into such parts
+GAP = 4.0  # bead widths between the beads of a layer laid end to end
 REACH = 4  # cells on each side of a piece that its metal can touch
 ALONE = 0.9  # share of the metal of a cell that belongs to one bead where beads do not overlap
 TINY = 5e-3  # share of a piece's metal that is left out
@@ -28,102 +38,187 @@ COVERED = 0.3  # a cell that the beads give less of a layer than this has no row
 
 @dataclass(frozen=True)
 class BeadModel:
-    """n pieces along the beads of a layer, in the order they are laid.
+    """n pieces of metal along the beads of a layer and m segments whose setpoints drive them, in the order of laying.
 
-    spread (cells, n): relative growth of the cells for the relative metal of the pieces. where (n, 2): x, y in m.
-    first, last (n,): pieces at the ends of the same bead. step (n,): length of a piece, m. to_arc (n,): distance to the
-    nearer end of the bead, m. Of every cell (rows, cols): nearest: piece that it belongs to; ahead: by how many pieces
-    it lies ahead of its middle; near: less than a bead away from it; arc: its to_arc. overlapped: most cells get metal
-    of more than one bead.
+    spread (cells, n): relative growth of the cells for the relative metal of the pieces. pieces (n, 2): where they
+    begin and end, bounds (m + 1,): where segments do, m along all beads, which lie end to end with gaps that belong to
+    the segments beside them. points (m, 3, 2): x, y in m of start, middle and end of the segments. read (m, m): what
+    the feed-forward makes of a map that runs linearly from middle to middle. first, last (m,): segments at the ends of
+    the same bead. to_arc (m,): from the middle of a segment to the nearer end of its bead, m. Of every cell
+    (rows, cols): low, high, share: segments whose middles it lies between, and how far on; near: less than a bead away
+    from one; arc: to the nearer end of its bead, m; end: by how many pieces it lies behind arc on, from 1, or before
+    arc off, negative, whichever is nearer. overlapped: most cells get metal of more than one bead.
     """
 
     shape: tuple[int, int]
     width: float
     spread: sparse.csr_array
-    where: np.ndarray
+    pieces: np.ndarray
+    bounds: np.ndarray
+    points: np.ndarray
+    read: sparse.csr_array
     first: np.ndarray
     last: np.ndarray
-    step: np.ndarray
     to_arc: np.ndarray
-    nearest: np.ndarray
-    ahead: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    share: np.ndarray
     near: np.ndarray
+    arc: np.ndarray
+    end: np.ndarray
     overlapped: bool
 
-    @property
-    def arc(self) -> np.ndarray:
-        return self.to_arc[self.nearest]
-
     def growth(self, asked: np.ndarray, lag: float) -> np.ndarray:
-        """(rows, cols) relative growth for the relative metal (n,) that is asked of the pieces."""
-        columns, shares = self._sources(lag)
-        return (self.spread @ (shares * asked[columns]).sum(axis=1)).reshape(self.shape)
+        """(rows, cols) relative growth for the relative metal (m,) that the setpoints ask for."""
+        return (self.spread @ (self.driven(lag) @ asked)).reshape(self.shape)
 
     def driven(self, lag: float) -> sparse.csr_array:
-        """(n, n) what reaches the metal of the pieces of what is asked of them, `lag` m late along the travel."""
-        columns, shares = self._sources(lag)
+        """(n, m) metal of the pieces for that of the setpoints, `lag` m late along the travel."""
+        begin, end = self.pieces.T - lag
+        segment = np.searchsorted(self.bounds, begin, 'right') - 1
+        segment = np.clip(segment, 0, len(self.bounds) - 2)
+        after = np.searchsorted(self.bounds, end, 'left')
+        columns = segment[:, None] + np.arange(max(1, int((after - segment).max())))
+        columns = np.minimum(columns, len(self.bounds) - 2)
+        low = np.maximum(begin[:, None], self.bounds[columns])
+        high = np.minimum(end[:, None], self.bounds[columns + 1])
+        shares = np.maximum(high - low, 0.0)
+        shares[:, 1:][columns[:, 1:] == columns[:, :-1]] = 0.0
+        shares /= shares.sum(axis=1, keepdims=True)
         n, k = columns.shape
+        shape = n, len(self.bounds) - 1
         return sparse.csr_array(
-            (shares.ravel(), columns.ravel(), np.arange(0, n * k + 1, k)), shape=(n, n)
+            (shares.ravel(), columns.ravel(), np.arange(0, n * k + 1, k)), shape
         )
 
-    def _sources(self, lag: float) -> tuple[np.ndarray, np.ndarray]:
-        """Pieces (n, k) and their shares (n, k) in the mean over a segment around the place `lag` m before every piece;
-        what a bead begins and ends with goes on."""
-        half = 0.5 * SEGMENT * CELLS_PER_BEAD
-        offsets = np.arange(-int(half) - 1, int(half) + 3)
-        late = -lag / self.step
-        low = np.floor(late)
-        share = np.clip(half + 0.5 - np.abs(offsets[:-1]), 0.0, 1.0)
-        share = np.append(share, 0.0) / share.sum()
-        part = (late - low)[:, None]
-        shares = (1 - part) * share + part * np.roll(share, 1)
-        columns = np.arange(len(low))[:, None] + offsets + low[:, None].astype(int)
-        return np.clip(columns, self.first[:, None], self.last[:, None]), shares
+    def on_cells(self, asked: np.ndarray) -> np.ndarray:
+        """(rows, cols) values (m,) of the nearest bead, linear from the middle of a segment to that of the next."""
+        return asked[self.low] + self.share * (asked[self.high] - asked[self.low])
 
-    def on_cells(self, pieces: np.ndarray) -> np.ndarray:
-        """(rows, cols) values (n,) of the nearest bead, linear between its pieces."""
-        i = self.nearest
-        other = np.clip(i + np.sign(self.ahead).astype(int), self.first[i], self.last[i])
-        return pieces[i] + np.abs(self.ahead) * (pieces[other] - pieces[i])
+    def of_cells(self, values: np.ndarray, resolution: float) -> np.ndarray:
+        """(m,) what the feed-forward reads from a map (rows, cols) of any resolution; NaN is left out, 1 without any
+        value."""
+        cells = np.floor(self.points / resolution).astype(int)
+        cols, rows = (np.clip(cells[..., i], 0, values.shape[1 - i] - 1) for i in (0, 1))
+        read = values[rows, cols]
+        weight = np.where(np.isfinite(read), WEIGHTS, 0.0)
+        total, found = weight.sum(axis=1), (weight * np.nan_to_num(read)).sum(axis=1)
+        return np.where(total > 0, found / np.where(total > 0, total, 1.0), 1.0)
 
-    def at_pieces(self, values: np.ndarray, resolution: float) -> np.ndarray:
-        """(n,) the cells of a map (rows, cols) of any resolution under the pieces."""
-        cells = np.floor(self.where / resolution).astype(int)
-        cols, rows = (np.clip(cells[:, i], 0, values.shape[1 - i] - 1) for i in (0, 1))
-        return values[rows, cols]
+
+class _Bead(NamedTuple):
+    """where, tangent (n, 2) of its pieces; way (n,) of their middles; length, all m; bounds (m + 1,): where its
+    segments begin and end; points (m, 3, 2)."""
+
+    where: np.ndarray
+    tangent: np.ndarray
+    way: np.ndarray
+    length: float
+    bounds: np.ndarray
+    points: np.ndarray
 
 
 def bead_model(paths: Sequence[np.ndarray], shape: tuple[int, int], width: float) -> BeadModel:
-    """paths: beads from arc on to arc off, (n, 2) m from the corner of cell (0, 0). shape: of the grid a quarter of a
-    bead wide. width: m. The newest models are kept: layers come back in the same two directions."""
+    """paths: beads from arc on to arc off, (n, 2) m from the corner of cell (0, 0), with the points between which
+    setpoints hold. shape: of the grid a quarter of a bead wide. width: m. The newest models are kept: layers come back
+    in the same two directions."""
     return _cached(tuple(np.ascontiguousarray(p, float).tobytes() for p in paths), shape, width)
 
 
 @lru_cache(maxsize=4)
 def _cached(paths: tuple[bytes, ...], shape: tuple[int, int], width: float) -> BeadModel:
-    beads = [_pieces(np.frombuffer(p).reshape(-1, 2), width / CELLS_PER_BEAD) for p in paths]
-    where, tangent, step, along, rest = (np.concatenate(c) for c in zip(*beads, strict=True))
-    counts = [len(b[0]) for b in beads]
-    begin = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    nearest, ahead, near = _nearest(where, tangent / step[:, None], shape, width / CELLS_PER_BEAD)
+    beads = [_bead(np.frombuffer(p).reshape(-1, 2), width) for p in paths]
+    cell, gap = width / CELLS_PER_BEAD, GAP * width
+    pieces, segments = (
+        _Groups.of(some) for some in ([b.way for b in beads], [b.points for b in beads])
+    )
+    length = np.array([b.length for b in beads])
+    offset = np.cumsum(length + gap) - length
+    where, tangent, way = (
+        np.concatenate([getattr(b, k) for b in beads]) for k in _Bead._fields[:3]
+    )
+    step, run = (length / pieces.counts)[pieces.group], way + offset[pieces.group]
+    bounds = [b.bounds + o for b, o in zip(beads, offset, strict=True)]
+    middle = np.concatenate([0.5 * (b[1:] + b[:-1]) for b in bounds])
+    to_arc, arc = (
+        np.minimum(w, length[g.group] - w)
+        for w, g in ((middle - offset[segments.group], segments), (way, pieces))
+    )
     spread = _spread(where, tangent, step, shape, width)
+    i, ahead, near = _nearest(where, tangent / step[:, None], shape, cell)
+    bead = pieces.group[i]
+    at = np.interp(run[i] + ahead * step[i], middle, np.arange(len(middle)))
+    at = np.clip(at, segments.begin[bead], segments.end[bead] - 1)
+    low = at.astype(int)
     return BeadModel(
-        shape, width, spread, where, np.repeat(begin, counts),
-        np.repeat(begin + counts - 1, counts), step, np.minimum(along, rest), nearest, ahead, near,
-        _overlapped(spread, np.repeat(np.arange(len(counts)), counts)),
+        shape, width, spread, np.stack([run - 0.5 * step, run + 0.5 * step], 1),
+        np.concatenate([[0.0], *([*b[1:-1], b[-1] + 0.5 * gap] for b in bounds)]),
+        np.concatenate([b.points for b in beads]), _read(bounds), segments.begin[segments.group],
+        segments.end[segments.group] - 1, to_arc, low, np.minimum(low + 1, segments.end[bead] - 1),
+        at - low, near, arc[i], pieces.from_ends()[i], _overlapped(spread, pieces.group),
     )  # fmt: skip
 
 
-def _pieces(path: np.ndarray, length: float) -> tuple[np.ndarray, ...]:
-    """Middles (n, 2) of the pieces of a bead, their tangents (n, 2), length (n,), ways from arc on and to arc off."""
+class _Groups(NamedTuple):
+    """Elements of beads, one bead after the other. counts, begin, end (beads,); group (elements,): bead of each."""
+
+    counts: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    group: np.ndarray
+
+    @classmethod
+    def of(cls, parts: Sequence[np.ndarray]) -> _Groups:
+        counts = np.array([len(p) for p in parts])
+        end = np.cumsum(counts)
+        return cls(counts, end - counts, end, np.repeat(np.arange(len(counts)), counts))
+
+    def from_ends(self) -> np.ndarray:
+        """(elements,) number from the beginning of the bead, 1 first, or from its end, negative; the smaller one."""
+        i = np.arange(len(self.group))
+        on, off = i - self.begin[self.group] + 1, self.end[self.group] - i
+        return np.where(on <= off, on, -off)
+
+
+def _bead(path: np.ndarray, width: float) -> _Bead:
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    n = max(2, round(way[-1] / length))
+    n = max(2, round(way[-1] / (width / CELLS_PER_BEAD)))
     at = (np.arange(n) + 0.5) / n * way[-1]
-    where = np.stack([np.interp(at, way, path[:, i]) for i in (0, 1)], 1)
+
+    def place(s: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(s, way, path[:, i]) for i in (0, 1)], -1)
+
+    where = place(at)
     tangent = np.gradient(where, axis=0)
     tangent /= np.maximum(np.hypot(*tangent.T), 1e-12)[:, None]
-    return where, tangent, np.full(n, max(way[-1], 1e-9) / n), at, way[-1] - at
+    bounds = _segments(way, width)
+    points = place(np.stack([bounds[:-1], 0.5 * (bounds[:-1] + bounds[1:]), bounds[1:]], 1))
+    return _Bead(where, tangent, at, max(way[-1], 1e-9), bounds, points)
+
+
+def _segments(way: np.ndarray, width: float) -> np.ndarray:
+    """Bounds of the segments, m from arc on; way (k,): of the path's points."""
+    crossed = np.diff(np.floor(way / (SHORT * width) + 1e-6)) > 0
+    bounds = np.concatenate([way[:1], way[1:-1][crossed[:-1]], [max(way[-1], 1e-9)]])
+    parts = np.diff(bounds)
+    parts = np.where(parts > LONG * width, np.ceil(parts / (PART * width) - 1e-6), 1).astype(int)
+    return np.interp(np.arange(parts.sum() + 1), np.concatenate([[0], np.cumsum(parts)]), bounds)
+
+
+def _read(beads: list[np.ndarray]) -> sparse.csr_array:
+    """See `BeadModel.read`; bounds of the segments of every bead, m."""
+    blocks = []
+    for bounds in beads:
+        length = np.diff(bounds)
+        next_one = length[:-1] / (length[:-1] + length[1:])  # share of the next one at the bound
+        own = np.full(len(length), WEIGHTS[1])
+        own += WEIGHTS[2] * np.append(1 - next_one, 1.0) + WEIGHTS[0] * np.append(1.0, next_one)
+        blocks.append(
+            sparse.diags_array(
+                [WEIGHTS[0] * (1 - next_one), own, WEIGHTS[2] * next_one], offsets=[-1, 0, 1]
+            )
+        )
+    return sparse.block_diag(blocks, format='csr')
 
 
 def _spread(

@@ -168,9 +168,9 @@ class Identifier:
         grid = Resampler.of(laid.shape, layer.resolution, layer.bead_width / CELLS_PER_BEAD)
         model = bead_model(self.paths[number], grid.shape, layer.bead_width)
         plan = np.where(plan > MIN_GROWTH, plan, np.nan)
-        relative = np.nan_to_num(laid / plan, nan=1.0)
+        relative = laid / plan
         slope = self._slope_of(model)
-        asked = model.at_pieces(relative, layer.resolution) ** slope
+        asked = model.of_cells(relative, layer.resolution) ** slope
         allowed = before.flow_factor**-slope if before.updates >= 2 else None
         growth = (layer.after - layer.before) / plan
         footprint, margin = np.isfinite(laid), MARGIN * layer.bead_width / layer.resolution
@@ -202,8 +202,8 @@ class Identifier:
         model = bead_model(request.paths, shape, request.bead_width)
         lag = self.beads.lag * request.bead_width
         slope = self._slope_of(model, self.estimate.slope_sigma)
-        missing = self.beads.of(self.layer, shape) - self.beads.surplus
-        return Learned(missing, lag, slope, scale)
+        missing = self.beads.of(self.layer, model) - self.beads.surplus
+        return Learned(missing, lag, slope, scale, self.beads.prior)
 
     def _slope_of(self, model: BeadModel, caution: float = 0.0) -> float:
         """Of growth on metal: overlapped beads keep all of it, a single one gets wider as well."""

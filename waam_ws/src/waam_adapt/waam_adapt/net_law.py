@@ -93,7 +93,7 @@ class UNetLaw:
         add = seen.resampler.fine(filters.extend(say.astype(float), inside)[0])
         sure = np.clip(seen.resampler.fine(filters.extend(sure, inside)[0]), 0.0, 1.0)
         ratio = np.clip(plain.ratio + plain.confidence * add, RATIO_LOW, RATIO_HIGH)
-        return self._solved(request, plain, ratio, sure, seen.resampler)
+        return self._solved(request, plain, ratio, sure, seen.resampler, say)
 
     def _solved(
         self,
@@ -102,10 +102,12 @@ class UNetLaw:
         ratio: np.ndarray,
         sure: np.ndarray,
         grid: Resampler,
+        guess: np.ndarray | float = 0.0,
     ) -> Correction:
-        """ratio: wished relative layer height, sure: share of the explicit law's confidence, both (rows, cols)."""
+        """ratio: wished relative layer height, sure: share of the explicit law's confidence, both (rows, cols). guess:
+        of the network, see `bead_solver.refine`."""
         if request.paths:
-            solved = bead_solver.refine(request, ratio, self.explicit.gain, grid)
+            solved = bead_solver.refine(request, ratio, self.explicit.gain, grid, guess)
             ratio = 1 + plain.confidence * (solved - 1)
         psi, residual = split_ratio(ratio, plain.planned, request.k_gain)
         digest = self.network.digest if self.network else ''
