@@ -1,4 +1,5 @@
-"""Round trip of the real correction server, in a process of its own: request and answer converted, 256 x 256 cells."""
+"""Round trip of the real correction server, in a process of its own: request and answer converted, 256 x 256 cells,
+beads told."""
 
 from __future__ import annotations
 
@@ -73,7 +74,9 @@ class Server:
 
 
 def request(node, number: int, size: int = SIZE):
-    """A pad of 30 x 30 beads' widths with an uneven surface, another one for every number."""
+    """A pad of 28 x 28 beads' widths with an uneven surface, another one for every number, and its beads."""
+    from geometry_msgs.msg import Point32, Polygon
+
     from waam_msgs.srv import ComputeCorrection
     from waam_node.conversions import floats, grid_to_msg
     from waam_process.grid import GridSpec
@@ -96,7 +99,19 @@ def request(node, number: int, size: int = SIZE):
     r.target = floats(np.where(inside, 0.0, np.nan))
     r.planned_height = floats(np.where(inside, 2e-3, 0.0))
     r.k_gain, r.direction.x = math.nan, 1.0
+    r.beads = [Polygon(points=[Point32(x=x, y=y) for x, y in b]) for b in zigzag(spec, number)]
     return r
+
+
+def zigzag(spec, turn: int) -> list[list[tuple[float, float]]]:
+    """The pad's beads in segments of 2 mm, turned round with every layer."""
+    low, high = 8 * spec.resolution, (SIZE - 8) * spec.resolution
+    x = np.linspace(low, high, round((high - low) / 2e-3) + 1)
+    rows = np.arange(low + 2.2e-3, high, 4.4e-3)
+    return [
+        [(float(v), float(y)) for v in (x if (i + turn) % 2 else x[::-1])]
+        for i, y in enumerate(rows)
+    ]
 
 
 def measure(law: str, calls: int) -> dict[str, float]:

@@ -167,6 +167,16 @@ def test_the_arc_burns_on_at_the_edge_of_a_tall_part(make_cell):
     assert laid(0.12) == pytest.approx(laid(0.02), rel=0.05)
 
 
+def test_the_arc_strikes_beside_a_slit_in_a_tall_part(make_cell):
+    def laid(deep: float) -> float:
+        plant = make_cell(size=(0.1, 0.06, 0.12))
+        plant.metal.z[np.abs(plant.metal.spec.y - 0.03) < 0.7e-3] -= deep
+        Drive(plant, (0.0, 0.0, 0.15)).bead(track(0.04, 0.03, 0.12, False), 0.01, WIRE)
+        return plant.metal.deposited
+
+    assert laid(0.05) == pytest.approx(laid(0.0), rel=0.05)
+
+
 def test_disturbances_belong_to_the_place_not_to_the_run():
     values = lattice(7)
     assert np.array_equal(values, lattice(7)) and not np.array_equal(values, lattice(8))

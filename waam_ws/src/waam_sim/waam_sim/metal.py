@@ -99,6 +99,7 @@ MIN_SPEED = 2e-3
 REFERENCE_TEMPERATURE = 150.0
 RESOLIDIFIED_AFTER = 0.5  # s without new melt
 ARC_REACH = 10e-3  # m below the highest place under it that the arc still burns to
+STRIKE_REACH = 1.5e-3  # m beside the wire that an arc strikes to where the wire meets nothing
 POOL_TIME = 0.1  # s, in which the pool's size follows power and travel speed
 
 _STATE = (
@@ -320,10 +321,25 @@ def dig_crater(z, solid, p, s):
 
 
 @jit
+def under_wire(z, p, s, x, y):
+    """Level that the wire meets; over a notch or beside an edge that of the metal next to it: the arc jumps there."""
+    level = bilinear(z, s.origin_x, s.origin_y, p.cell, x, y, 0.0)
+    r0, r1, c0, c1 = _box(z.shape, p, s, x, y, STRIKE_REACH)
+    highest = level
+    for r in range(r0, r1):
+        for c in range(c0, c1):
+            dx = s.origin_x + (c + 0.5) * p.cell - x
+            dy = s.origin_y + (r + 0.5) * p.cell - y
+            if dx * dx + dy * dy <= STRIKE_REACH * STRIKE_REACH:
+                highest = max(highest, z[r, c])
+    return level if level >= highest - ARC_REACH else highest
+
+
+@jit
 def _start(z, p, s, x, y):
     s.active, s.path, s.volume, s.carry_path, s.carry_time = 1.0, 0.0, 0.0, 0.0, 0.0
     s.pool_x, s.pool_y, s.head_x, s.head_y = x, y, 0.0, 0.0
-    s.surface = bilinear(z, s.origin_x, s.origin_y, p.cell, x, y, 0.0)
+    s.surface = under_wire(z, p, s, x, y)
 
 
 @jit

@@ -21,7 +21,7 @@ from .compiled import SOURCES, bilinear, jit, random_state
 from .disturbance import lattice
 from .faults import Faults
 from .heat import Heat, HeatParams, add_arc, conduct, grow
-from .metal import Metal, MetalParams
+from .metal import Metal, MetalParams, under_wire
 from .metal import advance as advance_metal
 from .pyrometer import Pyrometer, PyrometerParams
 from .scanner import Scanner, ScannerParams, profile
@@ -212,7 +212,7 @@ def _make_live(sources: int) -> Callable:
             if astate.lit > 0.0 and mstate.active > 0.0:
                 surface = mstate.surface
             elif on:
-                surface = bilinear(z, mstate.origin_x, mstate.origin_y, m.cell, x, y, 0.0)
+                surface = under_wire(z, m, mstate, x, y)
             else:
                 surface = height
             ctwd = REFERENCE_CTWD + height - surface
