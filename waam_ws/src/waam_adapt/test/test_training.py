@@ -189,6 +189,33 @@ def test_training_lowers_the_error_of_its_own_scenes():
     assert values[-1] < values[0] - 0.1
 
 
+def test_imitation_of_the_ideal_control_is_the_simpler_loss(batch):
+    """A surface as planned asks for the plan, one that lacks a tenth of a layer for a tenth more."""
+    flat = torch.where(batch.footprint, batch.planned, 0.0)
+    at = batch.footprint & batch.judged.bool()
+    assert torch.allclose(rollout.ideal(batch, flat, 1)[at], torch.ones(1))
+    assert torch.allclose(rollout.ideal(batch, 0.9 * flat, 1)[at], torch.full((1,), 1.1))
+
+
+def test_each_loss_makes_smaller_what_it_names():
+    def after(kind: str) -> tuple[float, float]:
+        torch.manual_seed(0)
+        network = UNet((4, 8, 8))
+        optimizer = torch.optim.Adam(network.parameters(), 1e-2)
+        for _ in range(25):
+            b = scenes.batch((11, 0), 3, 1)
+            layers = rollout.run(b, network, 1)
+            optimizer.zero_grad()
+            rollout.loss(layers, b.judged, kind).backward()
+            optimizer.step()
+        one = layers[0]
+        return float(one.square.log().mean().detach()), float(one.imitated.mean().detach())
+
+    height, imitation = after('height'), after('imitation')
+    assert height[0] < imitation[0] - 0.05
+    assert imitation[1] < 0.8 * height[1]
+
+
 def test_untrained_network_is_the_explicit_law_in_the_loop():
     with torch.no_grad():
         runs = [rollout.run(scenes.batch((2, 2), 3, 3), n, 3, 3) for n in (UNet((4, 4, 4)), None)]

@@ -42,6 +42,13 @@ def _arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--unroll', type=int, default=3, help='layers that gradients go through (default 3)'
     )
+    p.add_argument(
+        '--loss',
+        choices=('height', 'imitation'),
+        default='height',
+        help='height: error of the surface after the layers (default); imitation: difference from '
+        'the ideal control, the simpler loss of the literature, for comparison',
+    )
     p.add_argument('--rate', type=float, default=2e-3, help='largest learning rate (default 0.002)')
     p.add_argument('--seed', type=int, default=1)
     p.add_argument(
@@ -86,7 +93,7 @@ def _train(args: argparse.Namespace) -> int:
 
     settings = train.Settings(
         steps=args.steps, seed=args.seed, batch=args.batch, unroll=args.unroll, rate=args.rate,
-        check_every=args.check_every,
+        check_every=args.check_every, loss=args.loss,
     )  # fmt: skip
     jobs = recorded.from_jobs(args.jobs)
     first = args.start or (net.PACKAGED if jobs else None)

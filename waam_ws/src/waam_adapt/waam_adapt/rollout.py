@@ -44,12 +44,13 @@ class State:
 
 @dataclass(frozen=True)
 class Layer:
-    """z: surface after it; square (b,): mean square error over the judged cells, layer heights;
-    error and log_error: maps.
+    """z: surface after it; square (b,): mean square error over the judged cells, layer heights; imitated (b,): mean
+    square difference between what was asked and the ideal control; error and log_error: maps.
     """
 
     z: torch.Tensor
     square: torch.Tensor
+    imitated: torch.Tensor
     error: torch.Tensor
     log_error: torch.Tensor
 
@@ -134,8 +135,16 @@ def step(b: Batch, state: State, z: torch.Tensor, layer: int, net: torch.nn.Modu
     after = deposit(z, b.pool, s, volume)
     left = (layer + 1) * b.planned - after
     learn(b, state, layer, seen, after, ratio, known)
-    square = (left**2 * b.judged).sum((1, 2)) / b.judged.sum((1, 2))
-    return Layer(after, square, left, log_error)
+    off = ratio - ideal(b, z, layer)
+    square, imitated = ((x**2 * b.judged).sum((1, 2)) / b.judged.sum((1, 2)) for x in (left, off))
+    return Layer(after, square, imitated, left, log_error)
+
+
+def ideal(b: Batch, z: torch.Tensor, layer: int) -> torch.Tensor:
+    """(b, rows, cols) relative layer height that the true surface z lacks after `layer` layers, no neighbours
+    considered: the ideal control that imitation is shown."""
+    planned = torch.where(b.footprint, b.planned, 1.0)
+    return (((layer + 1) * planned - z.detach()) / planned).clamp(RATIO_LOW, RATIO_HIGH)
 
 
 @torch.no_grad()
@@ -185,9 +194,18 @@ def run(b: Batch, net: torch.nn.Module | None, layers: int, begin: int = 0) -> l
     return out
 
 
-def loss(layers: list[Layer], judged: torch.Tensor, doubt: float = 0.05) -> torch.Tensor:
-    """Mean logarithm of the mean square error, so that every scene counts alike; and how well the doubt foretold it."""
-    value = torch.stack([torch.log(x.square + FLOOR) for x in layers]).mean()
+def loss(
+    layers: list[Layer], judged: torch.Tensor, kind: str = 'height', doubt: float = 0.05
+) -> torch.Tensor:
+    """What a training makes small, and how well the doubt foretold the error.
+
+    kind 'height': mean logarithm of the mean square error of the layers, so that every scene counts alike; 'imitation':
+    mean square difference from the ideal control (2.22), which knows nothing of what the metal then does.
+    """
+    if kind == 'imitation':
+        value = torch.stack([x.imitated for x in layers]).mean()
+    else:
+        value = torch.stack([torch.log(x.square + FLOOR) for x in layers]).mean()
     for x in layers:
         square = (x.error.detach() ** 2).clamp_max(1.0)
         blurred = torch.nn.functional.avg_pool2d(square[:, None], 5, 1, 2)[:, 0]

@@ -32,7 +32,8 @@ class TrainingError(ValueError):
 
 @dataclass(frozen=True)
 class Settings:
-    """unroll: layers that gradients go through; warm: at most so many before them; layers of the validation runs."""
+    """unroll: layers that gradients go through; warm: at most so many before them; layers of the validation runs; loss:
+    see `rollout.loss`."""
 
     steps: int = 400
     seed: int = 1
@@ -44,6 +45,7 @@ class Settings:
     check_every: int = 100
     check_batches: int = 4
     check_layers: int = 10
+    loss: str = 'height'
 
 
 @dataclass
@@ -80,7 +82,7 @@ class Trainer:
         for group in self.optimizer.param_groups:
             group['lr'] = s.rate * schedule(n, s.steps)
         layers = rollout.run(b, self.net, warm + s.unroll, begin=warm)
-        value = rollout.loss(layers[warm:], b.judged)
+        value = rollout.loss(layers[warm:], b.judged, s.loss)
         self.optimizer.zero_grad()
         value.backward()
         self._average()
@@ -226,7 +228,7 @@ def card(trainer: Trainer, metrics: dict[str, Any], note: str) -> dict[str, Any]
         'parameters': sum(p.numel() for p in trainer.net.parameters()), 'widths': list(s.widths),
         'cells_per_bead': features.CELLS_PER_BEAD, 'channels': list(features.NAMES),
         'training': {'steps': trainer.progress.step, 'batch': s.batch, 'unroll': s.unroll, 'seed': s.seed,
-                     'processes': int(os.environ.get('WORLD_SIZE', '1'))},
+                     'loss': s.loss, 'processes': int(os.environ.get('WORLD_SIZE', '1'))},
         'data': note, 'ranges': {k: list(v) for k, v in parts.RANGES.items()},
         'seen': seen_ranges(trainer.net, 3, 8, s.batch), 'metrics': metrics,
     }  # fmt: skip
@@ -268,7 +270,8 @@ def card_text(content: dict[str, Any], code: str) -> str:
     m, t = content['metrics'], content['training']
     lines = [
         f'# {content["name"]}', '', f'{content["purpose"]}; {content["parameters"]} parameters; sha256 `{code}`.', '',
-        f'Training: {t["steps"]} steps of {t["batch"]} scenes, {t["unroll"]} layers of gradient, seed {t["seed"]}, '
+        f'Training: {t["steps"]} steps of {t["batch"]} scenes, {t["unroll"]} layers of gradient, '
+        f'loss: {t["loss"]}, seed {t["seed"]}, '
         f'{t["processes"]} process(es). Data: {content["data"]}.', '',
         f'Held-out scenes of the same ranges, mean RMS of the last four of ten layers: {m["rms_mm"]:.3f} mm, '
         f'explicit law '
