@@ -162,6 +162,23 @@ def test_tiles_join_without_a_seam():
     assert np.abs(tiled - whole).max() < 1e-5 * np.abs(whole).max()
 
 
+def test_a_map_of_a_million_cells_is_answered_as_a_part_of_it_is(law):
+    """1024 x 1024 cells with their beads: several tiles; the part is seen in one."""
+    size, part = 1024, 480
+    inside = np.zeros((size, size), bool)
+    inside[8:-8, 8:-8] = True
+    y = np.arange(8 * RES + 2.2e-3, (size - 8) * RES, 4.4e-3)
+    beads = tuple(np.array([[8 * RES, v], [(size - 8) * RES, v]]) for v in y)
+    whole = request(shape=(size, size), planned=np.where(inside, H, 0.0), paths=beads)
+    maps = {k: getattr(whole, k)[:part, :part] for k in ('z', 'target', 'planned', 'sigma')}
+    near = tuple(np.clip(b, None, part * RES) for b in beads if b[0, 1] < part * RES)
+    answers = [law.correct(r) for r in (whole, replace(whole, paths=near, **maps))]
+    assert not any(a.fallback for a in answers)
+    a, b = (a.speed_factor[: part - 80, : part - 80] for a in answers)
+    assert np.abs(a - b).max() < 0.01
+    assert np.ptp(a) > 0.1
+
+
 def test_same_answer_on_a_finer_map_and_for_beads_of_another_size(law):
     """Units of bead and layer: half the cell, or all lengths doubled, must not change psi."""
     coarse = request()
