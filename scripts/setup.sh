@@ -27,6 +27,8 @@ command -v cc >/dev/null && command -v c++ >/dev/null || need+=(build-essential)
 command -v cmake >/dev/null || need+=(cmake)
 command -v flock >/dev/null || need+=(util-linux)
 find_python >/dev/null || need+=(python3 python3-venv python3-dev)
+# what open3d is linked with and does not bring along
+PATH=$PATH:/sbin:/usr/sbin ldconfig -p | grep -q 'libusb-1\.0\.so\.0' || need+=(libusb-1.0-0)
 if [ ${#need[@]} -gt 0 ]; then
     if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
         say "installing from the distribution: ${need[*]}"

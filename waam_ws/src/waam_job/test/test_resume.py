@@ -259,6 +259,18 @@ def test_a_path_that_was_begun_goes_on_where_half_of_its_metal_is_there():
     ]  # fmt: skip
 
 
+def test_over_the_first_bead_width_after_a_restart_there_is_less():
+    found = np.array([0.8, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    plain, less = (
+        rest_of(two_beads(), Progress(2, 8, 0, found), start=s).segments for s in (1.0, 0.7)
+    )
+    share = np.array(heights(less)) / heights(plain)
+    assert share == pytest.approx([0.7, 0.7, 0.7, 1, 1, 1, 1], abs=2e-3)
+    assert [s.start for s in less] == [s.start for s in plain]
+    whole = rest_of(two_beads(), Progress(4, 8, 0, np.repeat([0.8, 0.0], 4)), start=0.7)
+    assert heights(whole.segments) == [1] * 4
+
+
 def test_a_sharp_end_goes_on_at_the_next_segment_with_all_of_its_metal():
     assert heights(rest(2)) == [1] * 6
     assert rest(2)[0].start == pytest.approx((4e-3, 5e-3, 2e-3))

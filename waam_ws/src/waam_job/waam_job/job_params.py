@@ -44,6 +44,14 @@ class JobParams:
         0.0,
         1e-3,
     )
+    restart_metal: float = param(
+        0.8,
+        'share of its metal that an interrupted path gets over the first bead width after its restart: '
+        'metal piles up where an arc starts',
+        '',
+        0.3,
+        1.0,
+    )
     calibration_max_age: float = param(
         30.0,
         'days after which no job starts on a scanner calibration; 0 = any age, and none needed',
@@ -78,6 +86,7 @@ def settings_of(p: JobParams, simulated: bool) -> Settings:
         scan_max_age=p.scan_max_age,
         height_warning=p.height_warning,
         cold_metal=p.cold_metal,
+        restart_metal=p.restart_metal,
         calibration_max_days=p.calibration_max_age,
         simulated=simulated,
         share_in_tolerance=p.share_in_tolerance,

@@ -90,7 +90,11 @@ class PickUp:
             f'{progress.done} of {progress.total} segments are laid, on from bead {progress.bead} '
             f'with {share:.0%} of its metal',
         )
-        scan = runner.cycle.lay(rest_of(layer, progress, share), before, resumed=True)
+        scan = runner.cycle.lay(
+            rest_of(layer, progress, share, self.runner.settings.restart_metal),
+            before,
+            resumed=True,
+        )
         self._remember(number)
         return scan, number + 1
 

@@ -163,12 +163,15 @@ def cold_share(before: float, now: float, per_kelvin: float) -> float:
     return max(share, COLDEST) if math.isfinite(share) else 1.0
 
 
-def rest_of(layer: PlannedLayer, progress: Progress, share: float = 1.0) -> PlannedLayer:
+def rest_of(
+    layer: PlannedLayer, progress: Progress, share: float = 1.0, start: float = 1.0
+) -> PlannedLayer:
     """The layer from the change point on, with `share` of its metal. Its maps stay those of the whole layer, so the
-    correction does too; a path that was begun goes on as `restart` says."""
+    correction does too; a path that was begun goes on as `restart` says, with `start` of its metal over the first bead
+    width, for metal piles up where an arc starts."""
     if progress.complete:
         return replace(layer, segments=[])
-    first, beginning, missing = restart(layer.deposits, progress)
+    first, beginning, missing = restart(layer.deposits, progress, start)
     at = next(i for i, s in enumerate(layer.segments) if s is layer.deposits[first])
     rest = [s.at(height=s.height * share * missing.get(s.index, 1.0)) for s in layer.segments[at:]]
     if beginning is not None:
@@ -179,7 +182,7 @@ def rest_of(layer: PlannedLayer, progress: Progress, share: float = 1.0) -> Plan
 
 
 def restart(
-    deposits: list[Segment], progress: Progress
+    deposits: list[Segment], progress: Progress, start: float = 1.0
 ) -> tuple[int, Point | None, dict[int, float]]:
     """Where deposition goes on: the segment, the point of it (None: its start, a new path), and the share of its metal
     that a segment still needs, by index.
@@ -204,8 +207,11 @@ def restart(
     s, part = deposits[path[k]], (end - edges[k]) / (edges[k + 1] - edges[k])
     point = tuple(float(a + (b - a) * part) for a, b in zip(s.start, s.end, strict=True))
     there[k] = np.interp(0.5 * (end + edges[k + 1]), middles, there)
-    near = [i for i in range(k, len(path)) if middles[i] < end + reach]
-    missing = {deposits[path[i]].index: float(np.clip(1 - there[i], LEAST, 1.0)) for i in near}
+    lacks = np.where(middles < end + reach, 1 - there, 1.0)
+    lacks *= np.where(middles < end + s.width, start, 1.0)
+    missing = {
+        deposits[path[i]].index: float(np.clip(lacks[i], LEAST, 1.0)) for i in range(k, len(path))
+    }
     return path[k], point, missing
 
 

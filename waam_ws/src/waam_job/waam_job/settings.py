@@ -24,6 +24,7 @@ class Settings:
     scan_max_age: float = 900.0
     height_warning: float = 1.0e-3
     cold_metal: float = 2e-4
+    restart_metal: float = 0.8
     calibration_max_days: float = 30.0
     simulated: bool = True
     share_in_tolerance: float = 0.95
