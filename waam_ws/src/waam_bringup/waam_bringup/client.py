@@ -189,18 +189,6 @@ class GraphClient:
         `alive` returns a reason when the graph is gone.
         """
         action = ActionClient(self.node, RunJob, 'job_sequencer/run_job')
-        try:
-            return self._run_job(action, goal, on_status, alive)
-        finally:
-            action.destroy()  # it would keep the node, and with it a DDS participant of the domain
-
-    def _run_job(
-        self,
-        action: ActionClient,
-        goal: RunJob.Goal,
-        on_status: Callable[[JobStatus], None],
-        alive: Callable[[], str],
-    ) -> RunJob.Result:
         if not self.until(action.server_is_ready, 5.0):
             raise ClientError('job_sequencer is not there; is the graph up? (waam up)')
         self.until(lambda: False, MATCHING_S)
