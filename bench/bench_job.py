@@ -6,8 +6,9 @@ job.cuts_failed: trials that did not end in a finished job (baseline: all trials
 doubled in the resumed jobs (baseline: all their beads).
   WAAM_BENCH_TRIALS=N   how many trials (default 6; 100 take about 45 minutes on an idle machine with two cores)
   WAAM_BENCH_CUTS=FILE  the trials are kept in this file, one JSON line each; a campaign can so be run in portions:
-                        trials that are in the file are not run again (the process keeps a DDS participant per job, and from some
-                        forty on a graph is not found any more: run it in portions of 30). Failed ones leave their folder beside it.
+                        trials that are in the file are not run again. Failed ones leave their folder beside it.
+                        Not more than 30 at a time: this process keeps a DDS participant per job, and from some
+                        forty on its graph is not found any more.
                         One file per version of the software: the undisturbed jobs in it are the reference.
 job.memory_growth_pct: resident memory of all processes together during one job, growth after the first hour (a shorter
 run: the first third), baseline the MB then. job.loop_drift_pct: change of the loop's period (scan to scan, without wait
