@@ -105,7 +105,7 @@ def request(node, number: int, size: int = SIZE):
 
 def zigzag(spec, turn: int) -> list[list[tuple[float, float]]]:
     """The pad's beads in segments of 2 mm, turned round with every layer."""
-    low, high = 8 * spec.resolution, (SIZE - 8) * spec.resolution
+    low, high = 8 * spec.resolution, (spec.cols - 8) * spec.resolution
     x = np.linspace(low, high, round((high - low) / 2e-3) + 1)
     rows = np.arange(low + 2.2e-3, high, 4.4e-3)
     return [

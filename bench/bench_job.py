@@ -7,14 +7,13 @@ doubled in the resumed jobs (baseline: all their beads).
   WAAM_BENCH_TRIALS=N   how many trials (default 6; 100 take about 45 minutes on an idle machine with two cores)
   WAAM_BENCH_CUTS=FILE  the trials are kept in this file, one JSON line each; a campaign can so be run in portions:
                         trials that are in the file are not run again. Failed ones leave their folder beside it.
-                        Not more than 30 at a time: this process keeps a DDS participant per job, and from some
-                        forty on its graph is not found any more.
                         One file per version of the software: the undisturbed jobs in it are the reference.
 job.memory_growth_pct: resident memory of all processes together during one job, growth after the first hour (a shorter
-run: the first third), baseline the MB then. job.loop_drift_pct: change of the loop's period (scan to scan, without wait
-and deposition) over the same job, baseline its mean in s. job.simulated_per_wall: simulated seconds per second.
+run: the first third), baseline the MB then. job.loop_drift_pct: change of the loop's period (scan to scan, without
+wait, deposition and the planned moves of the scan) over the same job, baseline its mean in s. job.simulated_per_wall:
+simulated seconds per second.
   WAAM_BENCH_HOURS=H    simulated hours (default 0.2; 8 take as long as job.simulated_per_wall says, about an hour)
-  WAAM_BENCH_INTERPASS=C  limit in degrees Celsius (default 80: long waits)
+  WAAM_BENCH_INTERPASS=C  limit in degrees Celsius (default 60: waits so long that the block lasts for 8 hours)
   WAAM_BENCH_SAMPLES=FILE  memory of every process every ten simulated minutes, one JSON line each
 WAAM_BENCH_ONLY=cuts or hours runs one of the two. Portions of it with other work on the machine: nice -n 10.
 """

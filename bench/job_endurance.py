@@ -18,8 +18,9 @@ import numpy as np
 from job_part import SEED, goal
 
 DOMAIN = int(os.environ.get('WAAM_BENCH_DOMAIN', 217))
-BLOCK = (70.0, 50.0, 150.0)  # mm: as high as the machine allows, about eighty layers
-INTERPASS_C = float(os.environ.get('WAAM_BENCH_INTERPASS', 80.0))
+BLOCK = (70.0, 50.0, 150.0)  # mm: as high as the machine allows, 75 layers
+INTERPASS_C = float(os.environ.get('WAAM_BENCH_INTERPASS', 60.0))  # long enough waits
+LAYER = 0.002  # m, height of a layer by the defaults
 EVERY = 600.0  # s of simulated time between two samples
 NAMES = (
     'idle', 'validating', 'preparing', 'cooling', 'scanning', 'correcting', 'depositing', 'paused', 'finishing',
@@ -178,13 +179,27 @@ def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endura
 
 
 def loop_periods(watch: Endurance, run: dict) -> tuple[np.ndarray, np.ndarray]:
-    """(layers (n,), s (n,)): from the scan after one layer to the scan after the next, without the interpass wait and
-    the deposition: what scan, map, correction, setpoints and the job itself take. From the third layer on."""
+    """(layers (n,), s (n,)): from the scan after one layer to the scan after the next, without the interpass wait, the
+    deposition and the planned moves of the scan (the way down to it gets shorter as the block grows): what map,
+    correction, setpoints and the job itself take. From the third layer on."""
     layers, periods = [], []
     for record in run['layers']:
         k = record['layer']
         if k > 2 and k in watch.scans and k - 1 in watch.scans:
             whole = watch.scans[k] - watch.scans[k - 1]
             layers.append(k)
-            periods.append(whole - record['wait'] - record['duration'])
+            moves = scan_moves((k - 1) * LAYER)
+            periods.append(whole - record['wait'] - record['duration'] - moves)
     return np.array(layers), np.array(periods)
+
+
+def scan_moves(top: float) -> float:
+    """Planned s of a scan of the block when it is `top` m high, from the height of idle moves."""
+    from waam_job.job_params import JobParams
+    from waam_plan.scanning import scan_segments
+    from waam_plan.settings import PlanSettings
+
+    settings = PlanSettings()
+    (x, y, z), m = (1e-3 * v for v in BLOCK), JobParams().margin
+    start = (0.0, 0.0, z + settings.clearance)
+    return sum(s.duration for s in scan_segments((-m, -m, x + m, y + m), top, settings, start))

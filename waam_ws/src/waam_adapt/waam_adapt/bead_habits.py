@@ -26,10 +26,7 @@ MIN_CELLS = 50
 MAX_MISSING = 1.0  # layer heights; more is a fault of the scan
 END_PIECES = 8  # pieces of a bead from arc on and off that all beads are taken to lay alike
 END_RATE = 0.5  # weight of the newest layer in that: the mean over many beads has little noise
-PRIOR, PRIOR_FADING = (
-    0.7,
-    0.7,
-)  # say of a law's guess of what ends lack: at first, and per layer learned
+PRIOR, PRIOR_FADING = 0.7, 0.7  # say of a law's guess of what ends lack: at first, per layer
 SEEN = 0.3  # share of a cell that must be known
 
 

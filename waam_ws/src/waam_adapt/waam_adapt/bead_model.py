@@ -22,12 +22,9 @@ from .feedforward import WEIGHTS
 from .grids import CELLS_PER_BEAD, Resampler
 
 SPREAD, POOL = 0.33, 0.2  # bead widths: sigma across and along
-SHORT, LONG, PART = (
-    0.25,
-    1.0,
-    0.5,
-)  # bead widths: points closer together bound no segment; points farther apart are
-# corners of a path rather than bounds of a setpoint, and the way between is cut into such parts
+# Bead widths: points closer together bound no segment; points farther apart are corners of a path rather than bounds
+# of a setpoint, and the way between is cut into such parts.
+SHORT, LONG, PART = 0.25, 1.0, 0.5
 GAP = 4.0  # bead widths between the beads of a layer laid end to end
 REACH = 4  # cells on each side of a piece that its metal can touch
 ALONE = 0.9  # share of the metal of a cell that belongs to one bead where beads do not overlap

@@ -16,10 +16,7 @@ import numpy as np
 
 HEAD_LIMIT = 0.6  # largest change of the relative layer height
 LOG_LIMITS = (-5.0, 1.0)  # of the predicted error in layer heights
-TILE, HALO = (
-    128,
-    24,
-)  # cells; the halo is wider than what an output cell sees, so tiles join without a seam
+TILE, HALO = 128, 24  # cells; the halo is wider than what an output cell sees: no seams
 ALONE = 250_000  # multiplications of one product that BLAS does in one thread
 STRIP = 16  # rows at a time, so that the columns stay in the cache
 CONVS = (

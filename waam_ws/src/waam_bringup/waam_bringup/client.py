@@ -25,6 +25,7 @@ from waam_node.qos import BEAT, LATCHED, NEWEST, TELEMETRY
 MATCHING_S = 0.8  # a server that has not yet found a new client's reader loses the answer
 MATCHED_S = 3.0  # at most, for the readers of an override; then it goes to those that are there
 REPEAT_S = 4.0
+SERVER_S = 15.0  # at most, for a server to be found: on a busy machine discovery takes seconds
 ANSWER_S = 10.0
 ALIVE_S = 0.5  # between two looks whether the graph is still there
 NO_CONTROLLER_S = 6.0  # the virtual controller may come up after the bridge
@@ -45,6 +46,7 @@ class GraphClient:
         self.executor.add_node(self.node)
         self.machine: MachineState | None = None
         self.job: JobStatus | None = None
+        self._action: ActionClient | None = None
         self.node.create_subscription(MachineState, 'machine_state', self._on_machine, LATCHED)
         self.node.create_subscription(JobStatus, 'job_status', self._on_job, LATCHED)
 
@@ -53,6 +55,8 @@ class GraphClient:
 
     def __exit__(self, *_: object) -> None:
         self.executor.shutdown()
+        if self._action:  # nobody else destroys it, and what is left of it keeps the participant;
+            self._action.destroy()  # under a living executor this ends in a segmentation fault
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
@@ -127,7 +131,7 @@ class GraphClient:
         twice.
         """
         client = self.node.create_client(kind, name)
-        if not self.until(client.service_is_ready, 5.0):
+        if not self.until(client.service_is_ready, SERVER_S):
             raise ClientError(f'service {name} is not there; is the graph up? (waam up)')
         self.until(lambda: False, MATCHING_S)
         asked, end = [], time.monotonic() + timeout
@@ -188,8 +192,9 @@ class GraphClient:
 
         `alive` returns a reason when the graph is gone.
         """
-        action = ActionClient(self.node, RunJob, 'job_sequencer/run_job')
-        if not self.until(action.server_is_ready, 5.0):
+        self._action = self._action or ActionClient(self.node, RunJob, 'job_sequencer/run_job')
+        action = self._action
+        if not self.until(action.server_is_ready, SERVER_S):
             raise ClientError('job_sequencer is not there; is the graph up? (waam up)')
         self.until(lambda: False, MATCHING_S)
         handle = self._send_goal(action, goal, lambda f: on_status(f.feedback.status))

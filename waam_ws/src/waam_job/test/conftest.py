@@ -205,7 +205,8 @@ class FakeCell:
 
     def take_track(self) -> dict:
         self.tracks_taken += 1
-        return {'t': np.array([float(self.tracks_taken)])}
+        t, temperature = float(self.tracks_taken), self.temperature
+        return {'t': np.array([t]), 'temperature': np.array([temperature])}
 
     def status(self, status) -> None:
         self.statuses.append(replace(status))

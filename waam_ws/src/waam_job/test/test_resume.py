@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -144,6 +145,25 @@ def test_spoilt_checkpoint_costs_nothing(damage, undisturbed, make_cell, make_ru
         assert any('checkpoint' in a.text for a in fresh.anomalies)
         report = json.loads((folder.path / 'report.json').read_text())
         assert any('checkpoint' in a['text'] for a in report['closed_loop']['anomalies'])
+
+
+@pytest.mark.parametrize('torn', [(), (checkpoints.NAME, checkpoints.BEFORE)])
+def test_how_warm_the_layer_was_outlives_both_checkpoints(torn, make_cell, make_runner):
+    cell = make_cell(efficiency=0.8)
+    cell.temperature = 160.0
+    runner, _, folder = make_runner(cell)
+    cut_after(cell, 30)
+    runner._release = lambda: None
+    with pytest.raises(PowerCut):
+        runner.run()
+    for name in torn:
+        (folder.path / name).write_text('{')
+    _, fresh, status = go_on(make_cell, runner, folder, cell)
+    assert status.state == State.DONE, status.message
+    said = next(a.text for a in fresh.anomalies if 'of its metal' in a.text)
+    expected = cold_share(cell.temperature, fresh.temperature, 2e-4)
+    share = float(re.search(r'(\d+)% of its metal', said)[1]) / 100
+    assert expected < 0.985 and share == pytest.approx(expected, abs=0.01)
 
 
 def test_part_that_was_moved_is_refused(make_cell, make_runner):

@@ -102,6 +102,15 @@ class JobFolder:
             (self.path / 'track').mkdir(exist_ok=True)
             _replace_npz(self.path / 'track' / f'{name}.npz', columns)
 
+    def last_temperature(self) -> float:
+        """degC that the newest whole piece of the telemetry track ends with, NaN when there is none."""
+        pieces = sorted((self.path / 'track').glob('*.npz'), reverse=True)
+        for piece in (*pieces, self.path / 'telemetry.npz'):
+            shown = (_load_npz(piece) or {}).get('temperature', ())
+            if len(shown):
+                return float(shown[-1])
+        return math.nan
+
     def join_tracks(self) -> None:
         """telemetry.npz out of all pieces, in the order of their names; the pieces go."""
         pieces = sorted((self.path / 'track').glob('*.npz'))

@@ -157,6 +157,7 @@ class Journal:
                 round(temperature, 1) if math.isfinite(temperature) else None,
             ),
         )
+        self.track()
 
     def plan(self, plan: Plan, pass_number: int) -> None:
         """plan.npz and program.gcode; later passes have their number in the name. `plan`: its layers count from 1."""
@@ -198,7 +199,8 @@ class Journal:
         self.folder.write_map(number, scan.map.spec, **maps)
 
     def track(self) -> None:
-        """The telemetry since the last call, thinned to 10 Hz, goes to disk: a long job does not grow in memory."""
+        """The telemetry since the last call, thinned to 10 Hz, goes to disk: a long job does not grow in memory, and a
+        crash costs no more of it than a bead."""
         self._pieces += 1
         self.folder.write_track(f'{self.run:03d}_{self._pieces:05d}', self.cell.take_track())
 

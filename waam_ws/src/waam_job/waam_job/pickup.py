@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -91,9 +90,7 @@ class PickUp:
             f'with {share:.0%} of its metal',
         )
         scan = runner.cycle.lay(
-            rest_of(layer, progress, share, self.runner.settings.restart_metal),
-            before,
-            resumed=True,
+            rest_of(layer, progress, share, runner.settings.restart_metal), before, resumed=True
         )
         self._remember(number)
         return scan, number + 1
@@ -103,10 +100,11 @@ class PickUp:
         return c.beads_done if c is not None and c.layer == number else 0
 
     def _cold_share(self, number: int) -> float:
-        """Of the metal, see `resume.cold_share`; 1 when no checkpoint says how warm the layer was."""
+        """Of the metal, see `resume.cold_share`. Without a whole checkpoint the telemetry track says how warm the layer
+        was, up to its last whole bead; 1 when nothing says it."""
         c, heat = self.checkpoint, self.runner.cell.heat()
         known = c is not None and c.layer == number and c.temperature is not None
-        before = c.temperature if known else math.nan
+        before = c.temperature if known else self.folder.last_temperature()
         return cold_share(before, heat.temperature, self.runner.settings.cold_metal)
 
     def _say(self, layer: int, text: str) -> None:

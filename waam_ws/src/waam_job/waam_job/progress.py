@@ -29,6 +29,10 @@ class BeadProgress:
         self.laid_before = sum(s.duration for s in whole) - sum(s.duration for s in deposits)
         self.times = np.cumsum([s.duration for s in deposits])
         self.indices = np.array([s.index for s in deposits], dtype=np.int64)
+        layers = runner.plan.layers
+        durations = [p.arc_time for p in layers]  # once: there is an estimate after every segment
+        self.laid_below = sum(durations[: layer.number - runner.program.offset - 1])
+        self.arc_time, self.layers = max(sum(durations), 1e-9), len(layers)
         self._seen = (0, 0)
 
     def on_done(self, segment: Segment) -> None:
@@ -45,13 +49,11 @@ class BeadProgress:
 
     def _estimate(self, index: int) -> None:
         """Share of arc time, and the time left at the pace so far."""
-        runner, layers = self.runner, self.runner.plan.layers
-        status, offset = runner.status, runner.program.offset
+        runner, status = self.runner, self.runner.status
         laid = int(np.searchsorted(self.indices, index, side='right'))
         here = self.laid_before + (float(self.times[laid - 1]) if laid else 0.0)
-        durations = [p.arc_time for p in layers]
-        before = sum(durations[: self.layer.number - offset - 1])
-        share = (before + here) / max(sum(durations), 1e-9)
-        status.progress = min(1.0, (offset + share * len(layers)) / runner.program.total)
+        share = (self.laid_below + here) / self.arc_time
+        passed = runner.program.offset + share * self.layers
+        status.progress = min(1.0, passed / runner.program.total)
         if status.progress > 0.02:
             status.time_left = runner.journal.elapsed * (1 / status.progress - 1)

@@ -125,3 +125,15 @@ def test_csv_has_one_line_per_segment(plan):
     middle = len(rows) // 2
     assert float(rows[middle]['x1_mm']) == pytest.approx(segments[middle].end[0] * 1e3, abs=1e-4)
     assert rows[middle]['kind'] == segments[middle].kind.name
+
+
+def test_csv_reads_back_to_the_same_path(plan):
+    """Points to a micrometre, in order, with what the torch does on the way and how fast."""
+    rows = list(csv.DictReader(io.StringIO(to_csv(plan))))
+    segments = [s for p in plan.layers for s in p.segments]
+    for number, end in ((0, 'start'), (1, 'end')):
+        read = np.array([[float(r[f'{axis}{number}_mm']) for axis in 'xyz'] for r in rows])
+        assert read == pytest.approx(np.array([getattr(s, end) for s in segments]) * 1e3, abs=1e-3)
+    speeds = [float(r['speed_mm_s']) for r in rows]
+    assert speeds == pytest.approx([s.speed * 1e3 for s in segments], abs=1e-3)
+    assert [(r['kind'], int(r['arc'])) for r in rows] == [(s.kind.name, s.arc) for s in segments]

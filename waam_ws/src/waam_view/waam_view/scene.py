@@ -18,11 +18,9 @@ from .surface import LayerPath, colours, mesh, picture
 
 STATES = {0: 'IDLE', 1: 'RUN', 2: 'HOLD', 3: 'ALARM'}
 LEVELS = {0: 'INFO', 1: 'WARN', 2: 'ERROR', 3: 'CRITICAL'}
-FILE_TICK = timedelta(
-    seconds=5
-)  # rows of an entity go into a file together: the library keeps some
-FILE_BYTES = 8 << 20  # kB of every chunk in memory until the file is closed
-FILE_SAMPLES = 600  # telemetry frames that go into a file together
+# What goes into a file together: the library keeps some kB of every chunk in memory until it is closed.
+FILE_TICK, FILE_BYTES = timedelta(seconds=5), 8 << 20  # rows of an entity
+FILE_SAMPLES = 600  # telemetry frames
 PIECE = 300  # points of the executed path in one entity: what is drawn again with every batch stays small
 
 
@@ -85,16 +83,15 @@ class Scene:
 
     def remove(self, name: str) -> None:
         """Flushes and closes a recording; its file is complete afterwards."""
-        if name == 'file':
-            self._write_held()
         recording = self.recordings.pop(name, None)
-        if recording is not None:
-            if (
-                name == 'file' and self._span is not None
-            ):  # whoever opens the file sees the whole job
+        if recording is None:
+            return
+        if name == 'file':
+            self._write_held(recording)
+            if self._span is not None:  # whoever opens the file sees the whole job
                 recording.send_blueprint(bp.blueprint(self.error_range, whole_ns=self._span))
-            recording.flush()
-            recording.disconnect()
+        recording.flush()
+        recording.disconnect()
 
     def new_job(self) -> None:
         """Nothing of the last part stays in view."""
@@ -170,14 +167,14 @@ class Scene:
         if 'file' in self.recordings:
             self._held.append((times, curves))
             if sum(len(t) for t, _ in self._held) >= FILE_SAMPLES:
-                self._write_held()
+                self._write_held(self.recordings['file'])
 
-    def _write_held(self) -> None:
-        if self._held and 'file' in self.recordings:
-            times = np.concatenate([t for t, _ in self._held])
-            curves = {e: np.concatenate([c[e] for _, c in self._held]) for e in self._held[0][1]}
-            self._send_all(self.recordings['file'], times, curves)
-        self._held.clear()
+    def _write_held(self, file: rr.RecordingStream) -> None:
+        held, self._held = self._held, []
+        if held:
+            times = np.concatenate([t for t, _ in held])
+            curves = {e: np.concatenate([c[e] for _, c in held]) for e in held[0][1]}
+            self._send_all(file, times, curves)
 
     def _send_all(
         self, recording: rr.RecordingStream, times: np.ndarray, curves: dict[str, np.ndarray]
