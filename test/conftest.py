@@ -6,7 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from waam_bringup import run_state
-from waam_bringup.client import GraphClient
+from waam_bringup.client import ClientError, GraphClient
 from waam_bringup.graph import Settings
 from waam_bringup.jobs import make_goal
 from waam_bringup.operate import graph, graph_trouble
@@ -122,6 +122,9 @@ class Background:
         except Exception as e:
             self.error = e
 
+    def runs(self) -> bool:
+        return self._thread.is_alive()
+
     def raise_error(self) -> bool:
         """For conditions that wait: an error of the job's thread ends the wait, and names the cause."""
         if self.error:
@@ -130,15 +133,28 @@ class Background:
 
     def join(self, timeout: float = 120.0):
         end = time.monotonic() + timeout
-        while self._thread.is_alive() and time.monotonic() < end:
+        while self.runs() and time.monotonic() < end:
             time.sleep(0.05)
-        assert not self._thread.is_alive(), 'the job did not end'
+        assert not self.runs(), 'the job did not end'
         return self.result
 
 
 @pytest.fixture
 def background():
-    return Background
+    """background(bench, **goal) starts a job; one that a failed test leaves behind is ended, for the next test."""
+    begun: list[tuple[Bench, Background]] = []
+
+    def start(bench: Bench, **goal) -> Background:
+        begun.append((bench, Background(bench, **goal)))
+        return begun[-1][1]
+
+    yield start
+    for bench, job in begun:
+        if job.runs():
+            # the graph may have gone
+            with suppress(ClientError), GraphClient(bench.domain) as client:
+                client.trigger('job_sequencer/abort')
+            job.join()
 
 
 @pytest.fixture(scope='session')

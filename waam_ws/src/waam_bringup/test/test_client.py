@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 
@@ -28,6 +29,26 @@ server = ActionServer(node, RunJob, 'job_sequencer/run_job', execute)
 print('up', flush=True)
 rclpy.spin(node)
 """
+LATE = """
+import time
+time.sleep(4)
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import Trigger
+from waam_msgs.msg import JobStatus
+
+def resume(request, response):
+    response.success = True
+    return response
+
+rclpy.init()
+node = rclpy.create_node('job_sequencer')
+server = node.create_service(Trigger, 'job_sequencer/resume', resume)
+latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+status = node.create_publisher(JobStatus, 'job_status', latched)
+status.publish(JobStatus(state=JobStatus.PAUSED))
+rclpy.spin(node)
+"""
 CLIENTS = """
 import os
 from waam_bringup.client import GraphClient
@@ -41,18 +62,24 @@ for name in ('one', 'two', 'three'):
 """
 
 
-@pytest.fixture
-def server():
+@contextmanager
+def process(code: str):
     env = os.environ | {'ROS_DOMAIN_ID': str(fresh_domain())}
-    process = subprocess.Popen(
-        [sys.executable, '-c', SERVER], env=env, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    child = subprocess.Popen(
+        [sys.executable, '-c', code], env=env, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     )
     try:
-        assert process.stdout.readline() == b'up\n'
-        yield env
+        yield child, env
     finally:
-        process.kill()
-        process.wait()
+        child.kill()
+        child.wait()
+
+
+@pytest.fixture
+def server():
+    with process(SERVER) as (child, env):
+        assert child.stdout.readline() == b'up\n'
+        yield env
 
 
 def test_a_closed_client_leaves_no_thread_of_its_participant_behind(server):
@@ -80,3 +107,10 @@ def test_a_client_that_asked_for_a_job_leaves_the_domain_when_it_is_closed(monke
             with pytest.raises(ClientError, match='job_sequencer is not there'):
                 client.run_job(RunJob.Goal(), lambda status: None)
         assert watcher.until(lambda: here() == 1, 10.0)
+
+
+@pytest.mark.parametrize('asks', ['resume', 'job_runs'])
+def test_a_sequencer_that_is_found_late_does_not_pass_for_one_without_a_job(asks):
+    """`waam job resume` on a busy machine took a paused job for none, and looked for an interrupted one."""
+    with process(LATE) as (_, env), GraphClient(int(env['ROS_DOMAIN_ID'])) as client:
+        assert getattr(client, asks)()

@@ -203,10 +203,7 @@ def cmd_job_resume(args) -> int:
     require_up(run)
     if args.folder is None:
         with GraphClient(domain) as client:
-            client.until(lambda: client.job is not None, 3.0)
-            running = client.job is not None and 0 < client.job.state < 9
-            if running:
-                client.trigger('job_sequencer/resume')
+            if client.resume():
                 print('resume: accepted')
                 return 0
     return resume_job(args, run, domain)

@@ -23,7 +23,7 @@ from waam_msgs.srv import LoadPart
 from waam_node.qos import BEAT, LATCHED, NEWEST, TELEMETRY
 
 MATCHING_S = 0.8  # a server that has not yet found a new client's reader loses the answer
-MATCHED_S = 3.0  # at most, for the readers of an override; then it goes to those that are there
+MATCHED_S = 8.0  # at most, for the readers of an override; then it goes to those that are there
 REPEAT_S = 4.0
 SERVER_S = 15.0  # at most, for a server to be found: on a busy machine discovery takes seconds
 ANSWER_S = 10.0
@@ -145,6 +145,17 @@ class GraphClient:
         response = self.call(Trigger, name, Trigger.Request())
         if not response.success:
             raise ClientError(response.message)
+
+    def resume(self) -> bool:
+        """Lets the job go on that runs or is paused; False when there is none. The sequencer itself is asked: a status
+        that has not come yet would pass for no job."""
+        return self.call(Trigger, 'job_sequencer/resume', Trigger.Request()).success
+
+    def job_runs(self) -> bool:
+        """ClientError when no status comes: job_sequencer gives one to everybody who finds it."""
+        if not self.until(lambda: self.job is not None, SERVER_S):
+            raise ClientError('job_sequencer is not there; is the graph up? (waam up)')
+        return JobStatus.IDLE < self.job.state < JobStatus.DONE
 
     def override(self, speed: float, wire: float, source: str) -> tuple[float, float]:
         """Factors (NaN = as it is), asked for until telemetry shows them; ClientError when it never does."""

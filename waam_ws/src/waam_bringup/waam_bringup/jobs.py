@@ -137,8 +137,7 @@ def override(speed: float, wire: float, domain: int) -> tuple[float, float]:
 
 def place_part(client: GraphClient, args) -> None:
     """Simulated cell: the worn part, the nominal part itself when nothing else is said, or a plate for a build."""
-    client.until(lambda: client.job is not None, 3.0)
-    if client.job and 0 < client.job.state < 9:
+    if client.job_runs():
         raise ClientError(
             f'a job is running already: {client.job.job_id} (waam status, waam job abort)'
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from .client import GraphClient
+from .client import SERVER_S, GraphClient
 from .progress import clock, describe
 from .run_state import RunState, describe_exit
 
@@ -17,7 +17,7 @@ STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
 def print_status(run: Path, state: RunState, domain: int) -> int:
     """0 when everything is alive, 1 when a process died."""
     with GraphClient(domain) as client:
-        client.until(lambda: client.machine and client.job, 8.0)
+        client.until(lambda: client.machine and client.job, SERVER_S)
         machine, job = client.machine, client.job
     console = Console(highlight=False)
     table = Table(title=f'graph in {run}, ROS_DOMAIN_ID={domain}, {state.phase}')
