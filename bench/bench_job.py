@@ -94,7 +94,8 @@ def endure(scratch: Path, hours: float, file: Path | None) -> None:
         print(f'{name:20s} {percent:+7.2f} %', file=sys.stderr)
     for name, (simulated, wall, cpu) in watch.phases.items():
         print(
-            f'{name:12s} {simulated:8.1f} simulated s in {wall:7.1f} s, {cpu / max(simulated, 1e-9):.3f} s of CPU each',
+            f'{name:12s} {simulated:8.1f} simulated s in {wall:7.1f} s, {cpu / max(simulated, 1e-9):.3f} s of CPU each'
+            f'; {watch.drift(name):+.2f} simulated s a layer from the third to the last',
             file=sys.stderr,
         )
     layers, periods = loop_periods(watch, run)

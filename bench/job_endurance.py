@@ -46,7 +46,8 @@ class Endurance:
     scans: dict[int, float] = field(default_factory=dict)
     asked: bool = False
     phases: dict[str, list[float]] = field(default_factory=dict)  # simulated s, wall s, CPU s
-    last: tuple[str, float, float, float] | None = None
+    by_layer: dict[str, dict[int, float]] = field(default_factory=dict)  # phase: layer: simulated s
+    last: tuple[str, int, float, float, float] | None = None
 
     def on_status(self, status) -> None:
         """Callback of the job."""
@@ -58,7 +59,7 @@ class Endurance:
         if not self.begin:
             self.begin, self.start = t, self.news
         self.now = t - self.begin
-        self._phase(NAMES[status.state])
+        self._phase(NAMES[status.state], status.layer)
         if status.state == status.SCANNING:
             self.scans.setdefault(status.layer, self.now)
         if self.now >= len(self.samples) * self.every:
@@ -68,17 +69,27 @@ class Endurance:
     def over(self) -> bool:
         return self.now >= self.hours * 3600
 
-    def _phase(self, name: str) -> None:
+    def _phase(self, name: str, layer: int) -> None:
         """Adds what has passed to the phase in which it passed; looked at when the phase changes."""
         if self.last and self.last[0] == name:
             return
         spent = sum(cpu_seconds(pid) for pid in self.pids.values())
         if self.last:
-            old, *before = self.last
+            old, there, *before = self.last
             gone = (self.now - before[0], self.news - before[1], spent - before[2])
             total = self.phases.setdefault(old, [0.0, 0.0, 0.0])
             self.phases[old] = [a + b for a, b in zip(total, gone, strict=True)]
-        self.last = (name, self.now, self.news, spent)
+            layers = self.by_layer.setdefault(old, {})
+            layers[there] = layers.get(there, 0.0) + gone[0]
+        self.last = (name, layer, self.now, self.news, spent)
+
+    def drift(self, phase: str) -> float:
+        """Simulated s that a phase got longer from the third layer to the last, by a straight line."""
+        turns = sorted((k, v) for k, v in self.by_layer[phase].items() if k > 2)
+        if len(turns) < 3:
+            return float('nan')
+        layers, seconds = np.array(turns[:-1]).T  # the last one was cut off
+        return float(np.polyfit(layers, seconds, 1)[0] * (layers[-1] - layers[0]))
 
     def _sample(self, layer: int) -> None:
         memory = {name: resident(pid) for name, pid in self.pids.items()}
