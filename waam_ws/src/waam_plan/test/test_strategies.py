@@ -13,7 +13,7 @@ from waam_plan import path, strategies
 from waam_plan.inside import keep_inside
 from waam_plan.linking import spread_starts
 from waam_plan.medial import medial_lines
-from waam_plan.rings import bead_count
+from waam_plan.rings import bead_count, contour_lines, spiral_lines
 from waam_plan.section import outline, raster
 from waam_plan.settings import STRATEGIES, PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
@@ -75,6 +75,28 @@ def test_a_spiral_has_one_arc_start_where_contours_have_a_seam_per_ring():
     assert (np.diff(radius) < 0.3e-3).all() and radius[-1] < 0.006  # inwards, turn by turn
     steps = np.sort(np.hypot(*(rings.end[:, :2] - (0.04, 0.03)).T).round(3))
     assert len(np.unique(steps)) >= 4
+    length = shapely.union_all(lines(rings)).length
+    ramp_and_last_closing = 0.1 * length  # nowhere else is the path laid twice
+    assert shapely.length(lines(spiral)).sum() < length + ramp_and_last_closing
+
+
+@given(
+    st.lists(st.floats(0.012, 0.03), min_size=5, max_size=9),
+    st.floats(0, 1),
+)
+@settings(max_examples=40, deadline=None)
+def test_turns_of_any_spiral_stay_inside_and_follow_each_ring(radii, shift):
+    angles = np.linspace(0, 2 * np.pi, len(radii), endpoint=False)
+    shape = Polygon(
+        [(r * math.cos(a), r * math.sin(a)) for r, a in zip(radii, angles, strict=True)]
+    )
+    s = PlanSettings(strategy='spiral')
+    rings = [shapely.LineString(x) for x in contour_lines(shape, s)]
+    turns = shapely.multilinestrings([shapely.LineString(x) for x in spiral_lines(shape, s, shift)])
+    assert turns.length > 0 and shape.buffer(-s.bead_width / 2).buffer(1e-6).covers(turns)
+    for ring in rings:
+        left = ring.difference(turns.buffer(1e-6)).length
+        assert left <= 0.1 * ring.length + 12 * s.pitch
 
 
 def test_zigzag_turns_by_the_angle_of_the_settings():

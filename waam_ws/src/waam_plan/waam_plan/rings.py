@@ -15,6 +15,7 @@ from waam_plan.section import merged, pieces
 from waam_plan.settings import PlanSettings
 
 STEP = 1.0e-3  # m, between points of a spiral
+RAMP = 6.0  # length of the way from one ring of a spiral to the next, over their distance
 FILLED = 0.40  # bead widths beside a line in which the overlap is in range
 NARROW = 0.07  # bead widths: a gap of twice this between the bands closes by itself
 
@@ -87,29 +88,26 @@ def _holes(ring: Ring) -> bool:
 
 
 def _spiral(rings: list, shift: float) -> np.ndarray:
-    """Once round the outer ring, inwards by one ring per turn, once round the inner one. Never leaves the rings."""
+    """Once round each ring, from the outer one inwards; a ramp of RAMP ring distances leads to the next one.
+
+    All ramps lie side by side, so turns keep their distance on them as well; only where the first leaves the outer ring
+    and the last reaches the inner one is it less. Never leaves the rings.
+    """
     turn = begun_at(np.asarray(rings[0].coords), shift * rings[0].length)
-    out = [turn]
+    out, ramp = [turn], turn[:1]
     for inner in rings[1:]:
-        start = shapely.points(_evenly(turn))
-        along = np.linspace(0, 1, len(start))[:, None]
-        ring = LineString(inner.coords)
-        near = shapely.get_coordinates(
-            shapely.line_interpolate_point(ring, shapely.line_locate_point(ring, start))
-        )
-        out.append((1 - along) * shapely.get_coordinates(start) + along * near)
-        turn = begun_at(np.asarray(inner.coords), ring.project(shapely.Point(near[-1])))
-    if len(rings) > 1:
-        out.append(turn)
-    return np.concatenate(out)
-
-
-def _evenly(line: np.ndarray) -> np.ndarray:
-    n = max(8, math.ceil(LineString(line).length / STEP))
-    at = np.linspace(0, 1, n + 1)
-    return shapely.get_coordinates(
-        shapely.line_interpolate_point(LineString(line), at, normalized=True)
-    )
+        begin = LineString(inner.coords).project(shapely.Point(turn[0]))
+        before, turn = LineString(turn), begun_at(np.asarray(inner.coords), begin)
+        points = shapely.get_coordinates(shapely.segmentize(LineString(turn), STEP))
+        near = shapely.line_locate_point(before, shapely.points(points))
+        near = shapely.get_coordinates(shapely.line_interpolate_point(before, near))
+        along = np.append(0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum())
+        length = min(RAMP * before.distance(shapely.Point(turn[0])), along[-1])
+        share = np.clip(along / max(length, STEP), 0, 1)[:, None]
+        share = share**2 * (3 - 2 * share)
+        out.append((1 - share) * near + share * points)
+        ramp = points[along <= length]
+    return np.concatenate([*out, ramp] if len(rings) > 1 else out)
 
 
 def begun_at(ring: np.ndarray, distance: float) -> np.ndarray:
