@@ -271,3 +271,14 @@ def test_open_vase_as_a_shell(meshes):
     plan = plan_build(part, PlanSettings(strategy='shell'), 4)
     check(plan)
     assert [p.arc_starts for p in plan.layers] == [1] * 4
+
+
+def test_everything_that_is_wrong_with_a_build_is_said_at_once(part):
+    foot = trimesh.creation.box(extents=(20, 20, 20))
+    roof = trimesh.creation.box(extents=(500, 20, 10))
+    roof.apply_translation((0, 0, 15))
+    low = PlanSettings(machine_max=(0.3, 0.22, 0.030))
+    with pytest.raises(PartError) as caught:
+        plan_build(part(trimesh.util.concatenate([foot, roof])), low)
+    for words in ('500.0 mm along x', '40.0 mm with clearance', 'overhang of 90 deg'):
+        assert words in str(caught.value), words

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -14,8 +17,11 @@ from waam_plan.build import plan_build
 from waam_plan.compact import circle, compact, fragments, saving
 from waam_plan.fanuc import FanucError, read_ls, sample, write_ls
 from waam_plan.part import load_part
+from waam_plan.plan import Plan, PlannedLayer, hop
+from waam_plan.posts import with_base_feed
 from waam_plan.restore import plan_restoration
 from waam_plan.settings import PlanSettings
+from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment
 
 S = PlanSettings(machine_max=(0.3, 0.22, 0.18))
@@ -102,8 +108,7 @@ def test_metal_is_kept():
 
 
 def length(move) -> float:
-    points = np.array([move.start, *sample(move.start, move, 0.05e-3)])
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    return length_of(move.start, move)
 
 
 def test_three_points_on_a_line_have_no_circle():
@@ -123,7 +128,20 @@ def test_prismatic_part_needs_a_fifth_of_the_points(prism):
     assert [len(f.levels) for f in found] == [1, 5, 4]  # the base layer is slower than the others
     assert sorted(n for f in found for n, _ in f.levels) == list(range(1, 11))
     s = saving(prism, found)
-    assert s.share >= 0.8 and s.before == sum(len(p.deposits) for p in prism.layers)
+    deposits = sum(len(p.deposits) for p in prism.layers)
+    assert s.share >= 0.8 and s.before == deposits + 10 * 3  # start, way down, way up
+
+
+def test_saving_counts_the_points_of_the_files(prism):
+    written = sum(text.count('GP1:') for text in write_ls(prism).values())
+    assert saving(prism, fragments(prism)).after == written
+
+
+def test_saving_of_nothing_but_idle_moves_and_single_pieces_is_none():
+    way = hop((0.0, 0.0, 0.02), (0.05, 0.02, 0.02), 0.04, S)
+    assert len(way) > 20
+    layer = one_layer(way)
+    assert saving(layer, fragments(layer)).share == 0.0
 
 
 def test_repeated_layers_equal_layers_planned_one_by_one(prism, tmp_path):
@@ -134,6 +152,158 @@ def test_repeated_layers_equal_layers_planned_one_by_one(prism, tmp_path):
         for s, t in zip(a.deposits, b.deposits, strict=True):
             assert math.dist(s.start, t.start) < 1e-9 and math.dist(s.end, t.end) < 1e-9
             assert s.height == pytest.approx(t.height, rel=1e-9) and s.layer == t.layer
+
+
+def test_a_straight_idle_leg_is_one_move_for_a_robot_only():
+    start, end = (0.0, 0.0, 0.01), (0.05, 0.02, 0.002)
+    way = hop(start, end, 0.04, S)
+    moves = compact(way, legs=True)
+    corners = [(0.0, 0.0, 0.04), (0.05, 0.02, 0.04), end]
+    assert [m.end for m in moves] == corners and moves[0].start == start
+    assert [m.segment.speed for m in moves] == [
+        max(s.speed for s in way if on(s.end, a, b))
+        for a, b in zip([start, *corners], corners, strict=False)
+    ]
+    assert [m.segment for m in compact(way)] == way
+
+
+def on(point, a, b):
+    """Beyond a, as far as b."""
+    gap = math.dist(a, point) + math.dist(point, b) - math.dist(a, b)
+    return gap < 1e-9 and math.dist(a, point) > 1e-9
+
+
+@pytest.fixture(scope='module')
+def waiting(tmp_path_factory):
+    """Equal layers whose arc burns before it moves, is out before the end, and which wait after their beads."""
+    file = tmp_path_factory.mktemp('box') / 'box.stl'
+    trimesh.creation.box(extents=(30, 24, 8)).export(file)
+    lit = replace(S, lead_on=0.5, lead_off=2e-3, bead_time=100.0, alternation='none')
+    return plan_build(load_part(file), lit)
+
+
+def test_repeated_layers_are_put_out_once(waiting, tmp_path):
+    file = tmp_path / 'box.stl'
+    trimesh.creation.box(extents=(30, 24, 8)).export(file)
+    alone = plan_build(load_part(file), replace(waiting.settings, growth_step=0.0))
+    for a, b in zip(alone.layers, waiting.layers, strict=True):
+        for s, t in zip(a.segments, b.segments, strict=True):
+            assert (s.kind, s.arc, s.layer) == (t.kind, t.arc, t.layer)
+            assert math.dist(s.end, t.end) < 1e-9 and s.dwell == pytest.approx(t.dwell)
+
+
+def test_repeated_layers_keep_their_dwells(waiting):
+    files = write_ls(waiting)
+    main = files.pop('WAAM.LS')
+    assert len(files) < len(waiting.layers)
+    waits = {f: text.count('WAIT   0.50(sec)') for f, text in files.items()}
+    called = [f'{name}.LS' for name in re.findall(r'CALL (\w+)', main)]
+    assert sum(waits[name] for name in called) == waiting.arc_starts
+    assert all(len(re.findall(r'WAIT +\d\d', text)) == waits[f] for f, text in files.items())
+
+
+def test_the_arc_is_lit_with_wire_where_the_robot_stands(waiting):
+    for name, text in write_ls(waiting).items():
+        feed, stands = 0.0, False
+        for line in re.findall(r'^ *\d+:(.*?) *;?$', text, re.M):
+            if line.startswith('AO[1]='):
+                feed = float(line[6:])
+            elif line == 'DO[1]=ON':
+                assert feed > 0.5 and stands, name
+            elif line.startswith(('L ', 'C ')):
+                stands = 'FINE' in line
+
+
+def test_a_bead_that_ends_with_a_dwell_burns_to_the_end_of_it(prism):
+    bead = chain([(0, 0, 0), (0.01, 0, 0)])
+    crater = bead[0].at(kind=Kind.DWELL, start=(0.01, 0, 0), end=(0.01, 0, 0), dwell=0.3)
+    text = write_ls(one_layer([*bead, crater]))['WAAM001.LS']
+    lines = re.findall(r'^ *\d+:(.*?) *;?$', text, re.M)
+    assert lines[-3:] == [lines[-3], 'WAIT   0.30(sec)', 'DO[1]=OFF']
+    assert lines[-3].startswith('L ') and 'FINE' in lines[-3] and 'TB' not in lines[-3]
+
+
+def one_layer(segments):
+    """A plan that holds these only."""
+    spec = GridSpec(0.0, 0.0, 1e-3, 2, 2)
+    flat = np.zeros(spec.shape)
+    layer = PlannedLayer(1, flat, flat, flat, segments, (1.0, 0.0, 0.0), flat > 0)
+    ground = HeightGrid(spec, flat)
+    return Plan(spec, ground, ground, flat > 0, flat > 0, [layer], 0.05, S)
+
+
+@pytest.mark.parametrize('kind', ['prism', 'worn', 'waiting'])
+def test_fanuc_paths_are_those_of_the_plan_within_the_tolerance(kind, request, worn_block):
+    if kind == 'worn':
+        plan = plan_restoration(*worn_block(lambda x, y: 0.004 + 0.002 * np.sin(x / 0.008)), S)
+    else:
+        plan = request.getfixturevalue(kind)
+    moves = read_ls(write_ls(plan))
+    planned = [
+        with_base_feed(list(group), plan.settings)
+        for layer in plan.layers
+        for arc, group in groupby(layer.segments, key=lambda s: s.arc)
+        if arc
+    ]
+    laid = stretches(moves)
+    assert len(laid) == len(planned)
+    for bead, (start, stretch) in zip(planned, laid, strict=True):
+        pieces = [s for s in bead if s.kind == Kind.DEPOSIT]
+        corners = [pieces[0].start, *(s.end for s in pieces)]
+        path = path_of(stretch, start, 0.4e-3)
+        assert distance_to_polyline(path, corners) < TOLERANCE + 1e-6
+        assert distance_to_polyline(np.array(corners), path) < TOLERANCE + 1e-6
+        metal = sum(s.wire_feed_speed * s.duration for s in pieces)
+        assert sum(m.feed * length_of(a, m) / m.speed for a, m in steps(start, stretch)) == (
+            pytest.approx(metal, rel=5e-3)
+        )
+
+
+def stretches(moves):
+    """(start, moves) of every way with the arc on."""
+    out, here = [], None
+    for arc, group in groupby(moves, key=lambda m: m.arc):
+        found = list(group)
+        if arc:
+            out.append((here, found))
+        here = found[-1].end
+    return out
+
+
+def steps(start, moves):
+    """Each move with the place where it begins."""
+    return zip([start, *(m.end for m in moves)], moves, strict=False)
+
+
+def length_of(start, move) -> float:
+    points = np.array([start, *sample(start, move, 0.05e-3)])
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def test_fanuc_idle_ways_are_those_of_the_plan(worn_block):
+    """Layers that are not repeated: every corner, nothing between, never faster than planned."""
+    plan = plan_restoration(*worn_block(lambda x, y: 0.004 + 0.002 * np.sin(x / 0.008)), S)
+    assert all(len(f.levels) == 1 for f in fragments(plan))
+    idle = [m for m in read_ls(write_ls(plan)) if not m.arc]
+    corners = [
+        p
+        for layer in plan.layers
+        for p in (layer.segments[0].start, *(m.end for m in ways(layer.segments)))
+    ]
+    assert np.array([m.end for m in idle]) == pytest.approx(np.array(corners), abs=1e-7)
+    assert max(m.speed for m in idle) <= S.idle_speed
+
+
+def ways(segments):
+    """Ends of straight idle ways."""
+    pairs = zip(segments, [*segments[1:], None], strict=True)
+    return [s for s, t in pairs if s.kind == Kind.IDLE and not (t and goes_on(s, t))]
+
+
+def goes_on(s, t):
+    """t is idle and in the direction of s."""
+    u, v = (np.subtract(m.end, m.start) / m.length for m in (s, t))
+    return t.kind == Kind.IDLE and float(u @ v) > 0.999
 
 
 @pytest.mark.parametrize('kind', ['prism', 'worn'])

@@ -54,6 +54,23 @@ def test_fanuc_files_are_written_and_their_saving_told(box_file, tmp_path, capsy
     assert re.search(r'\d+ points instead of \d+, \d+% saved', capsys.readouterr().out)
 
 
+def test_compact_gcode_is_written_within_the_tolerance_asked_for(tmp_path, capsys):
+    part = tmp_path / 'disc.stl'
+    trimesh.creation.cylinder(radius=18, height=4, sections=96).export(part)
+    arcs = []
+    for tolerance in ('0.02', '0.06'):
+        out = tmp_path / tolerance
+        words = ('--strategy', 'contour', '--post', 'gcode-compact', '--tolerance', tolerance)
+        assert waam(part, *words, '--out', out) == 0
+        text = (out / 'compact.gcode').read_text()
+        arcs.append(len(re.findall(r'^G[23] ', text, re.M)))
+        found = re.search(r'(\d+) moves instead of (\d+), \d+% saved', capsys.readouterr().out)
+        assert int(found[1]) == len(re.findall(r'^G[123] ', text, re.M))
+        program = (out / 'program.gcode').read_text()
+        assert int(found[2]) == len(re.findall(r'^G1 ', program, re.M))
+    assert arcs[0] < arcs[1]
+
+
 def test_restore_from_two_meshes(tmp_path, box_file):
     worn = trimesh.creation.box(extents=(60, 40, 14))
     worn.apply_translation((0, 0, -3))

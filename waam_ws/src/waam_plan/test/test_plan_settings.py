@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from waam_plan.settings import PlanSettings, SettingsError
+from waam_plan.settings import PlanSettings, SettingsError, assigned
 
 
 def test_defaults_describe_the_regime_of_eq_2_17():
@@ -47,3 +47,36 @@ def test_the_readme_lists_every_setting_with_its_default():
     rows = dict(re.findall(r'^\| `(\w+)` \| (.+?) \|', text, re.M))
     for f in fields(PlanSettings):
         assert ast.literal_eval(rows[f.name]) == f.default
+
+
+def test_texts_become_values_of_their_kind():
+    given = assigned(['levels=adaptive', 'stagger=true', 'contours=3', 'scanner_offset=0.1,0,0.2'])
+    assert given == {
+        'levels': 'adaptive', 'stagger': True, 'contours': 3, 'scanner_offset': (0.1, 0.0, 0.2)
+    }  # fmt: skip
+    assert assigned([]) == {}
+
+
+def test_all_that_is_wrong_with_texts_is_said_at_once():
+    texts = [
+        'speed=fast',
+        'stagger=perhaps',
+        'edge_metal=9',
+        'nonsense=1',
+        'clearance',
+        'grid=0.001',
+    ]
+    with pytest.raises(SettingsError) as caught:
+        assigned(texts, {'grid'})
+    said = str(caught.value)
+    for words in (
+        "speed=fast: 'fast' is not a float", "'perhaps' is not a bool", 'between 0.5 and 1.5',
+        'no setting nonsense', 'clearance: not of the form', 'grid is given by', 'known: layer_height, ',
+    ):  # fmt: skip
+        assert words in said, words
+    assert 'grid, ' not in said.split('known: ')[1]
+
+
+def test_all_fields_that_are_wrong_are_said_at_once():
+    with pytest.raises(SettingsError, match='speed is 9.*; strategy is .foam.'):
+        PlanSettings(speed=9.0, strategy='foam')

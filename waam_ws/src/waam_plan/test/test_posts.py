@@ -2,6 +2,8 @@
 
 import csv
 import io
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_plan.plan import hop, numbered
-from waam_plan.posts import ProgramError, base_feed, gcode, read_gcode, to_csv, with_base_feed
+from waam_plan.posts import (
+    ProgramError,
+    base_feed,
+    compact_gcode,
+    gcode,
+    read_gcode,
+    to_csv,
+    with_base_feed,
+)
 from waam_plan.restore import plan_restoration
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Kind, Segment
@@ -67,7 +77,7 @@ def test_arc_goes_on_after_setpoints_and_off_before_idle_moves(plan):
         if 'M5' in words:
             arc = False
         if 'G0' in words:
-            assert not arc
+            assert not arc and 'F' not in line
     assert not arc
     assert lines.count('M3') == lines.count('M5') == plan.arc_starts
 
@@ -90,6 +100,61 @@ def test_base_feed_is_eq_2_17_and_keeps_given_setpoints():
     assert filled.wire_feed_speed == base_feed(s, S) and filled.voltage == S.voltage
     kept = s.at(wire_feed_speed=0.05, voltage=20.0)
     assert with_base_feed([kept], S) == [kept]
+
+
+def burning(kind, **values):
+    return Segment(0, kind, (0, 0, 0), (0, 0, 0), 0.01, arc=True, **values)
+
+
+def test_dwells_with_the_arc_burn_like_the_deposit_beside_them():
+    bead = dict(height=0.002, width=0.006, speed_programmed=0.01)
+    thin = burning(Kind.DEPOSIT, **bead | {'height': 0.001})
+    thick = burning(Kind.DEPOSIT, **bead)
+    wait = burning(Kind.DWELL, dwell=0.5)
+    away = Segment(0, Kind.IDLE, (0, 0, 0), (0, 0, 0.01), 0.05)
+    rest = Segment(0, Kind.DWELL, (0, 0, 0), (0, 0, 0), 0.05, dwell=3.0)
+    out = with_base_feed([wait, thin, thick, wait, wait, away, rest, wait, thin], S)
+    feed = [s.wire_feed_speed for s in out]
+    low, high = base_feed(thin, S), base_feed(thick, S)
+    assert feed == [low, low, high, high, high, 0, 0, low, low]
+    assert [s.voltage for s in out] == [S.voltage if f else 0.0 for f in feed]
+    given = wait.at(wire_feed_speed=0.03, voltage=19.0)
+    assert with_base_feed([given, thin], S)[0] == given
+
+
+def test_wire_is_told_before_an_arc_that_waits_is_lit(worn_block):
+    lit = replace(S, lead_on=0.5, lead_off=2e-3)
+    out = gcode(plan_restoration(*worn_block(0.003), lit))
+    starts = re.findall(r'(.*)\nM3\n(.*)\n(.*)\n(.*)', out)
+    assert starts and all(before.startswith('W') for before, *_ in starts)
+    assert all(wait == 'G4 P0.500' for _, wait, *_ in starts)
+
+
+def test_planned_idle_moves_have_their_speed(plan):
+    """The controller takes no speed for G0."""
+    lines = gcode(plan).splitlines()
+    speeds = [float(line.split('F')[1]) for line in lines if line.startswith('G1')]
+    moves = [s for p in plan.layers for s in p.segments if s.kind != Kind.DWELL]
+    assert speeds == pytest.approx([s.speed * 60e3 for s in moves], abs=0.06)
+    assert all('F' not in line for line in lines if line.startswith('G0'))
+
+
+@pytest.mark.parametrize(('word', 'turn'), [('G3', 1), ('G2', -1)])
+def test_compact_program_has_arcs_with_their_centre_from_the_start(plan, word, turn):
+    angles = np.linspace(0.3, 3.0, 60)[::turn]
+    points = np.stack((50 * np.cos(angles), 50 * np.sin(angles), np.full(60, 2.0)), axis=1)
+    corners = [tuple(p) for p in (points * 1e-3).tolist()]
+    bead = burning(Kind.DEPOSIT, height=0.002, width=0.006, speed_programmed=0.01)
+    chords = [bead.at(start=a, end=b) for a, b in zip(corners, corners[1:], strict=False)]
+    ring = replace(plan, layers=[replace(plan.layers[0], segments=chords)])
+    text, saved = compact_gcode(ring, 0.05e-3)
+    assert (saved.before, saved.after) == (59, 1)
+    (move,) = (line.split() for line in text.splitlines() if line.startswith(f'{word} '))
+    assert [w[0] for w in move] == list('GXYZIJF')
+    numbers = [float(w[1:]) for w in move[1:]]
+    assert numbers == pytest.approx([*points[-1], *-points[0][:2], 600.0], abs=1e-3)
+    with pytest.raises(ProgramError, match=word):
+        read_gcode(text)
 
 
 def test_a_start_elsewhere_is_approached_height_first():

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from waam_plan.linking import arc_starts
 from waam_plan.path import coverage
 from waam_plan.plan import PlanError, renumber
 from waam_plan.restore import plan_restoration
@@ -85,8 +86,9 @@ def check_metal(plan, missing, laid):
     np.testing.assert_allclose(laid[free], missing[free], atol=1e-9)
     part = np.isfinite(missing)
     deep = part & (missing > 1.5 * S.layer_height)
-    if deep.any() and plan.layers:
-        assert plan.region[deep].mean() > 0.97
+    if deep.any() and plan.layers:  # a rim narrower than the wire is left out of a small pit
+        wire = round((S.wire_diameter / plan.spec.resolution) ** 2)
+        assert (~plan.region[deep]).sum() <= max(0.03 * deep.sum(), wire)
 
 
 def check_layer(plan, layer, metal):
@@ -330,3 +332,21 @@ def test_a_restoration_of_100_by_60_mm_in_six_layers_takes_less_than_two_seconds
     plan = plan_restoration(found, nominal, S)
     assert time.process_time() - begin < 2.0
     assert len(plan.layers) == 6
+
+
+@pytest.mark.parametrize('options', [{}, {'alternation': 'turn'}, {'strategy': 'contour'}])
+def test_a_plan_goes_on_from_layers_that_lie_there(worn_block, options):
+    """Layers 3 and 4 of four are those of a plan made when two lie there: same paths, metal and starts."""
+    s = PlanSettings(**options)
+    found, nominal = worn_block(8e-3)
+    whole = plan_restoration(found, nominal, s)
+    assert len(whole.layers) == 4
+    surface = found.with_z(np.where(np.isfinite(found.z), whole.layers[1].target_after, np.nan))
+    below = arc_starts(whole.layers[1].segments)
+    rest = plan_restoration(surface, nominal, s, 0, 2, below)
+    for mine, theirs in zip(rest.layers, whole.layers[2:], strict=True):
+        assert mine.direction == theirs.direction
+        pairs = zip(mine.deposits, theirs.deposits, strict=True)
+        assert all(a.start == pytest.approx(b.start, abs=1e-6) for a, b in pairs)
+    away = np.linalg.norm(arc_starts(rest.layers[0].segments)[:, None] - below, axis=2)
+    assert away.min() >= s.start_spread

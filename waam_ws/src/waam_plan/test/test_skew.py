@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -10,6 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waam_plan import cli_correct
+from waam_plan.posts import gcode
+from waam_plan.restore import plan_restoration
+from waam_plan.settings import PlanSettings
 from waam_plan.skew import (
     AxisErrors,
     SkewError,
@@ -87,6 +91,64 @@ def test_a_line_with_one_axis_moves_its_partner_too():
 def test_everything_else_stays():
     text = 'G21 ; mm X5\n(Y7)\nM3\nW5000 S22\nG53 X0 Y0\nM30\n'
     assert correct_gcode(text, AxisErrors(y_to_x=0.01).correction()) == text
+    moved = correct_gcode('G1 (to X9) X1 (Y9) Y0 ; X9', AxisErrors(x_to_y=0.01).correction())
+    assert re.fullmatch(r'G1 \(to X9\) X1\.\d+ \(Y9\) Y-0\.01\d+ ; X9', moved)
+
+
+LEANING = AxisErrors(y_to_x=0.004, z_to_x=0.01, z_to_y=-0.007, scale_z=1.01)
+
+
+def test_a_first_rapid_lifts_only_and_the_next_one_puts_the_torch_right():
+    lift, way, down = correct_gcode('G0 Z16\nG0 X3 Y4\nG1 Z2 F60', LEANING.correction()).split('\n')
+    upright = LEANING.axes[2, 2]
+    assert lift == f'G0 Z{16 / upright:.4f}'
+    assert sorted(w[0] for w in way.split()[1:]) == ['X', 'Y']
+    x, y = (float(w[1:]) for w in way.split()[1:])
+    assert LEANING.axes @ (x, y, 16 / upright) == pytest.approx((3, 4, 16), abs=2e-4)
+    z, x, y = (float(w[1:]) for w in down.split()[1:4])
+    assert LEANING.axes @ (x, y, z) == pytest.approx((3, 4, 2), abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'G1 Z16 F600',  # no rapid
+        'G0 X3 Y4',  # these depend on Z
+        'G0 Z16\nG1 X3 Y4 F600\nG28\nG1 Z2',  # unknown again
+    ],
+)
+def test_where_z_leans_everything_else_before_the_place_is_known_is_refused(text):
+    with pytest.raises(SkewError, match=rf'line {len(text.splitlines())}: X depends on .*G0 Z'):
+        correct_gcode(text, LEANING.correction())
+
+
+@pytest.mark.parametrize('lead_on', [0.0, 0.5])
+def test_programs_of_the_post_can_be_corrected(worn_block, lead_on):
+    plan = plan_restoration(*worn_block(0.003), PlanSettings(lead_on=lead_on))
+    text = gcode(plan)
+    commanded = points_of(correct_gcode(text, LEANING.correction()))
+    wanted = points_of(text)
+    assert len(wanted) > 100 and len(commanded) == len(wanted)
+    assert machine(LEANING, commanded) == pytest.approx(wanted, abs=2e-4)
+
+
+def test_points_follow_relative_moves():
+    text = 'G0 Z5\nG0 X10 Y20\nG91\nG1 X1 Y-2\nG1 Z3\nG90 G1 X0\nG91 G1 X4'
+    expected = [(10, 20, 5), (11, 18, 5), (11, 18, 8), (0, 18, 8), (4, 18, 8)]
+    assert points_of(text).tolist() == [list(p) for p in expected]
+    assert points_of('G91\nG1 X1\nG1 X1 Y2').tolist() == [[1, 0, 0], [2, 2, 0]]
+    away = 'G0 X1 Y2 Z3\nG10 L2 P1 X50\nG53 G0 X0 Y0\nG1 X7\nG1 Y8 Z9'
+    assert points_of(away).tolist() == [[1, 2, 3], [7, 8, 9]]
+
+
+@given(st.lists(point, min_size=2, max_size=6))
+def test_picture_of_a_relative_program_is_that_of_the_absolute_one(points):
+    first, steps = points[0], np.diff(points, axis=0)
+    text = program([first]) + '\nG91\n' + program(steps)
+    assert points_of(text) == pytest.approx(np.array(points), abs=1e-9)
+    corrected = correct_gcode(text, LEANING.correction())
+    real = machine(LEANING, points_of(corrected))
+    assert real == pytest.approx(np.array(points), abs=2e-4 * len(points))
 
 
 @pytest.mark.parametrize(

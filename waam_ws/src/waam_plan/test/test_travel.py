@@ -12,6 +12,7 @@ from waam_plan.build import plan_build
 from waam_plan.harmonic import HarmonicLaw
 from waam_plan.part import load_part
 from waam_plan.plan import hop
+from waam_plan.posts import base_feed
 from waam_plan.restore import plan_restoration
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Kind, check_chain
@@ -93,6 +94,7 @@ def test_short_beads_wait_and_the_arc_is_lit_before_and_put_out_before_the_end(w
     (lit,) = [x for x in layer.segments if x.kind == Kind.DWELL and x.arc]
     (wait,) = [x for x in layer.segments if x.kind == Kind.DWELL and not x.arc]
     assert lit.dwell == 0.4 and layer.segments[layer.segments.index(lit) + 1].arc
+    assert lit.wire_feed_speed == base_feed(layer.deposits[0], s) and lit.voltage == s.voltage
     assert wait.dwell == pytest.approx(60 - plain.arc_time, abs=1e-6)
     assert wait.start[2] > layer.deposits[-1].end[2] + 0.9 * s.clearance
     assert plain.length - plan.length == pytest.approx(3e-3, abs=1e-6)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector
 from waam_plan.section import raster
 from waam_plan.sections import Point3, Section, check_overhang, cut_sections
 from waam_plan.settings import PlanSettings
-from waam_plan.travel import Ceiling, connected, to_segments
+from waam_plan.travel import Ceiling, relaid, to_segments
 from waam_process.grid import GridSpec, HeightGrid
 
 MAP_BUDGET = 24_000_000  # cells times layers that a plan may hold; larger parts get a coarser grid
@@ -31,29 +33,62 @@ def plan_build(
     of the machine (Plan.offset says how far it was moved).
     layers: at most so many from the bottom, 0 = all. spec: grid of the maps, default around the part.
     settings.strategy 'shell' lays one bead along the surface and accepts open meshes whose sections are closed.
-    Raises PartError or PlanError: open mesh, too large, overhang, walls too thin, sections that vanish.
+    Raises PartError or PlanError with everything that is wrong: open mesh, too large, overhang, walls too thin,
+    sections that vanish.
     """
     if layers < 0:
         raise PlanError(f'layers is {layers}, must be 0 (all) or a positive number')
     _check_mesh(part, settings)
-    check_fits(part, settings)
     warnings: list[str] = []
     offset = _placing(part, spec, settings, warnings)
     placed = part.moved(offset)
-    levels = _levels(placed, settings)
-    if layers > len(levels):
-        warnings.append(f'{layers} layers were asked for, {len(levels)} are needed')
-    use = min(layers, len(levels)) if layers else len(levels)
-    sections = cut_sections(placed, levels, use, settings, warnings)
+    sections = _checked_sections(part, placed, layers, offset, settings, warnings)
     safe_z = sections[-1].z + sections[-1].thickness + settings.clearance
-    _check_height(part, safe_z, sections[0].thickness, settings)
-    check_overhang(sections, settings, part, offset, warnings)
     spec = spec or _grid(placed, len(sections), settings, warnings)
     with collector_paused():
         planned = _layers(sections, spec, safe_z, settings)
     plan = _assemble(part, planned, spec, safe_z, settings, offset, warnings)
     check_reach([s for layer in planned for s in layer.segments], settings)
     return plan
+
+
+def _checked_sections(
+    part: Part,
+    placed: Part,
+    layers: int,
+    offset: Point3,
+    settings: PlanSettings,
+    warnings: list[str],
+) -> list[Section]:
+    """Sections of the layers. Raises with all that is wrong with size, sections, height and overhang."""
+    levels = _levels(placed, settings)
+    if layers > len(levels):
+        warnings.append(f'{layers} layers were asked for, {len(levels)} are needed')
+    use = min(layers, len(levels)) if layers else len(levels)
+    wrong: list[ValueError] = []
+    with _kept(wrong):
+        check_fits(part, settings)
+    sections: list[Section] = []
+    with _kept(wrong):
+        sections = cut_sections(placed, levels, use, settings, warnings)
+    if sections:
+        top = sections[-1].z + sections[-1].thickness
+        with _kept(wrong):
+            _check_height(part, top + settings.clearance, sections[0].thickness, settings)
+        with _kept(wrong):
+            check_overhang(sections, settings, part, offset, warnings)
+    if wrong:
+        raise type(wrong[0])('; '.join(map(str, wrong)))
+    return sections
+
+
+@contextmanager
+def _kept(wrong: list[ValueError]) -> Iterator[None]:
+    """A refusal joins the others instead of ending the checks."""
+    try:
+        yield
+    except (PartError, PlanError) as error:
+        wrong.append(error)
 
 
 def _levels(placed: Part, settings: PlanSettings) -> list[Level]:
@@ -173,15 +208,8 @@ def _repeated(
     settings: PlanSettings,
 ) -> PlannedLayer:
     """The path of a layer at another height."""
-    runs: list[list] = []
-    for s in layer.segments:
-        if s.arc and s.length > 0:
-            start, end = (*s.start[:2], section.z), (*s.end[:2], section.z)
-            if not runs or runs[-1][-1].end != start:
-                runs.append([])
-            runs[-1].append(s.at(start=start, end=end, layer=section.number))
     ceiling = Ceiling.over(spec, metal, settings.torch_radius)
-    segments = connected(runs, section.number, ceiling, safe_z, settings)
+    segments = relaid(layer.segments, section.z, section.number, ceiling, safe_z, settings)
     return _planned(section, layer.footprint, supported, segments, layer.direction)
 
 

@@ -27,7 +27,7 @@ examples:
   alternation=turn turn_deg=67                           by --alternation turn: every layer at another angle
 
 Written to --out: program.gcode (runs on the controller without correction), segments.csv, plan.npz, preview.png,
-preview.html (3-D, one file: open it in a browser).
+preview.html (3-D, one file: open it in a browser); with --rerun preview.rrd (waam view DIR).
 """
 
 
@@ -141,14 +141,28 @@ def _add_outputs(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument(
         '--post',
-        choices=('gcode', 'fanuc'),
+        choices=('gcode', 'gcode-compact', 'fanuc'),
         default='gcode',
-        help='fanuc: also .LS fragments and a main program, compact (arcs, equal layers once)',
+        help='gcode-compact: also compact.gcode, long lines and arcs (G2, G3) instead of chords; fanuc: also .LS '
+        'fragments and a main program (arcs, equal layers once)',
+    )
+    p.add_argument(
+        '--tolerance',
+        type=float,
+        default=0.02,
+        metavar='MM',
+        help='of compact programs, default 0.02; chords of 2 mm become arcs where their radius is above 25 mm, '
+        'with 0.05 above 10 mm',
     )
     p.add_argument(
         '--preview',
         action='store_true',
         help='draw preview.png and preview.html (into --out or the current folder)',
+    )
+    p.add_argument(
+        '--rerun',
+        action='store_true',
+        help='also preview.rrd, to scrub through layers and time (waam view shows it)',
     )
 
 
@@ -223,9 +237,7 @@ def _restored(surfaces, args: argparse.Namespace, settings):
 
 def settings_from(args: argparse.Namespace):
     """PlanSettings from the options; mm and mm/s become SI here."""
-    from dataclasses import fields
-
-    from waam_plan.settings import PlanSettings, SettingsError
+    from waam_plan.settings import PlanSettings, assigned
 
     given: dict[str, object] = {}
     for name, factor in (('layer_height', 1e-3), ('bead_width', 1e-3), ('speed', 1e-3)):
@@ -238,26 +250,7 @@ def settings_from(args: argparse.Namespace):
         for k in ('direction', 'alternation', 'strategy', 'levels')
         if getattr(args, k)
     }
-    kinds = {f.name: type(f.default) for f in fields(PlanSettings)}
-    for text in args.set:
-        name, _, value = text.partition('=')
-        if name not in kinds:
-            raise SettingsError(
-                f'--set {text}: there is no setting {name}; known: {", ".join(kinds)}'
-            )
-        given[name] = _value(text, value, kinds[name])
-    return PlanSettings(**given)
-
-
-def _value(text: str, value: str, kind: type) -> object:
-    try:
-        if kind is bool:
-            return {'true': True, 'false': False}[value.lower()]
-        if kind is tuple:
-            return tuple(float(v) for v in value.split(','))
-        return kind(value)
-    except (ValueError, KeyError):
-        raise ValueError(f'--set {text}: {value!r} is not a {kind.__name__}') from None
+    return PlanSettings(**given | assigned(args.set))
 
 
 def _write(plan, args: argparse.Namespace) -> None:
@@ -275,23 +268,51 @@ def _write(plan, args: argparse.Namespace) -> None:
         args.out.mkdir(parents=True, exist_ok=True)
         (args.out / 'program.gcode').write_text(gcode(plan))
         (args.out / 'segments.csv').write_text(to_csv(plan))
+        if args.post == 'gcode-compact':
+            _write_compact(plan, args.out, args.tolerance * 1e-3)
         if args.post == 'fanuc':
-            _write_fanuc(plan, args.out)
+            _write_fanuc(plan, args.out, args.tolerance * 1e-3)
         save_plan(plan, args.out / 'plan.npz')
     if args.preview or args.out:
         folder = args.out or Path('.')
         draw(plan, folder / 'preview.png')
         write_page(plan, folder / 'preview.html')
+    if args.rerun:
+        _write_recording(plan, args.out or Path('.'))
     if args.out:
         print(f'written: {args.out}')
 
 
-def _write_fanuc(plan, folder: Path) -> None:
+def _write_recording(plan, folder: Path) -> None:
+    """What is drawn belongs to the viewer; it is only loaded here, and reads the plan as it is stored."""
+    import tempfile
+
+    from waam_plan.store import save_plan
+
+    try:
+        from waam_view.plan_scene import write_recording
+    except ImportError as error:
+        raise ValueError(f'--rerun needs waam_view and rerun ({error})') from None
+    with tempfile.TemporaryDirectory(prefix='waam_plan_') as scratch:
+        stored = Path(scratch) / 'plan.npz'
+        save_plan(plan, stored)
+        write_recording(stored, folder / 'preview.rrd')
+
+
+def _write_compact(plan, folder: Path, tolerance: float) -> None:
+    from waam_plan.posts import compact_gcode
+
+    text, s = compact_gcode(plan, tolerance)
+    (folder / 'compact.gcode').write_text(text)
+    print(f'compact.gcode: {s.after} moves instead of {s.before}, {s.share:.0%} saved')
+
+
+def _write_fanuc(plan, folder: Path, tolerance: float) -> None:
     from waam_plan.compact import fragments, saving
     from waam_plan.fanuc import write_ls
 
-    files = write_ls(plan)
+    files = write_ls(plan, tolerance=tolerance)
     for name, text in files.items():
         (folder / name).write_text(text)
-    s = saving(plan, fragments(plan))
+    s = saving(plan, fragments(plan, tolerance))
     print(f'{len(files)} .LS files; {s.after} points instead of {s.before}, {s.share:.0%} saved')

@@ -13,6 +13,9 @@ examples:
   waam correct program.gcode --diagonals 200 150 250.4 249.6 --out s.gcode  from a measured rectangle: sides, diagonals
   waam correct program.gcode --scale-x 1.0021 --out s.gcode               100 mm commanded, 100.21 mm measured
 
+The zero of the calibration is the work zero. Until a line has named X, Y and Z, a rapid (G0) moves only the axes it
+names: the first `G0 Z16` of a program lifts, the `G0 X Y` that follows puts the torch right. So begin with Z where it
+leans, as the programs of `waam plan` do; everything else before the place is known is refused, with its line.
 A picture of both programs on the calibrated axes is written beside the output.
 """
 
@@ -26,7 +29,12 @@ def register(commands) -> None:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument('program', type=Path, metavar='PROGRAM', help='G-code, straight moves')
+    p.add_argument(
+        'program',
+        type=Path,
+        metavar='PROGRAM',
+        help='G-code, straight moves; begins with G0 Z, then G0 X Y',
+    )
     for name, text in (
         ('y-to-x', 'the y axis leans towards +x (alpha)'),
         ('x-to-y', 'the x axis leans towards +y (beta)'),

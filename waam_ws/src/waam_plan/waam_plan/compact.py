@@ -28,6 +28,13 @@ class Move:
     via: Point | None = None
     pieces: int = 1
 
+    @property
+    def points(self) -> int:
+        """Positions that a robot's program needs for it, besides the start."""
+        if self.segment.kind == Kind.DWELL:
+            return 0
+        return 2 if self.via else 1
+
 
 @dataclass(frozen=True)
 class Fragment:
@@ -39,7 +46,7 @@ class Fragment:
 
 @dataclass(frozen=True)
 class Saving:
-    """Points of the program before and after; `share` is what was saved."""
+    """Positions of the program before and after; `share` is what was saved."""
 
     before: int
     after: int
@@ -49,22 +56,26 @@ class Saving:
         return 1.0 - self.after / self.before if self.before else 0.0
 
 
-def compact(segments: list[Segment], tolerance: float = TOLERANCE) -> list[Move]:
+def compact(
+    segments: list[Segment], tolerance: float = TOLERANCE, legs: bool = False
+) -> list[Move]:
     """Moves whose path keeps within `tolerance` (m) of the segments', in the same order.
 
-    Only deposits with the same setpoints (within 3 %) are joined; their metal per length becomes the mean.
+    Only deposits with the same setpoints (within 3 %) are joined; their metal per length becomes the mean. With `legs`
+    a straight idle leg, pieces of the harmonic law, is one move at its highest speed, for robots that accelerate by
+    themselves.
     """
     out: list[Move] = []
-    for run in _runs(segments):
+    for run in _runs(segments, legs):
         out.extend(_fit(run, tolerance))
     return out
 
 
-def _runs(segments: list[Segment]) -> Iterator[list[Segment]]:
+def _runs(segments: list[Segment], legs: bool) -> Iterator[list[Segment]]:
     """Consecutive segments that may become one move."""
     run: list[Segment] = []
     for s in segments:
-        if run and not _joins(run[0], run[-1], s):
+        if run and not _joins(run[0], run[-1], s, legs):
             yield run
             run = []
         run.append(s)
@@ -72,10 +83,12 @@ def _runs(segments: list[Segment]) -> Iterator[list[Segment]]:
         yield run
 
 
-def _joins(first: Segment, last: Segment, s: Segment) -> bool:
+def _joins(first: Segment, last: Segment, s: Segment, legs: bool) -> bool:
     same = (s.kind, s.arc, s.tool_axis) == (first.kind, first.arc, first.tool_axis)
-    if not same or s.kind != Kind.DEPOSIT or math.dist(last.end, s.start) > EQUAL:
+    if not same or math.dist(last.end, s.start) > EQUAL:
         return False
+    if s.kind != Kind.DEPOSIT:
+        return legs and s.kind == Kind.IDLE
     values = (
         (getattr(first, k), getattr(s, k))
         for k in ('speed', 'height', 'wire_feed_speed', 'voltage')
@@ -85,11 +98,12 @@ def _joins(first: Segment, last: Segment, s: Segment) -> bool:
 
 def _fit(run: list[Segment], tolerance: float) -> list[Move]:
     points = np.array([run[0].start, *(s.end for s in run)])
+    curved = run[0].kind == Kind.DEPOSIT
     moves, i = [], 0
     while i < len(run):
         line = _farthest(points, i, tolerance, _is_line)
         j, via = line, None
-        arc = _farthest(points, i, tolerance, _is_arc) if len(run) - i >= 3 else i
+        arc = _farthest(points, i, tolerance, _is_arc) if curved and len(run) - i >= 3 else i
         if arc > line + 1:
             j, via = arc, tuple(points[(i + arc) // 2].tolist())
         moves.append(Move(run[i].start, run[j - 1].end, _mean(run[i:j]), via, j - i))
@@ -149,9 +163,12 @@ def _is_arc(p: np.ndarray, tolerance: float) -> bool:
 
 
 def _mean(run: list[Segment]) -> Segment:
-    """Setpoints of a joined run: speeds, metal and feed as means over the length."""
+    """Setpoints of a joined run: speeds, metal and feed as means over the length; idle, the highest speed."""
     if len(run) == 1:
         return run[0]
+    if run[0].kind == Kind.IDLE:
+        fastest = max(s.speed for s in run)
+        return run[0].at(end=run[-1].end, speed=fastest, speed_programmed=fastest)
     weights = np.array([s.length for s in run])
     mean = {
         k: float(np.average([getattr(s, k) for s in run], weights=weights))
@@ -173,7 +190,8 @@ def fragments(plan: Plan, tolerance: float = TOLERANCE) -> list[Fragment]:
                 break
         else:
             known.append((layer, shape))
-            out.append(Fragment(compact(layer.segments, tolerance), [(layer.number, 0.0)]))
+            moves = compact(layer.segments, tolerance, legs=True)
+            out.append(Fragment(moves, [(layer.number, 0.0)]))
     for k, fragment in enumerate(out):
         if len(fragment.levels) > 1:
             out[k] = _low(fragment, known[k][0], plan.settings.clearance)
@@ -188,24 +206,31 @@ def _low(fragment: Fragment, layer: PlannedLayer, clearance: float) -> Fragment:
         return (p[0], p[1], min(p[2], top))
 
     moves = [replace(m, start=lowered(m.start), end=lowered(m.end)) for m in fragment.moves]
-    return Fragment([m for m in moves if m.via or m.start != m.end], fragment.levels)
+    stays = [m for m in moves if m.via or m.start != m.end or m.segment.kind == Kind.DWELL]
+    return Fragment(stays, fragment.levels)
 
 
 def _shape(layer: PlannedLayer) -> np.ndarray:
-    """(n, 8): ends relative to the layer's height, metal and speed; idle moves count by their place in plan view."""
+    """(n, 10): ends relative to the layer's height, metal, speed, dwell, arc; idle moves count in plan view."""
     deposits = layer.deposits
     low = deposits[0].start[2] if deposits else 0.0
     rows = []
     for s in layer.segments:
         z = (s.start[2] - low, s.end[2] - low) if s.kind == Kind.DEPOSIT else (0.0, 0.0)
-        rows.append((*s.start[:2], z[0], *s.end[:2], z[1], s.height, s.speed))
-    return np.array(rows).reshape(-1, 8)
+        rows.append((*s.start[:2], z[0], *s.end[:2], z[1], s.height, s.speed, s.dwell, s.arc))
+    return np.array(rows).reshape(-1, 10)
 
 
 def saving(plan: Plan, found: list[Fragment]) -> Saving:
-    """Points with the arc on: in the plan, and in the fragments."""
-    before = sum(len(layer.deposits) for layer in plan.layers)
-    after = sum(
-        m.segment.kind == Kind.DEPOSIT and 1 + (m.via is not None) for f in found for m in f.moves
-    )
+    """Positions of a robot's program: one per layer with a line to every point, and in the fragments.
+
+    Counted by one rule: where it begins, one for a line, two for an arc, one for a straight idle leg.
+    """
+    before = sum(1 + len(p.deposits) + _legs(p) for p in plan.layers)
+    after = sum(1 + sum(m.points for m in f.moves) for f in found)
     return Saving(before, after)
+
+
+def _legs(layer: PlannedLayer) -> int:
+    idle = [s for s in layer.segments if s.kind == Kind.IDLE]
+    return len(compact(idle, legs=True))

@@ -2,7 +2,8 @@
 
 Every fragment holds at most 2000 points and 600 KB. Equal layers are one fragment, called with an offset in PR[1].
 Speed and wire feed are written in each motion line and in an analogue output; the arc and the gas are digital outputs,
-and the main program ends with source, feed and gas off, gas last. `read_ls` reads the programs back.
+and the main program ends with source, feed and gas off, gas last. The robot accelerates by itself, so a straight idle
+leg is one line to a FINE point, at the highest speed that was planned on it. `read_ls` reads the programs back.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from waam_plan.compact import Fragment, Move, circle, fragments
+from waam_plan.compact import TOLERANCE, Fragment, Move, circle, fragments
 from waam_plan.plan import Plan
 from waam_plan.posts import with_base_feed
 from waam_process.segment import Kind, Point
@@ -32,7 +33,7 @@ class FanucSettings:
     gas_output: int = 2
     feed_output: int = 1  # AO, m/min
     orientation: Point = (180.0, 0.0, 0.0)
-    lead: float = 0.1  # s by which the arc output is set before the point is reached
+    lead: float = 0.1  # s before the end of a bead at which its arc output goes off
     smoothing: int = 100  # CNT along a bead
 
 
@@ -41,7 +42,10 @@ class FanucError(ValueError):
 
 
 def write_ls(
-    plan: Plan, name: str = 'WAAM', settings: FanucSettings | None = None
+    plan: Plan,
+    name: str = 'WAAM',
+    settings: FanucSettings | None = None,
+    tolerance: float = TOLERANCE,
 ) -> dict[str, str]:
     """File name -> text: the main program `<name>.LS`, its fragments `<name>001.LS` ... FanucError for a bad name."""
     if not re.fullmatch(r'[A-Z][A-Z0-9_]{0,25}', name):
@@ -49,7 +53,7 @@ def write_ls(
     settings = settings or FanucSettings()
     files: dict[str, str] = {}
     calls: dict[int, list[tuple[str, float]]] = {}
-    for fragment in fragments(_with_feeds(plan)):
+    for fragment in fragments(_with_feeds(plan), tolerance):
         parts = []
         for moves in _split(fragment):
             part = f'{name}{len(files) + 1:03d}'
@@ -89,7 +93,7 @@ def _split(fragment: Fragment) -> list[list[Move]]:
 
 
 def _points(moves: list[Move]) -> int:
-    return 1 + sum(2 if m.via else 1 for m in moves)
+    return 1 + sum(m.points for m in moves)
 
 
 @dataclass
@@ -103,7 +107,9 @@ class _Body:
 
 
 def _body(moves: list[Move], settings: FanucSettings) -> _Body:
-    """Motion lines. The arc goes on `lead` seconds before the start of a bead is reached, off at its end."""
+    """Motion lines. The arc is lit at the start of a bead, where the robot stands, and goes off `lead` seconds before
+    its end is reached; a bead that ends with a dwell burns to the end of it.
+    """
     body = _Body([], [])
     feed = -1.0
     first = moves[0]
@@ -118,9 +124,12 @@ def _body(moves: list[Move], settings: FanucSettings) -> _Body:
             body.lines.append(f'DO[{settings.arc_output}]=ON')
         arc = s.arc
         goes_on = i + 1 < len(moves) and moves[i + 1].segment.arc == s.arc
-        stop = f'CNT{settings.smoothing}' if goes_on and s.arc else 'FINE'
+        flows = goes_on and s.arc and moves[i + 1].segment.kind != Kind.DWELL
+        stop = f'CNT{settings.smoothing}' if flows else 'FINE'
         if s.kind == Kind.DWELL:
             body.lines.append(f'WAIT {s.dwell:6.2f}(sec)')
+            if s.arc and not goes_on:
+                body.lines.append(f'DO[{settings.arc_output}]=OFF')
             continue
         tail = (
             ''

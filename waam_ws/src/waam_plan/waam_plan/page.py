@@ -24,7 +24,7 @@ COLUMNS = (
     ('wire m', lambda e: f'{e.wire:.2f}'),
     ('gas l', lambda e: f'{e.gas * 1e3:.1f}'),
     ('energy kJ', lambda e: f'{e.heat / 1e3:.0f}'),
-    ('heat input kJ/mm', lambda e: f'{e.heat_input / 1e6:.3f}'),
+    ('heat input J/mm', lambda e: f'{e.heat_input / 1e3:.0f}'),
 )
 
 
@@ -54,10 +54,11 @@ def write_page(plan: Plan, path: Path | str) -> None:
 def _totals(plan: Plan) -> str:
     found = estimates(plan)
     s = plan.settings
+    burning = sum(e.arc_time for e in found)
     rows = (
         (
             'time',
-            f'{plan.duration / 60:.1f} min, {plan.arc_time / 60:.1f} min of it with the arc on',
+            f'{plan.duration / 60:.1f} min, {burning / 60:.1f} min of it with the arc on',
         ),
         ('wire', f'{plan.wire:.1f} m of {s.wire_diameter * 1e3:g} mm'),
         ('metal', f'{plan.volume * 1e6:.1f} cm3'),
@@ -67,8 +68,19 @@ def _totals(plan: Plan) -> str:
         ('strategy', f'{s.strategy}, {s.alternation}'),
     )
     cells = ''.join(f'<tr><th>{html.escape(a)}<td>{html.escape(b)}' for a, b in rows)
-    note = 'Without acceleration, cooling between layers and scans.'
-    return f'<table class="totals">{cells}</table><p>{note}</p>'
+    return f'<table class="totals">{cells}</table>' + ''.join(f'<p>{t}</p>' for t in _notes(plan))
+
+
+def _notes(plan: Plan) -> list[str]:
+    """What the figures are made of."""
+    s = plan.settings
+    return [
+        'Time without acceleration, cooling between layers and scans.',
+        f'Gas: {s.gas_flow * 60e3:g} l/min (gas_flow) while the arc burns.',
+        f'Energy and heat input are from a set power of {s.arc_power:g} W (arc_power), not from a model of the arc: '
+        f'the current is known only when the job runs. Heat input: {s.arc_efficiency:g} (arc_efficiency) times power '
+        'times arc time, over the length of the beads. A job reports its measured I U / V, without that factor.',
+    ]
 
 
 def _warnings(plan: Plan) -> str:

@@ -6,8 +6,12 @@ import csv
 import io
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
+from waam_plan.compact import TOLERANCE, Saving, circle, compact
 from waam_plan.plan import Plan
 from waam_plan.settings import SECTION, PlanSettings
 from waam_process.segment import Kind, Point, Segment
@@ -43,20 +47,37 @@ def base_feed(segment: Segment, settings: PlanSettings) -> float:
 
 
 def with_base_feed(segments: list[Segment], settings: PlanSettings) -> list[Segment]:
-    """Deposits without setpoints get wire feed by eq 2.17 and the voltage of the settings; others are unchanged."""
-    return [
+    """Deposits without setpoints get wire feed by eq 2.17 and the voltage of the settings; others are unchanged.
+
+    Dwells with the arc on burn with the setpoints of the deposit that follows; at the end, with those of the last one.
+    """
+    filled = [
         s.at(wire_feed_speed=base_feed(s, settings), voltage=settings.voltage)
         if s.kind == Kind.DEPOSIT and s.wire_feed_speed == 0
         else s
         for s in segments
     ]
+    return _handed_on(_handed_on(filled[::-1])[::-1])
+
+
+def _handed_on(segments: list[Segment]) -> list[Segment]:
+    """What burns without wire feed takes feed and voltage of the segment before, while the arc stays on."""
+    out: list[Segment] = []
+    last: Segment | None = None
+    for s in segments:
+        if s.arc and s.wire_feed_speed == 0 and last is not None:
+            s = s.at(wire_feed_speed=last.wire_feed_speed, voltage=last.voltage)
+        last = s if s.arc and s.wire_feed_speed > 0 else None
+        out.append(s)
+    return out
 
 
 def gcode(program: Plan | list[Segment], settings: PlanSettings | None = None) -> str:
     """Program in mm, mm/min and V. W is the wire feed speed, a velocity of its own; arc on is M3, off M5.
 
     Segments without setpoints get those of the settings (a plan's own by default), so that the program can run
-    without correction. The first move lifts to the height of the first point, then travels.
+    without correction. The first move lifts to the height of the first point, then travels. Planned moves are G1,
+    with the arc off too: the controller takes no speed for G0, which is left for the way to the first point.
     """
     if isinstance(program, Plan):
         settings = settings or program.settings
@@ -64,9 +85,25 @@ def gcode(program: Plan | list[Segment], settings: PlanSettings | None = None) -
         head = _header(program)
     else:
         segments, head = list(program), [f'; {len(program)} segments']
+    moves = ((s, None) for s in with_base_feed(segments, settings or PlanSettings()))
+    return _text(head, moves)
+
+
+def compact_gcode(plan: Plan, tolerance: float = TOLERANCE) -> tuple[str, Saving]:
+    """The same program with long lines and arcs (G2, G3) within `tolerance` (m) of the path; its moves, counted.
+
+    Idle moves keep the pieces of the harmonic law. There are no subprograms: equal layers are written one by one.
+    """
+    segments = [s for layer in plan.layers for s in layer.segments]
+    moves = compact(with_base_feed(segments, plan.settings), tolerance)
+    text = _text([*_header(plan), 'G17 ; arcs in XY'], ((m.segment, m.via) for m in moves))
+    return text, Saving(len(segments), len(moves))
+
+
+def _text(head: list[str], moves: Iterable[tuple[Segment, Point | None]]) -> str:
+    """moves: each with its via point, None for a line."""
     out = [*head, 'G21 ; mm', 'G90 ; absolute', 'G54 ; work zero']
-    out.extend(_moves(with_base_feed(segments, settings or PlanSettings())))
-    return '\n'.join([*out, 'M30', ''])
+    return '\n'.join([*out, *_moves(moves), 'M30', ''])
 
 
 def _header(plan: Plan) -> list[str]:
@@ -87,10 +124,10 @@ def _plain(text: str) -> str:
     return text.encode('ascii', 'replace').decode().replace('\n', ' ')
 
 
-def _moves(segments: list[Segment]) -> list[str]:
+def _moves(moves: Iterable[tuple[Segment, Point | None]]) -> list[str]:
     out: list[str] = []
     arc, layer, setpoint, here = False, -1, (0.0, 0.0), None
-    for s in segments:
+    for s, via in moves:
         if s.layer != layer:
             layer = s.layer
             out.append(f'; layer {layer}')
@@ -105,7 +142,7 @@ def _moves(segments: list[Segment]) -> list[str]:
         if s.arc and not arc:
             out.append('M3')
             arc = True
-        out.append(_move(s))
+        out.append(_move(s, via))
         here = s.end
     if arc:
         out.append('M5')
@@ -118,12 +155,20 @@ def _jump(s: Segment) -> list[str]:
     return [f'G0 Z{z}', f'G0 X{x} Y{y}']
 
 
-def _move(s: Segment) -> str:
+def _move(s: Segment, via: Point | None) -> str:
     if s.kind == Kind.DWELL:
         return f'G4 P{s.dwell:.3f}'
     x, y, z = (v * 1e3 for v in s.end)
-    word = 'G0' if s.kind == Kind.IDLE else 'G1'
-    return f'{word} X{x:.3f} Y{y:.3f} Z{z:.3f} F{s.speed * 60e3:.1f}'
+    word, centre = _arc(s, via) if via else ('G1', '')
+    return f'{word} X{x:.3f} Y{y:.3f} Z{z:.3f}{centre} F{s.speed * 60e3:.1f}'
+
+
+def _arc(s: Segment, via: Point) -> tuple[str, str]:
+    """Word of the arc through `via` (all at one height), and its centre as seen from the start."""
+    a, m, b = (np.array(p) for p in (s.start, via, s.end))
+    i, j = (circle(a, m, b)[0] - a)[:2] * 1e3
+    word = 'G3' if np.cross(m - a, b - a)[2] > 0 else 'G2'
+    return word, f' I{i:.4f} J{j:.4f}'
 
 
 _WORD = re.compile(r'([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))')

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from waam_plan.picture3d import draw_space
 from waam_plan.plan import Plan, PlannedLayer
 
 SHOWN = 6  # layers drawn at most
@@ -20,16 +21,16 @@ class LayerEstimate:
     beads: int
     arc_starts: int
     length: float  # m of bead
-    arc_time: float  # s
+    arc_time: float  # s, with the time that the arc burns before the torch moves
     duration: float  # s without acceleration
     wire: float  # m
     mass_share: float  # metal of the segments over metal of the map
-    heat: float  # J of the arc, before efficiency
+    heat: float  # J of the arc, before its efficiency; from the set power
     height_mean: float  # m
     height_min: float
     height_max: float
     gas: float = 0.0  # m3
-    heat_input: float = 0.0  # J/m of bead, what reaches the part
+    heat_input: float = 0.0  # J/m of bead that reach the part: I U eta_th / V, eq 2.18
 
 
 def estimates(plan: Plan) -> list[LayerEstimate]:
@@ -39,6 +40,7 @@ def estimates(plan: Plan) -> list[LayerEstimate]:
 
 def _estimate(plan: Plan, layer: PlannedLayer) -> LayerEstimate:
     s = plan.settings
+    burning = sum(segment.duration for segment in layer.segments if segment.arc)
     height = np.array([d.height for d in layer.deposits])
     want = layer.planned.sum() * plan.spec.resolution**2
     return LayerEstimate(
@@ -46,16 +48,16 @@ def _estimate(plan: Plan, layer: PlannedLayer) -> LayerEstimate:
         layer.beads,
         layer.arc_starts,
         layer.length,
-        layer.arc_time,
+        burning,
         layer.duration,
         layer.volume / (s.wire_area * s.efficiency),
         layer.volume / want if want > 0 else 1.0,
-        s.arc_power * layer.arc_time,
+        s.arc_power * burning,
         float(height.mean()),
         float(height.min()),
         float(height.max()),
-        s.gas_flow * layer.arc_time,
-        s.arc_efficiency * s.arc_power * layer.arc_time / max(layer.length, 1e-9),
+        s.gas_flow * burning,
+        s.arc_efficiency * s.arc_power * burning / max(layer.length, 1e-9),
     )
 
 
@@ -71,29 +73,32 @@ def table(plan: Plan) -> str:
             f'{e.height_max * 1e3:6.2f}        {e.mass_share:6.1%}'
         )
     if found:
+        burning, heat = sum(e.arc_time for e in found), sum(e.heat for e in found)
         lines.append(
-            f'total {plan.beads:6d} {plan.arc_starts:5d} {plan.length:7.2f} {plan.arc_time:6.0f} '
-            f'{plan.duration:8.0f} {plan.wire:7.2f} {sum(e.heat for e in found) / 1e3:8.0f}'
+            f'total {plan.beads:6d} {plan.arc_starts:5d} {plan.length:7.2f} {burning:6.0f} '
+            f'{plan.duration:8.0f} {plan.wire:7.2f} {heat / 1e3:8.0f}'
         )
     return '\n'.join(lines)
 
 
 def draw(plan: Plan, path: Path | str) -> None:
-    """Writes a PNG: as-found depth, path and planned metal of up to six layers, a section through the middle."""
+    """Writes a PNG: the path in space; beside it as-found depth, a section through the middle, path and planned metal
+    of up to six layers."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     shown = _shown(plan)
-    panels = 2 + len(shown)
-    cols = min(4, panels)
-    rows = -(-panels // cols)
-    figure = Figure(figsize=(4.6 * cols, 3.9 * rows), layout='constrained')
+    cols = 2 if len(shown) <= 2 else 3 if len(shown) <= 4 else 4
+    rows = -(-(2 + len(shown)) // cols)
+    figure = Figure(figsize=(8.5 + 4.2 * cols, 3.8 * rows), layout='constrained')
     FigureCanvasAgg(figure)
-    axes = [figure.add_subplot(rows, cols, i + 1) for i in range(panels)]
     figure.suptitle(
         f'{plan.name} ({plan.mode}): {len(plan.layers)} layers, {plan.beads} beads, {plan.arc_starts} arc starts, '
         f'{plan.wire:.1f} m wire, {plan.duration / 60:.1f} min'
     )
+    space, maps = figure.subfigures(1, 2, width_ratios=[8.5, 4.2 * cols])
+    draw_space(plan, space.add_subplot(projection='3d'))
+    axes = [maps.add_subplot(rows, cols, i + 1) for i in range(2 + len(shown))]
     _draw_depth(plan, axes[0])
     _draw_section(plan, axes[1])
     for axis, layer in zip(axes[2:], shown, strict=True):

@@ -35,11 +35,13 @@ def plan_restoration(
     settings: PlanSettings,
     layers: int = 0,
     laid: int = 0,
+    below: np.ndarray | None = None,
 ) -> Plan:
     """Plan the metal between `as_found` and `nominal` (m, same grid, work frame, NaN = unknown or outside).
 
     layers: at most so many layers, counted from the bottom; 0 = all. Asking for more than there are gives a
     warning. laid: layers that lie there already; directions and starts alternate on from them, numbers begin at 1.
+    below: (n, 2) m, arc starts of the last layer that lies there.
     Raises PlanError when the grids differ, the scan misses too much or the machine cannot reach.
     """
     if layers < 0:
@@ -60,7 +62,7 @@ def plan_restoration(
         nominal.spec, count, thickness, wanted, found, smooth, as_found.z, safe_z, laid, settings
     )
     with collector_paused():
-        planned = _layers(job, total, use)
+        planned = _layers(job, total, use, np.zeros((0, 2)) if below is None else below)
     region = np.any([p.footprint for p in planned], axis=0) if planned else count > 0
     half_bead = settings.bead_width / 2 / nominal.spec.resolution
     _warn(wanted - found, count, planned, use == total, settings, nominal, warnings)
@@ -173,11 +175,11 @@ class _Restoration:
     settings: PlanSettings
 
 
-def _layers(job: _Restoration, total: int, use: int) -> list[PlannedLayer]:
+def _layers(job: _Restoration, total: int, use: int, below: np.ndarray) -> list[PlannedLayer]:
     planned: list[PlannedLayer] = []
     for number in range(1, use + 1):
-        below = arc_starts(planned[-1].segments) if planned else np.zeros((0, 2))
         planned.append(_layer(job, number, total - number + 1, below))
+        below = arc_starts(planned[-1].segments)
     return planned
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 Triple = tuple[float, float, float]
@@ -19,7 +20,7 @@ IDLE_LAWS = ('harmonic', 'plain')
 
 
 class SettingsError(ValueError):
-    """A setting out of range; the text names field, value and limit."""
+    """Settings out of range; the text names every field, its value and limit."""
 
 
 # field: (lowest, highest), both allowed
@@ -73,6 +74,8 @@ _LIMITS: dict[str, Pair] = {
     'gas_flow': (0.0, 2e-3),
 }
 
+
+_LENGTHS = {'scanner_offset': 3, 'machine_min': 3, 'machine_max': 3, 'scanner_range': 2}
 
 _CHOICES = {
     'direction': DIRECTIONS,
@@ -155,37 +158,22 @@ class PlanSettings:
     gas_flow: float = 2.5e-4  # m3/s of shielding gas while the arc burns (15 l/min)
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            self._check_numbers(f.name, getattr(self, f.name))
-        for name, (low, high) in _LIMITS.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise SettingsError(f'{name} is {value:g}, must be between {low:g} and {high:g}')
-        for name, allowed in _CHOICES.items():
-            if getattr(self, name) not in allowed:
-                raise SettingsError(
-                    f'{name} is {getattr(self, name)!r}, must be one of {", ".join(allowed)}'
-                )
+        wrong = [p for f in fields(self) if (p := _problem(f.name, getattr(self, f.name)))]
+        wrong = wrong or self._contradictions()
+        if wrong:
+            raise SettingsError('; '.join(wrong))
+
+    def _contradictions(self) -> list[str]:
+        """Between fields that are right by themselves."""
+        wrong = []
         if self.speed_max < self.speed:
-            raise SettingsError(f'speed_max is {self.speed_max:g}, below speed {self.speed:g}')
+            wrong.append(f'speed_max is {self.speed_max:g}, below speed {self.speed:g}')
         if self.scanner_range[0] >= self.scanner_range[1]:
-            raise SettingsError(f'scanner_range {self.scanner_range} must be (lowest, highest)')
+            wrong.append(f'scanner_range {self.scanner_range} must be (lowest, highest)')
         for low, high, axis in zip(self.machine_min, self.machine_max, 'xyz', strict=True):
             if low >= high:
-                raise SettingsError(
-                    f'machine_min {axis} is {low:g}, not below machine_max {high:g}'
-                )
-
-    @staticmethod
-    def _check_numbers(name: str, value: object) -> None:
-        lengths = {'scanner_offset': 3, 'machine_min': 3, 'machine_max': 3, 'scanner_range': 2}
-        if name in _CHOICES:
-            return
-        if name in lengths and (not isinstance(value, tuple) or len(value) != lengths[name]):
-            raise SettingsError(f'{name} is {value!r}, must be {lengths[name]} numbers')
-        for v in value if isinstance(value, tuple) else (value,):
-            if not isinstance(v, (int, float)) or not math.isfinite(v):
-                raise SettingsError(f'{name} is {value!r}, not a finite number')
+                wrong.append(f'machine_min {axis} is {low:g}, not below machine_max {high:g}')
+        return wrong
 
     @property
     def pitch(self) -> float:
@@ -196,3 +184,62 @@ class PlanSettings:
     def wire_area(self) -> float:
         """Section of the wire, m2."""
         return math.pi * self.wire_diameter**2 / 4
+
+
+def _problem(name: str, value: object) -> str:
+    """What is wrong with one field by itself, '' when nothing is."""
+    if name in _CHOICES:
+        allowed = _CHOICES[name]
+        return (
+            '' if value in allowed else f'{name} is {value!r}, must be one of {", ".join(allowed)}'
+        )
+    if name in _LENGTHS and (not isinstance(value, tuple) or len(value) != _LENGTHS[name]):
+        return f'{name} is {value!r}, must be {_LENGTHS[name]} numbers'
+    for v in value if isinstance(value, tuple) else (value,):
+        if not isinstance(v, (int, float)) or not math.isfinite(v):
+            return f'{name} is {value!r}, not a finite number'
+    low, high = _LIMITS.get(name, (-math.inf, math.inf))
+    if name in _LIMITS and not low <= value <= high:
+        return f'{name} is {value:g}, must be between {low:g} and {high:g}'
+    return ''
+
+
+def assigned(texts: Iterable[str], elsewhere: Iterable[str] = ()) -> dict[str, object]:
+    """{field: value} of texts 'NAME=VALUE' (SI). elsewhere: fields that are given in another way and not so.
+
+    Raises SettingsError with everything that is wrong.
+    """
+    kinds = {f.name: type(f.default) for f in fields(PlanSettings) if f.name not in set(elsewhere)}
+    given: dict[str, object] = {}
+    wrong, unknown = [], False
+    for text in texts:
+        name, equals, value = text.partition('=')
+        if not equals:
+            wrong.append(f'{text}: not of the form NAME=VALUE')
+        elif name in elsewhere:
+            wrong.append(f'{text}: {name} is given by the goal or the machine, not as a setting')
+        elif name not in kinds:
+            unknown = True
+            wrong.append(f'{text}: there is no setting {name}')
+        else:
+            given[name] = _value(value, kinds[name])
+            told = given[name] is None and f'{value!r} is not a {kinds[name].__name__}'
+            if told := told or _problem(name, given[name]):
+                wrong.append(f'{text}: {told}')
+    if unknown:
+        wrong.append(f'known: {", ".join(kinds)}')
+    if wrong:
+        raise SettingsError('; '.join(wrong))
+    return given
+
+
+def _value(text: str, kind: type) -> object:
+    """None when the text is no value of this kind."""
+    try:
+        if kind is bool:
+            return {'true': True, 'false': False}[text.lower()]
+        if kind is tuple:
+            return tuple(float(v) for v in text.split(','))
+        return kind(text)
+    except (ValueError, KeyError):
+        return None

@@ -105,111 +105,130 @@ def angles_from_diagonals(side_x: float, side_y: float, rising: float, falling: 
 
 _WORD = re.compile(r'([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))')
 _COMMENT = re.compile(r'\([^)]*\)|;.*')
+_TOKEN = re.compile(f'{_COMMENT.pattern}|{_WORD.pattern}')  # group 1: the letter of a word
 
 
 def correct_gcode(text: str, matrix: np.ndarray) -> str:
     """The program with every commanded point replaced by matrix @ point. Other words, comments and lines stay.
 
-    Straight moves, absolute (G90) and relative (G91). SkewError naming the line for arcs (their image is no circle),
-    G92, and words whose partner is not known yet (a first X without Y on an axis pair that is not square).
+    Straight moves, absolute (G90) and relative (G91). A rapid (G0) moves only axes that the program has named so far:
+    `G0 Z50` at the beginning lifts, and leaves X and Y, which lean with Z, to the first line that names them.
+    SkewError naming the line for arcs (their image is no circle), G92, and words whose partner is not known yet (a
+    first X without Y on an axis pair that is not square).
     """
     program = _Program(matrix)
     return '\n'.join(program.line(raw, n) for n, raw in enumerate(text.split('\n'), 1))
 
 
-class _Program:
-    """Modal state: what the program wants and whether it says so in absolute or relative coordinates."""
+class _Place:
+    """Modal state: where the program wants the torch (3,), NaN = it has not said, and how it says so."""
 
-    def __init__(self, matrix: np.ndarray) -> None:
-        self.matrix = matrix
+    def __init__(self) -> None:
         self.wanted = np.full(3, np.nan)
         self.relative = False
+        self.rapid = False
+
+    def read(self, raw: str) -> tuple[set[float], dict[str, float]]:
+        """G codes of a line and its X, Y, Z, none where they are no place in the work frame."""
+        words = [(letter.upper(), float(v)) for letter, v in _WORD.findall(_COMMENT.sub('', raw))]
+        codes = {v for letter, v in words if letter == 'G'}
+        if codes & {90.0, 91.0}:
+            self.relative = 91.0 in codes
+        if codes & {0.0, 1.0, 2.0, 3.0}:
+            self.rapid = 0.0 in codes
+        if codes & {28.0, 53.0}:  # machine moves: the place is unknown afterwards
+            self.wanted[:] = np.nan
+        elsewhere = codes & {10.0, 28.0, 53.0}
+        return codes, {} if elsewhere else {letter: v for letter, v in words if letter in 'XYZ'}
+
+    def go(self, given: dict[str, float]) -> np.ndarray:
+        """The words (3,), NaN where there is none; `wanted` follows them."""
+        values = np.array([given.get(a, np.nan) for a in 'XYZ'])
+        if self.relative:
+            self.wanted = self.wanted + np.nan_to_num(values)
+        else:
+            self.wanted = np.where(np.isfinite(values), values, self.wanted)
+        return values
+
+
+class _Program(_Place):
+    """Corrects a program line by line."""
+
+    def __init__(self, matrix: np.ndarray) -> None:
+        super().__init__()
+        self.matrix = matrix
+        self.needed = np.abs(matrix) > 1e-15
 
     def line(self, raw: str, number: int) -> str:
-        code = _COMMENT.sub('', raw)
-        words = [(letter.upper(), float(v)) for letter, v in _WORD.findall(code)]
-        codes = {v for letter, v in words if letter == 'G'}
-        self._check(codes, number)
-        given = {letter: v for letter, v in words if letter in 'XYZ'}
-        if (
-            28 in codes or 53 in codes
-        ):  # machine moves: nothing to correct, and the place is unknown afterwards
-            self.wanted[:] = np.nan
-            return raw
-        if not given or 10 in codes:
-            return raw
-        return self._replaced(raw, self._commanded(given, number))
-
-    def _check(self, codes: set[float], number: int) -> None:
+        codes, given = self.read(raw)
         if codes & {2.0, 3.0}:
             raise SkewError(
                 f'line {number}: an arc becomes an ellipse on these axes; write it as lines'
             )
         if 92 in codes:
             raise SkewError(f'line {number}: G92 moves the zero that the correction is about')
-        if codes & {90.0, 91.0}:
-            self.relative = 91.0 in codes
+        return self._replaced(raw, self._commanded(given, number)) if given else raw
 
     def _commanded(self, given: dict[str, float], number: int) -> dict[str, float]:
-        values = np.array([given.get(a, np.nan) for a in 'XYZ'])
-        if self.relative:
-            step = np.nan_to_num(values)
-            self.wanted = self.wanted + step
-            point = self.matrix @ step
-        else:
-            self.wanted = np.where(np.isfinite(values), values, self.wanted)
-            point = self._product(number, given)
-        touched = np.abs(self.matrix - np.eye(3)) > 1e-15
-        moved = [
-            a in given or any(touched[i, j] and b in given for j, b in enumerate('XYZ'))
-            for i, a in enumerate('XYZ')
-        ]
-        return {a: float(point[i]) for i, a in enumerate('XYZ') if moved[i]}
-
-    def _product(self, number: int, given: dict[str, float]) -> np.ndarray:
-        point = np.full(3, np.nan)
+        """Words of the corrected line: of every axis that a given one has a part in."""
+        values = self.go(given)
+        point = np.nan_to_num(values) if self.relative else self.wanted
+        out: dict[str, float] = {}
         for i, axis in enumerate('XYZ'):
-            needed = np.abs(self.matrix[i]) > 1e-15
+            needed = self.needed[i]
             asked = any(needed[j] and b in given for j, b in enumerate('XYZ'))
-            if asked and not np.isfinite(self.wanted[needed]).all():
-                missing = [b for j, b in enumerate('XYZ') if needed[j] and np.isnan(self.wanted[j])]
-                raise SkewError(
-                    f'line {number}: {axis} depends on {", ".join(missing)}, which the program has not said yet'
-                )
-            if asked:
-                point[i] = self.matrix[i, needed] @ self.wanted[needed]
-        return point
+            if asked and not self._waits(i, given):
+                self._check_known(axis, needed & np.isnan(point), number)
+                out[axis] = float(self.matrix[i, needed] @ point[needed])
+        return out
+
+    def _waits(self, i: int, given: dict[str, float]) -> bool:
+        """An axis that no line has named yet stays where it is during a rapid of the others."""
+        return (
+            self.rapid and not self.relative and 'XYZ'[i] not in given and np.isnan(self.wanted[i])
+        )
+
+    @staticmethod
+    def _check_known(axis: str, missing: np.ndarray, number: int) -> None:
+        if missing.any():
+            names = ', '.join(a for a, m in zip('XYZ', missing, strict=True) if m)
+            raise SkewError(
+                f'line {number}: {axis} depends on {names}, which the program has not said yet; '
+                'begin with G0 Z, then G0 X Y'
+            )
 
     @staticmethod
     def _replaced(raw: str, point: dict[str, float]) -> str:
         """The line with its words replaced in place; words that were not there follow the last of X, Y, Z."""
-        head, comment = raw, ''
-        if match := _COMMENT.search(raw):
-            head, comment = raw[: match.start()], raw[match.start() :]
         left = dict(point)
 
         def swap(match: re.Match) -> str:
-            axis = match[1].upper()
+            axis = (match[1] or '').upper()
             return f'{axis}{left.pop(axis):.4f}' if axis in left else match[0]
 
-        out = _WORD.sub(swap, head)
+        out = _TOKEN.sub(swap, raw)
         if left:
-            last = max(m.end() for m in _WORD.finditer(out) if m[1].upper() in 'XYZ')
+            last = max(m.end() for m in _TOKEN.finditer(out) if (m[1] or '-').upper() in 'XYZ')
             extra = ''.join(f' {axis}{value:.4f}' for axis, value in left.items())
             out = out[:last] + extra + out[last:]
-        return out + comment
+        return out
 
 
 def points_of(text: str) -> np.ndarray:
-    """(n, 3) end points of the absolute moves of a G-code text, in its units; for pictures and checks."""
-    here, out = np.full(3, np.nan), []
+    """(n, 3) end points of the moves of a G-code text, in its units; for pictures and checks.
+
+    Absolute moves count from where X, Y and Z are known; relative ones (G91) from an unknown place count from 0.
+    """
+    place, out = _Place(), []
     for raw in text.split('\n'):
-        words = {a.upper(): float(v) for a, v in _WORD.findall(_COMMENT.sub('', raw))}
-        if not words.keys() & set('XYZ'):
+        _, given = place.read(raw)
+        if not given:
             continue
-        here = np.array([words.get(a, here[i]) for i, a in enumerate('XYZ')])
-        if np.isfinite(here).all():
-            out.append(here)
+        if place.relative:
+            place.wanted = np.nan_to_num(place.wanted)
+        place.go(given)
+        if np.isfinite(place.wanted).all():
+            out.append(place.wanted.copy())
     return np.array(out).reshape(-1, 3)
 
 

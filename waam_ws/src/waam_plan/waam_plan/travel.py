@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 
 from waam_plan.path import Pieces
 from waam_plan.plan import hop, leg
+from waam_plan.posts import base_feed
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Point, Segment
@@ -127,14 +128,48 @@ def connected(
     return out
 
 
+def relaid(
+    segments: list[Segment],
+    z: float,
+    layer: int,
+    ceiling: Ceiling,
+    safe_z: float,
+    settings: PlanSettings,
+) -> list[Segment]:
+    """A planned layer at height z (m): the same runs, already put out before their ends, with new ways between them."""
+    runs: list[Run] = []
+    for s in segments:
+        if s.length > 0 and (s.arc or _is_tail(s)):
+            start, end = (*s.start[:2], z), (*s.end[:2], z)
+            if not runs or runs[-1][-1].end != start:
+                runs.append([])
+            runs[-1].append(s.at(start=start, end=end, layer=layer))
+    return connected(runs, layer, ceiling, safe_z, replace(settings, lead_off=0.0))
+
+
+def _is_tail(s: Segment) -> bool:
+    """The end of a run that is travelled without arc has the width of its bead; ways between runs have none."""
+    return s.kind == Kind.IDLE and s.width > 0
+
+
 def _with_leads(run: Run, settings: PlanSettings) -> list[Segment]:
-    """The run with the arc lit before it moves and put out before the end of the path."""
+    """The run with the arc lit before it moves and put out before the end of the path.
+
+    What burns before the way has the feed and voltage of the first piece: a loop corrects deposits only.
+    """
     out = list(run)
     if settings.lead_off > 0:
         out = _tail(out, settings.lead_off)
     if settings.lead_on > 0:
         first = run[0]
-        lit = first.at(kind=Kind.DWELL, end=first.start, dwell=settings.lead_on, height=0.0)
+        lit = first.at(
+            kind=Kind.DWELL,
+            end=first.start,
+            dwell=settings.lead_on,
+            height=0.0,
+            wire_feed_speed=base_feed(first, settings),
+            voltage=settings.voltage,
+        )
         out.insert(0, lit)
     return out
 
