@@ -1,5 +1,6 @@
 """The dashboard as a process: records a synthetic job, keeps its heartbeats while maps flood it."""
 
+import json
 import os
 import socket
 import struct
@@ -13,18 +14,20 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from waam_msgs.msg import Heartbeat, JobStatus, LeaseTick
-from waam_node.qos import BEAT
+from waam_node.qos import BEAT, EVENTS
 from waam_node.testing import fresh_domain
 from waam_view import blueprint as bp
+from waam_view.report import write_report
 
 sys.path.insert(0, str(Path(__file__).parent))
 from synthetic_cell import Cell  # noqa: E402
-from synthetic_job import write_job  # noqa: E402
+from synthetic_job import make_report, write_job  # noqa: E402
 from test_drawing import entities  # noqa: E402
 
 START = 'from waam_view.dashboard_node import main; main()'
@@ -53,10 +56,19 @@ class Graph:
             lambda m: self.beats.append((time.monotonic(), m.controller_us)),
             BEAT,
         )
+        self.state = DiagnosticStatus()
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, EVENTS)
         self.ticks = self.node.create_publisher(LeaseTick, 'lease_tick', BEAT)
         names = [n for n in vars(self.cell) if n.endswith('_')]
         publishers = [getattr(self.cell, n) for n in names] + [self.ticks]
         self.until(lambda: all(p.get_subscription_count() for p in publishers), 90)
+
+    def _diagnosed(self, array: DiagnosticArray) -> None:
+        self.state = array.status[0]
+
+    def value(self, key: str) -> str:
+        """What the diagnostics say."""
+        return {v.key: v.value for v in self.state.values}.get(key, '')
 
     def until(self, condition, timeout: float) -> None:
         end = time.monotonic() + timeout
@@ -147,6 +159,83 @@ def test_an_old_latched_status_opens_no_file(graph, tmp_path):
     g.cell.telemetry(0.0)
     time.sleep(0.6)
     assert not list(tmp_path.glob('*.rrd'))
+
+
+def followed(g: Graph, folder: Path) -> None:
+    """A job begins, and the dashboard has heard of it."""
+    g.cell.status(0.0, JobStatus.SCANNING, str(folder))
+    g.until(lambda: list(folder.glob('*.rrd')), 60)
+    time.sleep(0.1)
+
+
+def ended_job(g: Graph, folder: Path, state: int, layers: int = 1) -> None:
+    """The job says that it has ended and only then writes its report, as the sequencer does."""
+    followed(g, folder)
+    g.cell.status(1.0, state, str(folder))
+    time.sleep(0.5)
+    write_job(folder / 'as_written_by_the_job', layers=layers, failed=state != JobStatus.DONE)
+    for path in (folder / 'as_written_by_the_job').iterdir():
+        path.rename(folder / path.name)
+    (folder / 'report.json').touch()
+
+
+@pytest.mark.parametrize('state', [JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED])
+def test_the_report_is_written_when_a_job_has_ended(graph, tmp_path, state):
+    """Nobody but the dashboard is there: no client, no panel."""
+    g = graph('grpc_port:=0')
+    folder = tmp_path / 'job'
+    folder.mkdir()
+    ended_job(g, folder, state)
+    g.until((folder / 'report.html').is_file, 90)
+    page = (folder / 'report.html').read_text()
+    assert page.rstrip().endswith('</html>')
+    assert ('arc did not strike' in page) == (state != JobStatus.DONE)
+    assert 'No scan was stored' not in page
+    g.until(lambda: g.value('report') == str(folder / 'report.html'), 20)
+
+
+def test_ticks_are_answered_while_a_long_report_is_made(graph, tmp_path):
+    g = graph('grpc_port:=0')
+    folder = tmp_path / 'job'
+    folder.mkdir()
+    ended_job(g, folder, JobStatus.DONE, layers=12)
+    count = 0
+    while not (folder / 'report.html').is_file():
+        count += 1
+        g.ticks.publish(LeaseTick(controller_us=count))
+        g.until(lambda n=count: g.beats and g.beats[-1][1] == n, 10)
+    assert count > 20
+
+
+def test_a_report_of_before_the_resume_is_not_taken_for_its_own(graph, tmp_path):
+    folder = tmp_path / 'job'
+    write_job(folder, layers=1, failed=True)
+    write_report(folder)
+    g = graph('grpc_port:=0')
+    followed(g, folder)
+    g.cell.status(1.0, JobStatus.DONE, str(folder))
+    time.sleep(1.5)
+    assert 'arc did not strike' in (folder / 'report.html').read_text()
+    report = make_report('closed_loop', 1, [1e-3, 1e-4], 'resumed anvil', False)
+    (folder / 'report.json').write_text(json.dumps(report))
+    g.until(lambda: 'resumed anvil' in (folder / 'report.html').read_text(), 90)
+
+
+def test_a_broken_report_is_a_warning_and_the_next_job_gets_its_page(graph, tmp_path):
+    g = graph('grpc_port:=0')
+    broken, good = tmp_path / 'broken', tmp_path / 'good'
+    write_job(broken, layers=1)
+    (broken / 'report.json').write_text('{"closed_loop": ')
+    g.cell.status(0.0, JobStatus.FAILED, str(broken))
+    g.until(lambda: 'report.json' in g.state.message and g.state.level == b'\x01', 90)
+    assert not (broken / 'report.html').exists()
+    write_job(good, layers=1)
+    g.cell.status(1.0, JobStatus.DONE, str(good))
+    g.until((good / 'report.html').is_file, 90)
+    g.until(lambda: g.state.message == 'ok', 20)
+    g.process.terminate()
+    assert g.process.wait(20) == 0
+    assert f'{broken}: no report.html' in g.process.stderr.read()
 
 
 def test_heartbeats_keep_their_rate_under_a_flood_of_maps(graph, tmp_path):

@@ -1,10 +1,14 @@
 """The report says what report.json says, needs nothing else, and survives what is missing."""
 
 import base64
+import dataclasses
 import json
 import re
 import shutil
+import struct
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +17,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from synthetic_job import write_demo, write_job  # noqa: E402
 
-from waam_view import canvas  # noqa: E402
+from waam_view import canvas, figures  # noqa: E402
+from waam_view.html import STYLE  # noqa: E402
 from waam_view.job_data import JobError, load_job, read_report  # noqa: E402
-from waam_view.report import write_all, write_report  # noqa: E402
+from waam_view.report import main, write_all, write_report  # noqa: E402
 
 SECTIONS = [
     'Height error', 'Layers', 'Arc and heat', 'Corrections', 'Limits, drop-outs and faults',
@@ -64,12 +69,18 @@ def test_passes_and_resumes_are_told(job, tmp_path):
     first = {'pass_number': 1, 'layers': 3, 'set_height': 5.75e-3, 'predicted_rms': 0.02e-3}
     passes = [
         {**first, 'measured_rms': 0.4321e-3, 'measured_mean': -0.25e-3},
-        {**first, 'pass_number': 2, 'measured_rms': None, 'measured_mean': None},
+        {
+            **first,
+            'pass_number': 2,
+            'corrected_height': 6.123e-3,
+            'measured_rms': None,
+            'measured_mean': None,
+        },
     ]
     changed = {**report, 'closed_loop': {**run, 'passes': passes, 'runs': 3}}
     (copy / 'report.json').write_text(json.dumps(changed))
     text = write_report(copy).read_text()
-    for value in ('<h2>Passes</h2>', '5.750', '0.432', '-0.250', 'resumed 2 times'):
+    for value in ('<h2>Passes</h2>', '5.750', '6.123', '0.432', '-0.250', 'resumed 2 times'):
         assert value in text.replace('\u2212', '-')
 
 
@@ -194,6 +205,69 @@ def test_demo_compares_both_runs(tmp_path):
             assert f'{layer["height_error_rms"] * 1e3:.3f}' in text
     assert f'{whole["ratio"]:.3f}' in text
     assert len(pictures(text)) == 4
+
+
+def test_print_rules_are_for_what_the_pages_hold(job, tmp_path):
+    """Every class and tag that the print block names occurs in a page, and what breaks badly has a rule."""
+    demo = tmp_path / 'demo'
+    write_demo(demo)
+    text = job[2] + write_report(demo).read_text()
+    rules = STYLE[STYLE.index('@media print{') + len('@media print{') :]
+    rules = re.sub(r'@page\{[^}]*\}', '', rules)
+    selectors = [s.strip() for r in re.findall(r'([^{}]+)\{[^{}]*\}', rules) for s in r.split(',')]
+    used = {c for found in re.findall(r'class="?([\w ]+)', text) for c in found.split()}
+    for selector in selectors:
+        assert set(re.findall(r'\.(\w+)', selector)) <= used, selector
+        for tag in re.findall(r'(?<![.\w])[a-z]\w*', selector.split(':')[0]):
+            assert f'<{tag}' in text, selector
+    for rule in (
+        '@page{size:A4', 'body{background:#fff', ',tr{break-inside:avoid}', 'h2{break-after:avoid}',
+        'thead{display:table-header-group}', '.scroll{overflow:visible}', 'img{max-height:',
+    ):  # fmt: skip
+        assert rule in STYLE[STYLE.index('@media print{') :]
+    assert 'figure{margin:8px 0;break-inside:avoid}' in STYLE
+
+
+def test_maps_of_many_layers_fit_on_pages(tmp_path):
+    write_job(tmp_path / 'job', layers=1)
+    loaded = load_job(tmp_path / 'job', read_report(tmp_path / 'job'), 'closed_loop')
+    for turned in (False, True):
+        scans = [turn(loaded.scans[0]) if turned else loaded.scans[0]] * 25
+        maps = [s.error * 1e3 for s in scans]
+        found = figures.grids(scans, maps, 0.5, 'mm', [str(k) for k in range(25)])
+        assert len(found) > 1
+        for png in found:
+            width, height = struct.unpack('>II', png[16:24])
+            assert height / width <= 240 / 186 * 1.02  # of the print rules: A4 without margins
+
+
+def turn(scan):
+    """The same part lying the other way."""
+    x, y = scan.origin
+    maps = {k: v.T for k, v in scan.maps.items()}
+    return dataclasses.replace(scan, origin=(y, x), maps=maps)
+
+
+def test_several_writers_at_once_never_show_half_a_page(tmp_path):
+    """The client of a job and the dashboard write the same page when the job has ended."""
+    folder = tmp_path / 'job'
+    write_job(folder, layers=1)
+    command = [sys.executable, '-m', 'waam_view.report', str(folder)]
+    writers = [subprocess.Popen(command, stdout=subprocess.DEVNULL) for _ in range(3)]
+    seen = set()
+    while any(w.poll() is None for w in writers):
+        if (folder / 'report.html').exists():
+            seen.add((folder / 'report.html').read_text())
+        time.sleep(0.01)
+    assert [w.returncode for w in writers] == [0, 0, 0]
+    seen.add((folder / 'report.html').read_text())
+    assert len(seen) == 1 and seen.pop().endswith('</html>\n')
+    assert sorted(p.name for p in folder.glob('*report*')) == ['report.html', 'report.json']
+
+
+def test_report_as_a_program_says_what_is_wrong(tmp_path, capsys):
+    assert main([str(tmp_path)]) == 1
+    assert 'report.json is not there' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('content', [None, 'nonsense', '[]', '{"job_id": "x"}'])

@@ -16,6 +16,8 @@ _VIEW_EXAMPLES = """examples:
   waam view jobs/latest --record            from the record (MCAP), also when the dashboard kept a job.rrd
   waam view jobs/A jobs/B                   jobs side by side, on the time since their start
   waam view jobs/latest/record/record_0.mcap
+  waam view plans/roller                    a plan before it is laid (waam plan --out plans/roller), layer by layer
+  waam view jobs/latest/plan.npz            the plan of a job
 
 A running graph is seen live as well: `waam up --web-port 9090` serves the dashboard, and the operator's page
 (`waam panel`) embeds it."""
@@ -35,7 +37,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         'paths',
         metavar='JOB|FILE',
         nargs='+',
-        help='job folder, .rrd or .mcap; several: side by side',
+        help='job or plan folder, .rrd, .mcap or plan.npz; several: side by side',
     )
     view.add_argument('--follow', action='store_true', help='draw on while the job is recorded')
     view.add_argument(
@@ -80,6 +82,8 @@ def _recording(paths: list[Path], scratch: Path, from_record: bool) -> Path:
     from .viewer import find_recording
 
     file = find_recording(paths[0]) if len(paths) == 1 else None
+    if file is not None and file.suffix == '.npz':
+        return _plan(file, scratch)
     if file is not None and file.suffix == '.rrd' and not from_record:
         return file
     from rich.progress import Progress
@@ -98,6 +102,20 @@ def _recording(paths: list[Path], scratch: Path, from_record: bool) -> Path:
         else:
             build_comparison(paths, scratch, progress)
     return scratch
+
+
+def _plan(file: Path, scratch: Path) -> Path:
+    from .plan_file import PlanFileError
+    from .plan_scene import write_recording
+    from .viewer import PLAN_RECORDING, ViewError
+
+    scratch.parent.mkdir()
+    target = scratch.with_name(PLAN_RECORDING)
+    try:
+        write_recording(file, target)
+    except PlanFileError as e:
+        raise ViewError(str(e)) from None
+    return target
 
 
 def _report(args: argparse.Namespace) -> int:

@@ -1,5 +1,5 @@
-"""Shows the cell live in rerun and keeps job.rrd of every job. Callbacks only hand over; a thread
-draws."""
+"""Shows the cell live in rerun, keeps job.rrd of every job and writes its report. Callbacks only hand over; threads
+do the work."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ from . import blueprint as bp
 from . import conversions as cv
 from .drawing import Drawing
 from .node_tap import TelemetryTap
+from .report_writer import ReportWriter
 from .scene import Scene
 
 NICE = 10  # where cores are scarce the nodes of the loop come first
@@ -51,6 +52,7 @@ class DashboardParams:
     )
     window: float = param(120.0, 'live plots show this much ROS time; 0 = all', 's', 0.0, 86400.0)
     record: bool = param(True, 'keep job.rrd in the folder of the job')
+    report: bool = param(True, 'write report.html when a job has ended')
 
 
 class Dashboard(WaamNode):
@@ -60,6 +62,8 @@ class Dashboard(WaamNode):
         self._drawing = Drawing(
             Scene(p.error_range), p.grpc_port, p.web_port, p.memory_mb, p.window
         )
+        log = self.get_logger()
+        self._reports = ReportWriter(log.info, log.warning) if p.report else None
         self._job = ''
         self._errors = (0.0, 0.0)
         self._next_ns = 0
@@ -115,6 +119,8 @@ class Dashboard(WaamNode):
         if msg.job_dir and msg.job_dir != self._job and not ended and msg.state != JobStatus.IDLE:
             self._job = msg.job_dir
             self._drawing.start_job(Path(msg.job_dir), self.params.record)
+            if self._reports:
+                self._reports.begin(Path(msg.job_dir))
         name = cv.JOB_STATES.get(msg.state, str(msg.state))
         self._drawing.put(lambda scene: scene.state(t, bp.JOB, name))
         self._drawing.put(lambda scene: scene.layer(t, msg.layer))
@@ -123,6 +129,8 @@ class Dashboard(WaamNode):
         if errors != self._errors:
             self._errors = errors
             self._drawing.put(lambda scene: scene.scalar(t, bp.RMS, *errors))
+        if ended and msg.job_dir and self._reports:
+            self._reports.end(Path(msg.job_dir))
         if ended and msg.job_dir == self._job:
             self._job = ''
             self._drawing.put(lambda scene: scene.text(t, 0, f'job {name.lower()}: {msg.message}'))
@@ -150,10 +158,16 @@ class Dashboard(WaamNode):
             'dropped': drawing.mailbox.dropped, 'maps_skipped': drawing.mailbox.replaced,
             'longest_draw_ms': f'{drawing.longest_s * 1e3:.0f}',
         }  # fmt: skip
-        self.level = WARN if drawing.problem or drawing.mailbox.dropped else OK
-        self.message = drawing.problem or 'ok'
+        problem = drawing.problem
+        if self._reports:
+            problem = problem or self._reports.problem
+            self.values['report'] = self._reports.last
+        self.level = WARN if problem or drawing.mailbox.dropped else OK
+        self.message = problem or 'ok'
 
     def close(self) -> None:
+        if self._reports:
+            self._reports.close()
         self._drawing.close()
         self._tap.close()
 

@@ -12,6 +12,7 @@ from .canvas import BLUE, GREEN, GREY, INK, RED, new_figure, png, style
 from .job_data import Job, Scan, number
 
 DIVERGING = 'RdBu_r'
+PAGE = 11.0  # highest picture, inches for 9.4 of width: printed on A4 it leaves room for heading and caption
 
 
 def nice_range(values: list[np.ndarray], least: float) -> float:
@@ -90,14 +91,37 @@ def final_map(scan: Scan, tolerance_mm: float, limit_mm: float, title: str = '')
     return png(figure)
 
 
+def _columns(scan: Scan) -> int:
+    return 3 if _aspect(scan) < 0.7 else 4
+
+
+def _row_height(scan: Scan, columns: int) -> float:
+    """Of small maps beside each other, inches; beside each are tick labels, at the right of all the colour bar."""
+    return (8.5 / columns - 0.35) * min(1.3, _aspect(scan)) + 0.35
+
+
+def grids(
+    scans: list[Scan], maps: list[np.ndarray], limit: float, unit: str, titles: list[str]
+) -> list[bytes]:
+    """Maps of all scans on one colour scale, in pictures that fit on a page."""
+    if not scans:
+        return []
+    columns = _columns(scans[0])
+    rows = max(1, int((PAGE - 0.35) / _row_height(scans[0], columns)))
+    each = rows * columns
+    return [
+        small_multiples(scans[i : i + each], maps[i : i + each], limit, unit, titles[i : i + each])
+        for i in range(0, len(scans), each)
+    ]
+
+
 def small_multiples(
     scans: list[Scan], maps: list[np.ndarray], limit: float, unit: str, titles: list[str]
 ) -> bytes:
-    """Maps of all scans on one colour scale."""
-    columns = min(len(scans), 3 if _aspect(scans[0]) < 0.7 else 4)
+    """Maps on one colour scale."""
+    columns = min(len(scans), _columns(scans[0]))
     rows = math.ceil(len(scans) / columns)
-    one_wide = 8.5 / columns - 0.35  # beside it: tick labels; at the right: the colour bar
-    height = rows * (one_wide * min(1.3, _aspect(scans[0])) + 0.35) + 0.35
+    height = rows * _row_height(scans[0], columns) + 0.35
     figure = new_figure(9.4, max(1.8, height))
     axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True, sharey=True)).ravel()
     for one, scan, values, title in zip(axes, scans, maps, titles, strict=False):

@@ -32,7 +32,9 @@ figcaption{font-size:12px;color:var(--soft)}.scroll{overflow-x:auto}
 details{margin:8px 0}summary{cursor:pointer;color:var(--soft)}
 pre{font-size:11px;background:#f5f6f8;padding:10px;white-space:pre-wrap;overflow-wrap:anywhere}
 @media print{@page{size:A4;margin:12mm}body{background:#fff;font-size:11px}main{padding:0;max-width:none}
-h2{break-after:avoid}table,.verdict,.cards{break-inside:avoid}table{font-size:9px}th,td{padding:2px 3px}
+h2{break-after:avoid}table,.verdict,.cards,tr{break-inside:avoid}thead{display:table-header-group}
+table{font-size:9px}th,td{padding:2px 3px}.scroll{overflow:visible}img{max-height:240mm}
+.pair{flex-wrap:nowrap}.pair>figure{min-width:0}details:not([open]){display:none}
 .verdict,.card,tr.flag td{-webkit-print-color-adjust:exact;print-color-adjust:exact}}
 """
 

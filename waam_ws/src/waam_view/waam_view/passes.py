@@ -7,9 +7,10 @@ from .job_data import Job, number
 
 _COLUMNS = (
     ('set height, mm', 'set_height'),
-    ('error predicted by the plan (RMS), mm', 'predicted_rms'),
-    ('error measured (RMS), mm', 'measured_rms'),
-    ('error measured (mean), mm', 'measured_mean'),
+    ('corrected height, mm', 'corrected_height'),
+    ('predicted error (RMS), mm', 'predicted_rms'),
+    ('measured error (RMS), mm', 'measured_rms'),
+    ('measured error (mean), mm', 'measured_mean'),
 )
 
 
@@ -27,8 +28,10 @@ def passes_section(job: Job) -> str:
         out += [
             '<h2>Passes</h2>',
             table(head, rows, set()),
-            '<p class=soft>Each pass after the first was planned anew from the scan before it: its set height contains '
-            'the measured error of the pass before.</p>',
+            '<p class=soft>Each pass after the first was planned anew from the scan before it: its corrected height is '
+            'the set height, which the plan before had left for it, with what that scan found missing there. '
+            "Predicted: what the planner's process model makes of the pass. The measured error of the last pass is "
+            'the final one.</p>',
         ]
     if isinstance(runs, int) and runs > 1:
         again = runs - 1

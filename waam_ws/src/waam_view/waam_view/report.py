@@ -6,6 +6,8 @@ report of that run, a folder with several runs (demo) a comparison that links to
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +35,9 @@ def write_report(folder: Path) -> Path:
     jobs = [load_job(folder, report, p) for p in profiles]
     text = job_page(jobs[0]) if len(jobs) == 1 else comparison_page(folder, jobs)
     target = folder / 'report.html'
-    write_atomically(target, text)
+    own = folder / f'.report_{os.getpid()}.html'  # client and dashboard may write at the same time
+    write_atomically(own, text)
+    os.replace(own, target)
     return target
 
 
@@ -138,9 +142,15 @@ def _maps(job: Job) -> str:
     limit = figures.nice_range(errors, 2 * tolerance)
     titles = ['as found' if s.number == 0 else f'after layer {s.layer}' for s in job.scans]
     caption = 'Surface minus the surface wanted at that moment, all on one scale.'
-    grid = figures.small_multiples(job.scans, errors, limit, 'height error, mm', titles)
-    out.append(picture(grid, caption))
+    out += _pictures(figures.grids(job.scans, errors, limit, 'height error, mm', titles), caption)
     return '\n'.join(out)
+
+
+def _pictures(pages: list[bytes], caption: str) -> list[str]:
+    """One caption for all of them, numbered when there are several."""
+    if len(pages) == 1:
+        return [picture(pages[0], caption)]
+    return [picture(p, f'{caption} ({k} of {len(pages)})') for k, p in enumerate(pages, 1)]
 
 
 def _process(job: Job) -> str:
@@ -156,13 +166,13 @@ def _corrections(job: Job) -> str:
         return '<h2>Corrections</h2><p>No correction was computed.</p>'
     masked = [np.where(s.region, s.maps['psi'], np.nan) for s in scans]
     titles = [f'for layer {s.layer + 1}' for s in scans]
-    grid = figures.small_multiples(scans, masked, 1.0, 'ψ (V = V_prog (1 + k ψ))', titles)
+    grids = figures.grids(scans, masked, 1.0, 'ψ (V = V_prog (1 + k ψ))', titles)
     note = {
         'open_loop': ' Open loop: no correction is applied.',
         'monitor': ' Monitor: computed and shown, not applied.',
     }.get(job.profile, '')
     caption = f'Travel-speed correction ψ: blue = slower, more metal; red = faster.{note}'
-    return '<h2>Corrections</h2>' + picture(grid, caption)
+    return '<h2>Corrections</h2>' + '\n'.join(_pictures(grids, caption))
 
 
 def _counts(job: Job) -> str:
@@ -243,3 +253,17 @@ def _provenance(job: Job) -> str:
             out.append(f'<p>{text}: <span class=mono>{escape(file)}</span></p>')
     out += [f'<p class=soft>Note: {escape(n)}</p>' for n in job.notes]
     return '\n'.join(out)
+
+
+def main(arguments: list[str]) -> int:
+    """python3 -m waam_view.report FOLDER: 0, or 1 with one line on stderr."""
+    try:
+        print(write_report(Path(arguments[0])))
+    except (JobError, OSError) as e:
+        print(e, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main(sys.argv[1:]))

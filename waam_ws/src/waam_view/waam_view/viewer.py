@@ -8,8 +8,10 @@ import subprocess
 import time
 from pathlib import Path
 
-from .blueprint import TIMELINE
+from .blueprint import LAYERS, TIMELINE
 from .web_viewer import binary
+
+PLAN_RECORDING = 'preview.rrd'  # of `waam plan --rerun`
 
 
 class ViewError(ValueError):
@@ -17,15 +19,15 @@ class ViewError(ValueError):
 
 
 def find_recording(path: Path) -> Path:
-    """The file to open for a job folder, a demo folder, a record folder or a file (.rrd, .mcap). Raises ViewError."""
+    """The file to open for a folder (job, demo, record, plan) or a file (.rrd, .mcap, .npz). Raises ViewError."""
     path = Path(path)
     if path.is_file():
-        if path.suffix not in ('.rrd', '.mcap'):
-            raise ViewError(f'{path}: neither .rrd nor .mcap')
+        if path.suffix not in ('.rrd', '.mcap', '.npz'):
+            raise ViewError(f'{path}: neither .rrd nor .mcap, nor the .npz of a plan')
         return path
     if not path.is_dir():
         raise ViewError(f'{path} does not exist')
-    for pattern in ('job.rrd', 'record/*.mcap', '*.mcap'):
+    for pattern in ('job.rrd', 'record/*.mcap', '*.mcap', PLAN_RECORDING, 'plan.npz'):
         found = sorted(path.glob(pattern))
         if found:
             return found[0]
@@ -54,7 +56,8 @@ def screenshot(file: Path, png: Path, settle_s: float = 4.0, size: str = '1900x1
             _wait_for(port, viewer)
             client = ViewerClient.connect(f'rerun+http://127.0.0.1:{port}/proxy')
             time.sleep(settle_s)  # the viewer does not say when everything is loaded and drawn
-            client.set_time(TIMELINE, play_state='following')  # the end of the job
+            timeline = LAYERS if file.name == PLAN_RECORDING else TIMELINE
+            client.set_time(timeline, play_state='following')  # the end
             time.sleep(1.0)
             client.save_screenshot(str(png))
         except (RuntimeError, ValueError, OSError) as e:

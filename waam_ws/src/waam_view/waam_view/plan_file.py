@@ -1,0 +1,116 @@
+"""A stored plan (plan.npz of `waam plan` and of a job) as arrays. SI, work frame."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from waam_process.grid import GridSpec
+from waam_process.segment import Kind
+
+
+class PlanFileError(ValueError):
+    """A file that is no plan; the text names it."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Segments of one layer that follow each other with the arc on, or with it off.
+
+    points (n + 1, 3); times (n + 1,) s since the start of the program; height, speed (n,); arc: burning.
+    """
+
+    layer: int
+    arc: bool
+    width: float
+    points: np.ndarray
+    times: np.ndarray
+    height: np.ndarray
+    speed: np.ndarray
+
+    def thinned(self, every: int) -> Run:
+        """Every so many points, the last one kept."""
+        n = len(self.height)
+        if every <= 1 or n <= 1:
+            return self
+        keep = np.unique(np.append(np.arange(0, n, every), n))
+        first = keep[:-1]
+        points, times = self.points[keep], self.times[keep]
+        height, speed = self.height[first], self.speed[first]
+        return Run(self.layer, self.arc, self.width, points, times, height, speed)
+
+
+@dataclass(frozen=True)
+class PlanFile:
+    """found, nominal: surfaces before and after, (rows, cols) m, NaN = unknown; duration: s at programmed speed."""
+
+    name: str
+    mode: str
+    warnings: list[str]
+    settings: dict[str, Any]
+    spec: GridSpec
+    found: np.ndarray
+    nominal: np.ndarray
+    runs: list[Run]
+
+    @property
+    def layers(self) -> int:
+        return max((r.layer for r in self.runs), default=0)
+
+    @property
+    def beads(self) -> list[Run]:
+        """What is laid; each begins with an arc start."""
+        return [r for r in self.runs if r.arc]
+
+    @property
+    def duration(self) -> float:
+        return float(self.runs[-1].times[-1]) if self.runs else 0.0
+
+
+def read_plan(path: Path | str) -> PlanFile:
+    """Raises PlanFileError."""
+    try:
+        with np.load(path, allow_pickle=False) as f:
+            data = {key: f[key] for key in f.files}
+        about = json.loads(str(data['about']))
+        spec = GridSpec(*data['origin'].tolist(), float(data['resolution']), *data['nominal'].shape)
+        return PlanFile(
+            about['name'],
+            about['mode'],
+            list(about['warnings']),
+            about['settings'],
+            spec,
+            data['as_found'],
+            data['nominal'],
+            _runs(data),
+        )
+    except (OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile) as error:
+        raise PlanFileError(f'{path}: not a stored plan ({error})') from None
+
+
+def _runs(data: dict[str, np.ndarray]) -> list[Run]:
+    length = np.linalg.norm(data['end'] - data['start'], axis=1)
+    speed = np.where(data['speed'] > 0, data['speed'], np.inf)
+    duration = np.where(data['kind'] == Kind.DWELL, data['dwell'], length / speed)
+    times = np.append(0.0, np.cumsum(duration))
+    layer, arc = data['layer'], data['arc']
+    changes = np.flatnonzero((np.diff(layer) != 0) | (np.diff(arc.astype(int)) != 0)) + 1
+    edges = [0, *changes.tolist(), len(layer)] if len(layer) else []
+    return [_run(data, times, a, b) for a, b in zip(edges, edges[1:], strict=False)]
+
+
+def _run(data: dict[str, np.ndarray], times: np.ndarray, a: int, b: int) -> Run:
+    return Run(
+        int(data['layer'][a]),
+        bool(data['arc'][a]),
+        float(data['width'][a:b].max()),
+        np.concatenate([data['start'][a : a + 1], data['end'][a:b]]),
+        times[a : b + 1],
+        data['height'][a:b],
+        data['speed'][a:b],
+    )
