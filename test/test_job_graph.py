@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from waam_msgs.action import RunJob
 from waam_msgs.msg import JobStatus, MachineState
@@ -152,6 +153,24 @@ def test_second_job_is_refused_while_one_runs(bench, background):
     assert first.join().error_code == CODES.ABORTED
 
 
+def test_what_needs_no_scan_is_refused_at_once_and_before_arming(bench, tmp_path):
+    foot, roof = trimesh.creation.box((20, 20, 20)), trimesh.creation.box((60, 20, 10))
+    roof.apply_translation((0, 0, 15))
+    part = tmp_path / 'mushroom.stl'
+    trimesh.util.concatenate([foot, roof]).export(part)
+    goal = bench.goal(mode='build', part=part, wire_left=0.5, k_gain=0.4)
+    result = bench.client.run_job(goal, lambda _: None)
+    assert result.error_code == CODES.BAD_GOAL
+    for words in ('overhang of 8', 'm of wire', 'allows 0.3 (k_gain_max)'):
+        assert words in result.message
+    assert not (Path(result.job_dir) / 'record').exists()
+    goal = bench.goal(set=['speed=fast', 'nonsense=1'])
+    result = bench.client.run_job(goal, lambda _: None)
+    assert result.error_code == CODES.BAD_GOAL and not result.job_dir
+    for words in ("'fast' is not a float", 'no setting nonsense', 'known: '):
+        assert words in result.message
+
+
 def test_pause_in_a_bead_holds_without_arc_and_resume_finishes(bench, background):
     bench.load()
     before = bench.count('arc on')
@@ -194,7 +213,7 @@ def test_every_verb_of_waam_job_steers_the_running_job(bench, background, capfd)
 
     bench.load()
     before = bench.count('arc on')
-    job = background(bench)
+    job = background(bench, layer_height=1.0)  # many layers: it is not to end between two verbs
     bench.wait(lambda: job.raise_error() or bench.count('arc on') > before, 90, 'the first arc')
     bench.client.trigger('job_sequencer/pause')  # a new process would take longer than the layer
     bench.wait(lambda: bench.client.job.state == JobStatus.PAUSED, 30, 'pause')

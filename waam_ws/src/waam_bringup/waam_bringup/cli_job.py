@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from waam_job.limits import K_GAIN_MAX
+
 from .cli_common import add_run, run_and_domain
 
 
@@ -35,7 +37,8 @@ def _register_run(job) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog='examples:\n'
         '  waam job run jaw_nominal.stl --as-found jaw_worn.stl --material er70s-6\n'
-        '  waam job run vase.stl --mode build --layers 3 --profile monitor\n\n'
+        '  waam job run vase.stl --mode build --layers 3 --profile monitor\n'
+        '  waam job run bracket.3mf --mode build --repair --set levels=adaptive --set overhang=flag\n\n'
         'exit status: 0 done, 1 the job failed, 2 it was refused, 130 cancelled with Ctrl-C',
     )
     add_run(p)
@@ -46,7 +49,7 @@ def _register_run(job) -> None:
 
 
 def _add_part(p: argparse.ArgumentParser) -> None:
-    p.add_argument('part', type=Path, help='nominal part: STL or PLY')
+    p.add_argument('part', type=Path, help='nominal part: STL, PLY, 3MF, OBJ or OFF')
     p.add_argument(
         '--as-found', type=Path, help='simulated cell: mesh of the worn part that lies on the table'
     )
@@ -81,6 +84,18 @@ def _add_part(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--layers', type=int, default=0, help='at most so many layers; 0 = as many as needed'
     )
+    p.add_argument(
+        '--repair',
+        action='store_true',
+        help='close holes of the mesh, remove double faces, turn normals outwards',
+    )
+    p.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='setting of the planner in SI, as of waam plan --set (adaptive levels, leads, edges, overhang ...)',
+    )
 
 
 def _add_process(p: argparse.ArgumentParser) -> None:
@@ -96,7 +111,7 @@ def _add_process(p: argparse.ArgumentParser) -> None:
         '--k-gain',
         type=float,
         default=float('nan'),
-        help='authority of the speed correction, 0..0.3',
+        help=f'authority of the speed correction, 0..{K_GAIN_MAX:g}',
     )
     p.add_argument('--tolerance', type=float, default=0.2, metavar='MM')
     p.add_argument(
@@ -135,6 +150,13 @@ def _register_resume(job) -> None:
     p.add_argument(
         '--note', action='append', default=[], metavar='KEY=VALUE', help='kept with the job'
     )
+    p.add_argument(
+        '--wire-left',
+        type=float,
+        default=0.0,
+        metavar='M',
+        help='wire on the spool now, when it was changed; else what the job has used so far is subtracted',
+    )
     p.set_defaults(run_command=cmd_job_resume)
 
 
@@ -148,7 +170,9 @@ def _register_steering(job) -> None:
         p.set_defaults(run_command=cmd_job_adjust, code=verb.upper().replace('-', '_'), value=0.0)
     p = job.add_parser('gain', help='authority of the speed correction, from the next layer on')
     add_run(p)
-    p.add_argument('value', type=float, help='0..0.5; nan = that of the correction server')
+    p.add_argument(
+        'value', type=float, help=f'0..{K_GAIN_MAX:g}; nan = that of the correction server'
+    )
     p.set_defaults(run_command=cmd_job_adjust, code='SET_K_GAIN')
     p = job.add_parser(
         'feed',

@@ -47,6 +47,8 @@ def make_goal(args, jobs: Path) -> RunJob.Goal:
         allowance=args.allowance * 1e-3,
         passes=args.passes,
         wire_left=args.wire_left,
+        plan_settings=list(getattr(args, 'set', ())),
+        repair=getattr(args, 'repair', False),
         operator_name=getattr(args, 'operator', ''),
     )
 
@@ -72,6 +74,8 @@ def check_arguments(args) -> None:
         allowance=args.allowance * 1e-3,
         passes=args.passes,
         wire_left=args.wire_left,
+        plan_settings=tuple(args.set),
+        repair=args.repair,
     )
     for name in ('layers', 'passes'):
         if getattr(args, name) < 0:
@@ -107,7 +111,12 @@ def resume_job(args, run: Path, domain: int) -> int:
     folder = (args.folder or jobs_dir() / 'latest').resolve()
     if not (folder / 'job.yaml').is_file():
         raise ValueError(f'{folder} is no job folder (there is no job.yaml in it)')
-    goal = RunJob.Goal(resume_dir=str(folder), notes=list(args.note), operator_name=args.operator)
+    goal = RunJob.Goal(
+        resume_dir=str(folder),
+        notes=list(args.note),
+        operator_name=args.operator,
+        wire_left=args.wire_left,
+    )
     with GraphClient(domain) as client:
         with JobProgress(folder.name) as progress:
             result = client.run_job(goal, progress, lambda: graph_trouble(run))

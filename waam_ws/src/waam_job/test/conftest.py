@@ -15,6 +15,7 @@ from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind
 
 TRAIL = 2e-3  # m, of the melt pool behind the arc
+WIRE_AREA, WIRE_EFFICIENCY = np.pi * 0.6e-3**2, 0.92  # of er70s-6
 
 
 class FakeCell:
@@ -45,6 +46,7 @@ class FakeCell:
         self.warnings: list = []
         self.node_parameters: dict = {}
         self.tracks_taken = 0
+        self.wire, self.arc_time = 0.0, 0.0  # m and s since the last sums
         self.pace = 8  # segments between two looks of the job
 
     def now(self) -> float:
@@ -77,11 +79,12 @@ class FakeCell:
             return
         self.temperature += 0.02
         spec = self.surface.spec
+        metal = s.width * 0.73 * s.height * s.flow_factor * s.length / (1 + s.k_gain * s.psi)
+        self.wire += metal / (WIRE_AREA * WIRE_EFFICIENCY)
+        self.arc_time += s.duration
         row, col = (int(v) for v in spec.cell(*self._pool_under(s)))
         spot = np.zeros(spec.shape)
-        spot[row, col] = (
-            s.width * 0.73 * s.height * s.flow_factor * s.length / (1 + s.k_gain * s.psi)
-        )
+        spot[row, col] = metal
         window = np.s_[max(0, row - 15) : row + 16, max(0, col - 15) : col + 16]
         added = gaussian_filter(spot[window], 4.5) / spec.resolution**2
         self.surface.z[window] += added * self.efficiency
@@ -201,7 +204,10 @@ class FakeCell:
     def plan(self, job_id, layer, segments) -> None: ...
 
     def take_sums(self) -> Sums:
-        return Sums()
+        """Frames of one second."""
+        wire, seconds = self.wire, int(np.ceil(self.arc_time))
+        self.wire, self.arc_time = 0.0, 0.0
+        return Sums(frames=seconds, arc_frames=seconds, wire=wire, frame_period=1.0)
 
     def take_track(self) -> dict:
         self.tracks_taken += 1
@@ -216,6 +222,11 @@ class FakeCell:
 
     def anomaly(self, anomaly) -> None:
         self.anomalies.append(anomaly)
+
+
+@pytest.fixture
+def cell_class() -> type[FakeCell]:
+    return FakeCell
 
 
 def _parts_module():

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import json
 import math
+import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from waam_job.conversions import goal_from_job, goal_from_msg
 from waam_job.folder import JobFolder, clean
 from waam_job.geometry import asked_growth, deviation, follow
 from waam_job.goal import Code, JobError, JobGoal, check
+from waam_job.limits import K_GAIN_MAX
+from waam_job.node_requests import new_folder
 from waam_job.telemetry import TelemetryStats
+from waam_msgs.action import RunJob
 from waam_node.files import write_atomically
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment
@@ -128,3 +135,88 @@ def test_sequence_wraps_without_a_loss():
     frame(stats, 0xFFFFFFFF)
     frame(stats, 0)
     assert stats.take_sums().lost == 0
+
+
+def test_settings_of_the_planner_are_checked_with_the_goal(tmp_path, parts):
+    wrong = ('speed=fast', 'layer_height=0.001', 'nonsense=1', 'edge_metal=9')
+    with pytest.raises(JobError) as e:
+        check(JobGoal(parts[0], 'er70s-6', tmp_path, profile='loop', plan_settings=wrong))
+    for word in (
+        'loop',
+        "'fast'",
+        'layer_height is given by',
+        'no setting nonsense',
+        '1.5',
+        'known:',
+    ):
+        assert word in str(e.value), word
+    with pytest.raises(JobError, match='speed_max is 0.005, below speed 0.01'):
+        check(JobGoal(parts[0], 'er70s-6', tmp_path, plan_settings=('speed_max=0.005',)))
+
+
+def write_3mf(file: Path, mesh: trimesh.Trimesh) -> None:
+    """mesh in mm; trimesh writes this kind only with a library that is not installed."""
+    corners = ''.join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in mesh.vertices)
+    faces = ''.join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in mesh.faces)
+    space = 'http://schemas.microsoft.com/3dmanufacturing/core/2015/02'
+    text = (
+        f'<model unit="millimeter" xmlns="{space}"><resources><object id="1" type="model"><mesh>'
+        f'<vertices>{corners}</vertices><triangles>{faces}</triangles></mesh></object></resources>'
+        '<build><item objectid="1"/></build></model>'
+    )
+    with zipfile.ZipFile(file, 'w') as z:
+        z.writestr('3D/3dmodel.model', text)
+
+
+@pytest.mark.parametrize('kind', ['stl', 'ply', '3mf', 'obj', 'off'])
+def test_every_kind_of_mesh_is_a_part(tmp_path, kind):
+    file = tmp_path / f'box.{kind}'
+    box = trimesh.creation.box(extents=(30, 20, 10))
+    box.export(file) if kind != '3mf' else write_3mf(file, box)
+    part = check(JobGoal(file, 'er70s-6', tmp_path, mode='build')).part
+    assert part.bounds[1] - part.bounds[0] == pytest.approx([0.03, 0.02, 0.01])
+    text = (Path(__file__).parents[2] / 'waam_msgs' / 'action' / 'RunJob.action').read_text()
+    assert kind.upper() in next(
+        line for line in text.splitlines() if line.startswith('string part ')
+    )
+
+
+def test_an_open_mesh_is_a_part_of_a_shell_or_when_it_is_repaired(tmp_path):
+    box = trimesh.creation.box(extents=(30, 20, 10))
+    file = tmp_path / 'open.stl'
+    trimesh.Trimesh(box.vertices, box.faces[1:]).export(file)
+    fields = {'part': file, 'material': 'er70s-6', 'jobs_dir': tmp_path, 'mode': 'build'}
+    with pytest.raises(JobError, match='open mesh'):
+        check(JobGoal(**fields))
+    assert not check(JobGoal(**fields, strategy='shell')).part.report.closed
+    repaired = check(JobGoal(**fields, repair=True)).part.report
+    assert repaired.closed and 'hole of 3 edges' in repaired.repairs[0]
+
+
+def test_goal_goes_through_message_and_job_file(tmp_path, parts):
+    sent = RunJob.Goal(
+        part=str(parts[0]), passes=2, k_gain=math.nan, wire_left=50.0, repair=True,
+        plan_settings=['edge_metal=1.2', 'alternation=turn'],
+    )  # fmt: skip
+    goal = goal_from_msg(sent, tmp_path)
+    assert goal.plan_settings == ('edge_metal=1.2', 'alternation=turn') and goal.repair
+    folder = new_folder(goal, check(goal), {})
+    same = goal_from_job(folder.read_yaml('job.yaml'), RunJob.Goal())
+    assert same.plan_settings == goal.plan_settings and same.repair and not same.new_spool
+    assert same.wire_left == 50.0 and math.isnan(same.k_gain)
+    spool = goal_from_job(folder.read_yaml('job.yaml'), RunJob.Goal(wire_left=80.0))
+    assert spool.wire_left == 80.0 and spool.new_spool
+    old = folder.read_yaml('job.yaml')
+    for name in ('plan_settings', 'repair', 'new_spool'):
+        del old['goal'][name]  # of a job that began before there were any
+    assert goal_from_job(old, RunJob.Goal()).plan_settings == ()
+
+
+def test_the_limit_of_k_gain_is_the_same_everywhere():
+    interfaces = Path(__file__).parents[2] / 'waam_msgs'
+    for file, field in (
+        ('action/RunJob.action', 'float64 k_gain'),
+        ('srv/AdjustJob.srv', 'uint8 SET_K_GAIN'),
+    ):
+        line = next(x for x in (interfaces / file).read_text().splitlines() if x.startswith(field))
+        assert f'0..{K_GAIN_MAX:g}' in line

@@ -10,9 +10,11 @@ import pytest
 
 from waam_job.control import Control
 from waam_job.goal import Code, JobError, JobGoal, check
+from waam_job.limits import k_gain_limit
 from waam_job.node_requests import adjust
 from waam_job.records import State
 from waam_msgs.srv import AdjustJob
+from waam_plan.linking import arc_starts
 from waam_plan.store import load_plan
 from waam_process.segment import Kind
 
@@ -77,6 +79,13 @@ def test_nonsense_is_refused_with_a_reason(code, value):
     assert control.k_gain(0.25) == 0.25
 
 
+def test_more_gain_than_the_correction_server_allows_is_refused_while_a_job_runs():
+    control = Control()
+    limit = k_gain_limit({'correction_server': {'k_gain_max': 0.3}})
+    assert 'server allows 0.3' in adjust(control, R.SET_K_GAIN, 0.4, limit)
+    assert adjust(control, R.SET_K_GAIN, 0.3, limit) == '' and k_gain_limit({}) == 0.5
+
+
 def test_gain_nan_means_the_servers_own():
     control = Control()
     assert adjust(control, R.SET_K_GAIN, math.nan) == ''
@@ -98,12 +107,55 @@ def test_second_pass_is_planned_from_the_scan_after_the_first(make_cell, make_ru
     # pass 1 fell short; pass 2 is thicker than what the first plan had left for it, by what was missing
     assert first['measured_mean'] < -0.1e-3
     rest = load_plan(folder.path / 'plan.npz').layers[first['layers']].planned
-    assert second['set_height'] > rest[rest > 0].mean() + 0.3 * abs(first['measured_mean'])
+    assert second['corrected_height'] > rest[rest > 0].mean() + 0.3 * abs(first['measured_mean'])
+    assert second['set_height'] == pytest.approx(rest[rest > 0].mean(), rel=0.02)
+    missing = second['corrected_height'] - second['set_height']
+    assert missing == pytest.approx(-first['measured_mean'], rel=0.5)
+    assert first['corrected_height'] is None
+    # a cell that lays three quarters of the metal stays below what the process model foresees
+    assert all(0 < p['predicted_rms'] < p['measured_rms'] for p in (first, second))
     numbers = [r['layer'] for r in report['layers'] if not r['final']]
     assert numbers == list(range(1, len(numbers) + 1))
     assert [r['pass_number'] for r in report['layers']][-1] == 2
     maps = sorted(p.name for p in (folder.path / 'layers').iterdir())
     assert maps == [f'scan_{i:03d}.npz' for i in range(len(numbers) + 1)]
+
+
+def angle(layer) -> float:
+    """deg between +x and the longest straight piece of the path."""
+    longest = max(layer.deposits, key=lambda s: s.length)
+    return math.degrees(math.atan2(*(np.subtract(longest.end, longest.start)[1::-1])))
+
+
+@pytest.mark.parametrize('alternation', ['reverse', 'cross', 'turn'])
+def test_directions_and_starts_alternate_on_over_the_passes(alternation, make_cell, make_runner):
+    asked = (f'alternation={alternation}',)
+    runner, _, folder = make_runner(make_cell(), passes=2, plan_settings=asked)
+    assert runner.run().state == State.DONE
+    first, second = (load_plan(folder.path / f).layers[0] for f in ('plan.npz', 'plan_2.npz'))
+    away = [
+        np.linalg.norm(p - arc_starts(first.segments), axis=1) for p in arc_starts(second.segments)
+    ]
+    assert np.min(away) >= 5e-3
+    turned = (angle(second) - angle(first)) % 180
+    if alternation == 'turn':
+        assert min(turned, 180 - turned) == pytest.approx(67.0, abs=2.0)
+    elif alternation == 'cross':
+        assert first.direction != second.direction
+    else:  # the other way, from the opposite corner
+        rows = [[s.start[1] for s in layer.deposits] for layer in (first, second)]
+        assert np.sign(rows[0][-1] - rows[0][0]) == -np.sign(rows[1][-1] - rows[1][0])
+
+
+def test_pass_two_is_checked_against_what_pass_one_has_left_on_the_spool(make_cell, make_runner):
+    runner, _, folder = make_runner(make_cell(efficiency=0.7), profile='open_loop', passes=2)
+    assert runner.run().state == State.DONE
+    needed = load_plan(folder.path / 'plan.npz').wire
+    cell = make_cell(efficiency=0.7)
+    runner, _, _ = make_runner(cell, profile='open_loop', passes=2, wire_left=1.01 * needed)
+    status = runner.run()
+    assert status.error_code == Code.MACHINE_NOT_READY and 'm of wire' in status.message
+    assert {s.layer for s in cell.executed if s.kind == Kind.DEPOSIT} == {1}
 
 
 def test_allowance_is_left_on_top(make_cell, make_runner):

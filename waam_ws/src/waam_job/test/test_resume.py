@@ -17,7 +17,9 @@ from waam_job.goal import Code
 from waam_job.records import State
 from waam_job.resume import Progress, change_point, cold_share, rest_of
 from waam_job.runner import JobRunner
+from waam_plan.linking import arc_starts
 from waam_plan.plan import PlannedLayer
+from waam_plan.store import load_plan
 from waam_process.grid import HeightGrid
 from waam_process.segment import Kind, Segment
 
@@ -164,6 +166,157 @@ def test_how_warm_the_layer_was_outlives_both_checkpoints(torn, make_cell, make_
     expected = cold_share(cell.temperature, fresh.temperature, 2e-4)
     share = float(re.search(r'(\d+)% of its metal', said)[1]) / 100
     assert expected < 0.985 and share == pytest.approx(expected, abs=0.01)
+
+
+def passes_of(folder) -> list[dict]:
+    return json.loads((folder.path / 'report.json').read_text())['closed_loop']['passes']
+
+
+def cut_during(state, layer):
+    """A power cut as soon as `state` is reported in `layer`, for `cell.status`."""
+
+    def attach(cell):
+        inner = cell.status
+
+        def status(s):
+            inner(s)
+            if s.state == state and s.layer == layer:
+                raise PowerCut
+
+        cell.status = status
+
+    return attach
+
+
+CUTS = {
+    'in pass 1': lambda cell: cut_after(cell, 25),
+    'in the scan between': cut_during(State.SCANNING, 1),
+    'waiting for pass 2': cut_during(State.COOLING, 2),
+    'in pass 2': lambda cell: cut_after(cell, 120),
+}
+
+
+@pytest.mark.parametrize('cut', CUTS)
+def test_job_of_two_passes_that_was_cut_off(cut, make_cell, make_runner):
+    whole, _, complete = make_runner(make_cell(efficiency=0.8), passes=2)
+    assert whole.run().state == State.DONE
+    cell = make_cell(efficiency=0.8)
+    runner, _, folder = make_runner(cell, passes=2)
+    CUTS[cut](cell)
+    runner._release = lambda: None
+    with pytest.raises(PowerCut):
+        runner.run()
+    again, fresh, status = go_on(make_cell, runner, folder, cell)
+    assert status.state == State.DONE, status.message
+    assert again.final.rms < 1.1 * whole.final.rms
+    for mine, theirs in zip(passes_of(folder), passes_of(complete), strict=True):
+        for key in (
+            'set_height',
+            'corrected_height',
+            'predicted_rms',
+            'measured_rms',
+            'measured_mean',
+        ):
+            expected = theirs[key] and pytest.approx(theirs[key], rel=0.1, abs=1e-5)
+            assert mine[key] == expected, key
+    # planned as the undisturbed one: the same way round, the same starts
+    mine, theirs = (
+        arc_starts(load_plan(f.path / 'plan_2.npz').layers[0].segments) for f in (folder, complete)
+    )
+    assert mine == pytest.approx(theirs, abs=1e-3)
+    report = json.loads((folder.path / 'report.json').read_text())['closed_loop']
+    assert [r['layer'] for r in report['layers'] if not r['final']] == [1, 2]
+
+
+def wasteful(make_cell):
+    """A cell that uses more wire than was planned."""
+    cell = make_cell(efficiency=0.8)
+    inner = cell.take_sums
+    cell.take_sums = lambda: replace(inner(), wire=1e9)
+    return cell
+
+
+def test_wire_is_checked_again_when_a_job_goes_on(make_cell, make_runner):
+    cell = wasteful(make_cell)
+    runner, _, folder = make_runner(cell, wire_left=100.0)
+    CUTS['waiting for pass 2'](cell)
+    runner._release = lambda: None
+    with pytest.raises(PowerCut):
+        runner.run()
+    _, fresh, status = go_on(make_cell, runner, folder, cell)
+    assert status.error_code == Code.MACHINE_NOT_READY and 'm of wire' in status.message
+    assert not {'ARM', 'HOME'} & set(fresh.commands)
+    spool = replace(runner.checked.goal, wire_left=100.0, new_spool=True)
+    runner.checked = replace(runner.checked, goal=spool)
+    _, _, status = go_on(make_cell, runner, folder, cell)
+    assert status.state == State.DONE, status.message
+    # a run that was refused loses nothing of the runs before
+    report = json.loads((folder.path / 'report.json').read_text())['closed_loop']
+    assert [r['layer'] for r in report['layers'] if not r['final']] == [1, 2]
+
+
+@pytest.mark.parametrize('told,done', [(0.3, False), (0.9, True), (None, True)])
+def test_wire_of_a_begun_layer(told, done, make_cell, make_runner):
+    """A third of the only layer is laid. told: share of its wire on a new spool, None = it is still the first one."""
+    whole, _, _ = make_runner(make_cell(efficiency=0.8), layers=1)
+    whole.run()
+    needed = whole.plan.wire
+    runner, folder, cell = cut_off(make_cell, make_runner, 20, layers=1, wire_left=1.05 * needed)
+    if told:
+        goal = replace(runner.checked.goal, wire_left=told * needed, new_spool=True)
+        runner.checked = replace(runner.checked, goal=goal)
+    again, fresh, status = go_on(make_cell, runner, folder, cell)
+    assert (status.state == State.DONE) is done, status.message
+    if done:
+        assert again.journal.wire_left < (told * needed if told else 0.3 * needed)
+    else:
+        assert 'm of wire' in status.message and not any(s.arc for s in fresh.executed)
+
+
+def test_wire_of_a_layer_that_was_cut_off_twice_is_counted_once(make_cell, make_runner):
+    runner, folder, cell = cut_off(make_cell, make_runner, 20, layers=1, wire_left=100.0)
+    fresh = make_cell(efficiency=0.8)
+    fresh.surface = cell.surface
+    second = JobRunner(fresh, runner.checked, folder, runner.control, runner.settings, 2)
+    folder.write_yaml('resume_2.yaml', {})
+    inner, seen = fresh._lay, {'n': 0}
+
+    def lay(s):
+        inner(s)
+        seen['n'] += s.kind == Kind.DEPOSIT
+        if seen['n'] == 10:
+            runner.control.abort(
+                'operator'
+            )  # unlike a power cut it leaves time to write the records
+
+    fresh._lay = lay
+    assert second.run().state == State.ABORTED
+    runner.control = type(runner.control)()
+    again, _, status = go_on(make_cell, runner, folder, fresh)
+    assert status.state == State.DONE, status.message
+    used, planned = 100.0 - again.journal.wire_left, again.plan.wire
+    assert used == pytest.approx(planned, rel=0.25)
+
+
+def estimates(cell) -> tuple[np.ndarray, np.ndarray]:
+    """Progress and time left (s) at every status while metal was laid."""
+    seen = [s for s in cell.statuses if s.state == State.DEPOSITING]
+    return np.array([s.progress for s in seen]), np.array([s.time_left for s in seen])
+
+
+def test_a_resumed_job_knows_how_long_it_has_taken(make_cell, make_runner):
+    """At the same share of the work the time left is that of an undisturbed job, not that of a run just begun."""
+    whole = make_cell(efficiency=0.8)
+    make_runner(whole)[0].run()
+    expected = estimates(whole)
+    laid = sum(s.kind == Kind.DEPOSIT for s in whole.executed)
+    runner, folder, cell = cut_off(make_cell, make_runner, int(0.8 * laid))
+    _, fresh, status = go_on(make_cell, runner, folder, cell)
+    assert status.state == State.DONE
+    progress, left = estimates(fresh)
+    k = int(np.flatnonzero(progress > 0.85)[0])
+    usual = float(np.interp(progress[k], expected[0], np.nan_to_num(expected[1])))
+    assert np.isfinite(left[k]) and left[k] > 0.5 * usual
 
 
 def test_part_that_was_moved_is_refused(make_cell, make_runner):
@@ -345,6 +498,24 @@ def test_any_bytes_are_a_checkpoint_or_an_error(data):
     text = data.decode('latin1')
     with pytest.raises(CheckpointError):
         checkpoints.parse(text, 'x')
+
+
+def test_torn_checkpoint_does_not_push_out_the_whole_one_before(tmp_path):
+    first, second, third = (Checkpoint('a', layer=1, bead=b) for b in (1, 2, 3))
+    checkpoints.save(tmp_path, first)
+    checkpoints.save(tmp_path, second)
+    for spoilt in (
+        second.text()[:-9],
+        '',
+        second.text().replace('"bead": 2', '"bead": 7'),
+        b'\xff{',
+    ):
+        data = spoilt if isinstance(spoilt, bytes) else spoilt.encode()
+        (tmp_path / checkpoints.NAME).write_bytes(data)
+        checkpoints.save(tmp_path, third)
+        assert checkpoints.load(tmp_path) == (third, [])
+        (tmp_path / checkpoints.NAME).write_text('{')
+        assert checkpoints.load(tmp_path)[0] == first
 
 
 def test_checkpoint_round_trip_and_generations(tmp_path):

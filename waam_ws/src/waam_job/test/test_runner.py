@@ -147,6 +147,35 @@ def test_pause_holds_and_resume_finishes(make_cell, make_runner):
     assert any(s.state == State.PAUSED for s in cell.statuses)
 
 
+def test_a_resume_that_telemetry_shows_late_is_no_new_pause(make_cell, make_runner):
+    cell = make_cell()
+    runner, control, _ = make_runner(cell)
+    inner_wait, inner_command = cell.wait, cell.command
+    seen = {'pauses': 0, 'late': 0}
+
+    def command(name, **fields) -> None:
+        inner_command(name, **fields)
+        if name == 'RESUME':
+            cell.machine_state = replace(cell.machine_state, state='HOLD', fault=200)
+            seen['late'] = 8
+
+    def wait(seconds):
+        if control.paused:
+            seen['pauses'] += 1
+            assert seen['pauses'] == 1, 'the job paused by itself'
+            control.resume()
+        if seen['late']:
+            seen['late'] -= 1
+            if not seen['late']:
+                cell.machine_state = replace(cell.machine_state, state='RUN', fault=0)
+        inner_wait(seconds)
+
+    cell.wait, cell.command = wait, command
+    first_deposit_after(cell, 20)(lambda c: control.pause())
+    assert runner.run().state == State.DONE
+    assert cell.commands.count('RESUME') == 1
+
+
 def test_abort_stops_the_machine(make_cell, make_runner):
     cell = make_cell()
     runner, control, folder = make_runner(cell)

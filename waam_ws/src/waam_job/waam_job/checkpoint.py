@@ -57,11 +57,21 @@ def parse(text: str, name: str) -> Checkpoint:
 
 
 def save(folder: Path, checkpoint: Checkpoint) -> None:
-    """The old file becomes the generation before; at every moment at least one of the two is whole."""
+    """The old file becomes the generation before, unless it is torn; at every moment one of the two is whole."""
     newest = folder / NAME
-    if newest.exists():
-        write_atomically(folder / BEFORE, newest.read_text(errors='replace'))
+    if whole := _whole(newest):
+        write_atomically(folder / BEFORE, whole)
     write_atomically(newest, checkpoint.text())
+
+
+def _whole(file: Path) -> str:
+    """Text of a checkpoint that is fit to be kept; '' when the file is missing, torn or changed."""
+    try:
+        text = file.read_text()
+        parse(text, file.name)
+    except (OSError, ValueError):
+        return ''
+    return text
 
 
 def load(folder: Path) -> tuple[Checkpoint | None, list[str]]:

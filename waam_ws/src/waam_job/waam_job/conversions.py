@@ -64,11 +64,16 @@ def goal_from_msg(msg: RunJob.Goal, default_jobs_dir) -> JobGoal:
         allowance=msg.allowance,
         passes=msg.passes or 1,
         wire_left=msg.wire_left,
+        plan_settings=tuple(msg.plan_settings),
+        repair=msg.repair,
     )
 
 
 def goal_from_job(job: dict, resumed: RunJob.Goal) -> JobGoal:
-    """The goal of an interrupted job out of its job.yaml; operator and notes may be new. ValueError when it is none."""
+    """The goal of an interrupted job out of its job.yaml; operator, notes and spool may be new.
+
+    ValueError when the file holds none.
+    """
     try:
         stored = dict(job['goal'])
         known = {f.name: stored[f.name] for f in fields(JobGoal) if f.name in stored}
@@ -78,7 +83,10 @@ def goal_from_job(job: dict, resumed: RunJob.Goal) -> JobGoal:
         known[name] = Path(known[name])
     known['k_gain'] = math.nan if known.get('k_gain') is None else known['k_gain']
     known['notes'] = (*known.get('notes', ()), *resumed.notes)
+    known['plan_settings'] = tuple(known.get('plan_settings', ()))
     known['operator_name'] = resumed.operator_name or known.get('operator_name', '')
+    if resumed.wire_left:
+        known |= {'wire_left': resumed.wire_left, 'new_spool': True}
     return JobGoal(**known)
 
 

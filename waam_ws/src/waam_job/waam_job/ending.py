@@ -83,9 +83,7 @@ class Ending:
         self._try(lambda: self.cell.command('DISARM'))
         self._try(lambda: self.cell.record(False, ''))
         self.runner.note_remarks()
-        self.journal.report(
-            self.in_tolerance, self.final, self.as_found_rms, self.runner.program.records, self.map
-        )
+        self.journal.report(self.in_tolerance, self.final, self.as_found_rms, self.map)
 
     def _try(self, step) -> None:
         try:

@@ -8,8 +8,10 @@ from enum import IntEnum
 from pathlib import Path
 
 from waam_plan.part import Part, PartError, load_part
-from waam_plan.settings import STRATEGIES
+from waam_plan.settings import STRATEGIES, PlanSettings, SettingsError, assigned
 from waam_process.materials import Material, MaterialError, get
+
+from .limits import K_GAIN_MAX
 
 
 class Code(IntEnum):
@@ -41,8 +43,17 @@ class JobError(RuntimeError):
 
 
 PROFILES = ('open_loop', 'monitor', 'closed_loop')
-K_GAIN_MAX = 0.5
 MODES = ('restore', 'build')
+# settings of the planner that the goal has fields for, or that machine and map decide
+GIVEN = {
+    'layer_height',
+    'bead_width',
+    'strategy',
+    'allowance',
+    'machine_min',
+    'machine_max',
+    'grid',
+}
 
 
 @dataclass(frozen=True)
@@ -67,10 +78,29 @@ class JobGoal:
     allowance: float = 0.0
     passes: int = 1
     wire_left: float = 0.0
+    plan_settings: tuple[str, ...] = ()
+    repair: bool = False
+    new_spool: bool = False  # wire_left was told for this run, not for the first one
 
     @property
     def title(self) -> str:
         return self.name or self.part.stem
+
+
+def planner_fields(goal: JobGoal, material: Material) -> dict[str, object]:
+    """Fields of PlanSettings that goal and material decide. Raises SettingsError."""
+    return {
+        'layer_height': goal.layer_height or material.layer_height,
+        'bead_width': goal.bead_width or material.bead_width,
+        'speed': material.speed,
+        'allowance': goal.allowance,
+        'strategy': goal.strategy or PlanSettings.strategy,
+        'wire_diameter': material.wire_diameter,
+        'efficiency': material.efficiency,
+        'voltage': material.voltage,
+        'arc_efficiency': material.arc_efficiency,
+        **assigned(goal.plan_settings, GIVEN),
+    }
 
 
 def _in_range(
@@ -108,7 +138,20 @@ def field_problems(goal: JobGoal) -> list[str]:
     for note in goal.notes:
         if '=' not in note:
             problems.append(f"note '{note}' is not of the form key=value")
+    try:
+        assigned(goal.plan_settings, GIVEN)
+    except SettingsError as e:
+        problems.append(str(e))
     return [p for p in problems if p]
+
+
+def _contradictions(goal: JobGoal, material: Material) -> list[str]:
+    """Between what the goal asks of the planner and the material."""
+    try:
+        PlanSettings(**planner_fields(goal, material))
+    except SettingsError as e:
+        return [str(e)]
+    return []
 
 
 @dataclass(frozen=True)
@@ -125,13 +168,16 @@ def check(goal: JobGoal) -> Checked:
     problems = [(Code.BAD_GOAL, p) for p in field_problems(goal)]
     part, material = None, None
     try:
-        part = load_part(goal.part, goal.scale, require_closed=goal.mode == 'build')
+        closed = goal.mode == 'build' and goal.strategy != 'shell'
+        part = load_part(goal.part, goal.scale, closed, goal.repair, look_for_crossings=True)
     except PartError as e:
         problems.append((Code.BAD_PART, str(e)))
     try:
         material = get(goal.material)
     except MaterialError as e:
         problems.append((Code.UNKNOWN_MATERIAL, str(e)))
+    if material and not problems:
+        problems += [(Code.BAD_GOAL, p) for p in _contradictions(goal, material)]
     if problems:
         raise JobError(problems[0][0], '; '.join(text for _, text in problems))
     return Checked(goal, part, material)

@@ -27,6 +27,7 @@ from .control import Control
 from .folder import JobFolder
 from .goal import Checked, Code, JobError, check
 from .job_params import JobParams, settings_of
+from .limits import k_gain_limit
 from .node_action import ThreadedActionServer
 from .node_requests import WithFeedback, adjust, keep_resume, new_folder, recheck, reopen
 from .records import State, Status
@@ -98,7 +99,8 @@ class JobSequencer(WaamNode):
         if control is None:
             response.message = 'no job is running'
             return response
-        response.message = adjust(control, request.code, request.value)
+        limit = k_gain_limit(self.cell.parameters())  # beyond it a correction server ends the job
+        response.message = adjust(control, request.code, request.value, limit)
         response.success = not response.message
         return response
 

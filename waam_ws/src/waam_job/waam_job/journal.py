@@ -46,6 +46,12 @@ class Journal:
         self.models: dict[str, list[int]] = {}
         self.remarks: list[str] = []
         self.spent_before = 0.0  # s of the runs before this one
+        self.spool = (
+            goal.wire_left or None
+        )  # m of wire left after the layers reported; None = not known
+        self.begun = 0.0  # m of wire in a layer that was cut off and is not reported yet
+        self.passes: list[PassRecord] = []  # those of the program
+        self.passes_before: list[dict] = []  # what the runs before this one wrote of theirs
         self._before_pause = State.IDLE
 
     @property
@@ -111,11 +117,20 @@ class Journal:
         return sum(a.layer == layer and a.severity in ('FAULT', 'ALARM') for a in self.anomalies)
 
     def layer(self, record: LayerRecord) -> None:
-        """A finished layer; from here on a crash loses nothing of it."""
-        self.layers.append(record)
+        """A finished layer; from here on a crash loses nothing of it. One that is laid again is reported anew."""
+        same = (record.layer, record.final)
+        self.layers = [*(r for r in self.layers if (r.layer, r.final) != same), record]
+        if self.spool is not None:
+            self.spool -= record.wire_used + self.begun
+        self.begun = 0.0
         self.cell.layer_report(replace(record))
         self.track()
         self.keep()
+
+    @property
+    def wire_left(self) -> float | None:
+        """m on the spool, None = not known."""
+        return None if self.spool is None else self.spool - self.begun
 
     def keep(self) -> None:
         """records.json: what the report is made of, for a job that goes on after a crash."""
@@ -127,16 +142,21 @@ class Journal:
                 'models': self.models,
                 'layers': [asdict(r) for r in self.layers],
                 'anomalies': [asdict(a) for a in self.anomalies],
+                'passes': [asdict(p) for p in self.passes] or self.passes_before,
+                'spool': self.spool,
             },
         )
 
-    def take_over(self, before_layer: int) -> None:
-        """Reads records.json of the runs before; layers from `before_layer` on are laid again and reported anew."""
+    def take_over(self, last_layer: int) -> None:
+        """Reads records.json of the runs before; what it holds of layers after `last_layer` is laid again."""
         data = self.folder.read_json('records.json') or {}
         self.spent_before = float(data.get('elapsed') or 0.0)
         self.models = data.get('models') or {}
         old = [LayerRecord.from_json(r) for r in data.get('layers', [])]
-        self.layers = [r for r in old if r.layer < before_layer and not r.final]
+        self.layers = [r for r in old if r.layer <= last_layer and not r.final]
+        self.passes_before = data.get('passes') or []
+        if data.get('spool') is not None and not self.goal.new_spool:
+            self.spool = float(data['spool'])
         before = [AnomalyRecord.from_json(a) for a in data.get('anomalies', [])]
         self.anomalies = before + self.anomalies
         self._anomalies_before += len(before)
@@ -209,7 +229,6 @@ class Journal:
         in_tolerance: bool,
         final: Deviation | None,
         as_found_rms: float,
-        passes: list[PassRecord],
         tolerance_map: dict | None = None,
     ) -> None:
         """report.json, and all tracks in one telemetry.npz."""
@@ -220,7 +239,7 @@ class Journal:
         if self.status.state != State.DONE:
             verdict = 'failed'
         run = run_summary(
-            verdict, self.status, final, as_found_rms, self.layers, self.anomalies, passes
+            verdict, self.status, final, as_found_rms, self.layers, self.anomalies, self.passes
         )
         run['duration_s'] = self.spent_before + self.elapsed
         run['runs'], run['tolerance_map'] = self.run, tolerance_map

@@ -12,13 +12,14 @@ from waam_msgs.srv import AdjustJob
 from . import conversions as convert
 from .control import Control
 from .folder import JobFolder
-from .goal import K_GAIN_MAX, Checked, Code, JobError, JobGoal, check
+from .goal import Checked, Code, JobError, JobGoal, check
+from .limits import K_GAIN_MAX
 from .provenance import provenance
 from .records import State, Status
 from .ros_cell import RosCell
 
 
-def adjust(control: Control, code: int, value: float) -> str:
+def adjust(control: Control, code: int, value: float, k_gain_max: float = K_GAIN_MAX) -> str:
     """Hands a wish of the operator on; what is wrong with it, '' when it was taken."""
     wishes = {AdjustJob.Request.RESCAN: 'rescan', AdjustJob.Request.SKIP_LAYER: 'skip_layer'}
     if code in wishes:
@@ -28,6 +29,8 @@ def adjust(control: Control, code: int, value: float) -> str:
         return f'code {code} is unknown'
     if not (math.isnan(value) or 0.0 <= value <= K_GAIN_MAX):
         return f'k_gain is {value:g}, must be 0 to {K_GAIN_MAX:g} or NaN'
+    if value > k_gain_max:
+        return f'k_gain is {value:g}, the correction server allows {k_gain_max:g} (k_gain_max)'
     control.set_k_gain(value)
     control.remark(f'k_gain set to {value:g} from the next layer on')
     return ''

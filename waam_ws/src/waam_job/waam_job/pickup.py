@@ -14,6 +14,7 @@ from waam_process.grid import HeightGrid
 from . import checkpoint as checkpoints
 from .cell import Scan
 from .goal import Code, JobError
+from .planning import wire_of, wire_problems
 from .resume import ResumeError, check_unmoved, cold_share, progress_of, rest_of
 
 if TYPE_CHECKING:
@@ -25,15 +26,40 @@ class PickUp:
 
     def __init__(self, runner: JobRunner) -> None:
         self.runner, self.folder = runner, runner.journal.folder
-        self.checkpoint, doubts = checkpoints.load(self.folder.path)
-        for text in doubts:
-            runner.journal.note('WARNING', 'node', text, 'the generation before is used')
+        self.number, self.planned = 0, False
+        self.checkpoint, self.doubts = checkpoints.load(self.folder.path)
+
+    def load(self) -> None:
+        """Records and plans of the runs before. `number`: the layer that was under way; `planned`: there is a plan."""
+        self.number = self.folder.last_map() + 1
+        self.runner.journal.take_over(self.number)
+        self.planned = self.number > 0 and self._load_plans(self.number)
+        self.runner.program.remember(self.runner.journal.passes_before)
+
+    def wire_problems(self) -> list[JobError]:
+        """Whether the spool holds what is certainly missing; how much of the layer under way is laid, the scan says."""
+        layers = self._layers_from(
+            self.number + 1 if self._spool_knows(self.number) else self.number
+        )
+        return wire_problems(self._wire(layers), self.runner.journal.wire_left)
+
+    def _spool_knows(self, number: int) -> bool:
+        """Whether what the spool is said to hold leaves out all that was laid of a layer."""
+        recorded = any(r.layer == number for r in self.runner.journal.layers)
+        return recorded or self.runner.goal.new_spool
+
+    def _layers_from(self, number: int) -> list[PlannedLayer]:
+        return [p for p in self.runner.plan.layers if p.number >= number]
+
+    def _wire(self, layers: list[PlannedLayer]) -> float:
+        return wire_of(layers, self.runner.plan.settings)
 
     def run(self) -> tuple[Scan, int]:
         """The scan to go on from and the number of the next whole layer; the rest of a begun layer is laid here."""
-        runner, number = self.runner, self.folder.last_map() + 1
-        runner.journal.take_over(max(number, 1))
-        if number == 0 or not self._load_plans(number):
+        runner, number = self.runner, self.number
+        for text in self.doubts:
+            runner.journal.note('WARNING', 'node', text, 'the generation before is used')
+        if not self.planned:
             runner.journal.note(
                 'INFO', 'operator', 'resumed before the first layer', 'started anew'
             )
@@ -81,6 +107,7 @@ class PickUp:
             return scan, number
         if progress.complete:
             self._say(number, 'all of it is laid')
+            self._spend(layer, [])
             self._remember(number)
             return runner.survey(number), number + 1
         share = self._cold_share(number)
@@ -89,11 +116,20 @@ class PickUp:
             f'{progress.done} of {progress.total} segments are laid, on from bead {progress.bead} '
             f'with {share:.0%} of its metal',
         )
-        scan = runner.cycle.lay(
-            rest_of(layer, progress, share, runner.settings.restart_metal), before, resumed=True
-        )
+        rest = rest_of(layer, progress, share, runner.settings.restart_metal)
+        self._spend(layer, [rest])
+        scan = runner.cycle.lay(rest, before, resumed=True)
         self._remember(number)
         return scan, number + 1
+
+    def _spend(self, layer: PlannedLayer, rest: list[PlannedLayer]) -> None:
+        """What was laid of a begun layer is no longer on the spool. JobError when it does not hold what is missing."""
+        journal = self.runner.journal
+        if not self._spool_knows(layer.number):
+            journal.begun = self._wire([layer]) - self._wire(rest)
+        needed = self._wire([*rest, *self._layers_from(layer.number + 1)])
+        if short := wire_problems(needed, journal.wire_left):
+            raise short[0]
 
     def _beads_done(self, number: int) -> int:
         c = self.checkpoint

@@ -7,7 +7,7 @@ from waam_process.segment import Point
 
 from . import readiness
 from .cell import Cell
-from .goal import Checked, Code, JobError
+from .goal import Checked, Code, JobError, planner_fields
 from .motion import Motion
 from .settings import Settings
 
@@ -63,7 +63,6 @@ class Preparation:
 
     def plan_settings(self) -> PlanSettings:
         """What the planner needs of goal, material and machine."""
-        material, goal = self.checked.material, self.checked.goal
         machine, zero = self.cell.machine(), self.work_zero()
         low, high = (
             tuple(a - b for a, b in zip(limit, zero, strict=True))
@@ -72,23 +71,25 @@ class Preparation:
         return PlanSettings(
             machine_min=low,
             machine_max=high,
-            layer_height=goal.layer_height or material.layer_height,
-            bead_width=goal.bead_width or material.bead_width,
-            speed=material.speed,
             grid=self.settings.resolution,
-            allowance=goal.allowance,
-            strategy=goal.strategy or PlanSettings.strategy,
+            **planner_fields(self.checked.goal, self.checked.material),
         )
 
-    def check_ready(self) -> None:
-        """JobError with everything that is wrong. What may only be late (a node just started) gets a few seconds."""
+    def reach_known(self) -> bool:
+        """Whether the controller has said how far the machine reaches."""
+        machine = self.cell.machine()
+        pairs = zip(machine.limit_min, machine.limit_max, strict=True)
+        return all(low < high for low, high in pairs)
+
+    def not_ready(self) -> list[str]:
+        """Everything that is wrong with the cell. What may only be late (a node just started) gets a few seconds."""
         problems: list[str] = []
         for _ in range(READY_LOOKS):
             problems = readiness.problems(self.cell, self.settings)
             if not problems:
-                return
+                break
             self.cell.wait(0.1)
-        raise JobError(Code.MACHINE_NOT_READY, '; '.join(problems))
+        return problems
 
     def check_spark(self, run_id: str) -> None:
         """JobError with everything that would make an arc wrong at this moment."""
@@ -105,6 +106,9 @@ class Preparation:
             said.append('the scanner has no calibration file: its age was not checked')
         if not goal.wire_left and not self.settings.simulated:
             said.append('nobody said how much wire is left: it was not checked against the plan')
+        report = self.checked.part.report
+        said += [f'part repaired: {text}' for text in report.repairs]
+        said += [f'part: {report.crossing}'] if report.crossing else []
         named = heat.get('material', goal.material)
         if named != goal.material:
             said.append(f'the interpass limit is that of {named}, the job lays {goal.material}')

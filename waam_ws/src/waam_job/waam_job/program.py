@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from waam_plan.forecast import growth
 from waam_plan.plan import Plan, PlannedLayer
 
 from .geometry import Deviation
@@ -16,13 +18,16 @@ from .geometry import Deviation
 class PassRecord:
     """Set height and errors of one pass (m): the a-posteriori table of the report (source 004).
 
-    set_height: mean metal that the pass is planned to add where it adds any. predicted_rms: what the plan itself leaves
-    (places that it may not or cannot fill). measured_*: surface after the pass against the pass's own target.
+    Means over the cells that the pass adds metal to: set_height is what the plan before it had left for it (pass 1:
+    what it is planned to add), corrected_height what it adds after the scan, that is with what was missing.
+    predicted_rms: surface that the planner's process model makes of the plan, and measured_*: surface after the pass,
+    both against the pass's own target over the interior. NaN: not known, or no such thing.
     """
 
     pass_number: int
     layers: int
     set_height: float
+    corrected_height: float
     predicted_rms: float
     measured_rms: float = math.nan
     measured_mean: float = math.nan
@@ -38,6 +43,7 @@ class Program:
         self.passes = max(1, passes)
         self.pass_number = 0
         self.offset = 0  # layers of the passes before
+        self.arc_time_before = 0.0  # s, of the layers of the passes before
         self.plan: Plan | None = None
         self.whole: Plan | None = (
             None  # of pass 1: the region and the surface that the job is judged by
@@ -47,12 +53,24 @@ class Program:
 
     def add(self, plan: Plan) -> None:
         """The next pass. Its layers get numbers that go on from the last one laid."""
-        self.offset += self.here if self.plan else 0
+        before, done = self.plan, self.here if self.plan else 0
+        self.offset += done
+        self.arc_time_before += sum(p.arc_time for p in self.layers) if before else 0.0
         self.pass_number += 1
         self.whole = self.whole or plan
         self.plan = _shifted(plan, self.offset)
         self._plans.append(self.plan)
-        self.records.append(self._record())
+        self.records.append(self._record(before.layers[done:] if before else []))
+
+    def remember(self, records: list[dict]) -> None:
+        """What the passes have reached, from records.json of an interrupted job."""
+        for mine in self.records:
+            for r in records:
+                if r.get('pass_number') == mine.pass_number:
+                    known = (r.get('measured_rms'), r.get('measured_mean'))
+                    mine.measured_rms, mine.measured_mean = (
+                        math.nan if v is None else float(v) for v in known
+                    )
 
     @property
     def here(self) -> int:
@@ -89,16 +107,34 @@ class Program:
         tops = [float(np.nanmax(p.target_after)) for p in self.plan.layers if p.number <= number]
         return max(tops, default=0.0)
 
-    def _record(self) -> PassRecord:
-        laid = np.sum([p.planned for p in self.layers], axis=0) if self.layers else np.zeros(1)
-        if not (laid > 0).any():
-            return PassRecord(self.pass_number, 0, 0.0, math.nan)
-        left = (self.plan.as_found.z + laid - self.target_after(self.layers[-1].number))[
-            self.plan.interior
-        ]
-        left = left[np.isfinite(left)]
-        rms = float(np.sqrt(np.mean(left**2))) if left.size else math.nan
-        return PassRecord(self.pass_number, self.here, float(laid[laid > 0].mean()), rms)
+    def _record(self, left: list[PlannedLayer]) -> PassRecord:
+        """left: layers that the plan before this one had still to lay, none for pass 1."""
+        adds = _sum(p.planned for p in self.layers)
+        on = adds > 0
+        if not on.any():
+            return PassRecord(self.pass_number, 0, 0.0, math.nan, math.nan)
+        height, before = float(adds[on].mean()), math.nan
+        if left:
+            before = float(_sum(p.planned for p in left[: self.here])[on].mean())
+        predicted = self._predicted()
+        if self.pass_number == 1:
+            return PassRecord(1, self.here, height, math.nan, predicted)
+        return PassRecord(self.pass_number, self.here, before, height, predicted)
+
+    def _predicted(self) -> float:
+        """RMS (m) over the interior of what the process model makes of this pass, against its target."""
+        plan = self.plan
+        if plan.mode == 'build':
+            return math.nan
+        surface = plan.as_found.z + _sum(growth(p, plan.spec, plan.settings) for p in self.layers)
+        error = (surface - self.target_after(self.layers[-1].number))[plan.interior]
+        error = error[np.isfinite(error)]
+        return float(np.sqrt(np.mean(error**2))) if error.size else math.nan
+
+
+def _sum(maps: Iterable[np.ndarray]) -> np.ndarray:
+    """Of (rows, cols) maps; a scalar 0 of none."""
+    return np.sum(list(maps), axis=0)
 
 
 def _shifted(plan: Plan, offset: int) -> Plan:

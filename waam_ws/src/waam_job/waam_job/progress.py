@@ -31,8 +31,9 @@ class BeadProgress:
         self.indices = np.array([s.index for s in deposits], dtype=np.int64)
         layers = runner.plan.layers
         durations = [p.arc_time for p in layers]  # once: there is an estimate after every segment
-        self.laid_below = sum(durations[: layer.number - runner.program.offset - 1])
-        self.arc_time, self.layers = max(sum(durations), 1e-9), len(layers)
+        before = runner.program.arc_time_before
+        self.laid_below = before + sum(durations[: layer.number - runner.program.offset - 1])
+        self.arc_time = max(before + sum(durations), 1e-9)
         self._seen = (0, 0)
 
     def on_done(self, segment: Segment) -> None:
@@ -48,12 +49,12 @@ class BeadProgress:
         self.runner.cell.status(status)
 
     def _estimate(self, index: int) -> None:
-        """Share of arc time, and the time left at the pace so far."""
+        """Share of the arc time of all passes, never less than before, and the time left at the pace of all runs."""
         runner, status = self.runner, self.runner.status
         laid = int(np.searchsorted(self.indices, index, side='right'))
         here = self.laid_before + (float(self.times[laid - 1]) if laid else 0.0)
-        share = (self.laid_below + here) / self.arc_time
-        passed = runner.program.offset + share * self.layers
-        status.progress = min(1.0, passed / runner.program.total)
+        share = min(1.0, (self.laid_below + here) / self.arc_time)
+        status.progress = max(status.progress, share)
         if status.progress > 0.02:
-            status.time_left = runner.journal.elapsed * (1 / status.progress - 1)
+            spent = runner.journal.spent_before + runner.journal.elapsed
+            status.time_left = spent * (1 / status.progress - 1)

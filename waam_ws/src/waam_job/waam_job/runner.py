@@ -7,19 +7,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from waam_plan.linking import arc_starts
 from waam_plan.plan import Plan
 
 from .cell import Cell, Scan
 from .control import Control
 from .ending import Ending
 from .folder import JobFolder
+from .foresight import Foresight
 from .geometry import Deviation, deviation
 from .goal import Checked, Code, JobError
 from .journal import Journal
 from .layer_cycle import CLOSED_LOOP, LayerCycle
 from .motion import Motion
 from .pickup import PickUp
-from .planning import make_plan
+from .planning import make_plan, wire_problems
 from .preparation import Preparation
 from .program import Program
 from .records import State, Status
@@ -61,6 +63,9 @@ class JobRunner:
             settings.margin,
         )
         self.program = Program(self.goal.passes)
+        self.journal.passes = self.program.records
+        self.pick_up = PickUp(self) if run > 1 else None
+        self.foresight = Foresight(self)
         self.cycle = LayerCycle(self)
         self.ending = Ending(self)
 
@@ -76,17 +81,16 @@ class JobRunner:
     def run(self) -> Status:
         """Returns the final status; errors end up in it (and in the folder), they are not raised."""
         try:
-            self.journal.state(State.PREPARING, 'arming and homing')
+            self.journal.state(State.PREPARING, 'checking cell, part and plan')
             suffix = '' if self.run_number == 1 else f'_{self.run_number}'
             custom = (f'job_id={self.run_id}', f'profile={self.goal.profile}', *self.goal.notes)
             record = str(self.journal.folder.path / f'record{suffix}')
-            self.preparation.check_ready()
+            self._check()
             self.journal.started = self.cell.now()  # only now is there a clock for certain
             self.journal.remarks = self.preparation.remarks()
             self.journal.say('; '.join(['arming and homing', *self.journal.remarks]))
             self.preparation.run(self.run_id, record, custom)
-            pick_up = PickUp(self) if self.run_number > 1 else None
-            scan, first = pick_up.run() if pick_up else self.begin()
+            scan, first = self.pick_up.run() if self.pick_up else self.begin()
             self._finish(self._lay(scan, first))
             self.journal.state(State.DONE, self.ending.verdict_text())
         except JobError as e:
@@ -99,6 +103,15 @@ class JobRunner:
         finally:
             self._release()
         return self.status
+
+    def _check(self) -> None:
+        """JobError with everything that can be known to be wrong before anything moves."""
+        if self.pick_up:
+            self.pick_up.load()
+        cell, job = self.preparation.not_ready(), self.foresight.problems()
+        if cell or job:
+            code = Code.MACHINE_NOT_READY if cell else job[0].code
+            raise JobError(code, '; '.join([*cell, *map(str, job)]))
 
     def begin(self) -> tuple[Scan, int]:
         """Scan as found and the plan of pass 1. Returns the scan and the number of the first layer."""
@@ -114,8 +127,14 @@ class JobRunner:
     # ---- planning ------------------------------------------------------------------------------
 
     def _make_plan(self, scan: Scan) -> Plan:
-        laid = self.program.offset + (self.program.here if self.program.plan else 0)
-        plan = make_plan(self.checked, self.preparation.plan_settings(), scan.map, laid)
+        program, settings = self.program, self.preparation.plan_settings()
+        laid = program.layers if program.plan else []
+        below = arc_starts(laid[-1].segments) if laid else None
+        plan = self.foresight.plan or make_plan(
+            self.checked, settings, scan.map, program.offset + len(laid), below
+        )
+        if short := wire_problems(plan.wire, self.journal.wire_left):
+            raise short[0]
         for text in plan.warnings:
             self.journal.note('WARNING', 'height', text, 'none')
         return plan
@@ -147,6 +166,7 @@ class JobRunner:
         self.program.records[-1].measured(
             self.deviation(scan.map.z, self.program.target_after(done))
         )
+        self.journal.keep()
 
     # ---- layers --------------------------------------------------------------------------------
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from waam_plan.scanning import scan_segments
 from waam_plan.settings import PlanSettings
-from waam_process.segment import Kind
+from waam_process.segment import Kind, Point, Segment
 
 from .cell import Cell, Scan
 from .geometry import part_grid
@@ -41,7 +41,7 @@ class Surveyor:
         """
         for attempt in (1, 2):
             self.journal.state(State.SCANNING, 'scanning' if attempt == 1 else 'scanning again')
-            scan = self._once(layer, float(self.size[2]) if self.restoring else top, settings)
+            scan = self._once(layer, top, settings)
             if scan.plausible:
                 return scan
             text = f'map after layer {layer}: {"; ".join(scan.reasons)}'
@@ -51,13 +51,18 @@ class Surveyor:
             raise JobError(Code.SCAN_FAILED, f'the surface could not be measured: {text}')
         return scan
 
-    def _once(self, layer: int, top: float, settings: PlanSettings) -> Scan:
+    def path(self, top: float, settings: PlanSettings, start: Point) -> list[Segment]:
+        """The pass over the part from `start`, `top` as of `scan`. JobError when it leaves the machine."""
         m = self.margin
         rectangle = (-m, -m, float(self.size[0]) + m, float(self.size[1]) + m)
+        highest = float(self.size[2]) if self.restoring else top
         try:
-            segments = scan_segments(rectangle, top, settings, self.motion.position)
+            return scan_segments(rectangle, highest, settings, start)
         except ValueError as e:
             raise JobError(Code.PLAN_FAILED, f'the part cannot be scanned: {e}') from None
+
+    def _once(self, layer: int, top: float, settings: PlanSettings) -> Scan:
+        segments = self.path(top, settings, self.motion.position)
         shift = self.motion.next_index - segments[0].index
         segments = [s.at(index=s.index + shift, layer=layer) for s in segments]
         first = next(i for i, s in enumerate(segments) if s.kind == Kind.SCAN)

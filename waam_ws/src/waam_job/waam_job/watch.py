@@ -11,6 +11,7 @@ from .goal import Code, JobError
 
 LEASE_EXPIRED = 202  # controller code, docs/link_protocol.md
 HOST_HOLD = 200
+RESUMED_S, RESUMED_LOOK_S = 3.0, 0.1  # wall time that telemetry may need to show it
 CLASS_OF = {  # of an anomaly; all others: link
     204: 'arc',
     205: 'arc',
@@ -107,8 +108,7 @@ class Watch:
                     Code.DEPOSITION_FAILED, f'{text}, {self._lease_holds} times in this job'
                 )
             self.note('WARNING', 'link', text, 'hold, all nodes answer again, resumed')
-            self.cell.command('RESUME')
-            self.cell.wait(0.2)
+            self._go_on()
             return
         if machine.fault in (0, HOST_HOLD):
             self._pause()
@@ -134,5 +134,12 @@ class Watch:
         self.held += self.cell.now() - began
         self.paused(False)
         if self.cell.machine().state == 'HOLD':
-            self.cell.command('RESUME')
-            self.cell.wait(0.2)
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Waits until the machine says that it runs: a state from before would pass for a new hold."""
+        self.cell.command('RESUME')
+        for _ in range(round(RESUMED_S / RESUMED_LOOK_S)):
+            self.cell.wait(RESUMED_LOOK_S)
+            if self.cell.machine().state != 'HOLD':
+                return
