@@ -282,3 +282,16 @@ def test_everything_that_is_wrong_with_a_build_is_said_at_once(part):
         plan_build(part(trimesh.util.concatenate([foot, roof])), low)
     for words in ('500.0 mm along x', '40.0 mm with clearance', 'overhang of 90 deg'):
         assert words in str(caught.value), words
+
+
+def test_a_part_too_small_to_spread_its_arc_starts_is_told_so(part):
+    post = plan_build(part(trimesh.creation.box(extents=(8, 6, 6))), S)
+    found = re.search(
+        r'(\d+) arc starts lie nearer than 5 mm .*: (\S+) mm in', ' '.join(post.warnings)
+    )
+    assert found and 0 < int(found[1]) <= 2
+    begun = [p.segments[[s.arc for s in p.segments].index(True)].start[:2] for p in post.layers]
+    gaps = [math.dist(a, b) for a, b in zip(begun, begun[1:], strict=False)]
+    assert float(found[2]) == pytest.approx(1e3 * min(gaps), abs=0.06)
+    block = plan_build(part(trimesh.creation.box(extents=(60, 40, 6))), S)
+    assert 'arc starts' not in ' '.join(block.warnings)

@@ -11,7 +11,7 @@ from shapely import Point, Polygon, box
 
 from waam_plan import path, strategies
 from waam_plan.inside import keep_inside
-from waam_plan.linking import spread_starts
+from waam_plan.linking import near_starts, spread_starts
 from waam_plan.medial import medial_lines
 from waam_plan.rings import bead_count, contour_lines, spiral_lines
 from waam_plan.section import outline, raster
@@ -120,6 +120,18 @@ def test_arc_starts_move_between_layers(strategy):
         long = [c for c in chains if sum(shapely.LineString(x).length for x in c) > 20e-3]
         gaps = [np.linalg.norm(below - c[0][0], axis=1).min() for c in long]
         assert long and min(gaps) >= 5e-3
+
+
+def test_starts_that_stay_near_are_told_with_their_place():
+    layers = [
+        np.array(p).reshape(-1, 2) * 1e-3
+        for p in ([[0, 0]], [[9, 0], [0, 4]], [], [[3, 0]], [[3, 6]])
+    ]
+    (text,) = near_starts(layers, 5e-3)
+    assert text.startswith('1 arc starts') and '4.0 mm in layer 2 at (0.0, 4.0) mm' in text
+    (text,) = near_starts(layers, 6.5e-3, first=0)
+    assert text.startswith('2 arc starts') and 'in layer 1 at' in text
+    assert near_starts(layers, 3e-3) == [] == near_starts([], 5e-3)
 
 
 @given(st.floats(6e-3, 0.1), st.floats(4e-3, 8e-3), st.floats(0.55, 0.7))

@@ -12,7 +12,7 @@ from waam_plan import contour, masks, path, strategies
 from waam_plan.allocate import metal_heights
 from waam_plan.inside import keep_inside
 from waam_plan.levels import Level, adaptive_levels, equal_levels
-from waam_plan.linking import arc_starts, spread_starts
+from waam_plan.linking import arc_starts, near_starts, spread_starts
 from waam_plan.part import Part, PartError, check_fits
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused
 from waam_plan.section import raster
@@ -47,6 +47,7 @@ def plan_build(
     spec = spec or _grid(placed, len(sections), settings, warnings)
     with collector_paused():
         planned = _layers(sections, spec, safe_z, settings)
+    warnings += near_starts([arc_starts(p.segments) for p in planned], settings.start_spread)
     plan = _assemble(part, planned, spec, safe_z, settings, offset, warnings)
     check_reach([s for layer in planned for s in layer.segments], settings)
     return plan

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 from shapely import LineString, Point, Polygon, prepare
 
 from waam_plan.hatch import Chain
@@ -107,6 +108,26 @@ def _shifted(chain: Chain, least: float) -> list[Chain]:
     anywhere, nearby = np.linspace(0.05, 0.95, 19) * length, np.array([1.2, -1.2, 2, -2]) * least
     at = anywhere if len(chain) == 1 else nearby
     return [[begun_at(ring, float(d)), *chain[1:]] for d in at]
+
+
+def near_starts(starts: list[np.ndarray], least: float, first: int = 1) -> list[str]:
+    """A warning where arc starts lie nearer than `least` (m) to those of the layer below.
+
+    starts: (n, 2) m per layer, from layer `first` upwards. A shorter bead has no other end to begin at.
+    """
+    count, nearest, where = 0, least, ''
+    for number, (below, here) in enumerate(zip(starts, starts[1:], strict=False), first + 1):
+        if len(below) and len(here):
+            away = cKDTree(below).query(here)[0]
+            count += int((away < least * (1 - 1e-6)).sum())
+            if away.min() < nearest:
+                nearest, (x, y) = away.min(), 1e3 * here[away.argmin()]
+                where = f'{1e3 * nearest:.1f} mm in layer {number} at ({x:.1f}, {y:.1f}) mm'
+    if not count:
+        return []
+    return [
+        f'{count} arc starts lie nearer than {1e3 * least:g} mm to one of the layer below: {where}'
+    ]
 
 
 def arc_starts(segments: list[Segment]) -> np.ndarray:

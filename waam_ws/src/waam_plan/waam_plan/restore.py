@@ -16,7 +16,7 @@ import numpy as np
 
 from waam_plan import masks, path, strategies
 from waam_plan.allocate import metal_heights
-from waam_plan.linking import arc_starts, spread_starts
+from waam_plan.linking import arc_starts, near_starts, spread_starts
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
 from waam_plan.section import outline
 from waam_plan.settings import PlanSettings
@@ -61,11 +61,14 @@ def plan_restoration(
     job = _Restoration(
         nominal.spec, count, thickness, wanted, found, smooth, as_found.z, safe_z, laid, settings
     )
+    below = np.zeros((0, 2)) if below is None else below
     with collector_paused():
-        planned = _layers(job, total, use, np.zeros((0, 2)) if below is None else below)
+        planned = _layers(job, total, use, below)
     region = np.any([p.footprint for p in planned], axis=0) if planned else count > 0
     half_bead = settings.bead_width / 2 / nominal.spec.resolution
     _warn(wanted - found, count, planned, use == total, settings, nominal, warnings)
+    starts = [below, *(arc_starts(p.segments) for p in planned)]
+    warnings += near_starts(starts, settings.start_spread, first=0)
     plan = Plan(
         nominal.spec,
         as_found,
