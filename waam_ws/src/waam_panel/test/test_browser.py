@@ -94,12 +94,12 @@ def cell(tmp_path_factory, write_part, domain):
 
 
 def start(s: Screen) -> None:
-    """Arm and Start; the job is under way."""
+    """Arm and Start; the job is under way. The page may still show how the job before has ended."""
     s.click('#arm')
     s.shows('#machine-detail', 'ARMED')
     s.click('#start')
     s.click('nav [data-page=run]')
-    gets_to(s, 'VALIDATING|PREPARING|SCANNING|CORRECTING|DEPOSITING')
+    s.shows('#job-state', 'VALIDATING|PREPARING|SCANNING|CORRECTING|DEPOSITING')
 
 
 def gets_to(s: Screen, state: str) -> None:

@@ -123,7 +123,7 @@ class Player(WaamNode):
     def _advance(self) -> None:
         now = self._play_time.now_ns(time.monotonic())
         for _ in range(BURST):
-            if self._coming is None or (self._coming[1].log_time > now and not self._steps):
+            if self._coming is None or not (self._steps or self._due(now)):
                 break
             self._steps = max(0, self._steps - 1)
             self._publish_next()
@@ -136,6 +136,10 @@ class Player(WaamNode):
         }
         if self._coming is None and not self._play_time.paused:
             self._end()
+
+    def _due(self, now: int) -> bool:
+        """A paused player publishes nothing by itself, not even what lies at the very time it stands at."""
+        return not self._play_time.paused and self._coming[1].log_time <= now
 
     def _publish_next(self) -> None:
         name, message = self._coming
