@@ -46,9 +46,8 @@ class Journal:
         self.models: dict[str, list[int]] = {}
         self.remarks: list[str] = []
         self.spent_before = 0.0  # s of the runs before this one
-        self.spool = (
-            goal.wire_left or None
-        )  # m of wire left after the layers reported; None = not known
+        # m of wire left after the layers reported; None = not known
+        self.spool = goal.wire_left or None
         self.begun = 0.0  # m of wire in a layer that was cut off and is not reported yet
         self.passes: list[PassRecord] = []  # those of the program
         self.passes_before: list[dict] = []  # what the runs before this one wrote of theirs

@@ -59,16 +59,11 @@ async def work(arguments: list[str], patience: float = PATIENCE_S) -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """0; 2 with one line on stderr."""
+    """0; otherwise one line on stderr says why."""
     if arguments[:1] == ['report']:
-        from waam_view.report import write_report
+        from waam_view.report import main as report
 
-        try:
-            print(write_report(Path(arguments[1])))
-        except (ValueError, OSError) as e:
-            print(e, file=sys.stderr)
-            return 2
-        return 0
+        return report(arguments[1:])
     from waam_plan.cli import register
 
     parser = argparse.ArgumentParser()

@@ -259,7 +259,7 @@ def main(arguments: list[str]) -> int:
     """python3 -m waam_view.report FOLDER: 0, or 1 with one line on stderr."""
     try:
         print(write_report(Path(arguments[0])))
-    except (JobError, OSError) as e:
+    except (ValueError, OSError) as e:
         print(e, file=sys.stderr)
         return 1
     return 0
