@@ -76,7 +76,9 @@ def test_a_doubled_byte_that_a_crc16_misses_is_caught_by_the_crc32():
     line, at = next(p for p in places if frames.check(doubled(*p)) == frames.check(p[0]))
     for digits, answer in ((frames.CRC16, b'ok N1 '), (frames.CRC32, b'rs N1 E100')):
         controller = ControllerLib(5)
-        controller.feed(frames.immediate('I', 'keep', 0, digits) + frames.immediate('L', '1', 0, digits))
+        controller.feed(
+            frames.immediate('I', 'keep', 0, digits) + frames.immediate('L', '1', 0, digits)
+        )
         sealed = frames.seal(line, digits)
         controller.feed(doubled(sealed, at))
         assert answer in controller.take()
