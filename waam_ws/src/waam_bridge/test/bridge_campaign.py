@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from bridge_cable import Cable
-from bridge_twin import Twin
+from controller_lib import ControllerLib
 
 from waam_bridge import commands, program
 from waam_bridge.commands import Command
@@ -99,7 +99,7 @@ class Campaign:
     ) -> None:
         self.total, self.rough = segments, rough
         self.dice = random.Random(seed)
-        self.twin = Twin(boot=seed)
+        self.controller = ControllerLib(boot=seed)
         self.up, self.down = Cable(self.dice, 0.0), Cable(self.dice, 0.0, 1 << 17)
         self.bridge = Bridge(BridgeParams(arc_speed_max=0.1, queue_size=10 * AHEAD))
         self.path = Path(seed)
@@ -131,9 +131,9 @@ class Campaign:
     def round(self) -> None:
         """One step of everything."""
         self.now += STEP
-        self.twin.feed(self.up.receive())
-        self.twin.run(round(STEP * 1e3))
-        self.down.send(self.twin.take())
+        self.controller.feed(self.up.receive())
+        self.controller.run(round(STEP * 1e3))
+        self.down.send(self.controller.take())
         if self.now >= self._stalled_until:
             self._host()
 
@@ -179,7 +179,7 @@ class Campaign:
         if self.now >= self._next_pull:
             self._next_pull = self._later(MEAN_PULL)
             self.report.pulls += 1
-            self.twin.hang_up()
+            self.controller.hang_up()
             if self._open:
                 self._close('pulled', self.dice.uniform(0.02, LONGEST_PULL))
         if self.now >= self._next_stall:
@@ -190,7 +190,7 @@ class Campaign:
     # ---- what is permitted
 
     def _check(self) -> None:
-        for move in self.twin.moves():
+        for move in self.controller.moves():
             s = self.waiting.popleft() if self.waiting else None
             if s is None or move.end != steps(s):
                 self._third(f'line {move.line} ended at {move.end}, not {s and steps(s)}')
@@ -199,7 +199,7 @@ class Campaign:
                 self._third(f'segment {s.index}: wire {move.wire_mm_s} mm/s')
             self.report.segments += 1
             self._progress = self.now
-        view = self.twin.look()
+        view = self.controller.look()
         self._stopped_at = 0.0 if view.state == RUN else self._stopped_at or self.now
         if view.arc and self._stopped_at and self.now - self._stopped_at > ARC_END:
             self._third(f'the arc is on in state {view.state}')
@@ -240,7 +240,7 @@ class Campaign:
         self._until(lambda: bridge.state == IDLE and not bridge.queued, 60.0)
         self._command(commands.ARM, JOB, (NODE,))
         self._until(lambda: bridge.armed_job == JOB, 5.0)
-        self.twin.moves()
+        self.controller.moves()
         self._progress = self.now
 
     def _enqueue(self, segments: list[Segment], job: str, last: bool) -> None:
@@ -273,7 +273,7 @@ class Campaign:
         if bridge.broken:
             self.report.stops += 1
             self._command(commands.STOP)
-        elif bridge.state == HOLD and not self.twin.look().arc:
+        elif bridge.state == HOLD and not self.controller.look().arc:
             self._command(commands.RESUME)
         else:
             return
@@ -303,9 +303,9 @@ class Campaign:
         while self._reported < self.total and self.now < end and not report.third:
             self._operator()
             self.round()
-        if not report.third and (self._reported != self.total or self.twin.moves()):
+        if not report.third and (self._reported != self.total or self.controller.moves()):
             self._third(f'the bridge has reported {self._reported} of {self.total} segments')
         report.resends, report.bad_frames = sender.resends, self.bridge.link.bad_frames
         report.bytes = self.up.bytes + self.down.bytes
         report.faults = {k: self.up.faults[k] + self.down.faults[k] for k in self.up.faults}
-        self.twin.close()
+        self.controller.close()

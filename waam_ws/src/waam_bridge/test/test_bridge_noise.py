@@ -8,7 +8,7 @@ import random
 import pytest
 from bridge_cable import Cable
 from bridge_campaign import Campaign, Path, steps
-from bridge_twin import Twin
+from controller_lib import ControllerLib
 
 from waam_bridge import frames
 
@@ -75,9 +75,11 @@ def test_a_doubled_byte_that_a_crc16_misses_is_caught_by_the_crc32():
     places = ((line, at) for line in lines for at in range(6, len(line)))
     line, at = next(p for p in places if frames.check(doubled(*p)) == frames.check(p[0]))
     for digits, answer in ((frames.CRC16, b'ok N1 '), (frames.CRC32, b'rs N1 E100')):
-        twin = Twin(5)
-        twin.feed(frames.immediate('I', 'keep', 0, digits) + frames.immediate('L', '1', 0, digits))
+        controller = ControllerLib(5)
+        controller.feed(
+            frames.immediate('I', 'keep', 0, digits) + frames.immediate('L', '1', 0, digits)
+        )
         sealed = frames.seal(line, digits)
-        twin.feed(doubled(sealed, at))
-        assert answer in twin.take()
-        twin.close()
+        controller.feed(doubled(sealed, at))
+        assert answer in controller.take()
+        controller.close()

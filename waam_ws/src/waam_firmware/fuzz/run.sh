@@ -20,9 +20,9 @@ cmake --build "$work/build" --target fuzz_gcode fuzz_link fuzz_core > /dev/null
 sources() { # what a harness exercises
     cd "$package"
     case $1 in
-    gcode) cat fuzz/fuzz_gcode.c core/waam_gcode.[ch] core/waam_words.[ch] core/waam_text.[ch] core/waam_types.h ;;
-    link) cat fuzz/fuzz_link.c core/waam_link.[ch] core/waam_text.[ch] core/waam_types.h ;;
-    core) cat fuzz/fuzz_core.c core/*.[ch] ;;
+    gcode) cat fuzz/fuzz_gcode.c core/gcode/*.[ch] core/common/*.[ch] ;;
+    link) cat fuzz/fuzz_link.c core/link/*.[ch] core/common/*.[ch] ;;
+    core) cat fuzz/fuzz_core.c core/*/*.[ch] ;;
     esac | sha256sum | cut -c1-12
 }
 

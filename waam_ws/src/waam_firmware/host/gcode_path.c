@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "rig.h"
+#include "host_harness.h"
 #include "waam_internal.h"
 
 static const char help[] =
@@ -40,7 +40,7 @@ typedef struct {
     double every_mm, override;
     bool no_limits, ticks;
     FILE *file;
-    rig_t rig;
+    host_harness_t harness;
     double length_mm;
     uint64_t pulses[WAAM_AXES];
 } run_t;
@@ -68,8 +68,8 @@ static void start_at(const char *text)
 {
     const char *at = text;
     for (int i = 0; i < WAAM_AXES; i++) {
-        run.rig.start_mm[i] = number("--start needs X,Y,Z in mm, not", at, &at);
-        if (*at != (i < 2 ? ',' : '\0') || fabs(run.rig.start_mm[i]) > 1e5)
+        run.harness.start_mm[i] = number("--start needs X,Y,Z in mm, not", at, &at);
+        if (*at != (i < 2 ? ',' : '\0') || fabs(run.harness.start_mm[i]) > 1e5)
             fail("--start needs X,Y,Z in mm, not", text);
         at++;
     }
@@ -116,19 +116,19 @@ static void nothing(void *context, const char *line, size_t bytes, waam_tx_kind_
 
 static void start(void)
 {
-    waam_core_t *core = &run.rig.core;
-    run.rig.config = waam_config_default();
-    run.rig.config.starts_in_alarm = false;
-    run.rig.null_plant = true;
-    rig_source(&run.rig, TICK_US);
+    waam_core_t *core = &run.harness.core;
+    run.harness.config = waam_config_default();
+    run.harness.config.starts_in_alarm = false;
+    run.harness.null_plant = true;
+    host_harness_source(&run.harness, TICK_US);
     for (int i = 0; i < WAAM_AXES && run.no_limits; i++) {
-        run.rig.config.limit_min_mm[i] = -1e6;
-        run.rig.config.limit_max_mm[i] = 1e6;
+        run.harness.config.limit_min_mm[i] = -1e6;
+        run.harness.config.limit_max_mm[i] = 1e6;
     }
-    waam_core_init(core, &run.rig.config, nothing, NULL);
+    waam_core_init(core, &run.harness.config, nothing, NULL);
     for (int i = 0; i < WAAM_AXES; i++) {
-        core->plan_mm[i] = core->path_mm[i] = run.rig.start_mm[i];
-        core->motion.steps[i] = (int32_t)lround(run.rig.start_mm[i] * run.rig.config.steps_per_mm);
+        core->plan_mm[i] = core->path_mm[i] = run.harness.start_mm[i];
+        core->motion.steps[i] = (int32_t)lround(run.harness.start_mm[i] * run.harness.config.steps_per_mm);
         core->motion.datum_steps[i] = core->motion.steps[i];
     }
     core->homed = core->plan_homed = core->armed = true;
@@ -164,7 +164,7 @@ static void print_block(const waam_block_t *block)
 
 static void print_blocks(void)
 {
-    waam_planner_t *planner = &run.rig.core.planner;
+    waam_planner_t *planner = &run.harness.core.planner;
     for (waam_block_t *block; (block = waam_planner_head(planner)) != NULL; waam_planner_pop(planner))
         if (block->kind == WAAM_BLOCK_MOVE)
             print_block(block);
@@ -174,13 +174,13 @@ static void print_blocks(void)
 
 static void tick(void)
 {
-    waam_core_t *core = &run.rig.core;
+    waam_core_t *core = &run.harness.core;
     int32_t before[WAAM_AXES];
-    memcpy(before, run.rig.outputs.pulses, sizeof before);
+    memcpy(before, run.harness.outputs.pulses, sizeof before);
     core->heard_us = core->beat_us = core->lease_us = core->now_us;
-    rig_tick(&run.rig);
+    host_harness_tick(&run.harness);
     for (int i = 0; i < WAAM_AXES; i++)
-        run.pulses[i] += (uint64_t)abs(run.rig.outputs.pulses[i] - before[i]);
+        run.pulses[i] += (uint64_t)abs(run.harness.outputs.pulses[i] - before[i]);
     run.length_mm += core->motion.speed_mm_s * TICK_US * 1e-6;
     printf("%.0f %d %d %d %.6f %.6f %u %s\n", (double)core->now_us * 1e-3, core->motion.steps[0], core->motion.steps[1],
            core->motion.steps[2], core->motion.speed_mm_s, core->wire.speed_mm_s, (unsigned)core->executed,
@@ -191,7 +191,7 @@ static void tick(void)
 
 static void drain(size_t most)
 {
-    while (run.rig.core.planner.count > most && run.rig.core.state != WAAM_ALARM)
+    while (run.harness.core.planner.count > most && run.harness.core.state != WAAM_ALARM)
         tick();
 }
 
@@ -199,15 +199,15 @@ static void drain(size_t most)
 
 static bool good_line(const char *text, size_t length, uint32_t number_of_line)
 {
-    waam_gcode_limits_t limits = {run.rig.config.wire_max_mm_s, run.rig.config.voltage_max_v};
+    waam_gcode_limits_t limits = {run.harness.config.wire_max_mm_s, run.harness.config.voltage_max_v};
     waam_command_t command;
     waam_error_t error;
     bool good = length <= WAAM_LINE_MAX
-                    ? waam_gcode_parse(text, length, 0, &run.rig.core.modal, &limits, &command, &error)
+                    ? waam_gcode_parse(text, length, 0, &run.harness.core.modal, &limits, &command, &error)
                     : waam_fail(&error, WAAM_E_TOO_LONG, WAAM_LINE_MAX + 1, "the line is longer than 160 bytes");
     if (good && run.ticks)
-        drain(waam_core_waits(&run.rig.core, &command) ? 0 : WAAM_BLOCKS - 1);
-    if (good && waam_core_plan(&run.rig.core, &command, number_of_line, &error))
+        drain(waam_core_waits(&run.harness.core, &command) ? 0 : WAAM_BLOCKS - 1);
+    if (good && waam_core_plan(&run.harness.core, &command, number_of_line, &error))
         return true;
     fflush(stdout);
     fprintf(stderr, "%s:%u:%zu: E%03d %.*s\n", run.name, (unsigned)number_of_line, error.column, error.code,
@@ -233,9 +233,9 @@ static bool read_file(void)
 static void finish(void)
 {
     drain(0);
-    while (run.rig.core.state == WAAM_RUN && !run.rig.core.arc_wanted)
+    while (run.harness.core.state == WAAM_RUN && !run.harness.core.arc_wanted)
         tick();
-    fprintf(stderr, "%.3f s, %.3f mm, pulses %llu %llu %llu\n", (double)run.rig.core.now_us * 1e-6, run.length_mm,
+    fprintf(stderr, "%.3f s, %.3f mm, pulses %llu %llu %llu\n", (double)run.harness.core.now_us * 1e-6, run.length_mm,
             (unsigned long long)run.pulses[0], (unsigned long long)run.pulses[1], (unsigned long long)run.pulses[2]);
 }
 

@@ -5,7 +5,7 @@
 #include <poll.h>
 #include <stdio.h>
 
-#include "rig.h"
+#include "host_harness.h"
 
 #define STEP_US 10000u   /* one exchange with the plant */
 #define SAMPLES (STEP_US / TICK_US)

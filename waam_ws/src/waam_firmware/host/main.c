@@ -12,7 +12,7 @@
 
 typedef struct {
     options_t options;
-    rig_t rig;
+    host_harness_t harness;
     pty_t pty;
     plant_t plant;
     pace_t pace;
@@ -46,27 +46,27 @@ static void serve_link(void *context)
         count = pty_read(&h->pty, bytes, sizeof bytes);
         if (count == 0)
             break;
-        waam_core_clock(&h->rig.core, pace_since_us(&h->pace, pace_mode(h)));
+        waam_core_clock(&h->harness.core, pace_since_us(&h->pace, pace_mode(h)));
         for (size_t i = 0; i < count; i++)
-            waam_core_rx(&h->rig.core, (uint8_t)bytes[i]);
+            waam_core_rx(&h->harness.core, (uint8_t)bytes[i]);
     }
     if (before && !h->pty.connected)
-        waam_core_hang_up(&h->rig.core);
+        waam_core_hang_up(&h->harness.core);
     pty_flush(&h->pty);
 }
 
 static uint64_t age_us(const host_t *h, uint64_t stamp_us)
 {
-    return stamp_us ? h->rig.core.now_us - stamp_us : UINT64_MAX;
+    return stamp_us ? h->harness.core.now_us - stamp_us : UINT64_MAX;
 }
 
 /* How old the news from the host is, where it matters. The lease counts as soon as one is given, not only with the arc on:
  * else time could run so far ahead of a host that works off a backlog that the lease is over when the arc is struck. */
 static uint64_t news_age_us(const host_t *h)
 {
-    const waam_core_t *core = &h->rig.core;
+    const waam_core_t *core = &h->harness.core;
     uint64_t beat = age_us(h, core->beat_us), lease = age_us(h, core->lease_us);
-    bool leased = h->rig.outputs.arc || (core->armed && core->lease_us);
+    bool leased = h->harness.outputs.arc || (core->armed && core->lease_us);
     return leased && lease > beat ? lease : beat;
 }
 
@@ -79,8 +79,8 @@ static pace_mode_t pace_mode(const host_t *h)
         return PACE_REAL;
     if (age < FRESH_US)
         return pty_blocked(&h->pty) ? PACE_REAL : PACE_FAST;
-    bool moves = h->rig.core.state == WAAM_RUN || waam_wire_jogging(&h->rig.core.wire);
-    return moves && age < h->rig.config.lease_us ? PACE_SLOW : PACE_REAL;
+    bool moves = h->harness.core.state == WAAM_RUN || waam_wire_jogging(&h->harness.core.wire);
+    return moves && age < h->harness.config.lease_us ? PACE_SLOW : PACE_REAL;
 }
 
 /* Waits until the next step is due; what arrives meanwhile is served and may bring it forward. */
@@ -100,10 +100,10 @@ static void wait_for_step(host_t *h)
 
 static plant_sample_t sample(const host_t *h)
 {
-    const waam_outputs_t *out = &h->rig.outputs;
+    const waam_outputs_t *out = &h->harness.outputs;
     int64_t at[WAAM_AXES];
-    double per_m = h->rig.config.steps_per_mm * 1e3;
-    rig_steps(&h->rig, at);
+    double per_m = h->harness.config.steps_per_mm * 1e3;
+    host_harness_steps(&h->harness, at);
     return (plant_sample_t){
         .table_x = -(double)at[0] / per_m, .table_y = -(double)at[1] / per_m, .tool_z = (double)at[2] / per_m,
         .wire_cmd = out->wire_mm_s * 1e-3, .voltage_set = out->voltage_v,
@@ -115,14 +115,14 @@ static void step(host_t *h)
 {
     plant_sample_t samples[SAMPLES];
     for (unsigned i = 0; i < h->pace.step_us / TICK_US; i++) {
-        rig_tick(&h->rig);
-        events_tick(&h->events, &h->rig.core, &h->rig.outputs);
+        host_harness_tick(&h->harness);
+        events_tick(&h->events, &h->harness.core, &h->harness.outputs);
         samples[i] = sample(h);
     }
     if (h->plant.client >= 0)
-        plant_exchange(&h->plant, samples, h->rig.core.now_us, &h->rig.inputs, h->pty.connected ? h->pty.fd : -1,
+        plant_exchange(&h->plant, samples, h->harness.core.now_us, &h->harness.inputs, h->pty.connected ? h->pty.fd : -1,
                        serve_link, h);
-    h->rig.contact = h->plant.client >= 0 && h->plant.contact;
+    h->harness.contact = h->plant.client >= 0 && h->plant.contact;
     plant_accept(&h->plant);
     bool fine = h->plant.client < 0 && h->options.rate > 0.0 && h->options.rate <= FINE_RATE;
     h->pace.step_us = fine ? TICK_US : STEP_US;
@@ -130,18 +130,18 @@ static void step(host_t *h)
 
 static int start(host_t *h)
 {
-    waam_config_t *config = &h->rig.config;
+    waam_config_t *config = &h->harness.config;
     *config = waam_config_default();
     config->start_us = h->options.epoch_us;
     config->clock_is_ros_time = h->options.clock_is_ros_time;
     if (getrandom(&config->boot_id, sizeof config->boot_id, 0) != sizeof config->boot_id)
         config->boot_id = (uint32_t)wall_ns();
-    h->rig.null_plant = h->options.null_plant;
-    rig_source(&h->rig, STEP_US);
+    h->harness.null_plant = h->options.null_plant;
+    host_harness_source(&h->harness, STEP_US);
     config->starts_in_alarm = !h->options.start_idle;
-    memcpy(h->rig.start_mm, h->options.start_mm, sizeof h->rig.start_mm);
+    memcpy(h->harness.start_mm, h->options.start_mm, sizeof h->harness.start_mm);
     h->pace = (pace_t){.rate = h->options.rate, .step_us = STEP_US, .due_ns = wall_ns()};
-    waam_core_init(&h->rig.core, config, on_line, h);
+    waam_core_init(&h->harness.core, config, on_line, h);
     if (events_open(&h->events, h->options.events) < 0 || plant_open(&h->plant, h->options.plant) < 0 ||
         pty_open(&h->pty, h->options.pty_link) < 0)
         return -1;

@@ -11,7 +11,7 @@ typedef enum {
     WAAM_RX_DUPLICATE, /* acknowledge again */
     WAAM_RX_RESEND,    /* ask for link.resend_code */
     WAAM_RX_BLOCKED,   /* the first line that came while nothing is accepted: say so, once */
-    WAAM_RX_STOCK      /* link.line holds a line of a stock sender for waam_stock.c: no number, or M110 */
+    WAAM_RX_STOCK      /* link.line holds a line of a stock sender for waam_marlin_dialect.c: no number, or M110 */
 } waam_rx_t;
 
 /* Which host is at the other end. OPEN: nobody has said yet; the first line decides. */

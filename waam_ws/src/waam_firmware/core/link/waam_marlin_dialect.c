@@ -1,11 +1,11 @@
 /* Stock 3-D printing senders can move the machine, but nothing that they say can strike an arc: they hold no lease. */
-#include "waam_stock.h"
+#include "waam_marlin_dialect.h"
 
 #include "waam_internal.h"
 
 /* ---- lines ---- */
 
-bool waam_stock_number(const char *line, size_t length, int64_t *number)
+bool waam_marlin_number(const char *line, size_t length, int64_t *number)
 {
     bool negative = length > 1 && line[1] == '-';
     waam_cursor_t cursor = {line, length, negative ? 2 : 1};
@@ -37,12 +37,12 @@ static size_t after_number(const char *line, size_t length)
     return at;
 }
 
-bool waam_stock_renumbers(const char *line, size_t length)
+bool waam_marlin_renumbers(const char *line, size_t length)
 {
     return m_word(line, length, after_number(line, length)) == 110;
 }
 
-bool waam_stock_unnumbered(const char *line, size_t length, bool any)
+bool waam_marlin_unnumbered(const char *line, size_t length, bool any)
 {
     for (size_t i = 0; i < length; i++)
         if (line[i] == '*' || line[i] < ' ' || line[i] > '~')
@@ -62,7 +62,7 @@ static void say(waam_core_t *core, const char *words)
 
 static int64_t number_of(const waam_core_t *core, uint32_t line) { return (int64_t)line - core->link.base; }
 
-void waam_stock_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind)
+void waam_marlin_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind)
 {
     waam_text_t line = {.length = 0};
     if (kind == WAAM_TX_TELEMETRY)
@@ -73,7 +73,7 @@ void waam_stock_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind)
     core->send(core->context, line.text, line.length, kind);
 }
 
-void waam_stock_ok(waam_core_t *core)
+void waam_marlin_ok(waam_core_t *core)
 {
     waam_text_t text = {.length = 0};
     waam_text_add(&text, "ok N");
@@ -85,7 +85,7 @@ void waam_stock_ok(waam_core_t *core)
     waam_core_send(core, &text, WAAM_TX_ASSURED);
 }
 
-void waam_stock_resend(waam_core_t *core)
+void waam_marlin_resend(waam_core_t *core)
 {
     waam_text_t text = {.length = 0};
     waam_text_add(&text, "Error:E");
@@ -97,11 +97,11 @@ void waam_stock_resend(waam_core_t *core)
     waam_text_add(&text, "Resend: ");
     waam_text_int(&text, number_of(core, core->link.received) + 1);
     waam_core_send(core, &text, WAAM_TX_ASSURED);
-    waam_stock_ok(core);
+    waam_marlin_ok(core);
 }
 
 /* No `ok` follows, so that the sender stops; M110 makes a new start. */
-void waam_stock_error(waam_core_t *core, const waam_error_t *error)
+void waam_marlin_error(waam_core_t *core, const waam_error_t *error)
 {
     waam_text_t text = {.length = 0};
     waam_text_add(&text, "Error:E");
@@ -129,7 +129,7 @@ static void position(waam_core_t *core)
     waam_core_send(core, &text, WAAM_TX_ASSURED);
 }
 
-bool waam_stock_query(waam_core_t *core, const char *line, size_t length, size_t at)
+bool waam_marlin_query(waam_core_t *core, const char *line, size_t length, size_t at)
 {
     switch (m_word(line, length, at)) {
     case 105: say(core, "ok T:0.0 /0.0"); return true;
@@ -170,11 +170,11 @@ static void renumber(waam_core_t *core, const char *line, size_t length)
     size_t at = length;
     while (at > 0 && line[at - 1] != 'N' && line[at - 1] != 'n')
         at--;
-    if (at == 0 || !waam_stock_number(line + at - 1, length - at + 1, &number) || number < -1)
+    if (at == 0 || !waam_marlin_number(line + at - 1, length - at + 1, &number) || number < -1)
         number = 0;
     core->link.base = (int64_t)core->link.accepted - number;
     waam_link_resync(&core->link, core->link.accepted + 1);
-    waam_stock_ok(core);
+    waam_marlin_ok(core);
 }
 
 /* M999: leaves ALARM, or forgets what is held. */
@@ -189,14 +189,14 @@ static void restart(waam_core_t *core)
     if (code) {
         waam_error_t error;
         waam_fail(&error, code, 1, text);
-        waam_stock_error(core, &error);
+        waam_marlin_error(core, &error);
         return;
     }
     waam_link_resync(&core->link, core->link.accepted + 1);
-    waam_stock_ok(core);
+    waam_marlin_ok(core);
 }
 
-void waam_stock_line(waam_core_t *core, const char *line, size_t length)
+void waam_marlin_line(waam_core_t *core, const char *line, size_t length)
 {
     bool numbered = line[0] == 'N' || line[0] == 'n';
     int code = m_word(line, length, numbered ? after_number(line, length) : 0);
@@ -207,13 +207,13 @@ void waam_stock_line(waam_core_t *core, const char *line, size_t length)
     case 112: waam_core_stop(core); break;
     case 108:
         waam_core_resume(core);
-        waam_stock_ok(core);
+        waam_marlin_ok(core);
         break;
     case 999: restart(core); break;
     default:
-        if (waam_stock_query(core, line, length, 0))
+        if (waam_marlin_query(core, line, length, 0))
             break;
         say(core, "echo:E108 not done: what moves needs a line number and a checksum");
-        waam_stock_ok(core);
+        waam_marlin_ok(core);
     }
 }

@@ -12,7 +12,7 @@ const char *waam_state_name(waam_state_t state)
 void waam_core_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind)
 {
     if (core->link.dialect == WAAM_DIALECT_STOCK) {
-        waam_stock_send(core, text, kind);
+        waam_marlin_send(core, text, kind);
         return;
     }
     if (kind == WAAM_TX_ASSURED)

@@ -1,6 +1,6 @@
 #include "waam_link.h"
 
-#include "waam_stock.h"
+#include "waam_marlin_dialect.h"
 
 void waam_link_init(waam_link_t *link) { *link = (waam_link_t){0}; }
 
@@ -73,9 +73,9 @@ static waam_rx_t with_number(waam_link_t *link)
     int64_t sequence;
     if (link->strong && link->check_digits != 10)
         return failed(link, WAAM_E_CHECK);
-    if (!waam_stock_number(link->line, link->length, &sequence))
+    if (!waam_marlin_number(link->line, link->length, &sequence))
         return failed(link, WAAM_E_SYNTAX);
-    if (link->dialect != WAAM_DIALECT_NATIVE && waam_stock_renumbers(link->line, link->length))
+    if (link->dialect != WAAM_DIALECT_NATIVE && waam_marlin_renumbers(link->line, link->length))
         return WAAM_RX_STOCK;
     sequence += link->dialect == WAAM_DIALECT_STOCK ? link->base : 0;
     if (link->dialect == WAAM_DIALECT_STOCK && sequence < 1 && !link->blocked)
@@ -95,7 +95,7 @@ static waam_rx_t complete(waam_link_t *link)
     if (link->length == 0)
         return WAAM_RX_NONE;
     if (link->dialect != WAAM_DIALECT_NATIVE &&
-        waam_stock_unnumbered(link->line, link->length, link->dialect == WAAM_DIALECT_STOCK))
+        waam_marlin_unnumbered(link->line, link->length, link->dialect == WAAM_DIALECT_STOCK))
         return WAAM_RX_STOCK;
     link->check_digits = waam_check_line(link->line, link->length, &content);
     if (!link->check_digits)

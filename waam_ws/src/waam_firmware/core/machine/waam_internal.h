@@ -27,13 +27,13 @@ waam_code_t waam_core_reset(waam_core_t *core, const char **text);
 void waam_core_new_program(waam_core_t *core); /* modal state as after a start */
 void waam_core_stamp(const waam_core_t *core, waam_text_t *text); /* appends " @<microseconds>" */
 
-/* stock senders (waam_stock.c) */
-void waam_stock_line(waam_core_t *core, const char *line, size_t length);
-bool waam_stock_query(waam_core_t *core, const char *line, size_t length, size_t at); /* answered, if it is one */
-void waam_stock_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind);
-void waam_stock_ok(waam_core_t *core);
-void waam_stock_resend(waam_core_t *core);
-void waam_stock_error(waam_core_t *core, const waam_error_t *error);
+/* stock senders (waam_marlin_dialect.c) */
+void waam_marlin_line(waam_core_t *core, const char *line, size_t length);
+bool waam_marlin_query(waam_core_t *core, const char *line, size_t length, size_t at); /* answered, if it is one */
+void waam_marlin_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind);
+void waam_marlin_ok(waam_core_t *core);
+void waam_marlin_resend(waam_core_t *core);
+void waam_marlin_error(waam_core_t *core, const waam_error_t *error);
 
 /* Zero of the program's coordinates in machine coordinates. */
 double waam_core_zero_mm(const waam_core_t *core, const waam_modal_t *modal, int axis);

@@ -1,14 +1,14 @@
 /* Lines of stock 3-D printing senders (Printrun, OctoPrint): "N<n> ... *<xor>", M105, M110 ... Pure. */
-#ifndef WAAM_STOCK_H
-#define WAAM_STOCK_H
+#ifndef WAAM_MARLIN_DIALECT_H
+#define WAAM_MARLIN_DIALECT_H
 
 #include "waam_text.h"
 
 /* The number after a leading 'N'; senders may start below zero. False: the line does not begin with a number. */
-bool waam_stock_number(const char *line, size_t length, int64_t *number);
+bool waam_marlin_number(const char *line, size_t length, int64_t *number);
 /* Is this a numbered M110? (`line` without its check) */
-bool waam_stock_renumbers(const char *line, size_t length);
+bool waam_marlin_renumbers(const char *line, size_t length);
 /* Is this a line without number and check, as those senders write them for questions? `any`: whatever it asks. */
-bool waam_stock_unnumbered(const char *line, size_t length, bool any);
+bool waam_marlin_unnumbered(const char *line, size_t length, bool any);
 
 #endif

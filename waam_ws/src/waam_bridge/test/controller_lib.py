@@ -1,4 +1,4 @@
-"""The real controller core in this process (libwaam_twin, waam_firmware/host/twin.h): bytes in, bytes out, and time as
+"""The real controller core in this process (libwaam_controller_lib of waam_firmware): bytes in, bytes out, and time as
 fast as the caller asks."""
 
 from __future__ import annotations
@@ -54,51 +54,51 @@ def _library() -> ctypes.CDLL:
         if other
         else Path(get_package_prefix('waam_firmware')) / 'lib/waam_firmware'
     )
-    lib = ctypes.CDLL(str(path / 'libwaam_twin.so'))
-    lib.twin_new.restype = ctypes.c_void_p
-    lib.twin_new.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
-    lib.twin_free.argtypes = lib.twin_hang_up.argtypes = (ctypes.c_void_p,)
-    lib.twin_rx.argtypes = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t)
-    lib.twin_run.argtypes = (ctypes.c_void_p, ctypes.c_uint32)
-    for call in (lib.twin_take, lib.twin_executed):
+    lib = ctypes.CDLL(str(path / 'libwaam_controller_lib.so'))
+    lib.controller_lib_new.restype = ctypes.c_void_p
+    lib.controller_lib_new.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
+    lib.controller_lib_free.argtypes = lib.controller_lib_hang_up.argtypes = (ctypes.c_void_p,)
+    lib.controller_lib_rx.argtypes = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t)
+    lib.controller_lib_run.argtypes = (ctypes.c_void_p, ctypes.c_uint32)
+    for call in (lib.controller_lib_take, lib.controller_lib_executed):
         call.restype = ctypes.c_size_t
         call.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)
-    lib.twin_look.argtypes = (ctypes.c_void_p, ctypes.POINTER(View))
+    lib.controller_lib_look.argtypes = (ctypes.c_void_p, ctypes.POINTER(View))
     return lib
 
 
-class Twin:
+class ControllerLib:
     """One controller with a plant that does nothing wrong."""
 
     def __init__(self, boot: int = 1, start_us: int = 1_000_000) -> None:
         self._lib = _library()
-        self._twin = self._lib.twin_new(boot, start_us)
+        self._handle = self._lib.controller_lib_new(boot, start_us)
         self._bytes = ctypes.create_string_buffer(TX_BYTES)
         self._done = (Done * DONE_MOST)()
         self._view = View()
 
     def close(self) -> None:
-        self._lib.twin_free(self._twin)
+        self._lib.controller_lib_free(self._handle)
 
     def feed(self, data: bytes) -> None:
-        self._lib.twin_rx(self._twin, data, len(data))
+        self._lib.controller_lib_rx(self._handle, data, len(data))
 
     def hang_up(self) -> None:
-        self._lib.twin_hang_up(self._twin)
+        self._lib.controller_lib_hang_up(self._handle)
 
     def run(self, milliseconds: int) -> None:
-        self._lib.twin_run(self._twin, milliseconds)
+        self._lib.controller_lib_run(self._handle, milliseconds)
 
     def take(self) -> bytes:
-        count = self._lib.twin_take(self._twin, self._bytes, TX_BYTES)
+        count = self._lib.controller_lib_take(self._handle, self._bytes, TX_BYTES)
         return ctypes.string_at(self._bytes, count)
 
     def moves(self) -> list[Move]:
         """Moves that were executed since the last call."""
-        count = self._lib.twin_executed(self._twin, self._done, DONE_MOST)
+        count = self._lib.controller_lib_executed(self._handle, self._done, DONE_MOST)
         done = self._done[:count]
         return [Move(d.line, tuple(d.end), d.wire_mm_s) for d in done if d.kind == MOVE]
 
     def look(self) -> View:
-        self._lib.twin_look(self._twin, ctypes.byref(self._view))
+        self._lib.controller_lib_look(self._handle, ctypes.byref(self._view))
         return self._view

@@ -1,7 +1,7 @@
 /* What stands around the core in every host program: home switches where the axes are, and a plant that does nothing
- * wrong. Shared by the virtual controller and the twin. */
-#ifndef WAAM_RIG_H
-#define WAAM_RIG_H
+ * wrong. Shared by the virtual controller and the lib. */
+#ifndef WAAM_HOST_HARNESS_H
+#define WAAM_HOST_HARNESS_H
 
 #include "waam_core.h"
 
@@ -16,13 +16,13 @@ typedef struct {
     bool null_plant;
     bool contact;               /* the wire touches the work: what the source's sense supply sees */
     uint64_t null_arc_us;       /* null plant: the arc output has been on for this long */
-} rig_t;
+} host_harness_t;
 
 /* Tunes the arc regulator to what is there: a source that follows at once and is seen after `exchange_us`. */
-void rig_source(rig_t *rig, uint32_t exchange_us);
+void host_harness_source(host_harness_t *harness, uint32_t exchange_us);
 /* Steps from machine zero at which the axes really are. */
-void rig_steps(const rig_t *rig, int64_t at[WAAM_AXES]);
+void host_harness_steps(const host_harness_t *harness, int64_t at[WAAM_AXES]);
 /* One tick of the core with its inputs. */
-void rig_tick(rig_t *rig);
+void host_harness_tick(host_harness_t *harness);
 
 #endif

@@ -7,7 +7,7 @@ static void acknowledge(waam_core_t *core)
 {
     waam_text_t text = {.length = 0};
     if (stock(core)) {
-        waam_stock_ok(core);
+        waam_marlin_ok(core);
         return;
     }
     waam_text_add(&text, "ok N");
@@ -36,7 +36,7 @@ static void native_error(waam_core_t *core, const waam_error_t *error)
 static void report_error(waam_core_t *core, const waam_error_t *error)
 {
     if (stock(core))
-        waam_stock_error(core, error);
+        waam_marlin_error(core, error);
     else
         native_error(core, error);
     waam_link_block(&core->link, true);
@@ -68,7 +68,7 @@ static bool take_line(waam_core_t *core)
     waam_error_t error;
     if (length == 0)
         return false;
-    if (stock(core) && waam_stock_query(core, line, length, after_number(line, length))) {
+    if (stock(core) && waam_marlin_query(core, line, length, after_number(line, length))) {
         waam_link_accept(&core->link);
         return true;
     }
@@ -98,7 +98,7 @@ static void ask_resend(waam_core_t *core)
 {
     waam_text_t text = {.length = 0};
     if (stock(core)) {
-        waam_stock_resend(core);
+        waam_marlin_resend(core);
         return;
     }
     waam_text_add(&text, "rs N");
@@ -134,7 +134,7 @@ static void line_byte(waam_core_t *core, uint8_t byte)
     core->heard_us = core->now_us;
     switch (result) {
     case WAAM_RX_IMMEDIATE: waam_core_immediate(core, link->line, link->length); break;
-    case WAAM_RX_STOCK: waam_stock_line(core, link->line, link->length); break;
+    case WAAM_RX_STOCK: waam_marlin_line(core, link->line, link->length); break;
     case WAAM_RX_DUPLICATE: acknowledge(core); break;
     case WAAM_RX_BLOCKED: report_blocked(core); break;
     default: waam_core_take_lines(core); break;

@@ -4,7 +4,7 @@
 #define WAAM_REGULATOR_H
 
 #include "waam_pid.h"
-#include "waam_smith.h"
+#include "waam_smith_predictor.h"
 
 #define WAAM_SCHEDULE_CURRENTS 4
 #define WAAM_SCHEDULE_DISTANCES 3
@@ -64,7 +64,7 @@ typedef struct {
     bool on;
     float base;                 /* output at the start; the model counts from there */
     waam_pid_t pid;
-    waam_smith_t smith;
+    waam_smith_predictor_t smith;
 } waam_regulator_t;
 
 /* Null, or what is wrong. */

@@ -1,0 +1,113 @@
+#include "controller_lib.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+struct controller_lib {
+    host_harness_t harness;
+    char tx[CONTROLLER_LIB_TX_BYTES];
+    size_t tx_used;
+    controller_lib_done_t done[CONTROLLER_LIB_DONE];
+    size_t done_count;
+    uint32_t last_line;
+    uint64_t arc_off_us, arc_off_lease_us;
+};
+
+static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_t kind)
+{
+    controller_lib_t *t = context;
+    size_t most = kind == WAAM_TX_TELEMETRY ? CONTROLLER_LIB_TX_BYTES / 2 : CONTROLLER_LIB_TX_BYTES;
+    if (t->tx_used + bytes > most)
+        return;
+    memcpy(t->tx + t->tx_used, line, bytes);
+    t->tx_used += bytes;
+}
+
+controller_lib_t *controller_lib_new(uint32_t boot_id, uint64_t start_us)
+{
+    controller_lib_t *t = calloc(1, sizeof *t);
+    if (!t)
+        return NULL;
+    t->harness.config = waam_config_default();
+    t->harness.config.boot_id = boot_id;
+    t->harness.config.start_us = start_us;
+    t->harness.config.starts_in_alarm = false;
+    t->harness.null_plant = true;
+    host_harness_source(&t->harness, TICK_US);
+    for (int i = 0; i < WAAM_AXES; i++)
+        t->harness.start_mm[i] = i == 2 ? t->harness.config.limit_max_mm[i] - 5.0 : 5.0;
+    waam_core_init(&t->harness.core, &t->harness.config, on_line, t);
+    return t;
+}
+
+void controller_lib_free(controller_lib_t *lib) { free(lib); }
+
+void controller_lib_rx(controller_lib_t *lib, const char *bytes, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        waam_core_rx(&lib->harness.core, (uint8_t)bytes[i]);
+}
+
+void controller_lib_hang_up(controller_lib_t *lib)
+{
+    lib->tx_used = 0;
+    waam_core_hang_up(&lib->harness.core);
+}
+
+static void note(controller_lib_t *t, const waam_block_t *block)
+{
+    if (block->line <= t->last_line || block->line > t->harness.core.executed || t->done_count == CONTROLLER_LIB_DONE)
+        return;
+    controller_lib_done_t *d = &t->done[t->done_count++];
+    *d = (controller_lib_done_t){.line = block->line, .kind = block->kind, .wire_mm_s = (float)block->wire_mm_s,
+                       .voltage_v = (float)block->voltage_v};
+    memcpy(d->end, block->end, sizeof d->end);
+    t->last_line = block->line;
+}
+
+/* Blocks that left the queue in this tick still stand in its ring. */
+static void tick(controller_lib_t *t)
+{
+    const waam_planner_t *planner = &t->harness.core.planner;
+    size_t head = planner->head;
+    bool arc = t->harness.outputs.arc;
+    uint64_t lease_us = t->harness.core.lease_us;
+    host_harness_tick(&t->harness);
+    for (size_t i = 0; i < WAAM_BLOCKS && (head + i) % WAAM_BLOCKS != planner->head; i++)
+        note(t, &planner->block[(head + i) % WAAM_BLOCKS]);
+    if (arc && !t->harness.outputs.arc) {
+        t->arc_off_us = t->harness.core.now_us;
+        t->arc_off_lease_us = lease_us;
+    }
+}
+
+void controller_lib_run(controller_lib_t *lib, uint32_t milliseconds)
+{
+    while (milliseconds--)
+        tick(lib);
+}
+
+size_t controller_lib_take(controller_lib_t *lib, char *bytes, size_t size)
+{
+    size_t count = lib->tx_used < size ? lib->tx_used : size;
+    memcpy(bytes, lib->tx, count);
+    lib->tx_used = 0;
+    return count;
+}
+
+size_t controller_lib_executed(controller_lib_t *lib, controller_lib_done_t *done, size_t size)
+{
+    size_t count = lib->done_count < size ? lib->done_count : size;
+    memcpy(done, lib->done, count * sizeof *done);
+    lib->done_count = 0;
+    return count;
+}
+
+void controller_lib_look(const controller_lib_t *lib, controller_lib_view_t *view)
+{
+    const waam_core_t *core = &lib->harness.core;
+    *view = (controller_lib_view_t){.now_us = core->now_us, .arc_off_us = lib->arc_off_us,
+                          .arc_off_lease_us = lib->arc_off_lease_us, .state = (int32_t)core->state,
+                          .fault = (int32_t)core->fault, .arc = lib->harness.outputs.arc, .homed = core->homed,
+                          .queued = (int32_t)core->planner.count};
+}

@@ -1,0 +1,41 @@
+/* The controller as a shared library: the same core, bytes in and bytes out, time as fast as the caller asks. For campaigns
+ * that need millions of lines, or a fault at an exact moment. */
+#ifndef WAAM_CONTROLLER_LIB_H
+#define WAAM_CONTROLLER_LIB_H
+
+#include "host_harness.h"
+
+#define CONTROLLER_LIB_TX_BYTES (256u * 1024u)
+#define CONTROLLER_LIB_DONE 4096u
+
+/* A block that was executed to its end. */
+typedef struct {
+    uint32_t line;
+    int32_t kind;               /* waam_block_kind_t */
+    int32_t end[WAAM_AXES];     /* steps */
+    float wire_mm_s, voltage_v;
+} controller_lib_done_t;
+
+/* What a look from outside shows. */
+typedef struct {
+    uint64_t now_us;
+    uint64_t arc_off_us;        /* when the arc output last went off */
+    uint64_t arc_off_lease_us;  /* the lease then in force */
+    int32_t state, fault;
+    int32_t arc, homed, queued;
+} controller_lib_view_t;
+
+typedef struct controller_lib controller_lib_t;
+
+controller_lib_t *controller_lib_new(uint32_t boot_id, uint64_t start_us);
+void controller_lib_free(controller_lib_t *lib);
+void controller_lib_rx(controller_lib_t *lib, const char *bytes, size_t count);
+void controller_lib_hang_up(controller_lib_t *lib);
+void controller_lib_run(controller_lib_t *lib, uint32_t milliseconds);
+/* What was sent since the last call (`size` at least CONTROLLER_LIB_TX_BYTES); beyond that telemetry is dropped. */
+size_t controller_lib_take(controller_lib_t *lib, char *bytes, size_t size);
+/* Blocks executed since the last call, at most `size`. */
+size_t controller_lib_executed(controller_lib_t *lib, controller_lib_done_t *done, size_t size);
+void controller_lib_look(const controller_lib_t *lib, controller_lib_view_t *view);
+
+#endif

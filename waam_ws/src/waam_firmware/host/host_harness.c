@@ -1,0 +1,76 @@
+#include "host_harness.h"
+
+#include <math.h>
+
+#define NULL_STRIKE_US 50000u
+#define SENSE_FREE_V 12.0
+#define SENSE_CONTACT_V 0.3
+
+void host_harness_source(host_harness_t *harness, uint32_t exchange_us)
+{
+    waam_regulator_config_t *r = &harness->config.regulator;
+    const waam_pid_gains_t integral = {.ki = 10.0f, .weight = 1.0f};
+    r->lag_s = 0.0f;
+    r->delay_s = 1.5e-6f * (float)exchange_us; /* half of it until the output is sampled, all of it until the answer */
+    r->fixed = r->scheduled = integral;
+    r->scheduling = false;
+    r->trim = 5.0f;
+    if (harness->null_plant)
+        harness->config.monitor.stuck_us = 0; /* its arc burns too quietly for a real one */
+}
+
+void host_harness_steps(const host_harness_t *harness, int64_t at[WAAM_AXES])
+{
+    for (int i = 0; i < WAAM_AXES; i++)
+        at[i] = llround(harness->start_mm[i] * harness->config.steps_per_mm) + harness->outputs.pulses[i];
+}
+
+static void press_home_switches(host_harness_t *harness)
+{
+    const waam_config_t *c = &harness->config;
+    int64_t at[WAAM_AXES];
+    host_harness_steps(harness, at);
+    for (int i = 0; i < WAAM_AXES; i++)
+        harness->inputs.home_switch[i] = c->home_direction[i] < 0
+                                         ? at[i] <= llround(c->limit_min_mm[i] * c->steps_per_mm)
+                                         : at[i] >= llround(c->limit_max_mm[i] * c->steps_per_mm);
+}
+
+static void null_plant(host_harness_t *harness)
+{
+    harness->null_arc_us = harness->outputs.arc ? harness->null_arc_us + TICK_US : 0;
+    bool burns = harness->null_arc_us >= NULL_STRIKE_US;
+    harness->inputs.process = WAAM_PROCESS_OK;
+    harness->inputs.gas_ok = harness->outputs.gas;
+    harness->inputs.wire_mm_s = harness->outputs.wire_mm_s;
+    harness->inputs.current_a = burns ? 180.0 : 0.0;
+    harness->inputs.voltage_v = burns ? harness->outputs.voltage_v : harness->outputs.arc ? 65.0 : 0.0;
+}
+
+/* While the controller senses, it sees the sense supply of the source. */
+static void sense(const host_harness_t *harness, waam_inputs_t *inputs)
+{
+    if (harness->outputs.sense && inputs->process == WAAM_PROCESS_OK)
+        inputs->voltage_v = harness->contact ? SENSE_CONTACT_V : SENSE_FREE_V;
+}
+
+static void fast_ticks(host_harness_t *harness, const waam_inputs_t *inputs)
+{
+    const waam_fast_inputs_t in = {.valid = inputs->process == WAAM_PROCESS_OK,
+                                   .voltage_v = (float)inputs->voltage_v,
+                                   .current_a = (float)inputs->current_a};
+    waam_fast_outputs_t out;
+    for (unsigned i = 0; i < TICK_US / WAAM_FAST_US; i++)
+        waam_core_fast(&harness->core, &in, &out);
+}
+
+void host_harness_tick(host_harness_t *harness)
+{
+    press_home_switches(harness);
+    if (harness->null_plant)
+        null_plant(harness);
+    waam_inputs_t inputs = harness->inputs;
+    sense(harness, &inputs);
+    fast_ticks(harness, &inputs);
+    waam_core_tick(&harness->core, TICK_US, &inputs, &harness->outputs);
+}
