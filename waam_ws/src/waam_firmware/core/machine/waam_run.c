@@ -3,12 +3,20 @@
 
 #include "waam_internal.h"
 
+static void set_gas(waam_core_t *core, waam_gas_t gas)
+{
+    if (gas != WAAM_GAS_KEEP)
+        core->arc.gas_asked = gas == WAAM_GAS_ON;
+}
+
 static void start_block(waam_core_t *core, const waam_block_t *block)
 {
     core->block_started = true;
     core->dwell_us = 0;
     core->arc.wire_mm_s = block->wire_mm_s;
     core->arc.voltage_v = block->voltage_v;
+    if (block->kind != WAAM_BLOCK_ARC_END)
+        set_gas(core, block->gas);
     switch (block->kind) {
     case WAAM_BLOCK_HOME: core->homed = false; waam_home_start(&core->home); break;
     case WAAM_BLOCK_ARC_END: waam_arc_end(&core->arc, false, &core->config.arc); break;
@@ -16,8 +24,6 @@ static void start_block(waam_core_t *core, const waam_block_t *block)
         core->arc.gas_asked = false;
         waam_arc_end(&core->arc, false, &core->config.arc);
         break;
-    case WAAM_BLOCK_GAS_ON: core->arc.gas_asked = true; break;
-    case WAAM_BLOCK_GAS_OFF: core->arc.gas_asked = false; break;
     default: break;
     }
 }
@@ -25,6 +31,8 @@ static void start_block(waam_core_t *core, const waam_block_t *block)
 static void finish_block(waam_core_t *core, const waam_block_t *block)
 {
     waam_block_kind_t kind = block->kind;
+    if (kind == WAAM_BLOCK_ARC_END)
+        set_gas(core, block->gas);
     if (block->line) {
         core->executed = block->line;
         core->executed_modal = block->after;
