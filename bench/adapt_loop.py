@@ -9,10 +9,10 @@ import numpy as np
 from adapt_plants import Pad
 from adapt_wall import HOT_MODEL, Wall
 
-from waam_adapt import feedforward as ff
-from waam_adapt.checks import MapOrigin
-from waam_adapt.corrector import CorrectionParams, Corrector, LastLayer
-from waam_adapt.laws import RATIO_HIGH, RATIO_LOW, CorrectionInput
+from waam_adapt.feed import feed_forward as ff
+from waam_adapt.laws.checks import MapOrigin
+from waam_adapt.laws.corrector import CorrectionParams, Corrector, LastLayer
+from waam_adapt.laws.explicit import RATIO_HIGH, RATIO_LOW, CorrectionInput
 from waam_process.heat import heat_factor
 
 Plant = Pad | Wall

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import find_peaks
 
-from waam_adapt.thermal import InterpassMonitor, Settings
+from waam_adapt.thermal.interpass import InterpassMonitor, Settings
 from waam_process import materials
 from waam_process.heat import cooling_wait
 

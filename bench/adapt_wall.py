@@ -15,7 +15,7 @@ import numpy as np
 from adapt_stats import table
 from scipy.ndimage import gaussian_filter1d
 
-from waam_adapt.feedforward import Limits
+from waam_adapt.feed.feed_forward import Limits
 from waam_process import materials
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind

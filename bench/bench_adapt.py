@@ -27,7 +27,7 @@ from adapt_stats import interval, progress, table, text
 from adapt_wall import Wall
 from emit import emit
 
-from waam_adapt.laws import LAWS
+from waam_adapt.laws.explicit import LAWS
 
 NAMES = [
     'adapt.pad_gap_closed', 'adapt.wall_rms_trimmed_mm', 'adapt.wall_rms_all_mm',

@@ -51,8 +51,8 @@ def compact() -> None:
     """A cylinder of 60 mm, 40 layers."""
     import trimesh
 
-    from waam_plan.compact import fragments, saving
-    from waam_plan.part import load_part
+    from waam_plan.mesh.part import load_part
+    from waam_plan.post.compact import fragments, saving
     from waam_plan.settings import PlanSettings
 
     with tempfile.TemporaryDirectory() as folder:
@@ -118,8 +118,8 @@ def restoration() -> None:
 
 def timed(part, settings):
     """(plan, seconds) with the compact program written."""
-    from waam_plan.build import plan_build
-    from waam_plan.fanuc import write_ls
+    from waam_plan.lay.build import plan_build
+    from waam_plan.post.fanuc import write_ls
 
     start = time.perf_counter()
     plan = plan_build(part, settings)

@@ -38,9 +38,9 @@ def calibration(seeds) -> None:
     """Random mountings (5 mm, 3 deg, 30 ms off the drawing), step block, noise 0.03 mm, 1 % spikes, 5 % drop-outs."""
     import calibration_sim as sim
 
-    from waam_scan.artefact import Artefact, Block
-    from waam_scan.calibration import calibrate
-    from waam_scan.calibration_robust import turn_vector
+    from waam_scan.calibration.artefact import Artefact, Block
+    from waam_scan.calibration.robust import turn_vector
+    from waam_scan.calibration.solve import calibrate
 
     world = sim.block_world(TOP, HEIGHT, SLOPES, PLACE, 0.0)
     artefact = Artefact(Block.of(TOP, HEIGHT, SLOPES), np.array(PLACE))
@@ -130,7 +130,7 @@ def report(methods, errors, seconds, count: int) -> None:
 
 
 def ours(moved: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    from waam_scan.registration import register
+    from waam_scan.registration.solve import register
 
     return register(moved, reference).matrix
 
@@ -155,7 +155,7 @@ def open3d_icp(moved: np.ndarray, reference: np.ndarray, tukey_mm: float | None)
 
 
 def kiss(moved: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    from waam_scan.odometry import coarse_poses
+    from waam_scan.registration.odometry import coarse_poses
 
     return coarse_poses([reference, moved], 0.5e-3)[1]
 

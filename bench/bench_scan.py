@@ -28,10 +28,10 @@ import scan_surface
 from emit import emit
 
 from waam_process.grid import GridSpec
-from waam_scan.assembler import Assembler
-from waam_scan.fusion import Fusion
-from waam_scan.poses import PoseTrack
-from waam_scan.profiles import ProfileBlock
+from waam_scan.fusion.height_map import Fusion
+from waam_scan.stream.assembler import Assembler
+from waam_scan.stream.poses import PoseTrack
+from waam_scan.stream.profiles import ProfileBlock
 from waam_scan.transform import Mounting
 
 NAMES = [

@@ -23,8 +23,8 @@ LIMIT = 0.1  # mm, of the issue
 
 def wall_profile() -> None:
     """The crest of the fused cloud."""
-    from waam_scan.compare_profile import crest, level
-    from waam_scan.registration_clouds import load_points
+    from waam_scan.registration.clouds import load_points
+    from waam_scan.registration.compare_profile import crest, level
 
     theirs = np.load(DATA / 'wall_scan' / 'x_1610_height_profile.npy') * 1e-3
     ours = crest(level(load_points(DATA / 'wall_scan' / 'x_1610_cloud.pcd')), theirs[:, 0])
@@ -38,9 +38,9 @@ def wall_profile() -> None:
 
 def bead_tops() -> None:
     """Raw profiles and the robot's log: direction, pose and clock come out of the data."""
-    from waam_scan.files import read_arc_log, read_laser_csv
-    from waam_scan.wall import fuse_wall
-    from waam_scan.wall_report import laser_files
+    from waam_scan.commands.wall_report import laser_files
+    from waam_scan.recordings.files import read_arc_log, read_laser_csv
+    from waam_scan.recordings.wall import fuse_wall
 
     folder = DATA / 'wall_profiles'
     scans = [read_laser_csv(p) for p in laser_files(folder)]
@@ -52,9 +52,9 @@ def bead_tops() -> None:
 
 def inprocess() -> None:
     """Beside the burning arc."""
-    from waam_scan.files import read_inprocess_csv
-    from waam_scan.inprocess import filter_scan
-    from waam_scan.inprocess_report import compared
+    from waam_scan.commands.inprocess_report import compared
+    from waam_scan.recordings.files import read_inprocess_csv
+    from waam_scan.recordings.inprocess import filter_scan
 
     (file,) = sorted((DATA / 'inprocess_profiles').glob('*.csv'))
     found = compared(filter_scan(read_inprocess_csv(file)))

@@ -39,7 +39,7 @@ class Campaign:
     """A graph that is kept from trial to trial as long as it lives. `file` holds the trials so far."""
 
     def __init__(self, scratch: Path, file: Path) -> None:
-        from waam_job.provenance import software_revision
+        from waam_job.store.provenance import software_revision
 
         self.scratch, self.file = scratch, file
         self.part, self.worn = write_part(scratch / 'part')
@@ -66,7 +66,7 @@ class Campaign:
         """A client of the graph, which is started when none is up or a process of it died."""
         from waam_bringup import run_state
         from waam_bringup.client import ClientError
-        from waam_bringup.drill import power_on
+        from waam_bringup.test_support import power_on
 
         state = run_state.load(self.run)
         if self._graph and state and state.alive and not state.dead_nodes:
@@ -249,8 +249,8 @@ class Cut:
 def beads_of(folder: Path) -> dict:
     """How the metal found along each bead compares with what was asked for there: beads missing (less than half of
     it), doubled (more than 1.6 times), all, and the smallest and largest share of a bead."""
-    from waam_job.resume import metal_shares
-    from waam_plan.store import load_plan
+    from waam_job.model.resume import metal_shares
+    from waam_plan.post.store import load_plan
     from waam_process.grid import HeightGrid
 
     plan, means = load_plan(folder / 'plan.npz'), []

@@ -162,8 +162,8 @@ def parameters(scratch: Path) -> Path:
 def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endurance, dict]:
     """The samples and the report's run. RuntimeError when the job ended by itself before its time."""
     from waam_bringup import run_state
-    from waam_bringup.drill import power_on
     from waam_bringup.operate import graph_trouble
+    from waam_bringup.test_support import power_on
     from waam_msgs.action import RunJob
 
     scratch.mkdir(parents=True, exist_ok=True)
@@ -206,8 +206,8 @@ def loop_periods(watch: Endurance, run: dict) -> tuple[np.ndarray, np.ndarray]:
 
 def scan_moves(top: float) -> float:
     """Planned s of a scan of the block when it is `top` m high, from the height of idle moves."""
-    from waam_job.job_params import JobParams
-    from waam_plan.scanning import scan_segments
+    from waam_job.ros.job_params import JobParams
+    from waam_plan.lay.scanning import scan_segments
     from waam_plan.settings import PlanSettings
 
     settings = PlanSettings()

@@ -18,8 +18,8 @@ def main(points: int) -> None:
     """A tapered block of 280 x 200 mm, as high as the points need."""
     import trimesh
 
-    from waam_plan.build import plan_build
-    from waam_plan.part import load_part
+    from waam_plan.lay.build import plan_build
+    from waam_plan.mesh.part import load_part
     from waam_plan.settings import PlanSettings
 
     layers = max(1, round(points / POINTS_PER_LAYER))

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from waam_bringup.drill import power_cut, power_on
 from waam_bringup.operate import graph_trouble
+from waam_bringup.test_support import power_cut, power_on
 from waam_msgs.action import RunJob
 from waam_node.testing import fresh_domain
 

@@ -4,7 +4,7 @@ setup(
     name='waam_plan',
     version='0.1.0',
     packages=find_packages(exclude=['test']),
-    package_data={'waam_plan': ['page.css', 'page.js']},
+    package_data={'waam_plan.show': ['page.css', 'page.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/waam_plan']),
         ('share/waam_plan', ['package.xml']),

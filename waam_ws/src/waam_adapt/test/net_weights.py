@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from waam_adapt import features, net
+from waam_adapt.laws import features, net
 
 WIDTHS = (4, 8, 8)
 

@@ -7,12 +7,14 @@ import pytest
 from net_weights import model as weights
 from scipy.optimize import lsq_linear
 
-from waam_adapt import bead_solver, filters, laws
-from waam_adapt import feedforward as ff
-from waam_adapt.bead_habits import BeadHabits, Learned
-from waam_adapt.bead_model import bead_model, inner_mean
+from waam_adapt import filters
+from waam_adapt.beads import solver as bead_solver
+from waam_adapt.beads.bead_bias import BeadHabits, Learned
+from waam_adapt.beads.model import bead_model, inner_mean
+from waam_adapt.feed import feed_forward as ff
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
-from waam_adapt.identification import Identifier, Layer
+from waam_adapt.identify.identification import Identifier, Layer
+from waam_adapt.laws import explicit as laws
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind
 

@@ -3,8 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from waam_adapt.checks import MapLimits, MapOrigin, error_figures, reasons_against
-from waam_adapt.laws import CorrectionInput
+from waam_adapt.laws.checks import MapLimits, MapOrigin, error_figures, reasons_against
+from waam_adapt.laws.explicit import CorrectionInput
 
 SHAPE = (40, 50)
 GOOD = MapOrigin(5.0, 'job', 'job', 3, 3, True)

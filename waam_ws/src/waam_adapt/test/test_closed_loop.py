@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from adapt_plant import MATERIAL, Plant
 
-from waam_adapt import feedforward as ff
-from waam_adapt import identification, laws
+from waam_adapt.feed import feed_forward as ff
+from waam_adapt.identify import identification
+from waam_adapt.laws import explicit as laws
 
 LIMITS = ff.Limits.of(MATERIAL, (3e-3, 20e-3), (2 / 60, 12 / 60))
 HEIGHT, WIDTH, K_GAIN = 2e-3, 6e-3, 0.3

@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from waam_adapt.cooling import CoolingModel, Curve
-from waam_adapt.thermal import InterpassMonitor, Settings
+from waam_adapt.thermal.cooling import CoolingModel, Curve
+from waam_adapt.thermal.interpass import InterpassMonitor, Settings
 from waam_process import materials
 
 STEEL = materials.get('er70s-6')

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waam_adapt import feedforward as ff
-from waam_adapt import laws
-from waam_adapt.feedforward import SetpointError
+from waam_adapt.feed import feed_forward as ff
+from waam_adapt.feed.feed_forward import SetpointError
+from waam_adapt.laws import explicit as laws
 from waam_process import bead, materials
 from waam_process.grid import GridSpec
 from waam_process.segment import Clamp, Kind

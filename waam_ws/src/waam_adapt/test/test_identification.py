@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_adapt.evidence import Habits, Layer, LayerEvidence, layer_evidence
-from waam_adapt.identification import Estimate, Identifier, update, update_slope
-from waam_adapt.laws import CorrectionInput
-from waam_adapt.shortfall import Shortfall
+from waam_adapt.identify.evidence import Habits, Layer, LayerEvidence, layer_evidence
+from waam_adapt.identify.identification import Estimate, Identifier, update, update_slope
+from waam_adapt.identify.shortfall import Shortfall
+from waam_adapt.laws.explicit import CorrectionInput
 
 SHAPE, RES, WIDTH = (90, 120), 0.5e-3, 6e-3
 

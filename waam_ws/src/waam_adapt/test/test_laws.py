@@ -3,8 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_adapt import filters, laws
-from waam_adapt.laws import CorrectionError, CorrectionInput
+from waam_adapt import filters
+from waam_adapt.laws import explicit as laws
+from waam_adapt.laws.explicit import CorrectionError, CorrectionInput
 
 SHAPE, RES, WIDTH, H = (80, 120), 0.5e-3, 6e-3, 2e-3
 PITCH = 0.73 * WIDTH

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from waam_adapt import feedforward as ff
-from waam_adapt import lead
+from waam_adapt.feed import feed_forward as ff
+from waam_adapt.feed import lead
 from waam_process import materials
 from waam_process.segment import Kind
 

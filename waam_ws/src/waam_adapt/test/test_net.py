@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from net_weights import card, model, random_weights
 
-from waam_adapt import correct, features, laws, net
-from waam_adapt.corrector import CorrectionParams, Corrector
-from waam_adapt.net_law import UNetLaw, unlike
+from waam_adapt import correct
+from waam_adapt.laws import explicit as laws
+from waam_adapt.laws import features, net
+from waam_adapt.laws.corrector import CorrectionParams, Corrector
+from waam_adapt.laws.net_law import UNetLaw, unlike
 
 SHAPE, RES, WIDTH, H = (80, 120), 0.5e-3, 6e-3, 2e-3
 

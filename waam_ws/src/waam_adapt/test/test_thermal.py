@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from waam_adapt.thermal import InterpassMonitor, Settings
+from waam_adapt.thermal.interpass import InterpassMonitor, Settings
 from waam_process import materials
 
 STEEL = materials.get('er70s-6')

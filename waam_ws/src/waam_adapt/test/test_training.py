@@ -7,8 +7,11 @@ import pytest
 
 torch = pytest.importorskip('torch', reason='training needs torch')
 
-from waam_adapt import cli, curves, deposit, features, laws, net, recorded, rollout, scenes, train  # noqa: E402
-from waam_adapt.unet import UNet, arrays  # noqa: E402
+from waam_adapt import cli  # noqa: E402
+from waam_adapt.laws import explicit as laws  # noqa: E402
+from waam_adapt.laws import features, net  # noqa: E402
+from waam_adapt.training import curves, deposit, recorded, rollout, scenes, train  # noqa: E402
+from waam_adapt.training.unet import UNet, arrays  # noqa: E402
 
 SMALL = train.Settings(
     steps=6,

@@ -11,7 +11,7 @@ import numpy as np
 
 from waam_process.grid import GridSpec, HeightGrid
 
-from .laws import CorrectionError, CorrectionInput, make_law, safe_correct
+from .laws.explicit import CorrectionError, CorrectionInput, make_law, safe_correct
 
 
 def correct(

@@ -89,7 +89,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _train(args: argparse.Namespace) -> int:
-    from . import net, recorded, train
+    from .laws import net
+    from .training import recorded, train
 
     settings = train.Settings(
         steps=args.steps, seed=args.seed, batch=args.batch, unroll=args.unroll, rate=args.rate,

@@ -12,12 +12,12 @@ from waam_msgs.srv import ComputeCorrection
 from waam_node.conversions import floats, grid_from_msg, grid_to_msg, map_from_msg, seconds
 from waam_process.grid import GridSpec
 
-from .checks import MapOrigin
-from .corrector import LastLayer
-from .feedforward import Field, Path, Setpoints
-from .identification import Estimate
-from .laws import Correction, CorrectionError, CorrectionInput
-from .thermal import Heat
+from .feed.feed_forward import Field, Path, Setpoints
+from .identify.identification import Estimate
+from .laws.checks import MapOrigin
+from .laws.corrector import LastLayer
+from .laws.explicit import Correction, CorrectionError, CorrectionInput
+from .thermal.interpass import Heat
 
 
 def named_map(

@@ -10,9 +10,9 @@ from waam_node import node, qos
 from waam_node.conversions import grid_from_msg
 
 from . import conversions as convert
-from .checks import error_figures
-from .corrector import CorrectionParams, Corrector
-from .identification import Estimate
+from .identify.identification import Estimate
+from .laws.checks import error_figures
+from .laws.corrector import CorrectionParams, Corrector
 
 Response = ComputeCorrection.Response
 

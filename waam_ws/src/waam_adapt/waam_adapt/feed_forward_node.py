@@ -16,8 +16,8 @@ from waam_process.segment import Clamp
 from waam_process.units import m_min
 
 from . import conversions as convert
-from .feedforward import Limits, SetpointError, compute
-from .lead import Drives
+from .feed.feed_forward import Limits, SetpointError, compute
+from .feed.lead import Drives
 
 Response = ComputeFeed.Response
 CLAMPS = {

@@ -14,7 +14,7 @@ from waam_node.params import param
 from waam_process import materials
 
 from . import conversions as convert
-from .thermal import Heat, InterpassMonitor, Settings
+from .thermal.interpass import Heat, InterpassMonitor, Settings
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from waam_bringup import cli_job, jobs
-from waam_job.limits import K_GAIN_MAX
-from waam_plan.part import FORMATS
+from waam_job.model.limits import K_GAIN_MAX
+from waam_plan.mesh.part import FORMATS
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from waam_job.limits import K_GAIN_MAX
+from waam_job.model.limits import K_GAIN_MAX
 
 from .cli_common import add_run, run_and_domain
 

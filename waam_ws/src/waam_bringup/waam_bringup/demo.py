@@ -13,7 +13,7 @@ from types import SimpleNamespace
 from rich.console import Console
 from rich.table import Table
 
-from waam_job.folder import make_job_id, point_latest
+from waam_job.store.folder import make_job_id, point_latest
 from waam_node.files import write_atomically
 
 from .client import ClientError, GraphClient

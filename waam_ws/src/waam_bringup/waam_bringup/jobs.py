@@ -55,7 +55,7 @@ def make_goal(args, jobs: Path) -> RunJob.Goal:
 
 def check_arguments(args) -> None:
     """What can be refused without a graph."""
-    from waam_job.goal import JobError, JobGoal, check
+    from waam_job.model.goal import JobError, JobGoal, check
 
     goal = JobGoal(
         part=args.part,

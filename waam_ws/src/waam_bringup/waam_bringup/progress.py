@@ -9,7 +9,7 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from waam_job.records import State
+from waam_job.model.records import State
 from waam_msgs.msg import JobStatus
 
 NAMES = [State(i).name.lower() for i in range(12)]

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-thermal = pytest.importorskip('waam_adapt.thermal', reason='waam_adapt is not built')
+thermal = pytest.importorskip('waam_adapt.thermal.interpass', reason='waam_adapt is not built')
 materials = pytest.importorskip('waam_process.materials')
 
 FULL = 5000 / 60 * 1000  # um/s of the program's W5000

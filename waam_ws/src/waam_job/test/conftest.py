@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from waam_job.cell import Correction, Heat, Machine, Scan, Sums
+from waam_job.model.cell import Correction, Heat, Machine, Scan, Sums
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind
 
@@ -19,8 +19,8 @@ WIRE_AREA, WIRE_EFFICIENCY = np.pi * 0.6e-3**2, 0.92  # of er70s-6
 
 
 class FakeCell:
-    """Implements `waam_job.cell.Cell`. `efficiency` is the share of asked metal that arrives; `script` maps a segment
-    index to a function of the cell that is called when that segment is reached (to inject faults)."""
+    """Implements `waam_job.model.cell.Cell`. `efficiency` is the share of asked metal that arrives; `script` maps a
+    segment index to a function of the cell that is called when that segment is reached (to inject faults)."""
 
     def __init__(
         self, surface: HeightGrid, efficiency: float = 0.85, temperature: float = 25.0
@@ -255,9 +255,9 @@ def parts(tmp_path_factory) -> tuple[Path, Path]:
 @pytest.fixture
 def make_cell(parts):
     """make_cell(**options) -> FakeCell with the worn part on the table."""
-    from waam_job.geometry import part_grid
-    from waam_plan.part import load_part
-    from waam_plan.surface import top_surface
+    from waam_job.model.geometry import part_grid
+    from waam_plan.mesh.part import load_part
+    from waam_plan.mesh.surface import top_surface
 
     def make(**options) -> FakeCell:
         worn = load_part(parts[1], 1e-3)
@@ -270,10 +270,10 @@ def make_cell(parts):
 @pytest.fixture
 def make_runner(parts, tmp_path):
     """make_runner(cell, **goal fields) -> (runner, control, folder)."""
-    from waam_job.control import Control
-    from waam_job.folder import JobFolder
-    from waam_job.goal import JobGoal, check
-    from waam_job.runner import JobRunner, Settings
+    from waam_job.model.goal import JobGoal, check
+    from waam_job.run.control import Control
+    from waam_job.run.runner import JobRunner, Settings
+    from waam_job.store.folder import JobFolder
 
     def make(cell, **fields):
         goal = JobGoal(part=parts[0], material='er70s-6', jobs_dir=tmp_path, **fields)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from waam_job.goal import Code, JobError
-from waam_job.records import AnomalyRecord, State
+from waam_job.model.goal import Code, JobError
+from waam_job.model.records import AnomalyRecord, State
 from waam_process.segment import Kind
 
 

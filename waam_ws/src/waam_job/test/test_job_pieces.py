@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waam_job.conversions import goal_from_job, goal_from_msg
-from waam_job.folder import JobFolder, clean
-from waam_job.geometry import asked_growth, deviation, follow
-from waam_job.goal import Code, JobError, JobGoal, check
-from waam_job.limits import K_GAIN_MAX
-from waam_job.node_requests import new_folder
-from waam_job.telemetry import TelemetryStats
+from waam_job.model.geometry import asked_growth, deviation, follow
+from waam_job.model.goal import Code, JobError, JobGoal, check
+from waam_job.model.limits import K_GAIN_MAX
+from waam_job.model.telemetry import TelemetryStats
+from waam_job.ros.node_requests import new_folder
+from waam_job.store.folder import JobFolder, clean
 from waam_msgs.action import RunJob
 from waam_node.files import write_atomically
 from waam_process.grid import GridSpec, HeightGrid

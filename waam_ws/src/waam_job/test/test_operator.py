@@ -8,14 +8,14 @@ import math
 import numpy as np
 import pytest
 
-from waam_job.control import Control
-from waam_job.goal import Code, JobError, JobGoal, check
-from waam_job.limits import k_gain_limit
-from waam_job.node_requests import adjust
-from waam_job.records import State
+from waam_job.model.goal import Code, JobError, JobGoal, check
+from waam_job.model.limits import k_gain_limit
+from waam_job.model.records import State
+from waam_job.ros.node_requests import adjust
+from waam_job.run.control import Control
 from waam_msgs.srv import AdjustJob
-from waam_plan.linking import arc_starts
-from waam_plan.store import load_plan
+from waam_plan.fill.linking import arc_starts
+from waam_plan.post.store import load_plan
 from waam_process.segment import Kind
 
 R = AdjustJob.Request

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from waam_job.records import State
+from waam_job.model.records import State
 
 
 def told(cell) -> tuple[np.ndarray, np.ndarray, list]:

@@ -12,10 +12,11 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_job import calibration, readiness
-from waam_job.goal import Code
-from waam_job.records import State
-from waam_job.settings import Settings
+from waam_job.model import calibration
+from waam_job.model.goal import Code
+from waam_job.model.records import State
+from waam_job.run import readiness
+from waam_job.run.settings import Settings
 from waam_process.segment import Kind
 
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_job import checkpoint as checkpoints
-from waam_job.checkpoint import Checkpoint, CheckpointError
-from waam_job.goal import Code
-from waam_job.records import State
-from waam_job.resume import Progress, change_point, cold_share, rest_of
-from waam_job.runner import JobRunner
-from waam_plan.linking import arc_starts
+from waam_job.model.goal import Code
+from waam_job.model.records import State
+from waam_job.model.resume import Progress, change_point, cold_share, rest_of
+from waam_job.run.runner import JobRunner
+from waam_job.store import checkpoint as checkpoints
+from waam_job.store.checkpoint import Checkpoint, CheckpointError
+from waam_plan.fill.linking import arc_starts
 from waam_plan.plan import PlannedLayer
-from waam_plan.store import load_plan
+from waam_plan.post.store import load_plan
 from waam_process.grid import HeightGrid
 from waam_process.segment import Kind, Segment
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from waam_job.goal import Code
-from waam_job.records import State
+from waam_job.model.goal import Code
+from waam_job.model.records import State
 from waam_process.segment import Kind
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from waam_job.records import State
+from waam_job.model.records import State
 
 
 def report(folder) -> dict:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from waam_job.goal import Code
-from waam_job.records import State
+from waam_job.model.goal import Code
+from waam_job.model.records import State
 from waam_process.segment import Kind
 
 DOC = Path(__file__).parents[4] / 'docs' / 'job.md'

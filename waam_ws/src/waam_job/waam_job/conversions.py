@@ -31,9 +31,9 @@ from waam_node.conversions import (
 )
 from waam_process.grid import HeightGrid
 
-from .cell import Correction, CorrectionRequest, Heat, Scan
-from .goal import JobGoal
-from .records import AnomalyRecord, LayerRecord, Status
+from .model.cell import Correction, CorrectionRequest, Heat, Scan
+from .model.goal import JobGoal
+from .model.records import AnomalyRecord, LayerRecord, Status
 
 STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
 SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')

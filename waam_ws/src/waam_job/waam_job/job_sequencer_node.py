@@ -22,17 +22,17 @@ from waam_node.node import main as run_main
 from waam_node.qos import NEWEST
 
 from . import conversions as convert
-from . import readiness
-from .control import Control
-from .folder import JobFolder
-from .goal import Checked, Code, JobError, check
-from .job_params import JobParams, settings_of
-from .limits import k_gain_limit
-from .node_action import ThreadedActionServer
-from .node_requests import WithFeedback, adjust, keep_resume, new_folder, recheck, reopen
-from .records import State, Status
-from .ros_cell import RosCell
-from .runner import JobRunner
+from .model.goal import Checked, Code, JobError, check
+from .model.limits import k_gain_limit
+from .model.records import State, Status
+from .ros.job_params import JobParams, settings_of
+from .ros.node_action import ThreadedActionServer
+from .ros.node_requests import WithFeedback, adjust, keep_resume, new_folder, recheck, reopen
+from .ros.ros_cell import RosCell
+from .run import readiness
+from .run.control import Control
+from .run.runner import JobRunner
+from .store.folder import JobFolder
 
 
 class JobSequencer(WaamNode):

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_plan import path
-from waam_plan.allocate import footprints, metal_heights, pool_places
+from waam_plan.fill import path
+from waam_plan.lay.allocate import footprints, metal_heights, pool_places
 from waam_plan.settings import SECTION, PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 

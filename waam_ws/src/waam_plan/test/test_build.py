@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from waam_plan.build import plan_build
-from waam_plan.part import PartError, load_part
-from waam_plan.path import coverage
+from waam_plan.fill.path import coverage
+from waam_plan.lay.build import plan_build
+from waam_plan.mesh.part import PartError, load_part
 from waam_plan.plan import PlanError
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec

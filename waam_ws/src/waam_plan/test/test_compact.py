@@ -13,13 +13,13 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_plan.build import plan_build
-from waam_plan.compact import circle, compact, fragments, saving
-from waam_plan.fanuc import FanucError, read_ls, sample, write_ls
-from waam_plan.part import load_part
+from waam_plan.lay.build import plan_build
+from waam_plan.lay.restore import plan_restoration
+from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan, PlannedLayer, hop
-from waam_plan.posts import with_base_feed
-from waam_plan.restore import plan_restoration
+from waam_plan.post.compact import circle, compact, fragments, saving
+from waam_plan.post.fanuc import FanucError, read_ls, sample, write_ls
+from waam_plan.post.gcode import with_base_feed
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment

@@ -6,11 +6,11 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_plan.build import plan_build
-from waam_plan.levels import adaptive_levels
-from waam_plan.part import load_part
+from waam_plan.lay.build import plan_build
+from waam_plan.mesh.part import load_part
 from waam_plan.plan import PlanError
 from waam_plan.settings import PlanSettings
+from waam_plan.slice.levels import adaptive_levels
 
 S = PlanSettings(levels='adaptive')
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from waam_plan.part import PartError, check_fits, load_part
+from waam_plan.mesh.part import PartError, check_fits, load_part
 from waam_plan.settings import PlanSettings
 
 

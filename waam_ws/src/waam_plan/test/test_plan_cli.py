@@ -8,14 +8,14 @@ import pytest
 import trimesh
 
 from waam_plan import cli
-from waam_plan.build import plan_build
-from waam_plan.fanuc import read_ls
-from waam_plan.part import load_part
+from waam_plan.lay.build import plan_build
+from waam_plan.mesh.part import load_part
 from waam_plan.plan import PlanError
-from waam_plan.posts import read_gcode
-from waam_plan.preview import estimates, table
+from waam_plan.post.fanuc import read_ls
+from waam_plan.post.gcode import read_gcode
+from waam_plan.post.store import load_plan, save_plan
 from waam_plan.settings import PlanSettings
-from waam_plan.store import load_plan, save_plan
+from waam_plan.show.preview import estimates, table
 
 
 def parse(*words):

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from waam_plan.lay.restore import plan_restoration
 from waam_plan.plan import hop, numbered
-from waam_plan.posts import (
+from waam_plan.post.gcode import (
     ProgramError,
     base_feed,
     compact_gcode,
@@ -20,7 +21,6 @@ from waam_plan.posts import (
     to_csv,
     with_base_feed,
 )
-from waam_plan.restore import plan_restoration
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Kind, Segment
 

@@ -8,13 +8,14 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from waam_plan import cli, picture3d, preview
-from waam_plan.build import plan_build
-from waam_plan.page import write_page
-from waam_plan.part import load_part
-from waam_plan.picture3d import draw_space, pieces
+from waam_plan import cli
+from waam_plan.lay.build import plan_build
+from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.settings import PlanSettings
+from waam_plan.show import picture3d, preview
+from waam_plan.show.page import write_page
+from waam_plan.show.picture3d import draw_space, pieces
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.heat import effective_power, heat_input
 from waam_process.segment import Kind, Segment

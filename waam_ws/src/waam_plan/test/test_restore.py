@@ -8,10 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from waam_plan.linking import arc_starts
-from waam_plan.path import coverage
+from waam_plan.fill.linking import arc_starts
+from waam_plan.fill.path import coverage
+from waam_plan.lay.restore import plan_restoration
 from waam_plan.plan import PlanError, renumber
-from waam_plan.restore import plan_restoration
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, check_chain

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Polygon, contains_xy
 
-from waam_plan.section import merged, raster, section_polygons, section_rings
+from waam_plan.slice.section import merged, raster, section_polygons, section_rings
 from waam_process.grid import GridSpec
 
 

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Point, Polygon, box
 
-from waam_plan import path, strategies
-from waam_plan.inside import keep_inside
-from waam_plan.linking import near_starts, spread_starts
-from waam_plan.medial import medial_lines
-from waam_plan.rings import bead_count, contour_lines, spiral_lines
-from waam_plan.section import outline, raster
+from waam_plan.fill import path, strategies
+from waam_plan.fill.inside import keep_inside
+from waam_plan.fill.linking import near_starts, spread_starts
+from waam_plan.fill.medial import medial_lines
+from waam_plan.fill.rings import bead_count, contour_lines, spiral_lines
 from waam_plan.settings import STRATEGIES, PlanSettings
+from waam_plan.slice.section import outline, raster
 from waam_process.grid import GridSpec, HeightGrid
 
 SPEC = GridSpec.covering(-0.012, -0.012, 0.092, 0.072, 0.5e-3)
@@ -160,7 +160,7 @@ def test_medial_axis_of_a_curved_wall_and_a_tee(thickness):
 
 def test_edge_beads_get_the_surplus_of_the_rule_of_thumb():
     """Half a bead from the edge they have more area than pitch times length: 20 to 30 % more, as the source says."""
-    from waam_plan.allocate import along_edge, metal_heights
+    from waam_plan.lay.allocate import along_edge, metal_heights
 
     s = PlanSettings(strategy='contour', pitch_ratio=0.65)
     shape = box(0, 0, 0.08, 0.06)

@@ -4,7 +4,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_plan.surface import top_surface
+from waam_plan.mesh.surface import top_surface
 from waam_process.grid import GridSpec
 
 SPEC = GridSpec.covering(-0.01, -0.01, 0.01, 0.01, 0.5e-3)

@@ -33,7 +33,7 @@ preview.html (3-D, one file: open it in a browser); with --rerun preview.rrd (wa
 
 def epilog() -> str:
     """Strategies and examples for --help."""
-    from waam_plan.strategies import REGISTRY
+    from waam_plan.fill.strategies import REGISTRY
 
     lines = [f'  {name:9s} {entry.summary}' for name, entry in REGISTRY.items()]
     return '\n'.join(['strategies (--strategy):', *lines, '', EXAMPLES])
@@ -179,9 +179,9 @@ def run(args: argparse.Namespace) -> int:
 
 def make_plan(args: argparse.Namespace):
     """The plan that the arguments ask for. Raises ValueError with a text for the user."""
-    from waam_plan.build import plan_build
-    from waam_plan.clouds import is_cloud
-    from waam_plan.part import load_part
+    from waam_plan.lay.build import plan_build
+    from waam_plan.mesh.clouds import is_cloud
+    from waam_plan.mesh.part import load_part
 
     settings = settings_from(args)
     if is_cloud(args.part):
@@ -207,8 +207,8 @@ def make_plan(args: argparse.Namespace):
 
 
 def _restoration(part, args: argparse.Namespace, settings):
-    from waam_plan.inputs import of_part
-    from waam_plan.part import check_fits
+    from waam_plan.mesh.inputs import of_part
+    from waam_plan.mesh.part import check_fits
 
     check_fits(part, settings)
     surfaces = of_part(part, args.as_found, args.scale, settings, args.zone)
@@ -217,8 +217,8 @@ def _restoration(part, args: argparse.Namespace, settings):
 
 def _flat(args: argparse.Namespace, settings):
     """A scanned zone without a part."""
-    from waam_plan.clouds import read_cloud
-    from waam_plan.inputs import flat
+    from waam_plan.mesh.clouds import read_cloud
+    from waam_plan.mesh.inputs import flat
 
     if args.as_found or args.mode == 'build':
         raise ValueError(f'{args.part} is a cloud: give the part first, the cloud as --as-found')
@@ -229,7 +229,7 @@ def _flat(args: argparse.Namespace, settings):
 def _restored(surfaces, args: argparse.Namespace, settings):
     from dataclasses import replace
 
-    from waam_plan.restore import plan_restoration
+    from waam_plan.lay.restore import plan_restoration
 
     plan = plan_restoration(surfaces.found, surfaces.nominal, settings, args.layers)
     return replace(plan, name=args.part.stem, offset=surfaces.offset)
@@ -254,10 +254,10 @@ def settings_from(args: argparse.Namespace):
 
 
 def _write(plan, args: argparse.Namespace) -> None:
-    from waam_plan.page import write_page
-    from waam_plan.posts import gcode, to_csv
-    from waam_plan.preview import draw, table
-    from waam_plan.store import save_plan
+    from waam_plan.post.gcode import gcode, to_csv
+    from waam_plan.post.store import save_plan
+    from waam_plan.show.page import write_page
+    from waam_plan.show.preview import draw, table
 
     print(table(plan))
     for text in plan.warnings:
@@ -287,7 +287,7 @@ def _write_recording(plan, folder: Path) -> None:
     """What is drawn belongs to the viewer; it is only loaded here, and reads the plan as it is stored."""
     import tempfile
 
-    from waam_plan.store import save_plan
+    from waam_plan.post.store import save_plan
 
     try:
         from waam_view.plan_scene import write_recording
@@ -300,7 +300,7 @@ def _write_recording(plan, folder: Path) -> None:
 
 
 def _write_compact(plan, folder: Path, tolerance: float) -> None:
-    from waam_plan.posts import compact_gcode
+    from waam_plan.post.gcode import compact_gcode
 
     text, s = compact_gcode(plan, tolerance)
     (folder / 'compact.gcode').write_text(text)
@@ -308,8 +308,8 @@ def _write_compact(plan, folder: Path, tolerance: float) -> None:
 
 
 def _write_fanuc(plan, folder: Path, tolerance: float) -> None:
-    from waam_plan.compact import fragments, saving
-    from waam_plan.fanuc import write_ls
+    from waam_plan.post.compact import fragments, saving
+    from waam_plan.post.fanuc import write_ls
 
     files = write_ls(plan, tolerance=tolerance)
     for name, text in files.items():

@@ -69,7 +69,7 @@ def register(commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """0, or 2 with one line of error."""
-    from . import skew
+    from .post import skew
 
     try:
         errors = errors_from(args)
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
 
 def errors_from(args: argparse.Namespace):
     """AxisErrors from the options. Raises SkewError."""
-    from . import skew
+    from .post import skew
 
     angle = math.radians(args.y_to_x)
     if args.diagonals:

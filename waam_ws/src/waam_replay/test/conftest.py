@@ -25,12 +25,12 @@ from waam_node.conversions import floats, grid_to_msg, time_to_msg
 from waam_process.grid import GridSpec
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.definitions import ament_prefixes, full_text
-from waam_scan.assembler import Assembler
 from waam_scan.conversions import block_from_msg, map_to_msg
-from waam_scan.fusion import Fusion
+from waam_scan.fusion.height_map import Fusion
 from waam_scan.fusion_params import FusionParams
-from waam_scan.poses import PoseTrack
-from waam_scan.session import PreviousMap, Session
+from waam_scan.stream.assembler import Assembler
+from waam_scan.stream.poses import PoseTrack
+from waam_scan.stream.session import PreviousMap, Session
 
 START_NS = 1_700_000_000_000_000_000
 MS = 1_000_000

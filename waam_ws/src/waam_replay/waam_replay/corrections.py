@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waam_adapt import conversions as convert
-from waam_adapt.corrector import CorrectionParams, Corrector
-from waam_adapt.identification import Estimate
-from waam_adapt.laws import Correction, CorrectionInput
+from waam_adapt.identify.identification import Estimate
+from waam_adapt.laws.corrector import CorrectionParams, Corrector
+from waam_adapt.laws.explicit import Correction, CorrectionInput
 from waam_node.conversions import grid_from_msg
 from waam_process.grid import GridSpec
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from waam_node.conversions import grid_from_msg, nanoseconds
-from waam_scan.assembler import Assembler
-from waam_scan.fusion import Fusion
+from waam_scan.fusion.height_map import Fusion
 from waam_scan.fusion_params import FusionParams
-from waam_scan.poses import PoseTrack
-from waam_scan.profiles import ProfileBlock
-from waam_scan.session import PreviousMap, Session
+from waam_scan.stream.assembler import Assembler
+from waam_scan.stream.poses import PoseTrack
+from waam_scan.stream.profiles import ProfileBlock
+from waam_scan.stream.session import PreviousMap, Session
 
 from .record import Exchange, Record
 

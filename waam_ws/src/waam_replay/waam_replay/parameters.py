@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
-from waam_adapt.corrector import CorrectionParams
 from waam_adapt.feed_forward_node import FeedParams
+from waam_adapt.laws.corrector import CorrectionParams
 from waam_node.params import ParameterError, from_dict, param
 from waam_scan.fusion_params import FusionParams
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_scan.calibration_scan import Pass
+from waam_scan.calibration.scan_pass import Pass
 
 
 def quaternion_matrix(rpy) -> np.ndarray:

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_process.grid import GridSpec
-from waam_scan import fusion as fusion_module
-from waam_scan import heights as heights_module
-from waam_scan.fusion import Fusion, FusionLimits
+from waam_scan.fusion import height_map as fusion_module
+from waam_scan.fusion import heights as heights_module
+from waam_scan.fusion.height_map import Fusion, FusionLimits
 from waam_scan.transform import Mounting
 
 SPEC = GridSpec(0.0, 0.0, 0.25e-3, 24, 40)

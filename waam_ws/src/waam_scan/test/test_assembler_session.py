@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from waam_process.grid import GridSpec
-from waam_scan.assembler import Assembler, ProfileBlock
-from waam_scan.fusion import Fusion
-from waam_scan.plausibility import PlausibilityLimits
-from waam_scan.poses import PoseTrack
-from waam_scan.profiles import StampWatch
-from waam_scan.session import EndWatch, PreviousMap, Session
+from waam_scan.fusion.height_map import Fusion
+from waam_scan.fusion.plausibility import PlausibilityLimits
+from waam_scan.stream.assembler import Assembler, ProfileBlock
+from waam_scan.stream.poses import PoseTrack
+from waam_scan.stream.profiles import StampWatch
+from waam_scan.stream.session import EndWatch, PreviousMap, Session
 from waam_scan.transform import Mounting
 
 MS = 1_000_000

@@ -8,10 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waam_scan.artefact import Artefact, ArtefactError, Balls, Block, artefact_of, load_artefact
-from waam_scan.calibration import CalibrationError, calibrate
-from waam_scan.calibration_robust import turn_vector, turned
-from waam_scan.calibration_words import sparse, unobserved
+from waam_scan.calibration.artefact import (
+    Artefact,
+    ArtefactError,
+    Balls,
+    Block,
+    artefact_of,
+    load_artefact,
+)
+from waam_scan.calibration.robust import turn_vector, turned
+from waam_scan.calibration.solve import CalibrationError, calibrate
+from waam_scan.calibration.words import sparse, unobserved
 from waam_scan.transform import Mounting
 
 PLACE, YAW = (0.10, 0.06, 0.0), 0.1

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waam_scan import cli_register
-from waam_scan.calibration_file import CalibrationFileError, load_calibration, rpy_of
-from waam_scan.calibration_scan import Pass, ScanError, gather, load_pass
+from waam_scan.calibration.file import CalibrationFileError, load_calibration, rpy_of
+from waam_scan.calibration.scan_pass import Pass, ScanError, gather, load_pass
 from waam_scan.transform import rotation_rpy
 
 ARTEFACT = """\

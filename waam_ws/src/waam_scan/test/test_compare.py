@@ -8,10 +8,10 @@ import pytest
 
 from waam_process.grid import GridSpec, HeightGrid
 from waam_scan import cli_register
-from waam_scan.compare import found_grid, missing_metal, nominal_grid, top_heights
-from waam_scan.compare_report import planner_frame
-from waam_scan.files import load_map
-from waam_scan.registration_clouds import is_mesh, load_points, load_triangles
+from waam_scan.commands.compare_report import planner_frame
+from waam_scan.recordings.files import load_map
+from waam_scan.registration.clouds import is_mesh, load_points, load_triangles
+from waam_scan.registration.compare import found_grid, missing_metal, nominal_grid, top_heights
 
 SIZE = np.array([0.060, 0.040, 0.012])
 CORNER = np.array([0.10, -0.02, 0.003])  # where the nominal file has the part
@@ -169,10 +169,10 @@ def test_compare_registers_writes_and_the_planner_plans_it(files, capsys):
     depth = load_map(out / 'missing.npz')
     assert abs(depth.sample(0.135, -0.002) - POCKET[4]) < 0.05e-3
 
-    from waam_plan.part import load_part
-    from waam_plan.restore import plan_restoration
+    from waam_plan.lay.restore import plan_restoration
+    from waam_plan.mesh.part import load_part
+    from waam_plan.mesh.surface import top_surface
     from waam_plan.settings import PlanSettings
-    from waam_plan.surface import top_surface
 
     part = load_part(files / 'nominal.stl', require_closed=False)
     worn = HeightGrid.load_npz(out / 'as_found.npz')

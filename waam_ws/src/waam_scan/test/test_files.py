@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from waam_process.grid import GridSpec
-from waam_scan.file_info import describe
-from waam_scan.files import (
+from waam_scan.commands.file_info import describe
+from waam_scan.recordings.files import (
     FileError,
     load_map,
     read_arc_log,

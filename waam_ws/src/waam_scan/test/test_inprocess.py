@@ -3,16 +3,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from waam_scan.files import InprocessScan
-from waam_scan.inprocess import (
+from waam_scan.commands.inprocess_report import compared, filter_file
+from waam_scan.recordings.files import InprocessScan
+from waam_scan.recordings.inprocess import (  # fmt: skip
     FilterLimits,
     delay_of,
     filter_scan,
     median_filter,
     pieces,
     quality,
-)  # fmt: skip
-from waam_scan.inprocess_report import compared, filter_file
+)
 
 DATA = Path(__file__).parents[5] / 'shared/data/inprocess_profiles'
 

@@ -8,7 +8,7 @@ import pytest
 import registration_sim as sim
 
 from waam_scan import cli_register
-from waam_scan.odometry import track
+from waam_scan.registration.odometry import track
 
 
 def frames(seed, count=3, step=3e-3, points=25_000, jump=2e-3, turn=0.03):

@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 
 from waam_process.grid import GridSpec
-from waam_scan.fusion import FusedMap
-from waam_scan.plausibility import PlausibilityLimits, jump_reasons, map_reasons, stream_reasons
+from waam_scan.fusion.height_map import FusedMap
+from waam_scan.fusion.plausibility import (
+    PlausibilityLimits,
+    jump_reasons,
+    map_reasons,
+    stream_reasons,
+)
 
 SPEC = GridSpec(0.0, 0.0, 1e-3, 20, 20)
 LIMITS = PlausibilityLimits()

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waam_scan.point_fields import DATATYPES, CloudLayout, profiles_of, read_fields
+from waam_scan.stream.point_fields import DATATYPES, CloudLayout, profiles_of, read_fields
 
 F32, U16, U32 = 7, 4, 6
 # PCL's PointXYZI: 32 bytes, z is the distance, points without return have z = +infinity

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_scan.poses import PoseStatus, PoseTrack
+from waam_scan.stream.poses import PoseStatus, PoseTrack
 
 MS = 1_000_000
 T0 = 1_763_000_000_000_000_000  # a ROS time of today: floats of seconds would lose 0.2 us here

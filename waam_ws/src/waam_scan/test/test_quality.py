@@ -1,9 +1,9 @@
 import numpy as np
 
 from waam_process.grid import GridSpec
-from waam_scan.fill import fill_holes
-from waam_scan.fusion import Fusion
-from waam_scan.quality import assess, enclosed, steep_cells
+from waam_scan.fusion.fill import fill_holes
+from waam_scan.fusion.height_map import Fusion
+from waam_scan.fusion.quality import assess, enclosed, steep_cells
 from waam_scan.transform import Mounting
 
 CELL = 0.5e-3

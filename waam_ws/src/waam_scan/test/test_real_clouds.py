@@ -7,12 +7,12 @@ import pytest
 import registration_sim as sim
 
 from waam_process.grid import GridSpec
-from waam_scan.compare import top_heights
-from waam_scan.compare_profile import crest, level
-from waam_scan.registration import register
-from waam_scan.registration_clouds import load_points, load_triangles
-from waam_scan.registration_search import search_placement
-from waam_scan.registration_target import Cloud, MeshTarget
+from waam_scan.registration.clouds import load_points, load_triangles
+from waam_scan.registration.compare import top_heights
+from waam_scan.registration.compare_profile import crest, level
+from waam_scan.registration.search import search_placement
+from waam_scan.registration.solve import register
+from waam_scan.registration.target import Cloud, MeshTarget
 
 DATA = Path(__file__).resolve().parents[5] / 'shared/data'
 WALL = DATA / 'wall_scan' / 'x_1610_cloud.pcd'

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import registration_sim as sim
 
-from waam_scan.registration import RegistrationError, register
-from waam_scan.registration_target import Cloud, MeshTarget, evened, without_strays
-from waam_scan.registration_words import direction_name, free_motions
+from waam_scan.registration.solve import RegistrationError, register
+from waam_scan.registration.target import Cloud, MeshTarget, evened, without_strays
+from waam_scan.registration.words import direction_name, free_motions
 
 POINTS = 40_000
 

@@ -13,9 +13,9 @@ from waam_node.conversions import floats
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.definitions import ament_prefixes, full_text
 from waam_scan import cli
-from waam_scan.calibration_scan import Pass
-from waam_scan.files import FileError, load_map
-from waam_scan.scan_records import passes, recorded_mounting
+from waam_scan.calibration.scan_pass import Pass
+from waam_scan.recordings.files import FileError, load_map
+from waam_scan.recordings.scan_records import passes, recorded_mounting
 
 START = 1_700_000_000_000_000_000
 KINDS = {'/telemetry': 'waam_msgs/msg/Telemetry', '/profiles': 'waam_msgs/msg/ProfileBatch'}
@@ -208,7 +208,7 @@ def test_a_recorded_calibration_run_is_the_same_as_its_passes(tmp_path):
     record(tmp_path / 'record', ordered, None)
     out = tmp_path / 'calibration.yaml'
     assert run('calibrate', tmp_path / 'block.yaml', tmp_path / 'record', '--out', out) == 0
-    from waam_scan.calibration_file import load_calibration
+    from waam_scan.calibration.file import load_calibration
 
     found = load_calibration(out).mounting
     assert np.abs(found.offset - offset).max() < 20e-6 and abs(found.delay - delay) < 0.5e-3

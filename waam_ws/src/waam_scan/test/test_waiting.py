@@ -60,7 +60,7 @@ def test_an_error_after_waiting_is_handed_over():
 
 
 def test_the_core_knows_nothing_of_ros_or_the_clock():
-    for path in Path(waam_scan.__file__).parent.glob('*.py'):
+    for path in Path(waam_scan.__file__).parent.glob('**/*.py'):
         if path.name in PLUMBING or path.name.startswith('node_'):
             continue
         text = path.read_text()

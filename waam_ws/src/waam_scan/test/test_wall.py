@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from waam_scan.bead import WallError, crown
-from waam_scan.files import load_map, read_arc_log, read_laser_csv
-from waam_scan.wall import fit_substrate, fuse_wall, restore_times
+from waam_scan.recordings.bead import WallError, crown
+from waam_scan.recordings.files import load_map, read_arc_log, read_laser_csv
+from waam_scan.recordings.wall import fit_substrate, fuse_wall, restore_times
 
 DATA = Path(__file__).resolve().parents[5] / 'shared/data/wall_profiles'
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f'no recordings at {DATA}')

@@ -166,9 +166,9 @@ def _guarded(action, *args) -> int:
 
 
 def run_fuse(args: argparse.Namespace) -> int:
-    from .scan_files import fuse_files, fuse_record
-    from .scan_records import record_files
-    from .wall_report import fuse_folder
+    from .commands.fuse_files import fuse_files, fuse_record
+    from .commands.wall_report import fuse_folder
+    from .recordings.scan_records import record_files
 
     def action() -> None:
         options, cell = _fuse_options(args), args.cell * 1e-3
@@ -198,7 +198,7 @@ def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
     if args.calibration and args.mount:
         raise ValueError('--calibration and --mount contradict each other')
     if args.calibration:
-        from .calibration_file import load_calibration
+        from .calibration.file import load_calibration
 
         mounting = load_calibration(args.calibration).mounting
     if args.mount:
@@ -210,14 +210,14 @@ def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
 
 
 def run_filter(args: argparse.Namespace) -> int:
-    from .inprocess_report import filter_file
+    from .commands.inprocess_report import filter_file
 
     return _guarded(lambda: [filter_file(p, args.out, not args.height) for p in args.files] and 0)
 
 
 def run_picture(args: argparse.Namespace) -> int:
-    from .files import load_map
-    from .picture import save_ply, save_png
+    from .commands.picture import save_ply, save_png
+    from .recordings.files import load_map
 
     def action() -> None:
         grid = load_map(args.map)
@@ -233,7 +233,7 @@ def run_picture(args: argparse.Namespace) -> int:
 
 
 def run_info(args: argparse.Namespace) -> int:
-    from .file_info import describe
+    from .commands.file_info import describe
 
     def action() -> None:
         for path in args.files:

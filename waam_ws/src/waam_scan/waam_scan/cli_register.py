@@ -203,18 +203,18 @@ def _guarded(action, args: argparse.Namespace) -> int:
 
 def run_calibrate(args: argparse.Namespace) -> int:
     """0, or 1 with the reason: bad input, or a motion that does not show the pose."""
-    from .calibration_report import calibrate_files
+    from .commands.calibration_report import calibrate_files
 
     return _guarded(calibrate_files, args)
 
 
 def run_register(args: argparse.Namespace) -> int:
-    from .registration_report import register_files
+    from .commands.registration_report import register_files
 
     return _guarded(register_files, args)
 
 
 def run_compare(args: argparse.Namespace) -> int:
-    from .compare_report import compare_files
+    from .commands.compare_report import compare_files
 
     return _guarded(compare_files, args)

@@ -13,10 +13,10 @@ from waam_msgs.srv import BeginScan, FinishScan
 from waam_node.conversions import floats, grid_from_msg, grid_to_msg, nanoseconds
 from waam_process.grid import GridError, GridSpec
 
-from .fusion import FusedMap
-from .point_fields import CloudLayout, profiles_of
-from .profiles import ProfileBlock, block_of
-from .session import Session
+from .fusion.height_map import FusedMap
+from .stream.point_fields import CloudLayout, profiles_of
+from .stream.profiles import ProfileBlock, block_of
+from .stream.session import Session
 
 Response = BeginScan.Response | FinishScan.Response
 

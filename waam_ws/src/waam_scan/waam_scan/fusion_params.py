@@ -8,8 +8,8 @@ from pathlib import Path
 
 from waam_node.params import ParameterError, param
 
-from .fusion import FusionLimits
-from .plausibility import PlausibilityLimits
+from .fusion.height_map import FusionLimits
+from .fusion.plausibility import PlausibilityLimits
 from .transform import Mounting
 
 
@@ -108,7 +108,7 @@ class FusionParams:
     def mounting(self) -> Mounting:
         """From the calibration file when there is one. ParameterError when it cannot be trusted."""
         if self.calibration:
-            from .calibration_file import load_calibration
+            from .calibration.file import load_calibration
 
             try:
                 return load_calibration(Path(self.calibration)).mounting

@@ -12,8 +12,8 @@ from waam_node.qos import PROFILES, SENSOR
 
 from .conversions import block_from_cloud
 from .fusion_params import FusionParams
-from .profiles import ProfileBlock
-from .wire import read_batch
+from .stream.profiles import ProfileBlock
+from .stream.wire import read_batch
 
 Make = Callable[[], tuple[int, ProfileBlock]]
 

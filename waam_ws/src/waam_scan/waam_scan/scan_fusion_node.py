@@ -20,17 +20,17 @@ from waam_node.node import WaamNode
 from waam_node.qos import LATCHED, TELEMETRY
 from waam_process.grid import GridError
 
-from . import fusion
-from .assembler import Assembler
 from .conversions import answer, checked_grid, map_to_msg
-from .fusion_monitor import FusionMonitor
+from .fusion import height_map as fusion
 from .fusion_params import FusionParams
 from .node_input import Make, ProfileInput
+from .node_monitor import FusionMonitor
 from .node_scanner import ScannerSwitch
 from .node_waiting import Event, after, first, start
-from .poses import PoseTrack
-from .session import EndWatch, PreviousMap, Session
-from .wire import read_pose
+from .stream.assembler import Assembler
+from .stream.poses import PoseTrack
+from .stream.session import EndWatch, PreviousMap, Session
+from .stream.wire import read_pose
 
 BEGIN, FINISH = BeginScan.Response, FinishScan.Response
 RAW_KEPT = 500  # telemetry frames that are kept unread while no scan runs

@@ -9,11 +9,11 @@ import pytest
 import trimesh
 from rerun.chunk import RrdReader
 
-from waam_plan.build import plan_build
-from waam_plan.part import load_part
+from waam_plan.lay.build import plan_build
+from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan
+from waam_plan.post.store import save_plan
 from waam_plan.settings import PlanSettings
-from waam_plan.store import save_plan
 from waam_view import blueprint as bp
 from waam_view import cli, plan_scene
 from waam_view.plan_file import PlanFileError, read_plan

@@ -1,0 +1,156 @@
+"""What the beads of a job do that the nominal model does not: metal that comes late along the travel, and growth that
+is missing at the same place again and again.
+
+`shortfall` compares growth with what was asked of the same cell; that says nothing true where neighbouring pieces are
+asked very different things, as at the ends of beads. Here growth is compared with what `BeadModel` expects.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .. import filters
+from ..grids import CELLS_PER_BEAD
+from .model import BeadModel
+
+LAG_SIGMA = 0.3  # bead widths, of the lag before any layer
+LAG_LIMITS = (-0.1, 0.5)  # bead widths
+LAG_FORGETTING = 0.97  # per layer
+ALIKE = 4.0  # neighbouring cells whose noise is one
+INNER = 1.0  # bead widths from arc on and off, where the lag can be told from humps and craters
+INNER_SHARE = 1 / 3  # of the learning rate there, for little comes back; the rest is noise
+DRIFT, MAX_DRIFT = 0.15, 0.05  # weight of the newest layer in the surplus; most that is believed
+MIN_CELLS = 50
+MAX_MISSING = 1.0  # layer heights; more is a fault of the scan
+END_PIECES = 8  # pieces of a bead from arc on and off that all beads are taken to lay alike
+END_RATE = 0.5  # weight of the newest layer in that: the mean over many beads has little noise
+PRIOR, PRIOR_FADING = 0.7, 0.7  # say of a law's guess of what ends lack: at first, per layer
+SEEN = 0.3  # share of a cell that must be known
+
+
+@dataclass(frozen=True)
+class Learned:
+    """For one layer: missing (rows, cols), share of the planned height that it will lack beside the model's growth;
+    lag: m along the travel; slope: of growth on metal; scale: what the request's error was divided by for it; prior:
+    weight of what a law believes to be missing beside that, before the job has shown it."""
+
+    missing: np.ndarray
+    lag: float = 0.0
+    slope: float = 1.0
+    scale: float = 1.0
+    prior: float = PRIOR
+
+
+@dataclass(frozen=True)
+class BeadHabits:
+    """missing: maps on the model's grid of even and odd layers, None = never seen; layers: seen of each. lag and its
+    information (1/variance) in bead widths. surplus: share of metal by which layers exceed what the flow factor allowed
+    for; an efficiency that drifts, as in a part that heats up, is always a layer or two ahead of its estimate. ends
+    (2*END_PIECES + 1,): what all beads miss alike, by `BeadModel.end`; 0 far from the ends. missing is what comes on
+    top of it."""
+
+    missing: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
+    layers: tuple[int, int] = (0, 0)
+    lag: float = 0.0
+    information: float = field(default=LAG_SIGMA**-2)
+    surplus: float = 0.0
+    ends: np.ndarray = field(default_factory=lambda: np.zeros(2 * END_PIECES + 1))
+
+    @property
+    def prior(self) -> float:
+        """See `Learned.prior`."""
+        return PRIOR * PRIOR_FADING ** sum(self.layers)
+
+    def of(self, layer: int, model: BeadModel) -> np.ndarray:
+        """What layer `layer` will lack: what all beads do at their ends, and what was seen at the place."""
+        return self.ends[_end(model)] + self._here(layer, model.shape)
+
+    def _here(self, layer: int, shape: tuple[int, int]) -> np.ndarray:
+        """Before the direction was ever seen, half of what the other one did."""
+        own, other = self.missing[layer % 2], self.missing[1 - layer % 2]
+        if own is None and other is not None:
+            own = 0.5 * other
+        return own if own is not None and own.shape == shape else np.zeros(shape)
+
+    def learn(
+        self,
+        layer: int,
+        model: BeadModel,
+        asked: np.ndarray,
+        growth: np.ndarray,
+        seen: np.ndarray,
+        learning: float,
+        allowed: float | None = None,
+    ) -> BeadHabits:
+        """With one more layer, which counts at least `learning`. allowed: efficiency that the flow factor assumed.
+
+        asked (m,): relative growth that the segments should have given; growth (rows, cols) over the planned height;
+        seen (rows, cols): share of the cells that is known and away from the edge.
+        """
+        expected = model.growth(asked, self.lag * model.width)
+        known = (seen > SEEN) & (expected > SEEN)
+        if np.count_nonzero(known) < MIN_CELLS:
+            return self
+        ratio = float(np.median(growth[known] / expected[known]))
+        after = self._with_lag(model, asked, growth / ratio, expected, known)
+        expected = model.growth(asked, after.lag * model.width)
+        lacks = np.clip(np.where(known, ratio * expected - growth, 0.0), -MAX_MISSING, MAX_MISSING)
+        if allowed is not None:
+            news = float(np.clip(ratio / allowed - 1, -MAX_DRIFT, MAX_DRIFT))
+            after = replace(after, surplus=self.surplus + DRIFT * (news - self.surplus))
+        inner = (model.arc > INNER * model.width) & (filters.depth(known) > INNER * CELLS_PER_BEAD)
+        learning = learning * np.where(inner, INNER_SHARE, 1.0)
+        after = after._with_ends(layer, model, lacks, known)
+        lacks = lacks - after.ends[_end(model)]
+        return after._with_missing(layer, lacks, known, learning)
+
+    def _with_lag(
+        self,
+        model: BeadModel,
+        asked: np.ndarray,
+        growth: np.ndarray,
+        expected: np.ndarray,
+        known: np.ndarray,
+    ) -> BeadHabits:
+        """Gauss-Newton step of the lag on the growth that is not expected, inside the beads."""
+        use = known & (model.arc > INNER * model.width)
+        if np.count_nonzero(use) < MIN_CELLS:
+            return self
+        step = 0.05
+        low, high = (model.growth(asked, (self.lag + s) * model.width)[use] for s in (-step, step))
+        slope, rest = (high - low) / (2 * step), (growth - expected)[use]
+        slope, rest = slope - slope.mean(), rest - rest.mean()
+        scale = ALIKE * max(float(rest.var()), 1e-6)
+        news = float(slope @ slope) / scale
+        lag = self.lag + float(slope @ rest) / scale / (self.information + news)
+        lag = min(max(lag, LAG_LIMITS[0]), LAG_LIMITS[1])
+        return replace(self, lag=lag, information=LAG_FORGETTING * self.information + news)
+
+    def _with_ends(
+        self, layer: int, model: BeadModel, lacks: np.ndarray, known: np.ndarray
+    ) -> BeadHabits:
+        where = _end(model)[known] % len(self.ends)  # negative ones count from the end
+        news = (lacks - self._here(layer, lacks.shape))[known]
+        count = np.bincount(where, minlength=len(self.ends))
+        total = np.bincount(where, news, len(self.ends))
+        weight = max(1 / (sum(self.layers) + 1.5), END_RATE)
+        change = np.where(count > 0, total / np.maximum(count, 1) - self.ends, 0.0)
+        change[0] = 0.0
+        return replace(self, ends=self.ends + weight * change)
+
+    def _with_missing(
+        self, layer: int, lacks: np.ndarray, known: np.ndarray, learning: np.ndarray
+    ) -> BeadHabits:
+        side, before = layer % 2, self._here(layer, lacks.shape)
+        weight = np.maximum(1 / (self.layers[side] + 2), learning)  # knowing nothing: one layer
+        missing, layers = list(self.missing), list(self.layers)
+        missing[side] = before + weight * np.where(known, lacks - before, 0.0)
+        layers[side] += 1
+        return replace(self, missing=tuple(missing), layers=tuple(layers))
+
+
+def _end(model: BeadModel) -> np.ndarray:
+    """(rows, cols) place of the cells in `BeadHabits.ends`; 0: far from the ends."""
+    return np.where(np.abs(model.end) <= END_PIECES, model.end, 0)

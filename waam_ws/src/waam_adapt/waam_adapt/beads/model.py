@@ -1,0 +1,275 @@
+"""Nominal model of a layer: what every setpoint of its beads adds to the cells of a grid a quarter of a bead wide.
+
+A setpoint holds along its segment, from one point of a told path to the next, and arrives late along the travel
+(`BeadModel.driven`, `lag`). Across a bead its metal is shared out by a Gaussian, along it by the length of the melt
+pool. Nothing of a plant is in it but the bead width that the controller believes in. The plan is taken to give the
+plan: every row sums to 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from .. import filters
+from ..feed.feed_forward import WEIGHTS
+from ..grids import CELLS_PER_BEAD, Resampler
+
+SPREAD, POOL = 0.33, 0.2  # bead widths: sigma across and along
+# Bead widths: points closer together bound no segment; points farther apart are corners of a path rather than bounds
+# of a setpoint, and the way between is cut into such parts.
+SHORT, LONG, PART = 0.25, 1.0, 0.5
+GAP = 4.0  # bead widths between the beads of a layer laid end to end
+REACH = 4  # cells on each side of a piece that its metal can touch
+ALONE = 0.9  # share of the metal of a cell that belongs to one bead where beads do not overlap
+TINY = 5e-3  # share of a piece's metal that is left out
+MARGIN = 0.3  # bead widths at the edge of a part that are not looked at: the flank is no level
+COVERED = 0.3  # a cell that the beads give less of a layer than this has no row
+
+
+@dataclass(frozen=True)
+class BeadModel:
+    """n pieces of metal along the beads of a layer and m segments whose setpoints drive them, in the order of laying.
+
+    spread (cells, n): relative growth of the cells for the relative metal of the pieces. pieces (n, 2): where they
+    begin and end, bounds (m + 1,): where segments do, m along all beads, which lie end to end with gaps that belong to
+    the segments beside them. points (m, 3, 2): x, y in m of start, middle and end of the segments. read (m, m): what
+    the feed-forward makes of a map that runs linearly from middle to middle. first, last (m,): segments at the ends of
+    the same bead. to_arc (m,): from the middle of a segment to the nearer end of its bead, m. Of every cell
+    (rows, cols): low, high, share: segments whose middles it lies between, and how far on; near: less than a bead away
+    from one; arc: to the nearer end of its bead, m; end: by how many pieces it lies behind arc on, from 1, or before
+    arc off, negative, whichever is nearer. overlapped: most cells get metal of more than one bead.
+    """
+
+    shape: tuple[int, int]
+    width: float
+    spread: sparse.csr_array
+    pieces: np.ndarray
+    bounds: np.ndarray
+    points: np.ndarray
+    read: sparse.csr_array
+    first: np.ndarray
+    last: np.ndarray
+    to_arc: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    share: np.ndarray
+    near: np.ndarray
+    arc: np.ndarray
+    end: np.ndarray
+    overlapped: bool
+
+    def growth(self, asked: np.ndarray, lag: float) -> np.ndarray:
+        """(rows, cols) relative growth for the relative metal (m,) that the setpoints ask for."""
+        return (self.spread @ (self.driven(lag) @ asked)).reshape(self.shape)
+
+    def driven(self, lag: float) -> sparse.csr_array:
+        """(n, m) metal of the pieces for that of the setpoints, `lag` m late along the travel."""
+        begin, end = self.pieces.T - lag
+        segment = np.searchsorted(self.bounds, begin, 'right') - 1
+        segment = np.clip(segment, 0, len(self.bounds) - 2)
+        after = np.searchsorted(self.bounds, end, 'left')
+        columns = segment[:, None] + np.arange(max(1, int((after - segment).max())))
+        columns = np.minimum(columns, len(self.bounds) - 2)
+        low = np.maximum(begin[:, None], self.bounds[columns])
+        high = np.minimum(end[:, None], self.bounds[columns + 1])
+        shares = np.maximum(high - low, 0.0)
+        shares[:, 1:][columns[:, 1:] == columns[:, :-1]] = 0.0
+        shares /= shares.sum(axis=1, keepdims=True)
+        n, k = columns.shape
+        shape = n, len(self.bounds) - 1
+        return sparse.csr_array(
+            (shares.ravel(), columns.ravel(), np.arange(0, n * k + 1, k)), shape
+        )
+
+    def on_cells(self, asked: np.ndarray) -> np.ndarray:
+        """(rows, cols) values (m,) of the nearest bead, linear from the middle of a segment to that of the next."""
+        return asked[self.low] + self.share * (asked[self.high] - asked[self.low])
+
+    def of_cells(self, values: np.ndarray, resolution: float) -> np.ndarray:
+        """(m,) what the feed-forward reads from a map (rows, cols) of any resolution; NaN is left out, 1 without any
+        value."""
+        cells = np.floor(self.points / resolution).astype(int)
+        cols, rows = (np.clip(cells[..., i], 0, values.shape[1 - i] - 1) for i in (0, 1))
+        read = values[rows, cols]
+        weight = np.where(np.isfinite(read), WEIGHTS, 0.0)
+        total, found = weight.sum(axis=1), (weight * np.nan_to_num(read)).sum(axis=1)
+        return np.where(total > 0, found / np.where(total > 0, total, 1.0), 1.0)
+
+
+class _Bead(NamedTuple):
+    """where, tangent (n, 2) of its pieces; way (n,) of their middles; length, all m; bounds (m + 1,): where its
+    segments begin and end; points (m, 3, 2)."""
+
+    where: np.ndarray
+    tangent: np.ndarray
+    way: np.ndarray
+    length: float
+    bounds: np.ndarray
+    points: np.ndarray
+
+
+def bead_model(paths: Sequence[np.ndarray], shape: tuple[int, int], width: float) -> BeadModel:
+    """paths: beads from arc on to arc off, (n, 2) m from the corner of cell (0, 0), with the points between which
+    setpoints hold. shape: of the grid a quarter of a bead wide. width: m. The newest models are kept: layers come back
+    in the same two directions."""
+    return _cached(tuple(np.ascontiguousarray(p, float).tobytes() for p in paths), shape, width)
+
+
+@lru_cache(maxsize=4)
+def _cached(paths: tuple[bytes, ...], shape: tuple[int, int], width: float) -> BeadModel:
+    beads = [_bead(np.frombuffer(p).reshape(-1, 2), width) for p in paths]
+    cell, gap = width / CELLS_PER_BEAD, GAP * width
+    pieces, segments = (
+        _Groups.of(some) for some in ([b.way for b in beads], [b.points for b in beads])
+    )
+    length = np.array([b.length for b in beads])
+    offset = np.cumsum(length + gap) - length
+    where, tangent, way = (
+        np.concatenate([getattr(b, k) for b in beads]) for k in _Bead._fields[:3]
+    )
+    step, run = (length / pieces.counts)[pieces.group], way + offset[pieces.group]
+    bounds = [b.bounds + o for b, o in zip(beads, offset, strict=True)]
+    middle = np.concatenate([0.5 * (b[1:] + b[:-1]) for b in bounds])
+    to_arc, arc = (
+        np.minimum(w, length[g.group] - w)
+        for w, g in ((middle - offset[segments.group], segments), (way, pieces))
+    )
+    spread = _spread(where, tangent, step, shape, width)
+    i, ahead, near = _nearest(where, tangent / step[:, None], shape, cell)
+    bead = pieces.group[i]
+    at = np.interp(run[i] + ahead * step[i], middle, np.arange(len(middle)))
+    at = np.clip(at, segments.begin[bead], segments.end[bead] - 1)
+    low = at.astype(int)
+    return BeadModel(
+        shape, width, spread, np.stack([run - 0.5 * step, run + 0.5 * step], 1),
+        np.concatenate([[0.0], *([*b[1:-1], b[-1] + 0.5 * gap] for b in bounds)]),
+        np.concatenate([b.points for b in beads]), _read(bounds), segments.begin[segments.group],
+        segments.end[segments.group] - 1, to_arc, low, np.minimum(low + 1, segments.end[bead] - 1),
+        at - low, near, arc[i], pieces.from_ends()[i], _overlapped(spread, pieces.group),
+    )  # fmt: skip
+
+
+class _Groups(NamedTuple):
+    """Elements of beads, one bead after the other. counts, begin, end (beads,); group (elements,): bead of each."""
+
+    counts: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    group: np.ndarray
+
+    @classmethod
+    def of(cls, parts: Sequence[np.ndarray]) -> _Groups:
+        counts = np.array([len(p) for p in parts])
+        end = np.cumsum(counts)
+        return cls(counts, end - counts, end, np.repeat(np.arange(len(counts)), counts))
+
+    def from_ends(self) -> np.ndarray:
+        """(elements,) number from the beginning of the bead, 1 first, or from its end, negative; the smaller one."""
+        i = np.arange(len(self.group))
+        on, off = i - self.begin[self.group] + 1, self.end[self.group] - i
+        return np.where(on <= off, on, -off)
+
+
+def _bead(path: np.ndarray, width: float) -> _Bead:
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    n = max(2, round(way[-1] / (width / CELLS_PER_BEAD)))
+    at = (np.arange(n) + 0.5) / n * way[-1]
+
+    def place(s: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(s, way, path[:, i]) for i in (0, 1)], -1)
+
+    where = place(at)
+    tangent = np.gradient(where, axis=0)
+    tangent /= np.maximum(np.hypot(*tangent.T), 1e-12)[:, None]
+    bounds = _segments(way, width)
+    points = place(np.stack([bounds[:-1], 0.5 * (bounds[:-1] + bounds[1:]), bounds[1:]], 1))
+    return _Bead(where, tangent, at, max(way[-1], 1e-9), bounds, points)
+
+
+def _segments(way: np.ndarray, width: float) -> np.ndarray:
+    """Bounds of the segments, m from arc on; way (k,): of the path's points."""
+    crossed = np.diff(np.floor(way / (SHORT * width) + 1e-6)) > 0
+    bounds = np.concatenate([way[:1], way[1:-1][crossed[:-1]], [max(way[-1], 1e-9)]])
+    parts = np.diff(bounds)
+    parts = np.where(parts > LONG * width, np.ceil(parts / (PART * width) - 1e-6), 1).astype(int)
+    return np.interp(np.arange(parts.sum() + 1), np.concatenate([[0], np.cumsum(parts)]), bounds)
+
+
+def _read(beads: list[np.ndarray]) -> sparse.csr_array:
+    """See `BeadModel.read`; bounds of the segments of every bead, m."""
+    blocks = []
+    for bounds in beads:
+        length = np.diff(bounds)
+        next_one = length[:-1] / (length[:-1] + length[1:])  # share of the next one at the bound
+        own = np.full(len(length), WEIGHTS[1])
+        own += WEIGHTS[2] * np.append(1 - next_one, 1.0) + WEIGHTS[0] * np.append(1.0, next_one)
+        blocks.append(
+            sparse.diags_array(
+                [WEIGHTS[0] * (1 - next_one), own, WEIGHTS[2] * next_one], offsets=[-1, 0, 1]
+            )
+        )
+    return sparse.block_diag(blocks, format='csr')
+
+
+def _spread(
+    where: np.ndarray, tangent: np.ndarray, step: np.ndarray, shape: tuple[int, int], width: float
+) -> sparse.csr_array:
+    """(cells, n); rows that get too little metal are empty, the others sum to 1."""
+    cell = width / CELLS_PER_BEAD
+    side = np.arange(-REACH, REACH + 1)
+    offsets = np.stack(np.meshgrid(side, side, indexing='ij'), -1).reshape(-1, 2)
+    offsets = offsets[np.hypot(*offsets.T) <= REACH + 0.5]
+    cells = np.floor(where[:, ::-1] / cell).astype(int)[:, None, :] + offsets
+    y, x = (((cells[..., i] + 0.5) * cell - where[:, 1 - i, None]) / width for i in (0, 1))
+    along = x * tangent[:, :1] + y * tangent[:, 1:]
+    across = x * tangent[:, 1:] - y * tangent[:, :1]
+    weight = np.exp(-0.5 * ((along / POOL) ** 2 + (across / SPREAD) ** 2))
+    weight *= (step / weight.sum(1))[:, None]
+    good = (cells >= 0).all(-1) & (cells < shape).all(-1) & (weight > TINY * step[:, None])
+    rows = (cells[..., 0] * shape[1] + cells[..., 1])[good]
+    columns = np.broadcast_to(np.arange(len(step))[:, None], good.shape)[good]
+    size = shape[0] * shape[1]
+    metal = sparse.csr_array((weight[good], (rows, columns)), shape=(size, len(step)))
+    total = np.asarray(metal.sum(axis=1)).ravel()
+    enough = total > COVERED * np.median(total[total >= 0.5 * total.max()])
+    scale = np.where(enough, 1 / np.where(enough, total, 1.0), 0.0)
+    return (sparse.diags_array(scale) @ metal).tocsr()
+
+
+def _overlapped(spread: sparse.csr_array, bead: np.ndarray) -> bool:
+    """bead (n,): number of the bead of every piece."""
+    one = sparse.csr_array((np.ones(len(bead)), (np.arange(len(bead)), bead)))
+    most = (spread @ one).max(axis=1).toarray()
+    return bool(most.any() and np.median(most[most > 0]) < ALONE)
+
+
+def _nearest(
+    where: np.ndarray, pace: np.ndarray, shape: tuple[int, int], cell: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nearest piece of every cell, by how many pieces the cell lies ahead of its middle, and whether it is less than a
+    bead away. pace (n, 2): pieces per m of travel.
+    """
+    rows, cols = ((np.arange(n) + 0.5) * cell for n in shape)
+    y, x = np.meshgrid(rows, cols, indexing='ij')
+    cells = np.stack([x, y], -1)
+    far, i = (a.reshape(shape) for a in cKDTree(where).query(cells.reshape(-1, 2)))
+    ahead = np.clip(((cells - where[i]) * pace[i]).sum(-1), -1.0, 1.0)
+    return i, ahead, far < CELLS_PER_BEAD * cell
+
+
+def inner_mean(
+    values: np.ndarray, known: np.ndarray, footprint: np.ndarray, grid: Resampler, margin: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means over the cells of the model's grid of what is known and `margin` cells from the footprint's edge, and the
+    share (rows, cols) of the cells that this is. Shares of cells count, so the map's resolution does not."""
+    share = np.where(known, filters.inner_share(footprint, margin), 0.0)
+    weight = grid.mean(share)
+    total = grid.mean(np.where(share > 0, share * np.where(known, values, 0.0), 0.0))
+    return np.where(weight > TINY, total / np.maximum(weight, TINY), 0.0), weight

@@ -1,0 +1,102 @@
+"""Relative layer height of every segment of the beads, by bounded least squares through the nominal model.
+
+minimise sum(w*(need - A*x)^2) + small*(x - x0)^2 + smooth*(differences of x - x0 along the bead)^2, low <= x <= high
+
+by accelerated projected gradients (Beck and Teboulle 2009, FISTA) from x0: a fixed number of steps, so same input,
+same bits. w is the share of a cell that is known and away from the edge: the outermost flank falls behind for good and
+is not to be filled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..grids import Resampler
+from ..laws.explicit import RATIO_HIGH, RATIO_LOW, CorrectionInput
+from .bead_bias import Learned
+from .model import MARGIN, BeadModel, bead_model, inner_mean
+
+SMALL, SMOOTH = 0.0005, 0.0015  # of the typical diagonal of A'wA
+END_HIGH = 4.0  # relative layer height up to which the end of a bead may be filled (crater filling)
+END_REACH = 0.4  # bead widths from arc on or off to the middle of a segment that counts as its end
+STEPS = 30
+
+
+def refine(
+    request: CorrectionInput,
+    ratio: np.ndarray,
+    gain: float,
+    grid: Resampler,
+    guess: np.ndarray | float = 0.0,
+) -> np.ndarray:
+    """(rows, cols) relative layer height that the beads of `request.paths` need.
+
+    ratio (rows, cols): what a law wishes of every cell; kept away from the beads, and where nothing is known.
+    gain: share of the height error that the layer is to remove. guess: share of the planned height, on `grid`, that a
+    law believes to be missing at the ends of beads; it counts until the job has shown what is (`Learned.prior`).
+    """
+    learned = request.learned or Learned(np.zeros(grid.shape))
+    model = bead_model(request.paths, grid.shape, request.bead_width)
+    footprint = request.footprint
+    known = footprint & np.isfinite(request.error)
+    planned = np.where(footprint, request.planned, 1.0)
+    error = request.error * learned.scale / planned
+    if request.shortfall is not None:
+        error -= request.shortfall  # the model has its own, `learned.missing`
+    margin = MARGIN * request.bead_width / request.resolution
+    error, weight = inner_mean(error, known, footprint, grid, margin)
+    need = (gain * error + learned.missing + learned.prior * guess) / learned.slope
+    start = model.of_cells(ratio, request.resolution)
+    solved = model.on_cells(solve(model, need, weight, start, learned.lag))
+    return ratio + grid.fine(model.near.astype(float)) * (grid.fine(solved) - ratio)
+
+
+def solve(
+    model: BeadModel, need: np.ndarray, weight: np.ndarray, start: np.ndarray, lag: float
+) -> np.ndarray:
+    """(m,) relative layer height of the segments.
+
+    need, weight (rows, cols): growth that is wanted beside the plan's, in planned heights, and how much a cell counts.
+    start (m,): x0, what is asked where nothing is known. lag: m.
+    """
+    a, w = model.spread @ model.driven(lag) @ model.read, weight.ravel()
+    back = (a.T * w).tocsr()
+    high = np.where(model.to_arc < END_REACH * model.width, END_HIGH, RATIO_HIGH) - 1
+    low, x0 = RATIO_LOW - 1, start - 1
+    diagonal = a.power(2).T @ w
+    typical = float(np.median(diagonal[diagonal > 0])) if diagonal.any() else 1.0
+    small, smooth = SMALL * typical, SMOOTH * typical
+    joined = (model.first[1:] == model.first[:-1]).astype(float)
+
+    target = back @ need.ravel()
+
+    def gradient(x: np.ndarray) -> np.ndarray:
+        d = x - x0
+        fall = smooth * joined * np.diff(d)
+        g = back @ (a @ x) - target + small * d
+        g[1:] += fall
+        g[:-1] -= fall
+        return g
+
+    # sums of the rows are no less than the curvature, for nothing in A'wA is negative
+    steepest = back @ a.sum(axis=1) + small + 4 * smooth
+    return 1 + _projected(gradient, np.clip(x0, low, high), low, high, steepest)
+
+
+def _projected(
+    gradient: Callable[[np.ndarray], np.ndarray],
+    x: np.ndarray,
+    low: float,
+    high: np.ndarray,
+    steepest: np.ndarray,
+) -> np.ndarray:
+    """FISTA with a step of its own for every segment; steepest (m,): at least the curvature."""
+    ahead, t = x, 1.0
+    for _ in range(STEPS):
+        new = np.clip(ahead - gradient(ahead) / steepest, low, high)
+        t_new = 0.5 * (1 + (1 + 4 * t * t) ** 0.5)
+        ahead = new + (t - 1) / t_new * (new - x)
+        x, t = new, t_new
+    return x

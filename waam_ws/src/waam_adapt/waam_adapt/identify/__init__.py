@@ -1,0 +1,1 @@
+"""What the layers teach about the process."""

@@ -1,0 +1,210 @@
+"""What the layers teach about the process: efficiency, exponent of height on metal, spread, what is always missing.
+
+A scalar Kalman filter follows the efficiency ratio from layer to layer, another one the exponent; `evidence` says what
+one layer is worth, `shortfall` learns what layers miss at the same place again and again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..beads.bead_bias import BeadHabits, Learned
+from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
+from ..grids import CELLS_PER_BEAD, Resampler
+from ..laws.explicit import CorrectionInput
+from .evidence import MIN_GROWTH, Habits, Layer, LayerEvidence, layer_evidence, response
+from .shortfall import Shortfall
+
+LAYER_NOISE = (
+    0.02  # relative, of a whole layer: what one layer is off all over is mostly gone in the next
+)
+LOW, HIGH = 0.7, 1.3  # efficiency ratios beyond this are a fault, not a property of the wire
+SLOPE_FORGETTING = (
+    0.95  # per layer: the exponent is a property of geometry and wire, not of one layer
+)
+SLOPE_LOW, SLOPE_HIGH = 0.2, 1.3  # of growth on metal; beyond this the scan is wrong
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What is believed about the process. Ratio and slope start at 1 with the uncertainty of a wire
+    that was never used.
+    """
+
+    efficiency_ratio: float = 1.0
+    efficiency_sigma: float = 0.15
+    slope: float = 1.0
+    slope_sigma: float = 0.3
+    spread: float = math.nan
+    innovation: float = math.nan
+    drift_alarm: bool = False
+    updates: int = 0
+
+    @property
+    def flow_factor(self) -> float:
+        """Multiplies the wire feed so that the planned height arrives: efficiency_ratio^(-1/slope), bounded."""
+        ratio = min(max(self.efficiency_ratio, LOW), HIGH)
+        return min(max(ratio ** (-1 / min(self.slope, 1.0)), 1 / HIGH), 1 / LOW)
+
+    @property
+    def height_exponent(self) -> float:
+        """d ln(height)/d ln(speed): -slope, because the command varies as 1/speed (mass balance)."""
+        return -self.slope
+
+
+def update(
+    estimate: Estimate, evidence: LayerEvidence, forgetting: float, alarm_sigmas: float = 3.0
+) -> Estimate:
+    """The next estimate. forgetting 0..1 (exclusive): how fast old layers lose weight; 0.5
+    remembers about two layers.
+
+    drift_alarm: the layer lies further from the prediction than `alarm_sigmas` of its uncertainty
+    and 5 %, once the estimate has settled (two layers), or the ratio leaves 0.7 .. 1.3. An evident
+    outlier moves the estimate no further than that distance.
+    """
+    prior = estimate.efficiency_sigma**2 / (forgetting if estimate.updates else 1.0)
+    noise = evidence.ratio_sigma**2 + LAYER_NOISE**2
+    difference = evidence.ratio - estimate.efficiency_ratio
+    limit = max(alarm_sigmas * math.sqrt(prior + noise), 0.05)
+    gain = prior / (prior + noise)
+    settled = estimate.updates >= 2
+    step = max(-limit, min(limit, difference)) if settled else difference
+    return replace(
+        estimate,
+        efficiency_ratio=min(max(estimate.efficiency_ratio + gain * step, LOW), HIGH),
+        efficiency_sigma=max(math.sqrt((1 - gain) * prior), 2e-3),
+        spread=evidence.spread,
+        innovation=difference * evidence.commanded,
+        drift_alarm=not LOW <= evidence.ratio <= HIGH or (settled and abs(difference) > limit),
+        updates=estimate.updates + 1,
+    )
+
+
+def update_slope(
+    estimate: Estimate, slope: float, sigma: float, forgetting: float = SLOPE_FORGETTING
+) -> Estimate:
+    """With the slope of one more pair of layers, inside `SLOPE_LOW` .. `SLOPE_HIGH`; sigma inf changes nothing.
+
+    A slope further than three sigmas from the estimate counts as three sigmas: one odd layer does not turn it round.
+    """
+    if not math.isfinite(sigma):
+        return estimate
+    prior, noise = estimate.slope_sigma**2 / forgetting, max(sigma, 0.03) ** 2
+    limit = 3 * math.sqrt(prior + noise)
+    gain = prior / (prior + noise)
+    step = max(-limit, min(limit, slope - estimate.slope))
+    return replace(
+        estimate,
+        slope=min(max(estimate.slope + gain * step, SLOPE_LOW), SLOPE_HIGH),
+        slope_sigma=max(math.sqrt((1 - gain) * prior), 0.01),
+    )
+
+
+@dataclass
+class Identifier:
+    """Keeps what one job has taught; asking twice for the same layer does not count its evidence twice.
+
+    forgetting: see `update`; learning 0..1: of the shortfall, 0 = never. watch_beads: compare layers with the bead
+    model too (`bead_habits`), for laws that solve through it.
+    """
+
+    forgetting: float = 0.5
+    learning: float = 0.3
+    watch_beads: bool = False
+    job_id: str = ''
+    layer: int = 0
+    estimate: Estimate = Estimate()
+    shortfall: Shortfall = Shortfall()
+    habits: tuple[Habits | None, Habits | None] = (None, None)  # of even and odd layers
+    beads: BeadHabits = BeadHabits()
+    planned: dict[int, np.ndarray] = field(default_factory=dict)  # maps of the newest layers
+    paths: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)  # of the same
+    _before: tuple = (Estimate(), Shortfall(), (None, None), BeadHabits())
+
+    def start(self, job_id: str, layer: int) -> None:
+        """Call before every layer: forgets another job's process, repeats a layer from where it began."""
+        if job_id != self.job_id or layer < self.layer:
+            self._before = Estimate(), Shortfall(), (None, None), BeadHabits()
+        elif layer > self.layer:
+            self._before = self.estimate, self.shortfall, self.habits, self.beads
+        self.job_id, self.layer = job_id, layer
+        self.estimate, self.shortfall, self.habits, self.beads = self._before
+
+    def add(self, layer: Layer) -> None:
+        """Learns from the layer that was laid last, if enough of it can be seen."""
+        number = self.layer - 1
+        if layer.planned is None and number in self.planned:
+            layer = replace(layer, planned=self.planned[number])
+        slope = min(self.estimate.slope, 1.0)
+        evidence = layer_evidence(layer, slope)
+        if evidence is None:
+            return
+        before = self.estimate
+        self.estimate = update(self.estimate, evidence, self.forgetting)
+        habits = list(self.habits)
+        side = number % 2
+        if habits[side] is not None:
+            self.estimate = update_slope(self.estimate, *habits[side].slope(evidence))
+        habits[side] = Habits.after(habits[side], evidence)
+        self.habits = tuple(habits)
+        if self.learning > 0:
+            laid = np.where(np.nan_to_num(layer.commanded) > MIN_GROWTH, layer.commanded, np.nan)
+            plan = laid if layer.planned is None else layer.planned
+            expected = evidence.ratio * response(laid, plan, slope)
+            missing = 1 - (layer.after - layer.before) / expected
+            smooth = 0.25 * layer.bead_width / layer.resolution
+            self.shortfall = self.shortfall.learn(number, missing, self.learning, smooth)
+            if self.watch_beads and self.paths.get(number):
+                self._learn_beads(number, layer, laid, plan, before)
+
+    def _learn_beads(
+        self, number: int, layer: Layer, laid: np.ndarray, plan: np.ndarray, before: Estimate
+    ) -> None:
+        """What the bead model did not foretell of a layer whose paths are told. laid: command, NaN outside; plan: m.
+        before: estimate that the layer was laid with."""
+        grid = Resampler.of(laid.shape, layer.resolution, layer.bead_width / CELLS_PER_BEAD)
+        model = bead_model(self.paths[number], grid.shape, layer.bead_width)
+        plan = np.where(plan > MIN_GROWTH, plan, np.nan)
+        relative = laid / plan
+        slope = self._slope_of(model)
+        asked = model.of_cells(relative, layer.resolution) ** slope
+        allowed = before.flow_factor**-slope if before.updates >= 2 else None
+        growth = (layer.after - layer.before) / plan
+        footprint, margin = np.isfinite(laid), MARGIN * layer.bead_width / layer.resolution
+        known = footprint & np.isfinite(growth)
+        growth, seen = inner_mean(growth, known, footprint, grid, margin)
+        self.beads = self.beads.learn(number, model, asked, growth, seen, self.learning, allowed)
+
+    def prepare(self, request: CorrectionInput) -> CorrectionInput:
+        """The request as a law for overlapped beads must see it: with the shortfall, in terms of metal.
+
+        Growth goes with metal to the power `slope`; where that is below 1 (a wall gets wider as well), more metal has
+        to be asked for than is missing. The slope is taken cautiously, one sigma towards 1: too large an answer swings.
+        """
+        self.planned = {n: p for n, p in self.planned.items() if n >= self.layer - 1}
+        self.paths = {n: p for n, p in self.paths.items() if n >= self.layer - 1}
+        self.planned[self.layer], self.paths[self.layer] = request.planned, request.paths
+        learned = self.shortfall
+        request = request.expecting(learned.share(self.layer), learned.layers[self.layer % 2])
+        slope = min(1.0, self.estimate.slope + self.estimate.slope_sigma)
+        if self.watch_beads and request.paths:
+            request = replace(request, learned=self._beads_of(request, slope))
+        if slope >= 1.0:
+            return request
+        return replace(request, target=request.z + request.error / slope)
+
+    def _beads_of(self, request: CorrectionInput, scale: float) -> Learned:
+        cell = request.bead_width / CELLS_PER_BEAD
+        shape = Resampler.of(request.z.shape, request.resolution, cell).shape
+        model = bead_model(request.paths, shape, request.bead_width)
+        lag = self.beads.lag * request.bead_width
+        slope = self._slope_of(model, self.estimate.slope_sigma)
+        missing = self.beads.of(self.layer, model) - self.beads.surplus
+        return Learned(missing, lag, slope, scale, self.beads.prior)
+
+    def _slope_of(self, model: BeadModel, caution: float = 0.0) -> float:
+        """Of growth on metal: overlapped beads keep all of it, a single one gets wider as well."""
+        return 1.0 if model.overlapped else min(1.0, self.estimate.slope + caution)

@@ -1,0 +1,1 @@
+"""From the scanned surface to the correction of the next layer."""

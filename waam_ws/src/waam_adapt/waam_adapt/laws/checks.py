@@ -1,0 +1,102 @@
+"""Reasons not to trust a height map: stale, partial or implausible. Any reason removes the
+correction (contract of the loop, 2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .explicit import CorrectionInput
+
+
+@dataclass(frozen=True)
+class MapLimits:
+    """max_age s; min_coverage share of the footprint; max_sigma and max_error m (medians over the
+    footprint).
+    """
+
+    max_age: float = 300.0
+    min_coverage: float = 0.9
+    max_sigma: float = 0.3e-3
+    max_error: float = 5e-3
+
+
+@dataclass(frozen=True)
+class MapOrigin:
+    """Where a map comes from. age s; layers: deposited before the scan; expected_layers: of the
+    plan; plausible: its maker's word.
+    """
+
+    age: float
+    job_id: str
+    expected_job_id: str
+    layers: int
+    expected_layers: int
+    plausible: bool
+    reasons: tuple[str, ...] = ()
+
+
+def reasons_against(
+    origin: MapOrigin, request: CorrectionInput, limits: MapLimits
+) -> tuple[str, ...]:
+    """All reasons, in words with figures; empty when the map may be used."""
+    return (*_stale(origin, limits), *_implausible(origin), *_unusable(request, limits))
+
+
+def _stale(origin: MapOrigin, limits: MapLimits) -> list[str]:
+    reasons = []
+    if not -1.0 <= origin.age <= limits.max_age:
+        reasons.append(f'stale map: {origin.age:.1f} s old, limit {limits.max_age:.0f} s')
+    if origin.job_id != origin.expected_job_id:
+        reasons.append(f"stale map: of job '{origin.job_id}', not '{origin.expected_job_id}'")
+    if origin.layers != origin.expected_layers:
+        reasons.append(
+            f'stale map: taken after layer {origin.layers}, not {origin.expected_layers}'
+        )
+    return reasons
+
+
+def _implausible(origin: MapOrigin) -> list[str]:
+    if origin.plausible:
+        return []
+    return [f'implausible map: {r}' for r in origin.reasons] or [
+        'implausible map: the scan says so'
+    ]
+
+
+def _unusable(request: CorrectionInput, limits: MapLimits) -> list[str]:
+    footprint = request.footprint & np.isfinite(request.target)
+    if not footprint.any():
+        return ['nothing planned: the footprint of the layer is empty']
+    error = request.error[footprint]
+    seen = np.isfinite(error)
+    reasons = []
+    if seen.mean() < limits.min_coverage:
+        share, limit = seen.mean(), limits.min_coverage
+        reasons.append(f'partial map: {share:.0%} of the footprint seen, limit {limit:.0%}')
+    if seen.any():
+        level = abs(float(np.median(error[seen])))
+        reasons += _above('implausible map: median error', level, limits.max_error)
+    if request.sigma is not None and np.isfinite(request.sigma[footprint]).any():
+        sigma = float(np.nanmedian(request.sigma[footprint]))
+        reasons += _above('uncertain map: median sigma', sigma, limits.max_sigma)
+    return reasons
+
+
+def _above(what: str, value: float, limit: float) -> list[str]:
+    if value <= limit:
+        return []
+    return [f'{what} {value * 1e3:.2f} mm, limit {limit * 1e3:.2f} mm']
+
+
+def error_figures(request: CorrectionInput) -> tuple[float, float]:
+    """RMS and largest absolute height error over the footprint in m; NaN when nothing of it is
+    known.
+    """
+    error = request.error[request.footprint]
+    error = error[np.isfinite(error)]
+    if not error.size:
+        return float('nan'), float('nan')
+    return float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())

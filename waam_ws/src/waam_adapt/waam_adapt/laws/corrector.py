@@ -1,0 +1,106 @@
+"""The correction server without ROS: check the map, learn from the last layer, correct the next one.
+
+The node and the offline replay both answer through this class, so that a replayed job is answered by what answered it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from waam_node.params import param
+
+from ..identify.identification import Estimate, Identifier, Layer
+from .checks import MapLimits, MapOrigin, reasons_against
+from .explicit import Correction, CorrectionInput, make_law, safe_correct
+
+
+@dataclass(frozen=True)
+class CorrectionParams:
+    law: str = param(
+        'damped_inverse',
+        'correction law',
+        choices=('damped_inverse', 'unet', 'proportional', 'log_log', 'zero'),
+    )
+    model: str = param(
+        '', "file with the weights of law unet; '' = the packaged ones, none = its bead model alone"
+    )
+    k_gain: float = param(
+        0.3, 'authority over travel speed when a request names none', '', 0.0, 0.3
+    )
+    k_gain_max: float = param(0.3, 'largest k_gain that a request may ask for', '', 0.0, 0.9)
+    gain: float = param(
+        0.9, 'share of the height error that one layer is asked to remove', '', 0.0, 1.2
+    )
+    regularisation: float = param(
+        0.1, 'of the deconvolution of overlapping beads; larger = smoother', '', 1e-3, 10.0
+    )
+    max_age: float = param(300.0, 'oldest map that is used, ROS time', 's', 1.0)
+    min_coverage: float = param(0.9, 'share of the footprint that must be seen', '', 0.0, 1.0)
+    max_sigma: float = param(0.3e-3, 'largest median uncertainty of a map', 'm', 0.0)
+    max_error: float = param(5e-3, 'largest believable median height error', 'm', 0.0)
+    identify: bool = param(
+        True, 'learn the efficiency ratio and give it as flow_factor, and the shortfall'
+    )
+    forgetting: float = param(0.5, 'weight of older layers in the efficiency ratio', '', 0.1, 0.99)
+    learning: float = param(
+        0.3,
+        'weight of the newest layer in the shortfall that comes back in every layer; 0 = off',
+        '',
+        0.0,
+        1.0,
+    )
+
+
+@dataclass(frozen=True)
+class LastLayer:
+    """The layer under the scan. Maps (rows, cols) in m, None = not known. before: surface it was laid on; growth: what
+    its setpoints asked for; feed_factor: factor of the wire feed it was laid with (flow and heat).
+    """
+
+    before: np.ndarray | None = None
+    growth: np.ndarray | None = None
+    feed_factor: float = 1.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """correction: psi and its terms; flow_factor: for the wire feed; estimate: what is believed of the process."""
+
+    correction: Correction
+    flow_factor: float
+    estimate: Estimate
+
+
+class Corrector:
+    """Answers the requests of one job after another, in the order of their layers."""
+
+    def __init__(self, params: CorrectionParams) -> None:
+        p = self.params = params
+        self.law = make_law(p.law, p.gain, p.regularisation, p.model)
+        self.limits = MapLimits(p.max_age, p.min_coverage, p.max_sigma, p.max_error)
+        self.identifier = Identifier(p.forgetting, p.learning, watch_beads=p.law == 'unet')
+
+    def answer(
+        self, layer: int, request: CorrectionInput, origin: MapOrigin, last: LastLayer
+    ) -> Answer:
+        """A map that is not to be trusted removes the correction and teaches nothing; the reasons are in the answer."""
+        reasons = reasons_against(origin, request, self.limits)
+        self.identifier.start(origin.expected_job_id, layer)
+        if not reasons and last.before is not None and last.growth is not None:
+            self.identifier.add(
+                Layer(
+                    last.before,
+                    request.z,
+                    last.growth * last.feed_factor,
+                    request.resolution,
+                    request.bead_width,
+                )
+            )
+        flow, expected = 1.0, request
+        if self.params.identify:
+            flow = self.identifier.estimate.flow_factor
+            expected = self.identifier.prepare(request)
+        correction = safe_correct(self.law, expected, reasons)
+        return Answer(correction, flow, self.identifier.estimate)

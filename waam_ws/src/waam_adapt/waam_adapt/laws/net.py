@@ -1,0 +1,185 @@
+"""The correction network in numpy: reads weights that are hashed and no pickle, and computes tile by tile.
+
+Same input, same bits: nothing is random and the order of the sums is fixed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HEAD_LIMIT = 0.6  # largest change of the relative layer height
+LOG_LIMITS = (-5.0, 1.0)  # of the predicted error in layer heights
+TILE, HALO = 128, 24  # cells; the halo is wider than what an output cell sees: no seams
+ALONE = 250_000  # multiplications of one product that BLAS does in one thread
+STRIP = 16  # rows at a time, so that the columns stay in the cache
+CONVS = (
+    'enc1a', 'enc1b', 'enc2a', 'enc2b', 'mida', 'midb', 'dec2a', 'dec2b', 'dec1a', 'dec1b', 'head', 'doubt',
+)  # fmt: skip
+PACKAGED = Path(__file__).parents[1] / 'models' / 'correction.npz'
+
+
+class ModelError(ValueError):
+    """A model file that is missing, damaged or of another make; the text names file and reason."""
+
+
+@dataclass(frozen=True)
+class Network:
+    """weights: arrays by name (`CONVS` with .weight, .bias). card: what the file says of its
+    training. digest: sha256.
+    """
+
+    weights: dict[str, np.ndarray]
+    card: dict[str, Any]
+    digest: str
+
+    def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x (channels, rows, cols) float32 -> change of the relative layer height and log of the
+        error left, (rows, cols).
+        """
+        rows, cols = x.shape[1:]
+        x = np.pad(x, ((0, 0), (0, -rows % 4), (0, -cols % 4)))
+        change, doubt = np.empty(x.shape[1:], np.float32), np.empty(x.shape[1:], np.float32)
+        for r in range(0, rows, TILE):
+            for c in range(0, cols, TILE):
+                top, left = max(r - HALO, 0), max(c - HALO, 0)
+                part = x[:, top : r + TILE + HALO, left : c + TILE + HALO]
+                for out, tile in zip((change, doubt), self._tile(part), strict=True):
+                    inner = tile[r - top : r - top + TILE, c - left : c - left + TILE]
+                    out[r : r + TILE, c : c + TILE] = inner
+        return change[:rows, :cols], doubt[:rows, :cols]
+
+    def _tile(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        one = self._conv('enc1b', self._conv('enc1a', x))
+        two = self._conv('enc2b', self._conv('enc2a', halve(one)))
+        three = self._conv('midb', self._conv('mida', halve(two)))
+        two = self._conv('dec2b', self._conv('dec2a', np.concatenate([double(three), two])))
+        one = self._conv('dec1b', self._conv('dec1a', np.concatenate([double(two), one])))
+        change = HEAD_LIMIT * np.tanh(self._point('head', one))
+        return change, np.clip(self._point('doubt', one), *LOG_LIMITS)
+
+    def _conv(self, name: str, x: np.ndarray) -> np.ndarray:
+        return conv3x3(x, self.weights[f'{name}.weight'], self.weights[f'{name}.bias'])
+
+    def _point(self, name: str, x: np.ndarray) -> np.ndarray:
+        w = self.weights[f'{name}.weight'][0, :, 0, 0]
+        return np.tensordot(w, x, 1) + self.weights[f'{name}.bias'][0]
+
+
+def conv3x3(x: np.ndarray, weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    """ReLU of a 3x3 convolution with zeros around; x (in, rows, cols), weight (out, in, 3, 3) -> (out, rows, cols)."""
+    n, rows, cols = x.shape
+    padded = np.pad(x, ((0, 0), (1, 1), (1, 1)))
+    flat = weight.reshape(len(weight), -1)
+    out = np.empty((len(weight), rows, cols), np.float32)
+    for r in range(0, rows, STRIP):
+        k = min(STRIP, rows - r)
+        columns = np.empty((n, 9, k, cols), np.float32)
+        for tap in range(9):
+            i, j = divmod(tap, 3)
+            columns[:, tap] = padded[:, r + i : r + i + k, j : j + cols]
+        out[:, r : r + k] = _product(flat, columns.reshape(n * 9, k * cols)).reshape(-1, k, cols)
+    out += bias[:, None, None]
+    return np.maximum(out, 0, out=out)
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a @ b in pieces so small that BLAS starts no threads: those wait for each other longer than they compute."""
+    out = np.empty((len(a), b.shape[1]), np.float32)
+    step = max(16, ALONE // a.size)
+    for i in range(0, b.shape[1], step):
+        out[:, i : i + step] = a @ b[:, i : i + step]
+    return out
+
+
+def halve(x: np.ndarray) -> np.ndarray:
+    """Means of 2x2 cells."""
+    top, bottom = x[:, ::2], x[:, 1::2]
+    return np.float32(0.25) * (
+        top[:, :, ::2] + top[:, :, 1::2] + bottom[:, :, ::2] + bottom[:, :, 1::2]
+    )
+
+
+def double(x: np.ndarray) -> np.ndarray:
+    """Every cell twice along both axes."""
+    return x.repeat(2, axis=1).repeat(2, axis=2)
+
+
+def digest(weights: dict[str, np.ndarray], card: dict[str, Any]) -> str:
+    """sha256 over names, shapes and bytes of the weights and over the card."""
+    h = hashlib.sha256(json.dumps(card, sort_keys=True).encode())
+    for name in sorted(weights):
+        a = np.ascontiguousarray(weights[name], np.float32)
+        h.update(f'{name}{a.shape}'.encode())
+        h.update(a.tobytes())
+    return h.hexdigest()
+
+
+def save(path: Path, weights: dict[str, np.ndarray], card: dict[str, Any]) -> str:
+    """Writes an .npz without pickle, atomically; returns its hash, by which answers name the model."""
+    code = digest(weights, card)
+    text = json.dumps({'card': card, 'sha256': code}, sort_keys=True)
+    data = io.BytesIO()
+    np.savez(data, **weights, meta=np.frombuffer(text.encode(), np.uint8))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix('.part')
+    part.write_bytes(data.getvalue())
+    part.replace(path)
+    return code
+
+
+def load(path: Path) -> Network:
+    """ModelError when the file is missing, cannot be read, misses a layer or does not have the hash that it names."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            content = {k: file[k] for k in file.files}
+        meta = json.loads(content.pop('meta').tobytes())
+        card, wanted = dict(meta['card']), str(meta['sha256'])
+    except FileNotFoundError:
+        raise ModelError(f'{path}: no such model file') from None
+    except Exception as e:  # zipfile and numpy raise what their parsers raise
+        raise ModelError(f'{path}: cannot be read as a model: {e}') from None
+    weights = {k: _weight(path, k, a) for k, a in content.items()}
+    if (got := digest(weights, card)) != wanted:
+        raise ModelError(f'{path}: hash is {got[:12]}, the file says {wanted[:12]}: damaged')
+    _check_layers(path, weights)
+    return Network(weights, card, wanted)
+
+
+def _weight(path: Path, name: str, values: np.ndarray) -> np.ndarray:
+    if values.dtype != np.float32 or not np.isfinite(values).all():
+        raise ModelError(f'{path}: {name} is not a finite float32 array')
+    return values
+
+
+def _check_layers(path: Path, weights: dict[str, np.ndarray]) -> None:
+    """Channels must fit from layer to layer, else the first request would fail instead of the start."""
+    from .features import CHANNELS
+
+    missing = [f'{n}.{k}' for n in CONVS for k in ('weight', 'bias') if f'{n}.{k}' not in weights]
+    if missing:
+        raise ModelError(f'{path}: no {missing[0]} in it')
+    a, b, c = (len(weights[f'{n}.bias']) for n in ('enc1a', 'enc2a', 'mida'))
+    sizes = (
+        (CHANNELS, a),
+        (a, a),
+        (a, b),
+        (b, b),
+        (b, c),
+        (c, c),
+        (c + b, b),
+        (b, b),
+        (b + a, a),
+        (a, a),
+    )
+    shapes = [(o, i, 3, 3) for i, o in sizes] + [(1, a, 1, 1)] * 2
+    for name, shape in zip(CONVS, shapes, strict=True):
+        got = weights[f'{name}.weight'].shape
+        if got != shape or weights[f'{name}.bias'].shape != shape[:1]:
+            raise ModelError(f'{path}: {name} has shape {got}, not {shape}')

@@ -1,0 +1,1 @@
+"""Interpass temperature: may the next layer start, and when."""

@@ -1,0 +1,208 @@
+"""Random jobs for the training: part, surface as found, beads, process and sensor, each drawn anew from wide ranges.
+
+Pads, walls, rings and blades; worn surfaces; separate beads and zig-zag; layers that repeat,
+reverse or cross. Lengths in
+cells (a quarter of a bead that the controller believes in), heights in planned layer heights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.ndimage import gaussian_filter1d
+
+from .. import filters
+from ..laws import features
+from .deposit import Pool, Stations, shares
+from .parts import BEAD, RANGES, SIZE, Part, draw, holes, part, worn
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A surface of a recorded job, to start from: error (rows, cols) in layer heights on the
+    training cell, and direction.
+    """
+
+    error: np.ndarray
+    footprint: np.ndarray
+
+
+@dataclass
+class Batch:
+    """b scenes. Maps (b, SIZE, SIZE); layers: stations of even and odd layers; marks: starts and ends of the same.
+
+    Per scene (b,): height m, gain, sigma (layer heights), heat (change of efficiency per layer). noise: by layer, (n,).
+    """
+
+    z: torch.Tensor
+    footprint: torch.Tensor
+    planned: torch.Tensor
+    judged: torch.Tensor
+    trusted: tuple[np.ndarray, np.ndarray]
+    holes: np.ndarray
+    transfer: tuple[torch.Tensor, torch.Tensor]
+    fixed: tuple[torch.Tensor, torch.Tensor]
+    layers: tuple[Stations, Stations]
+    noise: list[torch.Tensor]
+    pool: Pool
+    height: np.ndarray
+    gain: torch.Tensor
+    sigma: torch.Tensor
+    spikes: np.ndarray
+    heat: torch.Tensor
+    rng: np.random.Generator
+
+
+def marks(p: Part, layer: int, known: bool) -> np.ndarray:
+    """(2, SIZE, SIZE) nearness of starts and ends, zeros when the paths are not told."""
+    if not known:
+        return np.zeros((2, SIZE, SIZE))
+    beads = p.beads[layer % 2]
+    return np.stack(
+        [features.fading(np.array([b[i] for b in beads]), (SIZE, SIZE)) for i in (0, -1)]
+    )
+
+
+def _stations(
+    parts: Sequence[Part],
+    footprint: np.ndarray,
+    layer: int,
+    width: np.ndarray,
+    length: np.ndarray,
+) -> Stations:
+    columns: list[tuple] = []
+    bead = 0
+    for scene, p in enumerate(parts):
+        for b in p.beads[layer]:
+            step = np.hypot(*np.gradient(b, axis=0).T)
+            tangent = np.gradient(b, axis=0) / np.maximum(step, 1e-9)[:, None]
+            step = np.minimum(step, 2.0)
+            s = np.cumsum(step) - 0.5 * step
+            columns.append(
+                (
+                    np.full(len(b), scene),
+                    np.full(len(b), bead),
+                    b,
+                    tangent,
+                    step * p.pitch,
+                    s,
+                    s[-1] - s,
+                )
+            )
+            bead += 1
+    scene, number, where, tangent, metal, start, end = (
+        torch.from_numpy(np.concatenate(c)) for c in zip(*columns, strict=True)
+    )
+    w, n = (torch.from_numpy(a)[scene] for a in (width, length))
+    cells, share = shares(where, tangent, w, n, SIZE)
+    cells = cells + scene[:, None] * SIZE * SIZE
+    f = torch.float32
+    outside = ~torch.from_numpy(footprint).reshape(-1)[cells]
+    return Stations(
+        scene, number, where.to(f), cells, outside, share.to(f), metal.to(f), start.to(f), end.to(f)
+    )
+
+
+def _noise(rng: np.random.Generator, s: Stations, scenes: int) -> torch.Tensor:
+    """Relative noise of the metal, correlated along the bead, and of whole beads."""
+    white = rng.standard_normal(len(s.scene))
+    out = np.empty(len(white))
+    scene = s.scene.numpy()
+    for i in range(scenes):
+        mine = scene == i
+        length = draw(rng, 'noise_length') * BEAD
+        spread = np.sqrt(2 * np.sqrt(np.pi) * length)  # white noise after this mean has 1/spread
+        out[mine] = draw(rng, 'noise') * spread * gaussian_filter1d(white[mine], length)
+    beads = rng.standard_normal(int(s.bead.max()) + 1) * draw(rng, 'bead_noise')
+    return torch.from_numpy(np.clip(out + beads[s.bead.numpy()], -0.5, 0.5)).float()
+
+
+def batch(seed: Sequence[int], size: int, layers: int, recorded: Sequence[Recorded] = ()) -> Batch:
+    """`size` scenes for `layers` layers; the same seed gives the same scenes. recorded: surfaces
+    that half of them start from.
+    """
+    rng = np.random.default_rng(list(seed))
+    parts = [part(rng) for _ in range(size)]
+
+    def each(name: str) -> np.ndarray:
+        return rng.uniform(*RANGES[name], size)
+
+    def tensor(a: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(np.asarray(a)).float()
+
+    width, length = each('true_width') * BEAD, each('pool_length') * BEAD
+    footprint = np.stack([p.footprint for p in parts])
+    stations = tuple(_stations(parts, footprint, k, width, length) for k in (0, 1))
+    walls = np.array([p.wall for p in parts])
+    surface = np.stack([worn(rng) for _ in parts])
+    for i in range(size if recorded else 0):
+        if rng.random() < 0.5:
+            r = recorded[int(rng.integers(len(recorded)))]
+            surface[i] = r.error[r.footprint].mean() - r.error
+    tilt = each('planned_variation') * (rng.random(size) < 0.3)
+    ramp = np.linspace(-1, 1, SIZE)
+    planned = np.where(footprint, 1 + tilt[:, None, None] * ramp[None, None, :], 0.0)
+    planned /= np.array([np.median(p[f]) for p, f in zip(planned, footprint, strict=True)])[
+        :, None, None
+    ]
+    told = rng.random(size) < 0.6
+    defects = (rng.random(size) < 0.85).astype(float)
+    pool = Pool(*(tensor(a) for a in (
+        each('efficiency'), np.where(walls, each('exponent_wall'), each('exponent_pad')),
+        each('hump') * defects, each('defect_length') * BEAD, each('crater') * defects,
+        each('defect_length') * BEAD, each('filling'), each('levelling'), each('lag'), each('cliff'),
+        each('conserved'), each('spill'), each('run_over'),
+    )))  # fmt: skip
+    fixed = tuple(tensor(_fixed(parts, footprint, planned, k, told, rng)) for k in (0, 1))
+    return Batch(
+        z=tensor(surface),
+        footprint=torch.from_numpy(footprint),
+        planned=tensor(planned),
+        judged=torch.from_numpy(np.stack([filters.away_from_edges(f, 1.2) for f in footprint])),
+        trusted=tuple(
+            np.stack(
+                [filters.away_from_edges(p.footprint, 0.5 * BEAD, p.direction[k]) for p in parts]
+            )
+            for k in (0, 1)
+        ),
+        holes=np.stack([holes(rng) for _ in parts]),
+        transfer=tuple(torch.stack([_transfer(p.direction[k]) for p in parts]) for k in (0, 1)),
+        fixed=fixed,
+        layers=stations,
+        noise=[_noise(rng, stations[k % 2], size) for k in range(layers)],
+        pool=pool,
+        height=each('layer_height_mm') * 1e-3,
+        gain=tensor(each('gain')),
+        sigma=tensor(each('scan_sigma')),
+        spikes=each('spikes') * (rng.random(size) < 0.3),
+        heat=tensor(each('heat')),
+        rng=rng,
+    )
+
+
+def _transfer(direction: tuple[float, float]) -> torch.Tensor:
+    n = SIZE + 4 * BEAD
+    return torch.from_numpy(
+        filters.inverse_transfer((n, n), 1.0, float(BEAD), tuple(direction), 0.1)
+    ).float()
+
+
+def _fixed(parts, footprint, planned, layer: int, told, rng) -> np.ndarray:
+    """(b, 9, SIZE, SIZE): features that do not change from scan to scan: footprint, planned,
+    angle, marks, told, edge, temperature.
+    """
+    out = []
+    for p, f, h, t in zip(parts, footprint, planned, told, strict=True):
+        cos2a, sin2a = features.double_angle(p.direction[layer])
+        constant = np.ones(f.shape)
+        relative = np.where(f, h / np.median(h[f]) - 1, 0.0)
+        warm = features.temperature_feature(rng.uniform(20, 300) if rng.random() < 0.5 else np.nan)
+        start, end = marks(p, layer, t)
+        out.append(
+            np.stack([f, relative, cos2a * constant, sin2a * constant, start, end, constant * t,
+                      features.edge_distance(f), constant * warm])
+        )  # fmt: skip
+    return np.stack(out)

@@ -1,0 +1,288 @@
+"""Training of the correction network through the differentiable deposition; deterministic by seed,
+resumable to the bit.
+
+A step makes new scenes from (seed, step, rank), lets the loop run some layers with the network as it is, and sends the
+height error of the next ones back through the metal. Several processes (torchrun) average their gradients.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import distributed
+
+from ..laws import features, net
+from . import curves, parts, rollout, scenes
+from .unet import UNet, arrays
+
+HELD_OUT = 1_000_000_000  # seeds of the validation start here; no training step ever gets so far
+
+
+class TrainingError(ValueError):
+    """A training that cannot start or go on; the text says why."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """unroll: layers that gradients go through; warm: at most so many before them; layers of the validation runs; loss:
+    see `rollout.loss`."""
+
+    steps: int = 400
+    seed: int = 1
+    batch: int = 8
+    unroll: int = 3
+    warm: int = 12
+    rate: float = 2e-3
+    widths: tuple[int, int, int] = (8, 16, 32)
+    check_every: int = 100
+    check_batches: int = 4
+    check_layers: int = 10
+    loss: str = 'height'
+
+
+@dataclass
+class Progress:
+    """step: done so far. loss: of every step. checks: what the validation said, with the step."""
+
+    step: int = 0
+    loss: list[float] = field(default_factory=list)
+    checks: list[dict[str, float]] = field(default_factory=list)
+
+
+class Trainer:
+    """One process of a training. start: weights to fine-tune; recorded: surfaces of real jobs to start from."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        start: dict[str, np.ndarray] | None = None,
+        recorded: Sequence[scenes.Recorded] = (),
+    ) -> None:
+        self.settings, self.recorded, self.progress = settings, recorded, Progress()
+        self.rank = distributed.get_rank() if distributed.is_initialized() else 0
+        torch.manual_seed(settings.seed)
+        self.net = UNet(settings.widths)
+        if start is not None:
+            put(self.net, start)
+        self.optimizer = torch.optim.Adam(self.net.parameters(), lr=settings.rate)
+
+    def step(self) -> float:
+        """One batch; returns its loss."""
+        s, n = self.settings, self.progress.step
+        warm = int(np.random.default_rng([s.seed, n, 7]).integers(0, s.warm + 1))
+        b = scenes.batch((s.seed, n, self.rank), s.batch, warm + s.unroll, self.recorded)
+        for group in self.optimizer.param_groups:
+            group['lr'] = s.rate * schedule(n, s.steps)
+        layers = rollout.run(b, self.net, warm + s.unroll, begin=warm)
+        value = rollout.loss(layers[warm:], b.judged, s.loss)
+        self.optimizer.zero_grad()
+        value.backward()
+        self._average()
+        torch.nn.utils.clip_grad_norm_(self.net.parameters(), 1.0)
+        self.optimizer.step()
+        self.progress.step += 1
+        self.progress.loss.append(float(value.detach()))
+        return self.progress.loss[-1]
+
+    def _average(self) -> None:
+        """Mean of the gradients of all processes; the loop calls the network many times a step, so
+        no wrapper does it.
+        """
+        if not distributed.is_initialized():
+            return
+        for p in self.net.parameters():
+            distributed.all_reduce(p.grad)
+            p.grad /= distributed.get_world_size()
+
+    def check(self) -> dict[str, float]:
+        """Validation on scenes that no training step sees; kept with the step."""
+        s = self.settings
+        result = validate(self.net, s.check_batches, s.check_layers, s.batch)
+        self.progress.checks.append({'step': self.progress.step, **result})
+        return self.progress.checks[-1]
+
+    def save(self, path: Path) -> None:
+        """All that `resume` needs, without pickle, atomically."""
+        content = {f'w.{k}': v for k, v in arrays(self.net).items()}
+        for i, p in enumerate(self.net.parameters()):
+            for name, value in self.optimizer.state.get(p, {}).items():
+                content[f'o.{i}.{name}'] = value.numpy()
+        text = json.dumps({'settings': asdict(self.settings), 'progress': asdict(self.progress)})
+        part = path.with_suffix('.part.npz')
+        np.savez(part, meta=np.frombuffer(text.encode(), np.uint8), **content)
+        part.replace(path)
+
+    def resume(self, path: Path) -> None:
+        """Goes on where `save` was called. TrainingError when the settings differ in anything but
+        the number of steps.
+        """
+        with np.load(path, allow_pickle=False) as file:
+            content = {k: file[k] for k in file.files}
+        meta = json.loads(content['meta'].tobytes())
+        mine, theirs = json.loads(json.dumps(asdict(self.settings))), meta['settings']
+        for key in mine:
+            if key != 'steps' and mine[key] != theirs.get(key):
+                raise TrainingError(
+                    f'{path}: was begun with {key} = {theirs.get(key)}, not {mine[key]}'
+                )
+        put(self.net, {k[2:]: v for k, v in content.items() if k.startswith('w.')})
+        for i, p in enumerate(self.net.parameters()):
+            names = [k for k in content if k.startswith(f'o.{i}.')]
+            self.optimizer.state[p] = {
+                k.split('.', 2)[2]: torch.from_numpy(content[k]) for k in names
+            }
+        self.progress = Progress(**meta['progress'])
+
+
+def put(network: UNet, weights: dict[str, np.ndarray]) -> None:
+    """TrainingError when the weights are of another network."""
+    try:
+        network.load_state_dict({k: torch.from_numpy(np.array(v)) for k, v in weights.items()})
+    except RuntimeError as e:
+        raise TrainingError(f'weights do not fit the network: {e}') from None
+
+
+def schedule(step: int, steps: int) -> float:
+    """Share of the learning rate: up over 50 steps, then down along a cosine to 2 %."""
+    return min(1.0, (step + 1) / 50) * (0.51 + 0.49 * math.cos(math.pi * step / max(steps, 1)))
+
+
+@torch.no_grad()
+def validate(network: UNet, batches: int, layers: int, size: int) -> dict[str, float]:
+    """The network beside the explicit law on the same held-out scenes.
+
+    rms_mm, explicit_mm: mean over scenes of the RMS of the last four layers. ratio: geometric mean of their quotient;
+    worse: share of scenes that are more than 10 % worse; doubt: rank correlation of foretold and true error.
+    """
+    from scipy.stats import spearmanr
+
+    rms, foretold, true = [], [], []
+    for k in range(batches):
+        b = scenes.batch((HELD_OUT, k), size, layers)
+        run = rollout.run(b, network, layers, layers)
+        rms.append(_settled(run, b))
+        judged = b.judged.numpy()
+        foretold.append(run[-1].log_error.numpy()[judged][::7])
+        true.append(np.abs(run[-1].error.numpy())[judged][::7])
+    a, e = np.concatenate(rms), _explicit(batches, layers, size)
+    flat = np.concatenate(foretold)
+    rank = spearmanr(flat, np.concatenate(true)).statistic if flat.std() > 0 else 0.0
+    return {
+        'rms_mm': float(a.mean()), 'explicit_mm': float(e.mean()),
+        'ratio': float(np.exp(np.log(a / e).mean())), 'worse': float((a > 1.1 * e).mean()),
+        'doubt': float(rank),
+    }  # fmt: skip
+
+
+def _settled(run: list[rollout.Layer], b: scenes.Batch) -> np.ndarray:
+    """RMS over the last four layers in mm, per scene."""
+    squares = torch.stack([x.square for x in run[-4:]]).mean(0)
+    return np.sqrt(squares.numpy()) * b.height * 1e3
+
+
+@lru_cache(maxsize=4)
+def _explicit(batches: int, layers: int, size: int) -> np.ndarray:
+    """The explicit law on the scenes of `validate`; the same every time."""
+    out = []
+    for k in range(batches):
+        b = scenes.batch((HELD_OUT, k), size, layers)
+        out.append(_settled(rollout.run(b, None, layers), b))
+    return np.concatenate(out)
+
+
+@torch.no_grad()
+def seen_ranges(
+    network: UNet, batches: int, layers: int, size: int
+) -> dict[str, tuple[float, float]]:
+    """Range of every figure of `features.summary` over whole jobs in the loop, widened by a tenth of it."""
+    figures: list[np.ndarray] = []
+
+    class Watch(torch.nn.Module):
+        def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+            figures.extend(features.summary(one) for one in x.numpy())
+            return network(x)
+
+    for k in range(batches):
+        rollout.run(scenes.batch((HELD_OUT, 1000 + k), size, layers), Watch(), layers, layers)
+    low, high = np.nanquantile(np.array(figures), [0.001, 0.999], axis=0)
+    room = 0.1 * (high - low)
+    return {
+        name: (round(float(a), 6), round(float(z), 6))
+        for name, a, z in zip(features.SUMMARIES, low - room, high + room, strict=True)
+    }
+
+
+def card(trainer: Trainer, metrics: dict[str, Any], note: str) -> dict[str, Any]:
+    """What the exported file says of itself. note: data beside the synthetic ones."""
+    s = trainer.settings
+    return {
+        'name': 'waam correction network', 'purpose': 'change of the relative layer height on top of damped_inverse',
+        'parameters': sum(p.numel() for p in trainer.net.parameters()), 'widths': list(s.widths),
+        'cells_per_bead': features.CELLS_PER_BEAD, 'channels': list(features.NAMES),
+        'training': {'steps': trainer.progress.step, 'batch': s.batch, 'unroll': s.unroll, 'seed': s.seed,
+                     'loss': s.loss, 'processes': int(os.environ.get('WORLD_SIZE', '1'))},
+        'data': note, 'ranges': {k: list(v) for k, v in parts.RANGES.items()},
+        'seen': seen_ranges(trainer.net, 3, 8, s.batch), 'metrics': metrics,
+    }  # fmt: skip
+
+
+def train(
+    trainer: Trainer, folder: Path, note: str, tick: Callable[[Trainer], None] = lambda t: None
+) -> Path:
+    """Trains to the end of the settings; `folder` gets checkpoint.npz, the best correction.npz and
+    card.md on the way.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    s, out = trainer.settings, folder / 'correction.npz'
+    best = min((c['ratio'] for c in trainer.progress.checks), default=math.inf)
+    while trainer.progress.step < s.steps:
+        trainer.step()
+        due = trainer.progress.step % s.check_every == 0 or trainer.progress.step == s.steps
+        if due and trainer.rank == 0:
+            result = trainer.check()
+            if result['ratio'] < best:
+                best = result['ratio']
+                export(trainer, out, result, note)
+            trainer.save(folder / 'checkpoint.npz')
+            curves.draw(trainer.progress.loss, trainer.progress.checks, folder / 'curves.png')
+        tick(trainer)
+    return out
+
+
+def export(trainer: Trainer, path: Path, metrics: dict[str, Any], note: str) -> str:
+    """Weights with their card; the same card for people as .md beside them. Returns the hash."""
+    content = card(trainer, metrics, note)
+    code = net.save(path, arrays(trainer.net), content)
+    path.with_suffix('.md').write_text(card_text(content, code))
+    return code
+
+
+def card_text(content: dict[str, Any], code: str) -> str:
+    """The model card as Markdown."""
+    m, t = content['metrics'], content['training']
+    lines = [
+        f'# {content["name"]}', '', f'{content["purpose"]}; {content["parameters"]} parameters; sha256 `{code}`.', '',
+        f'Training: {t["steps"]} steps of {t["batch"]} scenes, {t["unroll"]} layers of gradient, '
+        f'loss: {t["loss"]}, seed {t["seed"]}, '
+        f'{t["processes"]} process(es). Data: {content["data"]}.', '',
+        f'Held-out scenes of the same ranges, mean RMS of the last four of ten layers: {m["rms_mm"]:.3f} mm, '
+        f'explicit law '
+        f'{m["explicit_mm"]:.3f} mm (geometric mean of the quotient {m["ratio"]:.3f}; more than 10 % worse in '
+        f'{m["worse"]:.1%} of the scenes). Rank correlation of foretold and true error: {m["doubt"]:.2f}. '
+        'All without the last layer of the law, which solves for the beads: the training does not know it.', '',
+        'Lengths in bead widths, heights in layer heights.', '', '| range | from | to |', '|---|---|---|',
+        *(f'| {k} | {a:g} | {b:g} |' for k, (a, b) in content['ranges'].items()), '',
+        'Inputs whose figures leave these ranges are answered by the explicit law:', '',
+        '| figure of the input | from | to |', '|---|---|---|',
+        *(f'| {k} | {a:.3g} | {b:.3g} |' for k, (a, b) in content['seen'].items()), '',
+    ]  # fmt: skip
+    return '\n'.join(lines)

@@ -1,0 +1,183 @@
+"""What a job is asked for, checked before anything moves: all problems at once, each with its code."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+
+from waam_plan.mesh.part import Part, PartError, load_part
+from waam_plan.settings import STRATEGIES, PlanSettings, SettingsError, assigned
+from waam_process.materials import Material, MaterialError, get
+
+from .limits import K_GAIN_MAX
+
+
+class Code(IntEnum):
+    """Error codes of the run_job action (waam_msgs/action/RunJob)."""
+
+    NONE = 0
+    UNKNOWN = 100
+    BUSY = 101
+    BAD_GOAL = 102
+    BAD_PART = 103
+    UNKNOWN_MATERIAL = 104
+    MACHINE_NOT_READY = 105
+    PLAN_FAILED = 106
+    SCAN_FAILED = 107
+    DEPOSITION_FAILED = 108
+    NODE_LOST = 109
+    LINK_LOST = 110
+    ABORTED = 111
+    TIMEOUT = 112
+    BAD_RESUME = 113
+
+
+class JobError(RuntimeError):
+    """Ends a job: a code of the action and a text that says what and where."""
+
+    def __init__(self, code: Code, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+PROFILES = ('open_loop', 'monitor', 'closed_loop')
+MODES = ('restore', 'build')
+# settings of the planner that the goal has fields for, or that machine and map decide
+GIVEN = {
+    'layer_height',
+    'bead_width',
+    'strategy',
+    'allowance',
+    'machine_min',
+    'machine_max',
+    'grid',
+}
+
+
+@dataclass(frozen=True)
+class JobGoal:
+    """The goal of run_job (SI; defaults filled in by `from_fields`)."""
+
+    part: Path
+    material: str
+    jobs_dir: Path
+    name: str = ''
+    mode: str = 'restore'
+    profile: str = 'closed_loop'
+    layers: int = 0
+    layer_height: float = 0.0
+    bead_width: float = 0.0
+    k_gain: float = math.nan
+    tolerance: float = 0.2e-3
+    scale: float = 1e-3
+    operator_name: str = ''
+    notes: tuple[str, ...] = ()
+    strategy: str = ''
+    allowance: float = 0.0
+    passes: int = 1
+    wire_left: float = 0.0
+    plan_settings: tuple[str, ...] = ()
+    repair: bool = False
+    new_spool: bool = False  # wire_left was told for this run, not for the first one
+
+    @property
+    def title(self) -> str:
+        return self.name or self.part.stem
+
+
+def planner_fields(goal: JobGoal, material: Material) -> dict[str, object]:
+    """Fields of PlanSettings that goal and material decide. Raises SettingsError."""
+    return {
+        'layer_height': goal.layer_height or material.layer_height,
+        'bead_width': goal.bead_width or material.bead_width,
+        'speed': material.speed,
+        'allowance': goal.allowance,
+        'strategy': goal.strategy or PlanSettings.strategy,
+        'wire_diameter': material.wire_diameter,
+        'efficiency': material.efficiency,
+        'voltage': material.voltage,
+        'arc_efficiency': material.arc_efficiency,
+        **assigned(goal.plan_settings, GIVEN),
+    }
+
+
+def _in_range(
+    what: str, value: float, low: float, high: float, unit: str, factor: float
+) -> str | None:
+    if low <= value <= high:
+        return None
+    return (
+        f'{what} is {value * factor:g} {unit}, must be {low * factor:g} to {high * factor:g} {unit}'
+    )
+
+
+def field_problems(goal: JobGoal) -> list[str]:
+    """What is wrong with the numbers and words of a goal."""
+    problems: list[str | None] = []
+    if goal.profile not in PROFILES:
+        problems.append(f"profile '{goal.profile}' is unknown; known are {', '.join(PROFILES)}")
+    if goal.mode not in MODES:
+        problems.append(f"mode '{goal.mode}' is unknown; known are {', '.join(MODES)}")
+    if goal.layer_height:
+        problems.append(_in_range('layer height', goal.layer_height, 0.5e-3, 4e-3, 'mm', 1e3))
+    if goal.bead_width:
+        problems.append(_in_range('bead width', goal.bead_width, 2e-3, 15e-3, 'mm', 1e3))
+    if not math.isnan(goal.k_gain):
+        problems.append(_in_range('k_gain', goal.k_gain, 0.0, K_GAIN_MAX, '', 1))
+    problems.append(_in_range('tolerance', goal.tolerance, 0.02e-3, 5e-3, 'mm', 1e3))
+    problems.append(_in_range('scale', goal.scale, 1e-6, 1.0, 'm per unit', 1))
+    if goal.strategy and goal.strategy not in STRATEGIES:
+        problems.append(f"strategy '{goal.strategy}' is unknown; known are {', '.join(STRATEGIES)}")
+    problems.append(_in_range('allowance', goal.allowance, -1e-3, 5e-3, 'mm', 1e3))
+    problems.append(_in_range('passes', goal.passes, 1, 9, '', 1))
+    problems.append(_in_range('wire left', goal.wire_left, 0.0, 1e5, 'm', 1))
+    if goal.mode == 'build' and (goal.passes > 1 or goal.allowance):
+        problems.append('passes and allowance belong to mode restore')
+    for note in goal.notes:
+        if '=' not in note:
+            problems.append(f"note '{note}' is not of the form key=value")
+    try:
+        assigned(goal.plan_settings, GIVEN)
+    except SettingsError as e:
+        problems.append(str(e))
+    return [p for p in problems if p]
+
+
+def _contradictions(goal: JobGoal, material: Material) -> list[str]:
+    """Between what the goal asks of the planner and the material."""
+    try:
+        PlanSettings(**planner_fields(goal, material))
+    except SettingsError as e:
+        return [str(e)]
+    return []
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A goal that passed, with what was read on the way."""
+
+    goal: JobGoal
+    part: Part
+    material: Material
+
+
+def check(goal: JobGoal) -> Checked:
+    """Reads part and material. Raises JobError that names everything that is wrong, not only the first thing."""
+    problems = [(Code.BAD_GOAL, p) for p in field_problems(goal)]
+    part, material = None, None
+    try:
+        closed = goal.mode == 'build' and goal.strategy != 'shell'
+        part = load_part(goal.part, goal.scale, closed, goal.repair, look_for_crossings=True)
+    except PartError as e:
+        problems.append((Code.BAD_PART, str(e)))
+    try:
+        material = get(goal.material)
+    except MaterialError as e:
+        problems.append((Code.UNKNOWN_MATERIAL, str(e)))
+    if material and not problems:
+        problems += [(Code.BAD_GOAL, p) for p in _contradictions(goal, material)]
+    if problems:
+        raise JobError(problems[0][0], '; '.join(text for _, text in problems))
+    return Checked(goal, part, material)

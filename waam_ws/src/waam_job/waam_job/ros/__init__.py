@@ -1,0 +1,1 @@
+"""The graph behind the job: topics, services, parameters."""

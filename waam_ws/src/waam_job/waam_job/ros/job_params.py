@@ -1,0 +1,95 @@
+"""Parameters of the node job_sequencer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from waam_node.params import param
+
+from ..run.settings import Settings
+from ..run.watch import Limits
+
+
+@dataclass(frozen=True)
+class JobParams:
+    """Parameters of job_sequencer."""
+
+    lease_nodes: tuple = param(
+        (), 'nodes whose heartbeat the arc lease needs; empty = only the bridge'
+    )
+    jobs_dir: str = param('jobs', 'folder for jobs when the goal names none')
+    job_pointer: str = param('', 'file that always holds the path of the newest job; empty = none')
+    work_offset: tuple = param((0.100, 0.080, 0.020), 'work zero (G54) in machine coordinates', 'm')
+    plate_zero: tuple = param(
+        (0.020, 0.020, 0.010),
+        'mode build: work zero seen from the corner of the clamped plate',
+        'm',
+    )
+    resolution: float = param(0.5e-3, 'edge of a map cell', 'm', 1e-4, 5e-3)
+    margin: float = param(5e-3, 'map beyond the part on every side', 'm', 0.0, 0.1)
+    follow_reach: float = param(
+        3e-3, 'smoothing of the surface that the torch height follows', 'm', 5e-4, 2e-2
+    )
+    cooling_timeout: float = param(1800.0, 'longest interpass wait', 's', 1.0, 86400.0)
+    scan_max_age: float = param(
+        900.0, 'a layer is not laid on an older map: it is scanned again; 0 = any age', 's', 0.0
+    )
+    height_warning: float = param(
+        1.0e-3, 'height error after a layer that is noted as an anomaly, with its place', 'm', 1e-5
+    )
+    cold_metal: float = param(
+        2e-4,
+        'metal less per kelvin that a part is colder than when its layer was interrupted: beads are higher',
+        '1/K',
+        0.0,
+        1e-3,
+    )
+    restart_metal: float = param(
+        0.8,
+        'share of its metal that an interrupted path gets over the first bead width after its restart: '
+        'metal piles up where an arc starts',
+        '',
+        0.3,
+        1.0,
+    )
+    calibration_max_age: float = param(
+        30.0,
+        'days after which no job starts on a scanner calibration; 0 = any age, and none needed',
+        'd',
+        0.0,
+        3650.0,
+    )
+    share_in_tolerance: float = param(
+        0.95, 'share of the interior within tolerance for a good verdict', '', 0.5, 1.0
+    )
+    link_timeout: float = param(
+        5.0, 'steady time without telemetry that ends a job', 's', 0.5, 60.0
+    )
+    node_timeout: float = param(
+        4.0, 'steady time of silence of a required node that ends a job', 's', 0.5, 60.0
+    )
+    lease_retries: int = param(3, 'holds by a late (not dead) node that are resumed', '', 0, 100)
+    service_timeout: float = param(
+        20.0, 'longest wait for an answer of another node', 's', 1.0, 600.0
+    )
+
+
+def settings_of(p: JobParams, simulated: bool) -> Settings:
+    """The settings of the runner."""
+    return Settings(
+        work_offset=tuple(p.work_offset),
+        plate_zero=tuple(p.plate_zero),
+        margin=p.margin,
+        resolution=p.resolution,
+        follow_reach=p.follow_reach,
+        cooling_timeout=p.cooling_timeout,
+        scan_max_age=p.scan_max_age,
+        height_warning=p.height_warning,
+        cold_metal=p.cold_metal,
+        restart_metal=p.restart_metal,
+        calibration_max_days=p.calibration_max_age,
+        simulated=simulated,
+        share_in_tolerance=p.share_in_tolerance,
+        lease_nodes=tuple(p.lease_nodes),
+        limits=Limits(p.link_timeout, p.node_timeout, p.lease_retries),
+    )

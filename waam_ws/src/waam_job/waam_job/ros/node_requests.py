@@ -1,0 +1,94 @@
+"""What others ask of the job sequencer: adjustments of the running job, jobs that go on, feedback to the client."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from pathlib import Path
+
+from waam_msgs.action import RunJob
+from waam_msgs.srv import AdjustJob
+
+from .. import conversions as convert
+from ..model.goal import Checked, Code, JobError, JobGoal, check
+from ..model.limits import K_GAIN_MAX
+from ..model.records import State, Status
+from ..run.control import Control
+from ..store.folder import JobFolder
+from ..store.provenance import provenance
+from .ros_cell import RosCell
+
+
+def adjust(control: Control, code: int, value: float, k_gain_max: float = K_GAIN_MAX) -> str:
+    """Hands a wish of the operator on; what is wrong with it, '' when it was taken."""
+    wishes = {AdjustJob.Request.RESCAN: 'rescan', AdjustJob.Request.SKIP_LAYER: 'skip_layer'}
+    if code in wishes:
+        control.wish(wishes[code])
+        return ''
+    if code != AdjustJob.Request.SET_K_GAIN:
+        return f'code {code} is unknown'
+    if not (math.isnan(value) or 0.0 <= value <= K_GAIN_MAX):
+        return f'k_gain is {value:g}, must be 0 to {K_GAIN_MAX:g} or NaN'
+    if value > k_gain_max:
+        return f'k_gain is {value:g}, the correction server allows {k_gain_max:g} (k_gain_max)'
+    control.set_k_gain(value)
+    control.remark(f'k_gain set to {value:g} from the next layer on')
+    return ''
+
+
+def reopen(request: RunJob.Goal) -> tuple[JobFolder, JobGoal]:
+    """The folder and the goal of an interrupted job. JobError BAD_RESUME when it cannot go on."""
+    path = Path(request.resume_dir).resolve()
+    folder = JobFolder.open(path)
+    try:
+        goal = convert.goal_from_job(folder.read_yaml('job.yaml'), request)
+    except ValueError as e:
+        raise JobError(Code.BAD_RESUME, str(e)) from None
+    status = folder.read_json('status.json') or {}
+    if status.get('state') == State.DONE.name:
+        raise JobError(Code.BAD_RESUME, f'{path.name} is finished; there is nothing to go on with')
+    return folder, goal
+
+
+def recheck(goal: JobGoal, folder: JobFolder) -> Checked:
+    """Part and material as at the start of the job; a mesh that was changed since then is refused."""
+    checked = check(goal)
+    before = folder.read_yaml('job.yaml').get('part_sha256')
+    if before != checked.part.sha256:
+        raise JobError(
+            Code.BAD_RESUME, f'{goal.part} was changed since the job began (its hash is another)'
+        )
+    return checked
+
+
+def new_folder(goal: JobGoal, checked: Checked, kept: dict) -> JobFolder:
+    """The folder of a new job with its job.yaml; `kept`: parameters of this node and of the others."""
+    folder = JobFolder.create(goal.jobs_dir.resolve(), goal.title)
+    asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(goal).items()}
+    facts = {'job_id': folder.job_id, 'goal': asked, 'material': asdict(checked.material), **kept}
+    folder.write_yaml('job.yaml', {**facts, **provenance(checked.part.sha256)})
+    return folder
+
+
+def keep_resume(folder: JobFolder, goal: JobGoal, checked: Checked, kept: dict) -> int:
+    """Writes who goes on and with what. Returns the number of the run."""
+    run = folder.next_run()
+    facts = {'operator_name': goal.operator_name, 'notes': list(goal.notes), **kept}
+    folder.write_yaml(f'resume_{run}.yaml', {**facts, **provenance(checked.part.sha256)})
+    return run
+
+
+class WithFeedback:
+    """The cell, with every status also sent as feedback of the action."""
+
+    def __init__(self, cell: RosCell, handle) -> None:
+        self._cell, self._handle = cell, handle
+
+    def __getattr__(self, name: str):
+        return getattr(self._cell, name)
+
+    def status(self, status: Status) -> None:
+        self._cell.status(status)
+        feedback = RunJob.Feedback()
+        feedback.status = convert.status_to_msg(status, self._cell.node.get_clock().now().to_msg())
+        self._handle.publish_feedback(feedback)

@@ -1,0 +1,280 @@
+"""The graph behind the `Cell` interface: topics into snapshots, services with timeouts."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from geometry_msgs.msg import Vector3
+
+from waam_msgs.msg import (
+    Anomaly,
+    HeatFactor,
+    JobStatus,
+    LayerPlan,
+    LayerReport,
+    MachineState,
+    SegmentDone,
+    Telemetry,
+)
+from waam_msgs.srv import (
+    BeginScan,
+    Command,
+    ComputeCorrection,
+    ComputeFeed,
+    Enqueue,
+    FinishScan,
+    Record,
+)
+from waam_node.conversions import (
+    grid_to_msg,
+    seconds,
+    segment_from_msg,
+    segment_to_msg,
+    time_to_msg,
+)
+from waam_node.node import CallError, WaamNode, call
+from waam_node.qos import EVENTS, LATCHED, TELEMETRY
+from waam_process.grid import GridSpec
+from waam_process.segment import Point, Segment
+
+from .. import conversions as convert
+from ..model.cell import Correction, CorrectionRequest, Heat, Machine, Scan, Sums
+from ..model.goal import Code, JobError
+from ..model.records import AnomalyRecord, LayerRecord, State, Status
+from ..model.telemetry import TelemetryStats
+from .ros_parameters import ParameterReader
+
+ENQUEUE_CHUNK = 400
+SILENT = 5.0  # s without a sign of life after which no answer is awaited any more
+
+
+class RosCell:
+    """Subscriptions keep the newest snapshots; services are called from the job's thread, never from a callback."""
+
+    def __init__(self, node: WaamNode, service_timeout: float) -> None:
+        self.node, self.timeout = node, service_timeout
+        self.job_id = ''
+        self._machine, self._heat = Machine(), Heat()
+        self._seen = 0.0
+        self._stats, self._lock = TelemetryStats(), threading.Lock()
+        node.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY)
+        node.create_subscription(MachineState, 'machine_state', self._on_machine, LATCHED)
+        node.create_subscription(SegmentDone, 'segment_done', self._on_done, EVENTS)
+        self._own, self._warnings = deque(maxlen=64), []
+        node.create_subscription(Anomaly, 'anomaly', self._on_anomaly, EVENTS)
+        node.create_subscription(HeatFactor, 'heat_factor', self._on_heat, LATCHED)
+        self._status = node.create_publisher(JobStatus, 'job_status', LATCHED)
+        self._report = node.create_publisher(LayerReport, 'layer_report', EVENTS)
+        self._anomaly = node.create_publisher(Anomaly, 'anomaly', EVENTS)
+        self._plan = node.create_publisher(LayerPlan, 'layer_plan', LATCHED)
+        client = node.create_client
+        self._command = client(Command, 'bridge/command')
+        self._enqueue = client(Enqueue, 'bridge/enqueue')
+        self._begin = client(BeginScan, 'scan_fusion/begin')
+        self._finish = client(FinishScan, 'scan_fusion/finish')
+        self._correct = client(ComputeCorrection, 'correction_server/compute')
+        self._feed = client(ComputeFeed, 'feed_forward/compute')
+        self._record = client(Record, 'recorder/control')
+        self._reader, self._parameters = ParameterReader(node), {}
+
+    # ---- topics (executor thread) --------------------------------------------------------------
+
+    def _on_telemetry(self, m: Telemetry) -> None:
+        p = m.position
+        with self._lock:
+            self._seen = time.monotonic()
+            self._state, self._pos, self._arc = m.state, (p.x, p.y, p.z), m.arc_enabled
+            self._stats.add(m.sequence, m.controller_us, seconds(m.header.stamp), self._pos, m.arc_current,
+                            m.arc_voltage, m.wire_feed_speed, m.wire_feed_commanded, m.travel_speed,
+                            m.arc_established)  # fmt: skip
+
+    def _on_machine(self, m: MachineState) -> None:
+        with self._lock:
+            self._machine = replace(self._machine, **convert.machine_fields(m))
+
+    def _on_done(self, m: SegmentDone) -> None:
+        with self._lock:
+            self._machine = replace(self._machine, executed=m.index, executed_job=m.job_id)
+
+    def _on_anomaly(self, m: Anomaly) -> None:
+        if m.severity == Anomaly.WARNING and m.text not in self._own:
+            with self._lock:
+                self._warnings.append(convert.anomaly_from_msg(m))
+
+    def _on_heat(self, m: HeatFactor) -> None:
+        with self._lock:
+            self._heat = convert.heat_from_msg(m)
+            self._stats.temperature = m.temperature
+
+    # ---- snapshots (job thread) ----------------------------------------------------------------
+
+    def now(self) -> float:
+        return self.node.now_s()
+
+    def wait(self, seconds: float) -> None:
+        time.sleep(seconds)
+
+    def machine(self) -> Machine:
+        with self._lock:
+            if not self._seen:
+                return self._machine
+            return replace(
+                self._machine,
+                age=time.monotonic() - self._seen,
+                state=convert.STATES[self._state],
+                position=self._pos,
+                arc_on=self._arc,
+            )
+
+    def heat(self) -> Heat:
+        with self._lock:
+            return self._heat
+
+    def read_parameters(self) -> None:
+        """Asks the other nodes; takes some seconds when one of them is gone."""
+        self._parameters = self._reader.read()
+
+    def parameters(self) -> dict[str, dict]:
+        return self._parameters
+
+    def take_warnings(self) -> list[AnomalyRecord]:
+        with self._lock:
+            taken, self._warnings = self._warnings, []
+            return taken
+
+    def take_sums(self) -> Sums:
+        with self._lock:
+            return self._stats.take_sums()
+
+    def take_track(self) -> dict[str, np.ndarray]:
+        with self._lock:
+            return self._stats.take_track()
+
+    # ---- services ------------------------------------------------------------------------------
+
+    def _call(self, client, request, code: Code, timeout: float = 0.0):
+        """The response, or JobError: NODE_LOST when nobody answers, `code` when the answer is an error."""
+        try:
+            response = call(client, request, timeout or self.timeout, self._silence_of(client))
+        except CallError as e:
+            raise JobError(Code.NODE_LOST, str(e)) from None
+        if response.error_code:
+            raise JobError(
+                code, f'{client.srv_name}: {response.message} (error {response.error_code})'
+            )
+        return response
+
+    def _silence_of(self, client) -> Callable[[], str | None]:
+        """Asked while an answer is awaited: says so when the node that is to give it has fallen silent."""
+        name = client.srv_name.strip('/').split('/')[0]
+        answered = time.monotonic()
+
+        def reason() -> str | None:
+            nonlocal answered
+            machine = self.machine()
+            silent = name in machine.silent_nodes
+            if name == 'bridge':
+                silent = self._seen > 0 and machine.age > SILENT
+            elif not silent:
+                answered = time.monotonic()
+            else:  # a busy node comes back
+                silent = time.monotonic() - answered > SILENT
+            return f'{name} is silent' if silent else None
+
+        return reason
+
+    def command(
+        self,
+        name: str,
+        *,
+        text: str = '',
+        names: tuple[str, ...] = (),
+        vector: Point = (0, 0, 0),
+        value: float = 0.0,
+    ) -> None:
+        x, y, z = (float(v) for v in vector)
+        request = Command.Request(code=getattr(Command.Request, name), text=text, names=list(names))
+        request.vector, request.value = Vector3(x=x, y=y, z=z), float(value)
+        self._call(self._command, request, Code.MACHINE_NOT_READY)
+
+    def enqueue(self, job_id: str, segments: list[Segment], last: bool) -> None:
+        for i in range(0, len(segments), ENQUEUE_CHUNK):
+            chunk = segments[i : i + ENQUEUE_CHUNK]
+            request = Enqueue.Request(job_id=job_id, segments=[segment_to_msg(s) for s in chunk])
+            request.last = last and i + ENQUEUE_CHUNK >= len(segments)
+            self._call(self._enqueue, request, Code.DEPOSITION_FAILED)
+
+    def begin_scan(self, job_id: str, layer: int, spec: GridSpec) -> int:
+        request = BeginScan.Request(job_id=job_id, layer=layer, grid=grid_to_msg(spec))
+        return self._call(self._begin, request, Code.SCAN_FAILED).scan_id
+
+    def finish_scan(self, scan_id: int, until: float) -> Scan:
+        request = FinishScan.Request(scan_id=scan_id, until=time_to_msg(until))
+        response = self._call(self._finish, request, Code.SCAN_FAILED, self.timeout + 10.0)
+        return convert.scan_from_msg(response.map)
+
+    def correct(self, job_id: str, request: CorrectionRequest) -> Correction:
+        message = convert.correction_request(job_id, request, self._stamp())
+        return convert.correction_from_msg(
+            self._call(self._correct, message, Code.UNKNOWN).correction
+        )
+
+    def setpoints(
+        self,
+        job_id: str,
+        material: str,
+        segments: list[Segment],
+        correction: Correction | None,
+        heat_factor: float,
+        apply: bool,
+    ) -> list[Segment]:
+        request = ComputeFeed.Request(job_id=job_id, material=material, apply_correction=apply)
+        request.segments = [segment_to_msg(s) for s in segments]
+        request.heat_factor = float(heat_factor)
+        if correction is not None:
+            request.correction = correction.handle
+        response = self._call(self._feed, request, Code.PLAN_FAILED)
+        return [segment_from_msg(s) for s in response.segments]
+
+    def record(self, start: bool, directory: str, custom: tuple[str, ...] = ()) -> str:
+        """Starts or stops the record; a missing recorder is an error, a job without a record cannot be traced."""
+        code = Record.Request.START if start else Record.Request.STOP
+        request = Record.Request(code=code, directory=directory, custom_data=list(custom))
+        try:
+            silence = self._silence_of(self._record)
+            response = call(self._record, request, self.timeout + 10.0, silence)
+        except CallError as e:
+            raise JobError(Code.NODE_LOST, str(e)) from None
+        if not response.success:
+            raise JobError(Code.NODE_LOST, f'recorder: {response.message}')
+        return response.message
+
+    # ---- publishing ----------------------------------------------------------------------------
+
+    def _stamp(self):
+        return self.node.get_clock().now().to_msg()
+
+    def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None:
+        message = LayerPlan(
+            job_id=job_id, layer=layer, segments=[segment_to_msg(s) for s in segments]
+        )
+        message.header.stamp, message.header.frame_id = self._stamp(), 'work'
+        self._plan.publish(message)
+
+    def status(self, status: Status) -> None:
+        self.job_id = status.job_id
+        with self._lock:
+            self._stats.layer = status.layer if status.state == State.DEPOSITING else 0
+        self._status.publish(convert.status_to_msg(status, self._stamp()))
+
+    def layer_report(self, report: LayerRecord) -> None:
+        self._report.publish(convert.layer_to_msg(report, self._stamp()))
+
+    def anomaly(self, anomaly: AnomalyRecord) -> None:
+        self._own.append(anomaly.text)
+        self._anomaly.publish(convert.anomaly_to_msg(anomaly, self.job_id))

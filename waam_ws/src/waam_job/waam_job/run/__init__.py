@@ -1,0 +1,1 @@
+"""The job as it runs: preparation, layers, scans, resume, verdict."""

@@ -1,0 +1,74 @@
+"""From the scan to the plan of a pass, and what can be said of it before anything moves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from waam_plan.lay.build import plan_build
+from waam_plan.lay.restore import plan_restoration
+from waam_plan.mesh.surface import top_surface
+from waam_plan.plan import Plan, PlannedLayer
+from waam_plan.settings import PlanSettings
+from waam_process.grid import GridSpec, HeightGrid
+
+from ..model.goal import Checked, Code, JobError
+
+
+def make_plan(
+    checked: Checked,
+    settings: PlanSettings,
+    found: HeightGrid,
+    laid: int = 0,
+    below: np.ndarray | None = None,
+) -> Plan:
+    """What is to be laid on the surface `found`, when `laid` layers of the job lie there already.
+
+    below: (n, 2) m, arc starts of the last of them. JobError when it cannot be planned.
+    """
+    part, goal = checked.part, checked.goal
+    try:
+        if goal.mode == 'build':
+            return plan_build(part, settings, goal.layers, found.spec)
+        corner = tuple(-float(v) for v in part.bounds[0])
+        nominal = top_surface(part.mesh, found.spec, corner)
+        wanted = max(1, goal.layers - laid) if goal.layers else 0
+        return plan_restoration(found, nominal, settings, wanted, laid, below)
+    except ValueError as e:
+        raise JobError(Code.PLAN_FAILED, str(e)) from None
+
+
+def build_ahead(
+    checked: Checked, settings: PlanSettings, spec: GridSpec, spool: float | None
+) -> tuple[Plan | None, list[JobError]]:
+    """The plan of a build, which needs no scan, and everything that is wrong with it.
+
+    spool: m of wire, None = not known. Of a part that cannot be planned its volume says what wire it needs at least.
+    """
+    try:
+        plan = make_plan(checked, settings, HeightGrid.full(spec, 0.0))
+    except JobError as e:
+        volume = checked.part.report.volume
+        known = math.isfinite(volume) and not checked.goal.layers
+        return None, [e, *wire_problems(wire_of_volume(volume, settings) if known else 0.0, spool)]
+    return plan, wire_problems(plan.wire, spool)
+
+
+def wire_of_volume(volume: float, settings: PlanSettings) -> float:
+    """m of wire for m3 of metal."""
+    return volume / (settings.wire_area * settings.efficiency)
+
+
+def wire_of(layers: Iterable[PlannedLayer], settings: PlanSettings) -> float:
+    """m of wire that the segments of the layers ask for."""
+    return wire_of_volume(sum(layer.volume for layer in layers), settings)
+
+
+def wire_problems(needed: float, spool: float | None) -> list[JobError]:
+    """Whether the spool (m, None = not known) holds the wire that is needed (m)."""
+    if spool is None or needed <= spool:
+        return []
+    text = f'{needed:.1f} m of wire are needed, {max(0.0, spool):.1f} m are on the spool'
+    return [JobError(Code.MACHINE_NOT_READY, text)]

@@ -1,0 +1,66 @@
+"""What keeps a job from starting: link, controller, temperature, calibration. All of it at once. Pure."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from ..model import calibration
+from ..model.cell import Cell, Heat, Machine
+from .settings import Settings
+
+POWER_UP = 306  # code of a controller that has just been switched on
+ZERO_LIMIT = 2e-5  # m between the zero asked for and the one that the controller reports
+
+
+def switched_on(machine: Machine) -> bool:
+    """The alarm of a controller that was switched on; starting a job acknowledges it."""
+    return machine.state == 'ALARM' and machine.fault == POWER_UP
+
+
+def problems(cell: Cell, settings: Settings) -> list[str]:
+    """Everything that is wrong with the cell right now; empty = a job may start."""
+    found = [] if cell.now() > 0 else ['no /clock is coming in']
+    found += machine_problems(cell.machine(), settings.limits.link_timeout)
+    found += heat_problems(cell.heat())
+    file = str(cell.parameters().get('scan_fusion', {}).get('calibration') or '')
+    days, now = settings.calibration_max_days, datetime.now(UTC)
+    found.append(calibration.problem(calibration.read(file), days, settings.simulated, now))
+    return [p for p in found if p]
+
+
+def machine_problems(machine: Machine, link_timeout: float) -> list[str]:
+    """Of link and controller; homing and the work zero are the job's own first steps."""
+    if not machine.connected:
+        return [machine.message or 'no controller is connected']
+    if machine.age > link_timeout:
+        return ['no telemetry is coming from the controller']
+    found = []
+    if machine.state != 'IDLE' and not switched_on(machine):
+        why = machine.fault_text or 'not idle'
+        found.append(f'the controller is in {machine.state}: {why}')
+    return found
+
+
+def heat_problems(heat: Heat) -> list[str]:
+    """Of pyrometer and thermal_compensator."""
+    if not heat.known:
+        return ['no temperature is coming in (pyrometer or thermal_compensator silent)']
+    if not heat.plausible:
+        return [f'temperature is not believed: {"; ".join(heat.reasons) or "no reason"}']
+    return []
+
+
+def spark_problems(machine: Machine, run_id: str, zero: tuple[float, ...]) -> list[str]:
+    """What would make an arc wrong: not homed, not armed for this job, another work zero than the job has set."""
+    found = []
+    if not machine.homed:
+        found.append('the machine is not homed')
+    if machine.armed_job != run_id:
+        found.append(f"the controller is armed for '{machine.armed_job or 'no job'}'")
+    off = max(abs(a - b) for a, b in zip(machine.work_offset, zero, strict=True))
+    if off > ZERO_LIMIT:
+        found.append(
+            f'the work zero is {[round(v * 1e3, 3) for v in machine.work_offset]} mm in the controller, '
+            f'the job has set {[round(v * 1e3, 3) for v in zero]} mm'
+        )
+    return found

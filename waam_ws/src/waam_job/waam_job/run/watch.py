@@ -1,0 +1,145 @@
+"""Watches the machine while the job waits: link, faults, silent nodes, pause, abort. One place for every reaction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..model.cell import Cell, Machine
+from ..model.goal import Code, JobError
+from .control import Control
+
+LEASE_EXPIRED = 202  # controller code, docs/link_protocol.md
+HOST_HOLD = 200
+RESUMED_S, RESUMED_LOOK_S = 3.0, 0.1  # wall time that telemetry may need to show it
+CLASS_OF = {  # of an anomaly; all others: link
+    204: 'arc',
+    205: 'arc',
+    206: 'wire',
+    207: 'gas',
+    208: 'arc',
+    209: 'arc',
+    210: 'temperature',
+    211: 'wire',
+    300: 'operator',
+}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Wall-clock patience: link s without telemetry, node s of silence; retries of a hold that the lease caused."""
+
+    link_timeout: float = 5.0
+    node_timeout: float = 4.0
+    lease_retries: int = 3
+    poll: float = 0.02
+
+
+class Watch:
+    """Call `tick` in every waiting loop; it waits a moment of wall time and raises JobError when the job cannot go on.
+
+    note(severity, class_name, text, reaction) keeps anomalies; paused(bool) is told when a pause begins and ends.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        control: Control,
+        limits: Limits,
+        note: Callable[[str, str, str, str], None],
+        paused: Callable[[bool], None],
+    ) -> None:
+        self.cell, self.control, self.limits = cell, control, limits
+        self.note, self.paused = note, paused
+        self._silent_for = 0.0
+        self._lease_holds = 0
+        self.held = 0.0  # s of ROS time in pauses so far: no deadline counts them
+
+    def tick(self) -> Machine:
+        """One look at the machine. Returns it when all is well."""
+        self._check_abort()
+        machine = self.cell.machine()
+        self._check_link(machine)
+        self._check_nodes(machine)
+        self._check_alarm(machine)
+        if machine.state == 'HOLD':
+            self._on_hold(machine)
+        elif self.control.paused:
+            self._pause()
+        self.cell.wait(self.limits.poll)
+        return machine
+
+    def _check_abort(self) -> None:
+        if self.control.abort_reason:
+            raise JobError(Code.ABORTED, self.control.abort_reason)
+
+    def _check_link(self, machine: Machine) -> None:
+        if machine.age > self.limits.link_timeout:
+            raise JobError(
+                Code.LINK_LOST,
+                f'no telemetry for {machine.age:.1f} s: bridge or link is gone (the controller ends the arc itself)',
+            )
+        if not machine.connected:
+            raise JobError(Code.LINK_LOST, machine.message or 'the controller is not connected')
+
+    def _check_alarm(self, machine: Machine) -> None:
+        if machine.state == 'ALARM':
+            text = f'controller in ALARM: {machine.fault_text or machine.fault}'
+            kind = CLASS_OF.get(machine.fault, 'link')
+            self.note('ALARM', kind, text, 'arc and motion ended by the controller, job ended')
+            raise JobError(Code.DEPOSITION_FAILED, text)
+
+    def _check_nodes(self, machine: Machine) -> None:
+        self._silent_for = self._silent_for + self.limits.poll if machine.silent_nodes else 0.0
+        if self._silent_for > self.limits.node_timeout:
+            names = ', '.join(machine.silent_nodes)
+            self.note('ALARM', 'node', f'{names} fell silent', 'arc lease withheld, job ended')
+            raise JobError(Code.NODE_LOST, f'node {names} fell silent; the arc lease was withheld')
+
+    def _on_hold(self, machine: Machine) -> None:
+        """A hold by the operator's pause waits for resume; one by the lease is resumed when all nodes are back."""
+        if machine.fault == LEASE_EXPIRED:
+            if machine.silent_nodes:
+                return  # _check_nodes decides
+            self._lease_holds += 1
+            text = f'arc lease ran out: {machine.fault_text or "heartbeat late"}'
+            if self._lease_holds > self.limits.lease_retries:
+                raise JobError(
+                    Code.DEPOSITION_FAILED, f'{text}, {self._lease_holds} times in this job'
+                )
+            self.note('WARNING', 'link', text, 'hold, all nodes answer again, resumed')
+            self._go_on()
+            return
+        if machine.fault in (0, HOST_HOLD):
+            self._pause()
+            return
+        kind = CLASS_OF.get(machine.fault, 'link')
+        text = machine.fault_text or f'hold {machine.fault}'
+        self.note('FAULT', kind, text, 'hold, job ended')
+        raise JobError(Code.DEPOSITION_FAILED, f'controller holds: {text}')
+
+    def _pause(self) -> None:
+        """Holds the machine until resume or abort."""
+        self.control.pause()
+        if self.cell.machine().state == 'RUN':
+            self.cell.command('HOLD')
+        self.paused(True)
+        began = self.cell.now()
+        while self.control.paused:
+            machine = self.cell.machine()
+            self._check_link(machine)
+            self._check_alarm(machine)
+            self.cell.wait(0.05)
+        self._check_abort()
+        self.held += self.cell.now() - began
+        self.paused(False)
+        if self.cell.machine().state == 'HOLD':
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Waits until the machine says that it runs: a state from before would pass for a new hold."""
+        self.cell.command('RESUME')
+        for _ in range(round(RESUMED_S / RESUMED_LOOK_S)):
+            self.cell.wait(RESUMED_LOOK_S)
+            if self.cell.machine().state != 'HOLD':
+                return

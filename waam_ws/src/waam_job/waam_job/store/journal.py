@@ -1,0 +1,268 @@
+"""What the job says and keeps: status, layer records, anomalies, maps and report, on topics and in the folder."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
+
+import numpy as np
+
+from waam_plan.plan import Plan, PlannedLayer
+from waam_plan.post.gcode import gcode
+from waam_plan.post.store import save_plan
+from waam_process.segment import Point
+
+from ..model.cell import Cell, Correction, Scan
+from ..model.geometry import Deviation
+from ..model.goal import JobGoal
+from ..model.program import PassRecord
+from ..model.records import AnomalyRecord, LayerRecord, State, Status
+from ..model.summary import run_summary
+from ..model.trace import trace
+from . import checkpoint as checkpoints
+from .checkpoint import Checkpoint
+from .folder import JobFolder
+
+
+class Journal:
+    """Every fact goes out on its topic and into the folder at the same time. `run`: 1 = first start of the job."""
+
+    def __init__(self, cell: Cell, goal: JobGoal, folder: JobFolder, run: int = 1) -> None:
+        self.cell, self.goal, self.folder, self.run = cell, goal, folder, run
+        self._pieces = 0  # of the telemetry track
+        self.status = Status(
+            folder.job_id,
+            str(folder.path),
+            profile=goal.profile,
+            material=goal.material,
+            k_gain=goal.k_gain,
+            passes=max(1, goal.passes),
+        )
+        self.layers: list[LayerRecord] = []
+        self.anomalies: list[AnomalyRecord] = []
+        self._anomalies_before = 0  # of the runs before this one
+        self.started = cell.now()
+        self.models: dict[str, list[int]] = {}
+        self.remarks: list[str] = []
+        self.spent_before = 0.0  # s of the runs before this one
+        # m of wire left after the layers reported; None = not known
+        self.spool = goal.wire_left or None
+        self.begun = 0.0  # m of wire in a layer that was cut off and is not reported yet
+        self.passes: list[PassRecord] = []  # those of the program
+        self.passes_before: list[dict] = []  # what the runs before this one wrote of theirs
+        self._before_pause = State.IDLE
+
+    @property
+    def elapsed(self) -> float:
+        """s of this run"""
+        return self.cell.now() - self.started
+
+    def state(self, state: State, message: str = '') -> None:
+        """A new phase of the job."""
+        self.status.state, self.status.message = state, message
+        self.cell.status(self.status)
+        self.folder.write_json('status.json', {**asdict(self.status), 'state': state.name})
+
+    def say(self, message: str) -> None:
+        """A new message within the phase."""
+        if message != self.status.message:
+            self.status.message = message
+            self.cell.status(self.status)
+
+    def paused(self, paused: bool) -> None:
+        if paused:
+            self._before_pause = self.status.state
+            self.state(State.PAUSED, 'paused; resume or abort')
+            self.note('INFO', 'operator', 'paused', 'arc ended, machine held')
+        else:
+            self.note('INFO', 'operator', 'the pause is over', 'none')
+            self.state(self._before_pause)
+
+    def note(
+        self,
+        severity: str,
+        class_name: str,
+        text: str,
+        reaction: str,
+        place: Point | None = None,
+    ) -> None:
+        """An anomaly, with time and place (m, work frame; None: where the torch is)."""
+        position = place or self.cell.machine().position
+        layer, bead = self.status.layer, self.status.bead
+        anomaly = AnomalyRecord(
+            self.cell.now(), severity, class_name, text, reaction, layer, bead, position
+        )
+        self.anomalies.append(anomaly)
+        self.cell.anomaly(anomaly)
+
+    def model(self, model_hash: str, layer: int) -> None:
+        """Notes which network corrected a layer; explicit laws have no hash."""
+        if model_hash:
+            self.models.setdefault(model_hash, []).append(layer)
+
+    def heard(self) -> None:
+        """Warnings that other nodes have published meanwhile (a retry of the arc, lines sent again) are kept as well;
+        to their faults the job reacts and notes that itself."""
+        self.anomalies += self.cell.take_warnings()
+
+    @property
+    def faulted(self) -> bool:
+        """A fault was noted in this run."""
+        mine = self.anomalies[self._anomalies_before :]
+        return any(a.severity in ('FAULT', 'ALARM') for a in mine)
+
+    def faults_in(self, layer: int) -> int:
+        return sum(a.layer == layer and a.severity in ('FAULT', 'ALARM') for a in self.anomalies)
+
+    def layer(self, record: LayerRecord) -> None:
+        """A finished layer; from here on a crash loses nothing of it. One that is laid again is reported anew."""
+        same = (record.layer, record.final)
+        self.layers = [*(r for r in self.layers if (r.layer, r.final) != same), record]
+        if self.spool is not None:
+            self.spool -= record.wire_used + self.begun
+        self.begun = 0.0
+        self.cell.layer_report(replace(record))
+        self.track()
+        self.keep()
+
+    @property
+    def wire_left(self) -> float | None:
+        """m on the spool, None = not known."""
+        return None if self.spool is None else self.spool - self.begun
+
+    def keep(self) -> None:
+        """records.json: what the report is made of, for a job that goes on after a crash."""
+        self.folder.write_json(
+            'records.json',
+            {
+                'run': self.run,
+                'elapsed': self.spent_before + self.elapsed,
+                'models': self.models,
+                'layers': [asdict(r) for r in self.layers],
+                'anomalies': [asdict(a) for a in self.anomalies],
+                'passes': [asdict(p) for p in self.passes] or self.passes_before,
+                'spool': self.spool,
+            },
+        )
+
+    def take_over(self, last_layer: int) -> None:
+        """Reads records.json of the runs before; what it holds of layers after `last_layer` is laid again."""
+        data = self.folder.read_json('records.json') or {}
+        self.spent_before = float(data.get('elapsed') or 0.0)
+        self.models = data.get('models') or {}
+        old = [LayerRecord.from_json(r) for r in data.get('layers', [])]
+        self.layers = [r for r in old if r.layer <= last_layer and not r.final]
+        self.passes_before = data.get('passes') or []
+        if data.get('spool') is not None and not self.goal.new_spool:
+            self.spool = float(data['spool'])
+        before = [AnomalyRecord.from_json(a) for a in data.get('anomalies', [])]
+        self.anomalies = before + self.anomalies
+        self._anomalies_before += len(before)
+
+    def checkpoint(self, bead: int, beads_done: int, index: int) -> None:
+        status, temperature = self.status, self.cell.heat().temperature
+        checkpoints.save(
+            self.folder.path,
+            Checkpoint(
+                self.folder.job_id,
+                self.run,
+                status.pass_number,
+                status.layer,
+                bead,
+                beads_done,
+                index,
+                self.cell.now(),
+                round(temperature, 1) if math.isfinite(temperature) else None,
+            ),
+        )
+        self.track()
+
+    def plan(self, plan: Plan, pass_number: int) -> None:
+        """plan.npz and program.gcode; later passes have their number in the name. `plan`: its layers count from 1."""
+        suffix = '' if pass_number == 1 else f'_{pass_number}'
+        (self.folder.path / f'program{suffix}.gcode').write_text(gcode(plan))
+        unfinished = self.folder.path / f'.plan{suffix}.npz'
+        save_plan(plan, unfinished)
+        unfinished.replace(self.folder.path / f'plan{suffix}.npz')
+
+    def scan(
+        self,
+        number: int,
+        scan: Scan,
+        plan: Plan,
+        target: np.ndarray,
+        layer: PlannedLayer | None = None,
+        correction: Correction | None = None,
+        asked: np.ndarray | None = None,
+        feed_factor: float = 1.0,
+    ) -> None:
+        """layers/scan_NNN.npz (docs/job_folder.md): the surface after layer `number`, and what comes next."""
+        shape = scan.map.spec.shape
+        maps = {
+            'z': scan.map.z,
+            'sigma': np.full(shape, np.nan) if scan.map.sigma is None else scan.map.sigma,
+            'count': np.asarray(scan.count, np.uint16),
+            'target': target,
+            'nominal': plan.nominal.z,
+            'planned': layer.planned if layer else np.zeros(shape),
+            'region': plan.region,
+            'interior': plan.interior,
+            'layer': np.array(number),
+        }
+        if correction is not None:
+            for name in ('psi', 'confidence', 'residual_height'):
+                maps[name] = getattr(correction, name)
+        if asked is not None:
+            maps |= {'asked': asked, 'feed_factor': np.array(feed_factor)}
+        self.folder.write_map(number, scan.map.spec, **maps)
+
+    def track(self) -> None:
+        """The telemetry since the last call, thinned to 10 Hz, goes to disk: a long job does not grow in memory, and a
+        crash costs no more of it than a bead."""
+        self._pieces += 1
+        self.folder.write_track(f'{self.run:03d}_{self._pieces:05d}', self.cell.take_track())
+
+    def report(
+        self,
+        in_tolerance: bool,
+        final: Deviation | None,
+        as_found_rms: float,
+        tolerance_map: dict | None = None,
+    ) -> None:
+        """report.json, and all tracks in one telemetry.npz."""
+        self.track()
+        self.keep()
+        self.folder.join_tracks()
+        verdict = 'in tolerance' if in_tolerance else 'out of tolerance'
+        if self.status.state != State.DONE:
+            verdict = 'failed'
+        run = run_summary(
+            verdict, self.status, final, as_found_rms, self.layers, self.anomalies, self.passes
+        )
+        run['duration_s'] = self.spent_before + self.elapsed
+        run['runs'], run['tolerance_map'] = self.run, tolerance_map
+        goal = self.goal
+        self.folder.write_json(
+            'report.json',
+            {
+                'job_id': self.folder.job_id,
+                'name': goal.title,
+                'part': goal.part.name,
+                'material': goal.material,
+                'created': datetime.now(UTC).isoformat(timespec='seconds'),
+                'tolerance_mm': goal.tolerance * 1e3,
+                'verdict': verdict,
+                'trace': self._trace(),
+                goal.profile: run,
+            },
+        )
+
+    def _trace(self) -> dict:
+        cell, folder = self.cell, self.folder
+        try:
+            job = folder.read_yaml('job.yaml')
+        except ValueError:  # the report is written whatever else is missing
+            job = {}
+        facts = trace(self.goal, job, folder.path, cell.parameters(), cell.machine(), self.models)
+        return {**facts, 'remarks': self.remarks}

@@ -1,0 +1,1 @@
+"""How a layer is covered with beads: strategies, order of lines, stations along the path."""

@@ -1,0 +1,86 @@
+"""A path that stays inside the section: whatever crosses its edge is moved back, whatever cannot be is cut.
+
+Two points of the section shrunk by MARGIN that are at most twice MARGIN apart have all of their connection in the
+section: every point of it lies within MARGIN of one of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from shapely import LineString, Polygon
+from shapely.ops import nearest_points
+
+from waam_plan.fill.path import Pieces
+from waam_plan.slice.section import merged
+
+MARGIN = 0.05e-3  # m
+LEAST = 1e-6  # m, shorter pieces are left out
+
+
+def keep_inside(found: Pieces, polygons: list[Polygon]) -> Pieces:
+    """The same pieces where they lie in the polygons, moved to their edge where they do not."""
+    area = merged(polygons)
+    shapely.prepare(area)
+    lines = shapely.linestrings(np.stack([found.start[:, :2], found.end[:, :2]], axis=1))
+    bad = np.flatnonzero(~shapely.contains(area, lines))
+    if not len(bad):
+        return found
+    core = area.buffer(-MARGIN)
+    if core.is_empty:
+        return found
+    moved = {int(i): _moved(found.start[i], found.end[i], area, core) for i in bad}
+    return _with(found, moved, area)
+
+
+def _moved(a: np.ndarray, b: np.ndarray, area, core) -> np.ndarray:
+    """(n, 3) points from a to b in the shrunk section, at most 2 MARGIN apart before they were moved."""
+    n = max(1, int(np.ceil(np.linalg.norm(b[:2] - a[:2]) / (1.9 * MARGIN))))
+    points = a + np.linspace(0, 1, n + 1)[:, None] * (b - a)
+    outside = ~shapely.contains_xy(core, points[:, 0], points[:, 1])
+    for i in np.flatnonzero(outside):
+        at = nearest_points(core, shapely.Point(points[i, :2]))[0]
+        points[i, :2] = at.x, at.y
+    return _thinned(points, area)
+
+
+def _thinned(points: np.ndarray, area) -> np.ndarray:
+    """As few of the points as keep every chord inside; where none does, all of them."""
+    line = LineString(points[:, :2])
+    for tolerance in (0.2e-3, 0.05e-3):
+        short = np.asarray(line.simplify(tolerance).coords)
+        chords = shapely.linestrings(np.stack([short[:-1], short[1:]], axis=1))
+        if len(short) > 1 and shapely.contains(area, chords).all():
+            keep = [int(np.argmin(np.linalg.norm(points[:, :2] - p, axis=1))) for p in short]
+            keep[0], keep[-1] = 0, len(points) - 1
+            return points[np.unique(keep)]
+    return points
+
+
+def _with(found: Pieces, moved: dict[int, np.ndarray], area) -> Pieces:
+    """Pieces with the moved ones in place; neighbours follow, jumps out of the section end a chain."""
+    start, end = found.start.copy(), found.end.copy()
+    for i, points in moved.items():
+        for k, at, mine in ((i - 1, points[0], end), (i + 1, points[-1], start)):
+            if 0 <= k < len(start) and found.chain[k] == found.chain[i] and k not in moved:
+                mine[k] = at
+    rows = []
+    for i in range(len(start)):
+        points = moved.get(i)
+        corners = np.array([start[i], end[i]]) if points is None else points
+        rows += [(a, b, i) for a, b in zip(corners, corners[1:], strict=False)]
+    begin, finish = (np.array([r[k] for r in rows]) for k in (0, 1))
+    of = np.array([r[2] for r in rows])
+    chords = shapely.linestrings(np.stack([begin[:, :2], finish[:, :2]], axis=1))
+    keep = shapely.contains(area, chords) & (np.linalg.norm(finish - begin, axis=1) > LEAST)
+    begin, finish, of = begin[keep], finish[keep], of[keep]
+    return Pieces(begin, finish, found.bead[of], _renumbered(begin, finish, found.chain[of]))
+
+
+def _renumbered(start: np.ndarray, end: np.ndarray, chain: np.ndarray) -> np.ndarray:
+    """Chain numbers that also change where a piece does not begin at the end of the one before."""
+    if not len(start):
+        return chain
+    new = np.ones(len(start), bool)
+    new[1:] = (chain[1:] != chain[:-1]) | (np.linalg.norm(start[1:] - end[:-1], axis=1) > 1e-9)
+    return np.cumsum(new) - 1

@@ -1,0 +1,141 @@
+"""The order of lines in a region: nearest next, linked with the arc on where the link is short and inside."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+from shapely import LineString, Point, Polygon, prepare
+
+from waam_plan.fill.hatch import Chain
+from waam_plan.fill.rings import begun_at
+from waam_process.segment import Segment
+
+REACH = 2.0  # pitches: longest link with the arc on
+GOLDEN = 0.381966  # of a ring: its seam moves so far from layer to layer and spreads evenly
+
+
+def seam_shift(number: int) -> float:
+    """Share of a ring's length at which layer `number` begins it."""
+    return GOLDEN * (number - 1) % 1.0
+
+
+def linked(runs: list[Chain], polygon: Polygon, pitch: float, number: int) -> list[Chain]:
+    """Chains that begin with the first run and go on to the nearest one left.
+
+    runs: chains of lines (n, 2) m inside the polygon, a single closed line may begin anywhere. Even layers run
+    the other way; rings that need an arc start of their own begin at the layer's seam.
+    """
+    left = [_turned(run) for run in runs] if number % 2 == 0 else list(runs)
+    out: list[Chain] = []
+    here: np.ndarray | None = None
+    prepare(polygon)
+    while left:
+        away = [_distance(run, here) for run in left]
+        k = int(np.argmin(away))
+        run = left.pop(k)
+        near = _begun_near(run, here) if here is not None else run
+        if here is not None and away[k] <= REACH * pitch and _inside(here, near[0][0], polygon):
+            out[-1].extend(near)
+        else:
+            out.append(_seamed(run, number) if _closed(run) else near)
+        here = out[-1][-1][-1]
+    return out
+
+
+def _turned(run: Chain) -> Chain:
+    return [line[::-1] for line in run[::-1]]
+
+
+def _closed(run: Chain) -> bool:
+    return len(run) == 1 and bool(np.allclose(run[0][0], run[0][-1], atol=1e-9))
+
+
+def _distance(run: Chain, here: np.ndarray | None) -> float:
+    if here is None:
+        return 0.0
+    if _closed(run):
+        return LineString(run[0]).distance(Point(here))
+    return float(min(np.linalg.norm(run[0][0] - here), np.linalg.norm(run[-1][-1] - here)))
+
+
+def _begun_near(run: Chain, here: np.ndarray) -> Chain:
+    if _closed(run):
+        return [begun_at(run[0], LineString(run[0]).project(Point(here)))]
+    first, last = (np.linalg.norm(p - here) for p in (run[0][0], run[-1][-1]))
+    return run if first <= last else _turned(run)
+
+
+def _seamed(run: Chain, number: int) -> Chain:
+    ring = run[0]
+    length = LineString(ring).length
+    return [begun_at(ring, seam_shift(number) * length)]
+
+
+def _inside(a: np.ndarray, b: np.ndarray, polygon: Polygon) -> bool:
+    return bool(np.linalg.norm(b - a) < 1e-9 or polygon.covers(LineString([a, b])))
+
+
+def spread_starts(chains: list[Chain], before: np.ndarray, least: float) -> list[Chain]:
+    """Chains whose arc starts lie `least` (m) from those of the layer below where turning them round allows it.
+
+    before: (n, 2) m, starts of the layer below. A ring moves its seam, any other chain may begin at its other end.
+    """
+    if not len(before):
+        return chains
+    return [_spread(chain, before, least) for chain in chains]
+
+
+def _spread(chain: Chain, before: np.ndarray, least: float) -> Chain:
+    def room(c: Chain) -> float:
+        return float(np.linalg.norm(before - c[0][0], axis=1).min())
+
+    if room(chain) >= least:
+        return chain
+    both = [chain, _turned(chain)]
+    choices = both + [c for way in both for c in _shifted(way, least)]
+    good = [c for c in choices if room(c) >= least]
+    if good:
+        return good[0]
+    return max(choices, key=room)
+
+
+def _shifted(chain: Chain, least: float) -> list[Chain]:
+    """The same chain with the seam of its first ring moved: anywhere when it is alone, a little when it goes on."""
+    ring = chain[0]
+    if not np.allclose(ring[0], ring[-1], atol=1e-9):
+        return []
+    length = LineString(ring).length
+    anywhere, nearby = np.linspace(0.05, 0.95, 19) * length, np.array([1.2, -1.2, 2, -2]) * least
+    at = anywhere if len(chain) == 1 else nearby
+    return [[begun_at(ring, float(d)), *chain[1:]] for d in at]
+
+
+def near_starts(starts: list[np.ndarray], least: float, first: int = 1) -> list[str]:
+    """A warning where arc starts lie nearer than `least` (m) to those of the layer below.
+
+    starts: (n, 2) m per layer, from layer `first` upwards. A shorter bead has no other end to begin at.
+    """
+    count, nearest, where = 0, least, ''
+    for number, (below, here) in enumerate(zip(starts, starts[1:], strict=False), first + 1):
+        if len(below) and len(here):
+            away = cKDTree(below).query(here)[0]
+            count += int((away < least * (1 - 1e-6)).sum())
+            if away.min() < nearest:
+                nearest, (x, y) = away.min(), 1e3 * here[away.argmin()]
+                where = f'{1e3 * nearest:.1f} mm in layer {number} at ({x:.1f}, {y:.1f}) mm'
+    if not count:
+        return []
+    return [
+        f'{count} arc starts lie nearer than {1e3 * least:g} mm to one of the layer below: {where}'
+    ]
+
+
+def arc_starts(segments: list[Segment]) -> np.ndarray:
+    """(n, 2) m: where the arc is lit."""
+    lit = [s.arc for s in segments]
+    at = [
+        s.start[:2]
+        for s, now, was in zip(segments, lit, [False, *lit], strict=False)
+        if now and not was
+    ]
+    return np.array(at, float).reshape(-1, 2)

@@ -1,0 +1,145 @@
+"""Rings at equal distances inside a polygon: contours, and the spirals that join them without putting the arc out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import LinearRing, LineString, Polygon
+
+from waam_plan.fill.contour import wall_width
+from waam_plan.fill.medial import medial_lines
+from waam_plan.settings import PlanSettings
+from waam_plan.slice.section import merged, pieces
+
+STEP = 1.0e-3  # m, between points of a spiral
+RAMP = 6.0  # length of the way from one ring of a spiral to the next, over their distance
+FILLED = 0.40  # bead widths beside a line in which the overlap is in range
+NARROW = 0.07  # bead widths: a gap of twice this between the bands closes by itself
+
+
+@dataclass(frozen=True)
+class Ring:
+    """One inset of a polygon and the insets that lie in it."""
+
+    polygon: Polygon
+    inner: list[Ring]
+
+
+def bead_count(width: float, bead_width: float, pitch_ratio: float) -> int:
+    """Beads across a wall: n = ceil((S - W) / (delta W) + 1) (source 003, section 4.3)."""
+    return max(1, math.ceil((width - bead_width) / (pitch_ratio * bead_width) + 1 - 1e-6))
+
+
+def spacing(polygon: Polygon, settings: PlanSettings) -> float:
+    """Distance of neighbouring rings (m): n beads from edge to edge where the polygon is widest."""
+    width = wall_width(polygon)
+    n = bead_count(width, settings.bead_width, settings.pitch_ratio)
+    return (width - settings.bead_width) / (n - 1) if n > 1 else settings.pitch
+
+
+def nested(polygon: Polygon, first: float, step: float, most: int = 10_000) -> list[Ring]:
+    """Insets at first, first + step, ... (m) as trees, the outer ones at the root; at most so many levels."""
+    if most <= 0:
+        return []
+    return [Ring(p, nested(p, step, step, most - 1)) for p in pieces(polygon.buffer(-first))]
+
+
+def contour_lines(polygon: Polygon, settings: PlanSettings, most: int = 10_000) -> list[np.ndarray]:
+    """Closed lines from the edge inwards, at most so many deep; the first lies half a bead inside."""
+    found = nested(polygon, settings.bead_width / 2, spacing(polygon, settings), most)
+    return [x for ring in found for x in _closed(ring) if _worth(x, settings)]
+
+
+def _worth(line: np.ndarray, settings: PlanSettings) -> bool:
+    """Rings shorter than two beads are wide are dots; a line through the gap is better."""
+    return LineString(line).length > 2 * settings.bead_width
+
+
+def _closed(ring: Ring) -> list[np.ndarray]:
+    own = [np.asarray(r.coords) for r in (ring.polygon.exterior, *ring.polygon.interiors)]
+    return own + [line for inner in ring.inner for line in _closed(inner)]
+
+
+def spiral_lines(polygon: Polygon, settings: PlanSettings, shift: float) -> list[np.ndarray]:
+    """One spiral for every nest of rings that lie simply in each other; rings around holes stay rings.
+
+    shift: where on the outer ring a spiral begins, share of its length.
+    """
+    out: list[np.ndarray] = []
+    roots = nested(polygon, settings.bead_width / 2, spacing(polygon, settings))
+    while roots:
+        ring = roots.pop(0)
+        nest = [ring]
+        while len(nest[-1].inner) == 1 and not _holes(nest[-1]) and not _holes(nest[-1].inner[0]):
+            nest.append(nest[-1].inner[0])
+        rings = [r.polygon.exterior for r in nest]
+        rings = [r for r in rings if _worth(np.asarray(r.coords), settings)]
+        out += [_spiral(rings, shift)] if rings else []
+        out += [np.asarray(hole.coords) for r in nest for hole in r.polygon.interiors]
+        roots = nest[-1].inner + roots
+    return out
+
+
+def _holes(ring: Ring) -> bool:
+    return bool(ring.polygon.interiors)
+
+
+def _spiral(rings: list, shift: float) -> np.ndarray:
+    """Once round each ring, from the outer one inwards; a ramp of RAMP ring distances leads to the next one.
+
+    All ramps lie side by side, so turns keep their distance on them as well; only where the first leaves the outer ring
+    and the last reaches the inner one is it less. Never leaves the rings.
+    """
+    turn = begun_at(np.asarray(rings[0].coords), shift * rings[0].length)
+    out, ramp = [turn], turn[:1]
+    for inner in rings[1:]:
+        begin = LineString(inner.coords).project(shapely.Point(turn[0]))
+        before, turn = LineString(turn), begun_at(np.asarray(inner.coords), begin)
+        points = shapely.get_coordinates(shapely.segmentize(LineString(turn), STEP))
+        near = shapely.line_locate_point(before, shapely.points(points))
+        near = shapely.get_coordinates(shapely.line_interpolate_point(before, near))
+        along = np.append(0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum())
+        length = min(RAMP * before.distance(shapely.Point(turn[0])), along[-1])
+        share = np.clip(along / max(length, STEP), 0, 1)[:, None]
+        share = share**2 * (3 - 2 * share)
+        out.append((1 - share) * near + share * points)
+        ramp = points[along <= length]
+    return np.concatenate([*out, ramp] if len(rings) > 1 else out)
+
+
+def begun_at(ring: np.ndarray, distance: float) -> np.ndarray:
+    """A closed line that begins and ends `distance` (m) further along; a corner nearby takes the seam."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(ring, axis=0), axis=1))])
+    at = distance % along[-1]
+    k = int(np.searchsorted(along, at, 'right')) - 1
+    k = min(k, len(ring) - 2)
+    gap = along[k + 1] - along[k]
+    seam = ring[k] + (at - along[k]) / max(gap, 1e-12) * (ring[k + 1] - ring[k])
+    return np.concatenate([[seam], ring[k + 1 : -1], ring[: k + 1], [seam]])
+
+
+def gap_lines(
+    polygon: Polygon, lines: list[np.ndarray], filled: list[Polygon], settings: PlanSettings
+) -> list[np.ndarray]:
+    """Middle lines of what the lines (and the `filled` polygons) leave open inside a polygon."""
+    width = settings.bead_width
+    laid = [_band(line, FILLED * width) for line in lines]
+    left = polygon.difference(merged([*laid, *filled]))
+    gaps = left.buffer(-NARROW * width).buffer(1.01 * NARROW * width).intersection(left)
+    speck = (NARROW * width) ** 2
+    return [
+        line
+        for gap in pieces(gaps)
+        if gap.area > speck
+        for line in medial_lines(gap, least=width / 3)
+    ]
+
+
+def _band(line: np.ndarray, reach: float) -> Polygon:
+    """What lies within `reach` (m) of a line; corners are filled, not rounded."""
+    closed = len(line) > 3 and np.allclose(line[0], line[-1])
+    curve = LinearRing(line) if closed else LineString(line)
+    return curve.buffer(reach, join_style='mitre', mitre_limit=1.5)

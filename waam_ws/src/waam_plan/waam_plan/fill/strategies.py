@@ -1,0 +1,155 @@
+"""How a layer is filled: one table of strategies, each from polygons to chains of beads.
+
+A strategy gets an `Area` and returns chains (hatch.Chain): lines in m that are welded without putting the arc out.
+A new one is a function and a line in REGISTRY (and its name in settings.STRATEGIES).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from shapely import Polygon
+
+from waam_plan.fill import contour, path
+from waam_plan.fill.hatch import Chain
+from waam_plan.fill.linking import linked, seam_shift
+from waam_plan.fill.medial import medial_lines, thin_and_thick
+from waam_plan.fill.rings import contour_lines, gap_lines, spiral_lines
+from waam_plan.settings import PlanSettings
+from waam_plan.slice.section import pieces, raster
+from waam_process.grid import GridSpec
+
+
+@dataclass(frozen=True)
+class Area:
+    """What a layer covers: polygons (m, work frame) and the same as cells (rows, cols) of the plan's grid."""
+
+    polygons: list[Polygon]
+    mask: np.ndarray
+    spec: GridSpec
+    settings: PlanSettings
+    number: int  # of the layer, from 1
+
+    def part(self, polygons: list[Polygon]) -> Area:
+        """The same layer with other polygons."""
+        mask = raster(polygons, self.spec)
+        return Area(polygons, mask, self.spec, self.settings, self.number)
+
+
+def fill(area: Area) -> list[Chain]:
+    """Chains of the strategy that the settings name."""
+    return REGISTRY[area.settings.strategy].fill(area)
+
+
+def solid(area: Area) -> list[Chain]:
+    """Thin walls as one or two lines, everything else zig-zag."""
+    s = area.settings
+    walls = [p for p in area.polygons if contour.is_wall(p, s)]
+    if not walls:
+        return zigzag(area)
+    rest = [p for p in area.polygons if not contour.is_wall(p, s)]
+    lines = [[line] for p in walls for line in contour.wall_lines(p, s, area.number)]
+    return [*(zigzag(area.part(rest)) if rest else []), *lines]
+
+
+def zigzag(area: Area) -> list[Chain]:
+    """Parallel beads, turned around at the edge with the arc on."""
+    if not area.mask.any():
+        return []
+    return path.hatch_region(area.mask, area.spec, area.settings, area.number)[0]
+
+
+def contours(area: Area) -> list[Chain]:
+    """Rings at equal distances from the edge inwards; what they leave open gets a line along its middle."""
+    return _each(area, lambda p: _filled(p, contour_lines(p, area.settings), area.settings))
+
+
+def spiral(area: Area) -> list[Chain]:
+    """Rings joined to one line wherever they lie simply in each other."""
+    s, shift = area.settings, seam_shift(area.number)
+    return _each(area, lambda p: _filled(p, spiral_lines(p, s, shift), s))
+
+
+def medial(area: Area) -> list[Chain]:
+    """Thin walls and ribs as one bead along the middle, thicker places as rings."""
+    return _each(area, lambda p: _arms_and_rings(p, area.settings))
+
+
+def combined(area: Area) -> list[Chain]:
+    """`contours` rings along the edge, zig-zag inside."""
+    return _each(area, lambda p: _rings_and_hatch(p, area))
+
+
+def _arms_and_rings(polygon: Polygon, s: PlanSettings) -> list[Chain]:
+    thin, thick = thin_and_thick(polygon, contour.ONE_BEAD * s.bead_width)
+    runs = [[line] for p in thin for line in medial_lines(p, s.bead_width / 3)]
+    return runs + [run for p in thick for run in _filled(p, contour_lines(p, s), s)]
+
+
+def _rings_and_hatch(polygon: Polygon, area: Area) -> list[Chain]:
+    s = area.settings
+    rings = [
+        np.asarray(r.coords)
+        for k in range(s.contours)
+        for p in pieces(polygon.buffer(-s.bead_width / 2 - k * s.pitch))
+        for r in (p.exterior, *p.interiors)
+    ]
+    inside = s.bead_width / 2 + (s.contours - 0.5) * s.pitch
+    core = [p for p in pieces(polygon.buffer(-inside)) if p.area > (s.pitch / 2) ** 2]
+    hatched = zigzag(area.part(core)) if core else []
+    return [[line] for line in rings] + hatched + _gaps(polygon, rings, core, s)
+
+
+def _filled(polygon: Polygon, lines: list[np.ndarray], s: PlanSettings) -> list[Chain]:
+    return [[line] for line in lines] + _gaps(polygon, lines, [], s)
+
+
+def _gaps(
+    polygon: Polygon, lines: list[np.ndarray], filled: list[Polygon], s: PlanSettings
+) -> list[Chain]:
+    return [[line] for line in gap_lines(polygon, lines, filled, s)]
+
+
+def _each(area: Area, runs_of: Callable[[Polygon], list[Chain]]) -> list[Chain]:
+    """Chains of every polygon; walls under two beads are one or two lines whatever the strategy."""
+    s = area.settings
+    chains: list[Chain] = []
+    for p in area.polygons:
+        runs = _wall(p, s) if contour.is_wall(p, s) else runs_of(p)
+        chains += linked(runs, p, s.pitch, area.number)
+    return chains
+
+
+def _wall(polygon: Polygon, s: PlanSettings) -> list[Chain]:
+    return [[line] for line in contour.wall_lines(polygon, s, 1)]
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """An entry of the table: `summary` is what `waam plan --help` says."""
+
+    summary: str
+    fill: Callable[[Area], list[Chain]]
+
+
+REGISTRY: dict[str, Strategy] = {
+    'solid': Strategy(
+        'chosen per place: walls under two beads as one or two lines, the rest zig-zag', solid
+    ),
+    'shell': Strategy('one bead along the surface; open meshes are accepted', solid),
+    'zigzag': Strategy(
+        'parallel beads, few arc starts, flat; direction and angle alternate (--alternation)',
+        zigzag,
+    ),
+    'contour': Strategy('rings from the edge inwards: true edges, one seam per ring', contours),
+    'spiral': Strategy(
+        'rings joined to one line: true edges, one arc start per simple region', spiral
+    ),
+    'combined': Strategy('contour outside (--set contours=1), zig-zag inside', combined),
+    'medial': Strategy(
+        'walls and ribs as thick as a bead: one along their middle; thicker places as contour',
+        medial,
+    ),
+}

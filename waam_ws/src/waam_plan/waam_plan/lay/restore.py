@@ -1,0 +1,271 @@
+"""Restoration: fill what is missing between the scan and the nominal surface with conformal layers.
+
+Layers are offsets of the nominal surface, counted from the top: the last one is everywhere and ends at nominal, and
+all are equally thick except the first one at each place, which brings the as-found surface (depth D) to the next
+offset. So every surface between layers is as smooth as the nominal one. (Sharing D evenly among round(D / h) layers
+looks simpler, but leaves a step in every layer wherever the number of layers changes.)
+The common thickness is chosen within 15 % of the wanted one such that the first layers are as near to it as can be:
+even wear is filled with equal layers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from waam_plan import masks
+from waam_plan.fill import path, strategies
+from waam_plan.fill.linking import arc_starts, near_starts, spread_starts
+from waam_plan.lay.allocate import metal_heights
+from waam_plan.lay.travel import Ceiling, to_segments
+from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
+from waam_plan.settings import PlanSettings
+from waam_plan.slice.section import outline
+from waam_process.grid import GridSpec, HeightGrid
+
+ADAPT = 0.15  # the common thickness may differ from the wanted one by this share
+SLIVER = 0.35  # bead widths: narrower arms of a region get no metal
+SMALLEST_ISLAND = 0.75  # bead widths squared: smaller patches get no layer of their own
+UNKNOWN_LIMIT = 0.3  # share of the part's cells that may be missing in the scan
+
+
+def plan_restoration(
+    as_found: HeightGrid,
+    nominal: HeightGrid,
+    settings: PlanSettings,
+    layers: int = 0,
+    laid: int = 0,
+    below: np.ndarray | None = None,
+) -> Plan:
+    """Plan the metal between `as_found` and `nominal` (m, same grid, work frame, NaN = unknown or outside).
+
+    layers: at most so many layers, counted from the bottom; 0 = all. Asking for more than there are gives a
+    warning. laid: layers that lie there already; directions and starts alternate on from them, numbers begin at 1.
+    below: (n, 2) m, arc starts of the last layer that lies there.
+    Raises PlanError when the grids differ, the scan misses too much or the machine cannot reach.
+    """
+    if layers < 0:
+        raise PlanError(f'layers is {layers}, must be 0 (all) or a positive number')
+    warnings: list[str] = []
+    wanted = nominal.z + settings.allowance
+    found = _known_surface(as_found, nominal, warnings)
+    smooth = _smooth(found, nominal, settings)
+    depth = wanted - smooth
+    thickness = choose_thickness(depth, settings)
+    count = layer_count(depth, thickness, settings, nominal.spec.resolution)
+    total = int(count.max(initial=0))
+    if layers > total:
+        warnings.append(f'{layers} layers were asked for, {total} are needed')
+    use = min(layers, total) if layers else total
+    safe_z = highest(as_found, HeightGrid(nominal.spec, wanted)) + settings.clearance
+    job = _Restoration(
+        nominal.spec, count, thickness, wanted, found, smooth, as_found.z, safe_z, laid, settings
+    )
+    below = np.zeros((0, 2)) if below is None else below
+    with collector_paused():
+        planned = _layers(job, total, use, below)
+    region = np.any([p.footprint for p in planned], axis=0) if planned else count > 0
+    half_bead = settings.bead_width / 2 / nominal.spec.resolution
+    _warn(wanted - found, count, planned, use == total, settings, nominal, warnings)
+    starts = [below, *(arc_starts(p.segments) for p in planned)]
+    warnings += near_starts(starts, settings.start_spread, first=0)
+    plan = Plan(
+        nominal.spec,
+        as_found,
+        nominal,
+        region,
+        masks.shrink(region, half_bead),
+        planned,
+        safe_z,
+        settings,
+        warnings=warnings,
+    )
+    check_reach([s for layer in planned for s in layer.segments], settings)
+    return plan
+
+
+def _known_surface(as_found: HeightGrid, nominal: HeightGrid, warnings: list[str]) -> np.ndarray:
+    """As-found heights on the part, small unknown patches filled from their neighbours, NaN off the part."""
+    if as_found.spec != nominal.spec:
+        raise PlanError(f'the scan lies on {as_found.spec}, the nominal surface on {nominal.spec}')
+    part = np.isfinite(nominal.z)
+    if not part.any():
+        raise PlanError('the nominal surface is empty: does the part lie inside the grid?')
+    unknown = part & ~np.isfinite(as_found.z)
+    share = unknown.sum() / part.sum()
+    if share > UNKNOWN_LIMIT:
+        raise PlanError(
+            f'the scan misses {share:.0%} of the part (limit {UNKNOWN_LIMIT:.0%}): check that the part lies '
+            'where the program expects it and scan again'
+        )
+    if unknown.any():
+        warnings.append(f'{share:.1%} of the part was not seen by the scan; filled from neighbours')
+    return np.where(part, masks.fill_unknown(as_found.z), np.nan)
+
+
+def _smooth(found: np.ndarray, nominal: HeightGrid, settings: PlanSettings) -> np.ndarray:
+    window = settings.smoothing * settings.bead_width / nominal.spec.resolution
+    missing = masks.smooth_surface(
+        nominal.z - found, window, 0.5 * settings.min_layer * settings.layer_height
+    )
+    return nominal.z - missing
+
+
+def choose_thickness(depth: np.ndarray, settings: PlanSettings) -> float:
+    """Thickness of all layers but the first (m), from the depths (m, NaN = off the part).
+
+    Minimises the mean square of (first layer / thickness - 1), with a slight pull to settings.layer_height.
+    """
+    h = settings.layer_height
+    d = depth[np.isfinite(depth) & (depth >= settings.min_layer * h)]
+    if d.size == 0:
+        return h
+    d = d[:: max(1, d.size // 20_000)]
+    candidates = h * np.linspace(1 - ADAPT, 1 + ADAPT, 61)
+    cost = [
+        np.mean(((d - (ideal_count(d, t, settings) - 1) * t) / t - 1) ** 2) + 0.5 * (t / h - 1) ** 2
+        for t in candidates
+    ]
+    return float(candidates[int(np.argmin(cost))])
+
+
+def ideal_count(depth: np.ndarray, thickness: float, settings: PlanSettings) -> np.ndarray:
+    """Number of layers for a depth (m): the first is at least min_layer and at most max_layer_ratio thick."""
+    thickest = settings.max_layer_ratio * settings.layer_height
+    spare = min(settings.min_layer, thickest / thickness - 1)
+    count = np.ceil(depth / thickness - max(spare, 0.0) - 1e-9)
+    return np.where(
+        depth < settings.min_layer * settings.layer_height, 0, np.maximum(count, 1)
+    ).astype(int)
+
+
+def layer_count(
+    depth: np.ndarray, thickness: float, settings: PlanSettings, resolution: float
+) -> np.ndarray:
+    """Number of layers (rows, cols) from the depth (m, NaN off the part).
+
+    Regions of k layers are closed by a quarter of a bead where half the thinnest layer is still left to lay; slivers
+    too narrow and islands too small for a bead are dropped.
+    """
+    d = np.where(np.isfinite(depth), depth, 0.0)
+    ideal = ideal_count(d, thickness, settings)
+    thinnest = 0.5 * settings.min_layer * settings.layer_height
+    bead = settings.bead_width / resolution
+    count = np.zeros_like(ideal)
+    allowed = np.isfinite(depth)
+    for k in range(1, int(ideal.max(initial=0)) + 1):
+        enough = d >= (k - 1) * thickness + thinnest
+        level = masks.close_gaps(ideal >= k, bead / 4) & enough & allowed
+        level = masks.drop_slivers(level, SLIVER / 2 * bead)
+        allowed = masks.drop_small(level, SMALLEST_ISLAND * bead**2)
+        count += allowed
+    return count
+
+
+@dataclass(frozen=True)
+class _Restoration:
+    """What all layers are made from. Maps (rows, cols), heights in m."""
+
+    spec: GridSpec
+    count: np.ndarray  # layers at each place
+    thickness: float
+    wanted: np.ndarray  # final surface
+    found: np.ndarray  # as found, on the part
+    smooth: np.ndarray
+    standing: np.ndarray  # whatever was scanned, also beside the part
+    safe_z: float
+    laid: int  # layers below the first one
+    settings: PlanSettings
+
+
+def _layers(job: _Restoration, total: int, use: int, below: np.ndarray) -> list[PlannedLayer]:
+    planned: list[PlannedLayer] = []
+    for number in range(1, use + 1):
+        planned.append(_layer(job, number, total - number + 1, below))
+        below = arc_starts(planned[-1].segments)
+    return planned
+
+
+def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> PlannedLayer:
+    """Layer `number`, k-th from the top, on the cells that have at least k layers.
+
+    below: arc starts of the layer before, (n, 2) m.
+    """
+    spec, settings, wanted = job.spec, job.settings, job.wanted
+    on = job.count >= k
+    first = job.count == k
+    thickest = settings.max_layer_ratio * settings.layer_height
+    after = np.where(on, wanted - (k - 1) * job.thickness, np.nan)
+    before = np.where(on, np.where(first, job.found, wanted - k * job.thickness), np.nan)
+    planned = np.where(on, np.clip(after - before, 0.0, thickest), 0.0)
+    under = np.where(first, job.smooth, wanted - k * job.thickness)
+    soft = masks.blur(under, on, settings.bead_width / 4 / spec.resolution)
+    direction = path.choose_direction(on, settings, number + job.laid)
+    chains = spread_starts(
+        _chains(on, spec, settings, number + job.laid), below, settings.start_spread
+    )
+    pieces = path.lay_out(chains, HeightGrid(spec, soft), settings)
+    height = metal_heights(pieces, planned, on, spec, settings)
+    ceiling = Ceiling.over(spec, _metal(job, on, after), settings.torch_radius)
+    segments = to_segments(pieces, height, number, ceiling, job.safe_z, settings)
+    vector = (1.0, 0.0, 0.0) if direction == 'x' else (0.0, 1.0, 0.0)
+    return PlannedLayer(number, planned, before, after, segments, vector, on)
+
+
+def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """What idle moves of a layer pass over (m): its top or what was found; unknown cells are as high as any."""
+    metal = np.where(on, np.fmax(after, job.found), np.fmax(job.found, job.standing))
+    return np.where(np.isfinite(metal), metal, job.safe_z - job.settings.clearance)
+
+
+def _chains(
+    on: np.ndarray, spec: GridSpec, settings: PlanSettings, number: int
+) -> list[path.hatch.Chain]:
+    if settings.strategy in ('solid', 'shell', 'zigzag'):
+        return path.hatch_region(on, spec, settings, number)[0]
+    area = strategies.Area(outline(on, spec), on, spec, settings, number)
+    return strategies.fill(area)
+
+
+def _warn(
+    missing: np.ndarray,
+    count: np.ndarray,
+    planned: list[PlannedLayer],
+    complete: bool,
+    settings: PlanSettings,
+    nominal: HeightGrid,
+    warnings: list[str],
+) -> None:
+    """What the plan cannot give, with figures and places."""
+    if not planned:
+        warnings.append(
+            f'nothing to restore: nowhere more than {settings.min_layer * settings.layer_height * 1e3:.2f} mm is '
+            f'missing (largest depth {np.nanmax(missing) * 1e3:.2f} mm)'
+        )
+    above = np.where(np.isfinite(missing), -missing, 0.0)
+    if above.max() > settings.min_layer * settings.layer_height:
+        warnings.append(
+            f'the surface stands up to {above.max() * 1e3:.2f} mm above nominal at {_place(above, nominal)}; '
+            'deposition cannot lower it, machine it first'
+        )
+    if complete and planned:
+        laid = np.sum([p.planned for p in planned], axis=0)
+        short = np.where(count > 0, missing - laid, 0.0)
+        if short.max() > 0.1 * settings.layer_height:
+            warnings.append(
+                f'the thickest layer limits the metal; {short.max() * 1e3:.2f} mm stay missing at '
+                f'{_place(short, nominal)}'
+            )
+    for layer in planned:
+        want = layer.planned.sum() * nominal.spec.resolution**2
+        if abs(layer.volume - want) > 0.03 * want:
+            warnings.append(
+                f'layer {layer.number}: segments lay {layer.volume * 1e9:.0f} mm3 of {want * 1e9:.0f} mm3 planned '
+                '(limits of layer height)'
+            )
+
+
+def _place(z: np.ndarray, grid: HeightGrid) -> str:
+    row, col = np.unravel_index(int(np.argmax(z)), z.shape)
+    return f'x = {grid.spec.x[col] * 1e3:.1f} mm, y = {grid.spec.y[row] * 1e3:.1f} mm'

@@ -1,0 +1,1 @@
+"""The part: meshes and clouds read, checked and repaired."""

@@ -1,0 +1,1 @@
+"""Programs for machines: G-code, compact G-code, Fanuc, plan files, axis correction."""

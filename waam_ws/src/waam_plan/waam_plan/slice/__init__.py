@@ -1,0 +1,1 @@
+"""Where layers lie and what a plane cuts."""

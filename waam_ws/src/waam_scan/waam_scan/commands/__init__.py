@@ -1,0 +1,1 @@
+"""What each verb of `waam scan` does: read, compute, write."""

@@ -1,0 +1,166 @@
+"""Recorded passes and clouds to maps on disk: what `waam scan fuse FILE ...` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from waam_process.grid import GridSpec
+
+from ..calibration.scan_pass import Pass, load_pass
+from ..fusion.fill import fill_holes
+from ..fusion.height_map import FusedMap, Fusion, FusionLimits
+from ..fusion.quality import assess
+from ..recordings.files import FileError, save_map
+from ..recordings.scan_records import passes, recorded_mounting
+from ..registration.clouds import load_points
+from ..stream.assembler import Assembler, ProfileBlock
+from ..stream.poses import PoseTrack
+from ..transform import Mounting
+from .picture import save_ply, save_png
+
+LARGEST = 4_000_000  # cells of a map
+MAX_GAP_NS = 100_000_000  # between two recorded poses
+BLOCK = 4096  # profiles per step
+MARGIN = 1e-3  # m of height beyond the points
+CLOUDS = ('.pcd', '.ply', '.xyz', '.npy')
+
+
+def grid_around(low: np.ndarray, high: np.ndarray, cell: float) -> GridSpec:
+    """The grid of `cell` (m) over the corners low, high (>= 2,), its lines at multiples of the cell."""
+    if not (np.isfinite(low[:2]).all() and np.isfinite(high[:2]).all()):
+        raise ValueError('no point with finite coordinates')
+    corner = np.floor(low[:2] / cell) * cell
+    cells = np.prod(np.floor((high[:2] - corner) / cell) + 1)
+    if cells > LARGEST:
+        raise ValueError(
+            f'{(high[0] - low[0]) * 1e3:.0f} x {(high[1] - low[1]) * 1e3:.0f} mm in cells of {cell * 1e3:g} mm are '
+            f'{cells:.0f} cells, limit {LARGEST} (unit of the file wrong? see --scale)'
+        )
+    return GridSpec.covering(*corner, *(high[:2] + 1e-9), cell)
+
+
+def fuse_cloud(points: np.ndarray, cell: float) -> FusedMap:
+    """A map of points (n, 3) in m, work axes, NaN points left out; heights as they are."""
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        raise ValueError('no finite point')
+    low, high = points.min(axis=0), points.max(axis=0)
+    limits = FusionLimits(float(low[2]) - MARGIN, float(high[2]) + MARGIN)
+    fusion = Fusion(grid_around(low, high, cell), Mounting(np.zeros(3), np.eye(3)), limits, 2)
+    for k in range(0, len(points), BLOCK):
+        part = points[k : k + BLOCK]
+        nothing = np.zeros((len(part), 1), np.float32)
+        fusion.add(part, nothing, nothing)  # every point is a profile of its own
+    return fusion.result()
+
+
+def fuse_passes(
+    passes: list[Pass], mounting: Mounting, cell: float
+) -> tuple[FusedMap, list[Assembler]]:
+    """One map of all passes, whatever their direction, and how the profiles of each were used."""
+    boxes = [_box(p, mounting) for p in passes]
+    low = np.nanmin([b[0] for b in boxes], axis=0)
+    high = np.nanmax([b[1] for b in boxes], axis=0)
+    limits = FusionLimits(float(low[2]) - MARGIN, float(high[2]) + MARGIN)
+    fusion = Fusion(grid_around(low, high, cell), mounting, limits, 2)
+    used = []
+    for p in passes:
+        assembler = Assembler(fusion, _track(p), MAX_GAP_NS, max_waiting=2**31)
+        for k in range(0, len(p.stamps), BLOCK):
+            s = slice(k, k + BLOCK)
+            x, z = (np.ascontiguousarray(a[s], np.float32) for a in (p.x, p.z))
+            assembler.add(ProfileBlock(p.stamps[s], x, z))
+        assembler.close()
+        used.append(assembler)
+    return fusion.result(), used
+
+
+def _track(p: Pass) -> PoseTrack:
+    track = PoseTrack(max(2, len(p.pose_stamps)))
+    for t, position in zip(p.pose_stamps, p.poses, strict=True):
+        track.append(int(t), *map(float, position))
+    return track
+
+
+def _box(p: Pass, mounting: Mounting) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (3,) that hold all points, from the extremes of poses and profiles; robust against single spikes in z."""
+    good = np.isfinite(p.x) & np.isfinite(p.z)
+    if not good.any():
+        raise ValueError('a pass without a single return')
+    xs = np.array([p.x[good].min(), p.x[good].max()])
+    zs = np.percentile(p.z[good], [0.1, 99.9]) + np.array([-2e-3, 2e-3])
+    corners = np.array([[x, z] for x in xs for z in zs])
+    offsets = corners @ mounting.rotation[:, [0, 2]].T
+    origins = mounting.origins(p.poses)
+    return origins.min(axis=0) + offsets.min(axis=0), origins.max(axis=0) + offsets.max(axis=0)
+
+
+def fuse_files(paths: list[Path], out: Path, cell: float, options) -> None:
+    """Passes (.npz) into one map, clouds into one map each; writes NPZ and PNG, prints what they are worth.
+
+    options: scale (m per unit of clouds), mounting (None: the default), fill (m², largest hole), ply (bool).
+    """
+    clouds = [p for p in paths if p.suffix.lower() in CLOUDS]
+    files = [p for p in paths if p.suffix.lower() == '.npz']
+    other = [p for p in paths if p not in clouds and p not in files]
+    for path in paths:
+        if not path.exists():
+            raise FileError(f'{path}: no such file or folder')
+    if other:
+        raise FileError(
+            f'{other[0]}: neither a recording (folder, .mcap), a pass (.npz) nor a cloud ({", ".join(CLOUDS)})'
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    for path in clouds:
+        write(out / path.stem, fuse_cloud(load_points(path, options.scale), cell), options)
+    if files:
+        fused, used = fuse_passes(
+            [load_pass(p) for p in files], options.mounting or Mounting(), cell
+        )
+        for path, assembler in zip(files, used, strict=True):
+            _tell(path, assembler)
+        write(out / files[0].stem, fused, options)
+
+
+def fuse_record(path: Path, out: Path, cell: float, options) -> None:
+    """Every scan of a recorded job into a map of its own, scan_000 ...; options as in `fuse_files`, mounting None:
+    that of the job."""
+    mounting = options.mounting or recorded_mounting(path)
+    out.mkdir(parents=True, exist_ok=True)
+    for k, scan in enumerate(passes(path)):
+        fused, used = fuse_passes([scan], mounting, cell)
+        _tell(scan.name, used[0])
+        write(out / f'scan_{k:03}', fused, options)
+
+
+def _tell(name, assembler: Assembler) -> None:
+    c = assembler.counts
+    words = '; '.join(c.reasons() + c.remarks())
+    print(f'{name}: {c.used} profiles used, {c.rejected} rejected{": " * bool(words)}{words}')
+
+
+def write(name: Path, fused: FusedMap, options) -> None:
+    """name.npz, name.png and, when asked, name.ply; with the quality of the map on the screen."""
+    if fused.points_used == 0:
+        raise FileError(f'{name.name}: not one usable point')
+    z, more = fused.z, {}
+    if options.fill > 0:
+        z, mask = fill_holes(fused.z, fused.spec.resolution, options.fill)
+        more['filled'] = mask
+    save_map(name.with_suffix('.npz'), fused.spec, z, fused.sigma, fused.count, **more)
+    save_png(name.with_suffix('.png'), fused.spec, z, name.name, filled=more.get('filled'))
+    if options.ply:
+        save_ply(name.with_suffix('.ply'), fused.spec, z)
+    spec = fused.spec
+    print(
+        f'{name}: {spec.rows} x {spec.cols} cells of {spec.resolution * 1e3:g} mm, {fused.coverage:.1%} known, '
+        f'{fused.points_used} points used, {fused.spikes} spikes, scatter {fused.residual * 1e3:.4f} mm'
+    )
+    for line in assess(fused).lines():
+        print(f'  {line}')
+    if more:
+        print(
+            f'  {int(more["filled"].sum())} cells of holes filled (marked in "filled", hatched in the picture)'
+        )

@@ -1,0 +1,1 @@
+"""Points to heights: streaming fusion, cell estimator, quality and plausibility of a map."""

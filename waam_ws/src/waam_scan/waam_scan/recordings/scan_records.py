@@ -1,0 +1,180 @@
+"""Recorded jobs (MCAP) as scans: profile batches and telemetry, one `Pass` for every time the scanner was on."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from mcap.records import Channel, Message, Schema
+
+from waam_record.bag_reader import info
+from waam_record.salvage import Damage, records
+
+from ..calibration.scan_pass import Pass
+from ..stream.profiles import ProfileBlock
+from ..stream.wire import read_batch, read_pose
+from ..transform import Mounting
+from .files import FileError
+
+PAUSE = 1.0  # s without profiles: the scanner was off, a new scan begins
+MARGIN_NS = 1_000_000_000  # telemetry that is kept before and after a scan
+SHOWN = 3  # kinds of damage that are named
+FIELDS = {  # what `wire` reads, in its order; of telemetry the rest may be anything
+    'waam_msgs/msg/ProfileBatch': (
+        'std_msgs/Header header, string sensor_id, uint32 sequence, uint32 profile_count, '
+        'uint32 points_per_profile, int64[] stamp_offsets_ns, float32[] x, float32[] z, float32[] intensity'
+    ),
+    'waam_msgs/msg/Telemetry': (
+        'std_msgs/Header header, uint64 controller_us, uint32 boot_id, uint32 sequence, uint8 state, '
+        'geometry_msgs/Point position'
+    ),
+}
+
+
+def record_files(path: Path) -> list[Path]:
+    """The .mcap files of a job folder (`record`, `record_2` ... of a resumed one), of a record folder, or the file
+    itself; empty when there are none."""
+    path = Path(path)
+    if path.suffix == '.mcap' and path.is_file():
+        return [path]
+    found = [*path.glob('record*/*.mcap')] or [*path.glob('*.mcap')]
+    return sorted(found, key=lambda f: (len(str(f)), str(f)))
+
+
+def recorded_mounting(path: Path) -> Mounting:
+    """Where the scanner sat in that job: the parameters of scan_fusion that were recorded, else the defaults.
+
+    FileError when the job used a calibration file, which is not in the recording.
+    """
+    text = info(record_files(path)[0]).custom_data.get('parameters.scan_fusion')
+    if text is None:
+        return Mounting()
+    p = json.loads(text)
+    if p.get('calibration'):
+        raise FileError(
+            f'{path}: the job used the calibration {p["calibration"]}: name it with --calibration'
+        )
+    return Mounting.from_rpy(
+        tuple(p['mount_xyz']), tuple(p['mount_rpy']), float(p['profile_delay'])
+    )
+
+
+@dataclass
+class _Scan:
+    """What was read of a scan that may go on. poses: (ns, x, y, z); damage: what is missing in the files."""
+
+    name: str
+    number: int = 0
+    blocks: list[ProfileBlock] = field(default_factory=list)
+    poses: deque = field(default_factory=deque)
+    newest_ns: int = 0
+    damage: list[str] = field(default_factory=list)
+
+    def starts_anew(self, block: ProfileBlock, pause_ns: int) -> bool:
+        return bool(self.blocks) and int(block.stamps.min()) > self.newest_ns + pause_ns
+
+    def add(self, block: ProfileBlock) -> None:
+        last = int(block.stamps.max())
+        self.newest_ns = max(self.newest_ns, last) if self.blocks else last
+        self.blocks.append(block)
+
+    def tell(self, pose: tuple[int, float, float, float]) -> None:
+        self.poses.append(pose)
+        while not self.blocks and pose[0] > self.poses[0][0] + 2 * MARGIN_NS:
+            self.poses.popleft()
+
+    def finish(self) -> Pass:
+        """The pass, by stamps; ScanError when telemetry is missing altogether."""
+        width = max(b.x.shape[1] for b in self.blocks)
+        stamps = np.concatenate([b.stamps for b in self.blocks])
+        x, z = (
+            np.concatenate([_padded(getattr(b, name), width) for b in self.blocks])
+            for name in ('x', 'z')
+        )
+        t = np.array([p[0] for p in self.poses], np.int64)
+        t, first = np.unique(t, return_index=True)
+        near = (t >= stamps.min() - MARGIN_NS) & (t <= stamps.max() + MARGIN_NS)
+        xyz = np.array([p[1:] for p in self.poses]).reshape(-1, 3)[first]
+        if near.sum() < 2:
+            raise FileError(f'{self.name}, scan {self.number}: no telemetry around its profiles')
+        order = np.argsort(stamps, kind='stable')
+        self.blocks, self.number = [], self.number + 1
+        name = f'{self.name}, scan {self.number - 1}'
+        return Pass(stamps[order], x[order], z[order], t[near], xyz[near], name)
+
+
+def _padded(values: np.ndarray, width: int) -> np.ndarray:
+    out = np.full((len(values), width), np.nan, np.float32)
+    out[:, : values.shape[1]] = values
+    return out
+
+
+def passes(path: Path, pause: float = PAUSE) -> Iterator[Pass]:
+    """The scans of a recording, one after the other as they are read; profiles more than `pause` s apart belong to
+    different ones. What a damaged file still holds is used. FileError when there is no scan in it."""
+    files = record_files(path)
+    if not files:
+        raise FileError(f'{path}: no .mcap file there')
+    scan = _Scan(str(path))
+    for file in files:
+        for kind, data in _messages(file, scan.damage):
+            if kind.endswith('Telemetry'):
+                scan.tell(read_pose(data))
+                continue
+            block = _readable(data, scan.damage)
+            if block is None:
+                continue
+            if scan.starts_anew(block, round(pause * 1e9)):
+                yield scan.finish()
+            scan.add(block)
+    if scan.blocks:
+        yield scan.finish()
+    if not scan.number:
+        raise FileError(f'{path}: no profile in it ({found_in(scan.damage)})')
+
+
+def found_in(damage: list[str]) -> str:
+    """What is wrong with a recording, in a line of bounded length."""
+    more = f' and {len(damage) - SHOWN} more' if len(damage) > SHOWN else ''
+    return '; '.join(damage[:SHOWN]) + more or 'its scanner was never on'
+
+
+def _readable(data: bytes, damage: list[str]) -> ProfileBlock | None:
+    try:
+        return read_batch(data)[1]
+    except ValueError as e:
+        damage.append(str(e))
+        return None
+
+
+def _messages(file: Path, damage: list[str]) -> Iterator[tuple[str, bytes]]:
+    """Type and bytes of the profile batches and telemetry of a file, in its order."""
+    schemas: dict[int, Schema] = {}
+    wanted: dict[int, str] = {}
+    for item in records(file):
+        if isinstance(item, Message):
+            if kind := wanted.get(item.channel_id):
+                yield kind, item.data
+        elif isinstance(item, Schema):
+            schemas[item.id] = item
+        elif isinstance(item, Channel):
+            schema = schemas.get(item.schema_id)
+            if schema and schema.name in FIELDS:
+                _check(file, schema)
+                wanted[item.id] = schema.name
+        elif isinstance(item, Damage):
+            damage.append(f'{file.name}: {item}')
+
+
+def _check(file: Path, schema: Schema) -> None:
+    """FileError when the recording's own definition of a message is not the one that `wire` reads."""
+    lines = schema.data.decode(errors='replace').split('\n=')[0].splitlines()
+    parts = [line.split('#')[0].split() for line in lines]
+    fields = ', '.join(' '.join(p) for p in parts if p and '=' not in p[-1])
+    short = fields.replace('/msg/', '/')
+    if not (short + ',').startswith(FIELDS[schema.name] + ','):
+        raise FileError(f'{file}: {schema.name} was recorded with other fields: {fields}')

@@ -1,0 +1,1 @@
+"""From the scanner to posed profiles: batches, poses, one scan from begin to finish."""
