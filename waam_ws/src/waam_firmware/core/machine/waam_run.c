@@ -9,6 +9,16 @@ static void set_gas(waam_core_t *core, waam_gas_t gas)
         core->arc.gas_asked = gas == WAAM_GAS_ON;
 }
 
+/* Homing finds out where the axes are, so until then their count may begin anywhere: half way of 32 bits is never left. */
+static void start_homing(waam_core_t *core)
+{
+    for (int i = 0; i < WAAM_AXES; i++)
+        if (core->motion.steps[i] > INT32_MAX / 2 || core->motion.steps[i] < -INT32_MAX / 2)
+            waam_motion_declare(&core->motion, i, 0);
+    core->homed = false;
+    waam_home_start(&core->home);
+}
+
 static void start_block(waam_core_t *core, const waam_block_t *block)
 {
     core->block_started = true;
@@ -18,7 +28,7 @@ static void start_block(waam_core_t *core, const waam_block_t *block)
     if (block->kind != WAAM_BLOCK_ARC_END)
         set_gas(core, block->gas);
     switch (block->kind) {
-    case WAAM_BLOCK_HOME: core->homed = false; waam_home_start(&core->home); break;
+    case WAAM_BLOCK_HOME: start_homing(core); break;
     case WAAM_BLOCK_ARC_END: waam_arc_end(&core->arc, false, &core->config.arc); break;
     case WAAM_BLOCK_FINISH:
         core->arc.gas_asked = false;

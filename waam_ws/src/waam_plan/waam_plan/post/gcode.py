@@ -206,7 +206,7 @@ def read_gcode(text: str) -> list[GcodePoint]:
                 place[letter], seen = v, True
             elif letter in state:
                 state[letter] = v
-            elif letter not in 'NP' and (letter, 'G64' in line) != ('Q', True):
+            elif not (letter in 'NP' or (letter == 'Q' and 'G64' in line)):
                 raise ProgramError(f'line {number}: unknown word {letter}{value}')
         if seen and moving:
             points.append(_point(place, state, arc, number))
