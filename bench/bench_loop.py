@@ -15,17 +15,10 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-from emit import emit
-
-NAMES = [
-    'loop.rms_ratio',
-    'loop.sim_speed',
-    'loop.seconds_per_simulated_hour',
-    'link.telemetry_lost',
-]
+from lib.emit import emit
 
 
-def main() -> None:
+def demo() -> None:
     """Runs the demo in a temporary folder and reads its report and record."""
     from waam_bringup.demo import run_demo
 
@@ -51,5 +44,9 @@ def main() -> None:
         emit('link.telemetry_lost', lost, 'frames', 'frames of the two jobs', machine * 100)
 
 
-if __name__ == '__main__':
-    main()
+FIGURES = {
+    'loop.rms_ratio': demo,
+    'loop.sim_speed': demo,
+    'loop.seconds_per_simulated_hour': demo,
+    'link.telemetry_lost': demo,
+}

@@ -18,7 +18,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from job_part import SEED, goal, write_part
+
+from .job_part import SEED, goal, write_part
 
 DOMAIN = int(os.environ.get('WAAM_BENCH_DOMAIN', 216))
 JOB_S, UP_S = 300.0, 120.0  # longest wait for a job and for a graph, s

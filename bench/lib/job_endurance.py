@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from job_part import SEED, goal
+
+from .job_part import SEED, goal
 
 DOMAIN = int(os.environ.get('WAAM_BENCH_DOMAIN', 217))
 BLOCK = (70.0, 50.0, 150.0)  # mm: as high as the machine allows, 75 layers
