@@ -41,9 +41,9 @@ def test_only_later_ones_have_a_number():
 
 
 def test_nobody_else_writes_down_these_names():
-    names = re.compile(
-        r"""['"/](?:scan_\{|report\.json['"]|records\.json|status\.json|job\.yaml['"]|checkpoint\.json|layers/scan_\{)"""
-    )
+    files = '|'.join(re.escape(n) for n in (job_folder.JOB, job_folder.STATUS, job_folder.RECORDS,
+             job_folder.REPORT, job_folder.REPORT_PAGE, job_folder.CHECKPOINT, job_folder.TELEMETRY))  # fmt: skip
+    names = re.compile(rf"""['"]({files})['"]|/scan_\{{""")
     packages = Path(job_folder.__file__).resolve().parents[2]
     for package in ('job', 'panel', 'view', 'bringup', 'record'):
         for file in (packages / f'waam_{package}' / f'waam_{package}').glob('**/*.py'):

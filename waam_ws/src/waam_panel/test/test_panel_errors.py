@@ -38,8 +38,9 @@ def scan(run: int, scan_id: int, layer: int, error: float, job: str = 'job') -> 
 def cell(tmp_path: Path):
     (tmp_path / job_folder.MAPS).mkdir()
     for layer in range(4):
-        np.savez(tmp_path / job_folder.map_after(layer), z=np.full(SPEC.shape, 0.002 * layer + ERRORS[layer]), layer=layer,
-                 target=np.full(SPEC.shape, 0.002 * layer), resolution=SPEC.resolution,
+        target = np.full(SPEC.shape, 0.002 * layer)
+        np.savez(tmp_path / job_folder.map_after(layer), z=target + ERRORS[layer], target=target,
+                 layer=layer, resolution=SPEC.resolution,
                  origin=np.array([SPEC.origin_x, SPEC.origin_y]))  # fmt: skip
     made = Cell(
         guard=Guard.create('', '127.0.0.1', 0, ()), state=PanelState(60), operations=None,
