@@ -76,7 +76,14 @@ def test_gas_of_a_line_without_a_block_is_not_lost(client, controller):
     """A frame, a move below a step, an arc end without arc: the gas word of such a line acts too."""
     client.ready_for_arc()
     client.run('G0 X50 Y50 Z100')
-    for line in ('G92 X0 M8', 'G92.1 M9', 'G91 G0 X0.0001 M8', 'M5 M9', 'G10 L2 P2 X1 M7', 'M30 M9'):
+    for line in (
+        'G92 X0 M8',
+        'G92.1 M9',
+        'G91 G0 X0.0001 M8',
+        'M5 M9',
+        'G10 L2 P2 X1 M7',
+        'M30 M9',
+    ):
         before = client.next_frame()['t_us']
         client.run(line)
         what = 'off' if 'M9' in line else 'on'

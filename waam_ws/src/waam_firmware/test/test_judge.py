@@ -57,6 +57,7 @@ class Writer:
     relative: bool = False
     absolute_centre: bool = False
     inverse: bool = False
+    long_words: int = 0  # in the line that is being written
 
     def pick(self, *values):
         return self.draw(st.sampled_from(values))
@@ -65,6 +66,7 @@ class Writer:
         return self.draw(st.integers(-most, most))
 
     def emit(self, *words: str) -> None:
+        self.long_words = 0
         number = f"N{len(self.lines) * 10} " if self.pick(0, 0, 1) else ""
         text = number + self.pick(" ", " ", "").join(w for w in words if w)
         comment = self.pick("", "", "", " (words)", " ; words")
@@ -73,10 +75,11 @@ class Writer:
 
     def word(self, letter: str, value: int) -> str:
         text = f"{value / 10_000:.4f}"
-        kind = self.pick("short", "short", "plain", "plain", "long", "exact")
-        if kind == "exact":
-            text = f"{value / 10_000:.30f}"
-        return letter + {"short": text.rstrip("0").rstrip("."), "long": text + "0" * 20}.get(kind, text)
+        kind = self.pick('short', 'short', 'plain', 'plain', 'long', 'exact')
+        if kind in ('long', 'exact') and self.long_words < 2:  # a line has at most 160 bytes
+            self.long_words += 1
+            return letter + (text + '0' * 20 if kind == 'long' else f'{value / 10_000:.30f}')
+        return letter + (text.rstrip('0').rstrip('.') if kind == 'short' else text)
 
     def zero(self, axis: int) -> int:
         return self.frames[self.frame][axis] + self.g92[axis]

@@ -1,4 +1,4 @@
-"""Numbers as the controller reads them are those that Python reads: the nearest double, however many digits there are."""
+"""A number as the controller reads it is that which Python reads: the nearest double."""
 
 from __future__ import annotations
 

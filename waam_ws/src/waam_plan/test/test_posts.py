@@ -191,7 +191,9 @@ def test_words_around_a_program_are_read_as_the_controller_does():
         '%\nG90 G94 G17 G21 G40 G49 G80\nG64 P0.01 Q0.02\nG0 Z5\n'
         '/G0 X1 Y2 M8\nG1 X3.0000000000000000000000 F600 M9\nM30\n%\n'
     )
-    assert [p.position for p in read_gcode(framed)[1:]] == [p.position for p in read_gcode(plain)[1:]]
+    assert [p.position for p in read_gcode(framed)[1:]] == [
+        p.position for p in read_gcode(plain)[1:]
+    ]
 
 
 def test_csv_has_one_line_per_segment(plan):
