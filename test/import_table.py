@@ -28,6 +28,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_plan': {'waam_process', 'waam_view'},  # the view of a plan, for `waam plan --rerun`
     'waam_adapt': {'waam_node', 'waam_process', 'waam_record'},
     'waam_job': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},
+    'waam_lab': {
+        'waam_adapt', 'waam_bridge', 'waam_job', 'waam_node', 'waam_plan', 'waam_process', 'waam_scan',
+        'waam_sim', 'waam_view',
+    },
     'waam_replay': {'waam_adapt', 'waam_node', 'waam_process', 'waam_record', 'waam_scan'},
     'waam_view': {'waam_node', 'waam_process', 'waam_record'},
     'waam_panel': {'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_view'},
@@ -36,7 +40,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 NO_MESSAGES = {'waam_process', 'waam_plan'}  # whole packages without ROS
 EDGES = re.compile(
     r"""
-    (\w+_node|node_\w+|ros_\w+|conversions|cli|cli_\w+)\.py$    # nodes, messages, command lines
+    (\w+_node|node_\w+|ros_\w+|conversions|answers|cli|cli_\w+)\.py$  # nodes, messages, commands
     | /ros/ | /commands/ | /training/                           # rooms of nodes and of command lines
     | ^(waam_node|waam_bringup)/                                # packages of plumbing
     """,
@@ -65,14 +69,17 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_replay/waam_replay/transport.py': 'keyboard and socket of the player',
     'waam_replay/waam_replay/tune.py': 'tells how fast it computed',
     'waam_job/waam_job/store/.*': 'job folders on disk',
+    'waam_lab/waam_lab/laboratory.py': 'job folders of a run, and how long it took',
+    'waam_lab/waam_lab/params.py': 'reads the parameter files of the nodes',
     'waam_view/waam_view/(job_data|plan_file|plan_scene|report_writer).py': 'job folders, plans, reports',
     'waam_view/waam_view/(drawing|viewer|web_viewer).py': 'start viewers and write their files',
     'waam_panel/waam_panel/(alarms|history|parts).py': 'read tables and job folders',
     'waam_panel/waam_panel/(api|cell|security|stream|web).py': 'the web server',
 }  # fmt: skip
-DECODES_MESSAGES = {  # the replay computes with the conversions of the nodes, so it is bit for bit the same
+DECODES_MESSAGES = {
+    'waam_lab',
     'waam_replay',
-}
+}  # compute with the nodes' own conversions, without nodes
 
 
 class Violation(NamedTuple):
