@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+from waam_node import job_folder
 from waam_node.files import write_atomically
 
 from .graph import Process, Settings, processes
@@ -113,7 +114,7 @@ def mark_interrupted(run: Path, reason: str) -> None:
     import json
 
     try:
-        status = Path((run / 'job').read_text()) / 'status.json'
+        status = Path((run / 'job').read_text()) / job_folder.STATUS
         data = json.loads(status.read_text())
     except (OSError, json.JSONDecodeError):
         return
