@@ -17,9 +17,9 @@ from .feed.feed_forward import Field, Path, Setpoints
 from .identify.identification import Estimate
 from .laws.checks import MapOrigin
 from .laws.corrector import LastLayer
-from .laws.explicit import Correction, CorrectionError, CorrectionInput
 from .thermal.interpass import Heat
 from .thermal.response import LaidLayer
+from .types import Correction, CorrectionError, CorrectionInput
 
 
 def named_map(

@@ -94,7 +94,9 @@ def test_least_rise_of_a_short_path_is_that_of_all_the_energy_at_one_point():
     r, a = 20e-3, STEEL.diffusivity
     capacity = STEEL.density * STEEL.specific_heat
     t = np.linspace(0.1, 200, 200_000)
-    curve = 2 * short.energy / (capacity * (4 * np.pi * a * t) ** 1.5) * np.exp(-(r**2) / (4 * a * t))
+    curve = (
+        2 * short.energy / (capacity * (4 * np.pi * a * t) ** 1.5) * np.exp(-(r**2) / (4 * a * t))
+    )
     rise = heat.least_peak_rise(short, r, STEEL.conductivity, a)
     assert rise == pytest.approx(curve.max(), rel=1e-4)
 

@@ -68,7 +68,9 @@ class ArcPass:
         return self.power * self.duration
 
 
-def least_peak_rise(arc: ArcPass, distance: float, conductivity: float, diffusivity: float) -> float:
+def least_peak_rise(
+    arc: ArcPass, distance: float, conductivity: float, diffusivity: float
+) -> float:
     """Least temperature rise in K at its peak, `distance` m from the path that the arc went along.
 
     The metal is taken for half-infinite, the largest heat sink that there is, so a real part gets warmer. Two peaks

@@ -13,9 +13,7 @@ from .interpass import Settings
 
 @dataclass(frozen=True)
 class ThermalParams:
-    material: str = param(
-        materials.DEFAULT, 'whose limit and law hold until a job names its own'
-    )
+    material: str = param(materials.DEFAULT, 'whose limit and law hold until a job names its own')
     materials_file: str = param(
         '', "operator's table that adds to or replaces the packaged materials"
     )

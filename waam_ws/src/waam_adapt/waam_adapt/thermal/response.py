@@ -62,9 +62,7 @@ class ResponseWatch:
 
     def layer_begins(self) -> None:
         self._watching, self._laid = True, None
-        self._before = (
-            float(np.median([t for _, t in self._recent])) if self._recent else math.nan
-        )
+        self._before = float(np.median([t for _, t in self._recent])) if self._recent else math.nan
         self._peak = math.nan
 
     def layer_ends(self, layer: LaidLayer) -> None:
@@ -96,6 +94,6 @@ class ResponseWatch:
             return
         self._doubt = (
             f'layer {laid.number} brought {laid.arc.energy * 1e-3:.0f} kJ of heat, but the temperature rose by '
-            f'{max(rise, 0.0):.0f} K only, from {self._before:.0f} degC; within {REACH * 1e3:.0f} mm of a bead it rises '
-            f'by {least:.0f} K at least: the spot of the pyrometer does not lie on the layer'
+            f'{max(rise, 0.0):.0f} K only, from {self._before:.0f} degC; within {REACH * 1e3:.0f} mm of a bead it '
+            f'rises by {least:.0f} K at least: the spot of the pyrometer does not lie on the layer'
         )
