@@ -35,7 +35,7 @@ def uniform(psi=0.0, residual=0.0, k_gain=0.3, flow=1.0):
 
 def growth(p, s):
     """Height in m that the mass balance gives for these setpoints, by the table's efficiency."""
-    return bead.layer_height(s.wire_feed_speed, s.speed, bead.pitch_for(p.width), STEEL)
+    return bead.layer_height(s.wire_feed_speed, s.speed, bead.AREA_FACTOR * p.width, STEEL)
 
 
 def test_without_correction_the_plan_is_laid():

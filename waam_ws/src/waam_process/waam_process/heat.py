@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
+
+Value: TypeAlias = float | np.ndarray
 
 
 class HeatError(ValueError):
@@ -26,17 +28,25 @@ class HeatLaw(Protocol):
     def kt_end(self) -> float: ...
 
 
-def effective_power(current, voltage, arc_efficiency: float):
+def effective_power(current: Value, voltage: Value, arc_efficiency: float) -> np.ndarray:
     """Q_eff = I*U*eta_th in W."""
     return np.asarray(current, float) * voltage * arc_efficiency
 
 
-def heat_input(current, voltage, speed):
+def heat_input(current: Value, voltage: Value, speed: Value) -> np.ndarray:
     """Arc energy per length I*U/V in J/m, before the arc's efficiency; speed m/s."""
     return np.asarray(current, float) * voltage / speed
 
 
-def rosenthal(xi, r, power, speed, t0, conductivity, diffusivity):
+def rosenthal(
+    xi: Value,
+    r: Value,
+    power: float,
+    speed: float,
+    t0: float,
+    conductivity: float,
+    diffusivity: float,
+) -> np.ndarray:
     """Temperature in degC near a moving point source on a thick plate, eq 2.18 (Rykalin,
     Rosenthal), quasi-steady.
 
@@ -89,7 +99,7 @@ def least_peak_rise(
     return float(min(moving, at_once))
 
 
-def heat_factor(temperature, law: HeatLaw):
+def heat_factor(temperature: Value, law: HeatLaw) -> np.ndarray:
     """Factor of the wire feed by eq 2.19, 1 up to kt_start, then linear to its value at kt_end,
     constant beyond.
 
@@ -120,7 +130,7 @@ class LumpedCooling:
             return None
         return cls(-excess / rate, t_env)
 
-    def temperature(self, start: float, time) -> np.ndarray:
+    def temperature(self, start: float, time: Value) -> np.ndarray:
         """degC after `time` s from `start` degC."""
         return self.t_env + (start - self.t_env) * np.exp(-np.asarray(time, float) / self.tau)
 
