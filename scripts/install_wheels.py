@@ -31,6 +31,7 @@ LISTS = {
     'constraint': ('UV_CONSTRAINT', ' '),
 }
 WITHOUT_EFFECT = {
+    'config-file',  # what it says is listed too
     'disable-pip-version-check',
     'no-input',
     'progress-bar',
@@ -62,7 +63,9 @@ def pip_options() -> dict[str, str]:
 
 def uv_environment(options: dict[str, str]) -> dict[str, str] | None:
     """pip's options as variables of uv; None when one has no counterpart, so that pip has to do it."""
-    variables = {'UV_INDEX_STRATEGY': 'unsafe-best-match'}  # as pip: the best version of all indexes
+    variables = {
+        'UV_INDEX_STRATEGY': 'unsafe-best-match'
+    }  # as pip: the best version of all indexes
     for option, value in options.items():
         if option in SINGLE:
             variables[SINGLE[option]] = value

@@ -99,7 +99,7 @@ sources() {  # everything that a build depends on; Python files are linked, so o
 }
 warm_up() {  # $1: sim or scan. Compiles its numerical kernels, which needs nothing of the workspace but the sources.
     local t; t=$(now)
-    PYTHONPATH=waam_ws/src/waam_process:waam_ws/src/waam_sim:waam_ws/src/waam_scan \
+    PYTHONPATH=$(printf '%s:' "$root"/waam_ws/src/*) \
         .venv/bin/python scripts/warm_up.py "$1" > "$root/.setup.$1.log" 2>&1 9>&- \
         || { cat "$root/.setup.$1.log" >&2; return 1; }
     say "kernels of $1 $(seconds "$t") s, beside the build"
