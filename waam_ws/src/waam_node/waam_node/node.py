@@ -78,10 +78,14 @@ class WaamNode(Node):
             )
         return params
 
+    def responsive(self) -> bool:
+        """Whether the node does its work. For nodes with threads of their own: one that is stuck must not have the
+        arc lease renewed in its name."""
+        return True
+
     def _on_tick(self, tick: LeaseTick) -> None:
-        if (
-            not self.context.ok()
-        ):  # the executor still runs what was due when the node was told to stop
+        # the executor still runs what was due when the node was told to stop
+        if not self.context.ok() or not self.responsive():
             return
         beat = Heartbeat(
             node=self.get_name(), controller_us=tick.controller_us, boot_id=tick.boot_id
