@@ -46,6 +46,23 @@ def test_identification_enables_everything_else():
     assert cell.bridge.offset == (0.0, 0.0, 0.0) and cell.bridge.message == 'ready'
 
 
+def test_an_alarm_at_power_up_is_known_as_soon_as_the_link_is_ready():
+    fake = FakeCore()
+    fake.state, fake.fault, fake.homed = ALARM, 306, False
+    cell = Cell(fake)
+    seen = []
+
+    def connected():
+        if cell.bridge.connected:
+            seen.append((cell.bridge.state, cell.bridge.fault))
+        return seen
+
+    line = cell.bridge.line
+    cell.bridge.line = lambda *args: (line(*args), connected())  # after every line, not every step
+    cell.until(connected)
+    assert seen[0] == (ALARM, 306)
+
+
 def test_something_else_is_no_controller():
     fake = FakeCore()
     fake.name = 'OTHER_DEVICE'

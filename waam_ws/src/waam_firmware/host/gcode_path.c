@@ -175,12 +175,12 @@ static void print_blocks(void)
 static void tick(void)
 {
     waam_core_t *core = &run.harness.core;
-    int32_t before[WAAM_AXES];
+    int64_t before[WAAM_AXES];
     memcpy(before, run.harness.outputs.pulses, sizeof before);
     core->heard_us = core->beat_us = core->lease_us = core->now_us;
     host_harness_tick(&run.harness);
     for (int i = 0; i < WAAM_AXES; i++)
-        run.pulses[i] += (uint64_t)abs(run.harness.outputs.pulses[i] - before[i]);
+        run.pulses[i] += (uint64_t)llabs(run.harness.outputs.pulses[i] - before[i]);
     run.length_mm += core->motion.speed_mm_s * TICK_US * 1e-6;
     printf("%.0f %d %d %d %.6f %.6f %u %s\n", (double)core->now_us * 1e-3, core->motion.steps[0], core->motion.steps[1],
            core->motion.steps[2], core->motion.speed_mm_s, core->wire.speed_mm_s, (unsigned)core->executed,

@@ -137,7 +137,7 @@ def height(m: HeightMap) -> dict[str, Any]:
     title = f'scan {m.scan_id} after layer {m.layer}' + ('' if m.plausible else ', not believed')
     return {
         'picture': pictures.height_map(spec, z) | {'title': title}, 'job_id': m.job_id,
-        'scan_id': m.scan_id, 'spec': spec, 'z': z, 'time': seconds(m.header.stamp),
+        'scan_id': m.scan_id, 'layer': m.layer, 'spec': spec, 'z': z, 'time': seconds(m.header.stamp),
     }  # fmt: skip
 
 

@@ -3,6 +3,16 @@
 
 #include "waam_internal.h"
 
+/* Homing finds out where the axes are, so until then their count may begin anywhere: half way of 32 bits is never left. */
+static void start_homing(waam_core_t *core)
+{
+    for (int i = 0; i < WAAM_AXES; i++)
+        if (core->motion.steps[i] > INT32_MAX / 2 || core->motion.steps[i] < -INT32_MAX / 2)
+            waam_motion_declare(&core->motion, i, 0);
+    core->homed = false;
+    waam_home_start(&core->home);
+}
+
 static void start_block(waam_core_t *core, const waam_block_t *block)
 {
     core->block_started = true;
@@ -10,7 +20,7 @@ static void start_block(waam_core_t *core, const waam_block_t *block)
     core->arc.wire_mm_s = block->wire_mm_s;
     core->arc.voltage_v = block->voltage_v;
     switch (block->kind) {
-    case WAAM_BLOCK_HOME: core->homed = false; waam_home_start(&core->home); break;
+    case WAAM_BLOCK_HOME: start_homing(core); break;
     case WAAM_BLOCK_ARC_END: waam_arc_end(&core->arc, false, &core->config.arc); break;
     case WAAM_BLOCK_FINISH:
         core->arc.gas_asked = false;
