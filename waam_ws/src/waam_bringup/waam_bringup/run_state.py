@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from waam_node import job_folder
 from waam_node.files import write_atomically
 
 
@@ -66,7 +67,7 @@ ENDED = ('DONE', 'FAILED', 'ABORTED', 'INTERRUPTED')  # states in a job's status
 def job_status(run: Path) -> tuple[Path, dict[str, Any]] | None:
     """status.json of the newest job of the graph in this folder, and what it says; None when there is none."""
     try:
-        file = Path((run / 'job').read_text()) / 'status.json'
+        file = Path((run / 'job').read_text()) / job_folder.STATUS
         return file, json.loads(file.read_text())
     except (OSError, json.JSONDecodeError):
         return None

@@ -15,11 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-<<<<<<< HEAD
 from waam_node import alive
-=======
-from waam_node import job_folder
->>>>>>> main
 from waam_node.files import write_atomically
 
 from . import shared_memory
@@ -168,19 +164,8 @@ class Supervisor:
 
 def mark_interrupted(run: Path, reason: str) -> None:
     """Writes into the newest job's status.json that it was interrupted, when it was still going on."""
-<<<<<<< HEAD
     found = job_status(run)
     if found is None or found[1].get('state') in ENDED:
-=======
-    import json
-
-    try:
-        status = Path((run / 'job').read_text()) / job_folder.STATUS
-        data = json.loads(status.read_text())
-    except (OSError, json.JSONDecodeError):
-        return
-    if data.get('state') in ('DONE', 'FAILED', 'ABORTED'):
->>>>>>> main
         return
     file, data = found
     data.update(

@@ -51,7 +51,9 @@ class Watchdog:
     def _listen(self, now: float) -> None:
         while True:
             try:
-                text, ancillary, _, _ = self._socket.recvmsg(256, socket.CMSG_SPACE(_CREDENTIALS.size))
+                text, ancillary, _, _ = self._socket.recvmsg(
+                    256, socket.CMSG_SPACE(_CREDENTIALS.size)
+                )
             except OSError:
                 return
             for level, kind, data in ancillary:

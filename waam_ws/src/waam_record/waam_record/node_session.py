@@ -183,7 +183,10 @@ class Session:
         check, wanted = recording.checked, recording.messages
         if check is None:
             waiting = recording.waiting_bytes / 1e6
-            return f'{recording.directory} is not closed yet, {waiting:.1f} MB wait for the disk', False
+            return (
+                f'{recording.directory} is not closed yet, {waiting:.1f} MB wait for the disk',
+                False,
+            )
         files = len(recording.writer.files)
         text = f'{wanted} messages of {len(recording.topics)} topics in {files} file(s), {self.lost} lost'
         if check.sound and check.messages == wanted:
