@@ -14,8 +14,8 @@ from waam_node.files import write_atomically
 
 @dataclass
 class NodeState:
-    """pid and fate of one process; exit_code is None while it runs, negative = ended by that signal; restarts: how often
-    it was started again because it hung, reason: why the last time."""
+    """pid and fate of one process; exit_code is None while it runs, negative = ended by that signal; restarts: how
+    often it was started again because it hung, reason: why the last time."""
 
     pid: int
     exit_code: int | None = None

@@ -23,7 +23,9 @@ from .graph import Process, Settings, processes
 from .run_state import ENDED, NodeState, RunState, describe_exit, job_runs, job_status
 from .watchdog import Watchdog
 
-MAX_RESTARTS = 3  # of one node in the life of a graph; one that hangs again and again needs a person
+MAX_RESTARTS = (
+    3  # of one node in the life of a graph; one that hangs again and again needs a person
+)
 DUMP_S = 0.3  # for a hanging node to write where its threads are
 
 
