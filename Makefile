@@ -1,4 +1,4 @@
-# make demo | test | bench | setup | lint | clean
+# make demo | test | bench [ONLY=name, or help] | setup | lint | clean
 SHELL := /bin/bash
 RUN := . ./env.sh &&
 

@@ -193,12 +193,12 @@ static void fast_ticks(void)
     }
 }
 
-static void require_motion(const int32_t before[WAAM_AXES])
+static void require_motion(const int64_t before[WAAM_AXES])
 {
     const waam_core_t *c = &rig.core;
     for (int i = 0; i < WAAM_AXES; i++) {
         double most = rig.config.max_speed_mm_s[i] * 1e-6 * TICK_US * rig.config.steps_per_mm + 2.0;
-        REQUIRE(fabs((double)rig.outputs.pulses[i] - before[i]) <= most, "no axis jumps");
+        REQUIRE(fabs((double)rig.outputs.pulses[i] - (double)before[i]) <= most, "no axis jumps");
         double at = (double)c->motion.steps[i] / rig.config.steps_per_mm, step = 1.5 / rig.config.steps_per_mm;
         REQUIRE(!c->homed || (at >= rig.config.limit_min_mm[i] - step && at <= rig.config.limit_max_mm[i] + step),
                 "inside the soft limits");
@@ -222,7 +222,7 @@ static void require_state(bool limit_before)
 
 static void tick(void)
 {
-    int32_t before[WAAM_AXES];
+    int64_t before[WAAM_AXES];
     bool limit_before = rig.core.inputs.limit_switch;
     if (++rig.ticks > TICKS_MAX)
         return;

@@ -14,7 +14,8 @@ static const char help[] =
     "gcode_path: the path that the controller makes of a G-code file\n"
     "\n"
     "The same parser, planner and interpolator as on the board, without link and real time. A line that the controller\n"
-    "would refuse ends the run: FILE:LINE:COLUMN: E<code> <text>, exit status 1.\n"
+    "would refuse ends the run: FILE:LINE:COLUMN: E<code> <text>, exit status 1. '%' alone says nothing; a line behind '/'\n"
+    "is executed. The words: README of waam_firmware.\n"
     "\n"
     "usage: gcode_path [options] FILE        ('-' reads standard input)\n"
     "\n"
@@ -175,12 +176,12 @@ static void print_blocks(void)
 static void tick(void)
 {
     waam_core_t *core = &run.harness.core;
-    int32_t before[WAAM_AXES];
+    int64_t before[WAAM_AXES];
     memcpy(before, run.harness.outputs.pulses, sizeof before);
     core->heard_us = core->beat_us = core->lease_us = core->now_us;
     host_harness_tick(&run.harness);
     for (int i = 0; i < WAAM_AXES; i++)
-        run.pulses[i] += (uint64_t)abs(run.harness.outputs.pulses[i] - before[i]);
+        run.pulses[i] += (uint64_t)llabs(run.harness.outputs.pulses[i] - before[i]);
     run.length_mm += core->motion.speed_mm_s * TICK_US * 1e-6;
     printf("%.0f %d %d %d %.6f %.6f %u %s\n", (double)core->now_us * 1e-3, core->motion.steps[0], core->motion.steps[1],
            core->motion.steps[2], core->motion.speed_mm_s, core->wire.speed_mm_s, (unsigned)core->executed,
@@ -220,8 +221,6 @@ static bool read_file(void)
     char text[1024];
     for (uint32_t line = 1; fgets(text, sizeof text, run.file); line++) {
         size_t length = strcspn(text, "\r\n");
-        if (length == 1 && text[0] == '%')
-            continue; /* marks begin and end of a tape */
         if (!good_line(text, length, line))
             return false;
         if (!run.ticks)

@@ -187,7 +187,7 @@ void board_sample(waam_fast_inputs_t *now)
 {
     bool fresh = DMA2_LISR & 1u << 5;
     sample_contacts();
-    stale = fresh ? 0 : stale + 1;
+    stale = fresh ? 0 : stale < STALE_MAX ? stale + 1 : STALE_MAX;
     DMA2_LIFCR = 1u << 5;
     current_a = ((float)samples[0] * VOLT_PER_COUNT - CURRENT_ZERO_V) * CURRENT_A_PER_V;
     voltage_v = (float)samples[1] * VOLT_PER_COUNT * ARC_DIVIDER;

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # Builds the firmware of the STM32F407 and prints what it needs of flash and RAM.
 #   stm32/build.sh [--usb] [folder (default: ~/.cache/waam_stm32)]
-# Images: waam_stm32f407 (link on USART2, for ST-Link adapters), waam_qemu (the same for QEMU's netduinoplus2) and, with
-# --usb, waam_stm32f407_usb (link over the USB connector; needs cargo and, once: rustup target add thumbv7em-none-eabihf).
+# Images: waam_stm32f407 (link on USART2, for ST-Link adapters), waam_qemu (the same for QEMU's netduinoplus2),
+# waam_qemu_wrap (that with counters about to wrap, for a test) and, with --usb, waam_stm32f407_usb (link over the USB
+# connector; needs cargo and, once: rustup target add thumbv7em-none-eabihf).
 # Needs: apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi cmake
 set -euo pipefail
 usb=OFF; [ "${1:-}" = --usb ] && { usb=ON; shift; }
@@ -16,6 +17,7 @@ mkdir -p "$build"
 printf '%-24s %8s of %7s %8s of %6s\n' image flash 1048576 RAM 131072
 for image in "$build"/*.elf; do
     [ "$usb" = OFF ] && [ "$(basename "$image")" = waam_stm32f407_usb.elf ] && continue
+    [ "$(basename "$image")" = waam_qemu_wrap.elf ] && continue # waam_qemu with other numbers to begin with
     arm-none-eabi-size -A "$image" | awk -v name="$(basename "$image" .elf)" '
         $1 == ".vectors" || $1 == ".text" || $1 == ".ARM.exidx" { flash += $2 }
         $1 == ".data" { flash += $2; ram += $2 }

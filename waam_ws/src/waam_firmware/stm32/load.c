@@ -1,9 +1,11 @@
 #include "load.h"
 
+#include "counters.h"
 #include "registers.h"
 
 static load_t loads[LOADS];
-static volatile uint32_t spent[LOADS]; /* each written by its own part only, so that nothing is lost */
+/* Each is written by its own part only, so that nothing is lost; they wrap, as the clock does. */
+static volatile uint32_t spent[LOADS] = {COUNTER_START(100), COUNTER_START(100), COUNTER_START(100), COUNTER_START(100)};
 
 /* The clock as `part` alone would see it. Read again when an interrupt came in between. */
 static uint32_t own_clock(load_part_t part)

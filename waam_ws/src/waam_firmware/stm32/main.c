@@ -6,6 +6,7 @@
  *     main loop      tick of the core, link, watchdog
  */
 #include "board.h"
+#include "counters.h"
 #include "load.h"
 #include "port.h"
 #include "registers.h"
@@ -19,12 +20,12 @@ static waam_core_t core;
 static waam_inputs_t inputs;
 static waam_outputs_t outputs;
 static uint8_t received_bytes[2048], send_bytes[8192];
-static queue_t received = {.bytes = received_bytes, .size = sizeof received_bytes};
-static queue_t to_send = {.bytes = send_bytes, .size = sizeof send_bytes};
-static volatile uint32_t fast_ticks;
-static uint32_t ticks_done;
-static float wire_steps;      /* fed so far; what is whole of it is in wire_whole */
-static int32_t wire_whole;
+static queue_t received = QUEUE(received_bytes);
+static queue_t to_send = QUEUE(send_bytes);
+static volatile uint32_t ticks_due = COUNTER_START(12000); /* both wrap after 49.7 days */
+static uint32_t ticks_done = COUNTER_START(12000);
+static float wire_part;       /* of a step, not given out yet */
+static int64_t wire_steps = POSITION_START(300);
 static bool trusted;          /* the board is what it should be */
 static bool late;
 
@@ -42,26 +43,30 @@ static void send_line(void *context, const char *line, size_t bytes, waam_tx_kin
 void TIM2_IRQHandler(void)
 {
     uint32_t begun = load_begin(LOAD_FAST);
+    static uint32_t part;
     waam_fast_inputs_t in;
     waam_fast_outputs_t out;
     TIM2->SR = 0;
     board_sample(&in);
     waam_core_fast(&core, &in, &out);
     board_arc(&out);
-    fast_ticks++;
+    if (++part == TICK_US / FAST_US) {
+        part = 0;
+        ticks_due++;
+    }
     load_end(LOAD_FAST, begun);
 }
 
 static void push_steps(void)
 {
-    int32_t target[STEP_AXES];
+    int64_t target[STEP_AXES];
     for (unsigned i = 0; i < WAAM_AXES; i++)
         target[i] = outputs.pulses[i];
-    wire_steps += (float)outputs.wire_mm_s * (WIRE_STEPS_PER_MM * TICK_US * 1e-6f);
-    int32_t whole = (int32_t)wire_steps;
-    wire_steps -= (float)whole;
-    wire_whole += whole;
-    target[WAAM_AXES] = wire_whole;
+    wire_part += (float)outputs.wire_mm_s * (WIRE_STEPS_PER_MM * TICK_US * 1e-6f);
+    int32_t whole = (int32_t)wire_part;
+    wire_part -= (float)whole;
+    wire_steps += whole;
+    target[WAAM_AXES] = wire_steps;
     steps_push(target);
 }
 
@@ -92,12 +97,12 @@ static void tick(void)
 /* A tick is run when it is due and the steps of those before have been given out. */
 static bool tick_due(void)
 {
-    uint32_t due = fast_ticks / (TICK_US / FAST_US);
-    if (due - ticks_done > TICKS_BEHIND_MAX) {
+    uint32_t behind = ticks_due - ticks_done;
+    if (behind > TICKS_BEHIND_MAX) {
         late = true;
-        ticks_done = due - 1;
+        ticks_done += behind - 1;
     }
-    return due != ticks_done && steps_room();
+    return behind > 0 && steps_room();
 }
 
 static void start(void)

@@ -9,7 +9,7 @@
 #define BAUD 921600u
 
 static uint8_t buffer[4096];
-static queue_t arrived = {.bytes = buffer, .size = sizeof buffer};
+static queue_t arrived = QUEUE(buffer);
 
 void port_start(void)
 {

@@ -5,11 +5,16 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "counters.h"
+
 typedef struct {
     uint8_t *bytes;
     uint32_t size;                  /* power of two */
-    volatile uint32_t put, got;
+    volatile uint32_t put, got;     /* bytes so far; they wrap */
 } queue_t;
+
+/* An empty queue in an array whose size is a power of two. */
+#define QUEUE(array) {.bytes = (array), .size = sizeof(array), .put = COUNTER_START(500), .got = COUNTER_START(500)}
 
 static inline uint32_t queue_used(const queue_t *q) { return q->put - q->got; }
 static inline uint32_t queue_free(const queue_t *q) { return q->size - queue_used(q); }

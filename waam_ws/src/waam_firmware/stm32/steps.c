@@ -1,5 +1,6 @@
 #include "steps.h"
 
+#include "counters.h"
 #include "load.h"
 #include "registers.h"
 
@@ -11,9 +12,10 @@ typedef struct {
 } segment_t;
 
 static segment_t queue[SEGMENTS];
-static volatile uint32_t pushed, taken; /* segments; pushed is written by the tick, taken by the interrupt */
-static int32_t planned[STEP_AXES];      /* pulses put into the queue */
-static volatile int32_t given[STEP_AXES];
+/* segments; pushed is written by the tick, taken by the interrupt; both wrap */
+static volatile uint32_t pushed = COUNTER_START(12000), taken = COUNTER_START(12000);
+static int64_t planned[STEP_AXES] = {[WAAM_AXES] = POSITION_START(300)}; /* pulses put into the queue */
+static volatile uint32_t given[STEP_AXES] = {[WAAM_AXES] = (uint32_t)POSITION_START(300)}; /* wraps */
 static volatile uint32_t starved;
 
 static struct {               /* only the interrupt's */
@@ -23,12 +25,12 @@ static struct {               /* only the interrupt's */
 
 bool steps_room(void) { return pushed - taken < SEGMENTS; }
 
-void steps_push(const int32_t target[STEP_AXES])
+void steps_push(const int64_t target[STEP_AXES])
 {
     segment_t segment = {.negative = 0};
     for (unsigned i = 0; i < STEP_AXES; i++) {
-        int32_t change = target[i] - planned[i], most = (int32_t)STEP_SLOTS;
-        change = change > most ? most : change < -most ? -most : change;
+        int64_t left = target[i] - planned[i], most = STEP_SLOTS;
+        int32_t change = (int32_t)(left > most ? most : left < -most ? -most : left);
         planned[i] += change;
         segment.count[i] = (uint32_t)(change < 0 ? -change : change);
         segment.negative |= (uint8_t)((change < 0) << i);
@@ -41,7 +43,7 @@ void steps_push(const int32_t target[STEP_AXES])
 void steps_given(int32_t at[STEP_AXES])
 {
     for (unsigned i = 0; i < STEP_AXES; i++)
-        at[i] = given[i];
+        at[i] = (int32_t)given[i];
 }
 
 uint32_t steps_starved(void) { return starved; }
@@ -68,7 +70,7 @@ static void next_segment(void)
         if (!run.count[i])
             continue;
         run.moving = true;
-        given[i] += negative ? -(int32_t)s->count[i] : (int32_t)s->count[i];
+        given[i] += negative ? 0u - s->count[i] : s->count[i];
         board_direction(i, negative);
     }
     if (!more)

@@ -61,6 +61,7 @@ def stock(start):
     assert 'start' in plain.lines
     plain.ask(xored('N-1 M110 N-1'))
     plain.ask(xored('N0 G28'))
+    plain.wait('^echo:! IDLE')
     yield controller, plain
     plain.close()
 
@@ -125,6 +126,56 @@ def test_it_is_entered_only_by_the_first_line_of_an_idle_machine(controller):
 
 def idle_events(controller) -> int:
     return sum(what.startswith('state IDLE') for _, what in controller.events())
+
+
+@pytest.fixture
+def plain(start):
+    """A terminal that has said nothing yet, and its controller beside the home switches."""
+    controller = start('--null-plant', '--start', '0.5,0.5,199.5', idle=False)
+    plain = Plain(controller.link)
+    yield controller, plain
+    plain.close()
+
+
+def beat_until_idle(controller, plain) -> None:
+    """Heartbeats from now until the machine has run and is IDLE again."""
+    idle, end = idle_events(controller), time.monotonic() + 30
+    while idle_events(controller) == idle:
+        assert time.monotonic() < end, plain.lines[-5:]
+        plain.send(xored('$H 1 0'))
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize('hello', [b'M105\n', b'M110 N0\n', xored('N0 M110 N0')])
+def test_a_host_that_has_sent_a_checked_line_keeps_its_watchdog(plain, hello):
+    """Without `$I`, too: what a stock sender says does not free the host from its heartbeat."""
+    controller, terminal = plain
+    for text in ('$X', '$L 1', '$H 1 0'):
+        assert 'error' not in terminal.ask(xored(text), rf'^\{text[:2]}')
+    terminal.send(hello)
+    terminal.send(xored('N1 G28'))
+    beat_until_idle(controller, terminal)
+    terminal.send(xored('N2 G1 X300 F3000'))
+    wait(lambda: any('HOLD E201' in what for _, what in controller.events()), 20)
+    assert 'start' not in terminal.lines
+
+
+def test_what_it_says_is_no_sign_of_life_of_a_native_host(plain):
+    """A job runs, its host hangs up; somebody who asks for the temperature does not stand in for it."""
+    controller, terminal = plain
+    for text in ('$X', '$L 1'):
+        terminal.ask(xored(text), rf'^\{text[:2]}')
+    terminal.send(xored('N1 G28'))
+    beat_until_idle(controller, terminal)
+    terminal.send(xored('N2 G1 X300 F3000'))
+    wait(lambda: controller.events()[-1][1].startswith('state RUN'), 20)
+    os.close(terminal.fd)
+    terminal.fd = os.open(controller.link, os.O_RDWR | os.O_NOCTTY)
+    end = time.monotonic() + 20
+    while not any('HOLD E201' in what for _, what in controller.events()):
+        assert time.monotonic() < end, controller.events()[-3:]
+        terminal.send(b'M105\n')
+        time.sleep(0.02)
 
 
 def test_when_its_terminal_closes_the_machine_stops(stock):

@@ -242,13 +242,20 @@ def test_starts_faulted_and_only_a_reset_with_the_stop_released_leads_to_idle(st
     cell.close()
 
 
-# ---- the core alone (safety_properties.c)
+# ---- the core alone
 
 
-def test_other_reactions_fast_cut_watchdog_and_temperature(controller_path):
+@pytest.mark.parametrize(
+    'name',
+    [
+        'safety_properties',  # other reactions, the fast cut, watchdog and temperature
+        'counter_properties',  # counters at the end of their range
+    ],
+)
+def test_properties_of_the_core(controller_path, name):
     beside, built = (
-        controller_path.with_name('safety_properties'),
-        Path(__file__).parents[3] / 'build/waam_firmware/safety_properties',
+        controller_path.with_name(name),
+        Path(__file__).parents[3] / f'build/waam_firmware/{name}',
     )
     program = beside if beside.exists() else built
     if not program.exists():

@@ -13,7 +13,7 @@ import struct
 import subprocess
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -116,6 +116,15 @@ class Emulator:
             pins = later
         return pins
 
+    def wait_in_run(self, condition: Callable[[], bool]) -> None:
+        """A host that is late loses the link (201), as it must, and goes on."""
+        while not condition():
+            self.client.wait(lambda: condition() or self.client.frame['state'] == HOLD)
+            if self.client.frame['state'] == HOLD:
+                assert self.client.frame['fault'] == 201
+                self.client.ask('$R')
+                self.client.wait(lambda: self.client.frame['state'] != HOLD)
+
     def burn(self) -> None:
         """A bead under way. A host that was late lost the arc or the link, as it must, and tries again."""
         client = self.client
@@ -142,13 +151,17 @@ class Emulator:
         self.process.stdout.close()
 
 
-@pytest.fixture(scope='module')
-def emulator(images, client_class) -> Iterator[Emulator]:
+def need_emulator() -> None:
     if absent := missing(['qemu-system-arm']):
         pytest.skip(f'not installed: {absent}')
     machines = subprocess.run(['qemu-system-arm', '-M', 'help'], capture_output=True, text=True)
     if 'netduinoplus2' not in machines.stdout:
         pytest.skip('this QEMU has no machine netduinoplus2')
+
+
+@pytest.fixture(scope='module')
+def emulator(images, client_class) -> Iterator[Emulator]:
+    need_emulator()
     emulator = Emulator(images / 'waam_qemu.elf', client_class)
     yield emulator
     emulator.close()
@@ -324,6 +337,43 @@ def test_emergency_stop_blocks_all_outputs(board):
     assert (
         steps(board.pins_at_rest()) == steps(stopped) and not client.next_frame()['flags'] & HOMED
     )
+
+
+def test_nothing_happens_when_the_counters_of_the_main_loop_wrap(images, client_class):
+    """After 49.7 days (ticks, segments) and 42.9 km of wire; the image of this test begins shortly before that.
+
+    A loop that divides its count of 10 kHz ticks by ten is late by 2^32 / 10 ticks after 119.3 hours: ALARM 303."""
+    need_emulator()
+    board = Emulator(images / 'waam_qemu_wrap.elf', client_class)
+    client = board.client
+    try:
+        client.heartbeat = True
+        client.wait(lambda: client.frame)
+        assert client.ask('$X') == '$X ok'
+        client.identify()
+        wire = board.pins_at_rest()['wire']
+        assert wire == 2**31 - 1 - 300
+        client.run('G28')
+        start = steps(board.pins_at_rest())
+        first = client.frame['t_us']
+        assert first < 11_000_000, 'the wrap, 12 s after the start, is to fall into the move'
+        client.send('G1 X100 F600', 'G1 X0 Y10')
+        board.wait_in_run(lambda: client.frame['t_us'] > 13_000_000)
+        assert client.frame['state'] == RUN
+        client.ask('$V 2000 1000')
+        board.wait_in_run(lambda: client.frame['state'] == IDLE)
+        assert (client.frame['x_um'], client.frame['y_um']) == (0, 10_000)
+        moved = [b - a for a, b in zip(start, steps(board.pins_at_rest()), strict=True)]
+        assert moved == [0, 10 * STEPS_PER_MM, 0]
+        client.ask('$W 20 3000')
+        client.wait(lambda: client.frame['flags'] & WIRE_JOG)
+        client.wait(lambda: not client.frame['flags'] & WIRE_JOG)
+        fed = (board.pins_at_rest()['wire'] - wire) % 2**32
+        assert fed == pytest.approx(20 * WIRE_STEPS_PER_MM, rel=0.03)
+        assert not [line for line in client.lines if 'ALARM' in line and 'E306' not in line]
+        assert client.bad_checks == 0
+    finally:
+        board.close()
 
 
 def test_hanging_main_loop_is_reset_and_says_that_it_is_new(board):

@@ -107,7 +107,7 @@ typedef struct {
     uint32_t boot_id;
     bool clock_is_ros_time;     /* announced as clk=sync */
     uint64_t start_us;          /* controller clock at start */
-    int32_t steps_per_mm;
+    int32_t steps_per_mm;       /* at most 2000: a position is within 1e6 mm and 32 bits */
     double limit_min_mm[WAAM_AXES], limit_max_mm[WAAM_AXES];
     double max_speed_mm_s[WAAM_AXES], accel_mm_s2[WAAM_AXES];
     double rapid_mm_s;          /* G0 */
@@ -146,7 +146,7 @@ typedef struct {
 } waam_inputs_t;
 
 typedef struct {
-    int32_t pulses[WAAM_AXES];  /* pulses since the start, at the end of this tick; the shell spreads the new ones over it */
+    int64_t pulses[WAAM_AXES];  /* pulses since the start, at the end of this tick; the shell spreads the new ones over it */
     bool arc, gas;
     bool sense;                 /* low sense voltage between wire and work instead of the source: stick check */
     double wire_mm_s, voltage_v;

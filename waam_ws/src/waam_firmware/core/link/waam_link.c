@@ -85,6 +85,13 @@ static waam_rx_t with_number(waam_link_t *link)
     return numbered(link, (uint32_t)sequence);
 }
 
+/* A numbered M110, the one line with a check by which a stock sender says hello. */
+static bool greets_in_marlin(const waam_link_t *link)
+{
+    int64_t number;
+    return waam_marlin_number(link->line, link->length, &number) && waam_marlin_renumbers(link->line, link->length);
+}
+
 static waam_rx_t complete(waam_link_t *link)
 {
     size_t content;
@@ -101,6 +108,8 @@ static waam_rx_t complete(waam_link_t *link)
     if (!link->check_digits)
         return failed(link, WAAM_E_CHECK);
     link->length = content;
+    if (link->dialect == WAAM_DIALECT_OPEN && !greets_in_marlin(link))
+        link->dialect = WAAM_DIALECT_NATIVE;
     return link->length && link->line[0] == '$' ? WAAM_RX_IMMEDIATE : with_number(link);
 }
 

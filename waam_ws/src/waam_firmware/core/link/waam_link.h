@@ -14,7 +14,8 @@ typedef enum {
     WAAM_RX_STOCK      /* link.line holds a line of a stock sender for waam_marlin_dialect.c: no number, or M110 */
 } waam_rx_t;
 
-/* Which host is at the other end. OPEN: nobody has said yet; the first line decides. */
+/* Which host is at the other end. OPEN: nobody has said yet; the first line decides. A line with a good check makes it
+ * NATIVE (a numbered M110 excepted): the heartbeat that such a host owes is not lost by a line without a check. */
 typedef enum { WAAM_DIALECT_OPEN, WAAM_DIALECT_NATIVE, WAAM_DIALECT_STOCK } waam_dialect_t;
 
 typedef struct {

@@ -155,6 +155,8 @@ static bool enter(waam_core_t *core)
     core->link.dialect = WAAM_DIALECT_STOCK;
     core->link.base = core->link.accepted;
     core->link.strong = false;
+    core->heard_us = core->now_us;
+    waam_wire_stop_jog(&core->wire); /* no heartbeat will end it */
     core->armed = false;
     core->lease_us = 0;
     waam_core_new_program(core);

@@ -94,8 +94,11 @@ static bool repeated(waam_request_t *r)
 static void remember(const waam_request_t *r)
 {
     waam_core_t *core = r->core;
-    if (r->has_token && r->letter != 'I')
-        core->recent[core->recent_count++ % WAAM_RECENT] = (waam_recent_t){r->token, r->letter, r->code};
+    if (!r->has_token || r->letter == 'I')
+        return;
+    core->recent[core->recent_count % WAAM_RECENT] = (waam_recent_t){r->token, r->letter, r->code};
+    if (++core->recent_count == 2 * WAAM_RECENT)
+        core->recent_count = WAAM_RECENT; /* all are in use, and the count never wraps */
 }
 
 void waam_core_clock(waam_core_t *core, uint32_t since_tick_us) { core->since_tick_us = since_tick_us; }

@@ -131,7 +131,8 @@ static void line_byte(waam_core_t *core, uint8_t byte)
         ask_resend(core);
         return;
     }
-    core->heard_us = core->now_us;
+    if (result != WAAM_RX_STOCK) /* a line without a check is no sign of life of a native host */
+        core->heard_us = core->now_us;
     switch (result) {
     case WAAM_RX_IMMEDIATE: waam_core_immediate(core, link->line, link->length); break;
     case WAAM_RX_STOCK: waam_marlin_line(core, link->line, link->length); break;

@@ -35,9 +35,7 @@ static waam_home_result_t latched(waam_home_t *home, waam_motion_t *motion, cons
 {
     int axis = waam_home_axis(home);
     double mm = config->home_direction[axis] < 0 ? config->limit_min_mm[axis] : config->limit_max_mm[axis];
-    int32_t steps = (int32_t)lround(mm * config->steps_per_mm);
-    motion->datum_steps[axis] += steps - motion->steps[axis];
-    motion->steps[axis] = steps;
+    waam_motion_declare(motion, axis, (int32_t)lround(mm * config->steps_per_mm));
     home->speed_mm_s = home->fraction_steps = 0.0;
     enter(home, WAAM_HOME_SEEK);
     if (++home->stage < WAAM_AXES)

@@ -2,6 +2,12 @@
 
 #include <math.h>
 
+void waam_motion_declare(waam_motion_t *motion, int axis, int32_t steps)
+{
+    motion->datum_steps[axis] += (int64_t)steps - motion->steps[axis];
+    motion->steps[axis] = steps;
+}
+
 static double between(double value, double lowest, double highest)
 {
     return fmax(lowest, fmin(highest, value));

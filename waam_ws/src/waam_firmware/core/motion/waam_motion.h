@@ -7,12 +7,14 @@
 typedef struct {
     int32_t steps_per_mm;
     int32_t steps[WAAM_AXES]; /* where the machine is */
-    int32_t datum_steps[WAAM_AXES]; /* steps less pulses given out; homing shifts it */
+    int64_t datum_steps[WAAM_AXES]; /* steps less pulses given out; homing shifts it */
     double speed_mm_s;        /* along the path */
     double done_mm;           /* of the head block */
     double wire_mm;           /* length of wire that the path has asked for so far (E) */
 } waam_motion_t;
 
+/* The axis stands at `steps` from now on; nothing moves. */
+void waam_motion_declare(waam_motion_t *motion, int axis, int32_t steps);
 /* Moves for at most dt_s towards `limit_mm_s` (0 = slow down and stand), so that the block can be left at `exit_mm_s`.
  * Returns the time used; *finished when the end of the block was reached. */
 double waam_motion_advance(waam_motion_t *motion, const waam_block_t *block, double limit_mm_s, double exit_mm_s,

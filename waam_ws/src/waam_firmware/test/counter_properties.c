@@ -1,0 +1,191 @@
+/* Counters that run as long as the controller is powered: each is set shortly before the end of its range, and nothing may
+ * happen when it gets there. The counters of the board's own loop: test_target.py with the image waam_qemu_wrap. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "waam_internal.h"
+
+static waam_core_t core;
+static waam_config_t config;
+static waam_inputs_t in;
+static waam_outputs_t out;
+static char said[64][256];   /* the last lines that were sent */
+static unsigned lines, alarms;
+
+#define CHECK(condition)                                                                          \
+    do {                                                                                          \
+        if (!(condition)) {                                                                       \
+            fprintf(stderr, "%s:%d: %s (last: %s)\n", __func__, __LINE__, #condition, said[(lines + 63) % 64]); \
+            exit(1);                                                                              \
+        }                                                                                         \
+    } while (0)
+
+static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_t kind)
+{
+    (void)context, (void)kind;
+    snprintf(said[lines++ % 64], sizeof said[0], "%.*s", (int)bytes - 1, line);
+    alarms += strncmp(line, "! ALARM", 7) == 0;
+}
+
+static void start(uint64_t start_us)
+{
+    config = waam_config_default();
+    config.starts_in_alarm = false;
+    config.start_us = start_us;
+    waam_core_init(&core, &config, on_line, NULL);
+    core.arc.unchecked = false;
+    in = (waam_inputs_t){.process = WAAM_PROCESS_OK};
+    out = (waam_outputs_t){0};
+    lines = alarms = 0;
+}
+
+static void run(unsigned ms)
+{
+    for (unsigned i = 0; i < ms; i++) {
+        core.heard_us = core.now_us;
+        waam_core_tick(&core, 1000, &in, &out);
+    }
+}
+
+static void say(const char *line)
+{
+    char text[160];
+    uint8_t check = 0;
+    for (const char *c = line; *c; c++)
+        check ^= (uint8_t)*c;
+    int length = snprintf(text, sizeof text, "%s*%u\n", line, check);
+    for (int i = 0; i < length; i++)
+        waam_core_rx(&core, (uint8_t)text[i]);
+}
+
+static void jog(double x_mm, double speed_mm_min)
+{
+    char line[80];
+    snprintf(line, sizeof line, "$J %.3f 0 0 %.0f", x_mm, speed_mm_min);
+    say(line);
+    CHECK(strstr(said[(lines + 63) % 64], "$J ok"));
+}
+
+/* 6.7 km of one axis at 320 steps/mm. */
+static void test_pulses_beyond_32_bits(void)
+{
+    start(1000000);
+    core.motion.datum_steps[0] = -(int64_t)INT32_MAX + 100; /* as after many homings with a slipping axis */
+    run(1);
+    int64_t before = out.pulses[0];
+    CHECK(before == (int64_t)INT32_MAX - 100);
+    jog(10.0, 1200.0);
+    for (int64_t last = before; core.state != WAAM_IDLE || core.planner.count; last = out.pulses[0]) {
+        run(1);
+        CHECK(out.pulses[0] >= last && out.pulses[0] - last <= 8);
+    }
+    CHECK(out.pulses[0] - before == 3200 && !alarms);
+}
+
+/* Homing that fails again and again in the same direction. */
+static void test_positions_do_not_leave_32_bits_by_homing(void)
+{
+    start(1000000);
+    static const int32_t ends[] = {-INT32_MAX + 1000, INT32_MAX - 1000};
+    for (int i = 0; i < 2; i++) {
+        core.motion.steps[2] = ends[i];
+        core.motion.datum_steps[2] = 0;
+        run(1);
+        int64_t before = out.pulses[2];
+        core.link.blocked = false;
+        char line[40];
+        snprintf(line, sizeof line, "N%u G28", (unsigned)core.link.accepted + 1);
+        say(line);
+        for (int64_t last = before; alarms == 0; last = out.pulses[2]) {
+            run(1);
+            CHECK(llabs(out.pulses[2] - last) <= 32);
+        }
+        CHECK(out.pulses[2] - before > 320 * 200 && core.fault == WAAM_E_NOT_HOMED);
+        say("$X");
+        alarms = 0;
+    }
+}
+
+/* Microseconds in 32 bits end after 71.6 minutes, milliseconds after 49.7 days, 53 bits of a double after 285 years. */
+static void test_time(void)
+{
+    static const uint64_t ends[] = {1ull << 31, 1ull << 32, (1ull << 32) * 1000, 1ull << 53};
+    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++) {
+        start(ends[i] - 300000);
+        jog(10.0, 1200.0);
+        run(1000);
+        CHECK(core.state == WAAM_IDLE && core.motion.steps[0] == 3200 && !alarms);
+        CHECK(core.now_us == ends[i] + 700000 && core.telemetry_sequence == 100);
+    }
+}
+
+static void test_telemetry_counts_modulo_2_to_the_32(void)
+{
+    start(1000000);
+    core.telemetry_sequence = UINT32_MAX;
+    run(10);
+    CHECK(strncmp(said[(lines + 63) % 64], "T 4294967295,", 13) == 0);
+    run(10);
+    CHECK(strncmp(said[(lines + 63) % 64], "T 0,", 4) == 0);
+}
+
+/* Wire fed coupled to the path is a double: 1000 km of it still resolve a nanometre. */
+static void test_wire_lengths(void)
+{
+    start(1000000);
+    core.motion.wire_mm = core.wire.fed_mm = 1e9;
+    core.homed = core.plan_homed = true;
+    say("N1 M83");
+    say("N2 W0");
+    say("N3 G1 E10 F600");
+    run(3000);
+    CHECK(core.state == WAAM_IDLE && core.wire.fed_mm > 1e9 + 9.9 && core.wire.fed_mm < 1e9 + 10.1 && !alarms);
+}
+
+/* Line numbers end; they do not begin again by themselves. */
+static void test_the_last_line_number(void)
+{
+    start(1000000);
+    core.homed = core.plan_homed = true;
+    say("$L 4294967294");
+    say("N4294967294 G1 X1 F600");
+    CHECK(strncmp(said[(lines + 63) % 64], "ok N4294967294 ", 15) == 0);
+    say("N4294967295 G1 X2 F600");
+    CHECK(strstr(said[(lines + 63) % 64], "E102"));
+    run(1000);
+    CHECK(core.motion.steps[0] == 320 && core.executed == 4294967294u);
+    say("$I");
+    say("N1 G1 X2 F600");
+    CHECK(strncmp(said[(lines + 63) % 64], "ok N1 ", 6) == 0);
+}
+
+/* A line that comes again is not done again, however many came before. */
+static void test_remembered_tokens(void)
+{
+    start(1000000);
+    core.recent_count = WAAM_RECENT;
+    for (unsigned i = 0; i < 100; i++) {
+        char line[40];
+        snprintf(line, sizeof line, "$J@%u 1 0 0 6000", i + 1);
+        size_t queued = core.planner.count;
+        say(line);
+        CHECK(core.planner.count == queued + 1);
+        say(line);
+        CHECK(core.planner.count == queued + 1 && core.recent_count <= 2 * WAAM_RECENT);
+        run(1000);
+    }
+}
+
+int main(void)
+{
+    test_pulses_beyond_32_bits();
+    test_positions_do_not_leave_32_bits_by_homing();
+    test_time();
+    test_telemetry_counts_modulo_2_to_the_32();
+    test_wire_lengths();
+    test_the_last_line_number();
+    test_remembered_tokens();
+    puts("counters: all properties hold");
+    return 0;
+}
