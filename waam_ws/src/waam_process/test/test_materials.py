@@ -106,6 +106,7 @@ def test_every_unit_converts_in_proportion(dimension, value, data):
 def test_a_regime_replaces_some_fields_and_is_checked_like_a_material(tmp_path):
     plain, thin = materials.get('er70s-6'), materials.get('ER70S-6:thin')
     assert thin.layer_height == pytest.approx(1.5e-3)
+    assert thin.wire_diameter == plain.wire_diameter
     text = materials.TABLE.read_text().replace('voltage: 20 V', 'voltage: 20 mm')
     bad = tmp_path / 'own.yaml'
     bad.write_text(text)
