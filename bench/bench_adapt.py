@@ -2,15 +2,16 @@
 
 adapt.pad_gap_closed: share of the gap between the best explicit law (each with its best gain) and the oracle (knows the
   plant, not its noise) that law unet closes (network and bead model; the ablation tells them apart); pads of 20 layers
-  (bench/adapt_plants.py).
+  (bench/lib/adapt_plants.py).
 adapt.wall_rms_trimmed_mm, adapt.wall_rms_all_mm: final top of a 100-layer single-bead wall fitted to a recording
-  (bench/adapt_wall.py), without and with two segments at each end (baseline: the published cell).
+  (bench/lib/adapt_wall.py), without and with two segments at each end (baseline: the published cell).
 adapt.transfer_worst_ratio: largest RMS of the network over that of the best explicit law, pads unlike training.
 adapt.service_p99_ms: round trip of the real service, 256 x 256 cells, conversion included (baseline: what was asked).
 thermal.wait_error_pct: mean error of the foretold wait for an interpass limit, recorded wall (baseline: exponential).
-`make bench ONLY=<name>` runs that part alone. Environment: WAAM_BENCH_LAW (default unet) the law in the network's
-place, WAAM_BENCH_SEEDS (default 10) seeds of pads, twice as many walls; WAAM_BENCH_CALLS (default 300) service calls.
-`python bench/bench_adapt.py fit` prints the fit of the wall to the recordings, `ablation` that table.
+Tables, only when asked for by name: adapt.wall_fit (the fit of the wall to the recordings) and adapt.ablation (the
+chain without one of its parts).
+Environment: WAAM_BENCH_LAW (default unet) the law in the network's place, WAAM_BENCH_SEEDS (default 10) seeds of pads,
+twice as many walls; WAAM_BENCH_CALLS (default 300) service calls.
 """
 
 from __future__ import annotations
@@ -19,20 +20,16 @@ import os
 import sys
 from dataclasses import replace
 
-import adapt_wall
 import numpy as np
-from adapt_loop import Settings, log_log, open_loop, pad_oracle, run, wall_oracle
-from adapt_plants import Pad, PadPhysics, transfer_plants
-from adapt_stats import interval, progress, table, text
-from adapt_wall import Wall
-from emit import emit
+from lib import adapt_wall
+from lib.adapt_loop import Settings, log_log, open_loop, pad_oracle, run, wall_oracle
+from lib.adapt_plants import Pad, PadPhysics, transfer_plants
+from lib.adapt_stats import interval, progress, table, text
+from lib.adapt_wall import Wall
+from lib.emit import emit
 
 from waam_adapt.laws.explicit import LAWS
 
-NAMES = [
-    'adapt.pad_gap_closed', 'adapt.wall_rms_trimmed_mm', 'adapt.wall_rms_all_mm',
-    'adapt.transfer_worst_ratio', 'adapt.service_p99_ms', 'thermal.wait_error_pct',
-]  # fmt: skip
 LAW = os.environ.get('WAAM_BENCH_LAW', 'unet')
 SEEDS = range(int(os.environ.get('WAAM_BENCH_SEEDS', '10')))
 CALLS = int(os.environ.get('WAAM_BENCH_CALLS', '300'))
@@ -208,7 +205,7 @@ def ablation() -> None:
 
 
 def bench_service() -> None:
-    import adapt_latency
+    from lib import adapt_latency
 
     rows = {
         law: adapt_latency.measure(law, CALLS) for law in dict.fromkeys(('damped_inverse', LAW))
@@ -251,7 +248,7 @@ def hot_walls() -> None:
 
 
 def bench_thermal() -> None:
-    import adapt_thermal
+    from lib import adapt_thermal
 
     hot_walls()
 
@@ -303,23 +300,12 @@ def bench_thermal() -> None:
     )
 
 
-PARTS = {
-    'adapt.pad_gap_closed': bench_pads, 'adapt.wall_rms_trimmed_mm': bench_walls,
-    'adapt.wall_rms_all_mm': bench_walls, 'adapt.transfer_worst_ratio': bench_transfer,
-    'adapt.service_p99_ms': bench_service, 'thermal.wait_error_pct': bench_thermal,
-    'fit': adapt_wall.print_fit, 'ablation': ablation,
-}  # fmt: skip
-
-
-def main() -> None:
-    """All, or the part that the command line names (a benchmark, or the part of names before the dot)."""
-    asked = sys.argv[1] if len(sys.argv) > 1 else ''
-    some = [asked] if asked in PARTS else [n for n in NAMES if n.split('.')[0] == asked] or NAMES
-    for part in dict.fromkeys(PARTS[n] for n in some):
-        part()
-    if not asked or asked == 'adapt':
-        ablation()
-
-
-if __name__ == '__main__':
-    main()
+FIGURES = {
+    'adapt.pad_gap_closed': bench_pads,
+    'adapt.wall_rms_trimmed_mm': bench_walls,
+    'adapt.wall_rms_all_mm': bench_walls,
+    'adapt.transfer_worst_ratio': bench_transfer,
+    'adapt.service_p99_ms': bench_service,
+    'thermal.wait_error_pct': bench_thermal,
+}
+TABLES = {'adapt.wall_fit': adapt_wall.print_fit, 'adapt.ablation': ablation}

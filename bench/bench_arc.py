@@ -16,40 +16,48 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
-from emit import emit
+from lib.emit import emit
+from lib.paths import SOURCES
 
-NAMES = [
-    'arc.overshoot_pct',
-    'arc.settling_s',
-    'arc.phase_margin_deg',
-    'arc.ctwd_reaction_s',
-    'arc.ctwd_overshoot_pct',
-]
-HERE = Path(__file__).parents[1] / 'waam_ws/src/waam_firmware/test'
 CURRENTS = (80.0, 100.0, 120.0, 180.0, 250.0)
 PLAIN = 'plain PID tuned at the nominal gain, same run, same plants'
 
 
-def main() -> None:
-    """Needs the built workspace."""
-    sys.path.insert(0, str(HERE))
-    import arc_loop as loop
+def plant():
+    """The code of the regulator on its plant; needs the built workspace."""
+    sys.path.insert(0, str(SOURCES / 'waam_firmware' / 'test'))
+    import arc_loop
 
-    def worst(figure: Callable, variant: loop.Variant) -> float:
+    return arc_loop
+
+
+def setpoint_steps() -> None:
+    """Shipped gains beside a plain PID."""
+    loop = plant()
+
+    def worst(figure: Callable, variant) -> float:
         return max(figure(loop.setpoint_step(variant, gain)) for gain in loop.GAINS)
-
-    def margin(variant: loop.Variant) -> float:
-        return min(loop.margin_simulated(variant, gain)[0] for gain in loop.GAINS)
 
     shipped, plain = loop.FIXED, loop.NOMINAL
     over = [100 * worst(loop.overshoot, v) for v in (shipped, plain)]
     emit('arc.overshoot_pct', over[0], '%', PLAIN, over[1])
     settled = [worst(loop.settling, v) for v in (shipped, plain)]
     emit('arc.settling_s', settled[0], 's', PLAIN, settled[1])
-    margins = [margin(v) for v in (shipped, plain)]
+
+
+def phase_margin() -> None:
+    loop = plant()
+    margins = [
+        min(loop.margin_simulated(variant, gain)[0] for gain in loop.GAINS)
+        for variant in (loop.FIXED, loop.NOMINAL)
+    ]
     emit('arc.phase_margin_deg', margins[0], 'deg', PLAIN, margins[1])
+
+
+def distance_steps() -> None:
+    """Scheduled gains beside fixed ones."""
+    loop = plant()
     regimes = [loop.Regime(current) for current in CURRENTS]
     reaction, rise = [], []
     for variant in (loop.SCHEDULED, loop.FIXED):
@@ -73,5 +81,10 @@ def by_current(loop, regime) -> None:
     print(f'bench_arc: {regime.current:.0f} A: ' + ', '.join(said), file=sys.stderr)
 
 
-if __name__ == '__main__':
-    main()
+FIGURES = {
+    'arc.overshoot_pct': setpoint_steps,
+    'arc.settling_s': setpoint_steps,
+    'arc.phase_margin_deg': phase_margin,
+    'arc.ctwd_reaction_s': distance_steps,
+    'arc.ctwd_overshoot_pct': distance_steps,
+}

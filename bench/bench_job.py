@@ -15,45 +15,33 @@ simulated seconds per second.
   WAAM_BENCH_HOURS=H    simulated hours (default 0.2; 8 take as long as job.simulated_per_wall says, about an hour)
   WAAM_BENCH_INTERPASS=C  limit in degrees Celsius (default 60: waits so long that the block lasts for 8 hours)
   WAAM_BENCH_SAMPLES=FILE  memory of every process every ten simulated minutes, one JSON line each
-WAAM_BENCH_ONLY=cuts or hours runs one of the two. Portions of it with other work on the machine: nice -n 10.
+Portions of it with other work on the machine: nice -n 10.
 """
 
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
-from emit import emit
-from job_cuts import run_campaign
-from job_endurance import loop_periods, run_long_job
-
-NAMES = [
-    'job.resume_rms_ratio_worst',
-    'job.cuts_failed',
-    'job.beads_wrong',
-    'job.memory_growth_pct',
-    'job.loop_drift_pct',
-    'job.simulated_per_wall',
-]
+from lib.emit import emit
+from lib.job_cuts import run_campaign
+from lib.job_endurance import loop_periods, run_long_job
 
 
-def main() -> None:
-    """Both benchmarks, in a temporary folder."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the graph is stopped as well
-    only = os.environ.get('WAAM_BENCH_ONLY', '')
+def cut_off() -> None:
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as folder:
-        scratch = Path(folder)
-        if only in ('', 'cuts'):
-            file = Path(os.environ.get('WAAM_BENCH_CUTS', scratch / 'cuts.jsonl')).resolve()
-            cuts(scratch / 'cuts', file, int(os.environ.get('WAAM_BENCH_TRIALS', 6)))
-        if only in ('', 'hours'):
-            samples = os.environ.get('WAAM_BENCH_SAMPLES')
-            hours = float(os.environ.get('WAAM_BENCH_HOURS', 0.2))
-            endure(scratch / 'long', hours, Path(samples).resolve() if samples else None)
+        file = Path(os.environ.get('WAAM_BENCH_CUTS', Path(folder) / 'cuts.jsonl')).resolve()
+        cuts(Path(folder) / 'cuts', file, int(os.environ.get('WAAM_BENCH_TRIALS', 6)))
+
+
+def long_job() -> None:
+    samples = os.environ.get('WAAM_BENCH_SAMPLES')
+    hours = float(os.environ.get('WAAM_BENCH_HOURS', 0.2))
+    with tempfile.TemporaryDirectory(prefix='waam_bench_') as folder:
+        endure(Path(folder) / 'long', hours, Path(samples).resolve() if samples else None)
 
 
 def cuts(scratch: Path, file: Path, trials: int) -> None:
@@ -107,5 +95,11 @@ def endure(scratch: Path, hours: float, file: Path | None) -> None:
     emit('job.simulated_per_wall', watch.samples[-1][0] / wall, '1', 'real time', 1.0)
 
 
-if __name__ == '__main__':
-    main()
+FIGURES = {
+    'job.resume_rms_ratio_worst': cut_off,
+    'job.cuts_failed': cut_off,
+    'job.beads_wrong': cut_off,
+    'job.memory_growth_pct': long_job,
+    'job.loop_drift_pct': long_job,
+    'job.simulated_per_wall': long_job,
+}

@@ -20,7 +20,7 @@ arc.off_max_ms: age of the lease, in controller time, when the arc went off afte
 
 Without Printrun the two baselines are null. With the defaults it takes about 3 minutes, with WAAM_BENCH_LINK_S=600 and
 WAAM_BENCH_KILLS=200 some 20; WAAM_BENCH_NOISE=1000000 takes an hour of its own. Each part says on stderr how long it
-took, and nothing waits without a limit.
+took, and nothing waits without a limit. A controller ends with the part that it was started for.
 """
 
 from __future__ import annotations
@@ -32,83 +32,80 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from emit import emit
+from lib.emit import emit
+from lib.paths import SOURCES
 
-NAMES = [
-    'link.segments_per_s',
-    'link.host_us_per_segment',
-    'link.override_p99_ms',
-    'link.telemetry_1khz_lost',
-    'link.clock_residual_p99_ms',
-    'link.third_outcomes',
-    'arc.off_max_ms',
-]
-ROOT = Path(__file__).resolve().parents[1]
-TESTS = ROOT / 'waam_ws/src/waam_bridge/test'
+if TYPE_CHECKING:
+    from bridge_light import Light
+
+sys.path.insert(0, str(SOURCES / 'waam_bridge' / 'test'))
 JOB = 20_000  # segments of the speed run
 PRINTCORE_JOB = 2_000  # it sends about 600 lines per second
 OVERRIDES = 400
 SWITCH_INTERVAL = 0.001  # s, as in the node
 UPSET_MOST = 5
+START = '0.5,0.5,199.5'  # mm, where the machine stands
+STEADY_S = float(os.environ.get('WAAM_BENCH_LINK_S', '60'))
+NOISE = int(os.environ.get('WAAM_BENCH_NOISE', '20000'))
+KILLS = int(os.environ.get('WAAM_BENCH_KILLS', '9'))
 
 
-def main() -> None:
-    sys.path.insert(0, str(TESTS))
-    with tempfile.TemporaryDirectory(prefix='waam_link_') as scratch:
-        folder = Path(scratch)
-        part('speed', speed, folder)
-        part('steady', steady, folder, float(os.environ.get('WAAM_BENCH_LINK_S', '60')))
-        part('noise', noise, int(os.environ.get('WAAM_BENCH_NOISE', '20000')))
-        part('kills', kills, folder, int(os.environ.get('WAAM_BENCH_KILLS', '9')))
+@contextmanager
+def controller(*options: str) -> Iterator[Path]:
+    """A virtual controller's port. Its process ends with the block, whatever happens in it."""
+    from bridge_harness import virtual_controller
+
+    with tempfile.TemporaryDirectory(prefix='waam_link_') as folder:
+        path = Path(folder) / 'tty'
+        command = [virtual_controller(), '--null-plant', '--pty-link', path, *options]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        try:
+            said = process.stdout.readline()
+            assert said.startswith('ready'), f'the controller does not start: {said!r}'
+            yield path
+        finally:
+            end(process)
 
 
-def part(name: str, run, *args) -> None:
-    """One part that fails does not take the others with it."""
-    began = time.monotonic()
+def end(process: subprocess.Popen) -> None:
+    process.terminate()
     try:
-        run(*args)
-        said = 'took'
-    except (AssertionError, TimeoutError, OSError) as e:
-        said = f'failed: {e}; after'
-    print(f'bench_link: {name} {said} {time.monotonic() - began:.0f} s', file=sys.stderr)
+        process.wait(10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    process.stdout.close()
 
 
-class Controller:
-    """A virtual controller process."""
-
-    def __init__(self, folder: Path, *options: str) -> None:
-        from bridge_harness import virtual_controller
-
-        self.path = folder / 'tty'
-        self.process = subprocess.Popen(
-            [virtual_controller(), '--null-plant', '--pty-link', self.path, *options],
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert self.process.stdout.readline().startswith('ready')
-
-    def close(self) -> None:
-        self.process.terminate()
-        self.process.wait(10)
-        self.process.stdout.close()
-
-
-def connect(path: Path, **params):
-    """The bridge's core and transport on this port, homed."""
+@contextmanager
+def connected(rate: int, **params) -> Iterator[Light]:
+    """The bridge's core and transport on a controller of `rate` times real time, homed."""
     from bridge_light import Light
 
+    with controller('--rate', str(rate), '--start', START) as path:
+        light = Light(str(path), quiet=True, **params)
+        try:
+            home(light)
+            yield light
+        finally:
+            light.transport.close()
+
+
+def home(light: Light) -> None:
+    """A controller that was just switched on is in ALARM and not homed."""
     from waam_bridge import commands, frames
 
-    light = Light(str(path), quiet=True, **params)
     bridge = light.bridge
-    light.until(lambda: bridge.connected and bridge.position)
-    if bridge.state == frames.ALARM:  # just switched on
+    light.until(lambda: bridge.connected)
+    if bridge.state == frames.ALARM:
         light.command(commands.RESET)
     light.command(commands.HOME)
     light.until(lambda: bridge.flags & frames.HOMED and bridge.state == frames.IDLE)
-    return light
 
 
 def zigzag(count: int, start, first: int, step: float, speed: float):
@@ -135,48 +132,41 @@ def give(light, segments, job: str) -> None:
         light.bridge.commit(permit, batch)
 
 
-def speed(folder: Path) -> None:
+def speed() -> None:
     """Both hosts on the same kind of job; each measured alone, in its own process time."""
-    controller = Controller(folder, '--rate', '0', '--start', '0.5,0.5,199.5')
-    light = connect(controller.path)
-    segments = zigzag(JOB, light.bridge.position, 0, 5e-5, 0.5)
-    wall, cpu = time.monotonic(), time.process_time()
-    give(light, segments, 'speed')
-    light.until(lambda: not light.bridge.queued)
-    ours = JOB / (time.monotonic() - wall)
-    ours_cpu = (time.process_time() - cpu) / JOB * 1e6
-    light.transport.close()
-    controller.close()
-    theirs, theirs_cpu = printcore_speed(folder)
+    with connected(rate=0) as light:
+        segments = zigzag(JOB, light.bridge.position, 0, 5e-5, 0.5)
+        wall, cpu = time.monotonic(), time.process_time()
+        give(light, segments, 'speed')
+        light.until(lambda: not light.bridge.queued)
+        ours = JOB / (time.monotonic() - wall)
+        ours_cpu = (time.process_time() - cpu) / JOB * 1e6
+    theirs, theirs_cpu = printcore_speed()
     emit('link.segments_per_s', ours, '1/s', 'printcore, same run', theirs)
     emit('link.host_us_per_segment', ours_cpu, 'us CPU', 'printcore, same run', theirs_cpu)
 
 
-def printcore_speed(folder: Path) -> tuple[float | None, float | None]:
+def printcore_speed() -> tuple[float | None, float | None]:
     """Lines per second and CPU per line (us) of Printrun, or None where it is not installed."""
     try:
         from printrun import gcoder, printcore
     except ImportError:
         print('bench_link: Printrun is not installed, no baseline', file=sys.stderr)
         return None, None
-    controller = Controller(folder, '--rate', '0', '--start', '0.5,0.5,199.5')
+    moves = [f'G1 X{0.05 if i % 2 else -0.05} F30000' for i in range(1, PRINTCORE_JOB)]
     core = printcore.printcore()
-    core.connect(str(controller.path), 115200)
-    until(lambda: core.online, 'printcore is online')
-    core.send_now('M999')  # leaves the ALARM of a controller that was just switched on
-    job = [
-        'G28',
-        'G91',
-        *(f'G1 X{0.05 if i % 2 else -0.05} F30000' for i in range(1, PRINTCORE_JOB)),
-    ]
-    wall, cpu = time.monotonic(), time.process_time()
-    core.startprint(gcoder.LightGCode(job))
-    until(lambda: not core.printing, 'printcore has printed')
-    lines = PRINTCORE_JOB / (time.monotonic() - wall)
-    used = (time.process_time() - cpu) / PRINTCORE_JOB * 1e6
-    core.disconnect()
-    controller.close()
-    return lines, used
+    with controller('--rate', '0', '--start', START) as path:
+        core.connect(str(path), 115200)
+        try:
+            until(lambda: core.online, 'printcore is online')
+            core.send_now('M999')  # leaves the ALARM of a controller that was just switched on
+            wall, cpu = time.monotonic(), time.process_time()
+            core.startprint(gcoder.LightGCode(['G28', 'G91', *moves]))
+            until(lambda: not core.printing, 'printcore has printed')
+            lines = PRINTCORE_JOB / (time.monotonic() - wall)
+            return lines, (time.process_time() - cpu) / PRINTCORE_JOB * 1e6
+        finally:
+            core.disconnect()
 
 
 def until(condition, what: str, limit: float = 120.0) -> None:
@@ -187,29 +177,19 @@ def until(condition, what: str, limit: float = 120.0) -> None:
         time.sleep(0.005)
 
 
-def steady(folder: Path, seconds: float) -> None:
+def steady() -> None:
     """Real time, 1 kHz telemetry, segments of 1 mm at 50 mm/s without end, overrides in between."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    controller = Controller(folder, '--rate', '1', '--start', '0.5,0.5,199.5')
-    light = connect(controller.path, telemetry_rate=1000.0)
-    bridge, link = light.bridge, light.bridge.link
-    stop = threading.Event()
-    feeder = threading.Thread(target=keep_streaming, args=(light, stop), daemon=True)
-    feeder.start()
-    light.until(lambda: bridge.queued > 100)
-    stalls = Stalls()
-    received, lost = link.received, link.lost
-    end = time.monotonic() + seconds
-    pause = seconds / OVERRIDES
-    waits = [override_wait(light, 900 + n % 200, pause) for n in range(OVERRIDES)]
-    while time.monotonic() < end:
-        time.sleep(0.1)
-    received, lost = link.received - received, link.lost - lost
-    stop.set()
-    feeder.join()
-    residual = link.clock.residual
-    light.transport.close()
-    controller.close()
+    with connected(rate=1, telemetry_rate=1000.0) as light, streaming(light):
+        link, stalls = light.bridge.link, Stalls()
+        received, lost = link.received, link.lost
+        last = time.monotonic() + STEADY_S
+        pause = STEADY_S / OVERRIDES
+        waits = [override_wait(light, 900 + n % 200, pause) for n in range(OVERRIDES)]
+        while time.monotonic() < last:
+            time.sleep(0.1)
+        received, lost = link.received - received, link.lost - lost
+        residual = link.clock.residual
     answered, shown = (sorted(column) for column in zip(*waits, strict=True))
     p99 = int(0.99 * OVERRIDES)
     print(
@@ -221,6 +201,20 @@ def steady(folder: Path, seconds: float) -> None:
     emit('link.override_p99_ms', shown[p99], 'ms', 'limit', 5.0)
     emit('link.telemetry_1khz_lost', lost, 'frames', 'frames received', float(received))
     emit('link.clock_residual_p99_ms', residual * 1e3, 'ms', 'limit', 0.2)
+
+
+@contextmanager
+def streaming(light: Light) -> Iterator[None]:
+    """Segments are streamed without end during the block."""
+    stop = threading.Event()
+    feeder = threading.Thread(target=keep_streaming, args=(light, stop), daemon=True)
+    feeder.start()
+    try:
+        light.until(lambda: light.bridge.queued > 100)
+        yield
+    finally:
+        stop.set()
+        feeder.join()
 
 
 def keep_streaming(light, stop: threading.Event) -> None:
@@ -273,20 +267,28 @@ class Stalls:
         return self._worst * 1e3
 
 
-def noise(segments: int) -> None:
+def noise() -> None:
     from bridge_campaign import Campaign
     from rich.progress import Progress
 
     with Progress(transient=True) as bar:
-        task = bar.add_task('noise campaign', total=segments)
-        report = Campaign(segments, seed=11).run(lambda done: bar.update(task, completed=done))
+        task = bar.add_task('noise campaign', total=NOISE)
+        report = Campaign(NOISE, seed=11).run(lambda done: bar.update(task, completed=done))
     for text in report.third:
         print(f'bench_link: third outcome: {text}', file=sys.stderr)
     print(f'bench_link: {report}', file=sys.stderr)
     emit('link.third_outcomes', len(report.third), '1', 'segments', float(report.segments))
 
 
-def kills(folder: Path, count: int) -> None:
+def kills() -> None:
+    with tempfile.TemporaryDirectory(prefix='waam_link_') as folder:
+        ages, upset = lease_ages(Path(folder))
+    print(f'bench_link: {len(ages)} kills, {upset} scenes upset', file=sys.stderr)
+    emit('arc.off_max_ms', max(ages), 'ms', 'limit', 500.0)
+
+
+def lease_ages(folder: Path) -> tuple[list[float], int]:
+    """Age of the lease in ms after each kill, and how many scenes a busy computer has upset."""
     from bridge_harness import virtual_controller
     from bridge_kill import KINDS, Scene
     from rich.progress import track
@@ -295,7 +297,7 @@ def kills(folder: Path, count: int) -> None:
     upset = 0
     scene = Scene(folder, virtual_controller(), seed=7)
     try:
-        for n in track(range(count), 'kills', transient=True):
+        for n in track(range(KILLS), 'kills', transient=True):
             try:
                 ages.append(scene.kill(KINDS[n % 3]))
             except (AssertionError, OSError) as e:
@@ -307,9 +309,15 @@ def kills(folder: Path, count: int) -> None:
                 scene = Scene(folder, virtual_controller(), seed=7 + n)
     finally:
         scene.close()
-    print(f'bench_link: {len(ages)} kills, {upset} scenes upset', file=sys.stderr)
-    emit('arc.off_max_ms', max(ages), 'ms', 'limit', 500.0)
+    return ages, upset
 
 
-if __name__ == '__main__':
-    main()
+FIGURES = {
+    'link.segments_per_s': speed,
+    'link.host_us_per_segment': speed,
+    'link.override_p99_ms': steady,
+    'link.telemetry_1khz_lost': steady,
+    'link.clock_residual_p99_ms': steady,
+    'link.third_outcomes': noise,
+    'arc.off_max_ms': kills,
+}

@@ -15,19 +15,13 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-from emit import emit
-
-NAMES = [
-    'loop.rms_ratio',
-    'loop.sim_speed',
-    'loop.seconds_per_simulated_hour',
-    'link.telemetry_lost',
-]
+from lib.emit import emit
 
 
-def main() -> None:
+def demo() -> None:
     """Runs the demo in a temporary folder and reads its report and record."""
     from waam_bringup.demo import run_demo
+    from waam_node import job_folder
 
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
         args = SimpleNamespace(
@@ -40,8 +34,8 @@ def main() -> None:
         finally:
             sys.stdout = stdout
         wall = time.monotonic() - started
-        folder = (Path(scratch) / 'latest').resolve()
-        report = json.loads((folder / 'report.json').read_text())
+        folder = (Path(scratch) / job_folder.LATEST).resolve()
+        report = json.loads((folder / job_folder.REPORT).read_text())
         opened, closed = report['open_loop'], report['closed_loop']
         emit('loop.rms_ratio', closed['rms_mm'] / opened['rms_mm'], '1', 'open loop, same run', 1.0)
         machine = opened['duration_s'] + closed['duration_s']
@@ -51,5 +45,9 @@ def main() -> None:
         emit('link.telemetry_lost', lost, 'frames', 'frames of the two jobs', machine * 100)
 
 
-if __name__ == '__main__':
-    main()
+FIGURES = {
+    'loop.rms_ratio': demo,
+    'loop.sim_speed': demo,
+    'loop.seconds_per_simulated_hour': demo,
+    'link.telemetry_lost': demo,
+}

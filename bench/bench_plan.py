@@ -5,10 +5,12 @@ plan.coverage_min: least share of a section under beads, all recorded meshes wit
 place). plan.overlap_min: least share of a section in which neighbouring beads are neither too near nor too far;
 plan.starts_apart_min_mm: of arc starts of neighbouring layers. WAAM_PLAN_LAYERS: layers checked of each program
 (default 4; 0 = all, about an hour).
-plan.million_points_s: wall time to plan 10^6 path points, its peak memory, and the exponent of time over points.
+plan.million_points_s: wall time to plan 10^6 path points; plan.million_points_memory_gb: its peak memory;
+plan.million_points_exponent: of time over points.
 plan.compact_saving: share of points saved on a prismatic part at equal geometry (baseline: what is asked for);
 plan.compact_time_s: time to plan and write it with equal layers planned once (baseline: every layer planned).
-plan.restore_flat_share: recorded worn surface, restored on the simulated cell: share of the area within 0.2 mm.
+plan.restore_flat_share: recorded worn surface, restored on the simulated cell: share of the area within 0.2 mm;
+plan.restore_flat_p95_mm: 95 % of the area are closer than this.
 """
 
 from __future__ import annotations
@@ -21,30 +23,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from emit import emit
+from lib.emit import emit
+from lib.paths import LIB
 
-NAMES = [
-    'plan.coverage_min',
-    'plan.overlap_min',
-    'plan.starts_apart_min_mm',
-    'plan.million_points_s',
-    'plan.million_points_memory_gb',
-    'plan.million_points_exponent',
-    'plan.compact_saving',
-    'plan.compact_time_s',
-    'plan.restore_flat_share',
-    'plan.restore_flat_p95_mm',
-]
 LAYERS = 40
 MICROMETRE = 1e-6
-
-
-def main() -> None:
-    """All of them; what needs recorded data says so where it is absent."""
-    compact()
-    million()
-    coverage()
-    restoration()
 
 
 def compact() -> None:
@@ -77,7 +60,7 @@ def million() -> None:
 
 def planned(points: int) -> dict:
     """Figures of plan_million.py."""
-    script = Path(__file__).with_name('plan_million.py')
+    script = LIB / 'plan_million.py'
     found = subprocess.run(
         [sys.executable, str(script), str(points)], capture_output=True, text=True, check=True
     )
@@ -86,7 +69,7 @@ def planned(points: int) -> dict:
 
 def coverage() -> None:
     """All recorded meshes with all strategies."""
-    from plan_coverage import MESHES, run
+    from lib.plan_coverage import MESHES, run
 
     if not MESHES.is_dir():
         print(f'plan.coverage_min: no {MESHES}', file=sys.stderr)
@@ -105,7 +88,7 @@ def coverage() -> None:
 
 def restoration() -> None:
     """The recorded wall as the worn surface."""
-    from plan_restoration_wall import CLOUD, run
+    from lib.plan_restoration_wall import CLOUD, run
 
     if not CLOUD.is_file():
         print(f'plan.restore_flat_share: no {CLOUD}', file=sys.stderr)
@@ -127,5 +110,15 @@ def timed(part, settings):
     return plan, time.perf_counter() - start
 
 
-if __name__ == '__main__':
-    main()
+FIGURES = {
+    'plan.compact_saving': compact,
+    'plan.compact_time_s': compact,
+    'plan.million_points_s': million,
+    'plan.million_points_memory_gb': million,
+    'plan.million_points_exponent': million,
+    'plan.coverage_min': coverage,
+    'plan.overlap_min': coverage,
+    'plan.starts_apart_min_mm': coverage,
+    'plan.restore_flat_share': restoration,
+    'plan.restore_flat_p95_mm': restoration,
+}

@@ -24,18 +24,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from emit import emit
-from limit import within
+from lib.emit import emit
+from lib.limit import within
 
-NAMES = [
-    'record.lost',
-    'record.cpu_percent',
-    'record.dispatch_p99_ms',
-    'record.mb_per_s',
-    'record.mb_per_s_bound',
-    'record.messages_per_s',
-    'record.recovered_gap_s',
-]
 SECONDS = float(os.environ.get('BENCH_RECORD_S', '30'))
 RATES = {'telemetry': 1000, 'profiles': 10, 'height_map': 1}
 DOMAIN = '79'
@@ -270,19 +261,31 @@ def killed(scratch: Path) -> None:
     )
 
 
-def main() -> None:
-    with tempfile.TemporaryDirectory(prefix='waam_bench_') as name:
-        scratch = Path(name)
-        try:
-            with within(SECONDS * 1.5 + 180, 'recording on the graph'):
-                on_the_graph(scratch)
-            with within(180, 'writing as fast as possible'):
-                throughput(scratch)
-            with within(120, 'the killed recorder'):
-                killed(scratch)
-        finally:
-            end_all()
+def within_scratch(
+    seconds: float, what: str, measure: Callable[[Path], None]
+) -> Callable[[], None]:
+    """The measurement in a temporary folder; after so many seconds, or when it fails, its processes are ended."""
+
+    def run() -> None:
+        with tempfile.TemporaryDirectory(prefix='waam_bench_') as name:
+            try:
+                with within(seconds, what):
+                    measure(Path(name))
+            finally:
+                end_all()
+
+    return run
 
 
-if __name__ == '__main__':
-    main()
+RECORD = within_scratch(SECONDS * 1.5 + 180, 'recording on the graph', on_the_graph)
+WRITE = within_scratch(180, 'writing as fast as possible', throughput)
+KILL = within_scratch(120, 'the killed recorder', killed)
+FIGURES = {
+    'record.lost': RECORD,
+    'record.cpu_percent': RECORD,
+    'record.dispatch_p99_ms': RECORD,
+    'record.mb_per_s': WRITE,
+    'record.mb_per_s_bound': WRITE,
+    'record.messages_per_s': WRITE,
+    'record.recovered_gap_s': KILL,
+}

@@ -13,28 +13,20 @@ from __future__ import annotations
 import os
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
-from emit import emit
+from lib.emit import emit
+from lib.paths import SOURCES
 
-NAMES = ['scan.calibration_mm', 'scan.registration_mm']
-HELPERS = Path(__file__).parents[1] / 'waam_ws' / 'src' / 'waam_scan' / 'test'
+sys.path.insert(0, str(SOURCES / 'waam_scan' / 'test'))
+SEEDS = range(int(os.environ.get('WAAM_BENCH_SEEDS', '3')))
 PLACE, TOP, HEIGHT = (0.10, 0.06, 0.0), (0.020, 0.014), 0.012
 SLOPES = (np.radians(45), np.radians(40))
 SHARES = (0.0, 0.3, 0.7)
 MIDDLE = np.array([0.05, 0.05, 0.01])
 
 
-def main() -> None:
-    """Both figures."""
-    sys.path.insert(0, str(HELPERS))
-    seeds = range(int(os.environ.get('WAAM_BENCH_SEEDS', '3')))
-    calibration(seeds)
-    registration(seeds)
-
-
-def calibration(seeds) -> None:
+def calibration() -> None:
     """Random mountings (5 mm, 3 deg, 30 ms off the drawing), step block, noise 0.03 mm, 1 % spikes, 5 % drop-outs."""
     import calibration_sim as sim
 
@@ -45,7 +37,7 @@ def calibration(seeds) -> None:
     world = sim.block_world(TOP, HEIGHT, SLOPES, PLACE, 0.0)
     artefact = Artefact(Block.of(TOP, HEIGHT, SLOPES), np.array(PLACE))
     errors, naive = [], []
-    for seed in seeds:
+    for seed in SEEDS:
         rng = np.random.default_rng(1000 + seed)
         offset = np.array([0.060, 0.0, 0.120]) + rng.uniform(-5e-3, 5e-3, 3)
         rpy = np.radians([0, 0, 90]) + np.radians(rng.uniform(-3, 3, 3))
@@ -66,7 +58,13 @@ def calibration(seeds) -> None:
         f'calibration, worst of {len(errors)}: {worst[0]:.4f} mm, {worst[1]:.4f} deg, {worst[2]:.4f} ms',
         file=sys.stderr,
     )
-    emit(NAMES[0], float(worst[0]), 'mm', 'tape measure and one pass', float(np.max(naive)))
+    emit(
+        'scan.calibration_mm',
+        float(worst[0]),
+        'mm',
+        'tape measure and one pass',
+        float(np.max(naive)),
+    )
 
 
 def tape_measure(scan) -> np.ndarray:
@@ -85,7 +83,7 @@ def tape_measure(scan) -> np.ndarray:
     return drawing.offset + np.array(PLACE) - seen
 
 
-def registration(seeds) -> None:
+def registration() -> None:
     """Every method on the same pairs."""
     import registration_sim as sim
 
@@ -97,7 +95,7 @@ def registration(seeds) -> None:
     }
     errors = {(m, s): [] for m in methods for s in SHARES}
     seconds = dict.fromkeys(methods, 0.0)
-    for seed in seeds:
+    for seed in SEEDS:
         for share in SHARES:
             rng = np.random.default_rng(2000 + seed)
             rotation, translation = sim.drift(rng)
@@ -111,10 +109,16 @@ def registration(seeds) -> None:
                 errors[name, share].append(
                     (1e3 * np.linalg.norm(shift), np.degrees(np.linalg.norm(turn)))
                 )
-    report(methods, errors, seconds, len(seeds))
+    report(methods, errors, seconds, len(SEEDS))
     worst = {m: max(e[0] for s in SHARES for e in errors[m, s]) for m in methods}
     for baseline in list(methods)[1:]:
-        emit(NAMES[1], worst['waam_scan'], 'mm', f'{baseline}, same data', worst[baseline])
+        emit(
+            'scan.registration_mm',
+            worst['waam_scan'],
+            'mm',
+            f'{baseline}, same data',
+            worst[baseline],
+        )
 
 
 def report(methods, errors, seconds, count: int) -> None:
@@ -166,5 +170,4 @@ def back_to_metres(matrix: np.ndarray, centre: np.ndarray) -> np.ndarray:
     return m
 
 
-if __name__ == '__main__':
-    main()
+FIGURES = {'scan.calibration_mm': calibration, 'scan.registration_mm': registration}

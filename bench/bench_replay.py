@@ -11,24 +11,24 @@ minute).
 
 from __future__ import annotations
 
+import atexit
 import os
 import subprocess
 import sys
 import tempfile
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
-from emit import emit
-from limit import within
-
-NAMES = ['replay.speed', 'replay.identical', 'replay.lockstep_identical']
-
+from lib.emit import emit
+from lib.limit import within
 
 JOB_S, LOCKSTEP_S, OFFLINE_S = 600.0, 180.0, 300.0  # the longest wait for each part, wall time
 
 
 def make_job(scratch: Path) -> Path:
     from waam_bringup.demo import run_demo
+    from waam_node import job_folder
 
     args = SimpleNamespace(seed=7, jobs=scratch, layers=2, profiles=['closed_loop'], rate=0.0)
     stdout, sys.stdout = sys.stdout, sys.stderr
@@ -37,12 +37,23 @@ def make_job(scratch: Path) -> Path:
             run_demo(args)
     finally:
         sys.stdout = stdout
-    return next((scratch / 'latest').resolve().glob('*/record')).parent
+    return next((scratch / job_folder.LATEST).resolve().glob(f'*/{job_folder.record()}')).parent
 
 
-def measure(job: Path) -> None:
+@cache
+def recorded_job() -> Path:
+    """The job that BENCH_REPLAY_JOB names, or one that is made now: once for all figures of a run."""
+    if given := os.environ.get('BENCH_REPLAY_JOB'):
+        return Path(given)
+    scratch = tempfile.TemporaryDirectory(prefix='waam_bench_')
+    atexit.register(scratch.cleanup)
+    return make_job(Path(scratch.name))
+
+
+def offline() -> None:
     from waam_replay.tune import tune
 
+    job = recorded_job()
     with within(OFFLINE_S, 'computing offline'):
         tune(job)  # compiles what is not cached
         runs = [tune(job) for _ in range(3)]
@@ -52,23 +63,22 @@ def measure(job: Path) -> None:
     found = sum(n for n, _ in best.identical.values())
     total = sum(t for _, t in best.identical.values())
     emit('replay.identical', found / total if same else 0.0, '1', f'all {total} of the record', 1.0)
-    command = [sys.executable, '-m', 'waam_bringup.cli', 'replay', 'play', str(job), '--lockstep']
+
+
+def lockstep() -> None:
+    command = [sys.executable, '-m', 'waam_bringup.cli', 'replay', 'play', '--lockstep']
     done = subprocess.run(
-        command, stdout=subprocess.PIPE, text=True, check=False, timeout=LOCKSTEP_S
-    )
+        [*command, str(recorded_job())],
+        stdout=subprocess.PIPE, text=True, check=False, timeout=LOCKSTEP_S,
+    )  # fmt: skip
     print(done.stdout, file=sys.stderr)
     rows = [line.split() for line in done.stdout.splitlines() if line.endswith('identical')]
     good, asked = (sum(int(row[i]) for row in rows) for i in (1, 3))
     emit('replay.lockstep_identical', good / asked if asked else 0.0, '1', f'all {asked}', 1.0)
 
 
-def main() -> None:
-    if given := os.environ.get('BENCH_REPLAY_JOB'):
-        measure(Path(given))
-        return
-    with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
-        measure(make_job(Path(scratch)))
-
-
-if __name__ == '__main__':
-    main()
+FIGURES = {
+    'replay.speed': offline,
+    'replay.identical': offline,
+    'replay.lockstep_identical': lockstep,
+}

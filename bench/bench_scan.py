@@ -12,20 +12,19 @@ scan.ros_points_per_s: the most points per second from a publisher process throu
 scan.profile_to_map_ms: last profile published to 512 x 512 map received, by another process, worst of the runs.
 scan.rms_mm: error of the map of a simulated scan (noise 0.03 mm, 1 % spikes, 5 % drop-outs, cells of 0.25 mm), against
   the plain mean and the exact median per cell.
-`python bench/bench_scan.py table` prints the comparison of estimators in waam_scan's README.
+Table, only when asked for by name: scan.estimators compares ways to make one height of the points of a cell.
 """
 
 from __future__ import annotations
 
 import os
 import resource
-import sys
 import time
 from collections.abc import Callable
 
 import numpy as np
-import scan_surface
-from emit import emit
+from lib import scan_surface
+from lib.emit import emit
 
 from waam_process.grid import GridSpec
 from waam_scan.fusion.height_map import Fusion
@@ -34,13 +33,6 @@ from waam_scan.stream.poses import PoseTrack
 from waam_scan.stream.profiles import ProfileBlock
 from waam_scan.transform import Mounting
 
-NAMES = [
-    'scan.core_points_per_s',
-    'scan.memory_mb',
-    'scan.ros_points_per_s',
-    'scan.profile_to_map_ms',
-    'scan.rms_mm',
-]
 GRID = GridSpec(0.0, 0.0, 0.2e-3, 512, 512)
 POINTS, BATCH, RATE = (
     3200,
@@ -173,7 +165,7 @@ def bench_accuracy() -> None:
 
 
 def bench_ros() -> None:
-    import scan_graph
+    from lib import scan_graph
 
     seconds = float(os.environ.get('WAAM_BENCH_ROS_S', '3'))
     with scan_graph.Graph() as graph:
@@ -200,16 +192,15 @@ def bench_ros() -> None:
         )  # fmt: skip
 
 
-def main() -> None:
-    """All of them; memory first, because it looks at the peak."""
-    bench_memory()
-    bench_accuracy()
-    bench_core()
-    bench_ros()
+def print_estimators() -> None:
+    print('\n'.join(scan_surface.table()))
 
 
-if __name__ == '__main__':
-    if sys.argv[1:] == ['table']:
-        print('\n'.join(scan_surface.table()))
-    else:
-        main()
+FIGURES = {  # memory first, because it looks at the peak of this process
+    'scan.memory_mb': bench_memory,
+    'scan.rms_mm': bench_accuracy,
+    'scan.core_points_per_s': bench_core,
+    'scan.ros_points_per_s': bench_ros,
+    'scan.profile_to_map_ms': bench_ros,
+}
+TABLES = {'scan.estimators': print_estimators}

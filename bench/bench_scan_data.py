@@ -11,13 +11,12 @@ scan.inprocess_noise_mm: noise of the filtered bead height of `inprocess_profile
 from __future__ import annotations
 
 import sys
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
-from emit import emit
+from lib.emit import emit
+from lib.paths import DATA
 
-NAMES = ['scan.wall_profile_mm', 'scan.bead_top_2u_mm', 'scan.inprocess_noise_mm']
-DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data'
 LIMIT = 0.1  # mm, of the issue
 
 
@@ -33,7 +32,7 @@ def wall_profile() -> None:
     constant = float(np.median(difference))
     value = float(np.median(np.abs(difference - constant)))
     note = f'limit of the scan issue; {both.sum()} places, after a constant of {constant:.2f} mm'
-    emit(NAMES[0], value, 'mm', note, LIMIT)
+    emit('scan.wall_profile_mm', value, 'mm', note, LIMIT)
 
 
 def bead_tops() -> None:
@@ -47,7 +46,13 @@ def bead_tops() -> None:
     wall = fuse_wall(scans, read_arc_log(folder / 'arc_log.csv'), 1e-3)
     for number, top in enumerate(wall.tops, 1):
         note = f'rms along the wall; layer {number}, mean bead top {top.mean * 1e3:.3f} mm'
-        emit(NAMES[1], 2e3 * top.mean_u, 'mm', note, 1e3 * float(top.height[top.inner].std()))
+        emit(
+            'scan.bead_top_2u_mm',
+            2e3 * top.mean_u,
+            'mm',
+            note,
+            1e3 * float(top.height[top.inner].std()),
+        )
 
 
 def inprocess() -> None:
@@ -61,24 +66,26 @@ def inprocess() -> None:
     ours = found.pop('filtered')
     for name, q in found.items():
         emit(
-            NAMES[2], ours.noise * 1e3, 'mm',
+            'scan.inprocess_noise_mm', ours.noise * 1e3, 'mm',
             f'{name}; spikes {ours.spikes} against {q.spikes}, lag-1 correlation {ours.lag1:.2f} against '
             f'{q.lag1:.2f}, delay {ours.delay * 1e3:.0f} against {q.delay * 1e3:.0f} ms', q.noise * 1e3,
         )  # fmt: skip
 
 
-def main() -> None:
-    """What is there."""
-    for action, folder in (
-        (wall_profile, 'wall_scan'),
-        (bead_tops, 'wall_profiles'),
-        (inprocess, 'inprocess_profiles'),
-    ):
+def where_recorded(folder: str, measure: Callable[[], None]) -> Callable[[], None]:
+    """The measurement; without the recordings it says so and prints nothing."""
+
+    def run() -> None:
         if (DATA / folder).is_dir():
-            action()
+            measure()
         else:
             print(f'{folder}: not in {DATA.name}, skipped', file=sys.stderr)
 
+    return run
 
-if __name__ == '__main__':
-    main()
+
+FIGURES = {
+    'scan.wall_profile_mm': where_recorded('wall_scan', wall_profile),
+    'scan.bead_top_2u_mm': where_recorded('wall_profiles', bead_tops),
+    'scan.inprocess_noise_mm': where_recorded('inprocess_profiles', inprocess),
+}

@@ -27,12 +27,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-from emit import emit
-from limit import within
+from lib.emit import emit
+from lib.limit import within
 
 from waam_node import priority
 
-NAMES = ['view.loop_p99_growth_pct', 'view.loop_p99_ms']
 WATCHERS = ('recorder', 'dashboard', 'panel')
 SECONDS = float(os.environ.get('WAAM_VIEW_BENCH_S', '40'))
 RUNS = int(os.environ.get('WAAM_VIEW_BENCH_RUNS', '2'))
@@ -185,7 +184,7 @@ def _under_way(job) -> bool:
     return job.SCANNING <= job.state < job.DONE
 
 
-def main() -> None:
+def watching() -> None:
     """Alternating runs, pooled by kind."""
     domain = int(os.environ.get('ROS_DOMAIN_ID', '98'))
     pooled: dict[bool, list[np.ndarray]] = {False: [], True: []}
@@ -203,5 +202,4 @@ def main() -> None:
     emit('view.loop_p99_ms', on, 'ms', 'recorder, dashboard and panel off, same run', off)
 
 
-if __name__ == '__main__':
-    main()
+FIGURES = {'view.loop_p99_growth_pct': watching, 'view.loop_p99_ms': watching}

@@ -1,35 +1,120 @@
-"""make bench [ONLY=name]: runs every benchmark in this folder (or the one that prints that name) and prints JSON lines.
+"""make bench [ONLY=name]: measures the figures of this folder and prints them as JSON lines.
 
-A benchmark is a module bench_*.py with NAMES (what it prints) and main(), which calls `emit` for each figure.
+ONLY is the full name of a figure (link.segments_per_s), of a group (link: all names that begin with `link.`), or
+`help`, which lists all names. Without it every figure is measured. Figures that come out of one measurement are
+printed together.
+
+A benchmark is a module bench_*.py with
+    FIGURES: name of each figure -> function that measures it and calls `emit`
+    TABLES (optional): name -> function that prints a table; it runs only when its full name is asked for.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import signal
 import sys
+import time
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
+Measurement = Callable[[], None]
 
 
-def main(only: str = '') -> int:
-    """0, or 2 when no benchmark has that name."""
-    sys.path.insert(0, str(HERE))
-    known: list[str] = []
-    ran = 0
-    for file in sorted(HERE.glob('bench_*.py')):
+@dataclass
+class Benchmarks:
+    """figures, tables: name -> function, in the order of the modules."""
+
+    figures: dict[str, Measurement] = field(default_factory=dict)
+    tables: dict[str, Measurement] = field(default_factory=dict)
+
+    def add(
+        self, figures: Mapping[str, Measurement], tables: Mapping[str, Measurement] | None = None
+    ) -> None:
+        """ValueError for a name that is taken."""
+        for known, new in ((self.figures, figures), (self.tables, tables or {})):
+            for name, measure in new.items():
+                if name in self.figures or name in self.tables:
+                    raise ValueError(f'two benchmarks are called {name}')
+                known[name] = measure
+
+    def names(self) -> list[str]:
+        return [*self.figures, *self.tables]
+
+    def select(self, asked: str = '') -> list[Measurement]:
+        """The functions behind a figure, a group or, with an empty text, all figures: each once.
+
+        KeyError when there is none.
+        """
+        if asked in self.tables:
+            return [self.tables[asked]]
+        some = [m for name, m in self.figures.items() if _matches(name, asked)]
+        if not some:
+            known = '\n  '.join(self.names())
+            raise KeyError(f"no benchmark is called '{asked}'; known are\n  {known}")
+        return list(dict.fromkeys(some))
+
+
+def _matches(name: str, asked: str) -> bool:
+    return not asked or name == asked or name.startswith(asked + '.')
+
+
+def load(folder: Path = HERE) -> Benchmarks:
+    """What the modules bench_*.py of a folder declare."""
+    if str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))  # for `lib`
+    found = Benchmarks()
+    for file in sorted(folder.glob('bench_*.py')):
         spec = importlib.util.spec_from_file_location(file.stem, file)
+        assert spec and spec.loader
         module = importlib.util.module_from_spec(spec)
+        sys.modules[file.stem] = module
         spec.loader.exec_module(module)
-        known += module.NAMES
-        if not only or any(only in (name, name.split('.')[0]) for name in module.NAMES):
-            module.main()
-            ran += 1
-    if not ran:
-        print(f"no benchmark is called '{only}'; known are {', '.join(known)}", file=sys.stderr)
+        try:
+            found.add(module.FIGURES, getattr(module, 'TABLES', None))
+        except ValueError as e:
+            raise ValueError(f'{file.name}: {e}') from None
+    return found
+
+
+def measure(measurements: Iterable[Measurement]) -> int:
+    """Runs them one after the other; one that fails does not stop those behind it. Returns how many failed."""
+    failed = 0
+    for run in measurements:
+        began = time.monotonic()
+        try:
+            run()
+            said = 'took'
+        except Exception:
+            traceback.print_exc()
+            failed += 1
+            said = 'failed after'
+        took = time.monotonic() - began
+        print(f'# {run.__module__}: {run.__name__} {said} {took:.0f} s', file=sys.stderr)
+    return failed
+
+
+def main(arguments: list[str], folder: Path = HERE) -> int:
+    """0; 1 when a measurement failed, 2 when the command line asks for what is not there."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that what was started is ended
+    if len(arguments) > 1:
+        print('usage: python bench/run.py [NAME | --list]', file=sys.stderr)
         return 2
-    return 0
+    asked = arguments[0] if arguments else ''
+    benchmarks = load(folder)
+    if asked in ('help', '--list', '--help', '-h'):
+        print('\n'.join(benchmarks.names()))
+        return 0
+    try:
+        some = benchmarks.select(asked)
+    except KeyError as e:
+        print(e.args[0], file=sys.stderr)
+        return 2
+    return 1 if measure(some) else 0
 
 
 if __name__ == '__main__':
-    sys.exit(main(*sys.argv[1:2]))
+    sys.exit(main(sys.argv[1:]))

@@ -9,9 +9,7 @@ import pytest
 BENCH = Path(__file__).parents[4] / 'bench'
 sys.path.insert(0, str(BENCH))
 
-adapt_loop = pytest.importorskip('adapt_loop', reason='the benchmarks are not beside the workspace')
-adapt_wall = pytest.importorskip('adapt_wall')
-adapt_plants = pytest.importorskip('adapt_plants')
+from lib import adapt_loop, adapt_plants, adapt_wall  # noqa: E402
 
 
 @pytest.mark.skipif(

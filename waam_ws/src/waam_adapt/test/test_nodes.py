@@ -14,9 +14,9 @@ from geometry_msgs.msg import Point32, Polygon
 from sensor_msgs.msg import Temperature
 
 from waam_adapt.conversions import correction_input
-from waam_adapt.feed_forward_node import FeedParams
+from waam_adapt.feed.params import FeedParams
 from waam_adapt.laws.corrector import CorrectionParams
-from waam_adapt.thermal_compensator_node import ThermalParams
+from waam_adapt.thermal.params import ThermalParams
 from waam_msgs.msg import CorrectionMap, HeatFactor, ProcessEstimate, Segment
 from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node import qos

@@ -7,11 +7,10 @@ import time
 from waam_msgs.msg import CorrectionMap, ProcessEstimate
 from waam_msgs.srv import ComputeCorrection
 from waam_node import node, qos
-from waam_node.conversions import grid_from_msg
 
+from . import answers
 from . import conversions as convert
 from .identify.identification import Estimate
-from .laws.checks import error_figures
 from .laws.corrector import CorrectionParams, Corrector
 
 Response = ComputeCorrection.Response
@@ -47,14 +46,8 @@ class CorrectionServer(node.WaamNode):
         return response
 
     def compute(self, request: ComputeCorrection.Request) -> CorrectionMap:
-        spec = grid_from_msg(request.map.grid)
-        core = convert.correction_input(request, spec, self.params.k_gain, self.params.k_gain_max)
-        last = convert.last_layer(request, spec)
-        origin = convert.map_origin(request, self.now_s())
-        answer = self.corrector.answer(request.layer, core, origin, last)
-        self.publish_estimate(request, answer.estimate)
-        msg = convert.correction_to_msg(answer.correction, request, spec, answer.flow_factor)
-        msg.error_rms, msg.error_max = error_figures(core)
+        msg, estimate = answers.correct(self.corrector, request, self.now_s())
+        self.publish_estimate(request, estimate)
         return msg
 
     def publish_estimate(self, request: ComputeCorrection.Request, estimate: Estimate) -> None:

@@ -3,7 +3,6 @@
 import math
 import random
 import re
-from pathlib import Path
 
 import pytest
 from bridge_cell import Cell, line_of
@@ -11,30 +10,8 @@ from bridge_fake_controller import ALARM, HOLD, IDLE, RUN, FakeCore
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_bridge import commands, core, outbox, program, requests
+from waam_bridge import commands, outbox, program, requests
 from waam_process.segment import Kind, Segment
-
-PURE = (
-    'frames',
-    'stream',
-    'program',
-    'clock',
-    'lease',
-    'arming',
-    'batches',
-    'requests',
-    'link',
-    'core',
-    'commands',
-    'csv_log',
-)
-
-
-@pytest.mark.parametrize('module', PURE)
-def test_the_cores_are_pure(module):
-    text = Path(core.__file__).with_name(f'{module}.py').read_text()
-    for word in ('rclpy', 'waam_msgs.', 'import time', 'import random', 'serial'):
-        assert f'import {word}' not in text and f'from {word}' not in text
 
 
 def test_identification_enables_everything_else():
@@ -44,6 +21,23 @@ def test_identification_enables_everything_else():
     cell.ready()
     assert cell.fake.seen == ['$I keep', '$L 1']
     assert cell.bridge.offset == (0.0, 0.0, 0.0) and cell.bridge.message == 'ready'
+
+
+def test_an_alarm_at_power_up_is_known_as_soon_as_the_link_is_ready():
+    fake = FakeCore()
+    fake.state, fake.fault, fake.homed = ALARM, 306, False
+    cell = Cell(fake)
+    seen = []
+
+    def connected():
+        if cell.bridge.connected:
+            seen.append((cell.bridge.state, cell.bridge.fault))
+        return seen
+
+    line = cell.bridge.line
+    cell.bridge.line = lambda *args: (line(*args), connected())  # after every line, not every step
+    cell.until(connected)
+    assert seen[0] == (ALARM, 306)
 
 
 def test_something_else_is_no_controller():

@@ -117,7 +117,13 @@ class Bridge:
             self._take_done(link.identity.executed)
             self.say('link restored')
             self.notice(INFO, 'link', 'link restored, same boot of the controller', 'retry')
-            return
+        else:
+            self._meet(restarted, now)
+        self._take_state(link.telemetry)  # an alarm at power-up is known from the first moment on
+
+    def _meet(self, restarted: bool, now: float) -> None:
+        """Another controller than before, or one that has lost its queue."""
+        link = self.link
         if link.connects > 1:
             who = (
                 'the controller has restarted' if restarted else 'another host used the controller'
@@ -160,12 +166,7 @@ class Bridge:
 
     def _on_telemetry(self, t: frames.Telemetry, now: float) -> None:
         self._take_done(t.line_executed)
-        if t.state != self.state or t.fault != self.fault:
-            faults.state_changed(self, t.state, t.fault, '')
-        if (t.flags ^ self.flags) & (frames.ARC_ENABLED | frames.HOMED | frames.ARMED):
-            self.outbox.changed = True
-            self.arming.flags(t.flags)
-        self.flags = t.flags
+        self._take_state(t)
         if self.link.missing:
             why, self.link.missing = self.link.missing, ''
             faults.lines_denied(self, why)
@@ -175,6 +176,14 @@ class Bridge:
             self._on_tick(t, now)
         if not self.dropping:
             self.pending.flush(self.outbox.replies)
+
+    def _take_state(self, t: frames.Telemetry) -> None:
+        if t.state != self.state or t.fault != self.fault:
+            faults.state_changed(self, t.state, t.fault, '')
+        if (t.flags ^ self.flags) & (frames.ARC_ENABLED | frames.HOMED | frames.ARMED):
+            self.outbox.changed = True
+            self.arming.flags(t.flags)
+        self.flags = t.flags
 
     def _take_done(self, line: int) -> None:
         for mark in self.link.sender.executed(line):

@@ -3,6 +3,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define EXCHANGE_US 10000u /* between two answers of the cell */
+
+_Static_assert(sizeof(controller_lib_sample_t) == 48, "the layout of the plant port");
+
 struct controller_lib {
     host_harness_t harness;
     char tx[CONTROLLER_LIB_TX_BYTES];
@@ -23,7 +27,7 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
     t->tx_used += bytes;
 }
 
-controller_lib_t *controller_lib_new(uint32_t boot_id, uint64_t start_us)
+static controller_lib_t *configured(uint32_t boot_id, uint64_t start_us)
 {
     controller_lib_t *t = calloc(1, sizeof *t);
     if (!t)
@@ -31,11 +35,33 @@ controller_lib_t *controller_lib_new(uint32_t boot_id, uint64_t start_us)
     t->harness.config = waam_config_default();
     t->harness.config.boot_id = boot_id;
     t->harness.config.start_us = start_us;
+    return t;
+}
+
+controller_lib_t *controller_lib_new(uint32_t boot_id, uint64_t start_us)
+{
+    controller_lib_t *t = configured(boot_id, start_us);
+    if (!t)
+        return NULL;
     t->harness.config.starts_in_alarm = false;
     t->harness.null_plant = true;
     host_harness_source(&t->harness, TICK_US);
     for (int i = 0; i < WAAM_AXES; i++)
         t->harness.start_mm[i] = i == 2 ? t->harness.config.limit_max_mm[i] - 5.0 : 5.0;
+    waam_core_init(&t->harness.core, &t->harness.config, on_line, t);
+    return t;
+}
+
+controller_lib_t *controller_lib_with_cell(uint32_t boot_id, uint64_t start_us)
+{
+    static const double start_mm[WAAM_AXES] = {60.0, 50.0, 150.0}; /* as of host/options.c */
+    controller_lib_t *t = configured(boot_id, start_us);
+    if (!t)
+        return NULL;
+    t->harness.config.clock_is_ros_time = true;
+    t->harness.config.starts_in_alarm = true;
+    host_harness_source(&t->harness, EXCHANGE_US);
+    memcpy(t->harness.start_mm, start_mm, sizeof start_mm);
     waam_core_init(&t->harness.core, &t->harness.config, on_line, t);
     return t;
 }
@@ -85,6 +111,36 @@ void controller_lib_run(controller_lib_t *lib, uint32_t milliseconds)
 {
     while (milliseconds--)
         tick(lib);
+}
+
+static controller_lib_sample_t sample(const controller_lib_t *lib)
+{
+    const waam_outputs_t *out = &lib->harness.outputs;
+    int64_t at[WAAM_AXES];
+    double per_m = lib->harness.config.steps_per_mm * 1e3;
+    host_harness_steps(&lib->harness, at);
+    return (controller_lib_sample_t){
+        .table_x = -(double)at[0] / per_m, .table_y = -(double)at[1] / per_m, .tool_z = (double)at[2] / per_m,
+        .wire_cmd = out->wire_mm_s * 1e-3, .voltage_set = out->voltage_v,
+        .outputs = (out->arc ? 1u : 0u) | (out->gas ? 2u : 0u),
+    };
+}
+
+void controller_lib_step(controller_lib_t *lib, uint32_t milliseconds, controller_lib_sample_t *samples)
+{
+    for (uint32_t i = 0; i < milliseconds; i++) {
+        tick(lib);
+        samples[i] = sample(lib);
+    }
+}
+
+void controller_lib_answer(controller_lib_t *lib, uint32_t inputs, double current, double voltage, double wire_speed)
+{
+    lib->harness.contact = inputs & 8;
+    lib->harness.inputs = (waam_inputs_t){
+        .estop = inputs & 1, .gas_ok = inputs & 2, .limit_switch = inputs & 4, .over_temperature = inputs & 16,
+        .process = WAAM_PROCESS_OK, .current_a = current, .voltage_v = voltage, .wire_mm_s = wire_speed * 1e3,
+    };
 }
 
 size_t controller_lib_take(controller_lib_t *lib, char *bytes, size_t size)

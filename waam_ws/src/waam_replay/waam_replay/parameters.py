@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from waam_adapt.feed_forward_node import FeedParams
+from waam_adapt.feed.params import FeedParams
 from waam_adapt.laws.corrector import CorrectionParams
 from waam_node.params import ParameterError, from_dict, param
 from waam_scan.fusion_params import FusionParams

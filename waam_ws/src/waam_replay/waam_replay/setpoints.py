@@ -8,7 +8,7 @@ import numpy as np
 
 from waam_adapt import conversions as convert
 from waam_adapt.feed.feed_forward import Field, Limits, Path, Setpoints, compute
-from waam_adapt.feed_forward_node import FeedParams
+from waam_adapt.feed.params import FeedParams
 from waam_process import materials
 
 from .corrections import PsiAgain

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 import shapely
-from plan_checks import Found, check
 
-MESHES = Path(__file__).resolve().parents[2] / 'shared' / 'data' / 'meshes'
+from .paths import DATA
+from .plan_checks import Found, check
+
+MESHES = DATA / 'meshes'
 LAYERS = int(os.environ.get('WAAM_PLAN_LAYERS', '4'))  # checked of each program; 0 = all
 STRATEGIES = ('solid', 'zigzag', 'contour', 'spiral', 'combined', 'medial')
 PLACE = re.compile(r'-?\d+\.\d+ mm|-?\d+\.\d+\) mm|boundary edges')

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from plan_checks import field, lay
 
-CLOUD = Path(__file__).resolve().parents[2] / 'shared' / 'data' / 'wall_scan' / 'x_1610_cloud.pcd'
+from .paths import DATA
+from .plan_checks import field, lay
+
+CLOUD = DATA / 'wall_scan' / 'x_1610_cloud.pcd'
 TOLERANCE = 0.2e-3
 CELL = 0.4e-3  # m, of the simulated field
 MOST = 12  # layers

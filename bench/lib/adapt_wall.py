@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
-from adapt_stats import table
 from scipy.ndimage import gaussian_filter1d
 
 from waam_adapt.feed.feed_forward import Limits
@@ -20,7 +18,10 @@ from waam_process import materials
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind
 
-RECORDING = Path(__file__).parents[2] / 'shared' / 'data' / 'bent_tube' / 'bent_tube_dataset.mat'
+from .adapt_stats import table
+from .paths import DATA
+
+RECORDING = DATA / 'bent_tube' / 'bent_tube_dataset.mat'
 MATERIAL = materials.get('er4043')
 SEGMENT, CELL = 2.5e-3, 1.25e-3  # m
 MARGIN, ROWS = 4, 5  # cells around the wall; cells across the bead

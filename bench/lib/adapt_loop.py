@@ -6,14 +6,15 @@ import copy
 from dataclasses import dataclass, field
 
 import numpy as np
-from adapt_plants import Pad
-from adapt_wall import HOT_MODEL, Wall
 
 from waam_adapt.feed import feed_forward as ff
 from waam_adapt.laws.checks import MapOrigin
 from waam_adapt.laws.corrector import CorrectionParams, Corrector, LastLayer
 from waam_adapt.laws.explicit import RATIO_HIGH, RATIO_LOW, CorrectionInput
 from waam_process.heat import heat_factor
+
+from .adapt_plants import Pad
+from .adapt_wall import HOT_MODEL, Wall
 
 Plant = Pad | Wall
 

@@ -16,7 +16,9 @@ from waam_adapt.thermal.interpass import InterpassMonitor, Settings
 from waam_process import materials
 from waam_process.heat import cooling_wait
 
-FOLDER = Path(__file__).parents[2] / 'shared' / 'data' / 'interlayer_temperature'
+from .paths import DATA
+
+FOLDER = DATA / 'interlayer_temperature'
 ASKED, LIMITS = (0.25, 0.35, 0.5), (0.65, 0.8, 0.95)
 
 

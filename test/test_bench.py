@@ -1,0 +1,111 @@
+"""make bench [ONLY=name]: what runs for which name; what a benchmark started is ended, whatever happens."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCH = Path(__file__).parents[1] / 'bench'
+MODULE = """
+RAN = []
+def fast(): RAN.append('fast')
+def slow(): RAN.append('slow')
+def table(): RAN.append('table')
+def broken(): raise RuntimeError('it broke')
+FIGURES = {'link.fast_ms': fast, 'link.fast_us': fast, 'shape.slow_s': slow}
+TABLES = {'link.table': table}
+"""
+
+
+def load_run():
+    spec = importlib.util.spec_from_file_location('bench_run', BENCH / 'run.py')
+    module = importlib.util.module_from_spec(spec)
+    sys.modules['bench_run'] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def run():
+    return load_run()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / 'bench_one.py').write_text(MODULE)
+    return tmp_path
+
+
+def ran(run, folder, *arguments):
+    """Exit status, and what of bench_one has run."""
+    status = run.main(list(arguments), folder)
+    return status, sys.modules['bench_one'].RAN
+
+
+@pytest.mark.parametrize(
+    'asked,expected',
+    [
+        ('', ['fast', 'slow']),
+        ('link', ['fast']),
+        ('link.fast_us', ['fast']),
+        ('shape', ['slow']),
+        ('shape.slow_s', ['slow']),
+        ('link.table', ['table']),
+    ],
+)
+def test_only_what_was_asked_for_runs(run, folder, asked, expected):
+    assert ran(run, folder, *([asked] if asked else [])) == (0, expected)
+
+
+@pytest.mark.parametrize('asked', ['lin', 'link.fast', 'link.', 'fast_ms', 'bench_one'])
+def test_an_unknown_name_runs_nothing_and_lists_the_names(run, folder, asked, capsys):
+    assert ran(run, folder, asked) == (2, [])
+    said = capsys.readouterr().err
+    assert f"'{asked}'" in said
+    assert all(name in said for name in ('link.fast_ms', 'shape.slow_s', 'link.table'))
+
+
+@pytest.mark.parametrize('asked', ['help', '--list'])
+def test_the_names_are_listed(run, folder, asked, capsys):
+    assert ran(run, folder, asked) == (0, [])
+    assert capsys.readouterr().out.split() == [
+        'link.fast_ms',
+        'link.fast_us',
+        'shape.slow_s',
+        'link.table',
+    ]
+
+
+def test_a_failure_is_told_and_does_not_stop_the_others(run, folder, capsys):
+    text = MODULE.replace("'link.fast_ms': fast", "'link.fast_ms': broken")
+    (folder / 'bench_one.py').write_text(text)
+    assert ran(run, folder) == (1, ['fast', 'slow'])
+    assert 'it broke' in capsys.readouterr().err
+
+
+def test_two_figures_of_one_name_are_refused(run, folder):
+    (folder / 'bench_two.py').write_text(MODULE)
+    with pytest.raises(ValueError, match='bench_two.py: two benchmarks are called link.fast_ms'):
+        run.load(folder)
+
+
+def test_the_benchmarks_of_this_repository_say_what_they_print(run):
+    run.load(BENCH)
+    for file in BENCH.glob('bench_*.py'):
+        module = sys.modules[file.stem]
+        for name in (*module.FIGURES, *getattr(module, 'TABLES', ())):
+            assert name in module.__doc__, f'{file.name} does not describe {name}'
+
+
+def test_a_link_benchmark_that_fails_leaves_no_controller_behind(run):
+    run.load(BENCH)
+    link = sys.modules['bench_link']
+    with pytest.raises(ZeroDivisionError), link.controller('--rate', '0') as path:
+        port = os.readlink(path)
+        raise ZeroDivisionError
+    assert not Path(port).exists(), 'its terminal is still there'
+    assert not path.parent.exists()

@@ -1,0 +1,52 @@
+"""What the services of this package answer: request in, answer out, without a node.
+
+The nodes answer through these functions, and so does the laboratory (waam_lab), which has no nodes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from waam_msgs.msg import CorrectionMap
+from waam_msgs.srv import ComputeCorrection, ComputeFeed
+from waam_node.conversions import grid_from_msg
+from waam_process import materials
+
+from . import conversions as convert
+from .feed.feed_forward import Limits, Setpoints
+from .feed.feed_forward import compute as compute_setpoints
+from .feed.params import FeedParams
+from .identify.identification import Estimate
+from .laws.checks import error_figures
+from .laws.corrector import Corrector
+
+
+def correct(
+    corrector: Corrector, request: ComputeCorrection.Request, now: float
+) -> tuple[CorrectionMap, Estimate]:
+    """Psi of the next layer and what is believed of the process. now: ROS time in s. ValueError names the field that
+    cannot be used."""
+    p = corrector.params
+    spec = grid_from_msg(request.map.grid)
+    core = convert.correction_input(request, spec, p.k_gain, p.k_gain_max)
+    last = convert.last_layer(request, spec)
+    origin = convert.map_origin(request, now)
+    answer = corrector.answer(request.layer, core, origin, last)
+    msg = convert.correction_to_msg(answer.correction, request, spec, answer.flow_factor)
+    msg.error_rms, msg.error_max = error_figures(core)
+    return msg, answer.estimate
+
+
+def set_feed(p: FeedParams, request: ComputeFeed.Request) -> Setpoints:
+    """Writes the setpoints into request.segments. A ValueError (MaterialError, SetpointError) leaves them untouched."""
+    material = materials.get(request.material, p.materials_file or None)
+    limits = Limits.of(material, (p.speed_min, p.speed_max), (p.feed_min, p.feed_max))
+    field = convert.field_from_msg(request.correction)
+    path, voltage = convert.path_from_msgs(request.segments)
+    volts = np.where(voltage > 0, voltage, material.voltage)
+    result = compute_setpoints(
+        path, material, limits, volts, field, request.apply_correction, request.heat_factor,
+        p.drives,
+    )  # fmt: skip
+    convert.write_setpoints(request.segments, path, result)
+    return result

@@ -1,0 +1,133 @@
+"""Whole jobs in the laboratory: what comes out, that it repeats itself, and how jobs fail."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from waam_job.model.goal import Code, JobError
+from waam_lab import Fault, LabResult, build, over_seeds, restore, run, run_many
+from waam_node.params import ParameterError
+from waam_sim.plant import PlantParams
+
+
+@pytest.fixture(scope='module')
+def repaired(parts) -> LabResult:
+    return run(restore(*parts, seed=3))
+
+
+def test_a_worn_block_is_restored(repaired):
+    r = repaired
+    before = np.sqrt(np.nanmean(r.maps.as_found[r.maps.interior] ** 2))
+    assert r.verdict in ('in tolerance', 'out of tolerance')
+    assert r.error_code == 0
+    assert before > 1.5e-3
+    assert r.rms < 0.3e-3
+    assert r.layers == len(r.layer_means) >= 2
+    assert abs(r.layer_means[-1]) < 0.2e-3
+    assert r.rms <= r.largest <= r.max_error
+    assert r.rms_edges >= 0.8 * r.rms
+    assert 1.0 < r.wire < 30.0
+    assert r.time > 60.0
+
+
+def test_figures_belong_to_the_maps(repaired):
+    error = repaired.maps.error[repaired.maps.interior]
+    assert np.sqrt(np.nanmean(error**2)) == pytest.approx(repaired.rms, rel=1e-4)
+    share = (np.abs(error) <= 0.2e-3).mean()
+    assert share == pytest.approx(repaired.share_in_tolerance, abs=1e-6)
+
+
+def same(a: LabResult, b: LabResult) -> bool:
+    figures = ('rms', 'rms_edges', 'largest', 'time', 'wire', 'layer_means', 'verdict')
+    equal = all(getattr(a, name) == getattr(b, name) for name in figures)
+    return equal and np.array_equal(a.maps.error, b.maps.error, equal_nan=True)
+
+
+def test_a_seed_gives_the_same_bits_in_any_number_of_workers(parts, repaired):
+    jobs = over_seeds(restore(*parts), [3, 4])
+    one, two = run_many(jobs, workers=1), run_many(jobs, workers=2)
+    assert [r.seed for r in one] == [3, 4]
+    assert same(one[0], repaired)
+    assert same(one[0], two[0])
+    assert same(one[1], two[1])
+    assert not same(one[0], one[1])
+
+
+def test_closed_loop_beats_open_loop_where_the_process_is_not_as_the_table_says(parts):
+    lean = {'cell': {'metal_transfer': 0.75}}
+    opened, closed = (
+        run(restore(*parts, seed=3, layer_height=1.2e-3, overrides=lean, profile=profile))
+        for profile in ('open_loop', 'closed_loop')
+    )
+    assert opened.mean < -0.3e-3
+    assert closed.rms < 0.8 * opened.rms
+
+
+def test_a_build_rises_from_the_plate(parts):
+    r = run(build(parts[0], seed=2, layers=1))
+    assert r.error_code == 0, r.message
+    grown = (r.maps.error - r.maps.as_found)[r.maps.interior]
+    assert 1e-3 < np.nanmedian(grown) < 4e-3
+
+
+def test_overrides_act_and_unknown_ones_are_refused_by_name(parts, repaired):
+    lean = run(restore(*parts, seed=3, overrides={'cell': {'metal_transfer': 0.6}}))
+    assert lean.layer_means[0] < repaired.layer_means[0] - 0.1e-3
+    with pytest.raises(ParameterError, match="'correction_server'"):
+        run(restore(*parts, overrides={'correction_sever': {'gain': 1.0}}))
+    with pytest.raises(ParameterError, match="correction_server: unknown parameter 'gian'.*'gain'"):
+        run(restore(*parts, overrides={'correction_server': {'gian': 1.0}}))
+    with pytest.raises(ParameterError, match='correction_server.*gain.*limit 1.2'):
+        run(restore(*parts, overrides={'correction_server': {'gain': 3.0}}))
+
+
+def test_another_plant_can_be_put_on_the_table(parts, repaired):
+    same_physics = run(restore(*parts, seed=3, plant=PlantParams()))
+    assert same(same_physics, repaired)
+
+
+def test_a_fault_of_the_cell_ends_the_job_as_in_the_graph(parts, tmp_path):
+    job = restore(
+        *parts, seed=3, faults=(Fault('gas_loss', 0.0, layer=1),), jobs_dir=tmp_path, keep=True
+    )
+    r = run(job)
+    assert r.verdict == 'failed'
+    assert r.error_code == Code.DEPOSITION_FAILED
+    assert 'gas' in r.message
+    assert any(a['class'] == 'gas' and a['severity'] in ('FAULT', 'ALARM') for a in r.anomalies)
+    assert (r.folder / 'report.json').exists()
+
+
+def test_a_blind_scanner_is_a_failed_job(parts):
+    r = run(restore(*parts, overrides={'cell': {'scanner_dropout': 1.0}}))
+    assert r.verdict == 'failed'
+    assert r.error_code == Code.SCAN_FAILED
+
+
+def test_bad_goals_are_refused(parts, tmp_path):
+    with pytest.raises(JobError, match='unobtainium'):
+        run(restore(*parts, material='unobtainium'))
+    with pytest.raises(ValueError, match='worn part'):
+        run(restore(parts[0], None))
+    with pytest.raises(ValueError, match='no such file'):
+        run(restore(parts[0], tmp_path / 'gone.stl'))
+
+
+def test_a_refused_job_among_many_is_told_and_the_others_go_on(parts):
+    good = restore(*parts, seed=3, layers=1)
+    bad = restore(*parts, material='unobtainium')
+    found = run_many([bad, good], workers=1)
+    assert found[0].failed
+    assert 'unobtainium' in found[0].message
+    assert found[1].error_code == 0
+
+
+def test_nothing_is_left_behind(parts, tmp_path):
+    before = set(Path('/dev/shm').glob('waam_lab_*')) if Path('/dev/shm').exists() else set()
+    run(restore(*parts, layers=1, jobs_dir=tmp_path / 'jobs'))
+    assert not (tmp_path / 'jobs').exists()
+    after = set(Path('/dev/shm').glob('waam_lab_*')) if Path('/dev/shm').exists() else set()
+    assert after <= before

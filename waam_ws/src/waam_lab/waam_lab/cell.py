@@ -1,0 +1,229 @@
+"""The cell as the job sees it (waam_job.model.cell.Cell), with everything behind it in this process.
+
+Nothing waits: a call that would wait in the graph lets simulated time pass. Requests and answers go through the same
+messages as in the graph, so what is rounded there (maps are float32) is rounded here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from waam_adapt import answers
+from waam_adapt.laws.corrector import Corrector
+from waam_adapt.thermal.interpass import InterpassMonitor
+from waam_bridge import commands, program
+from waam_bridge import conversions as bridge_convert
+from waam_bridge.frames import ARC_ENABLED, ARC_ESTABLISHED, Telemetry
+from waam_bridge.outbox import WARNING, Outbox
+from waam_job import conversions as convert
+from waam_job.model.cell import Correction, CorrectionRequest, Heat, Scan, Sums
+from waam_job.model.cell import Machine as MachineView
+from waam_job.model.goal import Code, JobError
+from waam_job.model.records import AnomalyRecord, LayerRecord, State, Status
+from waam_job.model.telemetry import TelemetryStats
+from waam_msgs.srv import ComputeFeed
+from waam_node.conversions import segment_from_msg, segment_to_msg, time_to_msg
+from waam_process.grid import GridError, GridSpec
+from waam_process.segment import Point, Segment
+from waam_sim.plant import Plant
+
+from .job import Fault
+from .machine import Machine
+from .params import LabParams
+from .scanning import ScanError, Scanning
+
+PACE = 15.0  # simulated seconds in a second that the job waits: about the rate of the graph
+
+
+class LabCell:
+    """Implements waam_job.model.cell.Cell. `reports`, `anomalies`: what the job published."""
+
+    def __init__(self, params: LabParams, plant: Plant, faults: tuple[Fault, ...] = ()) -> None:
+        self.params, self._faults = params, list(faults)
+        self.device = Machine(params.bridge, plant)
+        self.scanning = Scanning(params.scan_fusion, self.device)
+        thermal = params.thermal_compensator
+        self.thermal = InterpassMonitor(thermal.of_material, thermal.settings)
+        self.corrector = Corrector(params.correction_server)
+        self.reports: list[LayerRecord] = []
+        self.anomalies: list[AnomalyRecord] = []
+        self._stats = TelemetryStats()
+        self._view = MachineView()
+        self._warnings: list[AnomalyRecord] = []
+        self._parameters = params.by_node()
+        self._parameters.pop('job_sequencer')
+        d = self.device
+        d.on_frame, d.on_outbox = self._on_frame, self._on_outbox
+        d.on_temperature, d.on_profiles = self._on_temperature, self.scanning.on_profiles
+        d.connect()
+        d.until(lambda: self.thermal.state(d.now).plausible, 5.0)
+
+    def close(self) -> None:
+        self.device.close()
+
+    # ---- what the cell tells -------------------------------------------------------------------
+
+    def _on_frame(self, t: Telemetry) -> None:
+        position = (t.x_um * 1e-6, t.y_um * 1e-6, t.z_um * 1e-6)
+        self._stats.add(
+            t.seq, t.t_us, t.t_us * 1e-6, position, t.current_ma * 1e-3, t.voltage_mv * 1e-3,
+            t.wire_um_s * 1e-6, t.wire_cmd_um_s * 1e-6, t.v_um_s * 1e-6,
+            t.flags & ARC_ESTABLISHED != 0,
+        )  # fmt: skip
+        self._frame = t
+        self.scanning.on_frame(t)
+
+    def _on_outbox(self, box: Outbox) -> None:
+        for mark in box.done:
+            self._view = replace(self._view, executed=mark.index, executed_job=mark.job)
+        if box.changed:
+            msg = bridge_convert.machine_state(self.device.bridge, 'laboratory')
+            self._view = replace(self._view, **convert.machine_fields(msg))
+        for notice in box.notices:
+            if notice.severity == WARNING:
+                msg = bridge_convert.anomaly(self.device.bridge, notice)
+                msg.header.stamp = time_to_msg(self.now())
+                self._warnings.append(convert.anomaly_from_msg(msg))
+
+    def _on_temperature(self, time_us: int, celsius: float) -> None:
+        self.thermal.add(time_us * 1e-6, celsius)
+
+    # ---- snapshots -----------------------------------------------------------------------------
+
+    def now(self) -> float:
+        return self.device.now
+
+    def wait(self, seconds: float) -> None:
+        self.device.advance(seconds * PACE)
+
+    def machine(self) -> MachineView:
+        t = self._frame
+        return replace(
+            self._view,
+            age=0.0,
+            state=convert.STATES[t.state],
+            position=(t.x_um * 1e-6, t.y_um * 1e-6, t.z_um * 1e-6),
+            arc_on=t.flags & ARC_ENABLED != 0,
+        )
+
+    def heat(self) -> Heat:
+        found = self.thermal.state(self.now())
+        self._stats.temperature = found.temperature
+        return Heat(
+            known=True,
+            factor=found.factor,
+            temperature=found.temperature,
+            limit=self.thermal.settings.interpass_limit,
+            ready=found.ready,
+            wait=found.wait,
+            plausible=found.plausible,
+            reasons=found.reasons,
+        )
+
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        return self._parameters
+
+    def take_warnings(self) -> list[AnomalyRecord]:
+        taken, self._warnings = self._warnings, []
+        for text in self.scanning.warnings:
+            taken.append(AnomalyRecord(self.now(), 'WARNING', 'scan', text, 'none'))
+        self.scanning.warnings.clear()
+        return taken
+
+    def take_sums(self) -> Sums:
+        return self._stats.take_sums()
+
+    def take_track(self) -> dict[str, np.ndarray]:
+        return self._stats.take_track()
+
+    # ---- what the job asks for -----------------------------------------------------------------
+
+    def command(
+        self,
+        name: str,
+        *,
+        text: str = '',
+        names: tuple[str, ...] = (),
+        vector: Point = (0, 0, 0),
+        value: float = 0.0,
+    ) -> None:
+        x, y, z = (float(v) for v in vector)
+        command = commands.Command(
+            getattr(commands, name), text, tuple(names), (x, y, z), float(value)
+        )
+        code, said = self.device.command(command)
+        if code:
+            raise JobError(Code.MACHINE_NOT_READY, f'bridge/command: {said} (error {code})')
+
+    def enqueue(self, job_id: str, segments: list[Segment], last: bool) -> None:
+        bridge = self.device.bridge
+        try:
+            permit = bridge.permit(job_id, segments)
+            bridge.commit(permit, program.prepare(permit, segments, last))
+        except program.Refusal as e:
+            text = f'bridge/enqueue: {e} (error {e.code})'
+            raise JobError(Code.DEPOSITION_FAILED, text) from None
+
+    def begin_scan(self, job_id: str, layer: int, spec: GridSpec) -> int:
+        try:
+            return self.scanning.begin(job_id, layer, spec)
+        except GridError as e:
+            raise JobError(Code.SCAN_FAILED, f'scan_fusion/begin: {e}') from None
+
+    def finish_scan(self, scan_id: int, until: float) -> Scan:
+        try:
+            return convert.scan_from_msg(self.scanning.finish(scan_id, until))
+        except ScanError as e:
+            raise JobError(Code.SCAN_FAILED, f'scan_fusion/finish: {e}') from None
+
+    def correct(self, job_id: str, request: CorrectionRequest) -> Correction:
+        message = convert.correction_request(job_id, request, time_to_msg(self.now()))
+        try:
+            answer, _ = answers.correct(self.corrector, message, self.now())
+        except ValueError as e:
+            raise JobError(Code.UNKNOWN, f'correction_server/compute: {e}') from None
+        return convert.correction_from_msg(answer)
+
+    def setpoints(
+        self,
+        job_id: str,
+        material: str,
+        segments: list[Segment],
+        correction: Correction | None,
+        heat_factor: float,
+        apply: bool,
+    ) -> list[Segment]:
+        request = ComputeFeed.Request(job_id=job_id, material=material, apply_correction=apply)
+        request.segments = [segment_to_msg(s) for s in segments]
+        request.heat_factor = float(heat_factor)
+        if correction is not None:
+            request.correction = correction.handle
+        try:
+            answers.set_feed(self.params.feed_forward, request)
+        except ValueError as e:
+            raise JobError(Code.PLAN_FAILED, f'feed_forward/compute: {e}') from None
+        return [segment_from_msg(s) for s in request.segments]
+
+    # ---- what the job tells --------------------------------------------------------------------
+
+    def record(self, start: bool, directory: str, custom: tuple[str, ...] = ()) -> str:
+        """There is no recorder: a job of the laboratory can be run again."""
+        return 'not recorded'
+
+    def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None: ...
+
+    def status(self, status: Status) -> None:
+        deposits = status.state == State.DEPOSITING
+        self._stats.layer = status.layer if deposits else 0
+        for fault in [f for f in self._faults if deposits and f.layer == status.layer]:
+            self._faults.remove(fault)
+            self.device.plant.faults.inject(fault.name, fault.value, self.device.plant.now)
+
+    def layer_report(self, report: LayerRecord) -> None:
+        self.reports.append(report)
+
+    def anomaly(self, anomaly: AnomalyRecord) -> None:
+        self.anomalies.append(anomaly)

@@ -1,0 +1,67 @@
+"""The real controller core in this process (libwaam_controller_lib of waam_firmware): bytes and sensor readings in,
+bytes and outputs out, and time as fast as the caller asks."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from ament_index_python.packages import get_package_prefix
+
+from waam_sim.plant import SAMPLE, Reading
+
+TX_BYTES = 256 * 1024
+LIBRARY = 'libwaam_controller_lib.so'
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    """The installed library. OSError when the workspace is not built."""
+    folder = Path(get_package_prefix('waam_firmware')) / 'lib' / 'waam_firmware'
+    lib = ctypes.CDLL(str(folder / LIBRARY))
+    handle, text, size = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t
+    lib.controller_lib_with_cell.restype = handle
+    lib.controller_lib_with_cell.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
+    lib.controller_lib_free.argtypes = (handle,)
+    lib.controller_lib_rx.argtypes = (handle, text, size)
+    lib.controller_lib_step.argtypes = (handle, ctypes.c_uint32, handle)
+    lib.controller_lib_answer.argtypes = (handle, ctypes.c_uint32, *(3 * (ctypes.c_double,)))
+    lib.controller_lib_take.restype = size
+    lib.controller_lib_take.argtypes = (handle, handle, size)
+    return lib
+
+
+class Controller:
+    """One controller that was just switched on: in ALARM until it is reset. Its clock starts at `start_us`."""
+
+    def __init__(self, start_us: int, boot: int = 1) -> None:
+        self._lib = _library()
+        self._handle = self._lib.controller_lib_with_cell(boot, start_us)
+        self._bytes = ctypes.create_string_buffer(TX_BYTES)
+
+    def close(self) -> None:
+        if self._handle:
+            self._lib.controller_lib_free(self._handle)
+            self._handle = None
+
+    def feed(self, data: bytes) -> None:
+        """Bytes from the host."""
+        self._lib.controller_lib_rx(self._handle, data, len(data))
+
+    def step(self, samples: np.ndarray) -> None:
+        """Runs len(samples) ms; samples (n,) of SAMPLE takes what the outputs did."""
+        if samples.dtype != SAMPLE or not samples.flags.c_contiguous:
+            raise ValueError('samples must be a contiguous array of waam_sim.plant.SAMPLE')
+        self._lib.controller_lib_step(self._handle, len(samples), samples.ctypes.data)
+
+    def answer(self, reading: Reading) -> None:
+        """What the inputs read from now on."""
+        r = reading
+        self._lib.controller_lib_answer(self._handle, r.inputs, r.current, r.voltage, r.wire_speed)
+
+    def take(self) -> bytes:
+        """What was sent to the host since the last call."""
+        count = self._lib.controller_lib_take(self._handle, self._bytes, TX_BYTES)
+        return ctypes.string_at(self._bytes, count)

@@ -1,0 +1,97 @@
+"""One job from beginning to end in this process: the simulated cell, the controller, and the job's own logic."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from waam_job.model.goal import Checked, check
+from waam_job.ros.job_params import settings_of
+from waam_job.run.control import Control
+from waam_job.run.runner import JobRunner
+from waam_job.store.folder import JobFolder
+from waam_process.grid import HeightGrid
+from waam_sim import part as parts
+from waam_sim.config import plant_params
+from waam_sim.plant import Plant, PlantParams
+
+from . import params, results
+from .cell import LabCell
+from .job import LabJob, LabResult
+
+PLATE = (0.240, 0.200, 0.010)  # m, on the table for a build, as of waam job run
+MEMORY = Path('/dev/shm')  # files that nobody keeps need no disk
+
+
+def run(job: LabJob) -> LabResult:
+    """Runs a job. JobError: the goal is refused; ValueError: a parameter, fault or part is; both say what is wrong.
+
+    A job that fails on the way (a fault of the cell, a map that cannot be believed) is a result with verdict 'failed'.
+    """
+    known = params.make(job.overrides)
+    checked = check(job.goal)
+    physics = job.plant or plant_params(known.cell)
+    plant = Plant(_on_table(job, physics), physics, job.seed)
+    cell = LabCell(known, plant, job.faults)
+    try:
+        with _folder(job, checked, known) as folder:
+            began, cpu = cell.now(), time.process_time()
+            settings = settings_of(known.job_sequencer, True)
+            JobRunner(cell, checked, folder, Control(), settings).run()
+            spent = time.process_time() - cpu
+            return results.read(folder, job, cell.now() - began, spent)
+    finally:
+        cell.close()
+
+
+def _on_table(job: LabJob, physics: PlantParams) -> HeightGrid:
+    metal = physics.metal
+    if job.as_found is not None:
+        return parts.from_stl(str(job.as_found), metal.cell, metal.margin)
+    if job.goal.mode == 'restore':
+        raise ValueError('as_found: a restoration needs the mesh of the worn part')
+    return parts.plate(*PLATE, metal.cell, metal.margin)
+
+
+@contextmanager
+def _folder(job: LabJob, checked: Checked, known: params.LabParams) -> Iterator[JobFolder]:
+    """The job's folder with its job.yaml; gone afterwards unless it is to be kept."""
+    if job.keep:
+        yield _begin(job.goal.jobs_dir.resolve(), job, checked, known)
+        return
+    memory = MEMORY if os.access(MEMORY, os.W_OK) else None
+    scratch = Path(tempfile.mkdtemp(prefix='waam_lab_', dir=memory))
+    try:
+        yield _begin(scratch, job, checked, known)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _begin(jobs: Path, job: LabJob, checked: Checked, known: params.LabParams) -> JobFolder:
+    folder = JobFolder.create(jobs, job.goal.name or f'{job.goal.title}_seed_{job.seed}')
+    nodes = known.by_node()
+    asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(job.goal).items()}
+    facts = {'job_id': folder.job_id, 'goal': asked, 'material': asdict(checked.material)}
+    own = {'parameters': nodes.pop('job_sequencer'), 'nodes': nodes}
+    made = {'part_sha256': checked.part.sha256, 'laboratory': True, 'seed': job.seed}
+    folder.write_yaml('job.yaml', {**facts, **own, **made})
+    return folder
+
+
+def failed(job: LabJob, error: Exception) -> LabResult:
+    """The result of a job that was refused, or that a fault of this software ended."""
+    code = int(getattr(error, 'code', 100))
+    known = type(error).__module__.startswith('waam') or isinstance(error, ValueError)
+    text = str(error) if known else f'{type(error).__name__}: {error}'
+    return LabResult(seed=job.seed, verdict='failed', error_code=code, message=text)
+
+
+def over_seeds(job: LabJob, seeds: range | list[int]) -> list[LabJob]:
+    """The same job on as many cells."""
+    return [replace(job, seed=seed) for seed in seeds]

@@ -1,0 +1,123 @@
+"""Controller, simulated cell and the host's end of the link in lock-step: as the graph runs them, without waiting.
+
+Every exchange is 10 ms of controller time: the host's bytes go in, the controller runs, the cell lives through what the
+outputs did, and its readings are what the controller sees in the next 10 ms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from waam_bridge import commands
+from waam_bridge.core import Bridge
+from waam_bridge.frames import Telemetry
+from waam_bridge.outbox import Outbox
+from waam_bridge.params import BridgeParams
+from waam_sim.plant import SAMPLE, Plant, Profiles
+
+from .controller import Controller
+
+EPOCH_US = (
+    1_750_000_000_000_000  # where every simulated clock starts: figures must not depend on today
+)
+EXCHANGE_MS = 10  # of host/host.h (STEP_US)
+ANSWER_LIMIT = 3.0  # s of controller time that an answer may take
+CONNECT_LIMIT = 5.0  # s
+
+
+class Machine:
+    """`advance` lets time pass. What comes of it goes to the listeners: on_frame(Telemetry), on_outbox(Outbox),
+    on_temperature(time_us, degC), on_profiles(Profiles)."""
+
+    def __init__(self, params: BridgeParams, plant: Plant) -> None:
+        self.bridge, self.plant = Bridge(params), plant
+        self.controller = Controller(EPOCH_US)
+        self.time_us = EPOCH_US
+        self.on_frame: Callable[[Telemetry], None] = lambda frame: None
+        self.on_outbox: Callable[[Outbox], None] = lambda box: None
+        self.on_temperature: Callable[[int, float], None] = lambda time_us, celsius: None
+        self.on_profiles: Callable[[Profiles], None] = lambda profiles: None
+        self._samples = np.zeros(EXCHANGE_MS, SAMPLE)
+        self._step_us = 1000 * EXCHANGE_MS
+        self._pyro_us = round(1e6 / plant.params.pyrometer.rate)
+        self._rest = b''  # of a line that is not complete
+
+    def close(self) -> None:
+        self.controller.close()
+
+    @property
+    def now(self) -> float:
+        """Controller time, s."""
+        return self.time_us * 1e-6
+
+    def connect(self) -> None:
+        """Identifies the controller. RuntimeError when it does not answer, which is a fault of this software."""
+        self.bridge.opened(self.now)
+        self.until(lambda: self.bridge.connected, CONNECT_LIMIT)
+        if not self.bridge.connected:
+            raise RuntimeError(f'no controller: {self.bridge.link.failed or self.bridge.message}')
+
+    def until(self, done: Callable[[], bool], limit: float) -> bool:
+        """Lets time pass until `done`, at most `limit` s. Returns whether it came to be."""
+        end = self.now + limit
+        while not done() and self.now < end:
+            self.step()
+        return done()
+
+    def advance(self, seconds: float) -> None:
+        """Lets at least `seconds` pass."""
+        end = self.time_us + round(seconds * 1e6)
+        while self.time_us < end:
+            self.step()
+
+    def command(self, command: commands.Command) -> tuple[int, str]:
+        """Code and text of the answer (waam_msgs/srv/Command)."""
+        answers: list[tuple[int, str]] = []
+        commands.run(
+            self.bridge, command, lambda code, text: answers.append((code, text)), self.now
+        )
+        self._publish()
+        self.until(lambda: bool(answers), ANSWER_LIMIT)
+        return answers[0] if answers else (commands.requests.TIMEOUT, 'no answer')
+
+    def step(self) -> None:
+        """One exchange."""
+        data = self.bridge.poll(self.now)
+        if data:
+            self.controller.feed(data)
+            self.bridge.link.wrote(self.now)
+        self.controller.step(self._samples)
+        self.time_us += self._step_us
+        self.controller.answer(self.plant.step(self._samples, self.time_us))
+        self._sense()
+        self._listen()
+        self._publish()
+
+    def _sense(self) -> None:
+        """Pyrometer and scanner, when they are due."""
+        if self.time_us % self._pyro_us < self._step_us:
+            self.on_temperature(self.time_us, self.plant.temperature(self._pyro_us * 1e-6))
+        if self.plant.scanning:
+            profiles = self.plant.profiles(self._samples)
+            if profiles is not None:
+                self.on_profiles(profiles)
+
+    def _listen(self) -> None:
+        data = self._rest + self.controller.take()
+        if not data:
+            return
+        *lines, self._rest = data.split(b'\n')
+        for line in lines:
+            frame = self.bridge.line(line, self.now)
+            if frame is not None:
+                self.on_frame(frame)
+
+    def _publish(self) -> None:
+        if not self.bridge.outbox:
+            return
+        box = self.bridge.take_outbox()
+        self.on_outbox(box)
+        for reply in box.replies:
+            reply()

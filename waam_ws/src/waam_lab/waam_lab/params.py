@@ -1,0 +1,117 @@
+"""Parameters of the nodes that the laboratory stands in for: the files that the graph loads, then what a job changes.
+
+One source: a default that changes in a package's config/<node>.yaml changes here as well.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from ament_index_python.packages import get_package_share_directory
+
+from waam_adapt.feed.params import FeedParams
+from waam_adapt.laws.corrector import CorrectionParams
+from waam_adapt.thermal.params import ThermalParams
+from waam_bridge.params import BridgeParams
+from waam_job.ros.job_params import JobParams
+from waam_node.params import ParameterError, from_dict
+from waam_scan.fusion_params import FusionParams
+from waam_sim.config import CellParams
+
+Overrides = Mapping[str, Mapping[str, Any]]
+
+NODES: dict[str, tuple[str, type]] = {  # node: its package, its parameters
+    'cell': ('waam_sim', CellParams),
+    'bridge': ('waam_bridge', BridgeParams),
+    'scan_fusion': ('waam_scan', FusionParams),
+    'correction_server': ('waam_adapt', CorrectionParams),
+    'feed_forward': ('waam_adapt', FeedParams),
+    'thermal_compensator': ('waam_adapt', ThermalParams),
+    'job_sequencer': ('waam_job', JobParams),
+}
+
+
+@dataclass(frozen=True)
+class LabParams:
+    """The parameters of every node, filled."""
+
+    cell: Any  # waam_sim.config.CellParams, which is made of the parameters of the physics
+    bridge: BridgeParams
+    scan_fusion: FusionParams
+    correction_server: CorrectionParams
+    feed_forward: FeedParams
+    thermal_compensator: ThermalParams
+    job_sequencer: JobParams
+
+    def by_node(self) -> dict[str, dict[str, Any]]:
+        """As the job keeps them in job.yaml."""
+        return {node: dataclasses.asdict(getattr(self, node)) for node in NODES}
+
+
+def defaults(node: str) -> dict[str, Any]:
+    """What the graph starts this node with."""
+    package, _ = NODES[node]
+    return read_file(Path(get_package_share_directory(package)) / 'config' / f'{node}.yaml').get(
+        node, {}
+    )
+
+
+def read_file(path: Path) -> dict[str, dict[str, Any]]:
+    """A ROS parameter file, values by node. ParameterError names the file and what is wrong with it."""
+    try:
+        data = yaml.safe_load(path.read_text())
+    except (OSError, yaml.YAMLError) as e:
+        raise ParameterError(f'{path}: {e}') from None
+    if not isinstance(data, dict):
+        raise ParameterError(f'{path}: must hold node: ros__parameters: name: value')
+    found = {}
+    for node, block in data.items():
+        values = block.get('ros__parameters') if isinstance(block, dict) else None
+        if not isinstance(values, dict):
+            raise ParameterError(f"{path}: '{node}' has no block 'ros__parameters'")
+        found[str(node)] = values
+    return found
+
+
+def make(*overrides: Overrides) -> LabParams:
+    """Defaults, changed by `overrides`, later ones first. ParameterError names what is unknown or out of range."""
+    values = {node: defaults(node) for node in NODES}
+    values['job_sequencer'][
+        'lease_nodes'
+    ] = ()  # there are no nodes whose heartbeat could be asked for
+    for override in overrides:
+        for node, changed in override.items():
+            if node not in NODES:
+                raise ParameterError(f"unknown node '{node}'{_near(node, NODES)}")
+            values[node] = {**values[node], **changed}
+    filled = {node: from_dict(kind, values[node], node) for node, (_, kind) in NODES.items()}
+    return LabParams(**filled)
+
+
+def parse_settings(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """`node.parameter=value` texts by node. ParameterError names what is unknown."""
+    found: dict[str, dict[str, Any]] = {}
+    for text in texts:
+        key, equals, value = text.partition('=')
+        node, dot, name = key.strip().partition('.')
+        if not equals or not dot:
+            raise ParameterError(f"'{text}' is not of the form node.parameter=value")
+        if node not in NODES:
+            raise ParameterError(f"unknown node '{node}' in '{text}'{_near(node, NODES)}")
+        known = [f.name for f in dataclasses.fields(NODES[node][1])]
+        if name not in known:
+            raise ParameterError(f"unknown parameter '{node}.{name}'{_near(name, known)}")
+        found.setdefault(node, {})[name] = yaml.safe_load(value)
+    return found
+
+
+def _near(name: str, known: Iterable[str]) -> str:
+    names = list(known)
+    close = difflib.get_close_matches(name, names, 1)
+    return f"; did you mean '{close[0]}'?" if close else f'; known are {", ".join(names)}'

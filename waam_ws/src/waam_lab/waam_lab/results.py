@@ -1,0 +1,86 @@
+"""From the folder that a job leaves (docs/job_folder.md) to its result."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from waam_job.store.folder import JobFolder
+from waam_process.grid import GridSpec
+
+from .job import LabJob, LabMaps, LabResult
+
+LARGEST_SHARE = 0.995  # of the judged cells: single cells beyond are not what a part fails by
+
+
+def read(folder: JobFolder, job: LabJob, time: float, cpu: float) -> LabResult:
+    """time: s of machine time; cpu: s of processor time."""
+    report = folder.read_json('report.json') or {}
+    run: dict[str, Any] = report.get(job.goal.profile, {})
+    maps = [m for m in (folder.read_map(n) for n in range(folder.last_map() + 1)) if m is not None]
+    final = _maps(maps) if run.get('rms_mm') is not None else None
+    rows = [r for r in run.get('layers', []) if not r.get('final')]
+    return LabResult(
+        seed=job.seed,
+        verdict=report.get('verdict', 'failed'),
+        error_code=int(run.get('error_code', 0)),
+        message=str(run.get('message', '')),
+        rms=_metres(run, 'rms_mm'),
+        mean=_metres(run, 'mean_mm'),
+        max_error=_metres(run, 'max_mm'),
+        largest=largest(final) if final else math.nan,
+        rms_edges=_metres(run, 'rms_all_mm'),
+        share_in_tolerance=_number(run, 'share_in_tolerance') if final else math.nan,
+        layer_means=layer_means(maps),
+        layers=len(rows),
+        fallbacks=sum(bool(r.get('fallback')) for r in rows),
+        time=time,
+        wire=_number(run, 'wire_m'),
+        reports=tuple(run.get('layers', [])),
+        anomalies=tuple(run.get('anomalies', [])),
+        maps=final,
+        folder=folder.path if job.keep else None,
+        cpu=cpu,
+    )
+
+
+def largest(maps: LabMaps) -> float:
+    """m: 99.5 % of the judged cells that were seen are within."""
+    seen = np.abs(maps.error[maps.interior])
+    seen = seen[np.isfinite(seen)]
+    return float(np.quantile(seen, LARGEST_SHARE)) if seen.size else math.nan
+
+
+def layer_means(maps: list[dict[str, np.ndarray]]) -> tuple[float, ...]:
+    """m: mean error of what each layer laid inside the judged area, in the scan after it."""
+    found = []
+    for before, after in zip(maps, maps[1:], strict=False):
+        laid = (before['planned'] > 0) & after['interior']
+        error = (after['z'] - after['target'])[laid]
+        error = error[np.isfinite(error)]
+        found.append(float(error.mean()) if error.size else math.nan)
+    return tuple(found)
+
+
+def _maps(maps: list[dict[str, np.ndarray]]) -> LabMaps:
+    first, last = maps[0], maps[-1]
+    x, y = (float(v) for v in last['origin'])
+    rows, cols = last['z'].shape
+    return LabMaps(
+        spec=GridSpec(x, y, float(last['resolution']), rows, cols),
+        error=last['z'] - last['target'],
+        region=last['region'].astype(bool) & np.isfinite(last['target']),
+        interior=last['interior'].astype(bool) & np.isfinite(last['target']),
+        as_found=first['z'] - last['target'],
+    )
+
+
+def _number(run: dict[str, Any], key: str) -> float:
+    value = run.get(key)
+    return math.nan if value is None else float(value)
+
+
+def _metres(run: dict[str, Any], key: str) -> float:
+    return _number(run, key) * 1e-3
