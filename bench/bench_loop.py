@@ -21,6 +21,7 @@ from lib.emit import emit
 def demo() -> None:
     """Runs the demo in a temporary folder and reads its report and record."""
     from waam_bringup.demo import run_demo
+    from waam_node import job_folder
 
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
         args = SimpleNamespace(
@@ -33,8 +34,8 @@ def demo() -> None:
         finally:
             sys.stdout = stdout
         wall = time.monotonic() - started
-        folder = (Path(scratch) / 'latest').resolve()
-        report = json.loads((folder / 'report.json').read_text())
+        folder = (Path(scratch) / job_folder.LATEST).resolve()
+        report = json.loads((folder / job_folder.REPORT).read_text())
         opened, closed = report['open_loop'], report['closed_loop']
         emit('loop.rms_ratio', closed['rms_mm'] / opened['rms_mm'], '1', 'open loop, same run', 1.0)
         machine = opened['duration_s'] + closed['duration_s']

@@ -28,6 +28,7 @@ JOB_S, LOCKSTEP_S, OFFLINE_S = 600.0, 180.0, 300.0  # the longest wait for each 
 
 def make_job(scratch: Path) -> Path:
     from waam_bringup.demo import run_demo
+    from waam_node import job_folder
 
     args = SimpleNamespace(seed=7, jobs=scratch, layers=2, profiles=['closed_loop'], rate=0.0)
     stdout, sys.stdout = sys.stdout, sys.stderr
@@ -36,7 +37,7 @@ def make_job(scratch: Path) -> Path:
             run_demo(args)
     finally:
         sys.stdout = stdout
-    return next((scratch / 'latest').resolve().glob('*/record')).parent
+    return next((scratch / job_folder.LATEST).resolve().glob(f'*/{job_folder.record()}')).parent
 
 
 @cache

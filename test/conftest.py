@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -21,6 +22,8 @@ from waam_bringup.jobs import make_goal
 from waam_bringup.operate import graph, graph_trouble
 from waam_bringup.parts import block, write_stl
 from waam_node.testing import fresh_domain
+
+sys.path.insert(0, str(Path(__file__).parent))  # for import_graph and import_table
 
 
 @pytest.fixture(scope='session')

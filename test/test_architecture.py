@@ -2,82 +2,50 @@
 
 from __future__ import annotations
 
-import ast
 import re
 import subprocess
 from pathlib import Path
 
 import pytest
 import yaml
+from import_graph import Workspace, impurities
+from import_table import KNOWN, MAY_IMPORT, TALKS_TO_THE_WORLD, Table
 
 ROOT = Path(__file__).parents[1]
 SRC = ROOT / 'waam_ws' / 'src'
 PACKAGES = sorted(p.name for p in SRC.iterdir() if (p / 'package.xml').exists())
-MODULES = [f for p in PACKAGES for f in (SRC / p / p).glob('**/*.py')]
-ROS = {
-    'rclpy',
-    'waam_msgs',
-    'std_msgs',
-    'sensor_msgs',
-    'geometry_msgs',
-    'diagnostic_msgs',
-    'rosgraph_msgs',
-}
-# what may know ROS: nodes, conversions, and the packages whose whole purpose it is
-MAY_USE_ROS = re.compile(r'(_node|node_\w+|conversions|ros_\w+|cli)\.py$')
-ROS_PACKAGES = {'waam_node', 'waam_bringup'}
+WORKSPACE = Workspace(SRC)
+TABLE = Table()
 
 
-def imports(file: Path, top_level_only: bool = False) -> set[str]:
-    tree = ast.parse(file.read_text())
-    nodes = tree.body if top_level_only else ast.walk(tree)
-    found = set()
-    for node in nodes:
-        if isinstance(node, ast.Import):
-            found |= {a.name.split('.')[0] for a in node.names}
-        elif isinstance(node, ast.ImportFrom) and not node.level:
-            found.add(node.module.split('.')[0])
-    return found
+def test_imports_follow_the_table():
+    """test/import_table.py: who may import whom, no circles, cores without ROS, clock and I/O."""
+    found = TABLE.violations(WORKSPACE) - set(KNOWN)
+    assert not found, '\n' + '\n'.join(sorted(f'{v.where}: {v.rule}' for v in found))
 
 
-@pytest.mark.parametrize('package', ['waam_process', 'waam_plan'])
-def test_pure_packages_know_no_ros(package):
-    for file in (SRC / package / package).glob('**/*.py'):
-        assert not imports(file) & (ROS | {'waam_node'}), file
+def test_known_violations_are_still_there():
+    """What is mended leaves the list, so that it cannot come back."""
+    stale = set(KNOWN) - TABLE.violations(WORKSPACE)
+    text = '\n'.join(f'{v.where}: {v.rule} ({KNOWN[v]})' for v in sorted(stale))
+    assert not stale, f'mended, strike them from KNOWN in test/import_table.py:\n{text}'
 
 
-def test_pure_cores_do_not_import_rclpy():
-    offenders = [
-        str(f.relative_to(SRC))
-        for f in MODULES
-        if f.parts[-2] not in ROS_PACKAGES
-        and not MAY_USE_ROS.search(f.name)
-        and 'rclpy' in imports(f)
-    ]
-    assert not offenders
+def test_every_package_is_in_the_table():
+    assert {m.package for m in WORKSPACE.modules.values()} == set(MAY_IMPORT)
+
+
+@pytest.mark.parametrize('pattern', TALKS_TO_THE_WORLD)
+def test_files_that_talk_to_the_world_do_so(pattern):
+    files = [m for m in WORKSPACE.modules.values() if re.fullmatch(pattern, m.file)]
+    assert any(impurities(m) for m in files), 'strike it from the table'
 
 
 def test_simulator_and_controller_share_no_physics():
-    for file in (SRC / 'waam_sim' / 'waam_sim').glob('**/*.py'):
-        text = file.read_text()
-        used = set(re.findall(r'waam_process\.(\w+)', text)) | set(
-            re.findall(r'from waam_process import (\w+)', text)
-        )
-        assert used <= {'grid', 'segment', 'units'}, file
-        assert not imports(file) & {'waam_plan', 'waam_adapt', 'waam_job'}, file
-
-
-MAY_IMPORT = {  # what people look at stands outside the loop: it may not reach into the packages that run it
-    'waam_view': {'waam_process', 'waam_msgs', 'waam_node'},
-    'waam_panel': {'waam_process', 'waam_msgs', 'waam_node', 'waam_plan', 'waam_view'},
-}
-
-
-@pytest.mark.parametrize('package,allowed', MAY_IMPORT.items(), ids=MAY_IMPORT)
-def test_viewers_import_only_what_they_show(package, allowed):
-    for file in (SRC / package / package).glob('**/*.py'):
-        used = {name for name in imports(file) if name.startswith('waam_')}
-        assert used <= allowed | {package}, file
+    own = [m.name for m in WORKSPACE.modules.values() if m.package == 'waam_sim']
+    used = set().union(*(WORKSPACE.imports[name] for name in own))
+    shared = {name.removeprefix('waam_process.') for name in used if 'waam_process' in name}
+    assert shared and shared <= {'grid', 'segment', 'units'}
 
 
 @pytest.mark.parametrize('package', PACKAGES)

@@ -177,6 +177,7 @@ class Cut:
     def run(self) -> dict:
         """Raises Trouble when the job cannot be finished."""
         from waam_msgs.action import RunJob
+        from waam_node import job_folder
 
         campaign, end = self.campaign, None
         for _ in range(4):  # a job that is over before its cut is none
@@ -187,13 +188,13 @@ class Cut:
             self.share *= 0.8
         self.folder = Path((campaign.run / 'job').read_text())
         self._tear()
-        state = json.loads((self.folder / 'status.json').read_text())['state']
+        state = json.loads((self.folder / job_folder.STATUS).read_text())['state']
         self.about |= {'ended': end, 'resumed': state != 'DONE'}
         if state != 'DONE':
             result = campaign.job(RunJob.Goal(resume_dir=str(self.folder)))
             if result.error_code:
                 raise Trouble(f'not resumed: {result.message} (error {result.error_code})')
-        run = json.loads((self.folder / 'report.json').read_text())['closed_loop']
+        run = json.loads((self.folder / job_folder.REPORT).read_text())['closed_loop']
         layers = [r['layer'] for r in run['layers'] if not r['final']]
         if layers != sorted(set(layers)):
             raise Trouble(f'layers of the report: {layers}')
@@ -237,9 +238,13 @@ class Cut:
 
     def _tear(self) -> None:
         """The newest checkpoint is cut short; in every third such trial the generation before as well."""
+        from waam_node import job_folder
+
         if self.how != 'torn checkpoint':
             return
-        names = ['checkpoint.json', 'checkpoint.before.json'][: 1 + (self.number // 3 % 3 == 2)]
+        names = [job_folder.CHECKPOINT, job_folder.CHECKPOINT_BEFORE][
+            : 1 + (self.number // 3 % 3 == 2)
+        ]
         for name in names:
             file = self.folder / name
             if file.exists():
@@ -251,13 +256,14 @@ def beads_of(folder: Path) -> dict:
     """How the metal found along each bead compares with what was asked for there: beads missing (less than half of
     it), doubled (more than 1.6 times), all, and the smallest and largest share of a bead."""
     from waam_job.model.resume import metal_shares
+    from waam_node import job_folder
     from waam_plan.post.store import load_plan
     from waam_process.grid import HeightGrid
 
-    plan, means = load_plan(folder / 'plan.npz'), []
+    plan, means = load_plan(folder / job_folder.plan()), []
     for layer in plan.layers:
         maps = [
-            dict(np.load(folder / 'layers' / f'scan_{n:03d}.npz'))
+            dict(np.load(folder / job_folder.map_after(n)))
             for n in (layer.number - 1, layer.number)
         ]
         before, after = (HeightGrid(plan.spec, m['z'].astype(float)) for m in maps)

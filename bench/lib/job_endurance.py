@@ -166,6 +166,7 @@ def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endura
     from waam_bringup.operate import graph_trouble
     from waam_bringup.test_support import power_on
     from waam_msgs.action import RunJob
+    from waam_node import job_folder
 
     scratch.mkdir(parents=True, exist_ok=True)
     with power_on(scratch / 'run', DOMAIN, SEED, params_file=parameters(scratch)) as (client, _):
@@ -186,7 +187,7 @@ def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endura
         result = client.run_job(request, watch.on_status, alive)
     if result.error_code != RunJob.Result.ABORTED:
         raise RuntimeError(f'the job ended before its time: {result.message}')
-    report = json.loads((Path(result.job_dir) / 'report.json').read_text())
+    report = json.loads((Path(result.job_dir) / job_folder.REPORT).read_text())
     return watch, report['closed_loop']
 
 

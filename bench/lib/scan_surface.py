@@ -9,8 +9,9 @@ import numpy as np
 from numba import njit
 
 from waam_process.grid import GridSpec
-from waam_scan.fusion.height_map import Fusion, FusionLimits
+from waam_scan.fusion.height_map import Fusion
 from waam_scan.fusion.heights import CellHeights
+from waam_scan.fusion.limits import FusionLimits
 from waam_scan.transform import Mounting
 
 SPEC = GridSpec(0.0, 0.0, 0.25e-3, 200, 240)  # 60 x 50 mm

@@ -2,72 +2,68 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from waam_process.segment import Segment
 
 from . import frames, program
 from .frames import ALARM, HOLD, IDLE, STATE_NAMES
+from .machine import Machine
 from .program import Modal, Permit, Refusal
 
-if TYPE_CHECKING:
-    from .core import Bridge
 
-
-def permit(bridge: Bridge, job: str, segments: list[Segment]) -> Permit:
+def permit(machine: Machine, job: str, segments: list[Segment]) -> Permit:
     """Raises Refusal. The answer is used with `program.prepare` and `commit`."""
-    _check_state(bridge, job)
-    modal, known = _chain(bridge, job)
+    _check_state(machine, job)
+    modal, known = _chain(machine, job)
     new = [s for s in segments if s.index > known]
-    if any(s.arc for s in new) and bridge.armed_job != job:
-        raise Refusal(program.NOT_ARMED, f"armed for '{bridge.armed_job}', not for '{job}'")
-    most = bridge.params.queue_size
-    if bridge.queued + len(new) > most:
-        text = f'{bridge.queued} segments wait, {len(new)} more do not fit into {most}'
+    if any(s.arc for s in new) and machine.armed_job != job:
+        raise Refusal(program.NOT_ARMED, f"armed for '{machine.armed_job}', not for '{job}'")
+    most = machine.params.queue_size
+    if machine.queued + len(new) > most:
+        text = f'{machine.queued} segments wait, {len(new)} more do not fit into {most}'
         raise Refusal(program.QUEUE_FULL, text)
-    limits = bridge.params.limits(bridge.link.identity.limits_mm)
-    here = bridge.position if _at_rest(bridge) else None
-    return Permit(bridge.generation, modal, known, here, bridge.offset, limits)
+    limits = machine.params.limits(machine.link.identity.limits_mm)
+    here = machine.position if _at_rest(machine) else None
+    return Permit(machine.generation, modal, known, here, machine.offset, limits)
 
 
-def _check_state(bridge: Bridge, job: str) -> None:
-    if not bridge.connected:
-        raise Refusal(program.NOT_CONNECTED, bridge.message)
+def _check_state(machine: Machine, job: str) -> None:
+    if not machine.connected:
+        raise Refusal(program.NOT_CONNECTED, machine.message)
     if not job:
         raise Refusal(program.BAD_SEGMENT, 'job_id is empty')
-    if bridge.broken:
-        raise Refusal(program.WRONG_STATE, f'{bridge.broken}; stop or arm first')
-    if bridge.state in (HOLD, ALARM) or bridge.dropping:
-        text = f'controller is in {STATE_NAMES[bridge.state]}: {bridge.message}'
+    if machine.broken:
+        raise Refusal(program.WRONG_STATE, f'{machine.broken}; stop or arm first')
+    if machine.state in (HOLD, ALARM) or machine.dropping:
+        text = f'controller is in {STATE_NAMES[machine.state]}: {machine.message}'
         raise Refusal(program.WRONG_STATE, text)
-    if not bridge.flags & frames.HOMED:
+    if not machine.flags & frames.HOMED:
         raise Refusal(program.WRONG_STATE, 'not homed: HOME first')
-    if bridge.offset is None:
+    if machine.offset is None:
         raise Refusal(program.WRONG_STATE, 'the work zero is not known: SET_ZERO first')
 
 
-def _chain(bridge: Bridge, job: str) -> tuple[Modal, int]:
+def _chain(machine: Machine, job: str) -> tuple[Modal, int]:
     """State of the chain for this job, and the largest index that is known already."""
-    modal = bridge.modal
+    modal = machine.modal
     if job == modal.job:
-        return modal, bridge.done if modal.index is None else modal.index
-    if bridge.queued:
-        text = f"job '{modal.job}' still has {bridge.queued} segments"
+        return modal, machine.done if modal.index is None else modal.index
+    if machine.queued:
+        text = f"job '{modal.job}' still has {machine.queued} segments"
         raise Refusal(program.WRONG_STATE, text)
     return Modal(job=job), -1
 
 
-def _at_rest(bridge: Bridge) -> bool:
-    return bridge.state == IDLE and not bridge.queued and not bridge.link.sender.pending
+def _at_rest(machine: Machine) -> bool:
+    return machine.state == IDLE and not machine.queued and not machine.link.sender.pending
 
 
-def commit(bridge: Bridge, granted: Permit, batch: program.Batch) -> None:
+def commit(machine: Machine, granted: Permit, batch: program.Batch) -> None:
     """Puts the lines of a checked batch into the queue. Raises Refusal when the machine was stopped meanwhile."""
-    if granted.generation != bridge.generation or not bridge.connected:
-        raise Refusal(program.WRONG_STATE, f'interrupted: {bridge.message}')
-    if batch.after.job != bridge.modal.job:
-        bridge.done = -1
-    bridge.modal = batch.after
-    put = bridge.link.sender.put
+    if granted.generation != machine.generation or not machine.connected:
+        raise Refusal(program.WRONG_STATE, f'interrupted: {machine.message}')
+    if batch.after.job != machine.modal.job:
+        machine.done = -1
+    machine.modal = batch.after
+    put = machine.link.sender.put
     for gcode, mark in batch.lines:
         put(gcode, mark)

@@ -2,59 +2,55 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from . import frames, requests
 from .frames import ALARM, HOLD
+from .machine import Machine
 from .outbox import FAULT, LEASE_EXPIRED, of_fault
 
-if TYPE_CHECKING:
-    from .core import Bridge
 
-
-def state_changed(bridge: Bridge, state: int, code: int, text: str) -> None:
+def state_changed(machine: Machine, state: int, code: int, text: str) -> None:
     """The controller told its state and why; an empty text is one that was not told (telemetry)."""
-    new = (state, code) != (bridge.state, bridge.fault)
-    if not new and not (text and text != bridge.fault_text):
+    new = (state, code) != (machine.state, machine.fault)
+    if not new and not (text and text != machine.fault_text):
         return
-    bridge.state, bridge.fault = state, code
-    bridge.fault_text = (text or frames.CODES.get(code, '')) if code else ''
-    bridge.outbox.changed = True
-    if new and code == LEASE_EXPIRED and bridge.link.telemetry:
-        bridge.arming.expired(bridge.link.telemetry.t_us)
+    machine.state, machine.fault = state, code
+    machine.fault_text = (text or frames.CODES.get(code, '')) if code else ''
+    machine.outbox.changed = True
+    if new and code == LEASE_EXPIRED and machine.link.telemetry:
+        machine.arming.expired(machine.link.telemetry.t_us)
     if new and state in (HOLD, ALARM) and code:
-        notice = of_fault(state, code, bridge.fault_text, bridge.silent)
-        bridge.outbox.notices.append(notice)
-        bridge.say(bridge.broken or notice.text)
+        notice = of_fault(state, code, machine.fault_text, machine.silent)
+        machine.outbox.notices.append(notice)
+        machine.say(machine.broken or notice.text)
     if new and state == ALARM:
-        bridge.link.sender.blocked = True
-        bridge.dropping = f'ALARM E{code} {bridge.fault_text}'.rstrip()
+        machine.link.sender.blocked = True
+        machine.dropping = f'ALARM E{code} {machine.fault_text}'.rstrip()
 
 
-def line_refused(bridge: Bridge, refused: frames.LineRefused) -> None:
+def line_refused(machine: Machine, refused: frames.LineRefused) -> None:
     """What the controller has is still executed, the rest is dropped."""
-    sender = bridge.link.sender
+    sender = machine.link.sender
     if sender.blocked:
         return
     text = f'E{refused.code} {refused.text or frames.CODES.get(refused.code, "")}'.rstrip()
-    if refused.seq == bridge.pending.home_line:
-        due = bridge.outbox.replies
-        bridge.pending.end_home(requests.REFUSED, f'controller: {text}', due)
-        bridge.forget()
+    if refused.seq == machine.pending.home_line:
+        due = machine.outbox.replies
+        machine.pending.end_home(requests.REFUSED, f'controller: {text}', due)
+        machine.forget()
         return
     where = f'line {refused.seq} refused: {text} at column {refused.column}'
-    bridge.broken = where
+    machine.broken = where
     lost = sender.drop(keep=refused.seq - 1)
-    bridge.link.resync()
-    bridge.moved()
-    bridge.say(f'{where}; {lost} segments dropped')
-    bridge.notice(FAULT, 'link', where, 'abort')
+    machine.link.resync()
+    machine.moved()
+    machine.say(f'{where}; {lost} segments dropped')
+    machine.notice(FAULT, 'link', where, 'abort')
 
 
-def lines_denied(bridge: Bridge, why: str) -> None:
+def lines_denied(machine: Machine, why: str) -> None:
     """The two ends disagree about what was sent: stand still, an operator decides."""
-    bridge.broken = why
-    bridge.link.sender.blocked = True
-    bridge.link.out.append(frames.HOLD_NOW)
-    bridge.say(why)
-    bridge.notice(FAULT, 'link', why, 'hold')
+    machine.broken = why
+    machine.link.sender.blocked = True
+    machine.link.out.append(frames.HOLD_NOW)
+    machine.say(why)
+    machine.notice(FAULT, 'link', why, 'hold')

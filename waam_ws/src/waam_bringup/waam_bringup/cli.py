@@ -102,6 +102,13 @@ def _add_up(p: argparse.ArgumentParser) -> None:
         help='ROS parameter file for all nodes (repeatable)',
     )
     p.add_argument('--timeout', type=float, default=60.0, help='longest wait for readiness, s')
+    p.add_argument(
+        '--hang-timeout',
+        type=float,
+        default=15.0,
+        metavar='S',
+        help='a node that hangs for so long while no job runs is started again (default 15; 0 = never)',
+    )
     _add_up_ports(p)
 
 
@@ -155,6 +162,7 @@ def cmd_up(args) -> int:
         grpc_port=args.grpc_port or (free_port() if args.web_port else 0),
         web_port=args.web_port,
         panel_port=args.panel_port or panel_port(),
+        hang_timeout=args.hang_timeout,
         params_files=tuple(f.resolve() for f in args.params_file),
         without=tuple(args.without),
     )

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from waam_job.store.folder import make_job_id, point_latest
+from waam_node import job_folder
 from waam_node.files import write_atomically
 
 from .client import ClientError, GraphClient
@@ -88,7 +89,7 @@ def combine(folder: Path, results: dict[str, Path]) -> dict:
     """The demo's report.json: both runs and their ratio (docs/job_folder.md)."""
     runs, last = {}, {}
     for profile, path in results.items():
-        last = json.loads((path / 'report.json').read_text())
+        last = json.loads((path / job_folder.REPORT).read_text())
         runs[profile] = {**last[profile], 'folder': path.name}
     report = {
         'job_id': folder.name,
@@ -103,7 +104,7 @@ def combine(folder: Path, results: dict[str, Path]) -> dict:
     if 'open_loop' in runs and 'closed_loop' in runs and runs['open_loop']['rms_mm']:
         closed = runs['closed_loop']['rms_mm']
         report['ratio'] = closed / runs['open_loop']['rms_mm'] if closed is not None else None
-    write_atomically(folder / 'report.json', json.dumps(report, indent=1))
+    write_atomically(folder / job_folder.REPORT, json.dumps(report, indent=1))
     return report
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from waam_msgs.action import RunJob
 from waam_msgs.srv import AdjustJob
+from waam_node import job_folder
 
 from .client import ClientError, GraphClient
 from .operate import graph_trouble, require_up
@@ -108,9 +109,9 @@ def run_job(args, run: Path, domain: int) -> int:
 def resume_job(args, run: Path, domain: int) -> int:
     """Goes on with an interrupted job on what lies on the table. Exit status as of `run_job`."""
     require_up(run)
-    folder = (args.folder or jobs_dir() / 'latest').resolve()
-    if not (folder / 'job.yaml').is_file():
-        raise ValueError(f'{folder} is no job folder (there is no job.yaml in it)')
+    folder = (args.folder or jobs_dir() / job_folder.LATEST).resolve()
+    if not (folder / job_folder.JOB).is_file():
+        raise ValueError(f'{folder} is no job folder (there is no {job_folder.JOB} in it)')
     goal = RunJob.Goal(
         resume_dir=str(folder),
         notes=list(args.note),

@@ -131,7 +131,7 @@ def test_cut_before_anything_was_laid_starts_anew(make_cell, make_runner):
 def test_spoilt_checkpoint_costs_nothing(damage, undisturbed, make_cell, make_runner):
     rms, total = reference(undisturbed, make_cell, make_runner)
     runner, folder, cell = cut_off(make_cell, make_runner, int(0.4 * total))
-    newest = folder.path / checkpoints.NAME
+    newest = folder.path / checkpoints.CHECKPOINT
     text = newest.read_text()
     if damage == 'gone':
         newest.unlink()
@@ -139,7 +139,7 @@ def test_spoilt_checkpoint_costs_nothing(damage, undisturbed, make_cell, make_ru
         spoilt = {'empty': '', 'other bytes': text.replace('"layer": 1', '"layer": 2')}
         newest.write_text(spoilt.get(damage, text[: len(text) // 2]))
     if damage == 'both torn':
-        (folder.path / checkpoints.BEFORE).write_text('{')
+        (folder.path / checkpoints.CHECKPOINT_BEFORE).write_text('{')
     again, fresh, status = go_on(make_cell, runner, folder, cell)
     assert status.state == State.DONE, status.message
     assert again.final.rms < 1.1 * rms
@@ -149,7 +149,7 @@ def test_spoilt_checkpoint_costs_nothing(damage, undisturbed, make_cell, make_ru
         assert any('checkpoint' in a['text'] for a in report['closed_loop']['anomalies'])
 
 
-@pytest.mark.parametrize('torn', [(), (checkpoints.NAME, checkpoints.BEFORE)])
+@pytest.mark.parametrize('torn', [(), (checkpoints.CHECKPOINT, checkpoints.CHECKPOINT_BEFORE)])
 def test_how_warm_the_layer_was_outlives_both_checkpoints(torn, make_cell, make_runner):
     cell = make_cell(efficiency=0.8)
     cell.temperature = 160.0
@@ -511,10 +511,10 @@ def test_torn_checkpoint_does_not_push_out_the_whole_one_before(tmp_path):
         b'\xff{',
     ):
         data = spoilt if isinstance(spoilt, bytes) else spoilt.encode()
-        (tmp_path / checkpoints.NAME).write_bytes(data)
+        (tmp_path / checkpoints.CHECKPOINT).write_bytes(data)
         checkpoints.save(tmp_path, third)
         assert checkpoints.load(tmp_path) == (third, [])
-        (tmp_path / checkpoints.NAME).write_text('{')
+        (tmp_path / checkpoints.CHECKPOINT).write_text('{')
         assert checkpoints.load(tmp_path)[0] == first
 
 
@@ -523,6 +523,6 @@ def test_checkpoint_round_trip_and_generations(tmp_path):
     checkpoints.save(tmp_path, first)
     checkpoints.save(tmp_path, second)
     assert checkpoints.load(tmp_path) == (second, [])
-    (tmp_path / checkpoints.NAME).write_text(second.text()[:-4])
+    (tmp_path / checkpoints.CHECKPOINT).write_text(second.text()[:-4])
     found, doubts = checkpoints.load(tmp_path)
     assert found == first and len(doubts) == 1

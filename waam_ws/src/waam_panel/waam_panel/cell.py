@@ -15,8 +15,9 @@ from typing import Any
 
 from aiohttp import web
 
-from waam_process.grid import GridSpec, HeightGrid
-from waam_view.job_data import load_scan
+from waam_node import job_folder
+from waam_process.grid import HeightGrid
+from waam_view.job_data import error_after
 from waam_view.mailbox import Mailbox
 
 from . import history, pictures
@@ -91,20 +92,21 @@ class Cell:
             await asyncio.sleep(PUMP_S)
 
     async def _judge(self) -> None:
-        """The error of a scan is drawn when the job has written what was wanted at that moment."""
+        """The error of a scan is drawn when the job has written what is wanted after its layer."""
         scan, job = self.state.scan, self.state.sections.get('job')
-        if not scan or not job or not job['dir'] or self._judged == (job['dir'], scan['scan_id']):
+        if not scan or not job or not job['dir']:
             return
-        file = Path(job['dir']) / f'layers/scan_{scan["scan_id"]:03d}.npz'
-        found = await asyncio.to_thread(load_scan, file, []) if file.is_file() else None
-        if found is not None:
-            self._judged = (job['dir'], scan['scan_id'])
-            spec = GridSpec(*found.origin, found.resolution, *found.z.shape)
+        this = (scan['job_id'], scan['scan_id'])
+        if self._judged == this or job_folder.job_of(scan['job_id']) != job['id']:
+            return
+        folder, layer = Path(job['dir']), scan['layer']
+        error = await asyncio.to_thread(error_after, folder, layer, scan['spec'], scan['z'])
+        if error is not None:
+            self._judged = this
             reach = self.error_range
-            picture = pictures.encode_map(spec, found.error, -reach, reach)
-            self.state.put_map(
-                'error', picture | {'title': f'scan {scan["scan_id"]}: measured minus wanted'}
-            )
+            picture = pictures.encode_map(scan['spec'], error, -reach, reach)
+            title = f'scan {scan["scan_id"]} after layer {layer}: measured minus wanted'
+            self.state.put_map('error', picture | {'title': title})
 
     # ---- slow work
 
@@ -133,12 +135,12 @@ class Cell:
         """report.html of a job, or of a run inside a demo. Raises HistoryError, WorkError."""
         folder = history.find(self.jobs_dir, name)
         folder = history.find(folder, inner) if inner else folder
-        if not (folder / 'report.json').is_file():
+        if not (folder / job_folder.REPORT).is_file():
             raise history.HistoryError(f'{name} has no report')
         async with self.work_lock:
             if history.report_is_old(folder):
                 await work(['report', str(folder)])
-        return folder / 'report.html'
+        return folder / job_folder.REPORT_PAGE
 
 
 CELL: web.AppKey[Cell] = web.AppKey('cell', Cell)  # where the server keeps it

@@ -8,6 +8,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from waam_node.job_folder import JOB, REPORT, REPORT_PAGE, STATUS
+
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]*')
 PROFILES = ('closed_loop', 'monitor', 'open_loop')
 UNFINISHED = ('INTERRUPTED', 'FAILED', 'ABORTED')
@@ -36,11 +38,11 @@ def jobs(folder: Path, shown: int = SHOWN) -> list[dict[str, Any]]:
 def _is_job(folder: Path) -> bool:
     if folder.is_symlink() or not folder.is_dir() or not _NAME.fullmatch(folder.name):
         return False
-    return any((folder / n).is_file() for n in ('report.json', 'status.json', 'job.yaml'))
+    return any((folder / n).is_file() for n in (REPORT, STATUS, JOB))
 
 
 def _row(folder: Path) -> dict[str, Any]:
-    status, report = _read(folder / 'status.json'), _read(folder / 'report.json')
+    status, report = _read(folder / STATUS), _read(folder / REPORT)
     run = next((report[p] for p in PROFILES if isinstance(report.get(p), dict)), {})
     runs = [p for p in PROFILES if p in report]
     return {
@@ -61,8 +63,8 @@ def _row(folder: Path) -> dict[str, Any]:
 
 def can_go_on(folder: Path) -> bool:
     """It ended before its last layer and says what it was asked for."""
-    state = _read(folder / 'status.json').get('state')
-    return state in UNFINISHED and (folder / 'job.yaml').is_file()
+    state = _read(folder / STATUS).get('state')
+    return state in UNFINISHED and (folder / JOB).is_file()
 
 
 def _number(value: Any) -> float | None:
@@ -79,5 +81,5 @@ def find(folder: Path, name: str) -> Path:
 
 def report_is_old(folder: Path) -> bool:
     """report.html is missing or older than report.json."""
-    page, data = folder / 'report.html', folder / 'report.json'
+    page, data = folder / REPORT_PAGE, folder / REPORT
     return not page.is_file() or page.stat().st_mtime < data.stat().st_mtime

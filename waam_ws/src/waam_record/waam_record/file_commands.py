@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from waam_node import job_folder
+
 if TYPE_CHECKING:
     from .bag_reader import Info
 
@@ -18,7 +20,7 @@ PATH = 'recording folder, job folder or .mcap file'
 def recording(text: str) -> Path:
     """The path that was given; of a job's folder the recording inside it."""
     path = Path(text)
-    inside = path / 'record'
+    inside = path / job_folder.record()
     return inside if not any(path.glob('*.mcap')) and any(inside.glob('*.mcap')) else path
 
 

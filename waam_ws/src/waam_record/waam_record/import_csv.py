@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from .bag_writer import BagError, Topic
-from .importing import QOS, Column
+from .log_column import QOS, Column
 from .standard import Standard
 
 STAMPS = ('rosbagtimestamp', 'timestamp', 'time', 'stamp', 't', '%time')

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from .bag_writer import BagError, Topic
-from .importing import QOS, Column
+from .log_column import QOS, Column
 from .standard import Standard
 
 KEPT = {'TProc': 'process', 'TRatio': 'ratio', 'TWB': 'wide_band', 'TNB': 'narrow_band'}

@@ -2,40 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 from .bag_copy import Selection
 from .bag_writer import BagError, BagWriter, Topic
+from .import_csv import read_csv
+from .import_pyrometer import read_pyrometer
+from .log_column import QOS, Column
 
 Progress = Callable[[int], None]
-QOS = {
-    'history': 'unknown',
-    'depth': 0,
-    'reliability': 'reliable',
-    'durability': 'volatile',
-    'deadline': {'sec': 9223372036, 'nsec': 854775807},
-    'lifespan': {'sec': 9223372036, 'nsec': 854775807},
-    'liveliness': 'automatic',
-    'liveliness_lease_duration': {'sec': 9223372036, 'nsec': 854775807},
-    'avoid_ros_namespace_conventions': False,
-}  # of what imported topics say of themselves: nothing is known, so the defaults of ROS 2
-
-
-@dataclass(frozen=True)
-class Column:
-    """One topic made of a log: messages as (stamp ns, CDR bytes) in any order."""
-
-    topic: Topic
-    messages: Iterable[tuple[int, bytes]]
 
 
 def import_logs(paths: list[Path], output: Path, progress: Progress = lambda n: None) -> int:
     """Writes foreign logs as one recording, by time; returns the number of messages. BagError names file and line."""
-    from .import_csv import read_csv
-    from .import_pyrometer import read_pyrometer
-
     readers = {'.csv': read_csv, '.dat': read_pyrometer, '.bag': read_bag, '.db3': read_bag}
     columns: list[Column] = []
     for path in paths:

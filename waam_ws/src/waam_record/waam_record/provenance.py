@@ -7,8 +7,10 @@ from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from waam_node import job_folder
+
 _LIBRARIES = ('waam_record', 'mcap', 'zstandard', 'numpy', 'rclpy')
-_JOB, _PROGRAM = 'job.yaml', 'program.gcode'
+_JOB, _PROGRAM = job_folder.JOB, job_folder.program()
 
 
 def versions() -> dict[str, str]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from mcap.records import Channel, Message, Schema
 
+from waam_node import job_folder
 from waam_record.bag_reader import bag_files, info
 from waam_record.salvage import Damage, records
 
@@ -68,7 +69,7 @@ class Record:
 def record_folder(path: Path) -> Path:
     """The recording of a job folder (`record`), or the folder itself. ReplayError when there is none."""
     path = Path(path)
-    for folder in (path / 'record', path):
+    for folder in (path / job_folder.record(), path):
         if folder.is_file() or list(folder.glob('*.mcap')):
             return folder
     raise ReplayError(

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from waam_process.grid import GridSpec
 from waam_scan.fusion import height_map as fusion_module
 from waam_scan.fusion import heights as heights_module
-from waam_scan.fusion.height_map import Fusion, FusionLimits
+from waam_scan.fusion.height_map import Fusion
+from waam_scan.fusion.limits import FusionLimits
 from waam_scan.transform import Mounting
 
 SPEC = GridSpec(0.0, 0.0, 0.25e-3, 24, 40)

@@ -3,7 +3,8 @@
 import numpy as np
 
 from waam_process.grid import GridSpec
-from waam_scan.fusion.height_map import Fusion, FusionLimits
+from waam_scan.fusion.height_map import Fusion
+from waam_scan.fusion.limits import FusionLimits
 from waam_scan.transform import Mounting
 
 SPEC = GridSpec(0.0, 0.0, 0.25e-3, 80, 120)  # 30 x 20 mm

@@ -13,9 +13,8 @@ from waam_scan.calibration.artefact import (
     ArtefactError,
     Balls,
     Block,
-    artefact_of,
-    load_artefact,
 )
+from waam_scan.calibration.artefact_file import artefact_of, load_artefact
 from waam_scan.calibration.robust import turn_vector, turned
 from waam_scan.calibration.solve import CalibrationError, calibrate
 from waam_scan.calibration.words import sparse, unobserved

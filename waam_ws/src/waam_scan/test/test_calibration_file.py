@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from waam_scan import cli_register
 from waam_scan.calibration.file import CalibrationFileError, load_calibration, rpy_of
-from waam_scan.calibration.scan_pass import Pass, ScanError, gather, load_pass
+from waam_scan.calibration.pass_file import load_pass, save_pass
+from waam_scan.calibration.scan_pass import Pass, ScanError, gather
 from waam_scan.transform import rotation_rpy
 
 ARTEFACT = """\
@@ -43,7 +44,7 @@ def folder(tmp_path_factory):
     world = sim.block_world((0.020, 0.014), 0.012, slopes, (0.1, 0.06, 0.0), 0.0)
     rng = np.random.default_rng(0)
     for p in sim.passes_over(world, (0.1, 0.06), OFFSET, RPY, DELAY, rng, points=80):
-        p.save(path / f'{p.name}.npz')
+        save_pass(path / f'{p.name}.npz', p)
     return path
 
 

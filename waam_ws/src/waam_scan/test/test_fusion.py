@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_process.grid import GridSpec
-from waam_scan.fusion.height_map import Fusion, FusionLimits
+from waam_scan.fusion.height_map import Fusion
+from waam_scan.fusion.limits import FusionLimits
 from waam_scan.transform import Mounting
 
 SPEC = GridSpec(0.0, 0.0, 0.5e-3, 80, 100)  # 50 x 40 mm

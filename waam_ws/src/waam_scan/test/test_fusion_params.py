@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from waam_node.params import ParameterError, from_dict
-from waam_scan.fusion.height_map import FusionLimits
+from waam_scan.fusion.limits import FusionLimits
 from waam_scan.fusion.plausibility import PlausibilityLimits
 from waam_scan.fusion_params import FusionParams
 from waam_scan.transform import Mounting

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from waam_node.params import ParameterError, param
 
-from .fusion.height_map import FusionLimits
+from .fusion.limits import FusionLimits
 from .fusion.plausibility import PlausibilityLimits
 from .transform import Mounting
 

@@ -29,6 +29,7 @@ from waam_node.qos import BEAT, EVENTS, LATCHED, TELEMETRY
 
 START = 1_800_000_000.0
 ROWS, COLS, CELL = 80, 140, 0.5e-3
+ORIGIN = (0.01, 0.02)  # of the grid, as in synthetic_job.py
 
 
 class Cell:
@@ -47,6 +48,7 @@ class Cell:
         self.machine_ = make(MachineState, 'machine_state', LATCHED)
         self.anomaly_ = make(Anomaly, 'anomaly', EVENTS)
         self.count = 0
+        self.job_id, self.scans = 'demo_job', 0
         x, y = np.meshgrid(np.arange(COLS) / COLS, np.arange(ROWS) / ROWS)
         self.wear = 0.5e-3 * np.sin(6 * x) * np.cos(5 * y)
         self.wear[:4, :9] = np.nan
@@ -63,6 +65,10 @@ class Cell:
             )
         )  # fmt: skip
 
+    def resume(self, run: int) -> None:
+        """The job goes on: towards the other nodes that is a job of its own, with scans from 0."""
+        self.job_id, self.scans = f'demo_job.r{run}', 0
+
     def telemetry(self, t: float, layer: int = 1, arc: bool = True) -> None:
         s = (t * 0.2) % 1.0
         self.telemetry_.publish(
@@ -77,19 +83,22 @@ class Cell:
         self.count += 1
 
     def grid(self, scale: int = 1) -> GridInfo:
+        corner = Pose(position=Point(x=ORIGIN[0], y=ORIGIN[1]))
         return GridInfo(
-            resolution=CELL / scale, rows=ROWS * scale, cols=COLS * scale, origin=Pose()
+            resolution=CELL / scale, rows=ROWS * scale, cols=COLS * scale, origin=corner
         )
 
     def height_map(self, t: float, layer: int, scale: int = 1) -> None:
+        """A scan after `layer` layers; its number counts every scan of the run."""
         z = np.kron(self.wear * 0.3**layer, np.ones((scale, scale)))
         z = np.where(np.isfinite(z), z + 0.002 * layer, np.nan)
         self.height_map_.publish(
             HeightMap(
-                header=self.header(t), job_id='demo_job', layer=layer, scan_id=layer, grid=self.grid(scale),
+                header=self.header(t), job_id=self.job_id, layer=layer, scan_id=self.scans, grid=self.grid(scale),
                 z=floats(z), sigma=floats(z * 0), count=array('H', bytes(2 * z.size)), plausible=True,
             )
         )  # fmt: skip
+        self.scans += 1
 
     def plan(self, t: float, layer: int) -> None:
         segments = []

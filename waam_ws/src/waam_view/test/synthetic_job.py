@@ -10,6 +10,7 @@ import yaml
 from scipy.ndimage import gaussian_filter
 
 ROWS, COLS, CELL = 80, 140, 0.5e-3
+ORIGIN = (0.01, 0.02)
 PITCH, LAYER = 4.4e-3, 2.0e-3
 
 
@@ -66,7 +67,7 @@ def save_scan(folder, k, surface, target, nominal, region, interior, rng, has_ne
         }  # fmt: skip
     np.savez_compressed(
         folder / f'layers/scan_{k:03d}.npz',
-        origin=np.array([0.01, 0.02]),
+        origin=np.array(ORIGIN),
         resolution=CELL,
         region=region,
         interior=interior,

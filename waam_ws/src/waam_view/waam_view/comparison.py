@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from waam_node import job_folder
+
 from . import figures
 from .html import cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, number
@@ -137,8 +139,8 @@ def _links(folder: Path, jobs: list[Job]) -> str:
     for job in jobs:
         place = str(job.run.get('folder') or '.')
         name = escape(job.profile.replace('_', ' '))
-        if place != '.' and (job.folder / 'report.json').is_file():
-            out.append(f'<p><a href="{escape(place)}/report.html">{name}</a></p>')
+        if place != '.' and (job.folder / job_folder.REPORT).is_file():
+            out.append(f'<p><a href="{escape(place)}/{job_folder.REPORT_PAGE}">{name}</a></p>')
         else:
             out.append(f'<p>{name}: no report of its own</p>')
     return '\n'.join(out)

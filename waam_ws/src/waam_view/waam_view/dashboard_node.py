@@ -95,7 +95,7 @@ class Dashboard(WaamNode):
 
     def _on_height_map(self, msg: HeightMap) -> None:
         self._drawing.newest('map', lambda scene: scene.height_map(cv.map_data(msg)))
-        self._drawing.expect_scan(msg.scan_id, nanoseconds(msg.header.stamp))
+        self._drawing.expect_error(msg.layer, lambda: cv.map_data(msg))
 
     def _on_correction(self, msg: CorrectionMap) -> None:
         self._drawing.newest('correction', lambda scene: scene.correction(cv.correction_data(msg)))

@@ -9,12 +9,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import rerun as rr
 
-from waam_process.grid import GridSpec
+from waam_node import job_folder
 
 from . import blueprint as bp
-from .job_data import load_scan
+from .job_data import error_after
 from .mailbox import Mailbox
 from .scene import MapData, Sample, Scene
 from .web_viewer import WebViewer
@@ -39,7 +40,7 @@ class Drawing:
         self._web: WebViewer | None = None
         self._file_ends = 0.0
         self._folder: Path | None = None
-        self._expected: list[tuple[int, int]] = []
+        self._expected: list[tuple[int, MapData]] = []
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='drawing', daemon=True)
         self._thread.start()
@@ -58,9 +59,9 @@ class Drawing:
         """A job begins in this folder; `record`: its job.rrd is kept there."""
         self.mailbox.put(lambda scene: self._begin_job(scene, folder, record))
 
-    def expect_scan(self, scan_id: int, t: int) -> None:
-        """A map was measured at t (ns, ROS time); its error is drawn when the job has written the target."""
-        self.mailbox.put(lambda _: self._expected.append((scan_id, t)))
+    def expect_error(self, layer: int, measured: Callable[[], MapData]) -> None:
+        """The surface was measured after `layer`; its error is drawn when the job has written what it wants there."""
+        self.mailbox.put(lambda _: self._expected.append((layer, measured())))
 
     def end_job(self) -> None:
         self.mailbox.put(lambda _: self._end_later())
@@ -136,15 +137,19 @@ class Drawing:
             scene.record(Path(self.file))
 
     def _draw_errors(self, scene: Scene) -> None:
-        """Errors of scans whose file has appeared in the job's folder; a half-written one is tried again."""
-        for scan_id, t in list(self._expected[-KEEP_EXPECTED:]):
-            file = self._folder / f'layers/scan_{scan_id:03d}.npz' if self._folder else None
-            scan = load_scan(file, []) if file and file.is_file() else None
-            if scan is not None:
-                self._expected.remove((scan_id, t))
-                spec = GridSpec(*scan.origin, scan.resolution, *scan.z.shape)
-                scene.error_map(MapData(t, spec, scan.z), scan.error)
-        del self._expected[:-KEEP_EXPECTED]
+        """Errors of scans whose target is in the job's folder by now; a half-written file is tried again."""
+        waiting, self._expected = self._expected[-KEEP_EXPECTED:], []
+        for layer, measured in waiting:
+            error = self._error(layer, measured)
+            if error is None:
+                self._expected.append((layer, measured))
+            else:
+                scene.error_map(measured, error)
+
+    def _error(self, layer: int, measured: MapData) -> np.ndarray | None:
+        if self._folder is None:
+            return None
+        return error_after(self._folder, layer, measured.spec, measured.z)
 
     def _end_later(self) -> None:
         self._file_ends = time.monotonic() + AFTER_JOB_S
@@ -152,11 +157,10 @@ class Drawing:
 
 def free_name(folder: Path) -> Path:
     """job.rrd, or job_2.rrd ... when a resumed job finds one there."""
-    file, number = folder / 'job.rrd', 1
-    while file.exists():
+    number = 1
+    while (folder / job_folder.viewer_recording(number)).exists():
         number += 1
-        file = folder / f'job_{number}.rrd'
-    return file
+    return folder / job_folder.viewer_recording(number)
 
 
 def free_port() -> int:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import math
 import zipfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+
+from waam_node import job_folder
+from waam_process.grid import GridSpec
 
 PROFILES = ('open_loop', 'monitor', 'closed_loop')
 
@@ -23,8 +26,7 @@ class JobError(ValueError):
 class Scan:
     """One file of `layers/`: float maps (rows, cols), m; missing ones are NaN."""
 
-    number: int
-    layer: int
+    layer: int  # taken after this one, 0 = as found
     origin: tuple[float, float]
     resolution: float
     maps: dict[str, np.ndarray]
@@ -96,7 +98,7 @@ def number(value: Any) -> float:
 
 def read_report(folder: Path) -> dict[str, Any]:
     """report.json of a folder. Raises JobError."""
-    file = Path(folder) / 'report.json'
+    file = Path(folder) / job_folder.REPORT
     try:
         report = json.loads(file.read_text(encoding='utf-8'))
     except FileNotFoundError:
@@ -113,7 +115,7 @@ def load_job(folder: Path, report: dict[str, Any], profile: str) -> Job:
     run = report.get(profile) or {}
     place = Path(folder) / str(run.get('folder') or '.')
     notes: list[str] = []
-    scans = [s for f in sorted(place.glob('layers/scan_*.npz')) if (s := load_scan(f, notes))]
+    scans = [s for f in job_folder.map_files(place) if (s := load_scan(f, notes))]
     return Job(
         place, profile, report, run, scans, _telemetry(place, notes), _asked(place, notes), notes
     )
@@ -141,22 +143,34 @@ def load_scan(file: Path, notes: list[str]) -> Scan | None:
             if np.shape(v) == z.shape and z.ndim == 2
         }
         origin = tuple(float(v) for v in data['origin'])
-        number_of_scan = int(file.stem.split('_')[1])
-        layer = int(data.get('layer', number_of_scan))
-        return Scan(number_of_scan, layer, origin, float(data['resolution']), {'z': z, **maps})
+        layer = job_folder.layer_of(file)
+        return Scan(layer, origin, float(data['resolution']), {'z': z, **maps})
     except (KeyError, ValueError, TypeError, IndexError) as e:
         notes.append(f'{file.name} is not a scan ({type(e).__name__}: {e})')
         return None
 
 
+def error_after(folder: Path, layer: int, spec: GridSpec, z: np.ndarray) -> np.ndarray | None:
+    """The surface z (rows, cols) m on `spec`, measured after `layer`, minus the one that the job wants there, m.
+
+    None while the job has not written what it wants, or for another grid. The surface in the job's file is not used:
+    it may be that of another scan after the same layer.
+    """
+    file = Path(folder) / job_folder.map_after(layer)
+    stored = load_scan(file, []) if file.is_file() else None
+    if stored is None or GridSpec(*stored.origin, stored.resolution, *stored.z.shape) != spec:
+        return None
+    return replace(stored, maps={**stored.maps, 'z': z}).error
+
+
 def _telemetry(place: Path, notes: list[str]) -> dict[str, np.ndarray]:
-    file = place / 'telemetry.npz'
+    file = place / job_folder.TELEMETRY
     data = _arrays(file, notes) if file.is_file() else {}
     return data if 't' in data and len(data['t']) else {}
 
 
 def _asked(place: Path, notes: list[str]) -> dict[str, Any]:
-    file = place / 'job.yaml'
+    file = place / job_folder.JOB
     if not file.is_file():
         return {}
     try:

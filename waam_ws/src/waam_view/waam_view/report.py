@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from waam_node import job_folder
 from waam_node.files import write_atomically
 
 from . import figures
@@ -31,10 +32,10 @@ def write_report(folder: Path) -> Path:
     report = read_report(folder)
     profiles = [p for p in PROFILES if isinstance(report.get(p), dict)]
     if not profiles:
-        raise JobError(f'{folder / "report.json"}: holds none of {", ".join(PROFILES)}')
+        raise JobError(f'{folder / job_folder.REPORT}: holds none of {", ".join(PROFILES)}')
     jobs = [load_job(folder, report, p) for p in profiles]
     text = job_page(jobs[0]) if len(jobs) == 1 else comparison_page(folder, jobs)
-    target = folder / 'report.html'
+    target = folder / job_folder.REPORT_PAGE
     own = folder / f'.report_{os.getpid()}.html'  # client and dashboard may write at the same time
     write_atomically(own, text)
     os.replace(own, target)
@@ -46,7 +47,7 @@ def write_all(folder: Path) -> list[Path]:
     report = read_report(Path(folder))
     inside = {str((report.get(p) or {}).get('folder') or '.') for p in PROFILES} - {'.'}
     below = [Path(folder) / name for name in sorted(inside)]
-    written = [write_report(f) for f in below if (f / 'report.json').is_file()]
+    written = [write_report(f) for f in below if (f / job_folder.REPORT).is_file()]
     return [*written, write_report(folder)]
 
 
@@ -140,7 +141,7 @@ def _maps(job: Job) -> str:
     out.append(picture(figures.section(job), 'Cut through the middle; grey: after each layer'))
     errors = [s.error * 1e3 for s in job.scans]
     limit = figures.nice_range(errors, 2 * tolerance)
-    titles = ['as found' if s.number == 0 else f'after layer {s.layer}' for s in job.scans]
+    titles = ['as found' if s.layer == 0 else f'after layer {s.layer}' for s in job.scans]
     caption = 'Surface minus the surface wanted at that moment, all on one scale.'
     out += _pictures(figures.grids(job.scans, errors, limit, 'height error, mm', titles), caption)
     return '\n'.join(out)
@@ -248,7 +249,10 @@ def _provenance(job: Job) -> str:
     if settings:
         listed = table(['key', 'value'], [list(r) for r in flatten(settings)], {0, 1})
         out.append(f'<details><summary>Goal, material and parameters</summary>{listed}</details>')
-    for file, text in (('job.rrd', 'rerun recording'), ('record', 'MCAP recording')):
+    for file, text in (
+        (job_folder.viewer_recording(), 'rerun recording'),
+        (job_folder.record(), 'MCAP recording'),
+    ):
         if (job.folder / file).exists():
             out.append(f'<p>{text}: <span class=mono>{escape(file)}</span></p>')
     out += [f'<p class=soft>Note: {escape(n)}</p>' for n in job.notes]

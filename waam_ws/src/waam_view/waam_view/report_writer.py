@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from waam_node import job_folder
+
 PATIENCE_S = 120.0  # the machine is disarmed and the record closed before report.json is written
 GRACE_S = 6.0  # for the client that follows the job and writes the same page
 LONGEST_S = 900.0  # of many layers on a busy machine
@@ -58,9 +60,9 @@ class ReportWriter:
         """'' or what went wrong."""
         if folder in self._began:
             began = self._began.pop(folder)
-            if not self._wait(lambda: changed_ns(folder / 'report.json') > began):
+            if not self._wait(lambda: changed_ns(folder / job_folder.REPORT) > began):
                 return '' if self._stop.is_set() else 'the job wrote no report.json'
-        elif not (folder / 'report.json').is_file():  # an old status of a job that is gone
+        elif not (folder / job_folder.REPORT).is_file():  # an old status of a job that is gone
             return ''
         if self._wait(lambda: not is_old(folder), GRACE_S):  # a client was quicker
             return ''
@@ -78,7 +80,7 @@ class ReportWriter:
             child.wait()
             listener.join()
         if child.returncode == 0:
-            self.last = str(folder / 'report.html')
+            self.last = str(folder / job_folder.REPORT_PAGE)
             self._say(f'report: {self.last}')
             return ''
         if self._stop.is_set():
@@ -110,5 +112,5 @@ def changed_ns(file: Path) -> int:
 
 def is_old(folder: Path) -> bool:
     """report.html is missing or older than report.json."""
-    page = changed_ns(folder / 'report.html')
-    return not page or page < changed_ns(folder / 'report.json')
+    page = changed_ns(folder / job_folder.REPORT_PAGE)
+    return not page or page < changed_ns(folder / job_folder.REPORT)

@@ -26,13 +26,13 @@ from waam_msgs.msg import (
     MachineState,
     Telemetry,
 )
+from waam_node import job_folder
 from waam_node.conversions import nanoseconds
-from waam_process.grid import GridSpec
 
 from . import blueprint as bp
 from . import conversions as cv
-from .job_data import load_scan
-from .scene import MapData, Scene
+from .job_data import error_after
+from .scene import Scene
 
 TYPES = {
     'height_map': HeightMap, 'correction_map': CorrectionMap, 'layer_plan': LayerPlan, 'heat_factor': HeatFactor,
@@ -128,13 +128,14 @@ class Playback:
             if len(self._samples) >= BATCH:
                 self.flush()
 
-    def _on_height_map(self, t: int, msg: HeightMap) -> None:
-        self.scene.height_map(cv.map_data(msg))
-        file = self.folder / f'layers/scan_{msg.scan_id:03d}.npz' if self.folder else None
-        scan = load_scan(file, []) if file and file.is_file() else None
-        if scan is not None:
-            spec = GridSpec(*scan.origin, scan.resolution, *scan.z.shape)
-            self.scene.error_map(MapData(t, spec, scan.z), scan.error)
+    def _on_height_map(self, _t: int, msg: HeightMap) -> None:
+        measured = cv.map_data(msg)
+        self.scene.height_map(measured)
+        if self.folder is None:
+            return
+        error = error_after(self.folder, msg.layer, measured.spec, measured.z)
+        if error is not None:
+            self.scene.error_map(measured, error)
 
     def _on_correction_map(self, _t: int, msg: CorrectionMap) -> None:
         self.scene.correction(cv.correction_data(msg))
@@ -171,9 +172,13 @@ class Playback:
 
 
 def record_files(folder: Path) -> list[Path]:
-    """The MCAP files of a job or record folder, in the order of writing."""
-    files = list(folder.glob('record/*.mcap')) or list(folder.glob('*.mcap'))
-    return sorted(files, key=lambda f: (len(f.stem), f.stem))
+    """The MCAP files of a job (all its runs) or of a record folder, in the order of writing."""
+    files = [f for run in job_folder.record_folders(folder) for f in _in_order(run)]
+    return files or _in_order(folder)
+
+
+def _in_order(folder: Path) -> list[Path]:
+    return sorted(folder.glob('*.mcap'), key=lambda f: (len(f.stem), f.stem))
 
 
 def play(files: list[Path], scene: Scene, folder: Path | None, progress: Any = None) -> int:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import rerun as rr
 
+from waam_node import job_folder
+
 from . import blueprint as bp
 from .drawing import free_port
 from .ros_playback import first_stamp, follow, play, record_files
@@ -28,8 +30,10 @@ def record_of(path: Path) -> tuple[list[Path], Path | None]:
     files = [path] if path.is_file() else record_files(path)
     if not files or any(f.suffix != '.mcap' for f in files):
         raise ViewError(f'{path}: no .mcap there')
-    folder = files[0].parent.parent if files[0].parent.name == 'record' else files[0].parent
-    return files, folder if (folder / 'layers').is_dir() else None
+    folder = (
+        files[0].parent.parent if job_folder.is_record(files[0].parent.name) else files[0].parent
+    )
+    return files, folder if (folder / job_folder.MAPS).is_dir() else None
 
 
 def size(paths: list[Path]) -> int:
@@ -78,7 +82,7 @@ def _title(path: Path) -> str:
 def job_ended(folder: Path) -> bool:
     """status.json says that nothing more happens."""
     try:
-        status = json.loads((folder / 'status.json').read_text(encoding='utf-8'))
+        status = json.loads((folder / job_folder.STATUS).read_text(encoding='utf-8'))
     except (OSError, ValueError):
         return False
     return status.get('state') in ENDED

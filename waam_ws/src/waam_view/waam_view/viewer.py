@@ -8,6 +8,8 @@ import subprocess
 import time
 from pathlib import Path
 
+from waam_node import job_folder
+
 from .blueprint import LAYERS, TIMELINE
 from .web_viewer import binary
 
@@ -27,11 +29,17 @@ def find_recording(path: Path) -> Path:
         return path
     if not path.is_dir():
         raise ViewError(f'{path} does not exist')
-    for pattern in ('job.rrd', 'record/*.mcap', '*.mcap', PLAN_RECORDING, 'plan.npz'):
+    for pattern in (
+        job_folder.viewer_recording(),
+        f'{job_folder.record()}/*.mcap',
+        '*.mcap',
+        PLAN_RECORDING,
+        job_folder.plan(),
+    ):
         found = sorted(path.glob(pattern))
         if found:
             return found[0]
-    inside = sorted(p.parent.name for p in path.glob('*/job.rrd'))
+    inside = sorted(p.parent.name for p in path.glob(f'*/{job_folder.viewer_recording()}'))
     hint = f'; jobs inside: {", ".join(inside)}' if inside else ''
     raise ViewError(f'{path}: no job.rrd and no .mcap there{hint}')
 

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from waam_node import job_folder
 from waam_process.grid import GridSpec
-
-NAME = 'tolerance_map.csv'
 
 
 def write(
@@ -28,14 +27,14 @@ def write(
     x = (spec.origin_x + (cols + 0.5) * spec.resolution) * 1e3
     y = (spec.origin_y + (rows + 0.5) * spec.resolution) * 1e3
     z, judged = error[region] * 1e3, interior[region]
-    with open(folder / NAME, 'w', newline='') as f:
+    with open(folder / job_folder.TOLERANCE_MAP, 'w', newline='') as f:
         out = csv.writer(f)
         out.writerow(['x_mm', 'y_mm', 'deviation_mm', 'judged'])
         for a, b, c, d in zip(x, y, z, judged, strict=True):
             out.writerow([f'{a:.3f}', f'{b:.3f}', f'{c:.4f}' if np.isfinite(c) else '', int(d)])
     inner = error[interior]
     return {
-        'file': NAME,
+        'file': job_folder.TOLERANCE_MAP,
         'cell_mm': spec.resolution * 1e3,
         'cells': int(interior.sum()),
         'in_tolerance': int((np.abs(inner) <= tolerance).sum()),

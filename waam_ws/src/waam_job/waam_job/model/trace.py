@@ -9,6 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from waam_node import job_folder
+
 from . import calibration
 from .cell import Machine
 from .goal import JobGoal
@@ -54,7 +56,7 @@ def trace(
         'material': goal.material,
         'part_sha256': job.get('part_sha256', ''),
         'programs': {
-            p.name: {'sha256': sha256_of(p)} for p in sorted(folder.glob('program*.gcode'))
+            p.name: {'sha256': sha256_of(p)} for p in sorted(folder.glob(job_folder.PROGRAMS))
         },
         'software': {k: job.get(k, '') for k in ('software', 'python', 'system', 'packages')},
         'controller': {

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from waam_msgs.action import RunJob
 from waam_msgs.srv import AdjustJob
+from waam_node import job_folder
 
 from .. import conversions as convert
 from ..model.goal import Checked, Code, JobError, JobGoal, check
@@ -41,10 +42,10 @@ def reopen(request: RunJob.Goal) -> tuple[JobFolder, JobGoal]:
     path = Path(request.resume_dir).resolve()
     folder = JobFolder.open(path)
     try:
-        goal = convert.goal_from_job(folder.read_yaml('job.yaml'), request)
+        goal = convert.goal_from_job(folder.read_yaml(job_folder.JOB), request)
     except ValueError as e:
         raise JobError(Code.BAD_RESUME, str(e)) from None
-    status = folder.read_json('status.json') or {}
+    status = folder.read_json(job_folder.STATUS) or {}
     if status.get('state') == State.DONE.name:
         raise JobError(Code.BAD_RESUME, f'{path.name} is finished; there is nothing to go on with')
     return folder, goal
@@ -53,7 +54,7 @@ def reopen(request: RunJob.Goal) -> tuple[JobFolder, JobGoal]:
 def recheck(goal: JobGoal, folder: JobFolder) -> Checked:
     """Part and material as at the start of the job; a mesh that was changed since then is refused."""
     checked = check(goal)
-    before = folder.read_yaml('job.yaml').get('part_sha256')
+    before = folder.read_yaml(job_folder.JOB).get('part_sha256')
     if before != checked.part.sha256:
         raise JobError(
             Code.BAD_RESUME, f'{goal.part} was changed since the job began (its hash is another)'
@@ -66,7 +67,7 @@ def new_folder(goal: JobGoal, checked: Checked, kept: dict) -> JobFolder:
     folder = JobFolder.create(goal.jobs_dir.resolve(), goal.title)
     asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(goal).items()}
     facts = {'job_id': folder.job_id, 'goal': asked, 'material': asdict(checked.material), **kept}
-    folder.write_yaml('job.yaml', {**facts, **provenance(checked.part.sha256)})
+    folder.write_yaml(job_folder.JOB, {**facts, **provenance(checked.part.sha256)})
     return folder
 
 
@@ -74,7 +75,7 @@ def keep_resume(folder: JobFolder, goal: JobGoal, checked: Checked, kept: dict) 
     """Writes who goes on and with what. Returns the number of the run."""
     run = folder.next_run()
     facts = {'operator_name': goal.operator_name, 'notes': list(goal.notes), **kept}
-    folder.write_yaml(f'resume_{run}.yaml', {**facts, **provenance(checked.part.sha256)})
+    folder.write_yaml(job_folder.resume(run), {**facts, **provenance(checked.part.sha256)})
     return run
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from waam_node import job_folder
 from waam_plan.plan import PlanError, PlannedLayer
 from waam_plan.post.store import load_plan
 from waam_process.grid import HeightGrid
@@ -72,7 +73,7 @@ class PickUp:
         """The passes that were planned up to layer `number`; False when nothing was planned."""
         runner = self.runner
         for p in range(1, runner.program.passes + 1):
-            file = self.folder.path / ('plan.npz' if p == 1 else f'plan_{p}.npz')
+            file = self.folder.path / job_folder.plan(p)
             finished = runner.program.plan and number <= runner.program.offset + runner.program.here
             if finished or not file.exists():
                 break

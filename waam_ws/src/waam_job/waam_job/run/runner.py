@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from waam_node import job_folder
 from waam_plan.fill.linking import arc_starts
 from waam_plan.plan import Plan
 
@@ -48,7 +49,7 @@ class JobRunner:
         self.cell, self.checked, self.goal = cell, checked, checked.goal
         self.control, self.settings, self.run_number = control, settings, run
         # towards the other nodes every run is a job of its own: its segments count from 1, its maps start anew
-        self.run_id = folder.job_id if run == 1 else f'{folder.job_id}.r{run}'
+        self.run_id = job_folder.run_id(folder.job_id, run)
         self.journal = Journal(cell, checked.goal, folder, run)
         self.watch = Watch(cell, control, settings.limits, self.journal.note, self.journal.paused)
         self.motion = Motion(cell, self.watch, self.run_id)
@@ -82,9 +83,8 @@ class JobRunner:
         """Returns the final status; errors end up in it (and in the folder), they are not raised."""
         try:
             self.journal.state(State.PREPARING, 'checking cell, part and plan')
-            suffix = '' if self.run_number == 1 else f'_{self.run_number}'
             custom = (f'job_id={self.run_id}', f'profile={self.goal.profile}', *self.goal.notes)
-            record = str(self.journal.folder.path / f'record{suffix}')
+            record = str(self.journal.folder.path / job_folder.record(self.run_number))
             self._check()
             self.journal.started = self.cell.now()  # only now is there a clock for certain
             self.journal.remarks = self.preparation.remarks()

@@ -12,8 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from waam_node.files import write_atomically
-
-NAME, BEFORE = 'checkpoint.json', 'checkpoint.before.json'
+from waam_node.job_folder import CHECKPOINT, CHECKPOINT_BEFORE
 
 
 @dataclass(frozen=True)
@@ -58,9 +57,9 @@ def parse(text: str, name: str) -> Checkpoint:
 
 def save(folder: Path, checkpoint: Checkpoint) -> None:
     """The old file becomes the generation before, unless it is torn; at every moment one of the two is whole."""
-    newest = folder / NAME
+    newest = folder / CHECKPOINT
     if whole := _whole(newest):
-        write_atomically(folder / BEFORE, whole)
+        write_atomically(folder / CHECKPOINT_BEFORE, whole)
     write_atomically(newest, checkpoint.text())
 
 
@@ -77,7 +76,7 @@ def _whole(file: Path) -> str:
 def load(folder: Path) -> tuple[Checkpoint | None, list[str]]:
     """The newest whole checkpoint (None: there is none) and what was wrong with newer ones."""
     doubts: list[str] = []
-    for name in (NAME, BEFORE):
+    for name in (CHECKPOINT, CHECKPOINT_BEFORE):
         try:
             return parse((folder / name).read_text(errors='replace'), name), doubts
         except FileNotFoundError:

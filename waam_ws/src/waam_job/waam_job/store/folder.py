@@ -15,6 +15,7 @@ from zipfile import BadZipFile
 import numpy as np
 import yaml
 
+from waam_node import job_folder
 from waam_node.files import write_atomically
 from waam_process.grid import GridSpec
 
@@ -56,7 +57,7 @@ class JobFolder:
                 (jobs_dir / job_id).mkdir()
             except FileExistsError:
                 continue
-            (jobs_dir / job_id / 'layers').mkdir()
+            (jobs_dir / job_id / job_folder.MAPS).mkdir()
             point_latest(jobs_dir, job_id)
             return cls(jobs_dir / job_id, job_id)
         raise OSError(f'{jobs_dir}: a thousand jobs within one second')
@@ -78,7 +79,7 @@ class JobFolder:
 
     def next_run(self) -> int:
         """Number of the run that would start now; 1 is the job's first."""
-        return 2 + len(list(self.path.glob('resume_*.yaml')))
+        return 2 + job_folder.runs_resumed(self.path)
 
     def read_json(self, name: str) -> dict | None:
         """None when the file is missing or torn."""
@@ -88,24 +89,24 @@ class JobFolder:
             return None
 
     def read_map(self, number: int) -> dict[str, np.ndarray] | None:
-        """layers/scan_NNN.npz, None when it is missing or torn."""
-        return _load_npz(self.path / 'layers' / f'scan_{number:03d}.npz')
+        """Surface after layer `number`, None when it is missing or torn."""
+        return _load_npz(self.path / job_folder.map_after(number))
 
     def last_map(self) -> int:
         """Number of the newest whole scan, -1 = none."""
-        numbers = [int(p.stem[5:]) for p in (self.path / 'layers').glob('scan_*.npz')]
-        return next((n for n in sorted(numbers, reverse=True) if self.read_map(n)), -1)
+        numbers = [job_folder.layer_of(f) for f in job_folder.map_files(self.path)]
+        return next((n for n in reversed(numbers) if self.read_map(n)), -1)
 
-    def write_track(self, name: str, columns: dict[str, np.ndarray]) -> None:
+    def write_track(self, run: int, number: int, columns: dict[str, np.ndarray]) -> None:
         """A piece of the telemetry track, to be joined at the end."""
         if columns:
-            (self.path / 'track').mkdir(exist_ok=True)
-            _replace_npz(self.path / 'track' / f'{name}.npz', columns)
+            (self.path / job_folder.TRACK).mkdir(exist_ok=True)
+            _replace_npz(self.path / job_folder.track_piece(run, number), columns)
 
     def last_temperature(self) -> float:
         """degC that the newest whole piece of the telemetry track ends with, NaN when there is none."""
-        pieces = sorted((self.path / 'track').glob('*.npz'), reverse=True)
-        for piece in (*pieces, self.path / 'telemetry.npz'):
+        pieces = reversed(job_folder.track_pieces(self.path))
+        for piece in (*pieces, self.path / job_folder.TELEMETRY):
             shown = (_load_npz(piece) or {}).get('temperature', ())
             if len(shown):
                 return float(shown[-1])
@@ -113,15 +114,15 @@ class JobFolder:
 
     def join_tracks(self) -> None:
         """telemetry.npz out of all pieces, in the order of their names; the pieces go."""
-        pieces = sorted((self.path / 'track').glob('*.npz'))
-        parts = [p for p in map(_load_npz, [self.path / 'telemetry.npz', *pieces]) if p]
+        pieces = job_folder.track_pieces(self.path)
+        parts = [p for p in map(_load_npz, [self.path / job_folder.TELEMETRY, *pieces]) if p]
         if pieces and parts:
             joined = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
-            _replace_npz(self.path / 'telemetry.npz', joined)
+            _replace_npz(self.path / job_folder.TELEMETRY, joined)
         for piece in pieces:
             piece.unlink()
-        if (self.path / 'track').exists():
-            (self.path / 'track').rmdir()
+        if (self.path / job_folder.TRACK).exists():
+            (self.path / job_folder.TRACK).rmdir()
 
     def write_yaml(self, name: str, data: dict) -> None:
         write_atomically(self.path / name, yaml.safe_dump(clean(data), sort_keys=False))
@@ -130,7 +131,7 @@ class JobFolder:
         write_atomically(self.path / name, json.dumps(clean(data), indent=1))
 
     def write_map(self, number: int, spec: GridSpec, **maps: np.ndarray) -> None:
-        """layers/scan_NNN.npz with geometry; float maps are stored as float32."""
+        """The map after layer `number` with its geometry; float maps are stored as float32."""
         small = {
             k: np.asarray(v, np.float32) if np.asarray(v).dtype.kind == 'f' else np.asarray(v)
             for k, v in maps.items()
@@ -139,7 +140,7 @@ class JobFolder:
             'origin': np.array([spec.origin_x, spec.origin_y]),
             'resolution': np.array(spec.resolution),
         }
-        _replace_npz(self.path / 'layers' / f'scan_{number:03d}.npz', {**geometry, **small})
+        _replace_npz(self.path / job_folder.map_after(number), {**geometry, **small})
 
 
 def _replace_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
@@ -163,4 +164,4 @@ def point_latest(jobs_dir: Path, target: str) -> None:
     link = jobs_dir / f'.latest.{os.getpid()}'
     link.unlink(missing_ok=True)
     link.symlink_to(target)
-    os.replace(link, jobs_dir / 'latest')
+    os.replace(link, jobs_dir / job_folder.LATEST)

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from waam_node import job_folder
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.post.gcode import gcode
 from waam_plan.post.store import save_plan
@@ -62,7 +63,7 @@ class Journal:
         """A new phase of the job."""
         self.status.state, self.status.message = state, message
         self.cell.status(self.status)
-        self.folder.write_json('status.json', {**asdict(self.status), 'state': state.name})
+        self.folder.write_json(job_folder.STATUS, {**asdict(self.status), 'state': state.name})
 
     def say(self, message: str) -> None:
         """A new message within the phase."""
@@ -134,7 +135,7 @@ class Journal:
     def keep(self) -> None:
         """records.json: what the report is made of, for a job that goes on after a crash."""
         self.folder.write_json(
-            'records.json',
+            job_folder.RECORDS,
             {
                 'run': self.run,
                 'elapsed': self.spent_before + self.elapsed,
@@ -148,7 +149,7 @@ class Journal:
 
     def take_over(self, last_layer: int) -> None:
         """Reads records.json of the runs before; what it holds of layers after `last_layer` is laid again."""
-        data = self.folder.read_json('records.json') or {}
+        data = self.folder.read_json(job_folder.RECORDS) or {}
         self.spent_before = float(data.get('elapsed') or 0.0)
         self.models = data.get('models') or {}
         old = [LayerRecord.from_json(r) for r in data.get('layers', [])]
@@ -180,11 +181,12 @@ class Journal:
 
     def plan(self, plan: Plan, pass_number: int) -> None:
         """plan.npz and program.gcode; later passes have their number in the name. `plan`: its layers count from 1."""
-        suffix = '' if pass_number == 1 else f'_{pass_number}'
-        (self.folder.path / f'program{suffix}.gcode').write_text(gcode(plan))
-        unfinished = self.folder.path / f'.plan{suffix}.npz'
+        folder = self.folder.path
+        (folder / job_folder.program(pass_number)).write_text(gcode(plan))
+        finished = folder / job_folder.plan(pass_number)
+        unfinished = finished.with_name(f'.{finished.name}')
         save_plan(plan, unfinished)
-        unfinished.replace(self.folder.path / f'plan{suffix}.npz')
+        unfinished.replace(finished)
 
     def scan(
         self,
@@ -221,7 +223,7 @@ class Journal:
         """The telemetry since the last call, thinned to 10 Hz, goes to disk: a long job does not grow in memory, and a
         crash costs no more of it than a bead."""
         self._pieces += 1
-        self.folder.write_track(f'{self.run:03d}_{self._pieces:05d}', self.cell.take_track())
+        self.folder.write_track(self.run, self._pieces, self.cell.take_track())
 
     def report(
         self,
@@ -244,7 +246,7 @@ class Journal:
         run['runs'], run['tolerance_map'] = self.run, tolerance_map
         goal = self.goal
         self.folder.write_json(
-            'report.json',
+            job_folder.REPORT,
             {
                 'job_id': self.folder.job_id,
                 'name': goal.title,
@@ -261,7 +263,7 @@ class Journal:
     def _trace(self) -> dict:
         cell, folder = self.cell, self.folder
         try:
-            job = folder.read_yaml('job.yaml')
+            job = folder.read_yaml(job_folder.JOB)
         except ValueError:  # the report is written whatever else is missing
             job = {}
         facts = trace(self.goal, job, folder.path, cell.parameters(), cell.machine(), self.models)

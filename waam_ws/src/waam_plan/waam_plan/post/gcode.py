@@ -174,14 +174,22 @@ def _arc(s: Segment, via: Point) -> tuple[str, str]:
 _WORD = re.compile(r'([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))')
 
 
+# What a program of this dialect says: moves, dwell, homing, and the modes that it always has.
+_READ = {0, 1, 4, 17, 21, 28, 40, 49, 54, 61, 64, 80, 90, 94}
+
+
 def read_gcode(text: str) -> list[GcodePoint]:
-    """Ends of all moves of a program in this dialect (absolute, mm). Raises ProgramError naming the line."""
+    """Ends of all moves of a program in this dialect (absolute, mm). Raises ProgramError naming the line.
+
+    As in the controller, '%' alone is passed over and a line that begins with '/' is read.
+    """
     points: list[GcodePoint] = []
     place = {'X': math.nan, 'Y': math.nan, 'Z': math.nan}
     state = {'F': math.nan, 'W': 0.0, 'S': 0.0}
     arc, moving = False, False
     for number, raw in enumerate(text.splitlines(), 1):
         line = re.sub(r'\([^)]*\)', '', raw.split(';')[0]).strip().upper()
+        line = '' if line == '%' else line.removeprefix('/')
         words = _WORD.findall(line)
         if _WORD.sub('', line).strip():
             raise ProgramError(f'line {number}: cannot read {raw.strip()!r}')
@@ -189,16 +197,16 @@ def read_gcode(text: str) -> list[GcodePoint]:
         for letter, value in words:
             v = float(value)
             if letter == 'G':
-                if v in (20, 91, 2, 3):
+                if v not in _READ:
                     raise ProgramError(f'line {number}: G{v:g} is not part of these programs')
-                moving = v in (0, 1) if v in (0, 1, 4, 28) else moving
+                moving = v in (0, 1) if v in (0, 1, 4, 28, 80) else moving
             elif letter == 'M':
                 arc = v == 3 if v in (3, 5) else arc
             elif letter in place:
                 place[letter], seen = v, True
             elif letter in state:
                 state[letter] = v
-            elif letter not in 'NP':
+            elif not (letter in 'NP' or (letter == 'Q' and 'G64' in line)):
                 raise ProgramError(f'line {number}: unknown word {letter}{value}')
         if seen and moving:
             points.append(_point(place, state, arc, number))

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 MAX_GAP_NS = 250_000_000
-FIELDS = ('stamps', 'x', 'z', 'pose_stamps', 'poses')
 
 
 class ScanError(ValueError):
@@ -40,38 +37,6 @@ class Pass:
             raise ScanError('pose_stamps must rise strictly')
         if not np.isfinite(self.poses).all():
             raise ScanError('poses must be finite')
-
-    def save(self, path: Path) -> None:
-        """The file that `load_pass` reads."""
-        np.savez_compressed(path, **{name: getattr(self, name) for name in FIELDS})
-
-
-def load_pass(path: Path) -> Pass:
-    """Reads an NPZ file with stamps, x, z, pose_stamps and poses. ScanError names file and field."""
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            missing = [name for name in FIELDS if name not in data]
-            if missing:
-                raise ScanError(f'no array {", ".join(missing)} in it')
-            stamps, x, z, pose_stamps, poses = (data[name] for name in FIELDS)
-        kinds = {'stamps': stamps, 'pose_stamps': pose_stamps}
-        for name, values in kinds.items():
-            if values.dtype.kind not in 'iu' or values.ndim != 1:
-                raise ScanError(f'{name} must be a row of integers (ns)')
-        return Pass(
-            stamps.astype(np.int64),
-            x.astype(float),
-            z.astype(float),
-            pose_stamps.astype(np.int64),
-            poses.astype(float),
-            Path(path).stem,
-        )
-    except FileNotFoundError:
-        raise ScanError(f'{path}: no such file') from None
-    except ScanError as e:
-        raise ScanError(f'{path}: {e}') from None
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as e:
-        raise ScanError(f'{path}: not a recorded pass: {e}') from None
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..calibration.artefact import Artefact, load_artefact
+from ..calibration.artefact import Artefact
+from ..calibration.artefact_file import load_artefact
 from ..calibration.file import rpy_of, save_calibration
-from ..calibration.scan_pass import Pass, load_pass
+from ..calibration.pass_file import load_pass
+from ..calibration.scan_pass import Pass
 from ..calibration.solve import PARAMETERS, Calibration, CalibrationError, calibrate
 from ..recordings.scan_records import passes as recorded
 from ..recordings.scan_records import record_files

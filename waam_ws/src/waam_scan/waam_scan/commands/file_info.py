@@ -46,7 +46,7 @@ def _names(path: Path) -> list[str]:
 
 
 def _pass(path: Path) -> str:
-    from ..calibration.scan_pass import load_pass
+    from ..calibration.pass_file import load_pass
 
     p = load_pass(path)
     seen = (np.isfinite(p.x) & np.isfinite(p.z)).mean()

@@ -8,9 +8,11 @@ import numpy as np
 
 from waam_process.grid import GridSpec
 
-from ..calibration.scan_pass import Pass, load_pass
+from ..calibration.pass_file import load_pass
+from ..calibration.scan_pass import Pass
 from ..fusion.fill import fill_holes
-from ..fusion.height_map import FusedMap, Fusion, FusionLimits
+from ..fusion.height_map import FusedMap, Fusion
+from ..fusion.limits import FusionLimits
 from ..fusion.quality import assess
 from ..recordings.files import FileError, save_map
 from ..recordings.scan_records import passes, recorded_mounting

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..registration.clouds import load_points
+from ..registration.clouds import load_points, save_cloud
 from ..registration.odometry import Track, track
-from .registration_report import save_cloud
 
 
 def track_files(args) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..registration.clouds import is_mesh, load_points, load_triangles
+from ..registration.clouds import is_mesh, load_points, load_triangles, save_cloud
 from ..registration.search import search_placement
 from ..registration.solve import Registration, register
 from ..registration.target import Cloud, CloudTarget, MeshTarget, Target
@@ -104,15 +104,6 @@ def save_json(path: Path, r: Registration, scan: str, reference: str) -> None:
         'notes': r.notes,
     }
     path.write_text(json.dumps(data, indent=2))
-
-
-def save_cloud(path: Path, points: np.ndarray) -> None:
-    """Binary PLY in mm."""
-    import open3d as o3d
-
-    o3d.io.write_point_cloud(
-        str(path), o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points * 1e3))
-    )
 
 
 def draw(path: Path, r: Registration, title: str) -> None:

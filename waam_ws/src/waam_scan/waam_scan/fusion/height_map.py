@@ -17,27 +17,13 @@ from ..transform import Mounting
 from .accumulator import Accumulator, Workers
 from .heights import CellHeights
 from .kernels import UNITS, read_only, rows_seen
+from .limits import FusionLimits
 
 PARALLEL_FROM = 200_000  # points of a batch that are worth a second thread
 LEAST_PERIOD = 1.6384e-3  # m: wide against noise, narrow against spikes; height unit 0.1 um
 CELLS_PER_PERIOD = (
     0.25  # coarse cells need a longer period, because their points lie higher and lower on a slope
 )
-
-
-@dataclass(frozen=True)
-class FusionLimits:
-    """height_min, height_max: m, work frame, points beyond are counted as outside; noise: m, expected scatter of the
-    scanner, used while the data cannot tell; spike_factor: points further from the cell's level than this many robust
-    standard deviations are spikes; support: m, cells with fewer than four points need a neighbour this close in height;
-    slots: points in the sample of a cell."""
-
-    height_min: float = -0.05
-    height_max: float = 0.30
-    noise: float = 50e-6
-    spike_factor: float = 4.0
-    support: float = 0.6e-3
-    slots: int = 16
 
 
 @dataclass(frozen=True)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from . import cell_kernels as ck
 from .accumulator import Accumulator, Workers
 from .kernels import UNITS
-
-if TYPE_CHECKING:
-    from .height_map import FusionLimits
+from .limits import FusionLimits
 
 LEAST_CELLS = 20  # cells with enough samples, before the map's own scatter is believed
 WITNESSES = 50_000  # cells that tell the scatter of the map; more do not make it better

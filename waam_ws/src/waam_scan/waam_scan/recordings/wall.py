@@ -18,7 +18,8 @@ import numpy as np
 
 from waam_process.grid import GridSpec
 
-from ..fusion.height_map import FusedMap, Fusion, FusionLimits
+from ..fusion.height_map import FusedMap, Fusion
+from ..fusion.limits import FusionLimits
 from ..stream.assembler import Assembler, ProfileBlock
 from ..stream.poses import PoseStatus, PoseTrack
 from ..transform import Mounting, rotation_rpy

@@ -85,3 +85,12 @@ def load_triangles(path: Path, scale: float = 1e-3) -> np.ndarray:
     if len(triangles) == 0 or not np.isfinite(triangles).all():
         raise FileError(f'{path}: no triangles in it')
     return triangles
+
+
+def save_cloud(path: Path, points: np.ndarray) -> None:
+    """Binary PLY in mm."""
+    import open3d as o3d
+
+    o3d.io.write_point_cloud(
+        str(path), o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points * 1e3))
+    )

@@ -81,7 +81,8 @@ def top_heights(triangles: np.ndarray, spec: GridSpec) -> np.ndarray:
 
 def found_grid(points: np.ndarray, spec: GridSpec) -> HeightGrid:
     """Robust height per cell of points (n, 3) m in the coordinates of the grid, with the fusion of the scans."""
-    from ..fusion.height_map import Fusion, FusionLimits
+    from ..fusion.height_map import Fusion
+    from ..fusion.limits import FusionLimits
     from ..transform import Mounting
 
     z = points[:, 2]

@@ -1,0 +1,167 @@
+"""The import table: which package may import which, and what a module may do besides computing.
+
+Every module is a core unless this file says otherwise. A core takes numbers and returns numbers: it knows no ROS (not
+even through what it imports), no clock, no file, no socket and no other process. Time and data are arguments.
+
+Three ways out, in the order of preference:
+* put what talks to the world into a file whose name says so (EDGES);
+* name a file whose purpose it is to talk to the world, with the purpose (TALKS_TO_THE_WORLD);
+* KNOWN: a violation that somebody is about to mend. It only ever shrinks; a test fails when an entry is stale.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from import_graph import Workspace, impurities
+
+MESSAGES = 'waam_msgs'
+MAY_IMPORT: dict[str, set[str]] = {
+    'waam_process': set(),
+    'waam_node': {'waam_process'},
+    'waam_bridge': {'waam_node', 'waam_process'},
+    'waam_sim': {'waam_node', 'waam_process'},
+    'waam_record': {'waam_node', 'waam_process'},
+    'waam_scan': {'waam_node', 'waam_process', 'waam_record'},
+    'waam_plan': {'waam_process', 'waam_view'},  # the view of a plan, for `waam plan --rerun`
+    'waam_adapt': {'waam_node', 'waam_process', 'waam_record'},
+    'waam_job': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},
+    'waam_lab': {
+        'waam_adapt', 'waam_bridge', 'waam_job', 'waam_node', 'waam_plan', 'waam_process', 'waam_scan',
+        'waam_sim', 'waam_view',
+    },
+    'waam_replay': {'waam_adapt', 'waam_node', 'waam_process', 'waam_record', 'waam_scan'},
+    'waam_view': {'waam_node', 'waam_process', 'waam_record'},
+    'waam_panel': {'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_view'},
+    'waam_bringup': {'waam_job', 'waam_node', 'waam_panel', 'waam_process', 'waam_record', 'waam_view'},
+}  # fmt: skip
+NO_MESSAGES = {'waam_process', 'waam_plan'}  # whole packages without ROS
+EDGES = re.compile(
+    r"""
+    (\w+_node|node_\w+|ros_\w+|conversions|answers|cli|cli_\w+)\.py$  # nodes, messages, commands
+    | /ros/ | /commands/ | /training/                           # rooms of nodes and of command lines
+    | ^(waam_node|waam_bringup)/                                # packages of plumbing
+    """,
+    re.VERBOSE,
+)
+TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file here may know ROS
+    'waam_process/waam_process/grid.py': 'a height grid is saved and loaded in one format',
+    'waam_process/waam_process/materials.py': 'reads the table of materials beside it',
+    'waam_bridge/waam_bridge/transport.py': 'the serial port',
+    'waam_sim/waam_sim/compiled.py': 'hashes the sources of the kernels, so that their cache is current',
+    'waam_sim/waam_sim/port.py': 'a pseudo-terminal with the controller behind it',
+    'waam_sim/waam_sim/table.py': 'the file of a simulated table that outlives its process',
+    'waam_scan/waam_scan/calibration/file.py': 'calibrations on disk, with their date',
+    'waam_scan/waam_scan/calibration/artefact_file.py': 'descriptions of artefacts on disk',
+    'waam_scan/waam_scan/calibration/pass_file.py': 'recorded passes on disk',
+    'waam_scan/waam_scan/recordings/files.py': 'reads laser and robot logs',
+    'waam_scan/waam_scan/registration/clouds.py': 'reads and writes clouds and meshes',
+    'waam_plan/waam_plan/mesh/(clouds|part|threemf).py': 'read meshes and clouds',
+    'waam_plan/waam_plan/post/store.py': 'plans on disk',
+    'waam_plan/waam_plan/show/page.py': 'writes the HTML page of a plan',
+    'waam_record/waam_record/bag_(copy|reader|writer).py': 'recordings on disk',
+    'waam_record/waam_record/(recording|salvage|import_csv|import_pyrometer).py': 'recordings on disk',
+    'waam_record/waam_record/definitions.py': 'reads the definitions of messages',
+    'waam_record/waam_record/provenance.py': 'asks git and the host for versions',
+    'waam_replay/waam_replay/play_command.py': 'starts the player',
+    'waam_replay/waam_replay/transport.py': 'keyboard and socket of the player',
+    'waam_replay/waam_replay/tune.py': 'tells how fast it computed',
+    'waam_job/waam_job/store/.*': 'job folders on disk',
+    'waam_lab/waam_lab/laboratory.py': 'job folders of a run, and how long it took',
+    'waam_lab/waam_lab/params.py': 'reads the parameter files of the nodes',
+    'waam_view/waam_view/(job_data|plan_file|plan_scene|report_writer).py': 'job folders, plans, reports',
+    'waam_view/waam_view/(drawing|viewer|web_viewer).py': 'start viewers and write their files',
+    'waam_panel/waam_panel/(alarms|history|parts).py': 'read tables and job folders',
+    'waam_panel/waam_panel/(api|cell|security|stream|web).py': 'the web server',
+}  # fmt: skip
+DECODES_MESSAGES = {
+    'waam_lab',
+    'waam_replay',
+}  # compute with the nodes' own conversions, without nodes
+
+
+class Violation(NamedTuple):
+    """where: file, room or package; rule: what is wrong there."""
+
+    where: str
+    rule: str
+
+
+JOB_CIRCLE = ('layer_cycle', 'preflight', 'progress', 'resume_run', 'runner', 'verdict')
+ADAPT_CIRCLE = ('beads/solver', 'laws/explicit', 'laws/features', 'laws/net', 'laws/net_law')
+KNOWN: dict[Violation, str] = {  # -> whose branch mends it
+    **{Violation(f'waam_job/waam_job/run/{n}.py', 'circle of files'): 'job' for n in JOB_CIRCLE},
+    Violation('waam_job/waam_job/model/calibration.py', 'io in a core'): 'job',
+    Violation('waam_job/waam_job/model/calibration.py', 'clock in a core'): 'job',
+    Violation('waam_job/waam_job/model/tolerance_map.py', 'io in a core'): 'job',
+    Violation('waam_job/waam_job/model/trace.py', 'io in a core'): 'job',
+    Violation('waam_job/waam_job/model/trace.py', 'clock in a core'): 'job',
+    Violation('waam_job/waam_job/run/readiness.py', 'clock in a core'): 'job',
+    **{Violation(f'waam_adapt/waam_adapt/{n}.py', 'circle of files'): 'adapt' for n in ADAPT_CIRCLE},
+    **{Violation(f'waam_adapt.{n}', 'circle of rooms'): 'adapt' for n in ('beads', 'identify', 'laws')},
+    Violation('waam_adapt', 'circle of packages'): 'adapt',
+    Violation('waam_replay', 'circle of packages'): 'adapt',
+    Violation('waam_adapt', 'may not import waam_replay'): 'adapt',
+    Violation('waam_adapt', 'package.xml does not declare waam_replay'): 'adapt',
+    Violation('waam_adapt/waam_adapt/laws/net.py', 'io in a core'): 'adapt',
+}  # fmt: skip
+
+
+@dataclass
+class Table:
+    """The rules above; tests put others in their place."""
+
+    may_import: dict[str, set[str]] = field(default_factory=lambda: MAY_IMPORT)
+    no_messages: set[str] = field(default_factory=lambda: NO_MESSAGES)
+    edges: re.Pattern[str] = EDGES
+    world: dict[str, str] = field(default_factory=lambda: TALKS_TO_THE_WORLD)
+    decodes: set[str] = field(default_factory=lambda: DECODES_MESSAGES)
+
+    def violations(self, workspace: Workspace) -> set[Violation]:
+        return (
+            circle_violations(workspace)
+            | self.package_violations(workspace)
+            | self.core_violations(workspace)
+        )
+
+    def package_violations(self, workspace: Workspace) -> set[Violation]:
+        """Imports of packages that are not in the table, or not in package.xml."""
+        found = set()
+        for package, used in workspace.used_packages().items():
+            allowed = self.may_import.get(package, set())
+            if package not in self.no_messages:
+                allowed = allowed | {MESSAGES}
+            found |= {Violation(package, f'may not import {name}') for name in used - allowed}
+            missing = used - workspace.declared(package)
+            found |= {
+                Violation(package, f'package.xml does not declare {name}') for name in missing
+            }
+        return found
+
+    def core_violations(self, workspace: Workspace) -> set[Violation]:
+        """ROS, clock and I/O where they do not belong."""
+        found = set()
+        for module in workspace.modules.values():
+            if self.edges.search(module.file) and module.package not in self.no_messages:
+                continue
+            rules = set() if self._talks(module.file) else impurities(module)
+            if module.name in workspace.know_ros and module.package not in self.decodes:
+                rules.add('ROS')
+            found |= {Violation(module.file, f'{rule} in a core') for rule in rules}
+        return found
+
+    def _talks(self, file: str) -> bool:
+        patterns = (self.edges.search(file), *(re.fullmatch(p, file) for p in self.world))
+        return any(patterns)
+
+
+def circle_violations(workspace: Workspace) -> set[Violation]:
+    found = workspace.circles()
+    files = (workspace.modules[name].file for circle in found['files'] for name in circle)
+    return (
+        {Violation(file, 'circle of files') for file in files}
+        | {Violation(room, 'circle of rooms') for circle in found['rooms'] for room in circle}
+        | {Violation(name, 'circle of packages') for circle in found['packages'] for name in circle}
+    )
