@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 
-from waam_lab.campaign import parse_seeds
+from waam_lab.cli_campaign import parse_seeds
 
 WAAM = [
     sys.executable,

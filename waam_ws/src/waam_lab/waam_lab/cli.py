@@ -86,6 +86,6 @@ def _add_campaign(p: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from .campaign import run_campaign
+    from .cli_campaign import run_campaign
 
     return run_campaign(args)
