@@ -92,7 +92,9 @@ def test_with_the_limit_switch_pressed_only_the_way_out_is_free(port):
     stood = client.next_frame()['x_um']
     assert client.ask('$X') == '$X ok'
     for jog, way in [('-50 0 0', 'X may only go up'), ('0 1 0', 'Y may not move')]:
-        assert client.ask(f'$J {jog} 600').startswith('$J error E301 the limit switch is pressed: ' + way)
+        assert client.ask(f'$J {jog} 600').startswith(
+            '$J error E301 the limit switch is pressed: ' + way
+        )
     client.numbered(client.sequence + 1, 'G28')  # Z would have to move first
     assert client.next_frame()['x_um'] == stood
     assert client.ask('$J 1 0 0 600') == '$J ok'
