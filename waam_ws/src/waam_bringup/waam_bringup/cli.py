@@ -26,7 +26,15 @@ first steps:
 The firmware and this software do not replace the hardware safety chain
 (emergency stop, interlocks, fume extraction, eye protection).
 """
-PACKAGES = ('waam_plan', 'waam_scan', 'waam_adapt', 'waam_record', 'waam_replay', 'waam_view')
+PACKAGES = (
+    'waam_plan',
+    'waam_scan',
+    'waam_adapt',
+    'waam_lab',
+    'waam_record',
+    'waam_replay',
+    'waam_view',
+)
 
 
 def build_parser() -> argparse.ArgumentParser:
