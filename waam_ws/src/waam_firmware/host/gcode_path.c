@@ -14,7 +14,8 @@ static const char help[] =
     "gcode_path: the path that the controller makes of a G-code file\n"
     "\n"
     "The same parser, planner and interpolator as on the board, without link and real time. A line that the controller\n"
-    "would refuse ends the run: FILE:LINE:COLUMN: E<code> <text>, exit status 1.\n"
+    "would refuse ends the run: FILE:LINE:COLUMN: E<code> <text>, exit status 1. '%' alone says nothing; a line behind '/'\n"
+    "is executed. The words: README of waam_firmware.\n"
     "\n"
     "usage: gcode_path [options] FILE        ('-' reads standard input)\n"
     "\n"
@@ -220,8 +221,6 @@ static bool read_file(void)
     char text[1024];
     for (uint32_t line = 1; fgets(text, sizeof text, run.file); line++) {
         size_t length = strcspn(text, "\r\n");
-        if (length == 1 && text[0] == '%')
-            continue; /* marks begin and end of a tape */
         if (!good_line(text, length, line))
             return false;
         if (!run.ticks)

@@ -52,6 +52,45 @@ def test_arc_end_does_not_hold_up_what_follows(client, controller):
     assert controller.run_time(after) == pytest.approx(3.02, abs=0.004)
 
 
+def test_gas_words_beside_other_words(client, controller):
+    """M8 and M9 act when the line's block starts and do not stop the path; beside M5 the gas goes after the arc."""
+    client.ready_for_arc()
+    client.run('G0 X50 Y50 Z100')
+    before = client.next_frame()['t_us']
+    client.run('G1 X60 F600', 'X70 M8', 'X80 M9', 'G4 P0.5 M7', 'M9')
+    started = controller.time_of('state RUN', before)
+    on, off = (controller.time_of(f'gas {what}', before) for what in ('on', 'off'))
+    again = controller.time_of('gas on', off)
+    assert on - started == pytest.approx(1_010_000, abs=4_000)
+    assert off - on == pytest.approx(1_000_000, abs=4_000)
+    assert again - off == pytest.approx(1_010_000, abs=4_000)
+    assert controller.time_of('gas off', again) - again == pytest.approx(500_000, abs=4_000)
+    before = client.next_frame()['t_us']
+    client.run('M8', 'M3 W5000 S22', 'G1 X85 F600', 'M5 M9')
+    client.wait(lambda: not client.frame['flags'] & 4)
+    arc_off = controller.time_of('arc off', before)
+    assert controller.time_of('gas off', before) - arc_off == pytest.approx(1_000_000, abs=4_000)
+
+
+def test_gas_of_a_line_without_a_block_is_not_lost(client, controller):
+    """A frame, a move below a step, an arc end without arc: the gas word of such a line acts too."""
+    client.ready_for_arc()
+    client.run('G0 X50 Y50 Z100')
+    for line in (
+        'G92 X0 M8',
+        'G92.1 M9',
+        'G91 G0 X0.0001 M8',
+        'M5 M9',
+        'G10 L2 P2 X1 M7',
+        'M30 M9',
+    ):
+        before = client.next_frame()['t_us']
+        client.run(line)
+        what = 'off' if 'M9' in line else 'on'
+        client.wait(lambda what=what: bool(client.frame['flags'] & 4) == (what == 'on'))
+        assert controller.time_of(f'gas {what}', before)
+
+
 def test_wire_follows_blocks_and_its_own_override_but_not_travel(client):
     client.ready_for_arc()
     weld(client, 200)

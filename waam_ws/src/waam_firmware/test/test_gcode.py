@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import subprocess
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -50,13 +51,21 @@ def ends(moves) -> list[tuple[float, ...]]:
     [
         # unknown words
         ('T5', 103, 1, 'T is not a word'),
-        ('G1 X1 F60 Q3', 103, 11, 'Q is not a word'),
+        ('G1 X1 F60 D3', 103, 11, 'D is not a word'),
         ('G33 Z1', 103, 1, 'G33 is not known'),
         ('G90.2', 103, 1, 'G90.2 is not known'),
         ('G0 X1 M4', 103, 7, 'M4 is not known'),
         ('G0 X[1]', 104, 4, 'X needs a number'),
         ('#1=5', 102, 1, 'a letter'),
-        ('/G0 X1', 102, 1, 'a letter'),
+        ('N5 /G0 X1', 102, 4, 'a letter'),
+        ('//G0 X1', 102, 2, 'a letter'),
+        ('% G0 X1', 102, 1, '% marks begin or end'),
+        ('G0 X1 %', 102, 7, 'a letter'),
+        # numbers
+        ('G0 X1e-05', 104, 4, 'X: an exponent is not read'),
+        ('G0 X1.5 Y2e3', 104, 9, 'Y: an exponent is not read'),
+        ('G0 X12345678901', 104, 4, 'X is too large'),
+        ('G1e2', 104, 1, 'G: an exponent is not read'),
         ('G0 X1 (open', 102, 7, 'not closed'),
         ('G1 N5 X1', 102, 4, 'N, the number'),
         # two words of one group, two actions, the same word twice
@@ -69,6 +78,19 @@ def ends(moves) -> list[tuple[float, ...]]:
         ('G90.1 G91.1', 105, 7, 'G91.1'),
         ('M82 M83', 105, 5, 'M83'),
         ('M7 M9', 105, 4, 'M9 does not go with M7'),
+        ('M3 S20 W60 M9', 105, 12, 'M9 does not go with M3'),
+        ('G0 X1 M5', 105, 4, 'X does not go with this action'),
+        ('G0 G80 X1', 105, 4, 'G80 does not go with G0'),
+        ('G61 G64', 105, 5, 'G64 does not go with G61'),
+        ('G40 G40', 105, 5, 'G40 does not go with G40'),
+        ('G64 P0.1 G4', 105, 1, 'two words of this line want P'),
+        ('G61 P1', 105, 5, 'P goes with G4'),
+        ('G64 P-1', 104, 5, 'P-1 is outside 0..100000 mm'),
+        ('G64 Q-1', 104, 5, 'Q-1 is outside 0..100000 mm'),
+        ('G1 X1 F60 Q3', 105, 11, 'Q goes with G64'),
+        ('G61.1', 103, 1, 'G61.1 is not known'),
+        ('G41', 103, 1, 'G41 is not known'),
+        ('G43', 103, 1, 'G43 is not known'),
         ('M3 S20 W60 G4 P1', 105, 12, 'G4 does not go with M3'),
         ('G0 X1 Y2 X3', 105, 10, 'X is given twice'),
         # words that want the same thing, or nothing
@@ -82,6 +104,7 @@ def ends(moves) -> list[tuple[float, ...]]:
         ('G53 G2 I5 F60', 105, 1, 'G53 goes with G0 and G1'),
         # missing words
         ('X1', 107, 1, 'G0, G1, G2 or G3'),
+        ('G80 X1', 107, 5, 'G0, G1, G2 or G3'),
         ('G1 X1', 107, 4, 'feed F'),
         ('G93 G1 X1', 107, 8, 'every move needs its F'),
         ('G4', 107, 1, 'P, seconds'),
@@ -216,6 +239,45 @@ def test_end_of_program_restores_modes(run):
     assert not error and ends(moves)[1][0] == 50.0 and len(moves) == 3
 
 
+def test_what_cam_programs_begin_with(run):
+    """Compensation off, no canned cycle, path control: said in every preamble, and always so here."""
+    _, moves, error = run(
+        '%',
+        '(BRACKET)',
+        'G90 G94 G17 G91.1 G21 G40 G49 G80 G64 P0.01 Q0.02',
+        'G61',
+        'G53 G0 Z120',
+        'M8',
+        'G0 X101 M7',
+        'G1 Y102 F600 M9',
+        '/G1 X103',
+        '/ N70 M9',
+        'G64',
+        'G80 M9',
+        'G2 X104 R5 M8',
+        'M9 M30',
+        '%',
+    )
+    assert not error
+    assert [end[:2] for end in ends(moves)] == [
+        (100, 100), (101, 100), (101, 102), (103, 102), (104, 102)
+    ]  # fmt: skip
+    assert [kind for _, kind, _, _ in moves] == ['rapid', 'rapid', 'line', 'line', 'arc']
+
+
+def test_numbers_may_have_any_length(run):
+    """As Python prints a float, or a post-processor that has been told to be exact."""
+    long = f'{100.1:.60f}'
+    _, moves, error = run(f'G0 X{long} Y{"0" * 40}101', f'G0 X{100.3!r}{"0" * 30} Y.{"0" * 50}')
+    assert not error
+    assert ends(moves) == [(100.1, 101.0, 100.0), (100.3, 0.0, 100.0)]
+
+
+def test_a_small_e_in_a_program_in_small_letters_is_a_word(run):
+    status, _, error = run('g0 x1e5')
+    assert status == 1 and 'E needs M82' in error
+
+
 WORDS = st.lists(
     st.one_of(
         st.builds(
@@ -273,3 +335,31 @@ def test_any_line_is_taken_or_refused(run):
             assert 0 < speed <= 1000
 
     words()
+
+
+PROGRAMS = Path(__file__).parent / 'programs'
+
+
+@pytest.mark.parametrize('path', sorted(PROGRAMS.glob('cam_*.nc')), ids=lambda p: p.stem)
+def test_programs_in_the_manner_of_cam_systems_are_taken(run, path):
+    """test_judge.py compares their paths with those of rs274, where that is installed."""
+    status, moves, error = run(*path.read_text().splitlines(), start='0,0,0', limits=False)
+    assert (status, error) == (0, '') and len(moves) >= 5
+
+
+@pytest.mark.parametrize(
+    ('name', 'line', 'column', 'text', 'moves'),
+    [
+        ('slicer_prusa', 13, 1, 'M104 is not known', 2),
+        ('slicer_cura', 12, 1, 'M107 is not known', 2),
+        ('slicer_slic3r', 8, 1, 'T is not a word', 2),
+    ],
+)
+def test_slicers_are_understood_up_to_their_heaters_and_tools(
+    gcode_path, name, line, column, text, moves
+):
+    """Units, distances, E and its zero are read; a word of another machine is named, never passed over."""
+    path = PROGRAMS / f'{name}.gcode'
+    result = subprocess.run([gcode_path, str(path)], capture_output=True, text=True, timeout=30)
+    assert result.returncode == 1 and len(result.stdout.splitlines()) == moves
+    assert result.stderr.startswith(f'{path}:{line}:{column}: E103 ') and text in result.stderr

@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_plan.lay.restore import plan_restoration
-from waam_plan.plan import hop, numbered
+from waam_plan.plan import base_feed, hop, numbered
 from waam_plan.post.gcode import (
     ProgramError,
-    base_feed,
     compact_gcode,
     gcode,
     read_gcode,
@@ -176,11 +175,24 @@ def test_dwell_is_written_in_seconds():
         ('G91', 'G91'),
         ('hello', 'line 1'),
         ('G2 X1 I3', 'G2'),
+        ('G92 X0', 'G92'),
+        ('% G1', 'line 1'),
     ],
 )
 def test_what_cannot_be_read_is_refused_with_its_line(text, word):
     with pytest.raises(ProgramError, match=word):
         read_gcode(text)
+
+
+def test_words_around_a_program_are_read_as_the_controller_does():
+    plain = 'G21 G90\nG0 Z5\nG0 X1 Y2\nG1 X3 F600\n'
+    framed = (
+        '%\nG90 G94 G17 G21 G40 G49 G80\nG64 P0.01 Q0.02\nG0 Z5\n'
+        '/G0 X1 Y2 M8\nG1 X3.0000000000000000000000 F600 M9\nM30\n%\n'
+    )
+    assert [p.position for p in read_gcode(framed)[1:]] == [
+        p.position for p in read_gcode(plain)[1:]
+    ]
 
 
 def test_csv_has_one_line_per_segment(plan):

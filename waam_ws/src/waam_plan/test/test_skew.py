@@ -95,6 +95,15 @@ def test_everything_else_stays():
     assert re.fullmatch(r'G1 \(to X9\) X1\.\d+ \(Y9\) Y-0\.01\d+ ; X9', moved)
 
 
+def test_what_frames_a_cam_program_stays_and_an_optional_block_is_bent():
+    """As in the controller: '%' says nothing, and a block behind '/' is executed."""
+    text = '%\nG17 G40 G49 G80 G64 P0.01\nG0 X0 Y0\n/G1 X0 Y10 M8\nM9 M30\n%\n'
+    before, after = text.split('\n'), correct_gcode(text, AxisErrors(y_to_x=0.1).correction())
+    lines = after.split('\n')
+    assert [i for i, line in enumerate(lines) if line != before[i]] == [2, 3]
+    assert re.fullmatch(r'/G1 X-1\.\d+ Y10\.\d+ M8', lines[3])
+
+
 LEANING = AxisErrors(y_to_x=0.004, z_to_x=0.01, z_to_y=-0.007, scale_z=1.01)
 
 
@@ -157,6 +166,7 @@ def test_picture_of_a_relative_program_is_that_of_the_absolute_one(points):
         ('G0 X0 Y0\nG2 X1 Y1 I1 J0', 'line 2'),
         ('G0 X1', 'depends on Y'),
         ('G92 X0', 'G92'),
+        ('G0 X0 Y0\nG1 X1e-05', 'line 2: X: an exponent'),
         ('G0 X1 Y1\nG28\nG1 X5', 'line 3'),
     ],
 )

@@ -1,5 +1,7 @@
 #include "waam_text.h"
 
+#include "waam_decimal.h"
+
 void waam_text_clear(waam_text_t *t) { t->length = 0; }
 
 void waam_text_char(waam_text_t *t, char c)
@@ -149,20 +151,36 @@ bool waam_read_number(waam_cursor_t *c, double *value)
     bool negative = at < c->length && c->text[at] == '-';
     if (at < c->length && (c->text[at] == '-' || c->text[at] == '+'))
         at++;
-    double mantissa = 0.0, scale = 1.0;
+    waam_decimal_t decimal = {0};
     size_t digits = 0;
     for (; is_digit(c, at); at++, digits++)
-        mantissa = mantissa * 10.0 + (c->text[at] - '0');
-    if (at < c->length && c->text[at] == '.')
-        for (at++; is_digit(c, at); at++, digits++) {
-            mantissa = mantissa * 10.0 + (c->text[at] - '0');
-            scale *= 10.0;
-        }
-    if (digits == 0 || digits > 17 || mantissa / scale >= 1e9)
+        if (!waam_decimal_whole(&decimal, (unsigned)(c->text[at] - '0')))
+            return false;
+    if (at < c->length && c->text[at] == '.') {
+        size_t point = at++;
+        for (; is_digit(c, at); at++, digits++)
+            waam_decimal_fraction(&decimal, at - point - 1, (unsigned)(c->text[at] - '0'));
+    }
+    if (digits == 0)
         return false;
-    *value = negative ? -mantissa / scale : mantissa / scale;
+    double size = waam_decimal_value(&decimal);
+    if (size >= 1e9)
+        return false;
+    *value = negative ? -size : size;
     c->at = at;
     return true;
+}
+
+bool waam_digits_follow(const waam_cursor_t *c)
+{
+    size_t at = c->at;
+    while (at < c->length && (c->text[at] == ' ' || c->text[at] == '\t'))
+        at++;
+    if (at < c->length && (c->text[at] == '-' || c->text[at] == '+'))
+        at++;
+    if (at < c->length && c->text[at] == '.')
+        at++;
+    return is_digit(c, at);
 }
 
 bool waam_read_uint(waam_cursor_t *c, uint64_t *value)

@@ -36,8 +36,11 @@ typedef struct {
 
 void waam_skip_spaces(waam_cursor_t *c);
 bool waam_at_end(waam_cursor_t *c);
-/* Decimal number: sign, digits, point, digits; no exponent; |value| < 1e9. The cursor stays when there is none. */
+/* Decimal number: sign, digits, point, digits, as many as there are, correctly rounded; no exponent; |value| < 1e9. The
+ * cursor stays when there is none. */
 bool waam_read_number(waam_cursor_t *c, double *value);
+/* Do digits follow, so that a number that could not be read is too large? */
+bool waam_digits_follow(const waam_cursor_t *c);
 bool waam_read_uint(waam_cursor_t *c, uint64_t *value);
 
 #endif

@@ -1,7 +1,7 @@
 /* Reading: comments, words, the modal group of each G and M word. What the words say together is checked in waam_words.c. */
 #include "waam_words.h"
 
-const char waam_value_letters[WAAM_VALUE_LETTERS + 1] = "XYZIJKREFPLWSN";
+const char waam_value_letters[WAAM_VALUE_LETTERS + 1] = "XYZIJKREFPLWSQN";
 
 bool waam_fail(waam_error_t *error, waam_code_t code, size_t column, const char *text)
 {
@@ -63,13 +63,16 @@ static const meaning_t g_words[] = {
     {40, WAAM_GROUP_ACTION, WAAM_DO_DWELL}, {100, WAAM_GROUP_ACTION, WAAM_DO_SET_FRAME},
     {280, WAAM_GROUP_ACTION, WAAM_DO_HOME}, {920, WAAM_GROUP_ACTION, WAAM_DO_SET_POSITION},
     {921, WAAM_GROUP_ACTION, WAAM_DO_CLEAR_POSITION},
+    {800, WAAM_GROUP_MOTION, WAAM_MOTION_NONE},
+    /* what this machine always does: no compensation, exact path (a blend within P of G64 is the path itself) */
+    {400, WAAM_GROUP_CUTTER, 0}, {490, WAAM_GROUP_LENGTH, 0}, {610, WAAM_GROUP_PATH, 0}, {640, WAAM_GROUP_PATH, 1},
 };
 
 static const meaning_t m_words[] = {
     {0, WAAM_GROUP_ACTION, WAAM_DO_PAUSE}, {20, WAAM_GROUP_ACTION, WAAM_DO_FINISH},
     {300, WAAM_GROUP_ACTION, WAAM_DO_FINISH}, {30, WAAM_GROUP_ACTION, WAAM_DO_ARC_START},
-    {50, WAAM_GROUP_ACTION, WAAM_DO_ARC_END}, {70, WAAM_GROUP_ACTION, WAAM_DO_GAS_ON},
-    {80, WAAM_GROUP_ACTION, WAAM_DO_GAS_ON}, {90, WAAM_GROUP_ACTION, WAAM_DO_GAS_OFF},
+    {50, WAAM_GROUP_ACTION, WAAM_DO_ARC_END}, {70, WAAM_GROUP_GAS, WAAM_GAS_ON},
+    {80, WAAM_GROUP_GAS, WAAM_GAS_ON}, {90, WAAM_GROUP_GAS, WAAM_GAS_OFF},
     {820, WAAM_GROUP_WIRE, WAAM_WIRE_E_ABSOLUTE}, {830, WAAM_GROUP_WIRE, WAAM_WIRE_E_RELATIVE},
 };
 
@@ -86,6 +89,10 @@ static void choose(waam_words_t *w, const meaning_t *m)
     case WAAM_GROUP_FRAME: modal->frame = m->choice; break;
     case WAAM_GROUP_WIRE: modal->wire_mode = (waam_wire_mode_t)m->choice; break;
     case WAAM_GROUP_MACHINE: w->command->machine_frame = true; break;
+    case WAAM_GROUP_GAS: w->command->gas = (waam_gas_t)m->choice; break;
+    case WAAM_GROUP_PATH: w->tolerance = m->choice; break;
+    case WAAM_GROUP_CUTTER:
+    case WAAM_GROUP_LENGTH: break;
     default: w->command->action = (waam_action_t)m->choice; break;
     }
 }
@@ -134,23 +141,46 @@ static bool value_word(waam_words_t *w, char letter, double number, size_t colum
     return true;
 }
 
+static bool known_letter(char letter)
+{
+    bool known = letter == 'G' || letter == 'M';
+    for (int i = 0; i < WAAM_VALUE_LETTERS; i++)
+        known = known || waam_value_letters[i] == letter;
+    return known;
+}
+
+static bool fail_number(waam_words_t *w, size_t column, char letter)
+{
+    if (!known_letter(letter))
+        return fail_letter(w, WAAM_E_UNKNOWN_WORD, column, letter, " is not a word of this controller");
+    return fail_letter(w, WAAM_E_NUMBER, column, letter,
+                       waam_digits_follow(&w->cursor) ? " is too large: numbers are below 1000000000" : " needs a number");
+}
+
+/* "X1e-05": RS274 knows no exponents, and E is a word here. A small 'e' behind a word in capitals is none. */
+static bool exponent_follows(const waam_words_t *w, char written)
+{
+    waam_cursor_t after = w->cursor;
+    if (written > 'Z' || after.at >= after.length || after.text[after.at] != 'e')
+        return false;
+    after.at++;
+    return waam_digits_follow(&after);
+}
+
 static bool word(waam_words_t *w)
 {
     size_t column = w->cursor.at + 1;
-    char letter = w->cursor.text[w->cursor.at++];
+    char letter = w->cursor.text[w->cursor.at++], written = letter;
     if (letter >= 'a' && letter <= 'z')
         letter = (char)(letter - 'a' + 'A');
     if (letter < 'A' || letter > 'Z')
         return waam_fail(w->error, WAAM_E_SYNTAX, column, "a letter was expected here");
     bool coded = letter == 'G' || letter == 'M';
     double number;
-    if (!waam_read_number(&w->cursor, &number)) {
-        bool known = coded;
-        for (int i = 0; i < WAAM_VALUE_LETTERS; i++)
-            known = known || waam_value_letters[i] == letter;
-        return known ? fail_letter(w, WAAM_E_NUMBER, column, letter, " needs a number")
-                     : fail_letter(w, WAAM_E_UNKNOWN_WORD, column, letter, " is not a word of this controller");
-    }
+    if (!waam_read_number(&w->cursor, &number))
+        return fail_number(w, column, letter);
+    if (exponent_follows(w, written))
+        return fail_letter(w, WAAM_E_NUMBER, column, letter, ": an exponent is not read, write the number out");
     return coded ? coded_word(w, letter, number, column) : value_word(w, letter, number, column);
 }
 
@@ -171,8 +201,21 @@ static bool comment(waam_words_t *w)
     return true;
 }
 
+/* '%' alone marks the begin and end of a tape. */
+static bool tape_mark(waam_words_t *w)
+{
+    size_t column = ++w->cursor.at;
+    return waam_at_end(&w->cursor) ||
+           waam_fail(w->error, WAAM_E_SYNTAX, column, "% marks begin or end of a program and stands alone");
+}
+
 static bool read_words(waam_words_t *w)
 {
+    bool starts = !waam_at_end(&w->cursor);
+    if (starts && w->cursor.text[w->cursor.at] == '%')
+        return tape_mark(w);
+    if (starts && w->cursor.text[w->cursor.at] == '/')
+        w->cursor.at++;
     while (!waam_at_end(&w->cursor)) {
         char c = w->cursor.text[w->cursor.at];
         if (!(c == '(' || c == ';' ? comment(w) : word(w)))

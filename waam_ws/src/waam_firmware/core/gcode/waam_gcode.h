@@ -42,14 +42,16 @@ typedef enum {
     WAAM_DO_SET_FRAME,      /* G10 L2, L20 */
     WAAM_DO_ARC_START,
     WAAM_DO_ARC_END,
-    WAAM_DO_GAS_ON,
-    WAAM_DO_GAS_OFF,
+    WAAM_DO_GAS,
     WAAM_DO_PAUSE, /* M0 */
     WAAM_DO_FINISH /* M2, M30 */
 } waam_action_t;
 
+typedef enum { WAAM_GAS_KEEP, WAAM_GAS_ON, WAAM_GAS_OFF } waam_gas_t;
+
 typedef struct {
     waam_action_t action;
+    waam_gas_t gas;     /* M7 M8 M9, before the action; a line without any other has DO_GAS */
     bool machine_frame; /* G53 */
     bool has[WAAM_AXES];
     double axis_mm[WAAM_AXES];
@@ -76,7 +78,8 @@ typedef struct {
     double wire_max_mm_s, voltage_max_v;
 } waam_gcode_limits_t;
 
-/* `line` starts at its 'N'; parsing starts at `start`. False: `error` says what is wrong and where. */
+/* `line` starts at its 'N'; parsing starts at `start`. A '/' before the block is passed over and the block is read: the
+ * block delete switch is off. A '%' alone says nothing. False: `error` says what is wrong and where. */
 bool waam_gcode_parse(const char *line, size_t length, size_t start, const waam_modal_t *before,
                       const waam_gcode_limits_t *limits, waam_command_t *command, waam_error_t *error);
 /* Fills an error; always returns false. */

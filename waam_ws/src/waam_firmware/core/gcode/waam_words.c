@@ -267,6 +267,41 @@ static bool check_action(waam_words_t *w)
     }
 }
 
+/* P and Q of G64: how far a controller may leave the path, in units of the program. This one never does. */
+static bool check_tolerance(waam_words_t *w)
+{
+    waam_action_t action = w->command->action;
+    if (!w->tolerance)
+        return refuse(w, WAAM_Q, WAAM_Q, " goes with G64 only");
+    if (w->has[WAAM_P] && (action == WAAM_DO_DWELL || action == WAAM_DO_SET_FRAME))
+        return fail(w, WAAM_E_CONTRADICTION, w->group_column[WAAM_GROUP_PATH], "two words of this line want P");
+    for (int i = WAAM_P; i <= WAAM_Q; i += WAAM_Q - WAAM_P)
+        if (w->has[i] && !in_range(w, i, w->value[i] * unit_of(w), 0.0, LENGTH_MAX_MM, " mm"))
+            return false;
+    return true;
+}
+
+static bool check_parameters(waam_words_t *w)
+{
+    waam_action_t action = w->command->action;
+    bool set_frame = action == WAAM_DO_SET_FRAME;
+    if (action != WAAM_DO_DWELL && !set_frame && !w->tolerance &&
+        !refuse(w, WAAM_P, WAAM_P, " goes with G4, G10 and G64 only"))
+        return false;
+    return (set_frame || refuse(w, WAAM_L, WAAM_L, " goes with G10 only")) && check_tolerance(w);
+}
+
+/* The gas is a group of its own, for it goes with a move. */
+static bool apply_gas(waam_words_t *w, bool moves)
+{
+    waam_command_t *command = w->command;
+    if (command->gas == WAAM_GAS_OFF && command->action == WAAM_DO_ARC_START)
+        return fail(w, WAAM_E_CONTRADICTION, w->group_column[WAAM_GROUP_GAS], "M9 does not go with M3: an arc needs gas");
+    if (command->gas != WAAM_GAS_KEEP && command->action == WAAM_DO_NOTHING && !moves)
+        command->action = WAAM_DO_GAS;
+    return true;
+}
+
 /* M2 and M30 leave the machine in a known mode, as RS274 has it. */
 static void restore(waam_modal_t *modal)
 {
@@ -281,11 +316,9 @@ bool waam_words_apply(waam_words_t *w)
     waam_action_t action = w->command->action;
     if (!apply_feed(w) || !apply_wire(w) || !apply_voltage(w) || !apply_lengths(w))
         return false;
-    if (action != WAAM_DO_DWELL && action != WAAM_DO_SET_FRAME && !refuse(w, WAAM_P, WAAM_P, " goes with G4 and G10 only"))
-        return false;
-    if (action != WAAM_DO_SET_FRAME && !refuse(w, WAAM_L, WAAM_L, " goes with G10 only"))
-        return false;
     bool acts = action != WAAM_DO_NOTHING, moves = !acts && any(w, WAAM_X, WAAM_E);
+    if (!check_parameters(w) || !apply_gas(w, moves))
+        return false;
     if (w->command->machine_frame && !moves)
         return fail(w, WAAM_E_CONTRADICTION, w->group_column[WAAM_GROUP_MACHINE], "G53 goes with a move only");
     if (acts ? !check_action(w) : moves && !check_move(w))

@@ -248,8 +248,7 @@ static bool plan_simple(waam_core_t *core, const waam_command_t *command, uint32
 {
     switch (command->action) {
     case WAAM_DO_DWELL: push(core, WAAM_BLOCK_DWELL, line, command->dwell_s); break;
-    case WAAM_DO_GAS_ON: push(core, WAAM_BLOCK_GAS_ON, line, 0.0); break;
-    case WAAM_DO_GAS_OFF: push(core, WAAM_BLOCK_GAS_OFF, line, 0.0); break;
+    case WAAM_DO_GAS: break; /* plan_gas */
     case WAAM_DO_PAUSE: push(core, WAAM_BLOCK_PAUSE, line, 0.0); break;
     default: attach(core, line); break;
     }
@@ -271,13 +270,26 @@ static bool plan(waam_core_t *core, const waam_command_t *command, uint32_t line
     }
 }
 
+/* With the block that the line made; a line that made none gets one. */
+static void plan_gas(waam_core_t *core, waam_gas_t gas, size_t blocks_before, uint32_t line)
+{
+    if (gas == WAAM_GAS_KEEP)
+        return;
+    if (core->planner.count == blocks_before)
+        push(core, WAAM_BLOCK_GAS, line, 0.0);
+    waam_planner_tail(&core->planner)->gas = gas;
+}
+
 /* Modal words take effect for the line that carries them, so they are in force before its block is made. */
 bool waam_core_plan(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
 {
     waam_modal_t before = core->modal;
     core->modal = command->modal;
-    if (plan(core, command, line, error))
+    size_t blocks = core->planner.count;
+    if (plan(core, command, line, error)) {
+        plan_gas(core, command->gas, blocks, line);
         return true;
+    }
     core->modal = before;
     return false;
 }

@@ -3,6 +3,12 @@
 
 #include "waam_internal.h"
 
+static void set_gas(waam_core_t *core, waam_gas_t gas)
+{
+    if (gas != WAAM_GAS_KEEP)
+        core->arc.gas_asked = gas == WAAM_GAS_ON;
+}
+
 /* Homing finds out where the axes are, so until then their count may begin anywhere: half way of 32 bits is never left. */
 static void start_homing(waam_core_t *core)
 {
@@ -19,6 +25,8 @@ static void start_block(waam_core_t *core, const waam_block_t *block)
     core->dwell_us = 0;
     core->arc.wire_mm_s = block->wire_mm_s;
     core->arc.voltage_v = block->voltage_v;
+    if (block->kind != WAAM_BLOCK_ARC_END)
+        set_gas(core, block->gas);
     switch (block->kind) {
     case WAAM_BLOCK_HOME: start_homing(core); break;
     case WAAM_BLOCK_ARC_END: waam_arc_end(&core->arc, false, &core->config.arc); break;
@@ -26,8 +34,6 @@ static void start_block(waam_core_t *core, const waam_block_t *block)
         core->arc.gas_asked = false;
         waam_arc_end(&core->arc, false, &core->config.arc);
         break;
-    case WAAM_BLOCK_GAS_ON: core->arc.gas_asked = true; break;
-    case WAAM_BLOCK_GAS_OFF: core->arc.gas_asked = false; break;
     default: break;
     }
 }
@@ -35,6 +41,8 @@ static void start_block(waam_core_t *core, const waam_block_t *block)
 static void finish_block(waam_core_t *core, const waam_block_t *block)
 {
     waam_block_kind_t kind = block->kind;
+    if (kind == WAAM_BLOCK_ARC_END)
+        set_gas(core, block->gas);
     if (block->line) {
         core->executed = block->line;
         core->executed_modal = block->after;

@@ -10,8 +10,7 @@ typedef enum {
     WAAM_BLOCK_HOME,
     WAAM_BLOCK_ARC_START,
     WAAM_BLOCK_ARC_END,
-    WAAM_BLOCK_GAS_ON,
-    WAAM_BLOCK_GAS_OFF,
+    WAAM_BLOCK_GAS,
     WAAM_BLOCK_PAUSE,
     WAAM_BLOCK_FINISH
 } waam_block_kind_t;
@@ -22,6 +21,7 @@ typedef struct {
     uint32_t line;              /* last line that is done when this block is; 0 = none */
     double wire_mm_s, voltage_v;/* in force from the start of this block */
     bool coupled;               /* the wire follows the path: wire_per_mm instead of wire_mm_s */
+    waam_gas_t gas;             /* from the start of this block; of an arc end, from its end */
     waam_modal_t after;         /* in force when this block is done */
     double dwell_s;
     /* moves */

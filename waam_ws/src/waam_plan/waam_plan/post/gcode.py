@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_plan.plan import Plan
+from waam_plan.plan import Plan, base_feed
 from waam_plan.post.compact import TOLERANCE, Saving, circle, compact
-from waam_plan.settings import SECTION, PlanSettings
+from waam_plan.settings import PlanSettings
 from waam_process.segment import Kind, Point, Segment
 
 LONGEST_LINE = 120  # bytes; the controller takes 160 with line number and check
@@ -38,12 +38,6 @@ class GcodePoint:
     wire_feed_speed: float  # m/s
     voltage: float  # V
     line: int  # from 1
-
-
-def base_feed(segment: Segment, settings: PlanSettings) -> float:
-    """Wire feed speed (m/s) by eq 2.17 from the programmed speed: 0.73 * B * H * V / (S_wire * eta)."""
-    section = SECTION * segment.width * segment.height
-    return section * segment.speed_programmed / (settings.wire_area * settings.efficiency)
 
 
 def with_base_feed(segments: list[Segment], settings: PlanSettings) -> list[Segment]:
@@ -174,14 +168,22 @@ def _arc(s: Segment, via: Point) -> tuple[str, str]:
 _WORD = re.compile(r'([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))')
 
 
+# What a program of this dialect says: moves, dwell, homing, and the modes that it always has.
+_READ = {0, 1, 4, 17, 21, 28, 40, 49, 54, 61, 64, 80, 90, 94}
+
+
 def read_gcode(text: str) -> list[GcodePoint]:
-    """Ends of all moves of a program in this dialect (absolute, mm). Raises ProgramError naming the line."""
+    """Ends of all moves of a program in this dialect (absolute, mm). Raises ProgramError naming the line.
+
+    As in the controller, '%' alone is passed over and a line that begins with '/' is read.
+    """
     points: list[GcodePoint] = []
     place = {'X': math.nan, 'Y': math.nan, 'Z': math.nan}
     state = {'F': math.nan, 'W': 0.0, 'S': 0.0}
     arc, moving = False, False
     for number, raw in enumerate(text.splitlines(), 1):
         line = re.sub(r'\([^)]*\)', '', raw.split(';')[0]).strip().upper()
+        line = '' if line == '%' else line.removeprefix('/')
         words = _WORD.findall(line)
         if _WORD.sub('', line).strip():
             raise ProgramError(f'line {number}: cannot read {raw.strip()!r}')
@@ -189,16 +191,16 @@ def read_gcode(text: str) -> list[GcodePoint]:
         for letter, value in words:
             v = float(value)
             if letter == 'G':
-                if v in (20, 91, 2, 3):
+                if v not in _READ:
                     raise ProgramError(f'line {number}: G{v:g} is not part of these programs')
-                moving = v in (0, 1) if v in (0, 1, 4, 28) else moving
+                moving = v in (0, 1) if v in (0, 1, 4, 28, 80) else moving
             elif letter == 'M':
                 arc = v == 3 if v in (3, 5) else arc
             elif letter in place:
                 place[letter], seen = v, True
             elif letter in state:
                 state[letter] = v
-            elif letter not in 'NP':
+            elif not (letter in 'NP' or (letter == 'Q' and 'G64' in line)):
                 raise ProgramError(f'line {number}: unknown word {letter}{value}')
         if seen and moving:
             points.append(_point(place, state, arc, number))

@@ -104,6 +104,8 @@ def angles_from_diagonals(side_x: float, side_y: float, rising: float, falling: 
 
 
 _WORD = re.compile(r'([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))')
+# X1e-05, which the controller refuses, too; a small e behind a small letter is a word
+_EXPONENT = re.compile(r'([A-Z])\s*[-+]?(?:\d+\.?\d*|\.\d+)e\s*[-+]?\.?\d')
 _COMMENT = re.compile(r'\([^)]*\)|;.*')
 _TOKEN = re.compile(f'{_COMMENT.pattern}|{_WORD.pattern}')  # group 1: the letter of a word
 
@@ -160,6 +162,10 @@ class _Program(_Place):
         self.needed = np.abs(matrix) > 1e-15
 
     def line(self, raw: str, number: int) -> str:
+        if found := _EXPONENT.search(_COMMENT.sub('', raw)):
+            raise SkewError(
+                f'line {number}: {found[1]}: an exponent is not read, write the number out'
+            )
         codes, given = self.read(raw)
         if codes & {2.0, 3.0}:
             raise SkewError(

@@ -1,0 +1,12 @@
+;FLAVOR:Marlin
+;TIME:321
+;Layer height: 0.2
+M82 ;absolute extrusion mode
+G21
+G90
+G92 E0
+G1 F1800 E-3
+;LAYER_COUNT:2
+;LAYER:0
+G0 F3600 X10.1 Y10.1 Z0.3
+M107

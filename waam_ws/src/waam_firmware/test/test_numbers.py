@@ -1,0 +1,101 @@
+"""A number as the controller reads it is that which Python reads: the nearest double."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from decimal import Decimal
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+LONGEST = 159  # bytes of a line, less its letter
+MANY = settings(max_examples=800, deadline=None, derandomize=True, database=None)
+
+
+class Cursor(ctypes.Structure):
+    _fields_ = (
+        ('text', ctypes.c_char_p),
+        ('length', ctypes.c_size_t),
+        ('at', ctypes.c_size_t),
+    )
+
+
+@pytest.fixture(scope='module')
+def read(controller_path):
+    """(value, bytes read) of a text; None where the controller finds no number."""
+    build = controller_path.parents[1] / 'waam_firmware'
+    library = ctypes.CDLL(str(build / 'libwaam_controller_lib.so'))
+    library.waam_read_number.restype = ctypes.c_bool
+
+    def read(text: str) -> tuple[float, int] | None:
+        data = text.encode()
+        cursor, value = Cursor(data, len(data), 0), ctypes.c_double(math.nan)
+        good = library.waam_read_number(ctypes.byref(cursor), ctypes.byref(value))
+        return (value.value, cursor.at) if good else None
+
+    return read
+
+
+def same(read, text: str) -> None:
+    expected = float(text)
+    got = read(text)
+    if abs(expected) >= 1e9:
+        assert got is None
+    else:
+        assert got == (expected, len(text)), text
+        assert math.copysign(1.0, got[0]) == math.copysign(1.0, expected)
+
+
+SIGN = st.sampled_from(['', '-', '+'])
+DIGITS = st.text('0123456789', max_size=60) | st.text('0', max_size=40)
+
+
+@MANY
+@given(SIGN, DIGITS, DIGITS, DIGITS)
+@example('', '', '0' * 150, '1')
+@example('', '000', '9' * 17, '')
+@example('-', '0' * 60, '', '0' * 60)
+@example('', '999999999', '9' * 60, '')
+@example('', '1000000000', '', '')
+@example('', '12', '5' + '0' * 60, '')
+def test_any_digits(read, sign, whole, first, second):
+    """Leading and trailing zeros, point in front or at the end; at 1e9 it is refused."""
+    fraction = first + second
+    if whole + fraction:
+        same(read, f'{sign}{whole}.{fraction}'[:LONGEST])
+        same(read, f'{sign}{whole or "0"}')
+
+
+@MANY
+@given(st.floats(-1e9, 1e9, allow_subnormal=False), st.integers(0, 60))
+def test_what_python_prints(read, value, digits):
+    same(read, f'{value:.{digits}f}')
+    if 'e' not in repr(value):
+        same(read, repr(value))
+
+
+@MANY
+@given(st.floats(1e-9, 9e8), st.integers(-3, 3))
+def test_between_two_doubles(read, low, nudge):
+    """Exactly half way (even wins), and the last decimal more or less."""
+    middle = (Decimal(low) + Decimal(math.nextafter(low, math.inf))) / 2
+    exact = f'{middle:f}'
+    if len(exact) <= LONGEST:
+        last = Decimal((0, (1,), middle.as_tuple().exponent))
+        same(read, exact)
+        same(read, f'{middle + nudge * last:f}')
+
+
+@pytest.mark.parametrize(
+    'text', ['', '.', '-', '+.', '-.e', 'e5', '--1', '+-1', '1000000000', '1' * 150]
+)
+def test_no_number(read, text):
+    assert read(text) is None
+
+
+def test_it_ends_where_the_number_ends(read):
+    assert read('1e5') == (1.0, 1)
+    assert read(' 1.5.5') == (1.5, 4)
+    assert read('7-2') == (7.0, 1)
