@@ -8,11 +8,13 @@ setup:
 demo: setup
 	@$(RUN) waam demo
 test:
-	@bash scripts/setup.sh --train
-	@$(RUN) ruff check . && bash scripts/test.sh
-bench: setup
+	@bash scripts/setup.sh --test --train
+	@$(RUN) ruff check . && mypy && bash scripts/test.sh
+bench:
+	@bash scripts/setup.sh --test
 	@$(RUN) python3 bench/run.py $(ONLY)
-lint: setup
-	@$(RUN) ruff format . && ruff check --fix .
+lint:
+	@bash scripts/setup.sh --test
+	@$(RUN) ruff format . && ruff check --fix . && mypy
 clean:
 	rm -rf waam_ws/build waam_ws/install waam_ws/log .venv .setup.*

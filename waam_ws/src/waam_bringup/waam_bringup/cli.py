@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from . import panel
 from .cli_common import add_run, run_and_domain
@@ -25,7 +26,15 @@ first steps:
 The firmware and this software do not replace the hardware safety chain
 (emergency stop, interlocks, fume extraction, eye protection).
 """
-PACKAGES = ('waam_plan', 'waam_scan', 'waam_adapt', 'waam_record', 'waam_replay', 'waam_view')
+PACKAGES = (
+    'waam_plan',
+    'waam_scan',
+    'waam_adapt',
+    'waam_lab',
+    'waam_record',
+    'waam_replay',
+    'waam_view',
+)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -42,8 +51,14 @@ def build_parser() -> argparse.ArgumentParser:
     _register_demo(commands)
     panel.register(commands)
     for package in PACKAGES:
-        importlib.import_module(f'{package}.cli').register(commands)
+        options = {'read_requests': _recorded_requests} if package == 'waam_adapt' else {}
+        importlib.import_module(f'{package}.cli').register(commands, **options)
     return parser
+
+
+def _recorded_requests(folder: Path) -> list[Any]:
+    """Requests of the correction server in a recorded job, for `waam train --from`."""
+    return importlib.import_module('waam_replay.corrections').requests_of(folder)
 
 
 def _register_graph(commands) -> None:
@@ -94,6 +109,13 @@ def _add_up(p: argparse.ArgumentParser) -> None:
         help='ROS parameter file for all nodes (repeatable)',
     )
     p.add_argument('--timeout', type=float, default=60.0, help='longest wait for readiness, s')
+    p.add_argument(
+        '--hang-timeout',
+        type=float,
+        default=15.0,
+        metavar='S',
+        help='a node that hangs for so long while no job runs is started again (default 15; 0 = never)',
+    )
     _add_up_ports(p)
 
 
@@ -147,6 +169,7 @@ def cmd_up(args) -> int:
         grpc_port=args.grpc_port or (free_port() if args.web_port else 0),
         web_port=args.web_port,
         panel_port=args.panel_port or panel_port(),
+        hang_timeout=args.hang_timeout,
         params_files=tuple(f.resolve() for f in args.params_file),
         without=tuple(args.without),
     )

@@ -26,7 +26,8 @@ class Settings:
 
     run: folder for sockets, logs and state; port: serial port of a real controller, '' = simulated cell;
     rate: simulated seconds per second at most (0 = as fast as it goes); seed: of everything random in the cell;
-    panel_port: of the operator's page (0 = any free one).
+    panel_port: of the operator's page (0 = any free one); hang_timeout: a node that gives no sign of life for so long
+    (s) while no job runs is started again (0 = never).
     """
 
     run: Path
@@ -37,6 +38,7 @@ class Settings:
     grpc_port: int = 0
     web_port: int = 0
     panel_port: int = 0
+    hang_timeout: float = 15.0
     params_files: tuple[Path, ...] = ()
     without: tuple[str, ...] = ()
 
@@ -52,8 +54,8 @@ class Settings:
 
 @dataclass(frozen=True)
 class Process:
-    """One process: name (= node name), command line, whether it is a ROS node, whether the arc lease needs it, and what
-    is added to its environment."""
+    """One process: name (= node name), command line, whether it is a ROS node, whether the arc lease needs it, what is
+    added to its environment, and whether it may be started again when it hangs between jobs."""
 
     name: str
     command: list[str]
@@ -63,10 +65,11 @@ class Process:
     executable: str = ''
     arguments: list[str] = field(default_factory=list)
     environment: dict[str, str] = field(default_factory=dict)
+    restart: bool = False
 
 
 KEYS = {
-    'package', 'executable', 'only', 'ros', 'lease', 'realtime', 'arguments', 'parameters', 'use_sim_time',
+    'package', 'executable', 'only', 'ros', 'lease', 'realtime', 'arguments', 'parameters', 'use_sim_time', 'restart',
 }  # fmt: skip
 
 
@@ -155,6 +158,7 @@ def _process(name: str, node: dict, settings: Settings, lease_nodes: list[str]) 
         executable=exe,
         arguments=arguments,
         environment={priority.VARIABLE: '1'} if settings.paced and node.get('realtime') else {},
+        restart=node.get('ros', True) and node.get('restart', True),
     )
 
 

@@ -149,7 +149,7 @@ def graph(
     """A graph for the length of the block."""
     args = ['--run', str(settings.run), '--domain', str(domain), '--seed', str(settings.seed)]
     args += ['--rate', str(settings.rate), '--grpc-port', str(settings.grpc_port)]
-    args += ['--web-port', str(settings.web_port)]
+    args += ['--web-port', str(settings.web_port), '--hang-timeout', str(settings.hang_timeout)]
     args += ['--panel-port', str(settings.panel_port or free_port())]
     for name in settings.without:
         args += ['--without', name]

@@ -8,16 +8,20 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from waam_node import job_folder
 from waam_node.files import write_atomically
 
 
 @dataclass
 class NodeState:
-    """pid and fate of one process; exit_code is None while it runs, negative = ended by that signal."""
+    """pid and fate of one process; exit_code is None while it runs, negative = ended by that signal; restarts: how
+    often it was started again because it hung, reason: why the last time."""
 
     pid: int
     exit_code: int | None = None
     ended_at: float | None = None
+    restarts: int = 0
+    reason: str = ''
 
 
 @dataclass
@@ -55,6 +59,24 @@ def load(run: Path) -> RunState | None:
         return None
     nodes = {n: NodeState(**s) for n, s in data.pop('nodes').items()}
     return RunState(nodes=nodes, **data)
+
+
+ENDED = ('DONE', 'FAILED', 'ABORTED', 'INTERRUPTED')  # states in a job's status.json
+
+
+def job_status(run: Path) -> tuple[Path, dict[str, Any]] | None:
+    """status.json of the newest job of the graph in this folder, and what it says; None when there is none."""
+    try:
+        file = Path((run / 'job').read_text()) / job_folder.STATUS
+        return file, json.loads(file.read_text())
+    except (OSError, json.JSONDecodeError):
+        return None
+
+
+def job_runs(run: Path) -> bool:
+    """Whether a job is under way."""
+    found = job_status(run)
+    return found is not None and found[1].get('state') not in ENDED
 
 
 def process_exists(pid: int) -> bool:

@@ -25,6 +25,8 @@ def print_status(run: Path, state: RunState, domain: int) -> int:
         table.add_column(column)
     for name, node in state.nodes.items():
         how = 'running' if node.exit_code is None else f'[red]{describe_exit(node.exit_code)}[/red]'
+        if node.restarts:
+            how += f', started again {node.restarts} x: {node.reason}'
         table.add_row(name, str(node.pid), how)
     console.print(table)
     if machine is None:

@@ -1,30 +1,43 @@
 """The plain supervisor: starts the processes of the graph, watches them, says what died, stops them in reverse order.
 
 A node that died is not restarted: a job in the middle of a layer must not go on with one that has forgotten everything.
+One that hangs while no job runs is ended and started again: the next job would only fail on it.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
-from waam_node import job_folder
+from waam_node import alive
 from waam_node.files import write_atomically
 
+from . import shared_memory
 from .graph import Process, Settings, processes
-from .run_state import NodeState, RunState, describe_exit
+from .run_state import ENDED, NodeState, RunState, describe_exit, job_runs, job_status
+from .watchdog import Watchdog
+
+MAX_RESTARTS = (
+    3  # of one node in the life of a graph; one that hangs again and again needs a person
+)
+DUMP_S = 0.3  # for a hanging node to write where its threads are
 
 
 class Supervisor:
     """Owns the processes of one graph. `start`, then `watch` until it is told to stop, then `stop`."""
 
-    def __init__(self, settings: Settings, domain: int) -> None:
+    def __init__(
+        self, settings: Settings, domain: int, description: dict[str, Any] | None = None
+    ) -> None:
         self.settings = settings
-        self.specs: list[Process] = processes(settings)
+        self.specs: list[Process] = processes(settings, description)
+        self.watchdog = Watchdog(settings.hang_timeout)
         self.children: dict[str, subprocess.Popen] = {}
         port = settings.port or str(settings.run / 'controller')
         self.state = RunState(os.getpid(), 'starting', domain, settings.simulated, port)
@@ -39,22 +52,29 @@ class Supervisor:
         """Starts everything, the virtual controller first (the others wait for its port themselves)."""
         run = self.settings.run
         (run / 'logs').mkdir(parents=True, exist_ok=True)
-        environment = dict(os.environ, ROS_DOMAIN_ID=str(self.state.domain), PYTHONUNBUFFERED='1')
-        environment.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        environment['ROS_LOG_DIR'] = str(run / 'logs' / 'ros')
         for spec in self.specs:
-            with open(run / 'logs' / f'{spec.name}.log', 'w') as log:
-                child = subprocess.Popen(
-                    spec.command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=subprocess.STDOUT,
-                    env=environment | spec.environment,
-                    start_new_session=True,  # Ctrl-C in the terminal reaches the supervisor, which stops them in order
-                )
-            self.children[spec.name] = child
-            self.state.nodes[spec.name] = NodeState(child.pid)
+            self.state.nodes[spec.name] = NodeState(self._launch(spec, 'w').pid)
         self.state.save(run)
+
+    def _launch(self, spec: Process, mode: str, **environment: str) -> subprocess.Popen:
+        """Starts one process; mode: of opening its log."""
+        run = self.settings.run
+        base = dict(os.environ, ROS_DOMAIN_ID=str(self.state.domain), PYTHONUNBUFFERED='1')
+        base.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        base |= {'ROS_LOG_DIR': str(run / 'logs' / 'ros'), alive.ADDRESS: self.watchdog.address}
+        with open(run / 'logs' / f'{spec.name}.log', mode) as log:
+            child = subprocess.Popen(
+                spec.command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=base | spec.environment | environment,
+                start_new_session=True,  # Ctrl-C in the terminal reaches the supervisor, which stops them in order
+            )
+        self.children[spec.name] = child
+        if spec.restart:
+            self.watchdog.watch(child.pid)
+        return child
 
     def watch(self, poll: float = 0.1) -> None:
         """Returns when asked to stop (SIGINT, SIGTERM). Every death is recorded at once."""
@@ -63,8 +83,13 @@ class Supervisor:
         self.state.phase = 'up'
         self.state.save(self.settings.run)
         while not self._asked_to_stop:
-            self._reap()
+            self.look()
             time.sleep(poll)
+
+    def look(self) -> None:
+        """One look at all processes."""
+        self._reap()
+        self._restart_hanging()
 
     def _on_signal(self, *_: object) -> None:
         self._asked_to_stop = True
@@ -76,9 +101,38 @@ class Supervisor:
             if state.exit_code is None and child.poll() is not None:
                 state.exit_code, state.ended_at = child.returncode, time.time()
                 changed = True
+                self.watchdog.forget(child.pid)
                 self._report_death(name, child.returncode)
         if changed:
             self.state.save(self.settings.run)
+
+    def _restart_hanging(self) -> None:
+        """Ends and starts again what gives no sign of life, unless a job runs."""
+        silent = self.watchdog.silent(time.monotonic())
+        if not silent or job_runs(self.settings.run):
+            return
+        for spec in self.specs:
+            child, state = self.children[spec.name], self.state.nodes[spec.name]
+            if child.pid in silent and state.exit_code is None and state.restarts < MAX_RESTARTS:
+                self._restart(spec, silent[child.pid])
+
+    def _restart(self, spec: Process, seconds: float) -> None:
+        child, state = self.children[spec.name], self.state.nodes[spec.name]
+        state.reason = (
+            f'{spec.name} gave no sign of life for {seconds:.0f} s while no job ran; '
+            f'it was ended and started again at {time.strftime("%H:%M:%S")}'
+        )
+        print(f'[waam] {state.reason}', file=sys.stderr)
+        child.send_signal(signal.SIGUSR1)
+        time.sleep(DUMP_S)
+        child.kill()
+        child.wait()
+        self.watchdog.forget(child.pid)
+        shared_memory.clean()
+        state.pid = self._launch(spec, 'a', **{alive.RESTARTED: state.reason}).pid
+        state.restarts += 1
+        self.state.message = state.reason
+        self.state.save(self.settings.run)
 
     def _report_death(self, name: str, code: int) -> None:
         text = f'{name} {describe_exit(code)}'
@@ -105,26 +159,22 @@ class Supervisor:
                 child.wait()
             self.state.nodes[name].exit_code = child.returncode
         mark_interrupted(self.settings.run, 'the graph was stopped')
+        self.watchdog.close()
         self.state.phase = 'down'
         self.state.save(self.settings.run)
 
 
 def mark_interrupted(run: Path, reason: str) -> None:
     """Writes into the newest job's status.json that it was interrupted, when it was still going on."""
-    import json
-
-    try:
-        status = Path((run / 'job').read_text()) / job_folder.STATUS
-        data = json.loads(status.read_text())
-    except (OSError, json.JSONDecodeError):
+    found = job_status(run)
+    if found is None or found[1].get('state') in ENDED:
         return
-    if data.get('state') in ('DONE', 'FAILED', 'ABORTED'):
-        return
+    file, data = found
     data.update(
         state='INTERRUPTED',
         message=f'{reason}; the arc lease ended with it. {data.get("message", "")}',
     )
-    write_atomically(status, json.dumps(data, indent=1))
+    write_atomically(file, json.dumps(data, indent=1))
 
 
 def run(settings: Settings, domain: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import faulthandler
 import gc
 import os
 import signal
@@ -24,7 +25,7 @@ from rclpy.service_introspection import ServiceIntrospectionState
 
 from waam_msgs.msg import Heartbeat, LeaseTick
 
-from . import priority
+from . import alive, priority
 from .params import from_dict
 from .qos import BEAT, EVENTS
 
@@ -44,6 +45,8 @@ class WaamNode(Node):
         self.params = self._load_params(params_type)
         self.level, self.message = OK, 'ok'
         self.values: dict[str, Any] = {}
+        self._restarted = os.environ.get(alive.RESTARTED, '')
+        self._sign_of_life = alive.SignOfLife()
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._heartbeat = self.create_publisher(Heartbeat, 'heartbeat', BEAT)
         self.create_subscription(LeaseTick, 'lease_tick', self._on_tick, BEAT)
@@ -78,10 +81,14 @@ class WaamNode(Node):
             )
         return params
 
+    def responsive(self) -> bool:
+        """Whether the node does its work. A node with threads of its own overrides it: one that is stuck gives no
+        heartbeat, and the supervisor takes it for one that hangs."""
+        return True
+
     def _on_tick(self, tick: LeaseTick) -> None:
-        if (
-            not self.context.ok()
-        ):  # the executor still runs what was due when the node was told to stop
+        # the executor still runs what was due when the node was told to stop
+        if not self.context.ok() or not self.responsive():
             return
         beat = Heartbeat(
             node=self.get_name(), controller_us=tick.controller_us, boot_id=tick.boot_id
@@ -92,11 +99,15 @@ class WaamNode(Node):
     def _publish_diagnostics(self) -> None:
         if not self.context.ok():
             return
+        if self.responsive():
+            self._sign_of_life.give()
         status = DiagnosticStatus(
             level=self.level, name=f'{self.get_name()}: state', message=self.message
         )
         status.hardware_id = self.get_name()
         status.values = [KeyValue(key=str(k), value=str(v)) for k, v in self.values.items()]
+        if self._restarted:
+            status.values.append(KeyValue(key='restarted', value=self._restarted))
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
@@ -152,6 +163,7 @@ def spin(node: Node) -> None:
 
 def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     """The main of every node: exit status 0 after a clean stop, 2 for bad parameters, 1 for a crash."""
+    faulthandler.register(signal.SIGUSR1)  # where every thread is, into the log
     turn = priority.take()  # before the middleware starts its threads
     rclpy.init(args=args)
     signal.signal(signal.SIGTERM, lambda *_: rclpy.try_shutdown())

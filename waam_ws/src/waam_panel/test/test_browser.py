@@ -264,7 +264,7 @@ def test_the_rerun_viewer_is_embedded(panel, browser, tmp_path):
     recording.log('arc/current', rr.Scalars([100.0]))
     recording.disconnect()
     viewer = WebViewer(str(tmp_path / 'job.rrd'), free_port(), free_port())
-    row = {'node': 'dashboard', 'level': 0, 'message': 'ok', 'viewer': viewer.url}
+    row = {'node': 'dashboard', 'level': 0, 'message': 'ok', 'viewer': viewer.url, 'restarted': ''}
     panel.cell.mailbox.put(('diagnostics', [row]))
     context = browser.new_context()
     page = context.new_page()  # nobody listens to its console: the viewer says every shader there

@@ -146,6 +146,22 @@ def test_commanded_speed_is_that_of_the_nearest_segment_with_the_override():
     assert state.sections['telemetry']['speed_commanded'] is None
 
 
+def program(**changes) -> dict:
+    row = {'node': 'recorder', 'level': 0, 'message': 'ready', 'viewer': '', 'restarted': ''}
+    return row | changes
+
+
+def test_a_node_that_was_started_again_is_said_once_with_its_reason():
+    state = PanelState(10)
+    state.apply('diagnostics', [program()], 0, 1.0)
+    assert not state.alarms.listing()
+    for t in (2.0, 3.0):
+        state.apply('diagnostics', [program(restarted='recorder gave no sign of life')], 0, t)
+    (alarm,) = state.alarms.listing()
+    assert (alarm['code'], alarm['count']) == ('restarted', 1)
+    assert alarm['text'] == 'recorder gave no sign of life' and alarm['severity'] == 1
+
+
 def test_faults_of_the_machine_become_alarms_and_end():
     state = PanelState(10)
     state.apply('machine', MACHINE | {'state': 'HOLD', 'fault': 206, 'fault_text': 'wire'}, 0, 1.0)

@@ -110,12 +110,14 @@ def temperature(m: Temperature) -> dict[str, Any]:
 
 
 def diagnostics(m: DiagnosticArray) -> list[dict[str, Any]]:
-    """One row per node; `viewer`: where the dashboard serves the rerun viewer."""
+    """One row per node; viewer: where the dashboard serves the rerun viewer; restarted: why the supervisor has started
+    the node again."""
     rows = []
     for s in m.status:
         values = {v.key: v.value for v in s.values}
         rows.append({
             'node': s.hardware_id, 'level': s.level[0], 'message': s.message, 'viewer': values.get('viewer', ''),
+            'restarted': values.get('restarted', ''),
         })  # fmt: skip
     return rows
 

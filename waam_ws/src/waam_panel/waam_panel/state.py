@@ -147,8 +147,11 @@ class PanelState:
         elif a['severity'] >= 1 and not code:
             self.alarms.event(utc, 'anomaly', a['class'], a['severity'], a['text'])
 
-    def _on_diagnostics(self, rows: list[dict[str, Any]], _utc: float) -> None:
+    def _on_diagnostics(self, rows: list[dict[str, Any]], utc: float) -> None:
         for row in rows:
+            before = self.sections['programs'].get(row['node'], {})
+            if row['restarted'] and row['restarted'] != before.get('restarted'):
+                self.alarms.event(utc, 'condition', 'restarted', 1, row['restarted'])
             self.sections['programs'][row['node']] = row
             if row['node'] == 'dashboard':
                 self.sections['viewer'] = row['viewer'] if row['viewer'].startswith('http') else ''

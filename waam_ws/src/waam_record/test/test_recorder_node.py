@@ -36,9 +36,9 @@ START = 'from waam_record.recorder_node import main; main()'
 class Graph:
     """A recorder process and a node that publishes and calls it, in a domain of their own."""
 
-    def __init__(self, domain: int, *parameters: str) -> None:
+    def __init__(self, domain: int, *parameters: str, program: str = START) -> None:
         arguments = [a for p in parameters for a in ('-p', p)]
-        command = [sys.executable, '-c', START, '--ros-args', *arguments]
+        command = [sys.executable, '-c', program, '--ros-args', *arguments]
         env = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
         self.process = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True)
         self.context = Context()
@@ -88,8 +88,8 @@ class Graph:
 def graph():
     made = []
 
-    def make(*parameters: str) -> Graph:
-        made.append(Graph(fresh_domain(), *parameters))
+    def make(*parameters: str, **options: str) -> Graph:
+        made.append(Graph(fresh_domain(), *parameters, **options))
         return made[-1]
 
     yield make
@@ -266,6 +266,63 @@ def test_choice_layers_and_parameters(graph, tmp_path):
     assert all(info(f).topics['/height_map'].messages == 1 for f in listed.files)
     parameters = json.loads(listed.custom_data['parameters.recorder'])
     assert parameters['split_layers'] == 1 and listed.custom_data['version.mcap']
+
+
+SLOW_DISK = '''
+import os, time
+sync = os.fsync
+def slow(descriptor):
+    time.sleep({seconds})
+    sync(descriptor)
+os.fsync = slow
+'''
+
+
+def longest_silence(g: Graph, act) -> float:
+    """The longest time without a heartbeat while `act` runs, s. Ticks go out every 50 ms."""
+    ticks = g.node.create_publisher(LeaseTick, 'lease_tick', BEAT)
+    beats: list[float] = []
+    g.node.create_subscription(
+        Heartbeat, 'heartbeat', lambda _: beats.append(time.monotonic()), BEAT
+    )
+    timer = g.node.create_timer(0.05, lambda: ticks.publish(LeaseTick()))
+    g.spin_until(lambda: len(beats) > 5, 30)
+    del beats[:-1]
+    act()
+    count = len(beats)
+    g.spin_until(lambda: len(beats) > count, 30)
+    timer.cancel()
+    return max(b - a for a, b in zip(beats, beats[1:], strict=False))
+
+
+def test_a_slow_disk_never_silences_the_node(graph, tmp_path):
+    g = graph(program=SLOW_DISK.format(seconds=2.0) + START)
+    folder = str(tmp_path / 'record')
+
+    def record() -> None:
+        answer = g.call(Record.Request.START, directory=folder)
+        assert answer.success, answer.message
+        answer = g.call(Record.Request.STOP)
+        assert answer.success and 'verified' in answer.message
+
+    g.call(0)
+    assert longest_silence(g, record) < 1.0
+
+
+def test_stop_answers_although_the_disk_does_not_and_the_next_start_need_not_wait(graph, tmp_path):
+    g = graph('close_timeout:=0.5', program=SLOW_DISK.format(seconds=1.5) + START)
+    assert g.call(Record.Request.START, directory=str(tmp_path / 'first')).success
+    answer = g.call(Record.Request.STOP)
+    assert not answer.success and 'first is not closed yet' in answer.message
+    assert g.call(Record.Request.START, directory=str(tmp_path / 'second')).success
+    g.spin_until(lambda: (tmp_path / 'first/first_0.mcap').exists(), 10)
+    end = time.monotonic() + 30
+    while not check(tmp_path / 'first').sound and time.monotonic() < end:
+        g.executor.spin_once(timeout_sec=0.2)
+    assert check(tmp_path / 'first').sound
+    g.process.terminate()
+    assert g.process.wait(30) == 0
+    assert check(tmp_path / 'second').sound
 
 
 def diagnosed(message: DiagnosticArray) -> dict[str, int]:

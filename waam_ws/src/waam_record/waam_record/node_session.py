@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,6 +62,13 @@ class RecorderParams:
     settle: float = param(
         0.25, 'START answers this long after the last one connected', 's', 0.0, 10.0
     )
+    close_timeout: float = param(
+        20.0,
+        'STOP answers after this long at the latest; a slow disk then goes on by itself',
+        's',
+        0.1,
+        600.0,
+    )
 
     @property
     def choice(self) -> Choice:
@@ -70,9 +78,10 @@ class RecorderParams:
 
 
 class Session:
-    """One recording of the graph. All methods belong to one thread and return at once, `close` excepted.
+    """One recording of the graph. All methods belong to one thread, which is not the one of the node's executor.
 
-    simulated: messages are filed under ROS time (`now_ns` of `drain`) instead of their time of arrival.
+    simulated: messages are filed under ROS time (`now_ns` of `drain`) instead of their time of arrival;
+    on_progress: is called after every subscription.
     """
 
     def __init__(
@@ -82,6 +91,7 @@ class Session:
         custom_data: dict[str, str],
         params: RecorderParams,
         simulated: bool,
+        on_progress: Callable[[], None] = lambda: None,
     ) -> None:
         limits = Limits(
             params.queue_mb << 20,
@@ -97,7 +107,7 @@ class Session:
         self.taps = Taps(context, params.depth, params.choice)
         self.parameters = ParameterReader(context)
         self.paused = False
-        self._simulated = simulated
+        self._simulated, self._on_progress = simulated, on_progress
         self._layers, self._layer, self._split_at = params.split_layers, 0, 0
         self._noted: dict[str, str] = {}
         self.discover()
@@ -118,6 +128,7 @@ class Session:
 
     def _add(self, tap: Tap) -> None:
         tap.number = self.recording.add_topic(tap.topic)
+        self._on_progress()
 
     def drain(self, now_ns: int) -> None:
         """Hands over what has arrived. now_ns: ROS time, 0 = not known yet."""
@@ -170,6 +181,12 @@ class Session:
         if recording.error:
             return f'recording ended early: {recording.error}', False
         check, wanted = recording.checked, recording.messages
+        if check is None:
+            waiting = recording.waiting_bytes / 1e6
+            return (
+                f'{recording.directory} is not closed yet, {waiting:.1f} MB wait for the disk',
+                False,
+            )
         files = len(recording.writer.files)
         text = f'{wanted} messages of {len(recording.topics)} topics in {files} file(s), {self.lost} lost'
         if check.sound and check.messages == wanted:

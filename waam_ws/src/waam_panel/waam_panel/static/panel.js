@@ -140,7 +140,7 @@ function showFacts(s) {
     ['armed for', m.armed_job || '–'], ['fault', m.fault ? `E${m.fault} ${m.fault_text}` : 'none'], ['round trip, ms (99 %)', fixed(l.round_trip_ms, 1)],
     ['telemetry, Hz / lost', `${fixed(l.rate, 0)} / ${l.lost ?? '–'}`], ['resent lines', String(l.resends ?? '–')], ['last words', m.message || '–'],
   ]);
-  rows($('programs'), Object.values(s.programs).map((p) => [p.node, p.level ? `! ${p.message}` : p.message]));
+  rows($('programs'), Object.values(s.programs).map((p) => [p.node, (p.level ? `! ${p.message}` : p.message) + (p.restarted ? ` (${p.restarted})` : '')]));
 }
 
 function showViewer(address) {
