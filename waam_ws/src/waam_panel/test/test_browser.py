@@ -119,6 +119,10 @@ def pictures_of_a_bead(s: Screen) -> None:
     s.click('[data-map=path]')
     s.picture('run_dark')
     s.page.keyboard.press('t')
+    s.page.set_viewport_size({'width': 390, 'height': 844})
+    s.click('[data-map=error]')
+    s.page.evaluate('scrollTo(0, 0)')
+    s.picture('run_phone')
     s.page.set_viewport_size({'width': 1280, 'height': 800})
 
 
@@ -295,7 +299,7 @@ def show_a_job(panel) -> None:
 
 
 @pytest.mark.parametrize('size', SIZES.values(), ids=SIZES)
-def test_stop_is_whole_targets_fit_gloves_and_nothing_overlaps(panel, browser, size, request):
+def test_stop_is_whole_targets_fit_gloves_and_nothing_overlaps(panel, browser, size):
     show_a_job(panel)
     s = Screen(browser, *size, has_touch=True)
     s.page.goto(panel.url)
@@ -305,9 +309,10 @@ def test_stop_is_whole_targets_fit_gloves_and_nothing_overlaps(panel, browser, s
         s.page.tap(f'nav [data-page={name}]')
         s.visible(f'#{name}')
         found = [s.page.evaluate(check) for check in (STOP_IS_WHOLE, LAYOUT, LABELS)]
-        if size[0] < 800:
-            s.picture(f'{name}_{request.node.callspec.id}')
         assert found == [[], [], []], name
+        s.page.evaluate('scrollTo(0, document.body.scrollHeight)')
+        assert s.page.evaluate(STOP_IS_WHOLE) == [], name
+        s.page.evaluate('scrollTo(0, 0)')
     s.page.evaluate("document.body.classList.add('lost')")
     assert s.page.evaluate(STOP_IS_WHOLE) == []
     assert s.said == []
