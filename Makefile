@@ -8,11 +8,13 @@ setup:
 demo: setup
 	@$(RUN) waam demo
 test:
-	@bash scripts/setup.sh --train
+	@bash scripts/setup.sh --test --train
 	@$(RUN) ruff check . && bash scripts/test.sh
-bench: setup
+bench:
+	@bash scripts/setup.sh --test
 	@$(RUN) python3 bench/run.py $(ONLY)
-lint: setup
+lint:
+	@bash scripts/setup.sh --test
 	@$(RUN) ruff format . && ruff check --fix .
 clean:
 	rm -rf waam_ws/build waam_ws/install waam_ws/log .venv .setup.*

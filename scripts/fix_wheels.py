@@ -18,6 +18,7 @@ def main() -> None:
         fixed = NUMPY.sub(numpy.get_include(), text)
         fixed = PYTHON.sub(sysconfig.get_paths()['include'], fixed)
         if fixed != text:
+            file.unlink()  # it may be a hard link into the installer's cache, which stays as it is
             file.write_text(fixed, encoding='utf-8', errors='surrogateescape')
 
 

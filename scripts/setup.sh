@@ -1,11 +1,26 @@
 #!/usr/bin/env bash
-# Makes the working tree ready: virtual environment, pinned wheels, colcon workspace. Idempotent; the second run takes about a second.
-# --train: also what `waam train` and its tests need (torch, about 5 GB).
+# Makes the working tree ready: virtual environment, pinned wheels, colcon workspace. Idempotent; the second run takes
+# about a second. Without an option it installs and builds what running needs.
+# --test:  also what tests, checks and benchmarks need (requirements-test.txt, the firmware's test programs).
+# --train: also what `waam train` and its tests need (requirements-train.txt: torch, about 5 GB).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 root=$PWD
 say() { printf '\033[1m[setup]\033[0m %s\n' "$*" >&2; }
 die() { printf '\033[31m[setup] %s\033[0m\n' "$*" >&2; exit 1; }
+
+test=no train=no
+for option in "$@"; do
+    case $option in
+        --test) test=yes ;;
+        --train) train=yes ;;
+        *) die "unknown option '$option'; known are --test and --train" ;;
+    esac
+done
+
+started=${EPOCHREALTIME/[.,]/}
+seconds() { echo $((($(now) - ${1:-$started} + 500000) / 1000000)); }   # since $1, rounded
+now() { echo "${EPOCHREALTIME/[.,]/}"; }
 
 usable_python() {  # $1: a python; true when it is >= 3.11 and can make virtual environments and build extensions
     "$1" - <<'P' >/dev/null 2>&1
@@ -42,25 +57,36 @@ python=$(find_python) || die "no Python 3.11 or 3.12 with venv and headers was f
 exec 9>"$root/.setup.lock"
 flock 9
 
-want=$({ "$python" -c 'import sys; print(sys.version, sys.base_prefix)'; pwd; cat requirements.txt scripts/fix_wheels.py; } | sha256sum | cut -d' ' -f1)
+install() { .venv/bin/python scripts/install_wheels.py "$@"; }
+
+wheels=(requirements.txt requirements-open3d.txt scripts/fix_wheels.py)
+want=$({ "$python" -c 'import sys; print(sys.version, sys.base_prefix)'; pwd; cat "${wheels[@]}"; } | sha256sum | cut -d' ' -f1)
 if [ "$(cat .venv/.waam_ready 2>/dev/null || true)" != "$want" ]; then
-    say "virtual environment and wheels (about a minute) ..."
-    [ "$(cat .venv/.waam_python 2>/dev/null || true)" = "$("$python" -c 'import sys; print(sys.version)') $root" ] || rm -rf .venv
-    [ -d .venv ] || "$python" -m venv .venv
-    "$python" -c 'import sys; print(sys.version, end=" ")' > .venv/.waam_python; echo "$root" >> .venv/.waam_python
-    .venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt \
-        || die "pip could not install requirements.txt: is the package index reachable?"
-    # a stock 3-D printing sender that judges our link; its graphical dependencies are left out
-    .venv/bin/python -m pip install -q --disable-pip-version-check --no-deps printrun==2.2.0 \
-        || say "printrun could not be installed: the tests with a stock sender will be skipped"
+    say "virtual environment and wheels ..."
+    t=$(now)
+    rm -rf .venv   # what the former requirements brought must not stay beside the new
+    "$python" -m venv .venv
+    install -r requirements.txt && install --no-deps -r requirements-open3d.txt \
+        || die "the wheels of requirements.txt could not be installed: is the package index reachable?"
     .venv/bin/python scripts/fix_wheels.py
     echo "$want" > .venv/.waam_ready
-    rm -f .venv/.waam_train
+    say "wheels $(seconds "$t") s"
 fi
-if [ "${1:-}" = --train ] && ! cmp -s requirements-train.txt .venv/.waam_train; then
-    say "torch, for waam train and its tests (one or two minutes, 5 GB) ..."
-    if .venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt -r requirements-train.txt; then
+if [ $test = yes ] && ! cmp -s requirements-test.txt .venv/.waam_test; then
+    t=$(now)
+    install -r requirements.txt -r requirements-test.txt || die "the wheels of requirements-test.txt could not be installed"
+    # a stock 3-D printing sender that judges our link; its graphical dependencies are left out
+    install --no-deps printrun==2.2.0 \
+        || say "printrun could not be installed: the tests with a stock sender will be skipped"
+    cp requirements-test.txt .venv/.waam_test
+    say "wheels of the tests $(seconds "$t") s"
+fi
+if [ $train = yes ] && ! cmp -s requirements-train.txt .venv/.waam_train; then
+    say "torch, for waam train and its tests (5 GB) ..."
+    t=$(now)
+    if install -r requirements.txt -r requirements-train.txt; then
         cp requirements-train.txt .venv/.waam_train
+        say "torch $(seconds "$t") s"
     else
         say "torch could not be installed: waam train will not work and its tests will be skipped"
     fi
@@ -68,21 +94,40 @@ fi
 
 sources() {  # everything that a build depends on; Python files are linked, so only their names count
     find waam_ws/src -type d -name __pycache__ -prune -o -type f -print | grep -v '\.egg-info/' | LC_ALL=C sort
-    find waam_ws/src -type f \( -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name 'CMakeLists.txt' -o -name 'package.xml' \
-        -o -name 'setup.py' -o -name 'setup.cfg' -o -name '*.c' -o -name '*.h' \) -print0 | LC_ALL=C sort -z | xargs -0 cat
+    find waam_ws/src -type f \( -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name 'CMakeLists.txt' -o -name '*.cmake' \
+        -o -name 'package.xml' -o -name 'setup.py' -o -name 'setup.cfg' -o -name '*.c' -o -name '*.h' \) -print0 | LC_ALL=C sort -z | xargs -0 cat
 }
-want=$({ cat .venv/.waam_ready scripts/setup.sh; sources; } | sha256sum | cut -d' ' -f1)
-if [ "$(cat waam_ws/install/.waam_ready 2>/dev/null || true)" != "$want" ]; then
-    say "colcon build (first time about a minute) ..."
+warm_up() {  # $1: sim or scan. Compiles its numerical kernels, which needs nothing of the workspace but the sources.
+    local t; t=$(now)
+    PYTHONPATH=$(printf '%s:' "$root"/waam_ws/src/*) \
+        .venv/bin/python scripts/warm_up.py "$1" > "$root/.setup.$1.log" 2>&1 9>&- \
+        || { cat "$root/.setup.$1.log" >&2; return 1; }
+    say "kernels of $1 $(seconds "$t") s, beside the build"
+}
+build() {
+    local t testing=OFF; t=$(now)
+    [ ! -e .venv/.waam_test ] || testing=ON
     export AMENT_PREFIX_PATH=$root/.venv CMAKE_PREFIX_PATH=$root/.venv PATH=$root/.venv/bin:$PATH PYTHONWARNINGS=ignore
+    # without it, colcon lets make wait whenever the machine is busy
+    export MAKEFLAGS=${MAKEFLAGS:--j$(nproc)}
     unset PYTHONPATH COLCON_PREFIX_PATH
     (cd waam_ws && colcon --log-level error build --symlink-install --continue-on-error --parallel-workers 2 \
-        --cmake-args -DCMAKE_BUILD_TYPE=RelWithDebInfo "-DPython3_EXECUTABLE=$root/.venv/bin/python3" -Wno-dev > "$root/.setup.log" 2>&1) \
+        --cmake-args -DCMAKE_BUILD_TYPE=RelWithDebInfo "-DPython3_EXECUTABLE=$root/.venv/bin/python3" -Wno-dev \
+        -DBUILD_TESTING=$testing -DWAAM_MSGS_FOR_PYTHON=ON > "$root/.setup.log" 2>&1) \
         || { bash scripts/write_env.sh; tail -60 "$root/.setup.log" >&2; die "colcon build failed; the whole log is .setup.log"; }
     bash scripts/write_env.sh
-    say "compiling numerical kernels (half a minute) ..."
-    bash -c '. ./env.sh && python3 scripts/warm_up.py' >> "$root/.setup.log" 2>&1 \
-        || { tail -20 "$root/.setup.log" >&2; die "scripts/warm_up.py failed; the whole log is .setup.log"; }
+    say "build $(seconds "$t") s"
+}
+want=$({ cat .venv/.waam_ready scripts/setup.sh; [ ! -e .venv/.waam_test ] || echo with tests; sources; } | sha256sum | cut -d' ' -f1)
+if [ "$(cat waam_ws/install/.waam_ready 2>/dev/null || true)" != "$want" ]; then
+    say "colcon build and numerical kernels ..."
+    warm_up sim & sim=$!
+    warm_up scan & scan=$!
+    trap 'kill $sim $scan 2>/dev/null || true' EXIT
+    build
+    wait $sim && wait $scan || die "scripts/warm_up.py failed"
+    trap - EXIT
     echo "$want" > waam_ws/install/.waam_ready
+    say "all of it $(seconds) s"
 fi
 say "ready. '. ./env.sh' puts 'waam' on the path; './waam --help' explains it."

@@ -1,13 +1,28 @@
-"""Compiles the numba kernels once, so that the first start of a graph does not wait for it."""
+"""Compiles the numba kernels once, so that the first start of a graph does not wait for it: `warm_up.py [sim|scan]`."""
 
-import waam_scan.fusion.height_map
-import waam_sim.plant
+import sys
 
 
-def main() -> None:
+def sim() -> None:
+    """The simulated cell."""
+    import waam_sim.plant
+
     waam_sim.plant.warm_up()
+
+
+def scan() -> None:
+    """Fusion of scans."""
+    import waam_scan.fusion.height_map
+
     waam_scan.fusion.height_map.warm_up()
 
 
+def main(names: list[str]) -> None:
+    """Compiles what is named; everything when nothing is."""
+    known = {'sim': sim, 'scan': scan}
+    for name in names or known:
+        known[name]()
+
+
 if __name__ == '__main__':
-    main()
+    main(sys.argv[1:])
