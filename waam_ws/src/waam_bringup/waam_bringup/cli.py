@@ -9,6 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+from waam_process.names import CLOSED_LOOP, LOOP_MODES, OPEN_LOOP
+
 from . import panel
 from .cli_common import add_run, run_and_domain
 from .cli_job import register_job
@@ -129,8 +131,8 @@ def _register_demo(commands) -> None:
     p.add_argument(
         '--profiles',
         nargs='+',
-        default=['open_loop', 'closed_loop'],
-        choices=('open_loop', 'monitor', 'closed_loop'),
+        default=[OPEN_LOOP, CLOSED_LOOP],
+        choices=LOOP_MODES,
     )
     p.add_argument('--rate', type=float, default=0.0)
     p.set_defaults(run_command=cmd_demo)

@@ -30,12 +30,13 @@ from waam_node.conversions import (
     time_to_msg,
 )
 from waam_process.grid import HeightGrid
+from waam_process.names import CLOSED_LOOP, CONTROLLER_STATES
 
 from .model.cell import Correction, CorrectionRequest, Heat, Scan
 from .model.goal import JobGoal
 from .model.records import AnomalyRecord, LayerRecord, Status
 
-STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
+STATES = CONTROLLER_STATES
 SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')
 
 
@@ -51,7 +52,7 @@ def goal_from_msg(msg: RunJob.Goal, default_jobs_dir) -> JobGoal:
         jobs_dir=Path(msg.jobs_dir or default_jobs_dir),
         name=msg.name,
         mode=msg.mode or 'restore',
-        profile=msg.profile or 'closed_loop',
+        profile=msg.profile or CLOSED_LOOP,
         layers=msg.layers,
         layer_height=number(msg.layer_height, 0.0),
         bead_width=number(msg.bead_width, 0.0),

@@ -240,15 +240,18 @@ LAYOUT = """() => {
     const scrolled = Boolean(e.closest('main')) !== Boolean(f.closest('main'));
     if (over && !scrolled) bad.push(`${name} over ${other}`);
   }
-  for (const e of document.querySelectorAll('.page.on, .value, .over, .over b, nav button, .act, .stop, label, .tabs button')) {
+  const labelled = '.page.on, .value, .over, .over b, nav button, .act, .stop, label, .tabs button';
+  for (const e of document.querySelectorAll(labelled)) {
     if (e.offsetParent && e.scrollWidth > e.clientWidth + 1) bad.push(`${e.id || e.textContent.trim()} is cut off`);
   }
   return bad;
 }"""
 STOP_IS_WHOLE = """() => {
   const stop = document.getElementById('stop'), b = stop.getBoundingClientRect(), bad = [];
-  if (b.left < 0 || b.top < 0 || b.right > innerWidth || b.bottom > innerHeight) bad.push(`STOP leaves the screen: ${JSON.stringify(b)}`);
-  if (b.width < 88 || b.height < 47.5 || stop.scrollWidth > stop.clientWidth) bad.push(`STOP is too small: ${b.width} x ${b.height}`);
+  const inside = b.left >= 0 && b.top >= 0 && b.right <= innerWidth && b.bottom <= innerHeight;
+  if (!inside) bad.push(`STOP leaves the screen: ${JSON.stringify(b)}`);
+  const large = b.width >= 88 && b.height >= 47.5 && stop.scrollWidth <= stop.clientWidth;
+  if (!large) bad.push(`STOP is too small: ${b.width} x ${b.height}`);
   for (let i = 1; i < 10; i++) for (let k = 1; k < 10; k++) {
     const hit = document.elementFromPoint(b.left + b.width * i / 10, b.top + b.height * k / 10);
     if (hit !== stop) bad.push(`STOP is covered at ${i}, ${k} by ${hit && (hit.id || hit.tagName)}`);
@@ -269,14 +272,16 @@ LABELS = """() => {
       for (let e = owner; e; e = e.parentElement) {  // what is clipped or scrolled away is not seen
         if (getComputedStyle(e).overflowX === 'visible') continue;
         const c = e.getBoundingClientRect();
-        box = { left: Math.max(box.left, c.left), right: Math.min(box.right, c.right), top: Math.max(box.top, c.top), bottom: Math.min(box.bottom, c.bottom) };
+        box = { left: Math.max(box.left, c.left), right: Math.min(box.right, c.right),
+          top: Math.max(box.top, c.top), bottom: Math.min(box.bottom, c.bottom) };
       }
       if (box.right - box.left > 1 && box.bottom - box.top > 1) texts.push([node.data.trim(), box, owner]);
     }
   }
   for (const [i, [name, a, e]] of texts.entries()) for (const [other, b, f] of texts.slice(i + 1)) {
     if (e === f) continue;
-    const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left), high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+    const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+    const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
     if (wide > 2 && high > 4) bad.push(`"${name}" over "${other}"`);  // lines of a font are higher than its letters
   }
   return bad;
@@ -289,7 +294,10 @@ def show_a_job(panel) -> None:
     put(('anomaly', {'class': 'scan', 'severity': 1, 'text': 'dirty'}))
     numbers = (-123.456, 123.456, -99.9), 288.0, 28.8, 0.2, 0.2, 0.055
     put(('telemetry', Sample(1.0, *numbers, 'RUN', True, True, True, 1.25, 1.25, 0.4)))
-    job = dict.fromkeys(('layer', 'layers', 'bead', 'beads'), 108) | {'id': '20260101_jaw_restoration_2', 'dir': ''}
+    job = dict.fromkeys(('layer', 'layers', 'bead', 'beads'), 108) | {
+        'id': '20260101_jaw_restoration_2',
+        'dir': '',
+    }
     job |= {'state': 'CORRECTING', 'rms_mm': 0.123, 'max_mm': 0.4, 'k_gain': 0.2, 'progress': 0.5}
     job |= {'time_left': 5400.0, 'error_code': 0, 'message': '', 'material': 'er70s-6'}
     put(('job', job))

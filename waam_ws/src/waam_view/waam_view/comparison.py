@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from waam_node import job_folder
+from waam_process.names import CLOSED_LOOP, OPEN_LOOP
 
 from . import figures
 from .html import cards, duration, escape, fmt, page, picture, table
@@ -37,9 +38,9 @@ def ratio(report: dict, jobs: list[Job]) -> float:
     """RMS closed over open loop, NaN when one is missing."""
     stated = number(report.get('ratio'))
     runs = {j.profile: number(j.run.get('rms_mm')) for j in jobs}
-    if np.isfinite(stated) or not {'open_loop', 'closed_loop'} <= runs.keys():
+    if np.isfinite(stated) or not {OPEN_LOOP, CLOSED_LOOP} <= runs.keys():
         return stated
-    return runs['closed_loop'] / runs['open_loop'] if runs['open_loop'] > 0 else float('nan')
+    return runs[CLOSED_LOOP] / runs[OPEN_LOOP] if runs[OPEN_LOOP] > 0 else float('nan')
 
 
 def _verdict(report: dict, jobs: list[Job]) -> str:

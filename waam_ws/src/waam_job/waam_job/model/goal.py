@@ -10,6 +10,7 @@ from pathlib import Path
 from waam_plan.mesh.part import Part, PartError, load_part
 from waam_plan.settings import STRATEGIES, PlanSettings, SettingsError, assigned
 from waam_process.materials import Material, MaterialError, get
+from waam_process.names import CLOSED_LOOP, LOOP_MODES
 
 from .limits import K_GAIN_MAX
 
@@ -42,7 +43,6 @@ class JobError(RuntimeError):
         self.code = code
 
 
-PROFILES = ('open_loop', 'monitor', 'closed_loop')
 MODES = ('restore', 'build')
 # settings of the planner that the goal has fields for, or that machine and map decide
 GIVEN = {
@@ -65,7 +65,7 @@ class JobGoal:
     jobs_dir: Path
     name: str = ''
     mode: str = 'restore'
-    profile: str = 'closed_loop'
+    profile: str = CLOSED_LOOP
     layers: int = 0
     layer_height: float = 0.0
     bead_width: float = 0.0
@@ -116,8 +116,8 @@ def _in_range(
 def field_problems(goal: JobGoal) -> list[str]:
     """What is wrong with the numbers and words of a goal."""
     problems: list[str | None] = []
-    if goal.profile not in PROFILES:
-        problems.append(f"profile '{goal.profile}' is unknown; known are {', '.join(PROFILES)}")
+    if goal.profile not in LOOP_MODES:
+        problems.append(f"profile '{goal.profile}' is unknown; known are {', '.join(LOOP_MODES)}")
     if goal.mode not in MODES:
         problems.append(f"mode '{goal.mode}' is unknown; known are {', '.join(MODES)}")
     if goal.layer_height:

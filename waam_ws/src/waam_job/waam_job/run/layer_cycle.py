@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from waam_plan.plan import PlannedLayer, renumber
+from waam_process.names import CLOSED_LOOP, OPEN_LOOP
 from waam_process.segment import Segment
 
 from ..model.cell import Correction, CorrectionRequest, Scan
@@ -18,8 +19,6 @@ from .progress import BeadProgress
 
 if TYPE_CHECKING:
     from .runner import JobRunner
-
-OPEN_LOOP, CLOSED_LOOP = 'open_loop', 'closed_loop'
 
 
 @dataclass

@@ -9,10 +9,10 @@ import numpy as np
 from waam_plan.mesh.part import PartError, check_fits
 from waam_plan.plan import Plan
 from waam_plan.settings import PlanSettings
+from waam_process.names import OPEN_LOOP
 
 from ..model.goal import Code, JobError
 from ..model.limits import k_gain_limit
-from .layer_cycle import OPEN_LOOP
 from .planning import build_ahead
 
 if TYPE_CHECKING:

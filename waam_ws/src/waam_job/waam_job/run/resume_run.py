@@ -11,6 +11,7 @@ from waam_node import job_folder
 from waam_plan.plan import PlanError, PlannedLayer
 from waam_plan.post.store import load_plan
 from waam_process.grid import HeightGrid
+from waam_process.names import OPEN_LOOP
 
 from ..model.cell import Scan
 from ..model.goal import Code, JobError
@@ -171,7 +172,7 @@ class PickUp:
         runner = self.runner
         for k in range(1, number):
             stored = self.folder.read_map(k - 1)
-            if stored is None or runner.goal.profile == 'open_loop':
+            if stored is None or runner.goal.profile == OPEN_LOOP:
                 continue
             request = runner.cycle.request(runner.program.layer(k), self._stored_scan(k - 1))
             runner.cell.correct(runner.run_id, request)
