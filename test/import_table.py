@@ -71,6 +71,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_job/waam_job/store/.*': 'job folders on disk',
     'waam_lab/waam_lab/laboratory.py': 'job folders of a run, and how long it took',
     'waam_lab/waam_lab/params.py': 'reads the parameter files of the nodes',
+    'waam_lab/waam_lab/report.py': 'writes the report of a campaign',
     'waam_view/waam_view/(job_data|plan_file|plan_scene|report_writer).py': 'job folders, plans, reports',
     'waam_view/waam_view/(drawing|viewer|web_viewer).py': 'start viewers and write their files',
     'waam_panel/waam_panel/(alarms|history|parts).py': 'read tables and job folders',
@@ -89,22 +90,7 @@ class Violation(NamedTuple):
     rule: str
 
 
-JOB_CIRCLE = ('layer_cycle', 'preflight', 'progress', 'resume_run', 'runner', 'verdict')
-ADAPT_CIRCLE = ('beads/solver', 'laws/explicit', 'laws/features', 'laws/net', 'laws/net_law')
 KNOWN: dict[Violation, str] = {  # -> whose branch mends it
-    **{Violation(f'waam_job/waam_job/run/{n}.py', 'circle of files'): 'job' for n in JOB_CIRCLE},
-    Violation('waam_job/waam_job/model/calibration.py', 'io in a core'): 'job',
-    Violation('waam_job/waam_job/model/calibration.py', 'clock in a core'): 'job',
-    Violation('waam_job/waam_job/model/tolerance_map.py', 'io in a core'): 'job',
-    Violation('waam_job/waam_job/model/trace.py', 'io in a core'): 'job',
-    Violation('waam_job/waam_job/model/trace.py', 'clock in a core'): 'job',
-    Violation('waam_job/waam_job/run/readiness.py', 'clock in a core'): 'job',
-    **{Violation(f'waam_adapt/waam_adapt/{n}.py', 'circle of files'): 'adapt' for n in ADAPT_CIRCLE},
-    **{Violation(f'waam_adapt.{n}', 'circle of rooms'): 'adapt' for n in ('beads', 'identify', 'laws')},
-    Violation('waam_adapt', 'circle of packages'): 'adapt',
-    Violation('waam_replay', 'circle of packages'): 'adapt',
-    Violation('waam_adapt', 'may not import waam_replay'): 'adapt',
-    Violation('waam_adapt', 'package.xml does not declare waam_replay'): 'adapt',
     Violation('waam_adapt/waam_adapt/laws/net.py', 'io in a core'): 'adapt',
 }  # fmt: skip
 

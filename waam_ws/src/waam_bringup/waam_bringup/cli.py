@@ -8,8 +8,9 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
-from waam_process.names import CLOSED_LOOP, LOOP_MODES, OPEN_LOOP
+from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from . import panel
 from .cli_common import add_run, run_and_domain
@@ -27,7 +28,15 @@ first steps:
 The firmware and this software do not replace the hardware safety chain
 (emergency stop, interlocks, fume extraction, eye protection).
 """
-PACKAGES = ('waam_plan', 'waam_scan', 'waam_adapt', 'waam_record', 'waam_replay', 'waam_view')
+PACKAGES = (
+    'waam_plan',
+    'waam_scan',
+    'waam_adapt',
+    'waam_lab',
+    'waam_record',
+    'waam_replay',
+    'waam_view',
+)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -44,8 +53,14 @@ def build_parser() -> argparse.ArgumentParser:
     _register_demo(commands)
     panel.register(commands)
     for package in PACKAGES:
-        importlib.import_module(f'{package}.cli').register(commands)
+        options = {'read_requests': _recorded_requests} if package == 'waam_adapt' else {}
+        importlib.import_module(f'{package}.cli').register(commands, **options)
     return parser
+
+
+def _recorded_requests(folder: Path) -> list[Any]:
+    """Requests of the correction server in a recorded job, for `waam train --from`."""
+    return importlib.import_module('waam_replay.corrections').requests_of(folder)
 
 
 def _register_graph(commands) -> None:
@@ -131,7 +146,7 @@ def _register_demo(commands) -> None:
     p.add_argument(
         '--profiles',
         nargs='+',
-        default=[OPEN_LOOP, CLOSED_LOOP],
+        default=[LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP],
         choices=LOOP_MODES,
     )
     p.add_argument('--rate', type=float, default=0.0)

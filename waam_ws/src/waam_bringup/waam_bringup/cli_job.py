@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from waam_job.model.limits import K_GAIN_MAX
-from waam_process.names import CLOSED_LOOP, LOOP_MODES
+from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from .cli_common import add_run, run_and_domain
 
@@ -103,7 +103,7 @@ def _add_process(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--material', default='er70s-6', help='key of the material table (default er70s-6)'
     )
-    p.add_argument('--profile', choices=LOOP_MODES, default=CLOSED_LOOP)
+    p.add_argument('--profile', choices=LOOP_MODES, default=LoopMode.CLOSED_LOOP)
     p.add_argument('--layer-height', type=float, default=0.0, metavar='MM')
     p.add_argument('--bead-width', type=float, default=0.0, metavar='MM')
     p.add_argument(

@@ -16,7 +16,7 @@ from rich.table import Table
 from waam_job.store.folder import make_job_id, point_latest
 from waam_node import job_folder
 from waam_node.files import write_atomically
-from waam_process.names import CLOSED_LOOP, LOOP_MODES, OPEN_LOOP
+from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from .client import ClientError, GraphClient
 from .graph import Settings
@@ -102,9 +102,15 @@ def combine(folder: Path, results: dict[str, Path]) -> dict:
         'verdict': last['verdict'],
         **runs,
     }
-    if OPEN_LOOP in runs and CLOSED_LOOP in runs and runs[OPEN_LOOP]['rms_mm']:
-        closed = runs[CLOSED_LOOP]['rms_mm']
-        report['ratio'] = closed / runs[OPEN_LOOP]['rms_mm'] if closed is not None else None
+    if (
+        LoopMode.OPEN_LOOP in runs
+        and LoopMode.CLOSED_LOOP in runs
+        and runs[LoopMode.OPEN_LOOP]['rms_mm']
+    ):
+        closed = runs[LoopMode.CLOSED_LOOP]['rms_mm']
+        report['ratio'] = (
+            closed / runs[LoopMode.OPEN_LOOP]['rms_mm'] if closed is not None else None
+        )
     write_atomically(folder / job_folder.REPORT, json.dumps(report, indent=1))
     return report
 

@@ -5,7 +5,7 @@
  *     ^<chars>  toggle inputs and faults (see toggle)    !      resynchronise to the line that is expected
  *     $...      immediate line, sealed                   N...   queued line with that number, sealed
  *     %...      these bytes and a line feed              @...   these bytes alone
- *     other     queued line with the right number, sealed
+ *     &         the other end hangs up                   other  queued line with the right number, sealed
  *
  * After every tick the outputs are held against what docs/link_protocol.md promises, with bookkeeping of its own. */
 #include <math.h>
@@ -28,11 +28,16 @@ typedef struct {
     bool no_heartbeat, no_current, no_gas, slow_wire, stuck, implausible;
     uint64_t arc_us;             /* output on for this long */
     uint64_t hold_arc_us;        /* ... of which in HOLD */
-    uint64_t fed_us;             /* last line feed given to the core */
+    uint64_t fed_us;             /* last line with a good check given to the core */
     uint64_t granted_us;         /* last heartbeat answered: no lease can be younger */
     waam_state_t announced;
     unsigned announced_code;
     uint32_t acknowledged;
+    char line[WAAM_LINE_MAX + 2]; /* that the host is sending */
+    size_t line_length;
+    bool beyond_ascii;           /* there is such a byte in it */
+    bool native;                 /* a line with a good check has been sent since the last hang-up */
+    bool marlin;                 /* the controller has said "start" to a stock sender */
 } rig_t;
 
 static rig_t rig;
@@ -46,6 +51,18 @@ static unsigned long number_after(const char *line, const char *mark)
     return strtoul(at + strlen(mark), NULL, 10);
 }
 
+/* HOLD and ALARM have a code, IDLE has none. RUN has that of a fault while the arc is struck again. */
+static void require_code(const char *line)
+{
+    if (rig.announced != WAAM_RUN || !rig.announced_code) {
+        REQUIRE((rig.announced >= WAAM_HOLD) == (rig.announced_code != 0), "HOLD and ALARM have a code, IDLE has none");
+        return;
+    }
+    REQUIRE(rig.announced_code == WAAM_E_STUBBING, "only a fault whose reaction is RETRY is told in RUN");
+    REQUIRE(rig.config.policy[WAAM_FAULT_STUBBING].reaction == WAAM_REACT_RETRY, "RETRY");
+    REQUIRE(strstr(line, "; try "), "a RETRY says which one it is");
+}
+
 static void on_state(const char *line)
 {
     static const char *const names[] = {"! IDLE E", "! RUN E", "! HOLD E", "! ALARM E"};
@@ -54,7 +71,7 @@ static void on_state(const char *line)
             rig.announced = (waam_state_t)i;
             rig.announced_code = (unsigned)strtoul(line + strlen(names[i]), NULL, 10);
             REQUIRE(strlen(line) > strlen(names[i]) + 4, "a state has a reason");
-            REQUIRE((i >= WAAM_HOLD) == (rig.announced_code != 0), "HOLD and ALARM have a code, IDLE and RUN none");
+            require_code(line);
             return;
         }
     REQUIRE(false, "a known state");
@@ -76,6 +93,10 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
     if (stock) {
         if (strncmp(text, "echo:! ", 7) == 0)
             on_state(text + 5);
+        if (strcmp(text, "start") == 0) {
+            REQUIRE(!rig.native, "a host that has sent a checked line is not taken for a stock sender");
+            rig.marlin = true;
+        }
         return;
     }
     REQUIRE((kind == WAAM_TX_TELEMETRY) == (text[0] == 'T'), "only telemetry may be dropped");
@@ -89,13 +110,62 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
 
 /* ---- what the controller gets ---- */
 
+/* Where a numbered M110 begins: a stock sender may say hello so. */
+static bool numbered_m110(void)
+{
+    size_t i = 1;
+    while (i < rig.line_length && strchr("-0123456789", rig.line[i]))
+        i++;
+    while (i < rig.line_length && (rig.line[i] == ' ' || rig.line[i] == '\t'))
+        i++;
+    return i > 1 && (rig.line[0] | 32) == 'n' && i < rig.line_length && (rig.line[i] | 32) == 'm';
+}
+
+/* What a line with a good check makes of the link, by the letter of the protocol. */
+static void sent_checked(size_t content)
+{
+    bool identifies = content > 1 && rig.line[0] == '$' && rig.line[1] == 'I';
+    if (identifies || (!rig.marlin && !numbered_m110()))
+        rig.native = true;
+    if (identifies)
+        rig.marlin = false;
+}
+
+/* Before the controller has seen the end of the line. A line with a byte beyond ASCII may be another one to the controller,
+ * which takes real-time bytes out of it: of that only the time is kept. */
+static void sent(char byte)
+{
+    size_t content = 0;
+    if (byte != '\n') {
+        rig.line_length += rig.line_length < sizeof rig.line;
+        rig.line[rig.line_length - 1] = byte;
+        rig.beyond_ascii = rig.beyond_ascii || (uint8_t)byte >= 0x80;
+        return;
+    }
+    if (rig.line_length && rig.line[rig.line_length - 1] == '\r')
+        rig.line_length--;
+    bool checked = rig.line_length <= WAAM_LINE_MAX && waam_check_line(rig.line, rig.line_length, &content);
+    if (checked || rig.beyond_ascii)
+        rig.fed_us = rig.core.now_us;
+    if (checked && !rig.beyond_ascii)
+        sent_checked(content);
+    rig.line_length = 0;
+    rig.beyond_ascii = false;
+}
+
 static void feed(const char *bytes, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
-        if (bytes[i] == '\n')
-            rig.fed_us = rig.core.now_us;
+        sent(bytes[i]);
         waam_core_rx(&rig.core, (uint8_t)bytes[i]);
     }
+}
+
+static void hang_up(void)
+{
+    waam_core_hang_up(&rig.core);
+    rig.native = rig.marlin = rig.beyond_ascii = false;
+    rig.line_length = 0;
 }
 
 static void feed_sealed(const char *text, size_t count)
@@ -213,7 +283,9 @@ static void require_state(bool limit_before)
     REQUIRE(c->state == rig.announced && (unsigned)c->fault == rig.announced_code, "every state was announced");
     REQUIRE(!rig.inputs.estop || c->state == WAAM_ALARM, "emergency stop");
     REQUIRE(!(rig.inputs.limit_switch && !limit_before) || c->state == WAAM_ALARM, "limit switch");
-    REQUIRE(c->state != WAAM_RUN || c->now_us - rig.fed_us <= rig.config.link_timeout_us, "no RUN without a host");
+    REQUIRE(c->state != WAAM_RUN || rig.marlin || c->now_us - rig.fed_us <= rig.config.link_timeout_us,
+            "no RUN without a host, but a stock sender's");
+    REQUIRE(!rig.marlin || (!rig.outputs.arc && !c->armed), "no arc for a stock sender");
     REQUIRE(c->state != WAAM_ALARM || (!rig.outputs.arc && rig.outputs.wire_mm_s == 0.0 && !c->homed && !c->armed),
             "ALARM blocks all outputs");
     REQUIRE(c->planner.count <= WAAM_BLOCKS && c->link.ring_used <= WAAM_RING_BYTES, "queues");
@@ -223,7 +295,7 @@ static void require_state(bool limit_before)
 static void tick(void)
 {
     int64_t before[WAAM_AXES];
-    bool limit_before = rig.core.inputs.limit_switch;
+    bool limit_before = rig.core.limit.pressed;
     if (++rig.ticks > TICKS_MAX)
         return;
     if (!rig.no_heartbeat && rig.core.now_us % HEARTBEAT_US == 0)
@@ -264,6 +336,7 @@ static void record(const char *text, size_t count)
         break;
     case '%': feed(text + 1, count - 1); feed("\n", 1); break;
     case '@': feed(text + 1, count - 1); break;
+    case '&': hang_up(); break;
     case '$':
     case 'N': feed_sealed(text, count); break;
     default: {

@@ -112,6 +112,11 @@ class LabResult:
         return self.verdict == 'in tolerance'
 
     @property
+    def mean_size(self) -> float:
+        """m: size of the mean error, whatever its sign."""
+        return abs(self.mean)
+
+    @property
     def failed(self) -> bool:
         return self.verdict == 'failed'
 

@@ -36,8 +36,8 @@ def run(job: LabJob) -> LabResult:
     """
     known = params.make(job.overrides)
     checked = check(job.goal)
-    physics = job.plant or plant_params(known.cell)
-    plant = Plant(_on_table(job, physics), physics, job.seed)
+    physics = physics_of(job, known)
+    plant = Plant(on_table(job, physics), physics, job.seed)
     cell = LabCell(known, plant, job.faults)
     try:
         with _folder(job, checked, known) as folder:
@@ -50,12 +50,17 @@ def run(job: LabJob) -> LabResult:
         cell.close()
 
 
-def _on_table(job: LabJob, physics: PlantParams) -> HeightGrid:
+def physics_of(job: LabJob, known: params.LabParams) -> PlantParams:
+    return job.plant or plant_params(known.cell)
+
+
+def on_table(job: LabJob, physics: PlantParams) -> HeightGrid:
+    """What lies in the cell. ValueError when it cannot be read or is too large."""
     metal = physics.metal
     if job.as_found is not None:
         return parts.from_stl(str(job.as_found), metal.cell, metal.margin)
     if job.goal.mode == 'restore':
-        raise ValueError('as_found: a restoration needs the mesh of the worn part')
+        raise ValueError("as_found (--as-found): a restoration needs the mesh of the worn part")
     return parts.plate(*PLATE, metal.cell, metal.margin)
 
 

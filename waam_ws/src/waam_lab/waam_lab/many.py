@@ -23,7 +23,7 @@ def run_many(
 
     A job that is refused or that a fault of this software ends gives a result with verdict 'failed'.
     """
-    workers = min(workers or os.cpu_count() or 1, max(1, len(jobs)))
+    workers = workers_for(workers, len(jobs))
     found: list[LabResult | None] = [None] * len(jobs)
     with _one_thread_each():
         pool = ProcessPoolExecutor(workers, _context(), _start)
@@ -40,6 +40,11 @@ def run_many(
                 child.terminate()
             raise
     return [r for r in found if r is not None]
+
+
+def workers_for(asked: int, jobs: int) -> int:
+    """Processes that are worth it; asked: 0 = one per core."""
+    return min(asked or os.cpu_count() or 1, max(1, jobs))
 
 
 def _context() -> multiprocessing.context.BaseContext:

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from waam_node.job_folder import JOB, REPORT, REPORT_PAGE, STATUS
-from waam_process.names import INTERRUPTED, LOOP_MODES
+from waam_process.loop_mode import LOOP_MODES
+from waam_process.names import INTERRUPTED
 
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]*')
 SHOWN_FIRST = tuple(reversed(LOOP_MODES))  # of a demo: the closed loop

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from waam_process.names import CLOSED_LOOP, LOOP_MODES, MONITOR, OPEN_LOOP
+from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 MODES = ('restore', 'build')
 LOOP_MODE_LABELS = {
-    CLOSED_LOOP: 'closed loop',
-    MONITOR: 'monitor only',
-    OPEN_LOOP: 'open loop',
+    LoopMode.CLOSED_LOOP: 'closed loop',
+    LoopMode.MONITOR: 'monitor only',
+    LoopMode.OPEN_LOOP: 'open loop',
 }  # as shown
 LAST_SCAN = '(last scan)'
 
@@ -30,7 +30,7 @@ class JobSetup:
     as_found: str = ''
     mode: str = 'restore'
     material: str = 'er70s-6'
-    profile: str = CLOSED_LOOP
+    profile: str = LoopMode.CLOSED_LOOP.value
     layers: int = 0
     layer_height_mm: float = 0.0
     bead_width_mm: float = 0.0

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from waam_process import names
+from waam_process.loop_mode import LOOP_MODES
 
 MESSAGES = Path(__file__).parents[2] / 'waam_msgs' / 'msg'
 
@@ -30,7 +31,7 @@ def test_states_are_the_constants_of_the_messages(message, prefix, listed):
     'message,field,listed',
     [
         ('Anomaly', 'class_name', names.ANOMALY_CLASSES),
-        ('JobStatus', 'profile', names.LOOP_MODES),
+        ('JobStatus', 'profile', LOOP_MODES),
     ],
 )
 def test_words_are_those_that_the_message_lists(message, field, listed):

@@ -1,13 +1,9 @@
-"""Names that every part of the software uses for the same thing, each list in one place.
+"""Names of states and of kinds of anomalies, each list in one place (`loop_mode` has those of the loop).
 
 The numbers of the states are those of the messages (`Telemetry.STATE_*`, `JobStatus`); a test compares them.
 """
 
 from __future__ import annotations
-
-# how a job uses what is measured: `loop_mode` of the code, `profile` of the messages and files
-OPEN_LOOP, MONITOR, CLOSED_LOOP = 'open_loop', 'monitor', 'closed_loop'
-LOOP_MODES = (OPEN_LOOP, MONITOR, CLOSED_LOOP)
 
 # state of the controller; the index is its number
 CONTROLLER_STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')

@@ -14,7 +14,7 @@ import numpy as np
 
 from waam_node import job_folder
 from waam_node.files import write_atomically
-from waam_process.names import LOOP_MODES, OPEN_LOOP
+from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from . import figures
 from .comparison import comparison_page
@@ -91,17 +91,22 @@ def verdict_box(job: Job) -> str:
     """Colour and words; a failed job says what happened."""
     run = job.run
     verdict = str(run.get('verdict') or job.report.get('verdict') or 'unknown')
-    style = {'in tolerance': 'ok', 'out of tolerance': 'warn'}.get(verdict, 'bad')
+    word, _, why = verdict.partition(': ')
+    style = {'in tolerance': 'ok', 'out of tolerance': 'warn', 'not judged': 'warn'}.get(
+        word, 'bad'
+    )
     share = number(run.get('share_in_tolerance'))
     said = []
     if np.isfinite(share) and '%' not in str(run.get('message')):
         said.append(f'{100 * share:.1f} % of the judged surface within ±{job.tolerance_mm:g} mm')
     if run.get('error_code'):
         said.append(f'error {run["error_code"]}')
-    if run.get('message'):
+    if why:
+        said.append(why)
+    if run.get('message') and run['message'] != verdict:
         said.append(str(run['message']))
     words = escape('. '.join(s.rstrip('.') for s in said))
-    return f'<div class="verdict {style}">{escape(verdict.upper())}<small>{words}</small></div>'
+    return f'<div class="verdict {style}">{escape(word.upper())}<small>{words}</small></div>'
 
 
 def _figures_of_merit(job: Job) -> str:
@@ -170,7 +175,7 @@ def _corrections(job: Job) -> str:
     titles = [f'for layer {s.layer + 1}' for s in scans]
     grids = figures.grids(scans, masked, 1.0, 'ψ (V = V_prog (1 + k ψ))', titles)
     note = {
-        OPEN_LOOP: ' Open loop: no correction is applied.',
+        LoopMode.OPEN_LOOP: ' Open loop: no correction is applied.',
         'monitor': ' Monitor: computed and shown, not applied.',
     }.get(job.profile, '')
     caption = f'Travel-speed correction ψ: blue = slower, more metal; red = faster.{note}'

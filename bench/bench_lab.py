@@ -1,0 +1,89 @@
+"""The laboratory: how fast it is on one core, and whether it says what the graph says.
+
+lab.speed: simulated seconds per second of processor time: closed-loop jobs of the demo's jaw with scans, planning and
+the job folder (baseline: the whole graph, 13 s per second of wall time on two cores, the README's figure);
+lab.agreement_pct: largest difference of the RMS height error between laboratory and graph, same job and same seed, over
+five seeds (baseline: the graph against itself, first seed twice; its timing depends on the load).
+
+`WAAM_BENCH_SEEDS=1,7,11` chooses the seeds; each takes the graph about a minute.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+from lib.emit import emit
+
+GRAPH_RATE = 13.0  # s/s, `make demo` on two cores (README.md)
+SEEDS = (1, 2, 3, 7, 11)
+
+
+def seeds() -> tuple[int, ...]:
+    text = os.environ.get('WAAM_BENCH_SEEDS', '')
+    return tuple(int(v) for v in text.split(',')) if text else SEEDS
+
+
+def in_graph(seed: int) -> tuple[dict, float]:
+    """report.json's figures of a closed-loop demo through the whole graph, and the wall time in s."""
+    from waam_bringup.demo import run_demo
+
+    with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
+        args = SimpleNamespace(
+            seed=seed, jobs=Path(scratch), layers=0, profiles=['closed_loop'], rate=0.0
+        )
+        started = time.monotonic()
+        stdout, sys.stdout = sys.stdout, sys.stderr
+        try:
+            run_demo(args)
+        finally:
+            sys.stdout = stdout
+        wall = time.monotonic() - started
+        folder = (Path(scratch) / 'latest').resolve()
+        return json.loads((folder / 'report.json').read_text())['closed_loop'], wall
+
+
+def in_laboratory(wanted: tuple[int, ...]) -> list:
+    from waam_bringup.paths import share
+    from waam_lab import over_seeds, restore, run_many
+
+    parts = share('waam_bringup') / 'parts'
+    job = restore(parts / 'jaw_nominal.stl', parts / 'jaw_worn.stl')
+    return run_many(over_seeds(job, wanted), workers=1)
+
+
+def told(seed: int, graph: dict, wall: float, found) -> None:
+    """One line per seed on stderr: both sides of the comparison."""
+    line = (
+        f'{graph["rms_mm"]:.4f} mm, {graph["share_in_tolerance"]:.3f}, {graph["duration_s"]:.0f} s'
+    )
+    lab = f'{found.rms * 1e3:.4f} mm, {found.share_in_tolerance:.3f}, {found.time:.0f} s'
+    print(f'seed {seed}: graph {line} (in {wall:.0f} s); laboratory {lab}', file=sys.stderr)
+
+
+def speed() -> None:
+    """One worker, so that nothing but this job uses its core."""
+    found = in_laboratory(seeds())
+    rate = sum(r.time for r in found) / sum(r.cpu for r in found)
+    emit('lab.speed', rate, 's/s', 'the graph on two cores (README)', GRAPH_RATE)
+
+
+def agreement() -> None:
+    wanted = seeds()
+    found = in_laboratory(wanted)
+    graph = {}
+    for result in found:
+        graph[result.seed], wall = in_graph(result.seed)
+        told(result.seed, graph[result.seed], wall, result)
+    again, _ = in_graph(wanted[0])
+    difference = max(abs(r.rms * 1e3 / graph[r.seed]['rms_mm'] - 1) for r in found)
+    itself = abs(again['rms_mm'] / graph[wanted[0]]['rms_mm'] - 1)
+    emit('lab.agreement_pct', 100 * difference, '%', 'the graph against itself', 100 * itself)
+
+
+FIGURES = {'lab.speed': speed, 'lab.agreement_pct': agreement}

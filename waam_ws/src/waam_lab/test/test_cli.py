@@ -1,0 +1,142 @@
+"""`waam lab` as a user calls it: a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from waam_lab.cli_campaign import parse_seeds
+
+WAAM = [
+    sys.executable,
+    '-c',
+    'import sys; from waam_bringup.cli import main; sys.exit(main())',
+    'lab',
+]
+
+
+def lab(*arguments, **options) -> subprocess.CompletedProcess:
+    command = [*WAAM, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, **options)
+
+
+def test_a_campaign_writes_its_report(parts, tmp_path):
+    out = tmp_path / 'out'
+    done = lab(
+        parts[0],
+        '--as-found',
+        parts[1],
+        '--seeds',
+        '2,5',
+        '--layers',
+        1,
+        '--out',
+        out,
+        '--keep-jobs',
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'RMS height error' in done.stdout
+    assert '2/2 seed' in done.stderr
+    report = json.loads((out / 'report.json').read_text())
+    assert [job['seed'] for job in report['jobs']] == [2, 5]
+    assert report['in_tolerance']['of'] == 2
+    rms = [job['rms'] for job in report['jobs']]
+    assert report['figures']['rms']['mean'] == pytest.approx(np.mean(rms))
+    assert report['figures']['rms']['worst'] == max(rms)
+    with np.load(out / 'maps.npz') as maps:
+        assert maps['mean'].shape == maps['within'].shape == maps['region'].shape
+        assert np.isfinite(maps['mean'][maps['region']]).mean() > 0.9
+    page = (out / 'report.html').read_text()
+    assert page.count('<img') == 3
+    kept = sorted((out / 'jobs').glob('*_seed_*/report.json'))
+    assert len(kept) == 2
+
+
+@pytest.mark.parametrize(
+    'arguments,words',
+    [
+        (['--seeds', 'many'], "--seeds 'many'"),
+        (['--seeds', '5-2'], "--seeds '5-2'"),
+        (['--seeds', '0'], "--seeds '0'"),
+        (['--set', 'cell.metal_tranfer=1'], "did you mean 'metal_transfer'"),
+        (['--set', 'correction_server.gain=7'], 'above its limit'),
+        (['--set', 'plan.levls=2'], 'levls'),
+        (['--material', 'unobtainium'], 'unobtainium'),
+        (['--tolerance', '50'], 'tolerance is 50 mm'),
+        (['--cell-file', 'gone.yaml'], 'gone.yaml'),
+        (['--mode', 'build'], '--as-found'),
+        (['--workers', '-2'], '--workers'),
+    ],
+)
+def test_bad_input_is_refused_before_anything_runs(parts, tmp_path, arguments, words):
+    done = lab(parts[0], '--as-found', parts[1], '--out', tmp_path / 'out', *arguments)
+    assert done.returncode == 2
+    assert done.stderr.startswith('waam: error:')
+    assert words in done.stderr
+    assert not (tmp_path / 'out').exists()
+
+
+def test_missing_files_are_named(parts, tmp_path):
+    for part, worn in ((tmp_path / 'gone.stl', parts[1]), (parts[0], tmp_path / 'gone.stl')):
+        done = lab(part, '--as-found', worn, '--out', tmp_path / 'out')
+        assert (done.returncode, 'gone.stl: no such file' in done.stderr) == (2, True)
+    done = lab(parts[0], '--mode', 'restore', '--out', tmp_path / 'out')
+    assert (done.returncode, '--as-found' in done.stderr) == (2, True)
+
+
+def test_a_cell_file_changes_the_physics(parts, tmp_path):
+    file, out = tmp_path / 'lean.yaml', tmp_path / 'out'
+    file.write_text('cell:\n  ros__parameters:\n    scanner_dropout: 1.0\n')
+    done = lab(parts[0], '--as-found', parts[1], '--seeds', 1, '--cell-file', file, '--out', out)
+    assert done.returncode == 1
+    assert 'seed 1 failed' in done.stdout
+    report = json.loads((out / 'report.json').read_text())
+    assert (report['failed'], report['jobs'][0]['verdict']) == (1, 'failed')
+    assert 'no maps' in (out / 'report.html').read_text()
+    file.write_text('bridge:\n  ros__parameters:\n    window: 500\n')
+    assert (
+        "must hold only 'cell'" in lab(parts[0], '--as-found', parts[1], '--cell-file', file).stderr
+    )
+
+
+def test_ctrl_c_ends_everything(parts, tmp_path):
+    command = [
+        *WAAM,
+        *map(str, (parts[0], '--as-found', parts[1], '--seeds', 500, '--out', tmp_path / 'out')),
+    ]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    assert '/500' in process.stderr.readline()
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    assert process.wait(20) == 130
+    assert 'Traceback' not in process.stderr.read()
+    end = time.monotonic() + 20
+    while _alive(process.pid) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not _alive(process.pid)
+
+
+def _alive(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize(
+    'text,seeds',
+    [('3', [1, 2, 3]), ('7,7,2-4', [7, 2, 3, 4]), ('11,', None), ('-3', None), ('99999', None)],
+)
+def test_seeds(text, seeds):
+    if seeds is None:
+        with pytest.raises(ValueError, match='--seeds'):
+            parse_seeds(text)
+    else:
+        assert parse_seeds(text) == seeds

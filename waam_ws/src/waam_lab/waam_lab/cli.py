@@ -1,0 +1,91 @@
+"""`waam lab`: foretells what will come out, before metal is laid."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+PROFILES = ('open_loop', 'monitor', 'closed_loop')
+EXAMPLES = """\
+examples:
+  waam lab jaw_nominal.stl --as-found jaw_worn.stl                     20 simulated cells, all cores
+  waam lab part.stl --as-found worn.stl --tolerance 0.15 --seeds 50    a narrower tolerance, more cells
+  waam lab part.stl --as-found worn.stl --profile open_loop            what it would be without correction
+  waam lab bracket.stl --mode build --layers 8 --seeds 1,7,11          chosen seeds
+  waam lab part.stl --as-found worn.stl --layer-height 1.2 --set correction_server.law=unet
+  waam lab part.stl --as-found worn.stl --set cell.metal_transfer=0.88 --set plan.levels=adaptive
+  waam lab part.stl --as-found worn.stl --cell-file mycell.yaml        a cell with other physics
+
+--set takes parameters of the nodes (their READMEs list them) and, as plan.NAME, settings of the planner in SI.
+--cell-file is a ROS parameter file with the keys of waam_sim/config/cell.yaml; what it leaves out stays as it is.
+
+Written to --out: report.html (open it in a browser), report.json, maps.npz; with --keep-jobs the job folders, for
+waam report and waam replay. The same seed gives the same figures, whatever the number of workers.
+
+exit status: 0 foretold, 1 at least one job failed, 2 refused, 130 ended with Ctrl-C
+"""
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    """Adds the verb `lab`."""
+    p = commands.add_parser(
+        'lab',
+        help='foretell what will come out: the whole job on many simulated cells, in seconds',
+        description='Runs a job on many simulated cells without ROS: RMS, share in tolerance, time and wire as bands.',
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_part(p)
+    _add_process(p)
+    _add_campaign(p)
+    p.set_defaults(run_command=_run)
+
+
+def _add_part(p: argparse.ArgumentParser) -> None:
+    p.add_argument('part', type=Path, help='nominal part: STL, PLY, 3MF, OBJ or OFF')
+    p.add_argument('--as-found', type=Path, help='STL (mm) of the worn part that lies on the table')
+    p.add_argument(
+        '--mode', choices=('restore', 'build'), help='default: restore with --as-found, else build'
+    )
+    p.add_argument('--material', default='er70s-6', help='key of the material table')
+    p.add_argument('--scale', type=float, default=1e-3, help='metres per unit of the part file')
+    p.add_argument('--repair', action='store_true', help='close holes of the mesh')
+    p.add_argument('--allowance', type=float, default=0.0, metavar='MM', help='left for machining')
+
+
+def _add_process(p: argparse.ArgumentParser) -> None:
+    p.add_argument('--profile', choices=PROFILES, default='closed_loop')
+    p.add_argument('--tolerance', type=float, default=0.2, metavar='MM', help='default 0.2')
+    p.add_argument('--layer-height', type=float, default=0.0, metavar='MM')
+    p.add_argument('--bead-width', type=float, default=0.0, metavar='MM')
+    p.add_argument('--layers', type=int, default=0, help='at most so many; 0 = as many as needed')
+    p.add_argument('--passes', type=int, default=1, help='2 = plan again after half of the layers')
+    p.add_argument('--strategy', default='', help='how layers are filled (waam plan --help)')
+    p.add_argument(
+        '--k-gain', type=float, default=float('nan'), help='authority of the speed correction'
+    )
+    p.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='NODE.PARAMETER=VALUE',
+        help='parameter of a node, or plan.NAME=VALUE (repeatable)',
+    )
+    p.add_argument('--cell-file', type=Path, help='parameters of the simulated cell (YAML)')
+
+
+def _add_campaign(p: argparse.ArgumentParser) -> None:
+    p.add_argument(
+        '--seeds', default='20', help='N for 1 .. N (default 20), or a list such as 3-6,11'
+    )
+    p.add_argument('--workers', type=int, default=0, help='processes; 0 = one per core')
+    p.add_argument(
+        '--out', type=Path, help='folder of the report (default: jobs/<time>_lab-<part>)'
+    )
+    p.add_argument('--keep-jobs', action='store_true', help='keep the folder of every job')
+
+
+def _run(args: argparse.Namespace) -> int:
+    from .cli_campaign import run_campaign
+
+    return run_campaign(args)

@@ -1,0 +1,197 @@
+"""The work of `waam lab`: from the command line to the jobs, and from the results to the screen and the report."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shlex
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from waam_job.model.goal import JobError, JobGoal, check
+from waam_job.store.folder import make_job_id
+
+from . import params, report
+from .bands import in_tolerance
+from .job import LabJob, LabResult
+from .laboratory import on_table, over_seeds, physics_of
+from .many import run_many, workers_for
+
+MOST_SEEDS = 10_000
+
+
+def parse_seeds(text: str) -> list[int]:
+    """'20' -> 1 .. 20; '3-6,11' -> these. ValueError says what is wrong."""
+    wrong = ValueError(f"--seeds '{text}': a number N (1 .. N) or a list such as 3-6,11")
+    if re.fullmatch(r'\d+', text):
+        seeds = list(range(1, int(text) + 1)) if int(text) <= MOST_SEEDS else []
+    else:
+        seeds = []
+        for piece in text.split(','):
+            found = re.fullmatch(r'\s*(\d+)(?:-(\d+))?\s*', piece)
+            if not found:
+                raise wrong
+            first, last = int(found[1]), int(found[2] or found[1])
+            if not first <= last < first + MOST_SEEDS:
+                raise wrong
+            seeds += range(first, last + 1)
+    if not 0 < len(seeds) <= MOST_SEEDS:
+        raise ValueError(f"--seeds '{text}': 1 to {MOST_SEEDS} jobs can be run")
+    return list(dict.fromkeys(seeds))
+
+
+def settings_of(
+    texts: list[str], cell_file: Path | None
+) -> tuple[params.Overrides, tuple[str, ...]]:
+    """Overrides of the nodes, and settings of the planner."""
+    plan = tuple(t.removeprefix('plan.') for t in texts if t.startswith('plan.'))
+    wanted: dict[str, dict[str, Any]] = {}
+    if cell_file is not None:
+        found = params.read_file(cell_file)
+        if strange := [node for node in found if node != 'cell']:
+            raise ValueError(
+                f"--cell-file {cell_file}: holds '{strange[0]}', must hold only 'cell'"
+            )
+        wanted['cell'] = dict(found['cell'])
+    for node, values in params.parse_settings(
+        t for t in texts if not t.startswith('plan.')
+    ).items():
+        wanted.setdefault(node, {}).update(values)
+    return wanted, plan
+
+
+def job_of(args: argparse.Namespace, out: Path) -> LabJob:
+    """The job of the command line, with everything checked that can be known beforehand. ValueError otherwise."""
+    overrides, plan = settings_of(args.set, args.cell_file)
+    goal = JobGoal(
+        part=args.part.resolve(),
+        material=args.material,
+        jobs_dir=(out / 'jobs').resolve(),
+        mode=args.mode or ('restore' if args.as_found else 'build'),
+        profile=args.profile,
+        layers=args.layers,
+        layer_height=args.layer_height * 1e-3,
+        bead_width=args.bead_width * 1e-3,
+        k_gain=args.k_gain,
+        tolerance=args.tolerance * 1e-3,
+        scale=args.scale,
+        strategy=args.strategy,
+        allowance=args.allowance * 1e-3,
+        passes=args.passes,
+        plan_settings=plan,
+        repair=args.repair,
+    )
+    as_found = args.as_found.resolve() if args.as_found else None
+    job = LabJob(goal, as_found, overrides=overrides, keep=args.keep_jobs)
+    _check(job, args)
+    return job
+
+
+def _check(job: LabJob, args: argparse.Namespace) -> None:
+    for name in ('layers', 'workers'):
+        if getattr(args, name) < 0:
+            raise ValueError(f'--{name} is {getattr(args, name)}, must not be negative')
+    if job.as_found is not None and job.goal.mode == 'build':
+        raise ValueError('--as-found belongs to mode restore; a build begins on a flat plate')
+    known = params.make(job.overrides)
+    try:
+        check(job.goal)
+    except JobError as e:
+        raise ValueError(str(e)) from None
+    on_table(job, physics_of(job, known))
+
+
+def run_campaign(args: argparse.Namespace) -> int:
+    """0 foretold, 1 at least one job failed."""
+    seeds = parse_seeds(args.seeds)
+    jobs_dir = Path(os.environ.get('WAAM_JOBS', 'jobs'))
+    out = args.out or jobs_dir / make_job_id(f'lab-{args.part.stem}')
+    job = job_of(args, out)
+    workers = workers_for(args.workers, len(seeds))
+    started = time.monotonic()
+    with Advance(len(seeds), job.goal.title) as advance:
+        results = run_many(over_seeds(job, seeds), workers, advance)
+    told = shlex.join(['waam', *sys.argv[1:]])
+    campaign = report.Campaign(job, results, time.monotonic() - started, workers, told)
+    page = report.write(out, campaign)
+    show(campaign, Console(highlight=False))
+    print(f'report: {os.path.relpath(page)}')
+    return 1 if campaign.failed else 0
+
+
+class Advance:
+    """Progress of a campaign on a terminal: jobs done, and what the last one came to. Plain lines elsewhere."""
+
+    def __init__(self, total: int, title: str) -> None:
+        self.console = Console(stderr=True, highlight=False)
+        self.title, self.total, self.done = title, total, 0
+        self._bar: Progress | None = None
+
+    def __enter__(self) -> Advance:
+        if self.console.is_terminal:
+            self._bar = Progress(
+                TextColumn('[bold]{task.description}'),
+                BarColumn(30),
+                MofNCompleteColumn(),
+                TextColumn('{task.fields[said]}'),
+                TimeElapsedColumn(),
+                console=self.console,
+            )
+            self._bar.start()
+            self._task = self._bar.add_task(self.title, total=self.total, said='')
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, result: LabResult) -> None:
+        self.done += 1
+        said = f'seed {result.seed}: {result.message if result.failed else outcome(result)}'
+        if self._bar is not None:
+            self._bar.update(self._task, completed=self.done, said=said)
+        else:
+            self.console.print(f'{self.done}/{self.total} {said}')
+
+
+def outcome(r: LabResult) -> str:
+    return f'RMS {r.rms * 1e3:.3f} mm, {r.share_in_tolerance * 100:.1f} %, {r.verdict}'
+
+
+def show(campaign: report.Campaign, console: Console) -> None:
+    """The bands as a table, and what failed."""
+    goal, share = campaign.job.goal, in_tolerance(campaign.results)
+    table = Table(title=f'{goal.part.name}, tolerance ±{goal.tolerance * 1e3:g} mm')
+    for name in ('', 'mean', 'next part, 95 %', 'best', 'worst', 'seed'):
+        table.add_column(name, justify='left' if not name else 'right')
+    for row, band in campaign.rows():
+        table.add_row(row.label, *report.cells(row, band))
+    if campaign.rows():
+        console.print(table)
+    colour = 'green' if share.value >= 0.95 else 'yellow' if share.count else 'red'
+    console.print(
+        f'[{colour}]{share.count} of {share.of} jobs in tolerance[/], of all such jobs '
+        f'{share.low * 100:.0f} to {share.high * 100:.0f} % (95 % confidence)'
+    )
+    failed = campaign.failed
+    for r in failed[:5]:
+        console.print(f'[red]seed {r.seed} failed:[/] {r.message}')
+    if len(failed) > 5:
+        console.print(f'... and {len(failed) - 5} more; report.json names them')
+    console.print(
+        f'{len(campaign.results)} jobs in {campaign.wall:.0f} s with {campaign.workers} workers, '
+        f'{campaign.speed:.0f} s of machine time per second and core'
+    )
