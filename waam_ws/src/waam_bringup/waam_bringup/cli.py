@@ -8,6 +8,9 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import Any
+
+from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from . import panel
 from .cli_common import add_run, run_and_domain
@@ -50,8 +53,14 @@ def build_parser() -> argparse.ArgumentParser:
     _register_demo(commands)
     panel.register(commands)
     for package in PACKAGES:
-        importlib.import_module(f'{package}.cli').register(commands)
+        options = {'read_requests': _recorded_requests} if package == 'waam_adapt' else {}
+        importlib.import_module(f'{package}.cli').register(commands, **options)
     return parser
+
+
+def _recorded_requests(folder: Path) -> list[Any]:
+    """Requests of the correction server in a recorded job, for `waam train --from`."""
+    return importlib.import_module('waam_replay.corrections').requests_of(folder)
 
 
 def _register_graph(commands) -> None:
@@ -137,8 +146,8 @@ def _register_demo(commands) -> None:
     p.add_argument(
         '--profiles',
         nargs='+',
-        default=['open_loop', 'closed_loop'],
-        choices=('open_loop', 'monitor', 'closed_loop'),
+        default=[LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP],
+        choices=LOOP_MODES,
     )
     p.add_argument('--rate', type=float, default=0.0)
     p.set_defaults(run_command=cmd_demo)
