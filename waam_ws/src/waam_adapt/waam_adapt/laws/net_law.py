@@ -80,12 +80,12 @@ class UNetLaw:
             )
         return self._both(request, plain, seen, change, np.where(inside, sure, 0.0))
 
-    def _by_beads(self, request: CorrectionInput, plain: Wish) -> Correction:
+    def _by_beads(self, request: CorrectionInput, plain: HeightRequest) -> Correction:
         """The bead model's answer, started from the explicit law."""
         sure = np.ones_like(plain.ratio)
         return self._solved(request, plain, plain.ratio, sure, self._grid(request))
 
-    def _without(self, request: CorrectionInput, plain: Wish, why: str) -> Correction:
+    def _without(self, request: CorrectionInput, plain: HeightRequest, why: str) -> Correction:
         """The answer without the network, announced as a fallback: the bead model's where the beads are told."""
         if not request.paths:
             return self._alone(request, why)
