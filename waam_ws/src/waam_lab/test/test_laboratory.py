@@ -116,6 +116,16 @@ def test_bad_goals_are_refused(parts, tmp_path):
         run(restore(parts[0], tmp_path / 'gone.stl'))
 
 
+def test_what_would_not_act_is_refused(parts):
+    with pytest.raises(ValueError, match="unknown fault 'gas_los'"):
+        run(restore(*parts, faults=(Fault('gas_los'),)))
+    with pytest.raises(ValueError, match="override 'cell.metal_transfer' would not act"):
+        overrides = {'cell': {'metal_transfer': 0.8}}
+        run(restore(*parts, plant=PlantParams(), overrides=overrides))
+    with pytest.raises(ValueError, match='seed is -1'):
+        run(restore(*parts, seed=-1))
+
+
 def test_a_refused_job_among_many_is_told_and_the_others_go_on(parts):
     good = restore(*parts, seed=3, layers=1)
     bad = restore(*parts, material='unobtainium')

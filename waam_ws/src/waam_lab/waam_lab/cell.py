@@ -22,7 +22,7 @@ from waam_job import conversions as convert
 from waam_job.model.cell import Correction, CorrectionRequest, Heat, Scan, Sums
 from waam_job.model.cell import Machine as MachineView
 from waam_job.model.goal import Code, JobError
-from waam_job.model.records import AnomalyRecord, LayerRecord, State, Status
+from waam_job.model.records import AnomalyRecord, LayerRecord, State
 from waam_job.model.telemetry import TelemetryStats
 from waam_msgs.srv import ComputeFeed
 from waam_node.conversions import segment_from_msg, segment_to_msg, time_to_msg
@@ -215,15 +215,15 @@ class LabCell:
 
     def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None: ...
 
-    def status(self, status: Status) -> None:
+    def status(self, status: Any) -> None:
         deposits = status.state == State.DEPOSITING
         self._stats.layer = status.layer if deposits else 0
         for fault in [f for f in self._faults if deposits and f.layer == status.layer]:
             self._faults.remove(fault)
             self.device.plant.faults.inject(fault.name, fault.value, self.device.plant.now)
 
-    def layer_report(self, report: LayerRecord) -> None:
+    def layer_report(self, report: Any) -> None:
         self.reports.append(report)
 
-    def anomaly(self, anomaly: AnomalyRecord) -> None:
+    def anomaly(self, anomaly: Any) -> None:
         self.anomalies.append(anomaly)
