@@ -295,7 +295,7 @@ static void require_state(bool limit_before)
 static void tick(void)
 {
     int64_t before[WAAM_AXES];
-    bool limit_before = rig.core.inputs.limit_switch;
+    bool limit_before = rig.core.limit.pressed;
     if (++rig.ticks > TICKS_MAX)
         return;
     if (!rig.no_heartbeat && rig.core.now_us % HEARTBEAT_US == 0)

@@ -75,7 +75,36 @@ def test_emergency_stop_and_limit_switch_are_alarms(port, flag, code):
     assert client.ask('$X') == '$X ok'
     assert client.ask('$P') == '$P ok' and client.ask('$S') == '$S ok'
     cell.flags = 0
+    released = client.next_frame()['t_us'] + 100_000
+    client.wait(lambda: client.frame['t_us'] > released)
     client.home()
+
+
+def test_with_the_limit_switch_pressed_only_the_way_out_is_free(port):
+    _, cell, client = port
+    client.home()
+    client.run('G0 X50', 'G0 X20')  # ran in negative direction last
+    client.send('G1 X10 F600')
+    client.wait(lambda: client.frame['x_um'] < 18_000)
+    cell.flags = LIMIT
+    client.wait_line('^! ALARM E301')
+    client.next_frame()
+    stood = client.next_frame()['x_um']
+    assert client.ask('$X') == '$X ok'
+    for jog, way in [('-50 0 0', 'X may only go up'), ('0 1 0', 'Y may not move')]:
+        assert client.ask(f'$J {jog} 600').startswith(
+            '$J error E301 the limit switch is pressed: ' + way
+        )
+    client.numbered(client.sequence + 1, 'G28')  # Z would have to move first
+    assert client.next_frame()['x_um'] == stood
+    assert client.ask('$J 1 0 0 600') == '$J ok'
+    client.wait(lambda: client.frame['x_um'] == stood + 1000)
+    assert client.ask('$J 20 0 0 1200') == '$J ok'  # the switch does not let go: the way out ends
+    assert client.wait_line('^! ALARM E301', len(client.lines) - 1).startswith(
+        '! ALARM E301 limit switch: still pressed'
+    )
+    assert client.next_frame()['x_um'] <= stood + 10_000
+    cell.flags = 0
 
 
 def test_lost_arc(port):

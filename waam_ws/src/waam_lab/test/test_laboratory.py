@@ -73,6 +73,12 @@ def test_a_build_rises_from_the_plate(parts):
     assert 1e-3 < np.nanmedian(grown) < 4e-3
 
 
+def test_the_pyrometer_follows_the_metal_of_a_build(parts):
+    r = run(build(parts[0], seed=2, layers=2))
+    before_second = next(row for row in r.reports if row['layer'] == 2 and not row['final'])
+    assert before_second['temperature'] > 60.0
+
+
 def test_overrides_act_and_unknown_ones_are_refused_by_name(parts, repaired):
     lean = run(restore(*parts, seed=3, overrides={'cell': {'metal_transfer': 0.6}}))
     assert lean.layer_means[0] < repaired.layer_means[0] - 0.1e-3

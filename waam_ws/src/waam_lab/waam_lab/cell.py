@@ -21,8 +21,9 @@ from waam_bridge.outbox import WARNING, Outbox
 from waam_job import conversions as convert
 from waam_job.model.cell import Correction, CorrectionRequest, Heat, Scan, Sums
 from waam_job.model.cell import Machine as MachineView
+from waam_job.model.geometry import aim_point
 from waam_job.model.goal import Code, JobError
-from waam_job.model.records import AnomalyRecord, LayerRecord, State
+from waam_job.model.records import AnomalyRecord, LayerRecord, State, Status
 from waam_job.model.telemetry import TelemetryStats
 from waam_msgs.srv import ComputeFeed
 from waam_node.conversions import segment_from_msg, segment_to_msg, time_to_msg
@@ -213,17 +214,23 @@ class LabCell:
         """There is no recorder: a job of the laboratory can be run again."""
         return 'not recorded'
 
-    def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None: ...
+    def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None:
+        """The pyrometer follows the metal, as by the topic pyrometer_aim."""
+        point = aim_point(segments)
+        if point is not None:
+            offset, zero = self.machine().work_offset, self.device.plant.params.work_zero
+            x, y = (p + o - z for p, o, z in zip(point[:2], offset, zero, strict=False))
+            self.device.plant.aim(x, y)
 
-    def status(self, status: Any) -> None:
+    def status(self, status: Status) -> None:
         deposits = status.state == State.DEPOSITING
         self._stats.layer = status.layer if deposits else 0
         for fault in [f for f in self._faults if deposits and f.layer == status.layer]:
             self._faults.remove(fault)
             self.device.plant.faults.inject(fault.name, fault.value, self.device.plant.now)
 
-    def layer_report(self, report: Any) -> None:
+    def layer_report(self, report: LayerRecord) -> None:
         self.reports.append(report)
 
-    def anomaly(self, anomaly: Any) -> None:
+    def anomaly(self, anomaly: AnomalyRecord) -> None:
         self.anomalies.append(anomaly)

@@ -114,6 +114,7 @@ typedef struct {
     double junction_deviation_mm;
     int8_t home_direction[WAAM_AXES]; /* -1: switch at the lower limit, +1: at the upper */
     double home_seek_mm_s, home_latch_mm_s, home_backoff_mm;
+    double limit_release_mm;    /* a limit switch must be released after so much way out of it */
     double wire_max_mm_s, wire_accel_mm_s2;
     double wire_delay_s, wire_lag_s;    /* of the feeder: transport delay, time constant of the motor */
     double wire_response_s;             /* time constant that the lead makes of the lag; not below = no lead */

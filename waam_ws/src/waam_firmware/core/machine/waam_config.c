@@ -50,6 +50,7 @@ waam_config_t waam_config_default(void)
         .home_seek_mm_s = 40.0,
         .home_latch_mm_s = 2.0,
         .home_backoff_mm = 1.0,
+        .limit_release_mm = 10.0,
         .wire_max_mm_s = 300.0,
         .wire_accel_mm_s2 = 2000.0,
         .wire_delay_s = 0.030,

@@ -19,6 +19,7 @@
 #include "waam_fast.h"
 #include "waam_gcode.h"
 #include "waam_home.h"
+#include "waam_limit.h"
 #include "waam_link.h"
 #include "waam_motion.h"
 #include "waam_planner.h"
@@ -60,6 +61,7 @@ typedef struct {
     waam_fast_t fast;           /* shared with the fast tick */
     waam_scheduler_t scheduler; /* of the arc regulator's gains */
     waam_home_t home;
+    waam_limit_t limit;
     waam_wire_t wire;
     waam_inputs_t inputs;       /* of the last tick */
 

@@ -15,9 +15,9 @@ bool waam_inputs_plausible(const waam_inputs_t *in)
            in->wire_mm_s > -2000.0 && in->wire_mm_s < 2000.0;
 }
 
-void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs)
+void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs, uint32_t dt_us)
 {
-    bool limit_edge = inputs->limit_switch && !core->inputs.limit_switch;
+    bool limit = waam_limit_look(&core->limit, inputs->limit_switch, inputs->home_switch, &core->config, dt_us);
     float voltage, current;
     core->inputs = *inputs;
     if (waam_fast_mean(&core->fast, &voltage, &current)) {
@@ -28,12 +28,25 @@ void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs)
         return;
     if (inputs->estop)
         waam_core_alarm(core, WAAM_E_ESTOP, "emergency stop");
-    else if (limit_edge)
+    else if (limit)
         waam_core_alarm(core, WAAM_E_LIMIT_SWITCH, "limit switch");
     else if (inputs->process == WAAM_PROCESS_LOST)
         waam_core_alarm(core, WAAM_E_INPUTS, "process inputs lost");
     else if (inputs->process == WAAM_PROCESS_OK && !waam_inputs_plausible(&core->inputs))
         waam_core_alarm(core, WAAM_E_INPUTS, "process inputs implausible");
+}
+
+void waam_guard_limit(waam_core_t *core, uint32_t dt_us)
+{
+    int64_t pulses[WAAM_AXES];
+    for (int i = 0; i < WAAM_AXES; i++)
+        pulses[i] = waam_core_pulses(core, i);
+    const char *why = waam_limit_step(&core->limit, pulses, &core->config, dt_us);
+    if (!why)
+        return;
+    for (int i = 0; i < WAAM_AXES; i++)
+        core->motion.steps[i] = (int32_t)(core->limit.pulses[i] + core->motion.datum_steps[i]);
+    waam_core_alarm(core, WAAM_E_LIMIT_SWITCH, why);
 }
 
 /* The lease: the end is started so early that the output is off in time, and the output is cut in any case. */

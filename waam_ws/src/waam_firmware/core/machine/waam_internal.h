@@ -17,6 +17,7 @@ bool waam_core_resume(waam_core_t *core);
 void waam_core_stop(waam_core_t *core);
 void waam_core_finish_stopping(waam_core_t *core); /* once it stands: forgets the queue, IDLE */
 bool waam_core_stands(const waam_core_t *core);
+int64_t waam_core_pulses(const waam_core_t *core, int axis); /* since the start */
 bool waam_core_jogging(const waam_core_t *core);
 
 /* immediate lines (waam_command.c) and queued ones (waam_intake.c) */
@@ -51,7 +52,8 @@ void waam_core_run(waam_core_t *core, uint32_t dt_us);
 void waam_core_follow(waam_core_t *core);
 
 /* supervision (waam_guard.c) */
-void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs);
+void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs, uint32_t dt_us);
+void waam_guard_limit(waam_core_t *core, uint32_t dt_us); /* what this tick moved must not lead into a limit switch */
 void waam_guard_link(waam_core_t *core);
 void waam_guard_armed(waam_core_t *core);
 void waam_guard_lease(waam_core_t *core);

@@ -113,6 +113,11 @@ bool waam_core_stands(const waam_core_t *core)
     return core->motion.speed_mm_s == 0.0 && (!core->home.active || core->home.speed_mm_s == 0.0);
 }
 
+int64_t waam_core_pulses(const waam_core_t *core, int axis)
+{
+    return core->motion.steps[axis] - core->motion.datum_steps[axis];
+}
+
 void waam_core_finish_stopping(waam_core_t *core)
 {
     if (!core->stopping || !waam_core_stands(core))
@@ -147,15 +152,16 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
 {
     core->now_us += dt_us;
     core->since_tick_us = 0;
-    waam_guard_inputs(core, inputs);
+    waam_guard_inputs(core, inputs, dt_us);
     waam_core_take_lines(core);
     waam_guard_link(core);
     waam_guard_armed(core);
     waam_core_run(core, dt_us);
+    waam_guard_limit(core, dt_us);
     waam_guard_arc(core, dt_us);
     waam_guard_lease(core);
     for (int i = 0; i < WAAM_AXES; i++)
-        outputs->pulses[i] = (int64_t)core->motion.steps[i] - core->motion.datum_steps[i];
+        outputs->pulses[i] = waam_core_pulses(core, i);
     outputs->arc = waam_arc_output(&core->arc);
     outputs->gas = core->arc.gas;
     outputs->wire_mm_s = core->wire.speed_mm_s;

@@ -26,6 +26,14 @@ void waam_order_disarm(waam_request_t *r)
     waam_request_ok(r);
 }
 
+static void refuse_limit(waam_request_t *r, int axis)
+{
+    int way = r->core->limit.out[axis];
+    waam_request_refuse(r, WAAM_E_LIMIT_SWITCH, "the limit switch is pressed: ");
+    waam_text_char(&r->answer, waam_axis_names[axis]);
+    waam_text_add(&r->answer, way > 0 ? " may only go up" : way < 0 ? " may only go down" : " may not move");
+}
+
 void waam_order_jog(waam_request_t *r)
 {
     waam_core_t *core = r->core;
@@ -44,6 +52,12 @@ void waam_order_jog(waam_request_t *r)
     if (waam_planner_free(&core->planner) == 0) {
         waam_request_refuse(r, WAAM_E_NOT_NOW, "the queue is full");
         return;
+    }
+    for (int i = 0; i < WAAM_AXES; i++) {
+        if (!waam_limit_allows(&core->limit, i, v[i])) {
+            refuse_limit(r, i);
+            return;
+        }
     }
     if (waam_core_plan_jog(core, v, v[3] / 60.0, &error)) {
         waam_request_ok(r);
@@ -139,6 +153,7 @@ waam_code_t waam_core_reset(waam_core_t *core, const char **text)
         return WAAM_E_INPUTS;
     }
     core->homed = core->plan_homed = core->armed = false;
+    waam_limit_acknowledge(&core->limit, &core->config);
     if (core->state == WAAM_ALARM)
         waam_core_state(core, WAAM_IDLE, WAAM_OK, "reset; homing is lost");
     return WAAM_OK;
