@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from waam_process.loop_mode import LOOP_MODES, LoopMode
+
 from . import panel
 from .cli_common import add_run, run_and_domain
 from .cli_job import register_job
@@ -144,8 +146,8 @@ def _register_demo(commands) -> None:
     p.add_argument(
         '--profiles',
         nargs='+',
-        default=['open_loop', 'closed_loop'],
-        choices=('open_loop', 'monitor', 'closed_loop'),
+        default=[LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP],
+        choices=LOOP_MODES,
     )
     p.add_argument('--rate', type=float, default=0.0)
     p.set_defaults(run_command=cmd_demo)
