@@ -25,7 +25,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_sim': {'waam_node', 'waam_process'},
     'waam_record': {'waam_node', 'waam_process'},
     'waam_scan': {'waam_node', 'waam_process', 'waam_record'},
-    'waam_plan': {'waam_process', 'waam_view'},  # the view of a plan, for `waam plan --rerun`
+    'waam_plan': {'waam_process'},
     'waam_adapt': {'waam_node', 'waam_process', 'waam_record'},
     'waam_job': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},
     'waam_lab': {

@@ -29,7 +29,6 @@ The firmware and this software do not replace the hardware safety chain
 (emergency stop, interlocks, fume extraction, eye protection).
 """
 PACKAGES = (
-    'waam_plan',
     'waam_scan',
     'waam_adapt',
     'waam_lab',
@@ -52,6 +51,7 @@ def build_parser() -> argparse.ArgumentParser:
     register_job(commands)
     _register_demo(commands)
     panel.register(commands)
+    importlib.import_module('waam_plan.cli').register(commands, _draw_plan)
     for package in PACKAGES:
         options = {'read_requests': _recorded_requests} if package == 'waam_adapt' else {}
         importlib.import_module(f'{package}.cli').register(commands, **options)
@@ -61,6 +61,15 @@ def build_parser() -> argparse.ArgumentParser:
 def _recorded_requests(folder: Path) -> list[Any]:
     """Requests of the correction server in a recorded job, for `waam train --from`."""
     return importlib.import_module('waam_replay.corrections').requests_of(folder)
+
+
+def _draw_plan(stored: Path, target: Path) -> None:
+    """`waam plan --rerun`: planner and viewer meet here and nowhere else. Raises ValueError without rerun."""
+    try:
+        from waam_view.plan_scene import write_recording
+    except ImportError as e:
+        raise ValueError(f'--rerun needs waam_view and rerun ({e})') from None
+    write_recording(stored, target)
 
 
 def _register_graph(commands) -> None:
