@@ -1,4 +1,4 @@
-/* PID in velocity form (spec 2.29, 2.30) with a filtered derivative; the output is held inside its limits. */
+/* PID in velocity form (eq 2.29, 2.30 of source 000, docs/equations.md) with a filtered derivative; the output is held inside its limits. */
 #ifndef WAAM_PID_H
 #define WAAM_PID_H
 
