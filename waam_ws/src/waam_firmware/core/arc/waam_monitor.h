@@ -31,6 +31,8 @@ typedef struct {
     uint32_t short_us, long_arc_us, bad_us, same_voltage_us, same_current_us, stray_us;
 } waam_monitor_t;
 
+/* Within what the sensors can give; false for what is not a number. */
+bool waam_monitor_plausible(const waam_monitor_config_t *config, float voltage_v, float current_a);
 /* One sample; `on`: the source is enabled, `burning`: the arc is established. */
 waam_trip_t waam_monitor_step(waam_monitor_t *monitor, const waam_monitor_config_t *config, bool on, bool burning,
                               float setpoint_v, float voltage_v, float current_a, uint32_t dt_us);

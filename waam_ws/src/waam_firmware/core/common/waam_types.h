@@ -128,6 +128,8 @@ typedef struct {
     double temperature_max_c;   /* of torch or drives */
     bool starts_in_alarm;       /* after power-up (306): nothing but a reset leads to IDLE */
     bool watchdog_reset;        /* the shell found that the watchdog had reset the processor (307) */
+    bool drives_off_in_estop;   /* no torque while the emergency stop is pressed and until the reset after it */
+    bool drives_off_in_alarm;   /* the same for every other ALARM; see doc/stm32f407.md */
     uint32_t link_timeout_us;   /* no valid line for this long while in RUN: HOLD 201 */
     uint32_t lease_us;          /* the arc is off this long after the lease stamp */
     uint32_t lease_margin_us;   /* the arc end is started this much earlier than its own length asks for */
@@ -149,6 +151,7 @@ typedef struct {
 typedef struct {
     int64_t pulses[WAAM_AXES];  /* pulses since the start, at the end of this tick; the shell spreads the new ones over it */
     bool arc, gas;
+    bool drives;                /* enable the axes' drives: torque */
     bool sense;                 /* low sense voltage between wire and work instead of the source: stick check */
     double wire_mm_s, voltage_v;
 } waam_outputs_t;

@@ -64,7 +64,8 @@ bool waam_core_too_hot(const waam_core_t *core);
 /* The configured reaction. `text` NULL: the usual one. */
 void waam_core_fault(waam_core_t *core, waam_fault_t fault, const char *text);
 uint64_t waam_core_lease_left_us(const waam_core_t *core);
-bool waam_inputs_plausible(const waam_inputs_t *inputs);
+bool waam_guard_plausible(const waam_core_t *core); /* the measured values of this tick */
+bool waam_guard_drives(const waam_core_t *core); /* enabled? */
 
 /* telemetry (waam_report.c) */
 void waam_core_telemetry(waam_core_t *core);

@@ -165,6 +165,7 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
     outputs->arc = waam_arc_output(&core->arc);
     outputs->gas = core->arc.gas;
     outputs->wire_mm_s = core->wire.speed_mm_s;
+    outputs->drives = waam_guard_drives(core);
     outputs->sense = core->arc.phase == WAAM_ARC_SENSE;
     outputs->voltage_v = waam_guard_source(core);
     waam_guard_orders(core, dt_us);
