@@ -28,7 +28,7 @@ from lib.adapt_stats import interval, progress, table, text
 from lib.adapt_wall import Wall
 from lib.emit import emit
 
-from waam_adapt.laws.explicit import LAWS
+from waam_adapt.laws.registry import LAWS
 
 LAW = os.environ.get('WAAM_BENCH_LAW', 'unet')
 SEEDS = range(int(os.environ.get('WAAM_BENCH_SEEDS', '10')))

@@ -90,22 +90,7 @@ class Violation(NamedTuple):
     rule: str
 
 
-JOB_CIRCLE = ('layer_cycle', 'preflight', 'progress', 'resume_run', 'runner', 'verdict')
-ADAPT_CIRCLE = ('beads/solver', 'laws/explicit', 'laws/features', 'laws/net', 'laws/net_law')
 KNOWN: dict[Violation, str] = {  # -> whose branch mends it
-    **{Violation(f'waam_job/waam_job/run/{n}.py', 'circle of files'): 'job' for n in JOB_CIRCLE},
-    Violation('waam_job/waam_job/model/calibration.py', 'io in a core'): 'job',
-    Violation('waam_job/waam_job/model/calibration.py', 'clock in a core'): 'job',
-    Violation('waam_job/waam_job/model/tolerance_map.py', 'io in a core'): 'job',
-    Violation('waam_job/waam_job/model/trace.py', 'io in a core'): 'job',
-    Violation('waam_job/waam_job/model/trace.py', 'clock in a core'): 'job',
-    Violation('waam_job/waam_job/run/readiness.py', 'clock in a core'): 'job',
-    **{Violation(f'waam_adapt/waam_adapt/{n}.py', 'circle of files'): 'adapt' for n in ADAPT_CIRCLE},
-    **{Violation(f'waam_adapt.{n}', 'circle of rooms'): 'adapt' for n in ('beads', 'identify', 'laws')},
-    Violation('waam_adapt', 'circle of packages'): 'adapt',
-    Violation('waam_replay', 'circle of packages'): 'adapt',
-    Violation('waam_adapt', 'may not import waam_replay'): 'adapt',
-    Violation('waam_adapt', 'package.xml does not declare waam_replay'): 'adapt',
     Violation('waam_adapt/waam_adapt/laws/net.py', 'io in a core'): 'adapt',
 }  # fmt: skip
 

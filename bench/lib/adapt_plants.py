@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from waam_adapt.feed.feed_forward import Limits
 from waam_process import materials
+from waam_process.bead import AREA_FACTOR
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind
 
@@ -125,7 +126,7 @@ class Pad:
         return {
             'index': np.arange(n), 'kind': np.full(n, int(Kind.DEPOSIT)), 'start': np.array(start),
             'end': np.array(end), 'height': np.full(n, self.height),
-            'width': np.full(n, self.breadth / len(self.beads) / 0.73),
+            'width': np.full(n, self.breadth / len(self.beads) / AREA_FACTOR),
             'speed': np.full(n, MATERIAL.speed),
         }  # fmt: skip
 

@@ -15,6 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from waam_adapt.feed.feed_forward import Limits
 from waam_process import materials
+from waam_process.bead import AREA_FACTOR
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind
 
@@ -110,7 +111,7 @@ class Wall:
         if layer % 2 == 0:
             start, end = end[::-1], start[::-1]
             height, speed = height[::-1], speed[::-1]
-        width = FEED * MATERIAL.wire_area * MATERIAL.efficiency / (0.73 * height * speed)
+        width = FEED * MATERIAL.wire_area * MATERIAL.efficiency / (AREA_FACTOR * height * speed)
         return {
             'index': np.arange(n), 'kind': np.full(n, int(Kind.DEPOSIT)), 'start': start,
             'end': end, 'height': height, 'width': width, 'speed': speed,

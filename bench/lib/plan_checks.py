@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from waam_process.bead import AREA_FACTOR
+
 PORTION = 0.5e-3  # m of path between portions of simulated melt
 TIP = 0.6e-3  # m, radius of the wire, whose tip must not touch metal
 RANGE = (0.40, 0.76)  # of the bead width: distance of neighbouring beads with the overlap in range
@@ -129,7 +131,7 @@ def lay(metal, segment, clock: float) -> float:
     from waam_sim import metal as core
 
     n = max(1, math.ceil(segment.length / PORTION))
-    section = 0.73 * segment.width * segment.height
+    section = AREA_FACTOR * segment.width * segment.height
     duration = segment.length / segment.speed
     trail = 0.45 * segment.width / max(segment.length, 1e-9)
     for i in range(n):

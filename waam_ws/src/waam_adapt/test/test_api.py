@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import waam_adapt
-from waam_adapt.laws.explicit import CorrectionError
+from waam_adapt.types import CorrectionError
 
 HUMP = np.zeros((80, 120))
 HUMP[30:50, 50:70] = 0.4  # mm too high

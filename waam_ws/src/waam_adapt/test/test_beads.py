@@ -9,12 +9,14 @@ from scipy.optimize import lsq_linear
 
 from waam_adapt import filters
 from waam_adapt.beads import solver as bead_solver
-from waam_adapt.beads.bead_bias import BeadHabits, Learned
+from waam_adapt.beads.bead_bias import BeadBias
 from waam_adapt.beads.model import bead_model, inner_mean
 from waam_adapt.feed import feed_forward as ff
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
 from waam_adapt.identify.identification import Identifier, Layer
 from waam_adapt.laws import explicit as laws
+from waam_adapt.laws.registry import make_law
+from waam_adapt.types import RATIO_HIGH, RATIO_LOW, CorrectionInput, Learned
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind
 
@@ -29,7 +31,7 @@ def zigzag(turn: int = 0, beads: int = BEADS) -> tuple[np.ndarray, ...]:
     return tuple(p if (i + turn) % 2 == 0 else p[::-1] for i, p in enumerate(lines))
 
 
-def pad(resolution: float, error=0.0, **changes) -> laws.CorrectionInput:
+def pad(resolution: float, error=0.0, **changes) -> CorrectionInput:
     """error: of cells or all, m, missing metal."""
     rows, cols = (round(n * CELL / resolution) for n in SIZE)
     y, x = (np.arange(n) * resolution + 0.5 * resolution for n in (rows, cols))
@@ -43,10 +45,10 @@ def pad(resolution: float, error=0.0, **changes) -> laws.CorrectionInput:
         'bead_width': W, 'k_gain': 0.3, 'sigma': np.full(z.shape, 1e-6), 'direction': (1.0, 0.0),
         'paths': zigzag(),
     }  # fmt: skip
-    return laws.CorrectionInput(**(values | changes))
+    return CorrectionInput(**(values | changes))
 
 
-def refined(request: laws.CorrectionInput, gain: float = 1.0) -> np.ndarray:
+def refined(request: CorrectionInput, gain: float = 1.0) -> np.ndarray:
     grid = Resampler.of(request.z.shape, request.resolution, request.bead_width / CELLS_PER_BEAD)
     return bead_solver.refine(request, np.ones(request.z.shape), gain, grid)
 
@@ -127,8 +129,8 @@ def test_solution_is_that_of_bounded_least_squares():
     need = _waves(rng)
     weight = (rng.random(SIZE) > 0.2) * 1.0
     x = bead_solver.solve(model, need, weight, np.ones(len(model.first)), 1e-3) - 1
-    high = np.where(model.to_arc < bead_solver.END_REACH * W, bead_solver.END_HIGH, laws.RATIO_HIGH)
-    assert (x >= laws.RATIO_LOW - 1).all()
+    high = np.where(model.to_arc < bead_solver.END_REACH * W, bead_solver.END_HIGH, RATIO_HIGH)
+    assert (x >= RATIO_LOW - 1).all()
     assert (x <= high - 1).all()
     w = weight.ravel()
     a = (model.spread @ model.driven(1e-3) @ model.read).toarray()
@@ -141,7 +143,7 @@ def test_solution_is_that_of_bounded_least_squares():
         np.sqrt(bead_solver.SMOOTH * typical) * falls,
     ])  # fmt: skip
     right = np.concatenate([np.sqrt(w) * need.ravel(), np.zeros(n + len(falls))])
-    best = lsq_linear(stacked, right, (laws.RATIO_LOW - 1, high - 1)).x
+    best = lsq_linear(stacked, right, (RATIO_LOW - 1, high - 1)).x
     cost, least, nothing = (np.sum((stacked @ v - right) ** 2) for v in (x, best, np.zeros(n)))
     assert cost - least < 0.03 * (nothing - least)
 
@@ -216,7 +218,7 @@ def test_paths_beside_the_map_or_of_no_length_change_nothing():
     assert (refined(pad(0.75e-3, error=0.3e-3, paths=beside)) == 1).all()
 
 
-def lay(habits: BeadHabits, layer: int, rng, lag: float, lacking: np.ndarray) -> BeadHabits:
+def lay(habits: BeadBias, layer: int, rng, lag: float, lacking: np.ndarray) -> BeadBias:
     """One layer of a plant with that lag that lacks `lacking` (rows, cols) of the planned height."""
     model = bead_model(zigzag(layer), SIZE, W)
     asked = np.clip(1 + 0.15 * rng.standard_normal(len(model.first)), 0.4, 1.8)
@@ -227,7 +229,7 @@ def lay(habits: BeadHabits, layer: int, rng, lag: float, lacking: np.ndarray) ->
 
 @pytest.mark.parametrize('lag', [0.0, 1.5e-3])
 def test_lag_and_what_is_always_missing_are_learned_per_direction(lag):
-    rng, habits = np.random.default_rng(2), BeadHabits()
+    rng, habits = np.random.default_rng(2), BeadBias()
     lacking = [np.zeros(SIZE), np.zeros(SIZE)]
     lacking[0][8:18, 5:7] = 0.3
     for layer in range(1, 13):
@@ -240,7 +242,7 @@ def test_lag_and_what_is_always_missing_are_learned_per_direction(lag):
 
 def test_what_the_ends_of_beads_lack_is_learned_from_all_of_them():
     """Some beads were never seen; what the others lack at their ends is expected there as well."""
-    rng, habits, model = np.random.default_rng(3), BeadHabits(), bead_model(zigzag(), SIZE, W)
+    rng, habits, model = np.random.default_rng(3), BeadBias(), bead_model(zigzag(), SIZE, W)
     lacking, seen = np.where((model.end < 0) & (model.end > -6), 0.4, 0.0), np.ones(SIZE)
     seen[:14] = 0.0
     before = habits.prior
@@ -268,7 +270,7 @@ def test_a_guess_of_what_ends_lack_counts_until_the_job_has_shown_it():
 
 
 def test_an_efficiency_that_drifts_ahead_of_the_flow_factor_is_expected():
-    model, habits = bead_model(zigzag(), SIZE, W), BeadHabits()
+    model, habits = bead_model(zigzag(), SIZE, W), BeadBias()
     asked, seen = np.ones(len(model.first)), np.ones(SIZE)
     growth = model.growth(asked, 0.0)
     for layer in range(1, 30):
@@ -283,7 +285,7 @@ def test_an_efficiency_that_drifts_ahead_of_the_flow_factor_is_expected():
 
 
 def test_what_cannot_be_compared_teaches_nothing():
-    model, habits = bead_model(zigzag(), SIZE, W), BeadHabits()
+    model, habits = bead_model(zigzag(), SIZE, W), BeadBias()
     one = np.ones(len(model.first))
     assert habits.learn(1, model, one, np.ones(SIZE), np.zeros(SIZE), 0.3) is habits
     assert not habits.of(1, model).any()
@@ -318,7 +320,7 @@ def test_growth_over_the_inner_cells_ignores_holes():
 
 def test_law_unet_solves_for_the_beads_only_when_they_are_told(tmp_path):
     path = str(weights(tmp_path / 'm.npz', head=0.0))
-    law = laws.make_law('unet', gain=1.0, model=path)
+    law = make_law('unet', gain=1.0, model=path)
     y, x = np.mgrid[: pad(0.75e-3).z.shape[0], : pad(0.75e-3).z.shape[1]]
     told = pad(0.75e-3, error=2e-4 * np.sin(x / 5) * np.cos(y / 4))
     plain = laws.DampedInverse(1.0).correct(told)
@@ -332,8 +334,8 @@ def test_law_unet_solves_for_the_beads_only_when_they_are_told(tmp_path):
 
 
 def test_without_a_network_the_bead_model_starts_from_the_explicit_law(tmp_path):
-    silent = laws.make_law('unet', model=str(weights(tmp_path / 'm.npz', head=0.0)))
-    bare, request = laws.make_law('unet', model='none'), pad(0.75e-3, error=2e-4)
+    silent = make_law('unet', model=str(weights(tmp_path / 'm.npz', head=0.0)))
+    bare, request = make_law('unet', model='none'), pad(0.75e-3, error=2e-4)
     result = bare.correct(request)
     assert (result.law, result.model_hash, result.fallback) == ('unet', '', False)
     assert result.psi == pytest.approx(silent.correct(request).psi, abs=1e-6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from waam_adapt.laws.checks import MapLimits, MapOrigin, error_figures, reasons_against
-from waam_adapt.laws.explicit import CorrectionInput
+from waam_adapt.types import CorrectionInput
 
 SHAPE = (40, 50)
 GOOD = MapOrigin(5.0, 'job', 'job', 3, 3, True)

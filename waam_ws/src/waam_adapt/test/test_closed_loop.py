@@ -9,6 +9,7 @@ from adapt_plant import MATERIAL, Plant
 from waam_adapt.feed import feed_forward as ff
 from waam_adapt.identify import identification
 from waam_adapt.laws import explicit as laws
+from waam_adapt.types import CorrectionInput, CorrectionLaw
 
 LIMITS = ff.Limits.of(MATERIAL, (3e-3, 20e-3), (2 / 60, 12 / 60))
 HEIGHT, WIDTH, K_GAIN = 2e-3, 6e-3, 0.3
@@ -24,7 +25,7 @@ class Run:
 
 def run(
     plant: Plant,
-    law: laws.CorrectionLaw,
+    law: CorrectionLaw,
     apply: bool = True,
     layers: int = 10,
     learning: float = 0.3,
@@ -35,7 +36,7 @@ def run(
     result = Run([], [], planned, planned)
     for n in range(1, layers + 1):
         z = plant.scan()
-        request = laws.CorrectionInput(
+        request = CorrectionInput(
             z, np.full(z.shape, (n - 1) * HEIGHT), planned, plant.resolution, WIDTH, K_GAIN,
             np.full(z.shape, plant.scan_sigma), (1.0, 0.0),
         )  # fmt: skip

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from waam_adapt.feed import feed_forward as ff
 from waam_adapt.feed.feed_forward import SetpointError
-from waam_adapt.laws import explicit as laws
+from waam_adapt.types import split_ratio
 from waam_process import bead, materials
 from waam_process.grid import GridSpec
 from waam_process.segment import Clamp, Kind
@@ -35,7 +35,7 @@ def uniform(psi=0.0, residual=0.0, k_gain=0.3, flow=1.0):
 
 def growth(p, s):
     """Height in m that the mass balance gives for these setpoints, by the table's efficiency."""
-    return bead.layer_height(s.wire_feed_speed, s.speed, bead.pitch_for(p.width), STEEL)
+    return bead.layer_height(s.wire_feed_speed, s.speed, bead.AREA_FACTOR * p.width, STEEL)
 
 
 def test_without_correction_the_plan_is_laid():
@@ -60,7 +60,7 @@ def test_the_two_corrections_do_not_cancel(psi):
 @given(st.floats(0.5, 1.7), st.floats(0.05, 0.3))
 def test_wanted_height_is_laid_once_however_it_is_split(ratio, k_gain):
     """From the law's split to metal: neither cancelled nor doubled, with or without a residual."""
-    psi, residual = laws.split_ratio(np.array(ratio), np.array(H), k_gain)
+    psi, residual = split_ratio(np.array(ratio), np.array(H), k_gain)
     p = path()
     s = ff.compute(p, STEEL, LIMITS, 22.0, uniform(float(psi), float(residual), k_gain))
     assert growth(p, s) == pytest.approx(ratio * H, rel=1e-6)

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_adapt.identify.evidence import Habits, Layer, LayerEvidence, layer_evidence
+from waam_adapt.identify.evidence import BlockAverages, Layer, LayerEvidence, layer_evidence
 from waam_adapt.identify.identification import Estimate, Identifier, update, update_slope
 from waam_adapt.identify.shortfall import Shortfall
-from waam_adapt.laws.explicit import CorrectionInput
+from waam_adapt.types import CorrectionInput
 
 SHAPE, RES, WIDTH = (90, 120), 0.5e-3, 6e-3
 
@@ -85,7 +85,7 @@ def test_the_slope_of_one_layer_alone_is_no_evidence_and_without_variation_the_p
     assert (who.estimate.slope, who.estimate.slope_sigma) == (1.0, Estimate().slope_sigma)
     flat = replace(layer(), commanded=np.where(np.isfinite(layer().commanded), 2e-3, np.nan))
     e = layer_evidence(flat)
-    assert math.isinf(Habits.after(None, e).slope(e)[1])
+    assert math.isinf(BlockAverages.after(None, e).slope(e)[1])
     assert update_slope(Estimate(), 0.2, math.inf) == Estimate()
 
 

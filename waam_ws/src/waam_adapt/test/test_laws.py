@@ -5,7 +5,16 @@ from hypothesis import strategies as st
 
 from waam_adapt import filters
 from waam_adapt.laws import explicit as laws
-from waam_adapt.laws.explicit import CorrectionError, CorrectionInput
+from waam_adapt.laws.checks import safe_correct
+from waam_adapt.laws.registry import make_law
+from waam_adapt.types import (
+    MIN_GAIN,
+    RATIO_HIGH,
+    Correction,
+    CorrectionError,
+    CorrectionInput,
+    split_ratio,
+)
 
 SHAPE, RES, WIDTH, H = (80, 120), 0.5e-3, 6e-3, 2e-3
 PITCH = 0.73 * WIDTH
@@ -56,10 +65,10 @@ def test_whatever_the_surface_psi_stays_in_its_range(law, height, k_gain):
 
 @given(st.floats(0.4, 1.8), st.floats(0.0, 0.5))
 def test_speed_and_residual_together_give_the_wanted_height_once(ratio, k_gain):
-    psi, residual = laws.split_ratio(np.array([ratio]), np.array([H]), k_gain)
+    psi, residual = split_ratio(np.array([ratio]), np.array([H]), k_gain)
     laid = H / (1 + k_gain * psi) + residual
     assert laid == pytest.approx(ratio * H)
-    if abs(psi[0]) < 1 and k_gain >= laws.MIN_GAIN:
+    if abs(psi[0]) < 1 and k_gain >= MIN_GAIN:
         assert residual[0] == 0.0
 
 
@@ -85,7 +94,7 @@ def test_saturation_is_counted_and_the_rest_goes_to_the_residual():
 def test_wanted_height_is_limited_to_what_a_bead_can_be():
     result = laws.DampedInverse().correct(given_surface(np.full(SHAPE, -5e-3)))
     asked = (H / result.speed_factor + result.residual_height)[footprint()]
-    assert asked == pytest.approx(laws.RATIO_HIGH * H)
+    assert asked == pytest.approx(RATIO_HIGH * H)
 
 
 def test_nothing_is_known_far_from_the_footprint():
@@ -196,8 +205,10 @@ def test_log_log_hits_a_wall_that_grows_by_its_model(exponent, missing):
 
 
 def test_unknown_law_names_the_known_ones():
-    with pytest.raises(CorrectionError, match="'magic'; known are zero, proportional, log_log"):
-        laws.make_law('magic', 0.9, 0.1)
+    with pytest.raises(
+        CorrectionError, match="'magic'; known are damped_inverse, unet, proportional"
+    ):
+        make_law('magic', 0.9, 0.1)
 
 
 class Broken:
@@ -211,19 +222,19 @@ class Broken:
     def correct(self, request):
         psi = np.full(request.z.shape, self.value)
         zero = np.zeros_like(psi)
-        return laws.Correction(psi, zero, zero, self.name, request.k_gain)
+        return Correction(psi, zero, zero, self.name, request.k_gain)
 
 
 @pytest.mark.parametrize(('value', 'word'), [(np.nan, 'not finite'), (1.5, 'above 1')])
 def test_a_law_that_goes_wrong_is_replaced_by_no_correction(value, word):
-    result = laws.safe_correct(Broken(value), given_surface(np.zeros(SHAPE)), ())
+    result = safe_correct(Broken(value), given_surface(np.zeros(SHAPE)), ())
     assert result.fallback
     assert word in result.reasons[0]
     assert not result.psi.any()
 
 
 def test_reasons_against_the_map_remove_the_correction():
-    result = laws.safe_correct(laws.DampedInverse(), given_surface(bump(-0.3e-3)), ('stale map',))
+    result = safe_correct(laws.DampedInverse(), given_surface(bump(-0.3e-3)), ('stale map',))
     assert result.fallback
     assert result.reasons == ('stale map',)
     assert not result.psi.any()

@@ -12,13 +12,16 @@ from net_weights import card, model, random_weights
 from waam_adapt import correct
 from waam_adapt.laws import explicit as laws
 from waam_adapt.laws import features, net
+from waam_adapt.laws.checks import safe_correct
 from waam_adapt.laws.corrector import CorrectionParams, Corrector
 from waam_adapt.laws.net_law import UNetLaw, unlike
+from waam_adapt.laws.registry import make_law
+from waam_adapt.types import CorrectionInput
 
 SHAPE, RES, WIDTH, H = (80, 120), 0.5e-3, 6e-3, 2e-3
 
 
-def request(seed=0, shape=SHAPE, **changes) -> laws.CorrectionInput:
+def request(seed=0, shape=SHAPE, **changes) -> CorrectionInput:
     rng = np.random.default_rng(seed)
     inside = np.zeros(shape, bool)
     inside[8:-8, 8:-8] = True
@@ -28,12 +31,12 @@ def request(seed=0, shape=SHAPE, **changes) -> laws.CorrectionInput:
         'z': z, 'target': np.zeros(shape), 'planned': np.where(inside, H, 0.0), 'resolution': RES,
         'bead_width': WIDTH, 'k_gain': 0.3, 'sigma': np.full(shape, 2e-5), 'direction': (1.0, 0.0),
     }  # fmt: skip
-    return laws.CorrectionInput(**(values | changes))
+    return CorrectionInput(**(values | changes))
 
 
 @pytest.fixture
 def law(tmp_path):
-    return laws.make_law('unet', model=str(model(tmp_path / 'm.npz')))
+    return make_law('unet', model=str(model(tmp_path / 'm.npz')))
 
 
 @pytest.fixture
@@ -54,7 +57,7 @@ def test_answers_of_the_network_name_its_hash_and_differ_from_the_explicit_law(l
 
 
 def test_network_with_a_zero_head_is_the_explicit_law(tmp_path, plain):
-    law = laws.make_law('unet', model=str(model(tmp_path / 'm.npz', head=0.0)))
+    law = make_law('unet', model=str(model(tmp_path / 'm.npz', head=0.0)))
     result, reference = law.correct(request()), plain.correct(request())
     assert not result.fallback
     assert result.psi == pytest.approx(reference.psi, abs=1e-12)
@@ -98,7 +101,7 @@ def test_without_a_sound_model_file_the_explicit_law_answers_and_says_so(
 ):
     path = model(tmp_path / 'm.npz')
     damaged(path, how)
-    result = laws.make_law('unet', model=str(path)).correct(request())
+    result = make_law('unet', model=str(path)).correct(request())
     assert result.fallback
     assert word in result.reasons[0]
     assert 'damped_inverse answers' in result.reasons[0]
@@ -140,7 +143,7 @@ def test_input_unlike_the_training_is_answered_by_the_explicit_law(law, plain):
 
 def test_network_that_doubts_itself_leaves_it_to_the_explicit_law(tmp_path, plain):
     path = model(tmp_path / 'm.npz', **{'doubt.bias': np.full(1, 0.5, np.float32)})
-    result = laws.make_law('unet', model=str(path)).correct(request())
+    result = make_law('unet', model=str(path)).correct(request())
     assert result.fallback
     assert 'low confidence' in result.reasons[0]
     assert (result.psi == plain.correct(request()).psi).all()
@@ -150,7 +153,7 @@ def test_a_network_that_gives_nan_is_caught(law):
     weights = {k: v.copy() for k, v in law.network.weights.items()}
     weights['head.bias'][:] = np.nan
     broken = replace(law, network=replace(law.network, weights=weights))
-    result = laws.safe_correct(broken, request(), ())
+    result = safe_correct(broken, request(), ())
     assert result.fallback
     assert 'not finite' in result.reasons[0]
     assert (result.psi == laws.DampedInverse().correct(request()).psi).all()

@@ -17,7 +17,14 @@ from waam_adapt.conversions import correction_input
 from waam_adapt.feed.params import FeedParams
 from waam_adapt.laws.corrector import CorrectionParams
 from waam_adapt.thermal.params import ThermalParams
-from waam_msgs.msg import CorrectionMap, HeatFactor, ProcessEstimate, Segment
+from waam_msgs.msg import (
+    CorrectionMap,
+    HeatFactor,
+    JobStatus,
+    LayerReport,
+    ProcessEstimate,
+    Segment,
+)
 from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node import qos
 from waam_node.conversions import floats, grid_to_msg, map_from_msg, time_to_msg
@@ -271,6 +278,86 @@ def test_heat_factor_follows_the_pyrometer_and_drops_it_when_silent(graph):
     assert not got[-1].ready
     assert got[-1].factor == 1.0
     assert 'silent' in got[-1].reasons[0]
+
+
+class Spot:
+    """A pyrometer at 20 Hz of real time that reads `value` degC."""
+
+    def __init__(self, graph, value):
+        self.graph, self.value, self.sent = graph, value, 0.0
+        self.publisher = graph.node.create_publisher(Temperature, 'temperature', qos.BEAT)
+        self.rng = np.random.default_rng(1)
+
+    def now(self):
+        return self.graph.node.get_clock().now()
+
+    def until(self, condition, what):
+        def step():
+            now = self.now()
+            if now.nanoseconds * 1e-9 - self.sent > 0.05:
+                self.sent = now.nanoseconds * 1e-9
+                sample = Temperature(temperature=self.value + self.rng.normal(0, 0.3))
+                sample.header.stamp = now.to_msg()
+                self.publisher.publish(sample)
+            return condition()
+
+        self.graph.wait(step, what=what)
+
+
+@pytest.fixture
+def jobs(graph):
+    """Publishes job_status of a job; at the end the material is the default again."""
+    publisher = graph.node.create_publisher(JobStatus, 'job_status', qos.LATCHED)
+    graph.wait(lambda: publisher.get_subscription_count() == 1, what='thermal_compensator')
+
+    def say(state, material, layer=0):
+        publisher.publish(
+            JobStatus(job_id='job', state=state, material=material, pass_number=1, layer=layer)
+        )
+
+    yield say
+    say(JobStatus.PREPARING, 'er70s-6')
+    graph.settle()
+    graph.node.destroy_publisher(publisher)
+
+
+def test_the_material_of_the_job_decides_the_interpass_limit(graph, jobs):
+    """180 degC: er70s-6 may go on (250), 316l may not (150)."""
+    got = latched(graph, HeatFactor, 'heat_factor')
+    spot = Spot(graph, 180.0)
+    spot.until(lambda: got and got[-1].ready and got[-1].material == 'er70s-6', 'ready as er70s-6')
+    assert got[-1].interpass_limit == 250.0
+    jobs(JobStatus.PREPARING, '316l')
+    spot.until(lambda: got[-1].material == '316l' and got[-1].plausible, '316l')
+    assert got[-1].interpass_limit == 150.0
+    assert not got[-1].ready
+    jobs(JobStatus.PREPARING, 'unobtainium')
+    spot.until(lambda: got[-1].material == 'unobtainium', 'unknown material')
+    assert not got[-1].ready
+    assert "unknown material 'unobtainium'" in got[-1].reasons[0]
+
+
+def test_a_temperature_that_does_not_answer_to_a_layer_is_told(graph, jobs):
+    got = latched(graph, HeatFactor, 'heat_factor')
+    reports = graph.node.create_publisher(LayerReport, 'layer_report', qos.EVENTS)
+    graph.wait(lambda: reports.get_subscription_count() == 1, what='thermal_compensator')
+    spot = Spot(graph, 21.0)
+    jobs(JobStatus.PREPARING, 'er70s-6')
+    spot.until(lambda: got and got[-1].plausible and got[-1].temperature < 25, 'cold')
+    assert got[-1].believed
+    jobs(JobStatus.DEPOSITING, 'er70s-6', layer=1)
+    begin = spot.now().nanoseconds
+    spot.until(lambda: spot.now().nanoseconds - begin > 1e9, 'a layer of one second')
+    report = LayerReport(
+        job_id='job', layer=1, energy=180e3, arc_on_time=60.0, travel_speed_mean=0.01
+    )
+    report.header.stamp = spot.now().to_msg()
+    reports.publish(report)
+    spot.until(lambda: not got[-1].believed, 'doubt')
+    assert got[-1].plausible
+    assert 'layer 1 brought 144 kJ' in got[-1].doubt
+    jobs(JobStatus.PREPARING, 'er70s-6')
+    spot.until(lambda: got[-1].believed, 'a new job begins without doubt')
 
 
 def test_unknown_parameter_is_refused_by_name():

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from waam_adapt.thermal.interpass import InterpassMonitor, Settings
+from waam_adapt.thermal.response import LaidLayer
 from waam_process import materials
+from waam_process.heat import ArcPass
 
 STEEL = materials.get('er70s-6')
 
@@ -132,3 +134,75 @@ def test_samples_out_of_order_are_ignored_and_a_clock_set_back_starts_afresh():
     heat = m.state(now)
     assert heat.plausible
     assert heat.temperature == pytest.approx(90, abs=1)
+
+
+def lay(m, number, temperatures, start, duration=60.0, power=2430.0, after=20.0):
+    """A layer of `duration` s under readings at 10 Hz that go through `temperatures`; returns the time at the end."""
+    now = feed(m, noisy(np.full(30, temperatures[0]), number), start=start)
+    m.response.layer_begins()
+    n = round(duration * 10)
+    during = np.interp(np.linspace(0, 1, n), np.linspace(0, 1, len(temperatures)), temperatures)
+    now = feed(m, noisy(during, number), start=now + 0.1)
+    m.response.layer_ends(LaidLayer(number, now, ArcPass(power, 10e-3, duration)))
+    return feed(m, noisy(np.full(round(after * 10), temperatures[-1]), number), start=now + 0.1)
+
+
+def test_a_temperature_that_does_not_answer_to_a_layer_is_not_believed():
+    """The pyrometer looks past a small cylinder: 21 degC and ready from first to last layer."""
+    m = monitor()
+    assert m.state(feed(m, noisy(np.full(30, 21.0)))).believed
+    heat = m.state(lay(m, 1, [21.0, 21.4], start=10.0))
+    assert heat.plausible and heat.ready
+    assert not heat.believed
+    assert 'layer 1 brought 146 kJ' in heat.doubt
+    assert 'spot of the pyrometer does not lie on the layer' in heat.doubt
+
+
+@pytest.mark.parametrize(
+    'seen',
+    [
+        [21.0, 60.0, 500.0, 120.0],  # the torch passed over the spot
+        [21.0, 50.0, 95.0],  # a layer on a thick plate, the spot beside it
+        [240.0, 235.0, 420.0, 260.0],  # a warm part that cools until the torch comes
+    ],
+)
+def test_a_temperature_that_answers_is_believed(seen):
+    m = monitor()
+    assert m.state(lay(m, 1, seen, start=10.0)).believed
+
+
+def test_belief_returns_when_a_later_layer_is_seen_and_with_a_new_job():
+    m = monitor()
+    now = lay(m, 1, [21.0, 21.0], start=10.0)
+    assert not m.state(now).believed
+    now = lay(m, 2, [21.0, 400.0, 150.0], start=now + 0.1)
+    assert m.state(now).believed
+    now = lay(m, 3, [150.0, 140.0], start=now + 0.1)
+    assert not m.state(now).believed
+    m.response.forget()
+    assert m.state(now).believed
+
+
+def test_a_touch_of_the_arc_is_too_little_heat_to_tell():
+    m = monitor()
+    assert m.state(lay(m, 1, [21.0, 21.0], start=10.0, duration=1.0, power=100.0)).believed
+
+
+def test_heat_gets_time_to_arrive_before_it_is_missed():
+    """The last bead lies 12 mm beside the spot: nothing is said while its heat is on the way."""
+    m = monitor()
+    now = lay(m, 1, [21.0, 21.0], start=10.0, after=1.0)
+    assert m.state(now).believed
+    now = feed(m, noisy(np.linspace(21.0, 110.0, 40)), start=now + 0.1)
+    assert m.state(now).believed
+
+
+def test_another_material_brings_its_own_limit_and_law():
+    m = monitor()
+    now = feed(m, noisy(np.full(30, 180.0)))
+    assert m.state(now).ready
+    steel = materials.get('316l')
+    m.use(steel, steel.interpass_limit)
+    assert not m.state(now).ready
+    m.material_error = "unknown material 'unobtainium'"
+    assert m.state(now).reasons == ("unknown material 'unobtainium'",)

@@ -12,6 +12,7 @@ from waam_adapt.laws import explicit as laws  # noqa: E402
 from waam_adapt.laws import features, net  # noqa: E402
 from waam_adapt.training import curves, deposit, recorded, rollout, scenes, train  # noqa: E402
 from waam_adapt.training.unet import UNet, arrays  # noqa: E402
+from waam_adapt.types import RATIO_HIGH, RATIO_LOW, CorrectionInput  # noqa: E402
 
 SMALL = train.Settings(
     steps=6,
@@ -99,21 +100,21 @@ def test_explicit_law_in_the_loop_is_the_damped_inverse():
     rng = np.random.default_rng(1)
     z = torch.from_numpy(rng.normal(0, 0.1, b.z.shape)).float()
     known = b.footprint.numpy() & (rng.random(b.z.shape) > 0.05)
-    ours = rollout.wish(b, -z, known, 0).numpy()
+    ours = rollout.height_request(b, -z, known, 0).numpy()
     for i in range(6):
         h = float(b.height[i])
         cos2a, sin2a = (float(b.fixed[0][i, k, 0, 0]) for k in (2, 3))
         angle = 0.5 * np.arctan2(sin2a, cos2a)
         direction = (np.cos(angle), np.sin(angle)) if np.hypot(cos2a, sin2a) > 0 else (0.0, 0.0)
         direction = tuple(0.0 if abs(x) < 1e-6 else x for x in direction)
-        request = laws.CorrectionInput(
+        request = CorrectionInput(
             z=np.where(known[i], z[i].numpy() * h, np.nan), target=np.zeros(b.z.shape[1:]),
             planned=b.planned[i].numpy() * h, resolution=1.5e-3, bead_width=6e-3, k_gain=0.3,
             sigma=np.full(b.z.shape[1:], float(b.sigma[i]) * h), direction=direction,
         )  # fmt: skip
         inside = b.footprint[i].numpy()
-        wish = laws.DampedInverse(gain=float(b.gain[i])).wish(request)
-        expected = np.clip(1 + ours[i], laws.RATIO_LOW, laws.RATIO_HIGH)
+        wish = laws.DampedInverse(gain=float(b.gain[i])).height_request(request)
+        expected = np.clip(1 + ours[i], RATIO_LOW, RATIO_HIGH)
         assert wish.ratio[inside] == pytest.approx(expected[inside], abs=2e-4)
 
 
@@ -144,7 +145,7 @@ def test_features_of_the_loop_are_those_of_the_law(batch):
     )
     angle = 0.5 * np.arctan2(sin2a, cos2a)
     unknown = np.hypot(cos2a, sin2a) == 0
-    request = laws.CorrectionInput(
+    request = CorrectionInput(
         z=batch.z[i].numpy().astype(float) * h, target=np.zeros(batch.z.shape[1:]),
         planned=batch.planned[i].numpy().astype(float) * h, resolution=1.5e-3, bead_width=6e-3, k_gain=0.3,
         sigma=np.full(batch.z.shape[1:], float(batch.sigma[i]) * h),
@@ -258,7 +259,7 @@ def test_recorded_surface_is_cut_and_scaled_to_the_training_grid():
     z = np.full((200, 300), 1e-3)
     planned = np.zeros(z.shape)
     planned[50:150, 50:250] = 2e-3
-    request = laws.CorrectionInput(z, np.zeros(z.shape), planned, 0.5e-3, 6e-3, 0.3)
+    request = CorrectionInput(z, np.zeros(z.shape), planned, 0.5e-3, 6e-3, 0.3)
     r = recorded.surface(request)
     assert r.error.shape == (scenes.SIZE, scenes.SIZE)
     assert r.error == pytest.approx(-0.5)

@@ -11,7 +11,9 @@ import numpy as np
 
 from waam_process.grid import GridSpec, HeightGrid
 
-from .laws.explicit import CorrectionError, CorrectionInput, make_law, safe_correct
+from .laws.checks import safe_correct
+from .laws.registry import make_law
+from .types import CorrectionError, CorrectionInput
 
 
 def correct(

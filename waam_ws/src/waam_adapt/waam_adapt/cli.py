@@ -5,7 +5,13 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
+
+ReadRequests = Callable[
+    [Path], Sequence[Any]
+]  # requests of correction_server/compute in a job folder
 
 EPILOG = """\
 examples:
@@ -14,7 +20,7 @@ examples:
   waam train --out jobs/net --resume                   go on where it was stopped (Ctrl-C, power, ...)
   waam train --out jobs/mine --from jobs/A jobs/B      fine-tune the packaged network, half of the scenes start from
                                                        the recorded surfaces of these jobs
-  torchrun --nproc-per-node 4 -m waam_adapt.cli --out jobs/net      several processes, gradients averaged
+  torchrun --nproc-per-node 4 -m waam_bringup.cli train --out jobs/net      several processes, gradients averaged
 
 --out gets correction.npz (best weights by the validation, no pickle), correction.md (model card), curves.png and
 checkpoint.npz. Use the weights with the parameters  law: unet  and  model: FILE  of correction_server.
@@ -22,8 +28,8 @@ The same seed, settings and torch on the same machine give the same weights, res
 """
 
 
-def register(commands) -> None:
-    """Adds the verb to argparse sub-parsers."""
+def register(commands: Any, read_requests: ReadRequests | None = None) -> None:
+    """Adds the verb to argparse sub-parsers. read_requests: reads recorded jobs, for --from."""
     p = commands.add_parser(
         'train',
         help='train the correction network on synthetic jobs, or fine-tune it on recorded ones',
@@ -32,7 +38,7 @@ def register(commands) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _arguments(p)
-    p.set_defaults(run_command=run)
+    p.set_defaults(run_command=run, read_requests=read_requests)
 
 
 def _arguments(p: argparse.ArgumentParser) -> None:
@@ -96,7 +102,7 @@ def _train(args: argparse.Namespace) -> int:
         steps=args.steps, seed=args.seed, batch=args.batch, unroll=args.unroll, rate=args.rate,
         check_every=args.check_every, loss=args.loss,
     )  # fmt: skip
-    jobs = recorded.from_jobs(args.jobs)
+    jobs = recorded.from_jobs(args.jobs, args.read_requests) if args.jobs else []
     first = args.start or (net.PACKAGED if jobs else None)
     trainer = train.Trainer(settings, net.load(first).weights if first else None, jobs)
     checkpoint = args.out / 'checkpoint.npz'
@@ -159,16 +165,3 @@ def _bar(trainer):
             yield tick
 
     return show()
-
-
-def main() -> None:
-    """Entry for torchrun, which wants a module."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    _arguments(parser)
-    raise SystemExit(run(parser.parse_args()))
-
-
-if __name__ == '__main__':
-    main()

@@ -7,17 +7,19 @@ from array import array
 import numpy as np
 from sensor_msgs.msg import Temperature
 
-from waam_msgs.msg import CorrectionMap, HeatFactor, ProcessEstimate, Segment
+from waam_msgs.msg import CorrectionMap, HeatFactor, LayerReport, ProcessEstimate, Segment
 from waam_msgs.srv import ComputeCorrection
 from waam_node.conversions import floats, grid_from_msg, grid_to_msg, map_from_msg, seconds
 from waam_process.grid import GridSpec
+from waam_process.heat import ArcPass
 
 from .feed.feed_forward import Field, Path, Setpoints
 from .identify.identification import Estimate
 from .laws.checks import MapOrigin
 from .laws.corrector import LastLayer
-from .laws.explicit import Correction, CorrectionError, CorrectionInput
 from .thermal.interpass import Heat
+from .thermal.response import LaidLayer
+from .types import Correction, CorrectionError, CorrectionInput
 
 
 def named_map(
@@ -198,7 +200,7 @@ def write_setpoints(segments: list[Segment], path: Path, result: Setpoints) -> N
         s.speed_programmed, s.clamps = programmed, clamps
 
 
-def heat_to_msg(heat: Heat, interpass_limit: float) -> HeatFactor:
+def heat_to_msg(heat: Heat, interpass_limit: float, material: str) -> HeatFactor:
     """Without its header."""
     return HeatFactor(
         factor=heat.factor,
@@ -209,7 +211,19 @@ def heat_to_msg(heat: Heat, interpass_limit: float) -> HeatFactor:
         estimated_wait=heat.wait,
         plausible=heat.plausible,
         reasons=list(heat.reasons),
+        material=material,
+        believed=heat.believed,
+        doubt=heat.doubt,
     )
+
+
+def laid_layer(report: LayerReport, arc_efficiency: float) -> LaidLayer | None:
+    """What the arc brought to the layer of a report; None when it laid none."""
+    if report.final or not (report.arc_on_time > 0 and report.travel_speed_mean > 0):
+        return None
+    power = arc_efficiency * report.energy / report.arc_on_time
+    arc = ArcPass(power, report.travel_speed_mean, report.arc_on_time)
+    return LaidLayer(report.layer, seconds(report.header.stamp), arc)
 
 
 def temperature_sample(msg: Temperature) -> tuple[float, float]:

@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from . import panel
 from .cli_common import add_run, run_and_domain
@@ -50,8 +51,14 @@ def build_parser() -> argparse.ArgumentParser:
     _register_demo(commands)
     panel.register(commands)
     for package in PACKAGES:
-        importlib.import_module(f'{package}.cli').register(commands)
+        options = {'read_requests': _recorded_requests} if package == 'waam_adapt' else {}
+        importlib.import_module(f'{package}.cli').register(commands, **options)
     return parser
+
+
+def _recorded_requests(folder: Path) -> list[Any]:
+    """Requests of the correction server in a recorded job, for `waam train --from`."""
+    return importlib.import_module('waam_replay.corrections').requests_of(folder)
 
 
 def _register_graph(commands) -> None:

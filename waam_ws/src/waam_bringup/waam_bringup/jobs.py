@@ -173,6 +173,8 @@ def report_result(result: RunJob.Result) -> int:
         if code == RunJob.Result.ABORTED:
             return 130
         return 2 if code in REFUSED else 1
-    verdict = 'in tolerance' if result.in_tolerance else 'out of tolerance'
-    print(f'done: {result.layers} layers, {result.message}; {verdict}')
+    verdict = '; in tolerance' if result.in_tolerance else '; out of tolerance'
+    if math.isnan(result.rms):  # nothing could be judged; the message says why
+        verdict = ''
+    print(f'done: {result.layers} layers, {result.message}{verdict}')
     return 0

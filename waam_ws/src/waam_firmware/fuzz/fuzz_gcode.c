@@ -1,6 +1,7 @@
 /* The parser alone: each line of the input is one block of G-code, parsed with the modal state that the lines before left.
  * Whatever comes in, the answer is a command made of finite numbers within the limits, or an error with code, column and
- * a printable text. The bytes also go through the check of sealed lines and the reader of numbers. */
+ * a printable text. The bytes also go through the check of sealed lines, and what follows each letter through the reader of
+ * numbers, which must say what the C library says. */
 #include <math.h>
 #include <string.h>
 
@@ -14,6 +15,8 @@ static void require_command(const waam_command_t *c)
     for (int i = 0; i < WAAM_AXES; i++)
         REQUIRE(!c->has[i] || (isfinite(c->axis_mm[i]) && fabs(c->axis_mm[i]) < 1e11), "coordinate");
     REQUIRE(c->action != WAAM_DO_DWELL || (c->dwell_s >= 0.0 && c->dwell_s <= 3600.0), "dwell");
+    REQUIRE(c->action != WAAM_DO_GAS || c->gas != WAAM_GAS_KEEP, "gas");
+    REQUIRE(c->action != WAAM_DO_ARC_START || c->gas != WAAM_GAS_OFF, "an arc has gas");
     REQUIRE(isfinite(c->modal.feed_mm_s) && c->modal.feed_mm_s >= 0.0, "feed");
     REQUIRE(c->modal.wire_mm_s >= 0.0 && c->modal.wire_mm_s <= limits.wire_max_mm_s, "wire speed");
     REQUIRE(c->modal.voltage_v >= 0.0 && c->modal.voltage_v <= limits.voltage_max_v, "voltage");
@@ -26,6 +29,23 @@ static void require_error(const waam_error_t *e, size_t length)
     REQUIRE(e->text.length < sizeof e->text.text, "length of the text");
     for (size_t i = 0; i < e->text.length; i++)
         REQUIRE(e->text.text[i] >= ' ' && e->text.text[i] <= '~', "printable text");
+}
+
+static void require_numbers(const char *line, size_t length)
+{
+    for (size_t i = 1; i < length; i++) {
+        waam_cursor_t cursor = {line, length, i};
+        double value, expected;
+        char text[WAAM_LINE_MAX + 1];
+        if (line[i] == ' ' || line[i] == '\t' || (line[i - 1] | 32) < 'a' || (line[i - 1] | 32) > 'z' ||
+            !waam_read_number(&cursor, &value))
+            continue;
+        REQUIRE(cursor.at > i && cursor.at <= length, "end of a number");
+        memcpy(text, line + i, cursor.at - i);
+        text[cursor.at - i] = '\0';
+        expected = strtod(text, NULL);
+        REQUIRE(memcmp(&value, &expected, sizeof value) == 0, "value of a number");
+    }
 }
 
 static void parse(const char *line, size_t length, waam_modal_t *modal)
@@ -53,6 +73,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         memcpy(line, data, length);
         if (waam_check_line(line, length, &content))
             REQUIRE(content < length, "content of a checked line");
+        require_numbers(line, length);
         parse(line, length, &modal);
         free(line);
         data += used;

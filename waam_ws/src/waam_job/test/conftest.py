@@ -42,6 +42,7 @@ class FakeCell:
         self.script: dict = {}
         self.scan_coverage = [1.0] * 100
         self.pyrometer_plausible = True
+        self.doubt = ''  # why the temperature is not believed
         self.record_calls: list = []
         self.warnings: list = []
         self.node_parameters: dict = {}
@@ -111,14 +112,15 @@ class FakeCell:
     def heat(self) -> Heat:
         ready = self.temperature < self.limit
         return Heat(
-            True,
-            1.0,
-            self.temperature,
-            self.limit,
-            ready,
-            5.0,
-            self.pyrometer_plausible,
-            ('stuck',) * (not self.pyrometer_plausible),
+            known=True,
+            temperature=self.temperature,
+            limit=self.limit,
+            ready=ready,
+            wait=5.0,
+            plausible=self.pyrometer_plausible,
+            reasons=('stuck',) * (not self.pyrometer_plausible),
+            believed=not self.doubt,
+            doubt=self.doubt,
         )
 
     def command(self, name, *, text='', names=(), vector=(0, 0, 0), value=0.0) -> None:
@@ -269,17 +271,18 @@ def make_cell(parts):
 
 @pytest.fixture
 def make_runner(parts, tmp_path):
-    """make_runner(cell, **goal fields) -> (runner, control, folder)."""
+    """make_runner(cell, settings={fields of Settings}, **goal fields) -> (runner, control, folder)."""
     from waam_job.model.goal import JobGoal, check
     from waam_job.run.control import Control
-    from waam_job.run.runner import JobRunner, Settings
+    from waam_job.run.runner import JobRunner
+    from waam_job.run.settings import Settings
     from waam_job.store.folder import JobFolder
 
-    def make(cell, **fields):
+    def make(cell, settings=None, **fields):
         goal = JobGoal(part=parts[0], material='er70s-6', jobs_dir=tmp_path, **fields)
         folder = JobFolder.create(tmp_path, 'test')
         control = Control()
-        settings = Settings(lease_nodes=('bridge', 'scan_fusion'))
-        return JobRunner(cell, check(goal), folder, control, settings), control, folder
+        own = Settings(lease_nodes=('bridge', 'scan_fusion'), **(settings or {}))
+        return JobRunner(cell, check(goal), folder, control, own), control, folder
 
     return make

@@ -55,7 +55,7 @@ def test_height_error_is_noted_with_its_place(profile, reaction, make_cell, make
         taken.append(1)
         if len(taken) == 2:  # after the first layer: a lump that nobody has planned
             spec = cell.surface.spec
-            rows, cols = np.nonzero(runner.plan.interior)
+            rows, cols = np.nonzero(runner.context.plan.interior)
             middle = len(rows) // 2
             taken.append((spec.x[cols[middle]], spec.y[rows[middle]]))
             cell.surface.z[rows[middle], cols[middle]] += 5e-3

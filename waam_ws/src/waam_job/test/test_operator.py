@@ -164,7 +164,7 @@ def test_allowance_is_left_on_top(make_cell, make_runner):
     runner, _, _ = make_runner(thick, allowance=0.5e-3)
     assert runner.run().state == State.DONE
     gained = np.nansum(thick.surface.z - plain.surface.z) * plain.surface.spec.resolution**2
-    area = runner.program.whole.region.sum() * plain.surface.spec.resolution**2
+    area = runner.context.program.whole.region.sum() * plain.surface.spec.resolution**2
     assert gained / area == pytest.approx(0.5e-3 * 0.85, rel=0.35)
 
 

@@ -12,7 +12,8 @@ from waam_job.model.geometry import part_grid
 from waam_job.model.goal import Code, JobGoal, check
 from waam_job.model.records import State
 from waam_job.run.control import Control
-from waam_job.run.runner import JobRunner, Settings
+from waam_job.run.runner import JobRunner
+from waam_job.run.settings import Settings
 from waam_job.store.folder import JobFolder
 from waam_process.grid import HeightGrid
 
@@ -104,9 +105,7 @@ def test_a_build_is_planned_once_and_laid(make_build, monkeypatch):
 def test_a_restoration_too_large_for_the_machine_is_refused_first(make_cell, make_runner):
     cell = make_cell()
     cell.machine_state = replace(cell.machine_state, limit_max=(0.03, 0.3, 0.2))
-    runner, _, _ = make_runner(cell)
-    runner.settings = replace(runner.settings, work_offset=(0.0, 0.0, 0.0))
-    runner.preparation.settings = runner.settings
+    runner, _, _ = make_runner(cell, settings={'work_offset': (0.0, 0.0, 0.0)})
     said = refused(runner, cell)
     assert '40.0 mm along x' in said and 'cannot be scanned' in said
 
@@ -125,15 +124,15 @@ def test_settings_of_the_planner_reach_the_plan(make_build):
     block = trimesh.creation.box((30, 20, 4))
     runner, _ = make_build(block, plan_settings=asked, profile='open_loop')
     assert runner.run().state == State.DONE
-    s = runner.plan.settings
+    s = runner.context.plan.settings
     assert (s.levels, s.overhang, s.base_layers, s.lead_on) == ('adaptive', 'flag', 0, 0.5)
     assert 'overhang' in ' '.join(make_planned(make_build, mushroom(), ('overhang=flag',)).warnings)
 
 
 def make_planned(make_build, mesh, asked):
     runner, _ = make_build(mesh, plan_settings=asked)
-    assert runner.foresight.problems() == []
-    return runner.foresight.plan
+    assert runner.preflight.problems() == []
+    return runner.preflight.plan
 
 
 def test_a_mesh_with_a_hole_is_repaired_when_asked_and_the_report_says_so(make_build):

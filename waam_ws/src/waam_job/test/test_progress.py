@@ -24,8 +24,8 @@ def test_progress_is_the_share_of_arc_time_and_never_goes_back(fields, make_cell
     assert (progress >= 0).all() and (progress <= 1).all() and (np.diff(progress) >= 0).all()
     assert progress[-1] == pytest.approx(1.0, abs=1e-6) and cell.statuses[-1].progress == 1.0
     layers = np.array([s.layer for s in seen])
-    share = runner.program.layer(1).arc_time / sum(
-        runner.program.layer(k).arc_time for k in range(1, runner.status.layers + 1)
+    share = runner.context.program.layer(1).arc_time / sum(
+        runner.context.program.layer(k).arc_time for k in range(1, runner.status.layers + 1)
     )
     # a second pass that is thicker than the first plan had said shifts the end of layer 1 a little
     assert progress[layers == 1][-1] == pytest.approx(

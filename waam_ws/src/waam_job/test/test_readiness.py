@@ -12,11 +12,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_job.model import calibration
 from waam_job.model.goal import Code
 from waam_job.model.records import State
 from waam_job.run import readiness
-from waam_job.run.settings import Settings
+from waam_job.store import calibration
 from waam_process.segment import Kind
 
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
@@ -139,8 +138,7 @@ def test_zero_that_the_controller_does_not_take_over_ends_the_job(make_cell, mak
 @pytest.mark.parametrize('limit,scans', [(900.0, 2), (0.0, 1)])
 def test_old_map_is_taken_again_before_metal_is_laid_by_it(limit, scans, make_cell, make_runner):
     cell = make_cell(temperature=400.0)
-    runner, _, folder = make_runner(cell)
-    runner.settings = replace(runner.settings, scan_max_age=limit, cooling_timeout=1e9)
+    runner, _, folder = make_runner(cell, settings={'scan_max_age': limit, 'cooling_timeout': 1e9})
     inner, seen = cell.finish_scan, []
 
     def finish(*args):
@@ -152,7 +150,6 @@ def test_old_map_is_taken_again_before_metal_is_laid_by_it(limit, scans, make_ce
     inner_wait = cell.wait
     # while it cools, time passes a hundred times faster
     cell.wait = lambda s: inner_wait(s * 100 if cell.temperature > cell.limit else s)
-    runner.watch.cell = cell
     assert runner.run().state == State.DONE
     assert seen.count(0) == scans
     notes = [a for a in cell.anomalies if a.class_name == 'scan' and 's old' in a.text]
@@ -162,10 +159,8 @@ def test_old_map_is_taken_again_before_metal_is_laid_by_it(limit, scans, make_ce
 def test_job_on_another_material_than_the_thermal_limits_says_so(make_cell, make_runner):
     cell = make_cell()
     cell.node_parameters = {'thermal_compensator': {'material': '316l'}}
-    runner, _, folder = make_runner(cell)
-    runner.settings = runner.preparation.settings = Settings(simulated=False)
-    runner.settings = runner.preparation.settings = replace(
-        runner.settings, calibration_max_days=0.0
+    runner, _, folder = make_runner(
+        cell, settings={'simulated': False, 'calibration_max_days': 0.0}
     )
     runner.run()
     remarks = json.loads((folder.path / 'report.json').read_text())['trace']['remarks']

@@ -58,7 +58,12 @@ def go_on(make_cell, runner, folder, cell, surface=None):
     fresh = make_cell(efficiency=0.8)
     fresh.surface = surface or cell.surface
     again = JobRunner(
-        fresh, runner.checked, folder, runner.control, runner.settings, folder.next_run()
+        fresh,
+        runner.context.checked,
+        folder,
+        runner.context.control,
+        runner.context.settings,
+        folder.next_run(),
     )
     folder.write_yaml(f'resume_{folder.next_run()}.yaml', {})
     return again, fresh, again.run()
@@ -101,7 +106,9 @@ def test_two_cuts_in_one_layer(undisturbed, make_cell, make_runner):
     runner, folder, cell = cut_off(make_cell, make_runner, int(0.6 * total))
     fresh = make_cell(efficiency=0.8)
     fresh.surface = cell.surface
-    second = JobRunner(fresh, runner.checked, folder, runner.control, runner.settings, 2)
+    second = JobRunner(
+        fresh, runner.context.checked, folder, runner.context.control, runner.context.settings, 2
+    )
     folder.write_yaml('resume_2.yaml', {})
     cut_after(fresh, 20)
     second._release = lambda: None
@@ -246,8 +253,8 @@ def test_wire_is_checked_again_when_a_job_goes_on(make_cell, make_runner):
     _, fresh, status = go_on(make_cell, runner, folder, cell)
     assert status.error_code == Code.MACHINE_NOT_READY and 'm of wire' in status.message
     assert not {'ARM', 'HOME'} & set(fresh.commands)
-    spool = replace(runner.checked.goal, wire_left=100.0, new_spool=True)
-    runner.checked = replace(runner.checked, goal=spool)
+    spool = replace(runner.context.checked.goal, wire_left=100.0, new_spool=True)
+    runner.context = replace(runner.context, checked=replace(runner.context.checked, goal=spool))
     _, _, status = go_on(make_cell, runner, folder, cell)
     assert status.state == State.DONE, status.message
     # a run that was refused loses nothing of the runs before
@@ -260,11 +267,11 @@ def test_wire_of_a_begun_layer(told, done, make_cell, make_runner):
     """A third of the only layer is laid. told: share of its wire on a new spool, None = it is still the first one."""
     whole, _, _ = make_runner(make_cell(efficiency=0.8), layers=1)
     whole.run()
-    needed = whole.plan.wire
+    needed = whole.context.plan.wire
     runner, folder, cell = cut_off(make_cell, make_runner, 20, layers=1, wire_left=1.05 * needed)
     if told:
-        goal = replace(runner.checked.goal, wire_left=told * needed, new_spool=True)
-        runner.checked = replace(runner.checked, goal=goal)
+        goal = replace(runner.context.checked.goal, wire_left=told * needed, new_spool=True)
+        runner.context = replace(runner.context, checked=replace(runner.context.checked, goal=goal))
     again, fresh, status = go_on(make_cell, runner, folder, cell)
     assert (status.state == State.DONE) is done, status.message
     if done:
@@ -277,7 +284,9 @@ def test_wire_of_a_layer_that_was_cut_off_twice_is_counted_once(make_cell, make_
     runner, folder, cell = cut_off(make_cell, make_runner, 20, layers=1, wire_left=100.0)
     fresh = make_cell(efficiency=0.8)
     fresh.surface = cell.surface
-    second = JobRunner(fresh, runner.checked, folder, runner.control, runner.settings, 2)
+    second = JobRunner(
+        fresh, runner.context.checked, folder, runner.context.control, runner.context.settings, 2
+    )
     folder.write_yaml('resume_2.yaml', {})
     inner, seen = fresh._lay, {'n': 0}
 
@@ -285,16 +294,16 @@ def test_wire_of_a_layer_that_was_cut_off_twice_is_counted_once(make_cell, make_
         inner(s)
         seen['n'] += s.kind == Kind.DEPOSIT
         if seen['n'] == 10:
-            runner.control.abort(
+            runner.context.control.abort(
                 'operator'
             )  # unlike a power cut it leaves time to write the records
 
     fresh._lay = lay
     assert second.run().state == State.ABORTED
-    runner.control = type(runner.control)()
+    runner.context = replace(runner.context, control=type(runner.context.control)())
     again, _, status = go_on(make_cell, runner, folder, fresh)
     assert status.state == State.DONE, status.message
-    used, planned = 100.0 - again.journal.wire_left, again.plan.wire
+    used, planned = 100.0 - again.journal.wire_left, again.context.plan.wire
     assert used == pytest.approx(planned, rel=0.25)
 
 
@@ -350,7 +359,7 @@ def test_aborted_job_can_go_on(undisturbed, make_cell, make_runner):
     cell._lay = lay
     assert runner.run().state == State.ABORTED
     cell.machine_state = replace(cell.machine_state, state='IDLE')
-    runner.control = type(control)()
+    runner.context = replace(runner.context, control=type(control)())
     again, _, status = go_on(make_cell, runner, folder, cell)
     assert status.state == State.DONE and again.final.rms < 1.1 * rms
 
@@ -360,14 +369,14 @@ def half_a_layer(make_cell, make_runner):
     runner, folder, cell = cut_off(make_cell, make_runner, 40)
     fresh = make_cell(efficiency=0.8)
     fresh.surface = cell.surface
-    control = type(runner.control)()
-    again = JobRunner(fresh, runner.checked, folder, control, runner.settings, 2)
+    control = type(runner.context.control)()
+    again = JobRunner(fresh, runner.context.checked, folder, control, runner.context.settings, 2)
     return again, control, fresh, folder
 
 
 def test_rescan_asked_for_while_a_layer_is_resumed_waits_for_the_next(make_cell, make_runner):
     again, control, fresh, folder = half_a_layer(make_cell, make_runner)
-    control.wish('rescan')
+    control.request('rescan')
     before = np.load(folder.path / 'layers' / 'scan_000.npz')['z']
     assert again.run().state == State.DONE
     asked = [a for a in fresh.anomalies if 'another scan' in a.text]
@@ -382,7 +391,7 @@ def test_rest_of_a_resumed_layer_can_be_skipped_and_what_lies_there_is_measured(
     make_cell, make_runner
 ):
     again, control, fresh, folder = half_a_layer(make_cell, make_runner)
-    control.wish('skip_layer')
+    control.request('skip_layer')
     assert again.run().state == State.DONE
     assert not any(s.layer == 1 and s.kind == Kind.DEPOSIT for s in fresh.executed)
     first, second = (np.load(folder.path / 'layers' / f'scan_00{i}.npz')['z'] for i in (0, 1))

@@ -51,7 +51,7 @@ def test_closed_loop_beats_open_loop_and_the_folder_is_complete(make_cell, make_
         assert np.sqrt(np.nanmean(error**2)) * 1e3 == pytest.approx(figures[profile], rel=1e-3)
         assert (folder.path / 'program.gcode').stat().st_size > 100
         pieces = list(np.load(folder.path / 'telemetry.npz')['t'])
-        assert pieces == list(range(2, runner.cell.tracks_taken + 1))  # 1: before the job
+        assert pieces == list(range(2, runner.context.cell.tracks_taken + 1))  # 1: before the job
     # two layers, no identification in this cell: what is left is the last layer's own shortfall
     assert figures['closed_loop'] < 0.75 * figures['open_loop']
 
@@ -62,7 +62,7 @@ def test_monitor_computes_but_does_not_apply(make_cell, make_runner):
     layers = report(folder)['monitor']['layers']
     assert any(abs(r['psi_mean']) > 0.05 for r in layers)
     assert not any(r['correction_applied'] for r in layers)
-    assert all(s.psi == 0 for s in runner.cell.executed)
+    assert all(s.psi == 0 for s in runner.context.cell.executed)
 
 
 def test_segments_form_one_chain_over_the_whole_job(make_cell, make_runner):

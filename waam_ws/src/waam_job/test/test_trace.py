@@ -30,10 +30,10 @@ def done(make_cell, make_runner, tmp_path):
     inner = cell.correct
     cell.correct = lambda *a: replace(inner(*a), model_hash='f00d')
     runner, _, folder = make_runner(
-        cell, operator_name='J. Fitter', notes=('wire_lot=4711', 'gas=M21', 'wire_lot=4712')
-    )
-    runner.settings = runner.preparation.settings = replace(
-        runner.settings, calibration_max_days=0.0
+        cell,
+        settings={'calibration_max_days': 0.0},
+        operator_name='J. Fitter',
+        notes=('wire_lot=4711', 'gas=M21', 'wire_lot=4712'),
     )
     folder.write_yaml(
         'job.yaml', {'part_sha256': '12', 'software': 'abc', 'packages': {'numpy': '2'}}

@@ -95,7 +95,7 @@ def abort(_cell, control) -> None:
 
 
 def wish(name: str):
-    return lambda _cell, control: control.wish(name)
+    return lambda _cell, control: control.request(name)
 
 
 def unbelieved(cell, _control) -> None:
@@ -255,7 +255,7 @@ def test_lease_that_runs_out_again_and_again_ends_the_job(make_cell, make_runner
     in_a_bead(machine(state='HOLD', fault=202))(cell, control)
     status = runner.run()
     assert status.error_code == Code.DEPOSITION_FAILED and '4 times in this job' in status.message
-    assert cell.commands.count('RESUME') == runner.settings.limits.lease_retries
+    assert cell.commands.count('RESUME') == runner.context.settings.limits.lease_retries
 
 
 def drawn() -> set[tuple[str, str]]:

@@ -8,7 +8,8 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
-from geometry_msgs.msg import Point, Point32, Polygon, Vector3
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Point32, PointStamped, Polygon, Vector3
 
 from waam_msgs.action import RunJob
 from waam_msgs.msg import (
@@ -39,7 +40,7 @@ STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
 SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')
 
 
-def goal_from_msg(msg: RunJob.Goal, default_jobs_dir) -> JobGoal:
+def goal_from_msg(msg: RunJob.Goal, default_jobs_dir: str) -> JobGoal:
     """Empty fields take their defaults."""
 
     def number(value: float, default: float) -> float:
@@ -90,7 +91,7 @@ def goal_from_job(job: dict, resumed: RunJob.Goal) -> JobGoal:
     return JobGoal(**known)
 
 
-def status_to_msg(status: Status, stamp) -> JobStatus:
+def status_to_msg(status: Status, stamp: Time) -> JobStatus:
     msg = JobStatus()
     msg.header.stamp = stamp
     for f in fields(status):
@@ -99,7 +100,7 @@ def status_to_msg(status: Status, stamp) -> JobStatus:
     return msg
 
 
-def layer_to_msg(record: LayerRecord, stamp) -> LayerReport:
+def layer_to_msg(record: LayerRecord, stamp: Time) -> LayerReport:
     msg = LayerReport()
     msg.header.stamp = stamp
     for f in fields(record):
@@ -138,6 +139,16 @@ def anomaly_from_msg(msg: Anomaly) -> AnomalyRecord:
     )
 
 
+def aim_to_msg(
+    point: tuple[float, float, float], zero: tuple[float, float, float], stamp: Time
+) -> PointStamped:
+    """Where the pyrometer is to look. point: m, work frame; zero: of the work frame in machine coordinates, m."""
+    x, y, z = (float(a + b) for a, b in zip(point, zero, strict=True))
+    msg = PointStamped(point=Point(x=x, y=y, z=z))
+    msg.header.stamp, msg.header.frame_id = stamp, 'machine'
+    return msg
+
+
 def heat_from_msg(msg: HeatFactor) -> Heat:
     return Heat(
         known=True,
@@ -148,6 +159,8 @@ def heat_from_msg(msg: HeatFactor) -> Heat:
         wait=msg.estimated_wait,
         plausible=msg.plausible,
         reasons=tuple(msg.reasons),
+        believed=getattr(msg, 'believed', True),
+        doubt=getattr(msg, 'doubt', ''),
     )
 
 
@@ -189,7 +202,7 @@ def scan_from_msg(msg: HeightMap) -> Scan:
     )
 
 
-def scan_to_msg(scan: Scan, job_id: str, layer: int, stamp) -> HeightMap:
+def scan_to_msg(scan: Scan, job_id: str, layer: int, stamp: Time) -> HeightMap:
     """A stored scan as scan_fusion would publish it after `layer` layers."""
     msg = HeightMap(job_id=job_id, layer=layer, grid=grid_to_msg(scan.map.spec))
     msg.header.stamp, msg.header.frame_id = stamp, 'work'
@@ -218,7 +231,7 @@ def correction_from_msg(msg: CorrectionMap) -> Correction:
     )
 
 
-def correction_request(job_id: str, r: CorrectionRequest, stamp) -> ComputeCorrection.Request:
+def correction_request(job_id: str, r: CorrectionRequest, stamp: Time) -> ComputeCorrection.Request:
     """A scan without its message (read from the folder) gets one with `stamp`."""
     measured = r.scan.handle or scan_to_msg(r.scan, job_id, r.layer - 1, stamp)
     request = ComputeCorrection.Request(job_id=job_id, layer=r.layer, map=measured)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
-from rclpy.action import CancelResponse, GoalResponse
+from rclpy.action.server import CancelResponse, GoalResponse, ServerGoalHandle
 from std_srvs.srv import Trigger
 
 from waam_msgs.action import RunJob
@@ -41,7 +41,7 @@ class JobSequencer(WaamNode):
     def __init__(self) -> None:
         super().__init__('job_sequencer', JobParams)
         self.cell = RosCell(self, self.params.service_timeout)
-        self.control: Control | None = None
+        self.control = Control()  # of the newest job
         self.settings = settings_of(self.params, self.get_parameter('use_sim_time').value)
         self._lock = threading.Lock()
         self._busy = False
@@ -70,7 +70,7 @@ class JobSequencer(WaamNode):
             self.control = Control()
         return GoalResponse.ACCEPT
 
-    def _on_cancel(self, _handle) -> CancelResponse:
+    def _on_cancel(self, _handle: ServerGoalHandle) -> CancelResponse:
         self.control.abort('cancelled by the client')
         return CancelResponse.ACCEPT
 
@@ -82,13 +82,13 @@ class JobSequencer(WaamNode):
         response.success, response.message = running, '' if running else 'no job is running'
         return response
 
-    def _on_pause(self, _request, response: Trigger.Response) -> Trigger.Response:
+    def _on_pause(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._switch(response, 'pause')
 
-    def _on_resume(self, _request, response: Trigger.Response) -> Trigger.Response:
+    def _on_resume(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._switch(response, 'resume')
 
-    def _on_abort(self, _request, response: Trigger.Response) -> Trigger.Response:
+    def _on_abort(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._switch(response, 'abort', 'aborted by the operator')
 
     def _on_adjust(
@@ -116,7 +116,7 @@ class JobSequencer(WaamNode):
 
     # ---- the job -------------------------------------------------------------------------------
 
-    def _work(self, handle) -> RunJob.Result:
+    def _work(self, handle: ServerGoalHandle) -> RunJob.Result:
         """The goal's whole life, in a thread of its own."""
         result = RunJob.Result()
         try:
@@ -138,7 +138,7 @@ class JobSequencer(WaamNode):
             self._busy = False
         return result
 
-    def _run(self, handle, result: RunJob.Result) -> None:
+    def _run(self, handle: ServerGoalHandle, result: RunJob.Result) -> None:
         self.cell.status(Status(state=State.VALIDATING, profile=handle.request.profile))
         try:
             checked, folder, run = self._accept(handle.request)

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from waam_plan.fill import path
 from waam_plan.lay.allocate import footprints, metal_heights, pool_places
-from waam_plan.settings import SECTION, PlanSettings
+from waam_plan.settings import PlanSettings
+from waam_process.bead import AREA_FACTOR
 from waam_process.grid import GridSpec, HeightGrid
 
 S = PlanSettings(pool_trail=0.0)
@@ -33,7 +34,7 @@ def block(height=0.002):
 
 
 def laid(pieces, height):
-    volume = SECTION * S.bead_width * height * pieces.length
+    volume = AREA_FACTOR * S.bead_width * height * pieces.length
     return (footprints(pieces, SPEC, S) @ volume).reshape(SPEC.shape) / SPEC.resolution**2
 
 
@@ -58,7 +59,7 @@ def test_volume_is_kept_and_the_middle_is_met(height, slope_x, slope_y):
     planned = block(height) * (1 + slope_x * (x - 0.03) + slope_y * (y - 0.02))
     pieces, h = hatched(planned)
     total = planned.sum() * SPEC.resolution**2
-    assert np.sum(SECTION * S.bead_width * h * pieces.length) == pytest.approx(total, rel=0.01)
+    assert np.sum(AREA_FACTOR * S.bead_width * h * pieces.length) == pytest.approx(total, rel=0.01)
     deep = (x > 0.018) & (x < 0.042) & (y > 0.014) & (y < 0.026)
     error = laid(pieces, h)[deep] / planned[deep] - 1
     assert abs(error.mean()) < 0.05 and error.std() < 0.12

@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_plan.lay.restore import plan_restoration
-from waam_plan.plan import hop, numbered
+from waam_plan.plan import base_feed, hop, numbered
 from waam_plan.post.gcode import (
     ProgramError,
-    base_feed,
     compact_gcode,
     gcode,
     read_gcode,

@@ -12,8 +12,7 @@ from waam_plan.harmonic import HarmonicLaw
 from waam_plan.lay.build import plan_build
 from waam_plan.lay.restore import plan_restoration
 from waam_plan.mesh.part import load_part
-from waam_plan.plan import hop
-from waam_plan.post.gcode import base_feed
+from waam_plan.plan import base_feed, hop
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Kind, check_chain
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waam_plan.harmonic import HarmonicLaw
-from waam_plan.settings import SECTION, PlanSettings
+from waam_plan.settings import PlanSettings
+from waam_process.bead import AREA_FACTOR, wire_feed
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Point, Segment
 
@@ -74,8 +75,13 @@ class PlannedLayer:
 
     @property
     def volume(self) -> float:
-        """Metal that the segments add, m3 (eq 2.17: section = 0.73 * width * height)."""
-        return sum(SECTION * s.width * s.height * s.length for s in self.deposits)
+        """Metal that the segments add, m3 (eq 2.16: section = 0.73 * width * height)."""
+        return sum(AREA_FACTOR * s.width * s.height * s.length for s in self.deposits)
+
+
+def base_feed(segment: Segment, settings: PlanSettings) -> float:
+    """Wire feed speed (m/s) of a segment by eq 2.17, from the programmed speed."""
+    return float(wire_feed(segment.width, segment.height, segment.speed_programmed, settings))
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,6 @@ from dataclasses import dataclass, fields
 Triple = tuple[float, float, float]
 Pair = tuple[float, float]
 
-SECTION = 0.73  # section of a bead over width * height, eq 2.17: what converts metal into `height`
-
 DIRECTIONS = ('auto', 'x', 'y')
 ALTERNATIONS = ('none', 'reverse', 'cross', 'turn')
 STRATEGIES = ('solid', 'shell', 'zigzag', 'contour', 'spiral', 'combined', 'medial')

@@ -77,37 +77,40 @@ def test_wait_is_zero_below_the_limit_and_unknown_when_it_does_not_cool():
     assert math.isnan(heat.cooling_wait(300, -1, 15, 20))
 
 
-STACK = heat.LayerStack(energy=60e3, heat_capacity=80.0, base=400.0, loss=0.8, t_env=20.0)
+PASS = heat.ArcPass(power=2430.0, speed=10e-3, duration=60.0)
 
 
-def test_a_part_heats_up_layer_by_layer_until_new_metal_and_loss_take_what_the_arc_brings():
-    t = STACK.interpass(400, 90.0)
-    assert t[0] == 20.0
-    assert (np.diff(t[:6]) > 0).all()
-    assert t[-1] == pytest.approx(20 + 60e3 / (80 + 0.8 * 90.0), rel=0.03)
+def test_least_rise_of_a_long_path_is_rykalins_peak_beside_a_fast_source():
+    """Far from the torch and fast: 2*(Q/V)/(pi*e*rho*c*r^2)."""
+    fast = heat.ArcPass(power=2430.0, speed=0.1, duration=600.0)
+    r, capacity = 12e-3, STEEL.density * STEEL.specific_heat
+    rise = heat.least_peak_rise(fast, r, STEEL.conductivity, STEEL.diffusivity)
+    peak = 2 * fast.power / fast.speed / (math.pi * math.e * capacity * r**2)
+    assert rise == pytest.approx(peak, rel=0.02)
 
 
-@given(st.floats(30, 600), st.floats(5, 200))
-def test_longer_cycles_never_make_the_part_warmer(cycle, more):
-    assert (STACK.interpass(30, cycle + more) <= STACK.interpass(30, cycle) + 1e-9).all()
+def test_least_rise_of_a_short_path_is_that_of_all_the_energy_at_one_point():
+    short = replace(PASS, duration=0.2)
+    r, a = 20e-3, STEEL.diffusivity
+    capacity = STEEL.density * STEEL.specific_heat
+    t = np.linspace(0.1, 200, 200_000)
+    curve = (
+        2 * short.energy / (capacity * (4 * np.pi * a * t) ** 1.5) * np.exp(-(r**2) / (4 * a * t))
+    )
+    rise = heat.least_peak_rise(short, r, STEEL.conductivity, a)
+    assert rise == pytest.approx(curve.max(), rel=1e-4)
 
 
-@given(st.floats(40, 400), st.floats(5, 200))
-def test_pauses_keep_the_limit_and_are_not_longer_than_needed(limit, duration):
-    waits = STACK.pause(20, duration, limit)
-    assert (waits >= 0).all()
-    assert waits[0] == 0
-    t = 20.0
-    for n in range(1, 20):
-        capacity = 400.0 + n * 80.0
-        t = 20 + ((t - 20) * (capacity - 80.0) + 60e3) / capacity * np.exp(
-            -(duration + waits[n]) * 0.8 / capacity
-        )
-        assert t <= limit + 1e-6
-        assert waits[n] == 0 or t == pytest.approx(limit)
+@given(st.floats(3e-3, 50e-3), st.floats(1.05, 3.0))
+def test_least_rise_falls_with_distance_and_grows_with_power(distance, more):
+    def rise(p, r):
+        return heat.least_peak_rise(p, r, STEEL.conductivity, STEEL.diffusivity)
+
+    assert rise(PASS, distance * more) < rise(PASS, distance)
+    assert rise(replace(PASS, power=PASS.power * more), distance) > rise(PASS, distance)
 
 
-@pytest.mark.parametrize('name', ['energy', 'heat_capacity', 'base', 'loss'])
-def test_a_stack_that_cannot_be_is_refused_by_name(name):
-    with pytest.raises(heat.HeatError, match=name):
-        replace(STACK, **{name: 0.0})
+@pytest.mark.parametrize(('distance', 'speed'), [(0.0, 0.01), (0.01, 0.0)])
+def test_least_rise_refuses_what_is_no_path(distance, speed):
+    with pytest.raises(heat.HeatError, match='above zero'):
+        heat.least_peak_rise(replace(PASS, speed=speed), distance, 40.0, 9e-6)

@@ -27,7 +27,6 @@ def test_the_packaged_table_is_complete():
     assert materials.DEFAULT in table
     for material in table.values():
         assert material.feed_min <= material.wire_feed <= material.feed_max
-        assert len(material.bead_laws) >= 3
 
 
 def test_figures_of_the_default_wire():
@@ -74,9 +73,6 @@ def test_own_file_adds_and_replaces(own_table):
         ({'desnity': '1 kg/m3'}, ("'desnity'", "did you mean 'density'")),
         ({'speed_min': '15 mm/s'}, ('speed_min', 'in order')),
         ({'feed_max': '4 m/min'}, ('wire_feed', 'in order')),
-        ({'bead_laws': {'100 in/min': [1]}}, ('bead_laws', '100 in/min')),
-        ({'bead_laws': {'100 in/min': [0.3, 1.0]}}, ('a = 0.3',)),
-        ({'bead_laws': [1]}, ('bead_laws',)),
     ],
 )
 def test_a_bad_entry_is_refused_naming_file_material_and_field(own_table, changes, words):
@@ -110,7 +106,7 @@ def test_every_unit_converts_in_proportion(dimension, value, data):
 def test_a_regime_replaces_some_fields_and_is_checked_like_a_material(tmp_path):
     plain, thin = materials.get('er70s-6'), materials.get('ER70S-6:thin')
     assert thin.layer_height == pytest.approx(1.5e-3)
-    assert (thin.wire_diameter, thin.bead_laws) == (plain.wire_diameter, plain.bead_laws)
+    assert thin.wire_diameter == plain.wire_diameter
     text = materials.TABLE.read_text().replace('voltage: 20 V', 'voltage: 20 mm')
     bad = tmp_path / 'own.yaml'
     bad.write_text(text)

@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
+
+Value: TypeAlias = float | np.ndarray
 
 
 class HeatError(ValueError):
@@ -26,17 +28,25 @@ class HeatLaw(Protocol):
     def kt_end(self) -> float: ...
 
 
-def effective_power(current, voltage, arc_efficiency: float):
+def effective_power(current: Value, voltage: Value, arc_efficiency: float) -> np.ndarray:
     """Q_eff = I*U*eta_th in W."""
     return np.asarray(current, float) * voltage * arc_efficiency
 
 
-def heat_input(current, voltage, speed):
+def heat_input(current: Value, voltage: Value, speed: Value) -> np.ndarray:
     """Arc energy per length I*U/V in J/m, before the arc's efficiency; speed m/s."""
     return np.asarray(current, float) * voltage / speed
 
 
-def rosenthal(xi, r, power, speed, t0, conductivity, diffusivity):
+def rosenthal(
+    xi: Value,
+    r: Value,
+    power: float,
+    speed: float,
+    t0: float,
+    conductivity: float,
+    diffusivity: float,
+) -> np.ndarray:
     """Temperature in degC near a moving point source on a thick plate, eq 2.18 (Rykalin,
     Rosenthal), quasi-steady.
 
@@ -52,7 +62,44 @@ def rosenthal(xi, r, power, speed, t0, conductivity, diffusivity):
     )
 
 
-def heat_factor(temperature, law: HeatLaw):
+@dataclass(frozen=True)
+class ArcPass:
+    """What an arc brought along its path. power: W that stay in the metal (`effective_power`); speed: m/s of travel;
+    duration: s.
+    """
+
+    power: float
+    speed: float
+    duration: float
+
+    @property
+    def energy(self) -> float:
+        """J that stay in the metal."""
+        return self.power * self.duration
+
+
+def least_peak_rise(
+    arc: ArcPass, distance: float, conductivity: float, diffusivity: float
+) -> float:
+    """Least temperature rise in K at its peak, `distance` m from the path that the arc went along.
+
+    The metal is taken for half-infinite, the largest heat sink that there is, so a real part gets warmer. Two peaks
+    are compared. A long path: the largest value of eq 2.18 over all places beside the path. A short path: all the
+    energy at one point at once, T - T0 = 2*E/(rho*c*(4*pi*a*t)^1.5)*exp(-r^2/(4*a*t)), which peaks at
+    t = r^2/(6*a) (Carslaw and Jaeger, Conduction of Heat in Solids, 2nd ed. 1959, section 10.2). The lower one
+    counts. distance above zero; W/(m K); m2/s.
+    """
+    if not (distance > 0 and arc.speed > 0):
+        raise HeatError(f'distance ({distance} m) and speed ({arc.speed} m/s) must be above zero')
+    r = distance * np.geomspace(1.0, 30.0, 400)
+    behind = -np.sqrt(r**2 - distance**2)
+    moving = rosenthal(behind, r, arc.power, arc.speed, 0.0, conductivity, diffusivity).max()
+    capacity = conductivity / diffusivity  # J/(m3 K)
+    at_once = 2 * arc.energy / (capacity * distance**3) * (3 / (2 * np.pi * math.e)) ** 1.5
+    return float(min(moving, at_once))
+
+
+def heat_factor(temperature: Value, law: HeatLaw) -> np.ndarray:
     """Factor of the wire feed by eq 2.19, 1 up to kt_start, then linear to its value at kt_end,
     constant beyond.
 
@@ -83,7 +130,7 @@ class LumpedCooling:
             return None
         return cls(-excess / rate, t_env)
 
-    def temperature(self, start: float, time) -> np.ndarray:
+    def temperature(self, start: float, time: Value) -> np.ndarray:
         """degC after `time` s from `start` degC."""
         return self.t_env + (start - self.t_env) * np.exp(-np.asarray(time, float) / self.tau)
 
@@ -106,49 +153,3 @@ def cooling_wait(temperature: float, rate: float, limit: float, t_env: float) ->
         return 0.0
     lump = LumpedCooling.from_rate(temperature, rate, t_env)
     return math.nan if lump is None else lump.time_to(temperature, limit)
-
-
-@dataclass(frozen=True)
-class LayerStack:
-    """A growing part as one lump: every layer adds its metal and its heat, between layers it cools.
-
-    energy: heat that a layer brings, J (arc efficiency included). heat_capacity: of one layer, J/K; base: of what lies
-    below the first layer and warms up with it, J/K. loss: to the surroundings, W/K. t_env degC.
-    """
-
-    energy: float
-    heat_capacity: float
-    base: float
-    loss: float
-    t_env: float
-
-    def __post_init__(self) -> None:
-        for name in ('energy', 'heat_capacity', 'base', 'loss'):
-            if not getattr(self, name) > 0:
-                raise HeatError(f'{name} is {getattr(self, name)}, must be above zero')
-
-    def interpass(self, layers: int, cycle: float) -> np.ndarray:
-        """(layers,) degC before each layer when a layer and its pause take `cycle` s together; the first is t_env."""
-        if layers < 1 or not cycle > 0:
-            raise HeatError(f'layers ({layers}) must be at least 1, cycle ({cycle} s) above zero')
-        out = np.full(layers, self.t_env)
-        for n in range(1, layers):
-            capacity = self.base + n * self.heat_capacity
-            excess = (out[n - 1] - self.t_env) * (capacity - self.heat_capacity) / capacity
-            excess += self.energy / capacity
-            out[n] = self.t_env + excess * math.exp(-cycle * self.loss / capacity)
-        return out
-
-    def pause(self, layers: int, duration: float, limit: float) -> np.ndarray:
-        """(layers,) s to wait before each layer so that it starts at or below `limit`; `duration`: s of laying one."""
-        if limit <= self.t_env:
-            raise HeatError(f'limit ({limit} degC) must be above t_env ({self.t_env} degC)')
-        waits, before = np.zeros(layers), self.t_env
-        for n in range(1, layers):
-            capacity = self.base + n * self.heat_capacity
-            excess = (before - self.t_env) * (capacity - self.heat_capacity) / capacity
-            excess = (excess + self.energy / capacity) * math.exp(-duration * self.loss / capacity)
-            lump = LumpedCooling(capacity / self.loss, self.t_env)
-            waits[n] = lump.time_to(self.t_env + excess, limit)
-            before = float(lump.temperature(self.t_env + excess, waits[n]))
-        return waits

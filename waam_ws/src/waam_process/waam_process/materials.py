@@ -84,7 +84,6 @@ class Material:
     kt_start: float = quantity('temperature', 0, 900)
     kt_end: float = quantity('temperature', 0, 1200)
     t_env: float = quantity('temperature', -40, 60)
-    bead_laws: tuple[bead.BeadLaw, ...] = ()
 
     @property
     def wire_area(self) -> float:
@@ -205,7 +204,6 @@ def _parse_material(name: str, entry: Any) -> Material:
     for key, f in known.items():
         if 'dimension' in f.metadata:
             values[key] = _parse_field(key, entry, f.metadata)
-    values['bead_laws'] = _parse_laws(entry.get('bead_laws') or {})
     material = Material(name=name, **values)
     _check_order(material)
     return material
@@ -222,21 +220,6 @@ def _parse_field(key: str, entry: Mapping, meta: Mapping) -> float:
         limits = f'{meta["low"]:g} .. {meta["high"]:g}'
         raise MaterialError(f"field '{key}' is {entry[key]} = {value:g} (SI), outside {limits}")
     return value
-
-
-def _parse_laws(laws: Any) -> tuple[bead.BeadLaw, ...]:
-    if not isinstance(laws, Mapping):
-        raise MaterialError("field 'bead_laws' must map wire feeds to [a, b]")
-    out = []
-    for feed, ab in laws.items():
-        if not (
-            isinstance(ab, list) and len(ab) == 2 and all(isinstance(v, float | int) for v in ab)
-        ):
-            raise MaterialError(
-                f"field 'bead_laws': '{feed}' must have two numbers [a, b], not {ab}"
-            )
-        out.append(bead.BeadLaw(parse_quantity(feed, 'speed'), float(ab[0]), float(ab[1])))
-    return tuple(sorted(out, key=lambda law: law.feed))
 
 
 def _check_order(m: Material) -> None:

@@ -7,18 +7,20 @@ requests alone.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from waam_adapt import conversions as convert
 from waam_adapt.identify.identification import Estimate
 from waam_adapt.laws.corrector import CorrectionParams, Corrector
-from waam_adapt.laws.explicit import Correction, CorrectionInput
+from waam_adapt.types import Correction, CorrectionInput
 from waam_node.conversions import grid_from_msg
 from waam_process.grid import GridSpec
 
 from .maps import MapAgain
-from .record import Exchange
+from .record import Exchange, load
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,11 @@ class PsiAgain:
         if not d.size:
             return 0.0, 0.0
         return float(np.sqrt(np.mean(d**2))), float(np.abs(d).max())
+
+
+def requests_of(folder: Path) -> list[Any]:
+    """The requests (messages) of the correction server in a recorded job, in their order."""
+    return [call.request for call in load(folder).calls['correct']]
 
 
 class Corrections:

@@ -11,7 +11,7 @@ import time
 import numpy as np
 import pytest
 import rclpy
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Point, PointStamped, Vector3
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -22,6 +22,7 @@ from std_srvs.srv import SetBool, Trigger
 from waam_msgs.msg import ProfileBatch
 from waam_msgs.srv import InjectFault, LoadPart
 from waam_node.conversions import nanoseconds
+from waam_node.qos import LATCHED
 from waam_node.testing import fresh_domain
 from waam_process.grid import HeightGrid
 
@@ -156,6 +157,32 @@ def test_a_job_in_small(cell, tmp_path):
     good = np.isfinite(z) & np.isfinite(expected)
     assert good.sum() > 300 and np.median(np.abs(z - expected)[good]) < 1e-4
     assert process.poll() is None
+
+
+def test_the_pyrometer_follows_its_aim_in_machine_coordinates(cell):
+    """The middle of the plate gets hot; a pyrometer that looks at its edge does not see it."""
+    _, observer, controller = cell
+    seen, start, middle = observer.seen['temperature'], (0.09, 0.1, 0.01), (0.11, 0.1, 0.01)
+    plate = Vector3(x=0.2, y=0.2, z=0.01)
+    assert observer.call(LoadPart, 'cell/load_part', plate=plate, seed=-1).success
+    aim = observer.node.create_publisher(PointStamped, 'pyrometer_aim', LATCHED)
+
+    def look_at(x: float, y: float) -> float:
+        """Highest temperature while metal is laid in the middle of the plate."""
+        message = PointStamped(point=Point(x=0.1 + x, y=0.08 + y, z=0.02))  # work_zero of the cell
+        message.header.frame_id = 'machine'
+        aim.publish(message)
+        observer.until(lambda: False, 1.0)
+        controller.run(start, 0.1)
+        controller.run(middle, 2.0, wire=5 / 60, voltage=22.0, outputs=3)
+        seen.clear()
+        controller.run(middle, 2.0)
+        assert observer.until(lambda: len(seen) >= 10)
+        return max(t.temperature for t in seen)
+
+    assert observer.until(lambda: aim.get_subscription_count() == 1)
+    edge = look_at(0.01, 0.01)
+    assert look_at(0.1, 0.1) > edge + 30.0
 
 
 def test_bad_requests_are_refused_by_name(cell):

@@ -32,6 +32,27 @@ def test_reading_lags_and_scatters():
     assert values.std() == pytest.approx(p.noise, rel=0.3)
 
 
+def reading(plant) -> float:
+    """What the pyrometer shows when it has settled, degC."""
+    return max(plant.temperature(10.0) for _ in range(5))
+
+
+def test_an_aimed_pyrometer_sees_a_small_part_beside_the_middle_of_the_plate(make_cell):
+    plant = make_cell(size=(0.2, 0.2, 0.01))
+    spec = plant.heat.spec
+    near = (np.abs(spec.x[None, :] - 0.03) < 0.01) & (np.abs(spec.y[:, None] - 0.03) < 0.01)
+    plant.heat.skin[near] = 300.0
+    assert reading(plant) < 40.0  # the middle of the plate is cold
+    plant.aim(0.03, 0.03)
+    assert reading(plant) > 200.0
+
+
+def test_a_pyrometer_with_a_spot_of_its_own_cannot_be_aimed(make_cell):
+    plant = make_cell(groups={'pyrometer': PyrometerParams(spot_x=0.01, spot_y=0.02)})
+    plant.aim(0.05, 0.05)
+    assert plant.spot == (0.01, 0.02)
+
+
 def test_stuck_pyrometer_repeats_itself_and_recovers():
     meter = Pyrometer(PyrometerParams(), random_state(1, 3))
     last = meter.read(100.0, 0.1)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
+from geometry_msgs.msg import PointStamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
@@ -17,7 +18,7 @@ from waam_msgs.msg import ProfileBatch
 from waam_msgs.srv import InjectFault, LoadPart
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_node
-from waam_node.qos import BEAT, PROFILES
+from waam_node.qos import BEAT, LATCHED, PROFILES
 from waam_process.grid import HeightGrid
 
 from . import part
@@ -54,6 +55,7 @@ class Cell(WaamNode):
         self._clock_out = self.create_publisher(Clock, '/clock', BEAT)
         self._temperature_out = self.create_publisher(Temperature, 'temperature', BEAT)
         self._profiles_out = self.create_publisher(ProfileBatch, 'profiles', PROFILES)
+        self.create_subscription(PointStamped, 'pyrometer_aim', self._on_aim, LATCHED)
         self.create_service(SetBool, 'scanner/enable', self._on_enable)
         self.create_service(LoadPart, 'cell/load_part', self._on_load)
         self.create_service(InjectFault, 'cell/inject_fault', self._on_fault)
@@ -135,6 +137,15 @@ class Cell(WaamNode):
                 self._profiles_out.publish(rest)
         response.success, response.message = True, 'scanner on' if request.data else 'scanner off'
         return response
+
+    def _on_aim(self, message: PointStamped) -> None:
+        if message.header.frame_id != 'machine':
+            text = f"pyrometer_aim in frame '{message.header.frame_id}', 'machine' is wanted"
+            self.get_logger().warning(text)
+            return
+        zero = self._plant.params.work_zero
+        with self._lock:
+            self._plant.aim(message.point.x - zero[0], message.point.y - zero[1])
 
     def _on_load(self, request: LoadPart.Request, response: LoadPart.Response) -> LoadPart.Response:
         try:

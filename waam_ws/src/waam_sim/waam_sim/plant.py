@@ -100,13 +100,16 @@ class Plant:
         self.scanner = Scanner.of(p.scanner, random_state(seed, 2))
         self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
         self._lattice = lattice(seed)
-        x, y = parts.centre(part)
-        spot = p.pyrometer
-        self.spot = (
-            x if math.isnan(spot.spot_x) else spot.spot_x,
-            y if math.isnan(spot.spot_y) else spot.spot_y,
-        )
+        self.aim(*parts.centre(part))
         self._zero = np.array(p.work_zero, float)
+
+    def aim(self, x: float, y: float) -> None:
+        """Turns the pyrometer to a point (m, work frame); one with a spot of its own stays there."""
+        fixed = self.params.pyrometer
+        self.spot = (
+            x if math.isnan(fixed.spot_x) else fixed.spot_x,
+            y if math.isnan(fixed.spot_y) else fixed.spot_y,
+        )
 
     @property
     def now(self) -> float:

@@ -17,13 +17,17 @@ KELVIN = 273.15
 
 @dataclass(frozen=True)
 class PyrometerParams:
-    """Pyrometer. Its spot is the centre of the part unless given."""
+    """Pyrometer. It looks at the centre of the part and can be aimed, unless its spot is given."""
 
     spot_x: float = param(
-        math.nan, 'of the measuring spot, work frame; NaN = centre of the part', 'm'
+        math.nan,
+        'of the measuring spot, work frame; NaN = centre of the part, follows pyrometer_aim',
+        'm',
     )
     spot_y: float = param(
-        math.nan, 'of the measuring spot, work frame; NaN = centre of the part', 'm'
+        math.nan,
+        'of the measuring spot, work frame; NaN = centre of the part, follows pyrometer_aim',
+        'm',
     )
     rate: float = param(10.0, 'readings per second', '1/s', 0.1, 100.0)
     lag: float = param(0.25, 'time constant', 's', 0.0, 10.0)

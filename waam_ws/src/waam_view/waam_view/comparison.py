@@ -44,15 +44,16 @@ def ratio(report: dict, jobs: list[Job]) -> float:
 
 def _verdict(report: dict, jobs: list[Job]) -> str:
     verdict = str(report.get('verdict') or 'unknown')
-    style = {'in tolerance': 'ok', 'out of tolerance': 'warn'}.get(verdict, 'bad')
+    word = verdict.partition(': ')[0]
+    style = {'in tolerance': 'ok', 'out of tolerance': 'warn', 'not judged': 'warn'}.get(
+        word, 'bad'
+    )
     each = '; '.join(
         f'{j.profile.replace("_", " ")}: {j.run.get("verdict", "unknown")}'
         + (f' ({j.run["message"]})' if j.run.get('message') and j.run.get('error_code') else '')
         for j in jobs
     )
-    return (
-        f'<div class="verdict {style}">{escape(verdict.upper())}<small>{escape(each)}</small></div>'
-    )
+    return f'<div class="verdict {style}">{escape(word.upper())}<small>{escape(each)}</small></div>'
 
 
 def _cards(report: dict, jobs: list[Job]) -> str:

@@ -90,17 +90,22 @@ def verdict_box(job: Job) -> str:
     """Colour and words; a failed job says what happened."""
     run = job.run
     verdict = str(run.get('verdict') or job.report.get('verdict') or 'unknown')
-    style = {'in tolerance': 'ok', 'out of tolerance': 'warn'}.get(verdict, 'bad')
+    word, _, why = verdict.partition(': ')
+    style = {'in tolerance': 'ok', 'out of tolerance': 'warn', 'not judged': 'warn'}.get(
+        word, 'bad'
+    )
     share = number(run.get('share_in_tolerance'))
     said = []
     if np.isfinite(share) and '%' not in str(run.get('message')):
         said.append(f'{100 * share:.1f} % of the judged surface within ±{job.tolerance_mm:g} mm')
     if run.get('error_code'):
         said.append(f'error {run["error_code"]}')
-    if run.get('message'):
+    if why:
+        said.append(why)
+    if run.get('message') and run['message'] != verdict:
         said.append(str(run['message']))
     words = escape('. '.join(s.rstrip('.') for s in said))
-    return f'<div class="verdict {style}">{escape(verdict.upper())}<small>{words}</small></div>'
+    return f'<div class="verdict {style}">{escape(word.upper())}<small>{words}</small></div>'
 
 
 def _figures_of_merit(job: Job) -> str:

@@ -1,4 +1,4 @@
-"""What the beads of a job do that the nominal model does not: metal that comes late along the travel, and growth that
+"""Bead bias: what the beads of a job do that the nominal model does not. Metal comes late along the travel, and growth
 is missing at the same place again and again.
 
 `shortfall` compares growth with what was asked of the same cell; that says nothing true where neighbouring pieces are
@@ -13,6 +13,7 @@ import numpy as np
 
 from .. import filters
 from ..grids import CELLS_PER_BEAD
+from ..types import PRIOR
 from .model import BeadModel
 
 LAG_SIGMA = 0.3  # bead widths, of the lag before any layer
@@ -26,36 +27,23 @@ MIN_CELLS = 50
 MAX_MISSING = 1.0  # layer heights; more is a fault of the scan
 END_PIECES = 8  # pieces of a bead from arc on and off that all beads are taken to lay alike
 END_RATE = 0.5  # weight of the newest layer in that: the mean over many beads has little noise
-PRIOR, PRIOR_FADING = 0.7, 0.7  # say of a law's guess of what ends lack: at first, per layer
+PRIOR_FADING = 0.7  # per layer, of the say that a law's guess of what ends lack has
 SEEN = 0.3  # share of a cell that must be known
 
 
 @dataclass(frozen=True)
-class Learned:
-    """For one layer: missing (rows, cols), share of the planned height that it will lack beside the model's growth;
-    lag: m along the travel; slope: of growth on metal; scale: what the request's error was divided by for it; prior:
-    weight of what a law believes to be missing beside that, before the job has shown it."""
+class BeadBias:
+    """What the layers so far have shown, for the layers to come."""
 
-    missing: np.ndarray
-    lag: float = 0.0
-    slope: float = 1.0
-    scale: float = 1.0
-    prior: float = PRIOR
-
-
-@dataclass(frozen=True)
-class BeadHabits:
-    """missing: maps on the model's grid of even and odd layers, None = never seen; layers: seen of each. lag and its
-    information (1/variance) in bead widths. surplus: share of metal by which layers exceed what the flow factor allowed
-    for; an efficiency that drifts, as in a part that heats up, is always a layer or two ahead of its estimate. ends
-    (2*END_PIECES + 1,): what all beads miss alike, by `BeadModel.end`; 0 far from the ends. missing is what comes on
-    top of it."""
-
-    missing: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
-    layers: tuple[int, int] = (0, 0)
-    lag: float = 0.0
-    information: float = field(default=LAG_SIGMA**-2)
+    # Share of the planned height that is missing beside `ends`: maps on the model's grid of even and of odd layers.
+    missing: tuple[np.ndarray | None, np.ndarray | None] = (None, None)  # None = never seen
+    layers: tuple[int, int] = (0, 0)  # seen of each
+    lag: float = 0.0  # of the metal along the travel, bead widths
+    information: float = field(default=LAG_SIGMA**-2)  # 1/variance of the lag
+    # Share of metal by which layers exceed what the flow factor allowed for. An efficiency that drifts, as in a part
+    # that heats up, is always a layer or two ahead of its estimate.
     surplus: float = 0.0
+    # (2*END_PIECES + 1,): what all beads miss alike, by `BeadModel.end`; 0 far from the ends.
     ends: np.ndarray = field(default_factory=lambda: np.zeros(2 * END_PIECES + 1))
 
     @property
@@ -83,7 +71,7 @@ class BeadHabits:
         seen: np.ndarray,
         learning: float,
         allowed: float | None = None,
-    ) -> BeadHabits:
+    ) -> BeadBias:
         """With one more layer, which counts at least `learning`. allowed: efficiency that the flow factor assumed.
 
         asked (m,): relative growth that the segments should have given; growth (rows, cols) over the planned height;
@@ -113,7 +101,7 @@ class BeadHabits:
         growth: np.ndarray,
         expected: np.ndarray,
         known: np.ndarray,
-    ) -> BeadHabits:
+    ) -> BeadBias:
         """Gauss-Newton step of the lag on the growth that is not expected, inside the beads."""
         use = known & (model.arc > INNER * model.width)
         if np.count_nonzero(use) < MIN_CELLS:
@@ -130,7 +118,7 @@ class BeadHabits:
 
     def _with_ends(
         self, layer: int, model: BeadModel, lacks: np.ndarray, known: np.ndarray
-    ) -> BeadHabits:
+    ) -> BeadBias:
         where = _end(model)[known] % len(self.ends)  # negative ones count from the end
         news = (lacks - self._here(layer, lacks.shape))[known]
         count = np.bincount(where, minlength=len(self.ends))
@@ -142,7 +130,7 @@ class BeadHabits:
 
     def _with_missing(
         self, layer: int, lacks: np.ndarray, known: np.ndarray, learning: np.ndarray
-    ) -> BeadHabits:
+    ) -> BeadBias:
         side, before = layer % 2, self._here(layer, lacks.shape)
         weight = np.maximum(1 / (self.layers[side] + 2), learning)  # knowing nothing: one layer
         missing, layers = list(self.missing), list(self.layers)
@@ -152,5 +140,5 @@ class BeadHabits:
 
 
 def _end(model: BeadModel) -> np.ndarray:
-    """(rows, cols) place of the cells in `BeadHabits.ends`; 0: far from the ends."""
+    """(rows, cols) place of the cells in `BeadBias.ends`; 0: far from the ends."""
     return np.where(np.abs(model.end) <= END_PIECES, model.end, 0)

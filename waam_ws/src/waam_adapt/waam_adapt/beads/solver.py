@@ -14,8 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..grids import Resampler
-from ..laws.explicit import RATIO_HIGH, RATIO_LOW, CorrectionInput
-from .bead_bias import Learned
+from ..types import RATIO_HIGH, RATIO_LOW, CorrectionInput, Learned
 from .model import MARGIN, BeadModel, bead_model, inner_mean
 
 SMALL, SMOOTH = 0.0005, 0.0015  # of the typical diagonal of A'wA
@@ -33,7 +32,7 @@ def refine(
 ) -> np.ndarray:
     """(rows, cols) relative layer height that the beads of `request.paths` need.
 
-    ratio (rows, cols): what a law wishes of every cell; kept away from the beads, and where nothing is known.
+    ratio (rows, cols): what a law asks of every cell; kept away from the beads, and where nothing is known.
     gain: share of the height error that the layer is to remove. guess: share of the planned height, on `grid`, that a
     law believes to be missing at the ends of beads; it counts until the job has shown what is (`Learned.prior`).
     """

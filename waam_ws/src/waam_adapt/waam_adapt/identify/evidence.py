@@ -5,8 +5,8 @@ and the blocks are about independent.
 
 The exponent of height on metal is not read from one layer: places where beads end are always low, so the loop always
 asks for more there, and growth on command would slope the wrong way. What is compared is how growth and command depart
-from what the same place usually gets in layers of the same direction of travel (`Habits`); the one layer before would
-not do, since its noise is in the growth and, corrected, in the command as well.
+from what the same place usually gets in layers of the same direction of travel (`BlockAverages`). The one layer
+before would not do, since its noise is in the growth and, corrected, in the command as well.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MIN_BLOCKS = 4
 EXCITATION = (
     0.015  # standard deviation of ln(command) below which a layer says nothing of the slope
 )
-HABIT = 0.1  # least weight of the newest layer in what a place usually gets
+LEAST_WEIGHT = 0.1  # least weight of the newest layer in what a place usually gets
 MIN_GROWTH = 0.2e-3  # m; thinner layers say nothing about the ratio
 
 
@@ -118,7 +118,7 @@ def _coarser(g: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True)
-class Habits:
+class BlockAverages:
     """Means over the layers of one direction of ln(growth) and ln(command) per block; layers: seen of each block."""
 
     growth: np.ndarray
@@ -126,7 +126,7 @@ class Habits:
     layers: np.ndarray
 
     def slope(self, new: LayerEvidence) -> tuple[float, float]:
-        """d ln(growth)/d ln(command) of a layer's departure from the habits, and its standard uncertainty.
+        """d ln(growth)/d ln(command) of a layer's departure from the averages, and its standard uncertainty.
 
         (1, inf) without excitation: commands depart by less than `EXCITATION`, or fewer than 8 blocks are known.
         """
@@ -146,15 +146,15 @@ class Habits:
         return slope, math.sqrt(scatter / sxx)
 
     @classmethod
-    def after(cls, before: Habits | None, new: LayerEvidence) -> Habits:
-        """With one more layer, of which every block counts at least `HABIT`; unknown blocks keep theirs."""
+    def after(cls, before: BlockAverages | None, new: LayerEvidence) -> BlockAverages:
+        """With one more layer, of which every block counts at least `LEAST_WEIGHT`; unknown blocks keep theirs."""
         g, c = _log(new.block_growth), _log(new.block_commanded)
         known = np.isfinite(g) & np.isfinite(c)
         if before is None or before.growth.shape != g.shape:
             zero = np.zeros(g.shape)
             before = cls(zero, zero, zero)
         layers = before.layers + known
-        weight = np.where(known, np.maximum(1 / np.maximum(layers, 1), HABIT), 0.0)
+        weight = np.where(known, np.maximum(1 / np.maximum(layers, 1), LEAST_WEIGHT), 0.0)
         growth = before.growth + weight * np.where(known, g - before.growth, 0.0)
         commanded = before.commanded + weight * np.where(known, c - before.commanded, 0.0)
         return cls(growth, commanded, layers)

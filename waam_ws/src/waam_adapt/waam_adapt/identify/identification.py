@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..beads.bead_bias import BeadHabits, Learned
+from ..beads.bead_bias import BeadBias
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
 from ..grids import CELLS_PER_BEAD, Resampler
-from ..laws.explicit import CorrectionInput
-from .evidence import MIN_GROWTH, Habits, Layer, LayerEvidence, layer_evidence, response
+from ..types import CorrectionInput, Learned
+from .evidence import MIN_GROWTH, BlockAverages, Layer, LayerEvidence, layer_evidence, response
 from .shortfall import Shortfall
 
 LAYER_NOISE = (
@@ -108,7 +108,7 @@ class Identifier:
     """Keeps what one job has taught; asking twice for the same layer does not count its evidence twice.
 
     forgetting: see `update`; learning 0..1: of the shortfall, 0 = never. watch_beads: compare layers with the bead
-    model too (`bead_habits`), for laws that solve through it.
+    model too (`beads.bead_bias`), for laws that solve through it.
     """
 
     forgetting: float = 0.5
@@ -118,20 +118,23 @@ class Identifier:
     layer: int = 0
     estimate: Estimate = Estimate()
     shortfall: Shortfall = Shortfall()
-    habits: tuple[Habits | None, Habits | None] = (None, None)  # of even and odd layers
-    beads: BeadHabits = BeadHabits()
+    averages: tuple[BlockAverages | None, BlockAverages | None] = (
+        None,
+        None,
+    )  # of even and odd layers
+    beads: BeadBias = BeadBias()
     planned: dict[int, np.ndarray] = field(default_factory=dict)  # maps of the newest layers
     paths: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)  # of the same
-    _before: tuple = (Estimate(), Shortfall(), (None, None), BeadHabits())
+    _before: tuple = (Estimate(), Shortfall(), (None, None), BeadBias())
 
     def start(self, job_id: str, layer: int) -> None:
         """Call before every layer: forgets another job's process, repeats a layer from where it began."""
         if job_id != self.job_id or layer < self.layer:
-            self._before = Estimate(), Shortfall(), (None, None), BeadHabits()
+            self._before = Estimate(), Shortfall(), (None, None), BeadBias()
         elif layer > self.layer:
-            self._before = self.estimate, self.shortfall, self.habits, self.beads
+            self._before = self.estimate, self.shortfall, self.averages, self.beads
         self.job_id, self.layer = job_id, layer
-        self.estimate, self.shortfall, self.habits, self.beads = self._before
+        self.estimate, self.shortfall, self.averages, self.beads = self._before
 
     def add(self, layer: Layer) -> None:
         """Learns from the layer that was laid last, if enough of it can be seen."""
@@ -144,12 +147,12 @@ class Identifier:
             return
         before = self.estimate
         self.estimate = update(self.estimate, evidence, self.forgetting)
-        habits = list(self.habits)
+        averages = list(self.averages)
         side = number % 2
-        if habits[side] is not None:
-            self.estimate = update_slope(self.estimate, *habits[side].slope(evidence))
-        habits[side] = Habits.after(habits[side], evidence)
-        self.habits = tuple(habits)
+        if averages[side] is not None:
+            self.estimate = update_slope(self.estimate, *averages[side].slope(evidence))
+        averages[side] = BlockAverages.after(averages[side], evidence)
+        self.averages = tuple(averages)
         if self.learning > 0:
             laid = np.where(np.nan_to_num(layer.commanded) > MIN_GROWTH, layer.commanded, np.nan)
             plan = laid if layer.planned is None else layer.planned

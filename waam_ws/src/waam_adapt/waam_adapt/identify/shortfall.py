@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-MAX_SHORTFALL = 0.5  # share; more is a fault and no habit
+MAX_SHORTFALL = 0.5  # share; more is a fault
 
 
 @dataclass(frozen=True)

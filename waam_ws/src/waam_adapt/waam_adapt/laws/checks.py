@@ -1,5 +1,5 @@
-"""Reasons not to trust a height map: stale, partial or implausible. Any reason removes the
-correction (contract of the loop, 2).
+"""Reasons not to trust a height map or a law: stale, partial, implausible, not finite. Any reason removes the
+correction.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .explicit import CorrectionInput
+from ..types import Correction, CorrectionInput, CorrectionLaw, nothing
 
 
 @dataclass(frozen=True)
@@ -100,3 +100,21 @@ def error_figures(request: CorrectionInput) -> tuple[float, float]:
     if not error.size:
         return float('nan'), float('nan')
     return float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
+
+
+def safe_correct(
+    law: CorrectionLaw, request: CorrectionInput, reasons: tuple[str, ...]
+) -> Correction:
+    """The law's correction, or none at all (fallback) when there are reasons against the input or
+    the output is not usable.
+    """
+    shape, k_gain = request.z.shape, request.k_gain
+    if reasons:
+        return nothing(shape, k_gain, law.name, reasons)
+    result = law.correct(request)
+    maps = (result.psi, result.confidence, result.residual_height)
+    if any(m.shape != shape or not np.isfinite(m).all() for m in maps):
+        return nothing(shape, k_gain, law.name, (f'law {law.name} gave a map that is not finite',))
+    if np.abs(result.psi).max() > 1.0:
+        return nothing(shape, k_gain, law.name, (f'law {law.name} gave |psi| above 1',))
+    return result

@@ -12,8 +12,9 @@ import numpy as np
 from waam_node.params import param
 
 from ..identify.identification import Estimate, Identifier, Layer
-from .checks import MapLimits, MapOrigin, reasons_against
-from .explicit import Correction, CorrectionInput, make_law, safe_correct
+from ..types import Correction, CorrectionInput
+from .checks import MapLimits, MapOrigin, reasons_against, safe_correct
+from .registry import LAWS, make_law
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class CorrectionParams:
     law: str = param(
         'damped_inverse',
         'correction law',
-        choices=('damped_inverse', 'unet', 'proportional', 'log_log', 'zero'),
+        choices=tuple(LAWS),
     )
     model: str = param(
         '', "file with the weights of law unet; '' = the packaged ones, none = its bead model alone"

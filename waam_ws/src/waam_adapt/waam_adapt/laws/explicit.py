@@ -1,168 +1,27 @@
-"""Correction laws: the surface that was scanned and the metal that is planned in, psi(x, y) of the
-next layer out.
+"""Explicit correction laws: formulas from the missing metal to psi, without a network.
 
-Every law, explicit or learned, has the same interface (`CorrectionLaw`), so the server does not
-know which one it runs. Maps are (rows, cols) on one grid, rows along +y, columns along +x, metres,
-NaN = unknown.
+`damped_inverse` is the default and the fallback of the learned law. A new law goes into a module of this folder and
+into `registry.LAWS`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
 from .. import filters
-from ..beads.bead_bias import Learned
-
-# relative layer height beyond which a bead is no bead of the regime any more
-RATIO_LOW, RATIO_HIGH = 0.4, 1.8
-LAWS = ('zero', 'proportional', 'log_log', 'damped_inverse', 'unet')
-MIN_GAIN = 1e-3  # less authority over speed than this is none
-MIN_PLANNED = 0.05e-3  # m; thinner than this the plan adds no metal
-
-
-class CorrectionError(ValueError):
-    """An input that no law can use; the text names the field."""
-
-
-@dataclass(frozen=True)
-class CorrectionInput:
-    """What is known before a layer. Maps (rows, cols) in m; all on one grid of square cells.
-
-    z: measured surface, NaN = never seen. target: wanted surface at this moment (before the layer),
-    NaN = do not care. planned: metal that the plan adds in this layer, 0 or NaN outside its
-    footprint. sigma: standard uncertainty of z or None. bead_width m; direction: (x, y) of the
-    beads, (0, 0) = unknown; k_gain: authority of eq 2.23, V = V_prog*(1 + k_gain*psi). shortfall:
-    share of the planned metal that is expected to be missing, already in target (`expecting`).
-    paths: the beads of this layer from arc on to arc off in the order they are laid, arrays (n, 2)
-    of x, y in m from the corner of cell (0, 0); empty = unknown. temperature of the layer below in
-    degC, NaN = unknown. experience: layers of this direction of travel that shortfall was learned
-    from. learned: what the beads of this layer will do unlike the nominal model, None = nothing known. The last
-    five are for learned laws; explicit ones need them not.
-    """
-
-    z: np.ndarray
-    target: np.ndarray
-    planned: np.ndarray
-    resolution: float
-    bead_width: float
-    k_gain: float
-    sigma: np.ndarray | None = None
-    direction: tuple[float, float] = (0.0, 0.0)
-    shortfall: np.ndarray | None = None
-    paths: tuple[np.ndarray, ...] = ()
-    temperature: float = math.nan
-    experience: int = 0
-    learned: Learned | None = None
-
-    def __post_init__(self) -> None:
-        for name in ('target', 'planned', 'sigma', 'shortfall'):
-            a = getattr(self, name)
-            if a is not None and a.shape != self.z.shape:
-                raise CorrectionError(f'{name} has shape {a.shape}, the map {self.z.shape}')
-            if a is not None and np.isinf(a).any():
-                raise CorrectionError(f'{name} has infinite values')
-        if np.isinf(self.z).any():
-            raise CorrectionError('z has infinite values')
-        if np.nanmin(self.planned, initial=0.0) < 0:
-            raise CorrectionError('planned has negative values: a layer cannot take metal away')
-        for name, low, high in (
-            ('resolution', 1e-5, 0.02),
-            ('bead_width', 5e-4, 0.05),
-            ('k_gain', 0, 0.9),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise CorrectionError(f'{name} is {value}, must be {low} .. {high}')
-        if not np.isfinite(self.direction).all():
-            raise CorrectionError(f'direction is {self.direction}, not finite')
-        for i, p in enumerate(self.paths):
-            if p.ndim != 2 or p.shape[1] != 2 or len(p) < 2 or not np.isfinite(p).all():
-                raise CorrectionError(f'paths[{i}] must be finite points of shape (n >= 2, 2)')
-
-    @property
-    def footprint(self) -> np.ndarray:
-        """(rows, cols) bool: where the plan adds metal."""
-        return np.nan_to_num(self.planned) > MIN_PLANNED
-
-    def expecting(self, shortfall: np.ndarray | None, experience: int = 0) -> CorrectionInput:
-        """The same with the share of the planned metal (rows, cols) that will be missing again added to the target."""
-        if shortfall is None or shortfall.shape != self.z.shape:
-            return self
-        target = self.target + shortfall * np.nan_to_num(self.planned)
-        return replace(self, target=target, shortfall=shortfall, experience=experience)
-
-    @property
-    def error(self) -> np.ndarray:
-        """Missing metal target - z in m: positive in a hollow. NaN where unknown or not cared
-        for.
-        """
-        return self.target - self.z
-
-
-@dataclass(frozen=True)
-class Correction:
-    """psi -1..1 (0 where nothing is known), confidence 0..1 and residual_height m, each (rows,
-    cols).
-    """
-
-    psi: np.ndarray
-    confidence: np.ndarray
-    residual_height: np.ndarray
-    law: str
-    k_gain: float
-    model_hash: str = ''
-    fallback: bool = False
-    reasons: tuple[str, ...] = field(default=())
-
-    @property
-    def speed_factor(self) -> np.ndarray:
-        """V/V_prog of eq 2.23."""
-        return 1.0 + self.k_gain * self.psi
-
-    @property
-    def saturated_cells(self) -> int:
-        return int(np.count_nonzero(np.abs(self.psi) >= 1.0))
-
-
-class CorrectionLaw(Protocol):
-    """One way to get psi from what was measured. `model_hash` in the result identifies learned
-    weights.
-    """
-
-    name: str
-
-    def correct(self, request: CorrectionInput) -> Correction: ...
-
-
-def nothing(
-    shape: tuple[int, int], k_gain: float, law: str, reasons: tuple[str, ...] = ()
-) -> Correction:
-    """No correction at all; with reasons it is a fallback."""
-    zero = np.zeros(shape)
-    return Correction(zero, zero, zero, law, k_gain, fallback=bool(reasons), reasons=reasons)
-
-
-def split_ratio(
-    ratio: np.ndarray, planned: np.ndarray, k_gain: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """psi and residual_height (m) that together give layer heights ratio*planned: speed first,
-    inside |psi| <= 1.
-
-    On overlapped beads the layer height goes with 1/speed, so 1 + k_gain*psi = 1/ratio. What the
-    speed cannot give is the residual ratio*planned - planned/(1 + k_gain*psi); it is exactly 0
-    where psi is not limited.
-    """
-    if k_gain < MIN_GAIN:
-        return np.zeros_like(ratio), (ratio - 1) * planned
-    free = (1 / ratio - 1) / k_gain
-    psi = np.clip(free, -1.0, 1.0)
-    residual = np.where(psi == free, 0.0, planned * (ratio - 1 / (1 + k_gain * psi)))
-    return psi, residual
+from ..types import (
+    MIN_GAIN,
+    RATIO_HIGH,
+    RATIO_LOW,
+    Correction,
+    CorrectionInput,
+    HeightRequest,
+    nothing,
+    split_ratio,
+)
 
 
 @dataclass(frozen=True)
@@ -225,17 +84,6 @@ class LogLog:
 
 
 @dataclass(frozen=True)
-class Wish:
-    """ratio: wanted over planned layer height; planned m, continued outside the footprint;
-    confidence 0..1. All (rows, cols).
-    """
-
-    ratio: np.ndarray
-    planned: np.ndarray
-    confidence: np.ndarray
-
-
-@dataclass(frozen=True)
 class DampedInverse:
     """Inverse of the overlap of beads, smoothed over their footprint and damped.
 
@@ -253,14 +101,14 @@ class DampedInverse:
     name: str = 'damped_inverse'
 
     def correct(self, request: CorrectionInput) -> Correction:
-        w = self.wish(request)
-        if w is None:
+        asked = self.height_request(request)
+        if asked is None:
             reason = 'no known cell in the footprint'
             return nothing(request.z.shape, request.k_gain, self.name, (reason,))
-        psi, residual = split_ratio(w.ratio, w.planned, request.k_gain)
-        return Correction(psi, w.confidence, residual, self.name, request.k_gain)
+        psi, residual = split_ratio(asked.ratio, asked.planned, request.k_gain)
+        return Correction(psi, asked.confidence, residual, self.name, request.k_gain)
 
-    def wish(self, request: CorrectionInput) -> Wish | None:
+    def height_request(self, request: CorrectionInput) -> HeightRequest | None:
         """What is asked of every cell before it is split into speed and residual; None without a known cell."""
         known = request.footprint & np.isfinite(request.error)
         if not known.any():
@@ -276,7 +124,7 @@ class DampedInverse:
         planned, _ = filters.extend(request.planned, request.footprint)
         confidence = self._confidence(request, known, width)
         ratio = np.clip(1 + self.gain * confidence * wanted / planned, RATIO_LOW, RATIO_HIGH)
-        return Wish(ratio, planned, confidence)
+        return HeightRequest(ratio, planned, confidence)
 
     def _confidence(self, request: CorrectionInput, known: np.ndarray, width: float) -> np.ndarray:
         """(rows, cols) 0..1 from uncertainty and distance of the nearest known cell; width of a bead in cells."""
@@ -284,38 +132,3 @@ class DampedInverse:
         nearest, distance = filters.extend(sigma, known)
         fade = np.clip(2 * (1 - distance / (self.reach * width)), 0.0, 1.0)
         return fade * filters.reliability(nearest, known.shape)
-
-
-def make_law(
-    name: str, gain: float = 0.9, regularisation: float = 0.1, model: str = ''
-) -> CorrectionLaw:
-    """The law of that name; CorrectionError names the known ones. model: file of weights for unet,
-    '' = the packaged one, 'none' = its bead model without a network.
-    """
-    if name not in LAWS:
-        raise CorrectionError(f"unknown law '{name}'; known are {', '.join(LAWS)}")
-    inverse = DampedInverse(gain, regularisation)
-    if name == 'unet':
-        from .net_law import UNetLaw  # reads weights: only who asks for it pays
-
-        return UNetLaw.load(model, inverse)
-    laws = (Zero(), Proportional(gain), LogLog(gain), inverse)
-    return {law.name: law for law in laws}[name]
-
-
-def safe_correct(
-    law: CorrectionLaw, request: CorrectionInput, reasons: tuple[str, ...]
-) -> Correction:
-    """The law's correction, or none at all (fallback) when there are reasons against the input or
-    the output is not usable.
-    """
-    shape, k_gain = request.z.shape, request.k_gain
-    if reasons:
-        return nothing(shape, k_gain, law.name, reasons)
-    result = law.correct(request)
-    maps = (result.psi, result.confidence, result.residual_height)
-    if any(m.shape != shape or not np.isfinite(m).all() for m in maps):
-        return nothing(shape, k_gain, law.name, (f'law {law.name} gave a map that is not finite',))
-    if np.abs(result.psi).max() > 1.0:
-        return nothing(shape, k_gain, law.name, (f'law {law.name} gave |psi| above 1',))
-    return result

@@ -14,7 +14,7 @@ from scipy.ndimage import distance_transform_edt
 
 from .. import filters
 from ..grids import CELLS_PER_BEAD, Resampler
-from .explicit import CorrectionInput
+from ..types import CorrectionInput
 
 NAMES = (
     'error', 'known', 'sigma', 'footprint', 'planned', 'explicit', 'shortfall', 'cos2a', 'sin2a',

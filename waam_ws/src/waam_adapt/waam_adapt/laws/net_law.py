@@ -17,16 +17,16 @@ import numpy as np
 from .. import filters
 from ..beads import solver as bead_solver
 from ..grids import CELLS_PER_BEAD, Resampler
-from . import features, net
-from .explicit import (
+from ..types import (
     RATIO_HIGH,
     RATIO_LOW,
     Correction,
     CorrectionInput,
-    DampedInverse,
-    Wish,
+    HeightRequest,
     split_ratio,
 )
+from . import features, net
+from .explicit import DampedInverse
 
 NO_MODEL = 'none'  # in place of a file of weights: the bead model without a network
 DOUBT = 0.25  # layer heights: predicted error at which the confidence is a half
@@ -61,7 +61,7 @@ class UNetLaw:
             return cls(explicit, None, str(e))
 
     def correct(self, request: CorrectionInput) -> Correction:
-        plain = self.explicit.wish(request)
+        plain = self.explicit.height_request(request)
         if plain is None or self.broken:
             return self._alone(request, self.broken)
         if self.network is None:
@@ -85,7 +85,7 @@ class UNetLaw:
     def _both(
         self,
         request: CorrectionInput,
-        plain: Wish,
+        plain: HeightRequest,
         seen: features.Features,
         change: np.ndarray,
         sure: np.ndarray,
@@ -100,7 +100,7 @@ class UNetLaw:
     def _solved(
         self,
         request: CorrectionInput,
-        plain: Wish,
+        plain: HeightRequest,
         ratio: np.ndarray,
         sure: np.ndarray,
         grid: Resampler,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,53 +17,58 @@ from waam_process.heat import cooling_wait, heat_factor
 from waam_process.materials import Material
 
 from .cooling import CoolingModel
+from .response import ResponseWatch
 
 
 @dataclass(frozen=True)
 class Settings:
-    """range: what the pyrometer can measure; jump: change between samples that no layer makes;
-    confirm: samples that prove it.
+    """Limits of belief. Temperatures degC, differences K, times s."""
 
-    step: fall between two samples below step_top degC that no metal cools by: emissivity or view
-    changed, and for `hold` s nothing is believed. stuck_time: a reading that moves less than
-    stuck_band for so long is frozen. timeout: silence that ends belief. window: time over which
-    temperature and rate are fitted.
-    """
-
-    interpass_limit: float
-    t_min: float = -20.0
+    interpass_limit: float  # the next layer starts at or below this
+    t_min: float = -20.0  # what the pyrometer can measure
     t_max: float = 1400.0
-    jump: float = 150.0
-    confirm: int = 5
-    step: float = 40.0
-    step_top: float = 800.0
-    hold: float = 10.0
-    stuck_time: float = 10.0
-    stuck_band: float = 0.01
-    timeout: float = 2.0
-    window: float = 3.0
+    jump: float = 150.0  # change between samples that no layer makes
+    confirm: int = 5  # samples in a row that prove a jump
+    step: float = 40.0  # fall between samples that no metal cools by: emissivity or view changed
+    step_top: float = 800.0  # above this temperature metal may cool that fast
+    hold: float = 10.0  # time after a step that nothing is plausible
+    stuck_time: float = 10.0  # a reading that rests for so long is frozen
+    stuck_band: float = 0.01  # and rests means: moves less than this
+    timeout: float = 2.0  # silence after which nothing is plausible
+    window: float = 3.0  # over which temperature and rate are fitted
 
 
 @dataclass(frozen=True)
 class Heat:
-    """One answer. temperature degC (NaN before the first sample), rate K/s, wait s (0 = ready, NaN
-    = unknown).
-    """
+    """What is known at one moment."""
 
-    factor: float
-    temperature: float
-    rate: float
-    ready: bool
-    wait: float
-    plausible: bool
-    reasons: tuple[str, ...]
+    factor: float  # of the wire feed, eq 2.19
+    temperature: float  # degC, NaN before the first sample
+    rate: float  # K/s
+    ready: bool  # plausible and at or below the limit
+    wait: float  # s until ready, 0 = ready, NaN = unknown
+    plausible: bool  # the readings can be true
+    reasons: tuple[str, ...]  # why they cannot
+    doubt: str = ''  # why the spot does not seem to lie on the layer, '' = nothing against it
+
+    @property
+    def believed(self) -> bool:
+        """The temperature answers to the layers (or no layer has been laid yet)."""
+        return not self.doubt
 
 
 class InterpassMonitor:
-    """Follows one pyrometer. `add` every sample, `state` at any time."""
+    """Follows one pyrometer. `add` every sample, `state` at any time.
+
+    `response` is told of the layers that the arc lays, and doubts a temperature that does not answer to them.
+    """
 
     def __init__(self, material: Material, settings: Settings) -> None:
         self.material, self.settings = material, settings
+        self.response = ResponseWatch(material)
+        self.material_error = (
+            ''  # why the law of the material that is laid is not known; then nothing is ready
+        )
         self._samples: deque[tuple[float, float]] = deque(maxlen=1000)
         self._suspects: list[tuple[float, float]] = []
         self._last_heard = -math.inf
@@ -72,6 +77,16 @@ class InterpassMonitor:
         self._fault = ''
         self._stepped, self._step_time = 0.0, -math.inf
         self.cooling = CoolingModel(material.t_env)
+
+    def use(self, material: Material, interpass_limit: float) -> None:
+        """From now on the law and the limit (degC) of this material; what was learned of another one is dropped."""
+        self.settings = replace(self.settings, interpass_limit=interpass_limit)
+        self.material_error = ''
+        if material == self.material:
+            return
+        self.material = material
+        self.cooling = CoolingModel(material.t_env)
+        self.response.material = material
 
     def add(self, time: float, temperature: float) -> None:
         """Takes one sample. Samples out of order are ignored, a clock that was set back starts
@@ -111,7 +126,7 @@ class InterpassMonitor:
             self._watch_step(time, temperature)
             self._samples.append((time, temperature))
             self._suspects.clear()
-            self.cooling.add(time, temperature)
+            self._learn(time, temperature)
         else:
             if self._suspects and abs(temperature - self._suspects[-1][1]) > s.jump:
                 self._suspects.clear()
@@ -129,7 +144,11 @@ class InterpassMonitor:
         self._samples.extend(self._suspects)
         self._suspects.clear()
         for time, temperature in self._samples:
-            self.cooling.add(time, temperature)
+            self._learn(time, temperature)
+
+    def _learn(self, time: float, temperature: float) -> None:
+        self.cooling.add(time, temperature)
+        self.response.add(time, temperature)
 
     def _watch_step(self, time: float, temperature: float) -> None:
         s = self.settings
@@ -150,12 +169,13 @@ class InterpassMonitor:
         """
         m, s = self.material, self.settings
         temperature, rate = self._fit()
-        reasons = self._reasons(now)
+        reasons, doubt = self._reasons(now), self.response.doubt()
         if reasons:
-            return Heat(1.0, temperature, rate, False, math.nan, False, reasons)
+            return Heat(1.0, temperature, rate, False, math.nan, False, reasons, doubt)
         ready = temperature <= s.interpass_limit
         wait = self._wait(temperature, rate)
-        return Heat(float(heat_factor(temperature, m)), temperature, rate, ready, wait, True, ())
+        factor = float(heat_factor(temperature, m))
+        return Heat(factor, temperature, rate, ready, wait, True, (), doubt)
 
     def _wait(self, temperature: float, rate: float) -> float:
         """By the curve of the layers before; for the first ones as one lump that cools at the present rate."""
@@ -169,6 +189,8 @@ class InterpassMonitor:
 
     def _reasons(self, now: float) -> tuple[str, ...]:
         s, reasons = self.settings, []
+        if self.material_error:
+            reasons.append(self.material_error)
         silent = now - self._last_heard
         if not self._samples:
             reasons.append('no usable temperature yet')

@@ -13,7 +13,7 @@ from .interpass import Settings
 
 @dataclass(frozen=True)
 class ThermalParams:
-    material: str = param(materials.DEFAULT, 'whose limits and law hold')
+    material: str = param(materials.DEFAULT, 'whose limit and law hold until a job names its own')
     materials_file: str = param(
         '', "operator's table that adds to or replaces the packaged materials"
     )
@@ -41,10 +41,14 @@ class ThermalParams:
     def of_material(self) -> materials.Material:
         return materials.get(self.material, self.materials_file or None)
 
+    def limit_of(self, material: materials.Material) -> float:
+        """Interpass limit in degC: that of the parameter, or of the material where none is given."""
+        own = math.isnan(self.interpass_limit)
+        return material.interpass_limit if own else self.interpass_limit
+
     @property
     def settings(self) -> Settings:
         """With the interpass limit of the material where none is given."""
-        own = math.isnan(self.interpass_limit)
-        limit = self.of_material.interpass_limit if own else self.interpass_limit
+        limit = self.limit_of(self.of_material)
         names = [f.name for f in fields(Settings) if f.name != 'interpass_limit']
         return Settings(limit, **{name: getattr(self, name) for name in names})

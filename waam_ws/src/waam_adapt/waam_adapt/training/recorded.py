@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from waam_node.conversions import grid_from_msg
+
 from .. import filters
+from ..conversions import correction_input
+from ..grids import CELLS_PER_BEAD, Resampler
 from ..laws import features
-from ..laws.explicit import CorrectionInput
+from ..types import CorrectionInput
 from .scenes import SIZE, Recorded
+
+# The requests of correction_server/compute (messages) that the job in a folder made.
+ReadRequests = Callable[[Path], Sequence[Any]]
+K_GAIN, K_GAIN_MAX = 0.3, 0.9  # of a request that names none; largest that is read
 
 
 def surface(request: CorrectionInput) -> Recorded | None:
@@ -18,8 +28,8 @@ def surface(request: CorrectionInput) -> Recorded | None:
     known = footprint & np.isfinite(request.error)
     if known.sum() < 0.5 * max(footprint.sum(), 1):
         return None
-    cell = request.bead_width / features.CELLS_PER_BEAD
-    r = features.Resampler.of(request.z.shape, request.resolution, cell)
+    cell = request.bead_width / CELLS_PER_BEAD
+    r = Resampler.of(request.z.shape, request.resolution, cell)
     height = float(np.median(request.planned[footprint]))
     error, _ = filters.extend(request.error, known)
     error = np.clip(r.mean(error) / height, -features.LIMIT, features.LIMIT)
@@ -42,24 +52,17 @@ def _fit(values: np.ndarray, mode: str) -> np.ndarray:
     return values
 
 
-def from_jobs(folders: list[Path]) -> list[Recorded]:
-    """Every corrected layer of recorded jobs (folders with an MCAP record). ValueError names a
-    folder that cannot be read.
+def from_jobs(folders: list[Path], read: ReadRequests) -> list[Recorded]:
+    """Every corrected layer of recorded jobs. read: gives the requests of a folder, so that training needs no reader
+    of records itself. ValueError names a folder that cannot be read.
     """
-    from waam_node.conversions import grid_from_msg
-    from waam_replay.record import (
-        load,  # the reader of whole jobs; training without records needs it not
-    )
-
-    from ..conversions import correction_input
-
     out = []
     for folder in folders:
-        calls = load(folder).calls['correct']
-        for call in calls:
-            request = correction_input(call.request, grid_from_msg(call.request.map.grid), 0.3, 0.9)
-            out += [r] if (r := surface(request)) is not None else []
-        if not calls:
+        requests = read(folder)
+        for request in requests:
+            known = correction_input(request, grid_from_msg(request.map.grid), K_GAIN, K_GAIN_MAX)
+            out += [r] if (r := surface(known)) is not None else []
+        if not requests:
             raise ValueError(
                 f'{folder}: holds no call of correction_server/compute (an open-loop job?)'
             )

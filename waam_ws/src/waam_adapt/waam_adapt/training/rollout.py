@@ -14,7 +14,7 @@ from scipy.ndimage import distance_transform_edt
 
 from .. import filters
 from ..laws import features
-from ..laws.explicit import RATIO_HIGH, RATIO_LOW
+from ..types import RATIO_HIGH, RATIO_LOW
 from .deposit import along_bead, deposit, driven, sample
 from .scenes import BEAD, SIZE, Batch
 
@@ -56,7 +56,7 @@ class Layer:
     log_error: torch.Tensor
 
 
-def wish(b: Batch, error: torch.Tensor, known: np.ndarray, variant: int) -> torch.Tensor:
+def height_request(b: Batch, error: torch.Tensor, known: np.ndarray, variant: int) -> torch.Tensor:
     """Relative change of layer height that the damped inverse asks for. error (b, rows, cols): missing metal."""
     index, fade = _nearest(b.trusted[variant] & known, known)
     missing = error.flatten(1).gather(1, index).reshape(error.shape)
@@ -122,7 +122,7 @@ def step(b: Batch, state: State, z: torch.Tensor, layer: int, net: torch.nn.Modu
     known_t = torch.from_numpy(known).float()
     share = state.share(layer) * b.footprint
     error = layer * b.planned + share * b.planned - seen
-    explicit = wish(b, error, known, variant)
+    explicit = height_request(b, error, known, variant)
     ratio, log_error = 1 + explicit, torch.zeros_like(z)
     if net is not None:
         change, log_error = net(inputs(b, share, error, known_t, explicit.clamp(-0.6, 0.8), layer))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -19,25 +20,44 @@ def part_grid(bounds: np.ndarray, resolution: float, margin: float) -> GridSpec:
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far a surface is from its target, m: over the interior (the verdict) and the whole region (with edges)."""
+    """How far a surface is from its target, m: over the interior (the verdict) and the whole region (with edges).
+
+    NaN where no grid cell of the interior was seen.
+    """
 
     rms: float
     mean: float
-    max: float
-    share_in_tolerance: float
-    rms_all: float
-    coverage: float
+    max: float  # of the absolute error
+    share_in_tolerance: float  # unseen grid cells are out of tolerance
+    rms_all: float  # edges included
+    coverage: float  # seen share of the interior
+    cells: int  # grid cells of the interior
+
+    @property
+    def seen(self) -> bool:
+        """Whether there is anything to judge."""
+        return math.isfinite(self.rms)
+
+
+NOTHING_SEEN = Deviation(
+    rms=math.nan,
+    mean=math.nan,
+    max=math.nan,
+    share_in_tolerance=math.nan,
+    rms_all=math.nan,
+    coverage=0.0,
+    cells=0,
+)
 
 
 def deviation(
     error: np.ndarray, region: np.ndarray, interior: np.ndarray, tolerance: float
 ) -> Deviation:
-    """error, region, interior: (rows, cols); unseen cells (NaN) count against the share in tolerance."""
+    """error, region, interior: (rows, cols); unseen grid cells (NaN) count against the share in tolerance."""
     inner, everywhere = error[interior], error[region]
     seen = inner[np.isfinite(inner)]
     if not seen.size:
-        nan = float('nan')
-        return Deviation(nan, nan, nan, 0.0, nan, 0.0)
+        return replace(NOTHING_SEEN, cells=int(inner.size))
     all_seen = everywhere[np.isfinite(everywhere)]
     return Deviation(
         rms=float(np.sqrt(np.mean(seen**2))),
@@ -46,6 +66,7 @@ def deviation(
         share_in_tolerance=float((np.abs(seen) <= tolerance).sum() / inner.size),
         rms_all=float(np.sqrt(np.mean(all_seen**2))),
         coverage=float(seen.size / inner.size),
+        cells=int(inner.size),
     )
 
 
@@ -84,3 +105,22 @@ def asked_growth(
     """Metal that the setpoints ask for per cell (m): planned / (1 + k_gain psi) + residual (docs/interfaces.md)."""
     growth = planned / (1.0 + k_gain * psi) + np.nan_to_num(residual)
     return np.where(planned > 0, growth, 0.0)
+
+
+def aim_point(segments: list[Segment]) -> Point | None:
+    """Where a pyrometer sees the metal that these segments lay: their middle, or the deposit nearest to it.
+
+    m, frame of the segments; None when nothing is laid. The middle of a full area hardly moves from layer to layer;
+    that of a ring lies beside the metal.
+    """
+    deposits = [s for s in segments if s.kind == Kind.DEPOSIT]
+    if not deposits:
+        return None
+    points = np.array([s.midpoint for s in deposits])
+    middle = np.average(points, axis=0, weights=[s.length for s in deposits])
+    away = np.hypot(*(points - middle)[:, :2].T)
+    nearest = int(np.argmin(away))
+    if away[nearest] > 0.5 * deposits[nearest].width:
+        middle = points[nearest]
+    x, y, z = (float(v) for v in middle)
+    return x, y, z

@@ -6,9 +6,11 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
+from typing import Any
 
 from waam_plan.mesh.part import Part, PartError, load_part
 from waam_plan.settings import STRATEGIES, PlanSettings, SettingsError, assigned
+from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.materials import Material, MaterialError, get
 
 from .limits import K_GAIN_MAX
@@ -42,7 +44,6 @@ class JobError(RuntimeError):
         self.code = code
 
 
-PROFILES = ('open_loop', 'monitor', 'closed_loop')
 MODES = ('restore', 'build')
 # settings of the planner that the goal has fields for, or that machine and map decide
 GIVEN = {
@@ -58,14 +59,14 @@ GIVEN = {
 
 @dataclass(frozen=True)
 class JobGoal:
-    """The goal of run_job (SI; defaults filled in by `from_fields`)."""
+    """The goal of run_job in SI, with its defaults. Fields are named as in the message and in job.yaml."""
 
     part: Path
     material: str
     jobs_dir: Path
     name: str = ''
     mode: str = 'restore'
-    profile: str = 'closed_loop'
+    profile: str = LoopMode.CLOSED_LOOP.value  # see `loop_mode`
     layers: int = 0
     layer_height: float = 0.0
     bead_width: float = 0.0
@@ -83,11 +84,16 @@ class JobGoal:
     new_spool: bool = False  # wire_left was told for this run, not for the first one
 
     @property
+    def loop_mode(self) -> LoopMode:
+        """What the message calls the profile. ValueError for an unknown one."""
+        return LoopMode(self.profile)
+
+    @property
     def title(self) -> str:
         return self.name or self.part.stem
 
 
-def planner_fields(goal: JobGoal, material: Material) -> dict[str, object]:
+def planner_fields(goal: JobGoal, material: Material) -> dict[str, Any]:
     """Fields of PlanSettings that goal and material decide. Raises SettingsError."""
     return {
         'layer_height': goal.layer_height or material.layer_height,
@@ -116,8 +122,8 @@ def _in_range(
 def field_problems(goal: JobGoal) -> list[str]:
     """What is wrong with the numbers and words of a goal."""
     problems: list[str | None] = []
-    if goal.profile not in PROFILES:
-        problems.append(f"profile '{goal.profile}' is unknown; known are {', '.join(PROFILES)}")
+    if goal.profile not in LOOP_MODES:
+        problems.append(f"profile '{goal.profile}' is unknown; known are {', '.join(LOOP_MODES)}")
     if goal.mode not in MODES:
         problems.append(f"mode '{goal.mode}' is unknown; known are {', '.join(MODES)}")
     if goal.layer_height:
@@ -178,6 +184,6 @@ def check(goal: JobGoal) -> Checked:
         problems.append((Code.UNKNOWN_MATERIAL, str(e)))
     if material and not problems:
         problems += [(Code.BAD_GOAL, p) for p in _contradictions(goal, material)]
-    if problems:
+    if problems or part is None or material is None:
         raise JobError(problems[0][0], '; '.join(text for _, text in problems))
     return Checked(goal, part, material)

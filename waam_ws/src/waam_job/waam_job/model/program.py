@@ -11,26 +11,26 @@ import numpy as np
 from waam_plan.lay.forecast import growth
 from waam_plan.plan import Plan, PlannedLayer
 
-from .geometry import Deviation
+from .geometry import Deviation, deviation
 
 
 @dataclass
 class PassRecord:
-    """Set height and errors of one pass (m): the a-posteriori table of the report (source 004).
+    """Set height and errors of one pass: the a-posteriori table of the report (source 004).
 
-    Means over the cells that the pass adds metal to: set_height is what the plan before it had left for it (pass 1:
-    what it is planned to add), corrected_height what it adds after the scan, that is with what was missing.
-    predicted_rms: surface that the planner's process model makes of the plan, and measured_*: surface after the pass,
-    both against the pass's own target over the interior. NaN: not known, or no such thing.
+    In m. Heights are means over the grid cells that the pass adds metal to, errors are against the pass's own target
+    over the interior. NaN: not known, or no such thing.
     """
 
     pass_number: int
     layers: int
-    set_height: float
-    corrected_height: float
-    predicted_rms: float
-    measured_rms: float = math.nan
-    measured_mean: float = math.nan
+    set_height: (
+        float  # what the plan before had left for this pass; of pass 1, what it is planned to add
+    )
+    corrected_height: float  # what the pass adds after the scan, that is with what was missing
+    predicted_rms: float  # of the surface that the planner's process model makes of the plan
+    measured_rms: float = math.nan  # of the scan after the pass
+    measured_mean: float = math.nan  # of the scan after the pass
 
     def measured(self, found: Deviation) -> None:
         self.measured_rms, self.measured_mean = found.rms, found.mean
@@ -45,22 +45,23 @@ class Program:
         self.offset = 0  # layers of the passes before
         self.arc_time_before = 0.0  # s, of the layers of the passes before
         self.plan: Plan | None = None
-        self.whole: Plan | None = (
-            None  # of pass 1: the region and the surface that the job is judged by
-        )
+        self.whole: Plan | None = None  # of pass 1
         self.records: list[PassRecord] = []
         self._plans: list[Plan] = []
 
     def add(self, plan: Plan) -> None:
         """The next pass. Its layers get numbers that go on from the last one laid."""
-        before, done = self.plan, self.here if self.plan else 0
-        self.offset += done
-        self.arc_time_before += sum(p.arc_time for p in self.layers) if before else 0.0
+        left: list[PlannedLayer] = []
+        if self.plan is not None:
+            done = self.here
+            left = self.plan.layers[done:]
+            self.offset += done
+            self.arc_time_before += sum(p.arc_time for p in self.plan.layers[:done])
         self.pass_number += 1
         self.whole = self.whole or plan
         self.plan = _shifted(plan, self.offset)
         self._plans.append(self.plan)
-        self.records.append(self._record(before.layers[done:] if before else []))
+        self.records.append(self._record(left))
 
     def remember(self, records: list[dict]) -> None:
         """What the passes have reached, from records.json of an interrupted job."""
@@ -73,9 +74,33 @@ class Program:
                     )
 
     @property
+    def planned(self) -> bool:
+        """Whether there is a plan yet."""
+        return self.plan is not None
+
+    @property
+    def current(self) -> Plan:
+        """Of the pass that is being laid. RuntimeError while nothing is planned."""
+        if self.plan is None:
+            raise RuntimeError('nothing is planned yet')
+        return self.plan
+
+    @property
+    def first(self) -> Plan:
+        """Of pass 1: the region and the surface that the job is judged by. RuntimeError while nothing is planned."""
+        if self.whole is None:
+            raise RuntimeError('nothing is planned yet')
+        return self.whole
+
+    @property
+    def done_after_pass(self) -> int:
+        """Layers that lie on the part when this pass is laid."""
+        return self.offset + self.here
+
+    @property
     def here(self) -> int:
         """Layers that this pass lays."""
-        return math.ceil(len(self.plan.layers) / (self.passes - self.pass_number + 1))
+        return math.ceil(len(self.current.layers) / (self.passes - self.pass_number + 1))
 
     @property
     def last_pass(self) -> bool:
@@ -84,12 +109,12 @@ class Program:
     @property
     def layers(self) -> list[PlannedLayer]:
         """Those that this pass lays."""
-        return self.plan.layers[: self.here]
+        return self.current.layers[: self.here]
 
     @property
     def total(self) -> int:
         """Layers of the whole job, as far as planned."""
-        return self.offset + len(self.plan.layers)
+        return self.offset + len(self.current.layers)
 
     def layer(self, number: int) -> PlannedLayer:
         """Layer `number` of the job, also of an earlier pass."""
@@ -97,14 +122,14 @@ class Program:
 
     def target_after(self, number: int) -> np.ndarray:
         """Wanted surface after layer `number` of the job, (rows, cols) m, NaN = do not care."""
-        layers, i = self.plan.layers, max(0, number - self.offset)
+        layers, i = self.current.layers, max(0, number - self.offset)
         if i < len(layers):
             return layers[i].target_before
-        return self.plan.final_target
+        return self.current.final_target
 
     def built_height(self, number: int) -> float:
         """Highest wanted point after `number` layers, m; 0 before the first."""
-        tops = [float(np.nanmax(p.target_after)) for p in self.plan.layers if p.number <= number]
+        tops = [float(np.nanmax(p.target_after)) for p in self.current.layers if p.number <= number]
         return max(tops, default=0.0)
 
     def _record(self, left: list[PlannedLayer]) -> PassRecord:
@@ -112,24 +137,40 @@ class Program:
         adds = _sum(p.planned for p in self.layers)
         on = adds > 0
         if not on.any():
-            return PassRecord(self.pass_number, 0, 0.0, math.nan, math.nan)
+            return PassRecord(
+                self.pass_number,
+                layers=0,
+                set_height=0.0,
+                corrected_height=math.nan,
+                predicted_rms=math.nan,
+            )
         height, before = float(adds[on].mean()), math.nan
         if left:
             before = float(_sum(p.planned for p in left[: self.here])[on].mean())
-        predicted = self._predicted()
-        if self.pass_number == 1:
-            return PassRecord(1, self.here, height, math.nan, predicted)
-        return PassRecord(self.pass_number, self.here, before, height, predicted)
+        first = self.pass_number == 1
+        return PassRecord(
+            self.pass_number,
+            layers=self.here,
+            set_height=height if first else before,
+            corrected_height=math.nan if first else height,
+            predicted_rms=self._predicted(),
+        )
 
     def _predicted(self) -> float:
         """RMS (m) over the interior of what the process model makes of this pass, against its target."""
-        plan = self.plan
+        plan = self.current
         if plan.mode == 'build':
             return math.nan
         surface = plan.as_found.z + _sum(growth(p, plan.spec, plan.settings) for p in self.layers)
         error = (surface - self.target_after(self.layers[-1].number))[plan.interior]
         error = error[np.isfinite(error)]
         return float(np.sqrt(np.mean(error**2))) if error.size else math.nan
+
+
+def deviation_of(plan: Plan, z: np.ndarray, target: np.ndarray, tolerance: float) -> Deviation:
+    """Of a surface z from its target, (rows, cols) m, over the plan's region and interior; tolerance in m."""
+    wanted = np.isfinite(target)
+    return deviation(z - target, plan.region & wanted, plan.interior & wanted, tolerance)
 
 
 def _sum(maps: Iterable[np.ndarray]) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from waam_process.segment import Clamp, Kind, Segment
 
-from .cell import Correction, Scan, Sums
+from .snapshots import Correction, Scan, Sums
 
 
 class State(IntEnum):

@@ -206,14 +206,14 @@ def restart(
     end = min(max(half[-1] if half.size else fine[0], 0.0), edges[-1] - 1e-4)
     k = int(np.searchsorted(edges, end, side='right')) - 1
     s, part = deposits[path[k]], (end - edges[k]) / (edges[k + 1] - edges[k])
-    point = tuple(float(a + (b - a) * part) for a, b in zip(s.start, s.end, strict=True))
+    x, y, z = (float(a + (b - a) * part) for a, b in zip(s.start, s.end, strict=True))
     there[k] = np.interp(0.5 * (end + edges[k + 1]), middles, there)
     lacks = np.where(middles < end + reach, 1 - there, 1.0)
     lacks *= np.where(middles < end + s.width, start, 1.0)
     missing = {
         deposits[path[i]].index: float(np.clip(lacks[i], LEAST, 1.0)) for i in range(k, len(path))
     }
-    return path[k], point, missing
+    return path[k], (x, y, z), missing
 
 
 def begun_path(deposits: list[Segment], done: int) -> range:

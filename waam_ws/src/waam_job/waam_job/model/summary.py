@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
+from typing import Any
 
-from .geometry import Deviation
+from .geometry import NOTHING_SEEN
 from .program import PassRecord
 from .records import AnomalyRecord, LayerRecord, Status
-
-NOTHING = Deviation(math.nan, math.nan, math.nan, 0.0, math.nan, 0.0)
+from .verdict import Verdict
 
 
 def run_summary(
-    verdict: str,
+    verdict: Verdict,
     status: Status,
-    final: Deviation | None,
-    as_found_rms: float,
+    *,
     layers: list[LayerRecord],
     anomalies: list[AnomalyRecord],
-    passes: list[PassRecord] | tuple = (),
-) -> dict:
-    """RUN of docs/job_folder.md, without duration_s; final is None when the job did not reach the last scan."""
-    found = final or NOTHING
+    passes: list[PassRecord],
+) -> dict[str, Any]:
+    """RUN of docs/job_folder.md, without duration_s and runs."""
+    found = verdict.final or NOTHING_SEEN
     rows = [asdict(r) for r in layers]
 
     def total(key: str) -> float:
@@ -34,8 +32,9 @@ def run_summary(
         'mean_mm': found.mean * 1e3,
         'share_in_tolerance': found.share_in_tolerance,
         'rms_all_mm': found.rms_all * 1e3,
-        'as_found_rms_mm': as_found_rms * 1e3,
-        'verdict': verdict,
+        'as_found_rms_mm': verdict.as_found_rms * 1e3,
+        'verdict': verdict.word,
+        'tolerance_map': verdict.tolerance_map,
         'error_code': status.error_code,
         'message': status.message,
         'layers': rows,

@@ -6,7 +6,7 @@ from array import array
 
 import numpy as np
 
-from .cell import Sums
+from .snapshots import Sums
 
 COLUMNS = (
     't',

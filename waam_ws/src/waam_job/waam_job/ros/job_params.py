@@ -25,7 +25,7 @@ class JobParams:
         'mode build: work zero seen from the corner of the clamped plate',
         'm',
     )
-    resolution: float = param(0.5e-3, 'edge of a map cell', 'm', 1e-4, 5e-3)
+    resolution: float = param(0.5e-3, 'edge of a grid cell of the maps', 'm', 1e-4, 5e-3)
     margin: float = param(5e-3, 'map beyond the part on every side', 'm', 0.0, 0.1)
     follow_reach: float = param(
         3e-3, 'smoothing of the surface that the torch height follows', 'm', 5e-4, 2e-2
@@ -59,6 +59,9 @@ class JobParams:
         0.0,
         3650.0,
     )
+    allow_unbelieved_temperature: bool = param(
+        False, 'a real cell goes on although the temperature does not answer to the layers'
+    )
     share_in_tolerance: float = param(
         0.95, 'share of the interior within tolerance for a good verdict', '', 0.5, 1.0
     )
@@ -89,6 +92,7 @@ def settings_of(p: JobParams, simulated: bool) -> Settings:
         restart_metal=p.restart_metal,
         calibration_max_days=p.calibration_max_age,
         simulated=simulated,
+        allow_unbelieved_temperature=p.allow_unbelieved_temperature,
         share_in_tolerance=p.share_in_tolerance,
         lease_nodes=tuple(p.lease_nodes),
         limits=Limits(p.link_timeout, p.node_timeout, p.lease_retries),

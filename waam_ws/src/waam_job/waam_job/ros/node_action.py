@@ -6,7 +6,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.action import ActionServer
+from rclpy.action.server import ActionServer, ServerGoalHandle
+from rclpy.node import Node
 
 
 class ThreadedActionServer(ActionServer):
@@ -16,11 +17,18 @@ class ThreadedActionServer(ActionServer):
     without a pause: measured, a third of a core for as long as a job runs.
     """
 
-    def __init__(self, node, kind, name: str, work: Callable[[Any], Any], **callbacks) -> None:
+    def __init__(
+        self,
+        node: Node,
+        kind: type,
+        name: str,
+        work: Callable[[ServerGoalHandle], Any],
+        **callbacks: Callable[[Any], Any],
+    ) -> None:
         super().__init__(node, kind, name, execute_callback=lambda _: None, **callbacks)
         self._work = work
 
-    def notify_execute(self, goal_handle, execute_callback) -> None:
+    def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: object) -> None:
         """Called when a goal begins; `work` must leave the goal in a terminal state."""
 
         def live() -> None:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
+
+from rclpy.action.server import ServerGoalHandle
 
 from waam_msgs.action import RunJob
 from waam_msgs.srv import AdjustJob
@@ -21,10 +24,10 @@ from .ros_cell import RosCell
 
 
 def adjust(control: Control, code: int, value: float, k_gain_max: float = K_GAIN_MAX) -> str:
-    """Hands a wish of the operator on; what is wrong with it, '' when it was taken."""
-    wishes = {AdjustJob.Request.RESCAN: 'rescan', AdjustJob.Request.SKIP_LAYER: 'skip_layer'}
-    if code in wishes:
-        control.wish(wishes[code])
+    """Hands a request of the operator on; what is wrong with it, '' when it was taken."""
+    requests = {AdjustJob.Request.RESCAN: 'rescan', AdjustJob.Request.SKIP_LAYER: 'skip_layer'}
+    if code in requests:
+        control.request(requests[code])
         return ''
     if code != AdjustJob.Request.SET_K_GAIN:
         return f'code {code} is unknown'
@@ -82,10 +85,10 @@ def keep_resume(folder: JobFolder, goal: JobGoal, checked: Checked, kept: dict) 
 class WithFeedback:
     """The cell, with every status also sent as feedback of the action."""
 
-    def __init__(self, cell: RosCell, handle) -> None:
+    def __init__(self, cell: RosCell, handle: ServerGoalHandle) -> None:
         self._cell, self._handle = cell, handle
 
-    def __getattr__(self, name: str):
+    def __getattr__(self, name: str) -> Any:
         return getattr(self._cell, name)
 
     def status(self, status: Status) -> None:

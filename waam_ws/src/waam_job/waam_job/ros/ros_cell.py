@@ -7,9 +7,12 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Vector3
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PointStamped, Vector3
+from rclpy.client import Client
 
 from waam_msgs.msg import (
     Anomaly,
@@ -44,6 +47,7 @@ from waam_process.segment import Point, Segment
 
 from .. import conversions as convert
 from ..model.cell import Correction, CorrectionRequest, Heat, Machine, Scan, Sums
+from ..model.geometry import aim_point
 from ..model.goal import Code, JobError
 from ..model.records import AnomalyRecord, LayerRecord, State, Status
 from ..model.telemetry import TelemetryStats
@@ -65,13 +69,15 @@ class RosCell:
         node.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY)
         node.create_subscription(MachineState, 'machine_state', self._on_machine, LATCHED)
         node.create_subscription(SegmentDone, 'segment_done', self._on_done, EVENTS)
-        self._own, self._warnings = deque(maxlen=64), []
+        self._own: deque[str] = deque(maxlen=64)  # texts that this node has published
+        self._warnings: list[AnomalyRecord] = []
         node.create_subscription(Anomaly, 'anomaly', self._on_anomaly, EVENTS)
         node.create_subscription(HeatFactor, 'heat_factor', self._on_heat, LATCHED)
         self._status = node.create_publisher(JobStatus, 'job_status', LATCHED)
         self._report = node.create_publisher(LayerReport, 'layer_report', EVENTS)
         self._anomaly = node.create_publisher(Anomaly, 'anomaly', EVENTS)
         self._plan = node.create_publisher(LayerPlan, 'layer_plan', LATCHED)
+        self._aim = node.create_publisher(PointStamped, 'pyrometer_aim', LATCHED)
         client = node.create_client
         self._command = client(Command, 'bridge/command')
         self._enqueue = client(Enqueue, 'bridge/enqueue')
@@ -80,7 +86,8 @@ class RosCell:
         self._correct = client(ComputeCorrection, 'correction_server/compute')
         self._feed = client(ComputeFeed, 'feed_forward/compute')
         self._record = client(Record, 'recorder/control')
-        self._reader, self._parameters = ParameterReader(node), {}
+        self._reader = ParameterReader(node)
+        self._parameters: dict[str, dict[str, Any]] = {}
 
     # ---- topics (executor thread) --------------------------------------------------------------
 
@@ -139,7 +146,7 @@ class RosCell:
         """Asks the other nodes; takes some seconds when one of them is gone."""
         self._parameters = self._reader.read()
 
-    def parameters(self) -> dict[str, dict]:
+    def parameters(self) -> dict[str, dict[str, Any]]:
         return self._parameters
 
     def take_warnings(self) -> list[AnomalyRecord]:
@@ -157,7 +164,7 @@ class RosCell:
 
     # ---- services ------------------------------------------------------------------------------
 
-    def _call(self, client, request, code: Code, timeout: float = 0.0):
+    def _call(self, client: Client, request: Any, code: Code, timeout: float = 0.0) -> Any:
         """The response, or JobError: NODE_LOST when nobody answers, `code` when the answer is an error."""
         try:
             response = call(client, request, timeout or self.timeout, self._silence_of(client))
@@ -169,7 +176,7 @@ class RosCell:
             )
         return response
 
-    def _silence_of(self, client) -> Callable[[], str | None]:
+    def _silence_of(self, client: Client) -> Callable[[], str | None]:
         """Asked while an answer is awaited: says so when the node that is to give it has fallen silent."""
         name = client.srv_name.strip('/').split('/')[0]
         answered = time.monotonic()
@@ -256,7 +263,7 @@ class RosCell:
 
     # ---- publishing ----------------------------------------------------------------------------
 
-    def _stamp(self):
+    def _stamp(self) -> Time:
         return self.node.get_clock().now().to_msg()
 
     def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None:
@@ -265,6 +272,10 @@ class RosCell:
         )
         message.header.stamp, message.header.frame_id = self._stamp(), 'work'
         self._plan.publish(message)
+        point = aim_point(segments)
+        if point is not None:  # a pyrometer that can be aimed follows the metal
+            zero = self.machine().work_offset
+            self._aim.publish(convert.aim_to_msg(point, zero, message.header.stamp))
 
     def status(self, status: Status) -> None:
         self.job_id = status.job_id

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.client import Client
 from rclpy.parameter import parameter_value_to_python
 
 from waam_node.node import CallError, WaamNode, call
@@ -38,7 +39,7 @@ class ParameterReader:
         return found
 
 
-def _of(listing, getting, timeout: float) -> dict[str, Any]:
+def _of(listing: Client, getting: Client, timeout: float) -> dict[str, Any]:
     names = call(listing, ListParameters.Request(), timeout).result.names
     values = call(getting, GetParameters.Request(names=names), timeout).values
     pairs = zip(names, values, strict=True)

@@ -6,13 +6,13 @@ import threading
 
 
 class Control:
-    """Thread-safe switches. An abort also ends a pause. Wishes for the next layer are taken once."""
+    """Thread-safe switches. An abort also ends a pause. Requests for the next layer are taken once."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._paused = False
         self._abort_reason = ''
-        self._wishes: set[str] = set()
+        self._requests: set[str] = set()
         self._k_gain: float | None = None
         self._remarks: list[str] = []
 
@@ -28,15 +28,15 @@ class Control:
         with self._lock:
             self._abort_reason = self._abort_reason or reason
 
-    def wish(self, what: str) -> None:
+    def request(self, what: str) -> None:
         """'rescan' or 'skip_layer', before the next layer."""
         with self._lock:
-            self._wishes.add(what)
+            self._requests.add(what)
 
-    def take_wish(self, what: str) -> bool:
+    def take_request(self, what: str) -> bool:
         with self._lock:
-            asked = what in self._wishes
-            self._wishes.discard(what)
+            asked = what in self._requests
+            self._requests.discard(what)
             return asked
 
     def set_k_gain(self, value: float) -> None:

@@ -32,8 +32,8 @@ def make_plan(
     try:
         if goal.mode == 'build':
             return plan_build(part, settings, goal.layers, found.spec)
-        corner = tuple(-float(v) for v in part.bounds[0])
-        nominal = top_surface(part.mesh, found.spec, corner)
+        x, y, z = (-float(v) for v in part.bounds[0])
+        nominal = top_surface(part.mesh, found.spec, (x, y, z))
         wanted = max(1, goal.layers - laid) if goal.layers else 0
         return plan_restoration(found, nominal, settings, wanted, laid, below)
     except ValueError as e:

@@ -2,60 +2,62 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from waam_plan.mesh.part import PartError, check_fits
 from waam_plan.plan import Plan
 from waam_plan.settings import PlanSettings
+from waam_process.loop_mode import LoopMode
 
 from ..model.goal import Code, JobError
 from ..model.limits import k_gain_limit
-from .layer_cycle import OPEN_LOOP
+from . import work_frame
+from .context import JobContext
+from .part_scanner import PartScanner
 from .planning import build_ahead
 
-if TYPE_CHECKING:
-    from .runner import JobRunner
 
+class Preflight:
+    """`plan` is that of a build; that of a restoration needs the scan."""
 
-class Foresight:
-    """Works on a runner. `plan` is that of a build; that of a restoration needs the scan."""
-
-    def __init__(self, runner: JobRunner) -> None:
-        self.runner = runner
+    def __init__(self, context: JobContext, scanner: PartScanner) -> None:
+        self.context, self.scanner = context, scanner
+        self.cell, self.checked, self.goal = context.cell, context.checked, context.goal
         self.plan: Plan | None = None
 
-    def problems(self) -> list[JobError]:
-        """Everything that is wrong with the job on this machine; nothing of the reach while that is not known."""
+    def problems(self, resumed: list[JobError] | None = None) -> list[JobError]:
+        """Everything that is wrong with the job on this machine; nothing of the reach while that is not known.
+
+        resumed: what is wrong with the plan of a job that goes on; None = there is no plan yet.
+        """
         found = self._gain()
-        preparation = self.runner.preparation
-        if not preparation.reach_known():
+        if not work_frame.reach_known(self.cell.machine()):
             return found
-        settings = preparation.plan_settings()
-        pick_up = self.runner.pick_up
-        if pick_up and pick_up.planned:
-            found += pick_up.wire_problems()
-        elif self.runner.goal.mode == 'build':
-            spec, spool = self.runner.surveyor.spec, self.runner.journal.wire_left
-            self.plan, wrong = build_ahead(self.runner.checked, settings, spec, spool)
-            found += wrong
-        else:
-            found += self._fits(settings)
+        settings = self.context.plan_settings()
+        found += self._plan(settings) if resumed is None else resumed
         return found + self._scans(settings)
+
+    def _plan(self, settings: PlanSettings) -> list[JobError]:
+        """Of a build the whole plan, of a restoration whether the part fits."""
+        if self.goal.mode != 'build':
+            return self._fits(settings)
+        spool = self.context.journal.wire_left
+        self.plan, wrong = build_ahead(self.checked, settings, self.scanner.spec, spool)
+        return wrong
 
     def _gain(self) -> list[JobError]:
         """A correction server refuses more authority than its limit, but only in the first layer."""
-        goal = self.runner.goal
-        limit = k_gain_limit(self.runner.cell.parameters())
-        if goal.profile == OPEN_LOOP or not goal.k_gain > limit:
+        limit = k_gain_limit(self.cell.parameters())
+        if self.goal.loop_mode == LoopMode.OPEN_LOOP or not self.goal.k_gain > limit:
             return []
-        text = f'k_gain is {goal.k_gain:g}, the correction server allows {limit:g} (k_gain_max)'
+        text = (
+            f'k_gain is {self.goal.k_gain:g}, the correction server allows {limit:g} (k_gain_max)'
+        )
         return [JobError(Code.BAD_GOAL, text)]
 
     def _fits(self, settings: PlanSettings) -> list[JobError]:
         try:
-            check_fits(self.runner.checked.part, settings)
+            check_fits(self.checked.part, settings)
         except PartError as e:
             return [JobError(Code.PLAN_FAILED, str(e))]
         return []
@@ -65,7 +67,7 @@ class Foresight:
         highest = [float(np.nanmax(self.plan.nominal.z))] if self.plan else []
         for top in (0.0, *highest):
             try:
-                self.runner.surveyor.path(top, settings, settings.machine_max)
+                self.scanner.path(top, settings, settings.machine_max)
             except JobError as e:
                 return [e]
         return []

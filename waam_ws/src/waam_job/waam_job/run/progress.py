@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from waam_plan.plan import PlannedLayer
 from waam_process.segment import Kind, Segment
 
-if TYPE_CHECKING:
-    from .runner import JobRunner
+from .context import JobContext
 
 
 class BeadProgress:
     """`on_done` is told the newest finished segment. Beads laid before an interruption count as done."""
 
-    def __init__(self, runner: JobRunner, layer: PlannedLayer, placed: list[Segment]) -> None:
-        self.runner, self.layer = runner, layer
+    def __init__(self, context: JobContext, layer: PlannedLayer, placed: list[Segment]) -> None:
+        self.context, self.journal = context, context.journal
+        program = context.program
         deposits = [s for s in placed if s.kind == Kind.DEPOSIT]
-        whole = runner.program.layer(layer.number).deposits
+        whole = program.layer(layer.number).deposits
         beads = list(dict.fromkeys(s.bead for s in whole))
         here = list(dict.fromkeys(s.bead for s in deposits))
         self.beads_before = beads.index(here[0]) if here else len(beads)
@@ -29,32 +27,32 @@ class BeadProgress:
         self.laid_before = sum(s.duration for s in whole) - sum(s.duration for s in deposits)
         self.times = np.cumsum([s.duration for s in deposits])
         self.indices = np.array([s.index for s in deposits], dtype=np.int64)
-        layers = runner.plan.layers
-        durations = [p.arc_time for p in layers]  # once: there is an estimate after every segment
-        before = runner.program.arc_time_before
-        self.laid_below = before + sum(durations[: layer.number - runner.program.offset - 1])
+        # once: there is an estimate after every segment
+        durations = [p.arc_time for p in program.current.layers]
+        before = program.arc_time_before
+        self.laid_below = before + sum(durations[: layer.number - program.offset - 1])
         self.arc_time = max(before + sum(durations), 1e-9)
         self._seen = (0, 0)
 
     def on_done(self, segment: Segment) -> None:
-        status, journal = self.runner.status, self.runner.journal
+        status = self.journal.status
         done = self.beads_before + int(np.searchsorted(self.ends, segment.index, side='right'))
         bead = self.starts.get(segment.index, 0)
         status.bead = bead or status.bead
         self._estimate(segment.index)
         if (done, bead) != self._seen and (done != self._seen[0] or bead):
             self._seen = (done, bead)
-            journal.checkpoint(bead, done, segment.index)
-        self.runner.note_remarks()
-        self.runner.cell.status(status)
+            self.journal.checkpoint(bead, done, segment.index)
+        self.context.note_remarks()
+        self.context.cell.status(status)
 
     def _estimate(self, index: int) -> None:
         """Share of the arc time of all passes, never less than before, and the time left at the pace of all runs."""
-        runner, status = self.runner, self.runner.status
+        status = self.journal.status
         laid = int(np.searchsorted(self.indices, index, side='right'))
         here = self.laid_before + (float(self.times[laid - 1]) if laid else 0.0)
         share = min(1.0, (self.laid_below + here) / self.arc_time)
         status.progress = max(status.progress, share)
         if status.progress > 0.02:
-            spent = runner.journal.spent_before + runner.journal.elapsed
+            spent = self.journal.spent_before + self.journal.elapsed
             status.time_left = spent * (1 / status.progress - 1)

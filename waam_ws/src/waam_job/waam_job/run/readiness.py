@@ -1,11 +1,9 @@
-"""What keeps a job from starting: link, controller, temperature, calibration. All of it at once. Pure."""
+"""What keeps a job from starting: link, controller, temperature, calibration. All of it at once."""
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
-
-from ..model import calibration
 from ..model.cell import Cell, Heat, Machine
+from ..store import calibration
 from .settings import Settings
 
 POWER_UP = 306  # code of a controller that has just been switched on
@@ -23,8 +21,8 @@ def problems(cell: Cell, settings: Settings) -> list[str]:
     found += machine_problems(cell.machine(), settings.limits.link_timeout)
     found += heat_problems(cell.heat())
     file = str(cell.parameters().get('scan_fusion', {}).get('calibration') or '')
-    days, now = settings.calibration_max_days, datetime.now(UTC)
-    found.append(calibration.problem(calibration.read(file), days, settings.simulated, now))
+    days, simulated = settings.calibration_max_days, settings.simulated
+    found.append(calibration.problem_today(file, days, simulated))
     return [p for p in found if p]
 
 

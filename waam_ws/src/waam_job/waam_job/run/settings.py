@@ -13,20 +13,27 @@ from .watch import Limits
 class Settings:
     """Defaults are those of the simulated cell."""
 
-    work_offset: Point = (0.100, 0.080, 0.020)
-    plate_zero: Point = (0.020, 0.020, 0.010)
-    margin: float = 5e-3
-    resolution: float = 0.5e-3
-    follow_reach: float = 3e-3
-    cooling_timeout: float = 1800.0
-    pyrometer_patience: float = 30.0
-    home_timeout: float = 120.0
-    scan_max_age: float = 900.0
-    height_warning: float = 1.0e-3
-    cold_metal: float = 2e-4
-    restart_metal: float = 0.8
-    calibration_max_days: float = 30.0
-    simulated: bool = True
-    share_in_tolerance: float = 0.95
-    lease_nodes: tuple[str, ...] = ()
+    work_offset: Point = (0.100, 0.080, 0.020)  # m, work zero in machine coordinates
+    plate_zero: Point = (
+        0.020,
+        0.020,
+        0.010,
+    )  # m, mode build: work zero seen from the plate's corner
+    margin: float = 5e-3  # m, map beyond the part
+    resolution: float = 0.5e-3  # m, edge of a grid cell
+    follow_reach: float = 3e-3  # m, smoothing of the surface that the torch height follows
+    cooling_timeout: float = 1800.0  # s, longest interpass wait
+    pyrometer_patience: float = 30.0  # s without a plausible temperature
+    home_timeout: float = 120.0  # s
+    scan_max_age: float = 900.0  # s, an older map is scanned again; 0 = any age
+    height_warning: float = 1.0e-3  # m, height error after a layer that is noted
+    cold_metal: float = 2e-4  # 1/K, less metal on a part that has cooled since an interruption
+    restart_metal: float = 0.8  # share of its metal that an interrupted path gets after its restart
+    calibration_max_days: float = 30.0  # 0 = any age
+    simulated: bool = True  # the cell is a simulated one
+    allow_unbelieved_temperature: bool = (
+        False  # a real cell goes on although the pyrometer is doubted
+    )
+    share_in_tolerance: float = 0.95  # of the interior, for a good verdict
+    lease_nodes: tuple[str, ...] = ()  # whose heartbeat the arc lease needs
     limits: Limits = field(default_factory=Limits)

@@ -107,8 +107,8 @@ class JobFolder:
         """degC that the newest whole piece of the telemetry track ends with, NaN when there is none."""
         pieces = reversed(job_folder.track_pieces(self.path))
         for piece in (*pieces, self.path / job_folder.TELEMETRY):
-            shown = (_load_npz(piece) or {}).get('temperature', ())
-            if len(shown):
+            shown = (_load_npz(piece) or {}).get('temperature')
+            if shown is not None and shown.size:
                 return float(shown[-1])
         return math.nan
 
@@ -145,7 +145,7 @@ class JobFolder:
 
 def _replace_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
     unfinished = path.with_name(f'.{path.name}')
-    np.savez_compressed(unfinished, **arrays)
+    np.savez_compressed(unfinished, allow_pickle=False, **arrays)
     with open(unfinished, 'rb') as f:
         os.fsync(f.fileno())
     os.replace(unfinished, path)

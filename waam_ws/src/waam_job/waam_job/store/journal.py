@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -15,21 +15,41 @@ from waam_plan.post.store import save_plan
 from waam_process.segment import Point
 
 from ..model.cell import Cell, Correction, Scan
-from ..model.geometry import Deviation
 from ..model.goal import JobGoal
 from ..model.program import PassRecord
 from ..model.records import AnomalyRecord, LayerRecord, State, Status
 from ..model.summary import run_summary
-from ..model.trace import trace
+from ..model.verdict import Verdict
 from . import checkpoint as checkpoints
 from .checkpoint import Checkpoint
 from .folder import JobFolder
+from .trace import trace
+
+
+@dataclass(frozen=True)
+class Following:
+    """The layer that follows a scan, and what its setpoints ask for."""
+
+    layer: PlannedLayer
+    asked: np.ndarray  # (rows, cols) m of metal
+    correction: Correction | None = None  # None: open loop, or the layer is left out
+    feed_factor: float = 1.0  # eq 2.19: feed is multiplied by it
 
 
 class Journal:
-    """Every fact goes out on its topic and into the folder at the same time. `run`: 1 = first start of the job."""
+    """Every fact goes out on its topic and into the folder at the same time.
 
-    def __init__(self, cell: Cell, goal: JobGoal, folder: JobFolder, run: int = 1) -> None:
+    run: 1 = first start of the job; passes: the records of the program, which grow while the job runs.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        goal: JobGoal,
+        folder: JobFolder,
+        run: int,
+        passes: list[PassRecord],
+    ) -> None:
         self.cell, self.goal, self.folder, self.run = cell, goal, folder, run
         self._pieces = 0  # of the telemetry track
         self.status = Status(
@@ -50,7 +70,7 @@ class Journal:
         # m of wire left after the layers reported; None = not known
         self.spool = goal.wire_left or None
         self.begun = 0.0  # m of wire in a layer that was cut off and is not reported yet
-        self.passes: list[PassRecord] = []  # those of the program
+        self.passes = passes
         self.passes_before: list[dict] = []  # what the runs before this one wrote of theirs
         self._before_pause = State.IDLE
 
@@ -92,7 +112,14 @@ class Journal:
         position = place or self.cell.machine().position
         layer, bead = self.status.layer, self.status.bead
         anomaly = AnomalyRecord(
-            self.cell.now(), severity, class_name, text, reaction, layer, bead, position
+            time=self.cell.now(),
+            severity=severity,
+            class_name=class_name,
+            text=text,
+            reaction=reaction,
+            layer=layer,
+            bead=bead,
+            position=position,
         )
         self.anomalies.append(anomaly)
         self.cell.anomaly(anomaly)
@@ -166,15 +193,15 @@ class Journal:
         checkpoints.save(
             self.folder.path,
             Checkpoint(
-                self.folder.job_id,
-                self.run,
-                status.pass_number,
-                status.layer,
-                bead,
-                beads_done,
-                index,
-                self.cell.now(),
-                round(temperature, 1) if math.isfinite(temperature) else None,
+                job_id=self.folder.job_id,
+                run=self.run,
+                pass_number=status.pass_number,
+                layer=status.layer,
+                bead=bead,
+                beads_done=beads_done,
+                index=index,
+                time=self.cell.now(),
+                temperature=round(temperature, 1) if math.isfinite(temperature) else None,
             ),
         )
         self.track()
@@ -194,12 +221,9 @@ class Journal:
         scan: Scan,
         plan: Plan,
         target: np.ndarray,
-        layer: PlannedLayer | None = None,
-        correction: Correction | None = None,
-        asked: np.ndarray | None = None,
-        feed_factor: float = 1.0,
+        following: Following | None = None,
     ) -> None:
-        """layers/scan_NNN.npz (docs/job_folder.md): the surface after layer `number`, and what comes next."""
+        """Keeps the surface after layer `number`, its target (rows, cols) m, and what comes next."""
         shape = scan.map.spec.shape
         maps = {
             'z': scan.map.z,
@@ -207,16 +231,16 @@ class Journal:
             'count': np.asarray(scan.count, np.uint16),
             'target': target,
             'nominal': plan.nominal.z,
-            'planned': layer.planned if layer else np.zeros(shape),
+            'planned': following.layer.planned if following else np.zeros(shape),
             'region': plan.region,
             'interior': plan.interior,
             'layer': np.array(number),
         }
-        if correction is not None:
+        if following and following.correction is not None:
             for name in ('psi', 'confidence', 'residual_height'):
-                maps[name] = getattr(correction, name)
-        if asked is not None:
-            maps |= {'asked': asked, 'feed_factor': np.array(feed_factor)}
+                maps[name] = getattr(following.correction, name)
+        if following:
+            maps |= {'asked': following.asked, 'feed_factor': np.array(following.feed_factor)}
         self.folder.write_map(number, scan.map.spec, **maps)
 
     def track(self) -> None:
@@ -225,25 +249,19 @@ class Journal:
         self._pieces += 1
         self.folder.write_track(self.run, self._pieces, self.cell.take_track())
 
-    def report(
-        self,
-        in_tolerance: bool,
-        final: Deviation | None,
-        as_found_rms: float,
-        tolerance_map: dict | None = None,
-    ) -> None:
+    def report(self, verdict: Verdict) -> None:
         """report.json, and all tracks in one telemetry.npz."""
         self.track()
         self.keep()
         self.folder.join_tracks()
-        verdict = 'in tolerance' if in_tolerance else 'out of tolerance'
-        if self.status.state != State.DONE:
-            verdict = 'failed'
         run = run_summary(
-            verdict, self.status, final, as_found_rms, self.layers, self.anomalies, self.passes
+            verdict,
+            self.status,
+            layers=self.layers,
+            anomalies=self.anomalies,
+            passes=self.passes,
         )
-        run['duration_s'] = self.spent_before + self.elapsed
-        run['runs'], run['tolerance_map'] = self.run, tolerance_map
+        run |= {'duration_s': self.spent_before + self.elapsed, 'runs': self.run}
         goal = self.goal
         self.folder.write_json(
             job_folder.REPORT,
@@ -254,7 +272,7 @@ class Journal:
                 'material': goal.material,
                 'created': datetime.now(UTC).isoformat(timespec='seconds'),
                 'tolerance_mm': goal.tolerance * 1e3,
-                'verdict': verdict,
+                'verdict': verdict.word,
                 'trace': self._trace(),
                 goal.profile: run,
             },

@@ -15,7 +15,8 @@ from scipy.sparse import csc_array
 
 from waam_plan.fill.path import Pieces
 from waam_plan.masks import distance_inside
-from waam_plan.settings import SECTION, PlanSettings
+from waam_plan.settings import PlanSettings
+from waam_process.bead import AREA_FACTOR
 from waam_process.grid import GridSpec
 
 ROUNDS, ITERATIONS = (
@@ -32,7 +33,7 @@ EDGE = (
 def metal_heights(
     pieces: Pieces, planned: np.ndarray, mask: np.ndarray, spec: GridSpec, settings: PlanSettings
 ) -> np.ndarray:
-    """Height (n,) m of every piece; SECTION * bead_width * height * length is the metal that it carries (eq 2.17).
+    """Height (n,) m of every piece; AREA_FACTOR * bead_width * height * length is the metal that it carries (eq 2.16).
 
     planned: (rows, cols) m, metal wanted on the cells of the mask. The result is limited to half the thinnest and to
     the thickest layer.
@@ -49,7 +50,7 @@ def metal_heights(
             volume = volume * (spread.T @ ratio)
         volume = _evened(volume, pieces, 1)
     volume *= wanted.sum() / max(volume.sum(), 1e-18)
-    height = volume / (SECTION * settings.bead_width * length) * _lead_factor(pieces, settings)
+    height = volume / (AREA_FACTOR * settings.bead_width * length) * _lead_factor(pieces, settings)
     if settings.edge_metal != 1.0:
         height = height * np.where(along_edge(pieces, mask, spec, settings), settings.edge_metal, 1)
     thinnest = 0.5 * settings.min_layer * settings.layer_height

@@ -7,7 +7,8 @@ import numpy as np
 from waam_plan.fill.path import Pieces
 from waam_plan.lay.allocate import footprints
 from waam_plan.plan import PlannedLayer
-from waam_plan.settings import SECTION, PlanSettings
+from waam_plan.settings import PlanSettings
+from waam_process.bead import bead_section
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind
 
@@ -33,6 +34,6 @@ def growth(layer: PlannedLayer, spec: GridSpec, settings: PlanSettings) -> np.nd
     pieces = pieces_of(layer)
     if not len(pieces.bead):
         return np.zeros(spec.shape)
-    section = [SECTION * s.width * s.height for s in layer.deposits if s.length > 0]
+    section = [float(bead_section(s.width, s.height)) for s in layer.deposits if s.length > 0]
     volume = footprints(pieces, spec, settings) @ (np.array(section) * pieces.length)
     return volume.reshape(spec.shape) / spec.resolution**2

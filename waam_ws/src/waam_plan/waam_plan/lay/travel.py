@@ -9,8 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from waam_plan.fill.path import Pieces
-from waam_plan.plan import hop, leg
-from waam_plan.post.gcode import base_feed
+from waam_plan.plan import base_feed, hop, leg
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Point, Segment

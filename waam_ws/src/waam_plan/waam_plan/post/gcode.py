@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_plan.plan import Plan
+from waam_plan.plan import Plan, base_feed
 from waam_plan.post.compact import TOLERANCE, Saving, circle, compact
-from waam_plan.settings import SECTION, PlanSettings
+from waam_plan.settings import PlanSettings
 from waam_process.segment import Kind, Point, Segment
 
 LONGEST_LINE = 120  # bytes; the controller takes 160 with line number and check
@@ -38,12 +38,6 @@ class GcodePoint:
     wire_feed_speed: float  # m/s
     voltage: float  # V
     line: int  # from 1
-
-
-def base_feed(segment: Segment, settings: PlanSettings) -> float:
-    """Wire feed speed (m/s) by eq 2.17 from the programmed speed: 0.73 * B * H * V / (S_wire * eta)."""
-    section = SECTION * segment.width * segment.height
-    return section * segment.speed_programmed / (settings.wire_area * settings.efficiency)
 
 
 def with_base_feed(segments: list[Segment], settings: PlanSettings) -> list[Segment]:

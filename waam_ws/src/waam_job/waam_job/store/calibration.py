@@ -17,13 +17,13 @@ DAY = 86400.0
 
 @dataclass(frozen=True)
 class Calibration:
-    """file '' = scan_fusion uses the mounting of its parameters; trouble: why the file says nothing, '' = it does."""
+    """What a calibration file says about itself."""
 
-    file: str = ''
-    date: str = ''
+    file: str = ''  # '' = scan_fusion uses the mounting of its parameters
+    date: str = ''  # ISO 8601
     sha256: str = ''
-    artefact: str = ''
-    trouble: str = ''
+    artefact: str = ''  # what it was measured on
+    trouble: str = ''  # why the file says nothing, '' = it does
 
     def age_days(self, now: datetime) -> float:
         """NaN when no date is known."""
@@ -69,3 +69,8 @@ def problem(c: Calibration, max_days: float, simulated: bool, now: datetime) -> 
     if age < -1.0:
         return f'the scanner calibration {c.file} is from {-age:.0f} days in the future: is the clock right?'
     return ''
+
+
+def problem_today(file: str, max_days: float, simulated: bool) -> str:
+    """`problem` of the calibration in this file, by the clock of this machine."""
+    return problem(read(file), max_days, simulated, datetime.now(UTC))

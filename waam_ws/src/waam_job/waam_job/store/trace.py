@@ -11,9 +11,9 @@ from typing import Any
 
 from waam_node import job_folder
 
+from ..model.goal import JobGoal
+from ..model.snapshots import Machine
 from . import calibration
-from .cell import Machine
-from .goal import JobGoal
 
 ASKED_FOR = ('operator', 'wire_lot', 'gas')  # what nobody but a person can tell
 

@@ -1,4 +1,4 @@
-"""tolerance_map.csv: the final surface against the wanted one, cell by cell, for whoever inspects the part."""
+"""tolerance_map.csv: the final surface against the wanted one, one grid cell a row, for whoever inspects the part."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ def write(
     folder: Path,
     spec: GridSpec,
     error: np.ndarray,
+    *,
     region: np.ndarray,
     interior: np.ndarray,
     tolerance: float,
 ) -> dict:
-    """Writes x_mm, y_mm, deviation_mm (empty = not seen), judged (0/1) of every cell of the region.
+    """Writes x_mm, y_mm, deviation_mm (empty = not seen), judged (0/1) of every grid cell of the region.
 
-    error (rows, cols) m, surface minus wanted; tolerance m. Returns the counts of judged cells for report.json.
+    error (rows, cols) m, surface minus wanted; tolerance m. Returns the counts of judged grid cells for report.json.
     """
     rows, cols = np.nonzero(region)
     x = (spec.origin_x + (cols + 0.5) * spec.resolution) * 1e3

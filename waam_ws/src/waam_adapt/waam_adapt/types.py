@@ -1,0 +1,171 @@
+"""What a correction law gets and gives: the types that laws, bead model and identification share.
+
+Maps are (rows, cols) on one grid, rows along +y, columns along +x, metres, NaN = unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+# relative layer height beyond which a bead is no bead of the regime any more
+RATIO_LOW, RATIO_HIGH = 0.4, 1.8
+MIN_GAIN = 1e-3  # less authority over speed than this is none
+MIN_PLANNED = 0.05e-3  # m; thinner than this the plan adds no metal
+PRIOR = 0.7  # say that a law's guess of what ends lack has before the first layer
+
+
+class CorrectionError(ValueError):
+    """An input that no law can use; the text names the field."""
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What the beads of one layer will do unlike the nominal bead model."""
+
+    missing: (
+        np.ndarray
+    )  # (rows, cols), share of the planned height that is missing beside the model's growth
+    lag: float = 0.0  # of the metal along the travel, m
+    slope: float = 1.0  # of growth on metal
+    scale: float = 1.0  # what the error of the request was divided by for that slope
+    prior: float = PRIOR  # weight of what a law guesses to be missing, before the job has shown it
+
+
+@dataclass(frozen=True)
+class CorrectionInput:
+    """What is known before a layer. Maps are (rows, cols) in m, all on one grid of square cells."""
+
+    z: np.ndarray  # measured surface, NaN = never seen
+    target: np.ndarray  # wanted surface at this moment, before the layer; NaN = do not care
+    planned: np.ndarray  # metal that the plan adds in this layer, 0 or NaN outside its footprint
+    resolution: float  # edge of a cell, m
+    bead_width: float  # m
+    k_gain: float  # authority of eq 2.23, V = V_prog*(1 + k_gain*psi)
+    sigma: np.ndarray | None = None  # standard uncertainty of z
+    direction: tuple[float, float] = (0.0, 0.0)  # (x, y) of the beads, (0, 0) = unknown
+    # The rest is for learned laws; explicit laws do not read it.
+    shortfall: np.ndarray | None = (
+        None  # share of the planned metal that will be missing; in target
+    )
+    # The beads from arc on to arc off in the order they are laid: arrays (n, 2) of x, y in m from the corner of
+    # cell (0, 0); empty = unknown.
+    paths: tuple[np.ndarray, ...] = ()
+    temperature: float = math.nan  # of the layer below, degC, NaN = unknown
+    experience: int = 0  # layers of this direction of travel that the shortfall was learned from
+    learned: Learned | None = None  # what the beads of this layer do unlike the nominal model
+
+    def __post_init__(self) -> None:
+        for name in ('target', 'planned', 'sigma', 'shortfall'):
+            a = getattr(self, name)
+            if a is not None and a.shape != self.z.shape:
+                raise CorrectionError(f'{name} has shape {a.shape}, the map {self.z.shape}')
+            if a is not None and np.isinf(a).any():
+                raise CorrectionError(f'{name} has infinite values')
+        if np.isinf(self.z).any():
+            raise CorrectionError('z has infinite values')
+        if np.nanmin(self.planned, initial=0.0) < 0:
+            raise CorrectionError('planned has negative values: a layer cannot take metal away')
+        for name, low, high in (
+            ('resolution', 1e-5, 0.02),
+            ('bead_width', 5e-4, 0.05),
+            ('k_gain', 0, 0.9),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise CorrectionError(f'{name} is {value}, must be {low} .. {high}')
+        if not np.isfinite(self.direction).all():
+            raise CorrectionError(f'direction is {self.direction}, not finite')
+        for i, p in enumerate(self.paths):
+            if p.ndim != 2 or p.shape[1] != 2 or len(p) < 2 or not np.isfinite(p).all():
+                raise CorrectionError(f'paths[{i}] must be finite points of shape (n >= 2, 2)')
+
+    @property
+    def footprint(self) -> np.ndarray:
+        """(rows, cols) bool: where the plan adds metal."""
+        return np.nan_to_num(self.planned) > MIN_PLANNED
+
+    def expecting(self, shortfall: np.ndarray | None, experience: int = 0) -> CorrectionInput:
+        """The same with the share of the planned metal (rows, cols) that will be missing again added to the target."""
+        if shortfall is None or shortfall.shape != self.z.shape:
+            return self
+        target = self.target + shortfall * np.nan_to_num(self.planned)
+        return replace(self, target=target, shortfall=shortfall, experience=experience)
+
+    @property
+    def error(self) -> np.ndarray:
+        """Missing metal target - z in m: positive in a hollow. NaN where unknown or not cared
+        for.
+        """
+        return self.target - self.z
+
+
+@dataclass(frozen=True)
+class Correction:
+    """The answer of a law. Maps are (rows, cols)."""
+
+    psi: np.ndarray  # -1..1, 0 where nothing is known
+    confidence: np.ndarray  # 0..1
+    residual_height: np.ndarray  # m that the speed cannot give
+    law: str
+    k_gain: float
+    model_hash: str = ''  # of learned weights
+    fallback: bool = False  # the law gave way, see `reasons`
+    reasons: tuple[str, ...] = field(default=())
+
+    @property
+    def speed_factor(self) -> np.ndarray:
+        """V/V_prog of eq 2.23."""
+        return 1.0 + self.k_gain * self.psi
+
+    @property
+    def saturated_cells(self) -> int:
+        return int(np.count_nonzero(np.abs(self.psi) >= 1.0))
+
+
+class CorrectionLaw(Protocol):
+    """One way to get psi from what was measured. `model_hash` in the result identifies learned
+    weights.
+    """
+
+    name: str
+
+    def correct(self, request: CorrectionInput) -> Correction: ...
+
+
+def nothing(
+    shape: tuple[int, int], k_gain: float, law: str, reasons: tuple[str, ...] = ()
+) -> Correction:
+    """No correction at all; with reasons it is a fallback."""
+    zero = np.zeros(shape)
+    return Correction(zero, zero, zero, law, k_gain, fallback=bool(reasons), reasons=reasons)
+
+
+def split_ratio(
+    ratio: np.ndarray, planned: np.ndarray, k_gain: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """psi and residual_height (m) that together give layer heights ratio*planned: speed first,
+    inside |psi| <= 1.
+
+    On overlapped beads the layer height goes with 1/speed, so 1 + k_gain*psi = 1/ratio. What the
+    speed cannot give is the residual ratio*planned - planned/(1 + k_gain*psi); it is exactly 0
+    where psi is not limited.
+    """
+    if k_gain < MIN_GAIN:
+        return np.zeros_like(ratio), (ratio - 1) * planned
+    free = (1 / ratio - 1) / k_gain
+    psi = np.clip(free, -1.0, 1.0)
+    residual = np.where(psi == free, 0.0, planned * (ratio - 1 / (1 + k_gain * psi)))
+    return psi, residual
+
+
+@dataclass(frozen=True)
+class HeightRequest:
+    """The layer height that a law asks of every cell, before it is split into speed and residual. All (rows, cols)."""
+
+    ratio: np.ndarray  # wanted over planned layer height
+    planned: np.ndarray  # m, continued outside the footprint
+    confidence: np.ndarray  # 0..1

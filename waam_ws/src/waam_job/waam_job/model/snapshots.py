@@ -1,0 +1,122 @@
+"""What the job sees of machine, temperature, scans and corrections at one moment. SI units, work frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from waam_process.grid import HeightGrid
+from waam_process.segment import Point
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Snapshot of controller and link."""
+
+    connected: bool = False
+    age: float = float('inf')  # s of wall time since the last telemetry frame
+    state: str = 'IDLE'  # IDLE, RUN, HOLD, ALARM
+    homed: bool = False
+    armed_job: str = ''
+    arc_on: bool = False
+    fault: int = 0
+    fault_text: str = ''
+    silent_nodes: tuple[str, ...] = ()
+    message: str = ''
+    position: Point = (0.0, 0.0, 0.0)
+    executed: int = -1  # index of the last segment done
+    executed_job: str = ''
+    limit_min: Point = (0.0, 0.0, 0.0)
+    limit_max: Point = (0.0, 0.0, 0.0)
+    work_offset: Point = (0.0, 0.0, 0.0)  # zero of the work frame in machine coordinates
+    identity: str = ''
+    firmware: str = ''
+    port: str = ''
+
+
+@dataclass(frozen=True)
+class Heat:
+    """Snapshot of the thermal compensator."""
+
+    known: bool = False  # anything was heard of it
+    factor: float = 1.0  # eq 2.19: feed is multiplied by it
+    temperature: float = float('nan')  # degC, filtered
+    limit: float = float('nan')  # degC, interpass
+    ready: bool = False  # below the limit
+    wait: float = float('nan')  # s until ready, NaN = unknown
+    plausible: bool = False  # the pyrometer gives values that can be true
+    reasons: tuple[str, ...] = ()  # why not plausible
+    believed: bool = True  # the temperature answers to the layers that are laid
+    doubt: str = ''  # why not believed
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A finished map and its quality."""
+
+    map: HeightGrid
+    count: np.ndarray
+    coverage: float
+    plausible: bool
+    reasons: tuple[str, ...] = ()
+    profiles_used: int = 0
+    profiles_rejected: int = 0
+    points_used: int = 0
+    points_rejected: int = 0
+    stamp: float = float('nan')  # s, ROS time of the last profile; NaN = not known
+    handle: object = None  # the message, handed on to the correction server
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What the correction server answered for one layer; maps are (rows, cols)."""
+
+    psi: np.ndarray  # -1..1, wanted change of the travel speed
+    confidence: np.ndarray  # 0..1
+    residual_height: np.ndarray  # m, what psi cannot give within its authority
+    k_gain: float  # authority of the speed correction
+    flow_factor: float  # identified efficiency of the wire
+    law: str  # name of the correction law
+    fallback: bool  # the law that was asked for could not be used
+    reasons: tuple[str, ...]  # for the fallback, and remarks
+    saturated_cells: int  # grid cells where psi is at its limit
+    model_hash: str = ''  # of the weights, '' for explicit laws
+    handle: object = None
+
+
+@dataclass(frozen=True)
+class CorrectionRequest:
+    """Surface, target and history for the correction server; maps (rows, cols) in m on the scan's grid."""
+
+    layer: int
+    scan: Scan  # the surface before the layer
+    target: np.ndarray  # wanted surface before the layer, NaN = do not care
+    planned: np.ndarray  # metal of the layer
+    previous_growth: np.ndarray | None  # metal that the layer before was asked for
+    previous_surface: np.ndarray | None  # surface before the layer before
+    previous_feed_factor: float  # eq 2.19: feed of the layer before was multiplied by it
+    bead_width: float  # m
+    temperature: float  # degC
+    k_gain: float  # NaN = the server's own
+    direction: tuple[float, float]  # of travel, unit vector
+    beads: tuple[
+        np.ndarray, ...
+    ] = ()  # (n, 2) x, y in m from arc on to arc off, in the order they are laid
+
+
+@dataclass
+class Sums:
+    """Running sums over telemetry since the last `take`: what a layer report needs."""
+
+    frames: int = 0
+    arc_frames: int = 0  # frames with a burning arc; the sums are over these
+    current: float = 0.0  # A
+    voltage: float = 0.0  # V
+    wire: float = 0.0  # m/s
+    speed: float = 0.0  # m/s
+    power_per_speed: float = 0.0  # I*U/V, J/m
+    current_error_sq: float = 0.0  # A2
+    arc_starts: int = 0
+    lost: int = 0  # frames missing in the sequence
+    frame_period: float = 0.01  # s

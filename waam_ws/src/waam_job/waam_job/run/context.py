@@ -1,0 +1,95 @@
+"""What the pieces of a running job share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from waam_node import job_folder
+from waam_plan.plan import Plan
+from waam_plan.settings import PlanSettings
+from waam_process.segment import Point
+
+from ..model.cell import Cell
+from ..model.goal import Checked, JobGoal
+from ..model.program import Program
+from ..model.records import Status
+from ..store.folder import JobFolder
+from ..store.journal import Journal
+from . import work_frame
+from .control import Control
+from .motion import Motion
+from .settings import Settings
+from .watch import Watch
+
+
+@dataclass(frozen=True)
+class JobContext:
+    """One run of one job. The pieces take what they need of it when they are made."""
+
+    cell: Cell
+    checked: Checked  # the goal, with part and material
+    settings: Settings
+    control: Control  # what the operator asks for
+    journal: Journal  # what the job says and keeps
+    program: Program  # plans of all passes
+    watch: Watch  # reacts to faults wherever the job waits
+    motion: Motion  # hands segments to the bridge
+    run: int  # 1 = first start of the job
+    run_id: str  # what this run is called towards the other nodes
+
+    @classmethod
+    def create(
+        cls,
+        cell: Cell,
+        checked: Checked,
+        folder: JobFolder,
+        *,
+        control: Control,
+        settings: Settings,
+        run: int,
+    ) -> JobContext:
+        """Everything that a run begins with."""
+        run_id = job_folder.run_id(folder.job_id, run)
+        program = Program(checked.goal.passes)
+        journal = Journal(cell, checked.goal, folder, run, program.records)
+        watch = Watch(cell, control, settings.limits, journal.note, journal.paused)
+        return cls(
+            cell=cell,
+            checked=checked,
+            settings=settings,
+            control=control,
+            journal=journal,
+            program=program,
+            watch=watch,
+            motion=Motion(cell, watch, run_id),
+            run=run,
+            run_id=run_id,
+        )
+
+    @property
+    def goal(self) -> JobGoal:
+        return self.checked.goal
+
+    @property
+    def status(self) -> Status:
+        return self.journal.status
+
+    @property
+    def plan(self) -> Plan:
+        """Of the pass that is being laid."""
+        return self.program.current
+
+    @property
+    def work_zero(self) -> Point:
+        """Machine coordinates of the part's lower corner."""
+        return work_frame.work_zero(self.goal, self.settings)
+
+    def plan_settings(self) -> PlanSettings:
+        """What the planner needs of goal, material and machine."""
+        return work_frame.plan_settings(self.checked, self.settings, self.cell.machine())
+
+    def note_remarks(self) -> None:
+        """What the operator changed elsewhere becomes part of the job's record."""
+        for text in self.control.take_remarks():
+            self.journal.note('INFO', 'operator', text, 'none')
+        self.journal.heard()

@@ -1,0 +1,74 @@
+"""Plans the passes of a job: the first from the surface as found, each further one from the scan before it."""
+
+from __future__ import annotations
+
+from waam_plan.fill.linking import arc_starts
+from waam_plan.plan import Plan
+
+from ..model.cell import Scan
+from ..model.goal import Code, JobError
+from ..model.program import deviation_of
+from .context import JobContext
+from .planning import make_plan, wire_problems
+
+
+class Passes:
+    """Fills the program. `ahead`: the plan of a build, when it was made before the machine was armed."""
+
+    def __init__(self, context: JobContext) -> None:
+        self.context = context
+        self.program, self.journal, self.goal = context.program, context.journal, context.goal
+        self.ahead: Plan | None = None
+
+    def begin(self, scan: Scan) -> None:
+        """The plan of pass 1 from the surface as found. JobError when there is nothing to do."""
+        self.add(self._plan(scan))
+        if not self.program.layers:
+            raise JobError(
+                Code.PLAN_FAILED,
+                'nothing to deposit: the surface is nowhere below the nominal part',
+            )
+
+    def next(self, scan: Scan) -> bool:
+        """Plans what the scan finds missing. False when this was the last pass or nothing is missing."""
+        done = self.program.done_after_pass
+        if self.program.last_pass or (self.goal.layers and done >= self.goal.layers):
+            return False
+        self.measured(scan, done)
+        plan = self._plan(scan)
+        if not plan.layers:
+            self.journal.note('INFO', 'height', 'nothing is missing any more', 'pass left out')
+            return False
+        self.add(plan)
+        return True
+
+    def measured(self, scan: Scan, layer: int) -> None:
+        """Keeps what the pass that ends with this scan, after `layer`, has reached."""
+        target, tolerance = self.program.target_after(layer), self.goal.tolerance
+        found = deviation_of(self.program.current, scan.map.z, target, tolerance)
+        self.program.records[-1].measured(found)
+        self.journal.keep()
+
+    def add(self, plan: Plan, keep: bool = True) -> None:
+        """Makes a plan the next pass; `keep` writes it into the folder."""
+        self.program.add(plan)
+        if keep:
+            self.journal.plan(plan, self.program.pass_number)
+        status = self.journal.status
+        status.layers, status.pass_number = self.program.total, self.program.pass_number
+
+    def _plan(self, scan: Scan) -> Plan:
+        laid = self.program.layers if self.program.planned else []
+        below = arc_starts(laid[-1].segments) if laid else None
+        plan = self.ahead or make_plan(
+            self.context.checked,
+            self.context.plan_settings(),
+            scan.map,
+            laid=self.program.offset + len(laid),
+            below=below,
+        )
+        if short := wire_problems(plan.wire, self.journal.wire_left):
+            raise short[0]
+        for text in plan.warnings:
+            self.journal.note('WARNING', 'height', text, 'none')
+        return plan

@@ -1,0 +1,40 @@
+"""Where the part lies in the machine, and what the planner may use of it. Pure."""
+
+from __future__ import annotations
+
+from waam_plan.settings import PlanSettings
+from waam_process.segment import Point
+
+from ..model.cell import Machine
+from ..model.goal import Checked, JobGoal, planner_fields
+from .settings import Settings
+
+
+def minus(a: Point, b: Point) -> Point:
+    """Component by component."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def work_zero(goal: JobGoal, settings: Settings) -> Point:
+    """Machine coordinates of the part's lower corner: the clamp's zero, or inside and on top of the plate."""
+    zero, plate = settings.work_offset, settings.plate_zero
+    if goal.mode == 'restore':
+        return zero
+    return zero[0] + plate[0], zero[1] + plate[1], zero[2] + plate[2]
+
+
+def reach_known(machine: Machine) -> bool:
+    """Whether the controller has said how far the machine reaches."""
+    pairs = zip(machine.limit_min, machine.limit_max, strict=True)
+    return all(low < high for low, high in pairs)
+
+
+def plan_settings(checked: Checked, settings: Settings, machine: Machine) -> PlanSettings:
+    """What the planner needs of goal, material and machine."""
+    zero = work_zero(checked.goal, settings)
+    return PlanSettings(
+        machine_min=minus(machine.limit_min, zero),
+        machine_max=minus(machine.limit_max, zero),
+        grid=settings.resolution,
+        **planner_fields(checked.goal, checked.material),
+    )
