@@ -176,7 +176,7 @@ static float converted_current(void)
     return converter_current_a(faulty('k') ? CONVERTER_TOP : faulty('j') ? 0 : count);
 }
 
-/* Spec 2.26 around 22 V: the source is followed with the gain that the schedule has for 180 A, 10 ms late, in 50 ms. */
+/* The arc, k/(T s + 1) with dead time around 22 V: the source is followed with the gain that the schedule has for 180 A, 10 ms late, in 50 ms. */
 static void follow_source(void)
 {
     static float late[FAST_HZ / 100];

@@ -7,8 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "waam_monitor.h"
-#include "waam_regulator.h"
+#include "waam_arc_settings.h"
 
 #define WAAM_AXES 3
 #define WAAM_LINE_MAX 160      /* bytes of one line, end of line excluded */
@@ -80,28 +79,6 @@ typedef struct {
     waam_reaction_t reaction;
     uint32_t tries;             /* of RETRY, between M3 and M5 */
 } waam_policy_t;
-
-typedef struct {
-    uint32_t purge_us;          /* gas before the first strike */
-    uint32_t strike_us;         /* wait for current, per try */
-    uint32_t retry_pause_us;
-    uint32_t tries;
-    double established_a;       /* arc current above this means that the arc burns */
-    uint32_t established_us;    /* ... for this long */
-    uint32_t lost_us;           /* ... and below it for this long means that it is lost */
-    double strike_wire_factor;  /* of W while striking */
-    double crater_wire_factor;  /* of W while filling the end crater */
-    uint32_t crater_us;
-    uint32_t burn_back_us;      /* wire stops, source still on, so that the wire does not freeze in the bead */
-    uint32_t post_flow_us;
-    uint32_t gas_missing_us;
-    double wire_fault_ratio;    /* encoder below this share of the command ... */
-    uint32_t wire_fault_us;     /* ... for this long is a wire fault */
-    uint32_t sense_us;          /* stick check: longest look at the sense voltage */
-    uint32_t free_us;           /* ... which must be above free_v for this long */
-    double free_v;
-    uint32_t pulses, pulse_us;  /* of the source, to burn off a wire that froze in the bead */
-} waam_arc_config_t;
 
 typedef struct {
     uint32_t boot_id;

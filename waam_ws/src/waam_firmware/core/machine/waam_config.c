@@ -1,6 +1,7 @@
 #include "waam_core.h"
 
-/* Source and arc as in spec 2.26: T = 50 ms, delay 10 ms. The gains are explained and proved in doc/arc_regulator.md. */
+/* Source and arc as the plant k/(T s + 1) with dead time: T = 50 ms, dead time 10 ms. The gains are explained and proved in
+ * doc/arc_regulator.md. */
 static const waam_regulator_config_t regulator = {
     .actuator = WAAM_REGULATOR_SOURCE,
     .gain = 1.0f,
