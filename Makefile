@@ -9,12 +9,12 @@ demo: setup
 	@$(RUN) waam demo
 test:
 	@bash scripts/setup.sh --test --train
-	@$(RUN) ruff check . && bash scripts/test.sh
+	@$(RUN) ruff check . && mypy && bash scripts/test.sh
 bench:
 	@bash scripts/setup.sh --test
 	@$(RUN) python3 bench/run.py $(ONLY)
 lint:
 	@bash scripts/setup.sh --test
-	@$(RUN) ruff format . && ruff check --fix .
+	@$(RUN) ruff format . && ruff check --fix . && mypy
 clean:
 	rm -rf waam_ws/build waam_ws/install waam_ws/log .venv .setup.*

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import registration_sim as sim
 
-from waam_scan.registration.solve import RegistrationError, register
+from waam_scan.registration.result import RegistrationError
+from waam_scan.registration.solve import register
 from waam_scan.registration.target import Cloud, MeshTarget, evened, without_strays
 from waam_scan.registration.words import direction_name, free_motions
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from . import cli_register
@@ -64,7 +65,7 @@ example:
 """
 
 
-def register(commands) -> None:
+def register(commands: argparse._SubParsersAction) -> None:
     """Adds the verb `scan` to the sub-parsers of the waam command."""
     scan = commands.add_parser('scan', help='height maps from laser profiles, and pictures of them')
     verbs = scan.add_subparsers(dest='verb', metavar='VERB', required=True)
@@ -139,7 +140,9 @@ def _add_fuse_options(fuse: argparse.ArgumentParser) -> None:
     )
 
 
-def _leaf(verbs, name: str, text: str, epilog: str) -> argparse.ArgumentParser:
+def _leaf(
+    verbs: argparse._SubParsersAction, name: str, text: str, epilog: str
+) -> argparse.ArgumentParser:
     return verbs.add_parser(
         name,
         help=text,
@@ -156,13 +159,14 @@ def _cell_mm(text: str) -> float:
     return value
 
 
-def _guarded(action, *args) -> int:
+def _guarded(action: Callable[[], None]) -> int:
     """Runs an action; bad input is one clear line and status 1."""
     try:
-        return action(*args) or 0
+        action()
     except (ValueError, OSError) as e:
         print(f'error: {e}', file=sys.stderr)
         return 1
+    return 0
 
 
 def run_fuse(args: argparse.Namespace) -> int:
@@ -212,7 +216,11 @@ def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
 def run_filter(args: argparse.Namespace) -> int:
     from .commands.inprocess_report import filter_file
 
-    return _guarded(lambda: [filter_file(p, args.out, not args.height) for p in args.files] and 0)
+    def action() -> None:
+        for path in args.files:
+            filter_file(path, args.out, not args.height)
+
+    return _guarded(action)
 
 
 def run_picture(args: argparse.Namespace) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 CALIBRATE_EPILOG = """\
@@ -56,14 +57,16 @@ missing.png and missing.json (volume with uncertainty, bounding box, deepest pla
 """
 
 
-def add_commands(subparsers) -> None:
+def add_commands(subparsers: argparse._SubParsersAction) -> None:
     """Adds calibrate, register and compare to the sub-parsers of `waam scan`."""
     _add_calibrate(subparsers)
     _add_register(subparsers)
     _add_compare(subparsers)
 
 
-def _leaf(subparsers, name: str, text: str, epilog: str) -> argparse.ArgumentParser:
+def _leaf(
+    subparsers: argparse._SubParsersAction, name: str, text: str, epilog: str
+) -> argparse.ArgumentParser:
     return subparsers.add_parser(
         name,
         help=text,
@@ -73,7 +76,7 @@ def _leaf(subparsers, name: str, text: str, epilog: str) -> argparse.ArgumentPar
     )
 
 
-def _add_calibrate(subparsers) -> None:
+def _add_calibrate(subparsers: argparse._SubParsersAction) -> None:
     p = _leaf(
         subparsers,
         'calibrate',
@@ -139,7 +142,7 @@ def _add_change(p: argparse.ArgumentParser, default: str) -> None:
     p.add_argument('--seed', type=int, default=0, help='of the choice of points (default 0)')
 
 
-def _add_register(subparsers) -> None:
+def _add_register(subparsers: argparse._SubParsersAction) -> None:
     p = _leaf(
         subparsers,
         'register',
@@ -162,7 +165,7 @@ def _add_register(subparsers) -> None:
     p.set_defaults(run_command=run_register)
 
 
-def _add_compare(subparsers) -> None:
+def _add_compare(subparsers: argparse._SubParsersAction) -> None:
     p = _leaf(
         subparsers,
         'compare',
@@ -192,7 +195,7 @@ def _add_compare(subparsers) -> None:
     p.set_defaults(run_command=run_compare)
 
 
-def _guarded(action, args: argparse.Namespace) -> int:
+def _guarded(action: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:
     """Bad input is one clear line and status 1."""
     try:
         return action(args) or 0

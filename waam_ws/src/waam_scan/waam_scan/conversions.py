@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from typing import TypeVar
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2
@@ -18,7 +19,7 @@ from .stream.point_fields import CloudLayout, profiles_of
 from .stream.profiles import ProfileBlock, block_of
 from .stream.session import Session
 
-Response = BeginScan.Response | FinishScan.Response
+Response = TypeVar('Response', BeginScan.Response, FinishScan.Response)
 
 
 def block_from_msg(msg: ProfileBatch) -> ProfileBlock:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
 from waam_msgs.msg import ProfileBatch
+from waam_node.node import WaamNode
 from waam_node.qos import PROFILES, SENSOR
 
 from .conversions import block_from_cloud
@@ -25,7 +25,7 @@ class ProfileInput:
     Clouds carry no number: they are counted as they come, and what is lost shows as a pause between stamps.
     """
 
-    def __init__(self, node: Node, take: Callable[[Make], None]) -> None:
+    def __init__(self, node: WaamNode, take: Callable[[Make], None]) -> None:
         self._params: FusionParams = node.params
         self._take, self._clouds = take, 0
         node.create_subscription(ProfileBatch, 'profiles', self._on_profiles, PROFILES, raw=True)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 
-from rclpy.node import Node
 from std_srvs.srv import SetBool
+
+from waam_node.node import WaamNode
 
 from .node_waiting import Event, after, first
 
@@ -13,7 +14,7 @@ from .node_waiting import Event, after, first
 class ScannerSwitch:
     """Client of `scanner/enable`. wait: s for the service to be there; answer: s for its answer (steady time)."""
 
-    def __init__(self, node: Node, wait: float, answer: float) -> None:
+    def __init__(self, node: WaamNode, wait: float, answer: float) -> None:
         self._node, self._wait, self._answer = node, wait, answer
         self._client = node.create_client(SetBool, 'scanner/enable')
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Generator
+from functools import partial
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.task import Future
+
+from waam_node.node import WaamNode
 
 
 class Event:
@@ -59,7 +61,7 @@ def start(
     step()
 
 
-def after(node: Node, seconds: float) -> Event:
+def after(node: WaamNode, seconds: float) -> Event:
     """An event that is set after `seconds` of steady time."""
     event = Event()
 
@@ -78,5 +80,9 @@ def first(*events: Event) -> Event:
         if event.is_set:
             either.set(event.value)
         else:
-            event.on_set(lambda e=event: either.set(e.value))
+            event.on_set(partial(_pass_on, event, either))
     return either
+
+
+def _pass_on(event: Event, either: Event) -> None:
+    either.set(event.value)

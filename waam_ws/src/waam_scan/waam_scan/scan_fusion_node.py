@@ -32,7 +32,6 @@ from .stream.poses import PoseTrack
 from .stream.session import EndWatch, PreviousMap, Session
 from .stream.wire import read_pose
 
-BEGIN, FINISH = BeginScan.Response, FinishScan.Response
 RAW_KEPT = 500  # telemetry frames that are kept unread while no scan runs
 CLOCK_GRAIN_NS = 100_000_000  # /clock comes at 20 Hz of simulated time
 
@@ -113,13 +112,15 @@ class ScanFusion(WaamNode):
         )
         return later
 
-    async def _begin(self, request: BeginScan.Request, response: BEGIN) -> BEGIN:
+    async def _begin(
+        self, request: BeginScan.Request, response: BeginScan.Response
+    ) -> BeginScan.Response:
         if busy := self._busy():
-            return answer(response, BEGIN.BUSY, busy)
+            return answer(response, BeginScan.Response.BUSY, busy)
         try:
             session = self._new_session(request)
         except GridError as error:
-            return answer(response, BEGIN.BAD_GRID, str(error))
+            return answer(response, BeginScan.Response.BAD_GRID, str(error))
         if self._session is not None:
             self.get_logger().warning(f'scan {self._session.scan_id} was never finished')
         self._session, self._beginning = session, True
@@ -127,10 +128,12 @@ class ScanFusion(WaamNode):
         self._beginning = False
         if trouble:
             self._session = None
-            return answer(response, BEGIN.NO_SCANNER, trouble)
+            return answer(response, BeginScan.Response.NO_SCANNER, trouble)
         self._last_scan = (request.job_id, session.scan_id)
         response.scan_id = session.scan_id
-        return answer(response, BEGIN.OK, f'scan {session.scan_id}, layer {session.layer}')
+        return answer(
+            response, BeginScan.Response.OK, f'scan {session.scan_id}, layer {session.layer}'
+        )
 
     def _busy(self) -> str:
         """Why no scan may begin now. One that was begun and left behind (its job ended) is given up."""
@@ -154,11 +157,15 @@ class ScanFusion(WaamNode):
         scan_id = last + 1 if job == request.job_id else 0
         return Session(request.job_id, request.layer, scan_id, assembler, time.monotonic())
 
-    async def _finish(self, request: FinishScan.Request, response: FINISH) -> FINISH:
+    async def _finish(
+        self, request: FinishScan.Request, response: FinishScan.Response
+    ) -> FinishScan.Response:
         session = self._session
-        running = session is not None and not session.closing and not self._beginning
-        if not running or session.scan_id != request.scan_id:
-            return answer(response, FINISH.NO_SCAN, f'scan {request.scan_id} is not running')
+        idle = session is None or session.closing or self._beginning
+        if session is None or idle or session.scan_id != request.scan_id:
+            return answer(
+                response, FinishScan.Response.NO_SCAN, f'scan {request.scan_id} is not running'
+            )
         session.until_ns, self._complete = nanoseconds(request.until), Event()
         session.refresh(time.monotonic(), 0.0)  # what is worked up now does not wait for the last
         try:
@@ -167,7 +174,7 @@ class ScanFusion(WaamNode):
             if not await self._everything(session):
                 text = f'the end of the scan was not reached in {self.params.finish_timeout:.0f} s'
                 self._monitor.no_map(text, session)
-                return answer(response, FINISH.TIMEOUT, text)
+                return answer(response, FinishScan.Response.TIMEOUT, text)
             return self._fuse(session, response)
         finally:
             self._session = None
@@ -192,13 +199,13 @@ class ScanFusion(WaamNode):
             await first(after(self, 0.1), self._complete)
         return True
 
-    def _fuse(self, session: Session, response: FINISH) -> FINISH:
+    def _fuse(self, session: Session, response: FinishScan.Response) -> FinishScan.Response:
         self._read_telemetry()
         fused = session.close()
         if fused.points_used == 0:
             text = f'empty map: {session.assembler.why_empty()}'
             self._monitor.no_map(text, session)
-            return answer(response, FINISH.EMPTY, text)
+            return answer(response, FinishScan.Response.EMPTY, text)
         doubts = session.doubts(fused, self._before, self.params.plausibility)
         msg = map_to_msg(session, fused, doubts)
         self._maps.publish(msg)
@@ -208,13 +215,17 @@ class ScanFusion(WaamNode):
         if not doubts:
             self._before = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
         response.map = msg
-        return answer(response, FINISH.OK, '; '.join(msg.reasons))
+        return answer(response, FinishScan.Response.OK, '; '.join(msg.reasons))
 
-    def _failed(self, error: Exception, response: BEGIN | FINISH) -> BEGIN | FINISH:
+    def _failed(self, error: Exception, response: Any) -> Any:
         """A defect of this node: said aloud, and the caller is not left waiting."""
         self.get_logger().error(''.join(traceback.format_exception(error)))
         self._session, self._beginning = None, False
-        code = FINISH.TIMEOUT if isinstance(response, FINISH) else BEGIN.BUSY
+        code = (
+            FinishScan.Response.TIMEOUT
+            if isinstance(response, FinishScan.Response)
+            else BeginScan.Response.BUSY
+        )
         return answer(response, code, f'internal error of scan_fusion: {error}')
 
 

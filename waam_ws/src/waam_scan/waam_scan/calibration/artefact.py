@@ -42,13 +42,13 @@ class Block:
     @classmethod
     def of(cls, top: tuple[float, float], height: float, slopes: tuple[float, float]) -> Block:
         """top: size of the top along x and y; slopes: of the sides in x and in y against the table, rad."""
-        normals, offsets = [(0.0, 0.0, 1.0)], [height]
+        normals, offsets = [np.array([0.0, 0.0, 1.0])], [height]
         for axis in (0, 1):
             s, c = np.sin(slopes[axis]), np.cos(slopes[axis])
             for sign in (1.0, -1.0):
                 n = np.zeros(3)
                 n[axis], n[2] = sign * s, c
-                normals.append(tuple(n))
+                normals.append(n)
                 offsets.append(s * 0.5 * top[axis] + c * height)
         return cls(np.array(normals), np.array(offsets), height)
 

@@ -12,6 +12,7 @@ errors that neighbours share, such as a shaking carriage, widen it; a sum over i
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,7 +82,7 @@ def _step(problem: Problem, s: State, limit: float, noise: float) -> tuple[State
     return s.moved(full), float(np.abs(step).max())
 
 
-def _descend(problem: Problem, s: State, limits, steps: int) -> State:
+def _descend(problem: Problem, s: State, limits: Iterable[float], steps: int) -> State:
     for limit in limits:
         for _ in range(steps):
             s, length = _step(problem, s, limit, limit / 3)

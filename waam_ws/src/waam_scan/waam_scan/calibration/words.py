@@ -24,12 +24,12 @@ def sparse(basis: np.ndarray) -> np.ndarray:
     for i in range(len(rows)):
         left = np.abs(rows[i:])
         left[:, done] = 0.0
-        r, c = np.unravel_index(np.argmax(left), left.shape)
+        r, c = map(int, np.unravel_index(np.argmax(left), left.shape))
         rows[[i, i + r]] = rows[[i + r, i]]
         rows[i] /= rows[i, c]
         others = np.arange(len(rows)) != i
         rows[others] -= np.outer(rows[others, c], rows[i])
-        done.append(int(c))
+        done.append(c)
     return rows
 
 

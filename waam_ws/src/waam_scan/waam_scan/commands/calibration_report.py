@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +18,10 @@ from ..recordings.scan_records import passes as recorded
 from ..recordings.scan_records import record_files
 from ..transform import Mounting
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 SHOWN = {'x': ('mm', 1e3), 'y': ('mm', 1e3), 'z': ('mm', 1e3), 'delay': ('ms', 1e3)}
 SUSPECT = (
     3.0  # mean residuals of a surface or pass beyond this many standard errors and 5 um are named
@@ -28,7 +34,7 @@ def _read(path: Path) -> list[Pass]:
     return list(recorded(path)) if record_files(path) else [load_pass(path)]
 
 
-def calibrate_files(args) -> int:
+def calibrate_files(args: argparse.Namespace) -> int:
     """Reads artefact and passes, writes calibration and picture. CalibrationError when the pose is not observed."""
     artefact = load_artefact(args.artefact)
     passes = [scan for path in args.scans for scan in _read(path)]
@@ -110,7 +116,7 @@ def draw(path: Path, result: Calibration, artefact: Artefact) -> None:
     figure.savefig(path, dpi=110, bbox_inches='tight')
 
 
-def _residual_map(figure, axis, result: Calibration, artefact: Artefact) -> None:
+def _residual_map(figure: Figure, axis: Axes, result: Calibration, artefact: Artefact) -> None:
     local = (result.points - artefact.position) @ artefact.rotation * 1e3
     limit = 3 * result.noise * 1e6
     step = max(1, len(local) // 20_000)
@@ -127,7 +133,7 @@ def _residual_map(figure, axis, result: Calibration, artefact: Artefact) -> None
     )
 
 
-def _correlation(figure, axis, result: Calibration) -> None:
+def _correlation(figure: Figure, axis: Axes, result: Calibration) -> None:
     sigma = np.maximum(result.sigma, 1e-30)
     shown = axis.imshow(
         result.covariance / np.outer(sigma, sigma), vmin=-1, vmax=1, cmap='coolwarm'

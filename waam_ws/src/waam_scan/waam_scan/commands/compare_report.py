@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
 
@@ -12,14 +13,14 @@ from waam_process.grid import GridSpec, HeightGrid
 from ..recordings.files import save_map
 from ..registration.clouds import load_points, load_triangles
 from ..registration.compare import Missing, found_grid, missing_metal, nominal_grid
-from ..registration.solve import Registration
+from ..registration.result import Registration
 from ..registration.target import Cloud, MeshTarget
 from .registration_report import align, lines
 
 LISTED = 8  # regions that are printed
 
 
-def compare_files(args) -> int:
+def compare_files(args: argparse.Namespace) -> int:
     """Reads, aligns if asked, compares, writes."""
     if not 0.02 <= args.cell <= 20.0:
         raise ValueError(f'--cell {args.cell} mm is outside 0.02 .. 20 mm')

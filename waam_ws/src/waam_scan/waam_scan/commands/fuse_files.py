@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,7 @@ def grid_around(low: np.ndarray, high: np.ndarray, cell: float) -> GridSpec:
             f'{(high[0] - low[0]) * 1e3:.0f} x {(high[1] - low[1]) * 1e3:.0f} mm in cells of {cell * 1e3:g} mm are '
             f'{cells:.0f} cells, limit {LARGEST} (unit of the file wrong? see --scale)'
         )
-    return GridSpec.covering(*corner, *(high[:2] + 1e-9), cell)
+    return GridSpec.covering(corner[0], corner[1], high[0] + 1e-9, high[1] + 1e-9, cell)
 
 
 def fuse_cloud(points: np.ndarray, cell: float) -> FusedMap:
@@ -99,7 +100,7 @@ def _box(p: Pass, mounting: Mounting) -> tuple[np.ndarray, np.ndarray]:
     return origins.min(axis=0) + offsets.min(axis=0), origins.max(axis=0) + offsets.max(axis=0)
 
 
-def fuse_files(paths: list[Path], out: Path, cell: float, options) -> None:
+def fuse_files(paths: list[Path], out: Path, cell: float, options: argparse.Namespace) -> None:
     """Passes (.npz) into one map, clouds into one map each; writes NPZ and PNG, prints what they are worth.
 
     options: scale (m per unit of clouds), mounting (None: the default), fill (m², largest hole), ply (bool).
@@ -126,7 +127,7 @@ def fuse_files(paths: list[Path], out: Path, cell: float, options) -> None:
         write(out / files[0].stem, fused, options)
 
 
-def fuse_record(path: Path, out: Path, cell: float, options) -> None:
+def fuse_record(path: Path, out: Path, cell: float, options: argparse.Namespace) -> None:
     """Every scan of a recorded job into a map of its own, scan_000 ...; options as in `fuse_files`, mounting None:
     that of the job."""
     mounting = options.mounting or recorded_mounting(path)
@@ -137,13 +138,13 @@ def fuse_record(path: Path, out: Path, cell: float, options) -> None:
         write(out / f'scan_{k:03}', fused, options)
 
 
-def _tell(name, assembler: Assembler) -> None:
+def _tell(name: Path | str, assembler: Assembler) -> None:
     c = assembler.counts
     words = '; '.join(c.reasons() + c.remarks())
     print(f'{name}: {c.used} profiles used, {c.rejected} rejected{": " * bool(words)}{words}')
 
 
-def write(name: Path, fused: FusedMap, options) -> None:
+def write(name: Path, fused: FusedMap, options: argparse.Namespace) -> None:
     """name.npz, name.png and, when asked, name.ply; with the quality of the map on the screen."""
     if fused.points_used == 0:
         raise FileError(f'{name.name}: not one usable point')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from ..registration.clouds import load_points, save_cloud
 from ..registration.odometry import Track, track
 
 
-def track_files(args) -> int:
+def track_files(args: argparse.Namespace) -> int:
     """Reads the frames in the order given, tracks, writes trajectory.json, merged.ply and trajectory.png."""
     from rich.progress import Progress
 

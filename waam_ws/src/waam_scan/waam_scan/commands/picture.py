@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ def save_png(
     z: np.ndarray,
     title: str = '',
     limits_mm: tuple | None = None,
-    mark=None,
+    mark: Iterable[np.ndarray] | None = None,
     filled: np.ndarray | None = None,
 ) -> None:
     """Heights z (rows, cols; m, NaN = unknown, drawn grey) in mm over x and y in mm, +y up.

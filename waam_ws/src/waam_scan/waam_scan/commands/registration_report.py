@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
 
 import numpy as np
 
 from ..registration.clouds import is_mesh, load_points, load_triangles, save_cloud
+from ..registration.result import Registration
 from ..registration.search import search_placement
-from ..registration.solve import Registration, register
+from ..registration.solve import register
 from ..registration.target import Cloud, CloudTarget, MeshTarget, Target
 
 
-def register_files(args) -> int:
+def register_files(args: argparse.Namespace) -> int:
     """Two clouds: one registration; more, or --sequence: odometry."""
     if len(args.clouds) < 2:
         raise ValueError('register needs SCAN and REFERENCE, or a sequence of clouds')
@@ -44,9 +46,12 @@ def load_target(path: Path, scale: float, seed: int) -> tuple[Target, np.ndarray
     return CloudTarget(cloud), cloud.points
 
 
-def align(cloud: Cloud, target: Target, vertices: np.ndarray, args) -> Registration:
+def align(
+    cloud: Cloud, target: Target, vertices: np.ndarray, args: argparse.Namespace
+) -> Registration:
     """Registration with the options of the command line; --search first looks for the part."""
-    start, notes = None, []
+    start: np.ndarray | None = None
+    notes: list[str] = []
     if args.search:
         start, notes = search_placement(cloud, target, vertices, args.change, args.seed)
     result = register(cloud, target, args.change, args.reach * 1e-3, start, seed=args.seed)

@@ -55,7 +55,7 @@ def fuse_folder(folder: Path, out: Path, cell: float, ply: bool) -> WallMaps:
             fused.count,
             layer=np.array(number),
         )
-        mark = top and (top.x, top.height, top.u)
+        mark = None if top is None else (top.x, top.height, top.u)
         title = f'{files[number].name}: ' + (
             f'after layer {number}' if number else 'before layer 1'
         )

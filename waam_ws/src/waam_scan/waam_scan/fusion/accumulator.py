@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -102,7 +103,7 @@ class Workers:
         edges = np.linspace(0, length, count + 1).astype(int)
         return [(int(a), int(b)) for a, b in zip(edges, edges[1:], strict=False)]
 
-    def run(self, action, parts: list[tuple]) -> list:
+    def run(self, action: Callable, parts: list[tuple]) -> list:
         """action(*part) for every part; the results in their order."""
         if self._pool is None or len(parts) == 1:
             return [action(*p) for p in parts]

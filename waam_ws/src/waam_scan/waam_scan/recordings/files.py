@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -106,7 +107,8 @@ def stack(rows: list[np.ndarray]) -> np.ndarray:
 
 def read_laser_csv(path: Path) -> LaserScan:
     """`LaserCoordinateN.csv`: TimeReceived,X,Z,Intensity with the points of a profile space-separated in mm."""
-    stamps, columns = [], ([], [], [])
+    stamps: list[int] = []
+    columns: tuple[list[np.ndarray], ...] = ([], [], [])
     for line, fields in records(path, LASER_HEADER):
         stamps.append(_date_ns(path, line, fields[0]))
         rows = [numbers(path, line, LASER_HEADER[k], fields[k]) for k in (1, 2, 3)]
@@ -186,7 +188,14 @@ def read_inprocess_csv(path: Path) -> InprocessScan:
     )
 
 
-def save_map(path: Path, spec: GridSpec, z, sigma, count, **more) -> None:
+def save_map(
+    path: Path,
+    spec: GridSpec,
+    z: np.ndarray,
+    sigma: np.ndarray | None,
+    count: np.ndarray,
+    **more: Any,
+) -> None:
     """NPZ as docs/job_folder.md has it: z, sigma (float32, m), count, origin (2,), resolution, and `more`."""
     with open(path, 'wb') as f:
         np.savez_compressed(

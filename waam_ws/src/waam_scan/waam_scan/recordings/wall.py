@@ -157,7 +157,7 @@ def fit_substrate(points: np.ndarray) -> Plane:
         residual = z - design @ p
         scatter = 1.4826 * float(np.median(np.abs(residual[use])))
         use = np.abs(residual) < 3.0 * scatter
-    return Plane(*map(float, p), scatter)
+    return Plane(float(p[0]), float(p[1]), float(p[2]), scatter)
 
 
 @dataclass(frozen=True)

@@ -151,7 +151,9 @@ def _median3(depth: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(depth), calm, np.nan)
 
 
-def _box(nominal: HeightGrid, found: HeightGrid, less: np.ndarray, allowance: float):
+def _box(
+    nominal: HeightGrid, found: HeightGrid, less: np.ndarray, allowance: float
+) -> tuple[float, ...] | None:
     if not less.any():
         return None
     x0, x1, y0, y1 = _outline(nominal.spec, less)

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from .solve import Registration, RegistrationError, register
-from .target import Cloud, CloudTarget
+from .result import Registration, RegistrationError
+from .solve import register
+from .target import Cloud, CloudTarget, Target
 
 MAP_POINTS = 150_000  # of the merged frames
 REACH = 12  # voxels by which KISS-ICP may be wrong from frame to frame on smooth surfaces
@@ -40,7 +42,7 @@ class Track:
         )
 
 
-def odometer(voxel: float, first_error: float = 5e-3):
+def odometer(voxel: float, first_error: float = 5e-3) -> Any:
     """A KISS-ICP set up for surfaces of centimetres. voxel: m; first_error: m, how far the first guess may be off."""
     from kiss_icp.config import KISSConfig
     from kiss_icp.kiss_icp import KissICP
@@ -85,17 +87,22 @@ def track(
         if frame.ndim != 2 or frame.shape[1] != 3 or len(frame) < 500:
             raise ValueError(f'frame {number}: {frame.shape} points are not enough for odometry')
     coarse = coarse_poses(frames, voxel)
-    poses, refined, steps, notes = [np.eye(4)], [True], [None], []
+    poses, refined, notes = [np.eye(4)], [True], list[str]()
+    steps: list[Registration | None] = [None]
     merged = frames[0]
     rng = np.random.default_rng(seed)
     for number in range(1, len(frames)):
         step = np.linalg.inv(coarse[number - 1]) @ coarse[number]
         last = np.linalg.inv(poses[-2]) @ poses[-1] if number > 1 else np.eye(4)
         guesses = [poses[-1] @ s for s in (step, last, np.eye(4))]
-        pose, step = _refine(frames[number], merged, guesses, change, voxel, seed, notes, number)
+        cloud = Cloud.of(frames[number], seed=seed)
+        target = CloudTarget(Cloud.of(merged, seed=seed))
+        found = _refine(cloud, target, guesses, change, REACH * voxel, seed)
+        pose = guesses[0] if found is None else found.matrix
+        notes += _remarks(number, found)
         poses.append(pose)
-        steps.append(step)
-        refined.append(step is not None)
+        steps.append(found)
+        refined.append(found is not None)
         moved = frames[number] @ pose[:3, :3].T + pose[:3, 3]
         merged = np.vstack([merged, moved])
         if len(merged) > MAP_POINTS:
@@ -104,25 +111,33 @@ def track(
     return Track(coarse, np.array(poses), np.array(refined), steps, notes)
 
 
-def _refine(frame, merged, guesses, change, voxel, seed, notes, number):
-    """Refined pose and its registration, from the first guess (KISS-ICP, steady motion, none) that ends on the surface;
-    the first guess and None where none does."""
-    cloud, target = Cloud.of(frame, seed=seed), CloudTarget(Cloud.of(merged, seed=seed))
+def _refine(
+    cloud: Cloud, target: Target, guesses: list[np.ndarray], change: str, reach: float, seed: int
+) -> Registration | None:
+    """From the first guess (KISS-ICP, steady motion, none) that ends on the surface; None where none does."""
     best = None
     for guess in guesses:
         try:
-            r = register(cloud, target, change, REACH * voxel, guess, points=20_000, seed=seed)
+            r = register(cloud, target, change, reach, guess, points=20_000, seed=seed)
         except (RegistrationError, np.linalg.LinAlgError):
             continue
         if best is None or r.changed < best.changed:
             best = r
         if best.changed < AGREED:
             break
-    if best is None:
-        notes.append(f'frame {number}: does not agree with the frames before: KISS-ICP is kept')
-        return guesses[0], None
-    if best.unobserved:
-        notes.append(f'frame {number}: not observed, left as guessed: {"; ".join(best.unobserved)}')
-    if best.changed > AGREED:
-        notes.append(f'frame {number}: {best.changed:.0%} of it does not lie on the frames before')
-    return best.matrix, best
+    return best
+
+
+def _remarks(number: int, found: Registration | None) -> list[str]:
+    """What is wrong with the refinement of a frame."""
+    if found is None:
+        return [f'frame {number}: does not agree with the frames before: KISS-ICP is kept']
+    remarks = []
+    if found.unobserved:
+        left = '; '.join(found.unobserved)
+        remarks.append(f'frame {number}: not observed, left as guessed: {left}')
+    if found.changed > AGREED:
+        remarks.append(
+            f'frame {number}: {found.changed:.0%} of it does not lie on the frames before'
+        )
+    return remarks

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .solve import RegistrationError
+from .result import RegistrationError
 from .target import Cloud, Target
 
 TURNS = 24  # angles that are tried

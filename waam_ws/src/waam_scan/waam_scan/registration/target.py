@@ -6,9 +6,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import open3d as o3d
+
+from .icp import Icp
 
 NEIGHBOURS = 24  # points of a local plane
 REFERENCE_POINTS = 400_000  # more are thinned out
+SURFACE_POINTS = 400_000  # on a mesh
 STRAY = 3.0  # a point this many times further from its 5th neighbour than usual is a stray
 ROUGH = 25.0  # variance across the local plane against the usual one from which there is no plane
 EVEN = 0.25  # smaller to larger variance within the local plane below which scan lines lie too far apart
@@ -31,6 +35,8 @@ class Target(Protocol):
     exact: bool
 
     def match(self, p: np.ndarray) -> Match: ...
+
+    def icp(self, moving: Cloud) -> Icp: ...
 
 
 @dataclass(frozen=True)
@@ -82,8 +88,6 @@ def without_strays(points: np.ndarray) -> np.ndarray:
 
 def evened(points: np.ndarray, seed: int = 0) -> np.ndarray:
     """Thins profiles that are denser along the line than from line to line, until neighbours lie all around."""
-    import open3d as o3d
-
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points * 1e3))
     cell = 1e3 * spacing(points, seed)
     for _ in range(8):
@@ -108,8 +112,6 @@ def _evenness(p: np.ndarray, seed: int) -> float:
 
 def local_planes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit normals (n, 3), z up, and smallest variance (n,) in m2 of the NEIGHBOURS nearest points of each."""
-    import open3d as o3d
-
     centre = points.mean(axis=0)
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector((points - centre) * 1e3))
     cloud.estimate_covariances(o3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS))
@@ -148,6 +150,11 @@ class CloudTarget:
         sideways = np.linalg.norm(away - along[:, None] * normal, axis=1)
         return Match(foot, normal, sideways < self._sideways + FLAT * np.abs(along))
 
+    def icp(self, moving: Cloud) -> Icp:
+        """Open3D's registration of a cloud to this one."""
+        spacing = max(moving.spacing, self.cloud.spacing)
+        return Icp.of_clouds(moving.points, self.cloud.points, spacing)
+
 
 class MeshTarget:
     """The nearest point of a triangle mesh: triangles (n, 3, 3) in m, outward by the right-hand rule."""
@@ -156,18 +163,19 @@ class MeshTarget:
     noise = 0.0
 
     def __init__(self, triangles: np.ndarray) -> None:
-        import open3d as o3d
-
         t = np.asarray(triangles, float)
         self._centre = t.reshape(-1, 3).mean(axis=0)
         vertices = ((t.reshape(-1, 3) - self._centre) * 1e3).astype(np.float32)
         faces = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
+        self._mesh = o3d.geometry.TriangleMesh(
+            o3d.utility.Vector3dVector(vertices.astype(float)),
+            o3d.utility.Vector3iVector(faces.astype(np.int32)),
+        )
+        self._mesh.compute_triangle_normals()
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=2)
         self._scene.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(faces))
 
     def match(self, p: np.ndarray) -> Match:
-        import open3d as o3d
-
         q = ((p - self._centre) * 1e3).astype(np.float32)
         found = self._scene.compute_closest_points(o3d.core.Tensor(q))
         foot = found['points'].numpy().astype(float) * 1e-3 + self._centre
@@ -177,3 +185,10 @@ class MeshTarget:
         along = np.einsum('ij,ij->i', away, normal)
         sideways = np.linalg.norm(away - along[:, None] * normal, axis=1)
         return Match(foot, normal, sideways < 2e-6 + FLAT * np.abs(along))
+
+    def icp(self, moving: Cloud) -> Icp:
+        """Open3D's registration of a cloud to points on the mesh."""
+        o3d.utility.random.seed(0)
+        points = self._mesh.sample_points_uniformly(SURFACE_POINTS, use_triangle_normal=True)
+        places = np.asarray(points.points) * 1e-3 + self._centre
+        return Icp.of_surface(moving.points, places, np.asarray(points.normals), moving.spacing)

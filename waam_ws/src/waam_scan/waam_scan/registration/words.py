@@ -32,10 +32,10 @@ def direction_name(v: np.ndarray) -> str:
 
 
 def _slides(vectors: np.ndarray) -> list[str]:
-    q, size, _ = np.linalg.svd(vectors, full_matrices=True) if vectors.size else (None, [], None)
-    count = len(size)
-    if count == 0:
+    if not vectors.size:
         return []
+    q, size, _ = np.linalg.svd(vectors, full_matrices=True)
+    count = len(size)
     if count == 1:
         return [f'sliding along {direction_name(q[:, 0])}']
     if count == 2:

@@ -107,10 +107,8 @@ class Assembler:
         range."""
         if self.oldest_used_ns is None or self.oldest_empty_ns is None:
             return 0, 0
-        begin, end = (
-            self.oldest_used_ns - self.oldest_empty_ns,
-            self.newest_empty_ns - self.newest_used_ns,
-        )
+        newest_empty, newest_used = self.newest_empty_ns or 0, self.newest_used_ns or 0
+        begin, end = self.oldest_used_ns - self.oldest_empty_ns, newest_empty - newest_used
         return max(begin, 0), max(end, 0)
 
     def close(self) -> None:

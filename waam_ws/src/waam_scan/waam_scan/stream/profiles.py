@@ -67,8 +67,8 @@ def block_of(
         raise ValueError(f'batch {sequence}: {n} profiles of {m} points is an empty batch')
     if len(light) not in (0, n * m):
         raise ValueError(f'batch {sequence}: intensity has {len(light)} values, not 0 or {n * m}')
-    x, z, light = (v.reshape(n, m) if len(v) else None for v in (x, z, light))
-    return ProfileBlock(start_ns + offsets, x, z, light)
+    intensity = light.reshape(n, m) if len(light) else None
+    return ProfileBlock(start_ns + offsets, x.reshape(n, m), z.reshape(n, m), intensity)
 
 
 REASONS = {

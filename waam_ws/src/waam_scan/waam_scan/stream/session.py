@@ -35,7 +35,7 @@ class EndWatch:
     reached `until_ns`. end: when to give up although news keep coming.
     """
 
-    until_ns: int
+    until_ns: int | None
     quiet: float
     end: float
     news: float
@@ -45,7 +45,8 @@ class EndWatch:
         return now > self.end
 
     def is_quiet(self, now: float, newest_pose_ns: int | None, last_batch: float) -> bool:
-        if newest_pose_ns != self.newest_pose_ns and newest_pose_ns < self.until_ns:
+        new = newest_pose_ns != self.newest_pose_ns
+        if new and (newest_pose_ns or 0) < (self.until_ns or 0):
             self.news, self.newest_pose_ns = now, newest_pose_ns
         return now - max(self.news, last_batch) > self.quiet
 
@@ -112,18 +113,19 @@ class Session:
     ) -> list[str]:
         """Why the map should not be trusted; empty when it may be."""
         counts = self.assembler.counts
-        comparable = before and before.job_id == self.job_id and before.spec == fused.spec
+        if before and (before.job_id, before.spec) != (self.job_id, fused.spec):
+            before = None  # nothing to compare with
         last = self.assembler.newest_used_ns or 0
         begin, end = self.assembler.empty_ends_ns
         # the end of a scan may lie beside the part; a scanner gone blind shows in the loss of coverage, or, in a first
         # map, in an end that is emptier than the beginning
-        if comparable or end <= EMPTY_ENDS * begin:
+        if before or end <= EMPTY_ENDS * begin:
             last = max(last, self.assembler.newest_empty_ns or 0)
         age = (self.until_ns - last) * 1e-9 if self.until_ns else 0.0
         reasons = map_reasons(fused, limits)
         bad = self.lost + self.refused
         reasons += stream_reasons(counts.used, counts.untrusted, self.batches, bad, age, limits)
-        if comparable:
+        if before:
             reasons += jump_reasons(fused, before.z, self.layer - before.layer, limits)
         return reasons
 

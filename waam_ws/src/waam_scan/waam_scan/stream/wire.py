@@ -4,6 +4,7 @@ without copying the arrays. Offsets and alignment count from behind the four byt
 from __future__ import annotations
 
 import struct
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,8 @@ class _Cursor:
     def _align(self, size: int) -> None:
         self._at += -(self._at - HEAD) % size
 
-    def number(self, kind: str, size: int) -> int | float:
+    def number(self, kind: str, size: int) -> Any:
+        """An int or a float, as `kind` (of struct) says."""
         self._align(size)
         (value,) = struct.unpack_from('<' + kind, self._data, self._at)
         self._at += size
