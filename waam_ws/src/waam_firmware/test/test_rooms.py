@@ -35,7 +35,9 @@ def not_allowed(graph: Graph) -> list[str]:
     """Uses of a room that does not lie below."""
     pairs = [(a, b) for a, uses in sorted(graph.items()) for b in sorted(uses)]
     rooms = [(a, b, a.split('/')[0], b.split('/')[0]) for a, b in pairs]
-    return [f'{a} uses {b}' for a, b, own, other in rooms if own != other and other not in BELOW[own]]
+    return [
+        f'{a} uses {b}' for a, b, own, other in rooms if own != other and other not in BELOW[own]
+    ]
 
 
 def includes() -> Graph:
