@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from waam_adapt.laws import features, net
+from waam_adapt.laws import features, net, net_file
 
 WIDTHS = (4, 8, 8)
 
@@ -33,5 +33,5 @@ def card(low: float = -1e9, high: float = 1e9) -> dict:
 
 def model(path: Path, seed: int = 0, head: float = 0.1, **changes) -> Path:
     """Writes a model file; changes: arrays put in place of its own."""
-    net.save(path, random_weights(seed, head) | changes, card())
+    net_file.save(path, random_weights(seed, head) | changes, card())
     return path

@@ -11,7 +11,7 @@ from net_weights import card, model, random_weights
 
 from waam_adapt import correct
 from waam_adapt.laws import explicit as laws
-from waam_adapt.laws import features, net
+from waam_adapt.laws import features, net, net_file
 from waam_adapt.laws.checks import safe_correct
 from waam_adapt.laws.corrector import CorrectionParams, Corrector
 from waam_adapt.laws.net_law import UNetLaw, unlike
@@ -114,12 +114,12 @@ def test_without_a_sound_model_file_the_explicit_law_answers_and_says_so(
 def test_no_damage_of_the_file_gets_past_the_hash(tmp_path_factory, data):
     path = tmp_path_factory.mktemp('fuzz') / 'm.npz'
     raw = bytearray(model(path).read_bytes())
-    reference = net.load(path)
+    reference = net_file.load(path)
     at = data.draw(st.integers(0, len(raw) - 1))
     raw[at] ^= data.draw(st.integers(1, 255))
     path.write_bytes(bytes(raw[: data.draw(st.sampled_from([len(raw), at + 1]))]))
     try:
-        loaded = net.load(path)
+        loaded = net_file.load(path)
     except net.ModelError:
         return
     assert (
@@ -227,8 +227,8 @@ def test_packaged_model_is_sound_small_and_what_the_server_runs():
     law = Corrector(CorrectionParams(law='unet')).law
     assert isinstance(law, UNetLaw)
     assert not law.broken
-    assert net.PACKAGED.stat().st_size < 5e6
-    told = net.PACKAGED.with_suffix('.md').read_text()
+    assert net_file.PACKAGED.stat().st_size < 5e6
+    told = net_file.PACKAGED.with_suffix('.md').read_text()
     assert law.network.digest in told
     assert not law.correct(request()).fallback
 

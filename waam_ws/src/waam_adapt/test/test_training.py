@@ -9,7 +9,7 @@ torch = pytest.importorskip('torch', reason='training needs torch')
 
 from waam_adapt import cli  # noqa: E402
 from waam_adapt.laws import explicit as laws  # noqa: E402
-from waam_adapt.laws import features, net  # noqa: E402
+from waam_adapt.laws import features, net, net_file  # noqa: E402
 from waam_adapt.training import curves, deposit, recorded, rollout, scenes, train  # noqa: E402
 from waam_adapt.training.unet import UNet, arrays  # noqa: E402
 from waam_adapt.types import RATIO_HIGH, RATIO_LOW, CorrectionInput  # noqa: E402
@@ -244,7 +244,7 @@ def test_command_trains_exports_and_resumes(tmp_path, capsys):
     args = parser.parse_args([*common, '--steps', '2'])
     assert args.run_command(args) == 0
     out = tmp_path / 'net' / 'correction.npz'
-    loaded = net.load(out)
+    loaded = net_file.load(out)
     assert loaded.card['training']['steps'] == 2
     assert set(loaded.card['seen']) == set(features.SUMMARIES)
     assert loaded.digest in out.with_suffix('.md').read_text()

@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _train(args: argparse.Namespace) -> int:
-    from .laws import net
+    from .laws import net_file
     from .training import recorded, train
 
     settings = train.Settings(
@@ -103,8 +103,8 @@ def _train(args: argparse.Namespace) -> int:
         check_every=args.check_every, loss=args.loss,
     )  # fmt: skip
     jobs = recorded.from_jobs(args.jobs, args.read_requests) if args.jobs else []
-    first = args.start or (net.PACKAGED if jobs else None)
-    trainer = train.Trainer(settings, net.load(first).weights if first else None, jobs)
+    first = args.start or (net_file.PACKAGED if jobs else None)
+    trainer = train.Trainer(settings, net_file.load(first).weights if first else None, jobs)
     checkpoint = args.out / 'checkpoint.npz'
     if args.resume:
         trainer.resume(checkpoint)

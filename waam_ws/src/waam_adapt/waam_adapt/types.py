@@ -131,7 +131,8 @@ class CorrectionLaw(Protocol):
     weights.
     """
 
-    name: str
+    @property
+    def name(self) -> str: ...
 
     def correct(self, request: CorrectionInput) -> Correction: ...
 

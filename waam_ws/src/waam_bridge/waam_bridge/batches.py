@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from waam_process.names import CONTROLLER_STATES
 from waam_process.segment import Segment
 
 from . import frames, program
-from .frames import ALARM, HOLD, IDLE, STATE_NAMES
+from .frames import ALARM, HOLD, IDLE
 from .machine import Machine
 from .program import Modal, Permit, Refusal
 
@@ -34,7 +35,7 @@ def _check_state(machine: Machine, job: str) -> None:
     if machine.broken:
         raise Refusal(program.WRONG_STATE, f'{machine.broken}; stop or arm first')
     if machine.state in (HOLD, ALARM) or machine.dropping:
-        text = f'controller is in {STATE_NAMES[machine.state]}: {machine.message}'
+        text = f'controller is in {CONTROLLER_STATES[machine.state]}: {machine.message}'
         raise Refusal(program.WRONG_STATE, text)
     if not machine.flags & frames.HOMED:
         raise Refusal(program.WRONG_STATE, 'not homed: HOME first')

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from waam_process.names import CONTROLLER_STATES
 from waam_process.units import to_mm, to_mm_min
 
 from . import frames, requests
@@ -128,7 +129,7 @@ def _disarm(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
 def _home(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
     _need_rest(bridge, 'HOME')
     if bridge.state != frames.IDLE or bridge.link.sender.pending:
-        state = frames.STATE_NAMES[bridge.state]
+        state = CONTROLLER_STATES[bridge.state]
         raise CommandError(requests.WRONG_STATE, f'HOME: the controller is in {state}, not IDLE')
     bridge.home(reply, now)
 
@@ -160,7 +161,7 @@ def _hold(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
 
 def _resume(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
     if bridge.state != frames.HOLD:
-        state = frames.STATE_NAMES[bridge.state]
+        state = CONTROLLER_STATES[bridge.state]
         raise CommandError(requests.WRONG_STATE, f'RESUME: the controller is in {state}, not HOLD')
     bridge.ask('R', '', reply, now, lambda: bridge.say('resumed'))
 

@@ -6,6 +6,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
 
 from waam_msgs.msg import Anomaly, LinkStatus, MachineState, SegmentDone
+from waam_process.names import CONTROLLER_STATES
 from waam_process.units import mm
 
 from . import frames
@@ -97,7 +98,7 @@ def diagnostic_values(bridge: Bridge, status: LinkStatus, port: str) -> dict[str
     """What /diagnostics shows of the link: state, rates, round trips, what was lost or sent again, buffers, clock."""
     return {
         'port': port,
-        'state': frames.STATE_NAMES[bridge.state],
+        'state': CONTROLLER_STATES[bridge.state],
         'fault': bridge.fault_text or 'none',
         'telemetry_hz': f'{status.telemetry_rate:.1f}',
         'telemetry_lost': status.telemetry_lost,

@@ -6,6 +6,8 @@ from binascii import crc_hqx
 from typing import NamedTuple
 from zlib import crc32
 
+from waam_process.names import CONTROLLER_STATES
+
 MAX_LINE = 160  # bytes of a line to the controller, newline included
 MAX_ANSWER = 400  # bytes of a line from the controller; identifications grow with the firmware
 # real-time bytes act when two come in a row; four survive the loss of any two
@@ -13,8 +15,7 @@ STOP_NOW, HOLD_NOW = b'\x82' * 4, b'\x80' * 4
 CRC16, CRC32 = 5, 10  # digits of a check
 
 IDLE, RUN, HOLD, ALARM = range(4)
-STATES = {b'IDLE': IDLE, b'RUN': RUN, b'HOLD': HOLD, b'ALARM': ALARM}
-STATE_NAMES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
+STATES = {name.encode(): number for number, name in enumerate(CONTROLLER_STATES)}
 
 # flags of telemetry
 ARC_ENABLED, ARC_ESTABLISHED, GAS, HOMED, ARMED, QUEUE_EMPTY, ESTOP, WIRE_JOG = (

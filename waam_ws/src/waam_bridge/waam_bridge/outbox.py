@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from .frames import ALARM, STATE_NAMES
+from waam_process.names import CONTROLLER_STATES
+
+from .frames import ALARM
 from .program import Mark
 from .stream import Sender
 
@@ -57,7 +59,7 @@ class Outbox:
 
 def of_fault(state: int, code: int, text: str, silent: list[str]) -> Notice:
     """The notice of a controller that went to HOLD or ALARM. `silent`: nodes without heartbeat."""
-    said = f'{STATE_NAMES[state]} E{code} {text}'.rstrip()
+    said = f'{CONTROLLER_STATES[state]} E{code} {text}'.rstrip()
     if code == LEASE_EXPIRED and silent:
         said += f' (silent: {", ".join(silent)})'
     class_name = CLASS_OF.get(code, 'link')

@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from waam_process.loop_mode import LOOP_MODES, LoopMode
+
 from . import panel
 from .cli_common import add_run, run_and_domain
 from .cli_job import register_job
@@ -27,7 +29,6 @@ The firmware and this software do not replace the hardware safety chain
 (emergency stop, interlocks, fume extraction, eye protection).
 """
 PACKAGES = (
-    'waam_plan',
     'waam_scan',
     'waam_adapt',
     'waam_lab',
@@ -50,6 +51,7 @@ def build_parser() -> argparse.ArgumentParser:
     register_job(commands)
     _register_demo(commands)
     panel.register(commands)
+    importlib.import_module('waam_plan.cli').register(commands, _draw_plan)
     for package in PACKAGES:
         options = {'read_requests': _recorded_requests} if package == 'waam_adapt' else {}
         importlib.import_module(f'{package}.cli').register(commands, **options)
@@ -59,6 +61,15 @@ def build_parser() -> argparse.ArgumentParser:
 def _recorded_requests(folder: Path) -> list[Any]:
     """Requests of the correction server in a recorded job, for `waam train --from`."""
     return importlib.import_module('waam_replay.corrections').requests_of(folder)
+
+
+def _draw_plan(stored: Path, target: Path) -> None:
+    """`waam plan --rerun`: planner and viewer meet here and nowhere else. Raises ValueError without rerun."""
+    try:
+        from waam_view.plan_scene import write_recording
+    except ImportError as e:
+        raise ValueError(f'--rerun needs waam_view and rerun ({e})') from None
+    write_recording(stored, target)
 
 
 def _register_graph(commands) -> None:
@@ -144,8 +155,8 @@ def _register_demo(commands) -> None:
     p.add_argument(
         '--profiles',
         nargs='+',
-        default=['open_loop', 'closed_loop'],
-        choices=('open_loop', 'monitor', 'closed_loop'),
+        default=[LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP],
+        choices=LOOP_MODES,
     )
     p.add_argument('--rate', type=float, default=0.0)
     p.set_defaults(run_command=cmd_demo)

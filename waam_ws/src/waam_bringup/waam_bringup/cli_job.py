@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from waam_job.model.limits import K_GAIN_MAX
+from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from .cli_common import add_run, run_and_domain
 
@@ -102,9 +103,7 @@ def _add_process(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--material', default='er70s-6', help='key of the material table (default er70s-6)'
     )
-    p.add_argument(
-        '--profile', choices=('open_loop', 'monitor', 'closed_loop'), default='closed_loop'
-    )
+    p.add_argument('--profile', choices=LOOP_MODES, default=LoopMode.CLOSED_LOOP)
     p.add_argument('--layer-height', type=float, default=0.0, metavar='MM')
     p.add_argument('--bead-width', type=float, default=0.0, metavar='MM')
     p.add_argument(

@@ -16,6 +16,7 @@ from rich.table import Table
 from waam_job.store.folder import make_job_id, point_latest
 from waam_node import job_folder
 from waam_node.files import write_atomically
+from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from .client import ClientError, GraphClient
 from .graph import Settings
@@ -101,9 +102,15 @@ def combine(folder: Path, results: dict[str, Path]) -> dict:
         'verdict': last['verdict'],
         **runs,
     }
-    if 'open_loop' in runs and 'closed_loop' in runs and runs['open_loop']['rms_mm']:
-        closed = runs['closed_loop']['rms_mm']
-        report['ratio'] = closed / runs['open_loop']['rms_mm'] if closed is not None else None
+    if (
+        LoopMode.OPEN_LOOP in runs
+        and LoopMode.CLOSED_LOOP in runs
+        and runs[LoopMode.OPEN_LOOP]['rms_mm']
+    ):
+        closed = runs[LoopMode.CLOSED_LOOP]['rms_mm']
+        report['ratio'] = (
+            closed / runs[LoopMode.OPEN_LOOP]['rms_mm'] if closed is not None else None
+        )
     write_atomically(folder / job_folder.REPORT, json.dumps(report, indent=1))
     return report
 
@@ -128,7 +135,7 @@ def show(report: dict, console: Console, wall: float) -> None:
         ('telemetry lost', 'telemetry_lost', '{}'),
         ('verdict', 'verdict', '{}'),
     ]
-    runs = [p for p in ('open_loop', 'monitor', 'closed_loop') if p in report]
+    runs = [p for p in LOOP_MODES if p in report]
     table.add_column('')
     for p in runs:
         table.add_column(p.replace('_', ' '), justify='right')

@@ -10,6 +10,7 @@ from typing import Any
 
 from waam_node import job_folder
 from waam_node.files import write_atomically
+from waam_process.names import INTERRUPTED, JOB_ENDED
 
 
 @dataclass
@@ -61,7 +62,7 @@ def load(run: Path) -> RunState | None:
     return RunState(nodes=nodes, **data)
 
 
-ENDED = ('DONE', 'FAILED', 'ABORTED', 'INTERRUPTED')  # states in a job's status.json
+ENDED = (*JOB_ENDED, INTERRUPTED)  # states in a job's status.json
 
 
 def job_status(run: Path) -> tuple[Path, dict[str, Any]] | None:

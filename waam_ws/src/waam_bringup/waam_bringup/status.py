@@ -7,11 +7,11 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from waam_process.names import controller_state
+
 from .client import SERVER_S, GraphClient
 from .progress import clock, describe
 from .run_state import RunState, describe_exit
-
-STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
 
 
 def print_status(run: Path, state: RunState, domain: int) -> int:
@@ -35,7 +35,7 @@ def print_status(run: Path, state: RunState, domain: int) -> int:
         console.print(f'machine: not connected. {machine.message}')
     else:
         console.print(
-            f'machine: {STATES[machine.state]}, {"homed" if machine.homed else "not homed"}, '
+            f'machine: {controller_state(machine.state)}, {"homed" if machine.homed else "not homed"}, '
             f'arc {"on" if machine.arc_on else "off"}, {machine.identity} {machine.firmware_version} on {machine.port}'
         )
         if machine.fault_text:

@@ -35,7 +35,8 @@ typedef struct {
     uint32_t acknowledged;
     char line[WAAM_LINE_MAX + 2]; /* that the host is sending */
     size_t line_length;
-    bool beyond_ascii;           /* there is such a byte in it */
+    bool real_time;              /* there is such a byte in it */
+    bool unsure;                 /* such a line has been sent since the last hang-up */
     bool native;                 /* a line with a good check has been sent since the last hang-up */
     bool marlin;                 /* the controller has said "start" to a stock sender */
 } rig_t;
@@ -94,7 +95,7 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
         if (strncmp(text, "echo:! ", 7) == 0)
             on_state(text + 5);
         if (strcmp(text, "start") == 0) {
-            REQUIRE(!rig.native, "a host that has sent a checked line is not taken for a stock sender");
+            REQUIRE(!rig.native || rig.unsure, "a host that has sent a checked line is not taken for a stock sender");
             rig.marlin = true;
         }
         return;
@@ -131,26 +132,27 @@ static void sent_checked(size_t content)
         rig.marlin = false;
 }
 
-/* Before the controller has seen the end of the line. A line with a byte beyond ASCII may be another one to the controller,
- * which takes real-time bytes out of it: of that only the time is kept. */
+/* Before the controller has seen the end of the line. A line with real-time bytes may be another one to the controller, which
+ * takes pairs of them out of it: from then on it is not known here which dialect is right. */
 static void sent(char byte)
 {
     size_t content = 0;
     if (byte != '\n') {
         rig.line_length += rig.line_length < sizeof rig.line;
         rig.line[rig.line_length - 1] = byte;
-        rig.beyond_ascii = rig.beyond_ascii || (uint8_t)byte >= 0x80;
+        rig.real_time = rig.real_time || ((uint8_t)byte >= WAAM_BYTE_HOLD && (uint8_t)byte <= WAAM_BYTE_STOP);
         return;
     }
     if (rig.line_length && rig.line[rig.line_length - 1] == '\r')
         rig.line_length--;
     bool checked = rig.line_length <= WAAM_LINE_MAX && waam_check_line(rig.line, rig.line_length, &content);
-    if (checked || rig.beyond_ascii)
+    if (checked || rig.real_time)
         rig.fed_us = rig.core.now_us;
-    if (checked && !rig.beyond_ascii)
+    if (checked)
         sent_checked(content);
     rig.line_length = 0;
-    rig.beyond_ascii = false;
+    rig.unsure = rig.unsure || rig.real_time;
+    rig.real_time = false;
 }
 
 static void feed(const char *bytes, size_t count)
@@ -164,7 +166,7 @@ static void feed(const char *bytes, size_t count)
 static void hang_up(void)
 {
     waam_core_hang_up(&rig.core);
-    rig.native = rig.marlin = rig.beyond_ascii = false;
+    rig.native = rig.marlin = rig.real_time = rig.unsure = false;
     rig.line_length = 0;
 }
 
@@ -285,7 +287,7 @@ static void require_state(bool limit_before)
     REQUIRE(!(rig.inputs.limit_switch && !limit_before) || c->state == WAAM_ALARM, "limit switch");
     REQUIRE(c->state != WAAM_RUN || rig.marlin || c->now_us - rig.fed_us <= rig.config.link_timeout_us,
             "no RUN without a host, but a stock sender's");
-    REQUIRE(!rig.marlin || (!rig.outputs.arc && !c->armed), "no arc for a stock sender");
+    REQUIRE(!rig.marlin || rig.unsure || (!rig.outputs.arc && !c->armed), "no arc for a stock sender");
     REQUIRE(c->state != WAAM_ALARM || (!rig.outputs.arc && rig.outputs.wire_mm_s == 0.0 && !c->homed && !c->armed),
             "ALARM blocks all outputs");
     REQUIRE(c->planner.count <= WAAM_BLOCKS && c->link.ring_used <= WAAM_RING_BYTES, "queues");

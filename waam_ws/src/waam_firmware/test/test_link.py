@@ -89,9 +89,9 @@ def test_duplicates_are_acknowledged_and_dropped(client):
 
 def test_error_stops_acceptance_until_resynchronised(client):
     client.home()
-    for number, text in ((2, 'G4 P0'), (3, 'G1 Q5'), (4, 'G0 X100'), (5, 'G0 X200')):
+    for number, text in ((2, 'G4 P0'), (3, 'G1 D5'), (4, 'G0 X100'), (5, 'G0 X200')):
         client.numbered(number, text)
-    assert client.wait_line('^er') == 'er N3 E103 C7 Q is not a word of this controller'
+    assert client.wait_line('^er') == 'er N3 E103 C7 D is not a word of this controller'
     client.ask('$V 1000 1000')
     frame = client.next_frame()
     assert (frame['line_accepted'], frame['x_um'], frame['state']) == (2, 0, 0)
@@ -108,7 +108,7 @@ def test_error_stops_acceptance_until_resynchronised(client):
         ('G2 X1 Y1', 107, 4),
         ('E5', 107, 4),
         ('G1 X', 104, 7),
-        ('G1 X1e5 F100', 107, 9),
+        ('G1 X1e5 F100', 104, 7),
         ('G1 X-.', 104, 7),
         ('X5', 107, 4),
         ('G1 X5', 107, 7),

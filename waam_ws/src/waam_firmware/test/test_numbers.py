@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 LONGEST = 159  # bytes of a line, less its letter
-MANY = settings(max_examples=800, deadline=None, derandomize=True, database=None)
+MANY = settings(max_examples=500, deadline=None, derandomize=True, database=None)
 
 
 class Cursor(ctypes.Structure):

@@ -17,12 +17,14 @@ from waam_job.conversions import goal_from_job, goal_from_msg
 from waam_job.model.geometry import asked_growth, deviation, follow
 from waam_job.model.goal import Code, JobError, JobGoal, check
 from waam_job.model.limits import K_GAIN_MAX
+from waam_job.model.records import LayerRecord
 from waam_job.model.telemetry import TelemetryStats
 from waam_job.ros.node_requests import new_folder
 from waam_job.store.folder import JobFolder, clean
 from waam_msgs.action import RunJob
 from waam_node.files import write_atomically
 from waam_process.grid import GridSpec, HeightGrid
+from waam_process.materials import get
 from waam_process.segment import Kind, Segment
 
 
@@ -128,6 +130,32 @@ def test_sums_count_lost_frames_arc_starts_and_energy():
     )
     assert s.power_per_speed / s.arc_frames == pytest.approx(180 * 22 / 0.01)
     assert stats.take_sums().frames == 0
+
+
+def cost_of(current, error=0.0, frames=100):
+    """Cost of a layer whose arc burns at `current` A for frames of 10 ms, after `error` m of height."""
+    stats, steel = TelemetryStats(), get('er70s-6')
+    for n in range(frames):
+        frame(stats, n, current=current, wire_commanded=steel.arc_current_feed)
+    record = LayerRecord(height_error_rms=error)
+    record.add_sums(stats.take_sums(), steel.set_current)
+    record.add_height_cost(0.0)
+    return record.cost
+
+
+def test_cost_shows_a_current_that_is_steadily_off_what_was_set():
+    """138 A are set at 6.6 m/min: 20 A off for a second cost 1e-4*20^2, in either direction."""
+    assert cost_of(138.0) == pytest.approx(0.0, abs=1e-9)
+    assert cost_of(158.0) == pytest.approx(0.04, rel=0.02)
+    assert cost_of(118.0) == pytest.approx(0.04, rel=0.02)
+
+
+def test_cost_counts_the_final_surface():
+    """Half a second of arc on each side of a surface; the last one has only the layer before."""
+    final = LayerRecord(final=True, height_error_rms=0.5e-3)
+    final.add_height_cost(1.0)
+    assert final.cost == pytest.approx(0.5**2 * 0.5)
+    assert cost_of(138.0, error=0.5e-3) == pytest.approx(0.5**2 * 0.5, rel=0.02)
 
 
 def test_sequence_wraps_without_a_loss():

@@ -31,12 +31,13 @@ from waam_node.conversions import (
     time_to_msg,
 )
 from waam_process.grid import HeightGrid
+from waam_process.names import CONTROLLER_STATES
 
 from .model.cell import Correction, CorrectionRequest, Heat, Scan
 from .model.goal import JobGoal
 from .model.records import AnomalyRecord, LayerRecord, Status
 
-STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
+STATES = CONTROLLER_STATES
 SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')
 
 

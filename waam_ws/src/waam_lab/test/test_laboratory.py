@@ -73,6 +73,12 @@ def test_a_build_rises_from_the_plate(parts):
     assert 1e-3 < np.nanmedian(grown) < 4e-3
 
 
+def test_the_pyrometer_follows_the_metal_of_a_build(parts):
+    r = run(build(parts[0], seed=2, layers=2))
+    before_second = next(row for row in r.reports if row['layer'] == 2 and not row['final'])
+    assert before_second['temperature'] > 60.0
+
+
 def test_overrides_act_and_unknown_ones_are_refused_by_name(parts, repaired):
     lean = run(restore(*parts, seed=3, overrides={'cell': {'metal_transfer': 0.6}}))
     assert lean.layer_means[0] < repaired.layer_means[0] - 0.1e-3
@@ -114,6 +120,16 @@ def test_bad_goals_are_refused(parts, tmp_path):
         run(restore(parts[0], None))
     with pytest.raises(ValueError, match='no such file'):
         run(restore(parts[0], tmp_path / 'gone.stl'))
+
+
+def test_what_would_not_act_is_refused(parts):
+    with pytest.raises(ValueError, match="unknown fault 'gas_los'"):
+        run(restore(*parts, faults=(Fault('gas_los'),)))
+    with pytest.raises(ValueError, match="override 'cell.metal_transfer' would not act"):
+        overrides = {'cell': {'metal_transfer': 0.8}}
+        run(restore(*parts, plant=PlantParams(), overrides=overrides))
+    with pytest.raises(ValueError, match='seed is -1'):
+        run(restore(*parts, seed=-1))
 
 
 def test_a_refused_job_among_many_is_told_and_the_others_go_on(parts):

@@ -100,8 +100,8 @@ def maps(results: Sequence[LabResult], tolerance: float) -> Maps | None:
     worst = np.take_along_axis(filled, largest[None], axis=0)[0]
     within = (seen & (np.abs(filled) <= tolerance)).sum(axis=0) / np.maximum(count, 1)
     mean = filled.sum(axis=0) / np.maximum(count, 1)
-    cut = [np.where(known, a, np.nan) for a in (mean, worst, within)]
-    return Maps(found[0], *cut, region=region, interior=interior)
+    mean, worst, within = (np.where(known, a, np.nan) for a in (mean, worst, within))
+    return Maps(found[0], mean, worst, within, region, interior)
 
 
 def judged_errors(results: Sequence[LabResult]) -> np.ndarray:

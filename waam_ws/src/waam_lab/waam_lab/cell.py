@@ -21,6 +21,7 @@ from waam_bridge.outbox import WARNING, Outbox
 from waam_job import conversions as convert
 from waam_job.model.cell import Correction, CorrectionRequest, Heat, Scan, Sums
 from waam_job.model.cell import Machine as MachineView
+from waam_job.model.geometry import aim_point
 from waam_job.model.goal import Code, JobError
 from waam_job.model.records import AnomalyRecord, LayerRecord, State, Status
 from waam_job.model.telemetry import TelemetryStats
@@ -213,7 +214,13 @@ class LabCell:
         """There is no recorder: a job of the laboratory can be run again."""
         return 'not recorded'
 
-    def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None: ...
+    def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None:
+        """The pyrometer follows the metal, as by the topic pyrometer_aim."""
+        point = aim_point(segments)
+        if point is not None:
+            offset, zero = self.machine().work_offset, self.device.plant.params.work_zero
+            x, y = (p + o - z for p, o, z in zip(point[:2], offset, zero, strict=False))
+            self.device.plant.aim(x, y)
 
     def status(self, status: Status) -> None:
         deposits = status.state == State.DEPOSITING

@@ -18,7 +18,8 @@ from waam_job.run.runner import JobRunner
 from waam_job.store.folder import JobFolder
 from waam_process.grid import HeightGrid
 from waam_sim import part as parts
-from waam_sim.config import plant_params
+from waam_sim.config import GROUPS, plant_params
+from waam_sim.faults import Faults
 from waam_sim.plant import Plant, PlantParams
 
 from . import params, results
@@ -35,6 +36,7 @@ def run(job: LabJob) -> LabResult:
     A job that fails on the way (a fault of the cell, a map that cannot be believed) is a result with verdict 'failed'.
     """
     known = params.make(job.overrides)
+    _check_cell(job)
     checked = check(job.goal)
     physics = physics_of(job, known)
     plant = Plant(on_table(job, physics), physics, job.seed)
@@ -48,6 +50,19 @@ def run(job: LabJob) -> LabResult:
             return results.read(folder, job, cell.now() - began, spent)
     finally:
         cell.close()
+
+
+def _check_cell(job: LabJob) -> None:
+    """ValueError for what would only be found in the middle of a job, or never."""
+    if job.seed < 0:
+        raise ValueError(f'seed is {job.seed}, must not be negative')
+    own = [f'{group}_' for group in GROUPS]
+    changed = [n for n in job.overrides.get('cell', {}) if n.startswith(tuple(own))]
+    if job.plant is not None and changed:
+        text = f"plant replaces the physics, so the override 'cell.{changed[0]}' would not act"
+        raise ValueError(text)
+    for fault in job.faults:
+        Faults().inject(fault.name, fault.value, 0.0)
 
 
 def physics_of(job: LabJob, known: params.LabParams) -> PlantParams:

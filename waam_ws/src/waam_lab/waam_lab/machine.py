@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from waam_bridge import commands
+from waam_bridge import commands, requests
 from waam_bridge.core import Bridge
 from waam_bridge.frames import Telemetry
 from waam_bridge.outbox import Outbox
@@ -80,7 +80,7 @@ class Machine:
         )
         self._publish()
         self.until(lambda: bool(answers), ANSWER_LIMIT)
-        return answers[0] if answers else (commands.requests.TIMEOUT, 'no answer')
+        return answers[0] if answers else (requests.TIMEOUT, 'no answer')
 
     def step(self) -> None:
         """One exchange."""

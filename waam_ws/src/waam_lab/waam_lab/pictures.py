@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from waam_view.canvas import BLUE, GREEN, INK, new_figure, png, style
 from waam_view.figures import nice_range
@@ -89,7 +90,7 @@ def histogram(errors: np.ndarray, tolerance: float) -> bytes:
     if error.size:
         reach = max(2 * limit, float(np.percentile(np.abs(error), 99.5)) * 1.1)
         weights = np.full(error.size, 100.0 / error.size)
-        edges = np.linspace(-reach, reach, 61)
+        edges = np.linspace(-reach, reach, 61).tolist()
         axes.hist(np.clip(error, -reach, reach), edges, weights=weights, color=BLUE)
         axes.axvline(error.mean(), color=INK, linewidth=1.0, linestyle=':')
     axes.axvspan(-limit, limit, color=GREEN, alpha=0.12)
@@ -108,6 +109,6 @@ def levels(bands: list[tuple[float, float, float]], tolerance: float) -> bytes:
     axes.fill_between(layers, low, high, color=BLUE, alpha=0.25, linewidth=0)
     axes.plot(layers, mean, 'o-', color=BLUE, markersize=4)
     axes.axhline(0.0, color=INK, linewidth=0.8)
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     style(axes, 'layers laid (line: mean, band: all jobs)', 'mean error of the layer, mm')
     return png(figure)

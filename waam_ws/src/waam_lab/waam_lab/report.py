@@ -245,7 +245,7 @@ def _about(c: Campaign) -> str:
         f'{len(c.results)} jobs in {duration(c.wall)} with {c.workers} workers, '
         f'{fmt(c.speed, 0)} s of machine time per second and core.',
         'Each job runs on a simulated cell of its own, which differs in everything that is random: efficiency of beads '
-        'over the place, arc, scanner, pyrometer. A real cell differs from the simulated one; see docs.',
+        'over the place, arc, scanner, pyrometer. A real cell differs from the simulated one as well.',
     ]
     lines += [f'Changed parameters: {", ".join(changed)}.'] if changed else []
     body = ''.join(f'<p class="soft">{escape(text)}</p>' for text in lines)

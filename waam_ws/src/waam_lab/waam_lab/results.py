@@ -20,8 +20,9 @@ def read(folder: JobFolder, job: LabJob, time: float, cpu: float) -> LabResult:
     report = folder.read_json('report.json') or {}
     run: dict[str, Any] = report.get(job.goal.profile, {})
     maps = [m for m in (folder.read_map(n) for n in range(folder.last_map() + 1)) if m is not None]
-    final = _maps(maps) if run.get('rms_mm') is not None else None
+    final = _maps(maps) if maps and report.get('verdict', 'failed') != 'failed' else None
     rows = [r for r in run.get('layers', []) if not r.get('final')]
+    judged = run.get('rms_mm') is not None
     return LabResult(
         seed=job.seed,
         verdict=report.get('verdict', 'failed'),
@@ -32,7 +33,7 @@ def read(folder: JobFolder, job: LabJob, time: float, cpu: float) -> LabResult:
         max_error=_metres(run, 'max_mm'),
         largest=largest(final) if final else math.nan,
         rms_edges=_metres(run, 'rms_all_mm'),
-        share_in_tolerance=_number(run, 'share_in_tolerance') if final else math.nan,
+        share_in_tolerance=_number(run, 'share_in_tolerance') if judged else math.nan,
         layer_means=layer_means(maps),
         layers=len(rows),
         fallbacks=sum(bool(r.get('fallback')) for r in rows),

@@ -8,6 +8,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Vector3
 from sensor_msgs.msg import Image
+from std_msgs.msg import Header
 
 from waam_msgs.msg import GridInfo
 from waam_msgs.msg import Segment as SegmentMsg
@@ -33,7 +34,7 @@ def grid_from_msg(msg: GridInfo) -> GridSpec:
     return GridSpec(p.x, p.y, msg.resolution, msg.rows, msg.cols)
 
 
-def map_from_msg(values, spec: GridSpec) -> np.ndarray:
+def map_from_msg(values: array, spec: GridSpec) -> np.ndarray:
     """(rows, cols) float64 from a float32[] field; ValueError when the length does not fit."""
     a = np.frombuffer(values, np.float32) if len(values) else np.empty(0, np.float32)
     if a.size != spec.rows * spec.cols:
@@ -41,7 +42,7 @@ def map_from_msg(values, spec: GridSpec) -> np.ndarray:
     return a.reshape(spec.shape).astype(float)
 
 
-def image_to_msg(z: np.ndarray, header) -> Image:
+def image_to_msg(z: np.ndarray, header: Header) -> Image:
     """A map as sensor_msgs/Image 32FC1 (m, NaN = unknown), first row = largest y, as viewers show it."""
     data = np.ascontiguousarray(z[::-1], np.float32)
     msg = Image(header=header, height=z.shape[0], width=z.shape[1], encoding='32FC1')

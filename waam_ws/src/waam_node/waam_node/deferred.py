@@ -51,5 +51,5 @@ def create_deferred_service(
         else:
             send(response, header)
 
-    service.send_response = send_or_keep
+    service.send_response = send_or_keep  # type: ignore[method-assign]
     return service

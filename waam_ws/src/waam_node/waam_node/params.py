@@ -55,7 +55,7 @@ def check_value(name: str, value: Any, field: dataclasses.Field) -> Any:
             f"parameter '{name}' must be of type {type(default).__name__}, "
             f'not {type(value).__name__} ({value!r})'
         )
-    if isinstance(value, float) and math.isnan(value) and not math.isnan(default):
+    if isinstance(value, float) and math.isnan(value) and not math.isnan(default):  # type: ignore[arg-type]
         raise ParameterError(f"parameter '{name}' is not a number")
     low, high = meta.get('minimum'), meta.get('maximum')
     unit = f' {meta["unit"]}' if meta.get('unit') else ''

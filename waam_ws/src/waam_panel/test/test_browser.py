@@ -119,6 +119,10 @@ def pictures_of_a_bead(s: Screen) -> None:
     s.click('[data-map=path]')
     s.picture('run_dark')
     s.page.keyboard.press('t')
+    s.page.set_viewport_size({'width': 390, 'height': 844})
+    s.click('[data-map=error]')
+    s.page.evaluate('scrollTo(0, 0)')
+    s.picture('run_phone')
     s.page.set_viewport_size({'width': 1280, 'height': 800})
 
 
@@ -213,7 +217,15 @@ def test_a_whole_shift(cell, browser):
 # ---- without ROS: the page itself
 
 
-SIZES = {'desk': (1280, 800), 'tablet': (1024, 768)}
+SIZES = {
+    'desk': (1280, 800),
+    'tablet': (1024, 768),
+    'tablet_upright': (768, 1024),
+    'phone': (390, 844),
+    'small_phone': (320, 568),
+    'phone_on_its_side': (844, 390),
+}
+PAGES = ('run', 'setup', 'move', 'alarms', 'jobs', 'machine')
 LAYOUT = """() => {
   const all = [...document.querySelectorAll('button, select, input, td a')];
   const found = all.filter((e) => e.offsetParent && e.type !== 'hidden');
@@ -228,27 +240,89 @@ LAYOUT = """() => {
     const scrolled = Boolean(e.closest('main')) !== Boolean(f.closest('main'));
     if (over && !scrolled) bad.push(`${name} over ${other}`);
   }
-  for (const e of document.querySelectorAll('.page.on, .value, .over, .over b, nav button')) {
+  const labelled = '.page.on, .value, .over, .over b, nav button, .act, .stop, label, .tabs button';
+  for (const e of document.querySelectorAll(labelled)) {
     if (e.offsetParent && e.scrollWidth > e.clientWidth + 1) bad.push(`${e.id || e.textContent.trim()} is cut off`);
+  }
+  return bad;
+}"""
+STOP_IS_WHOLE = """() => {
+  const stop = document.getElementById('stop'), b = stop.getBoundingClientRect(), bad = [];
+  const inside = b.left >= 0 && b.top >= 0 && b.right <= innerWidth && b.bottom <= innerHeight;
+  if (!inside) bad.push(`STOP leaves the screen: ${JSON.stringify(b)}`);
+  const large = b.width >= 88 && b.height >= 47.5 && stop.scrollWidth <= stop.clientWidth;
+  if (!large) bad.push(`STOP is too small: ${b.width} x ${b.height}`);
+  for (let i = 1; i < 10; i++) for (let k = 1; k < 10; k++) {
+    const hit = document.elementFromPoint(b.left + b.width * i / 10, b.top + b.height * k / 10);
+    if (hit !== stop) bad.push(`STOP is covered at ${i}, ${k} by ${hit && (hit.id || hit.tagName)}`);
+  }
+  return bad;
+}"""
+LABELS = """() => {
+  const bad = [], texts = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const node = walker.currentNode, owner = node.parentElement;
+    if (!node.data.trim() || !owner.offsetParent || owner.closest('select, #toast, script')) continue;
+    const range = document.createRange();
+    range.selectNodeContents(node);
+    for (const b of range.getClientRects()) {
+      if (b.width < 1 || b.height < 1) continue;
+      let box = { left: b.left, right: b.right, top: b.top, bottom: b.bottom };
+      for (let e = owner; e; e = e.parentElement) {  // what is clipped or scrolled away is not seen
+        if (getComputedStyle(e).overflowX === 'visible') continue;
+        const c = e.getBoundingClientRect();
+        box = { left: Math.max(box.left, c.left), right: Math.min(box.right, c.right),
+          top: Math.max(box.top, c.top), bottom: Math.min(box.bottom, c.bottom) };
+      }
+      if (box.right - box.left > 1 && box.bottom - box.top > 1) texts.push([node.data.trim(), box, owner]);
+    }
+  }
+  for (const [i, [name, a, e]] of texts.entries()) for (const [other, b, f] of texts.slice(i + 1)) {
+    if (e === f) continue;
+    const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+    const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+    if (wide > 2 && high > 4) bad.push(`"${name}" over "${other}"`);  // lines of a font are higher than its letters
   }
   return bad;
 }"""
 
 
-@pytest.mark.parametrize('size', SIZES.values(), ids=SIZES)
-def test_targets_are_large_enough_for_gloves_and_nothing_overlaps(panel, browser, size):
-    panel.cell.mailbox.put(('anomaly', {'class': 'scan', 'severity': 1, 'text': 'dirty'}))
+def show_a_job(panel) -> None:
+    """Everything that takes room: a long name, an alarm, values with all their digits."""
+    put = panel.cell.mailbox.put
+    put(('anomaly', {'class': 'scan', 'severity': 1, 'text': 'dirty'}))
     numbers = (-123.456, 123.456, -99.9), 288.0, 28.8, 0.2, 0.2, 0.055
-    frame = Sample(1.0, *numbers, 'RUN', True, True, True, 1.25, 1.25, 0.4)
-    panel.cell.mailbox.put(('telemetry', frame))
+    put(('telemetry', Sample(1.0, *numbers, 'RUN', True, True, True, 1.25, 1.25, 0.4)))
+    job = dict.fromkeys(('layer', 'layers', 'bead', 'beads'), 108) | {
+        'id': '20260101_jaw_restoration_2',
+        'dir': '',
+    }
+    job |= {'state': 'CORRECTING', 'rms_mm': 0.123, 'max_mm': 0.4, 'k_gain': 0.2, 'progress': 0.5}
+    job |= {'time_left': 5400.0, 'error_code': 0, 'message': '', 'material': 'er70s-6'}
+    put(('job', job))
+    heat = {'factor': 1.0, 'temperature': 148.0, 'rate': -0.1, 'limit': 180.0, 'ready': False}
+    put(('heat', heat | {'wait': 130.0, 'plausible': True, 'reasons': []}))
+    put(('temperature', {'value': 1148.0}))
+
+
+@pytest.mark.parametrize('size', SIZES.values(), ids=SIZES)
+def test_stop_is_whole_targets_fit_gloves_and_nothing_overlaps(panel, browser, size):
+    show_a_job(panel)
     s = Screen(browser, *size, has_touch=True)
     s.page.goto(panel.url)
     s.visible('#banner')
     s.shows('#o-speed', '125 %')
-    for name in ('run', 'setup', 'move', 'alarms', 'jobs', 'machine'):
+    for name in PAGES:
         s.page.tap(f'nav [data-page={name}]')
         s.visible(f'#{name}')
-        assert s.page.evaluate(LAYOUT) == [], name
+        found = [s.page.evaluate(check) for check in (STOP_IS_WHOLE, LAYOUT, LABELS)]
+        assert found == [[], [], []], name
+        s.page.evaluate('scrollTo(0, document.body.scrollHeight)')
+        assert s.page.evaluate(STOP_IS_WHOLE) == [], name
+        s.page.evaluate('scrollTo(0, 0)')
+    s.page.evaluate("document.body.classList.add('lost')")
+    assert s.page.evaluate(STOP_IS_WHOLE) == []
     assert s.said == []
 
 

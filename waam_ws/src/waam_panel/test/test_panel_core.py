@@ -146,6 +146,24 @@ def test_commanded_speed_is_that_of_the_nearest_segment_with_the_override():
     assert state.sections['telemetry']['speed_commanded'] is None
 
 
+def test_the_power_up_alarm_is_acknowledged_by_the_reset_that_ends_it():
+    """A job resets the controller itself; its banner must not stand over the job."""
+    state = PanelState(10)
+    power_up = MACHINE | {'state': 'ALARM', 'fault': 306, 'fault_text': 'power-up: reset needed'}
+    state.apply('machine', power_up, 0, 1.0)
+    (alarm,) = state.alarms.listing()
+    assert alarm['active'] and not alarm['acknowledged']
+    state.apply('machine', MACHINE, 0, 2.0)
+    (alarm,) = state.alarms.listing()
+    assert not alarm['active'] and alarm['acknowledged']
+    state.apply('machine', power_up, 0, 3.0)  # switched on again: a new alarm
+    assert [a['acknowledged'] for a in state.alarms.listing()] == [False, True]
+    emergency = MACHINE | {'state': 'ALARM', 'fault': 300, 'fault_text': 'emergency stop'}
+    state.apply('machine', emergency, 0, 4.0)
+    state.apply('machine', MACHINE, 0, 5.0)
+    assert not state.alarms.listing()[0]['acknowledged']  # that one a person has to see
+
+
 def program(**changes) -> dict:
     row = {'node': 'recorder', 'level': 0, 'message': 'ready', 'viewer': '', 'restarted': ''}
     return row | changes

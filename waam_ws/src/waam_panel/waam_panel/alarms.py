@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 KINDS = ('controller', 'job', 'anomaly', 'condition')
+ENDED_BY_HAND = {('controller', '306')}  # power-up: nothing but a reset ends it
 KEPT = 200  # alarms in the list; the oldest acknowledged ones go first
 
 
@@ -126,10 +127,12 @@ class AlarmLog:
         return None
 
     def clear(self, slot: str) -> None:
-        """The condition is over; its alarm stays in the list until it is acknowledged."""
+        """The condition is over; its alarm stays in the list until it is acknowledged. One that only ends by what
+        somebody has done on purpose is acknowledged with it."""
         alarm = self._conditions.pop(slot, None)
         if alarm:
             alarm.active = False
+            alarm.acknowledged |= (alarm.kind, alarm.code) in ENDED_BY_HAND
             self.version += 1
 
     def acknowledge(self, number: int | None = None) -> int:

@@ -14,7 +14,7 @@ from .cell import CELL, Cell
 from .operations import Refused
 from .parts import PartsError
 from .security import COOKIE, CSRF_HEADER
-from .setup_form import LAST_SCAN, FormError, parse
+from .setup_form import LAST_SCAN, LOOP_MODE_LABELS, FormError, parse
 from .worker import WorkError
 
 STEPS_MM = (0.1, 1.0, 10.0, 50.0)
@@ -259,7 +259,7 @@ def _listing(read: Callable[[Cell], Any]) -> Callable[[web.Request], Awaitable[w
 def _choices(cell: Cell) -> dict[str, Any]:
     return {
         'parts': cell.parts.listing(), 'materials': cell.materials, 'steps_mm': STEPS_MM,
-        'simulated': cell.operations.simulated,
+        'simulated': cell.operations.simulated, 'loop_modes': list(LOOP_MODE_LABELS.items()),
         'alarms': {k: {c: vars(a) for c, a in t.items()} for k, t in alarms.table().items()},
     }  # fmt: skip
 

@@ -25,16 +25,11 @@ from waam_msgs.msg import (
     Telemetry,
 )
 from waam_node.conversions import grid_from_msg, map_from_msg, nanoseconds, seconds
+from waam_process.names import controller_state, job_state
 
 from . import pictures
 from .setup_form import JobSetup
 from .state import Sample
-
-MACHINE_STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
-JOB_STATES = (
-    *('IDLE', 'VALIDATING', 'PREPARING', 'COOLING', 'SCANNING', 'CORRECTING', 'DEPOSITING'),
-    *('PAUSED', 'FINISHING', 'DONE', 'FAILED', 'ABORTED'),
-)
 
 
 def number(value: float, factor: float = 1.0, digits: int = 4) -> float | None:
@@ -57,7 +52,7 @@ def sample(m: Telemetry) -> Sample:
         feed_commanded=m.wire_feed_commanded,
         feed=m.wire_feed_speed,
         speed=m.travel_speed,
-        state=MACHINE_STATES[m.state] if m.state < 4 else str(m.state),
+        state=controller_state(m.state),
         arc=m.arc_established,
         arc_enabled=m.arc_enabled,
         gas=m.gas,
@@ -70,7 +65,7 @@ def sample(m: Telemetry) -> Sample:
 def machine(m: MachineState) -> dict[str, Any]:
     return {
         'connected': m.connected, 'port': m.port, 'identity': m.identity, 'firmware': m.firmware_version,
-        'capabilities': list(m.capabilities), 'state': MACHINE_STATES[m.state] if m.state < 4 else str(m.state),
+        'capabilities': list(m.capabilities), 'state': controller_state(m.state),
         'homed': m.homed, 'armed': m.armed, 'armed_job': m.armed_job, 'fault': m.fault, 'fault_text': m.fault_text,
         'silent': list(m.silent_nodes), 'message': m.message, 'work_offset': _mm(m.work_offset),
         'limit_min': _mm(m.limit_min), 'limit_max': _mm(m.limit_max),
@@ -87,7 +82,7 @@ def link(m: LinkStatus) -> dict[str, Any]:
 
 def job(m: JobStatus) -> dict[str, Any]:
     return {
-        'id': m.job_id, 'dir': m.job_dir, 'state': JOB_STATES[m.state] if m.state < 12 else str(m.state),
+        'id': m.job_id, 'dir': m.job_dir, 'state': job_state(m.state),
         'profile': m.profile, 'material': m.material, 'k_gain': number(m.k_gain), 'layer': m.layer,
         'layers': m.layers, 'bead': m.bead, 'beads': m.beads, 'pass': m.pass_number, 'passes': m.passes,
         'progress': number(m.progress, 1, 4), 'time_left': number(m.time_left, 1, 0),

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from waam_node.job_folder import JOB, REPORT, REPORT_PAGE, STATUS
+from waam_process.loop_mode import LOOP_MODES
+from waam_process.names import INTERRUPTED
 
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]*')
-PROFILES = ('closed_loop', 'monitor', 'open_loop')
-UNFINISHED = ('INTERRUPTED', 'FAILED', 'ABORTED')
+SHOWN_FIRST = tuple(reversed(LOOP_MODES))  # of a demo: the closed loop
+UNFINISHED = (INTERRUPTED, 'FAILED', 'ABORTED')
 SHOWN = 60
 
 
@@ -43,8 +45,8 @@ def _is_job(folder: Path) -> bool:
 
 def _row(folder: Path) -> dict[str, Any]:
     status, report = _read(folder / STATUS), _read(folder / REPORT)
-    run = next((report[p] for p in PROFILES if isinstance(report.get(p), dict)), {})
-    runs = [p for p in PROFILES if p in report]
+    run = next((report[p] for p in SHOWN_FIRST if isinstance(report.get(p), dict)), {})
+    runs = [p for p in SHOWN_FIRST if p in report]
     return {
         'id': folder.name,
         'state': str(status.get('state') or ('DONE' if report else 'UNKNOWN')),

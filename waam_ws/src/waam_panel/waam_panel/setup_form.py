@@ -7,8 +7,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-PROFILES = ('closed_loop', 'monitor', 'open_loop')
+from waam_process.loop_mode import LOOP_MODES, LoopMode
+
 MODES = ('restore', 'build')
+LOOP_MODE_LABELS = {
+    LoopMode.CLOSED_LOOP: 'closed loop',
+    LoopMode.MONITOR: 'monitor only',
+    LoopMode.OPEN_LOOP: 'open loop',
+}  # as shown
 LAST_SCAN = '(last scan)'
 
 
@@ -24,7 +30,7 @@ class JobSetup:
     as_found: str = ''
     mode: str = 'restore'
     material: str = 'er70s-6'
-    profile: str = 'closed_loop'
+    profile: str = LoopMode.CLOSED_LOOP.value
     layers: int = 0
     layer_height_mm: float = 0.0
     bead_width_mm: float = 0.0
@@ -58,7 +64,7 @@ LIMITS = {  # 0 is allowed besides where 0 means 'default'
     'allowance_mm': (-1.0, 5.0),
 }
 DEFAULTED = ('layer_height_mm', 'bead_width_mm')
-CHOICES = {'mode': MODES, 'profile': PROFILES}
+CHOICES = {'mode': MODES, 'profile': LOOP_MODES}
 LONGEST = 80
 
 

@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from waam_process.names import JOB_ENDED, JOB_RUNNING
+
 from .alarms import AlarmLog
 
 STALE_S = {'telemetry': 1.5, 'machine': 4.0, 'link': 4.0, 'temperature': 4.0, 'heat': 10.0}
 SILENT_S = 1.5  # a node that is late for a moment is no alarm
 PAUSED = 200  # controller code of a hold that was asked for: a state, no alarm
-RUNNING = (
-    *('VALIDATING', 'PREPARING', 'COOLING', 'SCANNING', 'CORRECTING', 'DEPOSITING'),
-    *('PAUSED', 'FINISHING'),
-)
 
 
 @dataclass(frozen=True)
@@ -131,7 +129,7 @@ class PanelState:
     def _on_job(self, j: dict[str, Any], utc: float) -> None:
         before = self.sections.get('job')
         self.sections['job'] = j
-        ended = j['state'] in ('DONE', 'FAILED', 'ABORTED')
+        ended = j['state'] in JOB_ENDED
         if ended and before and before['state'] != j['state']:
             self.job_ends += 1
             if j['error_code']:
@@ -176,7 +174,7 @@ class PanelState:
 
     @property
     def job_running(self) -> bool:
-        return (self.sections.get('job') or {}).get('state') in RUNNING
+        return (self.sections.get('job') or {}).get('state') in JOB_RUNNING
 
     def stale(self, now: float) -> list[str]:
         """Sections that never came or are older than they may be."""

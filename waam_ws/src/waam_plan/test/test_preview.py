@@ -2,6 +2,7 @@
 
 import argparse
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -157,11 +158,12 @@ def test_a_plan_without_layers_is_drawn(tmp_path):
     assert (tmp_path / 'p.png').read_bytes()[:4] == b'\x89PNG'
 
 
-def test_the_recording_of_a_plan_is_written_when_asked_for(box_file, tmp_path):
+def test_the_recording_of_a_plan_is_drawn_by_what_the_command_was_given(box_file, tmp_path):
     parser = argparse.ArgumentParser()
-    cli.register(parser.add_subparsers(required=True))
+    cli.register(parser.add_subparsers(required=True), shutil.copy)
     words = ['plan', str(box_file((30, 20, 4))), '--rerun', '--out', str(tmp_path / 'out')]
     args = parser.parse_args(words)
     assert args.run_command(args) == 0
-    assert (tmp_path / 'out' / 'preview.rrd').read_bytes()[:4] == b'RRF2'
+    stored = (tmp_path / 'out' / 'plan.npz').read_bytes()
+    assert (tmp_path / 'out' / 'preview.rrd').read_bytes()[:2] == stored[:2] == b'PK'
     assert [p.name for p in (tmp_path / 'out').glob('*rrd')] == ['preview.rrd']

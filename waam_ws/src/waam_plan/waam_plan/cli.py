@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from . import cli_correct
@@ -51,7 +52,8 @@ class _Help(argparse.Action):
         parser.exit()
 
 
-def register(commands) -> None:
+def register(commands, write_recording: Callable[[Path, Path], None] | None = None) -> None:
+    # write_recording(stored plan, new .rrd): draws for --rerun; the planner itself knows no viewer
     """Adds the verbs to argparse sub-parsers."""
     cli_correct.register(commands)
     p = commands.add_parser(
@@ -65,7 +67,7 @@ def register(commands) -> None:
     _add_inputs(p)
     _add_layers(p)
     _add_outputs(p)
-    p.set_defaults(run_command=run)
+    p.set_defaults(run_command=run, write_recording=write_recording)
 
 
 def _add_inputs(p: argparse.ArgumentParser) -> None:
@@ -278,21 +280,21 @@ def _write(plan, args: argparse.Namespace) -> None:
         draw(plan, folder / 'preview.png')
         write_page(plan, folder / 'preview.html')
     if args.rerun:
-        _write_recording(plan, args.out or Path('.'))
+        _write_recording(plan, args.out or Path('.'), args.write_recording)
     if args.out:
         print(f'written: {args.out}')
 
 
-def _write_recording(plan, folder: Path) -> None:
-    """What is drawn belongs to the viewer; it is only loaded here, and reads the plan as it is stored."""
+def _write_recording(
+    plan, folder: Path, write_recording: Callable[[Path, Path], None] | None
+) -> None:
+    """The viewer draws the plan as it is stored."""
     import tempfile
 
     from waam_plan.post.store import save_plan
 
-    try:
-        from waam_view.plan_scene import write_recording
-    except ImportError as error:
-        raise ValueError(f'--rerun needs waam_view and rerun ({error})') from None
+    if write_recording is None:
+        raise ValueError('--rerun needs the viewer: call it as `waam plan --rerun`')
     with tempfile.TemporaryDirectory(prefix='waam_plan_') as scratch:
         stored = Path(scratch) / 'plan.npz'
         save_plan(plan, stored)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 class GridError(ValueError):
@@ -66,13 +67,13 @@ class GridSpec:
             self.origin_y + self.rows * self.resolution,
         )
 
-    def cell(self, x, y) -> tuple[np.ndarray, np.ndarray]:
+    def cell(self, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Row and column of points (m); may lie outside, see `contains`."""
         col = np.floor((np.asarray(x, float) - self.origin_x) / self.resolution).astype(np.int64)
         row = np.floor((np.asarray(y, float) - self.origin_y) / self.resolution).astype(np.int64)
         return row, col
 
-    def contains(self, x, y) -> np.ndarray:
+    def contains(self, x: ArrayLike, y: ArrayLike) -> np.ndarray:
         row, col = self.cell(x, y)
         return (row >= 0) & (row < self.rows) & (col >= 0) & (col < self.cols)
 
@@ -103,7 +104,7 @@ class HeightGrid:
     def with_z(self, z: np.ndarray) -> HeightGrid:
         return replace(self, z=z)
 
-    def sample(self, x, y) -> np.ndarray:
+    def sample(self, x: ArrayLike, y: ArrayLike) -> np.ndarray:
         """Bilinear height at points (m); unknown cells carry no weight. NaN outside and where nothing known is near."""
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
         spec = self.spec

@@ -20,6 +20,9 @@ import yaml
 from . import bead
 
 DEFAULT = 'er70s-6'
+CURRENT_EXPONENT = (
+    0.65  # d ln(current) / d ln(wire feed) of a short arc at constant contact distance
+)
 TABLE = Path(__file__).with_name('materials.yaml')
 
 
@@ -41,6 +44,7 @@ UNITS: dict[str, dict[str, float]] = {
     },
     'density': {'kg/m3': 1.0, 'g/cm3': 1e3},
     'voltage': {'V': 1.0},
+    'current': {'A': 1.0},
     'temperature': {'degC': 1.0},
     'per kelvin': {'1/K': 1.0},
     'conductivity': {'W/(m K)': 1.0},
@@ -54,6 +58,12 @@ def quantity(dimension: str, low: float, high: float) -> Any:
     mistake.
     """
     return field(metadata={'dimension': dimension, 'low': low, 'high': high})
+
+
+def optional(dimension: str, low: float, high: float) -> Any:
+    """A field like `quantity` that a table may leave out; it is 0 then."""
+    limits = {'dimension': dimension, 'low': low, 'high': high, 'optional': True}
+    return field(default=0.0, metadata=limits)
 
 
 @dataclass(frozen=True)
@@ -84,6 +94,9 @@ class Material:
     kt_start: float = quantity('temperature', 0, 900)
     kt_end: float = quantity('temperature', 0, 1200)
     t_env: float = quantity('temperature', -40, 60)
+    # The set current of the process: mean arc current at one wire feed. 0 = not known.
+    arc_current: float = optional('current', 10, 1000)
+    arc_current_feed: float = optional('speed', 1e-3, 1.0)
 
     @property
     def wire_area(self) -> float:
@@ -99,6 +112,12 @@ class Material:
     def pitch(self) -> float:
         """Distance of neighbouring beads in the default regime, m."""
         return self.overlap * self.bead_width
+
+    def set_current(self, feed: float) -> float:
+        """Mean arc current in A that belongs to a wire feed (m/s): I ~ feed^CURRENT_EXPONENT; 0 = not known."""
+        if not (self.arc_current and self.arc_current_feed):
+            return 0.0
+        return self.arc_current * (feed / self.arc_current_feed) ** CURRENT_EXPONENT
 
     @property
     def wire_feed(self) -> float:
@@ -202,7 +221,7 @@ def _parse_material(name: str, entry: Any) -> Material:
             )
     values: dict[str, Any] = {'description': str(entry.get('description', ''))}
     for key, f in known.items():
-        if 'dimension' in f.metadata:
+        if 'dimension' in f.metadata and (key in entry or 'optional' not in f.metadata):
             values[key] = _parse_field(key, entry, f.metadata)
     material = Material(name=name, **values)
     _check_order(material)

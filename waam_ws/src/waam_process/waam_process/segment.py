@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum, IntFlag
+from typing import Any
 
 Point = tuple[float, float, float]
 
@@ -75,9 +76,10 @@ class Segment:
 
     @property
     def midpoint(self) -> Point:
-        return tuple(0.5 * (a + b) for a, b in zip(self.start, self.end, strict=True))
+        (x0, y0, z0), (x1, y1, z1) = self.start, self.end
+        return 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1)
 
-    def at(self, **changes) -> Segment:
+    def at(self, **changes: Any) -> Segment:
         """A copy with some fields changed."""
         return replace(self, **changes)
 

@@ -13,6 +13,7 @@ import yaml
 from waam_adapt.feed.params import FeedParams
 from waam_adapt.laws.corrector import CorrectionParams
 from waam_node.params import ParameterError, from_dict, param
+from waam_process.loop_mode import LoopMode
 from waam_scan.fusion_params import FusionParams
 
 
@@ -79,7 +80,7 @@ def effective(
     for node, kind in NODES.items():
         base = _recorded(node, kind, recorded, notes)
         if node == 'job':
-            base = {'apply_correction': profile in ('closed_loop', '')}
+            base = {'apply_correction': profile in (LoopMode.CLOSED_LOOP, '')}
         made[node] = from_dict(kind, {**base, **wanted[node]}, node)
     changed = {f'{n}.{k}': v for n, values in wanted.items() for k, v in values.items()}
     return Parameters(**made, changed=changed, notes=tuple(notes))

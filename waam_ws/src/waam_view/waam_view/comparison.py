@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from waam_node import job_folder
+from waam_process.loop_mode import LoopMode
 
 from . import figures
 from .html import cards, duration, escape, fmt, page, picture, table
@@ -37,9 +38,13 @@ def ratio(report: dict, jobs: list[Job]) -> float:
     """RMS closed over open loop, NaN when one is missing."""
     stated = number(report.get('ratio'))
     runs = {j.profile: number(j.run.get('rms_mm')) for j in jobs}
-    if np.isfinite(stated) or not {'open_loop', 'closed_loop'} <= runs.keys():
+    if np.isfinite(stated) or not {LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP} <= runs.keys():
         return stated
-    return runs['closed_loop'] / runs['open_loop'] if runs['open_loop'] > 0 else float('nan')
+    return (
+        runs[LoopMode.CLOSED_LOOP] / runs[LoopMode.OPEN_LOOP]
+        if runs[LoopMode.OPEN_LOOP] > 0
+        else float('nan')
+    )
 
 
 def _verdict(report: dict, jobs: list[Job]) -> str:

@@ -17,15 +17,11 @@ from waam_msgs.msg import (
     Telemetry,
 )
 from waam_node.conversions import grid_from_msg, map_from_msg, nanoseconds
+from waam_process.names import job_state
 
 from .scene import CorrectionData, MapData, Sample
 from .surface import LayerPath
 
-_STATES = (
-    *('IDLE', 'VALIDATING', 'PREPARING', 'COOLING', 'SCANNING', 'CORRECTING', 'DEPOSITING'),
-    *('PAUSED', 'FINISHING', 'DONE', 'FAILED', 'ABORTED'),
-)
-JOB_STATES = {getattr(JobStatus, name): name for name in _STATES}
 ENDED = (JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED)
 
 
@@ -85,7 +81,7 @@ def status_text(msg: JobStatus) -> str:
         for v in (msg.height_error_rms, msg.height_error_max)
     )
     rows = [
-        ('state', f'**{JOB_STATES.get(msg.state, msg.state)}**'),
+        ('state', f'**{job_state(msg.state)}**'),
         ('profile', msg.profile.replace('_', ' ')),
         ('layer', f'{msg.layer} of {msg.layers}'),
         ('bead', f'{msg.bead} of {msg.beads}'),

@@ -26,6 +26,7 @@ from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_main
 from waam_node.params import param
 from waam_node.qos import BEAT, EVENTS, LATCHED
+from waam_process.names import job_state
 
 from . import blueprint as bp
 from . import conversions as cv
@@ -121,7 +122,7 @@ class Dashboard(WaamNode):
             self._drawing.start_job(Path(msg.job_dir), self.params.record)
             if self._reports:
                 self._reports.begin(Path(msg.job_dir))
-        name = cv.JOB_STATES.get(msg.state, str(msg.state))
+        name = job_state(msg.state)
         self._drawing.put(lambda scene: scene.state(t, bp.JOB, name))
         self._drawing.put(lambda scene: scene.layer(t, msg.layer))
         self._drawing.put(lambda scene: scene.status(t, cv.status_text(msg)))

@@ -8,6 +8,8 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 
+from waam_process.loop_mode import LoopMode
+
 from .canvas import BLUE, GREEN, GREY, INK, RED, new_figure, png, style
 from .job_data import Job, Scan, number
 
@@ -161,7 +163,7 @@ def convergence(jobs: list[Job]) -> bytes:
     axes = figure.add_subplot()
     tolerance = jobs[0].tolerance_mm
     axes.axhspan(0, tolerance, color=GREEN, alpha=0.12)
-    colours = {'open_loop': RED, 'closed_loop': BLUE, 'monitor': GREY}
+    colours = {LoopMode.OPEN_LOOP: RED, LoopMode.CLOSED_LOOP: BLUE, LoopMode.MONITOR: GREY}
     for job in jobs:
         colour = colours[job.profile]
         rms = [number(x.get('height_error_rms')) * 1e3 for x in job.layers]

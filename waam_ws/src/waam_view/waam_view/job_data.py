@@ -15,8 +15,6 @@ import yaml
 from waam_node import job_folder
 from waam_process.grid import GridSpec
 
-PROFILES = ('open_loop', 'monitor', 'closed_loop')
-
 
 class JobError(ValueError):
     """A folder that is no job; the text names the file."""

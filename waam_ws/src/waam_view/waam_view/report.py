@@ -14,11 +14,12 @@ import numpy as np
 
 from waam_node import job_folder
 from waam_node.files import write_atomically
+from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from . import figures
 from .comparison import comparison_page
 from .html import cards, duration, escape, fmt, page, picture, table
-from .job_data import PROFILES, Job, JobError, flatten, load_job, number, read_report
+from .job_data import Job, JobError, flatten, load_job, number, read_report
 from .layer_tables import layers_section
 from .passes import passes_section
 from .process_figures import process_plots
@@ -30,9 +31,9 @@ def write_report(folder: Path) -> Path:
     report.json."""
     folder = Path(folder)
     report = read_report(folder)
-    profiles = [p for p in PROFILES if isinstance(report.get(p), dict)]
+    profiles = [p for p in LOOP_MODES if isinstance(report.get(p), dict)]
     if not profiles:
-        raise JobError(f'{folder / job_folder.REPORT}: holds none of {", ".join(PROFILES)}')
+        raise JobError(f'{folder / job_folder.REPORT}: holds none of {", ".join(LOOP_MODES)}')
     jobs = [load_job(folder, report, p) for p in profiles]
     text = job_page(jobs[0]) if len(jobs) == 1 else comparison_page(folder, jobs)
     target = folder / job_folder.REPORT_PAGE
@@ -45,7 +46,7 @@ def write_report(folder: Path) -> Path:
 def write_all(folder: Path) -> list[Path]:
     """The report of a folder, after those of the runs inside it (demo). Raises JobError."""
     report = read_report(Path(folder))
-    inside = {str((report.get(p) or {}).get('folder') or '.') for p in PROFILES} - {'.'}
+    inside = {str((report.get(p) or {}).get('folder') or '.') for p in LOOP_MODES} - {'.'}
     below = [Path(folder) / name for name in sorted(inside)]
     written = [write_report(f) for f in below if (f / job_folder.REPORT).is_file()]
     return [*written, write_report(folder)]
@@ -174,7 +175,7 @@ def _corrections(job: Job) -> str:
     titles = [f'for layer {s.layer + 1}' for s in scans]
     grids = figures.grids(scans, masked, 1.0, 'ψ (V = V_prog (1 + k ψ))', titles)
     note = {
-        'open_loop': ' Open loop: no correction is applied.',
+        LoopMode.OPEN_LOOP: ' Open loop: no correction is applied.',
         'monitor': ' Monitor: computed and shown, not applied.',
     }.get(job.profile, '')
     caption = f'Travel-speed correction ψ: blue = slower, more metal; red = faster.{note}'

@@ -28,6 +28,7 @@ from waam_msgs.msg import (
 )
 from waam_node import job_folder
 from waam_node.conversions import nanoseconds
+from waam_process.names import job_state
 
 from . import blueprint as bp
 from . import conversions as cv
@@ -152,7 +153,7 @@ class Playback:
 
     def _on_job_status(self, t: int, msg: JobStatus) -> None:
         self.scene.layer(t, msg.layer)
-        self.scene.state(t, bp.JOB, cv.JOB_STATES.get(msg.state, str(msg.state)))
+        self.scene.state(t, bp.JOB, job_state(msg.state))
         self.scene.status(t, cv.status_text(msg))
         errors = (msg.height_error_rms * 1e3, msg.height_error_max * 1e3)
         if errors != self._errors:

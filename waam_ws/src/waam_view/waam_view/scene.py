@@ -12,11 +12,11 @@ import numpy as np
 import rerun as rr
 
 from waam_process.grid import GridSpec
+from waam_process.names import controller_state
 
 from . import blueprint as bp
 from .surface import LayerPath, colours, mesh, picture
 
-STATES = {0: 'IDLE', 1: 'RUN', 2: 'HOLD', 3: 'ALARM'}
 LEVELS = {0: 'INFO', 1: 'WARN', 2: 'ERROR', 3: 'CRITICAL'}
 # What goes into a file together: the library keeps some kB of every chunk in memory until it is closed.
 FILE_TICK, FILE_BYTES = timedelta(seconds=5), 8 << 20  # rows of an entity
@@ -156,7 +156,7 @@ class Scene:
         last = samples[-1]
         colour = (255, 140, 40) if last.arc else (120, 170, 220)
         self._log(last.t, bp.TORCH, rr.Points3D([last.position], radii=0.0012, colors=[colour]))
-        self.state(last.t, bp.MACHINE, STATES.get(last.state, str(last.state)))
+        self.state(last.t, bp.MACHINE, controller_state(last.state))
         self._draw_laid(samples)
 
     def _draw_curves(self, times: np.ndarray, curves: dict[str, np.ndarray]) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 
 from waam_node.params import param
 
-from ..identify.identification import Estimate, Identifier, Layer
+from ..identify.evidence import Layer
+from ..identify.identification import Estimate, Identifier
 from ..types import Correction, CorrectionInput
 from .checks import MapLimits, MapOrigin, reasons_against, safe_correct
 from .registry import LAWS, make_law

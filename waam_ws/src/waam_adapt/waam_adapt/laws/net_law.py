@@ -25,7 +25,7 @@ from ..types import (
     HeightRequest,
     split_ratio,
 )
-from . import features, net
+from . import features, net, net_file
 from .explicit import DampedInverse
 
 NO_MODEL = 'none'  # in place of a file of weights: the bead model without a network
@@ -56,7 +56,7 @@ class UNetLaw:
         if path == NO_MODEL:
             return cls(explicit, None)
         try:
-            return cls(explicit, _model(Path(path) if path else net.PACKAGED))
+            return cls(explicit, _model(Path(path) if path else net_file.PACKAGED))
         except net.ModelError as e:
             return cls(explicit, None, str(e))
 
@@ -142,4 +142,4 @@ def unlike(network: net.Network, figures: np.ndarray) -> str:
 @lru_cache(maxsize=4)
 def _model(path: Path) -> net.Network:
     """Read once per process: the weights do not change under a running job."""
-    return net.load(path)
+    return net_file.load(path)

@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from torch import distributed
 
-from ..laws import features, net
+from ..laws import features, net_file
 from . import curves, parts, rollout, scenes
 from .unet import UNet, arrays
 
@@ -261,7 +261,7 @@ def train(
 def export(trainer: Trainer, path: Path, metrics: dict[str, Any], note: str) -> str:
     """Weights with their card; the same card for people as .md beside them. Returns the hash."""
     content = card(trainer, metrics, note)
-    code = net.save(path, arrays(trainer.net), content)
+    code = net_file.save(path, arrays(trainer.net), content)
     path.with_suffix('.md').write_text(card_text(content, code))
     return code
 

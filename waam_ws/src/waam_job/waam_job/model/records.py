@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from enum import IntEnum
 
@@ -11,6 +12,8 @@ import numpy as np
 from waam_process.segment import Clamp, Kind, Segment
 
 from .snapshots import Correction, Scan, Sums
+
+ALPHA_HEIGHT, ALPHA_CURRENT = 1.0, 1e-4  # weights of eq 2.4, 1/mm2 and 1/A2
 
 
 class State(IntEnum):
@@ -126,7 +129,7 @@ class LayerRecord:
     profiles_rejected: int = 0
     telemetry_lost: int = 0
     faults: int = 0
-    cost: float = 0.0
+    cost: float = 0.0  # J of eq 2.4, see `add_height_cost`
 
     @classmethod
     def from_json(cls, data: dict) -> LayerRecord:
@@ -175,8 +178,8 @@ class LayerRecord:
             self.heat_factor = float(np.mean([s.heat_factor for s in deposit]))
             self.flow_factor = float(np.mean([s.flow_factor for s in deposit]))
 
-    def add_sums(self, sums: Sums) -> None:
-        """Means over the frames with a burning arc, and the cost of eq 2.4 with alpha1 = 1 /mm2, alpha2 = 1e-4 /A2."""
+    def add_sums(self, sums: Sums, set_current: Callable[[float], float]) -> None:
+        """Means over the frames with a burning arc. set_current: A that belong to a wire feed in m/s, 0 = not known."""
         self.telemetry_lost += sums.lost
         self.arc_starts = sums.arc_starts
         n, dt = sums.arc_frames, sums.frame_period
@@ -187,6 +190,19 @@ class LayerRecord:
         self.heat_input = sums.power_per_speed / n
         self.arc_on_time, self.wire_used = n * dt, sums.wire * dt
         self.energy = self.current_mean * self.voltage_mean * n * dt
-        spread = max(0.0, sums.current_error_sq / n - self.current_mean**2)
-        height = 0.0 if math.isnan(self.height_error_rms) else (self.height_error_rms * 1e3) ** 2
-        self.cost = (height + 1e-4 * spread) * self.arc_on_time
+        wanted = set_current(
+            1.0
+        )  # at 1 m/s; it goes with the feed to the same power as `Sums.current_feed`
+        if wanted:
+            offset = sums.current_sq - 2 * wanted * sums.current_feed + wanted**2 * sums.feed_sq
+            self.cost = ALPHA_CURRENT * max(offset, 0.0) * dt
+
+    def add_height_cost(self, arc_time_before: float) -> None:
+        """Completes the cost of eq 2.4, J = integral of alpha1*(H_ref - H_real)^2 + alpha2*(I_set - I_meas)^2 dt.
+
+        The surface is known before the layer only. By the trapezoidal rule over all layers it counts for half of the
+        layer before it (`arc_time_before` s, 0 = first) and half of its own; the final surface for half of the last.
+        """
+        error = 0.0 if math.isnan(self.height_error_rms) else self.height_error_rms * 1e3
+        time = 0.5 * (arc_time_before + self.arc_on_time)
+        self.cost += ALPHA_HEIGHT * error**2 * time

@@ -116,7 +116,10 @@ class Sums:
     wire: float = 0.0  # m/s
     speed: float = 0.0  # m/s
     power_per_speed: float = 0.0  # I*U/V, J/m
-    current_error_sq: float = 0.0  # A2
+    current_sq: float = 0.0  # sum of I^2, A2
+    # g = feed commanded^0.65, which the set current goes with: sums of I*g and of g^2.
+    current_feed: float = 0.0
+    feed_sq: float = 0.0
     arc_starts: int = 0
     lost: int = 0  # frames missing in the sequence
     frame_period: float = 0.01  # s

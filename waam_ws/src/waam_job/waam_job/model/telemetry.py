@@ -6,6 +6,8 @@ from array import array
 
 import numpy as np
 
+from waam_process.materials import CURRENT_EXPONENT
+
 from .snapshots import Sums
 
 COLUMNS = (
@@ -55,7 +57,10 @@ class TelemetryStats:
             s.voltage += voltage
             s.wire += wire
             s.speed += speed
-            s.current_error_sq += current * current
+            g = wire_commanded**CURRENT_EXPONENT if wire_commanded > 0 else 0.0
+            s.current_sq += current * current
+            s.current_feed += current * g
+            s.feed_sq += g * g
             if speed > 1e-4:
                 s.power_per_speed += current * voltage / speed
             s.arc_starts += not self._arc_before

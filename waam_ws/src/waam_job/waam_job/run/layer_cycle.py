@@ -175,7 +175,7 @@ class LayerCycle:
         self.motion.execute(placed, progress.on_done)
         self.journal.checkpoint(0, progress.beads_before + layer.beads, placed[-1].index)
         record.duration = self.cell.now() - started
-        record.add_sums(self.cell.take_sums())
+        record.add_sums(self.cell.take_sums(), self.context.checked.material.set_current)
         if record.telemetry_lost:
             text = f'{record.telemetry_lost} telemetry frames were lost in this layer'
             self.journal.note('WARNING', 'link', text, 'means over the others')

@@ -70,7 +70,6 @@ class Preparation:
     def remarks(self) -> list[str]:
         """What a person should know although the job may start."""
         scan = self.cell.parameters().get('scan_fusion', {})
-        heat = self.cell.parameters().get('thermal_compensator', {})
         goal, said = self.checked.goal, []
         if not scan.get('calibration'):
             said.append('the scanner has no calibration file: its age was not checked')
@@ -79,7 +78,4 @@ class Preparation:
         report = self.checked.part.report
         said += [f'part repaired: {text}' for text in report.repairs]
         said += [f'part: {report.crossing}'] if report.crossing else []
-        named = heat.get('material', goal.material)
-        if named != goal.material:
-            said.append(f'the interpass limit is that of {named}, the job lays {goal.material}')
         return said

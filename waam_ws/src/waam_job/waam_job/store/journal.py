@@ -146,7 +146,9 @@ class Journal:
     def layer(self, record: LayerRecord) -> None:
         """A finished layer; from here on a crash loses nothing of it. One that is laid again is reported anew."""
         same = (record.layer, record.final)
-        self.layers = [*(r for r in self.layers if (r.layer, r.final) != same), record]
+        others = [r for r in self.layers if (r.layer, r.final) != same]
+        record.add_height_cost(others[-1].arc_on_time if others else 0.0)
+        self.layers = [*others, record]
         if self.spool is not None:
             self.spool -= record.wire_used + self.begun
         self.begun = 0.0

@@ -3,7 +3,8 @@ import { $, element, post, text } from './api.js';
 
 let top = null;
 const KINDS = ['anomaly', 'job', 'condition', 'controller']; // the most specific last: its line says most
-const weight = (a) => (a.kind === 'condition' && !a.active ? 1 : a.severity); // what is over is only a warning
+const over = (a) => !a.active && (a.kind === 'condition' || a.kind === 'controller');
+const weight = (a) => (over(a) ? 1 : a.severity); // what is over is only a warning
 const rank = (a) => (a.active ? 100 : 0) + 10 * weight(a) + KINDS.indexOf(a.kind);
 const name = (a) => `${a.kind === 'controller' ? 'E' : a.kind === 'job' ? 'job ' : ''}${a.code}`;
 
@@ -11,7 +12,7 @@ export function showAlarms(list) {
   const open = list.filter((a) => !a.acknowledged);
   top = open.reduce((worst, a) => (!worst || rank(a) > rank(worst) ? a : worst), null);
   $('banner').hidden = !top;
-  $('banner').classList.toggle('bad', Boolean(top && top.severity >= 2));
+  $('banner').classList.toggle('bad', Boolean(top && weight(top) >= 2));
   if (top) {
     text('banner-title', `${name(top)} ${top.title}`);
     text('banner-text', `${top.text || top.cause} → ${top.action}`);

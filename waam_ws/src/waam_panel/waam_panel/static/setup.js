@@ -17,6 +17,7 @@ export async function choices() {
   fill($('f-part'), parts.length ? parts : [['', 'no part yet: upload one']], $('f-part').value);
   const first = simulated ? ['', 'choose what lies on the table'] : ['', 'scanned when the job starts'];
   fill($('f-as_found'), [first, ['(last scan)', 'last scan (for the preview)'], ...parts], $('f-as_found').value);
+  fill($('f-profile'), found.loop_modes, $('f-profile').value);
   fill($('f-material'), found.materials.map((m) => [m, m]), $('f-material').value);
   return found;
 }

@@ -1,0 +1,44 @@
+"""Names of states and of kinds of anomalies, each list in one place (`loop_mode` has those of the loop).
+
+The numbers of the states are those of the messages (`Telemetry.STATE_*`, `JobStatus`); a test compares them.
+"""
+
+from __future__ import annotations
+
+# state of the controller; the index is its number
+CONTROLLER_STATES = ('IDLE', 'RUN', 'HOLD', 'ALARM')
+
+# phase of a job; the index is its number
+JOB_STATES = (
+    *('IDLE', 'VALIDATING', 'PREPARING', 'COOLING', 'SCANNING', 'CORRECTING', 'DEPOSITING'),
+    *('PAUSED', 'FINISHING', 'DONE', 'FAILED', 'ABORTED'),
+)
+JOB_ENDED = ('DONE', 'FAILED', 'ABORTED')  # what a job ends as
+INTERRUPTED = 'INTERRUPTED'  # in status.json only, written by the supervisor
+JOB_RUNNING = tuple(s for s in JOB_STATES if s not in ('IDLE', *JOB_ENDED))
+
+# what an anomaly is about: `class_name` of Anomaly.msg
+ANOMALY_CLASSES = (
+    *(
+        'arc',
+        'wire',
+        'gas',
+        'height',
+        'temperature',
+        'link',
+        'scan',
+        'correction',
+        'node',
+        'operator',
+    ),
+)
+
+
+def controller_state(number: int) -> str:
+    """Its name, or the number as text for one that this software does not know."""
+    return CONTROLLER_STATES[number] if 0 <= number < len(CONTROLLER_STATES) else str(number)
+
+
+def job_state(number: int) -> str:
+    """Its name, or the number as text for one that this software does not know."""
+    return JOB_STATES[number] if 0 <= number < len(JOB_STATES) else str(number)
