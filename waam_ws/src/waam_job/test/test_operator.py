@@ -127,9 +127,12 @@ def angle(layer) -> float:
     return math.degrees(math.atan2(*(np.subtract(longest.end, longest.start)[1::-1])))
 
 
+EQUAL = ('finish_layers=0',)  # layers of one thickness: the first pass is one layer
+
+
 @pytest.mark.parametrize('alternation', ['reverse', 'cross', 'turn'])
 def test_directions_and_starts_alternate_on_over_the_passes(alternation, make_cell, make_runner):
-    asked = (f'alternation={alternation}',)
+    asked = (f'alternation={alternation}', *EQUAL)
     runner, _, folder = make_runner(make_cell(), passes=2, plan_settings=asked)
     assert runner.run().state == State.DONE
     first, second = (load_plan(folder.path / f).layers[0] for f in ('plan.npz', 'plan_2.npz'))
@@ -148,11 +151,15 @@ def test_directions_and_starts_alternate_on_over_the_passes(alternation, make_ce
 
 
 def test_pass_two_is_checked_against_what_pass_one_has_left_on_the_spool(make_cell, make_runner):
-    runner, _, folder = make_runner(make_cell(efficiency=0.7), profile='open_loop', passes=2)
+    runner, _, folder = make_runner(
+        make_cell(efficiency=0.7), profile='open_loop', passes=2, plan_settings=EQUAL
+    )
     assert runner.run().state == State.DONE
     needed = load_plan(folder.path / 'plan.npz').wire
     cell = make_cell(efficiency=0.7)
-    runner, _, _ = make_runner(cell, profile='open_loop', passes=2, wire_left=1.01 * needed)
+    runner, _, _ = make_runner(
+        cell, profile='open_loop', passes=2, wire_left=1.01 * needed, plan_settings=EQUAL
+    )
     status = runner.run()
     assert status.error_code == Code.MACHINE_NOT_READY and 'm of wire' in status.message
     assert {s.layer for s in cell.executed if s.kind == Kind.DEPOSIT} == {1}

@@ -203,12 +203,15 @@ CUTS = {
 }
 
 
+EQUAL = ('finish_layers=0',)  # layers of one thickness: one for the first pass, one for the second
+
+
 @pytest.mark.parametrize('cut', CUTS)
 def test_job_of_two_passes_that_was_cut_off(cut, make_cell, make_runner):
-    whole, _, complete = make_runner(make_cell(efficiency=0.8), passes=2)
+    whole, _, complete = make_runner(make_cell(efficiency=0.8), passes=2, plan_settings=EQUAL)
     assert whole.run().state == State.DONE
     cell = make_cell(efficiency=0.8)
-    runner, _, folder = make_runner(cell, passes=2)
+    runner, _, folder = make_runner(cell, passes=2, plan_settings=EQUAL)
     CUTS[cut](cell)
     runner._release = lambda: None
     with pytest.raises(PowerCut):
@@ -245,7 +248,7 @@ def wasteful(make_cell):
 
 def test_wire_is_checked_again_when_a_job_goes_on(make_cell, make_runner):
     cell = wasteful(make_cell)
-    runner, _, folder = make_runner(cell, wire_left=100.0)
+    runner, _, folder = make_runner(cell, wire_left=100.0, plan_settings=EQUAL)
     CUTS['waiting for pass 2'](cell)
     runner._release = lambda: None
     with pytest.raises(PowerCut):

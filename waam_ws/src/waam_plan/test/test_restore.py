@@ -161,7 +161,7 @@ def test_the_path_lies_on_the_surface_below_it(worn_block):
 
 def test_start_corner_changes_from_layer_to_layer(worn_block):
     found, nominal = worn_block(0.004)
-    one, two = plan_restoration(found, nominal, S).layers
+    one, two = plan_restoration(found, nominal, PlanSettings(pitch_ratio=0.73)).layers
     a, b = one.deposits[0].start, two.deposits[0].start
     assert a[0] < 0.01 and a[1] < 0.01 and b[0] > 0.05 and b[1] > 0.03
     cross = plan_restoration(found, nominal, PlanSettings(alternation='cross')).layers
@@ -170,7 +170,7 @@ def test_start_corner_changes_from_layer_to_layer(worn_block):
 
 def test_stagger_lays_beads_over_the_valleys(worn_block):
     found, nominal = worn_block(0.004)
-    one, two = plan_restoration(found, nominal, PlanSettings(stagger=True)).layers
+    one, two = plan_restoration(found, nominal, PlanSettings(stagger=True, pitch_ratio=0.73)).layers
 
     def lines(layer):
         return np.unique([round(s.end[1], 4) for s in layer.deposits if s.start[1] == s.end[1]])

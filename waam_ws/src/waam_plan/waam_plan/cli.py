@@ -157,6 +157,13 @@ def _add_outputs(p: argparse.ArgumentParser) -> None:
         'with 0.05 above 10 mm',
     )
     p.add_argument(
+        '--part-tolerance',
+        type=float,
+        metavar='MM',
+        help='allowed deviation of a restored surface: decides how thick the finishing layers are '
+        '(default: all layers alike)',
+    )
+    p.add_argument(
         '--preview',
         action='store_true',
         help='draw preview.png and preview.html (into --out or the current folder)',
@@ -245,6 +252,8 @@ def settings_from(args: argparse.Namespace):
     for name, factor in (('layer_height', 1e-3), ('bead_width', 1e-3), ('speed', 1e-3)):
         if getattr(args, name) is not None:
             given[name] = getattr(args, name) * factor
+    if args.part_tolerance is not None:
+        given['tolerance'] = args.part_tolerance * 1e-3
     if args.overhang is not None:
         given['overhang_limit_deg'] = args.overhang
     given |= {
@@ -262,6 +271,8 @@ def _write(plan, args: argparse.Namespace) -> None:
     from waam_plan.show.preview import draw, table
 
     print(table(plan))
+    for text in plan.remarks:
+        print(text)
     for text in plan.warnings:
         print(f'warning: {text}')
     if not plan.layers:

@@ -100,6 +100,7 @@ class Plan:
     name: str = 'part'
     offset: Point = (0.0, 0.0, 0.0)  # what was added to the part's coordinates, m
     warnings: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)  # what was chosen and why
 
     @property
     def length(self) -> float:

@@ -31,6 +31,9 @@ _LIMITS: dict[str, Pair] = {
     'segment_length': (0.2e-3, 50e-3),
     'min_layer': (0.05, 0.95),
     'max_layer_ratio': (1.0, 2.0),
+    'tolerance': (0.0, 5e-3),
+    'finish_height': (0.0, 5e-3),
+    'finish_layers': (0, 5),
     'allowance': (-5e-3, 10e-3),
     'smoothing': (0.0, 2.0),
     'edge_inset': (0.0, 1.0),
@@ -91,18 +94,21 @@ class PlanSettings:
 
     layer_height: float = 2.0e-3  # nominal thickness of a layer
     bead_width: float = 6.0e-3  # width of one bead
-    pitch_ratio: float = 0.73  # distance of neighbouring beads over bead width
+    pitch_ratio: float = 0.66  # distance of neighbouring beads over bead width
     speed: float = 0.010  # travel speed of the nominal layer
     speed_max: float = 0.018  # fastest programmed travel with the arc on; leaves room to correct
     segment_length: float = 2.0e-3  # longest segment with the arc on
     min_layer: float = 0.35  # share of layer_height below which nothing is laid
+    tolerance: float = 0.0  # allowed deviation of a restored surface; 0 = no finishing layers
+    finish_height: float = 0.0  # of the finishing layers of a restoration; 0 = from the tolerance
+    finish_layers: int = 3  # number of finishing layers, 0 = none
     max_layer_ratio: float = 1.4  # thickest layer over layer_height
     allowance: float = 0.0  # metal wanted above nominal, for machining
     smoothing: float = 0.5  # window over which the as-found surface is smoothed, in bead widths
     edge_inset: float = 0.2  # distance of bead ends from the edge of the region, in pitches
-    pool_trail: float = 2.0e-3  # distance of the melt pool behind the arc
+    pool_trail: float = 0.5e-3  # distance of the melt pool behind the arc
     min_share: float = 0.25  # a bead goes on while at least this share of its band is in the region
-    feed_floor: float = 0.5  # of the nominal deposition rate; below it the torch goes faster
+    feed_floor: float = 0.42  # of the nominal deposition rate; below it the torch goes faster
     direction: str = 'auto'  # of the beads: x, y, or auto = the longer side
     # none; reverse: even layers start opposite; cross: and turned by 90; turn: every layer by turn_deg
     alternation: str = 'reverse'

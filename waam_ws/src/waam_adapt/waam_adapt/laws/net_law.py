@@ -65,22 +65,34 @@ class UNetLaw:
         if plain is None or self.broken:
             return self._alone(request, self.broken)
         if self.network is None:
-            return self._solved(
-                request, plain, plain.ratio, np.ones_like(plain.ratio), self._grid(request)
-            )
+            return self._by_beads(request, plain)
         seen = features.build(request, plain.ratio - 1)
         if odd := unlike(self.network, features.summary(seen.x)):
-            return self._alone(request, f'input unlike the training: {odd}')
+            return self._without(request, plain, f'input unlike the training: {odd}')
         change, doubt = self.network(seen.x)
         if not (np.isfinite(change).all() and np.isfinite(doubt).all()):
-            return self._alone(request, 'the network gave an answer that is not finite')
+            return self._without(request, plain, 'the network gave an answer that is not finite')
         sure = 1 / (1 + (np.exp(doubt) / DOUBT) ** 2)
         inside = seen.channel('footprint') > 0
         if (middle := float(np.median(sure[inside]))) < LOW:
-            return self._alone(
-                request, f'low confidence of the network: median {middle:.2f}, limit {LOW}'
+            return self._without(
+                request, plain, f'low confidence of the network: median {middle:.2f}, limit {LOW}'
             )
         return self._both(request, plain, seen, change, np.where(inside, sure, 0.0))
+
+    def _by_beads(self, request: CorrectionInput, plain: HeightRequest) -> Correction:
+        """The bead model's answer, started from the explicit law."""
+        sure = np.ones_like(plain.ratio)
+        return self._solved(request, plain, plain.ratio, sure, self._grid(request))
+
+    def _without(self, request: CorrectionInput, plain: HeightRequest, why: str) -> Correction:
+        """The answer without the network, announced as a fallback: the bead model's where the beads are told."""
+        if not request.paths:
+            return self._alone(request, why)
+        reason = f'unet: {why}; the bead model answers without the network'
+        return replace(
+            self._by_beads(request, plain), fallback=True, reasons=(reason,), model_hash=''
+        )
 
     def _both(
         self,

@@ -69,6 +69,8 @@ class Passes:
         )
         if short := wire_problems(plan.wire, self.journal.wire_left):
             raise short[0]
+        for text in plan.remarks:
+            self.journal.note('INFO', 'height', text, 'none')
         for text in plan.warnings:
             self.journal.note('WARNING', 'height', text, 'none')
         return plan

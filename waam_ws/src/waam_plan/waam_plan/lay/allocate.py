@@ -31,12 +31,17 @@ EDGE = (
 
 
 def metal_heights(
-    pieces: Pieces, planned: np.ndarray, mask: np.ndarray, spec: GridSpec, settings: PlanSettings
+    pieces: Pieces,
+    planned: np.ndarray,
+    mask: np.ndarray,
+    spec: GridSpec,
+    settings: PlanSettings,
+    thickest: float | None = None,
 ) -> np.ndarray:
     """Height (n,) m of every piece; AREA_FACTOR * bead_width * height * length is the metal that it carries (eq 2.16).
 
     planned: (rows, cols) m, metal wanted on the cells of the mask. The result is limited to half the thinnest and to
-    the thickest layer.
+    the thickest layer (`thickest`, m; None = of the settings).
     """
     length = pieces.length
     wanted, coarse = _coarser(np.where(mask, planned, 0.0) * spec.resolution**2, spec, settings)
@@ -54,7 +59,8 @@ def metal_heights(
     if settings.edge_metal != 1.0:
         height = height * np.where(along_edge(pieces, mask, spec, settings), settings.edge_metal, 1)
     thinnest = 0.5 * settings.min_layer * settings.layer_height
-    return np.clip(height, thinnest, settings.max_layer_ratio * settings.layer_height)
+    limit = settings.max_layer_ratio * settings.layer_height if thickest is None else thickest
+    return np.clip(height, thinnest, limit)
 
 
 def along_edge(

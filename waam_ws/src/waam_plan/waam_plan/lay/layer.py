@@ -32,6 +32,7 @@ class LayerTask:
     metal: np.ndarray  # what idle moves pass over
     inside: list | None = None  # polygons that the path may not leave
     slower: float = 1.0  # factor of the travel speed
+    thickest: float | None = None  # m, of the layer at any place; None = by max_layer_ratio
 
 
 def bead_direction(footprint: np.ndarray, settings: PlanSettings, turn: int) -> Point:
@@ -57,7 +58,7 @@ def lay(
     pieces = path.lay_out(spread, HeightGrid(spec, task.ground), settings)
     if task.inside is not None:
         pieces = keep_inside(pieces, task.inside)
-    height = metal_heights(pieces, task.planned, task.footprint, spec, settings)
+    height = metal_heights(pieces, task.planned, task.footprint, spec, settings, task.thickest)
     ceiling = Ceiling.over(spec, task.metal, settings.torch_radius)
     return PlannedLayer(
         number=task.number,

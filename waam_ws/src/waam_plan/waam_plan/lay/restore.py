@@ -1,11 +1,9 @@
 """Restoration: fill what is missing between the scan and the nominal surface with conformal layers.
 
-Layers are offsets of the nominal surface, counted from the top: the last one is everywhere and ends at nominal, and
-all are equally thick except the first one at each place, which brings the as-found surface (depth D) to the next
-offset. So every surface between layers is as smooth as the nominal one. (Sharing D evenly among round(D / h) layers
-looks simpler, but leaves a step in every layer wherever the number of layers changes.)
-The common thickness is chosen within 15 % of the wanted one such that the first layers are as near to it as can be:
-even wear is filled with equal layers.
+Layers are offsets of the nominal surface, counted from the top: the last one is everywhere and ends at nominal. The
+first one at each place brings the as-found surface (depth D) to the next offset. So every surface between layers is as
+smooth as the nominal one. (Sharing D evenly among round(D / h) layers looks simpler, but leaves a step in every layer
+wherever the number of layers changes.) How thick the layers are: `schedule`.
 """
 
 from __future__ import annotations
@@ -18,14 +16,12 @@ from waam_plan import masks
 from waam_plan.fill import path, strategies
 from waam_plan.fill.linking import arc_starts, near_starts
 from waam_plan.lay.layer import LayerTask, lay
+from waam_plan.lay.schedule import Schedule, choose_schedule, layer_count
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import outline
 from waam_process.grid import GridSpec, HeightGrid
 
-ADAPT = 0.15  # the common thickness may differ from the wanted one by this share
-SLIVER = 0.35  # bead widths: narrower arms of a region get no metal
-SMALLEST_ISLAND = 0.75  # bead widths squared: smaller patches get no layer of their own
 UNKNOWN_LIMIT = 0.3  # share of the part's cells that may be missing in the scan
 
 
@@ -51,15 +47,15 @@ def plan_restoration(
     found = _known_surface(as_found, nominal, warnings)
     smooth = _smooth(found, nominal, settings)
     depth = wanted - smooth
-    thickness = choose_thickness(depth, settings)
-    count = layer_count(depth, thickness, settings, nominal.spec.resolution)
+    schedule = choose_schedule(depth, settings)
+    count = layer_count(depth, schedule, settings, nominal.spec.resolution)
     total = int(count.max(initial=0))
     if layers > total:
         warnings.append(f'{layers} layers were asked for, {total} are needed')
     use = min(layers, total) if layers else total
     safe_z = highest(as_found, HeightGrid(nominal.spec, wanted)) + settings.clearance
     job = _Restoration(
-        nominal.spec, count, thickness, wanted, found, smooth, as_found.z, safe_z, laid, settings
+        nominal.spec, count, schedule, wanted, found, smooth, as_found.z, safe_z, laid, settings
     )
     below = np.zeros((0, 2)) if below is None else below
     with collector_paused():
@@ -79,6 +75,7 @@ def plan_restoration(
         safe_z,
         settings,
         warnings=warnings,
+        remarks=[schedule.reason(settings)] if planned else [],
     )
     check_reach([s for layer in planned for s in layer.segments], settings)
     return plan
@@ -111,64 +108,13 @@ def _smooth(found: np.ndarray, nominal: HeightGrid, settings: PlanSettings) -> n
     return nominal.z - missing
 
 
-def choose_thickness(depth: np.ndarray, settings: PlanSettings) -> float:
-    """Thickness of all layers but the first (m), from the depths (m, NaN = off the part).
-
-    Minimises the mean square of (first layer / thickness - 1), with a slight pull to settings.layer_height.
-    """
-    h = settings.layer_height
-    d = depth[np.isfinite(depth) & (depth >= settings.min_layer * h)]
-    if d.size == 0:
-        return h
-    d = d[:: max(1, d.size // 20_000)]
-    candidates = h * np.linspace(1 - ADAPT, 1 + ADAPT, 61)
-    cost = [
-        np.mean(((d - (ideal_count(d, t, settings) - 1) * t) / t - 1) ** 2) + 0.5 * (t / h - 1) ** 2
-        for t in candidates
-    ]
-    return float(candidates[int(np.argmin(cost))])
-
-
-def ideal_count(depth: np.ndarray, thickness: float, settings: PlanSettings) -> np.ndarray:
-    """Number of layers for a depth (m): the first is at least min_layer and at most max_layer_ratio thick."""
-    thickest = settings.max_layer_ratio * settings.layer_height
-    spare = min(settings.min_layer, thickest / thickness - 1)
-    count = np.ceil(depth / thickness - max(spare, 0.0) - 1e-9)
-    return np.where(
-        depth < settings.min_layer * settings.layer_height, 0, np.maximum(count, 1)
-    ).astype(int)
-
-
-def layer_count(
-    depth: np.ndarray, thickness: float, settings: PlanSettings, resolution: float
-) -> np.ndarray:
-    """Number of layers (rows, cols) from the depth (m, NaN off the part).
-
-    Regions of k layers are closed by a quarter of a bead where half the thinnest layer is still left to lay; slivers
-    too narrow and islands too small for a bead are dropped.
-    """
-    d = np.where(np.isfinite(depth), depth, 0.0)
-    ideal = ideal_count(d, thickness, settings)
-    thinnest = 0.5 * settings.min_layer * settings.layer_height
-    bead = settings.bead_width / resolution
-    count = np.zeros_like(ideal)
-    allowed = np.isfinite(depth)
-    for k in range(1, int(ideal.max(initial=0)) + 1):
-        enough = d >= (k - 1) * thickness + thinnest
-        level = masks.close_gaps(ideal >= k, bead / 4) & enough & allowed
-        level = masks.drop_slivers(level, SLIVER / 2 * bead)
-        allowed = masks.drop_small(level, SMALLEST_ISLAND * bead**2)
-        count += allowed
-    return count
-
-
 @dataclass(frozen=True)
 class _Restoration:
     """What all layers are made from. Maps (rows, cols), heights in m."""
 
     spec: GridSpec
     count: np.ndarray  # layers at each place
-    thickness: float
+    schedule: Schedule
     wanted: np.ndarray  # final surface
     found: np.ndarray  # as found, on the part
     smooth: np.ndarray
@@ -191,14 +137,13 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> Planned
 
     below: arc starts of the layer before, (n, 2) m.
     """
-    spec, settings, wanted = job.spec, job.settings, job.wanted
+    spec, settings, wanted, schedule = job.spec, job.settings, job.wanted, job.schedule
     on = job.count >= k
     first = job.count == k
-    thickest = settings.max_layer_ratio * settings.layer_height
-    after = np.where(on, wanted - (k - 1) * job.thickness, np.nan)
-    before = np.where(on, np.where(first, job.found, wanted - k * job.thickness), np.nan)
-    planned = np.where(on, np.clip(after - before, 0.0, thickest), 0.0)
-    under = np.where(first, job.smooth, wanted - k * job.thickness)
+    after = np.where(on, wanted - schedule.offset(k), np.nan)
+    before = np.where(on, np.where(first, job.found, wanted - schedule.offset(k + 1)), np.nan)
+    planned = np.where(on, np.clip(after - before, 0.0, schedule.thickest), 0.0)
+    under = np.where(first, job.smooth, wanted - schedule.offset(k + 1))
     soft = masks.blur(under, on, settings.bead_width / 4 / spec.resolution)
     turn = number + job.laid
     task = LayerTask(
@@ -210,6 +155,7 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> Planned
         after=after,
         ground=soft,
         metal=_metal(job, on, after),
+        thickest=schedule.thickest,
     )
     chains = _chains(on, spec, settings, turn)
     return lay(task, chains, below, spec=spec, safe_z=job.safe_z, settings=settings)

@@ -31,6 +31,7 @@ def save_plan(plan: Plan, path: Path | str) -> None:
         'offset': plan.offset,
         'safe_z': plan.safe_z,
         'warnings': plan.warnings,
+        'remarks': plan.remarks,
         'settings': asdict(plan.settings),
     }
     shape = (0, *plan.spec.shape)
@@ -102,6 +103,7 @@ def _plan(data: dict[str, np.ndarray], about: dict) -> Plan:
         about['name'],
         tuple(about['offset']),
         about['warnings'],
+        about.get('remarks', []),
     )
 
 
