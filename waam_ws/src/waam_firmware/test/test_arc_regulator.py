@@ -1,4 +1,4 @@
-"""The arc regulator of the core on plants of our own: spec 2.26 with unknown gain, steps of the
+"""The arc regulator of the core on plants of our own: k/(T s + 1) with dead time and unknown gain, steps of the
 contact-tip-to-work distance, limits, noise. The C code is the shipped one, fast tick and scheduler included
 (host/arc_loop.c)."""
 
