@@ -20,7 +20,7 @@ from synthetic_job import write_demo, write_job  # noqa: E402
 from waam_view import canvas, figures  # noqa: E402
 from waam_view.html import STYLE  # noqa: E402
 from waam_view.job_data import JobError, load_job, read_report  # noqa: E402
-from waam_view.report import main, write_all, write_report  # noqa: E402
+from waam_view.report import cost_label, main, write_all, write_report  # noqa: E402
 
 SECTIONS = [
     'Height error', 'Layers', 'Arc and heat', 'Corrections', 'Limits, drop-outs and faults',
@@ -40,6 +40,11 @@ def job(tmp_path_factory):
     folder = tmp_path_factory.mktemp('jobs') / 'one'
     report = write_job(folder, layers=2)
     return folder, report, write_report(folder).read_text()
+
+
+def test_a_cost_without_current_says_so():
+    assert 'heights only' in cost_label({'cost_terms': ['height']})
+    assert cost_label({}) == cost_label({'cost_terms': ['height', 'current']}) == 'cost J (eq 2.4)'
 
 
 def pictures(text):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from waam_process.materials import Material
+
 from .geometry import NOTHING_SEEN
 from .program import PassRecord
 from .records import AnomalyRecord, LayerRecord, Status
@@ -18,6 +20,7 @@ def run_summary(
     layers: list[LayerRecord],
     anomalies: list[AnomalyRecord],
     passes: list[PassRecord],
+    material: Material,
 ) -> dict[str, Any]:
     """RUN of docs/job_folder.md, without duration_s and runs."""
     found = verdict.final or NOTHING_SEEN
@@ -48,6 +51,7 @@ def run_summary(
         'energy_J': total('energy'),
         'arc_on_s': total('arc_on_time'),
         'cost': total('cost'),
+        'cost_terms': ['height', 'current'] if material.set_current(1.0) else ['height'],
         'passes': [asdict(p) for p in passes],
         'folder': '.',
     }
