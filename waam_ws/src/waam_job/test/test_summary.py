@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from waam_job.model.records import LayerRecord, Status
@@ -23,3 +25,18 @@ def summary(material, *layers):
 )
 def test_the_report_says_whether_the_cost_counts_the_current(material, terms):
     assert summary(material, LayerRecord(cost=0.5))['cost_terms'] == terms
+
+
+def test_deposition_rate_is_the_metal_of_both_layers_over_the_time_of_the_arc():
+    """6 m and 12 m of wire of 1.2 mm in a minute and two and a half, 92 % of it on the part."""
+    layers = (
+        LayerRecord(wire_used=6.0, arc_on_time=60.0),
+        LayerRecord(wire_used=12.0, arc_on_time=150.0),
+    )
+    kilograms = 18.0 * math.pi / 4 * 1.2e-3**2 * 7850 * 0.92
+    assert summary('er70s-6', *layers)['deposition_kg_h'] == pytest.approx(kilograms / (210 / 3600))
+
+
+def test_a_run_without_arc_has_no_deposition_rate():
+    assert summary('er70s-6', LayerRecord())['deposition_kg_h'] is None
+    assert summary('er70s-6')['deposition_kg_h'] is None

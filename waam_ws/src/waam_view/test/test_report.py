@@ -55,7 +55,13 @@ def pictures(text):
 def test_numbers_of_the_report_appear(job):
     _, report, text = job
     run = report['closed_loop']
-    for value in (f'{run["rms_mm"]:.3f} mm', f'{run["max_mm"]:.3f} mm', '37.42 m', '1.830 MJ'):
+    for value in (
+        f'{run["rms_mm"]:.3f} mm',
+        f'{run["max_mm"]:.3f} mm',
+        '37.42 m',
+        '2.44 kg/h',
+        '1.830 MJ',
+    ):
         assert value in text
     assert '13 min 32 s' in text and '7 min 31 s' in text and '87.3 %' in text
     for count in (48213, 12, 37, 211):

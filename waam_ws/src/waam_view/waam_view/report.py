@@ -123,6 +123,7 @@ def _figures_of_merit(job: Job) -> str:
             (duration(r.get('duration_s')), 'duration'),
             (duration(r.get('arc_on_s')), 'arc on'),
             (fmt(r.get('wire_m'), 2, 'm'), 'wire'),
+            (fmt(r.get('deposition_kg_h'), 2, 'kg/h'), 'deposition rate, arc on'),
             (fmt(energy / 1e6, 3, 'MJ'), 'arc energy'),
             (fmt(r.get('cost'), 4), cost_label(r)),
         ]
