@@ -1,4 +1,4 @@
-"""The arc regulator (the C code of the core, through the library waam_arc_loop) on the plant of spec 2.26:
+"""The arc regulator (the C code of the core, through the library waam_arc_loop) on the plant of eq 2.26 of source 000:
 T = 0.05 s, delay 10 ms, gain +-50 % and not told to it. Worst over eleven gains; asked for are <= 5 %, <= 0.15 s and
 >= 30 degrees.
 

@@ -7,7 +7,7 @@ scan.core_points_per_s: points per second on 2 cores into 512 x 512 cells of 0.2
   takes 2 x points per CPU second instead (on a busy one), and the line says so.
 scan.memory_mb: peak memory of the process after 31 times the points, against after the first batch.
 scan.ros_points_per_s: the most points per second from a publisher process through ProfileBatch messages into the real
-  node with nothing lost (baseline: what the scan issue asks for); the line also tells what the node's process used of
+  node with nothing lost (baseline: the rate that was asked for); the line also tells what the node's process used of
   a core per point and how much memory it holds. WAAM_BENCH_ROS_S: seconds per rate (default 3).
 scan.profile_to_map_ms: last profile published to 512 x 512 map received, by another process, worst of the runs.
 scan.rms_mm: error of the map of a simulated scan (noise 0.03 mm, 1 % spikes, 5 % drop-outs, cells of 0.25 mm), against

@@ -285,7 +285,7 @@ def beads_of(folder: Path) -> dict:
 
 
 def run_campaign(scratch: Path, file: Path, trials: int) -> Campaign:
-    """Trials 0 .. trials - 1 that are not in the file yet, after an undisturbed job per sitting, WHOLE in the first."""
+    """Trials 0 .. trials - 1 that are not in the file yet, after an undisturbed job per call, WHOLE in the first."""
     campaign = Campaign(scratch, file)
     done = {d['number'] for d in campaign.lines('cut')}
     missing = [n for n in range(trials) if n not in done]

@@ -38,7 +38,7 @@ typedef struct {
     bool real_time;              /* there is such a byte in it */
     bool unsure;                 /* such a line has been sent since the last hang-up */
     bool native;                 /* a line with a good check has been sent since the last hang-up */
-    bool marlin;                 /* the controller has said "start" to a stock sender */
+    bool marlin;                 /* the controller has said "start" to a Marlin sender */
 } rig_t;
 
 static rig_t rig;
@@ -83,19 +83,19 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
     char text[512];
     size_t content;
     (void)context;
-    bool stock = rig.core.link.dialect == WAAM_DIALECT_STOCK;
+    bool marlin = rig.core.link.dialect == WAAM_DIALECT_MARLIN;
     REQUIRE(bytes > 2 && bytes <= 400 && line[bytes - 1] == '\n', "length of a sent line");
     content = bytes - 1;
-    REQUIRE(stock || waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
+    REQUIRE(marlin || waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
     for (size_t i = 0; i < content; i++)
         REQUIRE(line[i] >= ' ' && (uint8_t)line[i] <= '~', "a sent line is printable");
     memcpy(text, line, content);
     text[content] = '\0';
-    if (stock) {
+    if (marlin) {
         if (strncmp(text, "echo:! ", 7) == 0)
             on_state(text + 5);
         if (strcmp(text, "start") == 0) {
-            REQUIRE(!rig.native || rig.unsure, "a host that has sent a checked line is not taken for a stock sender");
+            REQUIRE(!rig.native || rig.unsure, "a host that has sent a checked line is not taken for a Marlin sender");
             rig.marlin = true;
         }
         return;
@@ -111,7 +111,7 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
 
 /* ---- what the controller gets ---- */
 
-/* Where a numbered M110 begins: a stock sender may say hello so. */
+/* Where a numbered M110 begins: a Marlin sender may say hello so. */
 static bool numbered_m110(void)
 {
     size_t i = 1;
@@ -286,8 +286,8 @@ static void require_state(bool limit_before)
     REQUIRE(!rig.inputs.estop || c->state == WAAM_ALARM, "emergency stop");
     REQUIRE(!(rig.inputs.limit_switch && !limit_before) || c->state == WAAM_ALARM, "limit switch");
     REQUIRE(c->state != WAAM_RUN || rig.marlin || c->now_us - rig.fed_us <= rig.config.link_timeout_us,
-            "no RUN without a host, but a stock sender's");
-    REQUIRE(!rig.marlin || rig.unsure || (!rig.outputs.arc && !c->armed), "no arc for a stock sender");
+            "no RUN without a host, but a Marlin sender's");
+    REQUIRE(!rig.marlin || rig.unsure || (!rig.outputs.arc && !c->armed), "no arc for a Marlin sender");
     REQUIRE(c->state != WAAM_ALARM || (!rig.outputs.arc && rig.outputs.wire_mm_s == 0.0 && !c->homed && !c->armed),
             "ALARM blocks all outputs");
     REQUIRE(c->planner.count <= WAAM_BLOCKS && c->link.ring_used <= WAAM_RING_BYTES, "queues");

@@ -50,7 +50,7 @@ static void feed_byte(uint8_t byte)
     waam_rx_t result = waam_link_byte(&rig.link, byte);
     if (result == WAAM_RX_QUEUED)
         queued(before);
-    if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_STOCK)
+    if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_MARLIN)
         rig.link.length = 0;
     require_link(before, result);
 }

@@ -20,6 +20,8 @@ bool board_init(void);
 void board_start_timers(void);
 void board_start_watchdog(void);
 void board_feed_watchdog(void);
+/* Narrows the ranges of plausible readings to what the converter can give. */
+void board_ranges(waam_config_t *config);
 /* Until the next interrupt. */
 void board_idle(void);
 /* Everything off that can hurt: arc, gas, drives, setpoints. Callable from a fault. */
@@ -37,7 +39,7 @@ void board_sample(waam_fast_inputs_t *now);
 void board_arc(const waam_fast_outputs_t *outputs);
 /* 1 kHz: what the samples amount to. */
 void board_inputs(waam_inputs_t *inputs);
-/* 1 kHz: gas, sense voltage, wire speed. */
+/* 1 kHz: drives, gas, sense voltage, wire speed. */
 void board_outputs(const waam_outputs_t *outputs);
 void board_direction(unsigned axis, bool negative);
 

@@ -3,6 +3,7 @@
  * switches follow the step pulses, the arc burns 50 ms after it is enabled. USART1 is the hand of a test: a small letter
  * makes a fault, the capital ends it; '?' asks what the pins have done, 'r' for the load every 100 ms. */
 #include "board.h"
+#include "converter.h"
 #include "load.h"
 #include "registers.h"
 #include "steps.h"
@@ -84,6 +85,7 @@ static void say_pins(void)
     say_number((int64_t)(arc.voltage_v * 1000.0f));
     say_number(steps_starved());
     say_number(fault_changes);
+    say_number(slow.drives);
     say("\n");
 }
 
@@ -160,12 +162,21 @@ uint32_t board_boot_id(void) { return ++starts; }
 
 uint32_t board_clock(void) { return TIM5->CNT; }
 
+void board_ranges(waam_config_t *config) { converter_ranges(&config->monitor); }
+
 static float current(void)
 {
     return arc_ticks < STRIKE_TICKS || faulty('c') ? 0.0f : arc_ticks & 1u ? 181.0f : 179.0f;
 }
 
-/* Spec 2.26 around 22 V: the source is followed with the gain that the schedule has for 180 A, 10 ms late, in 50 ms. */
+/* As the converter would see them; a sensor that is torn off reads one end of the range. */
+static float converted_current(void)
+{
+    uint32_t count = (uint32_t)((current() / CURRENT_A_PER_V + CURRENT_ZERO_V) / VOLT_PER_COUNT + 0.5f);
+    return converter_current_a(faulty('k') ? CONVERTER_TOP : faulty('j') ? 0 : count);
+}
+
+/* The arc, k/(T s + 1) with dead time around 22 V: the source is followed with the gain that the schedule has for 180 A, 10 ms late, in 50 ms. */
 static void follow_source(void)
 {
     static float late[FAST_HZ / 100];
@@ -185,10 +196,16 @@ static float voltage(void)
     return current() > 0.0f ? arc_v + ripple : arc.arc ? 65.0f : 0.0f;
 }
 
+static float converted_voltage(void)
+{
+    uint32_t count = (uint32_t)(voltage() / (ARC_DIVIDER * VOLT_PER_COUNT) + 0.5f);
+    return converter_voltage_v(faulty('v') ? CONVERTER_TOP : count);
+}
+
 void board_sample(waam_fast_inputs_t *now)
 {
     follow_source();
-    *now = (waam_fast_inputs_t){.valid = true, .voltage_v = voltage(), .current_a = current()};
+    *now = (waam_fast_inputs_t){.valid = true, .voltage_v = converted_voltage(), .current_a = converted_current()};
     if (++hungry <= WATCHDOG_TICKS)
         return;
     board_safe();
@@ -216,7 +233,8 @@ void board_inputs(waam_inputs_t *inputs)
     *inputs = (waam_inputs_t){.estop = faulty('e'), .limit_switch = faulty('l'), .gas_ok = slow.gas && !faulty('g'),
                               .process = faulty('p') ? WAAM_PROCESS_LOST : WAAM_PROCESS_OK,
                               .over_temperature = faulty('t'), .wire_mm_s = faulty('w') ? 0.0 : slow.wire_mm_s,
-                              .current_a = (double)current(), .voltage_v = (double)voltage()};
+                              .current_a = (double)converted_current(),
+                              .voltage_v = (double)converted_voltage()};
     for (unsigned i = 0; i < WAAM_AXES; i++) {
         double mm = (double)start_mm[i] + (double)at[i] / c.steps_per_mm;
         inputs->home_switch[i] = c.home_direction[i] < 0 ? mm <= c.limit_min_mm[i] : mm >= c.limit_max_mm[i];

@@ -1,16 +1,13 @@
 /* The real board: an STM32F407 with an 8 MHz crystal. Pins and scales are listed in the README of the package. */
 #include "board.h"
 #include "clock.h"
+#include "converter.h"
 #include "registers.h"
 
 #define TIMER_HZ 84000000u
 #define PWM_PERIOD 4200u      /* 84 MHz / 4200 = 20 kHz */
 #define SOURCE_FULL_V 60.0f   /* source voltage at 10 V of setpoint */
 #define WIRE_FULL_MM_S 300.0f /* wire speed at 10 V of setpoint */
-#define VOLT_PER_COUNT (3.3f / 4096.0f)
-#define ARC_DIVIDER 25.0f
-#define CURRENT_ZERO_V 0.396f /* ACS758-200U at 5 V (0.6 V), 2:3 onto the converter */
-#define CURRENT_A_PER_V 75.0f /* 20 mV/A times 2/3 */
 #define CELSIUS_PER_V 200.0f  /* thermocouple amplifier, 5 mV/K from 0 */
 #define ENCODER_PER_MM 40.0f
 #define ENCODER_FILTER 0.05f  /* of each new millisecond: 20 ms */
@@ -28,6 +25,9 @@ static volatile uint32_t stale;
 static volatile float current_a, voltage_v;
 static uint16_t encoder_before;
 static float wire_mm_s;
+
+/* One write to the set/reset register: an interrupt that switches another pin of the port is not lost. */
+static void set_pin(unsigned pin, bool on) { GPIOE->BSRR = 1u << (on ? pin : pin + 16); }
 
 static void pin_mode(gpio_t *port, unsigned pin, unsigned mode, unsigned function)
 {
@@ -94,9 +94,23 @@ static void adc_init(void)
     ADC1->CR2 = 1u | 1u << 8 | 1u << 9 | 6u << 24 | 1u << 28; /* on, DMA without end, rising edge of TIM2 */
 }
 
+/* Brown-out: the supply detector at 2.9 V raises an interrupt, which ends in the fault handler: outputs off while the
+ * processor still works. False: the supply is too low now. */
+static bool supply_detector_init(void)
+{
+    PWR_CR |= PWR_PVD_2V9 | PWR_PVDE;
+    EXTI->IMR |= EXTI_PVD;
+    EXTI->RTSR |= EXTI_PVD; /* rises when the supply falls */
+    for (volatile uint32_t settle = 0; settle < 1000; settle++) {
+    }
+    EXTI->PR = EXTI_PVD;
+    return !(PWR_CSR & PWR_PVDO);
+}
+
 bool board_init(void)
 {
     bool good = clock_init() && (DBGMCU_IDCODE & 0xFFFu) == DEVICE_F405_F407;
+    good = supply_detector_init() && good;
     RCC->AHB1ENR |= 1u << 0 | 1u << 2 | 1u << 3 | 1u << 4 | 1u << 22; /* ports A, C, D, E, DMA2 */
     RCC->AHB2ENR |= 1u << 6 | 1u << 7;                                /* random numbers, USB */
     RCC->APB1ENR |= 1u << 0 | 1u << 1 | 1u << 2 | 1u << 17;           /* TIM2, TIM3, TIM4, USART2 */
@@ -136,12 +150,17 @@ void board_start_watchdog(void)
     IWDG->PR = 4;               /* 32 kHz / 64 */
     IWDG->RLR = 250;            /* 500 ms; the oscillator allows 340 to 940 ms */
     IWDG->KR = 0xCCCC;
+    irq_enable(IRQ_PVD, 0); /* its handler waits for the watchdog */
 }
+
+void board_ranges(waam_config_t *config) { converter_ranges(&config->monitor); }
 
 void board_feed_watchdog(void)
 {
+    static bool alive;
+    alive = !alive;
     IWDG->KR = 0xAAAA;
-    GPIOE->ODR ^= 1u << PIN_ALIVE; /* a safety relay may watch it */
+    set_pin(PIN_ALIVE, alive); /* a safety relay may watch it */
 }
 
 void board_idle(void) { wait_for_interrupt(); }
@@ -189,8 +208,8 @@ void board_sample(waam_fast_inputs_t *now)
     sample_contacts();
     stale = fresh ? 0 : stale < STALE_MAX ? stale + 1 : STALE_MAX;
     DMA2_LIFCR = 1u << 5;
-    current_a = ((float)samples[0] * VOLT_PER_COUNT - CURRENT_ZERO_V) * CURRENT_A_PER_V;
-    voltage_v = (float)samples[1] * VOLT_PER_COUNT * ARC_DIVIDER;
+    current_a = converter_current_a(samples[0]);
+    voltage_v = converter_voltage_v(samples[1]);
     *now = (waam_fast_inputs_t){.valid = stale < STALE_MAX, .voltage_v = voltage_v, .current_a = current_a};
 }
 
@@ -215,8 +234,6 @@ void board_inputs(waam_inputs_t *inputs)
     };
 }
 
-static void set_pin(unsigned pin, bool on) { GPIOE->BSRR = 1u << (on ? pin : pin + 16); }
-
 static uint32_t duty(float share)
 {
     return share <= 0.0f ? 0 : share >= 1.0f ? PWM_PERIOD : (uint32_t)(share * PWM_PERIOD);
@@ -230,7 +247,7 @@ void board_arc(const waam_fast_outputs_t *outputs)
 
 void board_outputs(const waam_outputs_t *outputs)
 {
-    set_pin(PIN_DRIVES, true);
+    set_pin(PIN_DRIVES, outputs->drives);
     set_pin(PIN_GAS, outputs->gas);
     set_pin(PIN_SENSE, outputs->sense);
     TIM4->CCR[0] = duty((float)outputs->wire_mm_s / WIRE_FULL_MM_S);

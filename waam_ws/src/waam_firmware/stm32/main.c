@@ -111,6 +111,7 @@ static void start(void)
     waam_config_t config = waam_config_default();
     config.boot_id = board_boot_id();
     config.watchdog_reset = board_was_hung();
+    board_ranges(&config);
     waam_core_init(&core, &config, send_line, NULL);
     port_start();
     board_start_timers();

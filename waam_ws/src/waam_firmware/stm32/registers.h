@@ -18,7 +18,7 @@ typedef volatile uint32_t reg_t;
 #define DBGMCU_APB1_FZ (*(reg_t *)0xE0042008u)
 #define DEVICE_F405_F407 0x413u
 
-enum { IRQ_TIM2 = 28, IRQ_TIM3 = 29, IRQ_USART1 = 37, IRQ_USART2 = 38, IRQ_COUNT = 82 };
+enum { IRQ_PVD = 1, IRQ_TIM2 = 28, IRQ_TIM3 = 29, IRQ_USART1 = 37, IRQ_USART2 = 38, IRQ_COUNT = 82 };
 
 /* ---- reset and clocks ---- */
 typedef struct {
@@ -30,6 +30,13 @@ typedef struct {
 enum { RCC_HSEON = 1u << 16, RCC_HSERDY = 1u << 17, RCC_CSSON = 1u << 19, RCC_PLLON = 1u << 24, RCC_PLLRDY = 1u << 25 };
 #define FLASH_ACR (*(reg_t *)0x40023C00u)
 #define PWR_CR (*(reg_t *)0x40007000u)
+#define PWR_CSR (*(reg_t *)0x40007004u)
+enum { PWR_PVDE = 1u << 4, PWR_PVD_2V9 = 7u << 5, PWR_PVDO = 1u << 2 };
+typedef struct {
+    reg_t IMR, EMR, RTSR, FTSR, SWIER, PR;
+} exti_t;
+#define EXTI ((exti_t *)0x40013C00u)
+enum { EXTI_PVD = 1u << 16 };
 
 /* ---- pins ---- */
 typedef struct {

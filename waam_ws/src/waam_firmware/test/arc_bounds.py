@@ -1,4 +1,5 @@
-"""What a PI and a PID can reach on the plant of spec 2.26 with unknown gain, by search; many controllers at a time.
+"""What a PI and a PID can reach on the plant k/(T s + 1) with dead time and unknown gain, by search;
+many controllers at a time.
 
     python3 waam_ws/src/waam_firmware/test/arc_bounds.py        prints the figures of doc/arc_regulator.md (a minute)
 

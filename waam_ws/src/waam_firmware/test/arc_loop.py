@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 TS = 1e-4
-LAG, DELAY = 0.05, 0.01  # of the plant (spec 2.26, issue "Arc")
+LAG, DELAY = 0.05, 0.01  # of the plant k/(T s + 1) with dead time
 GAINS = tuple(0.5 + 0.1 * i for i in range(11))  # nominal gain 1, +-50 %
 BAND = 0.02  # settled: within 2 % of the step
 REACTED = 0.1  # reacted: within 10 % of the disturbance

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "converter.h"
 #include "waam_internal.h"
 
 static waam_core_t core;
@@ -132,6 +133,80 @@ static void test_a_sample_that_is_no_number_is_bridged_and_a_row_of_them_is_a_fa
     CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_INPUTS && !fast_out.arc);
 }
 
+/* What the board's converter gives when a sensor is torn off or beyond its range. */
+static void test_a_reading_at_the_end_of_the_converters_range_is_implausible(void)
+{
+    const float ends[][2] = {{22.0f, converter_current_a(CONVERTER_TOP)},
+                             {22.0f, converter_current_a(0)},
+                             {converter_voltage_v(CONVERTER_TOP), 120.0f}};
+    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++) {
+        config = waam_config_default();
+        converter_ranges(&config.monitor);
+        weld();
+        voltage_v = converter_voltage_v(CONVERTER_TOP - 1); /* just inside: a long arc, but a reading */
+        current_a = converter_current_a(CONVERTER_TOP - 1);
+        run(50);
+        CHECK(core.state == WAAM_RUN);
+        voltage_v = ends[i][0];
+        current_a = ends[i][1];
+        run(5);
+        CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_INPUTS && !fast_out.arc);
+    }
+    CHECK(converter_voltage_v(0) >= config.monitor.voltage_min_v); /* no arc, no voltage: a good reading */
+}
+
+/* The fast tick interrupts the tick between its look at the trip and its orders. */
+static void test_a_trip_that_comes_late_is_not_forgotten(void)
+{
+    config = waam_config_default();
+    weld();
+    waam_guard_arc(&core, 1000);
+    voltage_v = 2.0f;
+    for (unsigned i = 0; i < 1100 && fast_out.arc; i++)
+        fast();
+    CHECK(!fast_out.arc);
+    waam_guard_orders(&core, 1000);
+    voltage_v = 22.0f; /* and the short is gone at once */
+    fast();
+    CHECK(!fast_out.arc);
+    run(1);
+    CHECK(core.fault == WAAM_E_STUBBING && strstr(last, "try 1 of 2"));
+}
+
+static void test_torque_in_alarm(void)
+{
+    for (int off = 0; off < 2; off++) {
+        config = waam_config_default();
+        CHECK(config.drives_off_in_estop && !config.drives_off_in_alarm);
+        config.drives_off_in_alarm = off;
+        weld();
+        CHECK(out.drives);
+        in.process = WAAM_PROCESS_LOST;
+        run(1);
+        CHECK(core.state == WAAM_ALARM && out.drives == !off);
+        in.estop = true; /* pressed during another alarm */
+        run(1);
+        CHECK(!out.drives);
+        in = (waam_inputs_t){.process = WAAM_PROCESS_OK};
+        run(100);
+        CHECK(!out.drives);
+        const char *text;
+        CHECK(waam_core_reset(&core, &text) == WAAM_OK);
+        run(1);
+        CHECK(out.drives);
+        in.estop = true;
+        run(1);
+        in.estop = false;
+        run(100);
+        CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_ESTOP && !out.drives); /* until the reset */
+        config.drives_off_in_estop = false;
+        weld();
+        in.estop = true;
+        run(1);
+        CHECK(core.state == WAAM_ALARM && out.drives);
+    }
+}
+
 static void test_temperature_as_a_number(void)
 {
     config = waam_config_default();
@@ -214,6 +289,9 @@ int main(void)
     test_any_fault_can_be_an_alarm();
     test_the_fast_tick_cuts_the_source_itself();
     test_a_sample_that_is_no_number_is_bridged_and_a_row_of_them_is_a_fault();
+    test_a_reading_at_the_end_of_the_converters_range_is_implausible();
+    test_a_trip_that_comes_late_is_not_forgotten();
+    test_torque_in_alarm();
     test_temperature_as_a_number();
     test_running_dry_with_the_arc_on_ends_it_and_holds();
     test_the_watchdog_is_fed_only_while_all_three_loops_run();

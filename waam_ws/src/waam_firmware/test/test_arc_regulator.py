@@ -1,4 +1,4 @@
-"""The arc regulator of the core on plants of our own: spec 2.26 with unknown gain, steps of the
+"""The arc regulator of the core on plants of our own: k/(T s + 1) with dead time and unknown gain, steps of the
 contact-tip-to-work distance, limits, noise. The C code is the shipped one, fast tick and scheduler included
 (host/arc_loop.c)."""
 
@@ -41,7 +41,7 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.mark.parametrize('gain', GAINS)
 def test_requirements_hold_for_every_gain(gain):
-    """Issue "Arc": T = 0.05 s, delay 10 ms, gain +-50 % and not told to the regulator."""
+    """Eq 2.26 of source 000: T = 0.05 s, delay 10 ms, gain +-50 % and not told to the regulator."""
     response = setpoint_step(FIXED, gain)
     assert overshoot(response) <= 0.05
     assert settling(response) <= 0.15
@@ -161,7 +161,7 @@ def test_without_current_and_wire_the_fixed_gains_hold():
 
 
 def test_velocity_form_is_that_of_the_source():
-    """Spec 2.29, 2.30 with the derivative's filter off, sample by sample against the formula in double precision."""
+    """Eq 2.29, 2.30 with the derivative's filter off, sample by sample against the formula in double precision."""
     kp, ki, kd = 1.3, 20.0, 0.004
     Variant(gains=(kp, ki, kd, 0.0)).start()
     q0, q1, q2 = kp + ki * TS + kd / TS, -(kp + 2 * kd / TS), kd / TS

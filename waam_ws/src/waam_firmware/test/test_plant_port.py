@@ -83,9 +83,9 @@ def test_emergency_stop_and_limit_switch_are_alarms(port, flag, code):
 def test_with_the_limit_switch_pressed_only_the_way_out_is_free(port):
     _, cell, client = port
     client.home()
-    client.run('G0 X50', 'G0 X20')  # ran in negative direction last
-    client.send('G1 X10 F600')
-    client.wait(lambda: client.frame['x_um'] < 18_000)
+    client.run('G0 X20')
+    client.send('G1 X10 F12')  # slow: still on its way when the switch is pressed
+    client.wait(lambda: client.frame['x_um'] < 19_990)
     cell.flags = LIMIT
     client.wait_line('^! ALARM E301')
     client.next_frame()

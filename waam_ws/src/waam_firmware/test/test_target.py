@@ -105,7 +105,7 @@ class Emulator:
     def pins(self) -> dict[str, int]:
         """Pulses given out, arc and gas outputs, source setpoint, late ticks, faults made or ended."""
         os.write(self.plant, b'?')
-        names = ['x', 'y', 'z', 'wire', 'arc', 'gas', 'setpoint_mv', 'late', 'changes']
+        names = ['x', 'y', 'z', 'wire', 'arc', 'gas', 'setpoint_mv', 'late', 'changes', 'drives']
         values = self.hear(r'pins ([-0-9 ]+)\n', b'?')[1].split()
         return dict(zip(names, map(int, values), strict=True))
 
@@ -314,6 +314,18 @@ def test_arc_burns_for_a_bead_and_ends_with_the_lease(board):
     assert pins['arc'] == pins['setpoint_mv'] == 0
 
 
+@pytest.mark.parametrize('sensor', ['k', 'j', 'v'])
+def test_a_reading_at_the_end_of_the_converters_range_is_an_alarm(board, sensor):
+    """Arc current at either end of the range, arc voltage at the upper one: 4095 counts is no measurement."""
+    client = board.client
+    board.burn()
+    board.fault(sensor)
+    client.wait(lambda: client.frame['state'] == ALARM)
+    assert client.next_frame()['fault'] == 303
+    board.fault(sensor.upper())
+    assert board.pins()['arc'] == 0
+
+
 def test_silent_host_is_noticed(board):
     client = board.client
     client.send('G1 X300 F1200')
@@ -330,10 +342,11 @@ def test_emergency_stop_blocks_all_outputs(board):
     client.wait(lambda: client.frame['state'] == ALARM)
     assert client.next_frame()['fault'] == 300
     stopped = board.pins_at_rest()
-    assert stopped['arc'] == stopped['setpoint_mv'] == 0
+    assert stopped['arc'] == stopped['setpoint_mv'] == stopped['drives'] == 0
     assert client.ask('$X').startswith('$X error E300')
     board.fault('E')
     assert client.ask('$X') == '$X ok'
+    assert board.pins_at_rest()['drives'] == 1
     assert (
         steps(board.pins_at_rest()) == steps(stopped) and not client.next_frame()['flags'] & HOMED
     )

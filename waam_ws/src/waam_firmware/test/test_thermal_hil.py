@@ -1,4 +1,4 @@
-"""Thermal hardware-in-the-loop of the source (spec 1.5): the pyrometer ramps from 20 to 400 degrees, the Kt law of
+"""Thermal hardware-in-the-loop of the source: the pyrometer ramps from 20 to 400 degrees, the Kt law of
 the real compensator (waam_adapt) becomes a wire override over the pty, and the controller's wire command is what is
 judged: unchanged to 200 degrees, then linear, 85 % at 400, no oscillation."""
 

@@ -160,8 +160,8 @@ def heat_from_msg(msg: HeatFactor) -> Heat:
         wait=msg.estimated_wait,
         plausible=msg.plausible,
         reasons=tuple(msg.reasons),
-        believed=getattr(msg, 'believed', True),
-        doubt=getattr(msg, 'doubt', ''),
+        believed=msg.believed,
+        doubt=msg.doubt,
     )
 
 

@@ -219,8 +219,9 @@ def test_a_bead_that_ends_with_a_dwell_burns_to_the_end_of_it(prism):
     crater = bead[0].at(kind=Kind.DWELL, start=(0.01, 0, 0), end=(0.01, 0, 0), dwell=0.3)
     text = write_ls(one_layer([*bead, crater]))['WAAM001.LS']
     lines = re.findall(r'^ *\d+:(.*?) *;?$', text, re.M)
-    assert lines[-3:] == [lines[-3], 'WAIT   0.30(sec)', 'DO[1]=OFF']
-    assert lines[-3].startswith('L ') and 'FINE' in lines[-3] and 'TB' not in lines[-3]
+    bead_end, *rest = lines[-5:]
+    assert rest == ['WAIT   0.30(sec)', 'DO[1]=OFF', 'WAIT   1.00(sec)', 'DO[2]=OFF']
+    assert bead_end.startswith('L ') and 'FINE' in bead_end and 'TB' not in bead_end
 
 
 def one_layer(segments):

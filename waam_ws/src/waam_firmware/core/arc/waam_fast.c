@@ -3,8 +3,6 @@
 
 #include <stdatomic.h>
 
-#include "waam_core.h"
-
 #define FAST_S 1e-4f
 
 void waam_fast_command(waam_fast_t *fast, const waam_fast_order_t *order)
@@ -66,27 +64,16 @@ static void regulate(waam_fast_t *fast, const waam_config_t *config, const waam_
     fast->regulating = fast->regulator.on;
 }
 
-void waam_core_fast(waam_core_t *core, const waam_fast_inputs_t *inputs, waam_fast_outputs_t *outputs)
+void waam_fast_tick(waam_fast_t *fast, const waam_config_t *config, const waam_fast_inputs_t *inputs,
+                    waam_fast_outputs_t *outputs)
 {
-    waam_fast_t *fast = &core->fast;
     const waam_fast_order_t *order = &fast->order[fast->current];
-    bool by_source = core->config.regulator.actuator == WAAM_REGULATOR_SOURCE;
+    bool by_source = config->regulator.actuator == WAAM_REGULATOR_SOURCE;
     if (inputs->valid) {
-        watch(fast, &core->config, order, inputs);
-        regulate(fast, &core->config, order);
+        watch(fast, config, order, inputs);
+        regulate(fast, config, order);
     }
     outputs->arc = order->arc && fast->trip == WAAM_TRIP_NONE;
     outputs->voltage_v = !outputs->arc ? 0.0f : by_source && fast->regulating ? fast->output : order->setpoint_v;
     fast->fasted = true;
-}
-
-void waam_core_linked(waam_core_t *core) { core->fast.linked = true; }
-
-bool waam_core_alive(waam_core_t *core)
-{
-    waam_fast_t *fast = &core->fast;
-    if (!fast->ticked || !fast->fasted || !fast->linked)
-        return false;
-    fast->ticked = fast->fasted = fast->linked = false;
-    return true;
 }

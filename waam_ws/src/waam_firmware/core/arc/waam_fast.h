@@ -6,6 +6,8 @@
 #ifndef WAAM_FAST_H
 #define WAAM_FAST_H
 
+#include "waam_monitor.h"
+#include "waam_regulator.h"
 #include "waam_types.h"
 
 #define WAAM_FAST_US 100u
@@ -39,7 +41,7 @@ typedef struct {
     volatile uint8_t current;   /* which of the two holds */
     waam_fast_sum_t sum[2];     /* good samples since the tick looked last */
     volatile uint8_t filling;
-    volatile bool ticked, fasted, linked; /* signs of life, see waam_core_alive */
+    volatile bool ticked, fasted, linked; /* signs of life, all three since the watchdog was fed last */
     volatile uint8_t trip;      /* waam_trip_t; the first one stands until the tick has seen it */
     volatile float output;      /* of the regulator: V of the source, or mm/s of wire */
     volatile bool regulating;
@@ -51,5 +53,8 @@ typedef struct {
 void waam_fast_command(waam_fast_t *fast, const waam_fast_order_t *order);
 /* Tick: mean of the good samples since the last call; false when there were none. */
 bool waam_fast_mean(waam_fast_t *fast, float *voltage_v, float *current_a);
+/* Every WAAM_FAST_US, from the interrupt. */
+void waam_fast_tick(waam_fast_t *fast, const waam_config_t *config, const waam_fast_inputs_t *inputs,
+                    waam_fast_outputs_t *outputs);
 
 #endif

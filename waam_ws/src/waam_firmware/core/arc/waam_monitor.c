@@ -7,7 +7,7 @@ static bool lasts(uint32_t *timer_us, bool condition, uint32_t limit_us, uint32_
     return condition && *timer_us >= limit_us;
 }
 
-static bool plausible(const waam_monitor_config_t *c, float voltage_v, float current_a)
+bool waam_monitor_plausible(const waam_monitor_config_t *c, float voltage_v, float current_a)
 {
     return voltage_v >= c->voltage_min_v && voltage_v <= c->voltage_max_v && current_a >= c->current_min_a &&
            current_a <= c->current_max_a; /* false for what is not a number */
@@ -16,7 +16,7 @@ static bool plausible(const waam_monitor_config_t *c, float voltage_v, float cur
 waam_trip_t waam_monitor_step(waam_monitor_t *m, const waam_monitor_config_t *c, bool on, bool burning, float setpoint_v,
                               float voltage_v, float current_a, uint32_t dt_us)
 {
-    bool good = plausible(c, voltage_v, current_a), watched = burning && good && c->stuck_us;
+    bool good = waam_monitor_plausible(c, voltage_v, current_a), watched = burning && good && c->stuck_us;
     bool same_v = watched && voltage_v == m->voltage_v, same_a = watched && current_a == m->current_a;
     if (good) {
         m->voltage_v = voltage_v;

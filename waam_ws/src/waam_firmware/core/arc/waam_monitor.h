@@ -2,8 +2,7 @@
 #ifndef WAAM_MONITOR_H
 #define WAAM_MONITOR_H
 
-#include <stdbool.h>
-#include <stdint.h>
+#include "waam_arc_settings.h"
 
 typedef enum {
     WAAM_TRIP_NONE,
@@ -16,21 +15,12 @@ typedef enum {
 } waam_trip_t;
 
 typedef struct {
-    float short_v, short_a;     /* below this voltage and above this current ... */
-    uint32_t short_us;          /* ... for this long (dip transfer shorts last 2 to 10 ms) */
-    float long_arc_v;           /* above the setpoint by this, with current flowing ... */
-    uint32_t long_arc_us;
-    float voltage_min_v, voltage_max_v, current_min_a, current_max_a;
-    uint32_t bad_us;            /* the last good sample stands in for so long */
-    uint32_t stuck_us;          /* a burning arc never reads the same to the last bit; 0 = not watched */
-    uint32_t stray_us;
-} waam_monitor_config_t;
-
-typedef struct {
     float voltage_v, current_a; /* last good sample */
     uint32_t short_us, long_arc_us, bad_us, same_voltage_us, same_current_us, stray_us;
 } waam_monitor_t;
 
+/* Within what the sensors can give; false for what is not a number. */
+bool waam_monitor_plausible(const waam_monitor_config_t *config, float voltage_v, float current_a);
 /* One sample; `on`: the source is enabled, `burning`: the arc is established. */
 waam_trip_t waam_monitor_step(waam_monitor_t *monitor, const waam_monitor_config_t *config, bool on, bool burning,
                               float setpoint_v, float voltage_v, float current_a, uint32_t dt_us);

@@ -1,15 +1,8 @@
-/* PID in velocity form (spec 2.29, 2.30) with a filtered derivative; the output is held inside its limits. */
+/* PID in velocity form with a filtered derivative; the output is held inside its limits. */
 #ifndef WAAM_PID_H
 #define WAAM_PID_H
 
-#include <stdbool.h>
-#include <stdint.h>
-
-typedef struct {
-    float kp, ki, kd;       /* output per unit of error, per unit and second, per unit per second */
-    float filter_s;         /* time constant of the derivative's filter; 0 = none */
-    float weight;           /* share of a setpoint change that proportional and derivative part see, 0..1 */
-} waam_pid_gains_t;
+#include "waam_arc_settings.h"
 
 /* The same, ready for use: gains divided by the gain of the plant, times by the sample time. */
 typedef struct {

@@ -101,13 +101,13 @@ void waam_regulator_start(waam_regulator_t *r, const waam_regulator_config_t *co
 {
     r->base = output;
     waam_pid_start(&r->pid, &tuning->pid, output, setpoint, measured);
-    r->on = waam_smith_predictor_start(&r->smith, config->lag_s, config->delay_s, sample_s);
+    r->on = waam_smith_predictor_start(&r->predictor, config->lag_s, config->delay_s, sample_s);
 }
 
 float waam_regulator_step(waam_regulator_t *r, const waam_tuning_t *t, float setpoint, float measured)
 {
-    float expected = measured + (t->predict ? waam_smith_predictor_coming(&r->smith) : 0.0f);
+    float expected = measured + (t->predict ? waam_smith_predictor_coming(&r->predictor) : 0.0f);
     float output = waam_pid_step(&r->pid, &t->pid, setpoint, expected, t->low, t->high);
-    waam_smith_predictor_step(&r->smith, t->plant_gain * (output - r->base));
+    waam_smith_predictor_step(&r->predictor, t->plant_gain * (output - r->base));
     return output;
 }

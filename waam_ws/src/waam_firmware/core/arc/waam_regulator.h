@@ -6,42 +6,6 @@
 #include "waam_pid.h"
 #include "waam_smith_predictor.h"
 
-#define WAAM_SCHEDULE_CURRENTS 4
-#define WAAM_SCHEDULE_DISTANCES 3
-
-typedef enum {
-    WAAM_REGULATOR_OFF,         /* the source gets its setpoint as it is */
-    WAAM_REGULATOR_SOURCE,      /* arc voltage by the setpoint of the source */
-    WAAM_REGULATOR_WIRE         /* arc voltage by wire speed; the plant's gain is negative */
-} waam_actuator_t;
-
-/* How much arc voltage one unit of output gives, as a share of the nominal gain, over current and distance; in between it is
- * linear in the distance and in 1/current, for so the slope of an arc's characteristic falls (Ayrton). Held at the ends. */
-typedef struct {
-    float current_a[WAAM_SCHEDULE_CURRENTS];   /* rising, above 0 */
-    float ctwd_mm[WAAM_SCHEDULE_DISTANCES];    /* rising */
-    float share[WAAM_SCHEDULE_CURRENTS][WAAM_SCHEDULE_DISTANCES];
-} waam_schedule_t;
-
-/* Contact-tip-to-work distance from current and wire speed: I = I0 (w/w0)^p (1 - loss (ctwd - ctwd0)). */
-typedef struct {
-    float current_a, wire_mm_s, exponent, ctwd_mm, loss_per_mm;
-} waam_ctwd_model_t;
-
-typedef struct {
-    waam_actuator_t actuator;
-    float gain;                 /* of the plant (2.26), nominal: V per unit of output */
-    float lag_s, delay_s;
-    waam_pid_gains_t fixed;     /* hold over the whole range of plant gains; used while the regime is not known */
-    waam_pid_gains_t scheduled; /* need the plant's gain to about 15 % */
-    bool scheduling, predictor; /* the predictor serves the scheduled gains */
-    float trim;                 /* greatest distance of the output from its feed-forward value */
-    float settle_s;             /* after the start: fixed gains */
-    float average_s;            /* of the current that chooses the gains */
-    waam_schedule_t schedule;
-    waam_ctwd_model_t ctwd;
-} waam_regulator_config_t;
-
 typedef enum { WAAM_GAINS_FIXED, WAAM_GAINS_SCHEDULED } waam_regime_t;
 
 /* What the tick hands to the fast tick. */
@@ -64,7 +28,7 @@ typedef struct {
     bool on;
     float base;                 /* output at the start; the model counts from there */
     waam_pid_t pid;
-    waam_smith_predictor_t smith;
+    waam_smith_predictor_t predictor;
 } waam_regulator_t;
 
 /* Null, or what is wrong. */

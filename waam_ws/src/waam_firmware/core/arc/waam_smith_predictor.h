@@ -1,4 +1,4 @@
-/* Smith predictor: a model of the plant (2.26), k/(T s + 1) behind a transport delay, tells what is under way. */
+/* Smith predictor (O. Smith 1957): the plant model k/(T s + 1) with dead time tells what is under way. */
 #ifndef WAAM_SMITH_PREDICTOR_H
 #define WAAM_SMITH_PREDICTOR_H
 

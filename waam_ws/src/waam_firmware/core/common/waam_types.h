@@ -7,8 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "waam_monitor.h"
-#include "waam_regulator.h"
+#include "waam_arc_settings.h"
 
 #define WAAM_AXES 3
 #define WAAM_LINE_MAX 160      /* bytes of one line, end of line excluded */
@@ -82,28 +81,6 @@ typedef struct {
 } waam_policy_t;
 
 typedef struct {
-    uint32_t purge_us;          /* gas before the first strike */
-    uint32_t strike_us;         /* wait for current, per try */
-    uint32_t retry_pause_us;
-    uint32_t tries;
-    double established_a;       /* arc current above this means that the arc burns */
-    uint32_t established_us;    /* ... for this long */
-    uint32_t lost_us;           /* ... and below it for this long means that it is lost */
-    double strike_wire_factor;  /* of W while striking */
-    double crater_wire_factor;  /* of W while filling the end crater */
-    uint32_t crater_us;
-    uint32_t burn_back_us;      /* wire stops, source still on, so that the wire does not freeze in the bead */
-    uint32_t post_flow_us;
-    uint32_t gas_missing_us;
-    double wire_fault_ratio;    /* encoder below this share of the command ... */
-    uint32_t wire_fault_us;     /* ... for this long is a wire fault */
-    uint32_t sense_us;          /* stick check: longest look at the sense voltage */
-    uint32_t free_us;           /* ... which must be above free_v for this long */
-    double free_v;
-    uint32_t pulses, pulse_us;  /* of the source, to burn off a wire that froze in the bead */
-} waam_arc_config_t;
-
-typedef struct {
     uint32_t boot_id;
     bool clock_is_ros_time;     /* announced as clk=sync */
     uint64_t start_us;          /* controller clock at start */
@@ -128,6 +105,8 @@ typedef struct {
     double temperature_max_c;   /* of torch or drives */
     bool starts_in_alarm;       /* after power-up (306): nothing but a reset leads to IDLE */
     bool watchdog_reset;        /* the shell found that the watchdog had reset the processor (307) */
+    bool drives_off_in_estop;   /* no torque while the emergency stop is pressed and until the reset after it */
+    bool drives_off_in_alarm;   /* the same for every other ALARM; see doc/stm32f407.md */
     uint32_t link_timeout_us;   /* no valid line for this long while in RUN: HOLD 201 */
     uint32_t lease_us;          /* the arc is off this long after the lease stamp */
     uint32_t lease_margin_us;   /* the arc end is started this much earlier than its own length asks for */
@@ -149,6 +128,7 @@ typedef struct {
 typedef struct {
     int64_t pulses[WAAM_AXES];  /* pulses since the start, at the end of this tick; the shell spreads the new ones over it */
     bool arc, gas;
+    bool drives;                /* enable the axes' drives: torque */
     bool sense;                 /* low sense voltage between wire and work instead of the source: stick check */
     double wire_mm_s, voltage_v;
 } waam_outputs_t;

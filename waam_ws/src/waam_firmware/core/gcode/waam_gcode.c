@@ -1,26 +1,6 @@
 /* Reading: comments, words, the modal group of each G and M word. What the words say together is checked in waam_words.c. */
 #include "waam_words.h"
 
-const char waam_value_letters[WAAM_VALUE_LETTERS + 1] = "XYZIJKREFPLWSQN";
-
-bool waam_fail(waam_error_t *error, waam_code_t code, size_t column, const char *text)
-{
-    error->code = code;
-    error->column = column;
-    waam_text_clear(&error->text);
-    waam_text_add(&error->text, text);
-    return false;
-}
-
-bool waam_fail_word(waam_error_t *error, waam_code_t code, size_t column, char letter, double number, const char *text)
-{
-    waam_fail(error, code, column, "");
-    waam_text_char(&error->text, letter);
-    waam_text_fixed(&error->text, number, 3);
-    waam_text_add(&error->text, text);
-    return false;
-}
-
 static bool fail_letter(waam_words_t *w, waam_code_t code, size_t column, char letter, const char *text)
 {
     waam_fail(w->error, code, column, "");

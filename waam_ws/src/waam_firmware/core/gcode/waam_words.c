@@ -1,6 +1,8 @@
 /* What the words of one line say together: ranges, units, what goes with what, what is missing. */
 #include "waam_words.h"
 
+const char waam_value_letters[WAAM_VALUE_LETTERS + 1] = "XYZIJKREFPLWSQN";
+
 #define INCH_MM 25.4
 #define FEED_MAX_MM_MIN 60000.0
 #define MOVES_MAX_PER_MIN 1e6

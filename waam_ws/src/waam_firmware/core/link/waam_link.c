@@ -67,7 +67,7 @@ static waam_rx_t failed(waam_link_t *link, waam_code_t code)
     return link->blocked ? WAAM_RX_NONE : resend(link, code, link->received + 1);
 }
 
-/* "N<number>" of a line whose check holds; stock senders count from where they like. */
+/* "N<number>" of a line whose check holds; Marlin senders count from where they like. */
 static waam_rx_t with_number(waam_link_t *link)
 {
     int64_t sequence;
@@ -76,16 +76,16 @@ static waam_rx_t with_number(waam_link_t *link)
     if (!waam_marlin_number(link->line, link->length, &sequence))
         return failed(link, WAAM_E_SYNTAX);
     if (link->dialect != WAAM_DIALECT_NATIVE && waam_marlin_renumbers(link->line, link->length))
-        return WAAM_RX_STOCK;
-    sequence += link->dialect == WAAM_DIALECT_STOCK ? link->base : 0;
-    if (link->dialect == WAAM_DIALECT_STOCK && sequence < 1 && !link->blocked)
+        return WAAM_RX_MARLIN;
+    sequence += link->dialect == WAAM_DIALECT_MARLIN ? link->base : 0;
+    if (link->dialect == WAAM_DIALECT_MARLIN && sequence < 1 && !link->blocked)
         return WAAM_RX_DUPLICATE;
     if (sequence < 1 || sequence > UINT32_MAX - 1)
         return failed(link, WAAM_E_SYNTAX);
     return numbered(link, (uint32_t)sequence);
 }
 
-/* A numbered M110, the one line with a check by which a stock sender says hello. */
+/* A numbered M110, the one line with a check by which a Marlin sender says hello. */
 static bool greets_in_marlin(const waam_link_t *link)
 {
     int64_t number;
@@ -102,8 +102,8 @@ static waam_rx_t complete(waam_link_t *link)
     if (link->length == 0)
         return WAAM_RX_NONE;
     if (link->dialect != WAAM_DIALECT_NATIVE &&
-        waam_marlin_unnumbered(link->line, link->length, link->dialect == WAAM_DIALECT_STOCK))
-        return WAAM_RX_STOCK;
+        waam_marlin_unnumbered(link->line, link->length, link->dialect == WAAM_DIALECT_MARLIN))
+        return WAAM_RX_MARLIN;
     link->check_digits = waam_check_line(link->line, link->length, &content);
     if (!link->check_digits)
         return failed(link, WAAM_E_CHECK);
@@ -117,7 +117,7 @@ waam_rx_t waam_link_byte(waam_link_t *link, uint8_t byte)
 {
     if (byte == '\n') {
         waam_rx_t result = complete(link);
-        if (result != WAAM_RX_IMMEDIATE && result != WAAM_RX_STOCK)
+        if (result != WAAM_RX_IMMEDIATE && result != WAAM_RX_MARLIN)
             link->length = 0;
         link->overlong = false;
         return result;

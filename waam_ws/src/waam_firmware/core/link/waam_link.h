@@ -11,12 +11,12 @@ typedef enum {
     WAAM_RX_DUPLICATE, /* acknowledge again */
     WAAM_RX_RESEND,    /* ask for link.resend_code */
     WAAM_RX_BLOCKED,   /* the first line that came while nothing is accepted: say so, once */
-    WAAM_RX_STOCK      /* link.line holds a line of a stock sender for waam_marlin_dialect.c: no number, or M110 */
+    WAAM_RX_MARLIN      /* link.line holds a line of a Marlin sender for waam_marlin.c: no number, or M110 */
 } waam_rx_t;
 
 /* Which host is at the other end. OPEN: nobody has said yet; the first line decides. A line with a good check makes it
  * NATIVE (a numbered M110 excepted): the heartbeat that such a host owes is not lost by a line without a check. */
-typedef enum { WAAM_DIALECT_OPEN, WAAM_DIALECT_NATIVE, WAAM_DIALECT_STOCK } waam_dialect_t;
+typedef enum { WAAM_DIALECT_OPEN, WAAM_DIALECT_NATIVE, WAAM_DIALECT_MARLIN } waam_dialect_t;
 
 typedef struct {
     char line[WAAM_LINE_MAX + 2];
@@ -33,7 +33,7 @@ typedef struct {
     waam_dialect_t dialect;
     bool strong;                /* the host identified itself with a CRC-32: numbered lines need one too */
     unsigned check_digits;      /* of the last good line: 3 or less XOR-8, 5 CRC-16, 10 CRC-32 */
-    int64_t base;               /* STOCK: line number here = number of the sender + base */
+    int64_t base;               /* Marlin: line number here = number of the sender + base */
 } waam_link_t;
 
 void waam_link_init(waam_link_t *link);

@@ -1,40 +1,6 @@
 /* Immediate lines: "$<letter>[@<token>] <args>", answered at once with the same letter and token. */
 #include "waam_request.h"
 
-static void begin(waam_request_t *r)
-{
-    waam_text_clear(&r->answer);
-    waam_text_char(&r->answer, '$');
-    waam_text_char(&r->answer, r->letter);
-    if (r->has_token) {
-        waam_text_char(&r->answer, '@');
-        waam_text_uint(&r->answer, r->token);
-    }
-    waam_text_char(&r->answer, ' ');
-}
-
-void waam_request_refuse(waam_request_t *r, waam_code_t code, const char *text)
-{
-    begin(r);
-    r->code = code;
-    waam_text_add(&r->answer, "error E");
-    waam_text_uint(&r->answer, code);
-    waam_text_char(&r->answer, ' ');
-    waam_text_add(&r->answer, text);
-}
-
-void waam_request_ok(waam_request_t *r) { waam_text_add(&r->answer, "ok"); }
-
-bool waam_request_numbers(waam_request_t *r, double *values, int count)
-{
-    for (int i = 0; i < count; i++)
-        if (!waam_read_number(&r->args, &values[i]))
-            return waam_request_refuse(r, WAAM_E_MISSING_WORD, "a number is missing or malformed"), false;
-    if (!waam_at_end(&r->args))
-        return waam_request_refuse(r, WAAM_E_SYNTAX, "too many arguments"), false;
-    return true;
-}
-
 static const struct {
     char letter;
     void (*handle)(waam_request_t *);
@@ -101,14 +67,6 @@ static void remember(const waam_request_t *r)
         core->recent_count = WAAM_RECENT; /* all are in use, and the count never wraps */
 }
 
-void waam_core_clock(waam_core_t *core, uint32_t since_tick_us) { core->since_tick_us = since_tick_us; }
-
-void waam_core_stamp(const waam_core_t *core, waam_text_t *text)
-{
-    waam_text_add(text, " @");
-    waam_text_uint(text, core->now_us + core->since_tick_us);
-}
-
 static void answer(waam_request_t *r)
 {
     waam_core_t *core = r->core;
@@ -116,12 +74,12 @@ static void answer(waam_request_t *r)
     bool token_good = read_token(r);
     while (i < count && table[i].letter != r->letter)
         i++;
-    begin(r);
+    waam_request_begin(r);
     if (i == count || !token_good) {
         r->letter = '?';
         waam_request_refuse(r, WAAM_E_UNKNOWN_WORD, "not a command of this controller");
-    } else if (core->link.dialect == WAAM_DIALECT_STOCK && r->letter != 'I') {
-        waam_request_refuse(r, WAAM_E_NOT_NOW, "a stock sender is connected: identify first");
+    } else if (core->link.dialect == WAAM_DIALECT_MARLIN && r->letter != 'I') {
+        waam_request_refuse(r, WAAM_E_NOT_NOW, "a Marlin sender is connected: identify first");
     } else if (!repeated(r)) {
         table[i].handle(r);
         remember(r);

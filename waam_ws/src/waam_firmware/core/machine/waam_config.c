@@ -1,6 +1,7 @@
 #include "waam_core.h"
 
-/* Source and arc as in spec 2.26: T = 50 ms, delay 10 ms. The gains are explained and proved in doc/arc_regulator.md. */
+/* Source and arc as the plant k/(T s + 1) with dead time: T = 50 ms, dead time 10 ms. The gains are explained and proved in
+ * doc/arc_regulator.md. */
 static const waam_regulator_config_t regulator = {
     .actuator = WAAM_REGULATOR_SOURCE,
     .gain = 1.0f,
@@ -21,7 +22,7 @@ static const waam_regulator_config_t regulator = {
     .ctwd = {.current_a = 140.0f, .wire_mm_s = 110.0f, .exponent = 0.65f, .ctwd_mm = 15.0f, .loss_per_mm = 0.024f},
 };
 
-/* Ranges that no real reading leaves; a board's shell narrows them to what its own sensors can give. */
+/* Ranges that no real reading leaves; a board narrows them to what its own converter can give (stm32/converter.h). */
 static const waam_monitor_config_t monitor = {
     .short_v = 8.0f,
     .short_a = 30.0f,
@@ -96,6 +97,8 @@ waam_config_t waam_config_default(void)
         },
         .temperature_max_c = 80.0,
         .starts_in_alarm = true,
+        .drives_off_in_estop = true,
+        .drives_off_in_alarm = false,
         .link_timeout_us = 500000,
         .lease_us = 500000,
         .lease_margin_us = 10000,

@@ -42,6 +42,7 @@ typedef struct {
     waam_state_t state;
     waam_code_t fault;          /* why HOLD or ALARM */
     bool homed, armed;
+    bool estopped;              /* the emergency stop was pressed since the last reset */
     bool stopping;              /* slowing down to forget the queue */
     bool resume_asked;          /* continue as soon as motion and arc have ended */
     bool arc_wanted;            /* between M3 and M5 of the executed program */
@@ -59,6 +60,7 @@ typedef struct {
     waam_motion_t motion;
     waam_arc_t arc;
     waam_fast_t fast;           /* shared with the fast tick */
+    waam_trip_t trip;           /* of the fast tick, as this tick has seen it */
     waam_scheduler_t scheduler; /* of the arc regulator's gains */
     waam_home_t home;
     waam_limit_t limit;

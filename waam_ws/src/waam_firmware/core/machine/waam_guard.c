@@ -9,10 +9,16 @@ uint64_t waam_core_lease_left_us(const waam_core_t *core)
     return core->lease_us && end > core->now_us ? end - core->now_us : 0;
 }
 
-bool waam_inputs_plausible(const waam_inputs_t *in)
+bool waam_guard_plausible(const waam_core_t *core)
 {
-    return in->current_a > -100.0 && in->current_a < 2000.0 && in->voltage_v > -20.0 && in->voltage_v < 200.0 &&
+    const waam_inputs_t *in = &core->inputs;
+    return waam_monitor_plausible(&core->config.monitor, (float)in->voltage_v, (float)in->current_a) &&
            in->wire_mm_s > -2000.0 && in->wire_mm_s < 2000.0;
+}
+
+bool waam_guard_drives(const waam_core_t *core)
+{
+    return core->state != WAAM_ALARM || !(core->estopped ? core->config.drives_off_in_estop : core->config.drives_off_in_alarm);
 }
 
 void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs, uint32_t dt_us)
@@ -20,6 +26,7 @@ void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs, uint32_t 
     bool limit = waam_limit_look(&core->limit, inputs->limit_switch, inputs->home_switch, &core->config, dt_us);
     float voltage, current;
     core->inputs = *inputs;
+    core->estopped = core->estopped || inputs->estop;
     if (waam_fast_mean(&core->fast, &voltage, &current)) {
         core->inputs.voltage_v = (double)voltage;
         core->inputs.current_a = (double)current;
@@ -32,7 +39,7 @@ void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs, uint32_t 
         waam_core_alarm(core, WAAM_E_LIMIT_SWITCH, "limit switch");
     else if (inputs->process == WAAM_PROCESS_LOST)
         waam_core_alarm(core, WAAM_E_INPUTS, "process inputs lost");
-    else if (inputs->process == WAAM_PROCESS_OK && !waam_inputs_plausible(&core->inputs))
+    else if (inputs->process == WAAM_PROCESS_OK && !waam_guard_plausible(core))
         waam_core_alarm(core, WAAM_E_INPUTS, "process inputs implausible");
 }
 
@@ -64,7 +71,7 @@ void waam_guard_lease(waam_core_t *core)
 void waam_guard_link(waam_core_t *core)
 {
     bool silent = core->now_us - core->heard_us > core->config.link_timeout_us;
-    if (!silent || core->link.dialect == WAAM_DIALECT_STOCK) /* a stock sender has no heartbeat and no arc */
+    if (!silent || core->link.dialect == WAAM_DIALECT_MARLIN) /* a Marlin sender has no heartbeat and no arc */
         return;
     waam_wire_stop_jog(&core->wire);
     if (core->state == WAAM_RUN)
@@ -135,14 +142,15 @@ static void temperature(waam_core_t *core)
         waam_core_fault(core, WAAM_FAULT_OVER_TEMPERATURE, NULL);
 }
 
-/* What the fast tick found. It stays tripped, with the source off, until the end of this tick. */
+/* What the fast tick found. It stays tripped, with the source off, until this tick has given its orders. */
 static void trip(waam_core_t *core)
 {
-    switch (core->fast.trip) {
+    core->trip = (waam_trip_t)core->fast.trip;
+    switch (core->trip) {
     case WAAM_TRIP_NONE: break;
     case WAAM_TRIP_SHORT: waam_core_fault(core, WAAM_FAULT_STUBBING, NULL); break;
     case WAAM_TRIP_LONG_ARC: waam_core_fault(core, WAAM_FAULT_BURN_BACK, NULL); break;
-    default: waam_core_fault(core, WAAM_FAULT_SENSOR, waam_trip_text((waam_trip_t)core->fast.trip)); break;
+    default: waam_core_fault(core, WAAM_FAULT_SENSOR, waam_trip_text(core->trip)); break;
     }
 }
 
@@ -211,7 +219,8 @@ void waam_guard_orders(waam_core_t *core, uint32_t dt_us)
     };
     limits(core, &order);
     waam_fast_command(&core->fast, &order);
-    core->fast.trip = WAAM_TRIP_NONE;
+    if (core->trip != WAAM_TRIP_NONE)
+        core->fast.trip = WAAM_TRIP_NONE; /* one that came after trip() had looked stays for the next tick */
     core->fast.ticked = true;
 }
 

@@ -1,12 +1,12 @@
 /* What arrives over the link: lines are taken while there are free blocks, answered, refused or asked for again. */
 #include "waam_internal.h"
 
-static bool stock(const waam_core_t *core) { return core->link.dialect == WAAM_DIALECT_STOCK; }
+static bool marlin(const waam_core_t *core) { return core->link.dialect == WAAM_DIALECT_MARLIN; }
 
 static void acknowledge(waam_core_t *core)
 {
     waam_text_t text = {.length = 0};
-    if (stock(core)) {
+    if (marlin(core)) {
         waam_marlin_ok(core);
         return;
     }
@@ -35,7 +35,7 @@ static void native_error(waam_core_t *core, const waam_error_t *error)
 
 static void report_error(waam_core_t *core, const waam_error_t *error)
 {
-    if (stock(core))
+    if (marlin(core))
         waam_marlin_error(core, error);
     else
         native_error(core, error);
@@ -68,7 +68,7 @@ static bool take_line(waam_core_t *core)
     waam_error_t error;
     if (length == 0)
         return false;
-    if (stock(core) && waam_marlin_query(core, line, length, after_number(line, length))) {
+    if (marlin(core) && waam_marlin_query(core, line, length, after_number(line, length))) {
         waam_link_accept(&core->link);
         return true;
     }
@@ -97,7 +97,7 @@ void waam_core_take_lines(waam_core_t *core)
 static void ask_resend(waam_core_t *core)
 {
     waam_text_t text = {.length = 0};
-    if (stock(core)) {
+    if (marlin(core)) {
         waam_marlin_resend(core);
         return;
     }
@@ -131,16 +131,16 @@ static void line_byte(waam_core_t *core, uint8_t byte)
         ask_resend(core);
         return;
     }
-    if (result != WAAM_RX_STOCK) /* a line without a check is no sign of life of a native host */
+    if (result != WAAM_RX_MARLIN) /* a line without a check is no sign of life of a native host */
         core->heard_us = core->now_us;
     switch (result) {
     case WAAM_RX_IMMEDIATE: waam_core_immediate(core, link->line, link->length); break;
-    case WAAM_RX_STOCK: waam_marlin_line(core, link->line, link->length); break;
+    case WAAM_RX_MARLIN: waam_marlin_line(core, link->line, link->length); break;
     case WAAM_RX_DUPLICATE: acknowledge(core); break;
     case WAAM_RX_BLOCKED: report_blocked(core); break;
     default: waam_core_take_lines(core); break;
     }
-    if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_STOCK)
+    if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_MARLIN)
         link->length = 0;
 }
 
@@ -166,12 +166,12 @@ void waam_core_rx(waam_core_t *core, uint8_t byte)
 void waam_core_hang_up(waam_core_t *core)
 {
     waam_link_t *link = &core->link;
-    bool was_stock = stock(core);
+    bool was_marlin = marlin(core);
     link->length = 0;
     link->overlong = link->strong = false;
     core->burst = 0;
     link->dialect = WAAM_DIALECT_OPEN;
-    if (!was_stock)
+    if (!was_marlin)
         return;
     link->base = 0;
     if (core->state != WAAM_ALARM)

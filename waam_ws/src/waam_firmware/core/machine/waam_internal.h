@@ -6,7 +6,7 @@
 
 extern const char waam_axis_names[WAAM_AXES + 1];
 
-/* states (waam_machine.c) */
+/* states (waam_state.c) */
 void waam_core_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind); /* adds the check */
 void waam_core_state(waam_core_t *core, waam_state_t state, waam_code_t code, const char *reason);
 /* Slows down, ends the arc, keeps the queue. `quick` leaves the crater fill out. */
@@ -28,10 +28,9 @@ waam_code_t waam_core_reset(waam_core_t *core, const char **text);
 void waam_core_new_program(waam_core_t *core); /* modal state as after a start */
 void waam_core_stamp(const waam_core_t *core, waam_text_t *text); /* appends " @<microseconds>" */
 
-/* stock senders (waam_marlin_dialect.c) */
+/* 3-D printing senders (waam_marlin.c) */
 void waam_marlin_line(waam_core_t *core, const char *line, size_t length);
 bool waam_marlin_query(waam_core_t *core, const char *line, size_t length, size_t at); /* answered, if it is one */
-void waam_marlin_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind);
 void waam_marlin_ok(waam_core_t *core);
 void waam_marlin_resend(waam_core_t *core);
 void waam_marlin_error(waam_core_t *core, const waam_error_t *error);
@@ -64,7 +63,8 @@ bool waam_core_too_hot(const waam_core_t *core);
 /* The configured reaction. `text` NULL: the usual one. */
 void waam_core_fault(waam_core_t *core, waam_fault_t fault, const char *text);
 uint64_t waam_core_lease_left_us(const waam_core_t *core);
-bool waam_inputs_plausible(const waam_inputs_t *inputs);
+bool waam_guard_plausible(const waam_core_t *core); /* the measured values of this tick */
+bool waam_guard_drives(const waam_core_t *core); /* enabled? */
 
 /* telemetry (waam_report.c) */
 void waam_core_telemetry(waam_core_t *core);

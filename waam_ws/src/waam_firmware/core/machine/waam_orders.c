@@ -153,6 +153,7 @@ waam_code_t waam_core_reset(waam_core_t *core, const char **text)
         return WAAM_E_INPUTS;
     }
     core->homed = core->plan_homed = core->armed = false;
+    core->estopped = false;
     waam_limit_acknowledge(&core->limit, &core->config);
     if (core->state == WAAM_ALARM)
         waam_core_state(core, WAAM_IDLE, WAAM_OK, "reset; homing is lost");

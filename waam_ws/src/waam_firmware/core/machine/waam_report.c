@@ -28,7 +28,7 @@ static double speed(const waam_core_t *core)
 void waam_core_telemetry(waam_core_t *core)
 {
     const waam_inputs_t *in = &core->inputs;
-    bool measured = in->process == WAAM_PROCESS_OK && waam_inputs_plausible(in);
+    bool measured = in->process == WAAM_PROCESS_OK && waam_guard_plausible(core);
     const int64_t fields[] = {
         core->telemetry_sequence++, (int64_t)core->now_us, core->state, flags(core),
         work_um(core, 0), work_um(core, 1), work_um(core, 2), llround(speed(core) * 1000.0),

@@ -14,7 +14,8 @@ typedef struct {
     waam_text_t answer;
 } waam_request_t;
 
-/* waam_command.c */
+/* waam_request.c */
+void waam_request_begin(waam_request_t *r); /* "$<letter>[@<token>] " */
 void waam_request_refuse(waam_request_t *r, waam_code_t code, const char *text);
 void waam_request_ok(waam_request_t *r);
 /* Exactly `count` numbers and nothing more, or refused. */

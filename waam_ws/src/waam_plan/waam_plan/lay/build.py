@@ -9,12 +9,11 @@ from contextlib import contextmanager
 import numpy as np
 
 from waam_plan import masks
-from waam_plan.fill import contour, path, strategies
-from waam_plan.fill.inside import keep_inside
-from waam_plan.fill.linking import arc_starts, near_starts, spread_starts
-from waam_plan.lay.allocate import metal_heights
+from waam_plan.fill import contour, strategies
+from waam_plan.fill.linking import arc_starts, near_starts
 from waam_plan.lay.coverage import Point3, Section, check_overhang, cut_sections
-from waam_plan.lay.travel import Ceiling, relaid, to_segments
+from waam_plan.lay.layer import LayerTask, lay
+from waam_plan.lay.travel import Ceiling, relaid
 from waam_plan.mesh.part import Part, PartError, check_fits
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused
 from waam_plan.settings import PlanSettings
@@ -212,7 +211,16 @@ def _repeated(
     """The path of a layer at another height."""
     ceiling = Ceiling.over(spec, metal, settings.torch_radius)
     segments = relaid(layer.segments, section.z, section.number, ceiling, safe_z, settings)
-    return _planned(section, layer.footprint, supported, segments, layer.direction)
+    planned, before, after = _surfaces(section, layer.footprint, supported)
+    return PlannedLayer(
+        number=section.number,
+        planned=planned,
+        target_before=before,
+        target_after=after,
+        segments=segments,
+        direction=layer.direction,
+        footprint=layer.footprint,
+    )
 
 
 def _layer(
@@ -227,29 +235,34 @@ def _layer(
 ) -> PlannedLayer:
     """One layer: filled by the strategy, metal shared out cell by cell."""
     area = strategies.Area(section.polygons, on, spec, settings, section.number)
-    chains = spread_starts(strategies.fill(area), starts, settings.start_spread)
+    chains = strategies.fill(area)
     if not chains or not on.any():
         raise PlanError(
             f'layer {section.number} at z = {section.z * 1e3:.1f} mm has no room for a bead'
         )
-    pieces = path.lay_out(chains, HeightGrid.full(spec, section.z), settings)
-    pieces = keep_inside(pieces, section.polygons)
-    height = metal_heights(pieces, np.where(on, section.thickness, 0.0), on, spec, settings)
-    ceiling = Ceiling.over(spec, metal, settings.torch_radius)
-    slower = settings.base_speed if section.number <= settings.base_layers else 1.0
-    segments = to_segments(pieces, height, section.number, ceiling, safe_z, settings, slower)
-    direction = path.choose_direction(on, settings, section.number)
-    vector = (1.0, 0.0, 0.0) if direction == 'x' else (0.0, 1.0, 0.0)
-    return _planned(section, on, supported, segments, vector)
+    planned, before, after = _surfaces(section, on, supported)
+    task = LayerTask(
+        number=section.number,
+        turn=section.number,
+        footprint=on,
+        planned=planned,
+        before=before,
+        after=after,
+        ground=np.full(spec.shape, section.z),
+        metal=metal,
+        inside=section.polygons,
+        slower=settings.base_speed if section.number <= settings.base_layers else 1.0,
+    )
+    return lay(task, chains, starts, spec=spec, safe_z=safe_z, settings=settings)
 
 
-def _planned(
-    section: Section, on: np.ndarray, supported: np.ndarray, segments: list, direction: Point3
-) -> PlannedLayer:
+def _surfaces(
+    section: Section, on: np.ndarray, supported: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Metal of the layer and the surfaces wanted before and after it, (rows, cols) m."""
     before = np.where(on & supported, section.z, np.nan)
     after = np.where(on, section.z + section.thickness, np.nan)
-    planned = np.where(on, section.thickness, 0.0)
-    return PlannedLayer(section.number, planned, before, after, segments, direction, on)
+    return np.where(on, section.thickness, 0.0), before, after
 
 
 def _assemble(

@@ -14,10 +14,9 @@ import numpy as np
 
 from waam_plan import masks
 from waam_plan.fill import path, strategies
-from waam_plan.fill.linking import arc_starts, near_starts, spread_starts
-from waam_plan.lay.allocate import metal_heights
+from waam_plan.fill.linking import arc_starts, near_starts
+from waam_plan.lay.layer import LayerTask, lay
 from waam_plan.lay.schedule import Schedule, choose_schedule, layer_count
-from waam_plan.lay.travel import Ceiling, to_segments
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import outline
@@ -146,16 +145,20 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> Planned
     planned = np.where(on, np.clip(after - before, 0.0, schedule.thickest), 0.0)
     under = np.where(first, job.smooth, wanted - schedule.offset(k + 1))
     soft = masks.blur(under, on, settings.bead_width / 4 / spec.resolution)
-    direction = path.choose_direction(on, settings, number + job.laid)
-    chains = spread_starts(
-        _chains(on, spec, settings, number + job.laid), below, settings.start_spread
+    turn = number + job.laid
+    task = LayerTask(
+        number=number,
+        turn=turn,
+        footprint=on,
+        planned=planned,
+        before=before,
+        after=after,
+        ground=soft,
+        metal=_metal(job, on, after),
+        thickest=schedule.thickest,
     )
-    pieces = path.lay_out(chains, HeightGrid(spec, soft), settings)
-    height = metal_heights(pieces, planned, on, spec, settings, schedule.thickest)
-    ceiling = Ceiling.over(spec, _metal(job, on, after), settings.torch_radius)
-    segments = to_segments(pieces, height, number, ceiling, job.safe_z, settings)
-    vector = (1.0, 0.0, 0.0) if direction == 'x' else (0.0, 1.0, 0.0)
-    return PlannedLayer(number, planned, before, after, segments, vector, on)
+    chains = _chains(on, spec, settings, turn)
+    return lay(task, chains, below, spec=spec, safe_z=job.safe_z, settings=settings)
 
 
 def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:

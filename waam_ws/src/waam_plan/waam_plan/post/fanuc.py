@@ -2,7 +2,9 @@
 
 Every fragment holds at most 2000 points and 600 KB. Equal layers are one fragment, called with an offset in PR[1].
 Speed and wire feed are written in each motion line and in an analogue output; the arc and the gas are digital outputs,
-and the main program ends with source, feed and gas off, gas last. The robot accelerates by itself, so a straight idle
+and the main program ends with source, feed and gas off, gas last. Gas flows before the arc is lit and after it is out.
+It is switched during the idle moves (`TB`); only where these are too short the robot waits. `TA` would not do for the
+gas: it takes 0.5 s at most. The robot accelerates by itself, so a straight idle
 leg is one line to a FINE point, at the highest speed that was planned on it. `read_ls` reads the programs back.
 """
 
@@ -16,11 +18,17 @@ import numpy as np
 
 from waam_plan.plan import Plan
 from waam_plan.post.compact import TOLERANCE, Fragment, Move, circle, fragments
+from waam_plan.post.gas import Flow, Switch, gas_left, gas_switches
 from waam_plan.post.gcode import with_base_feed
 from waam_process.segment import Kind, Point
 
 POINTS_PER_FRAGMENT = 2000
 BYTES_PER_FRAGMENT = 600_000
+TIME_BEFORE_MAX = 30.0  # s, of `TB`
+
+
+class FanucError(ValueError):
+    """A program that cannot be written or read; the text names file and line."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +43,15 @@ class FanucSettings:
     orientation: Point = (180.0, 0.0, 0.0)
     lead: float = 0.1  # s before the end of a bead at which its arc output goes off
     smoothing: int = 100  # CNT along a bead
+    pre_flow: float = 0.3  # s of gas before the arc is lit
+    post_flow: float = 1.0  # s of gas after the arc went off
 
-
-class FanucError(ValueError):
-    """A program that cannot be written or read; the text names file and line."""
+    def __post_init__(self) -> None:
+        """FanucError for times that the controller does not take."""
+        for name in ('lead', 'pre_flow', 'post_flow'):
+            value = getattr(self, name)
+            if not 0 <= value <= TIME_BEFORE_MAX:
+                raise FanucError(f'{name} = {value} s is outside 0 to {TIME_BEFORE_MAX:.0f} s')
 
 
 def write_ls(
@@ -108,40 +121,70 @@ class _Body:
 
 def _body(moves: list[Move], settings: FanucSettings) -> _Body:
     """Motion lines. The arc is lit at the start of a bead, where the robot stands, and goes off `lead` seconds before
-    its end is reached; a bead that ends with a dwell burns to the end of it.
+    its end is reached; a bead that ends with a dwell burns to the end of it. The gas is off before and after.
     """
     body = _Body([], [])
     feed = -1.0
     first = moves[0]
-    arc = False
+    arc = gas = False
+    switches = gas_switches(moves, _flow(settings))
     body.lines.append(f'L {body.point(first.start)} {_speed(first)} FINE Offset,PR[1]')
     for i, m in enumerate(moves):
         s = m.segment
         if s.arc and abs(s.wire_feed_speed - feed) > 1e-9:
             feed = s.wire_feed_speed
             body.lines.append(f'AO[{settings.feed_output}]={feed * 60:.3f}')
+        if s.arc and not gas:
+            body.lines += [_gas(True, settings), *_wait(settings.pre_flow)]
+            gas = True
         if s.arc and not arc:
             body.lines.append(f'DO[{settings.arc_output}]=ON')
         arc = s.arc
+        gas = switches[i][-1].on if i in switches else gas
         goes_on = i + 1 < len(moves) and moves[i + 1].segment.arc == s.arc
         flows = goes_on and s.arc and moves[i + 1].segment.kind != Kind.DWELL
         stop = f'CNT{settings.smoothing}' if flows else 'FINE'
         if s.kind == Kind.DWELL:
-            body.lines.append(f'WAIT {s.dwell:6.2f}(sec)')
+            body.lines += _dwell(s.dwell, switches.get(i, []), settings)
             if s.arc and not goes_on:
                 body.lines.append(f'DO[{settings.arc_output}]=OFF')
             continue
-        tail = (
-            ''
-            if goes_on or not s.arc
-            else f' TB {settings.lead:.2f}sec,DO[{settings.arc_output}]=OFF'
+        tail = ''.join(
+            f' TB {min(w.before, TIME_BEFORE_MAX):.2f}sec,{_gas(w.on, settings)}'
+            for w in switches.get(i, [])
         )
+        if s.arc and not goes_on:
+            tail = f' TB {settings.lead:.2f}sec,DO[{settings.arc_output}]=OFF'
         if m.via:
             body.lines.append(f'C {body.point(m.via)}')
             body.lines.append(f'  {body.point(m.end)} {_speed(m)} {stop} Offset,PR[1]{tail}')
         else:
             body.lines.append(f'L {body.point(m.end)} {_speed(m)} {stop} Offset,PR[1]{tail}')
+    if gas:
+        body.lines += [*_wait(gas_left(moves, _flow(settings))), _gas(False, settings)]
     return body
+
+
+def _flow(settings: FanucSettings) -> Flow:
+    return Flow(settings.pre_flow, settings.post_flow, settings.lead)
+
+
+def _gas(on: bool, settings: FanucSettings) -> str:
+    return f'DO[{settings.gas_output}]={"ON" if on else "OFF"}'
+
+
+def _wait(time: float) -> list[str]:
+    return [f'WAIT {time:6.2f}(sec)'] if time >= 0.005 else []
+
+
+def _dwell(time: float, switches: list[Switch], settings: FanucSettings) -> list[str]:
+    """A wait with the switches of the gas in it."""
+    lines: list[str] = []
+    left = time
+    for switch in switches:
+        lines += [*_wait(left - switch.before), _gas(switch.on, settings)]
+        left = switch.before
+    return [*lines, *_wait(left)]
 
 
 def _speed(move: Move) -> str:
@@ -149,7 +192,7 @@ def _speed(move: Move) -> str:
 
 
 def _main(name: str, calls: list[tuple[str, float]], settings: FanucSettings) -> str:
-    lines = [f'DO[{settings.gas_output}]=ON', *(f'PR[1,{i}]=0' for i in range(1, 7))]
+    lines = [f'PR[1,{i}]=0' for i in range(1, 7)]
     shift = 0.0
     for part, lift in calls:
         if lift != shift:
@@ -159,14 +202,14 @@ def _main(name: str, calls: list[tuple[str, float]], settings: FanucSettings) ->
     off = [
         f'DO[{settings.arc_output}]=OFF',
         f'AO[{settings.feed_output}]=0',
-        f'DO[{settings.gas_output}]=OFF',
+        _gas(False, settings),
     ]
     return _program(name, _Body([*lines, *off], []), settings)
 
 
 def _program(name: str, body: _Body, settings: FanucSettings) -> str:
     head = [f'UFRAME_NUM={settings.user_frame}', f'UTOOL_NUM={settings.user_tool}']
-    numbered = []
+    numbered: list[str] = []
     count = 0
     for line in [*head, *body.lines]:
         if line.startswith('  '):  # second half of a circular move
@@ -275,7 +318,10 @@ def _read_fragment(
             via = None
             if f'DO[{settings.arc_output}]=OFF' in (match['rest'] or ''):
                 arc = False
-        elif not re.fullmatch(r'WAIT\s+[\d.]+\(sec\)|U(FRAME|TOOL)_NUM=\d+', line):
+        elif not re.fullmatch(
+            rf'WAIT\s+[\d.]+\(sec\)|U(FRAME|TOOL)_NUM=\d+|DO\[{settings.gas_output}\]=(ON|OFF)',
+            line,
+        ):
             raise FanucError(f"{file}, line {number}: cannot read '{line}'")
     return out
 

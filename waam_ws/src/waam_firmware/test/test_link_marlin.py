@@ -1,4 +1,4 @@
-"""Stock 3-D printing senders: Marlin's form of the link, and Printrun's printcore as the third-party judge of it.
+"""3-D printing senders: Marlin's form of the link, and Printrun's printcore as the third-party judge of it.
 
 They may move the machine; nothing that they send strikes an arc.
 """
@@ -53,8 +53,8 @@ class Plain:
 
 
 @pytest.fixture
-def stock(start):
-    """A controller beside its home switches, and a stock sender that has said hello and homed."""
+def marlin(start):
+    """A controller beside its home switches, and a Marlin sender that has said hello and homed."""
     controller = start('--null-plant', '--start', '0.5,0.5,199.5')
     plain = Plain(controller.link)
     assert plain.ask(b'M105\n').startswith('ok T:')
@@ -66,8 +66,8 @@ def stock(start):
     plain.close()
 
 
-def test_lines_are_taken_in_marlins_form(stock):
-    controller, plain = stock
+def test_lines_are_taken_in_marlins_form(marlin):
+    controller, plain = marlin
     assert plain.ask(xored('N1 G91')).startswith('ok N1 P')
     assert plain.ask(xored('N2 G1 X1 F6000')).startswith('ok N2 P')
     assert plain.ask(xored('N2 G1 X1 F6000')).startswith('ok N2 P')  # a duplicate is dropped
@@ -83,8 +83,8 @@ def test_lines_are_taken_in_marlins_form(stock):
     assert not any(x.startswith(('T ', '$', 'er ', 'rs ')) for x in plain.lines)
 
 
-def test_what_has_no_number_and_check_never_moves(stock):
-    _, plain = stock
+def test_what_has_no_number_and_check_never_moves(marlin):
+    _, plain = marlin
     before = plain.ask(b'M114\n')
     for text in (b'G1 X50 F6000\n', b'G0 X50\n', b'hello\n', b'M104 S200\n'):
         assert plain.ask(text, '^echo').startswith('echo:E108')
@@ -92,8 +92,8 @@ def test_what_has_no_number_and_check_never_moves(stock):
 
 
 @pytest.mark.parametrize('line', ['M3 W5000 S22', 'M7'])
-def test_it_never_strikes_the_arc(stock, line):
-    controller, plain = stock
+def test_it_never_strikes_the_arc(marlin, line):
+    controller, plain = marlin
     for text in ('$A job', '$H 1 999999999'):
         assert 'error E108' in plain.ask(xored(text), r'^\$')
     start = len(plain.lines)
@@ -148,7 +148,7 @@ def beat_until_idle(controller, plain) -> None:
 
 @pytest.mark.parametrize('hello', [b'M105\n', b'M110 N0\n', xored('N0 M110 N0')])
 def test_a_host_that_has_sent_a_checked_line_keeps_its_watchdog(plain, hello):
-    """Without `$I`, too: what a stock sender says does not free the host from its heartbeat."""
+    """Without `$I`, too: what a Marlin sender says does not free the host from its heartbeat."""
     controller, terminal = plain
     for text in ('$X', '$L 1', '$H 1 0'):
         assert 'error' not in terminal.ask(xored(text), rf'^\{text[:2]}')
@@ -178,8 +178,8 @@ def test_what_it_says_is_no_sign_of_life_of_a_native_host(plain):
         time.sleep(0.02)
 
 
-def test_when_its_terminal_closes_the_machine_stops(stock):
-    controller, plain = stock
+def test_when_its_terminal_closes_the_machine_stops(marlin):
+    controller, plain = marlin
     plain.ask(xored('N1 G1 X300 F3000'))
     end = time.monotonic() + 20
     while not re.match(r'ok X:(?!0)\d+\.?\d* Y:0 Z:200 ', plain.ask(b'M114\n', '^ok X')):

@@ -1,0 +1,74 @@
+"""The documentation names functions and files that exist, and says nothing that only insiders can find."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+
+import pytest
+from code_names import C_NAME, NAME, ROOT, c_exists, exists
+
+PAGES = sorted([*(ROOT / 'docs').glob('*.md'), ROOT / 'README.md', ROOT / 'CHANGELOG.md'])
+READMES = sorted((ROOT / 'waam_ws' / 'src').glob('*/README.md'))
+PAST = {'CHANGELOG.md', 'upgrading.md'}  # they name what is no longer there
+LINK = re.compile(r'\[[^\]]*\]\(([^)\s]+)\)')
+INSIDE = re.compile(r'\bspec \d|\bissue ["A-Z0-9]|\bsitting\b|\bitem \d', re.IGNORECASE)
+
+
+def short(path):
+    return str(path.relative_to(ROOT))
+
+
+def anchors(text: str) -> set[str]:
+    """Anchors of the headings, as GitHub makes them."""
+    heads = re.findall(r'^#+ +(.+)$', text, re.MULTILINE)
+    return {re.sub(r'[^\w\- ]', '', head.lower()).replace(' ', '-') for head in heads}
+
+
+def test_the_overview_names_what_it_talks_about():
+    text = (ROOT / 'docs' / 'code_overview.md').read_text()
+    assert len(set(NAME.findall(text))) > 60
+    assert len([name for _, name in C_NAME.findall(text) if name]) > 15
+
+
+@pytest.mark.parametrize('page', [p for p in PAGES if p.name not in PAST], ids=short)
+def test_functions_exist(page):
+    text = page.read_text()
+    missing = [name for name in sorted(set(NAME.findall(text))) if not exists(name)]
+    missing += [f'{f}: {n}' for f, n in sorted(set(C_NAME.findall(text))) if not c_exists(f, n)]
+    assert not missing
+
+
+def test_a_name_that_does_not_exist_is_found():
+    assert exists('waam_scan.stream.session.Session.add')
+    assert not exists('waam_scan.stream.session.Session.nothing')
+    assert not exists('waam_scan.nothing.at_all')
+    assert c_exists('waam_firmware/core/motion/waam_motion.c', 'waam_motion_advance')
+    assert not c_exists('waam_firmware/core/motion/waam_motion.c', 'waam_motion')
+
+
+@pytest.mark.parametrize('page', [*PAGES, *READMES], ids=short)
+def test_links_lead_somewhere(page):
+    broken = []
+    for target in LINK.findall(page.read_text()):
+        if '://' in target:
+            continue
+        path, _, anchor = target.partition('#')
+        file = (page.parent / path).resolve() if path else page
+        if not file.exists() or (anchor and anchor not in anchors(file.read_text())):
+            broken.append(target)
+    assert not broken
+
+
+def test_nothing_that_only_insiders_can_find():
+    files = subprocess.run(
+        ['git', 'ls-files', '*.md', '*.c', '*.h', '*.py', ':!test/test_docs.py'],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    ).stdout.split()  # fmt: skip
+    found = [
+        f'{file}:{number}: {line.strip()}'
+        for file in files
+        for number, line in enumerate((ROOT / file).read_text().splitlines(), 1)
+        if INSIDE.search(line)
+    ]
+    assert not found
