@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from mcap.records import Channel, Message, Schema
 
-from waam_node import job_folder
+from waam_node import cdr, job_folder
 from waam_record.bag_reader import bag_files, info
 from waam_record.salvage import Damage, records
 
-from .decode import Decoder, poses
+from .decode import Decoder
 
 REQUEST, RESPONSE = 1, 2  # ServiceEventInfo: received by, sent by the server
 SERVICES = {
@@ -183,7 +183,7 @@ class _Reader:
     def finish(self) -> None:
         record = self.record
         self._frames.sort(key=lambda f: f[0])
-        record.stamps, record.positions = poses([data for _, data in self._frames])
+        record.stamps, record.positions = cdr.read_poses([data for _, data in self._frames])
         record.batches.sort(key=lambda b: b[0])
         for calls in record.calls.values():
             calls.sort(key=lambda c: c.at_ns)
