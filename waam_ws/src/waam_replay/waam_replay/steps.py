@@ -13,10 +13,9 @@ from mcap.records import Channel, Message, Schema
 
 from waam_node import cdr
 from waam_record.bag_reader import bag_files
+from waam_record.decode import Decoder
+from waam_record.read_record import REQUEST, RESPONSE, SERVICES, SUFFIX, ReplayError
 from waam_record.salvage import records
-
-from .decode import Decoder
-from .record import REQUEST, RESPONSE, SERVICES, SUFFIX, ReplayError
 
 Inputs = list[tuple[bool, bytes]]  # (is a batch of profiles, serialised message)
 

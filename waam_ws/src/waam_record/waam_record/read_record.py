@@ -13,10 +13,10 @@ import numpy as np
 from mcap.records import Channel, Message, Schema
 
 from waam_node import cdr, job_folder
-from waam_record.bag_reader import bag_files, info
-from waam_record.salvage import Damage, records
 
+from .bag_reader import bag_files, info
 from .decode import Decoder
+from .salvage import Damage, records
 
 REQUEST, RESPONSE = 1, 2  # ServiceEventInfo: received by, sent by the server
 SERVICES = {
