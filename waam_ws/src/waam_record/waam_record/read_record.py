@@ -134,7 +134,7 @@ class _Reader:
     def _channel(self, channel: Channel) -> None:
         name = channel.topic.lstrip('/')
         schema = self._schemas[channel.schema_id]
-        take = {
+        take: Callable[[Message, str], None] | None = {
             'telemetry': self._telemetry,
             'profiles': self._profiles,
             'process_estimate': self._estimate,
