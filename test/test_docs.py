@@ -72,3 +72,35 @@ def test_nothing_that_only_insiders_can_find():
         if INSIDE.search(line)
     ]
     assert not found
+
+
+def section(file, anchor: str) -> str:
+    """The text of a file below a heading, up to the next one of any level; the whole file without an anchor."""
+    text = file.read_text()
+    if not anchor:
+        return text
+    parts = re.split(r'^(?=#+ )', text, flags=re.MULTILINE)
+    return next(part for part in parts if anchor in anchors(part))
+
+
+def newcomers_questions() -> list[tuple[str, str, str]]:
+    text = section(ROOT / 'docs' / 'README.md', 'where-do-i-find-')
+    rows = [
+        [cell.strip() for cell in line.split('|')[1:-1]]
+        for line in text.splitlines()
+        if '?' in line
+    ]
+    return [(row[0], row[1], LINK.findall(row[2])[0]) for row in rows if len(row) == 3]
+
+
+def test_the_newcomer_has_questions():
+    assert len(newcomers_questions()) >= 6
+
+
+@pytest.mark.parametrize(('question', 'answer', 'link'), newcomers_questions())
+def test_what_a_newcomer_asks_is_behind_one_link(question, answer, link):
+    path, _, anchor = link.partition('#')
+    there = section(ROOT / 'docs' / path, anchor)
+    words = re.findall(r'`([^`]+)`', answer)
+    assert words and any(w in there for w in words)
+    assert words[-1] in there

@@ -11,7 +11,7 @@ from rclpy.publisher import Publisher
 from waam_msgs.msg import Anomaly, LeaseTick, LinkStatus, MachineState, SegmentDone, Telemetry
 from waam_node import qos
 
-from . import conversions, frames, telemetry_cdr
+from . import conversions, frames
 from .core import Bridge
 from .csv_log import CsvLog
 from .outbox import Notice
@@ -35,7 +35,7 @@ class Publishers:
         """One telemetry frame."""
         link = self._core.link
         ros_ns = link.clock.to_ros_ns(t.t_us)
-        self._send(self._telemetry, telemetry_cdr.pack(t, ros_ns, link.identity.boot))
+        self._send(self._telemetry, conversions.telemetry_bytes(t, ros_ns, link.identity.boot))
         if self.csv:
             self._log(t, ros_ns)
 

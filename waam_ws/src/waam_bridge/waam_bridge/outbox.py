@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from waam_process.names import CONTROLLER_STATES
+from waam_process.names import CLASS_OF_FAULT, CONTROLLER_STATES
 
 from .frames import ALARM
 from .program import Mark
@@ -14,17 +14,9 @@ from .stream import Sender
 INFO, WARNING, FAULT, ALARM_SEVERITY = range(4)  # waam_msgs/Anomaly
 HOLD_BY_HOST, LEASE_EXPIRED, POWER_UP = 200, 202, 306
 CLASS_OF = {
+    **CLASS_OF_FAULT,
     HOLD_BY_HOST: 'operator',
     LEASE_EXPIRED: 'node',
-    204: 'arc',
-    205: 'arc',
-    206: 'wire',
-    207: 'gas',
-    208: 'arc',
-    209: 'arc',
-    210: 'temperature',
-    211: 'wire',
-    300: 'operator',
     POWER_UP: 'operator',
 }  # all others: 'link'
 RESEND_WINDOW = 10.0  # s

@@ -150,6 +150,15 @@ def test_cost_shows_a_current_that_is_steadily_off_what_was_set():
     assert cost_of(118.0) == pytest.approx(0.04, rel=0.02)
 
 
+def test_cost_of_a_material_without_set_current_counts_heights_only():
+    stats, aluminium = TelemetryStats(), get('er4043')
+    for n in range(100):
+        frame(stats, n, current=190.0)
+    record = LayerRecord()
+    record.add_sums(stats.take_sums(), aluminium.set_current)
+    assert record.current_mean == pytest.approx(190.0) and record.cost == 0.0
+
+
 def test_cost_counts_the_final_surface():
     """Half a second of arc on each side of a surface; the last one has only the layer before."""
     final = LayerRecord(final=True, height_error_rms=0.5e-3)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from waam_plan.post.fanuc import FanucSettings
 from waam_plan.settings import PlanSettings, SettingsError, assigned
 
 
@@ -42,10 +43,14 @@ def test_a_bad_setting_is_refused_by_name(field, value):
         PlanSettings(**{field: value})
 
 
-def test_the_readme_lists_every_setting_with_its_default():
+@pytest.mark.parametrize(
+    'kind, title', [(PlanSettings, '## Settings'), (FanucSettings, '### Fanuc programs')]
+)
+def test_the_readme_lists_every_setting_with_its_default(kind, title):
     text = (Path(__file__).parents[1] / 'README.md').read_text()
-    rows = dict(re.findall(r'^\| `(\w+)` \| (.+?) \|', text, re.M))
-    for f in fields(PlanSettings):
+    section = text.split(f'\n{title}\n')[1].split('\n##')[0]
+    rows = dict(re.findall(r'^\| `(\w+)` \| (.+?) \|', section, re.M))
+    for f in fields(kind):
         assert ast.literal_eval(rows[f.name]) == f.default
 
 

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from . import cli_correct
 from .settings import ALTERNATIONS, STRATEGIES
+
+if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
+    from .mesh.inputs import Surfaces
+    from .mesh.part import Part
+    from .plan import Plan
+    from .settings import PlanSettings
 
 EXAMPLES = """\
 examples:
@@ -43,16 +50,25 @@ def epilog() -> str:
 class _Help(argparse.Action):
     """--help; the table of strategies is read only when somebody asks for it."""
 
-    def __init__(self, option_strings, dest, **options) -> None:
+    def __init__(self, option_strings: Sequence[str], dest: str, **options: Any) -> None:
         super().__init__(option_strings, dest, nargs=0, help='show this help and exit')
 
-    def __call__(self, parser, namespace, values, option_string=None) -> None:
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: object,
+        option_string: str | None = None,
+    ) -> None:
         parser.epilog = epilog()
         parser.print_help()
         parser.exit()
 
 
-def register(commands, write_recording: Callable[[Path, Path], None] | None = None) -> None:
+def register(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    write_recording: Callable[[Path, Path], None] | None = None,
+) -> None:
     # write_recording(stored plan, new .rrd): draws for --rerun; the planner itself knows no viewer
     """Adds the verbs to argparse sub-parsers."""
     cli_correct.register(commands)
@@ -186,7 +202,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def make_plan(args: argparse.Namespace):
+def make_plan(args: argparse.Namespace) -> Plan:
     """The plan that the arguments ask for. Raises ValueError with a text for the user."""
     from waam_plan.lay.build import plan_build
     from waam_plan.mesh.clouds import is_cloud
@@ -215,7 +231,7 @@ def make_plan(args: argparse.Namespace):
     return _restoration(part, args, settings)
 
 
-def _restoration(part, args: argparse.Namespace, settings):
+def _restoration(part: Part, args: argparse.Namespace, settings: PlanSettings) -> Plan:
     from waam_plan.mesh.inputs import of_part
     from waam_plan.mesh.part import check_fits
 
@@ -224,7 +240,7 @@ def _restoration(part, args: argparse.Namespace, settings):
     return _restored(surfaces, args, settings)
 
 
-def _flat(args: argparse.Namespace, settings):
+def _flat(args: argparse.Namespace, settings: PlanSettings) -> Plan:
     """A scanned zone without a part."""
     from waam_plan.mesh.clouds import read_cloud
     from waam_plan.mesh.inputs import flat
@@ -235,7 +251,7 @@ def _flat(args: argparse.Namespace, settings):
     return _restored(flat(read_cloud(args.part, args.scale), settings, level), args, settings)
 
 
-def _restored(surfaces, args: argparse.Namespace, settings):
+def _restored(surfaces: Surfaces, args: argparse.Namespace, settings: PlanSettings) -> Plan:
     from dataclasses import replace
 
     from waam_plan.lay.restore import plan_restoration
@@ -244,11 +260,11 @@ def _restored(surfaces, args: argparse.Namespace, settings):
     return replace(plan, name=args.part.stem, offset=surfaces.offset)
 
 
-def settings_from(args: argparse.Namespace):
+def settings_from(args: argparse.Namespace) -> PlanSettings:
     """PlanSettings from the options; mm and mm/s become SI here."""
     from waam_plan.settings import PlanSettings, assigned
 
-    given: dict[str, object] = {}
+    given: dict[str, Any] = {}
     for name, factor in (('layer_height', 1e-3), ('bead_width', 1e-3), ('speed', 1e-3)):
         if getattr(args, name) is not None:
             given[name] = getattr(args, name) * factor
@@ -264,7 +280,7 @@ def settings_from(args: argparse.Namespace):
     return PlanSettings(**given | assigned(args.set))
 
 
-def _write(plan, args: argparse.Namespace) -> None:
+def _write(plan: Plan, args: argparse.Namespace) -> None:
     from waam_plan.post.gcode import gcode, to_csv
     from waam_plan.post.store import save_plan
     from waam_plan.show.page import write_page
@@ -297,7 +313,7 @@ def _write(plan, args: argparse.Namespace) -> None:
 
 
 def _write_recording(
-    plan, folder: Path, write_recording: Callable[[Path, Path], None] | None
+    plan: Plan, folder: Path, write_recording: Callable[[Path, Path], None] | None
 ) -> None:
     """The viewer draws the plan as it is stored."""
     import tempfile
@@ -312,7 +328,7 @@ def _write_recording(
         write_recording(stored, folder / 'preview.rrd')
 
 
-def _write_compact(plan, folder: Path, tolerance: float) -> None:
+def _write_compact(plan: Plan, folder: Path, tolerance: float) -> None:
     from waam_plan.post.gcode import compact_gcode
 
     text, s = compact_gcode(plan, tolerance)
@@ -320,7 +336,7 @@ def _write_compact(plan, folder: Path, tolerance: float) -> None:
     print(f'compact.gcode: {s.after} moves instead of {s.before}, {s.share:.0%} saved')
 
 
-def _write_fanuc(plan, folder: Path, tolerance: float) -> None:
+def _write_fanuc(plan: Plan, folder: Path, tolerance: float) -> None:
     from waam_plan.post.compact import fragments, saving
     from waam_plan.post.fanuc import write_ls
 

@@ -6,6 +6,10 @@ import argparse
 import math
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .post.skew import AxisErrors
 
 EPILOG = """\
 examples:
@@ -20,7 +24,7 @@ A picture of both programs on the calibrated axes is written beside the output.
 """
 
 
-def register(commands) -> None:
+def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Adds the verb to argparse sub-parsers."""
     p = commands.add_parser(
         'correct',
@@ -85,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def errors_from(args: argparse.Namespace):
+def errors_from(args: argparse.Namespace) -> AxisErrors:
     """AxisErrors from the options. Raises SkewError."""
     from .post import skew
 

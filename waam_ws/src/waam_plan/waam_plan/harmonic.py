@@ -30,17 +30,17 @@ class HarmonicLaw:
         by_acceleration = math.sqrt(2 * math.pi * length / acceleration)
         return cls(length, max(by_speed, by_acceleration))
 
-    def position(self, t):
+    def position(self, t: float | np.ndarray) -> np.ndarray:
         """m after t seconds."""
         u = np.asarray(t, float) / self.duration
         return self.length * (u - np.sin(2 * np.pi * u) / (2 * np.pi))
 
-    def speed(self, t):
+    def speed(self, t: float | np.ndarray) -> np.ndarray:
         """m/s"""
         u = np.asarray(t, float) / self.duration
         return self.length / self.duration * (1 - np.cos(2 * np.pi * u))
 
-    def acceleration(self, t):
+    def acceleration(self, t: float | np.ndarray) -> np.ndarray:
         """m/s2; zero at both ends, so it does not break where moves meet."""
         u = np.asarray(t, float) / self.duration
         return 2 * np.pi * self.length / self.duration**2 * np.sin(2 * np.pi * u)

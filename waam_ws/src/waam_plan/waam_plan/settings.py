@@ -203,7 +203,7 @@ def _problem(name: str, value: object) -> str:
         if not isinstance(v, (int, float)) or not math.isfinite(v):
             return f'{name} is {value!r}, not a finite number'
     low, high = _LIMITS.get(name, (-math.inf, math.inf))
-    if name in _LIMITS and not low <= value <= high:
+    if isinstance(value, (int, float)) and not low <= value <= high:
         return f'{name} is {value:g}, must be between {low:g} and {high:g}'
     return ''
 

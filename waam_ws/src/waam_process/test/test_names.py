@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import pytest
 from waam_process import names
 from waam_process.loop_mode import LOOP_MODES
 
-MESSAGES = Path(__file__).parents[2] / 'waam_msgs' / 'msg'
+SOURCES = Path(__file__).parents[2]
+MESSAGES = SOURCES / 'waam_msgs' / 'msg'
+REPORTS = ('notice', 'note', 'Notice')  # (severity, class, text, ...)
 
 
 def constants(message: str, prefix: str = '') -> dict[str, int]:
@@ -38,6 +41,55 @@ def test_words_are_those_that_the_message_lists(message, field, listed):
     text = (MESSAGES / f'{message}.msg').read_text()
     line = re.search(rf'^string {field}\s+# (.*)', text, re.M)
     assert line and tuple(line[1].split(', ')) == listed
+
+
+def strings(node: ast.AST) -> list[str]:
+    """The texts that an expression may be; none for one that is not written out."""
+    if isinstance(node, ast.IfExp):
+        return strings(node.body) + strings(node.orelse)
+    return [node.value] if isinstance(node, ast.Constant) and isinstance(node.value, str) else []
+
+
+def classes_in(source: str) -> list[str]:
+    """Every anomaly class that is written out: in reports, as `class_name=`, in tables CLASS_OF."""
+    found: list[str] = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call):
+            name = getattr(node.func, 'attr', getattr(node.func, 'id', ''))
+            if name in REPORTS and len(node.args) > 2:
+                found += strings(node.args[1])
+            for keyword in node.keywords:
+                found += strings(keyword.value) if keyword.arg == 'class_name' else []
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Dict):
+            table = any(getattr(t, 'id', '').startswith('CLASS_OF') for t in node.targets)
+            found += [t for value in node.value.values for t in strings(value) if table]
+    return found
+
+
+def test_every_anomaly_has_a_class_of_the_list():
+    """Of all packages; a class that is written down nowhere else is refused."""
+    found = {
+        path.relative_to(SOURCES).as_posix(): classes_in(path.read_text())
+        for path in SOURCES.glob('waam_*/waam_*/**/*.py')
+    }
+    assert {'waam_bridge', 'waam_job', 'waam_scan'} <= {
+        p.split('/')[0] for p, c in found.items() if c
+    }
+    unknown = {p: set(c) - set(names.ANOMALY_CLASSES) for p, c in found.items()}
+    assert {p: c for p, c in unknown.items() if c} == {}
+
+
+@pytest.mark.parametrize(
+    'source',
+    [
+        "self.notice(1, 'weather', 'rain')",
+        "Anomaly(class_name='weather')",
+        "CLASS_OF = {204: 'weather'}",
+        "x.note('FAULT', 'weather' if y else 'arc', z)",
+    ],
+)
+def test_an_unknown_class_is_found(source):
+    assert 'weather' in classes_in(source)
 
 
 def test_a_number_without_a_name_is_shown_as_it_is():

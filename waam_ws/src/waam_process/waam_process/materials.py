@@ -94,7 +94,7 @@ class Material:
     kt_start: float = quantity('temperature', 0, 900)
     kt_end: float = quantity('temperature', 0, 1200)
     t_env: float = quantity('temperature', -40, 60)
-    # The set current of the process: mean arc current at one wire feed. 0 = not known.
+    # The operator's set current of the regime at one wire feed, for the cost of eq 2.4. 0 = not known.
     arc_current: float = optional('current', 10, 1000)
     arc_current_feed: float = optional('speed', 1e-3, 1.0)
 
@@ -114,7 +114,7 @@ class Material:
         return self.overlap * self.bead_width
 
     def set_current(self, feed: float) -> float:
-        """Mean arc current in A that belongs to a wire feed (m/s): I ~ feed^CURRENT_EXPONENT; 0 = not known."""
+        """The operator's set current in A at a wire feed (m/s): I ~ feed^CURRENT_EXPONENT; 0 = not known."""
         if not (self.arc_current and self.arc_current_feed):
             return 0.0
         return self.arc_current * (feed / self.arc_current_feed) ** CURRENT_EXPONENT

@@ -19,19 +19,21 @@ JOB_RUNNING = tuple(s for s in JOB_STATES if s not in ('IDLE', *JOB_ENDED))
 
 # what an anomaly is about: `class_name` of Anomaly.msg
 ANOMALY_CLASSES = (
-    *(
-        'arc',
-        'wire',
-        'gas',
-        'height',
-        'temperature',
-        'link',
-        'scan',
-        'correction',
-        'node',
-        'operator',
-    ),
+    *('arc', 'wire', 'gas', 'height', 'temperature'),
+    *('link', 'scan', 'correction', 'node', 'operator'),
 )
+# what a fault of the controller is about, by its code (docs/link_protocol.md); all others: link
+CLASS_OF_FAULT = {
+    204: 'arc',
+    205: 'arc',
+    206: 'wire',
+    207: 'gas',
+    208: 'arc',
+    209: 'arc',
+    210: 'temperature',
+    211: 'wire',
+    300: 'operator',
+}
 
 
 def controller_state(number: int) -> str:

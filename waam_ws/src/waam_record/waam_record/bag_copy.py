@@ -126,6 +126,8 @@ def _file_messages(
             if not names:
                 return
             for schema, channel, message in reader.iter_messages(names, first, last + 1):
+                if schema is None:
+                    raise ValueError(f'{channel.topic} has no type')
                 if channel.id not in topics:
                     topics[channel.id] = topic_of(channel, schema)
                 yield topics[channel.id], message

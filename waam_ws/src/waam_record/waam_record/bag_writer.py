@@ -12,6 +12,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
 import yaml
 from mcap.writer import CompressionType, Writer
@@ -49,7 +50,7 @@ class Topic:
 @dataclass
 class _File:
     path: Path
-    stream: object
+    stream: BinaryIO
     writer: Writer
     channels: dict[int, int] = field(default_factory=dict)
     schemas: dict[str, int] = field(default_factory=dict)

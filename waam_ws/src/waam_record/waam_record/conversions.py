@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
+from rclpy.duration import Duration
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -58,7 +59,7 @@ def qos_dict(qos: QoSProfile) -> dict:
     }
 
 
-def _duration(value: object) -> dict:
+def _duration(value: Duration) -> dict:
     ns = min(value.nanoseconds, INFINITE_NS)
     return {'sec': ns // 1_000_000_000, 'nsec': ns % 1_000_000_000}
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from waam_node import job_folder
 
 if TYPE_CHECKING:
+    from .bag_copy import Selection
     from .bag_reader import Info
 
 PATH = 'recording folder, job folder or .mcap file'
@@ -196,7 +197,7 @@ def _merge(args: argparse.Namespace) -> int:
     return _copy(args, args.paths, Selection(), 'merging')
 
 
-def _copy(args: argparse.Namespace, paths: list[Path], selection: object, text: str) -> int:
+def _copy(args: argparse.Namespace, paths: list[Path], selection: Selection, text: str) -> int:
     from .bag_copy import Copy, convert
     from .bag_reader import info
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import lz4.frame
 import zstandard
@@ -35,7 +35,13 @@ BROKEN = (
 )
 HEAD = struct.Struct('<BQ')  # opcode and length of every record
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 2, 3, 4, 5, 6, 12, 15
-_KINDS = {SCHEMA: Schema, CHANNEL: Channel, MESSAGE: Message, METADATA: Metadata, FOOTER: Footer}
+_KINDS: dict[int, Any] = {
+    SCHEMA: Schema,
+    CHANNEL: Channel,
+    MESSAGE: Message,
+    METADATA: Metadata,
+    FOOTER: Footer,
+}
 FOOTER_SIZE = 8 + 8 + 4
 _CHUNK_TIMES = 8 + 8 + 8 + 4  # bytes of a chunk before the name of its compression
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
@@ -31,7 +32,7 @@ class Standard:
         return bytes(_store().serialize_cdr(_store().types[kind](value), kind))
 
     @staticmethod
-    def _header(stamp: int, frame: str = ''):
+    def _header(stamp: int, frame: str = '') -> Any:
         types = _store().types
         time = types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9)
         return types['std_msgs/msg/Header'](time, frame)

@@ -8,8 +8,8 @@ import pytest
 
 from waam_node.params import ParameterError
 from waam_record.bag_writer import BagWriter, Topic
+from waam_record.read_record import ReplayError, load
 from waam_replay import cli, summary
-from waam_replay.record import ReplayError, load
 from waam_replay.tune import tune
 
 ALL = {'maps': (3, 3), 'psi': (2, 2), 'setpoints': (2, 2)}

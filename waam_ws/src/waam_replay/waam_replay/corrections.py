@@ -18,9 +18,9 @@ from waam_adapt.laws.corrector import CorrectionParams, Corrector
 from waam_adapt.types import Correction, CorrectionInput
 from waam_node.conversions import grid_from_msg
 from waam_process.grid import GridSpec
+from waam_record.read_record import Exchange, load
 
 from .maps import MapAgain
-from .record import Exchange, load
 
 
 @dataclass(frozen=True)

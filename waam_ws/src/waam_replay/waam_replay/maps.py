@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from waam_node.conversions import grid_from_msg, nanoseconds
+from waam_record.read_record import Exchange, Record
 from waam_scan.fusion.height_map import Fusion
 from waam_scan.fusion_params import FusionParams
 from waam_scan.stream.assembler import Assembler
 from waam_scan.stream.poses import PoseTrack
 from waam_scan.stream.profiles import ProfileBlock
 from waam_scan.stream.session import PreviousMap, Session
-
-from .record import Exchange, Record
 
 CLOCK_GRAIN_NS = (
     100_000_000  # as scan_fusion: profiles this much older than its clock belong to the scan

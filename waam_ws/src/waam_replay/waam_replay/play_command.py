@@ -19,8 +19,8 @@ from typing import IO
 import yaml
 
 from waam_record.bag_reader import info
+from waam_record.read_record import ReplayError, record_folder
 
-from .record import ReplayError, record_folder
 from .transport import quick_environment
 
 ASKED = {

@@ -15,12 +15,12 @@ from std_srvs.srv import Trigger
 from waam_node.node import OK, WaamNode
 from waam_node.node import main as run_main
 from waam_node.params import param
+from waam_record.read_record import record_folder
 
 from .node_lockstep import Lockstep
 from .node_publishers import Publishers
 from .play_clock import PlayClock
 from .playlist import Playlist, Wanted, parse_remap
-from .record import record_folder
 
 BURST = 500  # messages that are published at most before the executor gets its turn
 

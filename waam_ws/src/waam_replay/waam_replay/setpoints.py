@@ -10,10 +10,10 @@ from waam_adapt import conversions as convert
 from waam_adapt.feed.feed_forward import Field, Limits, Path, Setpoints, compute
 from waam_adapt.feed.params import FeedParams
 from waam_process import materials
+from waam_record.read_record import Exchange
 
 from .corrections import PsiAgain
 from .parameters import JobParams
-from .record import Exchange
 
 COMPARED = ('speed', 'wire_feed_speed', 'voltage', 'wire_feed_base', 'psi', 'residual_height')
 

@@ -11,11 +11,11 @@ from pathlib import Path
 
 from mcap.records import Channel, Message, Schema
 
+from waam_node import cdr
 from waam_record.bag_reader import bag_files
+from waam_record.decode import Decoder
+from waam_record.read_record import REQUEST, RESPONSE, SERVICES, SUFFIX, ReplayError
 from waam_record.salvage import records
-
-from .decode import Decoder, poses
-from .record import REQUEST, RESPONSE, SERVICES, SUFFIX, ReplayError
 
 Inputs = list[tuple[bool, bytes]]  # (is a batch of profiles, serialised message)
 
@@ -61,7 +61,7 @@ def steps(folder: Path) -> list[Step]:
         raise ReplayError(
             f'{folder}: holds no service events of the nodes (see waam_replay/README.md)'
         )
-    stamps, _ = poses([data for _, data in tape.telemetry])
+    stamps, _ = cdr.read_poses([data for _, data in tape.telemetry])
     made: list[Step] = []
     fed = batch = 0
     for call in calls:

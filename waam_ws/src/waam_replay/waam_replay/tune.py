@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
+from waam_record.read_record import Record, load
+
 from .corrections import Corrections, PsiAgain
 from .maps import MapAgain, Mapper
 from .parameters import Parameters, effective
 from .prediction import Prediction, predict
-from .record import Record, load
 from .setpoints import FeedAgain, one
 
 

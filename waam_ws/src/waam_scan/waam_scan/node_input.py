@@ -12,8 +12,7 @@ from waam_node.qos import PROFILES, SENSOR
 
 from .conversions import block_from_cloud
 from .fusion_params import FusionParams
-from .stream.profiles import ProfileBlock
-from .stream.wire import read_batch
+from .stream.profiles import ProfileBlock, read_batch
 
 Make = Callable[[], tuple[int, ProfileBlock]]
 

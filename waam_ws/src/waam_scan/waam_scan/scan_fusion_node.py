@@ -14,6 +14,7 @@ from sensor_msgs.msg import Image
 import waam_node.node
 from waam_msgs.msg import Anomaly, HeightMap, Telemetry
 from waam_msgs.srv import BeginScan, FinishScan
+from waam_node.cdr import read_pose
 from waam_node.conversions import image_to_msg, nanoseconds
 from waam_node.deferred import Deferred, create_deferred_service
 from waam_node.node import WaamNode
@@ -30,7 +31,6 @@ from .node_waiting import Event, after, first, start
 from .stream.assembler import Assembler
 from .stream.poses import PoseTrack
 from .stream.session import EndWatch, PreviousMap, Session
-from .stream.wire import read_pose
 
 RAW_KEPT = 500  # telemetry frames that are kept unread while no scan runs
 CLOCK_GRAIN_NS = 100_000_000  # /clock comes at 20 Hz of simulated time

@@ -41,7 +41,8 @@ class Cell(WaamNode):
         kept = restore(self._table) if self._table else None
         if kept is not None:
             self.get_logger().info(f'on the table lies what was left there ({self._table})')
-        plate = part.plate(*p.plate, metal.cell, metal.margin)
+        length, width, thickness = p.plate
+        plate = part.plate(length, width, thickness, metal.cell, metal.margin)
         self._plant = Plant(plate, physics, p.seed)
         if self._table is not None:
             self._plant.load(kept or plate, p.seed, self._table)

@@ -72,4 +72,5 @@ def plant_params(params: Any) -> PlantParams:
         )
         for group, cls in GROUPS.items()
     }
-    return PlantParams(work_zero=tuple(float(v) for v in params.work_zero), **groups)
+    x, y, z = (float(v) for v in params.work_zero)
+    return PlantParams(work_zero=(x, y, z), **groups)

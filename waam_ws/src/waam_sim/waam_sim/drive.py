@@ -54,11 +54,11 @@ class Drive:
         self, to: Point, speed: float, wire: float = 0.0, voltage: float = 0.0, outputs: int = 0
     ) -> list[Reading]:
         """A straight line at constant speed (m/s)."""
-        to = np.array(to, float)
-        length = float(np.linalg.norm(to - self.position))
+        way = np.array(to, float) - self.position
+        length = float(np.linalg.norm(way))
         n = STEP * max(1, round(length / speed * 100))
         f = np.arange(1, n + 1)[:, None] / n
-        return self._live(self.position + f * (to - self.position), wire, voltage, outputs)
+        return self._live(self.position + f * way, wire, voltage, outputs)
 
     def bead(
         self, points: Iterable[Point], speed: float, wire: float = 5 / 60, voltage: float = 22.0

@@ -107,7 +107,8 @@ def make_report(profile, layers, rms, name, failed) -> dict:
              'reaction': 'none', 'layer': 2, 'bead': 0, 'position': None},
         ],
         'clamps': {'speed': 37, 'feed': 5, 'voltage': 0, 'psi': 211}, 'points_dropped': 48213,
-        'profiles_rejected': 12, 'telemetry_lost': 0, 'faults': 1, 'wire_m': 37.42, 'energy_J': 1.83e6,
+        'profiles_rejected': 12, 'telemetry_lost': 0, 'faults': 1, 'wire_m': 37.42,
+        'deposition_kg_h': 2.437, 'energy_J': 1.83e6,
         'duration_s': 812.0, 'arc_on_s': 451.0, 'cost': 0.01432, 'folder': '.',
     }  # fmt: skip
     if failed:

@@ -20,7 +20,7 @@ from synthetic_job import write_demo, write_job  # noqa: E402
 from waam_view import canvas, figures  # noqa: E402
 from waam_view.html import STYLE  # noqa: E402
 from waam_view.job_data import JobError, load_job, read_report  # noqa: E402
-from waam_view.report import main, write_all, write_report  # noqa: E402
+from waam_view.report import cost_label, main, write_all, write_report  # noqa: E402
 
 SECTIONS = [
     'Height error', 'Layers', 'Arc and heat', 'Corrections', 'Limits, drop-outs and faults',
@@ -42,6 +42,11 @@ def job(tmp_path_factory):
     return folder, report, write_report(folder).read_text()
 
 
+def test_a_cost_without_current_says_so():
+    assert 'heights only' in cost_label({'cost_terms': ['height']})
+    assert cost_label({}) == cost_label({'cost_terms': ['height', 'current']}) == 'cost J (eq 2.4)'
+
+
 def pictures(text):
     found = re.findall(r'src="data:image/png;base64,([^"]+)"', text)
     return [base64.b64decode(p) for p in found]
@@ -50,7 +55,13 @@ def pictures(text):
 def test_numbers_of_the_report_appear(job):
     _, report, text = job
     run = report['closed_loop']
-    for value in (f'{run["rms_mm"]:.3f} mm', f'{run["max_mm"]:.3f} mm', '37.42 m', '1.830 MJ'):
+    for value in (
+        f'{run["rms_mm"]:.3f} mm',
+        f'{run["max_mm"]:.3f} mm',
+        '37.42 m',
+        '2.44 kg/h',
+        '1.830 MJ',
+    ):
         assert value in text
     assert '13 min 32 s' in text and '7 min 31 s' in text and '87.3 %' in text
     for count in (48213, 12, 37, 211):

@@ -100,6 +100,7 @@ _ROWS = [
     ('RMS as found, mm', 'as_found_rms_mm', 1, 3),
     ('within tolerance, %', 'share_in_tolerance', 100, 1),
     ('wire, m', 'wire_m', 1, 2),
+    ('deposition rate (arc on), kg/h', 'deposition_kg_h', 1, 2),
     ('arc energy, MJ', 'energy_J', 1e-6, 3),
     ('cost J (eq 2.4)', 'cost', 1, 4),
     ('scanner points dropped', 'points_dropped', 1, 0),

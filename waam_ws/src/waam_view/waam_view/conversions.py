@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-
 import numpy as np
 
 from waam_msgs.msg import (
@@ -23,12 +21,6 @@ from .scene import CorrectionData, MapData, Sample
 from .surface import LayerPath
 
 ENDED = (JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED)
-
-
-def stamp_ns(raw: bytes) -> int:
-    """header.stamp of a serialized message whose first field is a Header, without deserializing it."""
-    seconds, nanoseconds_ = struct.unpack_from('<iI' if raw[1] & 1 else '>iI', raw, 4)
-    return seconds * 1_000_000_000 + nanoseconds_
 
 
 def sample(msg: Telemetry) -> Sample:

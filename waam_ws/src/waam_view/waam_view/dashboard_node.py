@@ -21,6 +21,7 @@ from waam_msgs.msg import (
     MachineState,
     Telemetry,
 )
+from waam_node import cdr
 from waam_node.conversions import nanoseconds
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_main
@@ -89,7 +90,7 @@ class Dashboard(WaamNode):
         """Of all frames that came one per period is read."""
         period = int(self.params.telemetry_period * 1e9)
         for raw in self._tap.take():
-            t = cv.stamp_ns(raw)
+            t = cdr.stamp_ns(raw)
             if t >= self._next_ns or t < self._next_ns - 2 * period:
                 self._next_ns = t + period
                 self._drawing.telemetry(cv.sample(deserialize_message(raw, Telemetry)))

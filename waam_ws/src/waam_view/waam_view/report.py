@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -122,10 +123,18 @@ def _figures_of_merit(job: Job) -> str:
             (duration(r.get('duration_s')), 'duration'),
             (duration(r.get('arc_on_s')), 'arc on'),
             (fmt(r.get('wire_m'), 2, 'm'), 'wire'),
+            (fmt(r.get('deposition_kg_h'), 2, 'kg/h'), 'deposition rate, arc on'),
             (fmt(energy / 1e6, 3, 'MJ'), 'arc energy'),
-            (fmt(r.get('cost'), 4), 'cost J (eq 2.4)'),
+            (fmt(r.get('cost'), 4), cost_label(r)),
         ]
     )
+
+
+def cost_label(run: dict[str, Any]) -> str:
+    """Reports of older jobs do not say what their cost counts."""
+    if run.get('cost_terms') == ['height']:
+        return 'cost J (eq 2.4), heights only: the material has no set current'
+    return 'cost J (eq 2.4)'
 
 
 def _maps(job: Job) -> str:

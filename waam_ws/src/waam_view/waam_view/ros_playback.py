@@ -26,7 +26,7 @@ from waam_msgs.msg import (
     MachineState,
     Telemetry,
 )
-from waam_node import job_folder
+from waam_node import cdr, job_folder
 from waam_node.conversions import nanoseconds
 from waam_process.names import job_state
 
@@ -121,7 +121,7 @@ class Playback:
         self._samples = []
 
     def _telemetry(self, raw: bytes) -> None:
-        t = cv.stamp_ns(raw)
+        t = cdr.stamp_ns(raw)
         if t >= self._next_ns or t < self._next_ns - 2 * PERIOD_NS:
             self._next_ns = t + PERIOD_NS
             self._samples.append(cv.sample(deserialize_message(raw, Telemetry)))
@@ -199,7 +199,7 @@ def first_stamp(files: list[Path]) -> int | None:
     for file in files:
         for topic, raw in messages(file):
             if topic == 'telemetry':
-                return cv.stamp_ns(raw)
+                return cdr.stamp_ns(raw)
     return None
 
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from waam_process.bead import deposition_rate
+from waam_process.materials import Material
+
 from .geometry import NOTHING_SEEN
 from .program import PassRecord
 from .records import AnomalyRecord, LayerRecord, Status
@@ -18,6 +21,7 @@ def run_summary(
     layers: list[LayerRecord],
     anomalies: list[AnomalyRecord],
     passes: list[PassRecord],
+    material: Material,
 ) -> dict[str, Any]:
     """RUN of docs/job_folder.md, without duration_s and runs."""
     found = verdict.final or NOTHING_SEEN
@@ -47,7 +51,16 @@ def run_summary(
         'wire_m': total('wire_used'),
         'energy_J': total('energy'),
         'arc_on_s': total('arc_on_time'),
+        'deposition_kg_h': _deposition(total('wire_used'), total('arc_on_time'), material),
         'cost': total('cost'),
+        'cost_terms': ['height', 'current'] if material.set_current(1.0) else ['height'],
         'passes': [asdict(p) for p in passes],
         'folder': '.',
     }
+
+
+def _deposition(wire: float, arc_time: float, material: Material) -> float | None:
+    """Metal on the part in kg per hour of arc time, of `wire` m in `arc_time` s; None when the arc never burned."""
+    if not arc_time > 0:
+        return None
+    return 3600 * float(deposition_rate(wire / arc_time, material, material.density))

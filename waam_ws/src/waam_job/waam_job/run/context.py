@@ -51,7 +51,9 @@ class JobContext:
         """Everything that a run begins with."""
         run_id = job_folder.run_id(folder.job_id, run)
         program = Program(checked.goal.passes)
-        journal = Journal(cell, checked.goal, folder, run, program.records)
+        journal = Journal(
+            cell, checked.goal, folder, run, program.records, material=checked.material
+        )
         watch = Watch(cell, control, settings.limits, journal.note, journal.paused)
         return cls(
             cell=cell,

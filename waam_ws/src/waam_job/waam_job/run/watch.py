@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from waam_process.names import CLASS_OF_FAULT
+
 from ..model.cell import Cell, Machine
 from ..model.goal import Code, JobError
 from .control import Control
@@ -12,17 +14,6 @@ from .control import Control
 LEASE_EXPIRED = 202  # controller code, docs/link_protocol.md
 HOST_HOLD = 200
 RESUMED_S, RESUMED_LOOK_S = 3.0, 0.1  # wall time that telemetry may need to show it
-CLASS_OF = {  # of an anomaly; all others: link
-    204: 'arc',
-    205: 'arc',
-    206: 'wire',
-    207: 'gas',
-    208: 'arc',
-    209: 'arc',
-    210: 'temperature',
-    211: 'wire',
-    300: 'operator',
-}
 
 
 @dataclass(frozen=True)
@@ -85,7 +76,7 @@ class Watch:
     def _check_alarm(self, machine: Machine) -> None:
         if machine.state == 'ALARM':
             text = f'controller in ALARM: {machine.fault_text or machine.fault}'
-            kind = CLASS_OF.get(machine.fault, 'link')
+            kind = CLASS_OF_FAULT.get(machine.fault, 'link')
             self.note('ALARM', kind, text, 'arc and motion ended by the controller, job ended')
             raise JobError(Code.DEPOSITION_FAILED, text)
 
@@ -113,7 +104,7 @@ class Watch:
         if machine.fault in (0, HOST_HOLD):
             self._pause()
             return
-        kind = CLASS_OF.get(machine.fault, 'link')
+        kind = CLASS_OF_FAULT.get(machine.fault, 'link')
         text = machine.fault_text or f'hold {machine.fault}'
         self.note('FAULT', kind, text, 'hold, job ended')
         raise JobError(Code.DEPOSITION_FAILED, f'controller holds: {text}')

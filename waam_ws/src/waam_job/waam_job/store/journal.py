@@ -12,6 +12,7 @@ from waam_node import job_folder
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.post.gcode import gcode
 from waam_plan.post.store import save_plan
+from waam_process.materials import Material
 from waam_process.segment import Point
 
 from ..model.cell import Cell, Correction, Scan
@@ -49,8 +50,10 @@ class Journal:
         folder: JobFolder,
         run: int,
         passes: list[PassRecord],
+        material: Material,
     ) -> None:
         self.cell, self.goal, self.folder, self.run = cell, goal, folder, run
+        self.material = material
         self._pieces = 0  # of the telemetry track
         self.status = Status(
             folder.job_id,
@@ -262,6 +265,7 @@ class Journal:
             layers=self.layers,
             anomalies=self.anomalies,
             passes=self.passes,
+            material=self.material,
         )
         run |= {'duration_s': self.spent_before + self.elapsed, 'runs': self.run}
         goal = self.goal

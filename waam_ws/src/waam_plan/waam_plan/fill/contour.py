@@ -93,7 +93,7 @@ def _ahead(a: np.ndarray, b: np.ndarray, distance: float) -> np.ndarray:
 
 
 def _outlines(polygon: Polygon, inset: float) -> list[np.ndarray]:
-    lines = []
+    lines: list[np.ndarray] = []
     for piece in pieces(polygon.buffer(-inset)):
         lines.extend(np.asarray(r.coords) for r in (piece.exterior, *piece.interiors))
     return lines

@@ -132,7 +132,7 @@ def _into(part: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     col = np.clip(u.astype(int), 0, part.shape[1] - 1)
     row = np.clip(v.astype(int), 0, part.shape[0] - 1)
     out = v.copy()
-    for i in np.flatnonzero(~part[row, col] & part.any(axis=0)[col]):
+    for i in np.flatnonzero(~part[row, col] & np.any(part, axis=0)[col]):
         rows = np.flatnonzero(part[:, col[i]])
         out[i] = rows[np.argmin(np.abs(rows + 0.5 - v[i]))] + 0.5
     return out
@@ -164,7 +164,8 @@ def _chains(runs: list[Run], island: np.ndarray, reach: float) -> list[Chain]:
         pick = _first_link(here, ends, linkable, island)
         starts_chain = pick is None
         if pick is None:
-            pick = np.unravel_index(np.argmin(away), away.shape)
+            row, end = np.unravel_index(np.argmin(away), away.shape)
+            pick = int(row), int(end)
         run = left.pop(int(pick[0]))
         line = run.line if pick[1] == 0 else run.line[::-1]
         if starts_chain:

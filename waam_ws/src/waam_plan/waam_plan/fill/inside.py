@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import shapely
 from shapely import LineString, Polygon
+from shapely.geometry.base import BaseGeometry
 from shapely.ops import nearest_points
 
 from waam_plan.fill.path import Pieces
@@ -33,7 +34,7 @@ def keep_inside(found: Pieces, polygons: list[Polygon]) -> Pieces:
     return _with(found, moved, area)
 
 
-def _moved(a: np.ndarray, b: np.ndarray, area, core) -> np.ndarray:
+def _moved(a: np.ndarray, b: np.ndarray, area: BaseGeometry, core: BaseGeometry) -> np.ndarray:
     """(n, 3) points from a to b in the shrunk section, at most 2 MARGIN apart before they were moved."""
     n = max(1, int(np.ceil(np.linalg.norm(b[:2] - a[:2]) / (1.9 * MARGIN))))
     points = a + np.linspace(0, 1, n + 1)[:, None] * (b - a)
@@ -44,7 +45,7 @@ def _moved(a: np.ndarray, b: np.ndarray, area, core) -> np.ndarray:
     return _thinned(points, area)
 
 
-def _thinned(points: np.ndarray, area) -> np.ndarray:
+def _thinned(points: np.ndarray, area: BaseGeometry) -> np.ndarray:
     """As few of the points as keep every chord inside; where none does, all of them."""
     line = LineString(points[:, :2])
     for tolerance in (0.2e-3, 0.05e-3):
@@ -57,7 +58,7 @@ def _thinned(points: np.ndarray, area) -> np.ndarray:
     return points
 
 
-def _with(found: Pieces, moved: dict[int, np.ndarray], area) -> Pieces:
+def _with(found: Pieces, moved: dict[int, np.ndarray], area: BaseGeometry) -> Pieces:
     """Pieces with the moved ones in place; neighbours follow, jumps out of the section end a chain."""
     start, end = found.start.copy(), found.end.copy()
     for i, points in moved.items():
@@ -66,8 +67,7 @@ def _with(found: Pieces, moved: dict[int, np.ndarray], area) -> Pieces:
                 mine[k] = at
     rows = []
     for i in range(len(start)):
-        points = moved.get(i)
-        corners = np.array([start[i], end[i]]) if points is None else points
+        corners = moved[i] if i in moved else np.array([start[i], end[i]])
         rows += [(a, b, i) for a, b in zip(corners, corners[1:], strict=False)]
     begin, finish = (np.array([r[k] for r in rows]) for k in (0, 1))
     of = np.array([r[2] for r in rows])

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from scipy.spatial import QhullError, Voronoi
 from shapely import LineString, MultiLineString, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from waam_plan.slice.section import pieces
 
@@ -163,7 +164,7 @@ def _spot(polygon: Polygon, length: float) -> np.ndarray:
     return np.asarray(best.coords)
 
 
-def _lines(shape) -> list[LineString]:
+def _lines(shape: BaseGeometry) -> list[LineString]:
     if isinstance(shape, LineString):
         return [shape]
     return [x for x in getattr(shape, 'geoms', []) if isinstance(x, LineString)]

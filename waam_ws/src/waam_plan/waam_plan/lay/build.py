@@ -128,7 +128,8 @@ def _placing(
             'with its lower corner at the work zero the part leaves the machine; its lower corner is put to '
             f'({(low + offset)[0] * 1e3:.1f}, {(low + offset)[1] * 1e3:.1f}) mm'
         )
-    return tuple(float(v) for v in offset)
+    x, y, z = offset
+    return float(x), float(y), float(z)
 
 
 def _check_height(part: Part, safe_z: float, thickness: float, settings: PlanSettings) -> None:
@@ -151,8 +152,8 @@ def _grid(placed: Part, use: int, settings: PlanSettings, warnings: list[str]) -
             f'{use} layers of this size: maps with cells of {settings.grid * coarser * 1e3:.2f} mm'
         )
     res = settings.grid * coarser
-    snap = [math.floor((v - margin) / res) * res for v in (x0, y0)]
-    return GridSpec.covering(*snap, x1 + margin, y1 + margin, res)
+    x_min, y_min = (math.floor((v - margin) / res) * res for v in (x0, y0))
+    return GridSpec.covering(x_min, y_min, x1 + margin, y1 + margin, res)
 
 
 def _layers(

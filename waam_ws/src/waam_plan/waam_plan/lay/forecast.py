@@ -25,8 +25,8 @@ def pieces_of(layer: PlannedLayer) -> Pieces:
             end.append(s.end)
             bead.append(s.bead)
             chain.append(chains)
-    points = (np.array(p, float).reshape(-1, 3) for p in (start, end))
-    return Pieces(*points, np.array(bead, int), np.array(chain, int))
+    begin, finish = (np.array(p, float).reshape(-1, 3) for p in (start, end))
+    return Pieces(begin, finish, np.array(bead, int), np.array(chain, int))
 
 
 def growth(layer: PlannedLayer, spec: GridSpec, settings: PlanSettings) -> np.ndarray:

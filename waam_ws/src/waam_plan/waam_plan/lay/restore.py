@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waam_plan import masks
-from waam_plan.fill import path, strategies
+from waam_plan.fill import hatch, path, strategies
 from waam_plan.fill.linking import arc_starts, near_starts
 from waam_plan.lay.layer import LayerTask, lay
 from waam_plan.lay.schedule import Schedule, choose_schedule, layer_count
@@ -169,7 +169,7 @@ def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 def _chains(
     on: np.ndarray, spec: GridSpec, settings: PlanSettings, number: int
-) -> list[path.hatch.Chain]:
+) -> list[hatch.Chain]:
     if settings.strategy in ('solid', 'shell', 'zigzag'):
         return path.hatch_region(on, spec, settings, number)[0]
     area = strategies.Area(outline(on, spec), on, spec, settings, number)

@@ -86,13 +86,16 @@ def _runs(
         if chain != before:
             out.append([])
             before, last = chain, None
-        a = last if last == a else a  # one tuple where two pieces meet
+        if last is not None and last == a:
+            a = last  # one tuple where two pieces meet
         out[-1].append(_deposit(a, b, layer, bead, h, v, settings))
         last = b
     return out
 
 
-def _deposit(a, b, layer: int, bead: int, h: float, v: float, settings: PlanSettings) -> Segment:
+def _deposit(
+    a: Point, b: Point, layer: int, bead: int, h: float, v: float, settings: PlanSettings
+) -> Segment:
     return Segment(
         0,
         Kind.DEPOSIT,
@@ -176,7 +179,8 @@ def _with_leads(run: Run, settings: PlanSettings) -> list[Segment]:
 def _tail(run: Run, length: float) -> list[Segment]:
     """The last `length` (m) of a run without arc, at most a quarter of it."""
     length = min(length, sum(s.length for s in run) / 4)
-    out, tail = list(run), []
+    out = list(run)
+    tail: list[Segment] = []
     while length > 1e-6:
         s = out.pop()
         share = max(0.0, 1 - length / s.length) if s.length > 0 else 0.0

@@ -87,13 +87,13 @@ def _pcd(data: bytes) -> np.ndarray:
     repeat = words.get('COUNT', ['1'] * len(names))
     types = zip(names, words['TYPE'], words['SIZE'], repeat, strict=True)
     kinds = {'F': 'f', 'I': 'i', 'U': 'u'}
-    layout = np.dtype(
-        [(f'{n}_{i}', f'<{kinds[t]}{s}', (int(c),)) for i, (n, t, s, c) in enumerate(types)]
-    )
+    fields = [(f'{n}_{i}', f'<{kinds[t]}{s}', (int(c),)) for i, (n, t, s, c) in enumerate(types)]
+    layout = np.dtype(fields)
+    stored = [name for name, _, _ in fields]
     if len(body) < count * layout.itemsize:
         raise ValueError(f'truncated: {count} points are announced')
     rows = np.frombuffer(body, layout, count)
-    return np.column_stack([rows[layout.names[c]][:, 0] for c in columns]).astype(float)
+    return np.column_stack([rows[stored[c]][:, 0] for c in columns]).astype(float)
 
 
 def cloud_grid(points: np.ndarray, spec: GridSpec) -> HeightGrid:

@@ -31,7 +31,7 @@ def of_part(part: Part, worn: Path, scale: float, settings: PlanSettings, zone: 
 
     zone: the scan shows the worn zone only, nothing is planned beside it.
     """
-    offset = tuple(-float(v) for v in part.bounds[0])
+    offset = _negated(part.bounds[0])
     if worn.suffix.lower() == '.npz':
         found = HeightGrid.load_npz(worn)
     else:
@@ -41,6 +41,11 @@ def of_part(part: Part, worn: Path, scale: float, settings: PlanSettings, zone: 
         found = _on(spec, worn, scale, offset)
     nominal = top_surface(part.mesh, found.spec, offset)
     return Surfaces(found, within(nominal, found, settings) if zone else nominal, offset)
+
+
+def _negated(point: np.ndarray) -> Triple:
+    x, y, z = point
+    return -float(x), -float(y), -float(z)
 
 
 def _on(spec: GridSpec, worn: Path, scale: float, offset: Triple) -> HeightGrid:
@@ -64,7 +69,7 @@ def flat(points: np.ndarray, settings: PlanSettings, level: float | None = None)
     """
     top = float(np.percentile(points[:, 2], HIGHEST))
     wanted = top + settings.layer_height if level is None else level
-    offset = tuple(-float(v) for v in points.min(axis=0))
+    offset = _negated(points.min(axis=0))
     moved = points + offset
     found = cloud_grid(moved, spec_around(moved, settings.margin, settings.grid))
     nominal = HeightGrid.full(found.spec, wanted + offset[2])

@@ -115,7 +115,7 @@ def _crossing(mesh: trimesh.Trimesh) -> str:
         count, at = crossings(np.asarray(mesh.triangles), np.asarray(mesh.faces))
     except ValueError as error:
         return f'self-intersection: not looked for, {error}'
-    if not count:
+    if not count or at is None:
         return ''
     return (
         f'self-intersection: {count} pairs of faces pass through each other, one at {_mm(at)}; bodies that overlap '

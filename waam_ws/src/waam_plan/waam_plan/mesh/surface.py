@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from waam_process.grid import GridSpec, HeightGrid
+
+if TYPE_CHECKING:
+    import trimesh
 
 CHUNK = 2_000_000  # pairs of triangle and cell looked at together
 EDGE = 1e-9  # a cell centre this close (share of a triangle) outside an edge still counts
 
 
 def top_surface(
-    mesh, spec: GridSpec, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mesh: trimesh.Trimesh, spec: GridSpec, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> HeightGrid:
     """Highest z (m) of a mesh over every cell centre, NaN where the mesh has nothing above the cell.
 

@@ -70,7 +70,9 @@ def _matrix(text: str | None) -> np.ndarray:
     return np.array(values).reshape(4, 3)
 
 
-def _collect(objects: dict, number: str | None, at: np.ndarray, out: list[Mesh], depth: int):
+def _collect(
+    objects: dict, number: str | None, at: np.ndarray, out: list[Mesh], depth: int
+) -> None:
     """Meshes of an object and of its components, placed."""
     if depth > DEEPEST:
         raise ValueError('components refer to each other without end')
@@ -80,8 +82,10 @@ def _collect(objects: dict, number: str | None, at: np.ndarray, out: list[Mesh],
         inner = _matrix(component.get('transform'))
         both = np.vstack([inner[:3] @ at[:3], inner[3] @ at[:3] + at[3]])
         _collect(objects, component.get('objectid'), both, out, depth + 1)
-    vertices = [[float(v.get(a)) for a in 'xyz'] for v in _all(objects[number], 'vertex')]
-    faces = [[int(t.get(a)) for a in ('v1', 'v2', 'v3')] for t in _all(objects[number], 'triangle')]
+    vertices = [[float(v.get(a, '')) for a in 'xyz'] for v in _all(objects[number], 'vertex')]
+    faces = [
+        [int(t.get(a, '')) for a in ('v1', 'v2', 'v3')] for t in _all(objects[number], 'triangle')
+    ]
     if not faces:
         return
     points, corners = np.array(vertices, float).reshape(-1, 3), np.array(faces)

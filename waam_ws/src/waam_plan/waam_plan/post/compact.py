@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -111,7 +111,9 @@ def _fit(run: list[Segment], tolerance: float) -> list[Move]:
     return moves
 
 
-def _farthest(points: np.ndarray, i: int, tolerance: float, fits) -> int:
+def _farthest(
+    points: np.ndarray, i: int, tolerance: float, fits: Callable[[np.ndarray, float], bool]
+) -> int:
     """Largest j such that points i..j are one move, found by doubling and halving."""
     good, step = i + 1, 1
     while good + step < len(points) and fits(points[i : good + step + 1], tolerance):

@@ -208,7 +208,7 @@ def read_gcode(text: str) -> list[GcodePoint]:
 
 
 def _point(place: dict[str, float], state: dict[str, float], arc: bool, line: int) -> GcodePoint:
-    position = tuple(place[axis] * 1e-3 for axis in 'XYZ')
+    position = (place['X'] * 1e-3, place['Y'] * 1e-3, place['Z'] * 1e-3)
     return GcodePoint(position, state['F'] / 60e3, arc, state['W'] / 60e3, state['S'], line)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -238,7 +239,7 @@ def points_of(text: str) -> np.ndarray:
     return np.array(out).reshape(-1, 3)
 
 
-def draw(before: str, after: str, errors: AxisErrors, path) -> None:
+def draw(before: str, after: str, errors: AxisErrors, path: Path | str) -> None:
     """Picture: where the machine goes with the program as it was and with the corrected one; errors magnified."""
     import matplotlib
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -39,8 +40,7 @@ def save_plan(plan: Plan, path: Path | str) -> None:
         name: np.array([getattr(p, name) for p in plan.layers], np.float32).reshape(-1, *shape[1:])
         for name in ('planned', 'target_before', 'target_after')
     }
-    np.savez_compressed(
-        path,
+    arrays: dict[str, Any] = dict(
         about=np.array(json.dumps(about)),
         origin=np.array([plan.spec.origin_x, plan.spec.origin_y]),
         resolution=np.array(plan.spec.resolution),
@@ -58,6 +58,7 @@ def save_plan(plan: Plan, path: Path | str) -> None:
         **{k: np.array([getattr(s, k) for s in segments], float) for k in _FLOATS},
         **maps,
     )
+    np.savez_compressed(path, **arrays)
 
 
 def load_plan(path: Path | str) -> Plan:
@@ -77,13 +78,18 @@ def load_plan(path: Path | str) -> Plan:
 
 def _plan(data: dict[str, np.ndarray], about: dict) -> Plan:
     rows, cols = data['nominal'].shape
-    spec = GridSpec(*(float(v) for v in data['origin']), float(data['resolution']), rows, cols)
-    settings = {k: tuple(v) if isinstance(v, list) else v for k, v in about['settings'].items()}
+    x, y = data['origin'].tolist()
+    spec = GridSpec(x, y, float(data['resolution']), rows, cols)
+    settings: dict[str, Any] = {
+        k: tuple(v) if isinstance(v, list) else v for k, v in about['settings'].items()
+    }
     segments = _segments(data)
     layers = [
         PlannedLayer(
             i + 1,
-            *(data[k][i].astype(float) for k in ('planned', 'target_before', 'target_after')),
+            data['planned'][i].astype(float),
+            data['target_before'][i].astype(float),
+            data['target_after'][i].astype(float),
             [s for s in segments if s.layer == i + 1],
             tuple(data['direction'][i].tolist()),
             data['footprint'][i],

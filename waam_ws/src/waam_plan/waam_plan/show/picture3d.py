@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from waam_plan.plan import Plan
 from waam_process.segment import Segment
+
+if TYPE_CHECKING:  # matplotlib is loaded only when something is drawn
+    from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 MOST_PIECES = 20_000  # drawn; longer programs are thinned out
 SURFACE_CELLS = 60  # of the surface below the metal, along its longer side
@@ -56,7 +60,7 @@ def _thinned(run: list[Segment], every: int) -> np.ndarray:
     return np.array([*points[:-1:every], points[-1]])
 
 
-def draw_space(plan: Plan, axis) -> None:
+def draw_space(plan: Plan, axis: Axes3D) -> None:
     """Beads coloured from the lowest layer to the highest, arc starts, the surface as found below them."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
@@ -90,7 +94,7 @@ def _surface(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x * 1e3, y * 1e3, plan.as_found.z[np.ix_(rows[::step], cols[::step])] * 1e3
 
 
-def _frame(axis, low: np.ndarray, high: np.ndarray) -> float:
+def _frame(axis: Axes3D, low: np.ndarray, high: np.ndarray) -> float:
     """Limits (3,), mm, true to scale; flat ones are stretched in z. Returns by how much."""
     size = np.maximum(high - low, 1e-3) * 1.04
     middle = (low + high) / 2

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.show.picture3d import draw_space
+
+if TYPE_CHECKING:  # matplotlib is loaded only when something is drawn
+    from matplotlib.axes import Axes
 
 SHOWN = 6  # layers drawn at most
 
@@ -96,7 +100,7 @@ def draw(plan: Plan, path: Path | str) -> None:
         f'{plan.name} ({plan.mode}): {len(plan.layers)} layers, {plan.beads} beads, {plan.arc_starts} arc starts, '
         f'{plan.wire:.1f} m wire, {plan.duration / 60:.1f} min'
     )
-    space, maps = figure.subfigures(1, 2, width_ratios=[8.5, 4.2 * cols])
+    space, maps = np.asarray(figure.subfigures(1, 2, width_ratios=[8.5, 4.2 * cols]))
     draw_space(plan, space.add_subplot(projection='3d'))
     axes = [maps.add_subplot(rows, cols, i + 1) for i in range(2 + len(shown))]
     _draw_depth(plan, axes[0])
@@ -111,7 +115,7 @@ def _shown(plan: Plan) -> list[PlannedLayer]:
     return [plan.layers[int(i)] for i in pick] if plan.layers else []
 
 
-def _map(plan: Plan, axis, z: np.ndarray, title: str, label: str, **options) -> None:
+def _map(plan: Plan, axis: Axes, z: np.ndarray, title: str, label: str, **options: Any) -> None:
     x0, x1, y0, y1 = (v * 1e3 for v in plan.spec.extent)
     shown = axis.imshow(
         z, origin='lower', extent=(x0, x1, y0, y1), interpolation='nearest', **options
@@ -123,12 +127,12 @@ def _map(plan: Plan, axis, z: np.ndarray, title: str, label: str, **options) -> 
     axis.set(xlim=(max(x0, a - pad), min(x1, c + pad)), ylim=(max(y0, b - pad), min(y1, d + pad)))
 
 
-def _draw_depth(plan: Plan, axis) -> None:
+def _draw_depth(plan: Plan, axis: Axes) -> None:
     depth = (plan.final_target if plan.layers else plan.nominal.z) - plan.as_found.z
     _map(plan, axis, depth * 1e3, 'metal to add', 'mm', cmap='viridis')
 
 
-def _draw_section(plan: Plan, axis) -> None:
+def _draw_section(plan: Plan, axis: Axes) -> None:
     """Heights along x through the middle of the region."""
     _, y0, _, y1 = plan.bounds
     row = int(np.clip(plan.spec.cell(0.0, (y0 + y1) / 2)[0], 0, plan.spec.rows - 1))
@@ -143,7 +147,7 @@ def _draw_section(plan: Plan, axis) -> None:
     axis.legend(fontsize=7)
 
 
-def _draw_layer(plan: Plan, layer: PlannedLayer, axis) -> None:
+def _draw_layer(plan: Plan, layer: PlannedLayer, axis: Axes) -> None:
     """Metal as a map; path blue with the arc on, dashed grey without, starts green, ends red."""
     metal = np.where(layer.footprint, layer.planned, np.nan) * 1e3
     title = f'layer {layer.number}: {layer.beads} beads, {layer.arc_starts} arcs'

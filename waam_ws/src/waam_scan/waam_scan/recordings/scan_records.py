@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from mcap.records import Channel, Message, Schema
 
+from waam_node.cdr import read_pose
 from waam_record.bag_reader import info
 from waam_record.salvage import Damage, records
 
 from ..calibration.scan_pass import Pass
-from ..stream.profiles import ProfileBlock
-from ..stream.wire import read_batch, read_pose
+from ..stream.profiles import ProfileBlock, read_batch
 from ..transform import Mounting
 from .files import FileError
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from waam_node import cdr
+
 BREAK = 3.0  # profile periods: a longer pause between two profiles is counted
 
 
@@ -69,6 +71,15 @@ def block_of(
         raise ValueError(f'batch {sequence}: intensity has {len(light)} values, not 0 or {n * m}')
     intensity = light.reshape(n, m) if len(light) else None
     return ProfileBlock(start_ns + offsets, x.reshape(n, m), z.reshape(n, m), intensity)
+
+
+def read_batch(data: bytes) -> tuple[int, ProfileBlock]:
+    """Sequence number and profiles of a serialised waam_msgs/ProfileBatch. ValueError says what is wrong with it."""
+    b = cdr.read_batch(data)
+    n, m = b.profile_count, b.points_per_profile
+    return b.sequence, block_of(
+        b.sequence, n, m, b.stamp_ns, b.stamp_offsets_ns, b.x, b.z, b.intensity
+    )
 
 
 REASONS = {

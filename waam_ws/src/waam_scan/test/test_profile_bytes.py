@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 
 from waam_msgs.msg import ProfileBatch, Telemetry
+from waam_node.cdr import read_pose
 from waam_node.conversions import floats
 from waam_scan.conversions import block_from_msg
-from waam_scan.stream.wire import read_batch, read_pose
+from waam_scan.stream.profiles import read_batch
 
 TEXT = st.text(max_size=9)
 

@@ -1,17 +1,14 @@
 """Bytes of a recording to values, by the definitions that the recording carries itself.
 
-The messages that come by the thousand (telemetry, profiles) are read as arrays; all others by `rosbags`.
+By `rosbags`; telemetry, which comes by the thousand, is read with `waam_node.cdr`.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
-
-CDR_HEAD = 4  # bytes before the data; alignment counts from behind them
 
 
 class DecodeError(ValueError):
@@ -47,24 +44,3 @@ class Decoder:
             return self._store.deserialize_cdr(data, alias(type_name))
         except Exception as e:
             raise DecodeError(f'a message {type_name} of {len(data)} bytes: {e}') from None
-
-
-def poses(frames: list[bytes]) -> tuple[np.ndarray, np.ndarray]:
-    """Stamps (n,) int64 ns and positions (n, 3) m of serialised Telemetry, whose frame_id is one for all."""
-    if not frames:
-        return np.empty(0, np.int64), np.empty((0, 3))
-    size = len(frames[0])
-    if any(len(f) != size for f in frames):
-        parts = [poses([f]) for f in frames]
-        return np.concatenate([t for t, _ in parts]), np.concatenate([p for _, p in parts])
-    raw = np.frombuffer(b''.join(frames), np.uint8).reshape(len(frames), size)[:, CDR_HEAD:]
-    seconds, nanos = (raw[:, i : i + 4].copy().view('<u4')[:, 0] for i in (0, 4))
-    name = int(raw[0, 8:12].copy().view('<u4')[0])  # length of frame_id with its zero
-    at = _aligned(12 + name, 8) + 8 + 4 + 4 + 1  # controller_us, boot_id, sequence, state
-    at = _aligned(at, 8)
-    xyz = raw[:, at : at + 24].copy().view('<f8')
-    return seconds.astype(np.int64) * 1_000_000_000 + nanos, xyz
-
-
-def _aligned(position: int, size: int) -> int:
-    return -(-position // size) * size

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from mcap.records import Channel, Message, Schema
 
-from waam_node import job_folder
-from waam_record.bag_reader import bag_files, info
-from waam_record.salvage import Damage, records
+from waam_node import cdr, job_folder
 
-from .decode import Decoder, poses
+from .bag_reader import bag_files, info
+from .decode import Decoder
+from .salvage import Damage, records
 
 REQUEST, RESPONSE = 1, 2  # ServiceEventInfo: received by, sent by the server
 SERVICES = {
@@ -134,7 +134,7 @@ class _Reader:
     def _channel(self, channel: Channel) -> None:
         name = channel.topic.lstrip('/')
         schema = self._schemas[channel.schema_id]
-        take = {
+        take: Callable[[Message, str], None] | None = {
             'telemetry': self._telemetry,
             'profiles': self._profiles,
             'process_estimate': self._estimate,
@@ -183,7 +183,7 @@ class _Reader:
     def finish(self) -> None:
         record = self.record
         self._frames.sort(key=lambda f: f[0])
-        record.stamps, record.positions = poses([data for _, data in self._frames])
+        record.stamps, record.positions = cdr.read_poses([data for _, data in self._frames])
         record.batches.sort(key=lambda b: b[0])
         for calls in record.calls.values():
             calls.sort(key=lambda c: c.at_ns)
