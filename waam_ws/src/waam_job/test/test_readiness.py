@@ -156,17 +156,13 @@ def test_old_map_is_taken_again_before_metal_is_laid_by_it(limit, scans, make_ce
     assert len(notes) == scans - 1 and all(a.reaction == 'scanned again' for a in notes)
 
 
-def test_job_on_another_material_than_the_thermal_limits_says_so(make_cell, make_runner):
+def test_what_a_job_starts_without_is_a_remark(make_cell, make_runner):
     cell = make_cell()
-    cell.node_parameters = {'thermal_compensator': {'material': '316l'}}
     runner, _, folder = make_runner(
         cell, settings={'simulated': False, 'calibration_max_days': 0.0}
     )
     runner.run()
     remarks = json.loads((folder.path / 'report.json').read_text())['trace']['remarks']
-    assert [any(w in r for r in remarks) for w in ('316l', 'calibration', 'wire is left')] == [
-        True,
-        True,
-        True,
-    ]
-    assert any('316l' in s.message for s in cell.statuses if s.state == State.PREPARING)
+    for words in ('calibration', 'wire is left'):
+        assert any(words in r for r in remarks)
+        assert any(words in s.message for s in cell.statuses if s.state == State.PREPARING)

@@ -111,7 +111,14 @@ def test_ctrl_c_ends_everything(parts, tmp_path):
         *WAAM,
         *map(str, (parts[0], '--as-found', parts[1], '--seeds', 500, '--out', tmp_path / 'out')),
     ]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    process = subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # whoever runs the tests in the background has SIGINT ignored, and children inherit that
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
     assert '/500' in process.stderr.readline()
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     assert process.wait(20) == 130
