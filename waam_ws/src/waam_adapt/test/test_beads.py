@@ -341,3 +341,20 @@ def test_without_a_network_the_bead_model_starts_from_the_explicit_law(tmp_path)
     assert result.psi == pytest.approx(silent.correct(request).psi, abs=1e-6)
     plain = laws.DampedInverse().correct(replace(request, paths=()))
     assert (bare.correct(replace(request, paths=())).psi == plain.psi).all()
+
+
+def test_where_the_network_cannot_answer_the_bead_model_does_and_says_so(tmp_path):
+    law, request = (
+        make_law('unet', model=str(weights(tmp_path / 'm.npz'))),
+        pad(0.75e-3, error=2e-4),
+    )
+    assert not law.correct(request).fallback
+    card = {**law.network.card, 'seen': {**law.network.card['seen'], 'error': [-1e-9, 0.0]}}
+    narrow = replace(law, network=replace(law.network, card=card))
+    result = narrow.correct(request)
+    assert result.fallback and result.model_hash == ''
+    assert 'unlike the training: error' in result.reasons[0]
+    assert 'the bead model answers without the network' in result.reasons[0]
+    assert (result.psi == make_law('unet', model='none').correct(request).psi).all()
+    untold = replace(request, paths=())
+    assert (narrow.correct(untold).psi == laws.DampedInverse().correct(untold).psi).all()

@@ -1,9 +1,9 @@
 """The learned law: the damped inverse, what the network adds to it where it may be trusted, and a last
 layer that solves for the beads (`bead_solver`) where their paths are told.
 
-The network never replaces the explicit law. Where it doubts its own answer its share fades out;
-for a map unlike those of
-its training, and without a sound model file, the explicit law answers alone, and the answer says so.
+The network never replaces the explicit law. Where it doubts its own answer its share fades out. For a map unlike those
+of its training the bead model answers without it, where the paths are told. Without paths, and without a sound model
+file, the explicit law answers alone. The answer says so in each case.
 """
 
 from __future__ import annotations

@@ -132,7 +132,7 @@ class LayerCycle:
         record.add_correction(correction, layer.planned > 0, self.loop_mode == LoopMode.CLOSED_LOOP)
         if correction.fallback:
             removed = not correction.psi.any()
-            reaction = 'correction removed' if removed else 'explicit law'
+            reaction = 'correction removed' if removed else 'corrected without the network'
             self.journal.note('WARNING', 'correction', '; '.join(correction.reasons), reaction)
         return correction
 
