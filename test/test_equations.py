@@ -19,7 +19,9 @@ ROWS = [
 SOURCES = set(re.findall(r'^\| ([A-Z][A-Z\d])\b', TEXT, re.MULTILINE))
 MENTION = re.compile(r'\b[Ee]qs?\.? (\d\.\d+)')  # "eq 2.17"
 # What only the people of this project can look up: numbered items and sections of texts that are not in the repository.
-INSIDERS = re.compile(r'\bspec \d|\bissue (?:\d|Arc\b)|[Ss]ources? \(?00\d[^|]{0,3} section|section 6\.\d of')
+INSIDERS = re.compile(
+    r'\bspec \d|\bissue (?:\d|Arc\b)|[Ss]ources? \(?00\d[^|]{0,3} section|section 6\.\d of'
+)
 CODE = [
     f
     for folder in ('waam_ws/src', 'docs', 'bench', 'test', 'scripts')
