@@ -88,7 +88,7 @@ def test_a_readme_keeps_the_order(name):
 
 @pytest.mark.parametrize('readme', READMES, ids=short)
 def test_topics_and_services_are_in_the_code(readme):
-    """Every name in code font below a heading 'Topics...' occurs in the package's code; of `bridge/command` both parts."""
+    """Names in code font below a heading 'Topics...' occur in the package's code; of `a/b` both parts."""
     code = '\n'.join(
         f.read_text() for f in [*readme.parent.rglob('*.py'), *readme.parent.rglob('*.yaml')]
     )
