@@ -33,7 +33,7 @@ class Phase(IntEnum):
 
 class Link:
     """lease_us(t_us): how far the arc lease may be renewed at controller time t_us, 0 = none.
-    on_ready(known): the controller may be used; `known` when it is the one of before, with the same boot and lines.
+    on_ready(known): the controller may be used; `known` when it is the same one, with the same boot and lines.
 
     `failed` holds the reason when the owner shall close the port; `missing`, when the controller denies lines that it
     has acknowledged.

@@ -167,7 +167,9 @@ class ScanFusion(WaamNode):
                 response, FinishScan.Response.NO_SCAN, f'scan {request.scan_id} is not running'
             )
         session.until_ns, self._complete = nanoseconds(request.until), Event()
-        session.refresh(time.monotonic(), 0.0)  # what is processed now need not wait for the last batch
+        session.refresh(
+            time.monotonic(), 0.0
+        )  # what is processed now need not wait for the last batch
         try:
             if trouble := await self._scanner.set(False):
                 session.remarks.append(f'scanner not switched off: {trouble}')

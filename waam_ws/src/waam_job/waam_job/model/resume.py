@@ -21,7 +21,9 @@ from waam_process.segment import Kind, Point, Segment
 
 PRESENT = 0.5  # share of the planned metal above which a place counts as laid
 REACH = 0.75  # bead widths that the end of an interrupted bead goes beyond the place where half of it is there
-LEAST = 0.3  # least share of its metal that a segment gets, however much is there: the arc needs wire
+LEAST = (
+    0.3  # least share of its metal that a segment gets, however much is there: the arc needs wire
+)
 COLDEST = 0.8  # of its metal that a bead gets on the coldest part
 MOVED_LIMIT = 0.15e-3  # m, median change of the surface where nothing was to be laid
 

@@ -61,7 +61,9 @@ class LayerCycle:
         correction = self._correct(layer, scan, record)
         segments = self._setpoints(layer, scan, correction, record)
         asked = self._asked(layer, correction)
-        if not resumed:  # otherwise the file holds the surface before the whole layer, which is still valid
+        if (
+            not resumed
+        ):  # otherwise the file holds the surface before the whole layer, which is still valid
             self._keep_scan(scan, Following(layer, asked, correction, record.flow_factor))
         self._deposit(segments, layer, record)
         # what eq 2.19 took off counts as part of the process: the scan then shows whether it was right to

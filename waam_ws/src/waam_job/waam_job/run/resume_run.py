@@ -40,7 +40,7 @@ class ResumeRun:
         self.checkpoint, self.doubts = checkpoints.load(self.folder.path)
 
     def load(self) -> list[JobError] | None:
-        """Reads records and plans of earlier runs. Returns what is wrong with the wire; None when nothing was planned."""
+        """Reads records and plans of earlier runs. Returns the problems of the wire; None when nothing was planned."""
         self.number = self.folder.last_map() + 1
         self.journal.take_over(self.number)
         if self.number > 0:

@@ -13,9 +13,7 @@ from .limits import FusionLimits
 
 LEAST_CELLS = 20  # cells with enough samples, before the map's own scatter is believed
 WITNESSES = 50_000  # cells from which the scatter of the map is estimated; more do not improve it
-PLAUSIBLE_RATIO = (
-    9.0  # cells whose variance is further above the median are edges and left out of the noise estimate
-)
+PLAUSIBLE_RATIO = 9.0  # cells whose variance is further above the median are edges and left out of the noise estimate
 
 
 @dataclass(frozen=True)
