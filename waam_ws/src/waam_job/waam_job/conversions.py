@@ -74,7 +74,7 @@ def goal_from_msg(msg: RunJob.Goal, default_jobs_dir: str) -> JobGoal:
 
 
 def goal_from_job(job: dict, resumed: RunJob.Goal) -> JobGoal:
-    """The goal of an interrupted job out of its job.yaml; operator, notes and spool may be new.
+    """The goal of an interrupted job, read from its job.yaml; operator, notes and spool may be new.
 
     ValueError when the file holds none.
     """
@@ -145,7 +145,7 @@ def anomaly_from_msg(msg: Anomaly) -> AnomalyRecord:
 def aim_to_msg(
     point: tuple[float, float, float], zero: tuple[float, float, float], stamp: Time
 ) -> PointStamped:
-    """Where the pyrometer is to look. point: m, work frame; zero: of the work frame in machine coordinates, m."""
+    """Where the pyrometer should be aimed. point: m, work frame; zero: of the work frame in machine coordinates, m."""
     x, y, z = (float(a + b) for a, b in zip(point, zero, strict=True))
     msg = PointStamped(point=Point(x=x, y=y, z=z))
     msg.header.stamp, msg.header.frame_id = stamp, 'machine'

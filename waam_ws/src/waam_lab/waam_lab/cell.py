@@ -1,6 +1,6 @@
 """The cell as the job sees it (waam_job.model.cell.Cell), with everything behind it in this process.
 
-Nothing waits: a call that would wait in the graph lets simulated time pass. Requests and answers go through the same
+Nothing waits: where a call would wait in the graph, simulated time passes. Requests and answers go through the same
 messages as in the graph, so what is rounded there (maps are float32) is rounded here.
 """
 
