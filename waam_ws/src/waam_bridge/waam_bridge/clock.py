@@ -65,12 +65,13 @@ class ClockMap:
         if self._jumped(sent_ns, received_ns, t_us):
             self._start()
         sample = (t_us, (sent_ns + received_ns) // 2, received_ns - sent_ns)
-        if self._now is None:
+        fastest = self._now
+        if fastest is None:
             self._now = sample
             self._fit()
-        elif t_us // BIN_US != self._now[0] // BIN_US:
-            self._close_bin(sample)
-        elif sample[2] < self._now[2]:
+        elif t_us // BIN_US != fastest[0] // BIN_US:
+            self._close_bin(fastest, sample)
+        elif sample[2] < fastest[2]:
             self._now = sample
             if not self._best:
                 self._fit()
@@ -84,12 +85,12 @@ class ClockMap:
         self._jumps = self._jumps + 1 if outside else 0
         return self._jumps >= JUMPS
 
-    def _close_bin(self, sample: tuple[int, int, int]) -> None:
-        t_us, middle, _ = self._now
+    def _close_bin(self, fastest: tuple[int, int, int], sample: tuple[int, int, int]) -> None:
+        t_us, middle, _ = fastest
         if self.drift:
             self._errors.append(abs(self.to_ros_ns(t_us) - middle) * 1e-9)
             self.residual = float(np.quantile(self._errors, 0.99))
-        self._best.append(self._now)
+        self._best.append(fastest)
         self._now = sample
         self._fit()
 

@@ -114,12 +114,12 @@ class Bridge:
         self.outbox.changed = True
         self.arming.restart(link.boot, known)
         if known:
-            self._take_done(link.identity.executed)
+            self._take_done(link.who.executed)
             self.say('link restored')
             self.notice(INFO, 'link', 'link restored, same boot of the controller', 'retry')
         else:
             self._meet(restarted, now)
-        self._take_state(link.telemetry)  # an alarm at power-up is known from the first moment on
+        self._take_state(link.newest)  # an alarm at power-up is known from the first moment on
 
     def _meet(self, restarted: bool, now: float) -> None:
         """Another controller than before, or one that has lost its queue."""
@@ -133,32 +133,31 @@ class Bridge:
         self._reopen()
         self._start_offset()
         self.overrides = (1.0, 1.0)
-        if link.telemetry.flags & frames.ARMED:
+        if link.newest.flags & frames.ARMED:
             link.ask('D', '', lambda code, text: None, now)
         self.say('ready')
 
     def _start_offset(self) -> None:
         """The work zero of a controller that was just met."""
-        who, t = self.link.identity, self.link.telemetry
-        if who.offset_mm:
-            self.offset = tuple(mm(v) for v in who.offset_mm)
+        told = self.link.who.offset_mm
+        if told:
+            self.offset = _point(told)
         else:
-            self.offset = None if t.flags & frames.HOMED else (0.0, 0.0, 0.0)
+            self.offset = None if self.link.newest.flags & frames.HOMED else (0.0, 0.0, 0.0)
 
     # ---- lines and time
 
     def line(self, raw: bytes, now: float) -> frames.Telemetry | None:
         """Takes one line of the controller; returns it when it is telemetry that is to be published."""
         frame = self.link.line(raw, now)
-        kind = type(frame)
-        if kind is frames.Telemetry:
+        if isinstance(frame, frames.Telemetry):
             if not self.connected:
                 return None
             self._on_telemetry(frame, now)
             return frame
-        if kind is frames.StateChange:
+        if isinstance(frame, frames.StateChange):
             faults.state_changed(self, frame.state, frame.code, frame.text)
-        elif kind is frames.LineRefused:
+        elif isinstance(frame, frames.LineRefused):
             faults.line_refused(self, frame)
         if 0 < self.pending.home_line <= self.link.sender.acked:
             self.pending.end_home(requests.OK, 'homing', self.outbox.replies)
@@ -293,5 +292,11 @@ class Bridge:
         self._reopen()
 
     def set_offset(self, offset_mm: tuple[float, ...]) -> None:
-        self.offset = tuple(mm(v) for v in offset_mm)
+        self.offset = _point(offset_mm)
         self._reopen()
+
+
+def _point(values_mm: tuple[float, ...]) -> Point:
+    """x, y, z in m."""
+    x, y, z = (mm(v) for v in values_mm)
+    return x, y, z

@@ -70,10 +70,10 @@ class BridgeParams:
 
     def limits(self, box_mm: tuple[float, ...]) -> Limits:
         """With the limits of the axes as the controller told them: x0, y0, z0, x1, y1, z1, mm, machine."""
-        box = tuple(mm(v) for v in box_mm)
+        x0, y0, z0, x1, y1, z1 = (mm(v) for v in box_mm)
         return Limits(
-            low=box[:3],
-            high=box[3:],
+            low=(x0, y0, z0),
+            high=(x1, y1, z1),
             speed_max=self.speed_max,
             arc_speed=(self.arc_speed_min, self.arc_speed_max),
             wire_feed_speed=(self.wire_feed_min, self.wire_feed_max),

@@ -227,6 +227,7 @@ def prepare(permit: Permit, segments: list[Segment], last: bool) -> Batch:
     for s in new:
         _check_index(s, index)
         check_segment(s, permit.offset, permit.limits)
+        assert end is not None  # of the chain, or where the machine is
         _check_joint(s, end, before, tolerance)
         writer.segment(s, modal.job)
         index, end = s.index, s.end

@@ -139,8 +139,9 @@ class SerialTransport:
     def _shut(self) -> None:
         with self._lock:
             self._fd = -1
-            with contextlib.suppress(OSError):
-                self._serial.close()
+            if self._serial is not None:
+                with contextlib.suppress(OSError):
+                    self._serial.close()
 
     def _loop(self) -> None:
         rest = b''
@@ -175,4 +176,4 @@ class SerialTransport:
 
 def _reason(error: Exception) -> str:
     code = getattr(error, 'errno', None)
-    return _PLAIN.get(code) or getattr(error, 'strerror', None) or str(error)
+    return _PLAIN.get(code or 0) or getattr(error, 'strerror', None) or str(error)

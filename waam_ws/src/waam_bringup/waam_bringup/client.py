@@ -83,9 +83,11 @@ class GraphClient:
         Heartbeats are heard only here: hundreds a second would cost a command that follows a job a tenth of a core.
         """
         beating: set[str] = set()
-        beats = self.node.create_subscription(
-            Heartbeat, 'heartbeat', lambda beat: beating.add(beat.node), BEAT
-        )
+
+        def beat(message: Heartbeat) -> None:
+            beating.add(message.node)
+
+        beats = self.node.create_subscription(Heartbeat, 'heartbeat', beat, BEAT)
         try:
             self._until_ready(nodes, beating, timeout, dead)
         finally:
@@ -151,11 +153,12 @@ class GraphClient:
         that has not come yet would pass for no job."""
         return self.call(Trigger, 'job_sequencer/resume', Trigger.Request()).success
 
-    def job_runs(self) -> bool:
-        """ClientError when no status comes: job_sequencer gives one to everybody who finds it."""
-        if not self.until(lambda: self.job is not None, SERVER_S):
+    def running_job(self) -> JobStatus | None:
+        """None when no job runs. ClientError without a status: job_sequencer gives one to everybody who finds it."""
+        self.until(lambda: self.job is not None, SERVER_S)
+        if self.job is None:
             raise ClientError('job_sequencer is not there; is the graph up? (waam up)')
-        return JobStatus.IDLE < self.job.state < JobStatus.DONE
+        return self.job if JobStatus.IDLE < self.job.state < JobStatus.DONE else None
 
     def override(self, speed: float, wire: float, source: str) -> tuple[float, float]:
         """Factors (NaN = as it is), asked for until telemetry shows them; ClientError when it never does."""
@@ -220,7 +223,9 @@ class GraphClient:
             raise ClientError('job_sequencer did not answer the goal')
         return result.result().result
 
-    def _send_goal(self, action: ActionClient, goal: RunJob.Goal, feedback) -> ClientGoalHandle:
+    def _send_goal(
+        self, action: ActionClient, goal: RunJob.Goal, feedback: Callable[[Any], None]
+    ) -> ClientGoalHandle:
         """ClientError when the goal is refused.
 
         The answer to a new client may be lost while the job runs already: its result is then asked for by the goal's

@@ -93,10 +93,12 @@ def process_exists(pid: int) -> bool:
         return True
 
 
-def describe_exit(code: int) -> str:
-    """'exited with 2' or 'killed by SIGKILL'."""
+def describe_exit(code: int | None) -> str:
+    """'exited with 2' or 'killed by SIGKILL'; None: 'is running'."""
     import signal
 
+    if code is None:
+        return 'is running'
     if code < 0:
         return f'killed by {signal.Signals(-code).name}'
     return f'exited with {code}'

@@ -45,7 +45,9 @@ def _is_job(folder: Path) -> bool:
 
 def _row(folder: Path) -> dict[str, Any]:
     status, report = _read(folder / STATUS), _read(folder / REPORT)
-    run = next((report[p] for p in SHOWN_FIRST if isinstance(report.get(p), dict)), {})
+    run: dict[str, Any] = next(
+        (report[p] for p in SHOWN_FIRST if isinstance(report.get(p), dict)), {}
+    )
     runs = [p for p in SHOWN_FIRST if p in report]
     return {
         'id': folder.name,

@@ -67,7 +67,8 @@ def nodes(folder: Path, domain: int) -> Iterator[Callable[[], str]]:
     its last words; empty while all run."""
     custom = info(folder).custom_data
     with tempfile.TemporaryDirectory(prefix='waam_replay_') as name:
-        scratch, running = Path(name), {}
+        scratch = Path(name)
+        running: dict[str, subprocess.Popen] = {}
 
         def trouble() -> str:
             ended = (n for n, p in running.items() if p.poll() is not None)

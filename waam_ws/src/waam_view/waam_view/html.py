@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import math
+from collections.abc import Set as AbstractSet
 from typing import Any
 
 STYLE = """
@@ -86,7 +87,7 @@ def cards(items: list[tuple[str, str]]) -> str:
     return '<div class="cards">' + ''.join(card(*i) for i in items) + '</div>'
 
 
-def table(head: list[str], rows: list[list[Any]], left: set[int], flagged: set[int] = frozenset(),
+def table(head: list[str], rows: list[list[Any]], left: set[int], flagged: AbstractSet[int] = frozenset(),
           last: bool = False) -> str:  # fmt: skip
     """`left`: columns with text; `flagged`: rows to be highlighted; `last`: the last row is bold."""
 

@@ -76,8 +76,7 @@ class ReportWriter:
         ) as child:
             listener = threading.Thread(target=self._limit, args=(child,))
             listener.start()
-            errors = child.stderr.read()
-            child.wait()
+            _, errors = child.communicate()
             listener.join()
         if child.returncode == 0:
             self.last = str(folder / job_folder.REPORT_PAGE)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -218,7 +219,7 @@ def follow(folder: Path, scene: Scene, ended: Callable[[], bool], poll: float = 
             break
         for file in waiting[:1]:
             done.add(file)
-            for topic, raw in messages(file, lambda f=file: left(f)):
+            for topic, raw in messages(file, partial(left, file)):
                 playback.message(topic, raw)
             playback.flush()
         if not waiting:

@@ -29,7 +29,7 @@ class Ring:
 
 
 def bead_count(width: float, bead_width: float, pitch_ratio: float) -> int:
-    """Beads across a wall: n = ceil((S - W) / (delta W) + 1) (source 003, section 4.3)."""
+    """Beads across a wall: n = ceil((S - W) / (delta W) + 1) (docs/equations.md, S3)."""
     return max(1, math.ceil((width - bead_width) / (pitch_ratio * bead_width) + 1 - 1e-6))
 
 

@@ -1,4 +1,6 @@
-"""Compact programs: arcs and long lines instead of chords, and equal layers written once (source 003, section 4.4)."""
+"""Compact programs: arcs and long lines instead of chords, and equal layers written once.
+
+Small programs and their limits are those of source 003, chapter 5 (docs/equations.md, S3)."""
 
 from __future__ import annotations
 

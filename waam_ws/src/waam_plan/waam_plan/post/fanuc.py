@@ -1,4 +1,4 @@
-"""Programs for a Fanuc controller: TP fragments (.LS) called from a main program (source 003, section 4.4).
+"""Programs for a Fanuc controller: TP fragments (.LS) called from a main program (docs/equations.md, S3).
 
 Every fragment holds at most 2000 points and 600 KB. Equal layers are one fragment, called with an offset in PR[1].
 Speed and wire feed are written in each motion line and in an analogue output; the arc and the gas are digital outputs,

@@ -1,8 +1,8 @@
 """Axes that are not square and not to scale: programs are bent the other way, so that the part comes out straight.
 
 A machine takes a commanded point c (mm, work frame) to the point A c, where the columns of A are its real axes. The
-exact correction commands A^-1 p for a wanted point p; the first-order forms of the source (002, section 3.3) are
-offered by name. The map is linear about the work zero.
+exact correction commands A^-1 p for a wanted point p; the first-order forms of source 002 are offered by
+name (docs/equations.md, S2). The map is linear about the work zero.
 """
 
 from __future__ import annotations
