@@ -28,7 +28,8 @@ CODES = {
     108: 'not now', 200: 'hold by host', 201: 'link watchdog', 202: 'arc lease expired',
     203: 'planner ran dry with the arc on', 204: 'arc lost', 205: 'no arc at start',
     206: 'wire fault', 207: 'gas', 208: 'stubbing', 209: 'burn-back', 210: 'over-temperature',
-    211: 'wire frozen in the bead', 212: 'standoff: back to the programmed z', 300: 'emergency stop', 301: 'limit switch',
+    211: 'wire frozen in the bead', 212: 'standoff: back to the programmed z',
+    300: 'emergency stop', 301: 'limit switch',
     302: 'soft limit', 303: 'process inputs lost or implausible', 304: 'not homed',
     305: 'not armed', 306: 'power-up: reset needed', 307: 'the watchdog has reset the controller',
 }  # fmt: skip

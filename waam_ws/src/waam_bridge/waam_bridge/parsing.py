@@ -37,7 +37,11 @@ def _telemetry(payload: bytes) -> Telemetry:
 
 def _standoff(payload: bytes) -> Standoff:
     f = Standoff._make(map(int, payload[2:].split(b',')))
-    if f.t_us < 0 or f.t_us >> 63 or not (0 <= f.source < 16 and 0 <= f.known <= 1 and f.alarm >= 0):
+    if (
+        f.t_us < 0
+        or f.t_us >> 63
+        or not (0 <= f.source < 16 and 0 <= f.known <= 1 and f.alarm >= 0)
+    ):
         raise FrameError('standoff out of range')
     if max(f[3:]) >= _I31 or min(f[3:]) < -_I31:
         raise FrameError('standoff out of range')

@@ -1,4 +1,4 @@
-"""The torch held at its distance: what source 001 says of its sensor, law and drive, and the control as it is shipped."""
+"""The torch held at its distance: what source 001 says of sensor, law and drive, and the control as it is shipped."""
 
 import subprocess
 
