@@ -1,4 +1,4 @@
-"""Whether segments may come now, and how a batch that passed gets into the queue. Pure."""
+"""Whether segments are accepted now, and how a checked batch gets into the queue. Pure."""
 
 from __future__ import annotations
 

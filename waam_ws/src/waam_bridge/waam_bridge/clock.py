@@ -11,7 +11,7 @@ BINS = 40  # stretches that a fit uses
 SLOWEST = 2.0  # times the median of their round trips beyond which a stretch does not count
 SPAN = 3.0  # s of controller time before the drift is estimated
 SLACK = 2e-3  # s by which the line may leave the bracket of a round trip: 200 ppm for 10 s
-JUMPS = 8  # brackets left in a row after which a clock was set anew
+JUMPS = 8  # brackets missed in a row that mean that a clock was reset
 ERRORS = 300  # predictions of which the residual is the 99th percentile
 
 
@@ -21,7 +21,7 @@ class ClockMap:
     A round trip sent at s and answered at r (ROS time) brackets the controller's stamp; its middle is wrong by at most
     half its duration. Delays are one-sided (a busy host, a full cable), so the fastest of each two seconds carries the
     information and the others none. `synchronised`: the controller's clock *is* ROS time.
-    `residual`: how far off the line was at the next fastest round trip, before it was fitted anew.
+    `residual`: how far off the line was at the next fastest round trip, before the fit was repeated.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,7 @@ class ClockMap:
         self._start()
 
     def _start(self) -> None:
-        """A new line, for one of the clocks was set anew."""
+        """Starts a new line, because one of the clocks was reset."""
         self.drift = 0.0  # s/s
         self._t0 = self._ros0 = 0  # us, ns: the line goes through here
         self._best: deque[tuple[int, int, int]] = deque(maxlen=BINS)  # t us, middle ns, rtt ns
@@ -77,7 +77,7 @@ class ClockMap:
                 self._fit()
 
     def _jumped(self, sent_ns: int, received_ns: int, t_us: int) -> bool:
-        """True when one of the clocks was set anew: the line leaves the brackets again and again."""
+        """True when one of the clocks was reset: the line keeps missing the brackets."""
         if self._now is None:
             return False
         ros, slack = self.to_ros_ns(t_us), round(SLACK * 1e9)

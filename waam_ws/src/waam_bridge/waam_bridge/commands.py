@@ -51,7 +51,7 @@ class CommandError(ValueError):
 
 
 def run(bridge: Bridge, command: Command, reply: Reply, now: float) -> None:
-    """Starts a command. Errors are told through the reply as well."""
+    """Starts a command. Errors, too, go to the reply."""
     try:
         name, act = _COMMANDS.get(command.code, ('', None))
         if act is None:

@@ -44,7 +44,7 @@ class Bridge:
         self.done = -1  # last executed index of modal.job
         self.generation = 0  # of the chain of segments: permits of an older one are void
         self.broken = ''  # why the program cannot go on
-        self.dropping = ''  # why the queue goes once telemetry has told what was executed
+        self.dropping = ''  # why the queue is dropped once telemetry has shown what was executed
         self.overrides = (1.0, 1.0)  # speed, wire: factors that were asked for
         self._tick = 0
         self.pending = Pending()
@@ -122,7 +122,7 @@ class Bridge:
         self._take_state(link.newest)  # an alarm at power-up is known from the first moment on
 
     def _meet(self, restarted: bool, now: float) -> None:
-        """Another controller than before, or one that has lost its queue."""
+        """Handles a controller that is not the one before, or that has lost its queue."""
         link = self.link
         if link.connects > 1:
             who = (
@@ -223,7 +223,7 @@ class Bridge:
         self._reopen()
 
     def _reopen(self) -> None:
-        """The next segment starts from where the machine is, with all words written anew."""
+        """The next segment starts from where the machine is, and repeats all modal words."""
         self.modal = Modal(job=self.modal.job)
         self.generation += 1
 
@@ -236,7 +236,7 @@ class Bridge:
             self.link.beat(now)
 
     def permit(self, job: str, segments: list[Segment]) -> Permit:
-        """May these segments come now? Raises Refusal."""
+        """Whether these segments are accepted now. Raises Refusal."""
         return batches.permit(self, job, segments)
 
     def commit(self, permit: Permit, batch: program.Batch) -> None:
@@ -253,7 +253,7 @@ class Bridge:
         now: float,
         then: Callable[[], None] = lambda: None,
     ) -> None:
-        """An immediate line whose outcome is the reply. OK is told after the next telemetry, which shows the effect;
+        """An immediate line whose outcome is the reply. OK comes after the next telemetry, which shows the effect;
         after a stop, once the machine stands."""
 
         def done(code: int, text: str) -> None:
@@ -272,7 +272,7 @@ class Bridge:
         self.pending.home(seq, reply, now)
 
     def stopped(self, reason: str) -> None:
-        """The queue goes as soon as telemetry has told what was executed."""
+        """Drops the queue as soon as telemetry has shown what was executed."""
         self.link.sender.blocked = True
         self.broken = ''
         self.dropping = reason

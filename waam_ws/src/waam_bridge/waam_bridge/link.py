@@ -33,8 +33,8 @@ class Phase(IntEnum):
 
 class Link:
     """lease_us(t_us): how far the arc lease may be renewed at controller time t_us, 0 = none.
-    on_ready(known, restarted, now): the controller may be used; `known` when it is the one of before, with the same
-    boot and lines, `restarted` when it has booted since.
+    on_ready(known, restarted, now): the controller may be used; `known` when it is the same one, with the same boot
+    and lines, `restarted` when it has booted since.
 
     `failed` holds the reason when the owner shall close the port; `missing`, when the controller denies lines that it
     has acknowledged.

@@ -40,7 +40,7 @@ class Publishers:
             self._log(self.csv, t, ros_ns)
 
     def _send(self, publisher: Publisher, msg: Any) -> None:
-        """After the context has ended the link still lives for a moment; what it says then is nobody's any more."""
+        """After the context has ended the link runs for another moment; what it publishes then is dropped."""
         try:
             publisher.publish(msg)
         except Exception:
@@ -56,7 +56,7 @@ class Publishers:
             self._core.notice(Anomaly.WARNING, 'node', f'the CSV log ends: {e.strerror}')
 
     def outbox(self) -> None:
-        """What has collected in the core; replies last, when everybody can know what they tell."""
+        """Publishes what has collected in the core; replies last, after the topics that show their effect."""
         box, stamp = self._core.take_outbox(), self._stamp()
         for mark in box.done:
             msg = conversions.segment_done(mark)

@@ -17,7 +17,7 @@ SLACK = 1e-9  # m, m/s, V: rounding at a limit is not a violation
 
 
 class Refusal(ValueError):
-    """Why a batch is not taken; `code` is one of waam_msgs/srv/Enqueue."""
+    """Why a batch is refused; `code` is one of waam_msgs/srv/Enqueue."""
 
     def __init__(self, code: int, text: str) -> None:
         super().__init__(text)

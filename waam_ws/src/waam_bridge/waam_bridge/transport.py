@@ -13,8 +13,8 @@ from typing import Protocol
 import serial
 
 READ_BYTES = 65536
-LINE_LIMIT = 4096  # bytes without a newline after which what came is thrown away
-BACKLOG_LIMIT = 65536  # bytes that the port does not take before it is given up
+LINE_LIMIT = 4096  # bytes without a newline after which they are discarded
+BACKLOG_LIMIT = 65536  # unwritten bytes after which the port is given up
 _PLAIN = {
     errno.ENOENT: 'there is no such port; is the controller switched on and plugged in?',
     errno.EACCES: 'no permission to open the port; is the user in its group (dialout)?',

@@ -227,7 +227,7 @@ def cmd_demo(args: argparse.Namespace) -> int:
 
 
 def _terminated(number: int, _frame: FrameType | None) -> None:
-    """Ends like Ctrl-C does: whatever the command has started is stopped on the way out."""
+    """Ends like Ctrl-C: whatever the command has started is stopped."""
     raise SystemExit(128 + number)
 
 

@@ -1,4 +1,4 @@
-"""`waam job`: run jobs, steer the running one, go on with an interrupted one."""
+"""`waam job`: run jobs, adjust the running one, resume an interrupted one."""
 
 from __future__ import annotations
 

@@ -55,8 +55,8 @@ class GraphClient:
 
     def __exit__(self, *_: object) -> None:
         self.executor.shutdown()
-        if self._action:  # nobody else destroys it, and what is left of it keeps the participant;
-            self._action.destroy()  # under a living executor this ends in a segmentation fault
+        if self._action:  # it must be destroyed here: the rest of it would keep the participant,
+            self._action.destroy()  # which ends in a segmentation fault while the executor still runs
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
@@ -149,12 +149,12 @@ class GraphClient:
             raise ClientError(response.message)
 
     def resume(self) -> bool:
-        """Lets the job go on that runs or is paused; False when there is none. The sequencer itself is asked: a status
-        that has not come yet would pass for no job."""
+        """Resumes the running or paused job; False when there is none. Asks the sequencer itself: a status that has not
+        arrived yet would look like no job."""
         return self.call(Trigger, 'job_sequencer/resume', Trigger.Request()).success
 
     def running_job(self) -> JobStatus | None:
-        """None when no job runs. ClientError without a status: job_sequencer gives one to everybody who finds it."""
+        """None when no job runs. ClientError without a status: job_sequencer latches one."""
         self.until(lambda: self.job is not None, SERVER_S)
         if self.job is None:
             raise ClientError('job_sequencer is not there; is the graph up? (waam up)')
@@ -179,7 +179,7 @@ class GraphClient:
             return here and publisher.get_subscription_count() >= len(readers)
 
         try:
-            self.until(matched, MATCHED_S)  # the job is to hear of it as well, not only the bridge
+            self.until(matched, MATCHED_S)  # the job must receive it as well, not only the bridge
             for _ in range(5):
                 publisher.publish(Override(speed_factor=speed, wire_factor=wire, source=source))
                 if self.until(taken, 2.0):
@@ -228,8 +228,8 @@ class GraphClient:
     ) -> ClientGoalHandle:
         """ClientError when the goal is refused.
 
-        The answer to a new client may be lost while the job runs already: its result is then asked for by the goal's
-        name, and a server that has never heard of it says so.
+        The answer to a new client may be lost while the job runs already: its result is then requested by the goal's
+        id, and a server that does not know the id says so.
         """
         name = UUID(uuid=list(uuid4().bytes))
         sent = action.send_goal_async(goal, feedback_callback=feedback, goal_uuid=name)
@@ -245,7 +245,7 @@ class GraphClient:
         return handle
 
     def _await_result(self, result: Any, alive: Callable[[], str]) -> None:
-        """`alive` reads files: it is asked twice a second, not at every message."""
+        """`alive` reads files: it is called twice a second, not at every message."""
         while not self.until(result.done, ALIVE_S):
             if reason := alive():
                 if self.until(result.done, 1.0):

@@ -38,7 +38,7 @@ def run_demo(args: argparse.Namespace) -> int:
     console.print(
         f'Restoring {PART} ({WORN} lies on the simulated table), seed {args.seed}. Starting the graph ...'
     )
-    # nobody opens the operator's page of a demo, and two cores are few
+    # a demo needs no operator's page, and two cores are few
     settings = Settings(run=folder / '.run', rate=args.rate, seed=args.seed, without=('panel',))
     with graph(settings, default_domain(folder)) as (_, client):
         results = {p: _one(client, args, folder, p, settings.run) for p in args.profiles}

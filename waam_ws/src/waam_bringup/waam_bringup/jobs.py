@@ -1,4 +1,4 @@
-"""waam job run: from the command line to the goal, and from the result to words and an exit status."""
+"""waam job run: from the command line to the goal, and from the result to a message and an exit status."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def make_goal(args: argparse.Namespace, jobs: Path) -> RunJob.Goal:
 
 
 def check_arguments(args: argparse.Namespace) -> None:
-    """What can be refused without a graph."""
+    """Refuses what can be refused without a graph."""
     from waam_job.model.goal import JobError, JobGoal, check
 
     goal = JobGoal(
@@ -108,7 +108,7 @@ def run_job(args: argparse.Namespace, run: Path, domain: int) -> int:
 
 
 def resume_job(args: argparse.Namespace, run: Path, domain: int) -> int:
-    """Goes on with an interrupted job on what lies on the table. Exit status as of `run_job`."""
+    """Resumes an interrupted job on the part that is on the table. Exit status as of `run_job`."""
     require_up(run)
     folder = (args.folder or jobs_dir() / job_folder.LATEST).resolve()
     if not (folder / job_folder.JOB).is_file():
@@ -126,7 +126,7 @@ def resume_job(args: argparse.Namespace, run: Path, domain: int) -> int:
 
 
 def adjust_job(code: str, value: float, domain: int) -> None:
-    """A wish of the operator for the running job; ClientError when it is refused."""
+    """A request of the operator to the running job; ClientError when it is refused."""
     request = AdjustJob.Request(code=getattr(AdjustJob.Request, code), value=float(value))
     with GraphClient(domain) as client:
         # not repeated: a second SKIP_LAYER would leave another layer out

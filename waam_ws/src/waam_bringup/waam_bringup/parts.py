@@ -1,4 +1,4 @@
-"""The parts of the demo: a crusher jaw segment, as it should be and worn. Writes binary STL (mm).
+"""The parts of the demo: a crusher jaw segment, nominal and worn. Writes binary STL (mm).
 
 python3 -m waam_bringup.parts FOLDER
 """

@@ -15,7 +15,7 @@ from waam_process.names import INTERRUPTED, JOB_ENDED
 
 @dataclass
 class NodeState:
-    """pid and fate of one process; exit_code is None while it runs, negative = ended by that signal; restarts: how
+    """pid and state of one process; exit_code is None while it runs, negative = ended by that signal; restarts: how
     often it was started again because it hung, reason: why the last time."""
 
     pid: int

@@ -31,14 +31,14 @@ Run = Callable[[Cell, dict[str, Any]], Awaitable[Any]]
 
 
 class BadRequest(ValueError):
-    """A request whose values make no sense."""
+    """A request with invalid values."""
 
 
 def number(data: dict[str, Any], name: str, low: float, high: float) -> float:
     """A finite number within limits. Raises BadRequest."""
     value = data.get(name)
     if isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high:
-        return float(value)  # NaN lies between no limits
+        return float(value)  # NaN fails every comparison
     raise BadRequest(f'{name}: {value!r}, must be a number from {low:g} to {high:g}')
 
 
@@ -197,7 +197,7 @@ async def _json(request: web.Request) -> dict[str, Any]:
 
 
 async def _answer(run: Run, cell: Cell, data: dict[str, Any]) -> web.Response:
-    """200 done; 409 the cell said no; 400 nonsense. The text is always for people."""
+    """200 done; 409 refused by the cell; 400 invalid request. The text is for the operator."""
     try:
         said = await run(cell, data)
     except KNOWN as e:

@@ -19,7 +19,7 @@ SHOWN = 60
 
 
 class HistoryError(ValueError):
-    """A name that is no job."""
+    """The name is not that of a job."""
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def _row(folder: Path) -> dict[str, Any]:
 
 
 def can_go_on(folder: Path) -> bool:
-    """It ended before its last layer and says what it was asked for."""
+    """It ended before its last layer and its goal is on disk."""
     state = _read(folder / STATUS).get('state')
     return state in UNFINISHED and (folder / JOB).is_file()
 

@@ -9,7 +9,7 @@ from .setup_form import JobSetup
 
 
 class Refused(RuntimeError):
-    """The machine or the job said no; the text holds its words."""
+    """The machine or the job refused; the text is its message."""
 
 
 class Operations(Protocol):

@@ -104,7 +104,7 @@ class Player(WaamNode):
             self.create_timer(1.0 / p.clock_rate, self._tick, clock=self.steady)
 
     def _jump(self, at_ns: int) -> None:
-        """Goes on at a recorded time; latched topics get what they held there."""
+        """Continues at a recorded time; latched topics get what they held there."""
         for name, message in self._playlist.latched_before(self._chosen, at_ns):
             if name in self._outputs:
                 self._outputs.publish(name, message.data)
@@ -115,7 +115,7 @@ class Player(WaamNode):
         self._publish_clock(self._play_time.now_ns(time.monotonic()))
 
     def _publish_clock(self, ns: int) -> None:
-        if not self.context.ok():  # the timer was due when the player was told to stop
+        if not self.context.ok():  # the timer was due when the player was stopped
             return
         msg = Clock()
         msg.clock.sec, msg.clock.nanosec = divmod(min(ns, self._playlist.until_ns), 1_000_000_000)
@@ -139,7 +139,7 @@ class Player(WaamNode):
             self._end()
 
     def _due(self, message: Message, now: int) -> bool:
-        """A paused player publishes nothing by itself, not even what lies at the very time it stands at."""
+        """A paused player publishes nothing, not even a message at its present time."""
         return not self._play_time.paused and message.log_time <= now
 
     def _publish_next(self, name: str, message: Message) -> None:

@@ -45,7 +45,7 @@ def escape(value: Any) -> str:
 
 
 def fmt(value: Any, digits: int = 3, unit: str = '') -> str:
-    """A number for people; a dash when there is none."""
+    """A number as text; a dash when there is none."""
     try:
         number = float(value)
     except (TypeError, ValueError):

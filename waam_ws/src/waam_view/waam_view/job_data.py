@@ -109,7 +109,7 @@ def read_report(folder: Path) -> dict[str, Any]:
 
 
 def load_job(folder: Path, report: dict[str, Any], profile: str) -> Job:
-    """The run of one profile with what its folder holds; what cannot be read is said in `notes`."""
+    """The run of one profile with what its folder holds; `notes` says what could not be read."""
     run = report.get(profile) or {}
     place = Path(folder) / str(run.get('folder') or '.')
     notes: list[str] = []

@@ -177,7 +177,7 @@ def _total(layer: int, runs: list[Run]) -> LayerTotal:
 
 
 def summary(plan: PlanFile) -> str:
-    """What an operator reads beside the picture, Markdown."""
+    """Text beside the picture, Markdown."""
     head = [
         f'# {plan.name}',
         f'{plan.mode}, {plan.layers} layers, {len(plan.beads)} arc starts, '

@@ -58,7 +58,7 @@ class Growing:
         while size > 0 and len(data) < size:
             over = (
                 self._ended()
-            )  # asked first: what was written before it became true is still read
+            )  # checked first: what was written before it became true is still read
             more = self._stream.read(size - len(data))
             if over and not more:
                 break
@@ -91,7 +91,7 @@ def messages(file: Path, follow: Callable[[], bool] | None = None) -> Iterator[t
                     topics[record.id] = record.topic.rsplit('/', 1)[-1]
                 elif isinstance(record, Message):
                     yield topics.get(record.channel_id, ''), record.data
-        except TORN:  # what was whole has been given
+        except TORN:  # everything intact has been returned
             return
 
 

@@ -152,7 +152,7 @@ def circle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, flo
 def _is_arc(p: np.ndarray, tolerance: float) -> bool:
     """Points and middles of their chords lie on the circle, in one sense, at one height, not all the way round."""
     if len(p) < 4:
-        return True  # three points always do; more have to prove it
+        return True  # three points always lie on a circle; more are checked
     if np.ptp(p[:, 2]) > EQUAL:
         return False
     centre, radius = circle(p[0], p[len(p) // 2], p[-1])
