@@ -21,17 +21,19 @@ from waam_msgs.msg import (
     LayerReport,
     MachineState,
 )
-from waam_msgs.srv import ComputeCorrection
+from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node.conversions import (
     floats,
     grid_from_msg,
     grid_to_msg,
     map_from_msg,
     seconds,
+    segment_to_msg,
     time_to_msg,
 )
 from waam_process.grid import HeightGrid
 from waam_process.names import CONTROLLER_STATES
+from waam_process.segment import Segment
 
 from .model.cell import Correction, CorrectionRequest, Heat, Scan
 from .model.goal import JobGoal
@@ -245,4 +247,21 @@ def correction_request(job_id: str, r: CorrectionRequest, stamp: Time) -> Comput
     request.k_gain = float(r.k_gain)
     request.direction = Vector3(x=float(r.direction[0]), y=float(r.direction[1]), z=0.0)
     request.beads = [Polygon(points=[Point32(x=x, y=y) for x, y in b.tolist()]) for b in r.beads]
+    return request
+
+
+def feed_request(
+    job_id: str,
+    material: str,
+    segments: list[Segment],
+    correction: Correction | None,
+    heat_factor: float,
+    apply: bool,
+) -> ComputeFeed.Request:
+    """apply: use the correction; False only records it."""
+    request = ComputeFeed.Request(job_id=job_id, material=material, apply_correction=apply)
+    request.segments = [segment_to_msg(s) for s in segments]
+    request.heat_factor = float(heat_factor)
+    if correction is not None:
+        request.correction = correction.handle
     return request

@@ -240,11 +240,7 @@ class RosCell:
         heat_factor: float,
         apply: bool,
     ) -> list[Segment]:
-        request = ComputeFeed.Request(job_id=job_id, material=material, apply_correction=apply)
-        request.segments = [segment_to_msg(s) for s in segments]
-        request.heat_factor = float(heat_factor)
-        if correction is not None:
-            request.correction = correction.handle
+        request = convert.feed_request(job_id, material, segments, correction, heat_factor, apply)
         response = self._call(self._feed, request, Code.PLAN_FAILED)
         return [segment_from_msg(s) for s in response.segments]
 
