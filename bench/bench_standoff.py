@@ -1,5 +1,5 @@
-"""The standoff control (the C code of the core, through the library waam_standoff_loop), in a host simulation of sensor,
-arc and metal; laboratory and graph do not have these sensors yet.
+"""The standoff control (the C code of the core, through the library waam_standoff_loop), in a host simulation of
+sensor, arc and metal; laboratory and graph do not have these sensors yet.
 
 standoff.laser_rms_mm, standoff.arc_rms_mm: error of the contact distance over a bead of 60 s on a part that rises by
 3 mm while it is welded, seeds 101-110 (rise in 10 to 40 s, 0.2 mm of roughness; laser: 0.01 mm, 2 ms, 1 % of the
@@ -122,7 +122,7 @@ def bad_sensors() -> None:
             sum(float(row[i]) for row in rows if row[0] == kind) for i in range(1, 6)
         )
         least = min(float(row[2]) for row in rows if row[0] == kind)
-        text = f'{kind}: {runs:.0f} runs, closest {least:.2f} mm, {alarms:.0f} alarms, {home:.0f} of them back on the program'
+        text = f'{kind}: {runs:.0f} runs, closest {least:.2f} mm, {alarms:.0f} alarms, {home:.0f} of them back'
         print(f'standoff: {text}', file=sys.stderr)
     emit('standoff.too_close', sum(float(r[3]) for r in rows), 'runs', 'wanted', 0.0)
     emit(
