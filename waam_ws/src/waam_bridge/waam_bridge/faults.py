@@ -9,7 +9,7 @@ from .outbox import FAULT, LEASE_EXPIRED, of_fault
 
 
 def state_changed(machine: Machine, state: int, code: int, text: str) -> None:
-    """The controller told its state and why; an empty text is one that was not told (telemetry)."""
+    """The controller reported its state and the reason; the text is empty when only telemetry showed it."""
     new = (state, code) != (machine.state, machine.fault)
     if not new and not (text and text != machine.fault_text):
         return
@@ -48,7 +48,7 @@ def line_refused(machine: Machine, refused: frames.LineRefused) -> None:
 
 
 def lines_denied(machine: Machine, why: str) -> None:
-    """The two ends disagree about what was sent: stand still, an operator decides."""
+    """The two ends disagree about what was sent: hold, an operator decides."""
     machine.broken = why
     machine.link.sender.blocked = True
     machine.link.out.append(frames.HOLD_NOW)

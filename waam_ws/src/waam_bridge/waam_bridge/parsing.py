@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 from .frames import (
     STATES,
@@ -126,7 +127,13 @@ def _state(payload: bytes) -> StateChange:
     return StateChange(STATES[state], int(code), _text(text), int(t_us or 0))
 
 
-_KINDS = {b'T ': _telemetry, b'ok': _ack, b'rs': _resend, b'er': _refused, b'! ': _state}
+_KINDS: dict[bytes, Callable[[bytes], Frame]] = {
+    b'T ': _telemetry,
+    b'ok': _ack,
+    b'rs': _resend,
+    b'er': _refused,
+    b'! ': _state,
+}
 
 
 def parse(line: bytes) -> Frame:

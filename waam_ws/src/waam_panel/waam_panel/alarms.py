@@ -127,8 +127,8 @@ class AlarmLog:
         return None
 
     def clear(self, slot: str) -> None:
-        """The condition is over; its alarm stays in the list until it is acknowledged. One that only ends by what
-        somebody has done on purpose is acknowledged with it."""
+        """The condition is over; its alarm stays in the list until it is acknowledged. An alarm that only a deliberate
+        action ends is acknowledged by that action."""
         alarm = self._conditions.pop(slot, None)
         if alarm:
             alarm.active = False

@@ -14,7 +14,7 @@ Value: TypeAlias = float | np.ndarray
 
 
 class HeatError(ValueError):
-    """A temperature or length that the formula has no meaning for; the text names it."""
+    """A temperature or length for which the formula is not defined; the text names it."""
 
 
 class HeatLaw(Protocol):

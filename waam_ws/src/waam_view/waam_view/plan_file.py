@@ -78,7 +78,8 @@ def read_plan(path: Path | str) -> PlanFile:
         with np.load(path, allow_pickle=False) as f:
             data = {key: f[key] for key in f.files}
         about = json.loads(str(data['about']))
-        spec = GridSpec(*data['origin'].tolist(), float(data['resolution']), *data['nominal'].shape)
+        (x, y), (rows, cols) = data['origin'].tolist(), data['nominal'].shape
+        spec = GridSpec(x, y, float(data['resolution']), rows, cols)
         return PlanFile(
             about['name'],
             about['mode'],

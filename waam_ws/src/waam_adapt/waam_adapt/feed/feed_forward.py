@@ -144,7 +144,7 @@ class Setpoints:
         rest = self.wire_feed_speed[i] / (
             base * self.heat_factor * self.flow_factor * self.lead_factor[i]
         )
-        bits = [b.name.lower() for b in Clamp if b and int(self.clamps[i]) & int(b)]
+        bits = [(b.name or '').lower() for b in Clamp if b and int(self.clamps[i]) & int(b)]
         return (
             f'feed {to_m_min(self.wire_feed_speed[i]):.3f} m/min = {to_m_min(base):.3f} (eq 2.17 from plan) '
             f'x {rest:.4f} (height and speed: psi {self.psi[i]:+.3f}, k_gain {self.k_gain:.2f}, '

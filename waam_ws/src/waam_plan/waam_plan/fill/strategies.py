@@ -129,7 +129,7 @@ def _wall(polygon: Polygon, s: PlanSettings) -> list[Chain]:
 
 @dataclass(frozen=True)
 class Strategy:
-    """An entry of the table: `summary` is what `waam plan --help` says."""
+    """An entry of the table; `waam plan --help` prints `summary`."""
 
     summary: str
     fill: Callable[[Area], list[Chain]]

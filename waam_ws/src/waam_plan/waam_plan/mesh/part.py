@@ -36,8 +36,8 @@ class PartReport:
     boundary_edges: int
     bodies: int
     collapsed_faces: int  # two corners in one point, removed
-    repairs: tuple[str, ...] = ()  # what was changed, when asked for
-    crossing: str = ''  # faces that pass through each other, when looked for
+    repairs: tuple[str, ...] = ()  # repairs that were made, on request
+    crossing: str = ''  # faces that pass through each other, if it was checked
 
     def lines(self) -> list[str]:
         """For a person."""

@@ -1,4 +1,4 @@
-"""A picture of a plan and a table of its layers: what an operator looks at before the arc goes on."""
+"""A picture of a plan and a table of its layers, to look at before the arc goes on."""
 
 from __future__ import annotations
 

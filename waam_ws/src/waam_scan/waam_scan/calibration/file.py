@@ -1,4 +1,4 @@
-"""Calibrations on disk: YAML for people, with a hash so that nobody edits one by accident."""
+"""Calibrations on disk: readable YAML, with a hash so that accidental edits are noticed."""
 
 from __future__ import annotations
 

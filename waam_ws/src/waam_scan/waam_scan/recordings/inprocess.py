@@ -26,7 +26,7 @@ FLOOR = 20e-6  # m, uncertainty of a crown at best: ripples, speckle
 class FilterLimits:
     """wander: m per s^1.5, how much the rate of height changes on its own in a second (white acceleration); gate:
     standard deviations between prediction and crown; lost: profiles in a row outside the gate after which the filter
-    starts anew."""
+    restarts."""
 
     wander: float = 5e-3
     gate: float = 4.0
@@ -137,7 +137,7 @@ class _State:
 
 
 def median_filter(values: np.ndarray, width: int = 5) -> np.ndarray:
-    """Running median over the last `width` values (n,): what is usually done. NaN are left out."""
+    """Running median over the last `width` values (n,), the usual filter. NaN are left out."""
     out = np.full(len(values), np.nan)
     for k in range(len(values)):
         window = values[max(0, k - width + 1) : k + 1]
@@ -163,7 +163,7 @@ class SeriesQuality:
 def quality(
     t: np.ndarray, values: np.ndarray, raw: np.ndarray, spike: float = 0.3e-3
 ) -> SeriesQuality:
-    """Of a series (n,) in m at times (n,) in s; raw: the series it was made of."""
+    """Of a series (n,) in m at times (n,) in s; raw: the series it was made from."""
     good = np.isfinite(values)
     v, s = values[good], t[good]
     near = np.array([np.median(v[max(0, k - 2) : k + 3]) for k in range(len(v))])
