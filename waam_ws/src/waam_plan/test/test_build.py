@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 import trimesh
+from scipy.ndimage import binary_dilation
 
 from waam_plan.fill.path import coverage
 from waam_plan.lay.build import plan_build
@@ -39,7 +40,8 @@ def check(plan, reach=S.pitch / 2 + 0.6e-3):
         assert coverage(layer.segments, layer.footprint, plan.spec, reach)[0] >= 0.99
         ends = np.array([s.end[:2] for s in layer.deposits])
         row, col = plan.spec.cell(*ends.T)
-        assert layer.footprint[row, col].mean() > 0.99
+        # bead ends may follow the outline, which cuts cells
+        assert binary_dilation(layer.footprint)[row, col].mean() > 0.99
         want = layer.planned.sum() * plan.spec.resolution**2 + layer.beside
         assert layer.volume == pytest.approx(want, rel=0.05)
 

@@ -17,7 +17,7 @@ from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import merged, outline, pieces, raster
 from waam_process.grid import GridSpec
 
-INSET = 0.05e-3  # m, least distance of bead ends from a free edge
+INSET = 0.4e-3  # m, least distance of bead ends from a free edge
 
 
 @dataclass(frozen=True)
