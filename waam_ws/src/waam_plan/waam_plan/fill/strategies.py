@@ -21,6 +21,8 @@ from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import pieces, raster
 from waam_process.grid import GridSpec
 
+RING = 0.93  # metal of rings along the edge over what the division gives them, where they are laid last
+
 
 @dataclass(frozen=True)
 class Area:
@@ -143,10 +145,15 @@ def _wall(polygon: Polygon, s: PlanSettings) -> list[Chain]:
 
 @dataclass(frozen=True)
 class Strategy:
-    """An entry of the table: `summary` is what `waam plan --help` says."""
+    """An entry of the table: `summary` is what `waam plan --help` says.
+
+    edge_metal: of the beads along the edge of a restored layer, over what the division of the metal gives them. The side
+    of a bead falls off to the edge, so the division gives it more than it can carry; the surplus would stand inside of it.
+    """
 
     summary: str
     fill: Callable[[Area], list[Chain]]
+    edge_metal: float = 1.0
 
 
 REGISTRY: dict[str, Strategy] = {
