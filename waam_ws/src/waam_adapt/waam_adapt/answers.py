@@ -1,4 +1,4 @@
-"""What the services of this package answer: request in, answer out, without a node.
+"""What this package answers and tells: messages in, messages out, without a node.
 
 The nodes answer through these functions, and so does the laboratory (waam_lab), which has no nodes.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from waam_msgs.msg import CorrectionMap
+from waam_msgs.msg import CorrectionMap, JobStatus, LayerReport
 from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node.conversions import grid_from_msg
 from waam_process import materials
@@ -19,6 +19,7 @@ from .feed.params import FeedParams
 from .identify.identification import Estimate
 from .laws.checks import error_figures
 from .laws.corrector import Corrector
+from .thermal.compensator import Compensator
 
 
 def correct(
@@ -50,3 +51,20 @@ def set_feed(p: FeedParams, request: ComputeFeed.Request) -> Setpoints:
     )  # fmt: skip
     convert.write_setpoints(request.segments, path, result)
     return result
+
+
+def follow_job(compensator: Compensator, msg: JobStatus) -> bool:
+    """Tells the compensator how the job goes on. True when the job lays another material than the one before."""
+    if msg.state in (JobStatus.VALIDATING, JobStatus.PREPARING):
+        compensator.job_begins()
+    changed = compensator.use(msg.material)
+    if msg.state == JobStatus.DEPOSITING:
+        compensator.layer_begins(msg.job_id, msg.pass_number, msg.layer)
+    return changed
+
+
+def follow_layer(compensator: Compensator, msg: LayerReport) -> None:
+    """Tells the compensator what the arc has brought."""
+    laid = convert.laid_layer(msg, compensator.monitor.material.arc_efficiency)
+    if laid:
+        compensator.layer_ends(laid)

@@ -5,9 +5,14 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from .training.train import Trainer
 
 ReadRequests = Callable[
     [Path], Sequence[Any]
@@ -122,7 +127,7 @@ def _train(args: argparse.Namespace) -> int:
     return 0
 
 
-def _last_words(trainer, out: Path) -> str:
+def _last_words(trainer: Trainer, out: Path) -> str:
     best = min(trainer.progress.checks, key=lambda c: c['ratio'])
     return (
         f'{out}: best at step {best["step"]}, held-out RMS {best["rms_mm"]:.3f} mm, '
@@ -131,7 +136,7 @@ def _last_words(trainer, out: Path) -> str:
     )
 
 
-def _bar(trainer):
+def _bar(trainer: Trainer) -> AbstractContextManager[Callable[[Trainer], None]]:
     """Progress bar of rank 0 with the last figures, and a new picture of the curves after every validation."""
     from contextlib import contextmanager
 
@@ -144,7 +149,7 @@ def _bar(trainer):
     )
 
     @contextmanager
-    def show():
+    def show() -> Iterator[Callable[[Trainer], None]]:
         columns = (
             TextColumn('training'),
             BarColumn(),
@@ -156,7 +161,7 @@ def _bar(trainer):
             p = trainer.progress
             task = bar.add_task('', total=trainer.settings.steps, completed=p.step, note='')
 
-            def tick(t) -> None:
+            def tick(t: Trainer) -> None:
                 note = f'loss {sum(p.loss[-20:]) / len(p.loss[-20:]):.3f}'
                 if p.checks:
                     note += f', network/explicit {p.checks[-1]["ratio"]:.3f}'

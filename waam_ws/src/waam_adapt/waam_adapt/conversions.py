@@ -22,12 +22,13 @@ from .thermal.response import LaidLayer
 from .types import Correction, CorrectionError, CorrectionInput
 
 
-def named_map(
-    name: str, values: array, spec: GridSpec, optional: bool = False
-) -> np.ndarray | None:
-    """(rows, cols) float64; an empty optional field is None; CorrectionError names the field."""
-    if optional and not len(values):
-        return None
+def optional_map(name: str, values: array, spec: GridSpec) -> np.ndarray | None:
+    """As `named_map`; None where the field is empty."""
+    return named_map(name, values, spec) if len(values) else None
+
+
+def named_map(name: str, values: array, spec: GridSpec) -> np.ndarray:
+    """(rows, cols) float64; CorrectionError names the field."""
     try:
         a = map_from_msg(values, spec)
     except ValueError as e:
@@ -62,7 +63,7 @@ def correction_input(
         number(f'direction.{axis}', getattr(request.direction, axis), -1e6, 1e6)
     return CorrectionInput(
         z=named_map('map.z', request.map.z, spec),
-        sigma=named_map('map.sigma', request.map.sigma, spec, optional=True),
+        sigma=optional_map('map.sigma', request.map.sigma, spec),
         target=named_map('target', request.target, spec),
         planned=named_map('planned_height', request.planned_height, spec),
         resolution=spec.resolution,
@@ -95,8 +96,8 @@ def feed_factor(request: ComputeCorrection.Request) -> float:
 def last_layer(request: ComputeCorrection.Request, spec: GridSpec) -> LastLayer:
     """CorrectionError names the field."""
     return LastLayer(
-        named_map('previous_surface', request.previous_surface, spec, optional=True),
-        named_map('previous_growth', request.previous_growth, spec, optional=True),
+        optional_map('previous_surface', request.previous_surface, spec),
+        optional_map('previous_growth', request.previous_growth, spec),
         feed_factor(request),
     )
 

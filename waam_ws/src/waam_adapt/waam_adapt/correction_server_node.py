@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import TypeAlias
 
 from waam_msgs.msg import CorrectionMap, ProcessEstimate
 from waam_msgs.srv import ComputeCorrection
@@ -13,7 +14,7 @@ from . import conversions as convert
 from .identify.identification import Estimate
 from .laws.corrector import CorrectionParams, Corrector
 
-Response = ComputeCorrection.Response
+Response: TypeAlias = ComputeCorrection.Response
 
 
 class CorrectionServer(node.WaamNode):

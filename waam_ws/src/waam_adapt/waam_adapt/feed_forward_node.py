@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import TypeAlias
 
 from waam_msgs.srv import ComputeFeed
 from waam_node import node
@@ -13,7 +14,7 @@ from . import answers
 from .feed.feed_forward import SetpointError
 from .feed.params import FeedParams
 
-Response = ComputeFeed.Response
+Response: TypeAlias = ComputeFeed.Response
 CLAMPS = {
     'speed': Clamp.SPEED_LOW | Clamp.SPEED_HIGH,
     'feed': Clamp.FEED_LOW | Clamp.FEED_HIGH,

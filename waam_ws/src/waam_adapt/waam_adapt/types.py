@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,14 @@ RATIO_LOW, RATIO_HIGH = 0.4, 1.8
 MIN_GAIN = 1e-3  # less authority over speed than this is none
 MIN_PLANNED = 0.05e-3  # m; thinner than this the plan adds no metal
 PRIOR = 0.7  # say that a law's guess of what ends lack has before the first layer
+
+
+T = TypeVar('T')
+
+
+def with_side(pair: tuple[T, T], side: int, value: T) -> tuple[T, T]:
+    """The pair with another value of `side`: 0 of even layers, 1 of odd ones."""
+    return (pair[0], value) if side else (value, pair[1])
 
 
 class CorrectionError(ValueError):

@@ -1,4 +1,4 @@
-"""The job that may use the arc, and the nodes that must live for it. Pure."""
+"""The job that may use the arc, and the nodes that must be alive for it. Pure."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Arming:
         self.lease.require((), 0, 0.0)
 
     def restart(self, boot: int, known: bool) -> None:
-        """The controller is there (again); unless it is the one of before it holds no job of ours."""
+        """A controller is connected (again). Unless it is the same one as before, it is not armed for our job."""
         self.lease.restart(boot)
         if not known:
             self.disarm()
@@ -49,7 +49,7 @@ class Arming:
         return bool(counts) and self.lease.seen_us(t_us) > before
 
     def check(self, t_us: int, now: float) -> list[str] | None:
-        """Looks who is silent: None when nothing changed, else the names that are new."""
+        """Checks which nodes are silent: None when nothing changed, else the new names."""
         silent = self.lease.silent(t_us, now) if self.job else []
         return self._change(silent)
 

@@ -1,9 +1,9 @@
-"""Whether segments may come now, and how a batch that passed gets into the queue. Pure."""
+"""Whether segments are accepted now, and how a checked batch gets into the queue. Pure."""
 
 from __future__ import annotations
 
 from waam_process.names import CONTROLLER_STATES
-from waam_process.segment import Segment
+from waam_process.segment import Point, Segment
 
 from . import frames, program
 from .frames import ALARM, HOLD, IDLE
@@ -13,7 +13,7 @@ from .program import Modal, Permit, Refusal
 
 def permit(machine: Machine, job: str, segments: list[Segment]) -> Permit:
     """Raises Refusal. The answer is used with `program.prepare` and `commit`."""
-    _check_state(machine, job)
+    offset = _check_state(machine, job)
     modal, known = _chain(machine, job)
     new = [s for s in segments if s.index > known]
     if any(s.arc for s in new) and machine.armed_job != job:
@@ -22,12 +22,13 @@ def permit(machine: Machine, job: str, segments: list[Segment]) -> Permit:
     if machine.queued + len(new) > most:
         text = f'{machine.queued} segments wait, {len(new)} more do not fit into {most}'
         raise Refusal(program.QUEUE_FULL, text)
-    limits = machine.params.limits(machine.link.identity.limits_mm)
+    limits = machine.params.limits(machine.link.who.limits_mm)
     here = machine.position if _at_rest(machine) else None
-    return Permit(machine.generation, modal, known, here, machine.offset, limits)
+    return Permit(machine.generation, modal, known, here, offset, limits)
 
 
-def _check_state(machine: Machine, job: str) -> None:
+def _check_state(machine: Machine, job: str) -> Point:
+    """The work zero, m in machine coordinates."""
     if not machine.connected:
         raise Refusal(program.NOT_CONNECTED, machine.message)
     if not job:
@@ -41,6 +42,7 @@ def _check_state(machine: Machine, job: str) -> None:
         raise Refusal(program.WRONG_STATE, 'not homed: HOME first')
     if machine.offset is None:
         raise Refusal(program.WRONG_STATE, 'the work zero is not known: SET_ZERO first')
+    return machine.offset
 
 
 def _chain(machine: Machine, job: str) -> tuple[Modal, int]:

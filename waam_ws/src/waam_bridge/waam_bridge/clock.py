@@ -11,7 +11,7 @@ BINS = 40  # stretches that a fit uses
 SLOWEST = 2.0  # times the median of their round trips beyond which a stretch does not count
 SPAN = 3.0  # s of controller time before the drift is estimated
 SLACK = 2e-3  # s by which the line may leave the bracket of a round trip: 200 ppm for 10 s
-JUMPS = 8  # brackets left in a row after which a clock was set anew
+JUMPS = 8  # brackets missed in a row that mean that a clock was reset
 ERRORS = 300  # predictions of which the residual is the 99th percentile
 
 
@@ -21,7 +21,7 @@ class ClockMap:
     A round trip sent at s and answered at r (ROS time) brackets the controller's stamp; its middle is wrong by at most
     half its duration. Delays are one-sided (a busy host, a full cable), so the fastest of each two seconds carries the
     information and the others none. `synchronised`: the controller's clock *is* ROS time.
-    `residual`: how far off the line was at the next fastest round trip, before it was fitted anew.
+    `residual`: how far off the line was at the next fastest round trip, before the fit was repeated.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,7 @@ class ClockMap:
         self._start()
 
     def _start(self) -> None:
-        """A new line, for one of the clocks was set anew."""
+        """Starts a new line, because one of the clocks was reset."""
         self.drift = 0.0  # s/s
         self._t0 = self._ros0 = 0  # us, ns: the line goes through here
         self._best: deque[tuple[int, int, int]] = deque(maxlen=BINS)  # t us, middle ns, rtt ns
@@ -65,18 +65,19 @@ class ClockMap:
         if self._jumped(sent_ns, received_ns, t_us):
             self._start()
         sample = (t_us, (sent_ns + received_ns) // 2, received_ns - sent_ns)
-        if self._now is None:
+        fastest = self._now
+        if fastest is None:
             self._now = sample
             self._fit()
-        elif t_us // BIN_US != self._now[0] // BIN_US:
-            self._close_bin(sample)
-        elif sample[2] < self._now[2]:
+        elif t_us // BIN_US != fastest[0] // BIN_US:
+            self._close_bin(fastest, sample)
+        elif sample[2] < fastest[2]:
             self._now = sample
             if not self._best:
                 self._fit()
 
     def _jumped(self, sent_ns: int, received_ns: int, t_us: int) -> bool:
-        """True when one of the clocks was set anew: the line leaves the brackets again and again."""
+        """True when one of the clocks was reset: the line keeps missing the brackets."""
         if self._now is None:
             return False
         ros, slack = self.to_ros_ns(t_us), round(SLACK * 1e9)
@@ -84,12 +85,12 @@ class ClockMap:
         self._jumps = self._jumps + 1 if outside else 0
         return self._jumps >= JUMPS
 
-    def _close_bin(self, sample: tuple[int, int, int]) -> None:
-        t_us, middle, _ = self._now
+    def _close_bin(self, fastest: tuple[int, int, int], sample: tuple[int, int, int]) -> None:
+        t_us, middle, _ = fastest
         if self.drift:
             self._errors.append(abs(self.to_ros_ns(t_us) - middle) * 1e-9)
             self.residual = float(np.quantile(self._errors, 0.99))
-        self._best.append(self._now)
+        self._best.append(fastest)
         self._now = sample
         self._fit()
 

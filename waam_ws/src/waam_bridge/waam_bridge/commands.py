@@ -51,7 +51,7 @@ class CommandError(ValueError):
 
 
 def run(bridge: Bridge, command: Command, reply: Reply, now: float) -> None:
-    """Starts a command. Errors are told through the reply as well."""
+    """Starts a command. Errors, too, go to the reply."""
     try:
         name, act = _COMMANDS.get(command.code, ('', None))
         if act is None:
@@ -200,7 +200,8 @@ def _set_zero(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
             raise CommandError(
                 requests.WRONG_STATE, 'SET_ZERO: the machine position is not known, give the vector'
             )
-        zero = tuple(o + p for o, p in zip(bridge.offset, here, strict=True))
+        (x0, y0, z0), (x, y, z) = bridge.offset, here
+        zero = (x0 + x, y0 + y, z0 + z)
     args = [number(to_mm(v), 4) for v in zero]
     bridge.ask('Z', ' '.join(args), reply, now, lambda: bridge.set_offset(tuple(map(float, args))))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
 
@@ -24,7 +26,7 @@ def stamp_ns(ns: int) -> Time:
     return Time(sec=sec, nanosec=nanosec)
 
 
-def _point(values) -> Point:
+def _point(values: Sequence[float] | None) -> Point:
     x, y, z = values or (NAN, NAN, NAN)
     return Point(x=x, y=y, z=z)
 

@@ -44,7 +44,7 @@ class Bridge:
         self.done = -1  # last executed index of modal.job
         self.generation = 0  # of the chain of segments: permits of an older one are void
         self.broken = ''  # why the program cannot go on
-        self.dropping = ''  # why the queue goes once telemetry has told what was executed
+        self.dropping = ''  # why the queue is dropped once telemetry has shown what was executed
         self.overrides = (1.0, 1.0)  # speed, wire: factors that were asked for
         self._tick = 0
         self.pending = Pending()
@@ -114,15 +114,15 @@ class Bridge:
         self.outbox.changed = True
         self.arming.restart(link.boot, known)
         if known:
-            self._take_done(link.identity.executed)
+            self._take_done(link.who.executed)
             self.say('link restored')
             self.notice(INFO, 'link', 'link restored, same boot of the controller', 'retry')
         else:
             self._meet(restarted, now)
-        self._take_state(link.telemetry)  # an alarm at power-up is known from the first moment on
+        self._take_state(link.newest)  # an alarm at power-up is known from the first moment on
 
     def _meet(self, restarted: bool, now: float) -> None:
-        """Another controller than before, or one that has lost its queue."""
+        """Handles a controller that is not the one before, or that has lost its queue."""
         link = self.link
         if link.connects > 1:
             who = (
@@ -133,32 +133,31 @@ class Bridge:
         self._reopen()
         self._start_offset()
         self.overrides = (1.0, 1.0)
-        if link.telemetry.flags & frames.ARMED:
+        if link.newest.flags & frames.ARMED:
             link.ask('D', '', lambda code, text: None, now)
         self.say('ready')
 
     def _start_offset(self) -> None:
         """The work zero of a controller that was just met."""
-        who, t = self.link.identity, self.link.telemetry
-        if who.offset_mm:
-            self.offset = tuple(mm(v) for v in who.offset_mm)
+        told = self.link.who.offset_mm
+        if told:
+            self.offset = _point(told)
         else:
-            self.offset = None if t.flags & frames.HOMED else (0.0, 0.0, 0.0)
+            self.offset = None if self.link.newest.flags & frames.HOMED else (0.0, 0.0, 0.0)
 
     # ---- lines and time
 
     def line(self, raw: bytes, now: float) -> frames.Telemetry | None:
         """Takes one line of the controller; returns it when it is telemetry that is to be published."""
         frame = self.link.line(raw, now)
-        kind = type(frame)
-        if kind is frames.Telemetry:
+        if isinstance(frame, frames.Telemetry):
             if not self.connected:
                 return None
             self._on_telemetry(frame, now)
             return frame
-        if kind is frames.StateChange:
+        if isinstance(frame, frames.StateChange):
             faults.state_changed(self, frame.state, frame.code, frame.text)
-        elif kind is frames.LineRefused:
+        elif isinstance(frame, frames.LineRefused):
             faults.line_refused(self, frame)
         if 0 < self.pending.home_line <= self.link.sender.acked:
             self.pending.end_home(requests.OK, 'homing', self.outbox.replies)
@@ -224,7 +223,7 @@ class Bridge:
         self._reopen()
 
     def _reopen(self) -> None:
-        """The next segment starts from where the machine is, with all words written anew."""
+        """The next segment starts from where the machine is, and repeats all modal words."""
         self.modal = Modal(job=self.modal.job)
         self.generation += 1
 
@@ -237,7 +236,7 @@ class Bridge:
             self.link.beat(now)
 
     def permit(self, job: str, segments: list[Segment]) -> Permit:
-        """May these segments come now? Raises Refusal."""
+        """Whether these segments are accepted now. Raises Refusal."""
         return batches.permit(self, job, segments)
 
     def commit(self, permit: Permit, batch: program.Batch) -> None:
@@ -254,7 +253,7 @@ class Bridge:
         now: float,
         then: Callable[[], None] = lambda: None,
     ) -> None:
-        """An immediate line whose outcome is the reply. OK is told after the next telemetry, which shows the effect;
+        """An immediate line whose outcome is the reply. OK comes after the next telemetry, which shows the effect;
         after a stop, once the machine stands."""
 
         def done(code: int, text: str) -> None:
@@ -273,7 +272,7 @@ class Bridge:
         self.pending.home(seq, reply, now)
 
     def stopped(self, reason: str) -> None:
-        """The queue goes as soon as telemetry has told what was executed."""
+        """Drops the queue as soon as telemetry has shown what was executed."""
         self.link.sender.blocked = True
         self.broken = ''
         self.dropping = reason
@@ -293,5 +292,11 @@ class Bridge:
         self._reopen()
 
     def set_offset(self, offset_mm: tuple[float, ...]) -> None:
-        self.offset = tuple(mm(v) for v in offset_mm)
+        self.offset = _point(offset_mm)
         self._reopen()
+
+
+def _point(values_mm: tuple[float, ...]) -> Point:
+    """x, y, z in m."""
+    x, y, z = (mm(v) for v in values_mm)
+    return x, y, z

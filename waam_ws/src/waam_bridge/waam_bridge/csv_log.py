@@ -1,4 +1,4 @@
-"""The operator's log, with the columns of the cell's specification. Pure but for the file it is given."""
+"""The operator's log as CSV. Pure but for the file it is given."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who still lives: the arc lease is renewed up to the smallest tick that all required nodes have repeated. Pure."""
+"""Which nodes are alive: the arc lease is renewed up to the smallest tick that all required nodes repeated. Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ SILENT_WALL = (
 
 
 class Lease:
-    """Ticks of the nodes. All that answer are remembered, so one that lives already counts once it is required."""
+    """Ticks of the nodes. Every node that answers is remembered, so it counts as soon as it is required."""
 
     def __init__(self) -> None:
         self.required: tuple[str, ...] = ()
@@ -19,7 +19,7 @@ class Lease:
         self._since = (0, 0.0)  # us, s: when they were required
 
     def restart(self, boot: int) -> None:
-        """Another boot of the controller: its clock starts anew, old ticks mean nothing."""
+        """Another boot of the controller: its clock restarts, old ticks are void."""
         if boot != self._boot:
             self._ticks.clear()
             self._heard.clear()

@@ -13,7 +13,7 @@ from enum import IntEnum
 from . import frames, parsing
 from .clock import ClockMap
 from .params import BridgeParams
-from .requests import OK, Requests
+from .requests import OK, Done, Requests
 from .stream import Sender
 
 ASK_AGAIN = 0.5  # s
@@ -33,7 +33,8 @@ class Phase(IntEnum):
 
 class Link:
     """lease_us(t_us): how far the arc lease may be renewed at controller time t_us, 0 = none.
-    on_ready(known): the controller may be used; `known` when it is the one of before, with the same boot and lines.
+    on_ready(known, restarted, now): the controller may be used; `known` when it is the same one, with the same boot
+    and lines, `restarted` when it has booted since.
 
     `failed` holds the reason when the owner shall close the port; `missing`, when the controller denies lines that it
     has acknowledged.
@@ -43,7 +44,7 @@ class Link:
         self,
         params: BridgeParams,
         lease_us: Callable[[int], int],
-        on_ready: Callable[[bool, float], None],
+        on_ready: Callable[[bool, bool, float], None],
     ) -> None:
         self.params, self._lease_us, self._on_ready = params, lease_us, on_ready
         self.sender = Sender(params.resend_timeout, params.window)
@@ -76,6 +77,18 @@ class Link:
     def boot(self) -> int:
         return self.identity.boot if self.identity else 0
 
+    @property
+    def who(self) -> frames.Identity:
+        """What the controller said of itself; only from phase SYNC on."""
+        assert self.identity is not None
+        return self.identity
+
+    @property
+    def newest(self) -> frames.Telemetry:
+        """The last telemetry; only in phase READY."""
+        assert self.telemetry is not None
+        return self.telemetry
+
     # ---- the port
 
     def opened(self, now: float) -> None:
@@ -102,18 +115,17 @@ class Link:
             self.bad_frames += 1
             return None
         self.heard = now
-        kind = type(frame)
-        if kind is frames.Telemetry:
+        if isinstance(frame, frames.Telemetry):
             self._on_telemetry(frame, now)
-        elif kind is frames.Ack:
+        elif isinstance(frame, frames.Ack):
             self.sender.ack(frame.seq, frame.blocks, frame.room, now)
-        elif kind is frames.Resend:
+        elif isinstance(frame, frames.Resend):
             self.sender.resend(frame.expected, now)
-        elif kind is frames.Pong:
+        elif isinstance(frame, frames.Pong):
             self._on_pong(frame, now)
-        elif kind is frames.Answer:
+        elif isinstance(frame, frames.Answer):
             self.requests.answer(frame)
-        elif kind is frames.Identity:
+        elif isinstance(frame, frames.Identity):
             self._on_identity(frame, now)
         return frame
 
@@ -175,7 +187,7 @@ class Link:
 
     def _synchronise(self, t: frames.Telemetry, now: float) -> None:
         """Tells the controller which line comes next. What it had taken before the link broke is not sent again."""
-        sender, accepted = self.sender, self.identity.accepted
+        sender, accepted = self.sender, self.who.accepted
         known = self._boot == self.boot and sender.acked <= accepted <= sender.written
 
         def done(code: int, text: str) -> None:
@@ -184,7 +196,7 @@ class Link:
                 return
             if not known:
                 sender.restart()
-            sender.resync(accepted + 1, t.free_blocks, self.identity.rx, self.heard)
+            sender.resync(accepted + 1, t.free_blocks, self.who.rx, self.heard)
             restarted = self._boot != self.boot
             self._boot, self.phase = self.boot, Phase.READY
             self.connects += 1
@@ -203,7 +215,7 @@ class Link:
 
     # ---- to the controller
 
-    def ask(self, letter: str, args: str, done, now: float) -> None:
+    def ask(self, letter: str, args: str, done: Done, now: float) -> None:
         """Sends an immediate line; `done(code, text)` is called once. Raises FrameError, see `frames.immediate`."""
         self.out.append(self.requests.ask(letter, args, done, now))
 
@@ -217,7 +229,7 @@ class Link:
 
         def done(code: int, text: str) -> None:
             if code == OK and first == self.sender.acked + 1 and self.telemetry and self.ready:
-                self.sender.resync(first, self.telemetry.free_blocks, self.identity.rx, self.heard)
+                self.sender.resync(first, self.telemetry.free_blocks, self.who.rx, self.heard)
                 self._resync = False
 
         self.ask('L', str(first), done, now)

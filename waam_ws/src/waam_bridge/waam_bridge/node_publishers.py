@@ -35,28 +35,28 @@ class Publishers:
         """One telemetry frame."""
         link = self._core.link
         ros_ns = link.clock.to_ros_ns(t.t_us)
-        self._send(self._telemetry, conversions.telemetry_bytes(t, ros_ns, link.identity.boot))
+        self._send(self._telemetry, conversions.telemetry_bytes(t, ros_ns, link.boot))
         if self.csv:
-            self._log(t, ros_ns)
+            self._log(self.csv, t, ros_ns)
 
     def _send(self, publisher: Publisher, msg: Any) -> None:
-        """After the context has ended the link still lives for a moment; what it says then is nobody's any more."""
+        """After the context has ended the link runs for another moment; what it publishes then is dropped."""
         try:
             publisher.publish(msg)
         except Exception:
             if self._node.context.ok():
                 raise
 
-    def _log(self, t: frames.Telemetry, ros_ns: int) -> None:
+    def _log(self, csv: CsvLog, t: frames.Telemetry, ros_ns: int) -> None:
         """A full disk must not end the job."""
         try:
-            self.csv.add(t, ros_ns)
+            csv.add(t, ros_ns)
         except OSError as e:
             self.csv = None
             self._core.notice(Anomaly.WARNING, 'node', f'the CSV log ends: {e.strerror}')
 
     def outbox(self) -> None:
-        """What has collected in the core; replies last, when everybody can know what they tell."""
+        """Publishes what has collected in the core; replies last, after the topics that show their effect."""
         box, stamp = self._core.take_outbox(), self._stamp()
         for mark in box.done:
             msg = conversions.segment_done(mark)

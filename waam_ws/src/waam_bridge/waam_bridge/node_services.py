@@ -18,7 +18,7 @@ from .program import Refusal
 
 
 class Services:
-    """`lock` guards the core; `pump` writes and publishes what came of a request."""
+    """`lock` guards the core; `pump` writes and publishes the results of a request."""
 
     def __init__(self, node: Node, core: Bridge, lock: RLock, pump: Callable[[], None]) -> None:
         self._core, self._lock, self._pump = core, lock, pump

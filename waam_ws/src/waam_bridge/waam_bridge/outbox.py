@@ -1,4 +1,4 @@
-"""What the core wants to be told to others, and how faults are classed. Pure."""
+"""What the core has to publish, and how faults are classed. Pure."""
 
 from __future__ import annotations
 

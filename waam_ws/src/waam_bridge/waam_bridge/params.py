@@ -12,7 +12,7 @@ from .program import Limits
 
 @dataclass(frozen=True)
 class BridgeParams:
-    """Defaults fit the cell of the specification: 1.2 mm steel wire, 5 kW source, 320 steps/mm."""
+    """Defaults fit a cell with 1.2 mm steel wire, a 5 kW source and 320 steps/mm."""
 
     port: str = param('/dev/serial/by-id/waam', 'serial port or pseudo-terminal of the controller')
     baud: int = param(115200, 'rate of a true UART; USB-CDC and pseudo-terminals ignore it', 'Bd')
@@ -69,11 +69,11 @@ class BridgeParams:
                 raise ParameterError(text)
 
     def limits(self, box_mm: tuple[float, ...]) -> Limits:
-        """With the limits of the axes as the controller told them: x0, y0, z0, x1, y1, z1, mm, machine."""
-        box = tuple(mm(v) for v in box_mm)
+        """With the limits of the axes as the controller reported them: x0, y0, z0, x1, y1, z1, mm, machine."""
+        x0, y0, z0, x1, y1, z1 = (mm(v) for v in box_mm)
         return Limits(
-            low=box[:3],
-            high=box[3:],
+            low=(x0, y0, z0),
+            high=(x1, y1, z1),
             speed_max=self.speed_max,
             arc_speed=(self.arc_speed_min, self.arc_speed_max),
             wire_feed_speed=(self.wire_feed_min, self.wire_feed_max),

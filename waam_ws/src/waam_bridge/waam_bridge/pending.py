@@ -1,4 +1,4 @@
-"""Commands whose outcome is told later: with the telemetry that shows it, or once homing is accepted. Pure."""
+"""Commands whose outcome is reported later: with the telemetry that shows it, or once homing is accepted. Pure."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ class Pending:
 
     def __init__(self) -> None:
         self.home_line = 0  # number of the G28 that is not accepted yet, 0 = none
-        self._home: tuple[Reply, float] | None = None  # whom to tell, until when
+        self._home: tuple[Reply, float] | None = None  # reply, and its deadline
         self._after_frame: Replies = []
         self._limit = 0.0  # s
 
     def after_frame(self, reply: Callable[[], None], heard: float) -> None:
-        """To be told after the next telemetry, or when none comes."""
+        """Replies after the next telemetry, or at a deadline when none comes."""
         self._after_frame.append(reply)
         self._limit = heard + requests.LIMIT
 

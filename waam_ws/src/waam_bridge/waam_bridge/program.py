@@ -17,7 +17,7 @@ SLACK = 1e-9  # m, m/s, V: rounding at a limit is not a violation
 
 
 class Refusal(ValueError):
-    """Why a batch is not taken; `code` is one of waam_msgs/srv/Enqueue."""
+    """Why a batch is refused; `code` is one of waam_msgs/srv/Enqueue."""
 
     def __init__(self, code: int, text: str) -> None:
         super().__init__(text)
@@ -227,6 +227,7 @@ def prepare(permit: Permit, segments: list[Segment], last: bool) -> Batch:
     for s in new:
         _check_index(s, index)
         check_segment(s, permit.offset, permit.limits)
+        assert end is not None  # of the chain, or where the machine is
         _check_joint(s, end, before, tolerance)
         writer.segment(s, modal.job)
         index, end = s.index, s.end

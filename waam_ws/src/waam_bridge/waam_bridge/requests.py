@@ -48,7 +48,7 @@ class Requests:
         return any(r.letter == letter for r in self._waiting)
 
     def supersede(self, letter: str, text: str) -> None:
-        """Requests with this letter are not repeated any more, for a newer one says what holds."""
+        """Stops repeating requests with this letter, because a newer one replaces them."""
         for r in [r for r in self._waiting if r.letter == letter]:
             self._waiting.remove(r)
             r.done(OK, text)

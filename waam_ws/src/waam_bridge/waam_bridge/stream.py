@@ -103,7 +103,7 @@ class Sender:
         self.blocked = False
 
     def restart(self) -> None:
-        """Another controller, or the same one after its restart: numbers begin anew, nothing is kept."""
+        """Another controller, or the same one after a restart: numbers start again, nothing is kept."""
         self._lines.clear()
         self._marks.clear()
         self.acked = self._high = self._flight = 0
@@ -125,7 +125,7 @@ class Sender:
         return before - len(self._marks)
 
     def ack(self, seq: int, blocks: int, room: int | None, now: float) -> None:
-        """Everything up to `seq` is accepted. `room`: free bytes then, None when not told (telemetry)."""
+        """Everything up to `seq` is accepted. `room`: free bytes then, None when not reported (telemetry)."""
         if self.blocked or seq > self._high or seq < self.acked:
             return
         if seq > self.acked:

@@ -13,8 +13,8 @@ from typing import Protocol
 import serial
 
 READ_BYTES = 65536
-LINE_LIMIT = 4096  # bytes without a newline after which what came is thrown away
-BACKLOG_LIMIT = 65536  # bytes that the port does not take before it is given up
+LINE_LIMIT = 4096  # bytes without a newline after which they are discarded
+BACKLOG_LIMIT = 65536  # unwritten bytes after which the port is given up
 _PLAIN = {
     errno.ENOENT: 'there is no such port; is the controller switched on and plugged in?',
     errno.EACCES: 'no permission to open the port; is the user in its group (dialout)?',
@@ -139,8 +139,9 @@ class SerialTransport:
     def _shut(self) -> None:
         with self._lock:
             self._fd = -1
-            with contextlib.suppress(OSError):
-                self._serial.close()
+            if self._serial is not None:
+                with contextlib.suppress(OSError):
+                    self._serial.close()
 
     def _loop(self) -> None:
         rest = b''
@@ -175,4 +176,4 @@ class SerialTransport:
 
 def _reason(error: Exception) -> str:
     code = getattr(error, 'errno', None)
-    return _PLAIN.get(code) or getattr(error, 'strerror', None) or str(error)
+    return _PLAIN.get(code or 0) or getattr(error, 'strerror', None) or str(error)

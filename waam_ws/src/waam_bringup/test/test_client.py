@@ -109,7 +109,7 @@ def test_a_client_that_asked_for_a_job_leaves_the_domain_when_it_is_closed(monke
         assert watcher.until(lambda: here() == 1, 10.0)
 
 
-@pytest.mark.parametrize('asks', ['resume', 'job_runs'])
+@pytest.mark.parametrize('asks', ['resume', 'running_job'])
 def test_a_sequencer_that_is_found_late_does_not_pass_for_one_without_a_job(asks):
     """`waam job resume` on a busy machine took a paused job for none, and looked for an interrupted one."""
     with process(LATE) as (_, env), GraphClient(int(env['ROS_DOMAIN_ID'])) as client:

@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from waam_process.loop_mode import LOOP_MODES, LoopMode
@@ -72,7 +73,7 @@ def _draw_plan(stored: Path, target: Path) -> None:
     write_recording(stored, target)
 
 
-def _register_graph(commands) -> None:
+def _register_graph(commands: argparse._SubParsersAction) -> None:
     p = commands.add_parser('up', help='start the graph and return when every node answers')
     add_run(p)
     _add_up(p)
@@ -142,7 +143,7 @@ def _add_up_ports(p: argparse.ArgumentParser) -> None:
         p.add_argument(f'--{name}-port', type=int, default=0, help=text)
 
 
-def _register_demo(commands) -> None:
+def _register_demo(commands: argparse._SubParsersAction) -> None:
     p = commands.add_parser(
         'demo',
         help='restore a worn part open loop and closed loop on the simulated cell, and compare',
@@ -165,7 +166,7 @@ def _register_demo(commands) -> None:
 # ---- commands ----------------------------------------------------------------------------------
 
 
-def cmd_up(args) -> int:
+def cmd_up(args: argparse.Namespace) -> int:
     from . import supervisor
     from .graph import Settings
     from .operate import free_port, panel_port, up
@@ -203,7 +204,7 @@ def cmd_up(args) -> int:
     return 0
 
 
-def cmd_stop(args) -> int:
+def cmd_stop(args: argparse.Namespace) -> int:
     from .operate import stop
 
     run, _ = run_and_domain(args)
@@ -211,7 +212,7 @@ def cmd_stop(args) -> int:
     return 0
 
 
-def cmd_status(args) -> int:
+def cmd_status(args: argparse.Namespace) -> int:
     from .operate import require_up
     from .status import print_status
 
@@ -219,14 +220,14 @@ def cmd_status(args) -> int:
     return print_status(run, require_up(run), domain)
 
 
-def cmd_demo(args) -> int:
+def cmd_demo(args: argparse.Namespace) -> int:
     from .demo import run_demo
 
     return run_demo(args)
 
 
-def _terminated(number, _frame) -> None:
-    """Ends like Ctrl-C does: whatever the command has started is stopped on the way out."""
+def _terminated(number: int, _frame: FrameType | None) -> None:
+    """Ends like Ctrl-C: whatever the command has started is stopped."""
     raise SystemExit(128 + number)
 
 

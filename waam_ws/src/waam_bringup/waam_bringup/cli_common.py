@@ -15,7 +15,7 @@ def add_run(p: argparse.ArgumentParser) -> None:
     )
 
 
-def run_and_domain(args) -> tuple[Path, int]:
+def run_and_domain(args: argparse.Namespace) -> tuple[Path, int]:
     from .operate import default_domain
     from .paths import run_dir
     from .run_state import load

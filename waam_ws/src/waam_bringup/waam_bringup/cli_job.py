@@ -1,4 +1,4 @@
-"""`waam job`: run jobs, steer the running one, go on with an interrupted one."""
+"""`waam job`: run jobs, adjust the running one, resume an interrupted one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from waam_process.loop_mode import LOOP_MODES, LoopMode
 from .cli_common import add_run, run_and_domain
 
 
-def register_job(commands) -> None:
+def register_job(commands: argparse._SubParsersAction) -> None:
     parser = commands.add_parser(
         'job',
         help='run and steer jobs',
@@ -31,7 +31,7 @@ def register_job(commands) -> None:
     _register_steering(job)
 
 
-def _register_run(job) -> None:
+def _register_run(job: argparse._SubParsersAction) -> None:
     p = job.add_parser(
         'run',
         help='run a job on the graph that is up and follow it',
@@ -135,7 +135,7 @@ def _add_bookkeeping(p: argparse.ArgumentParser) -> None:
     )
 
 
-def _register_resume(job) -> None:
+def _register_resume(job: argparse._SubParsersAction) -> None:
     p = job.add_parser(
         'resume',
         help='go on: with a paused job, or with an interrupted one after a crash or a power cut',
@@ -159,7 +159,7 @@ def _register_resume(job) -> None:
     p.set_defaults(run_command=cmd_job_resume)
 
 
-def _register_steering(job) -> None:
+def _register_steering(job: argparse._SubParsersAction) -> None:
     for verb, text in (
         ('rescan', 'scan again before the next layer'),
         ('skip-layer', 'leave the next layer out'),
@@ -198,14 +198,14 @@ def _register_steering(job) -> None:
         p.set_defaults(run_command=cmd_job_switch, verb=verb)
 
 
-def cmd_job_run(args) -> int:
+def cmd_job_run(args: argparse.Namespace) -> int:
     from .jobs import run_job
 
     run, domain = run_and_domain(args)
     return run_job(args, run, domain)
 
 
-def cmd_job_switch(args) -> int:
+def cmd_job_switch(args: argparse.Namespace) -> int:
     from .client import GraphClient
     from .operate import require_up
 
@@ -217,7 +217,7 @@ def cmd_job_switch(args) -> int:
     return 0
 
 
-def cmd_job_resume(args) -> int:
+def cmd_job_resume(args: argparse.Namespace) -> int:
     from .client import GraphClient
     from .jobs import resume_job
     from .operate import require_up
@@ -232,7 +232,7 @@ def cmd_job_resume(args) -> int:
     return resume_job(args, run, domain)
 
 
-def cmd_job_feed(args) -> int:
+def cmd_job_feed(args: argparse.Namespace) -> int:
     from .jobs import override
     from .operate import require_up
 
@@ -243,7 +243,7 @@ def cmd_job_feed(args) -> int:
     return 0
 
 
-def cmd_job_adjust(args) -> int:
+def cmd_job_adjust(args: argparse.Namespace) -> int:
     from .jobs import adjust_job
     from .operate import require_up
 

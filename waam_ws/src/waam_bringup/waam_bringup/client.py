@@ -55,8 +55,8 @@ class GraphClient:
 
     def __exit__(self, *_: object) -> None:
         self.executor.shutdown()
-        if self._action:  # nobody else destroys it, and what is left of it keeps the participant;
-            self._action.destroy()  # under a living executor this ends in a segmentation fault
+        if self._action:  # it must be destroyed here: the rest of it would keep the participant,
+            self._action.destroy()  # which ends in a segmentation fault while the executor still runs
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
@@ -83,9 +83,11 @@ class GraphClient:
         Heartbeats are heard only here: hundreds a second would cost a command that follows a job a tenth of a core.
         """
         beating: set[str] = set()
-        beats = self.node.create_subscription(
-            Heartbeat, 'heartbeat', lambda beat: beating.add(beat.node), BEAT
-        )
+
+        def beat(message: Heartbeat) -> None:
+            beating.add(message.node)
+
+        beats = self.node.create_subscription(Heartbeat, 'heartbeat', beat, BEAT)
         try:
             self._until_ready(nodes, beating, timeout, dead)
         finally:
@@ -147,15 +149,16 @@ class GraphClient:
             raise ClientError(response.message)
 
     def resume(self) -> bool:
-        """Lets the job go on that runs or is paused; False when there is none. The sequencer itself is asked: a status
-        that has not come yet would pass for no job."""
+        """Resumes the running or paused job; False when there is none. Asks the sequencer itself: a status that has not
+        arrived yet would look like no job."""
         return self.call(Trigger, 'job_sequencer/resume', Trigger.Request()).success
 
-    def job_runs(self) -> bool:
-        """ClientError when no status comes: job_sequencer gives one to everybody who finds it."""
-        if not self.until(lambda: self.job is not None, SERVER_S):
+    def running_job(self) -> JobStatus | None:
+        """None when no job runs. ClientError without a status: job_sequencer latches one."""
+        self.until(lambda: self.job is not None, SERVER_S)
+        if self.job is None:
             raise ClientError('job_sequencer is not there; is the graph up? (waam up)')
-        return JobStatus.IDLE < self.job.state < JobStatus.DONE
+        return self.job if JobStatus.IDLE < self.job.state < JobStatus.DONE else None
 
     def override(self, speed: float, wire: float, source: str) -> tuple[float, float]:
         """Factors (NaN = as it is), asked for until telemetry shows them; ClientError when it never does."""
@@ -176,7 +179,7 @@ class GraphClient:
             return here and publisher.get_subscription_count() >= len(readers)
 
         try:
-            self.until(matched, MATCHED_S)  # the job is to hear of it as well, not only the bridge
+            self.until(matched, MATCHED_S)  # the job must receive it as well, not only the bridge
             for _ in range(5):
                 publisher.publish(Override(speed_factor=speed, wire_factor=wire, source=source))
                 if self.until(taken, 2.0):
@@ -220,11 +223,13 @@ class GraphClient:
             raise ClientError('job_sequencer did not answer the goal')
         return result.result().result
 
-    def _send_goal(self, action: ActionClient, goal: RunJob.Goal, feedback) -> ClientGoalHandle:
+    def _send_goal(
+        self, action: ActionClient, goal: RunJob.Goal, feedback: Callable[[Any], None]
+    ) -> ClientGoalHandle:
         """ClientError when the goal is refused.
 
-        The answer to a new client may be lost while the job runs already: its result is then asked for by the goal's
-        name, and a server that has never heard of it says so.
+        The answer to a new client may be lost while the job runs already: its result is then requested by the goal's
+        id, and a server that does not know the id says so.
         """
         name = UUID(uuid=list(uuid4().bytes))
         sent = action.send_goal_async(goal, feedback_callback=feedback, goal_uuid=name)
@@ -240,7 +245,7 @@ class GraphClient:
         return handle
 
     def _await_result(self, result: Any, alive: Callable[[], str]) -> None:
-        """`alive` reads files: it is asked twice a second, not at every message."""
+        """`alive` reads files: it is called twice a second, not at every message."""
         while not self.until(result.done, ALIVE_S):
             if reason := alive():
                 if self.until(result.done, 1.0):

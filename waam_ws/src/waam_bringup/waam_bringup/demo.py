@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import os
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from types import SimpleNamespace
 
 from rich.console import Console
 from rich.table import Table
@@ -28,7 +28,7 @@ from .progress import JobProgress
 PART, WORN = 'jaw_nominal.stl', 'jaw_worn.stl'
 
 
-def run_demo(args) -> int:
+def run_demo(args: argparse.Namespace) -> int:
     """0 when all jobs were done; the verdict is in report.json and on the screen."""
     console = Console(stderr=True, highlight=False)
     jobs = (args.jobs or jobs_dir()).resolve()
@@ -38,7 +38,7 @@ def run_demo(args) -> int:
     console.print(
         f'Restoring {PART} ({WORN} lies on the simulated table), seed {args.seed}. Starting the graph ...'
     )
-    # nobody opens the operator's page of a demo, and two cores are few
+    # a demo needs no operator's page, and two cores are few
     settings = Settings(run=folder / '.run', rate=args.rate, seed=args.seed, without=('panel',))
     with graph(settings, default_domain(folder)) as (_, client):
         results = {p: _one(client, args, folder, p, settings.run) for p in args.profiles}
@@ -51,11 +51,13 @@ def run_demo(args) -> int:
     return 1 if failed else 0
 
 
-def _one(client: GraphClient, args, folder: Path, profile: str, run: Path) -> Path:
+def _one(
+    client: GraphClient, args: argparse.Namespace, folder: Path, profile: str, run: Path
+) -> Path:
     parts = share('waam_bringup') / 'parts'
     client.load_part(str((parts / WORN).resolve()), (0.0, 0.0, 0.0), args.seed)
     goal = make_goal(
-        SimpleNamespace(
+        argparse.Namespace(
             name=profile,
             part=parts / PART,
             mode='restore',

@@ -22,12 +22,12 @@ class GraphError(ValueError):
 
 @dataclass(frozen=True)
 class Settings:
-    """What one start of the graph is made with.
+    """Settings of one start of the graph.
 
     run: folder for sockets, logs and state; port: serial port of a real controller, '' = simulated cell;
     rate: simulated seconds per second at most (0 = as fast as it goes); seed: of everything random in the cell;
-    panel_port: of the operator's page (0 = any free one); hang_timeout: a node that gives no sign of life for so long
-    (s) while no job runs is started again (0 = never).
+    panel_port: of the operator's page (0 = any free one); hang_timeout: a node that is silent for so long (s) while no
+    job runs is restarted (0 = never).
     """
 
     run: Path

@@ -1,7 +1,8 @@
-"""waam job run: from the command line to the goal, and from the result to words and an exit status."""
+"""waam job run: from the command line to the goal, and from the result to a message and an exit status."""
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 import sys
@@ -28,7 +29,7 @@ REFUSED = (
 )  # fmt: skip
 
 
-def make_goal(args, jobs: Path) -> RunJob.Goal:
+def make_goal(args: argparse.Namespace, jobs: Path) -> RunJob.Goal:
     """The goal of `waam job run` (mm on the command line, m in the goal)."""
     return RunJob.Goal(
         name=args.name,
@@ -54,8 +55,8 @@ def make_goal(args, jobs: Path) -> RunJob.Goal:
     )
 
 
-def check_arguments(args) -> None:
-    """What can be refused without a graph."""
+def check_arguments(args: argparse.Namespace) -> None:
+    """Refuses what can be refused without a graph."""
     from waam_job.model.goal import JobError, JobGoal, check
 
     goal = JobGoal(
@@ -89,7 +90,7 @@ def check_arguments(args) -> None:
         raise ValueError(f'--as-found {args.as_found}: no such file')
 
 
-def run_job(args, run: Path, domain: int) -> int:
+def run_job(args: argparse.Namespace, run: Path, domain: int) -> int:
     """0 done, 1 failed, 2 refused, 130 cancelled."""
     check_arguments(args)
     state = require_up(run)
@@ -106,8 +107,8 @@ def run_job(args, run: Path, domain: int) -> int:
     return report_result(result)
 
 
-def resume_job(args, run: Path, domain: int) -> int:
-    """Goes on with an interrupted job on what lies on the table. Exit status as of `run_job`."""
+def resume_job(args: argparse.Namespace, run: Path, domain: int) -> int:
+    """Resumes an interrupted job on the part that is on the table. Exit status as of `run_job`."""
     require_up(run)
     folder = (args.folder or jobs_dir() / job_folder.LATEST).resolve()
     if not (folder / job_folder.JOB).is_file():
@@ -125,7 +126,7 @@ def resume_job(args, run: Path, domain: int) -> int:
 
 
 def adjust_job(code: str, value: float, domain: int) -> None:
-    """A wish of the operator for the running job; ClientError when it is refused."""
+    """A request of the operator to the running job; ClientError when it is refused."""
     request = AdjustJob.Request(code=getattr(AdjustJob.Request, code), value=float(value))
     with GraphClient(domain) as client:
         # not repeated: a second SKIP_LAYER would leave another layer out
@@ -145,11 +146,11 @@ def override(speed: float, wire: float, domain: int) -> tuple[float, float]:
         return client.override(speed, wire, os.environ.get('USER') or 'command line')
 
 
-def place_part(client: GraphClient, args) -> None:
+def place_part(client: GraphClient, args: argparse.Namespace) -> None:
     """Simulated cell: the worn part, the nominal part itself when nothing else is said, or a plate for a build."""
-    if client.job_runs():
+    if running := client.running_job():
         raise ClientError(
-            f'a job is running already: {client.job.job_id} (waam status, waam job abort)'
+            f'a job is running already: {running.job_id} (waam status, waam job abort)'
         )
     if args.mode == 'build':
         client.load_part('', PLATE, -1)

@@ -80,7 +80,7 @@ def up(
         if isinstance(e, ClientError):
             raise ClientError(f'{e}\nlogs: {settings.run}/logs') from None
         raise
-    return run_state.load(settings.run)
+    return require_up(settings.run)
 
 
 def _dead(run: Path, supervisor: subprocess.Popen) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The parts of the demo: a crusher jaw segment, as it should be and worn. Writes binary STL (mm).
+"""The parts of the demo: a crusher jaw segment, nominal and worn. Writes binary STL (mm).
 
 python3 -m waam_bringup.parts FOLDER
 """
@@ -32,14 +32,15 @@ def block(top: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     floor = grid.copy()
     floor[..., 2] = 0.0
 
-    def quads(a, b, c, d):
+    def quads(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
         return np.concatenate([np.stack([a, b, c], -2), np.stack([a, c, d], -2)]).reshape(-1, 3, 3)
 
-    def sheet(g, up):
+    def sheet(g: np.ndarray, up: bool) -> np.ndarray:
         corners = (g[:-1, :-1], g[:-1, 1:], g[1:, 1:], g[1:, :-1])
-        return quads(*(corners if up else corners[::-1]))
+        a, b, c, d = corners if up else corners[::-1]
+        return quads(a, b, c, d)
 
-    def wall(upper, lower):
+    def wall(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
         return quads(lower[:-1], lower[1:], upper[1:], upper[:-1])
 
     sides = [

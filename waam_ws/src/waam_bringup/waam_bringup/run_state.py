@@ -15,7 +15,7 @@ from waam_process.names import INTERRUPTED, JOB_ENDED
 
 @dataclass
 class NodeState:
-    """pid and fate of one process; exit_code is None while it runs, negative = ended by that signal; restarts: how
+    """pid and state of one process; exit_code is None while it runs, negative = ended by that signal; restarts: how
     often it was started again because it hung, reason: why the last time."""
 
     pid: int
@@ -93,10 +93,12 @@ def process_exists(pid: int) -> bool:
         return True
 
 
-def describe_exit(code: int) -> str:
-    """'exited with 2' or 'killed by SIGKILL'."""
+def describe_exit(code: int | None) -> str:
+    """'exited with 2' or 'killed by SIGKILL'; None: 'is running'."""
     import signal
 
+    if code is None:
+        return 'is running'
     if code < 0:
         return f'killed by {signal.Signals(-code).name}'
     return f'exited with {code}'

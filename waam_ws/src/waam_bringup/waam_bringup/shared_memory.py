@@ -1,8 +1,8 @@
 """Shared memory that killed processes left behind: Fast DDS frees its segments (35 MB per node) only at a clean end.
 
 A living owner holds a lock on `<segment>_el`; one that died holds none, however it died. The same goes for ports
-(`_el`, or `_sl` when several listen). A port whose owner was killed may be unusable, and its number is then passed
-over; participants with numbers from 32 on are not found by others on the same computer, so after some kills a graph
+(`_el`, or `_sl` when several listen). A port whose owner was killed may be unusable, and its number is then
+skipped; participants with numbers from 32 on are not found by others on the same computer, so after some kills a graph
 would no longer come together.
 """
 

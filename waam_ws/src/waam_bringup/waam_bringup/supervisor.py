@@ -1,7 +1,7 @@
 """The plain supervisor: starts the processes of the graph, watches them, says what died, stops them in reverse order.
 
-A node that died is not restarted: a job in the middle of a layer must not go on with one that has forgotten everything.
-One that hangs while no job runs is ended and started again: the next job would only fail on it.
+A node that died is not restarted: a job in the middle of a layer must not continue with one that has lost its state.
+One that hangs while no job runs is killed and restarted, since the next job would fail on it.
 """
 
 from __future__ import annotations
@@ -23,14 +23,12 @@ from .graph import Process, Settings, processes
 from .run_state import ENDED, NodeState, RunState, describe_exit, job_runs, job_status
 from .watchdog import Watchdog
 
-MAX_RESTARTS = (
-    3  # of one node in the life of a graph; one that hangs again and again needs a person
-)
+MAX_RESTARTS = 3  # restarts of one node per graph; a node that hangs repeatedly needs a person
 DUMP_S = 0.3  # for a hanging node to write where its threads are
 
 
 class Supervisor:
-    """Owns the processes of one graph. `start`, then `watch` until it is told to stop, then `stop`."""
+    """Owns the processes of one graph. Call `start`, then `watch`, which returns on a signal, then `stop`."""
 
     def __init__(
         self, settings: Settings, domain: int, description: dict[str, Any] | None = None
@@ -107,7 +105,7 @@ class Supervisor:
             self.state.save(self.settings.run)
 
     def _restart_hanging(self) -> None:
-        """Ends and starts again what gives no sign of life, unless a job runs."""
+        """Restarts processes that are silent, unless a job runs."""
         silent = self.watchdog.silent(time.monotonic())
         if not silent or job_runs(self.settings.run):
             return
@@ -165,7 +163,7 @@ class Supervisor:
 
 
 def mark_interrupted(run: Path, reason: str) -> None:
-    """Writes into the newest job's status.json that it was interrupted, when it was still going on."""
+    """Marks the newest job as interrupted in its status.json when it was still running."""
     found = job_status(run)
     if found is None or found[1].get('state') in ENDED:
         return
@@ -178,7 +176,7 @@ def mark_interrupted(run: Path, reason: str) -> None:
 
 
 def run(settings: Settings, domain: int) -> int:
-    """The whole life of a graph in this process: the body of `waam up --foreground`."""
+    """Runs a graph in this process from start to stop: the body of `waam up --foreground`."""
     supervisor = Supervisor(settings, domain)
     try:
         supervisor.start()

@@ -40,7 +40,7 @@ def power_on(
 
 
 def power_cut(pids: list[int], timeout: float = 20.0) -> None:
-    """kill -9 of all, in this order (a supervisor that goes first can tidy nothing up), until they are gone."""
+    """kill -9 of all, in this order (a supervisor killed first cannot clean up), until they are gone."""
     for pid in pids:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)

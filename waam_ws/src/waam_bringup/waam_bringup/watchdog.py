@@ -10,7 +10,9 @@ from itertools import count
 
 _CREDENTIALS = struct.Struct('3i')  # pid, uid, gid of the sender, filled in by the kernel
 _number = count()
-SLEPT_S = 5.0  # between two looks: the machine slept or was too busy to be judged
+SLEPT_S = (
+    5.0  # s between two looks above which nothing is judged: the machine slept or was too busy
+)
 
 
 class Watchdog:
@@ -38,7 +40,7 @@ class Watchdog:
         return self._heard.get(pid)
 
     def silent(self, now: float) -> dict[int, float]:
-        """Processes that have been heard once and then no more for `timeout`: pid -> s of silence."""
+        """Processes that were heard once and then not for `timeout`: pid -> s of silence."""
         self._listen(now)
         if now - self._looked > SLEPT_S:
             self._heard = {p: None if t is None else now for p, t in self._heard.items()}

@@ -5,8 +5,6 @@
 
 #define EXCHANGE_US 10000u /* between two answers of the cell */
 
-_Static_assert(sizeof(controller_lib_sample_t) == 48, "the layout of the plant port");
-
 struct controller_lib {
     host_harness_t harness;
     char tx[CONTROLLER_LIB_TX_BYTES];
@@ -113,24 +111,11 @@ void controller_lib_run(controller_lib_t *lib, uint32_t milliseconds)
         tick(lib);
 }
 
-static controller_lib_sample_t sample(const controller_lib_t *lib)
-{
-    const waam_outputs_t *out = &lib->harness.outputs;
-    int64_t at[WAAM_AXES];
-    double per_m = lib->harness.config.steps_per_mm * 1e3;
-    host_harness_steps(&lib->harness, at);
-    return (controller_lib_sample_t){
-        .table_x = -(double)at[0] / per_m, .table_y = -(double)at[1] / per_m, .tool_z = (double)at[2] / per_m,
-        .wire_cmd = out->wire_mm_s * 1e-3, .voltage_set = out->voltage_v,
-        .outputs = (out->arc ? 1u : 0u) | (out->gas ? 2u : 0u),
-    };
-}
-
-void controller_lib_step(controller_lib_t *lib, uint32_t milliseconds, controller_lib_sample_t *samples)
+void controller_lib_step(controller_lib_t *lib, uint32_t milliseconds, host_sample_t *samples)
 {
     for (uint32_t i = 0; i < milliseconds; i++) {
         tick(lib);
-        samples[i] = sample(lib);
+        samples[i] = host_harness_sample(&lib->harness);
     }
 }
 

@@ -25,22 +25,13 @@ typedef struct {
     int32_t arc, homed, queued;
 } controller_lib_view_t;
 
-/* One millisecond of the outputs, as the plant port of the virtual controller sends it (docs/link_protocol.md). */
-typedef struct {
-    double table_x, table_y, tool_z; /* m, machine; the table moves under the torch */
-    double wire_cmd;                 /* m/s */
-    double voltage_set;              /* V */
-    uint32_t outputs;                /* 1 arc, 2 gas */
-    uint32_t padding;
-} controller_lib_sample_t;
-
 typedef struct controller_lib controller_lib_t;
 
 controller_lib_t *controller_lib_new(uint32_t boot_id, uint64_t start_us);
 /* As `virtual_controller --plant --epoch-us` starts: in ALARM, its clock is ROS time, the caller is the cell. */
 controller_lib_t *controller_lib_with_cell(uint32_t boot_id, uint64_t start_us);
 /* Runs `milliseconds` and writes one sample for each. */
-void controller_lib_step(controller_lib_t *lib, uint32_t milliseconds, controller_lib_sample_t *samples);
+void controller_lib_step(controller_lib_t *lib, uint32_t milliseconds, host_sample_t *samples);
 /* What the cell's inputs read from now on: bits as of the plant port, A, V, m/s. */
 void controller_lib_answer(controller_lib_t *lib, uint32_t inputs, double current, double voltage, double wire_speed);
 void controller_lib_free(controller_lib_t *lib);

@@ -48,14 +48,6 @@ bool pty_reads(const pty_t *pty);
 
 /* ---- plant port ---- */
 typedef struct {
-    double table_x, table_y, tool_z; /* m, machine; the table moves under the torch */
-    double wire_cmd;                 /* m/s */
-    double voltage_set;              /* V */
-    uint32_t outputs;                /* 1 arc, 2 gas */
-    uint32_t padding;
-} plant_sample_t;
-
-typedef struct {
     int listener, client;
     const char *path;
     uint64_t inode;
@@ -69,7 +61,7 @@ int plant_open(plant_t *plant, const char *path);
 void plant_close(plant_t *plant);
 void plant_accept(plant_t *plant);
 /* Sends one step and waits for the answer. A lost client sets inputs->process to LOST. */
-void plant_exchange(plant_t *plant, const plant_sample_t samples[SAMPLES], uint64_t t_us, waam_inputs_t *inputs,
+void plant_exchange(plant_t *plant, const host_sample_t samples[SAMPLES], uint64_t t_us, waam_inputs_t *inputs,
                     int pty_fd, plant_idle_t idle, void *context);
 
 /* ---- pacing ---- */

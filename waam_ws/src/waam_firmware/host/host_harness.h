@@ -18,11 +18,22 @@ typedef struct {
     uint64_t null_arc_us;       /* null plant: the arc output has been on for this long */
 } host_harness_t;
 
+/* One millisecond of the outputs, as the plant port sends it (docs/link_protocol.md). */
+typedef struct {
+    double table_x, table_y, tool_z; /* m, machine; the table moves under the torch */
+    double wire_cmd;                 /* m/s */
+    double voltage_set;              /* V */
+    uint32_t outputs;                /* 1 arc, 2 gas */
+    uint32_t padding;
+} host_sample_t;
+
 /* Tunes the arc regulator to what is there: a source that follows at once and is seen after `exchange_us`. */
 void host_harness_source(host_harness_t *harness, uint32_t exchange_us);
 /* Steps from machine zero at which the axes really are. */
 void host_harness_steps(const host_harness_t *harness, int64_t at[WAAM_AXES]);
 /* One tick of the core with its inputs. */
 void host_harness_tick(host_harness_t *harness);
+/* What the outputs do now. */
+host_sample_t host_harness_sample(const host_harness_t *harness);
 
 #endif

@@ -98,26 +98,13 @@ static void wait_for_step(host_t *h)
     pace_step(&h->pace, pace_mode(h));
 }
 
-static plant_sample_t sample(const host_t *h)
-{
-    const waam_outputs_t *out = &h->harness.outputs;
-    int64_t at[WAAM_AXES];
-    double per_m = h->harness.config.steps_per_mm * 1e3;
-    host_harness_steps(&h->harness, at);
-    return (plant_sample_t){
-        .table_x = -(double)at[0] / per_m, .table_y = -(double)at[1] / per_m, .tool_z = (double)at[2] / per_m,
-        .wire_cmd = out->wire_mm_s * 1e-3, .voltage_set = out->voltage_v,
-        .outputs = (out->arc ? 1u : 0u) | (out->gas ? 2u : 0u),
-    };
-}
-
 static void step(host_t *h)
 {
-    plant_sample_t samples[SAMPLES];
+    host_sample_t samples[SAMPLES];
     for (unsigned i = 0; i < h->pace.step_us / TICK_US; i++) {
         host_harness_tick(&h->harness);
         events_tick(&h->events, &h->harness.core, &h->harness.outputs);
-        samples[i] = sample(h);
+        samples[i] = host_harness_sample(&h->harness);
     }
     if (h->plant.client >= 0)
         plant_exchange(&h->plant, samples, h->harness.core.now_us, &h->harness.inputs, h->pty.connected ? h->pty.fd : -1,

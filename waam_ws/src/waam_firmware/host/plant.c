@@ -15,7 +15,7 @@
 typedef struct {
     uint32_t magic, samples;
     uint64_t t_us;
-    plant_sample_t sample[SAMPLES];
+    host_sample_t sample[SAMPLES];
 } plant_step_t;
 
 typedef struct {
@@ -23,7 +23,7 @@ typedef struct {
     double current, voltage, wire_speed;
 } plant_answer_t;
 
-_Static_assert(sizeof(plant_sample_t) == 48 && sizeof(plant_step_t) == 16 + 48 * SAMPLES, "step layout");
+_Static_assert(sizeof(host_sample_t) == 48 && sizeof(plant_step_t) == 16 + 48 * SAMPLES, "step layout");
 _Static_assert(sizeof(plant_answer_t) == 32, "answer layout");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the plant port is little-endian");
 
@@ -132,7 +132,7 @@ static const char *receive(int fd, plant_answer_t *answer, int pty_fd, plant_idl
     return answer->magic == ANSWER_MAGIC ? NULL : "its answer has a wrong magic number";
 }
 
-void plant_exchange(plant_t *plant, const plant_sample_t samples[SAMPLES], uint64_t t_us, waam_inputs_t *inputs,
+void plant_exchange(plant_t *plant, const host_sample_t samples[SAMPLES], uint64_t t_us, waam_inputs_t *inputs,
                     int pty_fd, plant_idle_t idle, void *context)
 {
     plant_step_t step = {.magic = STEP_MAGIC, .samples = SAMPLES, .t_us = t_us};

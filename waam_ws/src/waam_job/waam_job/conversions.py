@@ -21,17 +21,19 @@ from waam_msgs.msg import (
     LayerReport,
     MachineState,
 )
-from waam_msgs.srv import ComputeCorrection
+from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node.conversions import (
     floats,
     grid_from_msg,
     grid_to_msg,
     map_from_msg,
     seconds,
+    segment_to_msg,
     time_to_msg,
 )
 from waam_process.grid import HeightGrid
 from waam_process.names import CONTROLLER_STATES
+from waam_process.segment import Segment
 
 from .model.cell import Correction, CorrectionRequest, Heat, Scan
 from .model.goal import JobGoal
@@ -72,7 +74,7 @@ def goal_from_msg(msg: RunJob.Goal, default_jobs_dir: str) -> JobGoal:
 
 
 def goal_from_job(job: dict, resumed: RunJob.Goal) -> JobGoal:
-    """The goal of an interrupted job out of its job.yaml; operator, notes and spool may be new.
+    """The goal of an interrupted job, read from its job.yaml; operator, notes and spool may be new.
 
     ValueError when the file holds none.
     """
@@ -143,7 +145,7 @@ def anomaly_from_msg(msg: Anomaly) -> AnomalyRecord:
 def aim_to_msg(
     point: tuple[float, float, float], zero: tuple[float, float, float], stamp: Time
 ) -> PointStamped:
-    """Where the pyrometer is to look. point: m, work frame; zero: of the work frame in machine coordinates, m."""
+    """Where the pyrometer should be aimed. point: m, work frame; zero: of the work frame in machine coordinates, m."""
     x, y, z = (float(a + b) for a, b in zip(point, zero, strict=True))
     msg = PointStamped(point=Point(x=x, y=y, z=z))
     msg.header.stamp, msg.header.frame_id = stamp, 'machine'
@@ -245,4 +247,21 @@ def correction_request(job_id: str, r: CorrectionRequest, stamp: Time) -> Comput
     request.k_gain = float(r.k_gain)
     request.direction = Vector3(x=float(r.direction[0]), y=float(r.direction[1]), z=0.0)
     request.beads = [Polygon(points=[Point32(x=x, y=y) for x, y in b.tolist()]) for b in r.beads]
+    return request
+
+
+def feed_request(
+    job_id: str,
+    material: str,
+    segments: list[Segment],
+    correction: Correction | None,
+    heat_factor: float,
+    apply: bool,
+) -> ComputeFeed.Request:
+    """apply: use the correction; False only records it."""
+    request = ComputeFeed.Request(job_id=job_id, material=material, apply_correction=apply)
+    request.segments = [segment_to_msg(s) for s in segments]
+    request.heat_factor = float(heat_factor)
+    if correction is not None:
+        request.correction = correction.handle
     return request

@@ -36,7 +36,7 @@ from .store.folder import JobFolder
 
 
 class JobSequencer(WaamNode):
-    """Accepts one goal at a time; a second one is refused. The goal's whole life is in its result and in the folder."""
+    """Accepts one goal at a time and refuses a second one. Everything about a job is in its result and its folder."""
 
     def __init__(self) -> None:
         super().__init__('job_sequencer', JobParams)
@@ -105,7 +105,7 @@ class JobSequencer(WaamNode):
         return response
 
     def _on_override(self, message: Override) -> None:
-        """The bridge acts on it; the job only keeps that it happened."""
+        """The bridge acts on it; the job only records it."""
         with self._lock:
             control = self.control if self._busy else None
         if control is not None:
@@ -117,7 +117,7 @@ class JobSequencer(WaamNode):
     # ---- the job -------------------------------------------------------------------------------
 
     def _work(self, handle: ServerGoalHandle) -> RunJob.Result:
-        """The goal's whole life, in a thread of its own."""
+        """Runs the goal from start to end, in a thread of its own."""
         result = RunJob.Result()
         try:
             self._run(handle, result)
@@ -156,7 +156,7 @@ class JobSequencer(WaamNode):
         result.max_error = runner.final.max if runner.final else math.nan
 
     def _accept(self, request: RunJob.Goal) -> tuple[Checked, JobFolder, int]:
-        """A new folder, or the one of the job that goes on. JobError with all that is wrong."""
+        """A new folder, or that of the job to resume. Raises JobError with everything that is wrong."""
         self.cell.read_parameters()
         kept = {'parameters': asdict(self.params), 'nodes': self.cell.parameters()}
         if request.resume_dir:
@@ -172,7 +172,7 @@ class JobSequencer(WaamNode):
         return checked, folder, run
 
     def _with_all_that_is_wrong(self, check: Callable[[], Checked]) -> Checked:
-        """A refused goal also says what is wrong with the cell; with a good one the cell gets some seconds."""
+        """Adds the faults of the cell to those of a refused goal; with a valid goal it gives the cell some seconds."""
         try:
             return check()
         except JobError as e:

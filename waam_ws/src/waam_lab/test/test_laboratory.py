@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from waam_job.model.cell import Heat
 from waam_job.model.goal import Code, JobError
 from waam_lab import Fault, LabResult, build, over_seeds, restore, run, run_many
+from waam_lab.cell import LabCell
 from waam_node.params import ParameterError
+from waam_process import materials
 from waam_sim.plant import PlantParams
 
 
@@ -77,6 +80,32 @@ def test_the_pyrometer_follows_the_metal_of_a_build(parts):
     r = run(build(parts[0], seed=2, layers=2))
     before_second = next(row for row in r.reports if row['layer'] == 2 and not row['final'])
     assert before_second['temperature'] > 60.0
+
+
+def test_the_interpass_limit_is_that_of_the_material_that_the_job_lays(parts, monkeypatch):
+    limits: list[float] = []
+    heat = LabCell.heat
+
+    def watched(cell: LabCell) -> Heat:
+        found = heat(cell)
+        limits.append(found.limit)
+        return found
+
+    monkeypatch.setattr(LabCell, 'heat', watched)
+    r = run(build(parts[0], seed=2, layers=2, material='316l'))
+    assert r.error_code == 0, r.message
+    limit = materials.get('316l').interpass_limit
+    assert limit < materials.get('er70s-6').interpass_limit
+    assert set(limits[-5:]) == {limit}
+    temperatures = [row['temperature'] for row in r.reports if not row['final']]
+    assert max(temperatures) < limit + 2.0
+
+
+def test_a_pyrometer_that_looks_beside_the_part_is_doubted_as_in_the_graph(parts):
+    beside = {'cell': {'pyrometer_spot_x': 0.09, 'pyrometer_spot_y': 0.07}}
+    r = run(build(parts[0], seed=2, layers=2, overrides=beside))
+    assert r.error_code == 0, r.message
+    assert any('temperature is not believed' in a['text'] for a in r.anomalies)
 
 
 def test_overrides_act_and_unknown_ones_are_refused_by_name(parts, repaired):

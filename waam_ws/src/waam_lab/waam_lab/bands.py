@@ -1,4 +1,4 @@
-"""Figures of many jobs as bands: mean, best, worst, and where the next job will most likely lie. Pure."""
+"""Figures of many jobs as bands: mean, best, worst, and the interval of the next job. Pure."""
 
 from __future__ import annotations
 

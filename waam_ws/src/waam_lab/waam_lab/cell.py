@@ -1,6 +1,6 @@
 """The cell as the job sees it (waam_job.model.cell.Cell), with everything behind it in this process.
 
-Nothing waits: a call that would wait in the graph lets simulated time pass. Requests and answers go through the same
+Nothing waits: where a call would wait in the graph, simulated time passes. Requests and answers go through the same
 messages as in the graph, so what is rounded there (maps are float32) is rounded here.
 """
 
@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from waam_adapt import answers
+from waam_adapt import conversions as adapt_convert
 from waam_adapt.laws.corrector import Corrector
-from waam_adapt.thermal.interpass import InterpassMonitor
+from waam_adapt.thermal.compensator import Compensator
 from waam_bridge import commands, program
 from waam_bridge import conversions as bridge_convert
 from waam_bridge.frames import ARC_ENABLED, ARC_ESTABLISHED, Telemetry
@@ -25,8 +26,7 @@ from waam_job.model.geometry import aim_point
 from waam_job.model.goal import Code, JobError
 from waam_job.model.records import AnomalyRecord, LayerRecord, State, Status
 from waam_job.model.telemetry import TelemetryStats
-from waam_msgs.srv import ComputeFeed
-from waam_node.conversions import segment_from_msg, segment_to_msg, time_to_msg
+from waam_node.conversions import segment_from_msg, time_to_msg
 from waam_process.grid import GridError, GridSpec
 from waam_process.segment import Point, Segment
 from waam_sim.plant import Plant
@@ -53,8 +53,7 @@ class LabCell:
         self.params, self._faults = params, list(faults)
         self.device = Machine(params.bridge, plant)
         self.scanning = Scanning(params.scan_fusion, self.device)
-        thermal = params.thermal_compensator
-        self.thermal = InterpassMonitor(thermal.of_material, thermal.settings)
+        self.thermal = Compensator(params.thermal_compensator)
         self.corrector = Corrector(params.correction_server)
         self.reports: list[LayerRecord] = []
         self.anomalies: list[AnomalyRecord] = []
@@ -121,18 +120,11 @@ class LabCell:
         )
 
     def heat(self) -> Heat:
-        found = self.thermal.state(self.now())
+        t = self.thermal
+        msg = adapt_convert.heat_to_msg(t.state(self.now()), t.limit, t.material)
+        found = convert.heat_from_msg(msg)
         self._stats.temperature = found.temperature
-        return Heat(
-            known=True,
-            factor=found.factor,
-            temperature=found.temperature,
-            limit=self.thermal.settings.interpass_limit,
-            ready=found.ready,
-            wait=found.wait,
-            plausible=found.plausible,
-            reasons=found.reasons,
-        )
+        return found
 
     def parameters(self) -> dict[str, dict[str, Any]]:
         return self._parameters
@@ -209,11 +201,7 @@ class LabCell:
         heat_factor: float,
         apply: bool,
     ) -> list[Segment]:
-        request = ComputeFeed.Request(job_id=job_id, material=material, apply_correction=apply)
-        request.segments = [segment_to_msg(s) for s in segments]
-        request.heat_factor = float(heat_factor)
-        if correction is not None:
-            request.correction = correction.handle
+        request = convert.feed_request(job_id, material, segments, correction, heat_factor, apply)
         try:
             answers.set_feed(self.params.feed_forward, request)
         except ValueError as e:
@@ -235,6 +223,7 @@ class LabCell:
             self.device.plant.aim(x, y)
 
     def status(self, status: Status) -> None:
+        answers.follow_job(self.thermal, convert.status_to_msg(status, time_to_msg(self.now())))
         deposits = status.state == State.DEPOSITING
         self._stats.layer = status.layer if deposits else 0
         if self._trace is not None:
@@ -244,6 +233,7 @@ class LabCell:
             self.device.plant.faults.inject(fault.name, fault.value, self.device.plant.now)
 
     def layer_report(self, report: LayerRecord) -> None:
+        answers.follow_layer(self.thermal, convert.layer_to_msg(report, time_to_msg(self.now())))
         self.reports.append(report)
 
     def anomaly(self, anomaly: AnomalyRecord) -> None:

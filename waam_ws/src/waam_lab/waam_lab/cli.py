@@ -1,4 +1,4 @@
-"""`waam lab`: foretells what will come out, before metal is laid."""
+"""`waam lab`: predicts what will come out, before metal is laid."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def settings_of(
 
 
 def job_of(args: argparse.Namespace, out: Path) -> LabJob:
-    """The job of the command line, with everything checked that can be known beforehand. ValueError otherwise."""
+    """The job of the command line, checked as far as possible before it runs. Raises ValueError."""
     overrides, plan = settings_of(args.set, args.cell_file)
     goal = JobGoal(
         part=args.part.resolve(),
@@ -110,7 +110,7 @@ def _check(job: LabJob, args: argparse.Namespace) -> None:
 
 
 def run_campaign(args: argparse.Namespace) -> int:
-    """0 foretold, 1 at least one job failed."""
+    """0 all jobs ran, 1 at least one failed."""
     seeds = parse_seeds(args.seeds)
     jobs_dir = Path(os.environ.get('WAAM_JOBS', 'jobs'))
     out = args.out or jobs_dir / make_job_id(f'lab-{args.part.stem}')
@@ -128,7 +128,7 @@ def run_campaign(args: argparse.Namespace) -> int:
 
 
 class Advance:
-    """Progress of a campaign on a terminal: jobs done, and what the last one came to. Plain lines elsewhere."""
+    """Progress of a campaign on a terminal: jobs done, and the result of the last one. Plain lines elsewhere."""
 
     def __init__(self, total: int, title: str) -> None:
         self.console = Console(stderr=True, highlight=False)

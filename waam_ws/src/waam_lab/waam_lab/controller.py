@@ -57,11 +57,11 @@ class Controller:
         self._lib.controller_lib_step(self._handle, len(samples), samples.ctypes.data)
 
     def answer(self, reading: Reading) -> None:
-        """What the inputs read from now on."""
+        """Sets what the inputs read from now on."""
         r = reading
         self._lib.controller_lib_answer(self._handle, r.inputs, r.current, r.voltage, r.wire_speed)
 
     def take(self) -> bytes:
-        """What was sent to the host since the last call."""
+        """Bytes sent to the host since the last call."""
         count = self._lib.controller_lib_take(self._handle, self._bytes, TX_BYTES)
         return ctypes.string_at(self._bytes, count)

@@ -1,4 +1,4 @@
-"""What the laboratory is asked for, and what it answers. SI unless the name says otherwise."""
+"""Jobs of the laboratory and their results. SI unless the name says otherwise."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ from .job import LabJob, LabResult
 from .metal_trace import MetalTrace
 
 PLATE = (0.240, 0.200, 0.010)  # m, on the table for a build, as of waam job run
-MEMORY = Path('/dev/shm')  # files that nobody keeps need no disk
+MEMORY = Path('/dev/shm')  # job folders that are not kept need no disk
 
 
 def run(job: LabJob, trace: MetalTrace | None = None) -> LabResult:
@@ -57,7 +57,7 @@ def run(job: LabJob, trace: MetalTrace | None = None) -> LabResult:
 
 
 def _check_cell(job: LabJob) -> None:
-    """ValueError for what would only be found in the middle of a job, or never."""
+    """Raises ValueError for faults that would otherwise show only in the middle of a job, or never."""
     if job.seed < 0:
         raise ValueError(f'seed is {job.seed}, must not be negative')
     own = [f'{group}_' for group in GROUPS]

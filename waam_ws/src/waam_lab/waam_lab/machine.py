@@ -28,7 +28,7 @@ CONNECT_LIMIT = 5.0  # s
 
 
 class Machine:
-    """`advance` lets time pass. What comes of it goes to the listeners: on_frame(Telemetry), on_outbox(Outbox),
+    """`advance` lets time pass. Results go to the listeners: on_frame(Telemetry), on_outbox(Outbox),
     on_temperature(time_us, degC), on_profiles(Profiles), on_exchange(samples (n,) of SAMPLE, Plant)."""
 
     def __init__(self, params: BridgeParams, plant: Plant) -> None:
@@ -61,7 +61,7 @@ class Machine:
             raise RuntimeError(f'no controller: {self.bridge.link.failed or self.bridge.message}')
 
     def until(self, done: Callable[[], bool], limit: float) -> bool:
-        """Lets time pass until `done`, at most `limit` s. Returns whether it came to be."""
+        """Lets time pass until `done`, at most `limit` s. Returns whether it became true."""
         end = self.now + limit
         while not done() and self.now < end:
             self.step()

@@ -1,4 +1,4 @@
-"""Parameters of the nodes that the laboratory stands in for: the files that the graph loads, then what a job changes.
+"""Parameters of the nodes that the laboratory replaces: the files that the graph loads, then the changes of a job.
 
 One source: a default that changes in a package's config/<node>.yaml changes here as well.
 """
@@ -82,9 +82,7 @@ def read_file(path: Path) -> dict[str, dict[str, Any]]:
 def make(*overrides: Overrides) -> LabParams:
     """Defaults, changed by `overrides`, later ones first. ParameterError names what is unknown or out of range."""
     values = {node: defaults(node) for node in NODES}
-    values['job_sequencer'][
-        'lease_nodes'
-    ] = ()  # there are no nodes whose heartbeat could be asked for
+    values['job_sequencer']['lease_nodes'] = ()  # the laboratory has no nodes with a heartbeat
     for override in overrides:
         for node, changed in override.items():
             if node not in NODES:

@@ -21,7 +21,7 @@ from .job import LabJob, LabResult
 
 @dataclass(frozen=True)
 class Row:
-    """A figure of the table: name in LabResult, what people read, its unit, factor from SI, decimals."""
+    """A figure of the table: name in LabResult, label, unit, factor from SI, decimals."""
 
     name: str
     label: str
@@ -44,7 +44,7 @@ ROWS = (
 
 @dataclass(frozen=True)
 class Campaign:
-    """Jobs that differ only in their seed, and what came of them. wall: s; told: the command line, or ''."""
+    """Jobs that differ only in their seed, and their results. wall: s; told: the command line, or ''."""
 
     job: LabJob
     results: Sequence[LabResult]

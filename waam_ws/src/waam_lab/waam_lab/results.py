@@ -12,7 +12,7 @@ from waam_process.grid import GridSpec
 
 from .job import LabJob, LabMaps, LabResult
 
-LARGEST_SHARE = 0.995  # of the judged cells: single cells beyond are not what a part fails by
+LARGEST_SHARE = 0.995  # share of the judged cells: a part does not fail by single cells beyond it
 
 
 def read(folder: JobFolder, job: LabJob, time: float, cpu: float) -> LabResult:

@@ -22,7 +22,7 @@ BATCH = 100  # profiles that are fused at once; maps do not depend on it
 
 
 class ScanError(RuntimeError):
-    """No map came of a scan; the text says why."""
+    """A scan gave no map; the text says why."""
 
 
 class Scanning:
@@ -69,7 +69,7 @@ class Scanning:
         session.until_ns = round(until * 1e9)
         self.plant.scanning = False
         self._hand_over()
-        # what cannot come any more is not waited for; the last profiles need the telemetry after them
+        # do not wait for what cannot come; the last profiles need the telemetry after them
         self.machine.until(lambda: self._resolved(session), 0.1)
         self._session = None
         return self._fuse(session)

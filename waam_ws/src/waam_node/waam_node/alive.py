@@ -15,7 +15,7 @@ RESTARTED = 'WAAM_RESTARTED'  # environment: why the supervisor has started this
 
 
 class SignOfLife:
-    """`give` as often as you like; it never waits and never fails."""
+    """Call `give` at any time; it never waits and never fails."""
 
     def __init__(self, address: str | None = None) -> None:
         address = os.environ.get(ADDRESS, '') if address is None else address
@@ -25,7 +25,7 @@ class SignOfLife:
 
     def give(self) -> None:
         if self._address:
-            with suppress(OSError):  # nobody listens any more, or its queue is full
+            with suppress(OSError):  # nobody listens, or the queue is full
                 self._socket.sendto(b'WATCHDOG=1', self._address)
 
     def close(self) -> None:

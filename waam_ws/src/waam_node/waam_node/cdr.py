@@ -61,8 +61,8 @@ class TelemetryFields(NamedTuple):
 
 
 class BatchFields(NamedTuple):
-    """What a waam_msgs/ProfileBatch holds. The arrays are flat read-only views of its bytes; nobody has compared their
-    lengths with the counts yet."""
+    """What a waam_msgs/ProfileBatch holds. The arrays are flat read-only views of its bytes; their lengths are not
+    checked against the counts yet."""
 
     stamp_ns: int
     sequence: int

@@ -29,7 +29,7 @@ def grid_to_msg(spec: GridSpec) -> GridInfo:
 
 
 def grid_from_msg(msg: GridInfo) -> GridSpec:
-    """Raises GridError when the geometry makes no sense."""
+    """Raises GridError for an invalid geometry."""
     p = msg.origin.position
     return GridSpec(p.x, p.y, msg.resolution, msg.rows, msg.cols)
 

@@ -82,12 +82,12 @@ class WaamNode(Node):
         return params
 
     def responsive(self) -> bool:
-        """Whether the node does its work. A node with threads of its own overrides it: one that is stuck gives no
-        heartbeat, and the supervisor takes it for one that hangs."""
+        """Whether the node does its work. A node with threads of its own overrides it: a stuck one gives no
+        heartbeat, and the supervisor treats it as hanging."""
         return True
 
     def _on_tick(self, tick: LeaseTick) -> None:
-        # the executor still runs what was due when the node was told to stop
+        # the executor still runs what was due when the node was stopped
         if not self.context.ok() or not self.responsive():
             return
         beat = Heartbeat(
@@ -126,7 +126,7 @@ def call(
 ) -> Any:
     """Calls a service from a thread that is NOT the executor's and waits at most `timeout` seconds (steady time).
 
-    `abort` is asked while waiting and ends the wait with CallError when it returns a reason.
+    `abort` is called while waiting; when it returns a reason, the wait ends with CallError.
     """
     done = threading.Event()
     end = time.monotonic() + timeout
@@ -176,10 +176,10 @@ def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
             print(f'error: {e}', file=sys.stderr)
             return 2
         gc.collect()
-        gc.freeze()  # looking through all that was imported takes 40 ms, every few seconds
+        gc.freeze()  # a collection over all imported modules takes 40 ms, every few seconds
         spin(node)
     except Exception:
-        if not rclpy.ok():  # a callback that was under way when the node was told to stop
+        if not rclpy.ok():  # a callback that was running when the node was stopped
             return 0
         traceback.print_exc()
         return 1

@@ -1,7 +1,7 @@
-"""Real-time priority for the processes that the arc depends on, so that nothing that watches can hold them up.
+"""Real-time priority for the processes that the arc depends on, so that viewers and recorders cannot delay them.
 
-Linux runs a thread of a real-time class as soon as it is due, before all ordinary ones. It takes a right that most
-systems give on request only (`rtprio` in limits.conf, CAP_SYS_NICE of a container); without it nothing changes.
+Linux runs a thread of a real-time class as soon as it is due, before all ordinary ones. It needs a right that most
+systems grant only on request (`rtprio` in limits.conf, CAP_SYS_NICE of a container); without it nothing changes.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ LEVEL = 10  # of 1..99; the kernel's own interrupt threads have 50
 
 
 def take() -> str:
-    """How this process runs from now on, in words: 'real time' when `WAAM_REALTIME` is 1 and it is allowed."""
+    """Sets the priority and returns it as text: 'real time' when `WAAM_REALTIME` is 1 and it is allowed."""
     return request() if os.environ.get(VARIABLE, '') == '1' else 'ordinary'
 
 
 def request(level: int = LEVEL) -> str:
-    """Asks for it; the same words. Before any thread is started that is to have it as well: threads inherit it."""
+    """Requests it; same result. Call it before starting threads that need it too: threads inherit it."""
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(level))
     except (OSError, AttributeError) as e:  # AttributeError: not Linux

@@ -8,7 +8,7 @@ import os
 import tempfile
 from pathlib import Path
 
-DOMAINS = 99  # those above 101 would use ports that the system hands out to anybody
+DOMAINS = 99  # domains above 101 would use ports that the system hands out to any program
 PER_WORKER = DOMAINS // 3
 _count = itertools.count()
 _held: dict[int, int] = {}  # domain -> descriptor of its lock, held until this process ends

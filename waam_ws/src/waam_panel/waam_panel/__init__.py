@@ -1,1 +1,1 @@
-"""The operator's page: what is shown (state, intake), who may ask (security), what is served (web)."""
+"""The operator's page: what is shown (state), who may ask (security), what is served (web)."""

@@ -94,7 +94,15 @@ class AlarmLog:
             if not alarm.active:
                 alarm.count, alarm.time = alarm.count + 1, now
             return alarm
-        alarm = Alarm(next(self._numbers), now, kind, str(code), severity, text, False)
+        alarm = Alarm(
+            id=next(self._numbers),
+            time=now,
+            kind=kind,
+            code=str(code),
+            severity=severity,
+            text=text,
+            active=False,
+        )
         self._alarms.append(alarm)
         self._forget()
         return alarm
@@ -112,7 +120,15 @@ class AlarmLog:
         self.version += 1
         alarm = self._find(kind, str(code), None)
         if alarm is None:
-            alarm = Alarm(next(self._numbers), now, kind, str(code), severity, text, True)
+            alarm = Alarm(
+                id=next(self._numbers),
+                time=now,
+                kind=kind,
+                code=str(code),
+                severity=severity,
+                text=text,
+                active=True,
+            )
             self._alarms.append(alarm)
             self._forget()
         alarm.active, alarm.severity = True, max(alarm.severity, severity)
@@ -127,8 +143,8 @@ class AlarmLog:
         return None
 
     def clear(self, slot: str) -> None:
-        """The condition is over; its alarm stays in the list until it is acknowledged. One that only ends by what
-        somebody has done on purpose is acknowledged with it."""
+        """The condition is over; its alarm stays in the list until it is acknowledged. An alarm that only a deliberate
+        action ends is acknowledged by that action."""
         alarm = self._conditions.pop(slot, None)
         if alarm:
             alarm.active = False

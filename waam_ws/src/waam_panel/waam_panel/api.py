@@ -31,16 +31,15 @@ Run = Callable[[Cell, dict[str, Any]], Awaitable[Any]]
 
 
 class BadRequest(ValueError):
-    """A request whose values make no sense."""
+    """A request with invalid values."""
 
 
 def number(data: dict[str, Any], name: str, low: float, high: float) -> float:
     """A finite number within limits. Raises BadRequest."""
     value = data.get(name)
-    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    if not good or not low <= value <= high:
-        raise BadRequest(f'{name}: {value!r}, must be a number from {low:g} to {high:g}')
-    return float(value)
+    if isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high:
+        return float(value)  # NaN fails every comparison
+    raise BadRequest(f'{name}: {value!r}, must be a number from {low:g} to {high:g}')
 
 
 # ---- what the commands do
@@ -66,9 +65,12 @@ def machine(name: str) -> Run:
 
 
 async def arm(cell: Cell, _: dict[str, Any]) -> str:
-    if cell.setup is None and cell.going_on is None:
+    if cell.setup is not None:
+        name = cell.setup.part
+    elif cell.going_on is not None:
+        name = cell.going_on.name
+    else:
         raise Refused('load a part first')
-    name = cell.setup.part if cell.setup else cell.going_on.name
     return await cell.do(cell.operations.arm, f'panel {name}')
 
 
@@ -166,6 +168,7 @@ async def start(cell: Cell, _: dict[str, Any]) -> str:
         raise Refused('press Arm first')
     if cell.going_on is not None:
         return await cell.do(cell.operations.resume_job, cell.going_on)
+    assert cell.setup is not None  # asked above
     part = cell.parts.find(cell.setup.part)
     return await cell.do(cell.operations.start, cell.setup, part, cell.jobs_dir)
 
@@ -194,7 +197,7 @@ async def _json(request: web.Request) -> dict[str, Any]:
 
 
 async def _answer(run: Run, cell: Cell, data: dict[str, Any]) -> web.Response:
-    """200 done; 409 the cell said no; 400 nonsense. The text is always for people."""
+    """200 done; 409 refused by the cell; 400 invalid request. The text is for the operator."""
     try:
         said = await run(cell, data)
     except KNOWN as e:

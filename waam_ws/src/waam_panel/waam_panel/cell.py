@@ -48,7 +48,7 @@ class Cell:
     wrong_token_s: float = 1.0
     boot: str = field(default_factory=lambda: secrets.token_hex(4))
     setup: JobSetup | None = None
-    going_on: Path | None = None  # an interrupted job that is to go on, instead of a setup
+    going_on: Path | None = None  # an interrupted job to resume, instead of a setup
     problem: str = ''
     pages: int = 0  # open streams
 
@@ -92,7 +92,7 @@ class Cell:
             await asyncio.sleep(PUMP_S)
 
     async def _judge(self) -> None:
-        """The error of a scan is drawn when the job has written what is wanted after its layer."""
+        """Draws the error of a scan once the job has written the surface wanted after its layer."""
         scan, job = self.state.scan, self.state.sections.get('job')
         if not scan or not job or not job['dir']:
             return

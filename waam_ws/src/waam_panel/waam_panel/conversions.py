@@ -177,7 +177,7 @@ def goal(setup: JobSetup, part: Path, jobs_dir: Path) -> RunJob.Goal:
 
 
 def resumed(folder: Path, operator: str = '') -> RunJob.Goal:
-    """An interrupted job goes on; everything else stands in its job.yaml."""
+    """The goal that resumes an interrupted job; everything else is in its job.yaml."""
     return RunJob.Goal(
         resume_dir=str(folder.resolve()), operator_name=operator, notes=['resumed_from=panel']
     )

@@ -19,7 +19,7 @@ SHOWN = 60
 
 
 class HistoryError(ValueError):
-    """A name that is no job."""
+    """The name is not that of a job."""
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -45,7 +45,9 @@ def _is_job(folder: Path) -> bool:
 
 def _row(folder: Path) -> dict[str, Any]:
     status, report = _read(folder / STATUS), _read(folder / REPORT)
-    run = next((report[p] for p in SHOWN_FIRST if isinstance(report.get(p), dict)), {})
+    run: dict[str, Any] = next(
+        (report[p] for p in SHOWN_FIRST if isinstance(report.get(p), dict)), {}
+    )
     runs = [p for p in SHOWN_FIRST if p in report]
     return {
         'id': folder.name,
@@ -64,7 +66,7 @@ def _row(folder: Path) -> dict[str, Any]:
 
 
 def can_go_on(folder: Path) -> bool:
-    """It ended before its last layer and says what it was asked for."""
+    """It ended before its last layer and its goal is on disk."""
     state = _read(folder / STATUS).get('state')
     return state in UNFINISHED and (folder / JOB).is_file()
 

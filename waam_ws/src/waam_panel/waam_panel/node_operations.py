@@ -60,7 +60,7 @@ class RosOperations:
     # ---- stop, pause, resume
 
     def stop(self) -> str:
-        """Ends the job and stops the machine, each on its own way: one that hangs does not hold up the other."""
+        """Ends the job and stops the machine, on separate threads: one that hangs does not hold up the other."""
         return self._both(
             lambda: self._send('STOP', patience=STOP_PATIENCE_S),
             lambda: self._switch('abort', STOP_PATIENCE_S),
@@ -68,7 +68,7 @@ class RosOperations:
         )
 
     def pause(self, job_running: bool) -> str:
-        """The machine holds at once (real-time byte); the job is told, so that it waits."""
+        """The machine holds at once (real-time byte); the job is paused as well, so that it waits."""
         if not job_running:
             return self._send('HOLD')
         return self._both(lambda: self._send('HOLD'), lambda: self._switch('pause'), 'paused')
@@ -77,7 +77,7 @@ class RosOperations:
         return self._switch('resume') if job_running else self._send('RESUME')
 
     def _both(self, machine: Any, job: Any, done: str) -> str:
-        """Runs both at the same time. One that worked is enough; the other's words are told."""
+        """Runs both at the same time. One success is enough; the message of the other is added."""
         failed = []
         running = {'machine': self._pair.submit(machine), 'job': self._pair.submit(job)}
         for name, future in running.items():

@@ -9,14 +9,21 @@ from .setup_form import JobSetup
 
 
 class Refused(RuntimeError):
-    """The machine or the job said no; the text holds its words."""
+    """The machine or the job refused; the text is its message."""
 
 
 class Operations(Protocol):
     """Every method blocks until the answer, at most some seconds, and raises Refused. Called from worker threads."""
 
-    simulated: bool  # a simulated cell answers: parts can be put on its table
-    adjustable: bool  # the running job takes k_gain, rescan and skip
+    @property
+    def simulated(self) -> bool:
+        """A simulated cell answers: parts can be put on its table."""
+        ...
+
+    @property
+    def adjustable(self) -> bool:
+        """The running job takes k_gain, rescan and skip."""
+        ...
 
     def stop(self) -> str: ...
 

@@ -79,7 +79,7 @@ TOPICS = (  # name of the section, type, topic, quality of service, newest only
 
 
 class Panel(WaamNode):
-    """Not among the nodes that the arc lease needs: its death or silence stops no job."""
+    """Not required by the arc lease: its death or silence stops no job."""
 
     def __init__(self) -> None:
         super().__init__('panel', PanelParams)
@@ -129,7 +129,7 @@ class Panel(WaamNode):
         return lambda message: self._mailbox.put((name, message))
 
     def _on_sample(self) -> None:
-        """Of all frames that came since the last time a few are read; simulated time can run fast."""
+        """Decodes a few of the frames since the last time; simulated time can run fast."""
         frames = self._tap.take()
         step = -(-len(frames) // FRAMES)
         for raw in frames[-1::-step][::-1] if frames else ():

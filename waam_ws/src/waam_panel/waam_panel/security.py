@@ -147,7 +147,7 @@ class Guard:
 
     def check_stop(self, headers: Mapping[str, str], cookie: str, csrf: str) -> None:
         """Stop is harmless to forge and deadly to lose: from our own origin it needs no anti-forgery value, so a page
-        from before a restart can still stop. From nowhere, or from another site, it is refused like anything else."""
+        from before a restart can still stop. Without an origin or from another site it is refused."""
         self._check_sender(headers, cookie)
         if not self.same_origin(headers):
             self.check_command(headers, cookie, csrf)

@@ -45,7 +45,7 @@ class JobSetup:
 
     @property
     def notes(self) -> list[str]:
-        """What the record keeps of the consumables, as key=value; only a person can tell it."""
+        """Consumables for the record, as key=value; only a person knows them."""
         told = {'wire_lot': self.wire_lot, 'gas': self.gas}
         return ['started_from=panel', *(f'{k}={v}' for k, v in told.items() if v)]
 

@@ -1,6 +1,6 @@
 """The live stream: one WebSocket per page, read-only. Each page gets the newest when it is ready for it.
 
-A page that does not read holds up only its own task: nothing is queued for it, and after a while it is let go.
+A page that does not read holds up only its own task: nothing is queued for it, and after a while it is disconnected.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ async def _stream(request: web.Request) -> web.WebSocketResponse:
     cell.pages += 1
     sender = asyncio.create_task(_send(cell, socket, request))
     try:
-        async for message in socket:  # pages say nothing; reading notices their end
+        async for message in socket:  # pages send nothing; reading notices when they close
             if message.type not in (WSMsgType.PING, WSMsgType.PONG):
                 break
     finally:

@@ -158,7 +158,7 @@ class WebServer:
     def _run(self) -> None:
         try:
             self._loop.run_until_complete(self._serve())
-        except Exception as e:  # whatever it is: the node lives on and says so
+        except Exception as e:  # whatever it is, the node goes on and reports it
             self.problem = f'{type(e).__name__}: {e}'
         finally:
             self._ready.set()

@@ -48,7 +48,7 @@ def epilog() -> str:
 
 
 class _Help(argparse.Action):
-    """--help; the table of strategies is read only when somebody asks for it."""
+    """--help; loads the table of strategies only when it is printed."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, **options: Any) -> None:
         super().__init__(option_strings, dest, nargs=0, help='show this help and exit')
@@ -87,7 +87,7 @@ def register(
 
 
 def _add_inputs(p: argparse.ArgumentParser) -> None:
-    """What is there and what is wanted."""
+    """Options for the surface as found and the wanted part."""
     p.add_argument(
         'part',
         type=Path,
@@ -125,7 +125,7 @@ def _add_inputs(p: argparse.ArgumentParser) -> None:
 
 
 def _add_layers(p: argparse.ArgumentParser) -> None:
-    """How the metal is laid."""
+    """Options for how the metal is laid."""
     p.add_argument(
         '--layers', type=int, default=0, help='at most so many, from the bottom; 0 = all'
     )
@@ -153,7 +153,7 @@ def _add_layers(p: argparse.ArgumentParser) -> None:
 
 
 def _add_outputs(p: argparse.ArgumentParser) -> None:
-    """What is written."""
+    """Options for the files that are written."""
     p.add_argument(
         '--out', type=Path, metavar='DIR', help='folder for the files; none are written without it'
     )

@@ -29,7 +29,7 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     p = commands.add_parser(
         'correct',
         help='bend a G-code program against skew and scale errors of the machine',
-        description='Correct a program for axes that are not square or not to scale (source 002, section 3.3).',
+        description='Correct a program for axes that are not square or not to scale (see docs/equations.md, S2).',
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

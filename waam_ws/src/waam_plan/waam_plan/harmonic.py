@@ -1,5 +1,7 @@
 """Idle moves with continuous acceleration: the harmonic law of source 004.
 
+Equations (1)-(3) of S4, see docs/equations.md.
+
 The law joins two places with R'' = A cos(k t + psi), R' = (A / k)(sin(k t + psi) - sin psi) + C. The torch stands still
 where the arc goes off and where it is lit, so speed and acceleration vanish at both ends; then psi = -pi/2,
 k = 2 pi / T, C = 0 and A = 2 pi L / T^2, and no iteration is needed: R = L (u - sin(2 pi u) / (2 pi)), u = t / T.
@@ -12,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FINEST = 0.5e-3  # m: a move is not cut into pieces shorter than this on the average
+FINEST = 0.5e-3  # m: pieces of a move are no shorter than this on average
 PIECES = 8  # of equal time, at most
 
 
@@ -25,7 +27,7 @@ class HarmonicLaw:
 
     @classmethod
     def within(cls, length: float, speed: float, acceleration: float) -> HarmonicLaw:
-        """The quickest that keeps to a highest speed (m/s) and acceleration (m/s2)."""
+        """The quickest one within a highest speed (m/s) and acceleration (m/s2)."""
         by_speed = 2 * length / speed
         by_acceleration = math.sqrt(2 * math.pi * length / acceleration)
         return cls(length, max(by_speed, by_acceleration))

@@ -167,7 +167,7 @@ class Plan:
 
 @contextmanager
 def collector_paused() -> Iterator[None]:
-    """No cyclic garbage collection meanwhile: planning makes millions of small objects and no cycles."""
+    """Pauses the cyclic garbage collector: planning makes millions of small objects and no cycles."""
     running = gc.isenabled()
     gc.disable()
     try:

@@ -1,4 +1,4 @@
-"""What a plan is made with. SI; every field is checked and an error names it."""
+"""Settings of a plan. SI; every field is checked and an error names it."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ def _problem(name: str, value: object) -> str:
 
 
 def assigned(texts: Iterable[str], elsewhere: Iterable[str] = ()) -> dict[str, object]:
-    """{field: value} of texts 'NAME=VALUE' (SI). elsewhere: fields that are given in another way and not so.
+    """{field: value} of texts 'NAME=VALUE' (SI). elsewhere: fields with an option of their own, refused here.
 
     Raises SettingsError with everything that is wrong.
     """

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 
 class GridError(ValueError):
-    """A grid whose geometry or data make no sense; the text names the field."""
+    """A grid with invalid geometry or data; the text names the field."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ TABLE = Path(__file__).with_name('materials.yaml')
 
 
 class MaterialError(ValueError):
-    """A material that is unknown or a table that makes no sense; the text names file, material,
+    """A material that is unknown or a table that is invalid; the text names file, material,
     field and limit.
     """
 
@@ -149,7 +149,7 @@ def get(name: str, path: str | Path | None = None) -> Material:
 
 
 def parse_quantity(text: Any, dimension: str) -> float:
-    """SI value of '1.2 mm' and the like; MaterialError when the unit is missing, unknown or of
+    """SI value of a text such as '1.2 mm'; MaterialError when the unit is missing, unknown or of
     another dimension.
     """
     units = UNITS[dimension]

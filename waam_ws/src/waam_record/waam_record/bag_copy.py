@@ -1,4 +1,4 @@
-"""Recordings made from recordings: what can be saved of a broken one, a part of one, several in one."""
+"""Recordings made from recordings: repaired, cut or joined."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def topic_of(channel: Channel, schema: Schema) -> Topic:
 def messages(
     files: list[Path], selection: Selection = Selection()
 ) -> Iterator[tuple[Topic, Message]]:
-    """Messages of whole files, by log time, files that come first first. BagError names a file that is not whole."""
+    """Messages of undamaged files by log time, earlier files first. BagError names a damaged file."""
     start = min((info(f).first_ns for f in files), default=0)
     first = start + round(selection.start * 1e9)
     last = 2**63 - 1 if selection.end == float('inf') else start + round(selection.end * 1e9)

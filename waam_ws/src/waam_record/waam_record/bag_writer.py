@@ -36,7 +36,7 @@ class BagError(ValueError):
 
 @dataclass(frozen=True)
 class Topic:
-    """What a reader must know of a topic. `qos`: offered profiles as dictionaries in rosbag2's
+    """What a reader must know about a topic. `qos`: offered profiles as dictionaries in rosbag2's
     form."""
 
     name: str
@@ -122,7 +122,7 @@ class BagWriter:
         return held is not None and held[:2] == (publish_ns, sequence)
 
     def add_topic(self, topic: Topic) -> int:
-        """Registers a topic; the number returned is what `write` wants."""
+        """Registers a topic; the returned number is the argument of `write`."""
         self.topics.append(topic)
         self.counts.append(0)
         return len(self.topics) - 1

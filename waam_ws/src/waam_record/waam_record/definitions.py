@@ -1,4 +1,4 @@
-"""Message definitions as one text (`ros2msg`), so that a recording explains itself without this
+"""Message definitions as one text (`ros2msg`), so that a recording can be read without this
 workspace.
 
 The text of the type comes first, then each type it needs once, after a line of 80 `=` and `MSG:

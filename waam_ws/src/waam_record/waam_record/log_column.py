@@ -1,4 +1,4 @@
-"""What the readers of foreign logs hand over: topics with their messages."""
+"""What the readers of foreign logs return: topics with their messages."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ QOS = {
     'liveliness': 'automatic',
     'liveliness_lease_duration': {'sec': 9223372036, 'nsec': 854775807},
     'avoid_ros_namespace_conventions': False,
-}  # of what imported topics say of themselves: nothing is known, so the defaults of ROS 2
+}  # quality of service of imported topics: unknown, so the defaults of ROS 2
 
 
 @dataclass(frozen=True)
 class Column:
-    """One topic made of a log: messages as (stamp ns, CDR bytes) in any order."""
+    """One topic of a log: messages as (stamp ns, CDR bytes) in any order."""
 
     topic: Topic
     messages: Iterable[tuple[int, bytes]]

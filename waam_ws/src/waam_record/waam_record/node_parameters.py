@@ -68,7 +68,7 @@ def _call(client: Client, request: Any) -> Any:
 
 
 class ParameterReader:
-    """`read` as often as you like; it never waits. A node of its own, so that nothing else is disturbed."""
+    """Call `read` at any time; it never waits. A node of its own, so that nothing else is disturbed."""
 
     def __init__(self, context: Context) -> None:
         self._node = Node(

@@ -149,7 +149,7 @@ class Session:
             )
 
     def _follow_layers(self, data: bytes) -> None:
-        """Starts the next file when the job has gone on by so many layers."""
+        """Starts the next file after the set number of layers."""
         layer = deserialize_message(data, JobStatus).layer
         if layer > self._layer and layer - self._split_at >= self._layers and self._split_at:
             self.recording.split()
@@ -170,7 +170,7 @@ class Session:
         return found | {f'dropped {t.name}': str(n) for t, n in pairs if n}
 
     def stop(self) -> None:
-        """Asks for the end; `recording.finished` says when the files are closed and verified."""
+        """Asks for the end; `recording.finished` is set once the files are closed and verified."""
         skipped = {f'skipped.{name}': why for name, why in self.taps.skipped.items()}
         files = job_files(self.recording.writer.directory)
         self.recording.stop({**files, **self._loss_notes(), **skipped, 'lost': str(self.lost)})
@@ -200,7 +200,7 @@ class Session:
 
 
 def require_space(directory: Path, free_bytes: int) -> None:
-    """BagError when the disk of a folder that is to be made has less left."""
+    """BagError when the disk that will hold the folder has less free space."""
     parent = next(p for p in Path(directory).resolve().parents if p.exists())
     if (free := shutil.disk_usage(parent).free) < free_bytes:
         raise BagError(

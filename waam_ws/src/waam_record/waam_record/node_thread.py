@@ -1,7 +1,7 @@
-"""The thread that a recording lives in. Nothing that it waits for holds up the node's heartbeat or its services.
+"""The thread that a recording runs in. Whatever it waits for, the node's heartbeat and services go on.
 
-Subscribing to a hundred topics takes a second on a busy core; making and syncing a file takes as long as the disk
-wants. The node only hands over requests and reads the newest `Status`.
+Subscribing to a hundred topics takes a second on a busy core; creating and syncing a file takes as long as the
+disk needs. The node only hands over requests and reads the newest `Status`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ STATUS_S = 1.0  # time between two looks at the state of the recording
 
 @dataclass(frozen=True)
 class Answer:
-    """What a request came to; messages and lost of the recording that it was about."""
+    """Result of a request; messages and lost: of the recording that it concerned."""
 
     success: bool
     text: str
@@ -76,7 +76,7 @@ class RecordingThread:
         self._session: Session | None = None
         self._unfinished: Callable[[], bool] | None = None  # of a request that is not answered yet
         self._closing: list[Recording] = []  # stopped, still being written
-        self._busy = threading.Lock()  # held from `ask` to the answer
+        self._busy = threading.Lock()  # a request is in progress, from `ask` to the answer
         self._ending = threading.Event()
         self._progressed = time.monotonic()
         self.status = Status()
@@ -93,14 +93,14 @@ class RecordingThread:
     # ---- for other threads
 
     def ask(self, request: Request) -> None:
-        """Hands a request over. Raises BagError when the one before is still at work."""
+        """Hands a request over. Raises BagError while the one before is unfinished."""
         if not self._busy.acquire(blocking=False):
             raise BagError('the request before this one is still at work')
         self._requests.put(request)
 
     @property
     def stuck_s(self) -> float:
-        """Time since the thread last got on."""
+        """Time since the thread last made progress."""
         return time.monotonic() - self._progressed
 
     def close(self, timeout: float) -> bool:
@@ -141,7 +141,7 @@ class RecordingThread:
         self._progressed = time.monotonic()
 
     def _serve(self) -> None:
-        """Goes on with the request at hand, or takes the next one; waits one poll period for it."""
+        """Continues the current request, or takes the next one; waits one poll period for it."""
         if self._unfinished is not None:
             time.sleep(self._params.poll_period)
             if self._unfinished():
@@ -162,7 +162,7 @@ class RecordingThread:
         request.reply(answer)
 
     def _take(self, request: Request) -> Callable[[], bool] | None:
-        """Begins with a request. Returns what is to be called until it says that it has answered."""
+        """Starts a request. Returns a function to call until it reports that it has answered."""
         if request.code == Record.Request.START:
             return self._start(request)
         if self._session is None:
@@ -204,7 +204,7 @@ class RecordingThread:
         return ready
 
     def _stop(self, request: Request, session: Session) -> Callable[[], bool]:
-        """Answers when the files are closed and verified, or that they are not yet after `close_timeout`."""
+        """Answers when the files are closed and verified, or after `close_timeout` that they are not."""
         arrived = time.monotonic() + IN_FLIGHT_S
         give_up = arrived + self._params.close_timeout
         asked = False

@@ -1,4 +1,4 @@
-"""What a recording says of the job it belongs to and of the software that made it."""
+"""What a recording states about its job and the software that made it."""
 
 from __future__ import annotations
 

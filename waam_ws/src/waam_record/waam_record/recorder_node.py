@@ -12,7 +12,7 @@ from .node_session import RecorderParams
 from .node_thread import Answer, RecordingThread, Request
 
 CLOSE_S = 10.0  # at most, when the node is ended without STOP
-STUCK_S = 10.0  # a recording that has not got on for so long does not record: the node falls silent
+STUCK_S = 10.0  # a recording without progress for so long is stuck: the node stops its heartbeat
 CODES = (
     *(Record.Request.START, Record.Request.STOP, Record.Request.SPLIT),
     *(Record.Request.PAUSE, Record.Request.RESUME),

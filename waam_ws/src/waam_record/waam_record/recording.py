@@ -80,7 +80,7 @@ class Recording:
         self._queue.append((None, self.writer.split))
 
     def annotate(self, custom_data: dict[str, str]) -> None:
-        """Adds to what the metadata tells beside the topics."""
+        """Adds to the custom data of the metadata."""
         self._queue.append((None, lambda: self.writer.custom_data.update(custom_data)))
 
     def stop(self, custom_data: dict[str, str]) -> None:
@@ -132,9 +132,7 @@ class Recording:
                         renewed = now
                 if not self._queue:
                     time.sleep(0.02)
-        except (
-            Exception
-        ) as e:  # whatever it was: the node must learn that nothing is recorded any more
+        except Exception as e:  # whatever failed, the node must learn that recording has ended
             self.error = f'{type(e).__name__}: {e}'
             self._finished.set()
 

@@ -1,4 +1,4 @@
-"""Reads MCAP files record by record, also broken ones: what is whole comes out, what is not is named and passed over.
+"""Reads MCAP files record by record, also broken ones: returns what is intact, names and skips what is not.
 
 A cut file gives everything before the cut, the readable beginning of its last chunk included; a damaged chunk costs
 that chunk only, because the records around it say how long they are.

@@ -1,4 +1,4 @@
-"""Messages of standard types as CDR, without ROS: what imported logs are made of."""
+"""Messages of standard types as CDR, without ROS, for imported logs."""
 
 from __future__ import annotations
 

@@ -86,7 +86,9 @@ def _register_play(verbs: argparse._SubParsersAction) -> None:
     play.add_argument(
         '--until', type=float, default=0.0, help='s after the beginning; 0 = to the end'
     )
-    play.add_argument('--paused', action='store_true', help='begin paused (service player/control)')
+    play.add_argument(
+        '--paused', action='store_true', help='begin paused (go on with the service player/resume)'
+    )
     play.add_argument('--force', action='store_true', help='also topics that command a machine')
     play.set_defaults(run_command=_play)
 

@@ -21,13 +21,14 @@ from waam_process.grid import GridSpec
 from waam_record.read_record import Exchange, load
 
 from .maps import MapAgain
+from .recorded import RecordedCorrection
 
 
 @dataclass(frozen=True)
 class PsiAgain:
     """One correction: the recorded one (message) and the same computed again."""
 
-    recorded: object
+    recorded: RecordedCorrection
     spec: GridSpec
     core: CorrectionInput
     result: Correction

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,10 @@ from waam_scan.stream.poses import PoseTrack
 from waam_scan.stream.profiles import ProfileBlock
 from waam_scan.stream.session import PreviousMap, Session
 
+from .recorded import RecordedBatch, RecordedMap
+
 CLOCK_GRAIN_NS = (
-    100_000_000  # as scan_fusion: profiles this much older than its clock belong to the scan
+    100_000_000  # as scan_fusion: profiles older than its clock by up to this belong to the scan
 )
 
 
@@ -24,7 +27,7 @@ CLOCK_GRAIN_NS = (
 class MapAgain:
     """One scan: the recorded map (message) and the same computed again; z, sigma (rows, cols) float32 in m, count."""
 
-    recorded: object
+    recorded: RecordedMap
     z: np.ndarray
     sigma: np.ndarray
     count: np.ndarray
@@ -99,13 +102,13 @@ class Mapper:
             self._before = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
         reasons = tuple(doubts + session.notes())
         return MapAgain(
-            end.response.map,
-            fused.z,
-            fused.sigma,
-            fused.count,
-            not doubts,
-            reasons,
-            profiles == wanted,
+            recorded=end.response.map,
+            z=fused.z,
+            sigma=fused.sigma,
+            count=fused.count,
+            plausible=not doubts,
+            reasons=reasons,
+            whole=profiles == wanted,
         )
 
     def _session(self, begin: Exchange) -> Session:
@@ -119,7 +122,7 @@ class Mapper:
         assembler = Assembler(surface, self._track, gap, p.max_waiting, earliest, p.intensity)
         return Session(request.job_id, request.layer, begin.response.scan_id, assembler)
 
-    def _blocks(self, after_ns: int, before_ns: int):
+    def _blocks(self, after_ns: int, before_ns: int) -> Iterator[tuple[int, ProfileBlock]]:
         batches = self.record.batches
         while self._batch < len(batches) and batches[self._batch][0] < before_ns:
             at, msg = batches[self._batch]
@@ -138,12 +141,10 @@ class Mapper:
                 return
 
 
-def block_of(msg: object) -> ProfileBlock:
+def block_of(msg: RecordedBatch) -> ProfileBlock:
     """A recorded ProfileBatch."""
     shape = msg.profile_count, msg.points_per_profile
     stamps = nanoseconds(msg.header.stamp) + np.asarray(msg.stamp_offsets_ns, np.int64)
-    x, z, light = (
-        np.asarray(v, np.float32).reshape(shape) if len(v) else None
-        for v in (msg.x, msg.z, msg.intensity)
-    )
-    return ProfileBlock(stamps, x, z, light)
+    x, z = (np.asarray(v, np.float32).reshape(shape) for v in (msg.x, msg.z))
+    light = np.asarray(msg.intensity, np.float32)
+    return ProfileBlock(stamps, x, z, light.reshape(shape) if light.size else None)

@@ -1,5 +1,5 @@
-"""The job's questions to the nodes again, each with everything that had arrived before it, and the answers beside the
-recorded ones. No time passes that anything waits for: the next step begins when the last answer is there.
+"""Repeats the job's requests to the nodes, each after everything that had arrived before it, and compares the answers
+with the recorded ones. Nothing waits for time to pass: the next step begins when the last answer is there.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ KINDS = {
     'correct': (ComputeCorrection, 'correction_server/compute', 'correction_server'),
     'feed': (ComputeFeed, 'feed_forward/compute', 'feed_forward'),
 }
-REFUSED = {  # questions that every node turns down without a trace: they show that answers arrive
+REFUSED = {  # requests that every node refuses without side effects: they show that answers arrive
     'begin': BeginScan.Request(),
     'finish': FinishScan.Request(scan_id=2**32 - 1),
     'correct': ComputeCorrection.Request(),
@@ -129,7 +129,7 @@ class Lockstep:
         )
 
     def _answered(self, ask: Any) -> Any:
-        """Repeats a harmless question until it is answered."""
+        """Repeats a harmless request until it is answered."""
         end = time.monotonic() + self.patience
         while True:
             try:
@@ -146,7 +146,7 @@ class Lockstep:
             time.sleep(0.002)
 
     def _ping(self, node: str) -> None:
-        """Returns when the node has worked off what it got before."""
+        """Returns when the node has processed what it got before."""
         self._answered(lambda: call(self._pings[node], GetParameters.Request(), 3.0))
 
     def _step(self, step: Step) -> None:

@@ -19,7 +19,7 @@ from waam_scan.fusion_params import FusionParams
 
 @dataclass(frozen=True)
 class JobParams:
-    """What the job asks of the nodes."""
+    """What the job requests from the nodes."""
 
     k_gain: float = param(
         math.nan, 'authority over speed that the job asks for; NaN = as recorded', '', 0.0, 0.9
@@ -38,7 +38,7 @@ NODES = {
 
 @dataclass(frozen=True)
 class Parameters:
-    """One instance of each node's parameters; `notes`: what of the record could not be used."""
+    """One instance of each node's parameters; `notes`: recorded values that could not be used."""
 
     scan_fusion: FusionParams
     correction_server: CorrectionParams

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .tune import Layer, Tuning
+from waam_process.grid import GridSpec
 
+from .corrections import PsiAgain
+from .prediction import Prediction
+from .tune import Tuning
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Box = tuple[float, float, float, float]  # x from, to, y from, to
 MOST_LAYERS = 8  # rows; of longer jobs evenly chosen ones
 
 
@@ -16,7 +27,7 @@ def draw(result: Tuning, path: Path) -> bool:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    layers = [x for x in result.layers if x.psi and x.prediction]
+    layers = [(x.number, x.psi, x.prediction) for x in result.layers if x.psi and x.prediction]
     if not layers:
         return False
     chosen = sorted({round(i) for i in np.linspace(0, len(layers) - 1, MOST_LAYERS)})
@@ -25,7 +36,7 @@ def draw(result: Tuning, path: Path) -> bool:
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(layers), 4, squeeze=False, width_ratios=(1, 1, 1, 1.1))
     for row, layer in zip(axes, layers, strict=True):
-        _row(figure, row, layer)
+        _row(figure, row, *layer)
     axes[-1][3].set_xlabel('RMS height error, mm')
     figure.suptitle(_title(result), fontsize=11)
     figure.savefig(path, dpi=90)
@@ -37,11 +48,12 @@ def _title(result: Tuning) -> str:
     return f'{result.record.path.parent.name}: {changed or "parameters as recorded"}'
 
 
-def _row(figure, row, layer: Layer) -> None:
-    psi, prediction = layer.psi, layer.prediction
+def _row(
+    figure: Figure, row: Sequence[Axes], number: int, psi: PsiAgain, prediction: Prediction
+) -> None:
     old = np.asarray(psi.recorded.psi, float).reshape(psi.spec.shape)
     inside = psi.core.footprint
-    extent = [1e3 * v for v in psi.spec.extent]
+    extent = _mm(psi.spec.extent)
     box = _box(inside, psi.spec)
     change = (prediction.again - prediction.recorded) * 1e3
     scale = max(0.05, float(np.nanpercentile(np.abs(np.where(inside, change, 0.0)), 99)))
@@ -63,33 +75,38 @@ def _row(figure, row, layer: Layer) -> None:
         )
         ax.set_xlim(box[0], box[1])
         ax.set_ylim(box[2], box[3])
-        ax.set_title(f'layer {layer.number}: {name}', fontsize=9)
+        ax.set_title(f'layer {number}: {name}', fontsize=9)
         ax.tick_params(labelsize=7)
         ax.set_xlabel('mm', fontsize=7)
         bar = figure.colorbar(image, ax=ax, shrink=0.8)
         bar.ax.tick_params(labelsize=7)
         bar.set_label(unit, fontsize=8)
-    _bars(row[3], layer)
+    _bars(row[3], number, prediction)
 
 
-def _box(inside: np.ndarray, spec) -> tuple[float, float, float, float]:
+def _mm(extent: Box) -> Box:
+    x0, x1, y0, y1 = (1e3 * v for v in extent)
+    return x0, x1, y0, y1
+
+
+def _box(inside: np.ndarray, spec: GridSpec) -> Box:
     """Limits of the footprint in mm with a small margin."""
     rows, cols = np.nonzero(inside)
     if not rows.size:
-        return tuple(1e3 * v for v in spec.extent)
-    x, y = spec.x[[cols.min(), cols.max()]], spec.y[[rows.min(), rows.max()]]
-    return tuple(float(v) for v in (1e3 * x[0] - 2, 1e3 * x[1] + 2, 1e3 * y[0] - 2, 1e3 * y[1] + 2))
+        return _mm(spec.extent)
+    x, y = 1e3 * spec.x[[cols.min(), cols.max()]], 1e3 * spec.y[[rows.min(), rows.max()]]
+    return float(x[0]) - 2, float(x[1]) + 2, float(y[0]) - 2, float(y[1]) + 2
 
 
-def _bars(ax, layer: Layer) -> None:
+def _bars(ax: Axes, number: int, prediction: Prediction) -> None:
     names = ('measured', 'recorded', 'again')
     labels = ('measured', 'predicted,\nas recorded', 'predicted,\nagain')
-    values = [layer.prediction.rms(n) * 1e3 for n in names]
+    values = [prediction.rms(n) * 1e3 for n in names]
     bars = ax.barh(
         labels[::-1], [0 if v != v else v for v in values[::-1]], color=('C1', 'C0', '0.4')
     )
     texts = ['no scan after it' if v != v else f'{v:.3f}' for v in values[::-1]]
     ax.bar_label(bars, texts, fontsize=8, padding=3)
     ax.set_xlim(0, 1.25 * max([v for v in values if v == v], default=1.0) or 1.0)
-    ax.set_title(f'layer {layer.number}: error after it', fontsize=9)
+    ax.set_title(f'layer {number}: error after it', fontsize=9)
     ax.tick_params(labelsize=8)

@@ -63,11 +63,12 @@ def end(processes: list[subprocess.Popen]) -> None:
 
 @contextmanager
 def nodes(folder: Path, domain: int) -> Iterator[Callable[[], str]]:
-    """The nodes that a job asks, with the parameters in the record. Gives a function that says which one ended, and
-    its last words; empty while all run."""
+    """The nodes that a job calls, with the recorded parameters. Yields a function that names a node that has ended,
+    with its last output; '' while all run."""
     custom = info(folder).custom_data
     with tempfile.TemporaryDirectory(prefix='waam_replay_') as name:
-        scratch, running = Path(name), {}
+        scratch = Path(name)
+        running: dict[str, subprocess.Popen] = {}
 
         def trouble() -> str:
             ended = (n for n, p in running.items() if p.poll() is not None)

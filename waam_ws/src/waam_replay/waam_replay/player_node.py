@@ -7,6 +7,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from mcap.records import Message
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
@@ -103,7 +104,7 @@ class Player(WaamNode):
             self.create_timer(1.0 / p.clock_rate, self._tick, clock=self.steady)
 
     def _jump(self, at_ns: int) -> None:
-        """Goes on at a recorded time; latched topics get what they held there."""
+        """Continues at a recorded time; latched topics get what they held there."""
         for name, message in self._playlist.latched_before(self._chosen, at_ns):
             if name in self._outputs:
                 self._outputs.publish(name, message.data)
@@ -114,7 +115,7 @@ class Player(WaamNode):
         self._publish_clock(self._play_time.now_ns(time.monotonic()))
 
     def _publish_clock(self, ns: int) -> None:
-        if not self.context.ok():  # the timer was due when the player was told to stop
+        if not self.context.ok():  # the timer was due when the player was stopped
             return
         msg = Clock()
         msg.clock.sec, msg.clock.nanosec = divmod(min(ns, self._playlist.until_ns), 1_000_000_000)
@@ -123,10 +124,10 @@ class Player(WaamNode):
     def _advance(self) -> None:
         now = self._play_time.now_ns(time.monotonic())
         for _ in range(BURST):
-            if self._coming is None or not (self._steps or self._due(now)):
+            if self._coming is None or not (self._steps or self._due(self._coming[1], now)):
                 break
             self._steps = max(0, self._steps - 1)
-            self._publish_next()
+            self._publish_next(*self._coming)
         self.level, self.message = OK, 'paused' if self._play_time.paused else 'playing'
         position = (now - self._playlist.first_ns) * 1e-9
         self.values = {
@@ -137,12 +138,11 @@ class Player(WaamNode):
         if self._coming is None and not self._play_time.paused:
             self._end()
 
-    def _due(self, now: int) -> bool:
-        """A paused player publishes nothing by itself, not even what lies at the very time it stands at."""
-        return not self._play_time.paused and self._coming[1].log_time <= now
+    def _due(self, message: Message, now: int) -> bool:
+        """A paused player publishes nothing, not even a message at its present time."""
+        return not self._play_time.paused and message.log_time <= now
 
-    def _publish_next(self) -> None:
-        name, message = self._coming
+    def _publish_next(self, name: str, message: Message) -> None:
         if self._play_time.paused:  # a step takes the time with it
             self._play_time.seek(
                 max(message.log_time, self._play_time.now_ns(0.0)), time.monotonic()
@@ -164,12 +164,14 @@ class Player(WaamNode):
 
     def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """The next message, while paused."""
-        response.success = self._play_time.paused and self._coming is not None
-        if response.success:
-            self._steps += 1
-            response.message = self._coming[0]
+        response.success = False
+        if self._coming is None:
+            response.message = 'the record is over'
+        elif not self._play_time.paused:
+            response.message = 'pause first'
         else:
-            response.message = 'pause first' if self._coming is not None else 'the record is over'
+            self._steps += 1
+            response.success, response.message = True, self._coming[0]
         return response
 
     def _on_seek(self, msg: Float64) -> None:

@@ -1,4 +1,4 @@
-"""What is published of a record, when, and what must not be: the replay without the graph."""
+"""What of a record is published, when, and what must not be: the replay without the graph."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from waam_record.bag_copy import Selection, messages, topics_of
 from waam_record.bag_reader import bag_files, info
 from waam_record.bag_writer import Topic
 
-# What makes a machine move or keeps its arc alive. Published only when the user insists.
+# Topics that move a machine or keep its arc alive. Published only with `force`.
 COMMANDS = re.compile(r'(^|/)(override|lease_tick|heartbeat)$|/_action/|/cmd_|(^|/)enqueue$')
 NEVER = re.compile(r'/_service_event$|^/clock$|^/rosout$|^/parameter_events$')
 

@@ -1,7 +1,7 @@
 """The order of a lock-step replay: which telemetry and profiles belong before which question.
 
-A map was made of the profiles that had arrived when its scan was closed. How many those were is in the map, so exactly
-these are given before `finish`, and telemetry up to the frame behind the last of them.
+A map was made from the profiles that had arrived when its scan was closed. Their number is in the map, so exactly these
+are given before `finish`, and telemetry up to the frame behind the last of them.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from .corrections import Corrections, PsiAgain
 from .maps import MapAgain, Mapper
 from .parameters import Parameters, effective
 from .prediction import Prediction, predict
+from .recorded import RecordedMap
 from .setpoints import FeedAgain, one
 
 
@@ -52,7 +53,11 @@ class Tuning:
         """How many of maps, corrections and sets of setpoints equal the recorded ones to the last bit, of how many."""
         psi = [layer.psi for layer in self.layers if layer.psi]
         feed = [layer.feed for layer in self.layers if layer.feed]
-        groups = {'maps': self.maps, 'psi': psi, 'setpoints': feed}
+        groups: dict[str, Sequence[MapAgain | PsiAgain | FeedAgain]] = {
+            'maps': self.maps,
+            'psi': psi,
+            'setpoints': feed,
+        }
         return {name: (sum(a.identical for a in g), len(g)) for name, g in groups.items()}
 
     @property
@@ -64,12 +69,12 @@ class Tuning:
                 h.update(a.tobytes())
         for layer in self.layers:
             if layer.psi:
-                r = layer.psi.result
-                for a in (r.psi, r.confidence, r.residual_height, np.array(layer.psi.flow_factor)):
+                c = layer.psi.result
+                for a in (c.psi, c.confidence, c.residual_height, np.array(layer.psi.flow_factor)):
                     h.update(np.asarray(a, float).tobytes())
             if layer.feed:
-                r = layer.feed.result
-                for a in (r.speed, r.wire_feed_speed, r.voltage, r.clamps):
+                s = layer.feed.result
+                for a in (s.speed, s.wire_feed_speed, s.voltage, s.clamps):
                     h.update(np.ascontiguousarray(a).tobytes())
             if layer.prediction:
                 h.update(layer.prediction.again.tobytes())
@@ -103,7 +108,7 @@ def _corrections(result: Tuning) -> None:
         result.layers.append(Layer(again.layer, psi=again))
 
 
-def _surface(result: Tuning, map_msg: object) -> MapAgain | None:
+def _surface(result: Tuning, map_msg: RecordedMap) -> MapAgain | None:
     """The map of that job and scan, computed again."""
     key = map_msg.job_id, map_msg.scan_id, map_msg.layer
     return next(

@@ -1,4 +1,4 @@
-"""What scan_fusion tells about itself: diagnostics, anomalies, log."""
+"""What scan_fusion reports about itself: diagnostics, anomalies, log."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def quality_values(q: MapQuality) -> dict[str, str]:
 
 
 class FusionMonitor:
-    """Counters of the node and the diagnostics made of them; `count` is written by the node."""
+    """Counters of the node and the diagnostics made from them; `count` is written by the node."""
 
     def __init__(self, node: WaamNode, track: PoseTrack) -> None:
         self._node, self._track = node, track

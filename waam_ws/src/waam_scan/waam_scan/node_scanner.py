@@ -19,7 +19,7 @@ class ScannerSwitch:
         self._client = node.create_client(SetBool, 'scanner/enable')
 
     async def set(self, on: bool) -> str:
-        """Empty when the scanner did as told, else what is wrong."""
+        """Returns '' when the scanner obeyed, else what is wrong."""
         name, end = self._client.srv_name, time.monotonic() + self._wait
         while not self._client.service_is_ready():
             if time.monotonic() > end:

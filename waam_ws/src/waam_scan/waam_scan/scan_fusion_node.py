@@ -167,7 +167,9 @@ class ScanFusion(WaamNode):
                 response, FinishScan.Response.NO_SCAN, f'scan {request.scan_id} is not running'
             )
         session.until_ns, self._complete = nanoseconds(request.until), Event()
-        session.refresh(time.monotonic(), 0.0)  # what is worked up now does not wait for the last
+        session.refresh(
+            time.monotonic(), 0.0
+        )  # what is processed now need not wait for the last batch
         try:
             if trouble := await self._scanner.set(False):
                 session.remarks.append(f'scanner not switched off: {trouble}')
@@ -180,7 +182,7 @@ class ScanFusion(WaamNode):
             self._session = None
 
     async def _everything(self, session: Session) -> bool:
-        """True when all is here or nothing more comes; False when it would never end."""
+        """True when everything has arrived or nothing more comes; False when it would never end."""
         self._read_telemetry()
         session.assembler.resolve()
         p, now = self.params, time.monotonic()
@@ -195,7 +197,7 @@ class ScanFusion(WaamNode):
                 return True
             self._complete = (
                 Event()
-            )  # a set one would never wait: 'complete' ends when another batch comes
+            )  # an event that is set would never wait: 'complete' ends when another batch comes
             await first(after(self, 0.1), self._complete)
         return True
 
@@ -218,7 +220,7 @@ class ScanFusion(WaamNode):
         return answer(response, FinishScan.Response.OK, '; '.join(msg.reasons))
 
     def _failed(self, error: Exception, response: Any) -> Any:
-        """A defect of this node: said aloud, and the caller is not left waiting."""
+        """A defect of this node: it is logged, and the caller gets an answer."""
         self.get_logger().error(''.join(traceback.format_exception(error)))
         self._session, self._beginning = None, False
         code = (

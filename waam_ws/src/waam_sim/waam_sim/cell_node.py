@@ -74,7 +74,7 @@ class Cell(WaamNode):
         self._thread.join(2.0)
 
     def _live(self) -> None:
-        """The thread: an error in it ends the node, loudly."""
+        """The thread. An error in it is logged and ends the node."""
         try:
             warm_up(self._plant.params)
             self._connect()
@@ -83,7 +83,7 @@ class Cell(WaamNode):
             rclpy.try_shutdown()
 
     def _connect(self) -> None:
-        """Connects to the controller again and again, and lives with it."""
+        """Connects to the controller, serves it, and connects again when it is lost."""
         waiting = False
         while not self._stop.is_set():
             try:

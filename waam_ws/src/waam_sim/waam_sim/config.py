@@ -63,7 +63,7 @@ CellParams = _flat()
 
 
 def plant_params(params: Any) -> PlantParams:
-    """The parameters of the physics out of a CellParams; ValueError when work_zero is not a point."""
+    """The parameters of the physics from a CellParams; ValueError when work_zero is not a point."""
     if len(params.work_zero) != 3 or len(params.plate) != 3:
         raise ValueError("parameters 'work_zero' and 'plate' need three numbers each (m)")
     groups = {

@@ -46,7 +46,7 @@ AHEAD = 8e-3  # where the temperature that the bead meets is taken, ahead of the
 
 @dataclass(frozen=True)
 class PlantParams:
-    """Everything the cell is made of."""
+    """Parameters of all parts of the cell."""
 
     metal: MetalParams = field(default_factory=MetalParams)
     heat: HeatParams = field(default_factory=HeatParams)
@@ -122,7 +122,7 @@ class Plant:
         return bool(self.arc.state['lit'][0] > 0.0)
 
     def step(self, samples: np.ndarray, time_us: int) -> Reading:
-        """Lives through samples (n,) of SAMPLE, 1 ms each, the last at time_us."""
+        """Simulates samples (n,) of SAMPLE, 1 ms each, the last at time_us."""
         metal, heat, arc, faults = self.metal, self.heat, self.arc, self.faults
         now = time_us * 1e-6
         blocked = gas_out = False
@@ -147,7 +147,7 @@ class Plant:
         )
 
     def profiles(self, samples: np.ndarray) -> Profiles | None:
-        """The profiles whose exposure falls into the step just lived through; None when there is none."""
+        """The profiles exposed during the step just simulated; None when there is none."""
         period = round(1e6 / self.params.scanner.rate)
         first_us = self.time_us - SAMPLE_US * (len(samples) - 1)
         if not self.scanning or self.faults.on('scanner_dead', self.now):

@@ -16,7 +16,7 @@ MAX_SAMPLES = 1000
 
 
 class PortError(ConnectionError):
-    """The controller hung up or sent what is not a step; the text says which."""
+    """The controller closed the connection or sent something other than a step; the text says which."""
 
 
 class PlantPort:

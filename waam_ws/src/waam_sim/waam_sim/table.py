@@ -1,4 +1,4 @@
-"""The table of the simulated cell outlives its process: metal that was laid stays laid, as on a real one.
+"""Keeps the table of the simulated cell beyond its process: metal that was laid stays, as on a real one.
 
 The surface is a memory-mapped file. The operating system keeps what was written even when the process is killed.
 """
@@ -26,7 +26,7 @@ def keep(surface: HeightGrid, path: Path) -> np.ndarray:
 
 
 def restore(path: Path) -> HeightGrid | None:
-    """What lay on the table when the cell ended; None when nothing usable was kept."""
+    """The surface when the cell ended; None when nothing usable was kept."""
     try:
         x, y, resolution, rows, cols = json.loads(_geometry(path).read_text())
         z = np.load(path)

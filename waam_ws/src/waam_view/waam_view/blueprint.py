@@ -12,7 +12,7 @@ CURRENT, VOLTAGE, FEED, TRAVEL = 'arc/current', 'arc/voltage', 'feed/wire', 'fee
 TEMPERATURE, LIMIT, HEAT_FACTOR = 'heat/temperature', 'heat/limit', 'heat/factor'
 MACHINE, JOB, LAYER, RMS = 'state/machine', 'state/job', 'state/layer', 'quality/rms'
 STATUS, LOG, ALARMS = 'status', 'log', 'log/alarms'
-# of a plan that was not laid yet
+# of a plan that has not been laid yet
 PROGRAM_TIME = 'program_time'
 FOUND, NOMINAL, IDLE, STARTS = 'part/found', 'part/nominal', 'part/idle', 'part/starts'
 BEADS_METAL, BEADS_SPEED = 'part/beads_by_metal', 'part/beads_by_speed'
@@ -49,7 +49,7 @@ def blueprint(
 
 
 def _part(axis: rrb.TimeAxis | None) -> rrb.Vertical:
-    """The part in space, what is said, and the states."""
+    """The part in 3-D, the messages and the states."""
     space = rrb.Spatial3DView(
         origin='part',
         name='Part (surface: colours of the error, beside the beads: of the height)',
@@ -68,7 +68,7 @@ def _part(axis: rrb.TimeAxis | None) -> rrb.Vertical:
 
 
 def _maps(error_range_m: float) -> rrb.Vertical:
-    """The height error, and beside it what is done about it."""
+    """The height error, and beside it the correction."""
     reach = f'{error_range_m * 1e3:g}'
     return rrb.Vertical(
         rrb.Spatial2DView(

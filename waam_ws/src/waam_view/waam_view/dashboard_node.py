@@ -87,7 +87,7 @@ class Dashboard(WaamNode):
             self.create_subscription(kind, name, callback, qos)
 
     def _poll_telemetry(self) -> None:
-        """Of all frames that came one per period is read."""
+        """Decodes one frame per period."""
         period = int(self.params.telemetry_period * 1e9)
         for raw in self._tap.take():
             t = cdr.stamp_ns(raw)

@@ -21,7 +21,7 @@ from .scene import MapData, Sample, Scene
 from .web_viewer import WebViewer
 
 BATCH_S = 0.2  # telemetry is drawn in batches of this much wall time
-AFTER_JOB_S = 2.0  # what comes this long after the end of a job still goes into its file
+AFTER_JOB_S = 2.0  # what arrives this long after the end of a job still goes into its file
 KEEP_EXPECTED = 3  # scans that wait for their file
 Draw = Callable[[Scene], None]
 
@@ -98,7 +98,7 @@ class Drawing:
             self._guard(lambda scene: scene.remove('file'))
 
     def _guard(self, draw: Draw) -> None:
-        """A drawing that fails is reported and left out; the next one is tried."""
+        """Reports and skips a drawing that fails."""
         start = time.monotonic()
         try:
             draw(self._scene)

@@ -4,9 +4,12 @@ the shop floor."""
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
+from matplotlib.ticker import MaxNLocator
 
 from waam_process.loop_mode import LoopMode
 
@@ -19,8 +22,7 @@ PAGE = 11.0  # highest picture, inches for 9.4 of width: printed on A4 it leaves
 
 def nice_range(values: list[np.ndarray], least: float) -> float:
     """Symmetric colour range (same unit): 99th percentile of the magnitudes, rounded up."""
-    known = [np.abs(v[np.isfinite(v)]) for v in values]
-    known = np.concatenate(known) if known else np.empty(0)
+    known = np.concatenate([np.empty(0), *(np.abs(v[np.isfinite(v)]) for v in values)])
     wanted = max(least, float(np.percentile(known, 99)) if known.size else least)
     scale = 10 ** math.floor(math.log10(wanted))
     steps = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10)
@@ -39,7 +41,9 @@ def _window(scan: Scan) -> tuple[float, float, float, float]:
     return max(x0, left), min(x1, right), max(y0, low), min(y1, high)
 
 
-def _show(axes: Axes, scan: Scan, values: np.ndarray, limit: float, colours: str = DIVERGING):
+def _show(
+    axes: Axes, scan: Scan, values: np.ndarray, limit: float, colours: str = DIVERGING
+) -> AxesImage:
     """A map with y up, cells as they are, unknown cells grey, cut to the region."""
     axes.set_facecolor('#e4e7eb')
     image = axes.imshow(
@@ -59,7 +63,7 @@ def _show(axes: Axes, scan: Scan, values: np.ndarray, limit: float, colours: str
     return image
 
 
-def _outline(axes: Axes, scan: Scan, mask: np.ndarray, colour: str, **style) -> None:
+def _outline(axes: Axes, scan: Scan, mask: np.ndarray, colour: str, **style: Any) -> None:
     if mask.any() and not mask.all() and min(mask.shape) > 1:
         x0, _, y0, _ = scan.extent_mm
         d = scan.resolution * 1e3
@@ -148,7 +152,7 @@ def histogram(scan: Scan, tolerance_mm: float, reach_mm: float = 0.0) -> bytes:
         reach = reach_mm or own
         edges = np.linspace(-reach, reach, 61)
         weights = np.full(error.size, 100.0 / error.size)
-        axes.hist(np.clip(error, -reach, reach), edges, weights=weights, color=BLUE)
+        axes.hist(np.clip(error, -reach, reach), edges.tolist(), weights=weights, color=BLUE)
         axes.axvline(error.mean(), color=INK, linewidth=1.0, linestyle=':')
     axes.axvspan(-tolerance_mm, tolerance_mm, color=GREEN, alpha=0.12)
     for side in (-1, 1):
@@ -163,13 +167,17 @@ def convergence(jobs: list[Job]) -> bytes:
     axes = figure.add_subplot()
     tolerance = jobs[0].tolerance_mm
     axes.axhspan(0, tolerance, color=GREEN, alpha=0.12)
-    colours = {LoopMode.OPEN_LOOP: RED, LoopMode.CLOSED_LOOP: BLUE, LoopMode.MONITOR: GREY}
+    colours: dict[str, str] = {
+        LoopMode.OPEN_LOOP: RED,
+        LoopMode.CLOSED_LOOP: BLUE,
+        LoopMode.MONITOR: GREY,
+    }
     for job in jobs:
         colour = colours[job.profile]
         rms = [number(x.get('height_error_rms')) * 1e3 for x in job.layers]
         axes.plot(range(len(rms)), rms, 'o-', color=colour, label=job.profile.replace('_', ' '))
     axes.set_ylim(bottom=0)
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     style(axes, 'layers laid (green: tolerance)', 'RMS height error, mm')
     axes.legend(fontsize=8, frameon=False)
     return png(figure)
@@ -179,7 +187,7 @@ def section(job: Job) -> bytes:
     """Cut through the region along its longer side: heights as found, after each layer, final; below: final error."""
     last = job.scans[-1]
     rows, cols = np.nonzero(last.region if last.region.any() else np.ones(last.z.shape, bool))
-    along_x = np.ptp(cols) >= np.ptp(rows)
+    along_x = bool(np.ptp(cols) >= np.ptp(rows))
     place = int(np.median(rows if along_x else cols))
     figure = new_figure(9.4, 4.2)
     heights, errors = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])

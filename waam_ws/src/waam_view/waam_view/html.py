@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import math
+from collections.abc import Set as AbstractSet
 from typing import Any
 
 STYLE = """
@@ -44,7 +45,7 @@ def escape(value: Any) -> str:
 
 
 def fmt(value: Any, digits: int = 3, unit: str = '') -> str:
-    """A number for people; a dash when there is none."""
+    """A number as text; a dash when there is none."""
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -86,7 +87,7 @@ def cards(items: list[tuple[str, str]]) -> str:
     return '<div class="cards">' + ''.join(card(*i) for i in items) + '</div>'
 
 
-def table(head: list[str], rows: list[list[Any]], left: set[int], flagged: set[int] = frozenset(),
+def table(head: list[str], rows: list[list[Any]], left: set[int], flagged: AbstractSet[int] = frozenset(),
           last: bool = False) -> str:  # fmt: skip
     """`left`: columns with text; `flagged`: rows to be highlighted; `last`: the last row is bold."""
 

@@ -109,13 +109,20 @@ def read_report(folder: Path) -> dict[str, Any]:
 
 
 def load_job(folder: Path, report: dict[str, Any], profile: str) -> Job:
-    """The run of one profile with what its folder holds; what cannot be read is said in `notes`."""
+    """The run of one profile with what its folder holds; `notes` says what could not be read."""
     run = report.get(profile) or {}
     place = Path(folder) / str(run.get('folder') or '.')
     notes: list[str] = []
     scans = [s for f in job_folder.map_files(place) if (s := load_scan(f, notes))]
     return Job(
-        place, profile, report, run, scans, _telemetry(place, notes), _asked(place, notes), notes
+        folder=place,
+        profile=profile,
+        report=report,
+        run=run,
+        scans=scans,
+        telemetry=_telemetry(place, notes),
+        asked=_asked(place, notes),
+        notes=notes,
     )
 
 
@@ -140,9 +147,9 @@ def load_scan(file: Path, notes: list[str]) -> Scan | None:
             for k, v in data.items()
             if np.shape(v) == z.shape and z.ndim == 2
         }
-        origin = tuple(float(v) for v in data['origin'])
+        x, y = (float(v) for v in data['origin'])
         layer = job_folder.layer_of(file)
-        return Scan(layer, origin, float(data['resolution']), {'z': z, **maps})
+        return Scan(layer, (x, y), float(data['resolution']), {'z': z, **maps})
     except (KeyError, ValueError, TypeError, IndexError) as e:
         notes.append(f'{file.name} is not a scan ({type(e).__name__}: {e})')
         return None

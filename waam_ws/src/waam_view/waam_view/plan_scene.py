@@ -58,7 +58,7 @@ def _draw_surfaces(recording: rr.RecordingStream, plan: PlanFile) -> None:
         (bp.FOUND, plan.found, FOUND),
         (bp.NOMINAL, plan.nominal, NOMINAL),
     ):
-        m = mesh(plan.spec, z, np.broadcast_to(np.uint8(colour[:3]), (*z.shape, 3)))
+        m = mesh(plan.spec, z, np.broadcast_to(np.array(colour[:3], np.uint8), (*z.shape, 3)))
         if len(m.triangles):
             shape = rr.Mesh3D(
                 vertex_positions=m.vertices,
@@ -177,7 +177,7 @@ def _total(layer: int, runs: list[Run]) -> LayerTotal:
 
 
 def summary(plan: PlanFile) -> str:
-    """What an operator reads beside the picture, Markdown."""
+    """Text beside the picture, Markdown."""
     head = [
         f'# {plan.name}',
         f'{plan.mode}, {plan.layers} layers, {len(plan.beads)} arc starts, '

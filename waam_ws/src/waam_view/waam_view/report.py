@@ -1,4 +1,4 @@
-"""report.html: what a job did, on one page that needs nothing else.
+"""report.html: what a job did, on one self-contained page.
 
 `write_report(folder)` reads what docs/job_folder.md describes. A folder with one run becomes the
 report of that run, a folder with several runs (demo) a comparison that links to theirs.

@@ -33,7 +33,7 @@ class ReportWriter:
         self._thread.start()
 
     def begin(self, folder: Path) -> None:
-        """A job runs in this folder: a report.json that is older than now is of a run before a resume."""
+        """A job runs in this folder: a report.json that is older than now belongs to a run before a resume."""
         self._began[folder] = time.time_ns()
 
     def end(self, folder: Path) -> None:
@@ -41,7 +41,7 @@ class ReportWriter:
         self._ended.put(folder)
 
     def close(self, timeout: float = 5.0) -> None:
-        """A page that is not finished is given up; `waam report FOLDER` makes it later."""
+        """Gives up a page that is not finished; `waam report FOLDER` makes it later."""
         self._stop.set()
         self._thread.join(timeout)
 
@@ -76,8 +76,7 @@ class ReportWriter:
         ) as child:
             listener = threading.Thread(target=self._limit, args=(child,))
             listener.start()
-            errors = child.stderr.read()
-            child.wait()
+            _, errors = child.communicate()
             listener.join()
         if child.returncode == 0:
             self.last = str(folder / job_folder.REPORT_PAGE)
@@ -89,7 +88,7 @@ class ReportWriter:
         return lines[-1] if lines else f'the process ended with {child.returncode}'
 
     def _limit(self, child: subprocess.Popen) -> None:
-        """Ends a child that takes too long, or that nobody waits for any more."""
+        """Ends a child that takes too long or is no longer needed."""
         if not self._wait(lambda: child.poll() is not None, LONGEST_S):
             child.kill()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -57,7 +58,7 @@ class Growing:
         while size > 0 and len(data) < size:
             over = (
                 self._ended()
-            )  # asked first: what was written before it became true is still read
+            )  # checked first: what was written before it became true is still read
             more = self._stream.read(size - len(data))
             if over and not more:
                 break
@@ -90,7 +91,7 @@ def messages(file: Path, follow: Callable[[], bool] | None = None) -> Iterator[t
                     topics[record.id] = record.topic.rsplit('/', 1)[-1]
                 elif isinstance(record, Message):
                     yield topics.get(record.channel_id, ''), record.data
-        except TORN:  # what was whole has been given
+        except TORN:  # everything intact has been returned
             return
 
 
@@ -218,7 +219,7 @@ def follow(folder: Path, scene: Scene, ended: Callable[[], bool], poll: float = 
             break
         for file in waiting[:1]:
             done.add(file)
-            for topic, raw in messages(file, lambda f=file: left(f)):
+            for topic, raw in messages(file, partial(left, file)):
                 playback.message(topic, raw)
             playback.flush()
         if not waiting:

@@ -80,7 +80,7 @@ def _title(path: Path) -> str:
 
 
 def job_ended(folder: Path) -> bool:
-    """status.json says that nothing more happens."""
+    """True when status.json says that the job is over."""
     try:
         status = json.loads((folder / job_folder.STATUS).read_text(encoding='utf-8'))
     except (OSError, ValueError):

@@ -94,7 +94,7 @@ class Scene:
         recording.disconnect()
 
     def new_job(self) -> None:
-        """Nothing of the last part stays in view."""
+        """Clears everything of the last part."""
         self.remove('file')
         for live in self.recordings.values():
             live.log(f'{self._prefix}part', rr.Clear(recursive=True))

@@ -63,7 +63,7 @@ def screenshot(file: Path, png: Path, settle_s: float = 4.0, size: str = '1900x1
         try:
             _wait_for(port, viewer)
             client = ViewerClient.connect(f'rerun+http://127.0.0.1:{port}/proxy')
-            time.sleep(settle_s)  # the viewer does not say when everything is loaded and drawn
+            time.sleep(settle_s)  # the viewer does not report when everything is loaded and drawn
             timeline = LAYERS if file.name == PLAN_RECORDING else TIMELINE
             client.set_time(timeline, play_state='following')  # the end
             time.sleep(1.0)
@@ -75,7 +75,7 @@ def screenshot(file: Path, png: Path, settle_s: float = 4.0, size: str = '1900x1
 
 
 def _why(viewer: subprocess.Popen, error: Exception) -> str:
-    """A viewer that ended by itself found nothing to draw with, whatever the connection to it says."""
+    """Why the viewer failed: one that ended by itself had no driver to draw with."""
     try:
         viewer.wait(2.0)
     except subprocess.TimeoutExpired:

@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import filters
 from ..grids import CELLS_PER_BEAD
-from ..types import PRIOR
+from ..types import PRIOR, with_side
 from .model import BeadModel
 
 LAG_SIGMA = 0.3  # bead widths, of the lag before any layer
@@ -89,10 +89,10 @@ class BeadBias:
             news = float(np.clip(ratio / allowed - 1, -MAX_DRIFT, MAX_DRIFT))
             after = replace(after, surplus=self.surplus + DRIFT * (news - self.surplus))
         inner = (model.arc > INNER * model.width) & (filters.depth(known) > INNER * CELLS_PER_BEAD)
-        learning = learning * np.where(inner, INNER_SHARE, 1.0)
+        weight = learning * np.where(inner, INNER_SHARE, 1.0)
         after = after._with_ends(layer, model, lacks, known)
         lacks = lacks - after.ends[_end(model)]
-        return after._with_missing(layer, lacks, known, learning)
+        return after._with_missing(layer, lacks, known, weight)
 
     def _with_lag(
         self,
@@ -133,10 +133,12 @@ class BeadBias:
     ) -> BeadBias:
         side, before = layer % 2, self._here(layer, lacks.shape)
         weight = np.maximum(1 / (self.layers[side] + 2), learning)  # knowing nothing: one layer
-        missing, layers = list(self.missing), list(self.layers)
-        missing[side] = before + weight * np.where(known, lacks - before, 0.0)
-        layers[side] += 1
-        return replace(self, missing=tuple(missing), layers=tuple(layers))
+        missing = before + weight * np.where(known, lacks - before, 0.0)
+        return replace(
+            self,
+            missing=with_side(self.missing, side, missing),
+            layers=with_side(self.layers, side, self.layers[side] + 1),
+        )
 
 
 def _end(model: BeadModel) -> np.ndarray:

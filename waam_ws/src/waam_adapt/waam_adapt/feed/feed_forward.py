@@ -144,7 +144,7 @@ class Setpoints:
         rest = self.wire_feed_speed[i] / (
             base * self.heat_factor * self.flow_factor * self.lead_factor[i]
         )
-        bits = [b.name.lower() for b in Clamp if b and int(self.clamps[i]) & int(b)]
+        bits = [(b.name or '').lower() for b in Clamp if b and int(self.clamps[i]) & int(b)]
         return (
             f'feed {to_m_min(self.wire_feed_speed[i]):.3f} m/min = {to_m_min(base):.3f} (eq 2.17 from plan) '
             f'x {rest:.4f} (height and speed: psi {self.psi[i]:+.3f}, k_gain {self.k_gain:.2f}, '
@@ -217,7 +217,18 @@ def compute(
     volts, bits = _clamp(planned_voltage, limits.voltage, Clamp.VOLTAGE, Clamp.VOLTAGE)
     clamps = np.where(deposit, clamps | bits | np.where(saturated, int(Clamp.PSI), 0), 0)
     return Setpoints(
-        deposit, speed, feed, volts, base, psi, residual, k_gain, heat_factor, flow, ahead, clamps
+        deposit=deposit,
+        speed=speed,
+        wire_feed_speed=feed,
+        voltage=volts,
+        wire_feed_base=base,
+        psi=psi,
+        residual_height=residual,
+        k_gain=k_gain,
+        heat_factor=heat_factor,
+        flow_factor=flow,
+        lead_factor=ahead,
+        clamps=clamps,
     )
 
 

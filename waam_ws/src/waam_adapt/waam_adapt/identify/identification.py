@@ -14,7 +14,7 @@ import numpy as np
 from ..beads.bead_bias import BeadBias
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
 from ..grids import CELLS_PER_BEAD, Resampler
-from ..types import CorrectionInput, Learned
+from ..types import CorrectionInput, Learned, with_side
 from .evidence import MIN_GROWTH, BlockAverages, Layer, LayerEvidence, layer_evidence, response
 from .shortfall import Shortfall
 
@@ -147,12 +147,12 @@ class Identifier:
             return
         before = self.estimate
         self.estimate = update(self.estimate, evidence, self.forgetting)
-        averages = list(self.averages)
         side = number % 2
-        if averages[side] is not None:
-            self.estimate = update_slope(self.estimate, *averages[side].slope(evidence))
-        averages[side] = BlockAverages.after(averages[side], evidence)
-        self.averages = tuple(averages)
+        average = self.averages[side]
+        if average is not None:
+            self.estimate = update_slope(self.estimate, *average.slope(evidence))
+        after = BlockAverages.after(average, evidence)
+        self.averages = with_side(self.averages, side, after)
         if self.learning > 0:
             laid = np.where(np.nan_to_num(layer.commanded) > MIN_GROWTH, layer.commanded, np.nan)
             plan = laid if layer.planned is None else layer.planned

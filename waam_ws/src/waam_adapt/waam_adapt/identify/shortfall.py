@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from ..types import with_side
+
 MAX_SHORTFALL = 0.5  # share; more is a fault
 
 
@@ -42,9 +44,8 @@ class Shortfall:
         news = np.clip(missing, -MAX_SHORTFALL, MAX_SHORTFALL) - before
         weight = max(1 / (self.layers[side] + 2), learning)  # the prior counts as one layer
         share = before + weight * _smooth(news, smooth)
-        maps, layers = list(self.maps), list(self.layers)
-        maps[side], layers[side] = share, layers[side] + 1
-        return Shortfall(tuple(maps), tuple(layers))
+        layers = with_side(self.layers, side, self.layers[side] + 1)
+        return Shortfall(with_side(self.maps, side, share), layers)
 
 
 def _smooth(values: np.ndarray, sigma: float) -> np.ndarray:

@@ -20,7 +20,8 @@ def save(path: Path, weights: dict[str, np.ndarray], card: dict[str, Any]) -> st
     code = digest(weights, card)
     text = json.dumps({'card': card, 'sha256': code}, sort_keys=True)
     data = io.BytesIO()
-    np.savez(data, **weights, meta=np.frombuffer(text.encode(), np.uint8))
+    content: dict[str, Any] = {**weights, 'meta': np.frombuffer(text.encode(), np.uint8)}
+    np.savez(data, **content)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix('.part')
     part.write_bytes(data.getvalue())

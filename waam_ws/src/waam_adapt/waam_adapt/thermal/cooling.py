@@ -123,7 +123,7 @@ class CoolingModel:
     def _correction(self, now: Curve, limit: float) -> float:
         """By what factor the same prediction, made at the same time of the last dwell, was short."""
         seen, last = float(now.time[-1]), self.last
-        if self.before is None or seen >= last.time[-1]:
+        if last is None or self.before is None or seen >= last.time[-1]:
             return 1.0
         then = last.until(seen)
         same = float(np.clip(self._share(limit, last), last.temperature[-1], last.temperature[0]))

@@ -13,10 +13,10 @@ from scipy.ndimage import gaussian_filter
 
 from waam_process.bead import AREA_FACTOR
 
-from ..laws import features
+from ..grids import CELLS_PER_BEAD
 
 SIZE = 36  # cells of a training map, 9 beads
-BEAD = features.CELLS_PER_BEAD
+BEAD = CELLS_PER_BEAD
 RANGES = {  # what the model card states; lengths in bead widths, heights in layer heights
     'layer_height_mm': (1.0, 3.0), 'efficiency': (0.75, 1.2), 'exponent_pad': (0.75, 1.15),
     'exponent_wall': (0.6, 1.0), 'noise': (0.01, 0.09), 'noise_length': (0.3, 3.0),
@@ -98,7 +98,9 @@ def _pad(rng: np.random.Generator, n: int) -> Part:
     return Part(footprint, (first, second), direction, breadth / n, n == 1)
 
 
-def _hatch(centre, along, across, length: float, breadth: float, n: int) -> list[np.ndarray]:
+def _hatch(
+    centre: np.ndarray, along: np.ndarray, across: np.ndarray, length: float, breadth: float, n: int
+) -> list[np.ndarray]:
     s = np.linspace(-length / 2, length / 2, max(3, round(length) + 1))
     offsets = ((np.arange(n) + 0.5) / n - 0.5) * breadth
     return [centre + s[:, None] * along + t * across for t in offsets]

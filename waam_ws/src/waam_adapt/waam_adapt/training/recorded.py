@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from ..conversions import correction_input
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..laws import features
 from ..types import CorrectionInput
-from .scenes import SIZE, Recorded
+from .parts import SIZE
+from .scenes import Recorded
 
 # The requests of correction_server/compute (messages) that the job in a folder made.
 ReadRequests = Callable[[Path], Sequence[Any]]
@@ -39,7 +40,7 @@ def surface(request: CorrectionInput) -> Recorded | None:
     return Recorded(_fit(error, 'edge'), _fit(inside, 'constant'))
 
 
-def _fit(values: np.ndarray, mode: str) -> np.ndarray:
+def _fit(values: np.ndarray, mode: Literal['edge', 'constant']) -> np.ndarray:
     """The middle SIZE x SIZE cells, continued where the map is smaller."""
     for axis in (0, 1):
         n = values.shape[axis]

@@ -16,7 +16,8 @@ from .. import filters
 from ..laws import features
 from ..types import RATIO_HIGH, RATIO_LOW
 from .deposit import along_bead, deposit, driven, sample
-from .scenes import BEAD, SIZE, Batch
+from .parts import BEAD, SIZE
+from .scenes import Batch
 
 LEARNING = 0.3  # of the shortfall, as correction_server's default
 MAX_SHORTFALL = 0.5

@@ -93,16 +93,24 @@ def _stations(
                 )
             )
             bead += 1
-    scene, number, where, tangent, metal, start, end = (
+    scenes, number, where, tangent, metal, start, end = (
         torch.from_numpy(np.concatenate(c)) for c in zip(*columns, strict=True)
     )
-    w, n = (torch.from_numpy(a)[scene] for a in (width, length))
+    w, n = (torch.from_numpy(a)[scenes] for a in (width, length))
     cells, share = shares(where, tangent, w, n, SIZE)
-    cells = cells + scene[:, None] * SIZE * SIZE
+    cells = cells + scenes[:, None] * SIZE * SIZE
     f = torch.float32
     outside = ~torch.from_numpy(footprint).reshape(-1)[cells]
     return Stations(
-        scene, number, where.to(f), cells, outside, share.to(f), metal.to(f), start.to(f), end.to(f)
+        scenes,
+        number,
+        where.to(f),
+        cells,
+        outside,
+        share.to(f),
+        metal.to(f),
+        start.to(f),
+        end.to(f),
     )
 
 
@@ -135,7 +143,10 @@ def batch(seed: Sequence[int], size: int, layers: int, recorded: Sequence[Record
 
     width, length = each('true_width') * BEAD, each('pool_length') * BEAD
     footprint = np.stack([p.footprint for p in parts])
-    stations = tuple(_stations(parts, footprint, k, width, length) for k in (0, 1))
+    stations = (
+        _stations(parts, footprint, 0, width, length),
+        _stations(parts, footprint, 1, width, length),
+    )
     walls = np.array([p.wall for p in parts])
     surface = np.stack([worn(rng) for _ in parts])
     for i in range(size if recorded else 0):
@@ -156,20 +167,18 @@ def batch(seed: Sequence[int], size: int, layers: int, recorded: Sequence[Record
         each('defect_length') * BEAD, each('filling'), each('levelling'), each('lag'), each('cliff'),
         each('conserved'), each('spill'), each('run_over'),
     )))  # fmt: skip
-    fixed = tuple(tensor(_fixed(parts, footprint, planned, k, told, rng)) for k in (0, 1))
+    fixed = (
+        tensor(_fixed(parts, footprint, planned, 0, told, rng)),
+        tensor(_fixed(parts, footprint, planned, 1, told, rng)),
+    )
     return Batch(
         z=tensor(surface),
         footprint=torch.from_numpy(footprint),
         planned=tensor(planned),
         judged=torch.from_numpy(np.stack([filters.away_from_edges(f, 1.2) for f in footprint])),
-        trusted=tuple(
-            np.stack(
-                [filters.away_from_edges(p.footprint, 0.5 * BEAD, p.direction[k]) for p in parts]
-            )
-            for k in (0, 1)
-        ),
+        trusted=(_trusted(parts, 0), _trusted(parts, 1)),
         holes=np.stack([holes(rng) for _ in parts]),
-        transfer=tuple(torch.stack([_transfer(p.direction[k]) for p in parts]) for k in (0, 1)),
+        transfer=(_transfers(parts, 0), _transfers(parts, 1)),
         fixed=fixed,
         layers=stations,
         noise=[_noise(rng, stations[k % 2], size) for k in range(layers)],
@@ -183,14 +192,27 @@ def batch(seed: Sequence[int], size: int, layers: int, recorded: Sequence[Record
     )
 
 
-def _transfer(direction: tuple[float, float]) -> torch.Tensor:
+def _trusted(parts: Sequence[Part], side: int) -> np.ndarray:
+    beads = 0.5 * BEAD
+    return np.stack([filters.away_from_edges(p.footprint, beads, p.direction[side]) for p in parts])
+
+
+def _transfers(parts: Sequence[Part], side: int) -> torch.Tensor:
     n = SIZE + 4 * BEAD
-    return torch.from_numpy(
-        filters.inverse_transfer((n, n), 1.0, float(BEAD), tuple(direction), 0.1)
-    ).float()
+    each = [
+        filters.inverse_transfer((n, n), 1.0, float(BEAD), p.direction[side], 0.1) for p in parts
+    ]
+    return torch.from_numpy(np.stack(each)).float()
 
 
-def _fixed(parts, footprint, planned, layer: int, told, rng) -> np.ndarray:
+def _fixed(
+    parts: Sequence[Part],
+    footprint: np.ndarray,
+    planned: np.ndarray,
+    layer: int,
+    told: np.ndarray,
+    rng: np.random.Generator,
+) -> np.ndarray:
     """(b, 9, SIZE, SIZE): features that do not change from scan to scan: footprint, planned,
     angle, marks, told, edge, temperature.
     """

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from torch import distributed
 
+from ..grids import CELLS_PER_BEAD
 from ..laws import features, net_file
 from . import curves, parts, rollout, scenes
 from .unet import UNet, arrays
@@ -100,8 +101,9 @@ class Trainer:
         if not distributed.is_initialized():
             return
         for p in self.net.parameters():
-            distributed.all_reduce(p.grad)
-            p.grad /= distributed.get_world_size()
+            if p.grad is not None:
+                distributed.all_reduce(p.grad)
+                p.grad /= distributed.get_world_size()
 
     def check(self) -> dict[str, float]:
         """Validation on scenes that no training step sees; kept with the step."""
@@ -112,13 +114,14 @@ class Trainer:
 
     def save(self, path: Path) -> None:
         """All that `resume` needs, without pickle, atomically."""
-        content = {f'w.{k}': v for k, v in arrays(self.net).items()}
+        content: dict[str, Any] = {f'w.{k}': v for k, v in arrays(self.net).items()}
         for i, p in enumerate(self.net.parameters()):
             for name, value in self.optimizer.state.get(p, {}).items():
                 content[f'o.{i}.{name}'] = value.numpy()
         text = json.dumps({'settings': asdict(self.settings), 'progress': asdict(self.progress)})
         part = path.with_suffix('.part.npz')
-        np.savez(part, meta=np.frombuffer(text.encode(), np.uint8), **content)
+        content['meta'] = np.frombuffer(text.encode(), np.uint8)
+        np.savez(part, **content)
         part.replace(path)
 
     def resume(self, path: Path) -> None:
@@ -227,7 +230,7 @@ def card(trainer: Trainer, metrics: dict[str, Any], note: str) -> dict[str, Any]
     return {
         'name': 'waam correction network', 'purpose': 'change of the relative layer height on top of damped_inverse',
         'parameters': sum(p.numel() for p in trainer.net.parameters()), 'widths': list(s.widths),
-        'cells_per_bead': features.CELLS_PER_BEAD, 'channels': list(features.NAMES),
+        'cells_per_bead': CELLS_PER_BEAD, 'channels': list(features.NAMES),
         'training': {'steps': trainer.progress.step, 'batch': s.batch, 'unroll': s.unroll, 'seed': s.seed,
                      'loss': s.loss, 'processes': int(os.environ.get('WORLD_SIZE', '1'))},
         'data': note, 'ranges': {k: list(v) for k, v in parts.RANGES.items()},

@@ -7,6 +7,7 @@ to the explicit law's, and the logarithm of the error that will be left.
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional as F
@@ -32,10 +33,10 @@ class UNet(nn.Module):
         self.dec1a, self.dec1b = _conv(b + a, a), _conv(a, a)
         self.head = nn.Conv2d(a, 1, 1)
         self.doubt = nn.Conv2d(a, 1, 1)
-        for layer in (self.head, self.doubt):
+        for layer, bias in ((self.head, 0.0), (self.doubt, -1.5)):
             nn.init.zeros_(layer.weight)
-            nn.init.zeros_(layer.bias)
-        nn.init.constant_(self.doubt.bias, -1.5)
+            assert layer.bias is not None  # made by default
+            nn.init.constant_(layer.bias, bias)
 
     def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         one = F.relu(self.enc1b(F.relu(self.enc1a(x))))
@@ -56,6 +57,6 @@ def _double(x: torch.Tensor) -> torch.Tensor:
     return F.interpolate(x, scale_factor=2, mode='nearest')
 
 
-def arrays(net: UNet) -> dict[str, object]:
+def arrays(net: UNet) -> dict[str, np.ndarray]:
     """Weights as float32 arrays by name, as `net.Network` takes them."""
     return {k: v.detach().cpu().numpy().copy() for k, v in net.state_dict().items()}

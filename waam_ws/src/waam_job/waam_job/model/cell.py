@@ -1,4 +1,4 @@
-"""What the job needs from the rest of the graph, as one interface; the ROS side is ros_cell.py, tests bring their own.
+"""What the job needs from the rest of the graph, as one interface: ros_cell.py on ROS, fakes in the tests.
 
 All calls come from the job's thread and may block; each raises JobError when it fails. SI units, work frame.
 """

@@ -1,4 +1,4 @@
-"""Pure helpers of the job: where the part lies, how wrong the surface is, torch heights that follow the scan."""
+"""Pure helpers of the job: grid of the part, deviation of the surface, torch heights that follow the scan."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def smooth(z: np.ndarray, sigma_cells: float) -> np.ndarray:
 
 
 def follow(segments: list[Segment], surface: HeightGrid, reach: float) -> list[Segment]:
-    """Depositing points put on the measured surface (smoothed over `reach` m), so that the stick-out stays nominal.
+    """Moves depositing points onto the measured surface (smoothed over `reach` m), so that the stick-out stays nominal.
 
     Idle pieces that begin or end in such a point follow it; points over unknown ground keep their planned height.
     """

@@ -45,7 +45,7 @@ class JobError(RuntimeError):
 
 
 MODES = ('restore', 'build')
-# settings of the planner that the goal has fields for, or that machine and map decide
+# planner settings that have a field of their own in the goal, or that follow from machine and map
 GIVEN = {
     'layer_height',
     'bead_width',
@@ -82,7 +82,7 @@ class JobGoal:
     wire_left: float = 0.0
     plan_settings: tuple[str, ...] = ()
     repair: bool = False
-    new_spool: bool = False  # wire_left was told for this run, not for the first one
+    new_spool: bool = False  # wire_left was entered for this run, not for the first one
 
     @property
     def loop_mode(self) -> LoopMode:
@@ -123,7 +123,7 @@ def _in_range(
 
 
 def field_problems(goal: JobGoal) -> list[str]:
-    """What is wrong with the numbers and words of a goal."""
+    """Everything that is wrong with the values of a goal."""
     problems: list[str | None] = []
     if goal.profile not in LOOP_MODES:
         problems.append(f"profile '{goal.profile}' is unknown; known are {', '.join(LOOP_MODES)}")
@@ -165,7 +165,7 @@ def _contradictions(goal: JobGoal, material: Material) -> list[str]:
 
 @dataclass(frozen=True)
 class Checked:
-    """A goal that passed, with what was read on the way."""
+    """A goal that passed the check, with the part and the material that were read for it."""
 
     goal: JobGoal
     part: Part

@@ -19,16 +19,16 @@ class PassRecord:
     """Set height and errors of one pass: the a-posteriori table of the report (source 004).
 
     In m. Heights are means over the grid cells that the pass adds metal to, errors are against the pass's own target
-    over the interior. NaN: not known, or no such thing.
+    over the interior. NaN: not known or not applicable.
     """
 
     pass_number: int
     layers: int
     set_height: (
-        float  # what the plan before had left for this pass; of pass 1, what it is planned to add
+        float  # what the plan before left for this pass; in pass 1, what it is planned to add
     )
-    corrected_height: float  # what the pass adds after the scan, that is with what was missing
-    predicted_rms: float  # of the surface that the planner's process model makes of the plan
+    corrected_height: float  # what the pass adds after the scan, including what was missing
+    predicted_rms: float  # of the surface that the planner's process model predicts for the plan
     measured_rms: float = math.nan  # of the scan after the pass
     measured_mean: float = math.nan  # of the scan after the pass
 

@@ -1,7 +1,7 @@
-"""Where an interrupted layer goes on: the new scan, compared with the surface before the layer and with the checkpoint.
+"""Where to resume an interrupted layer: the new scan against the surface before the layer and the checkpoint.
 
 Pure. Segments of a layer are laid in order, so the surface has one change point: metal before it, none after it. The
-scan decides where it is; the checkpoint must not contradict it.
+scan decides where that is; the checkpoint must not contradict it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from waam_process.segment import Kind, Point, Segment
 
 PRESENT = 0.5  # share of the planned metal above which a place counts as laid
 REACH = 0.75  # bead widths that the end of an interrupted bead goes beyond the place where half of it is there
-LEAST = 0.3  # of its metal that a segment gets, however much lies there: the arc needs wire
+LEAST = (
+    0.3  # least share of its metal that a segment gets, however much is there: the arc needs wire
+)
 COLDEST = 0.8  # of its metal that a bead gets on the coldest part
 MOVED_LIMIT = 0.15e-3  # m, median change of the surface where nothing was to be laid
 

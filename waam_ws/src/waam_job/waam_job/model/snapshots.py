@@ -39,13 +39,13 @@ class Machine:
 class Heat:
     """Snapshot of the thermal compensator."""
 
-    known: bool = False  # anything was heard of it
+    known: bool = False  # a message of it has arrived
     factor: float = 1.0  # eq 2.19: feed is multiplied by it
     temperature: float = float('nan')  # degC, filtered
     limit: float = float('nan')  # degC, interpass
     ready: bool = False  # below the limit
     wait: float = float('nan')  # s until ready, NaN = unknown
-    plausible: bool = False  # the pyrometer gives values that can be true
+    plausible: bool = False  # the readings of the pyrometer are plausible
     reasons: tuple[str, ...] = ()  # why not plausible
     believed: bool = True  # the temperature answers to the layers that are laid
     doubt: str = ''  # why not believed

@@ -1,4 +1,4 @@
-"""What the last scan says of the whole job: in tolerance, out of tolerance, not judged, or failed."""
+"""The verdict of the last scan on the whole job: in tolerance, out of tolerance, not judged, or failed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Verdict:
 
     @property
     def in_tolerance(self) -> bool:
-        """False also when nothing could be judged."""
+        """Also False when nothing could be judged."""
         found = self.final
         return found is not None and found.seen and found.share_in_tolerance >= self.share_wanted
 

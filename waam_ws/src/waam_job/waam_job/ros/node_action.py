@@ -13,8 +13,8 @@ from rclpy.node import Node
 class ThreadedActionServer(ActionServer):
     """Runs `work(goal_handle) -> result` in a thread; the executor only hears of the end.
 
-    A coroutine that awaits the thread would do the same, but this executor asks a waiting coroutine again and again
-    without a pause: measured, a third of a core for as long as a job runs.
+    A coroutine that awaits the thread would do the same, but this executor polls a waiting coroutine without a pause:
+    measured, a third of a core for as long as a job runs.
     """
 
     def __init__(

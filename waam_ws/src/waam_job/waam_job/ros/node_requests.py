@@ -1,4 +1,4 @@
-"""What others ask of the job sequencer: adjustments of the running job, jobs that go on, feedback to the client."""
+"""Requests to the job sequencer: adjusting the running job, resuming a job, feedback to the client."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .ros_cell import RosCell
 
 
 def adjust(control: Control, code: int, value: float, k_gain_max: float = K_GAIN_MAX) -> str:
-    """Hands a request of the operator on; what is wrong with it, '' when it was taken."""
+    """Passes a request of the operator on. Returns what is wrong with it, '' when it was accepted."""
     requests = {AdjustJob.Request.RESCAN: 'rescan', AdjustJob.Request.SKIP_LAYER: 'skip_layer'}
     if code in requests:
         control.request(requests[code])
@@ -75,7 +75,7 @@ def new_folder(goal: JobGoal, checked: Checked, kept: dict) -> JobFolder:
 
 
 def keep_resume(folder: JobFolder, goal: JobGoal, checked: Checked, kept: dict) -> int:
-    """Writes who goes on and with what. Returns the number of the run."""
+    """Records who resumes the job, and with what. Returns the number of the run."""
     run = folder.next_run()
     facts = {'operator_name': goal.operator_name, 'notes': list(goal.notes), **kept}
     folder.write_yaml(job_folder.resume(run), {**facts, **provenance(checked.part.sha256)})

@@ -54,7 +54,7 @@ from ..model.telemetry import TelemetryStats
 from .ros_parameters import ParameterReader
 
 ENQUEUE_CHUNK = 400
-SILENT = 5.0  # s without a sign of life after which no answer is awaited any more
+SILENT = 5.0  # s of silence of a node after which a call to it is given up
 
 
 class RosCell:
@@ -177,7 +177,7 @@ class RosCell:
         return response
 
     def _silence_of(self, client: Client) -> Callable[[], str | None]:
-        """Asked while an answer is awaited: says so when the node that is to give it has fallen silent."""
+        """For a call that waits: the reason to give up when the node that should answer has fallen silent, else ''."""
         name = client.srv_name.strip('/').split('/')[0]
         answered = time.monotonic()
 
@@ -240,16 +240,12 @@ class RosCell:
         heat_factor: float,
         apply: bool,
     ) -> list[Segment]:
-        request = ComputeFeed.Request(job_id=job_id, material=material, apply_correction=apply)
-        request.segments = [segment_to_msg(s) for s in segments]
-        request.heat_factor = float(heat_factor)
-        if correction is not None:
-            request.correction = correction.handle
+        request = convert.feed_request(job_id, material, segments, correction, heat_factor, apply)
         response = self._call(self._feed, request, Code.PLAN_FAILED)
         return [segment_from_msg(s) for s in response.segments]
 
     def record(self, start: bool, directory: str, custom: tuple[str, ...] = ()) -> str:
-        """Starts or stops the record; a missing recorder is an error, a job without a record cannot be traced."""
+        """Starts or stops the recording. A missing recorder is an error: a job without a record cannot be traced."""
         code = Record.Request.START if start else Record.Request.STOP
         request = Record.Request(code=code, directory=directory, custom_data=list(custom))
         try:

@@ -1,4 +1,4 @@
-"""The end of a job: what a failure leaves, and machine and folder in order whatever happened."""
+"""The end of a job: reports a failure, and leaves machine and folder in order whatever happened."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def fail(context: JobContext, error: JobError) -> None:
 
 
 def release(context: JobContext, verdict: Verdict) -> None:
-    """Leaves machine and folder in order; what cannot be done is written down, not raised."""
+    """Leaves machine and folder in order. What cannot be done is noted, not raised."""
     cell = context.cell
     if context.status.state != State.DONE:
         _try(context, lambda: cell.command('STOP'))

@@ -30,12 +30,12 @@ class JobContext:
     checked: Checked  # the goal, with part and material
     settings: Settings
     control: Control  # what the operator asks for
-    journal: Journal  # what the job says and keeps
+    journal: Journal  # status, records and files of the job
     program: Program  # plans of all passes
     watch: Watch  # reacts to faults wherever the job waits
     motion: Motion  # hands segments to the bridge
     run: int  # 1 = first start of the job
-    run_id: str  # what this run is called towards the other nodes
+    run_id: str  # name of this run in messages to other nodes
 
     @classmethod
     def create(
@@ -48,7 +48,7 @@ class JobContext:
         settings: Settings,
         run: int,
     ) -> JobContext:
-        """Everything that a run begins with."""
+        """Makes everything that a run starts with."""
         run_id = job_folder.run_id(folder.job_id, run)
         program = Program(checked.goal.passes)
         journal = Journal(

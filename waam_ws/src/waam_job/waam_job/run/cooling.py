@@ -10,7 +10,7 @@ from .context import JobContext
 
 
 class Cooling:
-    """Waits before every layer; a temperature that layers do not change is noted once."""
+    """Waits before every layer. Notes once when the layers do not change the temperature."""
 
     def __init__(self, context: JobContext) -> None:
         self.cell, self.watch = context.cell, context.watch

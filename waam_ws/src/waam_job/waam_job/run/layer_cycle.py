@@ -1,4 +1,4 @@
-"""One layer: cool - correct - set - deposit - scan; what the operator asked for meanwhile is taken between layers."""
+"""One layer: cool - correct - set - deposit - scan; requests of the operator are served between layers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .progress import BeadProgress
 
 @dataclass
 class History:
-    """What the last layer was asked for, for the identification in the correction server."""
+    """The commands of the last layer, for the identification in the correction server."""
 
     growth: np.ndarray | None = None  # (rows, cols) m of metal
     surface: np.ndarray | None = None  # (rows, cols) m, before the layer
@@ -31,7 +31,7 @@ class History:
 
 
 class LayerCycle:
-    """Lays one layer after the other; `history` is what the correction server learns the process from."""
+    """Lays one layer after the other. The correction server learns the process from `history`."""
 
     def __init__(self, context: JobContext, scanner: PartScanner, preparation: Preparation) -> None:
         self.context, self.scanner, self.preparation = context, scanner, preparation
@@ -61,7 +61,9 @@ class LayerCycle:
         correction = self._correct(layer, scan, record)
         segments = self._setpoints(layer, scan, correction, record)
         asked = self._asked(layer, correction)
-        if not resumed:  # else the file holds the surface before the whole layer, which stays true
+        if (
+            not resumed
+        ):  # otherwise the file holds the surface before the whole layer, which is still valid
             self._keep_scan(scan, Following(layer, asked, correction, record.flow_factor))
         self._deposit(segments, layer, record)
         # what eq 2.19 took off counts as part of the process: the scan then shows whether it was right to
@@ -95,7 +97,7 @@ class LayerCycle:
         self.journal.scan(number, scan, self.program.current, target, following)
 
     def _skip(self, layer: PlannedLayer, scan: Scan, record: LayerRecord, resumed: bool) -> Scan:
-        """Leaves the layer out; of a resumed one, what is laid stays and is measured."""
+        """Leaves the layer out. Of a resumed layer the metal that was laid stays and is measured."""
         self.journal.note(
             'WARNING', 'operator', f'layer {layer.number} was skipped', 'layer not laid'
         )

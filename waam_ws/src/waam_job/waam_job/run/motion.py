@@ -40,7 +40,7 @@ class Motion:
     def execute(
         self, segments: list[Segment], on_done: Callable[[Segment], None] | None = None
     ) -> None:
-        """Runs consecutive segments; `on_done` is told each newly finished one (the last of several at once)."""
+        """Runs consecutive segments; calls `on_done` with each newly finished one (the last of several at once)."""
         self.cell.enqueue(self.job_id, segments, True)
         by_index = {s.index: s for s in segments}
         last, seen = segments[-1].index, -1

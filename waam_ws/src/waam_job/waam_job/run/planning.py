@@ -45,7 +45,7 @@ def build_ahead(
 ) -> tuple[Plan | None, list[JobError]]:
     """The plan of a build, which needs no scan, and everything that is wrong with it.
 
-    spool: m of wire, None = not known. Of a part that cannot be planned its volume says what wire it needs at least.
+    spool: m of wire, None = not known. For a part that cannot be planned, its volume gives the least length of wire.
     """
     try:
         plan = make_plan(checked, settings, HeightGrid.full(spec, 0.0))

@@ -26,7 +26,7 @@ class Preflight:
         self.plan: Plan | None = None
 
     def problems(self, resumed: list[JobError] | None = None) -> list[JobError]:
-        """Everything that is wrong with the job on this machine; nothing of the reach while that is not known.
+        """Everything that is wrong with the job on this machine. The reach is left out while it is not known.
 
         resumed: what is wrong with the plan of a job that goes on; None = there is no plan yet.
         """
@@ -38,7 +38,7 @@ class Preflight:
         return found + self._scans(settings)
 
     def _plan(self, settings: PlanSettings) -> list[JobError]:
-        """Of a build the whole plan, of a restoration whether the part fits."""
+        """For a build the whole plan, for a restoration whether the part fits."""
         if self.goal.mode != 'build':
             return self._fits(settings)
         spool = self.context.journal.wire_left

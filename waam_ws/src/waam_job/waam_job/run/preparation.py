@@ -1,4 +1,4 @@
-"""Before the first spark: interlocks (all that is wrong at once), record, arming, homing, work zero."""
+"""Before the first arc: interlocks (all problems at once), recording, arming, homing, work zero."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Preparation:
         )
 
     def not_ready(self) -> list[str]:
-        """Everything that is wrong with the cell. What may only be late (a node just started) gets a few seconds."""
+        """Everything that is wrong with the cell. Nodes that have just started get a few seconds."""
         problems: list[str] = []
         for _ in range(READY_LOOKS):
             problems = readiness.problems(self.cell, self.settings)

@@ -11,7 +11,7 @@ from .context import JobContext
 
 
 class BeadProgress:
-    """`on_done` is told the newest finished segment. Beads laid before an interruption count as done."""
+    """Call `on_done` with the newest finished segment. Beads laid before an interruption count as done."""
 
     def __init__(self, context: JobContext, layer: PlannedLayer, placed: list[Segment]) -> None:
         self.context, self.journal = context, context.journal

@@ -49,7 +49,7 @@ def heat_problems(heat: Heat) -> list[str]:
 
 
 def spark_problems(machine: Machine, run_id: str, zero: tuple[float, ...]) -> list[str]:
-    """What would make an arc wrong: not homed, not armed for this job, another work zero than the job has set."""
+    """What forbids an arc: not homed, not armed for this job, or a work zero other than the one the job has set."""
     found = []
     if not machine.homed:
         found.append('the machine is not homed')

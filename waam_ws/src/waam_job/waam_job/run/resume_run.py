@@ -40,7 +40,7 @@ class ResumeRun:
         self.checkpoint, self.doubts = checkpoints.load(self.folder.path)
 
     def load(self) -> list[JobError] | None:
-        """Reads records and plans of the runs before. Returns what is wrong with the wire; None: nothing is planned."""
+        """Reads records and plans of earlier runs. Returns the problems of the wire; None when nothing was planned."""
         self.number = self.folder.last_map() + 1
         self.journal.take_over(self.number)
         if self.number > 0:
@@ -49,14 +49,14 @@ class ResumeRun:
         return self.wire_problems() if self.program.planned else None
 
     def wire_problems(self) -> list[JobError]:
-        """Whether the spool holds what is certainly missing; how much of the layer under way is laid, the scan says."""
+        """Whether the spool holds what is certainly missing. The scan finds how much of the current layer is laid."""
         layers = self._layers_from(
             self.number + 1 if self._spool_knows(self.number) else self.number
         )
         return wire_problems(self._wire(layers), self.journal.wire_left)
 
     def _spool_knows(self, number: int) -> bool:
-        """Whether what the spool is said to hold leaves out all that was laid of a layer."""
+        """Whether the entered length of wire already excludes all that was laid of a layer."""
         recorded = any(r.layer == number for r in self.journal.layers)
         return recorded or self.goal.new_spool
 
@@ -193,7 +193,7 @@ class ResumeRun:
             )
 
     def _relearn(self, number: int) -> None:
-        """Shows the correction server the layers so far again, so that it knows the process as it did before."""
+        """Repeats the layers so far to the correction server, so that it knows the process as before."""
         if self.goal.loop_mode == LoopMode.OPEN_LOOP:
             return
         for k in range(1, number):

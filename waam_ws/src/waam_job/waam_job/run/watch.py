@@ -29,7 +29,7 @@ class Limits:
 class Watch:
     """Call `tick` in every waiting loop; it waits a moment of wall time and raises JobError when the job cannot go on.
 
-    note(severity, class_name, text, reaction) keeps anomalies; paused(bool) is told when a pause begins and ends.
+    note(severity, class_name, text, reaction) records anomalies; paused(bool) is called when a pause begins or ends.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Watch:
             raise JobError(Code.NODE_LOST, f'node {names} fell silent; the arc lease was withheld')
 
     def _on_hold(self, machine: Machine) -> None:
-        """A hold by the operator's pause waits for resume; one by the lease is resumed when all nodes are back."""
+        """A hold by the operator waits for resume; a hold by the lease is resumed when all nodes are back."""
         if machine.fault == LEASE_EXPIRED:
             if machine.silent_nodes:
                 return  # _check_nodes decides
@@ -128,7 +128,7 @@ class Watch:
             self._go_on()
 
     def _go_on(self) -> None:
-        """Waits until the machine says that it runs: a state from before would pass for a new hold."""
+        """Waits until the machine reports RUN; an older state would be mistaken for a new hold."""
         self.cell.command('RESUME')
         for _ in range(round(RESUMED_S / RESUMED_LOOK_S)):
             self.cell.wait(RESUMED_LOOK_S)

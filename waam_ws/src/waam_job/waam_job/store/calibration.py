@@ -35,7 +35,7 @@ class Calibration:
 
 
 def read(file: str) -> Calibration:
-    """What the file says about itself; never raises, a file that cannot be read is told in `trouble`."""
+    """What the file says about itself; never raises: `trouble` says why a file cannot be read."""
     if not file:
         return Calibration()
     try:
@@ -52,7 +52,7 @@ def read(file: str) -> Calibration:
 
 
 def problem(c: Calibration, max_days: float, simulated: bool, now: datetime) -> str:
-    """Why no job may start on it, '' when one may. max_days 0 = the age is not asked for."""
+    """Why no job may start with it, '' when one may. max_days 0: any age."""
     if c.trouble:
         return f'scanner calibration {c.file}: {c.trouble}'
     if max_days <= 0:

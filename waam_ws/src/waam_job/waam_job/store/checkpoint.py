@@ -1,7 +1,7 @@
 """How far a job has come, on disk after every bead, so that it can go on after a crash or a power cut.
 
-Two generations are kept, each with a check sum: a torn or spoilt newest file is named and the one before is used. The
-surface itself says what was really laid (resume.py); the checkpoint says what must be there at least.
+Two generations are kept, each with a check sum: a torn or damaged newest file is reported and the one before is used.
+The surface shows what was really laid (resume.py); the checkpoint says what must at least be there.
 """
 
 from __future__ import annotations

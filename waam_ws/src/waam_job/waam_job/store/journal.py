@@ -1,4 +1,4 @@
-"""What the job says and keeps: status, layer records, anomalies, maps and report, on topics and in the folder."""
+"""What the job publishes and stores: status, layer records, anomalies, maps and report."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Following:
 
 
 class Journal:
-    """Every fact goes out on its topic and into the folder at the same time.
+    """Everything goes to its topic and into the folder at the same time.
 
     run: 1 = first start of the job; passes: the records of the program, which grow while the job runs.
     """
@@ -133,8 +133,8 @@ class Journal:
             self.models.setdefault(model_hash, []).append(layer)
 
     def heard(self) -> None:
-        """Warnings that other nodes have published meanwhile (a retry of the arc, lines sent again) are kept as well;
-        to their faults the job reacts and notes that itself."""
+        """Records warnings that other nodes have published meanwhile (a retry of the arc, lines sent again). Faults are
+        noted where the job reacts to them."""
         self.anomalies += self.cell.take_warnings()
 
     @property
@@ -147,7 +147,7 @@ class Journal:
         return sum(a.layer == layer and a.severity in ('FAULT', 'ALARM') for a in self.anomalies)
 
     def layer(self, record: LayerRecord) -> None:
-        """A finished layer; from here on a crash loses nothing of it. One that is laid again is reported anew."""
+        """Stores a finished layer; a crash loses nothing of it. A layer that is laid again replaces its record."""
         same = (record.layer, record.final)
         others = [r for r in self.layers if (r.layer, r.final) != same]
         record.add_height_cost(others[-1].arc_on_time if others else 0.0)
@@ -165,7 +165,7 @@ class Journal:
         return None if self.spool is None else self.spool - self.begun
 
     def keep(self) -> None:
-        """records.json: what the report is made of, for a job that goes on after a crash."""
+        """Writes records.json, from which the report of a job that is resumed after a crash is built."""
         self.folder.write_json(
             job_folder.RECORDS,
             {

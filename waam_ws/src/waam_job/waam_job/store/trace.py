@@ -15,7 +15,7 @@ from ..model.goal import JobGoal
 from ..model.snapshots import Machine
 from . import calibration
 
-ASKED_FOR = ('operator', 'wire_lot', 'gas')  # what nobody but a person can tell
+ASKED_FOR = ('operator', 'wire_lot', 'gas')  # what only a person knows
 
 
 def notes_of(goal: JobGoal) -> dict[str, str]:
@@ -38,7 +38,7 @@ def trace(
 ) -> dict[str, Any]:
     """For report.json. `job`: job.yaml; parameters: of the other nodes; models: hash of the weights -> layers.
 
-    `not_told` names what a person should have said and did not.
+    `not_told` names what a person should have entered and did not.
     """
     notes = notes_of(goal)
     scan = parameters.get('scan_fusion', {})

@@ -21,7 +21,7 @@ def wall_width(polygon: Polygon) -> float:
 
 
 def is_wall(polygon: Polygon, settings: PlanSettings) -> bool:
-    """True where the polygon is nowhere two beads thick."""
+    """True when the polygon is nowhere two beads thick."""
     return polygon.buffer(-settings.bead_width).is_empty
 
 

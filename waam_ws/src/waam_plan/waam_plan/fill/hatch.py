@@ -43,7 +43,7 @@ def hatch(
     pitch: widest distance of beads (it shrinks to divide the width evenly); inset: distance between the ends of
     a bead and the edge; min_share: a bead ends where less than this share of its band lies in the region;
     stagger: one band more; beads lie over the valleys of the unstaggered pattern (two bands at each edge are
-    narrower). second: begin at the last band and place the turns where the pattern without it has none, so that
+    narrower). second: begin at the last band and place the turns where the other pattern has none, so that
     two layers together leave no gap between bead ends.
     """
     chains: list[Chain] = []

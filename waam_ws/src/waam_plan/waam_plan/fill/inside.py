@@ -1,4 +1,4 @@
-"""A path that stays inside the section: whatever crosses its edge is moved back, whatever cannot be is cut.
+"""Keeps a path inside the section: what crosses its edge is moved back, what cannot be moved is cut.
 
 Two points of the section shrunk by MARGIN that are at most twice MARGIN apart have all of their connection in the
 section: every point of it lies within MARGIN of one of them.
@@ -46,7 +46,7 @@ def _moved(a: np.ndarray, b: np.ndarray, area: BaseGeometry, core: BaseGeometry)
 
 
 def _thinned(points: np.ndarray, area: BaseGeometry) -> np.ndarray:
-    """As few of the points as keep every chord inside; where none does, all of them."""
+    """The fewest points whose chords all stay inside; all points when no choice does."""
     line = LineString(points[:, :2])
     for tolerance in (0.2e-3, 0.05e-3):
         short = np.asarray(line.simplify(tolerance).coords)

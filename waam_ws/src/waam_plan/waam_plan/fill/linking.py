@@ -11,7 +11,9 @@ from waam_plan.fill.rings import begun_at
 from waam_process.segment import Segment
 
 REACH = 2.0  # pitches: longest link with the arc on
-GOLDEN = 0.381966  # of a ring: its seam moves so far from layer to layer and spreads evenly
+GOLDEN = (
+    0.381966  # of a ring's length: its seam moves by this from layer to layer and spreads evenly
+)
 
 
 def seam_shift(number: int) -> float:

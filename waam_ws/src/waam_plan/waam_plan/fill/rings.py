@@ -29,7 +29,7 @@ class Ring:
 
 
 def bead_count(width: float, bead_width: float, pitch_ratio: float) -> int:
-    """Beads across a wall: n = ceil((S - W) / (delta W) + 1) (source 003, section 4.3)."""
+    """Beads across a wall: n = ceil((S - W) / (delta W) + 1) (docs/equations.md, S3)."""
     return max(1, math.ceil((width - bead_width) / (pitch_ratio * bead_width) + 1 - 1e-6))
 
 
@@ -41,20 +41,20 @@ def spacing(polygon: Polygon, settings: PlanSettings) -> float:
 
 
 def nested(polygon: Polygon, first: float, step: float, most: int = 10_000) -> list[Ring]:
-    """Insets at first, first + step, ... (m) as trees, the outer ones at the root; at most so many levels."""
+    """Insets at first, first + step, ... (m) as trees with the outer ones at the root; `most` levels at most."""
     if most <= 0:
         return []
     return [Ring(p, nested(p, step, step, most - 1)) for p in pieces(polygon.buffer(-first))]
 
 
 def contour_lines(polygon: Polygon, settings: PlanSettings, most: int = 10_000) -> list[np.ndarray]:
-    """Closed lines from the edge inwards, at most so many deep; the first lies half a bead inside."""
+    """Closed lines from the edge inwards, `most` deep at most; the first lies half a bead inside."""
     found = nested(polygon, settings.bead_width / 2, spacing(polygon, settings), most)
     return [x for ring in found for x in _closed(ring) if _worth(x, settings)]
 
 
 def _worth(line: np.ndarray, settings: PlanSettings) -> bool:
-    """Rings shorter than two beads are wide are dots; a line through the gap is better."""
+    """False for rings shorter than two bead widths: they are dots, and a line through the gap is better."""
     return LineString(line).length > 2 * settings.bead_width
 
 
@@ -90,8 +90,8 @@ def _holes(ring: Ring) -> bool:
 def _spiral(rings: list, shift: float) -> np.ndarray:
     """Once round each ring, from the outer one inwards; a ramp of RAMP ring distances leads to the next one.
 
-    All ramps lie side by side, so turns keep their distance on them as well; only where the first leaves the outer ring
-    and the last reaches the inner one is it less. Never leaves the rings.
+    All ramps lie side by side, so turns keep their distance on them as well; it is less only where the first leaves the
+    outer ring and the last reaches the inner one. Never leaves the rings.
     """
     inside = Polygon(rings[0]).buffer(1e-9)
     turn = begun_at(np.asarray(rings[0].coords), shift * rings[0].length)

@@ -21,7 +21,7 @@ from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import pieces, raster
 from waam_process.grid import GridSpec
 
-RING = 0.93  # metal of rings along the edge over what the division gives them, where they are laid last
+RING = 0.88  # metal of rings along the edge over what the division gives them, where they are laid last
 
 
 @dataclass(frozen=True)
@@ -145,10 +145,10 @@ def _wall(polygon: Polygon, s: PlanSettings) -> list[Chain]:
 
 @dataclass(frozen=True)
 class Strategy:
-    """An entry of the table: `summary` is what `waam plan --help` says.
+    """An entry of the table; `waam plan --help` prints `summary`.
 
     edge_metal: of the beads along the edge of a restored layer, over what the division of the metal gives them. The side
-    of a bead falls off to the edge, so the division gives it more than it can carry; the surplus would stand inside of it.
+    of a bead falls off to the edge, so the division gives it more than it can carry; the surplus would stand inside it.
     """
 
     summary: str

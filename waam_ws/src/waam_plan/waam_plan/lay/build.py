@@ -31,7 +31,7 @@ def plan_build(
 
     The part's lower corner is put to the work zero; where it leaves the machine there, its middle into the middle
     of the machine (Plan.offset says how far it was moved).
-    layers: at most so many from the bottom, 0 = all. spec: grid of the maps, default around the part.
+    layers: greatest number of layers, from the bottom; 0 = all. spec: grid of the maps, default around the part.
     settings.strategy 'shell' lays one bead along the surface and accepts open meshes whose sections are closed.
     Raises PartError or PlanError with everything that is wrong: open mesh, too large, overhang, walls too thin,
     sections that vanish.
@@ -85,7 +85,7 @@ def _checked_sections(
 
 @contextmanager
 def _kept(wrong: list[ValueError]) -> Iterator[None]:
-    """A refusal joins the others instead of ending the checks."""
+    """Collects a refusal with the others instead of ending the checks."""
     try:
         yield
     except (PartError, PlanError) as error:
@@ -186,7 +186,7 @@ def _layers(
 def _same(a: Section, b: Section, settings: PlanSettings) -> bool:
     """Whether two sections differ by at most growth_step and are filled alike.
 
-    Closed lines move their seam and the angle may turn from layer to layer: those never repeat.
+    Layers with closed lines (whose seam moves) or a turning angle never repeat.
     """
     if settings.strategy not in ('solid', 'zigzag', 'shell') or settings.alternation == 'turn':
         return False

@@ -16,7 +16,7 @@ from waam_plan.slice.levels import Level
 from waam_plan.slice.section import merged, pieces, section_polygons
 
 THINNEST = 0.6  # of a bead: no wall thinner than this can be built
-TIP = 1.5  # bead widths: a part may lose so much of its height where its tip is thinner than a bead
+TIP = 1.5  # bead widths of height that a part may lose where its tip is thinner than a bead
 # bead widths squared: smaller pieces beyond the limit are carried by their neighbours
 SMALLEST_OVERHANG = 0.25
 SPECK = 2.0  # bead widths squared: a too thin piece smaller than this is left out with a warning

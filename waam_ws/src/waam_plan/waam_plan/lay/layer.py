@@ -20,7 +20,7 @@ from waam_process.segment import Point
 
 @dataclass(frozen=True)
 class LayerTask:
-    """What one layer is to be. Maps are (rows, cols), heights in m."""
+    """What one layer should become. Maps are (rows, cols), heights in m."""
 
     number: int  # from 1, the lowest of the plan
     turn: int  # that directions alternate by: `number`, and the layers that lay there before

@@ -35,9 +35,9 @@ def plan_restoration(
 ) -> Plan:
     """Plan the metal between `as_found` and `nominal` (m, same grid, work frame, NaN = unknown or outside).
 
-    layers: at most so many layers, counted from the bottom; 0 = all. Asking for more than there are gives a
-    warning. laid: layers that lie there already; directions and starts alternate on from them, numbers begin at 1.
-    below: (n, 2) m, arc starts of the last layer that lies there.
+    layers: greatest number of layers, counted from the bottom; 0 = all. Asking for more than there are gives a
+    warning. laid: number of layers already laid; directions and starts continue to alternate from them, numbers begin
+    at 1. below: (n, 2) m, arc starts of the last layer laid.
     Raises PlanError when the grids differ, the scan misses too much or the machine cannot reach.
     """
     if layers < 0:
@@ -170,7 +170,7 @@ def _edge_metal(settings: PlanSettings) -> float:
 
 
 def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """What idle moves of a layer pass over (m): its top or what was found; unknown cells are as high as any."""
+    """What idle moves of a layer pass over (m): its top or what was found; unknown cells count as the highest."""
     metal = np.where(on, np.fmax(after, job.found), np.fmax(job.found, job.standing))
     return np.where(np.isfinite(metal), metal, job.safe_z - job.settings.clearance)
 
@@ -193,7 +193,7 @@ def _warn(
     nominal: HeightGrid,
     warnings: list[str],
 ) -> None:
-    """What the plan cannot give, with figures and places."""
+    """Warns of what the plan cannot reach, with figures and places."""
     if not planned:
         warnings.append(
             f'nothing to restore: nowhere more than {settings.min_layer * settings.layer_height * 1e3:.2f} mm is '

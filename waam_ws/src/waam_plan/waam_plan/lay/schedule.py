@@ -1,6 +1,6 @@
 """How thick the layers of a restoration are: thick ones below, thin ones where the tolerance is decided.
 
-What a layer leaves uncorrected grows with its thickness: nobody can know the scatter of the metal before it is laid.
+What a layer leaves uncorrected grows with its thickness: the scatter of the metal is not known before it is laid.
 So only the finishing layers have to be thin. Three of them take out what the thick ones below have left, because each
 one is laid on a scanned surface.
 """
@@ -45,7 +45,7 @@ class Schedule:
         return self.top if k <= self.finishing else self.below
 
     def reason(self, settings: PlanSettings) -> str:
-        """What was chosen and why, for people."""
+        """What was chosen and why, as a sentence."""
         if not self.finishing:
             return f'layers of {self.below * 1e3:.2f} mm'
         why = (

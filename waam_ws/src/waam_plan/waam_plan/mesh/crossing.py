@@ -7,7 +7,7 @@ import shapely
 
 MOST_FACES = 200_000
 CHUNK = 500_000  # pairs looked at together
-INSIDE = 1e-6  # share of an edge or face: nearer to its border is touching, not crossing
+INSIDE = 1e-6  # share of an edge or face: closer to its border counts as touching, not crossing
 
 
 def crossings(triangles: np.ndarray, faces: np.ndarray) -> tuple[int, np.ndarray | None]:

@@ -36,8 +36,8 @@ class PartReport:
     boundary_edges: int
     bodies: int
     collapsed_faces: int  # two corners in one point, removed
-    repairs: tuple[str, ...] = ()  # what was changed, when asked for
-    crossing: str = ''  # faces that pass through each other, when looked for
+    repairs: tuple[str, ...] = ()  # repairs that were made, on request
+    crossing: str = ''  # faces that pass through each other, if it was checked
 
     def lines(self) -> list[str]:
         """For a person."""
@@ -233,7 +233,13 @@ def _report(mesh: trimesh.Trimesh, collapsed: int) -> PartReport:
     volume = float(mesh.volume) if closed else float('nan')
     bodies = int(mesh.body_count)
     return PartReport(
-        len(mesh.faces), float(mesh.area), volume, closed, boundary, bodies, collapsed
+        faces=len(mesh.faces),
+        area=float(mesh.area),
+        volume=volume,
+        closed=closed,
+        boundary_edges=boundary,
+        bodies=bodies,
+        collapsed_faces=collapsed,
     )
 
 

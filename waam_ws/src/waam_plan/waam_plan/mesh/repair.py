@@ -1,4 +1,4 @@
-"""Mesh repair, only when asked for: every change is told with its place."""
+"""Mesh repair, only on request: every change is reported with its place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Compact programs: arcs and long lines instead of chords, and equal layers written once (source 003, section 4.4)."""
+"""Compact programs: arcs and long lines instead of chords, and equal layers written once.
+
+Small programs and their limits are those of source 003, chapter 5 (docs/equations.md, S3)."""
 
 from __future__ import annotations
 
@@ -150,7 +152,7 @@ def circle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, flo
 def _is_arc(p: np.ndarray, tolerance: float) -> bool:
     """Points and middles of their chords lie on the circle, in one sense, at one height, not all the way round."""
     if len(p) < 4:
-        return True  # three points always do; more have to prove it
+        return True  # three points always lie on a circle; more are checked
     if np.ptp(p[:, 2]) > EQUAL:
         return False
     centre, radius = circle(p[0], p[len(p) // 2], p[-1])

@@ -1,10 +1,10 @@
-"""Programs for a Fanuc controller: TP fragments (.LS) called from a main program (source 003, section 4.4).
+"""Programs for a Fanuc controller: TP fragments (.LS) called from a main program (docs/equations.md, S3).
 
 Every fragment holds at most 2000 points and 600 KB. Equal layers are one fragment, called with an offset in PR[1].
 Speed and wire feed are written in each motion line and in an analogue output; the arc and the gas are digital outputs,
 and the main program ends with source, feed and gas off, gas last. Gas flows before the arc is lit and after it is out.
-It is switched during the idle moves (`TB`); only where these are too short the robot waits. `TA` would not do for the
-gas: it takes 0.5 s at most. The robot accelerates by itself, so a straight idle
+It is switched during the idle moves (`TB`); the robot waits only where these are too short. `TA` does not serve for
+the gas: it takes 0.5 s at most. The robot accelerates by itself, so a straight idle
 leg is one line to a FINE point, at the highest speed that was planned on it. `read_ls` reads the programs back.
 """
 

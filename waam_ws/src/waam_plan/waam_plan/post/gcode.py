@@ -55,7 +55,7 @@ def with_base_feed(segments: list[Segment], settings: PlanSettings) -> list[Segm
 
 
 def _handed_on(segments: list[Segment]) -> list[Segment]:
-    """What burns without wire feed takes feed and voltage of the segment before, while the arc stays on."""
+    """Segments without wire feed take feed and voltage of the one before, while the arc stays on."""
     out: list[Segment] = []
     last: Segment | None = None
     for s in segments:

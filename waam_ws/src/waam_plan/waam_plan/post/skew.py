@@ -1,8 +1,8 @@
-"""Axes that are not square and not to scale: programs are bent the other way, so that the part comes out straight.
+"""Axes that are neither square nor to scale: programs are distorted the opposite way, so that the part is true.
 
 A machine takes a commanded point c (mm, work frame) to the point A c, where the columns of A are its real axes. The
-exact correction commands A^-1 p for a wanted point p; the first-order forms of the source (002, section 3.3) are
-offered by name. The map is linear about the work zero.
+exact correction commands A^-1 p for a wanted point p; the first-order forms of source 002 are offered by
+name (docs/equations.md, S2). The map is linear about the work zero.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class AxisErrors:
         """(3, 3) matrix from wanted to commanded points.
 
         'exact': A^-1. 'two_angles': p - (x (cos b - 1) + y sin a, x sin b + y (cos a - 1)). 'one_angle': x - y sin a,
-        y cos a. The source's forms know the angles in the plane only and are right to first order.
+        y cos a. The source's forms have the angles in the plane only and are right to first order.
         """
         if form == 'exact':
             return np.linalg.inv(self.axes)

@@ -72,7 +72,7 @@ def _totals(plan: Plan) -> str:
 
 
 def _notes(plan: Plan) -> list[str]:
-    """What the figures are made of."""
+    """Notes on where the figures come from."""
     s = plan.settings
     return [
         'Time without acceleration, cooling between layers and scans.',

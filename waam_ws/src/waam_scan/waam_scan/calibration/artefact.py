@@ -16,7 +16,7 @@ BELOW_CREST = 0.2  # of the radius: points on a ball lower than this above its e
 
 
 class ArtefactError(ValueError):
-    """An artefact file that makes no sense; the text names the field."""
+    """An artefact that cannot exist; the text names the field."""
 
 
 @dataclass(frozen=True)

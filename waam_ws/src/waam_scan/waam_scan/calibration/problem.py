@@ -1,4 +1,4 @@
-"""What the calibration solves: unknowns, residuals of profile points against the artefact, and what is known before."""
+"""What the calibration solves: unknowns, residuals of profile points against the artefact, and prior knowledge."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .scan_pass import Motion, Points
 # what counts as observed: the demanded accuracy; also the scale between lengths, angles and times
 TOLERANCE = np.array([20e-6] * 3 + [np.radians(0.02)] * 3 + [0.5e-3])
 SCALE = np.concatenate([TOLERANCE, TOLERANCE[:6]])
-WEAK = 1000.0  # tolerances by which a start value may be wrong: holds what nothing shows, moves nothing else
+WEAK = 1000.0  # tolerances by which a start value may be wrong: holds unobserved parameters, hardly moves others
 
 
 @dataclass

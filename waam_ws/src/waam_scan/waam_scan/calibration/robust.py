@@ -53,8 +53,8 @@ def sandwich(hessian: np.ndarray, scores: np.ndarray, prior: np.ndarray) -> np.n
 def wide(covariance: np.ndarray, limit: float) -> list[np.ndarray]:
     """(7, k) orthonormal directions in which the standard uncertainty (in tolerances) exceeds `limit`, widest first.
 
-    Directions whose uncertainties differ more than tenfold come in different arrays: mixing them would hide what is
-    not known at all behind what is known a little.
+    Directions whose uncertainties differ more than tenfold come in different arrays: mixing them would hide the
+    unknown ones behind those that are known a little.
     """
     values, vectors = np.linalg.eigh(covariance)
     wide = np.flatnonzero(values > limit**2)[::-1]

@@ -2,8 +2,8 @@
 
 A profile point p = (x_s, 0, z_s) of a profile stamped s lies at P = tcp(s + delay) + offset + R p. Its distance to the
 artefact's surface must vanish. Robust Gauss-Newton over all points for offset, R and delay, together with the pose
-of the artefact, which is known only to the uncertainties of its touch-off: what these leave open comes out in the
-covariance instead of in the result. Points are assigned to surfaces anew in every step (ICP with an exact model).
+of the artefact, which is known only to the uncertainties of its touch-off: what these leave open
+appears in the covariance, not in the result. Points are reassigned to surfaces in every step (ICP with an exact model).
 
 The covariance is a sandwich over groups of neighbouring profiles (cluster-robust, White 1980 / Liang and Zeger 1986):
 errors that neighbours share, such as a shaking carriage, widen it; a sum over independent points would not see them.
@@ -129,7 +129,7 @@ def calibrate(
     start: rough mounting (within about 10 mm and 5 deg); reach: m, how far off its offset may be in each direction;
     delay_reach: s, how far profile stamps may be off; limit: points that are used, drawn evenly.
     Raises CalibrationError when the artefact is not found in the scans. Directions that the scans do not show are
-    named in `unobserved` and stay at their start values; it is for the caller to refuse them.
+    named in `unobserved` and stay at their start values; the caller decides whether to refuse them.
     """
     start = start or Mounting()
     rng = np.random.default_rng(seed)

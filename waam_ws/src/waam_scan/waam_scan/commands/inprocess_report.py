@@ -51,7 +51,7 @@ def compared(s: CrownSeries) -> dict[str, SeriesQuality]:
 
 
 def comparison(s: CrownSeries) -> list[str]:
-    """The table for people."""
+    """The table that is printed."""
     lines = ['  series                   spikes  noise mm  lag-1 correlation  delay ms  missing']
     for name, q in compared(s).items():
         lines.append(

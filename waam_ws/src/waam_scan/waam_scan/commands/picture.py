@@ -1,4 +1,4 @@
-"""A map as a picture for people (PNG) and as a surface for other tools (PLY). No display needed."""
+"""A map as a picture (PNG) and as a surface for other tools (PLY). No display needed."""
 
 from __future__ import annotations
 

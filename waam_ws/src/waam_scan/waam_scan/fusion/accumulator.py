@@ -1,4 +1,4 @@
-"""What a map in the making holds per cell, and how points get in. Memory depends on the grid alone."""
+"""What a map under construction stores per cell, and how points are added. Memory depends on the grid alone."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Accumulator:
     """Integer sums and a sample of points per cell of `spec`.
 
     slots: points in the sample; low, high: m, limits of height; unit: m, height resolution. turned: the cells of a
-    column lie side by side in memory, not those of a row; along the profiles it saves half of the time when they come
-    in any order, and changes no result.
+    column lie side by side in memory, not those of a row. Along the profiles this saves half of the time when they
+    come in any order; it changes no result.
     words: (cells, 4) uint64 count, phase sums, place sums, threshold and size of the sample; sums: (cells, 4) int64
     that take over before 32 bits overflow; rows: (cells, slots) uint64 records, height << 32 | place v << 16 | place u.
     """
@@ -91,7 +91,7 @@ class Accumulator:
 
 
 class Workers:
-    """Runs a compiled loop over parts of a range, one part per thread; the loops let go of the interpreter lock."""
+    """Runs a compiled loop over parts of a range, one part per thread; the loops release the interpreter lock."""
 
     def __init__(self, threads: int) -> None:
         self.threads = max(1, threads)

@@ -1,4 +1,4 @@
-"""Filling of small holes, for tools that cannot bear them. Only when asked; what was filled is marked."""
+"""Filling of small holes, for tools that need closed maps. Only on request; what was filled is marked."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from .quality import enclosed
 
 STEPS = 4000
-CLOSE = 1e-8  # m, change per step at which the filling stands still
+CLOSE = 1e-8  # m, change per step at which the filling has converged
 
 
 def fill_holes(z: np.ndarray, resolution: float, largest: float) -> tuple[np.ndarray, np.ndarray]:

@@ -57,9 +57,9 @@ class FusedMap:
 
 @dataclass
 class Fusion:
-    """One map in the making. `add` as often as profiles come, `result` whenever a map is wanted.
+    """One map under construction. Call `add` for every batch of profiles, `result` whenever a map is wanted.
 
-    threads: for large batches and for the result; they change the speed only.
+    threads: for large batches and for the result; they only change the speed.
     """
 
     spec: GridSpec

@@ -12,15 +12,13 @@ from .kernels import UNITS
 from .limits import FusionLimits
 
 LEAST_CELLS = 20  # cells with enough samples, before the map's own scatter is believed
-WITNESSES = 50_000  # cells that tell the scatter of the map; more do not make it better
-PLAUSIBLE_RATIO = (
-    9.0  # cells whose variance is further above the median are edges: they do not tell the noise
-)
+WITNESSES = 50_000  # cells from which the scatter of the map is estimated; more do not improve it
+PLAUSIBLE_RATIO = 9.0  # cells whose variance is further above the median are edges and left out of the noise estimate
 
 
 @dataclass(frozen=True)
 class Heights:
-    """z, sigma, scatter: (cells,) m; used: (cells,) points; residual: m, NaN while too few cells can tell."""
+    """z, sigma, scatter: (cells,) m; used: (cells,) points; residual: m, NaN while too few cells have samples."""
 
     z: np.ndarray
     sigma: np.ndarray
@@ -104,7 +102,7 @@ class CellHeights:
         return Heights(self._z, self._sigma, self._scatter, self._used, residual)
 
     def _witnesses(self) -> np.ndarray:
-        """Cells whose samples tell the scatter, in the order of the grid, however it lies in memory."""
+        """Cells whose samples give the scatter, in the order of the grid, whatever their layout in memory."""
         c = self._cells
         good = c.in_lines(c.halves[:, 7] >= ck.ENOUGH)
         if c.turned:

@@ -1,4 +1,4 @@
-"""What a map is worth as a picture of the part: holes, what was never seen, walls that a height map cannot show."""
+"""Quality of a map as a picture of the part: holes, unseen areas, walls that a height map cannot show."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ FLOOR = 20e-6  # m, uncertainty of a crown at best: ripples, speckle
 class FilterLimits:
     """wander: m per s^1.5, how much the rate of height changes on its own in a second (white acceleration); gate:
     standard deviations between prediction and crown; lost: profiles in a row outside the gate after which the filter
-    starts anew."""
+    restarts."""
 
     wander: float = 5e-3
     gate: float = 4.0
@@ -85,7 +85,15 @@ def filter_scan(
             used[k] = state.update(crowns[k], crown_u[k])
         height[k], u[k] = state.value
     raw = np.array([np.nanmedian(z) if np.isfinite(z).any() else np.nan for z in scan.z])
-    return CrownSeries(scan.t, raw, crowns, crown_u, height, u, used)
+    return CrownSeries(
+        t=scan.t,
+        raw=raw,
+        crown=crowns,
+        crown_u=crown_u,
+        height=height,
+        u=u,
+        used=used,
+    )
 
 
 class _State:
@@ -137,7 +145,7 @@ class _State:
 
 
 def median_filter(values: np.ndarray, width: int = 5) -> np.ndarray:
-    """Running median over the last `width` values (n,): what is usually done. NaN are left out."""
+    """Running median over the last `width` values (n,), the usual filter. NaN are left out."""
     out = np.full(len(values), np.nan)
     for k in range(len(values)):
         window = values[max(0, k - width + 1) : k + 1]
@@ -163,7 +171,7 @@ class SeriesQuality:
 def quality(
     t: np.ndarray, values: np.ndarray, raw: np.ndarray, spike: float = 0.3e-3
 ) -> SeriesQuality:
-    """Of a series (n,) in m at times (n,) in s; raw: the series it was made of."""
+    """Of a series (n,) in m at times (n,) in s; raw: the series it was made from."""
     good = np.isfinite(values)
     v, s = values[good], t[good]
     near = np.array([np.median(v[max(0, k - 2) : k + 3]) for k in range(len(v))])

@@ -65,7 +65,7 @@ def recorded_mounting(path: Path) -> Mounting:
 
 @dataclass
 class _Scan:
-    """What was read of a scan that may go on. poses: (ns, x, y, z); damage: what is missing in the files."""
+    """What was read so far of a scan. poses: (ns, x, y, z); damage: what is missing in the files."""
 
     name: str
     number: int = 0

@@ -1,4 +1,4 @@
-"""Metal that was added or taken away between two scans: told from motion."""
+"""Metal that was added or taken away between two scans, as distinct from motion."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def changed_places(
     """(n,) bool: points p (n, 3) m near changed metal, its flanks included, which reach below any kernel.
 
     r: (n,) m signed distances to the reference, good: (n,) which of them count, limit: m, what noise explains.
-    Nothing when so little would remain that the rest says no more.
+    Empty when too little would remain for an estimate.
     """
     from scipy.spatial import cKDTree
 

@@ -41,7 +41,7 @@ def _read(path: Path) -> np.ndarray:
     try:
         with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
             cloud = o3d.io.read_point_cloud(str(path), remove_nan_points=True)
-    except (MemoryError, RuntimeError) as e:  # a header that promises more than there is
+    except (MemoryError, RuntimeError) as e:  # the header promises more data than the file has
         raise FileError(f'{path}: damaged ({e})') from None
     points = np.asarray(cloud.points)
     if len(points) == 0:
@@ -80,7 +80,7 @@ def load_triangles(path: Path, scale: float = 1e-3) -> np.ndarray:
         triangles = np.asarray(mesh.triangles, float) * scale
     except FileNotFoundError:
         raise FileError(f'{path}: no such file') from None
-    except Exception as e:  # trimesh's readers raise whatever their formats make them stumble over
+    except Exception as e:  # trimesh's readers raise all kinds of exceptions
         raise FileError(f'{path}: not a mesh that can be read: {e}') from None
     if len(triangles) == 0 or not np.isfinite(triangles).all():
         raise FileError(f'{path}: no triangles in it')

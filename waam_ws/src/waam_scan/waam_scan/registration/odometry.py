@@ -1,4 +1,4 @@
-"""Where a scanner without poses was: hand-held, or carried by a robot that does not tell.
+"""Where a scanner without poses was: hand-held, or carried by a robot that does not report its position.
 
 KISS-ICP (Vizzo et al. 2023) finds every frame against the map of those before it: it needs no start value but constant
 motion. On smooth metal its point-to-point pairs slide, though (docs/registration.md), so each pose is then refined by

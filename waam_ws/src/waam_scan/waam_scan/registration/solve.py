@@ -62,7 +62,7 @@ class _Fit:
         )
         alike = np.einsum('ij,ij->i', own, m.normal)
         if self.target.exact:
-            alike = np.abs(alike)  # of an open mesh the inside is unknown
+            alike = np.abs(alike)  # an open mesh has no known inside
         return r, rows, other, self.keep & m.ok & (alike > ALIKE)
 
     @property
@@ -142,7 +142,7 @@ def _to_level(fit: _Fit, change: str, reach: float) -> np.ndarray:
 
 
 def _descend(fit: _Fit, icp: Icp, change: str, reach: float) -> tuple[float, bool]:
-    """Wide to narrow; returns the noise of the pairs and whether the last step came to rest."""
+    """Narrows the kernel step by step. Returns the noise of the pairs and whether the last step converged."""
     own = float(np.hypot(fit.cloud.noise, fit.target.noise))
     limit = reach if change == 'any' else min(reach, FIRST)
     keep = np.ones(len(icp.points), bool)

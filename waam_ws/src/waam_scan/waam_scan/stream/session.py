@@ -32,7 +32,7 @@ class EndWatch:
     """Decides when a finishing scan has waited enough. Times in s of a steady clock, stamps in ns.
 
     quiet: s without news after which nothing more is expected; news are profiles, and telemetry as long as it has not
-    reached `until_ns`. end: when to give up although news keep coming.
+    reached `until_ns`. end: when to give up although messages keep coming.
     """
 
     until_ns: int | None
