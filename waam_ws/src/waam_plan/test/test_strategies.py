@@ -96,7 +96,9 @@ def test_combined_lays_its_rings_last_and_moves_their_starts(number):
 @pytest.mark.parametrize('shift', [0.0, 0.38, 0.76])
 def test_a_spiral_in_a_scanned_region_does_not_turn_back(shift):
     y, x = np.mgrid[0 : SPEC.rows, 0 : SPEC.cols]
-    worn = ((x - 100) / 75) ** 4 + ((y - 80) / 45) ** 4 < 1  # a rounded pocket, with the steps of its cells
+    worn = ((x - 100) / 75) ** 4 + (
+        (y - 80) / 45
+    ) ** 4 < 1  # a rounded pocket, with the steps of its cells
     (shape,) = outline(worn, SPEC)
     for line in spiral_lines(shape, PlanSettings(strategy='spiral'), shift):
         way = np.diff(line, axis=0)

@@ -147,8 +147,9 @@ def _wall(polygon: Polygon, s: PlanSettings) -> list[Chain]:
 class Strategy:
     """An entry of the table; `waam plan --help` prints `summary`.
 
-    edge_metal: of the beads along the edge of a restored layer, over what the division of the metal gives them. The side
-    of a bead falls off to the edge, so the division gives it more than it can carry; the surplus would stand inside it.
+    edge_metal: of the beads along the edge of a restored layer, over what the division of the metal gives them.
+    The side of a bead falls off to the edge, so the division gives it more than it can carry; the surplus would
+    stand inside of it.
     """
 
     summary: str
