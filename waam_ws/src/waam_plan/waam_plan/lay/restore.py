@@ -8,7 +8,7 @@ wherever the number of layers changes.) How thick the layers are: `schedule`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -158,7 +158,15 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> Planned
         thickest=schedule.thickest,
     )
     chains = _chains(on, spec, settings, turn)
-    return lay(task, chains, below, spec=spec, safe_z=job.safe_z, settings=settings)
+    shared = replace(settings, edge_metal=_edge_metal(settings))
+    return lay(task, chains, below, spec=spec, safe_z=job.safe_z, settings=shared)
+
+
+def _edge_metal(settings: PlanSettings) -> float:
+    """Metal of the beads along the edge over what the division gives them: as set; 1 = as the strategy needs it."""
+    if settings.edge_metal != 1.0:
+        return settings.edge_metal
+    return strategies.REGISTRY[settings.strategy].edge_metal
 
 
 def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -207,7 +215,7 @@ def _warn(
             )
     for layer in planned:
         want = layer.planned.sum() * nominal.spec.resolution**2
-        if abs(layer.volume - want) > 0.03 * want:
+        if abs(layer.volume - want) > (0.03 + abs(_edge_metal(settings) - 1)) * want:
             warnings.append(
                 f'layer {layer.number}: segments lay {layer.volume * 1e9:.0f} mm3 of {want * 1e9:.0f} mm3 planned '
                 '(limits of layer height)'
