@@ -24,7 +24,7 @@ Written to --out: report.html (open it in a browser), report.json, maps.npz; wit
 waam report and waam replay. --account writes account.png and account.json instead.
 The same seed gives the same figures, whatever the number of workers.
 
-exit status: 0 foretold, 1 at least one job failed, 2 refused, 130 ended with Ctrl-C
+exit status: 0 all jobs ran, 1 at least one job failed, 2 refused, 130 ended with Ctrl-C
 """
 
 
@@ -32,7 +32,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     """Adds the verb `lab`."""
     p = commands.add_parser(
         'lab',
-        help='foretell what will come out: the whole job on many simulated cells, in seconds',
+        help='predict what will come out: the whole job on many simulated cells, in seconds',
         description='Runs a job on many simulated cells without ROS: RMS, share in tolerance, time and wire as bands.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
