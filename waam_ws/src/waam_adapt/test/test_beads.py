@@ -280,8 +280,10 @@ def test_an_efficiency_that_drifts_ahead_of_the_flow_factor_is_expected():
         habits = habits.learn(layer, model, asked, 2 * growth, seen, 0.3, allowed=0.9)
     assert habits.surplus < 0.051
     request = pad(0.75e-3)
-    who = Identifier(watch_beads=True, beads=habits)
-    assert who._beads_of(request, 1.0).missing.max() < -0.04
+    who = Identifier(watch_beads=True)
+    who.start('job', 60)
+    who.beads = habits
+    assert who.prepare(request).learned.missing.max() < -0.04
 
 
 def test_what_cannot_be_compared_teaches_nothing():

@@ -102,7 +102,7 @@ class Corrector:
             )
         flow, expected = 1.0, request
         if self.params.identify:
-            flow = self.identifier.estimate.flow_factor
+            flow = self.identifier.flow_factor(request)
             expected = self.identifier.prepare(request)
         correction = safe_correct(self.law, expected, reasons)
         return Answer(correction, flow, self.identifier.estimate)
