@@ -61,6 +61,8 @@ def test_the_plan_gives_the_plan_wherever_beads_reach():
     assert not growth[:, -2:].any()
     assert model.overlapped
     assert not bead_model(zigzag(beads=1), SIZE, W).overlapped
+    chain = (np.concatenate(zigzag()),)  # without putting the arc out
+    assert bead_model(chain, SIZE, W).overlapped
 
 
 @pytest.mark.parametrize('turn', [0, 1])
