@@ -42,7 +42,9 @@ class Estimate:
     innovation: float = math.nan
     drift_alarm: bool = False
     updates: int = 0
-    layer_noise: float = LAYER_NOISE  # standard deviation of a layer's ratio about the process, identified
+    layer_noise: float = (
+        LAYER_NOISE  # standard deviation of a layer's ratio about the process, identified
+    )
 
     def flow_factor(self, slope: float | None = None) -> float:
         """Multiplies the wire feed so that the planned height arrives: efficiency_ratio^(-1/slope), bounded. slope: of
