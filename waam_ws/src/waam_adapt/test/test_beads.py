@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from net_weights import model as weights
+from scipy.ndimage import gaussian_filter
 from scipy.optimize import lsq_linear
 
 from waam_adapt import filters
@@ -362,3 +363,22 @@ def test_where_the_network_cannot_answer_the_bead_model_does_and_says_so(tmp_pat
     assert (result.psi == make_law('unet', model='none').correct(request).psi).all()
     untold = replace(request, paths=())
     assert (narrow.correct(untold).psi == laws.DampedInverse().correct(untold).psi).all()
+
+
+def test_the_law_bead_solver_is_the_network_law_without_a_network():
+    rng = np.random.default_rng(3)
+    hills = 3e-4 * rng.standard_normal(
+        (round(SIZE[0] * CELL / 0.75e-3), round(SIZE[1] * CELL / 0.75e-3))
+    )
+    request = pad(0.75e-3, error=gaussian_filter(hills, 4.0) * 10)
+    ours, same = (
+        make_law(n, model=m).correct(request) for n, m in (('bead_solver', ''), ('unet', 'none'))
+    )
+    plain = make_law('damped_inverse').correct(request)
+    assert (ours.law, ours.fallback, ours.model_hash) == ('bead_solver', False, '')
+    np.testing.assert_array_equal(ours.psi, same.psi)
+    assert np.abs(ours.psi - plain.psi).max() > 0.05
+    untold = replace(request, paths=())
+    np.testing.assert_array_equal(
+        make_law('bead_solver').correct(untold).psi, make_law('damped_inverse').correct(untold).psi
+    )

@@ -143,7 +143,7 @@ def test_estimate_converges_forgets_and_compensates():
 @pytest.mark.parametrize('scatter', [0.004, 0.05])
 def test_how_much_layers_scatter_is_identified_and_the_estimate_follows_less_of_it(scatter):
     rng, e, errors, steps = np.random.default_rng(5), Estimate(), [], []
-    for n in range(80):
+    for _ in range(80):
         before = e.efficiency_ratio
         e = update(e, evidence(0.9 + scatter * rng.standard_normal(), sigma=0.003), 0.7)
         errors.append(e.efficiency_ratio - 0.9)

@@ -66,7 +66,7 @@ def update(
     remembers about two layers.
 
     How much a layer scatters about the process is identified from the innovations: what they exceed the uncertainty of
-    estimate and evidence by is noise of the layers (Mehra 1970, IEEE Trans. Autom. Control 15(2), 175-184, for a scalar).
+    estimate and evidence by is noise of the layers (Mehra 1970, IEEE Trans. Autom. Control 15(2), 175-184).
 
     drift_alarm: the layer lies further from the prediction than `alarm_sigmas` of its uncertainty
     and 5 %, once the estimate has settled (two layers), or the ratio leaves 0.7 .. 1.3. An evident
