@@ -1,4 +1,4 @@
-"""Waits for an interpass limit on a recorded wall: what the thermal compensator foretold against what was recorded.
+"""Waits for an interpass limit on a recorded wall: what the thermal compensator predicted against what was recorded.
 
 Dwells of `../shared/data/interlayer_temperature` that fall by 60 K or more; at 25, 35 and 50 % of a dwell the monitor
 is asked for the wait until the temperatures that were reached at 65, 80 and 95 % of it.

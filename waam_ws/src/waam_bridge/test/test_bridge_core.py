@@ -221,6 +221,17 @@ def test_hold_keeps_the_queue_alarm_drops_it():
     assert cell.done == list(range(60))
 
 
+def test_a_lost_distance_is_a_warning_and_the_job_goes_on():
+    cell = Cell().ready()
+    cell.enqueue(line_of(60))
+    cell.step(5)
+    cell.fake.say('! RUN E212 no reading of the distance')
+    cell.until(lambda: len(cell.done) == 60)
+    told = [(n.class_name, n.severity) for n in cell.notices if 'distance' in n.text]
+    assert told == [('standoff', outbox.WARNING)]
+    assert cell.bridge.fault == 0
+
+
 def test_a_fault_has_its_class_and_is_told_once():
     cell = Cell().ready()
     cell.enqueue(line_of(60))

@@ -23,6 +23,7 @@ GOOD = [
     '$J error E108 not now',
     '$I WAAM_CONTROLLER_V1 fw=0.1.0 boot=99 clk=sync blocks=64 rx=2048 lim=0,0,0,400,300,200 '
     'spmm=320 acc=7 exe=5 cap=A,B',
+    'D 1700000000000000,3,1,0,15000,14250,-750',
 ]
 
 
@@ -53,6 +54,7 @@ def test_each_line_is_understood():
     assert got[8] == frames.Answer('J', 108, 'not now')
     assert got[9].boot == 99 and got[9].synchronised and got[9].limits_mm[3:] == (400, 300, 200)
     assert got[9].capabilities == ('A', 'B') and got[9].offset_mm is None
+    assert got[10] == frames.Standoff(1700000000000000, 3, 1, 0, 15000, 14250, -750)
 
 
 def test_a_carriage_return_is_accepted():
@@ -87,7 +89,7 @@ def test_noise_raises_only_the_typed_error(data):
 
 @settings(max_examples=500)
 @given(
-    st.sampled_from(['T ', 'ok ', 'rs ', 'er ', '! ', '$I ', '$H ', '$A ', '$', '']),
+    st.sampled_from(['T ', 'D ', 'ok ', 'rs ', 'er ', '! ', '$I ', '$H ', '$A ', '$', '']),
     st.one_of(
         st.text(st.characters(max_codepoint=255), max_size=60),
         st.lists(st.integers(-(2**70), 2**70), max_size=21).map(lambda v: ','.join(map(str, v))),
@@ -103,6 +105,8 @@ def test_wrong_content_with_a_right_check_raises_only_the_typed_error(start, res
     if isinstance(frame, frames.Telemetry):
         assert 0 <= frame.state <= 3 and 0 <= frame.free_blocks < 65536
         assert all(-(2**31) <= v < 2**32 for i, v in enumerate(frame) if i != 1)
+    if isinstance(frame, frames.Standoff):
+        assert frame.known in (0, 1) and all(-(2**31) <= v < 2**31 for v in frame[1:])
     if isinstance(frame, frames.Identity):
         assert all(abs(v) < 1e6 for v in frame.limits_mm)
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from . import frames, requests
 from .frames import ALARM, HOLD
 from .machine import Machine
-from .outbox import FAULT, LEASE_EXPIRED, of_fault
+from .outbox import FAULT, LEASE_EXPIRED, WARNING, Notice, of_fault
 
 
 def state_changed(machine: Machine, state: int, code: int, text: str) -> None:
     """The controller reported its state and the reason; the text is empty when only telemetry showed it."""
+    if code == frames.STANDOFF:
+        machine.outbox.notices.append(Notice(WARNING, 'standoff', text, 'none'))
+        return
     new = (state, code) != (machine.state, machine.fault)
     if not new and not (text and text != machine.fault_text):
         return

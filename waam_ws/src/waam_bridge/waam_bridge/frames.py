@@ -28,10 +28,14 @@ CODES = {
     108: 'not now', 200: 'hold by host', 201: 'link watchdog', 202: 'arc lease expired',
     203: 'planner ran dry with the arc on', 204: 'arc lost', 205: 'no arc at start',
     206: 'wire fault', 207: 'gas', 208: 'stubbing', 209: 'burn-back', 210: 'over-temperature',
-    211: 'wire frozen in the bead', 300: 'emergency stop', 301: 'limit switch',
+    211: 'wire frozen in the bead', 212: 'standoff: back to the programmed z',
+    300: 'emergency stop', 301: 'limit switch',
     302: 'soft limit', 303: 'process inputs lost or implausible', 304: 'not homed',
     305: 'not armed', 306: 'power-up: reset needed', 307: 'the watchdog has reset the controller',
 }  # fmt: skip
+
+
+STANDOFF = 212  # told beside a state, changes none
 
 
 class FrameError(ValueError):
@@ -61,6 +65,18 @@ class Telemetry(NamedTuple):
     lease_left_ms: int
     underruns: int
     fault: int
+
+
+class Standoff(NamedTuple):
+    """Fields of a D line, as sent: integers, micrometres. source: 1 laser, 2 infrared, 3 arc; alarm: 0 = none."""
+
+    t_us: int
+    source: int
+    known: int
+    alarm: int
+    set_um: int
+    measured_um: int
+    correction_um: int
 
 
 class Ack(NamedTuple):
@@ -131,7 +147,7 @@ class Identity(NamedTuple):
     digits: int
 
 
-Frame = Telemetry | Ack | Resend | LineRefused | StateChange | Answer | Pong | Identity
+Frame = Telemetry | Standoff | Ack | Resend | LineRefused | StateChange | Answer | Pong | Identity
 
 
 def check(data: bytes) -> int:

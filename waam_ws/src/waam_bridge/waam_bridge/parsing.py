@@ -15,6 +15,7 @@ from .frames import (
     LineRefused,
     Pong,
     Resend,
+    Standoff,
     StateChange,
     Telemetry,
     unseal,
@@ -31,6 +32,19 @@ def _telemetry(payload: bytes) -> Telemetry:
         raise FrameError('telemetry out of range')
     if max(f[0], *f[3:]) >= _U32 or min(f) < -_I31:
         raise FrameError('telemetry out of range')
+    return f
+
+
+def _standoff(payload: bytes) -> Standoff:
+    f = Standoff._make(map(int, payload[2:].split(b',')))
+    if (
+        f.t_us < 0
+        or f.t_us >> 63
+        or not (0 <= f.source < 16 and 0 <= f.known <= 1 and f.alarm >= 0)
+    ):
+        raise FrameError('standoff out of range')
+    if max(f[3:]) >= _I31 or min(f[3:]) < -_I31:
+        raise FrameError('standoff out of range')
     return f
 
 
@@ -129,6 +143,7 @@ def _state(payload: bytes) -> StateChange:
 
 _KINDS: dict[bytes, Callable[[bytes], Frame]] = {
     b'T ': _telemetry,
+    b'D ': _standoff,
     b'ok': _ack,
     b'rs': _resend,
     b'er': _refused,

@@ -17,7 +17,8 @@ BELOW = {  # a room may use those named here and itself
     'gcode': {'common'},
     'motion': {'common', 'gcode'},
     'arc': {'common'},
-    'machine': {'common', 'link', 'gcode', 'motion', 'arc'},
+    'standoff': {'common'},
+    'machine': {'common', 'link', 'gcode', 'motion', 'arc', 'standoff'},
 }
 Graph = dict[str, set[str]]  # 'room/file' -> what it uses
 

@@ -33,6 +33,7 @@ from waam_sim.plant import Plant
 
 from .job import Fault
 from .machine import Machine
+from .metal_trace import MetalTrace
 from .params import LabParams
 from .scanning import ScanError, Scanning
 
@@ -42,7 +43,13 @@ PACE = 15.0  # simulated seconds in a second that the job waits: about the rate 
 class LabCell:
     """Implements waam_job.model.cell.Cell. `reports`, `anomalies`: what the job published."""
 
-    def __init__(self, params: LabParams, plant: Plant, faults: tuple[Fault, ...] = ()) -> None:
+    def __init__(
+        self,
+        params: LabParams,
+        plant: Plant,
+        faults: tuple[Fault, ...] = (),
+        trace: MetalTrace | None = None,
+    ) -> None:
         self.params, self._faults = params, list(faults)
         self.device = Machine(params.bridge, plant)
         self.scanning = Scanning(params.scan_fusion, self.device)
@@ -58,6 +65,9 @@ class LabCell:
         d = self.device
         d.on_frame, d.on_outbox = self._on_frame, self._on_outbox
         d.on_temperature, d.on_profiles = self._on_temperature, self.scanning.on_profiles
+        self._trace = trace
+        if trace is not None:
+            d.on_exchange = trace.on_exchange
         d.connect()
         d.until(lambda: self.thermal.state(d.now).plausible, 5.0)
 
@@ -156,6 +166,8 @@ class LabCell:
         try:
             permit = bridge.permit(job_id, segments)
             bridge.commit(permit, program.prepare(permit, segments, last))
+            if self._trace is not None:
+                self._trace.on_segments(segments)
         except program.Refusal as e:
             text = f'bridge/enqueue: {e} (error {e.code})'
             raise JobError(Code.DEPOSITION_FAILED, text) from None
@@ -214,6 +226,8 @@ class LabCell:
         answers.follow_job(self.thermal, convert.status_to_msg(status, time_to_msg(self.now())))
         deposits = status.state == State.DEPOSITING
         self._stats.layer = status.layer if deposits else 0
+        if self._trace is not None:
+            self._trace.on_layer(self._stats.layer, self.device.plant)
         for fault in [f for f in self._faults if deposits and f.layer == status.layer]:
             self._faults.remove(fault)
             self.device.plant.faults.inject(fault.name, fault.value, self.device.plant.now)

@@ -15,14 +15,16 @@ examples:
   waam lab part.stl --as-found worn.stl --layer-height 1.2 --set correction_server.law=unet
   waam lab part.stl --as-found worn.stl --set cell.metal_transfer=0.88 --set plan.levels=adaptive
   waam lab part.stl --as-found worn.stl --cell-file mycell.yaml        a cell with other physics
+  waam lab part.stl --as-found worn.stl --account                      where the metal of the last layer came from
 
 --set takes parameters of the nodes (their READMEs list them) and, as plan.NAME, settings of the planner in SI.
 --cell-file is a ROS parameter file with the keys of waam_sim/config/cell.yaml; what it leaves out stays as it is.
 
 Written to --out: report.html (open it in a browser), report.json, maps.npz; with --keep-jobs the job folders, for
-waam report and waam replay. The same seed gives the same figures, whatever the number of workers.
+waam report and waam replay. --account writes account.png and account.json instead.
+The same seed gives the same figures, whatever the number of workers.
 
-exit status: 0 foretold, 1 at least one job failed, 2 refused, 130 ended with Ctrl-C
+exit status: 0 all jobs ran, 1 at least one job failed, 2 refused, 130 ended with Ctrl-C
 """
 
 
@@ -30,7 +32,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     """Adds the verb `lab`."""
     p = commands.add_parser(
         'lab',
-        help='foretell what will come out: the whole job on many simulated cells, in seconds',
+        help='predict what will come out: the whole job on many simulated cells, in seconds',
         description='Runs a job on many simulated cells without ROS: RMS, share in tolerance, time and wire as bands.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -82,10 +84,23 @@ def _add_campaign(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--out', type=Path, help='folder of the report (default: jobs/<time>_lab-<part>)'
     )
+    p.add_argument(
+        '--account',
+        type=int,
+        nargs='?',
+        const=0,
+        metavar='LAYER',
+        help='say where the metal of a layer came from, at turns, corners and ends (default: the last layer); '
+        'one job, on the first seed',
+    )
     p.add_argument('--keep-jobs', action='store_true', help='keep the folder of every job')
 
 
 def _run(args: argparse.Namespace) -> int:
+    if args.account is not None:
+        from .cli_account import run_account
+
+        return run_account(args)
     from .cli_campaign import run_campaign
 
     return run_campaign(args)

@@ -16,7 +16,7 @@ from waam_job.ros.job_params import settings_of
 from waam_job.run.control import Control
 from waam_job.run.runner import JobRunner
 from waam_job.store.folder import JobFolder
-from waam_process.grid import HeightGrid
+from waam_process.grid import GridSpec, HeightGrid
 from waam_sim import part as parts
 from waam_sim.config import GROUPS, plant_params
 from waam_sim.faults import Faults
@@ -25,14 +25,16 @@ from waam_sim.plant import Plant, PlantParams
 from . import params, results
 from .cell import LabCell
 from .job import LabJob, LabResult
+from .metal_trace import MetalTrace
 
 PLATE = (0.240, 0.200, 0.010)  # m, on the table for a build, as of waam job run
 MEMORY = Path('/dev/shm')  # job folders that are not kept need no disk
 
 
-def run(job: LabJob) -> LabResult:
+def run(job: LabJob, trace: MetalTrace | None = None) -> LabResult:
     """Runs a job. JobError: the goal is refused; ValueError: a parameter, fault or part is; both say what is wrong.
 
+    trace: notes what happened while metal was laid, for `waam_lab.metal_account`.
     A job that fails on the way (a fault of the cell, a map that cannot be believed) is a result with verdict 'failed'.
     """
     known = params.make(job.overrides)
@@ -40,13 +42,15 @@ def run(job: LabJob) -> LabResult:
     checked = check(job.goal)
     physics = physics_of(job, known)
     plant = Plant(on_table(job, physics), physics, job.seed)
-    cell = LabCell(known, plant, job.faults)
+    cell = LabCell(known, plant, job.faults, trace)
     try:
         with _folder(job, checked, known) as folder:
             began, cpu = cell.now(), time.process_time()
             settings = settings_of(known.job_sequencer, True)
             JobRunner(cell, checked, folder, Control(), settings).run()
             spent = time.process_time() - cpu
+            if trace is not None:
+                _note_planned(trace, folder)
             return results.read(folder, job, cell.now() - began, spent)
     finally:
         cell.close()
@@ -77,6 +81,16 @@ def on_table(job: LabJob, physics: PlantParams) -> HeightGrid:
     if job.goal.mode == 'restore':
         raise ValueError("as_found (--as-found): a restoration needs the mesh of the worn part")
     return parts.plate(*PLATE, metal.cell, metal.margin)
+
+
+def _note_planned(trace: MetalTrace, folder: JobFolder) -> None:
+    """The maps of the metal that every layer was to add; the one before a layer has them."""
+    for number in range(folder.last_map()):
+        found = folder.read_map(number)
+        if found is not None and 'planned' in found:
+            x, y = (float(v) for v in found['origin'])
+            spec = GridSpec(x, y, float(found['resolution']), *found['planned'].shape)
+            trace.on_planned(number + 1, HeightGrid(spec, found['planned'].astype(float)))
 
 
 @contextmanager

@@ -29,7 +29,7 @@ CONNECT_LIMIT = 5.0  # s
 
 class Machine:
     """`advance` lets time pass. Results go to the listeners: on_frame(Telemetry), on_outbox(Outbox),
-    on_temperature(time_us, degC), on_profiles(Profiles)."""
+    on_temperature(time_us, degC), on_profiles(Profiles), on_exchange(samples (n,) of SAMPLE, Plant)."""
 
     def __init__(self, params: BridgeParams, plant: Plant) -> None:
         self.bridge, self.plant = Bridge(params), plant
@@ -39,6 +39,7 @@ class Machine:
         self.on_outbox: Callable[[Outbox], None] = lambda box: None
         self.on_temperature: Callable[[int, float], None] = lambda time_us, celsius: None
         self.on_profiles: Callable[[Profiles], None] = lambda profiles: None
+        self.on_exchange: Callable[[np.ndarray, Plant], None] = lambda samples, plant: None
         self._samples = np.zeros(EXCHANGE_MS, SAMPLE)
         self._step_us = 1000 * EXCHANGE_MS
         self._pyro_us = round(1e6 / plant.params.pyrometer.rate)
@@ -91,6 +92,7 @@ class Machine:
         self.controller.step(self._samples)
         self.time_us += self._step_us
         self.controller.answer(self.plant.step(self._samples, self.time_us))
+        self.on_exchange(self._samples, self.plant)
         self._sense()
         self._listen()
         self._publish()

@@ -94,7 +94,15 @@ class AlarmLog:
             if not alarm.active:
                 alarm.count, alarm.time = alarm.count + 1, now
             return alarm
-        alarm = Alarm(next(self._numbers), now, kind, str(code), severity, text, False)
+        alarm = Alarm(
+            id=next(self._numbers),
+            time=now,
+            kind=kind,
+            code=str(code),
+            severity=severity,
+            text=text,
+            active=False,
+        )
         self._alarms.append(alarm)
         self._forget()
         return alarm
@@ -112,7 +120,15 @@ class AlarmLog:
         self.version += 1
         alarm = self._find(kind, str(code), None)
         if alarm is None:
-            alarm = Alarm(next(self._numbers), now, kind, str(code), severity, text, True)
+            alarm = Alarm(
+                id=next(self._numbers),
+                time=now,
+                kind=kind,
+                code=str(code),
+                severity=severity,
+                text=text,
+                active=True,
+            )
             self._alarms.append(alarm)
             self._forget()
         alarm.active, alarm.severity = True, max(alarm.severity, severity)

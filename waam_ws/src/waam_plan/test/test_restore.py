@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from waam_plan.fill.linking import arc_starts
 from waam_plan.fill.path import coverage
+from waam_plan.fill.strategies import REGISTRY
 from waam_plan.lay.restore import plan_restoration
 from waam_plan.plan import PlanError, renumber
 from waam_plan.settings import PlanSettings
@@ -143,7 +144,7 @@ def test_segments_carry_the_metal_of_the_map(worn_block):
     found, nominal = worn_block(lambda x, y: 0.004 + 0.003 * np.sin(x / 0.01))
     plan = plan_restoration(found, nominal, S)
     for layer in plan.layers:
-        want = layer.planned.sum() * plan.spec.resolution**2
+        want = layer.planned.sum() * plan.spec.resolution**2 + layer.beside
         assert layer.volume == pytest.approx(want, rel=0.02)
     assert plan.wire * S.wire_area * S.efficiency == pytest.approx(plan.volume)
 
@@ -350,3 +351,20 @@ def test_a_plan_goes_on_from_layers_that_lie_there(worn_block, options):
         assert all(a.start == pytest.approx(b.start, abs=1e-6) for a, b in pairs)
     away = np.linalg.norm(arc_starts(rest.layers[0].segments)[:, None] - below, axis=2)
     assert away.min() >= s.start_spread
+
+
+def test_the_outermost_ring_gets_what_it_can_carry(worn_block):
+    """In restorations whose ring is laid last; a factor of one's own replaces the strategy's."""
+    found, nominal = worn_block(2.0e-3)
+
+    def ring(**options):
+        plan = plan_restoration(found, nominal, PlanSettings(strategy='combined', **options))
+        beads = plan.layers[-1].deposits
+        return sum(s.length * s.height for s in beads if s.bead == beads[-1].bead), plan
+
+    usual, plan = ring()
+    full = ring(edge_metal=1.0 + 1e-9)[0]
+    assert usual == pytest.approx(REGISTRY['combined'].edge_metal * full, rel=0.01)
+    assert ring(edge_metal=0.8)[0] == pytest.approx(0.8 * full, rel=0.01)
+    assert not [w for w in plan.warnings if 'limits of layer height' in w]
+    assert REGISTRY['zigzag'].edge_metal == 1.0

@@ -80,6 +80,35 @@ def test_a_spiral_has_one_arc_start_where_contours_have_a_seam_per_ring():
     assert shapely.length(lines(spiral)).sum() < length + ramp_and_last_closing
 
 
+@pytest.mark.parametrize('number', [1, 2, 3])
+def test_combined_lays_its_rings_last_and_moves_their_starts(number):
+    pieces = filled(ELL, 'combined', number)
+    last = pieces.chain == pieces.chain[-1]
+    ring = shapely.union_all(lines(pieces)[last])
+    edge = ELL.buffer(-3e-3).exterior
+    assert ring.buffer(0.1e-3).intersection(edge).length > 0.97 * edge.length
+    assert ring.length == pytest.approx(edge.length, rel=0.02)  # and nothing else
+    assert ELL.buffer(-5e-3).covers(shapely.union_all(lines(pieces)[~last]))
+    before = starts(filled(ELL, 'combined', number + 1))[-1]
+    assert np.linalg.norm(starts(pieces)[-1] - before) > 5e-3
+
+
+@pytest.mark.parametrize('shift', [0.0, 0.38, 0.76])
+def test_a_spiral_in_a_scanned_region_does_not_turn_back(shift):
+    y, x = np.mgrid[0 : SPEC.rows, 0 : SPEC.cols]
+    worn = ((x - 100) / 75) ** 4 + (
+        (y - 80) / 45
+    ) ** 4 < 1  # a rounded pocket, with the steps of its cells
+    (shape,) = outline(worn, SPEC)
+    for line in spiral_lines(shape, PlanSettings(strategy='spiral'), shift):
+        way = np.diff(line, axis=0)
+        way = way[np.linalg.norm(way, axis=1) > 1e-9]
+        turn = np.diff(np.unwrap(np.arctan2(*way.T[::-1])))
+        assert np.abs(turn).max() < np.radians(120)
+        back = np.abs(turn).sum() - abs(turn.sum())
+        assert back < np.radians(90) * len(contour_lines(shape, PlanSettings()))
+
+
 @given(
     st.lists(st.floats(0.012, 0.03), min_size=5, max_size=9),
     st.floats(0, 1),

@@ -93,7 +93,15 @@ def least_peak_rise(
         raise HeatError(f'distance ({distance} m) and speed ({arc.speed} m/s) must be above zero')
     r = distance * np.geomspace(1.0, 30.0, 400)
     behind = -np.sqrt(r**2 - distance**2)
-    moving = rosenthal(behind, r, arc.power, arc.speed, 0.0, conductivity, diffusivity).max()
+    moving = rosenthal(
+        xi=behind,
+        r=r,
+        power=arc.power,
+        speed=arc.speed,
+        t0=0.0,
+        conductivity=conductivity,
+        diffusivity=diffusivity,
+    ).max()
     capacity = conductivity / diffusivity  # J/(m3 K)
     at_once = 2 * arc.energy / (capacity * distance**3) * (3 / (2 * np.pi * math.e)) ** 1.5
     return float(min(moving, at_once))

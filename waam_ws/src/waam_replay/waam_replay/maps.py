@@ -102,13 +102,13 @@ class Mapper:
             self._before = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
         reasons = tuple(doubts + session.notes())
         return MapAgain(
-            end.response.map,
-            fused.z,
-            fused.sigma,
-            fused.count,
-            not doubts,
-            reasons,
-            profiles == wanted,
+            recorded=end.response.map,
+            z=fused.z,
+            sigma=fused.sigma,
+            count=fused.count,
+            plausible=not doubts,
+            reasons=reasons,
+            whole=profiles == wanted,
         )
 
     def _session(self, begin: Exchange) -> Session:

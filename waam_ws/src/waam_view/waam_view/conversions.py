@@ -26,16 +26,16 @@ ENDED = (JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED)
 def sample(msg: Telemetry) -> Sample:
     p = msg.position
     return Sample(
-        nanoseconds(msg.header.stamp),
-        (p.x, p.y, p.z),
-        msg.travel_speed,
-        msg.wire_feed_commanded,
-        msg.wire_feed_speed,
-        msg.arc_current,
-        msg.arc_voltage,
-        msg.state,
-        msg.arc_established,
-        msg.speed_override or 1.0,
+        t=nanoseconds(msg.header.stamp),
+        position=(p.x, p.y, p.z),
+        speed=msg.travel_speed,
+        feed_commanded=msg.wire_feed_commanded,
+        feed=msg.wire_feed_speed,
+        current=msg.arc_current,
+        voltage=msg.arc_voltage,
+        state=msg.state,
+        arc=msg.arc_established,
+        speed_override=msg.speed_override or 1.0,
     )
 
 

@@ -115,7 +115,14 @@ def load_job(folder: Path, report: dict[str, Any], profile: str) -> Job:
     notes: list[str] = []
     scans = [s for f in job_folder.map_files(place) if (s := load_scan(f, notes))]
     return Job(
-        place, profile, report, run, scans, _telemetry(place, notes), _asked(place, notes), notes
+        folder=place,
+        profile=profile,
+        report=report,
+        run=run,
+        scans=scans,
+        telemetry=_telemetry(place, notes),
+        asked=_asked(place, notes),
+        notes=notes,
     )
 
 

@@ -42,7 +42,15 @@ class Run:
         first = keep[:-1]
         points, times = self.points[keep], self.times[keep]
         height, speed = self.height[first], self.speed[first]
-        return Run(self.layer, self.arc, self.width, points, times, height, speed)
+        return Run(
+            layer=self.layer,
+            arc=self.arc,
+            width=self.width,
+            points=points,
+            times=times,
+            height=height,
+            speed=speed,
+        )
 
 
 @dataclass(frozen=True)
@@ -81,14 +89,14 @@ def read_plan(path: Path | str) -> PlanFile:
         (x, y), (rows, cols) = data['origin'].tolist(), data['nominal'].shape
         spec = GridSpec(x, y, float(data['resolution']), rows, cols)
         return PlanFile(
-            about['name'],
-            about['mode'],
-            list(about['warnings']),
-            about['settings'],
-            spec,
-            data['as_found'],
-            data['nominal'],
-            _runs(data),
+            name=about['name'],
+            mode=about['mode'],
+            warnings=list(about['warnings']),
+            settings=about['settings'],
+            spec=spec,
+            found=data['as_found'],
+            nominal=data['nominal'],
+            runs=_runs(data),
         )
     except (OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile) as error:
         raise PlanFileError(f'{path}: not a stored plan ({error})') from None
@@ -107,11 +115,11 @@ def _runs(data: dict[str, np.ndarray]) -> list[Run]:
 
 def _run(data: dict[str, np.ndarray], times: np.ndarray, a: int, b: int) -> Run:
     return Run(
-        int(data['layer'][a]),
-        bool(data['arc'][a]),
-        float(data['width'][a:b].max()),
-        np.concatenate([data['start'][a : a + 1], data['end'][a:b]]),
-        times[a : b + 1],
-        data['height'][a:b],
-        data['speed'][a:b],
+        layer=int(data['layer'][a]),
+        arc=bool(data['arc'][a]),
+        width=float(data['width'][a:b].max()),
+        points=np.concatenate([data['start'][a : a + 1], data['end'][a:b]]),
+        times=times[a : b + 1],
+        height=data['height'][a:b],
+        speed=data['speed'][a:b],
     )

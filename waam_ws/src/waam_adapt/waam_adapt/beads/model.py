@@ -149,12 +149,24 @@ def _cached(paths: tuple[bytes, ...], shape: tuple[int, int], width: float) -> B
     at = np.clip(at, segments.begin[bead], segments.end[bead] - 1)
     low = at.astype(int)
     return BeadModel(
-        shape, width, spread, np.stack([run - 0.5 * step, run + 0.5 * step], 1),
-        np.concatenate([[0.0], *([*b[1:-1], b[-1] + 0.5 * gap] for b in bounds)]),
-        np.concatenate([b.points for b in beads]), _read(bounds), segments.begin[segments.group],
-        segments.end[segments.group] - 1, to_arc, low, np.minimum(low + 1, segments.end[bead] - 1),
-        at - low, near, arc[i], pieces.from_ends()[i], _overlapped(spread, run, width),
-    )  # fmt: skip
+        shape=shape,
+        width=width,
+        spread=spread,
+        pieces=np.stack([run - 0.5 * step, run + 0.5 * step], 1),
+        bounds=np.concatenate([[0.0], *([*b[1:-1], b[-1] + 0.5 * gap] for b in bounds)]),
+        points=np.concatenate([b.points for b in beads]),
+        read=_read(bounds),
+        first=segments.begin[segments.group],
+        last=segments.end[segments.group] - 1,
+        to_arc=to_arc,
+        low=low,
+        high=np.minimum(low + 1, segments.end[bead] - 1),
+        share=at - low,
+        near=near,
+        arc=arc[i],
+        end=pieces.from_ends()[i],
+        overlapped=_overlapped(spread, run, width),
+    )
 
 
 class _Groups(NamedTuple):

@@ -217,7 +217,18 @@ def compute(
     volts, bits = _clamp(planned_voltage, limits.voltage, Clamp.VOLTAGE, Clamp.VOLTAGE)
     clamps = np.where(deposit, clamps | bits | np.where(saturated, int(Clamp.PSI), 0), 0)
     return Setpoints(
-        deposit, speed, feed, volts, base, psi, residual, k_gain, heat_factor, flow, ahead, clamps
+        deposit=deposit,
+        speed=speed,
+        wire_feed_speed=feed,
+        voltage=volts,
+        wire_feed_base=base,
+        psi=psi,
+        residual_height=residual,
+        k_gain=k_gain,
+        heat_factor=heat_factor,
+        flow_factor=flow,
+        lead_factor=ahead,
+        clamps=clamps,
     )
 
 

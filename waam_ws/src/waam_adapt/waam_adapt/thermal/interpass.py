@@ -171,11 +171,29 @@ class InterpassMonitor:
         temperature, rate = self._fit()
         reasons, doubt = self._reasons(now), self.response.doubt()
         if reasons:
-            return Heat(1.0, temperature, rate, False, math.nan, False, reasons, doubt)
+            return Heat(
+                factor=1.0,
+                temperature=temperature,
+                rate=rate,
+                ready=False,
+                wait=math.nan,
+                plausible=False,
+                reasons=reasons,
+                doubt=doubt,
+            )
         ready = temperature <= s.interpass_limit
         wait = self._wait(temperature, rate)
         factor = float(heat_factor(temperature, m))
-        return Heat(factor, temperature, rate, ready, wait, True, (), doubt)
+        return Heat(
+            factor=factor,
+            temperature=temperature,
+            rate=rate,
+            ready=ready,
+            wait=wait,
+            plausible=True,
+            reasons=(),
+            doubt=doubt,
+        )
 
     def _wait(self, temperature: float, rate: float) -> float:
         """By the curve of the layers before; for the first ones as one lump that cools at the present rate."""

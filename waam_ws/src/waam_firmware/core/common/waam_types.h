@@ -8,6 +8,7 @@
 #include <stdint.h>
 
 #include "waam_arc_settings.h"
+#include "waam_standoff_settings.h"
 
 #define WAAM_AXES 3
 #define WAAM_LINE_MAX 160      /* bytes of one line, end of line excluded */
@@ -44,6 +45,7 @@ typedef enum {
     WAAM_E_BURN_BACK = 209,
     WAAM_E_OVER_TEMPERATURE = 210,
     WAAM_E_WIRE_STUCK = 211,
+    WAAM_E_STANDOFF = 212,      /* told, the state stays: the programmed z from here on */
     WAAM_E_ESTOP = 300,
     WAAM_E_LIMIT_SWITCH = 301,
     WAAM_E_SOFT_LIMIT = 302,
@@ -101,6 +103,7 @@ typedef struct {
     waam_arc_config_t arc;
     waam_regulator_config_t regulator;
     waam_monitor_config_t monitor;
+    waam_standoff_config_t standoff; /* $C changes it */
     waam_policy_t policy[WAAM_FAULTS];
     double temperature_max_c;   /* of torch or drives */
     bool starts_in_alarm;       /* after power-up (306): nothing but a reset leads to IDLE */
@@ -123,6 +126,8 @@ typedef struct {
     double current_a, voltage_v, wire_mm_s; /* current and voltage: not used where the fast tick has them */
     bool over_temperature;      /* thermal switch of torch, drives or cooling */
     double temperature_c;       /* where it is measured; else 0 */
+    uint32_t distance_reading;  /* counts up with every reading of the distance sensor */
+    float distance;             /* of it: mm, or counts of the infrared sensor; NaN = no echo */
 } waam_inputs_t;
 
 typedef struct {

@@ -19,6 +19,7 @@ static const struct {
     {'X', waam_order_reset},
     {'L', waam_order_resync},
     {'T', waam_order_telemetry_rate},
+    {'C', waam_order_configure},
 };
 
 /* ---- tokens ---- */

@@ -23,6 +23,7 @@
 #include "waam_link.h"
 #include "waam_motion.h"
 #include "waam_planner.h"
+#include "waam_standoff.h"
 #include "waam_wire.h"
 
 /* An immediate line that was done, so that its repetition is answered and not done again. */
@@ -66,6 +67,12 @@ typedef struct {
     waam_limit_t limit;
     waam_wire_t wire;
     waam_inputs_t inputs;       /* of the last tick */
+    waam_standoff_t standoff;   /* the torch at its distance */
+    int32_t z_correction;       /* steps of Z by it, on top of motion.steps */
+    int32_t z_before;           /* motion.steps of Z in the last tick */
+    float tracked_mm;           /* path since the arc */
+    bool approaching, approach_asked; /* a strike waits for the distance */
+    bool standoff_due;          /* its line of telemetry */
 
     /* the end of what is planned */
     double plan_mm[WAAM_AXES];  /* machine coordinates, as commanded */

@@ -16,6 +16,10 @@ void waam_core_alarm(waam_core_t *core, waam_code_t code, const char *reason);
 bool waam_core_resume(waam_core_t *core);
 void waam_core_stop(waam_core_t *core);
 void waam_core_finish_stopping(waam_core_t *core); /* once it stands: forgets the queue, IDLE */
+/* Says it in a line of the present state, which stays. */
+void waam_core_tell(waam_core_t *core, waam_code_t code, const char *text);
+/* The correction of z becomes a part of the position: nothing moves, and it is 0 again. */
+void waam_core_absorb(waam_core_t *core);
 bool waam_core_stands(const waam_core_t *core);
 int64_t waam_core_pulses(const waam_core_t *core, int axis); /* since the start */
 bool waam_core_jogging(const waam_core_t *core);
@@ -50,6 +54,11 @@ bool waam_core_waits(const waam_core_t *core, const waam_command_t *command);
 void waam_core_run(waam_core_t *core, uint32_t dt_us);
 void waam_core_follow(waam_core_t *core);
 
+/* standoff (waam_track.c) */
+bool waam_core_at_distance(waam_core_t *core); /* asked by a strike: may it begin? */
+void waam_core_track(waam_core_t *core, uint32_t dt_us);
+bool waam_core_back_on_path(waam_core_t *core); /* nothing is queued: no correction is left */
+
 /* supervision (waam_guard.c) */
 void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs, uint32_t dt_us);
 void waam_guard_limit(waam_core_t *core, uint32_t dt_us); /* what this tick moved must not lead into a limit switch */
@@ -68,5 +77,7 @@ bool waam_guard_drives(const waam_core_t *core); /* enabled? */
 
 /* telemetry (waam_report.c) */
 void waam_core_telemetry(waam_core_t *core);
+/* What the standoff control does: in the tick after the frame, for two lines are much for one tick. */
+void waam_core_standoff_telemetry(waam_core_t *core);
 
 #endif

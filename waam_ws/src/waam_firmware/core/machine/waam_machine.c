@@ -11,6 +11,9 @@ void waam_core_init(waam_core_t *core, const waam_config_t *config, waam_tx_t se
     core->wire_override = 1.0;
     if (waam_regulator_check(&config->regulator))
         core->config.regulator.actuator = WAAM_REGULATOR_OFF; /* a tuning that makes no sense is not used */
+    if (waam_standoff_check(&config->standoff))
+        core->config.standoff.source = WAAM_STANDOFF_OFF;
+    waam_standoff_init(&core->standoff);
     waam_scheduler_start(&core->scheduler);
     core->arc.unchecked = true; /* the power may have gone with the wire in the pool */
     if (config->starts_in_alarm) {
@@ -35,6 +38,7 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
     waam_guard_link(core);
     waam_guard_armed(core);
     waam_core_run(core, dt_us);
+    waam_core_track(core, dt_us);
     waam_guard_limit(core, dt_us);
     waam_guard_arc(core, dt_us);
     waam_guard_lease(core);
@@ -47,6 +51,8 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
     outputs->sense = core->arc.phase == WAAM_ARC_SENSE;
     outputs->voltage_v = waam_guard_source(core);
     waam_guard_orders(core, dt_us);
+    if (core->standoff_due)
+        waam_core_standoff_telemetry(core);
     if (core->now_us >= core->telemetry_due_us) {
         core->telemetry_due_us += core->telemetry_us;
         waam_core_telemetry(core);

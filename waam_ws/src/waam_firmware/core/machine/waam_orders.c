@@ -16,6 +16,8 @@ void waam_order_arm(waam_request_t *r)
         waam_request_refuse(r, WAAM_E_NOT_NOW, "not in ALARM");
         return;
     }
+    if (!r->core->armed)
+        waam_standoff_forget(&r->core->standoff);
     r->core->armed = true;
     waam_request_ok(r);
 }

@@ -16,13 +16,38 @@ static uint32_t flags(const waam_core_t *core)
 
 static int64_t work_um(const waam_core_t *core, int axis)
 {
-    double machine_mm = (double)core->motion.steps[axis] / core->config.steps_per_mm;
+    int32_t steps = core->motion.steps[axis] + (axis == 2 ? core->z_correction : 0);
+    double machine_mm = (double)steps / core->config.steps_per_mm;
     return llround((machine_mm - waam_core_zero_mm(core, &core->executed_modal, axis)) * 1000.0);
 }
 
 static double speed(const waam_core_t *core)
 {
     return core->home.active ? fabs(core->home.speed_mm_s) : core->motion.speed_mm_s;
+}
+
+static void send_fields(waam_core_t *core, const char *name, const int64_t *fields, size_t count)
+{
+    waam_text_t text = {.length = 0};
+    waam_text_add(&text, name);
+    for (size_t i = 0; i < count; i++) {
+        if (i)
+            waam_text_char(&text, ',');
+        waam_text_int(&text, fields[i]);
+    }
+    waam_core_send(core, &text, WAAM_TX_TELEMETRY);
+}
+
+void waam_core_standoff_telemetry(waam_core_t *core)
+{
+    const waam_standoff_t *s = &core->standoff;
+    const waam_standoff_config_t *c = &core->config.standoff;
+    const int64_t fields[] = {
+        (int64_t)core->now_us, c->source, s->known, s->alarm, (int64_t)lroundf(c->set_mm * 1000.0f),
+        (int64_t)lroundf(s->measured_mm * 1000.0f), (int64_t)lroundf(s->correction_mm * 1000.0f),
+    };
+    core->standoff_due = false;
+    send_fields(core, "D ", fields, sizeof fields / sizeof fields[0]);
 }
 
 void waam_core_telemetry(waam_core_t *core)
@@ -38,12 +63,6 @@ void waam_core_telemetry(waam_core_t *core)
         llround(core->planner.override * 1000.0), llround(core->wire_override * 1000.0),
         (int64_t)(waam_core_lease_left_us(core) / 1000), core->underruns, core->fault,
     };
-    waam_text_t text = {.length = 0};
-    waam_text_add(&text, "T ");
-    for (size_t i = 0; i < sizeof fields / sizeof fields[0]; i++) {
-        if (i)
-            waam_text_char(&text, ',');
-        waam_text_int(&text, fields[i]);
-    }
-    waam_core_send(core, &text, WAAM_TX_TELEMETRY);
+    send_fields(core, "T ", fields, sizeof fields / sizeof fields[0]);
+    core->standoff_due = core->config.standoff.source != WAAM_STANDOFF_OFF;
 }

@@ -39,4 +39,7 @@ void waam_order_override(waam_request_t *r);
 void waam_order_work_offset(waam_request_t *r);
 void waam_order_reset(waam_request_t *r);
 
+/* settings (waam_configure.c) */
+void waam_order_configure(waam_request_t *r);
+
 #endif

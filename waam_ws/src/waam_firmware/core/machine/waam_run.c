@@ -12,6 +12,7 @@ static void set_gas(waam_core_t *core, waam_gas_t gas)
 /* Homing finds out where the axes are, so until then their count may begin anywhere: half way of 32 bits is never left. */
 static void start_homing(waam_core_t *core)
 {
+    waam_core_absorb(core);
     for (int i = 0; i < WAAM_AXES; i++)
         if (core->motion.steps[i] > INT32_MAX / 2 || core->motion.steps[i] < -INT32_MAX / 2)
             waam_motion_declare(&core->motion, i, 0);
@@ -71,7 +72,7 @@ static bool may_strike(waam_core_t *core)
 /* Switches the arc on; true when it burns. */
 static bool arc_burns(waam_core_t *core)
 {
-    if (core->arc.phase == WAAM_ARC_OFF && may_strike(core))
+    if (core->arc.phase == WAAM_ARC_OFF && may_strike(core) && waam_core_at_distance(core))
         waam_arc_start(&core->arc);
     return core->arc.phase == WAAM_ARC_BURNING;
 }
@@ -204,7 +205,7 @@ static void tick_running(waam_core_t *core, uint32_t dt_us)
     }
     run_queue(core, dt_us * 1e-6);
     check_underrun(core, dt_us);
-    if (core->state == WAAM_RUN && core->planner.count == 0 && !core->arc_wanted)
+    if (core->state == WAAM_RUN && core->planner.count == 0 && !core->arc_wanted && waam_core_back_on_path(core))
         waam_core_state(core, WAAM_IDLE, WAAM_OK, "the queue is empty");
 }
 

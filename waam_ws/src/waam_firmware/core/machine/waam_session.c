@@ -44,7 +44,7 @@ static void describe(waam_request_t *r)
     offset(r);
     field(r, " acc=", core->link.accepted);
     field(r, " exe=", core->executed);
-    waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,CRC32,XOR8,G2,G54,G59,G92,E,TOKEN,RATE,STOCK");
+    waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,CRC32,XOR8,G2,G54,G59,G92,E,TOKEN,RATE,STOCK,STANDOFF");
 }
 
 /* "$I keep": the host will say by $L which line comes next; until then the last accepted line cannot change.

@@ -31,18 +31,30 @@ void waam_core_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind)
     core->send(core->context, text->text, text->length, kind);
 }
 
-void waam_core_state(waam_core_t *core, waam_state_t state, waam_code_t code, const char *reason)
+void waam_core_tell(waam_core_t *core, waam_code_t code, const char *reason)
 {
     waam_text_t text = {.length = 0};
-    core->state = state;
-    core->fault = code;
     waam_text_add(&text, "! ");
-    waam_text_add(&text, waam_state_name(state));
+    waam_text_add(&text, waam_state_name(core->state));
     waam_text_add(&text, code ? " E" : " E00");
     waam_text_uint(&text, code);
     waam_text_char(&text, ' ');
     waam_text_add(&text, reason);
     waam_core_send(core, &text, WAAM_TX_ASSURED);
+}
+
+void waam_core_state(waam_core_t *core, waam_state_t state, waam_code_t code, const char *reason)
+{
+    core->state = state;
+    core->fault = code;
+    waam_core_tell(core, code, reason);
+}
+
+void waam_core_absorb(waam_core_t *core)
+{
+    core->motion.steps[2] += core->z_correction;
+    core->z_correction = 0;
+    core->standoff.correction_mm = core->standoff.speed_mm_s = 0.0f;
 }
 
 /* The end of what is planned is where the machine stands, in the modes of what it has done. */
@@ -57,6 +69,7 @@ static void plan_from_here(waam_core_t *core)
 
 static void forget_queue(waam_core_t *core)
 {
+    waam_core_absorb(core);
     waam_planner_clear(&core->planner);
     core->motion.done_mm = 0.0;
     core->block_started = core->stopping = core->resume_asked = core->retrying = false;
@@ -97,12 +110,12 @@ bool waam_core_resume(waam_core_t *core)
 
 bool waam_core_stands(const waam_core_t *core)
 {
-    return core->motion.speed_mm_s == 0.0 && (!core->home.active || core->home.speed_mm_s == 0.0);
+    return core->motion.speed_mm_s == 0.0 && core->standoff.speed_mm_s == 0.0f && (!core->home.active || core->home.speed_mm_s == 0.0);
 }
 
 int64_t waam_core_pulses(const waam_core_t *core, int axis)
 {
-    return core->motion.steps[axis] - core->motion.datum_steps[axis];
+    return core->motion.steps[axis] - core->motion.datum_steps[axis] + (axis == 2 ? core->z_correction : 0);
 }
 
 void waam_core_finish_stopping(waam_core_t *core)

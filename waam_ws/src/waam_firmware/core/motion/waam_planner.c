@@ -82,26 +82,29 @@ double waam_planner_exit(const waam_planner_t *planner, size_t i)
     return next && next->kind == WAAM_BLOCK_MOVE ? next->entry_mm_s : 0.0;
 }
 
+static double entry_max(const waam_planner_t *planner, const waam_block_t *before, const waam_block_t *block)
+{
+    double limit = fmin(waam_block_cruise(before, planner->override), waam_block_cruise(block, planner->override));
+    return fmin(limit, block->junction_mm_s);
+}
+
 /* From the last block to the first: no block is entered faster than it can slow down to its own exit. A forward pass is
- * not needed, for motion accelerates step by step within the limit and these speeds are only upper bounds. */
+ * not needed, for motion accelerates step by step within the limit and these speeds are only upper bounds. A processor
+ * without doubles spends its longest tick here: what does not depend on the blocks after is worked out beforehand. */
 static void replan(waam_planner_t *planner, bool all)
 {
+    double exit = 0.0;
     for (size_t i = planner->count; i-- > 1;) {
         waam_block_t *block = at(planner, i);
-        if (block->kind != WAAM_BLOCK_MOVE)
-            continue;
-        const waam_block_t *before = at(planner, i - 1);
-        double entry = 0.0;
-        if (before->kind == WAAM_BLOCK_MOVE) {
-            double exit = waam_planner_exit(planner, i);
-            entry = sqrt(exit * exit + 2.0 * block->accel_mm_s2 * block->path.length_mm);
-            entry = fmin(entry, block->junction_mm_s);
-            entry = fmin(entry, waam_block_cruise(before, planner->override));
-            entry = fmin(entry, waam_block_cruise(block, planner->override));
+        double entry = 0.0; /* also of blocks that do not move, and of those after them */
+        if (block->entry_max_mm_s > 0.0) {
+            entry = sqrt(exit * exit + block->gain_mm2_s2);
+            if (entry > block->entry_max_mm_s)
+                entry = block->entry_max_mm_s;
         }
         if (!all && i + 1 < planner->count && entry == block->entry_mm_s)
             return;
-        block->entry_mm_s = entry;
+        block->entry_mm_s = exit = entry;
     }
 }
 
@@ -110,15 +113,22 @@ void waam_planner_push(waam_planner_t *planner, const waam_block_t *block, const
     const waam_block_t *before = waam_planner_tail(planner);
     waam_block_t *added = at(planner, planner->count++);
     *added = *block;
-    added->entry_mm_s = added->junction_mm_s = 0.0;
+    added->entry_mm_s = added->entry_max_mm_s = added->junction_mm_s = 0.0;
     if (block->kind != WAAM_BLOCK_MOVE || !before || before->kind != WAAM_BLOCK_MOVE)
         return;
     added->junction_mm_s = junction(before, added, kinematics);
+    added->entry_max_mm_s = entry_max(planner, before, added);
+    added->gain_mm2_s2 = 2.0 * added->accel_mm_s2 * added->path.length_mm;
     replan(planner, false);
 }
 
 void waam_planner_set_override(waam_planner_t *planner, double factor)
 {
     planner->override = factor;
+    for (size_t i = planner->count; i-- > 1;) {
+        waam_block_t *block = at(planner, i);
+        if (block->junction_mm_s > 0.0)
+            block->entry_max_mm_s = entry_max(planner, at(planner, i - 1), block);
+    }
     replan(planner, true);
 }

@@ -33,6 +33,8 @@ typedef struct {
     double ceiling_mm_s;        /* the axes allow no more, whatever the override */
     double accel_mm_s2;
     double junction_mm_s;       /* entry limit from the corner before; 0 = starts from rest */
+    double entry_max_mm_s;      /* the corner and the speeds of both blocks allow no more, whatever comes after */
+    double gain_mm2_s2;         /* by how much the square of the speed can change along the block: 2 a l */
     double entry_mm_s;          /* planned greatest entry speed */
 } waam_block_t;
 

@@ -279,6 +279,7 @@ class Journal:
                 'created': datetime.now(UTC).isoformat(timespec='seconds'),
                 'tolerance_mm': goal.tolerance * 1e3,
                 'verdict': verdict.word,
+                'verdict_with_rim': verdict.word_all,
                 'trace': self._trace(),
                 goal.profile: run,
             },

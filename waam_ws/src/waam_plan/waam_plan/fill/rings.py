@@ -93,21 +93,41 @@ def _spiral(rings: list, shift: float) -> np.ndarray:
     All ramps lie side by side, so turns keep their distance on them as well; it is less only where the first leaves the
     outer ring and the last reaches the inner one. Never leaves the rings.
     """
+    inside = Polygon(rings[0]).buffer(1e-9)
     turn = begun_at(np.asarray(rings[0].coords), shift * rings[0].length)
     out, ramp = [turn], turn[:1]
     for inner in rings[1:]:
         begin = LineString(inner.coords).project(shapely.Point(turn[0]))
         before, turn = LineString(turn), begun_at(np.asarray(inner.coords), begin)
         points = shapely.get_coordinates(shapely.segmentize(LineString(turn), STEP))
-        near = shapely.line_locate_point(before, shapely.points(points))
-        near = shapely.get_coordinates(shapely.line_interpolate_point(before, near))
         along = np.append(0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum())
-        length = min(RAMP * before.distance(shapely.Point(turn[0])), along[-1])
-        share = np.clip(along / max(length, STEP), 0, 1)[:, None]
+        length = max(min(RAMP * before.distance(shapely.Point(turn[0])), along[-1]), STEP)
+        share = np.clip(along / length, 0, 1)[:, None]
         share = share**2 * (3 - 2 * share)
-        out.append((1 - share) * near + share * points)
+        ways = (
+            (1 - share) * near + share * points
+            for near in (_evenly(before, points[along <= length], along), _nearest(before, points))
+        )
+        way = next((w for w in ways if inside.covers(LineString(w))), None)
+        out.append(way if way is not None else points)
         ramp = points[along <= length]
     return np.concatenate([*out, ramp] if len(rings) > 1 else out)
+
+
+def _nearest(before: LineString, points: np.ndarray) -> np.ndarray:
+    """(n, 2) points of the ring `before` nearest to points (n, 2) m; they jump and turn back at corners."""
+    near = shapely.line_locate_point(before, shapely.points(points))
+    return shapely.get_coordinates(shapely.line_interpolate_point(before, near))
+
+
+def _evenly(before: LineString, ramp: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """(n, 2) points of the ring `before` for places `along` (n,) m, beside a ramp (k, 2) m that begins where it does.
+
+    The way on the ring goes evenly with the way on the ramp, so the torch never turns back.
+    """
+    far = before.project(shapely.Point(ramp[-1])) if len(ramp) > 1 else 0.0
+    pace = far / max(along[len(ramp) - 1], STEP)
+    return shapely.get_coordinates(shapely.line_interpolate_point(before, pace * along))
 
 
 def begun_at(ring: np.ndarray, distance: float) -> np.ndarray:

@@ -17,9 +17,12 @@ from waam_plan.fill.hatch import Chain
 from waam_plan.fill.linking import linked, seam_shift
 from waam_plan.fill.medial import medial_lines, thin_and_thick
 from waam_plan.fill.rings import contour_lines, gap_lines, spiral_lines
+from waam_plan.masks import ONE_BEAD
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import pieces, raster
 from waam_process.grid import GridSpec
+
+RING = 0.88  # metal of rings along the edge over what the division gives them, where they are laid last
 
 
 @dataclass(frozen=True)
@@ -78,17 +81,32 @@ def medial(area: Area) -> list[Chain]:
 
 
 def combined(area: Area) -> list[Chain]:
-    """`contours` rings along the edge, zig-zag inside."""
-    return _each(area, lambda p: _rings_and_hatch(p, area))
+    """Zig-zag inside, then `contours` rings along the edge.
+
+    Metal flows off a bead that has set; rings laid first would press the turns of the zig-zag together. Every ring has
+    an arc start of its own, at the seam of the layer.
+    """
+    s = area.settings
+    chains: list[Chain] = []
+    for p in area.polygons:
+        if contour.is_wall(p, s):
+            chains += linked(_wall(p, s), p, s.pitch, area.number)
+            continue
+        rings, inside = _rings_and_hatch(p, area)
+        chains += linked(inside, p, s.pitch, area.number)
+        for ring in rings:
+            chains += linked([[ring]], p, s.pitch, area.number)
+    return chains
 
 
 def _arms_and_rings(polygon: Polygon, s: PlanSettings) -> list[Chain]:
-    thin, thick = thin_and_thick(polygon, contour.ONE_BEAD * s.bead_width)
+    thin, thick = thin_and_thick(polygon, ONE_BEAD * s.bead_width)
     runs = [[line] for p in thin for line in medial_lines(p, s.bead_width / 3)]
     return runs + [run for p in thick for run in _filled(p, contour_lines(p, s), s)]
 
 
-def _rings_and_hatch(polygon: Polygon, area: Area) -> list[Chain]:
+def _rings_and_hatch(polygon: Polygon, area: Area) -> tuple[list[np.ndarray], list[Chain]]:
+    """Closed rings along the edge, from the outermost inwards, and the chains inside them."""
     s = area.settings
     rings = [
         np.asarray(r.coords)
@@ -99,7 +117,7 @@ def _rings_and_hatch(polygon: Polygon, area: Area) -> list[Chain]:
     inside = s.bead_width / 2 + (s.contours - 0.5) * s.pitch
     core = [p for p in pieces(polygon.buffer(-inside)) if p.area > (s.pitch / 2) ** 2]
     hatched = zigzag(area.part(core)) if core else []
-    return [[line] for line in rings] + hatched + _gaps(polygon, rings, core, s)
+    return rings, hatched + _gaps(polygon, rings, core, s)
 
 
 def _filled(polygon: Polygon, lines: list[np.ndarray], s: PlanSettings) -> list[Chain]:
@@ -128,10 +146,16 @@ def _wall(polygon: Polygon, s: PlanSettings) -> list[Chain]:
 
 @dataclass(frozen=True)
 class Strategy:
-    """An entry of the table; `waam plan --help` prints `summary`."""
+    """An entry of the table; `waam plan --help` prints `summary`.
+
+    edge_metal: of the beads along the edge of a restored layer, over what the division of the metal gives them.
+    The side of a bead falls off to the edge, so the division gives it more than it can carry; the surplus would
+    stand inside of it.
+    """
 
     summary: str
     fill: Callable[[Area], list[Chain]]
+    edge_metal: float = 1.0
 
 
 REGISTRY: dict[str, Strategy] = {

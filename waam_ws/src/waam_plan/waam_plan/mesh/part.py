@@ -233,7 +233,13 @@ def _report(mesh: trimesh.Trimesh, collapsed: int) -> PartReport:
     volume = float(mesh.volume) if closed else float('nan')
     bodies = int(mesh.body_count)
     return PartReport(
-        len(mesh.faces), float(mesh.area), volume, closed, boundary, bodies, collapsed
+        faces=len(mesh.faces),
+        area=float(mesh.area),
+        volume=volume,
+        closed=closed,
+        boundary_edges=boundary,
+        bodies=bodies,
+        collapsed_faces=collapsed,
     )
 
 

@@ -86,30 +86,30 @@ def _plan(data: dict[str, np.ndarray], about: dict) -> Plan:
     segments = _segments(data)
     layers = [
         PlannedLayer(
-            i + 1,
-            data['planned'][i].astype(float),
-            data['target_before'][i].astype(float),
-            data['target_after'][i].astype(float),
-            [s for s in segments if s.layer == i + 1],
-            tuple(data['direction'][i].tolist()),
-            data['footprint'][i],
+            number=i + 1,
+            planned=data['planned'][i].astype(float),
+            target_before=data['target_before'][i].astype(float),
+            target_after=data['target_after'][i].astype(float),
+            segments=[s for s in segments if s.layer == i + 1],
+            direction=tuple(data['direction'][i].tolist()),
+            footprint=data['footprint'][i],
         )
         for i in range(len(data['planned']))
     ]
     return Plan(
-        spec,
-        HeightGrid(spec, data['as_found']),
-        HeightGrid(spec, data['nominal']),
-        data['region'],
-        data['interior'],
-        layers,
-        about['safe_z'],
-        PlanSettings(**settings),
-        about['mode'],
-        about['name'],
-        tuple(about['offset']),
-        about['warnings'],
-        about.get('remarks', []),
+        spec=spec,
+        as_found=HeightGrid(spec, data['as_found']),
+        nominal=HeightGrid(spec, data['nominal']),
+        region=data['region'],
+        interior=data['interior'],
+        layers=layers,
+        safe_z=about['safe_z'],
+        settings=PlanSettings(**settings),
+        mode=about['mode'],
+        name=about['name'],
+        offset=tuple(about['offset']),
+        warnings=about['warnings'],
+        remarks=about.get('remarks', []),
     )
 
 

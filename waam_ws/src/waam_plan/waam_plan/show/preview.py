@@ -48,20 +48,20 @@ def _estimate(plan: Plan, layer: PlannedLayer) -> LayerEstimate:
     height = np.array([d.height for d in layer.deposits])
     want = layer.planned.sum() * plan.spec.resolution**2
     return LayerEstimate(
-        layer.number,
-        layer.beads,
-        layer.arc_starts,
-        layer.length,
-        burning,
-        layer.duration,
-        layer.volume / (s.wire_area * s.efficiency),
-        layer.volume / want if want > 0 else 1.0,
-        s.arc_power * burning,
-        float(height.mean()),
-        float(height.min()),
-        float(height.max()),
-        s.gas_flow * burning,
-        s.arc_efficiency * s.arc_power * burning / max(layer.length, 1e-9),
+        number=layer.number,
+        beads=layer.beads,
+        arc_starts=layer.arc_starts,
+        length=layer.length,
+        arc_time=burning,
+        duration=layer.duration,
+        wire=layer.volume / (s.wire_area * s.efficiency),
+        mass_share=layer.volume / want if want > 0 else 1.0,
+        heat=s.arc_power * burning,
+        height_mean=float(height.mean()),
+        height_min=float(height.min()),
+        height_max=float(height.max()),
+        gas=s.gas_flow * burning,
+        heat_input=s.arc_efficiency * s.arc_power * burning / max(layer.length, 1e-9),
     )
 
 

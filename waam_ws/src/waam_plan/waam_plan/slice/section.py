@@ -117,5 +117,5 @@ def outline(mask: np.ndarray, spec: GridSpec) -> list[Polygon]:
     runs = shapely.box(x0, y0, x1, y0 + spec.resolution)
     r = spec.resolution
     rough = shapely.union_all(runs)
-    smooth = rough.buffer(r).buffer(-2 * r).buffer(r).simplify(r / 4)
+    smooth = rough.buffer(r).buffer(-2 * r).buffer(r).simplify(0.75 * r)
     return sorted(pieces(smooth), key=lambda p: -p.area)

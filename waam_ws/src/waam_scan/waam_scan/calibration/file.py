@@ -113,8 +113,14 @@ def load_calibration(path: Path) -> StoredCalibration:
             [float(data['standard_uncertainty'][f'{k}_{UNITS[k]}']) for k in PARAMETERS]
         )
         return StoredCalibration(
-            Mounting.from_rpy(xyz, rpy, delay), xyz, rpy, delay, sigma,
-            str(data['date']), str(data['artefact']), str(data['sha256']),
-        )  # fmt: skip
+            mounting=Mounting.from_rpy(xyz, rpy, delay),
+            mount_xyz=xyz,
+            mount_rpy=rpy,
+            profile_delay=delay,
+            sigma=sigma,
+            date=str(data['date']),
+            artefact=str(data['artefact']),
+            hash=str(data['sha256']),
+        )
     except (KeyError, TypeError, ValueError) as e:
         raise CalibrationFileError(f'{path}: field missing or wrong: {e}') from None

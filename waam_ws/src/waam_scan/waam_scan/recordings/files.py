@@ -153,7 +153,15 @@ def read_arc_log(path: Path) -> ArcLog:
         raise FileError(f'{path}: no line with data')
     a = np.array(rows)
     t = a[:, 0] + HOUR * np.cumsum(np.diff(a[:, 0], prepend=a[0, 0]) < -HOUR / 2)
-    return ArcLog(t, a[:, 1:4] * 1e-3, a[:, 4] / 60, a[:, 5] != 0, a[:, 6] / 60, a[:, 7], a[:, 8])
+    return ArcLog(
+        t=t,
+        position=a[:, 1:4] * 1e-3,
+        speed=a[:, 4] / 60,
+        arc=a[:, 5] != 0,
+        wire_feed=a[:, 6] / 60,
+        current=a[:, 7],
+        voltage=a[:, 8],
+    )
 
 
 def _minute_second(path: Path, line: int, text: str) -> float:

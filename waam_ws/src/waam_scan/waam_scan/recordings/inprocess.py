@@ -85,7 +85,15 @@ def filter_scan(
             used[k] = state.update(crowns[k], crown_u[k])
         height[k], u[k] = state.value
     raw = np.array([np.nanmedian(z) if np.isfinite(z).any() else np.nan for z in scan.z])
-    return CrownSeries(scan.t, raw, crowns, crown_u, height, u, used)
+    return CrownSeries(
+        t=scan.t,
+        raw=raw,
+        crown=crowns,
+        crown_u=crown_u,
+        height=height,
+        u=u,
+        used=used,
+    )
 
 
 class _State:

@@ -1,0 +1,132 @@
+#include <stddef.h>
+
+#include "waam_standoff.h"
+
+#define NUMBER(name, low, high) {#name, low, high, false}, offsetof(waam_standoff_config_t, name)
+#define WHOLE(name, low, high) {#name, low, high, true}, offsetof(waam_standoff_config_t, name)
+
+static const struct {
+    waam_standoff_setting_t setting;
+    size_t at;
+} list[WAAM_STANDOFF_SETTINGS] = {
+    {WHOLE(source, 0.0f, 3.0f)},
+    {WHOLE(law, 0.0f, 1.0f)},
+    {NUMBER(set_mm, 5.0f, 400.0f)},
+    {NUMBER(dead_mm, 0.0f, 2.0f)},
+    {NUMBER(up_mm, 0.0f, 20.0f)},
+    {NUMBER(down_mm, 0.0f, 20.0f)},
+    {NUMBER(rate_mm_s, 0.05f, 20.0f)},
+    {NUMBER(accel_mm_s2, 1.0f, 10000.0f)},
+    {NUMBER(rc_s, 0.0f, 1.0f)},
+    {WHOLE(average, 1.0f, (float)WAAM_STANDOFF_AVERAGE)},
+    {NUMBER(packet_s, 0.001f, 0.1f)},
+    {NUMBER(pulse_mm, 1e-5f, 0.02f)},
+    {NUMBER(kp, 0.0f, 50.0f)},
+    {NUMBER(ki, 0.0f, 200.0f)},
+    {NUMBER(kd, 0.0f, 2.0f)},
+    {NUMBER(lead_mm, 0.0f, 15.0f)},
+    {NUMBER(window_mm, 0.5f, 50.0f)},
+    {NUMBER(jump_mm, 0.05f, 50.0f)},
+    {NUMBER(confirm_s, 0.0f, 1.0f)},
+    {NUMBER(lost_s, 0.02f, 5.0f)},
+    {NUMBER(stuck_s, 0.0f, 60.0f)},
+    {NUMBER(settle_s, 0.0f, 10.0f)},
+    {NUMBER(approach_s, 0.0f, 10.0f)},
+    {NUMBER(answer_mm, 0.2f, 20.0f)},
+    {NUMBER(limit_s, 0.1f, 60.0f)},
+    {NUMBER(cross_mm, 0.0f, 20.0f)},
+    {NUMBER(arc_average_s, 0.01f, 5.0f)},
+    {NUMBER(arc_fall_a_per_v, 0.0f, 50.0f)},
+};
+
+static size_t offset(const waam_standoff_setting_t *setting)
+{
+    size_t i = 0;
+    while (&list[i].setting != setting)
+        i++;
+    return list[i].at;
+}
+
+const waam_standoff_setting_t *waam_standoff_setting(const char *name, uint32_t length)
+{
+    for (size_t i = 0; i < WAAM_STANDOFF_SETTINGS; i++) {
+        uint32_t k = 0;
+        while (k < length && list[i].setting.name[k] == name[k] && name[k])
+            k++;
+        if (k == length && list[i].setting.name[k] == '\0')
+            return &list[i].setting;
+    }
+    return NULL;
+}
+
+bool waam_standoff_set(waam_standoff_config_t *c, const waam_standoff_setting_t *setting, double value)
+{
+    char *at = (char *)c + offset(setting);
+    if (!(value >= (double)setting->lowest && value <= (double)setting->highest))
+        return false;
+    if (!setting->whole) {
+        *(float *)(void *)at = (float)value;
+        return true;
+    }
+    uint32_t whole = (uint32_t)value;
+    if ((double)whole != value)
+        return false;
+    *(uint32_t *)(void *)at = whole;
+    return true;
+}
+
+float waam_standoff_get(const waam_standoff_config_t *c, const waam_standoff_setting_t *setting)
+{
+    const char *at = (const char *)c + offset(setting);
+    return setting->whole ? (float)*(const uint32_t *)(const void *)at : *(const float *)(const void *)at;
+}
+
+/* The values for a laser of 0.01 mm; those of the others are in the README. */
+waam_standoff_config_t waam_standoff_default(void)
+{
+    return (waam_standoff_config_t){
+        .source = WAAM_STANDOFF_OFF,
+        .law = WAAM_STANDOFF_PID,
+        .set_mm = 100.0f,
+        .dead_mm = 0.03f,
+        .up_mm = 6.0f,
+        .down_mm = 4.0f,
+        .rate_mm_s = 6.0f,
+        .accel_mm_s2 = 100.0f,
+        .rc_s = 0.0011f,
+        .average = 8,
+        .packet_s = 0.01f,
+        .pulse_mm = 0.00125f,
+        .kp = 5.0f,
+        .ki = 3.0f,
+        .kd = 0.0f,
+        .lead_mm = 0.0f,
+        .window_mm = 12.0f,
+        .jump_mm = 1.0f,
+        .confirm_s = 0.1f,
+        .lost_s = 0.5f,
+        .stuck_s = 2.0f,
+        .settle_s = 0.3f,
+        .approach_s = 1.5f,
+        .answer_mm = 1.0f,
+        .limit_s = 1.0f,
+        .cross_mm = 2.5f,
+        .arc_average_s = 0.3f,
+        .arc_fall_a_per_v = 7.0f,
+    };
+}
+
+const waam_standoff_setting_t *waam_standoff_check(const waam_standoff_config_t *c)
+{
+    for (size_t i = 0; i < WAAM_STANDOFF_SETTINGS; i++) {
+        const waam_standoff_setting_t *setting = &list[i].setting;
+        float value = waam_standoff_get(c, setting);
+        if (!(value >= setting->lowest && value <= setting->highest))
+            return setting;
+    }
+    if (c->source == WAAM_STANDOFF_INFRARED && c->set_mm < 35.0f)
+        return waam_standoff_setting("set_mm", 6);
+    if (c->source == WAAM_STANDOFF_ARC && c->down_mm > 0.5f * c->set_mm)
+        return waam_standoff_setting("down_mm", 7); /* else a wrong current could lead the torch into the metal */
+    return NULL;
+}

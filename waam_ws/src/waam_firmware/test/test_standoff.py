@@ -1,0 +1,142 @@
+"""The torch held at its distance: what source 001 says of sensor, law and drive, and the control as it is shipped."""
+
+import subprocess
+
+import numpy as np
+import pytest
+import standoff_loop as loop
+from conftest import executable
+
+STEP = np.full(30_000, -3.0)  # the metal lies 3 mm too low
+SEEDS = range(101, 107)
+
+
+def test_polynomial_of_the_sources_sensor():
+    counts = (100, 200, 266, 300, 420, 600)
+    expected = (267.99, 130.49, 99.91, 90.99, 72.25, 50.49)
+    assert [round(loop.infrared_mm(u), 2) for u in counts] == list(expected)
+    slope = loop.infrared_mm(266.5) - loop.infrared_mm(265.5)
+    assert slope == pytest.approx(-0.31, abs=0.005)
+
+
+def test_relay_has_the_sources_eight_steps():
+    rows = {
+        0.0: 0, 0.1: 0, 0.15: 1, 0.2: 1, 0.25: 4, 0.3: 4, 0.35: 7, 0.4: 7, 0.5: 10, 0.6: 10, 0.7: 13, 0.75: 13,
+        0.9: 16, 1.0: 16, 1.5: 19, 2.0: 19, 2.01: 22, 50.0: 22,
+    }  # fmt: skip
+    for error, expected in rows.items():
+        assert loop.pulses(error) == loop.pulses(-error) == expected, error
+
+
+def unfiltered() -> dict[str, float]:
+    return {**loop.RELAY_OF_SOURCE, 'rc_s': 0, 'average': 1}
+
+
+@pytest.mark.parametrize(('division', 'seconds'), [(8, 1.13), (16, 2.27), (128, 18.2)])
+def test_a_step_of_3_mm_takes_as_long_as_in_the_source(division: int, seconds: float):
+    settings = unfiltered() | {'pulse_mm': loop.of_division(division)}
+    distance = loop.run(loop.Ideal(), STEP, **settings)
+    assert loop.arrival(distance) == pytest.approx(seconds, rel=0.005, abs=0.025)
+    inside = distance[round(1.05e3 * seconds) :]
+    assert np.abs(inside - 100.0).max() <= 0.11
+
+
+def test_top_speed_of_the_relay_is_that_of_22_pulses_in_10_ms():
+    distance = loop.run(loop.Ideal(), STEP[:300], **unfiltered())
+    assert np.diff(distance[100:200]).min() == pytest.approx(-2.75e-3, rel=1e-3)
+
+
+def test_with_the_filters_the_sources_sensor_holds_the_distance_better():
+    def rms(**settings: float) -> float:
+        runs = [
+            loop.run(
+                loop.Infrared(seed),
+                STEP[:8000],
+                **loop.RELAY_OF_SOURCE | {'source': loop.INFRARED} | settings,
+            )
+            for seed in SEEDS
+        ]
+        return float(np.sqrt(np.mean([(d[4000:] - 100.0) ** 2 for d in runs])))
+
+    assert rms() < 0.9 * rms(rc_s=0, average=1)
+
+
+@pytest.mark.parametrize('law', [loop.RELAY, loop.PID])
+def test_as_shipped_a_step_and_a_rise_of_3_mm_are_followed(law: int):
+    surface = np.concatenate([np.zeros(1000), np.full(4000, 3.0), np.linspace(3.0, 0.0, 20_000)])
+    distance = loop.run(loop.Ideal(2), surface, known_z=True, source=loop.LASER, law=law)
+    assert np.abs(distance[4000:5000] - 100.0).max() < 0.12
+    late = np.abs(
+        distance[6000:] - 100.0
+    )  # 0.15 mm/s: between one pulse and four, the relay lies between 0.1 and 0.21
+    assert late.max() < (0.21 if law == loop.RELAY else 0.06)
+
+
+def test_a_sensor_that_looks_ahead_is_heeded_where_it_looked():
+    """8 mm/s over a step: the spot is 6 mm ahead, and the torch moves when it gets there, not before."""
+    loop.start(source=loop.LASER, lead_mm=6.0)
+    lib, answer, heights = loop.library(), loop.Answer(), []
+    for ms in range(6000):
+        x = 8e-3 * ms
+        ahead = 2.0 if x + 6.0 > 24.0 else 0.0
+        lib.standoff_loop_path(loop.FOLLOW, 0.0, x, 0.0)
+        lib.standoff_loop_step(ms + 1, 100.0 + answer.correction - ahead, 0.0, 0.0, 0.0, answer)
+        heights.append(answer.correction)
+    begins = np.flatnonzero(np.array(heights) > 0.1)[0] * 8e-3
+    assert 23.5 < begins < 26.0
+    assert heights[-1] == pytest.approx(2.0, abs=0.05)
+
+
+def test_an_edge_freezes_the_torch():
+    """Metal that ends (20 mm down) is not followed: not at once, not ever."""
+    surface = np.concatenate([np.zeros(2000), np.full(3000, -20.0)])
+    distance = loop.run(loop.Ideal(2), surface, known_z=True, source=loop.LASER)
+    assert np.abs(distance[2000:] - 120.0).max() < 0.05
+
+
+def test_settings_out_of_range_are_refused_by_name():
+    with pytest.raises(ValueError, match='kp: out of range'):
+        loop.start(kp=1e3)
+    with pytest.raises(ValueError, match='colour: unknown'):
+        loop.start(colour=1)
+    with pytest.raises(ValueError, match='down_mm'):
+        loop.start(source=loop.ARC, set_mm=15, down_mm=8)
+
+
+def faults(runs: int, seed: int) -> dict[str, list[float]]:
+    """Of standoff_faults: kind -> runs, least contact distance, too close, alarms, alarms with the programmed z."""
+    program = executable().with_name('standoff_faults')
+    done = subprocess.run([str(program), str(runs), str(seed)], capture_output=True, text=True)
+    assert done.returncode in (0, 1), done.stderr
+    rows = [line.split() for line in done.stdout.splitlines()]
+    return {name: [float(v) for v in values] for name, *values in rows}
+
+
+def test_whatever_a_sensor_says_the_torch_never_dives():
+    found = faults(1100, 101)
+    assert sum(row[0] for row in found.values()) == 1100
+    assert {name: row[2] for name, row in found.items() if row[2]} == {}
+    assert min(row[1] for row in found.values()) > 7.5
+    for kind in ('dead', 'no_echo', 'wrong_sign', 'wrong_unit'):
+        runs, _, _, alarms, programmed = found[kind]
+        assert alarms >= 0.95 * runs and programmed >= 0.95 * runs, kind
+    assert found['drop_outs'][3] <= 0.05 * found['drop_outs'][0]
+
+
+def test_the_arc_alone_finds_the_distance():
+    """2 mm up after the first second of a job, 20 A more than the model says, noise of arc length and readings."""
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        loop.start(source=loop.ARC, set_mm=loop.CONTACT, kp=2.0, ki=0.5)
+        lib, answer, volts, gaps = loop.library(), loop.Answer(), 0.0, []
+        lib.standoff_loop_path(loop.FOLLOW, 0.0, 0.0, 22.0)
+        for ms in range(9000):
+            gap = loop.CONTACT + answer.correction - (2.0 if ms > 2000 else 0.0)
+            volts += -0.02 * volts + 0.2 * 0.45 * rng.standard_normal()
+            current = 160.0 * (1 - 0.024 * (gap - loop.CONTACT)) - 7.0 * volts
+            if ms % 10 == 0:
+                read = current + 1.5 * rng.standard_normal(), 22.0 + volts
+            lib.standoff_loop_step(0, 0.0, *read, 110.0, answer)
+            gaps.append(gap)
+        assert answer.alarm == loop.WELL
+        assert np.sqrt(np.mean((np.array(gaps[5000:]) - loop.CONTACT) ** 2)) < 0.5
