@@ -102,6 +102,7 @@ def combine(folder: Path, results: dict[str, Path]) -> dict:
         'created': datetime.now(UTC).isoformat(timespec='seconds'),
         'tolerance_mm': last['tolerance_mm'],
         'verdict': last['verdict'],
+        'verdict_with_rim': last['verdict_with_rim'],
         **runs,
     }
     if (
@@ -128,7 +129,7 @@ def show(report: dict, console: Console, wall: float) -> None:
     table = Table(title=f'{report["part"]}, tolerance +-{report["tolerance_mm"]:.2f} mm')
     rows = [
         ('RMS height error, mm', 'rms_mm', '{:.3f}'),
-        ('... edges included, mm', 'rms_all_mm', '{:.3f}'),
+        ('... rim included, mm', 'rms_all_mm', '{:.3f}'),
         ('largest error, mm', 'max_mm', '{:.2f}'),
         ('within tolerance', 'share_in_tolerance', '{:.1%}'),
         ('wire, m', 'wire_m', '{:.1f}'),
@@ -136,6 +137,7 @@ def show(report: dict, console: Console, wall: float) -> None:
         ('faults', 'faults', '{}'),
         ('telemetry lost', 'telemetry_lost', '{}'),
         ('verdict', 'verdict', '{}'),
+        ('... rim included', 'verdict_with_rim', '{}'),
     ]
     runs = [p for p in LOOP_MODES if p in report]
     table.add_column('')

@@ -168,7 +168,8 @@ class Advance:
 
 
 def outcome(r: LabResult) -> str:
-    return f'RMS {r.rms * 1e3:.3f} mm, {r.share_in_tolerance * 100:.1f} %, {r.verdict}'
+    rim = f'with the rim {r.share_edges * 100:.1f} %, {r.verdict_edges}'
+    return f'RMS {r.rms * 1e3:.3f} mm, {r.share_in_tolerance * 100:.1f} %, {r.verdict}; {rim}'
 
 
 def show(campaign: report.Campaign, console: Console) -> None:

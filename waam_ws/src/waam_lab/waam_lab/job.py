@@ -80,8 +80,10 @@ class LabResult:
     """What came out of one job.
 
     rms, mean, max_error: m over the judged area (interior); largest: m, 99.5 % of its cells are within;
-    rms_edges: m over the whole region; share_in_tolerance: of the judged area; layer_means: m, mean error of the
-    judged area after every layer; fallbacks: layers without the correction law that was asked for;
+    rms_edges: m over the whole region, with its rim; share_in_tolerance: of the judged area; share_edges: of the whole
+    region; verdict_edges: over the whole region; overrun, overrun_mean: m, how far metal stands over the part's sides,
+    largest and mean; layer_means: m, mean error of the judged area after every layer; fallbacks: layers without the
+    correction law that was asked for;
     time: s of machine time; wire: m; reports: one dictionary per layer and one for the last scan (docs/job_folder.md);
     folder: of the job when it was kept; cpu: s of processor time that the job took.
     """
@@ -96,6 +98,10 @@ class LabResult:
     largest: float = math.nan
     rms_edges: float = math.nan
     share_in_tolerance: float = math.nan
+    share_edges: float = math.nan
+    verdict_edges: str = ''
+    overrun: float = math.nan
+    overrun_mean: float = math.nan
     layer_means: tuple[float, ...] = ()
     layers: int = 0
     fallbacks: int = 0

@@ -33,10 +33,12 @@ class Row:
 
 ROWS = (
     Row('rms', 'RMS height error'),
-    Row('rms_edges', '... edges included'),
+    Row('rms_edges', '... rim included'),
     Row('share_in_tolerance', 'cells in tolerance', '%', 100.0, 1, True),
+    Row('share_edges', '... rim included', '%', 100.0, 1, True),
     Row('largest', 'largest error (99.5 % of the cells)'),
     Row('mean_size', 'level, mean error'),
+    Row('overrun', 'overrun over the sides, largest', 'mm', 1e3, 1),
     Row('time', 'machine time', 's', 1.0, 0),
     Row('wire', 'wire', 'm', 1.0, 2),
 )

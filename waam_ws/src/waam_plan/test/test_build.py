@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 import trimesh
+from scipy.ndimage import binary_dilation
 
 from waam_plan.fill.path import coverage
 from waam_plan.lay.build import plan_build
@@ -39,8 +40,9 @@ def check(plan, reach=S.pitch / 2 + 0.6e-3):
         assert coverage(layer.segments, layer.footprint, plan.spec, reach)[0] >= 0.99
         ends = np.array([s.end[:2] for s in layer.deposits])
         row, col = plan.spec.cell(*ends.T)
-        assert layer.footprint[row, col].mean() > 0.99
-        want = layer.planned.sum() * plan.spec.resolution**2
+        # bead ends may follow the outline, which cuts cells
+        assert binary_dilation(layer.footprint)[row, col].mean() > 0.99
+        want = layer.planned.sum() * plan.spec.resolution**2 + layer.beside
         assert layer.volume == pytest.approx(want, rel=0.05)
 
 
@@ -50,7 +52,8 @@ def test_block(part):
     assert len(plan.layers) == 10
     assert plan.offset == pytest.approx((0.03, 0.02, 0.01))
     assert plan.region.sum() * plan.spec.resolution**2 == pytest.approx(0.06 * 0.04, rel=0.01)
-    assert plan.volume == pytest.approx(0.06 * 0.04 * 0.02, rel=0.05)
+    beads = (0.06 + 2 * S.overrun) * (0.04 + 2 * S.overrun)
+    assert plan.volume == pytest.approx(beads * 0.02, rel=0.05)
     assert np.nanmax(plan.nominal.z) == pytest.approx(0.020)
     assert np.nanmax(plan.final_target) == pytest.approx(0.020)
     assert [p.arc_starts for p in plan.layers] == [1] * 10

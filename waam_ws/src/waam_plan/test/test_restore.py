@@ -144,7 +144,7 @@ def test_segments_carry_the_metal_of_the_map(worn_block):
     found, nominal = worn_block(lambda x, y: 0.004 + 0.003 * np.sin(x / 0.01))
     plan = plan_restoration(found, nominal, S)
     for layer in plan.layers:
-        want = layer.planned.sum() * plan.spec.resolution**2
+        want = layer.planned.sum() * plan.spec.resolution**2 + layer.beside
         assert layer.volume == pytest.approx(want, rel=0.02)
     assert plan.wire * S.wire_area * S.efficiency == pytest.approx(plan.volume)
 

@@ -6,6 +6,10 @@ import numpy as np
 from scipy import ndimage
 
 EIGHT = np.ones((3, 3), bool)
+ONE_BEAD = (
+    1.05  # bead widths: a wall up to this thickness is one bead, beyond it two overlap better
+)
+CROWN = 0.25  # bead widths: over its middle quarter a bead falls by 6 % of its height
 
 
 def distance_inside(mask: np.ndarray) -> np.ndarray:
@@ -16,6 +20,40 @@ def distance_inside(mask: np.ndarray) -> np.ndarray:
 def shrink(mask: np.ndarray, cells: float) -> np.ndarray:
     """Cells whose centre lies at least `cells` inside the edge of the mask (the edge is half a cell out)."""
     return mask & (distance_inside(mask) - 0.5 >= cells)
+
+
+def judged(mask: np.ndarray, rim: float, bead: float) -> np.ndarray:
+    """Cells by which a surface laid on the mask is judged: all but a rim; of walls one bead thick the crown.
+
+    rim, bead (width of one): cells. Where no disc of ONE_BEAD beads fits in, the middle CROWN of a bead is left,
+    however narrow the wall is.
+    """
+    inside = distance_inside(mask) - 0.5
+    thin = mask & ~drop_slivers(mask, ONE_BEAD / 2 * bead)
+    half = int(np.ceil(ONE_BEAD / 2 * bead))
+    ridge = ndimage.grey_dilation(np.where(mask, inside, 0.0), footprint=_disc(half))
+    crown = thin & (ridge <= ONE_BEAD / 2 * bead) & (inside >= ridge - CROWN / 2 * bead)
+    return np.where(thin & (ridge <= ONE_BEAD / 2 * bead), crown, mask & (inside >= rim))
+
+
+def _disc(radius: int) -> np.ndarray:
+    at = np.arange(-radius, radius + 1)
+    return at[:, None] ** 2 + at[None] ** 2 <= radius**2
+
+
+def overrun(mask: np.ndarray, free: np.ndarray, cells: float) -> np.ndarray:
+    """The mask and what is free beside it, `cells` far."""
+    if cells <= 0 or not mask.any():
+        return mask.copy()
+    return mask | (free & (ndimage.distance_transform_edt(~mask) - 0.5 < cells))
+
+
+def spread(values: np.ndarray, mask: np.ndarray, wider: np.ndarray) -> np.ndarray:
+    """Values of the mask, on the cells of a wider one too, each as at the nearest cell of the mask; 0 elsewhere."""
+    if not mask.any() or not (wider & ~mask).any():
+        return np.where(mask, values, 0.0)
+    row, col = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    return np.where(mask | wider, values[row, col], 0.0)
 
 
 def close_gaps(mask: np.ndarray, cells: float) -> np.ndarray:

@@ -32,6 +32,7 @@ class PlannedLayer:
     segments: list[Segment]  # indices from 0; begin and end at the plan's safe height
     direction: Point  # unit vector of the beads
     footprint: np.ndarray  # bool, cells that get metal in this layer
+    beside: float = 0.0  # m3 of metal for the sides, beside the footprint
 
     @property
     def deposits(self) -> list[Segment]:
@@ -92,7 +93,9 @@ class Plan:
     as_found: HeightGrid  # surface before the first layer, NaN where there is none
     nominal: HeightGrid  # wanted final surface, NaN outside the part
     region: np.ndarray  # bool, cells that get metal
-    interior: np.ndarray  # bool, region without a margin of half a bead
+    interior: (
+        np.ndarray
+    )  # bool, of the region what is judged: all but a rim, of thin walls the crown
     layers: list[PlannedLayer]
     safe_z: float  # height of idle moves, m
     settings: PlanSettings

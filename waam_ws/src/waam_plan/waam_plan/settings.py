@@ -37,6 +37,8 @@ _LIMITS: dict[str, Pair] = {
     'allowance': (-5e-3, 10e-3),
     'smoothing': (0.0, 2.0),
     'edge_inset': (0.0, 1.0),
+    'overrun': (0.0, 10e-3),
+    'judged_rim': (0.0, 20e-3),
     'pool_trail': (0.0, 20e-3),
     'min_share': (0.05, 0.9),
     'feed_floor': (0.0, 1.0),
@@ -106,6 +108,8 @@ class PlanSettings:
     allowance: float = 0.0  # metal wanted above nominal, for machining
     smoothing: float = 0.5  # window over which the as-found surface is smoothed, in bead widths
     edge_inset: float = 0.2  # distance of bead ends from the edge of the region, in pitches
+    overrun: float = 1.0e-3  # metal laid over the free sides of the part, to be machined off
+    judged_rim: float = 1.0e-3  # along the edge of what was laid, not judged
     pool_trail: float = 0.5e-3  # distance of the melt pool behind the arc
     min_share: float = 0.25  # a bead goes on while at least this share of its band is in the region
     feed_floor: float = 0.42  # of the nominal deposition rate; below it the torch goes faster

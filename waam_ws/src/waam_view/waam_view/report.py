@@ -100,6 +100,9 @@ def verdict_box(job: Job) -> str:
     said = []
     if np.isfinite(share) and '%' not in str(run.get('message')):
         said.append(f'{100 * share:.1f} % of the judged surface within ±{job.tolerance_mm:g} mm')
+    if run.get('verdict_with_rim') and not why and not run.get('error_code'):
+        rim = 100 * number(run.get('share_all_in_tolerance'))
+        said.append(f'with the rim {rim:.1f} %: {run["verdict_with_rim"]}')
     if run.get('error_code'):
         said.append(f'error {run["error_code"]}')
     if why:
@@ -118,7 +121,11 @@ def _figures_of_merit(job: Job) -> str:
             (fmt(r.get('rms_mm'), 3, 'mm'), 'RMS height error, final'),
             (fmt(r.get('max_mm'), 3, 'mm'), 'largest error'),
             (fmt(r.get('mean_mm'), 3, 'mm'), 'mean error'),
-            (fmt(r.get('rms_all_mm'), 3, 'mm'), 'RMS with the edges'),
+            (fmt(r.get('rms_all_mm'), 3, 'mm'), 'RMS with the rim'),
+            (
+                fmt((r.get('overrun_mm') or {}).get('max'), 1, 'mm'),
+                'overrun over the sides, largest',
+            ),
             (fmt(r.get('as_found_rms_mm'), 3, 'mm'), 'RMS as found'),
             (duration(r.get('duration_s')), 'duration'),
             (duration(r.get('arc_on_s')), 'arc on'),

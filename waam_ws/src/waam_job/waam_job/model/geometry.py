@@ -20,18 +20,19 @@ def part_grid(bounds: np.ndarray, resolution: float, margin: float) -> GridSpec:
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far a surface is from its target, m: over the interior (the verdict) and the whole region (with edges).
+    """How far a surface is from its target, m: over the judged area (interior) and the whole region (with its rim).
 
-    NaN where no grid cell of the interior was seen.
+    NaN where no grid cell of the judged area was seen.
     """
 
     rms: float
     mean: float
     max: float  # of the absolute error
     share_in_tolerance: float  # unseen grid cells are out of tolerance
-    rms_all: float  # edges included
-    coverage: float  # seen share of the interior
-    cells: int  # grid cells of the interior
+    rms_all: float  # rim included
+    share_all: float  # in tolerance, rim included
+    coverage: float  # seen share of the judged area
+    cells: int  # grid cells of the judged area
 
     @property
     def seen(self) -> bool:
@@ -45,6 +46,7 @@ NOTHING_SEEN = Deviation(
     max=math.nan,
     share_in_tolerance=math.nan,
     rms_all=math.nan,
+    share_all=math.nan,
     coverage=0.0,
     cells=0,
 )
@@ -65,6 +67,7 @@ def deviation(
         max=float(np.abs(seen).max()),
         share_in_tolerance=float((np.abs(seen) <= tolerance).sum() / inner.size),
         rms_all=float(np.sqrt(np.mean(all_seen**2))),
+        share_all=float((np.abs(all_seen) <= tolerance).sum() / everywhere.size),
         coverage=float(seen.size / inner.size),
         cells=int(inner.size),
     )

@@ -6,17 +6,19 @@ import math
 from dataclasses import dataclass
 
 from .geometry import Deviation
+from .overrun import Overrun
 
 
 @dataclass(frozen=True)
 class Verdict:
     """Over the region and the final surface of the first plan, however many passes there were."""
 
-    share_wanted: float  # of the interior that must lie within the tolerance
+    share_wanted: float  # of the judged area that must lie within the tolerance
     tolerance: float  # m
     final: Deviation | None = None  # None: the job did not reach its last scan
     as_found_rms: float = math.nan  # m, of the surface before the job
     tolerance_map: dict | None = None  # counts of tolerance_map.csv
+    overrun: Overrun = Overrun()
 
     @property
     def not_judged(self) -> str:
@@ -24,8 +26,8 @@ class Verdict:
         if self.final is None or self.final.seen:
             return ''
         if not self.final.cells:
-            return 'no place of the region is half a bead or more away from its edge'
-        return 'the last scan has seen nothing of the interior'
+            return 'all of the region belongs to its rim'
+        return 'the last scan has seen nothing of the judged area'
 
     @property
     def in_tolerance(self) -> bool:
@@ -34,13 +36,27 @@ class Verdict:
         return found is not None and found.seen and found.share_in_tolerance >= self.share_wanted
 
     @property
+    def in_tolerance_all(self) -> bool:
+        """The same with the rim."""
+        found = self.final
+        return found is not None and found.seen and found.share_all >= self.share_wanted
+
+    @property
     def word(self) -> str:
         """For report.json."""
+        return self._word(self.in_tolerance)
+
+    @property
+    def word_all(self) -> str:
+        """For report.json: the verdict with the rim."""
+        return self._word(self.in_tolerance_all)
+
+    def _word(self, good: bool) -> str:
         if self.final is None:
             return 'failed'
         if self.not_judged:
             return f'not judged: {self.not_judged}'
-        return 'in tolerance' if self.in_tolerance else 'out of tolerance'
+        return 'in tolerance' if good else 'out of tolerance'
 
     @property
     def text(self) -> str:
@@ -48,5 +64,9 @@ class Verdict:
         if self.final is None or self.not_judged:
             return self.word
         rms, share = self.final.rms * 1e3, self.final.share_in_tolerance * 100
-        within = f'{share:.1f} % of the interior within +-{self.tolerance * 1e3:.2f} mm'
-        return f'RMS {rms:.3f} mm, {within}'
+        within = f'{share:.1f} % of the judged area within +-{self.tolerance * 1e3:.2f} mm'
+        all_of_it = f'{self.final.rms_all * 1e3:.3f} mm, {self.final.share_all * 100:.1f} %'
+        text = f'RMS {rms:.3f} mm, {within}; with the rim {all_of_it}, {self.word_all}'
+        if math.isfinite(self.overrun.max):
+            text += f'; {self.overrun.max * 1e3:.1f} mm over the sides'
+        return text

@@ -63,7 +63,7 @@ class JobParams:
         False, 'a real cell goes on although the temperature does not answer to the layers'
     )
     share_in_tolerance: float = param(
-        0.95, 'share of the interior within tolerance for a good verdict', '', 0.5, 1.0
+        0.95, 'share of the judged area within tolerance for a good verdict', '', 0.5, 1.0
     )
     link_timeout: float = param(
         5.0, 'steady time without telemetry that ends a job', 's', 0.5, 60.0

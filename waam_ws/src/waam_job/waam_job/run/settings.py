@@ -34,6 +34,6 @@ class Settings:
     allow_unbelieved_temperature: bool = (
         False  # a real cell goes on although the pyrometer is doubted
     )
-    share_in_tolerance: float = 0.95  # of the interior, for a good verdict
+    share_in_tolerance: float = 0.95  # of the judged area, for a good verdict
     lease_nodes: tuple[str, ...] = ()  # whose heartbeat the arc lease needs
     limits: Limits = field(default_factory=Limits)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..model.cell import Scan
+from ..model.overrun import overrun
 from ..model.program import deviation_of
 from ..model.records import LayerRecord
 from ..model.verdict import Verdict
@@ -33,11 +34,18 @@ def judge(context: JobContext, scan: Scan) -> Verdict:
         final=deviation_of(first, scan.map.z, target, goal.tolerance),
         as_found_rms=deviation_of(first, first.as_found.z, target, goal.tolerance).rms,
         tolerance_map=counts,
+        overrun=overrun(
+            first.as_found.z,
+            scan.map.z,
+            np.isfinite(first.nominal.z),
+            first.region & wanted,
+            first.spec.resolution,
+        ),
     )
 
 
 def _report_last_layer(context: JobContext, scan: Scan, errors: np.ndarray) -> None:
-    """The layer report of the final surface; errors: of the interior, m."""
+    """The layer report of the final surface; errors: of the judged area, m."""
     program, journal = context.program, context.journal
     record = LayerRecord(
         job_id=context.run_id,

@@ -7,11 +7,10 @@ from shapely import LineString, Polygon, maximum_inscribed_circle
 from shapely.ops import substring
 
 from waam_plan.fill.medial import medial_lines
+from waam_plan.masks import ONE_BEAD
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import pieces
 
-# bead widths: up to this thickness a wall is one bead, beyond it two are nearer to the right overlap
-ONE_BEAD = 1.05
 LONG = 6.0  # outline over thickness: shorter pieces are spots, not walls
 
 

@@ -17,6 +17,7 @@ from waam_plan.fill.hatch import Chain
 from waam_plan.fill.linking import linked, seam_shift
 from waam_plan.fill.medial import medial_lines, thin_and_thick
 from waam_plan.fill.rings import contour_lines, gap_lines, spiral_lines
+from waam_plan.masks import ONE_BEAD
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import pieces, raster
 from waam_process.grid import GridSpec
@@ -99,7 +100,7 @@ def combined(area: Area) -> list[Chain]:
 
 
 def _arms_and_rings(polygon: Polygon, s: PlanSettings) -> list[Chain]:
-    thin, thick = thin_and_thick(polygon, contour.ONE_BEAD * s.bead_width)
+    thin, thick = thin_and_thick(polygon, ONE_BEAD * s.bead_width)
     runs = [[line] for p in thin for line in medial_lines(p, s.bead_width / 3)]
     return runs + [run for p in thick for run in _filled(p, contour_lines(p, s), s)]
 

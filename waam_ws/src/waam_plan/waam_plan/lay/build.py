@@ -11,6 +11,7 @@ import numpy as np
 from waam_plan import masks
 from waam_plan.fill import contour, strategies
 from waam_plan.fill.linking import arc_starts, near_starts
+from waam_plan.lay import sides
 from waam_plan.lay.coverage import Point3, Section, check_overhang, cut_sections
 from waam_plan.lay.layer import LayerTask, lay
 from waam_plan.lay.travel import Ceiling, relaid
@@ -221,6 +222,7 @@ def _repeated(
         segments=segments,
         direction=layer.direction,
         footprint=layer.footprint,
+        beside=layer.beside,
     )
 
 
@@ -235,7 +237,10 @@ def _layer(
     settings: PlanSettings,
 ) -> PlannedLayer:
     """One layer: filled by the strategy, metal shared out cell by cell."""
-    area = strategies.Area(section.polygons, on, spec, settings, section.number)
+    cover = sides.of_section(section.polygons, on, spec, settings)
+    area = strategies.Area(
+        cover.polygons, cover.mask, spec, sides.settings_within(settings), section.number
+    )
     chains = strategies.fill(area)
     if not chains or not on.any():
         raise PlanError(
@@ -246,6 +251,7 @@ def _layer(
         number=section.number,
         turn=section.number,
         footprint=on,
+        cover=cover.metal,
         planned=planned,
         before=before,
         after=after,
@@ -276,7 +282,7 @@ def _assemble(
     warnings: list[str],
 ) -> Plan:
     region = np.any([p.footprint for p in planned], axis=0)
-    top = np.full(spec.shape, np.nan)
+    top, res = np.full(spec.shape, np.nan), spec.resolution
     for layer in planned:
         np.copyto(top, layer.target_after, where=layer.footprint)
     return Plan(
@@ -284,7 +290,7 @@ def _assemble(
         HeightGrid.full(spec, 0.0),
         HeightGrid(spec, top),
         region,
-        masks.shrink(region, settings.bead_width / 2 / spec.resolution),
+        masks.judged(region, settings.judged_rim / res, settings.bead_width / res),
         planned,
         safe_z,
         settings,

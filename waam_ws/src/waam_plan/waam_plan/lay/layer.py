@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from waam_plan import masks
 from waam_plan.fill import path
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.inside import keep_inside
@@ -31,6 +32,9 @@ class LayerTask:
     ground: np.ndarray  # what the torch follows
     metal: np.ndarray  # what idle moves pass over
     inside: list | None = None  # polygons that the path may not leave
+    cover: np.ndarray | None = (
+        None  # bool, cells that beads cover: with what overruns the sides; None = footprint
+    )
     slower: float = 1.0  # factor of the travel speed
     thickest: float | None = None  # m, of the layer at any place; None = by max_layer_ratio
 
@@ -58,7 +62,9 @@ def lay(
     pieces = path.lay_out(spread, HeightGrid(spec, task.ground), settings)
     if task.inside is not None:
         pieces = keep_inside(pieces, task.inside)
-    height = metal_heights(pieces, task.planned, task.footprint, spec, settings, task.thickest)
+    cover = task.footprint if task.cover is None else task.cover
+    wanted = masks.spread(task.planned, task.footprint, cover)
+    height = metal_heights(pieces, wanted, cover, spec, settings, task.thickest)
     ceiling = Ceiling.over(spec, task.metal, settings.torch_radius)
     return PlannedLayer(
         number=task.number,
@@ -68,4 +74,5 @@ def lay(
         segments=to_segments(pieces, height, task.number, ceiling, safe_z, settings, task.slower),
         direction=bead_direction(task.footprint, settings, task.turn),
         footprint=task.footprint,
+        beside=float((wanted.sum() - task.planned.sum()) * spec.resolution**2),
     )

@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waam_plan import masks
-from waam_plan.fill import hatch, path, strategies
+from waam_plan.fill import path, strategies
+from waam_plan.fill.hatch import Chain
 from waam_plan.fill.linking import arc_starts, near_starts
+from waam_plan.lay import sides
 from waam_plan.lay.layer import LayerTask, lay
 from waam_plan.lay.schedule import Schedule, choose_schedule, layer_count
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
 from waam_plan.settings import PlanSettings
-from waam_plan.slice.section import outline
 from waam_process.grid import GridSpec, HeightGrid
 
 UNKNOWN_LIMIT = 0.3  # share of the part's cells that may be missing in the scan
@@ -61,7 +62,7 @@ def plan_restoration(
     with collector_paused():
         planned = _layers(job, total, use, below)
     region = np.any([p.footprint for p in planned], axis=0) if planned else count > 0
-    half_bead = settings.bead_width / 2 / nominal.spec.resolution
+    res = nominal.spec.resolution
     _warn(wanted - found, count, planned, use == total, settings, nominal, warnings)
     starts = [below, *(arc_starts(p.segments) for p in planned)]
     warnings += near_starts(starts, settings.start_spread, first=0)
@@ -70,7 +71,7 @@ def plan_restoration(
         as_found,
         nominal,
         region,
-        masks.shrink(region, half_bead),
+        masks.judged(region, settings.judged_rim / res, settings.bead_width / res),
         planned,
         safe_z,
         settings,
@@ -146,10 +147,12 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> Planned
     under = np.where(first, job.smooth, wanted - schedule.offset(k + 1))
     soft = masks.blur(under, on, settings.bead_width / 4 / spec.resolution)
     turn = number + job.laid
+    cover = sides.of_mask(on, np.isnan(wanted), spec, settings)
     task = LayerTask(
         number=number,
         turn=turn,
         footprint=on,
+        cover=cover.metal,
         planned=planned,
         before=before,
         after=after,
@@ -157,7 +160,8 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> Planned
         metal=_metal(job, on, after),
         thickest=schedule.thickest,
     )
-    chains = _chains(on, spec, settings, turn)
+    within = sides.settings_within(settings) if (cover.mask & ~on).any() else settings
+    chains = _chains(cover, spec, within, turn)
     shared = replace(settings, edge_metal=_edge_metal(settings))
     return lay(task, chains, below, spec=spec, safe_z=job.safe_z, settings=shared)
 
@@ -175,13 +179,10 @@ def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(metal), metal, job.safe_z - job.settings.clearance)
 
 
-def _chains(
-    on: np.ndarray, spec: GridSpec, settings: PlanSettings, number: int
-) -> list[hatch.Chain]:
+def _chains(cover: sides.Cover, spec: GridSpec, settings: PlanSettings, number: int) -> list[Chain]:
     if settings.strategy in ('solid', 'shell', 'zigzag'):
-        return path.hatch_region(on, spec, settings, number)[0]
-    area = strategies.Area(outline(on, spec), on, spec, settings, number)
-    return strategies.fill(area)
+        return path.hatch_region(cover.mask, spec, settings, number)[0]
+    return strategies.fill(strategies.Area(cover.polygons, cover.mask, spec, settings, number))
 
 
 def _warn(
@@ -214,7 +215,7 @@ def _warn(
                 f'{_place(short, nominal)}'
             )
     for layer in planned:
-        want = layer.planned.sum() * nominal.spec.resolution**2
+        want = layer.planned.sum() * nominal.spec.resolution**2 + layer.beside
         if abs(layer.volume - want) > (0.03 + abs(_edge_metal(settings) - 1)) * want:
             warnings.append(
                 f'layer {layer.number}: segments lay {layer.volume * 1e9:.0f} mm3 of {want * 1e9:.0f} mm3 planned '
