@@ -6,6 +6,7 @@ import os
 import signal
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 
 HANG_S = 4.0
 
@@ -13,6 +14,15 @@ HANG_S = 4.0
 @pytest.mark.parametrize('node', ['bridge', 'job_sequencer'])
 def test_a_job_is_done_after_a_node_has_hung_and_was_started_again(make_graph, node):
     with make_graph(hang_timeout=HANG_S, without=('dashboard', 'panel')) as bench:
+        heard: set[str] = set()
+        bench.client.node.create_subscription(
+            DiagnosticArray,
+            '/diagnostics',
+            lambda m: heard.update(s.hardware_id for s in m.status),
+            10,
+        )
+        # a sign of life goes out beside each of them; before its first one a node counts as starting
+        bench.wait(lambda: node in heard, 30.0, f'a sign of life of {node}')
         before = bench.state().nodes
         bench.client.machine = bench.client.job = None
         os.kill(before[node].pid, signal.SIGSTOP)
