@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from net_weights import model as weights
+from scipy.ndimage import gaussian_filter
 from scipy.optimize import lsq_linear
 
 from waam_adapt import filters
@@ -61,6 +62,8 @@ def test_the_plan_gives_the_plan_wherever_beads_reach():
     assert not growth[:, -2:].any()
     assert model.overlapped
     assert not bead_model(zigzag(beads=1), SIZE, W).overlapped
+    chain = (np.concatenate(zigzag()),)  # without putting the arc out
+    assert bead_model(chain, SIZE, W).overlapped
 
 
 @pytest.mark.parametrize('turn', [0, 1])
@@ -280,8 +283,10 @@ def test_an_efficiency_that_drifts_ahead_of_the_flow_factor_is_expected():
         habits = habits.learn(layer, model, asked, 2 * growth, seen, 0.3, allowed=0.9)
     assert habits.surplus < 0.051
     request = pad(0.75e-3)
-    who = Identifier(watch_beads=True, beads=habits)
-    assert who._beads_of(request, 1.0).missing.max() < -0.04
+    who = Identifier(watch_beads=True)
+    who.start('job', 60)
+    who.beads = habits
+    assert who.prepare(request).learned.missing.max() < -0.04
 
 
 def test_what_cannot_be_compared_teaches_nothing():
@@ -358,3 +363,22 @@ def test_where_the_network_cannot_answer_the_bead_model_does_and_says_so(tmp_pat
     assert (result.psi == make_law('unet', model='none').correct(request).psi).all()
     untold = replace(request, paths=())
     assert (narrow.correct(untold).psi == laws.DampedInverse().correct(untold).psi).all()
+
+
+def test_the_law_bead_solver_is_the_network_law_without_a_network():
+    rng = np.random.default_rng(3)
+    hills = 3e-4 * rng.standard_normal(
+        (round(SIZE[0] * CELL / 0.75e-3), round(SIZE[1] * CELL / 0.75e-3))
+    )
+    request = pad(0.75e-3, error=gaussian_filter(hills, 4.0) * 10)
+    ours, same = (
+        make_law(n, model=m).correct(request) for n, m in (('bead_solver', ''), ('unet', 'none'))
+    )
+    plain = make_law('damped_inverse').correct(request)
+    assert (ours.law, ours.fallback, ours.model_hash) == ('bead_solver', False, '')
+    np.testing.assert_array_equal(ours.psi, same.psi)
+    assert np.abs(ours.psi - plain.psi).max() > 0.05
+    untold = replace(request, paths=())
+    np.testing.assert_array_equal(
+        make_law('bead_solver').correct(untold).psi, make_law('damped_inverse').correct(untold).psi
+    )

@@ -46,7 +46,7 @@ def run(
         estimate = identifier.estimate
         c = law.correct(identifier.prepare(request))
         path = ff.Path(**plant.path(n, HEIGHT))
-        field = ff.Field(plant.spec, c.psi, c.residual_height, K_GAIN, estimate.flow_factor)
+        field = ff.Field(plant.spec, c.psi, c.residual_height, K_GAIN, estimate.flow_factor())
         s = ff.compute(path, MATERIAL, LIMITS, 22.0, field, apply)
         asked = planned / c.speed_factor + c.residual_height if apply else planned
         last = z, np.where(plant.inside, asked * s.flow_factor, 0.0)

@@ -132,12 +132,59 @@ def test_estimate_converges_forgets_and_compensates():
     for _ in range(6):
         e = update(e, evidence(0.85), 0.7)
     assert e.efficiency_ratio == pytest.approx(0.85, abs=0.003)
-    assert e.flow_factor == pytest.approx(1 / 0.85, rel=0.005)
-    assert replace(e, slope=0.5).flow_factor == pytest.approx(1 / 0.85**2, rel=0.01)
+    assert e.flow_factor() == pytest.approx(1 / 0.85, rel=0.005)
+    assert replace(e, slope=0.5).flow_factor() == pytest.approx(1 / 0.85**2, rel=0.01)
     assert e.efficiency_sigma < 0.02
     for _ in range(15):
         e = update(e, evidence(0.92), 0.7)
     assert e.efficiency_ratio == pytest.approx(0.92, abs=0.005)
+
+
+@pytest.mark.parametrize('scatter', [0.004, 0.05])
+def test_how_much_layers_scatter_is_identified_and_the_estimate_follows_less_of_it(scatter):
+    rng, e, errors, steps = np.random.default_rng(5), Estimate(), [], []
+    for _ in range(80):
+        before = e.efficiency_ratio
+        e = update(e, evidence(0.9 + scatter * rng.standard_normal(), sigma=0.003), 0.7)
+        errors.append(e.efficiency_ratio - 0.9)
+        steps.append(abs(e.efficiency_ratio - before))
+    assert e.layer_noise == pytest.approx(scatter, rel=0.6)
+    assert np.std(errors[20:]) < 0.75 * scatter
+    assert max(steps[2:]) < max(3 * scatter, 0.05) * 0.7
+
+
+def pad_request(**changes) -> CorrectionInput:
+    """A pad of seven beads that overlap; beads told."""
+    inside = np.zeros(SHAPE, bool)
+    inside[6:-6, 6:-6] = True
+    y = np.arange(6e-3, 40e-3, 4.4e-3)
+    paths = tuple(np.array([[4e-3, v], [56e-3, v]])[:: 1 - 2 * (i % 2)] for i, v in enumerate(y))
+    z = np.zeros(SHAPE)
+    return CorrectionInput(
+        z, z, np.where(inside, 2e-3, 0.0), RES, WIDTH, 0.3, paths=paths, **changes
+    )
+
+
+def test_beads_that_overlap_keep_all_of_their_metal_whatever_exponent_was_seen():
+    """An exponent that scans of a rough surface suggest must not scale the wire of a whole layer."""
+    who = Identifier()
+    who.start('job', 1)
+    who.estimate = replace(Estimate(), efficiency_ratio=0.9, slope=0.6)
+    assert who.flow_factor(pad_request()) == pytest.approx(1 / 0.9)
+    single = replace(pad_request(), paths=(np.array([[4e-3, 20e-3], [56e-3, 20e-3]]),))
+    assert who.flow_factor(single) == pytest.approx(0.9 ** (-1 / 0.6))
+
+
+def test_what_the_heat_factor_takes_off_is_put_back_at_once_and_not_learned_as_efficiency():
+    who = Identifier()
+    who.start('job', 1)
+    cold = who.flow_factor(pad_request())
+    assert who.flow_factor(pad_request(heat_factor=0.9)) == pytest.approx(cold / 0.9)
+    for factor in (1.0, 0.9):  # laid with as much less wire as the factor says: the same process
+        laid = layer(0.85)
+        laid = replace(laid, commanded=laid.commanded * factor)
+        laid = replace(laid, after=laid.before + factor * (laid.after - laid.before))
+        assert layer_evidence(laid).ratio == pytest.approx(0.85, abs=0.01)
 
 
 def test_drift_alarm_needs_a_settled_estimate_and_a_real_difference():
@@ -157,7 +204,7 @@ def test_whatever_is_measured_the_factor_stays_bounded(ratios):
     e = Estimate()
     for r in ratios:
         e = update(e, evidence(r), 0.7)
-        assert 1 / 1.3 <= e.flow_factor <= 1 / 0.7
+        assert 1 / 1.3 <= e.flow_factor() <= 1 / 0.7
         assert e.drift_alarm or 0.7 <= r <= 1.3
 
 

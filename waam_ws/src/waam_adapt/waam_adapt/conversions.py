@@ -72,6 +72,7 @@ def correction_input(
         direction=(request.direction.x, request.direction.y),
         paths=bead_paths(request, spec),
         temperature=request.temperature,
+        heat_factor=heat_factor(request),
     )
 
 
@@ -85,6 +86,12 @@ def bead_paths(request: ComputeCorrection.Request, spec: GridSpec) -> tuple[np.n
             raise CorrectionError(f'beads[{i}] must have at least two finite points')
         paths.append(path - corner)
     return tuple(paths)
+
+
+def heat_factor(request: ComputeCorrection.Request) -> float:
+    """Factor of the wire feed by eq 2.19 that the layer will be laid with; 0 or NaN = 1."""
+    factor = number('heat_factor', request.heat_factor, 0.0, 1.0, nan_ok=True)
+    return 1.0 if np.isnan(factor) or factor == 0 else factor
 
 
 def feed_factor(request: ComputeCorrection.Request) -> float:

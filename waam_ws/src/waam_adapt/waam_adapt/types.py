@@ -65,6 +65,7 @@ class CorrectionInput:
     temperature: float = math.nan  # of the layer below, degC, NaN = unknown
     experience: int = 0  # layers of this direction of travel that the shortfall was learned from
     learned: Learned | None = None  # what the beads of this layer do unlike the nominal model
+    heat_factor: float = 1.0  # of the wire feed by eq 2.19, that this layer will be laid with
 
     def __post_init__(self) -> None:
         for name in ('target', 'planned', 'sigma', 'shortfall'):
@@ -81,6 +82,7 @@ class CorrectionInput:
             ('resolution', 1e-5, 0.02),
             ('bead_width', 5e-4, 0.05),
             ('k_gain', 0, 0.9),
+            ('heat_factor', 0.1, 1.0),
         ):
             value = getattr(self, name)
             if not low <= value <= high:

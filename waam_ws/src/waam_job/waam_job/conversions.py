@@ -244,7 +244,7 @@ def correction_request(job_id: str, r: CorrectionRequest, stamp: Time) -> Comput
         request.previous_surface = floats(r.previous_surface)
     request.previous_feed_factor = float(r.previous_feed_factor)
     request.bead_width, request.temperature = float(r.bead_width), float(r.temperature)
-    request.k_gain = float(r.k_gain)
+    request.k_gain, request.heat_factor = float(r.k_gain), float(r.heat_factor)
     request.direction = Vector3(x=float(r.direction[0]), y=float(r.direction[1]), z=0.0)
     request.beads = [Polygon(points=[Point32(x=x, y=y) for x, y in b.tolist()]) for b in r.beads]
     return request

@@ -17,7 +17,7 @@ from ..types import PRIOR, with_side
 from .model import BeadModel
 
 LAG_SIGMA = 0.3  # bead widths, of the lag before any layer
-LAG_LIMITS = (-0.1, 0.5)  # bead widths
+LAG_LIMITS = (-0.5, 0.5)  # bead widths; below zero: the melt trails the torch
 LAG_FORGETTING = 0.97  # per layer
 ALIKE = 4.0  # neighbouring cells whose noise is one
 INNER = 1.0  # bead widths from arc on and off, where the lag can be told from humps and craters

@@ -27,7 +27,8 @@ SPREAD, POOL = 0.33, 0.2  # bead widths: sigma across and along
 SHORT, LONG, PART = 0.25, 1.0, 0.5
 GAP = 4.0  # bead widths between the beads of a layer laid end to end
 REACH = 4  # cells on each side of a piece that its metal can touch
-ALONE = 0.9  # share of the metal of a cell that belongs to one bead where beads do not overlap
+ALONE = 0.9  # share of the metal of a cell that belongs to one stretch where beads do not overlap
+STRETCH = 2.0  # bead widths of a bead that count as one when it is asked whether beads overlap
 TINY = 5e-3  # share of a piece's metal that is left out
 MARGIN = 0.3  # bead widths at the edge of a part that are not looked at: the flank is no level
 COVERED = 0.3  # a cell that the beads give less of a layer than this has no row
@@ -44,7 +45,7 @@ class BeadModel:
     the same bead. to_arc (m,): from the middle of a segment to the nearer end of its bead, m. Of every cell
     (rows, cols): low, high, share: segments whose middles it lies between, and how far on; near: less than a bead away
     from one; arc: to the nearer end of its bead, m; end: by how many pieces it lies behind arc on, from 1, or before
-    arc off, negative, whichever is nearer. overlapped: most cells get metal of more than one bead.
+    arc off, negative, whichever is nearer. overlapped: most cells get metal of more than one pass.
     """
 
     shape: tuple[int, int]
@@ -164,7 +165,7 @@ def _cached(paths: tuple[bytes, ...], shape: tuple[int, int], width: float) -> B
         near=near,
         arc=arc[i],
         end=pieces.from_ends()[i],
-        overlapped=_overlapped(spread, pieces.group),
+        overlapped=_overlapped(spread, run, width),
     )
 
 
@@ -255,9 +256,11 @@ def _spread(
     return (sparse.diags_array(scale) @ metal).tocsr()
 
 
-def _overlapped(spread: sparse.csr_array, bead: np.ndarray) -> bool:
-    """bead (n,): number of the bead of every piece."""
-    one = sparse.csr_array((np.ones(len(bead)), (np.arange(len(bead)), bead)))
+def _overlapped(spread: sparse.csr_array, run: np.ndarray, width: float) -> bool:
+    """run (n,): m along all beads of every piece. A zig-zag overlaps itself without ever putting the arc out, so
+    stretches of the way are compared and not beads."""
+    _, stretch = np.unique(np.floor(run / (STRETCH * width)), return_inverse=True)
+    one = sparse.csr_array((np.ones(len(run)), (np.arange(len(run)), stretch)))
     most = (spread @ one).max(axis=1).toarray()
     return bool(most.any() and np.median(most[most > 0]) < ALONE)
 

@@ -18,9 +18,9 @@ from ..types import CorrectionInput, Learned, with_side
 from .evidence import MIN_GROWTH, BlockAverages, Layer, LayerEvidence, layer_evidence, response
 from .shortfall import Shortfall
 
-LAYER_NOISE = (
-    0.02  # relative, of a whole layer: what one layer is off all over is mostly gone in the next
-)
+# Relative, of a whole layer, before any is known: what one layer is off all over is mostly gone in the next.
+LAYER_NOISE = 0.02
+NOISE_LAYERS = 4  # layers that this first belief in the noise counts for
 LOW, HIGH = 0.7, 1.3  # efficiency ratios beyond this are a fault, not a property of the wire
 SLOPE_FORGETTING = (
     0.95  # per layer: the exponent is a property of geometry and wire, not of one layer
@@ -42,12 +42,16 @@ class Estimate:
     innovation: float = math.nan
     drift_alarm: bool = False
     updates: int = 0
+    layer_noise: float = (
+        LAYER_NOISE  # standard deviation of a layer's ratio about the process, identified
+    )
 
-    @property
-    def flow_factor(self) -> float:
-        """Multiplies the wire feed so that the planned height arrives: efficiency_ratio^(-1/slope), bounded."""
+    def flow_factor(self, slope: float | None = None) -> float:
+        """Multiplies the wire feed so that the planned height arrives: efficiency_ratio^(-1/slope), bounded. slope: of
+        growth on metal; None = as estimated, 1 at most."""
         ratio = min(max(self.efficiency_ratio, LOW), HIGH)
-        return min(max(ratio ** (-1 / min(self.slope, 1.0)), 1 / HIGH), 1 / LOW)
+        slope = min(self.slope if slope is None else slope, 1.0)
+        return min(max(ratio ** (-1 / slope), 1 / HIGH), 1 / LOW)
 
     @property
     def height_exponent(self) -> float:
@@ -61,12 +65,15 @@ def update(
     """The next estimate. forgetting 0..1 (exclusive): how fast old layers lose weight; 0.5
     remembers about two layers.
 
+    How much a layer scatters about the process is identified from the innovations: what they exceed the uncertainty of
+    estimate and evidence by is noise of the layers (Mehra 1970, IEEE Trans. Autom. Control 15(2), 175-184).
+
     drift_alarm: the layer lies further from the prediction than `alarm_sigmas` of its uncertainty
     and 5 %, once the estimate has settled (two layers), or the ratio leaves 0.7 .. 1.3. An evident
     outlier moves the estimate no further than that distance.
     """
     prior = estimate.efficiency_sigma**2 / (forgetting if estimate.updates else 1.0)
-    noise = evidence.ratio_sigma**2 + LAYER_NOISE**2
+    noise = evidence.ratio_sigma**2 + estimate.layer_noise**2
     difference = evidence.ratio - estimate.efficiency_ratio
     limit = max(alarm_sigmas * math.sqrt(prior + noise), 0.05)
     gain = prior / (prior + noise)
@@ -80,7 +87,18 @@ def update(
         innovation=difference * evidence.commanded,
         drift_alarm=not LOW <= evidence.ratio <= HIGH or (settled and abs(difference) > limit),
         updates=estimate.updates + 1,
+        layer_noise=_layer_noise(estimate, limit, difference, prior + evidence.ratio_sigma**2),
     )
+
+
+def _layer_noise(estimate: Estimate, limit: float, difference: float, known: float) -> float:
+    """The layer noise with one more innovation, `difference`, no larger than `limit`. known: variance that estimate and
+    evidence account for. The first layers say what the wire is, not how it scatters."""
+    if estimate.updates < 2:
+        return estimate.layer_noise
+    seen = max(min(abs(difference), limit) ** 2 - known, 0.0)
+    count = NOISE_LAYERS + min(estimate.updates - 2, 2 * NOISE_LAYERS)
+    return math.sqrt((count * estimate.layer_noise**2 + seen) / (count + 1))
 
 
 def update_slope(
@@ -141,7 +159,8 @@ class Identifier:
         number = self.layer - 1
         if layer.planned is None and number in self.planned:
             layer = replace(layer, planned=self.planned[number])
-        slope = min(self.estimate.slope, 1.0)
+        model = self._model_of(number, layer)
+        slope = self._slope_of(model)
         evidence = layer_evidence(layer, slope)
         if evidence is None:
             return
@@ -160,21 +179,26 @@ class Identifier:
             missing = 1 - (layer.after - layer.before) / expected
             smooth = 0.25 * layer.bead_width / layer.resolution
             self.shortfall = self.shortfall.learn(number, missing, self.learning, smooth)
-            if self.watch_beads and self.paths.get(number):
-                self._learn_beads(number, layer, laid, plan, before)
+            if self.watch_beads and model is not None:
+                self._learn_beads(number, model, layer, laid, plan, before)
 
     def _learn_beads(
-        self, number: int, layer: Layer, laid: np.ndarray, plan: np.ndarray, before: Estimate
+        self,
+        number: int,
+        model: BeadModel,
+        layer: Layer,
+        laid: np.ndarray,
+        plan: np.ndarray,
+        before: Estimate,
     ) -> None:
         """What the bead model did not foretell of a layer whose paths are told. laid: command, NaN outside; plan: m.
         before: estimate that the layer was laid with."""
         grid = Resampler.of(laid.shape, layer.resolution, layer.bead_width / CELLS_PER_BEAD)
-        model = bead_model(self.paths[number], grid.shape, layer.bead_width)
         plan = np.where(plan > MIN_GROWTH, plan, np.nan)
         relative = laid / plan
         slope = self._slope_of(model)
         asked = model.of_cells(relative, layer.resolution) ** slope
-        allowed = before.flow_factor**-slope if before.updates >= 2 else None
+        allowed = before.flow_factor(slope) ** -slope if before.updates >= 2 else None
         growth = (layer.after - layer.before) / plan
         footprint, margin = np.isfinite(laid), MARGIN * layer.bead_width / layer.resolution
         known = footprint & np.isfinite(growth)
@@ -192,22 +216,49 @@ class Identifier:
         self.planned[self.layer], self.paths[self.layer] = request.planned, request.paths
         learned = self.shortfall
         request = request.expecting(learned.share(self.layer), learned.layers[self.layer % 2])
-        slope = min(1.0, self.estimate.slope + self.estimate.slope_sigma)
-        if self.watch_beads and request.paths:
-            request = replace(request, learned=self._beads_of(request, slope))
+        model = self._model(request)
+        slope = self._slope_of(model, self.estimate.slope_sigma)
+        if self.watch_beads and model is not None:
+            request = replace(request, learned=self._beads_of(request, model, slope))
         if slope >= 1.0:
             return request
         return replace(request, target=request.z + request.error / slope)
 
-    def _beads_of(self, request: CorrectionInput, scale: float) -> Learned:
-        cell = request.bead_width / CELLS_PER_BEAD
-        shape = Resampler.of(request.z.shape, request.resolution, cell).shape
-        model = bead_model(request.paths, shape, request.bead_width)
+    def _beads_of(self, request: CorrectionInput, model: BeadModel, slope: float) -> Learned:
         lag = self.beads.lag * request.bead_width
-        slope = self._slope_of(model, self.estimate.slope_sigma)
         missing = self.beads.of(self.layer, model) - self.beads.surplus
-        return Learned(missing, lag, slope, scale, self.beads.prior)
+        return Learned(missing, lag, slope, slope, self.beads.prior)
 
-    def _slope_of(self, model: BeadModel, caution: float = 0.0) -> float:
-        """Of growth on metal: overlapped beads keep all of it, a single one gets wider as well."""
-        return 1.0 if model.overlapped else min(1.0, self.estimate.slope + caution)
+    def flow_factor(self, request: CorrectionInput) -> float:
+        """Of the layer that the request is for. What eq 2.19 will take off its feed is put back: how high the beads
+        come out is decided by what the scans show."""
+        slope = self._slope_of(self._model(request))
+        return self.estimate.flow_factor(slope) / request.heat_factor
+
+    def _model(self, request: CorrectionInput) -> BeadModel | None:
+        """Of the layer that the request is for; None when its beads are not told."""
+        return self._of_paths(
+            request.paths, request.z.shape, request.resolution, request.bead_width
+        )
+
+    def _model_of(self, number: int, layer: Layer) -> BeadModel | None:
+        """Of a layer that was laid; None when its beads were not told."""
+        paths = self.paths.get(number, ())
+        return self._of_paths(paths, layer.before.shape, layer.resolution, layer.bead_width)
+
+    @staticmethod
+    def _of_paths(
+        paths: tuple[np.ndarray, ...], shape: tuple[int, ...], resolution: float, width: float
+    ) -> BeadModel | None:
+        if not paths:
+            return None
+        rows, cols = shape
+        grid = Resampler.of((rows, cols), resolution, width / CELLS_PER_BEAD)
+        return bead_model(paths, grid.shape, width)
+
+    def _slope_of(self, model: BeadModel | None, caution: float = 0.0) -> float:
+        """Of growth on metal: overlapped beads keep all of it, a single one gets wider as well. caution: added to what
+        was estimated where nothing says that the beads overlap."""
+        if model is not None and model.overlapped:
+            return 1.0
+        return min(1.0, self.estimate.slope + caution)

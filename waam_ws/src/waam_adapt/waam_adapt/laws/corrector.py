@@ -15,13 +15,13 @@ from ..identify.evidence import Layer
 from ..identify.identification import Estimate, Identifier
 from ..types import Correction, CorrectionInput
 from .checks import MapLimits, MapOrigin, reasons_against, safe_correct
-from .registry import LAWS, make_law
+from .registry import BEAD_LAWS, LAWS, make_law
 
 
 @dataclass(frozen=True)
 class CorrectionParams:
     law: str = param(
-        'damped_inverse',
+        'bead_solver',
         'correction law',
         choices=tuple(LAWS),
     )
@@ -82,7 +82,7 @@ class Corrector:
         p = self.params = params
         self.law = make_law(p.law, p.gain, p.regularisation, p.model)
         self.limits = MapLimits(p.max_age, p.min_coverage, p.max_sigma, p.max_error)
-        self.identifier = Identifier(p.forgetting, p.learning, watch_beads=p.law == 'unet')
+        self.identifier = Identifier(p.forgetting, p.learning, watch_beads=p.law in BEAD_LAWS)
 
     def answer(
         self, layer: int, request: CorrectionInput, origin: MapOrigin, last: LastLayer
@@ -102,7 +102,7 @@ class Corrector:
             )
         flow, expected = 1.0, request
         if self.params.identify:
-            flow = self.identifier.estimate.flow_factor
+            flow = self.identifier.flow_factor(request)
             expected = self.identifier.prepare(request)
         correction = safe_correct(self.law, expected, reasons)
         return Answer(correction, flow, self.identifier.estimate)

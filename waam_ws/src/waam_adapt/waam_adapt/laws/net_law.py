@@ -37,6 +37,8 @@ LOW, FULL = 0.08, 0.2  # confidence below which the network has no say, and from
 class UNetLaw:
     """psi from the explicit law's relative layer height plus the network's change of it.
 
+    Without a network it is the law `bead_solver`.
+
     explicit: what is corrected, and the fallback. network None: `broken` says why, and the explicit law answers; where
     `broken` says nothing (NO_MODEL), the bead model starts from the explicit law.
     confidence of the result: that of the explicit law times 1/(1 + (foretold error/DOUBT)^2).

@@ -30,8 +30,12 @@ class LawSettings:
         return DampedInverse(self.gain, self.regularisation)
 
 
+# Laws that solve for the beads, so that it is worth comparing layers with the bead model.
+BEAD_LAWS = ('bead_solver', 'unet')
+
 LAWS: dict[str, Callable[[LawSettings], CorrectionLaw]] = {
     'damped_inverse': lambda s: s.inverse,
+    'bead_solver': lambda s: UNetLaw(s.inverse, None, name='bead_solver'),
     'unet': lambda s: UNetLaw.load(s.model, s.inverse),
     'proportional': lambda s: Proportional(s.gain),
     'log_log': lambda s: LogLog(s.gain),

@@ -72,6 +72,7 @@ typedef struct {
     int32_t z_before;           /* motion.steps of Z in the last tick */
     float tracked_mm;           /* path since the arc */
     bool approaching, approach_asked; /* a strike waits for the distance */
+    bool standoff_due;          /* its line of telemetry */
 
     /* the end of what is planned */
     double plan_mm[WAAM_AXES];  /* machine coordinates, as commanded */

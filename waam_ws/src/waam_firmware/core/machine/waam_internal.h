@@ -77,5 +77,7 @@ bool waam_guard_drives(const waam_core_t *core); /* enabled? */
 
 /* telemetry (waam_report.c) */
 void waam_core_telemetry(waam_core_t *core);
+/* What the standoff control does: in the tick after the frame, for two lines are much for one tick. */
+void waam_core_standoff_telemetry(waam_core_t *core);
 
 #endif

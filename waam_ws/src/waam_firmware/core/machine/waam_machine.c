@@ -51,6 +51,8 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
     outputs->sense = core->arc.phase == WAAM_ARC_SENSE;
     outputs->voltage_v = waam_guard_source(core);
     waam_guard_orders(core, dt_us);
+    if (core->standoff_due)
+        waam_core_standoff_telemetry(core);
     if (core->now_us >= core->telemetry_due_us) {
         core->telemetry_due_us += core->telemetry_us;
         waam_core_telemetry(core);

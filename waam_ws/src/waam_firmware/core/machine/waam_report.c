@@ -38,8 +38,7 @@ static void send_fields(waam_core_t *core, const char *name, const int64_t *fiel
     waam_core_send(core, &text, WAAM_TX_TELEMETRY);
 }
 
-/* What the standoff control does, behind the frame: only where it is switched on. */
-static void standoff(waam_core_t *core)
+void waam_core_standoff_telemetry(waam_core_t *core)
 {
     const waam_standoff_t *s = &core->standoff;
     const waam_standoff_config_t *c = &core->config.standoff;
@@ -47,8 +46,8 @@ static void standoff(waam_core_t *core)
         (int64_t)core->now_us, c->source, s->known, s->alarm, (int64_t)lroundf(c->set_mm * 1000.0f),
         (int64_t)lroundf(s->measured_mm * 1000.0f), (int64_t)lroundf(s->correction_mm * 1000.0f),
     };
-    if (c->source != WAAM_STANDOFF_OFF)
-        send_fields(core, "D ", fields, sizeof fields / sizeof fields[0]);
+    core->standoff_due = false;
+    send_fields(core, "D ", fields, sizeof fields / sizeof fields[0]);
 }
 
 void waam_core_telemetry(waam_core_t *core)
@@ -65,5 +64,5 @@ void waam_core_telemetry(waam_core_t *core)
         (int64_t)(waam_core_lease_left_us(core) / 1000), core->underruns, core->fault,
     };
     send_fields(core, "T ", fields, sizeof fields / sizeof fields[0]);
-    standoff(core);
+    core->standoff_due = core->config.standoff.source != WAAM_STANDOFF_OFF;
 }

@@ -95,7 +95,7 @@ class CorrectionRequest:
     planned: np.ndarray  # metal of the layer
     previous_growth: np.ndarray | None  # metal that the layer before was asked for
     previous_surface: np.ndarray | None  # surface before the layer before
-    previous_feed_factor: float  # eq 2.19: feed of the layer before was multiplied by it
+    previous_feed_factor: float  # of the feed of the layer before, flow times heat
     bead_width: float  # m
     temperature: float  # degC
     k_gain: float  # NaN = the server's own
@@ -103,6 +103,7 @@ class CorrectionRequest:
     beads: tuple[
         np.ndarray, ...
     ] = ()  # (n, 2) x, y in m from arc on to arc off, in the order they are laid
+    heat_factor: float = 1.0  # eq 2.19: feed of this layer will be multiplied by it
 
 
 @dataclass

@@ -10,7 +10,7 @@ from waam_plan.plan import PlannedLayer, renumber
 from waam_process.loop_mode import LoopMode
 from waam_process.segment import Segment
 
-from ..model.cell import Correction, CorrectionRequest, Scan
+from ..model.cell import Correction, CorrectionRequest, Heat, Scan
 from ..model.geometry import asked_growth, follow
 from ..model.records import LayerRecord, State
 from ..store.journal import Following
@@ -27,7 +27,7 @@ class History:
 
     growth: np.ndarray | None = None  # (rows, cols) m of metal
     surface: np.ndarray | None = None  # (rows, cols) m, before the layer
-    feed_factor: float = 1.0  # eq 2.19: feed was multiplied by it
+    feed_factor: float = 1.0  # of the wire feed, flow times heat (eq 2.19)
 
 
 class LayerCycle:
@@ -58,16 +58,16 @@ class LayerCycle:
         record.add_scan(scan)
         if self.control.take_request('skip_layer'):
             return self._skip(layer, scan, record, resumed)
-        correction = self._correct(layer, scan, record)
-        segments = self._setpoints(layer, scan, correction, record)
-        asked = self._asked(layer, correction)
+        heat = self.cell.heat()
+        correction = self._correct(layer, scan, heat, record)
+        segments = self._setpoints(layer, scan, correction, heat.factor, record)
+        asked, feed_factor = self._asked(layer, correction), record.flow_factor * record.heat_factor
         if (
             not resumed
         ):  # otherwise the file holds the surface before the whole layer, which is still valid
-            self._keep_scan(scan, Following(layer, asked, correction, record.flow_factor))
+            self._keep_scan(scan, Following(layer, asked, correction, feed_factor))
         self._deposit(segments, layer, record)
-        # what eq 2.19 took off counts as part of the process: the scan then shows whether it was right to
-        self.history = History(asked, scan.map.z, record.flow_factor)
+        self.history = History(asked, scan.map.z, feed_factor)
         self.journal.layer(record)
         return self.scanner.scan_after(layer.number)
 
@@ -108,8 +108,11 @@ class LayerCycle:
         self.journal.layer(record)
         return self.scanner.scan_after(layer.number) if resumed else scan
 
-    def request(self, layer: PlannedLayer, scan: Scan) -> CorrectionRequest:
-        """What the correction server needs for a layer on the surface of `scan`."""
+    def request(
+        self, layer: PlannedLayer, scan: Scan, heat: Heat | None = None
+    ) -> CorrectionRequest:
+        """What the correction server needs for a layer on the surface of `scan`. heat: None = as it is now."""
+        heat = heat or self.cell.heat()
         return CorrectionRequest(
             layer=layer.number,
             scan=scan,
@@ -119,17 +122,20 @@ class LayerCycle:
             previous_surface=self.history.surface,
             previous_feed_factor=self.history.feed_factor,
             bead_width=self.program.current.settings.bead_width,
-            temperature=self.cell.heat().temperature,
+            temperature=heat.temperature,
             k_gain=self.journal.status.k_gain,
             direction=layer.direction[:2],
             beads=tuple(layer.arc_paths),
+            heat_factor=heat.factor,
         )
 
-    def _correct(self, layer: PlannedLayer, scan: Scan, record: LayerRecord) -> Correction | None:
+    def _correct(
+        self, layer: PlannedLayer, scan: Scan, heat: Heat, record: LayerRecord
+    ) -> Correction | None:
         if self.loop_mode == LoopMode.OPEN_LOOP:
             return None
         self.journal.state(State.CORRECTING)
-        correction = self.cell.correct(self.run_id, self.request(layer, scan))
+        correction = self.cell.correct(self.run_id, self.request(layer, scan, heat))
         self.journal.model(correction.model_hash, layer.number)
         record.add_correction(correction, layer.planned > 0, self.loop_mode == LoopMode.CLOSED_LOOP)
         if correction.fallback:
@@ -139,20 +145,24 @@ class LayerCycle:
         return correction
 
     def _setpoints(
-        self, layer: PlannedLayer, scan: Scan, correction: Correction | None, record: LayerRecord
+        self,
+        layer: PlannedLayer,
+        scan: Scan,
+        correction: Correction | None,
+        heat_factor: float,
+        record: LayerRecord,
     ) -> list[Segment]:
         """Speed, feed and voltage of every segment; in closed loop the torch also follows the measured surface."""
         closed = self.loop_mode == LoopMode.CLOSED_LOOP
         segments = layer.segments
         if closed and scan.plausible:
             segments = follow(segments, scan.map, self.settings.follow_reach)
-        factor, material = self.cell.heat().factor, self.goal.material
         segments = self.cell.setpoints(
             job_id=self.run_id,
-            material=material,
+            material=self.goal.material,
             segments=segments,
             correction=correction,
-            heat_factor=factor,
+            heat_factor=heat_factor,
             apply=closed,
         )
         record.add_segments(segments)

@@ -34,7 +34,7 @@ class Following:
     layer: PlannedLayer
     asked: np.ndarray  # (rows, cols) m of metal
     correction: Correction | None = None  # None: open loop, or the layer is left out
-    feed_factor: float = 1.0  # eq 2.19: feed is multiplied by it
+    feed_factor: float = 1.0  # of the wire feed, flow times heat (eq 2.19)
 
 
 class Journal:
