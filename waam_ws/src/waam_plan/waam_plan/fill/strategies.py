@@ -22,7 +22,7 @@ from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import pieces, raster
 from waam_process.grid import GridSpec
 
-RING = 0.88  # metal of rings along the edge over what the division gives them, where they are laid last
+RING = 0.80  # metal of rings along the edge over what the division gives them, where they are laid last
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ class LayerEstimate:
     arc_time: float  # s, with the time that the arc burns before the torch moves
     duration: float  # s without acceleration
     wire: float  # m
-    mass_share: float  # metal of the segments over metal of the map
+    mass_share: float  # metal of the segments over metal of the map and of the sides
     heat: float  # J of the arc, before its efficiency; from the set power
     height_mean: float  # m
     height_min: float
@@ -46,7 +46,7 @@ def _estimate(plan: Plan, layer: PlannedLayer) -> LayerEstimate:
     s = plan.settings
     burning = sum(segment.duration for segment in layer.segments if segment.arc)
     height = np.array([d.height for d in layer.deposits])
-    want = layer.planned.sum() * plan.spec.resolution**2
+    want = layer.planned.sum() * plan.spec.resolution**2 + layer.beside
     return LayerEstimate(
         number=layer.number,
         beads=layer.beads,
