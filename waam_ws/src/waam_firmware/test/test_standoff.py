@@ -1,11 +1,11 @@
 """The torch held at its distance: what source 001 says of sensor, law and drive, and the control as it is shipped."""
 
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 import standoff_loop as loop
-from conftest import executable
 
 STEP = np.full(30_000, -3.0)  # the metal lies 3 mm too low
 SEEDS = range(101, 107)
@@ -103,17 +103,17 @@ def test_settings_out_of_range_are_refused_by_name():
         loop.start(source=loop.ARC, set_mm=15, down_mm=8)
 
 
-def faults(runs: int, seed: int) -> dict[str, list[float]]:
+def faults(controller: Path, runs: int, seed: int) -> dict[str, list[float]]:
     """Of standoff_faults: kind -> runs, least contact distance, too close, alarms, alarms with the programmed z."""
-    program = executable().with_name('standoff_faults')
+    program = controller.with_name('standoff_faults')
     done = subprocess.run([str(program), str(runs), str(seed)], capture_output=True, text=True)
     assert done.returncode in (0, 1), done.stderr
     rows = [line.split() for line in done.stdout.splitlines()]
     return {name: [float(v) for v in values] for name, *values in rows}
 
 
-def test_whatever_a_sensor_says_the_torch_never_dives():
-    found = faults(1100, 101)
+def test_whatever_a_sensor_says_the_torch_never_dives(controller_path):
+    found = faults(controller_path, 1100, 101)
     assert sum(row[0] for row in found.values()) == 1100
     assert {name: row[2] for name, row in found.items() if row[2]} == {}
     assert min(row[1] for row in found.values()) > 7.5

@@ -263,7 +263,7 @@ def test_recorded_parts_are_too_tall_for_the_default_machine(meshes):
 
 def test_the_whole_branched_part_in_thick_layers(meshes):
     part = load_part(meshes / 'distorted_v_closed_mid_res.stl', 0.5e-3)
-    thick = PlanSettings(layer_height=4e-3, bead_width=10e-3, grid=1e-3)
+    thick = PlanSettings(layer_height=4e-3, bead_width=10e-3, grid=1e-3, overrun=0.0)
     plan = plan_build(part, thick)
     check(plan, thick.bead_width / 2 + 1e-3)
     assert len(plan.layers) == pytest.approx(99 / 4, abs=3)

@@ -50,6 +50,7 @@ _LIMITS: dict[str, Pair] = {
     'turn_deg': (0.0, 180.0),
     'contours': (1, 20),
     'edge_metal': (0.5, 1.5),
+    'ring_inset': (0.1, 0.5),
     'lead_on': (0.0, 10.0),
     'lead_off': (0.0, 50e-3),
     'bead_time': (0.0, 600.0),
@@ -127,6 +128,7 @@ class PlanSettings:
     lead_in_metal: float = 1.0  # metal in the lead-in over the planned, below 1 against humps
     lead_out_metal: float = 1.0  # metal in the lead-out over the planned, above 1 against a crater
     edge_metal: float = 1.0  # metal of the beads along the edge over what the schedule gives them
+    ring_inset: float = 0.5  # distance of the outermost ring from the edge, in bead widths
     lead_on: float = 0.0  # s that the arc burns before the torch moves
     lead_off: float = 0.0  # last stretch of a path that is travelled without arc
     bead_time: float = 0.0  # s; after a shorter bead the torch waits for the rest of it

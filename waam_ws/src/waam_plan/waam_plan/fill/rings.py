@@ -48,8 +48,9 @@ def nested(polygon: Polygon, first: float, step: float, most: int = 10_000) -> l
 
 
 def contour_lines(polygon: Polygon, settings: PlanSettings, most: int = 10_000) -> list[np.ndarray]:
-    """Closed lines from the edge inwards, `most` deep at most; the first lies half a bead inside."""
-    found = nested(polygon, settings.bead_width / 2, spacing(polygon, settings), most)
+    """Closed lines from the edge inwards, `most` deep at most; the first lies `ring_inset` inside."""
+    first = settings.ring_inset * settings.bead_width
+    found = nested(polygon, first, spacing(polygon, settings), most)
     return [x for ring in found for x in _closed(ring) if _worth(x, settings)]
 
 
@@ -69,7 +70,8 @@ def spiral_lines(polygon: Polygon, settings: PlanSettings, shift: float) -> list
     shift: where on the outer ring a spiral begins, share of its length.
     """
     out: list[np.ndarray] = []
-    roots = nested(polygon, settings.bead_width / 2, spacing(polygon, settings))
+    first = settings.ring_inset * settings.bead_width
+    roots = nested(polygon, first, spacing(polygon, settings))
     while roots:
         ring = roots.pop(0)
         nest = [ring]

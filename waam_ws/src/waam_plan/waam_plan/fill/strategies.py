@@ -151,11 +151,14 @@ class Strategy:
     edge_metal: of the beads along the edge of a restored layer, over what the division of the metal gives them.
     The side of a bead falls off to the edge, so the division gives it more than it can carry; the surplus would
     stand inside of it.
+    ring_inset: of a restored layer, bead widths between the outermost ring and the edge. The surface goes on beside a
+    worn place, so there is no side that the ring has to keep, and half a bead inside it leaves a hollow along the edge.
     """
 
     summary: str
     fill: Callable[[Area], list[Chain]]
     edge_metal: float = 1.0
+    ring_inset: float = 0.5
 
 
 REGISTRY: dict[str, Strategy] = {
@@ -167,7 +170,9 @@ REGISTRY: dict[str, Strategy] = {
         'parallel beads, few arc starts, flat; direction and angle alternate (--alternation)',
         zigzag,
     ),
-    'contour': Strategy('rings from the edge inwards: true edges, one seam per ring', contours),
+    'contour': Strategy(
+        'rings from the edge inwards: true edges, one seam per ring', contours, 1.15, 0.28
+    ),
     'spiral': Strategy(
         'rings joined to one line: true edges, one arc start per simple region', spiral
     ),

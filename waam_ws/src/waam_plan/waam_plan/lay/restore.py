@@ -161,7 +161,7 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> Planned
         thickest=schedule.thickest,
     )
     within = sides.settings_within(settings) if (cover.mask & ~on).any() else settings
-    chains = _chains(cover, spec, within, turn)
+    chains = _chains(cover, spec, replace(within, ring_inset=_ring_inset(within)), turn)
     shared = replace(settings, edge_metal=_edge_metal(settings))
     return lay(task, chains, below, spec=spec, safe_z=job.safe_z, settings=shared)
 
@@ -171,6 +171,13 @@ def _edge_metal(settings: PlanSettings) -> float:
     if settings.edge_metal != 1.0:
         return settings.edge_metal
     return strategies.REGISTRY[settings.strategy].edge_metal
+
+
+def _ring_inset(settings: PlanSettings) -> float:
+    """As set; 0.5 = as the strategy needs it."""
+    if settings.ring_inset != 0.5:
+        return settings.ring_inset
+    return strategies.REGISTRY[settings.strategy].ring_inset
 
 
 def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:
