@@ -1,5 +1,18 @@
-"""The standoff control (the C code of the core, through the library waam_standoff_loop), in a host simulation of
-sensor, arc and metal; laboratory and graph do not have these sensors yet.
+"""The standoff control: in whole jobs on the simulated cell, and alone in a host simulation.
+
+In the laboratory, controller, bridge and job as they are, sensors and metal those of the simulated cell:
+standoff.rms_mm, standoff.rms_arc_mm: true contact distance less 15 mm, by the laser and by the arc, from 1 s after each
+strike on: two layers of a block of 60 x 40 mm on a plate that rises by 3 mm under the torch, seeds 1-20. Baseline: no
+tracking, same seeds.
+standoff.arc_lost: arcs that went out in 50 jobs (one layer of the block, seeds 1-50) with a map that is wrong by up to
+10 mm in height and 0.02 in slope and has a step of 3 mm. The arc goes out nearer than 4 mm and farther than 30 mm.
+By the laser, 12 mm up and 6 mm down. Baseline: no tracking, same jobs.
+
+standoff.cell_too_close, standoff.cell_closest_mm: 60 jobs of one layer on the part that warps, by the laser with one of
+six faults, the map wrong by up to 2 mm, seeds 1-10: jobs with the wire nearer than half its contact distance, and the
+smallest distance of all. The fault lasts from the first strike on.
+
+On the host, the control alone (the C code of the core, through the library waam_standoff_loop):
 
 standoff.laser_rms_mm, standoff.arc_rms_mm: error of the contact distance over a bead of 60 s on a part that rises by
 3 mm while it is welded, seeds 101-110 (rise in 10 to 40 s, 0.2 mm of roughness; laser: 0.01 mm, 2 ms, 1 % of the
@@ -16,13 +29,19 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 from lib.emit import emit
 from lib.paths import SOURCES
 
 SEEDS = range(101, 111)
+LAB_SEEDS = range(1, 21)
+WRONG_MAPS = range(1, 51)
+FAULT_SEEDS = range(1, 11)
+WARPS = {'part_warp': 3.5e-3, 'part_warp_energy': 4e4}
 SECONDS, SKIPPED = 60.0, 1.5
 RISE = 3.0  # mm
 FIRMWARE = SOURCES / 'waam_firmware'
@@ -167,7 +186,104 @@ def picture() -> None:
     print(f'standoff.picture: {FIRMWARE / "doc" / "standoff.png"}')
 
 
+def in_laboratory(
+    seeds: range, source: str, cell: dict, layers: int, fault: str = '', **bridge: float
+) -> list:
+    """Results of the block on the plate; `cell`: parameters of the cell, or seed -> parameters."""
+    from waam_lab import Fault, parts, run_many
+
+    with tempfile.TemporaryDirectory() as folder:
+        jobs = [
+            parts.job(
+                Path(folder),
+                'block',
+                seed,
+                layers=layers,
+                faults=(Fault(fault),) if fault else (),
+                overrides={
+                    'cell': cell.get(seed, cell),
+                    'bridge': {'standoff_source': source, **bridge},
+                },
+            )
+            for seed in seeds
+        ]
+        found = run_many(jobs)
+    for r in found:
+        alarms = [a['text'] for a in r.anomalies if a['text'].startswith('E212')]
+        if r.failed or (alarms and not fault):
+            text = r.message[:120] if r.failed else '; '.join(alarms)
+            print(f'standoff: {source}, seed {r.seed}: {text}', file=sys.stderr)
+    return found
+
+
+def warping_job() -> None:
+    def rms(source: str) -> float:
+        found = in_laboratory(LAB_SEEDS, source, WARPS, 2)
+        each = ', '.join(f'{r.contact_rms * 1e3:.3f}' for r in found)
+        worst = max(r.contact_worst for r in found) * 1e3
+        print(f'standoff: {source}: {each} mm; largest {worst:.2f} mm', file=sys.stderr)
+        return 1e3 * float(np.sqrt(np.mean([r.contact_rms**2 for r in found])))
+
+    without = rms('none')
+    for name, source in (('rms_mm', 'laser'), ('rms_arc_mm', 'arc')):
+        emit(f'standoff.{name}', rms(source), 'mm', 'no tracking, same seeds', without)
+
+
+def wrong_map(seed: int) -> dict[str, float]:
+    rng = np.random.default_rng([seed, 3])
+    wrong = {
+        'part_moved_z': rng.uniform(-10e-3, 10e-3),
+        'part_moved_tilt_x': rng.uniform(-0.02, 0.02),
+        'part_moved_tilt_y': rng.uniform(-0.02, 0.02),
+        'part_moved_step': 3e-3 * rng.choice([-1.0, 1.0]),
+        'part_moved_step_x': rng.uniform(0.03, 0.07),
+    }
+    return {'arc_contact_min': 4e-3, **{name: float(value) for name, value in wrong.items()}}
+
+
+def wrong_maps() -> None:
+    maps = {seed: wrong_map(seed) for seed in WRONG_MAPS}
+    limits = {'standoff_up': 0.012, 'standoff_down': 0.006}
+    lost = {}
+    for source in ('none', 'laser'):
+        found = in_laboratory(WRONG_MAPS, source, maps, 1, **limits)
+        lost[source] = sum(r.arcs_lost for r in found)
+        none = sum(not r.contact_rms >= 0 for r in found)
+        worst = max(r.contact_worst for r in found if r.contact_worst >= 0) * 1e3
+        text = f'{source}: {lost[source]} arcs lost, {none} jobs without a second of arc, largest {worst:.2f} mm'
+        print(f'standoff: {text}', file=sys.stderr)
+    emit('standoff.arc_lost', lost['laser'], 'arcs', 'no tracking, same jobs', lost['none'])
+
+
+def faults_in_the_cell() -> None:
+    """Every job has one fault from the first strike on, and a map that is wrong by up to 2 mm."""
+    close, least = 0, math.inf
+    for fault in ('dead', 'stuck', 'drift', 'inverted', 'unit', 'dropout'):
+        cell = {
+            seed: {
+                **WARPS,
+                'part_moved_z': float(np.random.default_rng([seed, 4]).uniform(-2e-3, 0)),
+            }
+            for seed in FAULT_SEEDS
+        }
+        found = in_laboratory(FAULT_SEEDS, 'laser', cell, 1, f'distance_{fault}')
+        alarms = sum(any(a['text'].startswith('E212') for a in r.anomalies) for r in found)
+        nearest = min(r.contact_least for r in found) * 1e3
+        ended = sum(r.failed for r in found)
+        text = f'{fault}: {len(found)} jobs, {alarms} with an alarm, closest {nearest:.2f} mm, {ended} failed'
+        print(f'standoff: {text}', file=sys.stderr)
+        close += sum(r.contact_least < 7.5e-3 for r in found)
+        least = min(least, nearest)
+    emit('standoff.cell_too_close', close, 'jobs', 'wanted', 0.0)
+    emit('standoff.cell_closest_mm', least, 'mm', 'half the contact distance', 7.5)
+
+
 FIGURES = {
+    'standoff.rms_mm': warping_job,
+    'standoff.rms_arc_mm': warping_job,
+    'standoff.arc_lost': wrong_maps,
+    'standoff.cell_too_close': faults_in_the_cell,
+    'standoff.cell_closest_mm': faults_in_the_cell,
     'standoff.laser_rms_mm': warping_part,
     'standoff.arc_rms_mm': warping_part,
     'standoff.step_s': step,

@@ -66,7 +66,7 @@ class FakeCore:
         self._out: list[bytes] = []
 
     def say(self, text: str) -> None:
-        stamp = '' if text[0] == 'T' or text.startswith('$H') else f' @{self.t_us}'
+        stamp = '' if text[0] in 'TD' or text.startswith('$H') else f' @{self.t_us}'
         self._out.append(sealed(text + stamp, self.strong))
 
     def take(self) -> bytes:

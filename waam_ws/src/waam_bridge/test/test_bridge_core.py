@@ -227,8 +227,8 @@ def test_a_lost_distance_is_a_warning_and_the_job_goes_on():
     cell.step(5)
     cell.fake.say('! RUN E212 no reading of the distance')
     cell.until(lambda: len(cell.done) == 60)
-    told = [(n.class_name, n.severity) for n in cell.notices if 'distance' in n.text]
-    assert told == [('height', outbox.WARNING)]
+    told = [(n.class_name, n.severity, n.text) for n in cell.notices if 'distance' in n.text]
+    assert told == [('height', outbox.WARNING, 'E212 no reading of the distance')]
     assert cell.bridge.fault == 0
 
 

@@ -119,6 +119,8 @@ def _arm(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
         )
     if bridge.modal.job != c.text:
         _need_rest(bridge, 'ARM')
+    if bridge.standoff.problem:
+        raise CommandError(requests.WRONG_STATE, f'ARM: {bridge.standoff.problem}')
     bridge.ask('A', c.text, reply, now, lambda: bridge.armed(c.text, list(c.names), now))
 
 

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
+from sensor_msgs.msg import Range
+from std_msgs.msg import Header
 
-from waam_msgs.msg import Anomaly, LinkStatus, MachineState, SegmentDone
+from waam_msgs.msg import Anomaly, LinkStatus, MachineState, SegmentDone, Standoff
 from waam_node import cdr
 from waam_process.names import CONTROLLER_STATES
 from waam_process.units import mm
@@ -19,6 +21,11 @@ from .outbox import Notice
 from .program import Mark
 
 NAN = float('nan')
+LASER, INFRARED = 1, 2
+SENSOR_RANGE = {
+    LASER: (0.005, 0.4),
+    INFRARED: (0.035, 0.4),
+}  # m that the controller takes for a distance
 
 
 def stamp_ns(ns: int) -> Time:
@@ -65,6 +72,26 @@ def machine_state(bridge: Bridge, port: str) -> MachineState:
     msg.armed_job, msg.work_offset = bridge.armed_job, _point(bridge.offset)
     msg.fault, msg.fault_text = bridge.fault, bridge.fault_text
     msg.silent_nodes, msg.message = list(bridge.silent), bridge.message
+    return msg
+
+
+def standoff(s: frames.Standoff, ros_ns: int) -> Standoff:
+    header = Header(stamp=stamp_ns(ros_ns), frame_id='torch_tcp')
+    msg = Standoff(header=header, controller_us=s.t_us, source=s.source, known=s.known != 0)
+    msg.alarm, msg.correction = min(s.alarm, 255), s.correction_um * 1e-6
+    msg.set_distance = s.set_um * 1e-6
+    msg.measured_distance = s.measured_um * 1e-6 if s.known else NAN
+    return msg
+
+
+def distance(s: frames.Standoff, ros_ns: int) -> Range | None:
+    """The distance sensor for any ROS tool; None where the arc is the sensor. NaN = no reading (REP 117)."""
+    if s.source not in SENSOR_RANGE:
+        return None
+    header = Header(stamp=stamp_ns(ros_ns), frame_id='standoff_sensor')
+    msg = Range(header=header, radiation_type=Range.INFRARED, field_of_view=0.02)
+    msg.min_range, msg.max_range = SENSOR_RANGE[s.source]
+    msg.range = s.measured_um * 1e-6 if s.known else NAN
     return msg
 
 

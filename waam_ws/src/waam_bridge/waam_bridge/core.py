@@ -26,6 +26,7 @@ from .outbox import (
 from .params import BridgeParams
 from .pending import Pending, Reply
 from .program import Mark, Modal, Permit
+from .standoff import Standoff
 
 
 class Bridge:
@@ -48,6 +49,7 @@ class Bridge:
         self.overrides = (1.0, 1.0)  # speed, wire: factors that were asked for
         self._tick = 0
         self.pending = Pending()
+        self.standoff = Standoff(params)
         self._resends = ResendWatch(params.resend_warning)
 
     @property
@@ -124,6 +126,7 @@ class Bridge:
     def _meet(self, restarted: bool, now: float) -> None:
         """Handles a controller that is not the one before, or that has lost its queue."""
         link = self.link
+        self.standoff.met(self)
         if link.connects > 1:
             who = (
                 'the controller has restarted' if restarted else 'another host used the controller'
@@ -159,6 +162,8 @@ class Bridge:
             faults.state_changed(self, frame.state, frame.code, frame.text)
         elif isinstance(frame, frames.LineRefused):
             faults.line_refused(self, frame)
+        elif isinstance(frame, frames.Standoff) and self.connected and self.standoff.heard(frame):
+            self.outbox.standoff.append(frame)
         if 0 < self.pending.home_line <= self.link.sender.acked:
             self.pending.end_home(requests.OK, 'homing', self.outbox.replies)
         return None
@@ -173,6 +178,7 @@ class Bridge:
             self._drop(self.dropping)
         if t.t_us - self._tick >= self.params.tick_period * 1e6 or t.t_us < self._tick:
             self._on_tick(t, now)
+        self.standoff.poll(self, now)
         if not self.dropping:
             self.pending.flush(self.outbox.replies)
 

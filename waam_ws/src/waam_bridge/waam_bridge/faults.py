@@ -11,7 +11,7 @@ from .outbox import FAULT, LEASE_EXPIRED, WARNING, Notice, of_fault
 def state_changed(machine: Machine, state: int, code: int, text: str) -> None:
     """The controller reported its state and the reason; the text is empty when only telemetry showed it."""
     if code == frames.STANDOFF:
-        machine.outbox.notices.append(Notice(WARNING, 'height', text, 'none'))
+        machine.outbox.notices.append(Notice(WARNING, 'height', f'E{code} {text}', 'none'))
         return
     new = (state, code) != (machine.state, machine.fault)
     if not new and not (text and text != machine.fault_text):

@@ -68,15 +68,15 @@ class Telemetry(NamedTuple):
 
 
 class Standoff(NamedTuple):
-    """Fields of a D line, as sent: integers, micrometres. source: 1 laser, 2 infrared, 3 arc; alarm: 0 = none."""
+    """Fields of a D line, as sent."""
 
-    t_us: int
-    source: int
-    known: int
-    alarm: int
-    set_um: int
-    measured_um: int
-    correction_um: int
+    t_us: int  # microseconds of the controller's clock
+    source: int  # 1 laser, 2 infrared, 3 arc
+    known: int  # 1 = the distance is known
+    alarm: int  # 0 = none
+    set_um: int  # distance that is wanted, um
+    measured_um: int  # distance that is measured, um
+    correction_um: int  # of z, um
 
 
 class Ack(NamedTuple):
@@ -126,11 +126,7 @@ class Pong(NamedTuple):
 
 
 class Identity(NamedTuple):
-    """Answer to `$I`. Limits in mm, machine coordinates: x0, y0, z0, x1, y1, z1.
-
-    accepted, executed: line numbers; after `$I keep` they do not change before `$L`.
-    digits: of the check that the controller uses from now on.
-    """
+    """Answer to `$I`."""
 
     name: str
     firmware: str
@@ -138,13 +134,13 @@ class Identity(NamedTuple):
     synchronised: bool
     blocks: int
     rx: int
-    limits_mm: tuple[float, ...]
+    limits_mm: tuple[float, ...]  # x0, y0, z0, x1, y1, z1 in machine coordinates
     steps_per_mm: float
     capabilities: tuple[str, ...]
     offset_mm: tuple[float, ...] | None  # work offset G54, when the controller reports it
-    accepted: int
-    executed: int
-    digits: int
+    accepted: int  # line number; after `$I keep` it does not change before `$L`
+    executed: int  # line number, likewise
+    digits: int  # of the check that the controller uses from now on
 
 
 Frame = Telemetry | Standoff | Ack | Resend | LineRefused | StateChange | Answer | Pong | Identity

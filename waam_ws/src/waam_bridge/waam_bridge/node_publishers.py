@@ -7,8 +7,17 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from sensor_msgs.msg import Range
 
-from waam_msgs.msg import Anomaly, LeaseTick, LinkStatus, MachineState, SegmentDone, Telemetry
+from waam_msgs.msg import (
+    Anomaly,
+    LeaseTick,
+    LinkStatus,
+    MachineState,
+    SegmentDone,
+    Standoff,
+    Telemetry,
+)
 from waam_node import qos
 
 from . import conversions, frames
@@ -25,6 +34,8 @@ class Publishers:
         self._counted = (0, 0)  # frames, us: where the telemetry rate is counted from
         publish = node.create_publisher
         self._telemetry = publish(Telemetry, 'telemetry', qos.TELEMETRY)
+        self._standoff = publish(Standoff, 'standoff', qos.TELEMETRY)
+        self._range = publish(Range, 'standoff_range', qos.TELEMETRY)
         self._state = publish(MachineState, 'machine_state', qos.LATCHED)
         self._done = publish(SegmentDone, 'segment_done', qos.EVENTS)
         self._status = publish(LinkStatus, 'link_status', qos.BEAT)
@@ -58,6 +69,8 @@ class Publishers:
     def outbox(self) -> None:
         """Publishes what has collected in the core; replies last, after the topics that show their effect."""
         box, stamp = self._core.take_outbox(), self._stamp()
+        for found in box.standoff:
+            self._publish_standoff(found)
         for mark in box.done:
             msg = conversions.segment_done(mark)
             msg.header.stamp, msg.header.frame_id = stamp, 'work'
@@ -97,6 +110,13 @@ class Publishers:
         msg = conversions.machine_state(self._core, self._port)
         msg.header.stamp, msg.header.frame_id = stamp, 'machine'
         self._send(self._state, msg)
+
+    def _publish_standoff(self, found: frames.Standoff) -> None:
+        ros_ns = self._core.link.clock.to_ros_ns(found.t_us)
+        self._send(self._standoff, conversions.standoff(found, ros_ns))
+        seen = conversions.distance(found, ros_ns)
+        if seen is not None:
+            self._send(self._range, seen)
 
     def _publish_notice(self, notice: Notice, stamp: Time) -> None:
         msg = conversions.anomaly(self._core, notice)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from waam_process.names import CLASS_OF_FAULT, CONTROLLER_STATES
 
-from .frames import ALARM
+from .frames import ALARM, Standoff
 from .program import Mark
 from .stream import Sender
 
@@ -37,6 +37,7 @@ class Notice:
 class Outbox:
     """What the owner has to publish, in this order."""
 
+    standoff: list[Standoff] = field(default_factory=list)
     done: list[Mark] = field(default_factory=list)
     changed: bool = False  # machine state
     notices: list[Notice] = field(default_factory=list)
@@ -45,7 +46,12 @@ class Outbox:
 
     def __bool__(self) -> bool:
         return bool(
-            self.changed or self.done or self.notices or self.replies or self.tick_us is not None
+            self.changed
+            or self.standoff
+            or self.done
+            or self.notices
+            or self.replies
+            or self.tick_us is not None
         )
 
 

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from waam_node.params import ParameterError, param
 from waam_process.units import mm
 
 from .program import Limits
+
+STANDOFF_SOURCES = ('none', 'laser', 'infrared', 'arc')
+STANDOFF_LAWS = ('relay', 'pid')
+OF_SOURCE = 'NaN = what fits the source'
+NAN = math.nan
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,32 @@ class BridgeParams:
     csv_rate: float = param(
         10.0, 'rows of the CSV log per second of controller time', 'Hz', 0.1, 100
     )
+    standoff_source: str = param(
+        'none', 'what the torch is held at its distance by', choices=STANDOFF_SOURCES
+    )
+    standoff_law: str = param('pid', 'from the error to the speed', choices=STANDOFF_LAWS)
+    standoff_set: float = param(
+        NAN,
+        'distance to hold, from the sensor to the metal; by the arc: contact distance; '
+        + OF_SOURCE,
+        'm',
+        0.005,
+        0.4,
+    )
+    standoff_dead_band: float = param(NAN, f'error that moves nothing; {OF_SOURCE}', 'm', 0.0, 2e-3)
+    standoff_up: float = param(
+        0.006, 'greatest correction of the programmed z upwards', 'm', 0.0, 0.02
+    )
+    standoff_down: float = param(0.004, 'and downwards', 'm', 0.0, 0.02)
+    standoff_rate: float = param(0.006, 'greatest speed of the correction', 'm/s', 5e-5, 0.02)
+    standoff_lead: float = param(
+        NAN, f'along the path from the arc to where the sensor looks; {OF_SOURCE}', 'm', 0.0, 0.015
+    )
+    standoff_jump: float = param(
+        NAN, f'change of the distance that must last to be believed; {OF_SOURCE}', 'm', 5e-5, 0.05
+    )
+    standoff_kp: float = param(NAN, f'speed per error; {OF_SOURCE}', '1/s', 0.0, 50.0)
+    standoff_ki: float = param(NAN, f'speed per error and time; {OF_SOURCE}', '1/s^2', 0.0, 200.0)
 
     def __post_init__(self) -> None:
         for name in ('arc_speed', 'wire_feed', 'voltage'):

@@ -65,19 +65,16 @@ class Modal:
 
 @dataclass(frozen=True)
 class Permit:
-    """What a batch is checked against, taken at one moment; void when the bridge's `generation` has moved on.
+    """What a batch is checked against, taken at one moment; void when the bridge's `generation` has moved on."""
 
-    known: largest index that was accepted (chain closed) or executed (chain open), -1 = none; up to there segments
-    are duplicates. here: the machine's position in m (work), None while it moves. offset: work zero in machine
-    coordinates, m.
-    """
-
-    generation: int
-    modal: Modal
+    generation: int  # of the bridge when it was taken
+    modal: Modal  # state of the controller's words
+    # largest index accepted (chain closed) or executed (chain open), -1 = none; up to there segments are
+    # duplicates
     known: int
-    here: Point | None
-    offset: Point
-    limits: Limits
+    here: Point | None  # m, work frame, position of the machine; None while it moves
+    offset: Point  # m, work zero in machine coordinates
+    limits: Limits  # of the machine
 
 
 @dataclass(frozen=True)

@@ -122,10 +122,25 @@ static bool numbered_m110(void)
     return i > 1 && (rig.line[0] | 32) == 'n' && i < rig.line_length && (rig.line[i] | 32) == 'm';
 }
 
+/* $I, alone, with words or with a token of 32 bits; "$Ixyz" is no command. */
+static bool identification(size_t content)
+{
+    const char *line = rig.line;
+    size_t end = 3;
+    uint64_t token = 0;
+    if (content < 2 || line[0] != '$' || line[1] != 'I')
+        return false;
+    if (content == 2 || line[2] == ' ')
+        return true;
+    for (; end < content && line[end] >= '0' && line[end] <= '9' && token <= UINT32_MAX; end++)
+        token = token * 10 + (uint64_t)(line[end] - '0');
+    return line[2] == '@' && end > 3 && token <= UINT32_MAX && (end == content || line[end] == ' ');
+}
+
 /* What a line with a good check makes of the link, by the letter of the protocol. */
 static void sent_checked(size_t content)
 {
-    bool identifies = content > 1 && rig.line[0] == '$' && rig.line[1] == 'I';
+    bool identifies = identification(content);
     if (identifies || (!rig.marlin && !numbered_m110()))
         rig.native = true;
     if (identifies)

@@ -3,8 +3,12 @@
  *     fuzz_core_replay CORPUS_FOLDER [runs [seed]]        fuzz_core_replay FILE
  */
 #include <dirent.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdbool.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "fuzz.h"
 
@@ -19,6 +23,8 @@ typedef struct {
 static input_t inputs[INPUTS_MAX];
 static size_t input_count;
 static uint64_t random_state;
+static const uint8_t *current;
+static size_t current_size;
 
 static uint32_t random_below(uint32_t limit) /* xorshift64* */
 {
@@ -100,8 +106,21 @@ static void run_copy(const uint8_t *bytes, size_t size) /* exactly as long as th
     if (!copy)
         exit(2);
     memcpy(copy, bytes, size);
+    current = copy;
+    current_size = size;
     LLVMFuzzerTestOneInput(copy, size);
     free(copy);
+}
+
+static void keep_input(int number) /* of a check that failed; as a FILE it shows the failure again */
+{
+    static const char said[] = "the input is in fuzz_finding\n";
+    int file = open("fuzz_finding", O_WRONLY | O_CREAT | O_TRUNC, 0644);
+    bool kept = file >= 0 && write(file, current, current_size) == (ssize_t)current_size;
+    if (kept && write(STDERR_FILENO, said, sizeof said - 1) < 0)
+        _exit(2);
+    signal(number, SIG_DFL);
+    raise(number);
 }
 
 int main(int argc, char **argv)
@@ -113,6 +132,7 @@ int main(int argc, char **argv)
     }
     unsigned long runs = argc > 2 ? strtoul(argv[2], NULL, 10) : 0;
     random_state = (argc > 3 ? strtoull(argv[3], NULL, 10) : 1) * 0x9E3779B97F4A7C15u + 1;
+    signal(SIGABRT, keep_input);
     load_all(argv[1]);
     for (size_t i = 0; i < input_count; i++)
         run_copy(inputs[i].bytes, inputs[i].size);

@@ -125,7 +125,14 @@ void controller_lib_answer(controller_lib_t *lib, uint32_t inputs, double curren
     lib->harness.inputs = (waam_inputs_t){
         .estop = inputs & 1, .gas_ok = inputs & 2, .limit_switch = inputs & 4, .over_temperature = inputs & 16,
         .process = WAAM_PROCESS_OK, .current_a = current, .voltage_v = voltage, .wire_mm_s = wire_speed * 1e3,
+        .distance_reading = lib->harness.inputs.distance_reading, .distance = lib->harness.inputs.distance,
     };
+}
+
+void controller_lib_distance(controller_lib_t *lib, uint32_t reading, double value)
+{
+    lib->harness.inputs.distance_reading = reading;
+    lib->harness.inputs.distance = (float)value;
 }
 
 size_t controller_lib_take(controller_lib_t *lib, char *bytes, size_t size)

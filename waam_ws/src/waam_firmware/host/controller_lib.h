@@ -34,6 +34,8 @@ controller_lib_t *controller_lib_with_cell(uint32_t boot_id, uint64_t start_us);
 void controller_lib_step(controller_lib_t *lib, uint32_t milliseconds, host_sample_t *samples);
 /* What the cell's inputs read from now on: bits as of the plant port, A, V, m/s. */
 void controller_lib_answer(controller_lib_t *lib, uint32_t inputs, double current, double voltage, double wire_speed);
+/* ... and its distance sensor: number and value of the newest reading (mm, or counts; NaN = no echo). After the answer. */
+void controller_lib_distance(controller_lib_t *lib, uint32_t reading, double value);
 void controller_lib_free(controller_lib_t *lib);
 void controller_lib_rx(controller_lib_t *lib, const char *bytes, size_t count);
 void controller_lib_hang_up(controller_lib_t *lib);

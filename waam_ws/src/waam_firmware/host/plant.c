@@ -21,10 +21,12 @@ typedef struct {
 typedef struct {
     uint32_t magic, inputs; /* 1 estop, 2 gas flow, 4 limit switch */
     double current, voltage, wire_speed;
+    double distance;        /* mm, or counts; NaN = no echo */
+    uint32_t distance_reading, padding;
 } plant_answer_t;
 
 _Static_assert(sizeof(host_sample_t) == 48 && sizeof(plant_step_t) == 16 + 48 * SAMPLES, "step layout");
-_Static_assert(sizeof(plant_answer_t) == 32, "answer layout");
+_Static_assert(sizeof(plant_answer_t) == 48, "answer layout");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the plant port is little-endian");
 
 static int complain(const char *path, const char *text)
@@ -151,6 +153,7 @@ void plant_exchange(plant_t *plant, const host_sample_t samples[SAMPLES], uint64
         .estop = answer.inputs & 1, .gas_ok = answer.inputs & 2, .limit_switch = answer.inputs & 4,
         .over_temperature = answer.inputs & 16,
         .process = WAAM_PROCESS_OK, .current_a = answer.current, .voltage_v = answer.voltage,
-        .wire_mm_s = answer.wire_speed * 1e3,
+        .wire_mm_s = answer.wire_speed * 1e3, .distance_reading = answer.distance_reading,
+        .distance = (float)answer.distance,
     };
 }

@@ -24,6 +24,8 @@ const char *standoff_loop_check(void);
 void standoff_loop_arm(void);
 /* Until changed: mode (waam_standoff_mode_t), the z that the program asks for, path travelled, source voltage. */
 void standoff_loop_path(int32_t mode, float z_mm, float travelled_mm, float source_v);
+/* The path turns in the next millisecond. */
+void standoff_loop_turn(void);
 /* One millisecond. `reading` counts up with every new value; the arc's values are 0 where it does not burn. */
 void standoff_loop_step(uint32_t reading, float value, float current_a, float voltage_v, float wire_mm_s,
                         standoff_loop_answer_t *answer);
@@ -66,6 +68,8 @@ void standoff_loop_path(int32_t mode, float z_mm, float travelled_mm, float sour
     inputs.source_v = source_v;
 }
 
+void standoff_loop_turn(void) { inputs.turned = true; }
+
 void standoff_loop_step(uint32_t reading, float value, float current_a, float voltage_v, float wire_mm_s,
                         standoff_loop_answer_t *answer)
 {
@@ -77,6 +81,7 @@ void standoff_loop_step(uint32_t reading, float value, float current_a, float vo
     inputs.wire_mm_s = wire_mm_s;
     inputs.z_mm = program_z_mm + state.correction_mm;
     waam_standoff_tick(&state, &config, &arc, &inputs, 1e-3f);
+    inputs.turned = false;
     *answer = (standoff_loop_answer_t){.correction_mm = state.correction_mm, .measured_mm = state.measured_mm,
                                        .alarm = (int32_t)state.alarm, .known = state.known,
                                        .ready = waam_standoff_ready(&state, &config), .alarms = (int32_t)state.alarms};

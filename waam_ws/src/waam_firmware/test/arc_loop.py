@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import ctypes
 import math
-import os
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
+import loop_library
 import numpy as np
 
 TS = 1e-4
@@ -22,17 +21,9 @@ REACTED = 0.1  # reacted: within 10 % of the disturbance
 SETPOINT = 22.0
 
 
-def library_path() -> Path:
-    """Beside the virtual controller that WAAM_VIRTUAL_CONTROLLER names, else in the workspace's install folder."""
-    name = 'libwaam_arc_loop.so'
-    if other := os.environ.get('WAAM_VIRTUAL_CONTROLLER'):
-        return Path(other).with_name(name)
-    return Path(__file__).parents[3] / 'install/waam_firmware/lib/waam_firmware' / name
-
-
 @cache
 def _library() -> ctypes.CDLL:
-    lib = ctypes.CDLL(str(library_path()))
+    lib = loop_library.load('arc_loop')
     lib.arc_loop_start.argtypes = [ctypes.c_bool, ctypes.c_bool, ctypes.c_float * 4, ctypes.c_float]
     lib.arc_loop_start.restype = ctypes.c_char_p
     lib.arc_loop_step.argtypes = [ctypes.c_float] * 4

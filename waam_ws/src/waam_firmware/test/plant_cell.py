@@ -8,7 +8,7 @@ import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 
-HEADER, SAMPLE, ANSWER = struct.Struct('<IIQ'), struct.Struct('<5dI4x'), struct.Struct('<II3d')
+HEADER, SAMPLE, ANSWER = struct.Struct('<IIQ'), struct.Struct('<5dI4x'), struct.Struct('<II4d2I')
 ESTOP, GAS_OK, LIMIT, CONTACT, HOT = 1, 2, 4, 8, 16
 RIPPLE = 0.02  # A and V; a real arc never reads the same twice
 
@@ -33,6 +33,8 @@ class Cell:
     stray: bool = False  # current although the source is off
     magic: int = 0x57414D41
     answering: bool = True
+    measures: bool = False  # a distance sensor with a reading per step
+    distance: float = 100.0  # mm
     steps: list[tuple[int, list[tuple]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -87,6 +89,9 @@ class Cell:
             self.current + swing if burns or self.stray else 0.0,
             arc if burns else 0.0,
             wire if self.wire is None else self.wire,
+            self.distance,
+            len(self.steps) if self.measures else 0,
+            0,
         )
 
     def close(self) -> None:

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import ctypes
 import math
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
 
+import loop_library
 import numpy as np
 
 STAY, APPROACH, FOLLOW, RETURN = range(4)
@@ -37,17 +36,9 @@ class Answer(ctypes.Structure):
     ]
 
 
-def library_path() -> Path:
-    """Beside the virtual controller that WAAM_VIRTUAL_CONTROLLER names, else in the workspace's install folder."""
-    name = 'libwaam_standoff_loop.so'
-    if other := os.environ.get('WAAM_VIRTUAL_CONTROLLER'):
-        return Path(other).with_name(name)
-    return Path(__file__).parents[3] / 'install/waam_firmware/lib/waam_firmware' / name
-
-
 @cache
 def library() -> ctypes.CDLL:
-    lib = ctypes.CDLL(str(library_path()))
+    lib = loop_library.load('standoff_loop')
     lib.standoff_loop_set.argtypes = [ctypes.c_char_p, ctypes.c_double]
     lib.standoff_loop_set.restype = lib.standoff_loop_check.restype = ctypes.c_char_p
     lib.standoff_loop_path.argtypes = [ctypes.c_int32, *(3 * [ctypes.c_float])]

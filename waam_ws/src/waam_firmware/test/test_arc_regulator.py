@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 
 import arc_bounds
+import loop_library
 import numpy as np
 import pytest
 from arc_loop import (
@@ -23,7 +24,6 @@ from arc_loop import (
     current_overshoot,
     distance_step,
     fastest_reaction,
-    library_path,
     margin_computed,
     margin_simulated,
     overshoot,
@@ -35,7 +35,8 @@ from arc_loop import (
 )
 
 pytestmark = pytest.mark.skipif(
-    not library_path().exists(), reason='built with sanitizers: no library for Python'
+    not loop_library.path('arc_loop').exists(),
+    reason='built with sanitizers: no library for Python',
 )
 
 

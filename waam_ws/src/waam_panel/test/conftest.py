@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from waam_bringup.parts import block, write_stl
+from waam_node.stl import write_worn_block
 from waam_node.testing import fresh_domain
 from waam_panel.cell import Cell
 from waam_panel.operations import Refused
@@ -33,13 +33,11 @@ def write_part():
 
 def make_part(folder: Path) -> tuple[Path, Path]:
     """Nominal and worn block of 26 x 20 x 12 mm; the trough is 4 mm deep: two layers."""
-    folder.mkdir(parents=True, exist_ok=True)
     x, y = np.linspace(0, 26, 27), np.linspace(0, 20, 21)
     gx, gy = np.meshgrid(x, y)
     trough = 4 * np.clip(1.5 - 1.5 * np.maximum(np.abs(gx - 13) / 11, np.abs(gy - 10) / 8), 0, 1)
-    write_stl(folder / 'block.stl', block(np.full((2, 2), 12.0), x[[0, -1]], y[[0, -1]]), 'nominal')
-    write_stl(folder / 'block_worn.stl', block(12 - trough, x, y), 'worn')
-    return folder / 'block.stl', folder / 'block_worn.stl'
+    nominal, worn = write_worn_block(folder, x, y, 12.0, trough)
+    return nominal.rename(folder / 'block.stl'), worn.rename(folder / 'block_worn.stl')
 
 
 @dataclass

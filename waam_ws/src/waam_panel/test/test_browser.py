@@ -304,6 +304,8 @@ def show_a_job(panel) -> None:
     heat = {'factor': 1.0, 'temperature': 148.0, 'rate': -0.1, 'limit': 180.0, 'ready': False}
     put(('heat', heat | {'wait': 130.0, 'plausible': True, 'reasons': []}))
     put(('temperature', {'value': 1148.0}))
+    standoff = {'source': 'laser', 'set_mm': 100.0, 'measured_mm': 99.87, 'correction_mm': -3.99}
+    put(('standoff', standoff | {'alarm': 'contradicts the arc'}))
 
 
 @pytest.mark.parametrize('size', SIZES.values(), ids=SIZES)

@@ -332,3 +332,35 @@ def test_parameters_file_readme_and_code_agree():
     expected = {f.name: f.default for f in dataclasses.fields(PanelParams)}
     assert {k: tuple(v) if isinstance(v, list) else v for k, v in listed.items()} == expected
     assert markdown(PanelParams) in (package / 'README.md').read_text()
+
+
+# ---- standoff
+
+
+def test_what_the_standoff_control_says_is_shown_in_millimetres():
+    from waam_msgs.msg import Standoff
+    from waam_panel.conversions import CONVERT
+
+    said = Standoff(source=1, alarm=0, known=True, set_distance=0.1, measured_distance=0.0995)
+    said.correction = -0.75e-3
+    shown = CONVERT['standoff'](said)
+    assert shown == {
+        'source': 'laser', 'set_mm': 100.0, 'measured_mm': 99.5, 'correction_mm': -0.75, 'alarm': '',
+    }  # fmt: skip
+    said.measured_distance, said.alarm = float('nan'), Standoff.ALARM_NO_READING
+    shown = CONVERT['standoff'](said)
+    assert (shown['measured_mm'], shown['alarm']) == (None, 'no reading')
+    state = PanelState(10)
+    state.apply('standoff', shown, 5.0, 1.0)
+    assert state.sections['standoff'] == shown
+    assert 'standoff' not in state.stale(8.0) and 'standoff' in state.stale(10.0)
+
+
+def test_the_end_of_tracking_has_the_line_of_its_code():
+    state = PanelState(10)
+    anomaly = {'class': 'height', 'severity': 1, 'text': 'E212 the distance contradicts the arc'}
+    state.apply('anomaly', anomaly, 0, 1.0)
+    (shown,) = state.alarms.listing()
+    assert (shown['kind'], shown['code'], shown['title']) == (
+        'controller', '212', 'Torch distance not held',
+    )  # fmt: skip

@@ -54,15 +54,15 @@ def markdown() -> str:
 
 @dataclass
 class Alarm:
-    """One entry. severity: 1 warning, 2 fault, 3 alarm; active: its condition still holds."""
+    """One entry of the list."""
 
     id: int
     time: float  # UTC, s
     kind: str
     code: str
-    severity: int
+    severity: int  # 1 warning, 2 fault, 3 alarm
     text: str
-    active: bool
+    active: bool  # its condition still holds
     acknowledged: bool = False
     count: int = 1
 
@@ -94,18 +94,7 @@ class AlarmLog:
             if not alarm.active:
                 alarm.count, alarm.time = alarm.count + 1, now
             return alarm
-        alarm = Alarm(
-            id=next(self._numbers),
-            time=now,
-            kind=kind,
-            code=str(code),
-            severity=severity,
-            text=text,
-            active=False,
-        )
-        self._alarms.append(alarm)
-        self._forget()
-        return alarm
+        return self._add(now, kind, str(code), severity, text)
 
     def set(
         self, slot: str, now: float, kind: str, code: str | int, severity: int, text: str
@@ -120,19 +109,15 @@ class AlarmLog:
         self.version += 1
         alarm = self._find(kind, str(code), None)
         if alarm is None:
-            alarm = Alarm(
-                id=next(self._numbers),
-                time=now,
-                kind=kind,
-                code=str(code),
-                severity=severity,
-                text=text,
-                active=True,
-            )
-            self._alarms.append(alarm)
-            self._forget()
+            alarm = self._add(now, kind, str(code), severity, text)
         alarm.active, alarm.severity = True, max(alarm.severity, severity)
         self._conditions[slot] = alarm
+
+    def _add(self, now: float, kind: str, code: str, severity: int, text: str) -> Alarm:
+        alarm = Alarm(next(self._numbers), now, kind, code, severity, text, active=False)
+        self._alarms.append(alarm)
+        self._forget()
+        return alarm
 
     def _find(self, kind: str, code: str, text: str | None) -> Alarm | None:
         """One that is not acknowledged yet; text None = any."""

@@ -22,6 +22,7 @@ from waam_msgs.msg import (
     LinkStatus,
     MachineState,
     Segment,
+    Standoff,
     Telemetry,
 )
 from waam_node.conversions import grid_from_msg, map_from_msg, nanoseconds, seconds
@@ -100,6 +101,25 @@ def heat(m: HeatFactor) -> dict[str, Any]:
     }  # fmt: skip
 
 
+STANDOFF_SOURCES = {
+    Standoff.SOURCE_LASER: 'laser', Standoff.SOURCE_INFRARED: 'infrared sensor', Standoff.SOURCE_ARC: 'arc',
+}  # fmt: skip
+STANDOFF_ALARMS = {
+    Standoff.ALARM_NONE: '', Standoff.ALARM_NO_READING: 'no reading', Standoff.ALARM_FROZEN: 'reading is frozen',
+    Standoff.ALARM_NO_ANSWER: 'does not answer', Standoff.ALARM_AT_LIMIT: 'at its limit',
+    Standoff.ALARM_CONTRADICTS_ARC: 'contradicts the arc',
+}  # fmt: skip
+
+
+def standoff(m: Standoff) -> dict[str, Any]:
+    """mm; alarm: what is wrong, '' = nothing."""
+    return {
+        'source': STANDOFF_SOURCES.get(m.source, f'source {m.source}'), 'set_mm': number(m.set_distance, 1e3, 2),
+        'measured_mm': number(m.measured_distance, 1e3, 2), 'correction_mm': number(m.correction, 1e3, 2),
+        'alarm': STANDOFF_ALARMS.get(m.alarm, f'alarm {m.alarm}'),
+    }  # fmt: skip
+
+
 def temperature(m: Temperature) -> dict[str, Any]:
     return {'value': number(m.temperature, 1, 1)}
 
@@ -161,7 +181,7 @@ def plan(m: LayerPlan) -> dict[str, Any]:
 CONVERT: dict[str, Callable[[Any], Any]] = {
     'telemetry': sample, 'machine': machine, 'link': link, 'job': job, 'heat': heat, 'plan': plan,
     'temperature': temperature, 'diagnostics': diagnostics, 'anomaly': anomaly, 'height': height,
-    'correction': correction,
+    'correction': correction, 'standoff': standoff,
 }  # fmt: skip
 
 

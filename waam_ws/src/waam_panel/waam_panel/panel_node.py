@@ -19,12 +19,13 @@ from waam_msgs.msg import (
     LayerPlan,
     LinkStatus,
     MachineState,
+    Standoff,
     Telemetry,
 )
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_main
 from waam_node.params import param
-from waam_node.qos import BEAT, EVENTS, LATCHED
+from waam_node.qos import BEAT, EVENTS, LATCHED, TELEMETRY
 from waam_process.materials import load as materials
 from waam_view.mailbox import Mailbox
 from waam_view.node_tap import TelemetryTap
@@ -71,6 +72,7 @@ TOPICS = (  # name of the section, type, topic, quality of service, newest only
     ('heat', HeatFactor, 'heat_factor', LATCHED, True),
     ('temperature', Temperature, 'temperature', BEAT, True),
     ('plan', LayerPlan, 'layer_plan', LATCHED, True),
+    ('standoff', Standoff, 'standoff', TELEMETRY, True),
     ('height', HeightMap, 'height_map', LATCHED, True),
     ('correction', CorrectionMap, 'correction_map', LATCHED, True),
     ('anomaly', Anomaly, 'anomaly', EVENTS, False),

@@ -14,7 +14,14 @@ from waam_process.names import JOB_ENDED, JOB_RUNNING
 
 from .alarms import AlarmLog
 
-STALE_S = {'telemetry': 1.5, 'machine': 4.0, 'link': 4.0, 'temperature': 4.0, 'heat': 10.0}
+STALE_S = {
+    'telemetry': 1.5,
+    'machine': 4.0,
+    'link': 4.0,
+    'temperature': 4.0,
+    'heat': 10.0,
+    'standoff': 4.0,
+}
 SILENT_S = 1.5  # a node that is late for a moment is no alarm
 PAUSED = 200  # controller code of a hold that was asked for: a state, no alarm
 

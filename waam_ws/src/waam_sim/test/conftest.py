@@ -12,7 +12,7 @@ from waam_sim import part
 from waam_sim.metal import MetalParams
 from waam_sim.plant import SAMPLE, Plant, PlantParams, warm_up
 
-STEP, ANSWER = struct.Struct('<IIQ'), struct.Struct('<IIddd')
+STEP, ANSWER = struct.Struct('<IIQ'), struct.Struct('<IIddddII')
 
 
 class FakeController:

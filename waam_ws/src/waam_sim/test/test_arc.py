@@ -111,6 +111,28 @@ def test_current_falls_with_contact_distance_and_rises_with_wire(make_cell):
     assert mean_current(0.0) - mean_current(3e-3) == pytest.approx(8.0, abs=3.0)
 
 
+def test_the_current_melts_the_wire_that_comes(make_cell):
+    """Slopes at the reference point are the parameters; away from it the melting balance bends them."""
+    p = make_cell().arc.params[0]
+    per_m = (steady_current(p, 0.11, 0.0151) - steady_current(p, 0.11, 0.0149)) / 0.2e-3
+    assert -per_m / 138.0 == pytest.approx(24.0, rel=0.01)
+    exponent = np.log(steady_current(p, 0.111, 0.015) / steady_current(p, 0.109, 0.015))
+    assert exponent / np.log(0.111 / 0.109) == pytest.approx(0.65, rel=0.01)
+    assert steady_current(p, 0.03, 0.015) < 0.95 * 138.0 * (0.03 / 0.11) ** 0.65
+    near, far = (steady_current(p, 0.11, 0.015 + d) - 138.0 for d in (-6e-3, 6e-3))
+    assert near > 1.3 * -far
+
+
+def test_the_wire_freezes_to_a_tip_that_is_too_near(make_cell):
+    plant = make_cell(groups={'arc': ArcParams(contact_min=4e-3)})
+    drive = burning(plant)
+    drive.move((0.02, 0.03, 0.02 - 10e-3), 0.05, WIRE, 22.0, ON)
+    assert plant.arc_on
+    drive.move((0.02, 0.03, 0.02 - 12e-3), 0.05, WIRE, 22.0, ON)
+    drive.wait(0.05, WIRE, 22.0, ON)
+    assert not plant.arc_on
+
+
 def test_arc_dies_when_wire_stops_or_the_surface_is_too_far(make_cell):
     plant = make_cell()
     drive = burning(plant)

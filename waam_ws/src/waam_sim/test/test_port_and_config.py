@@ -20,7 +20,7 @@ from waam_sim.port import PlantPort, PortError
 PACKAGE = Path(__file__).parents[1]
 PURE = [
     'arc', 'compiled', 'config', 'disturbance', 'drive', 'faults', 'heat', 'metal', 'part', 'plant', 'port',
-    'pyrometer', 'scanner',
+    'pyrometer', 'scanner', 'distance', 'placement',
 ]  # fmt: skip
 
 
@@ -49,6 +49,9 @@ def test_port_gives_the_same_metal_as_direct_steps(controller, make_cell):
     controller.run((0.02, 0.03, 0.02), 0.4, wire=0.08, voltage=22.0, outputs=3)
     controller.run((0.04, 0.03, 0.02), 2.0, wire=0.08, voltage=22.0, outputs=3)
     assert over_port.time_us == controller.time_us
+    *_, distance, reading, _ = controller.answers[-1]
+    assert np.isclose(distance, over_port.distance.value, equal_nan=True)
+    assert reading == over_port.distance.reading > 1000
     controller.client.close()
     thread.join(5)
     assert errors == ['the controller closed the plant port']

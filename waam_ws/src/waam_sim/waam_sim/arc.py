@@ -2,13 +2,15 @@
 
 The wire drive answers after a transport delay and a first-order lag. Its measuring wheel reads a few per cent too
 much, so the drive keeps the commanded reading while less wire arrives (calibration error). The arc strikes some 50 to
-150 ms after wire moves and gas flows, sometimes not at the first try; its current rises with the wire speed and falls
-with the contact-tip-to-work distance, its voltage is the setpoint less the drop in the cables; arc length fluctuates,
-which moves current and voltage in opposite directions. Magnitudes are those of recorded runs, see the README.
+150 ms after wire moves and gas flows, sometimes not at the first try. Its current is the one that melts the wire that
+comes: it rises with the wire speed and falls with the contact-tip-to-work distance. Its voltage is the setpoint less
+the drop in the cables; arc length fluctuates, which moves current and voltage in opposite directions. Magnitudes are
+those of recorded runs, see the README.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,9 +41,11 @@ class ArcParams:
     open_voltage: float = param(65.0, 'voltage of the source without arc', 'V', 20.0, 120.0)
     current_ref: float = param(138.0, 'current at 6.6 m/min and 15 mm', 'A', 20.0, 500.0)
     wire_ref: float = param(0.110, 'wire speed of that current', 'm/s', 0.01, 0.5)
-    current_exponent: float = param(0.65, 'd ln(current) / d ln(wire speed)', '', 0.0, 2.0)
+    current_exponent: float = param(
+        0.65, 'd ln(current) / d ln(wire speed) at the reference point', '', 0.3, 1.0
+    )
     current_per_m: float = param(
-        24.0, 'relative loss of current per metre of contact distance', '1/m', 0.0, 100.0
+        24.0, 'relative loss of current per metre of contact distance, there', '1/m', 0.0, 100.0
     )
     current_lag: float = param(0.008, 'time constant of the current', 's', 1e-4, 1.0)
     resistance: float = param(3e-3, 'of cables and contact tip', 'Ohm', 0.0, 0.1)
@@ -52,6 +56,9 @@ class ArcParams:
         1.5, 'sigma of the current reading; the voltage has a tenth of it', 'A', 0.0, 20.0
     )
     contact_max: float = param(0.030, 'contact distance at which the arc goes out', 'm', 0.016, 0.1)
+    contact_min: float = param(
+        0.0, 'contact distance at which the wire freezes to the tip; 0 = never', 'm', 0.0, 0.014
+    )
     gas_delay: float = param(0.03, 'time from gas valve to flow switch', 's', 0.0, 1.0)
 
 
@@ -60,18 +67,18 @@ REFERENCE_CTWD = 15e-3
 
 _STATE = (
     'slot', 'wire', 'reading', 'lit', 'strike', 'starving', 'current', 'length', 'flow', 'voltage', 'voltage_read',
-    'current_read', 'starts', 'failed',
+    'current_read', 'starts', 'failed', 'ctwd',
 )  # fmt: skip
 
 
 @dataclass
 class Arc:
-    """State of wire drive and arc. `line`: (256,) commands of the last milliseconds, m/s; `rng`: its random state."""
+    """State of wire drive and arc."""
 
     params: np.ndarray
     state: np.ndarray
-    line: np.ndarray
-    rng: np.ndarray
+    line: np.ndarray  # (256,) m/s, commands of the last milliseconds
+    rng: np.ndarray  # random state
 
     @classmethod
     def cold(cls, params: ArcParams, rng: np.ndarray) -> Arc:
@@ -101,9 +108,23 @@ def wire_reading(p, s):
 
 @jit
 def steady_current(p, wire, ctwd):
-    """A, at a wire speed and a contact-tip-to-work distance."""
-    rise = p.current_ref * (max(wire, 1e-4) / p.wire_ref) ** p.current_exponent
-    return max(rise * (1.0 - p.current_per_m * (ctwd - REFERENCE_CTWD)), 10.0)
+    """A, at a wire speed and a contact-tip-to-work distance. The wire melts by the heat of the arc, which goes with the
+    current, and by that of its own resistance, which goes with its length and the square of the current (Lesnewich
+    1958): w / w0 = (1 - s) a + s l a^2, with a the current and l the length over those at the reference point."""
+    p_exponent = min(p.current_exponent, 0.999)
+    share = 1.0 / p_exponent - 1.0  # s: of the melting by resistance
+    linear = 2.0 - 1.0 / p_exponent
+    length = max(1.0 + p.current_per_m * (ctwd - REFERENCE_CTWD) / (1.0 - p_exponent), 0.05)
+    square = share * length
+    ratio = max(wire, 1e-4) / p.wire_ref
+    relative = (math.sqrt(linear * linear + 4.0 * square * ratio) - linear) / (2.0 * square)
+    return max(p.current_ref * relative, 10.0)
+
+
+@jit
+def burns_at(p, ctwd):
+    """Whether an arc can burn at this contact distance."""
+    return ctwd < p.contact_max and (p.contact_min == 0.0 or ctwd > p.contact_min)
 
 
 @jit
@@ -126,16 +147,17 @@ def _strike(p, s, rng, ready, dt):
 @jit
 def advance_arc(p, s, rng, on, gas, blocked, voltage_set, ctwd, dt):
     """One sample of the arc. `on`, `gas`: outputs; `blocked`: by a fault. Sets s.lit and the readings."""
+    s.ctwd = ctwd
     s.flow += (1.0 if gas else -1.0) * dt / max(p.gas_delay, dt)
     s.flow = min(max(s.flow, 0.0), 1.0)
     fed = s.wire > p.strike_wire
     if not on or blocked:
         s.lit, s.strike = 0.0, -1.0
     elif s.lit == 0.0:
-        _strike(p, s, rng, fed and s.flow >= 1.0 and ctwd < p.contact_max, dt)
+        _strike(p, s, rng, fed and s.flow >= 1.0 and burns_at(p, ctwd), dt)
     else:
         s.starving = 0.0 if fed else s.starving + dt
-        if s.starving > 0.1 or ctwd > p.contact_max:
+        if s.starving > 0.1 or not burns_at(p, ctwd):
             s.lit, s.strike = 0.0, -1.0
     _electric(p, s, rng, on, voltage_set, ctwd, dt)
 

@@ -188,7 +188,7 @@ class Cell(WaamNode):
     def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         path = Path(self.params.truth_dir) / f'truth_{self._truths:03d}.npz'
         with self._lock:
-            surface = self._plant.metal.grid()
+            surface = self._plant.surface()
         try:
             surface.save_npz(path)
             self._truths += 1

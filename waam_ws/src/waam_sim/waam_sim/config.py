@@ -9,8 +9,10 @@ from typing import Any
 from waam_node.params import param
 
 from .arc import ArcParams
+from .distance import DistanceParams
 from .heat import HeatParams
 from .metal import MetalParams
+from .placement import PlacementParams
 from .plant import PlantParams
 from .pyrometer import PyrometerParams
 from .scanner import ScannerParams
@@ -21,6 +23,8 @@ GROUPS = {
     'arc': ArcParams,
     'scanner': ScannerParams,
     'pyrometer': PyrometerParams,
+    'part': PlacementParams,
+    'distance': DistanceParams,
 }
 
 

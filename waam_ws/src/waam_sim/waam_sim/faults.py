@@ -27,6 +27,12 @@ KINDS = {
     'gas_loss': FaultKind('seconds without gas', 0.0, 3600.0, math.inf, True),
     'scanner_dropout': FaultKind('share of points lost', 0.0, 1.0, 0.5, False),
     'scanner_dead': FaultKind('seconds without profiles', 0.0, 3600.0, math.inf, True),
+    'distance_dead': FaultKind('seconds without readings', 0.0, 3600.0, math.inf, True),
+    'distance_stuck': FaultKind('seconds with a frozen reading', 0.0, 3600.0, math.inf, True),
+    'distance_inverted': FaultKind('seconds with the wrong sign', 0.0, 3600.0, math.inf, True),
+    'distance_drift': FaultKind('drift in m/s', -0.01, 0.01, 0.5e-3, False),
+    'distance_unit': FaultKind('factor of what it says', 0.0, 1000.0, 1 / 25.4, False),
+    'distance_dropout': FaultKind('share of readings lost', 0.0, 1.0, 0.1, False),
     'pyrometer_stuck': FaultKind('seconds with a frozen reading', 0.0, 3600.0, math.inf, True),
 }
 
@@ -49,7 +55,7 @@ class Faults:
             raise FaultError(
                 f"fault '{name}': value {value} ({kind.meaning}) must lie in {kind.low} .. {kind.high}"
             )
-        value = value if value > 0.0 else kind.default
+        value = value or kind.default
         self.active[name] = now + value if kind.timed else value
         lasting = kind.timed and math.isinf(value)
         return f"{name}: {'until ended' if lasting else f'{value:g} ({kind.meaning})'}"

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,15 +15,17 @@ import numpy as np
 from waam_process.grid import HeightGrid
 
 from . import part as parts
-from .arc import REFERENCE_CTWD, Arc, ArcParams, advance_arc, advance_wire, wire_reading
-from .compiled import SOURCES, bilinear, jit, random_state
+from .arc import Arc, ArcParams, wire_reading
+from .compiled import random_state
+from .distance import Distance, DistanceParams, Wrong
 from .disturbance import lattice
 from .faults import Faults
-from .heat import Heat, HeatParams, add_arc, conduct, grow
-from .metal import Metal, MetalParams, under_wire
-from .metal import advance as advance_metal
+from .heat import Heat, HeatParams
+from .metal import Metal, MetalParams
+from .placement import Placement, PlacementParams
 from .pyrometer import Pyrometer, PyrometerParams
-from .scanner import Scanner, ScannerParams, profile
+from .scanner import Scanner, ScannerParams
+from .step import live, scan
 from .table import keep
 
 SAMPLE = np.dtype(
@@ -41,7 +42,6 @@ SAMPLE = np.dtype(
 OUTPUT_ARC, OUTPUT_GAS = 1, 2
 INPUT_GAS_OK = 2
 SAMPLE_US = 1000
-AHEAD = 8e-3  # where the temperature that the bead meets is taken, ahead of the arc
 
 
 @dataclass(frozen=True)
@@ -53,17 +53,22 @@ class PlantParams:
     arc: ArcParams = field(default_factory=ArcParams)
     scanner: ScannerParams = field(default_factory=ScannerParams)
     pyrometer: PyrometerParams = field(default_factory=PyrometerParams)
+    part: PlacementParams = field(default_factory=PlacementParams)
+    distance: DistanceParams = field(default_factory=DistanceParams)
     work_zero: tuple[float, float, float] = (0.100, 0.080, 0.020)
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What the controller's inputs see at the end of a step: bits, A, V, m/s."""
+    """What the controller's inputs see at the end of a step: bits, A, V, m/s; number and value of the newest reading of
+    the distance sensor (mm, or counts of the infrared sensor, NaN = no echo)."""
 
     inputs: int
     current: float
     voltage: float
     wire_speed: float
+    distance: float = math.nan
+    distance_reading: int = 0
 
 
 @dataclass(frozen=True)
@@ -99,8 +104,12 @@ class Plant:
         self.arc = Arc.cold(p.arc, random_state(seed, 1))
         self.scanner = Scanner.of(p.scanner, random_state(seed, 2))
         self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
+        self.distance = Distance(p.distance, random_state(seed, 4))
+        self._scanned = False
         self._lattice = lattice(seed)
-        self.aim(*parts.centre(part))
+        middle = parts.centre(part)
+        self.placed = Placement.flat(p.part, self.heat.spec, middle, random_state(seed, 5))
+        self.aim(*middle)
         self._zero = np.array(p.work_zero, float)
 
     def aim(self, x: float, y: float) -> None:
@@ -123,20 +132,23 @@ class Plant:
 
     def step(self, samples: np.ndarray, time_us: int) -> Reading:
         """Simulates samples (n,) of SAMPLE, 1 ms each, the last at time_us."""
-        metal, heat, arc, faults = self.metal, self.heat, self.arc, self.faults
+        metal, heat, arc, faults, placed = self.metal, self.heat, self.arc, self.faults, self.placed
         now = time_us * 1e-6
         blocked = gas_out = False
         slip = 0.0
         if faults.active:
             blocked, gas_out = faults.on('arc_loss', now), faults.on('gas_loss', now)
             slip = faults.share('wire_slip')
+        self._note_scan()
         self._before = self._last.copy()
-        _live(
+        live(
             samples, now, self._zero, self._last, metal.z, metal.solid, metal.touched, metal.params,
             metal.state, heat.skin, heat.bulk, heat.thickness, heat.params, heat.state, arc.params,
-            arc.state, arc.line, arc.rng, self._lattice, blocked, gas_out, slip,
+            arc.state, arc.line, arc.rng, self._lattice, placed.hot, placed.kept, placed.params, placed.state,
+            blocked, gas_out, slip,
         )  # fmt: skip
         self.time_us = time_us
+        self._measure_distance(len(samples) * SAMPLE_US * 1e-6)
         s = arc.state[0]
         inputs = INPUT_GAS_OK if s['flow'] >= 1.0 else 0
         return Reading(
@@ -144,7 +156,47 @@ class Plant:
             float(s['current_read']),
             float(s['voltage_read']),
             float(wire_reading(arc.params[0], s)),
+            self.distance.value,
+            self.distance.reading,
         )
+
+    def _note_scan(self) -> None:
+        """A part that is moved after it was scanned is moved when the first scan is over."""
+        self._scanned = self._scanned or self.scanning
+        if self._scanned and not self.scanning:
+            self.placed.state['moved'] = 1.0
+
+    def _measure_distance(self, dt: float) -> None:
+        """Readings of the distance sensor in the `dt` s of a step; only the newest is kept."""
+        sensor, moved = self.distance, self._last - self._before
+        if not math.isnan(moved[0]):
+            sensor.turn(float(moved[0]), float(moved[1]))
+        if count := sensor.pass_time(dt):
+            spec, placed = self.metal.spec, self.placed
+            surface = (
+                self.metal.z, spec.origin_x, spec.origin_y, spec.resolution, placed.hot, placed.kept,
+                placed.params, placed.state,
+            )  # fmt: skip
+            sensor.measure(surface, self._last, self.arc_on, self._wrong(), count, dt)
+
+    def _wrong(self) -> Wrong:
+        """The faults of the distance sensor that are in force."""
+        if not self.faults.active:
+            return Wrong()
+        f, now = self.faults, self.now
+        return Wrong(
+            dead=f.on('distance_dead', now),
+            stuck=f.on('distance_stuck', now),
+            inverted=f.on('distance_inverted', now),
+            drift=f.share('distance_drift'),
+            unit=f.share('distance_unit') or 1.0,
+            dropout=f.share('distance_dropout'),
+        )
+
+    def surface(self) -> HeightGrid:
+        """A copy of the true surface as the part lies now, work frame."""
+        spec = self.metal.spec
+        return HeightGrid(spec, self.placed.over(spec, self.metal.z))
 
     def profiles(self, samples: np.ndarray) -> Profiles | None:
         """The profiles exposed during the step just simulated; None when there is none."""
@@ -164,11 +216,12 @@ class Plant:
     def _expose(self, samples: np.ndarray, times: np.ndarray, first_us: int) -> Profiles:
         n = self.scanner.lateral.size
         z, intensity = np.empty((len(times), n), np.float32), np.empty((len(times), n), np.float32)
-        spec = self.metal.spec
+        spec, placed = self.metal.spec, self.placed
         top = float(self.metal.z.max())
-        _scan(
+        scan(
             samples, times - first_us, self._zero, self._before, self.metal.z, spec.origin_x, spec.origin_y,
-            spec.resolution, top, self.scanner.params, self.scanner.lateral, self.scanner.rng,
+            spec.resolution, top, placed.hot, placed.kept, placed.params, placed.state, self.scanner.params,
+            self.scanner.lateral, self.scanner.rng,
             self.faults.share('scanner_dropout'), z, intensity,
         )  # fmt: skip
         return Profiles(times, z, intensity)
@@ -190,131 +243,3 @@ def warm_up(params: PlantParams | None = None) -> None:
     tiny.profiles(samples)
     tiny.temperature(0.1)
     parts.rasterise(np.zeros((2, 2)), np.zeros((1, 3, 3)), 0.0, 0.0, 1.0)
-
-
-def _make_live(sources: int) -> Callable:
-    @jit
-    def live(
-        samples, now, zero, last, z, solid, touched, mp, ms, skin, bulk, thickness, hp, hs, ap, als, line, rng,
-        values, blocked, gas_out, slip,
-    ):  # fmt: skip
-        if not sources:
-            return
-        m, mstate, h, hstate, a, astate = mp[0], ms[0], hp[0], hs[0], ap[0], als[0]
-        n = samples.size
-        dt = 1e-3
-        for i in range(n):
-            x = -samples[i].table_x - zero[0]
-            y = -samples[i].table_y - zero[1]
-            height = samples[i].tool_z - zero[2]
-            on = samples[i].outputs & 1 != 0
-            gas = samples[i].outputs & 2 != 0 and not gas_out
-            time = now - (n - 1 - i) * dt
-            last[0], last[1], last[2] = x, y, height
-            advance_wire(a, astate, line, rng, samples[i].wire_cmd, slip, dt)
-            if astate.lit > 0.0 and mstate.active > 0.0:
-                surface = mstate.surface
-            elif on:
-                surface = under_wire(z, m, mstate, x, y)
-            else:
-                surface = height
-            ctwd = REFERENCE_CTWD + height - surface
-            advance_arc(a, astate, rng, on, gas, blocked, samples[i].voltage_set, ctwd, dt)
-            lit = astate.lit > 0.0
-            power = astate.voltage * astate.current if lit else 0.0
-            base = bilinear(
-                skin, hstate.origin_x, hstate.origin_y, h.cell,
-                x + AHEAD * mstate.head_x, y + AHEAD * mstate.head_y, h.ambient,
-            )  # fmt: skip
-            advance_metal(
-                z,
-                solid,
-                touched,
-                m,
-                mstate,
-                values,
-                time,
-                dt,
-                x,
-                y,
-                height,
-                lit,
-                astate.wire,
-                power,
-                base,
-                ctwd,
-                gas,
-            )
-            if mstate.portion > 0.0:
-                grow(
-                    skin,
-                    bulk,
-                    thickness,
-                    h,
-                    hstate,
-                    mstate.portion_x,
-                    mstate.portion_y,
-                    mstate.portion,
-                )
-                mstate.portion = 0.0
-            if lit:
-                add_arc(skin, thickness, h, hstate, x, y, power * dt)
-            hstate.clock += dt
-            if hstate.clock >= h.step - 1e-9:
-                conduct(skin, bulk, thickness, h, hstate, hstate.clock)
-                hstate.clock = 0.0
-
-    return live
-
-
-@jit
-def _pose(samples, i, before, zero, out):
-    """Position of the torch in the work frame at sample i; i = -1: at the end of the step before."""
-    if i < 0:
-        out[:] = before
-        return
-    out[0] = -samples[i].table_x - zero[0]
-    out[1] = -samples[i].table_y - zero[1]
-    out[2] = samples[i].tool_z - zero[2]
-
-
-def _make_scan(sources: int) -> Callable:
-    @jit
-    def scan(
-        samples, offsets_us, zero, before, z, origin_x, origin_y, cell, top, sp, lateral, rng, dropout, out, intensity
-    ):  # fmt: skip
-        """Profiles at times counted in us from the first sample; poses between samples are interpolated."""
-        if not sources:
-            return
-        p = sp[0]
-        a, b = np.empty(3), np.empty(3)
-        for k in range(offsets_us.size):
-            i = int(math.floor(offsets_us[k] / 1000.0))
-            f = offsets_us[k] / 1000.0 - i
-            _pose(samples, i, before, zero, a)
-            _pose(samples, min(i + 1, samples.size - 1), before, zero, b)
-            if np.isnan(a[0]):
-                a[:] = b
-            a += f * (b - a)
-            profile(
-                z,
-                origin_x,
-                origin_y,
-                cell,
-                top,
-                p,
-                lateral,
-                rng,
-                a[0],
-                a[1],
-                a[2],
-                dropout,
-                out[k],
-                intensity[k],
-            )
-
-    return scan
-
-
-_live = _make_live(SOURCES)
-_scan = _make_scan(SOURCES)

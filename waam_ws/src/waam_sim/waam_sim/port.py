@@ -11,7 +11,7 @@ from .plant import SAMPLE, Reading
 
 STEP_MAGIC, ANSWER_MAGIC = 0x57414D53, 0x57414D41
 HEADER = struct.Struct('<IIQ')
-ANSWER = struct.Struct('<IIddd')
+ANSWER = struct.Struct('<IIddddII')
 MAX_SAMPLES = 1000
 
 
@@ -59,7 +59,16 @@ class PlantPort:
     def answer(self, r: Reading) -> None:
         """Answers the step. Raises OSError when the controller is gone."""
         self._socket.sendall(
-            ANSWER.pack(ANSWER_MAGIC, r.inputs, r.current, r.voltage, r.wire_speed)
+            ANSWER.pack(
+                ANSWER_MAGIC,
+                r.inputs,
+                r.current,
+                r.voltage,
+                r.wire_speed,
+                r.distance,
+                r.distance_reading,
+                0,
+            )  # fmt: skip
         )
 
     def close(self) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from waam_node.params import param
 
 from .compiled import bilinear, jit, normal, record, uniform
+from .placement import METAL, rise
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,10 @@ def profile(
     origin_y,
     cell,
     top,
+    hot,
+    kept,
+    placed,
+    placed_state,
     p,
     lateral,
     rng,
@@ -112,7 +117,8 @@ def profile(
 ):
     """One profile at a torch position (m, work frame) into `out` (points,): z_s, NaN = no return; intensity 0..1.
 
-    `top`: an upper bound of all heights; the table (height 0) goes on beyond the field.
+    `top`: an upper bound of all heights; the table (height 0) goes on beyond the field. `hot` to `placed_state`: how
+    the part lies (placement.py); shadows are those of a part that lies as scanned.
     """
     n = lateral.size
     x, source = tcp_x + p.offset_x, tcp_z + p.offset_z
@@ -125,6 +131,8 @@ def profile(
     for j in range(n):
         y = tcp_y + lateral[j]
         z_s = heights[j] - source
+        if heights[j] > METAL:
+            z_s += rise(hot, kept, placed, placed_state, x, y)
         a, b = max(j - 1, 0), min(j + 1, n - 1)
         across = (heights[b] - heights[a]) / (lateral[b] - lateral[a])
         ahead = bilinear(z, origin_x, origin_y, cell, x + cell, y, 0.0)

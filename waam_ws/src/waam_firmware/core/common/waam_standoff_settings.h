@@ -38,6 +38,7 @@ typedef struct {
     float limit_s;              /* longest time at a limit */
     float cross_mm;             /* most that sensor and arc may differ; 0 = not watched */
     float arc_average_s;        /* of the contact distance by the arc */
+    float arc_bend;             /* change of the exponent of the current per unit of ln(wire speed) */
     float arc_fall_a_per_v;     /* current that a longer arc takes away, per volt of it */
 } waam_standoff_config_t;
 

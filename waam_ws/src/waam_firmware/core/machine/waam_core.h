@@ -71,6 +71,7 @@ typedef struct {
     int32_t z_correction;       /* steps of Z by it, on top of motion.steps */
     int32_t z_before;           /* motion.steps of Z in the last tick */
     float tracked_mm;           /* path since the arc */
+    float chord_mm[2], heading[2]; /* where the last millimetre of path began, and its direction */
     bool approaching, approach_asked; /* a strike waits for the distance */
     bool standoff_due;          /* its line of telemetry */
 

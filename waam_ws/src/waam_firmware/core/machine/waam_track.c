@@ -7,6 +7,8 @@
 #include "waam_internal.h"
 
 #define Z 2
+#define CHORD_MM 1.0f      /* of path over which a direction is taken */
+#define STRAIGHT 0.7f      /* cosine of the angle from which on the path has turned */
 
 static bool off(const waam_core_t *core) { return core->config.standoff.source == WAAM_STANDOFF_OFF; }
 
@@ -59,6 +61,26 @@ static float path_mm(waam_core_t *core)
     return fabsf((float)steps) / (float)core->config.steps_per_mm;
 }
 
+/* The path of the last millimetre goes elsewhere than that of the one before. */
+static bool turned(waam_core_t *core)
+{
+    float steps_per_mm = (float)core->config.steps_per_mm, at[2], way[2];
+    for (int i = 0; i < 2; i++) {
+        at[i] = (float)core->motion.steps[i] / steps_per_mm;
+        way[i] = at[i] - core->chord_mm[i];
+    }
+    float squared = way[0] * way[0] + way[1] * way[1];
+    if (squared < CHORD_MM * CHORD_MM)
+        return false;
+    float length = sqrtf(squared), along = 0.0f;
+    for (int i = 0; i < 2; i++) {
+        along += way[i] / length * core->heading[i];
+        core->heading[i] = way[i] / length;
+        core->chord_mm[i] = at[i];
+    }
+    return along < STRAIGHT;
+}
+
 static waam_standoff_inputs_t look(waam_core_t *core, float dt_s)
 {
     const waam_config_t *config = &core->config;
@@ -76,6 +98,7 @@ static waam_standoff_inputs_t look(waam_core_t *core, float dt_s)
         .wire_mm_s = (float)in->wire_mm_s,
         .z_mm = z,
         .travelled_mm = core->tracked_mm,
+        .turned = turned(core),
         .room_up_mm = (float)config->limit_max_mm[Z] - z,
         .room_down_mm = z - (float)config->limit_min_mm[Z],
         .most_mm = fmaxf(0.0f, (float)config->max_speed_mm_s[Z] * dt_s - path_mm(core)),

@@ -31,6 +31,12 @@ static void restart_filters(waam_distance_t *d, float mm)
     d->count = d->next = 0;
 }
 
+void waam_distance_elsewhere(waam_distance_t *d)
+{
+    d->has_last = d->has_candidate = d->fresh = false;
+    d->count = d->next = 0;
+}
+
 /* The metal may have a step; noise and glare do not last. */
 static bool jumps(waam_distance_t *d, const waam_standoff_config_t *c, float mm, float since_s)
 {

@@ -37,6 +37,8 @@ typedef struct {
 float waam_infrared_mm(float counts);
 
 void waam_distance_start(waam_distance_t *d);
+/* The sensor looks at another place: its next reading is no jump. */
+void waam_distance_elsewhere(waam_distance_t *d);
 /* One tick. `reading` counts up with every new `value` (mm, or counts for the infrared sensor; NaN = no echo). */
 void waam_distance_tick(waam_distance_t *d, const waam_standoff_config_t *c, uint32_t reading, float value, float dt_s);
 /* Every packet: hands what the first filter has to the moving average. *relative_mm: mean of distance less z, so that what

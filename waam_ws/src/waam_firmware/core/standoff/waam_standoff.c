@@ -64,7 +64,7 @@ static void raise_alarm(waam_standoff_t *s, waam_standoff_alarm_t alarm)
 
 /* ---- what is measured ---- */
 
-/* Contact distance by the arc, less z: I = I0 (w/w0)^p (1 - loss (d - d0)) turned round, with the current that the present
+/* Contact distance by the arc, less z: I = I0 (w/w0)^(p + bend ln(w/w0)) (1 - loss (d - d0)) turned round, with the current that the present
  * length of the arc takes away put back. Samples beyond the window count for nothing. */
 static void look_at_arc(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m,
                         const waam_standoff_inputs_t *in, float dt_s)
@@ -74,7 +74,8 @@ static void look_at_arc(waam_standoff_t *s, const waam_standoff_config_t *c, con
     if (!in->lit || !(in->wire_mm_s > 1.0f) || !(in->current_a > 1.0f))
         return;
     float current = in->current_a + c->arc_fall_a_per_v * (in->voltage_v - in->source_v);
-    float expected = m->current_a * powf(in->wire_mm_s / m->wire_mm_s, m->exponent);
+    float speed = logf(in->wire_mm_s / m->wire_mm_s);
+    float expected = m->current_a * expf(speed * (m->exponent + c->arc_bend * speed));
     float mm = m->ctwd_mm + (1.0f - current / expected) / m->loss_per_mm;
     float usual_mm = c->source == WAAM_STANDOFF_ARC ? c->set_mm : m->ctwd_mm;
     if (!(fabsf(mm - s->arc_bias_mm - usual_mm) <= c->window_mm))
@@ -105,6 +106,13 @@ static float at_the_arc(waam_standoff_t *s, const waam_standoff_config_t *c, flo
     return s->ahead_mm[(here < s->ahead_first ? s->ahead_first : here) % WAAM_STANDOFF_PREVIEW];
 }
 
+/* The spot has left the way that it looked along: what it sees from now on has nothing to do with what it saw. */
+static void look_elsewhere(waam_standoff_t *s)
+{
+    s->ahead_count = 0;
+    waam_distance_elsewhere(&s->distance);
+}
+
 static void measure(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_standoff_inputs_t *in)
 {
     float relative = s->arc_mm - s->arc_bias_mm;
@@ -112,7 +120,9 @@ static void measure(waam_standoff_t *s, const waam_standoff_config_t *c, const w
         s->known = s->arc_known;
     } else {
         waam_distance_packet(&s->distance, c, in->z_mm, &relative);
-        s->known = s->distance.count > 0 && s->distance.bad_s <= FRESH_S && s->distance.quality == WAAM_DISTANCE_GOOD;
+        waam_distance_quality_t q = s->distance.quality; /* one reading without echo is nothing, one beyond an edge is */
+        bool seen = q == WAAM_DISTANCE_GOOD || q == WAAM_DISTANCE_NONE;
+        s->known = s->distance.count > 0 && s->distance.bad_s <= FRESH_S && seen;
         if (s->distance.count > 0)
             relative = at_the_arc(s, c, in->travelled_mm, relative);
     }
@@ -186,6 +196,8 @@ static bool does_not_answer(waam_standoff_t *s, const waam_standoff_config_t *c,
 
 static bool at_limit(waam_standoff_t *s, const waam_standoff_config_t *c, float dt_s)
 {
+    if (!s->known)
+        return s->limit_s > c->limit_s; /* a gap in the readings does not take it from the limit */
     bool up = s->correction_mm > c->up_mm - AT_LIMIT_MM && s->wanted_mm_s > 0.0f;
     bool down = s->correction_mm < AT_LIMIT_MM - c->down_mm && s->wanted_mm_s < 0.0f;
     s->limit_s = up || down ? s->limit_s + dt_s : 0.0f;
@@ -217,7 +229,9 @@ static bool learned(waam_standoff_t *s, const waam_standoff_config_t *c, const w
     bool sensor = c->source != WAAM_STANDOFF_ARC;
     if (s->arc_learned || !s->arc_known)
         return s->arc_learned || sensor;
-    if (sensor && !(s->known && fabsf(error_mm) <= LEARN_MM)) {
+    if (sensor && !s->known)
+        return true;
+    if (sensor && fabsf(error_mm) > LEARN_MM) {
         s->arc_samples = 0;
         return true;
     }
@@ -287,6 +301,8 @@ void waam_standoff_tick(waam_standoff_t *s, const waam_standoff_config_t *c, con
     look_at_arc(s, c, arc, in, dt_s);
     if (c->source != WAAM_STANDOFF_ARC)
         waam_distance_tick(&s->distance, c, in->reading, in->value, dt_s);
+    if (in->turned && c->lead_mm > 0.0f)
+        look_elsewhere(s);
     follow(s, c, arc, in, dt_s);
     bool home = in->mode == WAAM_STANDOFF_RETURN || (s->alarm != WAAM_STANDOFF_WELL && in->mode != WAAM_STANDOFF_STAY);
     float before = s->correction_mm;

@@ -1,5 +1,5 @@
 /* The torch held at its distance: distance -> law -> correction of the programmed z, and what ends it. Single precision, no
- * library calls in the tick but powf once for the arc. Source 001.
+ * library calls in the tick but logf and expf once for the arc. Source 001.
  *
  * The correction lies on top of the programmed z and is a closed loop around the distance itself. Where the program follows
  * a map that is right, the error is 0 and so is the correction: the two never add up twice. It begins at 0 with every arc. */
@@ -31,6 +31,7 @@ typedef struct {
     float current_a, voltage_v, source_v, wire_mm_s;
     float z_mm;                 /* of the axis, correction included */
     float travelled_mm;         /* along the path, counts up */
+    bool turned;                /* the path has changed its direction: what was seen ahead lies elsewhere */
     float room_up_mm, room_down_mm; /* to the soft limits */
     float most_mm;              /* that the axis can do in this tick beside the path */
 } waam_standoff_inputs_t;
@@ -84,7 +85,7 @@ typedef struct {
     bool whole;                 /* a whole number */
 } waam_standoff_setting_t;
 
-#define WAAM_STANDOFF_SETTINGS 28
+#define WAAM_STANDOFF_SETTINGS 29
 const waam_standoff_setting_t *waam_standoff_setting(const char *name, uint32_t length);
 /* NULL, or the setting that is out of its range or does not fit the source. */
 const waam_standoff_setting_t *waam_standoff_check(const waam_standoff_config_t *c);

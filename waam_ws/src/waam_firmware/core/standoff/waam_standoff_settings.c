@@ -36,6 +36,7 @@ static const struct {
     {NUMBER(limit_s, 0.1f, 60.0f)},
     {NUMBER(cross_mm, 0.0f, 20.0f)},
     {NUMBER(arc_average_s, 0.01f, 5.0f)},
+    {NUMBER(arc_bend, -0.5f, 0.5f)},
     {NUMBER(arc_fall_a_per_v, 0.0f, 50.0f)},
 };
 
@@ -112,6 +113,7 @@ waam_standoff_config_t waam_standoff_default(void)
         .limit_s = 1.0f,
         .cross_mm = 2.5f,
         .arc_average_s = 0.3f,
+        .arc_bend = -0.044f,
         .arc_fall_a_per_v = 7.0f,
     };
 }

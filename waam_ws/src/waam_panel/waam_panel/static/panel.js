@@ -89,6 +89,18 @@ function showValues(t, heat, temperature) {
   text('gas-state', t ? (t.gas ? 'gas on' : 'gas off') : '');
 }
 
+const signed = (v) => (v === null ? '–' : `${v < 0 ? '−' : '+'}${fixed(Math.abs(v), 2)}`);
+
+function showStandoff(s) {
+  $('standoff-value').hidden = $('standoff-box').hidden = !s;
+  if (!s) return;
+  text('v-standoff', fixed(s.measured_mm, 1)); text('v-standoff-set', fixed(s.set_mm, 1));
+  text('v-standoff-z', s.alarm ? 'alarm' : `Z ${signed(s.correction_mm)}`);
+  $('standoff-value').classList.toggle('bad', Boolean(s.alarm));
+  rows($('standoff-facts'), [['measured by', s.source], ['set, mm', fixed(s.set_mm, 2)], ['measured, mm', fixed(s.measured_mm, 2)],
+    ['correction of the programmed Z, mm', signed(s.correction_mm)], ['state', s.alarm ? `! ${s.alarm}: programmed Z until the next arc` : 'ok']]);
+}
+
 function showMachine(m, t) {
   const state = m && !m.connected ? 'NOT CONNECTED' : t ? t.state : m ? m.state : '–';
   text('machine-state', state);
@@ -156,7 +168,7 @@ function onFrame(frame) {
   setJob(s.job && s.job.id);
   addSamples(frame.samples);
   document.querySelectorAll('[data-from]').forEach((e) => e.classList.toggle('stale', frame.stale.includes(e.dataset.from)));
-  showValues(s.telemetry, s.heat, s.temperature); showMachine(s.machine, s.telemetry); showJob(s.job, s.setup);
+  showValues(s.telemetry, s.heat, s.temperature); showStandoff(s.standoff); showMachine(s.machine, s.telemetry); showJob(s.job, s.setup);
   showButtons(s.machine, s.telemetry, s.job, s.setup); showViewer(s.viewer);
   if (page === 'machine') showFacts(s);
   moveTorch(s.telemetry); refresh(frame.maps);

@@ -1,0 +1,119 @@
+"""The compiled loops of the cell: it lives through the samples of the controller, and exposes profiles on the way.
+
+Lengths m, times s, temperatures degrees Celsius; records and states are those of the parts that they belong to.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from .arc import REFERENCE_CTWD, advance_arc, advance_wire
+from .compiled import SOURCES, bilinear, jit
+from .heat import add_arc, conduct, grow
+from .metal import advance as advance_metal
+from .metal import under_wire
+from .placement import distort, rise, warm
+from .scanner import profile
+
+AHEAD = 8e-3  # where the temperature that the bead meets is taken, ahead of the arc
+
+
+def _make_live(sources: int) -> Callable:
+    @jit
+    def live(
+        samples, now, zero, last, z, solid, touched, mp, ms, skin, bulk, thickness, hp, hs, ap, als, line, rng,
+        values, hot, kept, lp, ls, blocked, gas_out, slip,
+    ):  # fmt: skip
+        if not sources:
+            return
+        m, mstate, h, hstate, a, astate = mp[0], ms[0], hp[0], hs[0], ap[0], als[0]
+        placed, placed_state = lp[0], ls[0]
+        n = samples.size
+        dt = 1e-3
+        for i in range(n):
+            x = -samples[i].table_x - zero[0]
+            y = -samples[i].table_y - zero[1]
+            height = samples[i].tool_z - zero[2]
+            on = samples[i].outputs & 1 != 0
+            gas = samples[i].outputs & 2 != 0 and not gas_out
+            time = now - (n - 1 - i) * dt
+            last[0], last[1], last[2] = x, y, height
+            advance_wire(a, astate, line, rng, samples[i].wire_cmd, slip, dt)
+            if astate.lit > 0.0 and mstate.active > 0.0:
+                surface = mstate.surface
+            elif on:
+                surface = under_wire(z, m, mstate, x, y)
+            else:
+                surface = height
+            if on:
+                height -= rise(hot, kept, placed, placed_state, x, y)
+            ctwd = REFERENCE_CTWD + height - surface
+            advance_arc(a, astate, rng, on, gas, blocked, samples[i].voltage_set, ctwd, dt)
+            lit = astate.lit > 0.0
+            power = astate.voltage * astate.current if lit else 0.0
+            base = bilinear(
+                skin, hstate.origin_x, hstate.origin_y, h.cell,
+                x + AHEAD * mstate.head_x, y + AHEAD * mstate.head_y, h.ambient,
+            )  # fmt: skip
+            advance_metal(
+                z, solid, touched, m, mstate, values, time, dt, x, y, height, lit, astate.wire, power, base, ctwd, gas,
+            )  # fmt: skip
+            if mstate.portion > 0.0:
+                at_x, at_y = mstate.portion_x, mstate.portion_y
+                grow(skin, bulk, thickness, h, hstate, at_x, at_y, mstate.portion)
+                mstate.portion = 0.0
+            if lit:
+                add_arc(skin, thickness, h, hstate, x, y, power * dt)
+                warm(placed, placed_state, x, y, power * dt)
+            hstate.clock += dt
+            if hstate.clock >= h.step - 1e-9:
+                conduct(skin, bulk, thickness, h, hstate, hstate.clock)
+                distort(hot, kept, placed, placed_state, hstate.clock)
+                hstate.clock = 0.0
+
+    return live
+
+
+@jit
+def _pose(samples, i, before, zero, out):
+    """Position of the torch in the work frame at sample i; i = -1: at the end of the step before."""
+    if i < 0:
+        out[:] = before
+        return
+    out[0] = -samples[i].table_x - zero[0]
+    out[1] = -samples[i].table_y - zero[1]
+    out[2] = samples[i].tool_z - zero[2]
+
+
+def _make_scan(sources: int) -> Callable:
+    @jit
+    def scan(
+        samples, offsets_us, zero, before, z, origin_x, origin_y, cell, top, hot, kept, lp, ls, sp, lateral, rng,
+        dropout, out, intensity,
+    ):  # fmt: skip
+        """Profiles at times counted in us from the first sample; poses between samples are interpolated."""
+        if not sources:
+            return
+        p = sp[0]
+        a, b = np.empty(3), np.empty(3)
+        for k in range(offsets_us.size):
+            i = int(math.floor(offsets_us[k] / 1000.0))
+            f = offsets_us[k] / 1000.0 - i
+            _pose(samples, i, before, zero, a)
+            _pose(samples, min(i + 1, samples.size - 1), before, zero, b)
+            if np.isnan(a[0]):
+                a[:] = b
+            a += f * (b - a)
+            profile(
+                z, origin_x, origin_y, cell, top, hot, kept, lp[0], ls[0], p, lateral, rng, a[0], a[1], a[2], dropout,
+                out[k], intensity[k],
+            )  # fmt: skip
+
+    return scan
+
+
+live = _make_live(SOURCES)
+scan = _make_scan(SOURCES)
