@@ -7,6 +7,9 @@ RMS of the strategies. `shape.plants_worst_mm`: worst mean RMS on cells of other
 chosen on. `shape.parts_worst_mm`: worst mean RMS of the six parts of `waam_lab.parts`. `shape.corner_lag_mm`: the block
 of 60 x 40 x 60 mm there, built; how far the mean height of its lowest corner lies below that of its middle after the
 last layer, in the scan. Corner: a square of CORNER at each corner, less the rim; middle: the middle quarter of the top.
+`shape.network_gain_pct`: RMS of jobs with law `growth_net` against `bead_solver` on the same seeds; the smaller one of
+the gains after layers 2 to 5 and at the end; 95 % intervals on stderr. `shape.fallback_share`: share of the layers of
+these jobs and of the six parts that the network did not answer.
 `shape.pitch_rms_mm`: mean RMS over all strategies with the pitch of the material table, against beads 0.73 of their
 width apart; it chooses a setting and so runs on seeds 101 to 105.
 
@@ -74,12 +77,12 @@ def done(found: list) -> list:
     return found
 
 
-def part_jobs(name: str, wanted: tuple[int, ...]) -> list:
+def part_jobs(name: str, wanted: tuple[int, ...], **options) -> list:
     """Results of a part of waam_lab.parts, one per seed."""
     from waam_lab import over_seeds, parts, run_many
 
     with tempfile.TemporaryDirectory() as folder:
-        job = parts.job(Path(folder), name, tolerance=0.2e-3)
+        job = parts.job(Path(folder), name, tolerance=0.2e-3, **options)
         return done(run_many(over_seeds(job, wanted), workers=workers()))
 
 
@@ -137,6 +140,35 @@ def pitches() -> None:
             rms += [r.rms for r in found]
         means[pitch] = 1e3 * float(np.mean(rms))
     emit('shape.pitch_rms_mm', means[0.66], 'mm', 'pitch 0.73', means[0.73])
+
+
+def law(name: str) -> dict:
+    return {'overrides': {'correction_server': {'law': name}}}
+
+
+def network() -> None:
+    laws = ('bead_solver', 'growth_net')
+    without, with_it = (jaw_jobs(seeds(SEEDS), **law(n)) for n in laws)
+    told('jaw without the network', without)
+    told('jaw with the network', with_it)
+    early, late = (
+        np.array([[np.mean(r.layer_rms[1:5]), r.rms] for r in found])
+        for found in (without, with_it)
+    )
+    gains = 100 * (early - late) / early.mean(axis=0)
+    half = 1.96 * gains.std(axis=0, ddof=1) / len(gains) ** 0.5
+    for name, mean, room in zip(('layers 2 to 5', 'end'), gains.mean(axis=0), half, strict=True):
+        print(
+            f'gain, {name}: {mean:.1f} % ({mean - room:.1f} .. {mean + room:.1f})', file=sys.stderr
+        )
+    emit('shape.network_gain_pct', float(gains.mean(axis=0).min()), '%', 'without the network', 0.0)
+    from waam_lab import parts
+
+    found = [*with_it]
+    for name in parts.PARTS:
+        found += part_jobs(name, seeds(FEW)[:1], **law('growth_net'))
+    share = sum(r.fallbacks for r in found) / sum(r.layers for r in found)
+    emit('shape.fallback_share', share, '', 'law unet, 2 of 6 layers', 1 / 3)
 
 
 def plants() -> None:
@@ -198,6 +230,8 @@ FIGURES = {
     'shape.strategies_worst_mm': strategies,
     'shape.plants_worst_mm': plants,
     'shape.parts_worst_mm': of_parts,
+    'shape.network_gain_pct': network,
+    'shape.fallback_share': network,
     'shape.corner_lag_mm': block,
     'shape.pitch_rms_mm': pitches,
 }

@@ -125,6 +125,16 @@ def test_a_stored_plan_is_the_same_plan(box_file, tmp_path):
         assert a.segments == b.segments
         np.testing.assert_allclose(a.planned, b.planned, atol=1e-8)
         np.testing.assert_array_equal(a.footprint, b.footprint)
+    assert [a.beside for a in plan.layers] == [b.beside for b in again.layers]
+    assert all(a.beside > 0 for a in plan.layers)
+
+
+def test_a_plan_that_was_stored_without_metal_beside_it_still_loads(box_file, tmp_path):
+    save_plan(plan_build(load_part(box_file((30, 20, 4))), PlanSettings()), tmp_path / 'p.npz')
+    with np.load(tmp_path / 'p.npz') as stored:
+        np.savez(tmp_path / 'old.npz', **{k: stored[k] for k in stored.files if k != 'beside'})
+    old = load_plan(tmp_path / 'old.npz')
+    assert len(old.layers) == 2 and [p.beside for p in old.layers] == [0.0, 0.0]
 
 
 @pytest.mark.parametrize('data', [b'', b'not a zip', None])

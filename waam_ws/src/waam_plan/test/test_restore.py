@@ -166,7 +166,8 @@ def test_the_path_lies_on_the_surface_below_it(worn_block):
 
 def test_start_corner_changes_from_layer_to_layer(worn_block):
     found, nominal = worn_block(0.004)
-    one, two = plan_restoration(found, nominal, PlanSettings(pitch_ratio=0.73)).layers
+    zigzag = PlanSettings(strategy='zigzag', pitch_ratio=0.73)
+    one, two = plan_restoration(found, nominal, zigzag).layers
     a, b = one.deposits[0].start, two.deposits[0].start
     assert a[0] < 0.01 and a[1] < 0.01 and b[0] > 0.05 and b[1] > 0.03
     cross = plan_restoration(found, nominal, PlanSettings(alternation='cross')).layers
@@ -175,7 +176,9 @@ def test_start_corner_changes_from_layer_to_layer(worn_block):
 
 def test_stagger_lays_beads_over_the_valleys(worn_block):
     found, nominal = worn_block(0.004)
-    one, two = plan_restoration(found, nominal, PlanSettings(stagger=True, pitch_ratio=0.73)).layers
+    one, two = plan_restoration(
+        found, nominal, PlanSettings(strategy='zigzag', stagger=True, pitch_ratio=0.73)
+    ).layers
 
     def lines(layer):
         return np.unique([round(s.end[1], 4) for s in layer.deposits if s.start[1] == s.end[1]])
@@ -367,21 +370,22 @@ def test_the_outermost_ring_gets_what_it_can_carry(worn_block):
         return sum(s.length * s.height for s in beads if s.bead == beads[-1].bead), plan
 
     usual, plan = ring()
-    full = ring(edge_metal=1.0 + 1e-9)[0]
+    full = ring(edge_metal=1.0)[0]
     assert usual == pytest.approx(REGISTRY['combined'].edge_metal * full, rel=0.01)
     assert ring(edge_metal=0.8)[0] == pytest.approx(0.8 * full, rel=0.01)
     assert not [w for w in plan.warnings if 'limits of layer height' in w]
     assert REGISTRY['zigzag'].edge_metal == 1.0
 
 
-@pytest.mark.parametrize(('asked', 'inset'), [(0.5, 0.28), (0.4, 0.4)])
+@pytest.mark.parametrize(('asked', 'inset'), [(0.0, 0.28), (0.5, 0.5)])
 def test_the_outermost_ring_of_a_restored_pocket_lies_near_its_edge(worn_block, asked, inset):
     """The surface goes on beside it: a ring half a bead inside leaves a hollow all along the edge."""
     found, nominal = worn_block(0.004)
     s = PlanSettings(strategy='contour', ring_inset=asked, overrun=0.0)
     plan = plan_restoration(found, nominal, s)
     layer, spec = plan.layers[-1], plan.spec
-    x, _ = np.array([d.start[:2] for d in layer.deposits]).T
+    x, y = np.array([d.start[:2] for d in layer.deposits]).T
+    x = x[abs(y - np.median(y)) < 5e-3]  # away from the corners, where gaps get beads of their own
     _, col = np.nonzero(layer.footprint)
     left = spec.origin_x + col.min() * spec.resolution
     assert x.min() - left == pytest.approx(inset * s.bead_width, abs=1.5 * spec.resolution)

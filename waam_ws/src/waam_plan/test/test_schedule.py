@@ -79,4 +79,4 @@ def test_a_plan_is_thin_on_top_ends_at_nominal_and_says_why(worn_block):
     assert min(thick[:-3]) > 1.5 * thick[-1]
     middle = plan.interior & (nominal.z > 0)
     assert np.nanmax(np.abs(plan.final_target - nominal.z)[middle]) < 1e-9
-    assert '3 finishing layers of 1.15 mm' in plan.remarks[0] and '0.20 mm' in plan.remarks[0]
+    assert '3 finishing layers of 1.00 mm' in plan.remarks[0] and '0.20 mm' in plan.remarks[0]

@@ -32,7 +32,7 @@ class PlannedLayer:
     segments: list[Segment]  # indices from 0; begin and end at the plan's safe height
     direction: Point  # unit vector of the beads
     footprint: np.ndarray  # bool, cells that get metal in this layer
-    beside: float = 0.0  # m3 of metal for the sides, beside the footprint
+    beside: float = 0.0  # m3 of metal beyond `planned`: over the sides, and in beads along the edge
 
     @property
     def deposits(self) -> list[Segment]:

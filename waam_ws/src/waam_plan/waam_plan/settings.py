@@ -51,6 +51,7 @@ _LIMITS: dict[str, Pair] = {
     'contours': (1, 20),
     'edge_metal': (0.5, 1.5),
     'ring_inset': (0.1, 0.5),
+    'corner_radius': (0.0, 1.0),
     'lead_on': (0.0, 10.0),
     'lead_off': (0.0, 50e-3),
     'bead_time': (0.0, 600.0),
@@ -78,6 +79,8 @@ _LIMITS: dict[str, Pair] = {
     'gas_flow': (0.0, 2e-3),
 }
 
+
+_ZERO_TOO = {'edge_metal', 'ring_inset'}  # 0 = as the strategy needs it
 
 _LENGTHS = {'scanner_offset': 3, 'machine_min': 3, 'machine_max': 3, 'scanner_range': 2}
 
@@ -127,8 +130,11 @@ class PlanSettings:
     lead_out: float = 6e-3  # zone before an arc end in which lead_out_metal applies
     lead_in_metal: float = 1.0  # metal in the lead-in over the planned, below 1 against humps
     lead_out_metal: float = 1.0  # metal in the lead-out over the planned, above 1 against a crater
-    edge_metal: float = 1.0  # metal of the beads along the edge over what the schedule gives them
-    ring_inset: float = 0.5  # distance of the outermost ring from the edge, in bead widths
+    # metal of the beads along the edge over what the schedule gives them; 0 = as the strategy needs it
+    edge_metal: float = 0.0
+    # distance of the outermost ring from the edge, in bead widths; 0 = as the strategy needs it
+    ring_inset: float = 0.0
+    corner_radius: float = 0.0  # of rings, in bead widths; 0 = as the strategy needs it
     lead_on: float = 0.0  # s that the arc burns before the torch moves
     lead_off: float = 0.0  # last stretch of a path that is travelled without arc
     bead_time: float = 0.0  # s; after a shorter bead the torch waits for the rest of it
@@ -191,6 +197,16 @@ class PlanSettings:
         return self.pitch_ratio * self.bead_width
 
     @property
+    def edge_share(self) -> float:
+        """Metal of the beads along the edge over what the division gives them."""
+        return self.edge_metal or 1.0
+
+    @property
+    def first_ring(self) -> float:
+        """Distance of the outermost ring from the edge, m."""
+        return (self.ring_inset or 0.5) * self.bead_width
+
+    @property
     def wire_area(self) -> float:
         """Section of the wire, m2."""
         return math.pi * self.wire_diameter**2 / 4
@@ -208,6 +224,8 @@ def _problem(name: str, value: object) -> str:
     for v in value if isinstance(value, tuple) else (value,):
         if not isinstance(v, (int, float)) or not math.isfinite(v):
             return f'{name} is {value!r}, not a finite number'
+    if name in _ZERO_TOO and value == 0:
+        return ''
     low, high = _LIMITS.get(name, (-math.inf, math.inf))
     if isinstance(value, (int, float)) and not low <= value <= high:
         return f'{name} is {value:g}, must be between {low:g} and {high:g}'

@@ -40,7 +40,7 @@ def wall_lines(polygon: Polygon, settings: PlanSettings, number: int) -> list[np
     width = wall_width(polygon)
     least = settings.bead_width / 3
     if width <= ONE_BEAD * settings.bead_width:
-        lines = _middle(polygon, width) or medial_lines(polygon, least)
+        lines = _middle(polygon, width, settings) or medial_lines(polygon, least)
     elif is_one_bead(polygon, settings):
         lines = medial_lines(polygon, least)
     else:
@@ -48,7 +48,7 @@ def wall_lines(polygon: Polygon, settings: PlanSettings, number: int) -> list[np
     return [_seamed(line, number) for line in lines]
 
 
-def _middle(polygon: Polygon, width: float) -> list[np.ndarray] | None:
+def _middle(polygon: Polygon, width: float, settings: PlanSettings) -> list[np.ndarray] | None:
     """The middle line of a closed wall (one hole) or of a strip (no hole); None for anything more branched."""
     if len(polygon.interiors) == 1:
         ring = pieces(Polygon(polygon.exterior).buffer(-width / 2))
@@ -56,14 +56,14 @@ def _middle(polygon: Polygon, width: float) -> list[np.ndarray] | None:
         return [np.asarray(ring[0].exterior.coords)] if len(ring) == 1 else None
     if polygon.interiors:
         return None
-    return _strip(polygon, width)
+    return _strip(polygon, width, min(settings.edge_inset * settings.pitch, width / 2))
 
 
-def _strip(polygon: Polygon, width: float) -> list[np.ndarray] | None:
+def _strip(polygon: Polygon, width: float, inset: float) -> list[np.ndarray] | None:
     """Middle of a strip: mean of its two sides, which run between the two points of the outline farthest apart.
 
-    Near the ends that mean bends into a corner: they are cut off and the line is prolonged straight to half a
-    thickness from the end. None when the strip is too short or not one.
+    Near the ends that mean bends into a corner: they are cut off and the line is prolonged straight to `inset` (m)
+    from the end. None when the strip is too short or not one.
     """
     ring = np.asarray(polygon.exterior.segmentize(width / 4).coords)[:-1]
     apart = np.linalg.norm(ring[:, None] - ring[None], axis=2)
@@ -81,7 +81,10 @@ def _strip(polygon: Polygon, width: float) -> list[np.ndarray] | None:
     if line.length < 3 * width:
         return None
     points = np.asarray(substring(line, width, line.length - width).coords)
-    ends = [_ahead(points[1], points[0], width / 2), _ahead(points[-2], points[-1], width / 2)]
+    ends = [
+        _ahead(points[1], points[0], width - inset),
+        _ahead(points[-2], points[-1], width - inset),
+    ]
     points = np.concatenate([ends[:1], points, ends[1:]])
     return [points] if LineString(points).within(polygon) else None
 

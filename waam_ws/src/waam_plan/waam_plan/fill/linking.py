@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 from shapely import LineString, Point, Polygon, prepare
+from shapely.ops import substring
 
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.rings import begun_at
 from waam_process.segment import Segment
 
 REACH = 2.0  # pitches: longest link with the arc on
+OPEN = 0.6  # pitches: a ring that is linked to the next one ends so much before its start, for the link lays metal, too
 GOLDEN = (
     0.381966  # of a ring's length: its seam moves by this from layer to layer and spreads evenly
 )
@@ -21,27 +23,55 @@ def seam_shift(number: int) -> float:
     return GOLDEN * (number - 1) % 1.0
 
 
-def linked(runs: list[Chain], polygon: Polygon, pitch: float, number: int) -> list[Chain]:
+def linked(
+    runs: list[Chain], polygon: Polygon, pitch: float, number: int, open_first: bool = False
+) -> list[Chain]:
     """Chains that begin with the first run and go on to the nearest one left.
 
     runs: chains of lines (n, 2) m inside the polygon, a single closed line may begin anywhere. Even layers run
-    the other way; rings that need an arc start of their own begin at the layer's seam.
+    the other way; rings that need an arc start of their own begin at the layer's seam. open_first: whether the first
+    ring of a chain may end before its start as the others do; a gap in it shows on the side of the part.
     """
     left = [_turned(run) for run in runs] if number % 2 == 0 else list(runs)
     out: list[Chain] = []
-    here: np.ndarray | None = None
     prepare(polygon)
     while left:
+        here = out[-1][-1][-1] if out else None
         away = [_distance(run, here) for run in left]
         k = int(np.argmin(away))
         run = left.pop(k)
-        near = _begun_near(run, here) if here is not None else run
-        if here is not None and away[k] <= REACH * pitch and _inside(here, near[0][0], polygon):
-            out[-1].extend(near)
+        if out and away[k] <= REACH * pitch:
+            gap = OPEN * pitch if open_first or len(out[-1]) > 1 else 0.0
+            if _went_on(out[-1], run, polygon, gap):
+                continue
+        if _closed(run):
+            out.append(_seamed(run, number))
         else:
-            out.append(_seamed(run, number) if _closed(run) else near)
-        here = out[-1][-1][-1]
+            out.append(run if here is None else _begun_near(run, here))
     return out
+
+
+def _went_on(chain: Chain, run: Chain, polygon: Polygon, gap: float) -> bool:
+    """Appends a run to a chain where the link to it stays inside. A ring before a ring ends `gap` (m) before its start
+    where that link stays inside, too."""
+    last = chain[-1]
+    if gap and _closed(run) and _closed([last]):
+        opened, beside = _opened(last, gap), _begun_near(run, last[0])
+        if _inside(opened[-1], beside[0][0], polygon):
+            chain[-1] = opened
+            chain.extend(beside)
+            return True
+    near = _begun_near(run, last[-1])
+    if not _inside(last[-1], near[0][0], polygon):
+        return False
+    chain.extend(near)
+    return True
+
+
+def _opened(ring: np.ndarray, gap: float) -> np.ndarray:
+    """A closed line that ends `gap` (m) before its start, at most a quarter of its length."""
+    line = LineString(ring)
+    return np.asarray(substring(line, 0.0, line.length - min(gap, line.length / 4)).coords)
 
 
 def _turned(run: Chain) -> Chain:

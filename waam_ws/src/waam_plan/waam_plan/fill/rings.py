@@ -48,10 +48,10 @@ def nested(polygon: Polygon, first: float, step: float, most: int = 10_000) -> l
 
 
 def contour_lines(polygon: Polygon, settings: PlanSettings, most: int = 10_000) -> list[np.ndarray]:
-    """Closed lines from the edge inwards, `most` deep at most; the first lies `ring_inset` inside."""
-    first = settings.ring_inset * settings.bead_width
-    found = nested(polygon, first, spacing(polygon, settings), most)
-    return [x for ring in found for x in _closed(ring) if _worth(x, settings)]
+    """Closed lines from the edge inwards, `most` deep at most; the first lies `first_ring` inside."""
+    found = nested(polygon, settings.first_ring, spacing(polygon, settings), most)
+    radius = settings.corner_radius * settings.bead_width
+    return [x for ring in found for x in _closed(ring, radius) if _worth(x, settings)]
 
 
 def _worth(line: np.ndarray, settings: PlanSettings) -> bool:
@@ -59,9 +59,18 @@ def _worth(line: np.ndarray, settings: PlanSettings) -> bool:
     return LineString(line).length > 2 * settings.bead_width
 
 
-def _closed(ring: Ring) -> list[np.ndarray]:
-    own = [np.asarray(r.coords) for r in (ring.polygon.exterior, *ring.polygon.interiors)]
-    return own + [line for inner in ring.inner for line in _closed(inner)]
+def _rounded(polygon: Polygon, radius: float) -> Polygon:
+    """Corners with a radius (m): at a sharp one the bead overlaps itself inside and leaves a hollow outside."""
+    if radius <= 0:
+        return polygon
+    smooth = polygon.buffer(-radius).buffer(2 * radius).buffer(-radius)
+    return smooth if isinstance(smooth, Polygon) and not smooth.is_empty else polygon
+
+
+def _closed(ring: Ring, radius: float) -> list[np.ndarray]:
+    polygon = _rounded(ring.polygon, radius)
+    own = [np.asarray(r.coords) for r in (polygon.exterior, *polygon.interiors)]
+    return own + [line for inner in ring.inner for line in _closed(inner, radius)]
 
 
 def spiral_lines(polygon: Polygon, settings: PlanSettings, shift: float) -> list[np.ndarray]:
@@ -70,8 +79,7 @@ def spiral_lines(polygon: Polygon, settings: PlanSettings, shift: float) -> list
     shift: where on the outer ring a spiral begins, share of its length.
     """
     out: list[np.ndarray] = []
-    first = settings.ring_inset * settings.bead_width
-    roots = nested(polygon, first, spacing(polygon, settings))
+    roots = nested(polygon, settings.first_ring, spacing(polygon, settings))
     while roots:
         ring = roots.pop(0)
         nest = [ring]

@@ -22,6 +22,9 @@ from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import pieces, raster
 from waam_process.grid import GridSpec
 
+EDGE_METAL = 1.15  # of rings along the edge of a restored layer; see Strategy
+EDGE_INSET = 0.28  # bead widths from that edge
+CORNER = 0.33  # bead widths, radius of rings
 RING = 0.80  # metal of rings along the edge over what the division gives them, where they are laid last
 
 
@@ -48,13 +51,18 @@ def fill(area: Area) -> list[Chain]:
 
 def solid(area: Area) -> list[Chain]:
     """Thin walls as one or two lines, everything else zig-zag."""
-    s = area.settings
-    walls = [p for p in area.polygons if contour.is_wall(p, s)]
+    walls, rest = _walls_and_rest(area)
     if not walls:
         return zigzag(area)
-    rest = [p for p in area.polygons if not contour.is_wall(p, s)]
-    lines = [[line] for p in walls for line in contour.wall_lines(p, s, area.number)]
+    lines = [[line] for p in walls for line in contour.wall_lines(p, area.settings, area.number)]
     return [*(zigzag(area.part(rest)) if rest else []), *lines]
+
+
+def _walls_and_rest(area: Area) -> tuple[list[Polygon], list[Polygon]]:
+    """Polygons under two beads, and the others."""
+    thin = [contour.is_wall(p, area.settings) for p in area.polygons]
+    pairs = list(zip(area.polygons, thin, strict=True))
+    return [p for p, t in pairs if t], [p for p, t in pairs if not t]
 
 
 def zigzag(area: Area) -> list[Chain]:
@@ -67,6 +75,13 @@ def zigzag(area: Area) -> list[Chain]:
 def contours(area: Area) -> list[Chain]:
     """Rings at equal distances from the edge inwards; what they leave open gets a line along its middle."""
     return _each(area, lambda p: _filled(p, contour_lines(p, area.settings), area.settings))
+
+
+def rings_or_hatch(area: Area) -> list[Chain]:
+    """Of a restored layer: parallel beads on strips under two beads, `contours` elsewhere."""
+    walls, rest = _walls_and_rest(area)
+    chains = zigzag(area.part(walls)) if walls else []
+    return chains + (contours(area.part(rest)) if rest else [])
 
 
 def spiral(area: Area) -> list[Chain]:
@@ -133,10 +148,11 @@ def _gaps(
 def _each(area: Area, runs_of: Callable[[Polygon], list[Chain]]) -> list[Chain]:
     """Chains of every polygon; walls under two beads are one or two lines whatever the strategy."""
     s = area.settings
+    near = s.first_ring < s.bead_width / 2  # the edge, beside which the surface goes on
     chains: list[Chain] = []
     for p in area.polygons:
         runs = _wall(p, s) if contour.is_wall(p, s) else runs_of(p)
-        chains += linked(runs, p, s.pitch, area.number)
+        chains += linked(runs, p, s.pitch, area.number, open_first=near)
     return chains
 
 
@@ -153,17 +169,24 @@ class Strategy:
     stand inside of it.
     ring_inset: of a restored layer, bead widths between the outermost ring and the edge. The surface goes on beside a
     worn place, so there is no side that the ring has to keep, and half a bead inside it leaves a hollow along the edge.
+    corner_radius: of the rings of a restored layer, bead widths. At a sharp corner a bead overlaps itself inside.
     """
 
     summary: str
     fill: Callable[[Area], list[Chain]]
     edge_metal: float = 1.0
     ring_inset: float = 0.5
+    corner_radius: float = 0.0
 
 
 REGISTRY: dict[str, Strategy] = {
     'solid': Strategy(
-        'chosen per place: walls under two beads as one or two lines, the rest zig-zag', solid
+        'chosen per place: walls under two beads as one or two lines; '
+        'elsewhere rings in restorations, zig-zag in builds',
+        solid,
+        edge_metal=EDGE_METAL,
+        ring_inset=EDGE_INSET,
+        corner_radius=CORNER,
     ),
     'shell': Strategy('one bead along the surface; open meshes are accepted', solid),
     'zigzag': Strategy(
@@ -171,10 +194,17 @@ REGISTRY: dict[str, Strategy] = {
         zigzag,
     ),
     'contour': Strategy(
-        'rings from the edge inwards: true edges, one seam per ring', contours, 1.15, 0.28
+        'rings from the edge inwards: true edges, one seam per ring',
+        contours,
+        edge_metal=EDGE_METAL,
+        ring_inset=EDGE_INSET,
+        corner_radius=CORNER,
     ),
     'spiral': Strategy(
-        'rings joined to one line: true edges, one arc start per simple region', spiral
+        'rings joined to one line: true edges, one arc start per simple region',
+        spiral,
+        edge_metal=EDGE_METAL,
+        ring_inset=EDGE_INSET,
     ),
     'combined': Strategy('contour outside (--set contours=1), zig-zag inside', combined),
     'medial': Strategy(

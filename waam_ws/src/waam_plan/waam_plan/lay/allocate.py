@@ -56,11 +56,22 @@ def metal_heights(
         volume = _evened(volume, pieces, 1)
     volume *= wanted.sum() / max(volume.sum(), 1e-18)
     height = volume / (AREA_FACTOR * settings.bead_width * length) * _lead_factor(pieces, settings)
-    if settings.edge_metal != 1.0:
-        height = height * np.where(along_edge(pieces, mask, spec, settings), settings.edge_metal, 1)
+    if settings.edge_share != 1.0:
+        height = height * np.where(along_edge(pieces, mask, spec, settings), settings.edge_share, 1)
     thinnest = 0.5 * settings.min_layer * settings.layer_height
     limit = settings.max_layer_ratio * settings.layer_height if thickest is None else thickest
     return np.clip(height, thinnest, limit)
+
+
+def edge_surplus(
+    pieces: Pieces, height: np.ndarray, mask: np.ndarray, spec: GridSpec, settings: PlanSettings
+) -> float:
+    """Metal (m3) that the beads along the edge carry beyond what the division gives them. height: (n,) m."""
+    if settings.edge_share == 1.0:
+        return 0.0
+    on = along_edge(pieces, mask, spec, settings)
+    metal = AREA_FACTOR * settings.bead_width * float(pieces.length[on] @ height[on])
+    return metal * (1 - 1 / settings.edge_share)
 
 
 def along_edge(

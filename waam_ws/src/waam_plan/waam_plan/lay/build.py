@@ -14,6 +14,7 @@ from waam_plan.fill.linking import arc_starts, near_starts
 from waam_plan.lay import sides
 from waam_plan.lay.coverage import Point3, Section, check_overhang, cut_sections
 from waam_plan.lay.layer import LayerTask, lay
+from waam_plan.lay.schedule import finish_height
 from waam_plan.lay.travel import Ceiling, relaid
 from waam_plan.mesh.part import Part, PartError, check_fits
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused
@@ -96,7 +97,12 @@ def _kept(wrong: list[ValueError]) -> Iterator[None]:
 def _levels(placed: Part, settings: PlanSettings) -> list[Level]:
     if settings.levels == 'adaptive':
         return adaptive_levels(np.asarray(placed.mesh.triangles), settings)
-    return equal_levels(float(placed.bounds[1, 2]), settings)
+    height, top = float(placed.bounds[1, 2]), finish_height(settings)
+    below = height - settings.finish_layers * top
+    if not top or below < settings.layer_height:
+        return equal_levels(height, settings)
+    thin = [Level(below + i * top, top) for i in range(settings.finish_layers)]
+    return equal_levels(below, settings) + thin
 
 
 def _check_mesh(part: Part, settings: PlanSettings) -> None:
@@ -238,9 +244,8 @@ def _layer(
 ) -> PlannedLayer:
     """One layer: filled by the strategy, metal shared out cell by cell."""
     cover = sides.of_section(section.polygons, on, spec, settings)
-    area = strategies.Area(
-        cover.polygons, cover.mask, spec, sides.settings_within(settings), section.number
-    )
+    within = sides.settings_within(settings)
+    area = strategies.Area(cover.polygons, cover.mask, spec, within, section.number)
     chains = strategies.fill(area)
     if not chains or not on.any():
         raise PlanError(

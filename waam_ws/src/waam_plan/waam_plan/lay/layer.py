@@ -11,7 +11,7 @@ from waam_plan.fill import path
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.inside import keep_inside
 from waam_plan.fill.linking import spread_starts
-from waam_plan.lay.allocate import metal_heights
+from waam_plan.lay.allocate import edge_surplus, metal_heights
 from waam_plan.lay.travel import Ceiling, to_segments
 from waam_plan.plan import PlannedLayer
 from waam_plan.settings import PlanSettings
@@ -66,6 +66,7 @@ def lay(
     wanted = masks.spread(task.planned, task.footprint, cover)
     height = metal_heights(pieces, wanted, cover, spec, settings, task.thickest)
     ceiling = Ceiling.over(spec, task.metal, settings.torch_radius)
+    aside = (wanted.sum() - task.planned.sum()) * spec.resolution**2
     return PlannedLayer(
         number=task.number,
         planned=task.planned,
@@ -74,5 +75,5 @@ def lay(
         segments=to_segments(pieces, height, task.number, ceiling, safe_z, settings, task.slower),
         direction=bead_direction(task.footprint, settings, task.turn),
         footprint=task.footprint,
-        beside=float((wanted.sum() - task.planned.sum()) * spec.resolution**2),
+        beside=float(aside + edge_surplus(pieces, height, cover, spec, settings)),
     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waam_plan import masks
-from waam_plan.fill import path, strategies
+from waam_plan.fill import contour, path, strategies
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.linking import arc_starts, near_starts
 from waam_plan.lay import sides
@@ -21,6 +21,7 @@ from waam_plan.lay.layer import LayerTask, lay
 from waam_plan.lay.schedule import Schedule, choose_schedule, layer_count
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
 from waam_plan.settings import PlanSettings
+from waam_plan.slice.section import outline
 from waam_process.grid import GridSpec, HeightGrid
 
 UNKNOWN_LIMIT = 0.3  # share of the part's cells that may be missing in the scan
@@ -147,7 +148,7 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> Planned
     under = np.where(first, job.smooth, wanted - schedule.offset(k + 1))
     soft = masks.blur(under, on, settings.bead_width / 4 / spec.resolution)
     turn = number + job.laid
-    cover = sides.of_mask(on, np.isnan(wanted), spec, settings)
+    cover = sides.of_mask(on, first, np.isnan(wanted), spec, settings)
     task = LayerTask(
         number=number,
         turn=turn,
@@ -159,25 +160,25 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> Planned
         ground=soft,
         metal=_metal(job, on, after),
         thickest=schedule.thickest,
+        inside=None if settings.strategy in ('shell', 'zigzag') else outline(on, spec),
     )
+    settings = _with_edges(settings, cover)
     within = sides.settings_within(settings) if (cover.mask & ~on).any() else settings
-    chains = _chains(cover, spec, replace(within, ring_inset=_ring_inset(within)), turn)
-    shared = replace(settings, edge_metal=_edge_metal(settings))
-    return lay(task, chains, below, spec=spec, safe_z=job.safe_z, settings=shared)
+    chains = _chains(cover, spec, within, turn)
+    return lay(task, chains, below, spec=spec, safe_z=job.safe_z, settings=settings)
 
 
-def _edge_metal(settings: PlanSettings) -> float:
-    """Metal of the beads along the edge over what the division gives them: as set; 1 = as the strategy needs it."""
-    if settings.edge_metal != 1.0:
-        return settings.edge_metal
-    return strategies.REGISTRY[settings.strategy].edge_metal
-
-
-def _ring_inset(settings: PlanSettings) -> float:
-    """As set; 0.5 = as the strategy needs it."""
-    if settings.ring_inset != 0.5:
-        return settings.ring_inset
-    return strategies.REGISTRY[settings.strategy].ring_inset
+def _with_edges(settings: PlanSettings, cover: sides.Cover) -> PlanSettings:
+    """Settings with what the strategy needs along the edge of a layer, where nothing was set."""
+    walls = all(contour.is_wall(p, settings) for p in cover.polygons)
+    hatched = settings.strategy == 'solid' and walls
+    strategy = strategies.REGISTRY['zigzag' if hatched else settings.strategy]
+    return replace(
+        settings,
+        edge_metal=settings.edge_metal or strategy.edge_metal,
+        ring_inset=settings.ring_inset or strategy.ring_inset,
+        corner_radius=settings.corner_radius or strategy.corner_radius,
+    )
 
 
 def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -187,9 +188,12 @@ def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 
 def _chains(cover: sides.Cover, spec: GridSpec, settings: PlanSettings, number: int) -> list[Chain]:
-    if settings.strategy in ('solid', 'shell', 'zigzag'):
+    if settings.strategy in ('shell', 'zigzag'):
         return path.hatch_region(cover.mask, spec, settings, number)[0]
-    return strategies.fill(strategies.Area(cover.polygons, cover.mask, spec, settings, number))
+    area = strategies.Area(cover.polygons, cover.mask, spec, settings, number)
+    if settings.strategy == 'solid':
+        return strategies.rings_or_hatch(area)
+    return strategies.fill(area)
 
 
 def _warn(
@@ -223,7 +227,7 @@ def _warn(
             )
     for layer in planned:
         want = layer.planned.sum() * nominal.spec.resolution**2 + layer.beside
-        if abs(layer.volume - want) > (0.03 + abs(_edge_metal(settings) - 1)) * want:
+        if abs(layer.volume - want) > 0.03 * want:
             warnings.append(
                 f'layer {layer.number}: segments lay {layer.volume * 1e9:.0f} mm3 of {want * 1e9:.0f} mm3 planned '
                 '(limits of layer height)'

@@ -18,7 +18,7 @@ ADAPT = 0.15  # the common thickness may differ from the wanted one by this shar
 SLIVER = 0.35  # bead widths: narrower arms of a region get no metal
 SMALLEST_ISLAND = 0.75  # bead widths squared: smaller patches get no layer of their own
 SCATTER = 0.062  # standard deviation of a layer's height over its thickness, on overlapped beads
-LAYER_SHARE = 0.7  # of the tolerance that the scatter of the last layer may take; the rest is for bead ends and level
+LAYER_SHARE = 0.61  # of the tolerance that the scatter of the last layer may take; the rest is for bead ends and level
 SIGMAS = 1.96  # standard deviations that hold 95 % of the surface
 THINNEST = (
     0.4  # finishing layers are no thinner than this share of layer_height, whatever the tolerance

@@ -44,8 +44,11 @@ def of_section(polygons: list[Polygon], on: np.ndarray, spec: GridSpec, s: PlanS
     )
 
 
-def of_mask(on: np.ndarray, free: np.ndarray, spec: GridSpec, s: PlanSettings) -> Cover:
-    """Of a restoration. on, free: bool (rows, cols), cells of the layer, and those beside the part."""
+def of_mask(
+    on: np.ndarray, lowest: np.ndarray, free: np.ndarray, spec: GridSpec, s: PlanSettings
+) -> Cover:
+    """Of a restoration. Bool (rows, cols): on, cells of the layer; lowest, those where it is the first; free, those
+    beside the part."""
     polygons = outline(on, spec)
     if s.overrun <= 0:
         return Cover(polygons, on, on)
@@ -53,7 +56,7 @@ def of_mask(on: np.ndarray, free: np.ndarray, spec: GridSpec, s: PlanSettings) -
     thin = on & raster([p.buffer(spec.resolution) for p in walls], spec)
     rest = masks.overrun(on & ~thin, free, s.overrun / spec.resolution)
     widening = max((_widening(p, s) for p in walls), default=0.0)
-    metal = rest | masks.overrun(thin, free, widening / spec.resolution)
+    metal = rest | thin | masks.overrun(thin & ~lowest, free, widening / spec.resolution)
     cover = rest | thin
     return Cover(outline(cover, spec), cover, metal)
 

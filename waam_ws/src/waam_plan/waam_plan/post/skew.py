@@ -24,17 +24,13 @@ class SkewError(ValueError):
 
 @dataclass(frozen=True)
 class AxisErrors:
-    """What calibration found. Angles in rad, scales as real over commanded length.
+    """What calibration found."""
 
-    y_to_x: the y axis leans towards +x (alpha of the source); x_to_y: the x axis leans towards +y (beta);
-    z_to_x, z_to_y: the z axis leans.
-    """
-
-    y_to_x: float = 0.0
-    x_to_y: float = 0.0
-    z_to_x: float = 0.0
-    z_to_y: float = 0.0
-    scale_x: float = 1.0
+    y_to_x: float = 0.0  # rad, the y axis leans towards +x (alpha of the source)
+    x_to_y: float = 0.0  # rad, the x axis leans towards +y (beta)
+    z_to_x: float = 0.0  # rad, the z axis leans towards +x
+    z_to_y: float = 0.0  # rad, the z axis leans towards +y
+    scale_x: float = 1.0  # real over commanded length
     scale_y: float = 1.0
     scale_z: float = 1.0
 

@@ -21,8 +21,15 @@ _INTS = ('index', 'layer', 'bead')
 
 
 def save_plan(plan: Plan, path: Path | str) -> None:
-    """Keys: z maps as_found, nominal, planned, target_before, target_after (layers, rows, cols; m, float32), region,
-    interior, footprint, origin, resolution; segments as columns (start, end, kind, arc, layer, ...); `about` (JSON).
+    """Keys of the file, SI:
+
+    as_found, nominal: surfaces (rows, cols) on the grid of origin, resolution
+    region, interior: bool (rows, cols)
+    planned, target_before, target_after: (layers, rows, cols), float32
+    footprint: bool (layers, rows, cols)
+    direction (layers, 3), beside (layers; m3)
+    start, end (segments, 3), kind, arc, layer and the other fields of a segment, one column each
+    about: JSON, everything else
     """
     segments = [s for layer in plan.layers for s in layer.segments]
     about = {
@@ -49,6 +56,7 @@ def save_plan(plan: Plan, path: Path | str) -> None:
         region=plan.region,
         interior=plan.interior,
         footprint=np.array([p.footprint for p in plan.layers], bool).reshape(-1, *shape[1:]),
+        beside=np.array([p.beside for p in plan.layers], float),
         direction=np.array([p.direction for p in plan.layers], float).reshape(-1, 3),
         start=np.array([s.start for s in segments], float).reshape(-1, 3),
         end=np.array([s.end for s in segments], float).reshape(-1, 3),
@@ -84,6 +92,8 @@ def _plan(data: dict[str, np.ndarray], about: dict) -> Plan:
         k: tuple(v) if isinstance(v, list) else v for k, v in about['settings'].items()
     }
     segments = _segments(data)
+    count = len(data['planned'])
+    beside = data.get('beside', np.zeros(count)).tolist()  # not in files of 0.2.0
     layers = [
         PlannedLayer(
             number=i + 1,
@@ -93,8 +103,9 @@ def _plan(data: dict[str, np.ndarray], about: dict) -> Plan:
             segments=[s for s in segments if s.layer == i + 1],
             direction=tuple(data['direction'][i].tolist()),
             footprint=data['footprint'][i],
+            beside=beside[i],
         )
-        for i in range(len(data['planned']))
+        for i in range(count)
     ]
     return Plan(
         spec=spec,
