@@ -11,11 +11,13 @@ from waam_adapt.laws import features, net, net_file
 WIDTHS = (4, 8, 8)
 
 
-def random_weights(seed: int = 0, head: float = 0.1) -> dict[str, np.ndarray]:
+def random_weights(
+    seed: int = 0, head: float = 0.1, channels: int = features.CHANNELS
+) -> dict[str, np.ndarray]:
     """head: scale of the last layer; 0 = adds nothing to the explicit law."""
     rng = np.random.default_rng(seed)
     a, b, c = WIDTHS
-    n = features.CHANNELS
+    n = channels
     sizes = ((n, a), (a, a), (a, b), (b, b), (b, c), (c, c), (c + b, b), (b, b), (b + a, a), (a, a))
     out = {}
     for name, (i, o) in zip(net.CONVS, sizes, strict=False):

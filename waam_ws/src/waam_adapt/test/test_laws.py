@@ -206,7 +206,7 @@ def test_log_log_hits_a_wall_that_grows_by_its_model(exponent, missing):
 
 def test_unknown_law_names_the_known_ones():
     with pytest.raises(
-        CorrectionError, match="'magic'; known are damped_inverse, bead_solver, unet, proportional"
+        CorrectionError, match="'magic'; known are damped_inverse, bead_solver, unet, growth_net"
     ):
         make_law('magic', 0.9, 0.1)
 

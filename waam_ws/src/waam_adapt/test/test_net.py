@@ -14,7 +14,7 @@ from waam_adapt.laws import explicit as laws
 from waam_adapt.laws import features, net, net_file
 from waam_adapt.laws.checks import safe_correct
 from waam_adapt.laws.corrector import CorrectionParams, Corrector
-from waam_adapt.laws.net_law import UNetLaw, unlike
+from waam_adapt.laws.net_law import UNetLaw
 from waam_adapt.laws.registry import make_law
 from waam_adapt.types import CorrectionInput
 
@@ -138,7 +138,7 @@ def test_input_unlike_the_training_is_answered_by_the_explicit_law(law, plain):
     assert result.fallback
     assert 'unlike the training: error' in result.reasons[0]
     assert (result.psi == plain.correct(wild).psi).all()
-    assert unlike(narrow.network, np.full(len(features.SUMMARIES), np.nan))
+    assert narrow.network.unlike(features.SUMMARIES, np.full(len(features.SUMMARIES), np.nan))
 
 
 def test_network_that_doubts_itself_leaves_it_to_the_explicit_law(tmp_path, plain):

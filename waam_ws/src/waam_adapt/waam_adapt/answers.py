@@ -46,9 +46,15 @@ def set_feed(p: FeedParams, request: ComputeFeed.Request) -> Setpoints:
     path, voltage = convert.path_from_msgs(request.segments)
     volts = np.where(voltage > 0, voltage, material.voltage)
     result = compute_setpoints(
-        path, material, limits, volts, field, request.apply_correction, request.heat_factor,
-        p.drives,
-    )  # fmt: skip
+        path,
+        material,
+        limits,
+        voltage=volts,
+        correction=field,
+        apply=request.apply_correction,
+        heat_factor=request.heat_factor,
+        drives=p.drives,
+    )
     convert.write_setpoints(request.segments, path, result)
     return result
 

@@ -25,6 +25,9 @@ examples:
   waam train --out jobs/net --resume                   go on where it was stopped (Ctrl-C, power, ...)
   waam train --out jobs/mine --from jobs/A jobs/B      fine-tune the packaged network, half of the scenes start from
                                                        the recorded surfaces of these jobs
+  python3 -m waam_lab.growth_data jobs/layers --seeds 2000-2199
+  waam train --growth jobs/layers --out jobs/growth    the packaged growth network again (data a quarter of an hour,
+                                                       training a few minutes of one core)
   torchrun --nproc-per-node 4 -m waam_bringup.cli train --out jobs/net      several processes, gradients averaged
 
 --out gets correction.npz (best weights by the validation, no pickle), correction.md (model card), curves.png and
@@ -48,7 +51,7 @@ def register(commands: Any, read_requests: ReadRequests | None = None) -> None:
 
 def _arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument('--out', type=Path, required=True, metavar='FOLDER')
-    p.add_argument('--steps', type=int, default=400, help='steps in all (default 400)')
+    p.add_argument('--steps', type=int, help='steps in all (default 400; growth network 2500)')
     p.add_argument('--batch', type=int, default=8, help='scenes per step and process (default 8)')
     p.add_argument(
         '--unroll', type=int, default=3, help='layers that gradients go through (default 3)'
@@ -71,6 +74,12 @@ def _arguments(p: argparse.ArgumentParser) -> None:
         '--from', dest='jobs', type=Path, nargs='+', default=[], metavar='JOB', help='recorded jobs'
     )
     p.add_argument(
+        '--growth',
+        type=Path,
+        metavar='DATA',
+        help='train the growth network instead, on layers of python3 -m waam_lab.growth_data DATA',
+    )
+    p.add_argument(
         '--start',
         type=Path,
         metavar='NPZ',
@@ -90,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
     if several:
         torch.distributed.init_process_group('gloo')
     try:
-        return _train(args)
+        return _train_growth(args) if args.growth else _train(args)
     except (ValueError, OSError) as e:
         print(f'waam train: {e}', file=sys.stderr)
         return 1
@@ -104,7 +113,7 @@ def _train(args: argparse.Namespace) -> int:
     from .training import recorded, train
 
     settings = train.Settings(
-        steps=args.steps, seed=args.seed, batch=args.batch, unroll=args.unroll, rate=args.rate,
+        steps=args.steps or 400, seed=args.seed, batch=args.batch, unroll=args.unroll, rate=args.rate,
         check_every=args.check_every, loss=args.loss,
     )  # fmt: skip
     jobs = recorded.from_jobs(args.jobs, args.read_requests) if args.jobs else []
@@ -124,6 +133,26 @@ def _train(args: argparse.Namespace) -> int:
         out = train.train(trainer, args.out, note, tick)
     if trainer.rank == 0:
         print(_last_words(trainer, out))
+    return 0
+
+
+def _train_growth(args: argparse.Namespace) -> int:
+    from .training import growth, samples
+
+    layers = list(samples.load(args.growth))
+    settings = growth.Settings(
+        steps=args.steps or growth.Settings.steps, seed=args.seed, batch=args.batch
+    )
+
+    def tick(step: int, loss: float, check: dict[str, float]) -> None:
+        if step % settings.check_every == 0 or step == settings.steps:
+            figures = ', '.join(f'{k} {v:.3f}' for k, v in check.items())
+            print(f'step {step} of {settings.steps}: loss {loss:.3f}, {figures}', flush=True)
+
+    net, metrics = growth.train(layers, settings, tick)
+    out = args.out / 'growth.npz'
+    code = growth.export(net, settings, layers, metrics, out)
+    print(f'{out}: sha256 {code[:12]}')
     return 0
 
 

@@ -56,7 +56,7 @@ def correction_input(
     if request.layer < 1:
         raise CorrectionError('layer is 0, layers count from 1')
     number('temperature', request.temperature, -50, 2000, nan_ok=True)
-    wish = number(
+    asked = number(
         'k_gain', request.k_gain, 0.0, k_gain_max * (1 + 1e-6), nan_ok=True
     )  # float32 of maps
     for axis in ('x', 'y'):
@@ -68,7 +68,7 @@ def correction_input(
         planned=named_map('planned_height', request.planned_height, spec),
         resolution=spec.resolution,
         bead_width=number('bead_width', request.bead_width, 5e-4, 0.05),
-        k_gain=k_gain if np.isnan(wish) else wish,
+        k_gain=k_gain if np.isnan(asked) else asked,
         direction=(request.direction.x, request.direction.y),
         paths=bead_paths(request, spec),
         temperature=request.temperature,
@@ -126,6 +126,7 @@ def map_origin(request: ComputeCorrection.Request, now: float) -> MapOrigin:
 def correction_to_msg(
     result: Correction, request: ComputeCorrection.Request, spec: GridSpec, flow_factor: float
 ) -> CorrectionMap:
+    """The answer to a request: maps (rows, cols) of `spec`, metres and ratios as in CorrectionMap."""
     msg = CorrectionMap(header=request.map.header, job_id=request.job_id, layer=request.layer)
     msg.grid = grid_to_msg(spec)
     msg.psi = floats(result.psi)
@@ -139,6 +140,7 @@ def correction_to_msg(
 
 
 def estimate_to_msg(estimate: Estimate, job_id: str, layer: int) -> ProcessEstimate:
+    """What is believed of the process after `layer`, without a header."""
     return ProcessEstimate(
         job_id=job_id,
         layer=layer,
@@ -183,7 +185,16 @@ def path_from_msgs(segments: list[Segment]) -> tuple[Path, np.ndarray]:
     t = np.array(rows, float).reshape(-1, 13)
     speed = np.where(t[:, 10] == 0, t[:, 11], t[:, 10])
     kinds = t[:, 1].astype(int)
-    return Path(t[:, 0].astype(int), kinds, t[:, 2:5], t[:, 5:8], t[:, 8], t[:, 9], speed), t[:, 12]
+    path = Path(
+        index=t[:, 0].astype(int),
+        kind=kinds,
+        start=t[:, 2:5],
+        end=t[:, 5:8],
+        height=t[:, 8],
+        width=t[:, 9],
+        speed=speed,
+    )
+    return path, t[:, 12]
 
 
 def write_setpoints(segments: list[Segment], path: Path, result: Setpoints) -> None:

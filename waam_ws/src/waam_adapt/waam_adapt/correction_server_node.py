@@ -33,6 +33,7 @@ class CorrectionServer(node.WaamNode):
         self.counts = {'computed': 0, 'fallbacks': 0, 'refused': 0}
 
     def on_compute(self, request: ComputeCorrection.Request, response: Response) -> Response:
+        """The service: BAD_INPUT with a text that names the field when the request cannot be used."""
         begin = time.perf_counter()
         try:
             response.correction = self.compute(request)
@@ -47,11 +48,13 @@ class CorrectionServer(node.WaamNode):
         return response
 
     def compute(self, request: ComputeCorrection.Request) -> CorrectionMap:
+        """The correction of a request; ValueError names the field that is wrong."""
         msg, estimate = answers.correct(self.corrector, request, self.now_s())
         self.publish_estimate(request, estimate)
         return msg
 
     def publish_estimate(self, request: ComputeCorrection.Request, estimate: Estimate) -> None:
+        """What is believed of the process by now, with a line in the log when it has drifted."""
         msg = convert.estimate_to_msg(estimate, request.job_id, request.layer)
         msg.header = request.map.header
         self.estimate_publisher.publish(msg)
@@ -62,6 +65,7 @@ class CorrectionServer(node.WaamNode):
             )
 
     def show(self, msg: CorrectionMap) -> None:
+        """Counts and figures of an answer for the diagnostics."""
         self.counts['computed'] += 1
         self.counts['fallbacks'] += msg.fallback
         self.level = node.WARN if msg.fallback else node.OK

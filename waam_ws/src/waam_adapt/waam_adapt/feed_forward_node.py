@@ -33,6 +33,7 @@ class FeedForward(node.WaamNode):
         self.counts = {'computed': 0, 'refused': 0, 'segments': 0}
 
     def on_compute(self, request: ComputeFeed.Request, response: Response) -> Response:
+        """The service: the same segments with their setpoints, or an error code and a text that names the segment."""
         begin = time.perf_counter()
         try:
             self.compute(request)
@@ -50,6 +51,7 @@ class FeedForward(node.WaamNode):
         return response
 
     def refuse(self, response: Response, code: int, error: Exception) -> Response:
+        """The response with an error code; segments stay as they were."""
         self.counts['refused'] += 1
         self.values |= self.counts
         response.error_code, response.message = code, str(error)

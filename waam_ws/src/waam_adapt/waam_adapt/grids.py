@@ -22,13 +22,16 @@ class Resampler:
 
     @classmethod
     def of(cls, shape: tuple[int, int], resolution: float, cell: float) -> Resampler:
+        """From a map of `shape` with cells of `resolution` (m) to coarse cells of `cell` (m)."""
         rows, cols = (_axis(n, round(cell / resolution, 9)) for n in shape)
         return cls((rows[0].shape[0], cols[0].shape[0]), rows, cols)
 
     def mean(self, values: np.ndarray) -> np.ndarray:
+        """values (rows, cols) of the fine grid -> means (shape) over the coarse cells."""
         return (self.cols[0] @ (self.rows[0] @ values).T).T
 
     def fine(self, values: np.ndarray) -> np.ndarray:
+        """values (shape) of the coarse grid -> linear interpolation (rows, cols) on the fine one."""
         return (self.cols[1] @ (self.rows[1] @ values).T).T
 
 

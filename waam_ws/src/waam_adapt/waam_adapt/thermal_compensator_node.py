@@ -35,6 +35,7 @@ class ThermalCompensator(node.WaamNode):
         self.last_time = -math.inf
 
     def on_job(self, msg: JobStatus) -> None:
+        """The job names its material, and begins and lays its layers."""
         if not answers.follow_job(self.compensator, msg):
             return
         c, self.last = self.compensator, None
@@ -46,14 +47,17 @@ class ThermalCompensator(node.WaamNode):
         self.publish(self.now_s())
 
     def on_layer(self, msg: LayerReport) -> None:
+        """What the arc brought in a layer, for the test whether the temperature answers to it."""
         answers.follow_layer(self.compensator, msg)
 
     def on_temperature(self, msg: Temperature) -> None:
+        """A reading; news go out at once."""
         stamp, temperature = convert.temperature_sample(msg)
         self.compensator.add(stamp, temperature)
         self.publish(max(stamp, self.now_s()))
 
     def on_timer(self) -> None:
+        """Without readings there are news too: silence."""
         self.publish(self.now_s())
 
     def publish(self, now: float) -> None:
@@ -69,6 +73,7 @@ class ThermalCompensator(node.WaamNode):
         self.show(heat, news)
 
     def show(self, heat: Heat, news: bool) -> None:
+        """For the diagnostics; news: also into the log."""
         sound = heat.plausible and heat.believed
         self.level = node.OK if sound else node.WARN
         state = 'ready' if heat.ready else 'cooling'

@@ -44,6 +44,20 @@ class Learned:
 
 
 @dataclass(frozen=True)
+class Foretold:
+    """What a growth network says of a layer before it is laid, on the grid a quarter of a bead wide.
+
+    growth (rows, cols): share of the planned height that will grow beside what the bead model expects, mean 0; sigma
+    (rows, cols): its standard uncertainty. digest: of the weights. doubt: why nothing is foretold (growth all 0), ''.
+    """
+
+    growth: np.ndarray
+    sigma: np.ndarray
+    digest: str = ''
+    doubt: str = ''
+
+
+@dataclass(frozen=True)
 class CorrectionInput:
     """What is known before a layer. Maps are (rows, cols) in m, all on one grid of square cells."""
 
@@ -66,6 +80,9 @@ class CorrectionInput:
     experience: int = 0  # layers of this direction of travel that the shortfall was learned from
     learned: Learned | None = None  # what the beads of this layer do unlike the nominal model
     heat_factor: float = 1.0  # of the wire feed by eq 2.19, that this layer will be laid with
+    foretold: Foretold | None = (
+        None  # of the growth of this layer; None = the law asks its network itself
+    )
 
     def __post_init__(self) -> None:
         for name in ('target', 'planned', 'sigma', 'shortfall'):
@@ -133,6 +150,7 @@ class Correction:
 
     @property
     def saturated_cells(self) -> int:
+        """Cells where psi is at its limit."""
         return int(np.count_nonzero(np.abs(self.psi) >= 1.0))
 
 
@@ -142,9 +160,11 @@ class CorrectionLaw(Protocol):
     """
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """As in `registry.LAWS` and in the correction map."""
 
-    def correct(self, request: CorrectionInput) -> Correction: ...
+    def correct(self, request: CorrectionInput) -> Correction:
+        """psi and its terms for a layer. Never raises for a map that passed `CorrectionInput`."""
 
 
 def nothing(

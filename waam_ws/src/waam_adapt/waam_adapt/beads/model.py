@@ -38,33 +38,29 @@ COVERED = 0.3  # a cell that the beads give less of a layer than this has no row
 class BeadModel:
     """n pieces of metal along the beads of a layer and m segments whose setpoints drive them, in the order of laying.
 
-    spread (cells, n): relative growth of the cells for the relative metal of the pieces. pieces (n, 2): where they
-    begin and end, bounds (m + 1,): where segments do, m along all beads, which lie end to end with gaps that belong to
-    the segments beside them. points (m, 3, 2): x, y in m of start, middle and end of the segments. read (m, m): what
-    the feed-forward makes of a map that runs linearly from middle to middle. first, last (m,): segments at the ends of
-    the same bead. to_arc (m,): from the middle of a segment to the nearer end of its bead, m. Of every cell
-    (rows, cols): low, high, share: segments whose middles it lies between, and how far on; near: less than a bead away
-    from one; arc: to the nearer end of its bead, m; end: by how many pieces it lies behind arc on, from 1, or before
-    arc off, negative, whichever is nearer. overlapped: most cells get metal of more than one pass.
+    The beads lie end to end along one coordinate, in m; the gaps between them belong to the segments beside them.
     """
 
-    shape: tuple[int, int]
-    width: float
+    shape: tuple[int, int]  # rows and columns of the grid
+    width: float  # m, of a bead
+    # (cells, n) relative growth of the cells for the relative metal of the pieces
     spread: sparse.csr_array
-    pieces: np.ndarray
-    bounds: np.ndarray
-    points: np.ndarray
+    pieces: np.ndarray  # (n, 2) m along all beads, where pieces begin and end
+    bounds: np.ndarray  # (m + 1,) m along all beads, where segments begin and end
+    points: np.ndarray  # (m, 3, 2) m, x and y of start, middle and end of the segments
+    # (m, m) what the feed-forward makes of a map that is linear from middle to middle
     read: sparse.csr_array
-    first: np.ndarray
-    last: np.ndarray
-    to_arc: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    share: np.ndarray
-    near: np.ndarray
-    arc: np.ndarray
+    first: np.ndarray  # (m,) number of the first segment of the same bead
+    last: np.ndarray  # (m,) number of its last segment
+    to_arc: np.ndarray  # (m,) m from the middle of a segment to the nearer end of its bead
+    low: np.ndarray  # (rows, cols) segment whose middle comes before the cell,
+    high: np.ndarray  # (rows, cols) and the one whose middle comes after it
+    share: np.ndarray  # (rows, cols) 0..1, how far the cell lies from low to high
+    near: np.ndarray  # (rows, cols) bool, a bead passes less than a bead width away
+    arc: np.ndarray  # (rows, cols) m to the nearer end of its bead
+    # (rows, cols) pieces after arc on, from 1, or before arc off, negative; the nearer one
     end: np.ndarray
-    overlapped: bool
+    overlapped: bool  # most cells get metal of more than one pass
 
     def growth(self, asked: np.ndarray, lag: float) -> np.ndarray:
         """(rows, cols) relative growth for the relative metal (m,) that the setpoints ask for."""
@@ -104,16 +100,15 @@ class BeadModel:
         return np.where(total > 0, found / np.where(total > 0, total, 1.0), 1.0)
 
 
-class _Bead(NamedTuple):
-    """where, tangent (n, 2) of its pieces; way (n,) of their middles; length, all m; bounds (m + 1,): where its
-    segments begin and end; points (m, 3, 2)."""
+class Bead(NamedTuple):
+    """One bead, cut into n pieces and m segments. Lengths in m."""
 
-    where: np.ndarray
-    tangent: np.ndarray
-    way: np.ndarray
-    length: float
-    bounds: np.ndarray
-    points: np.ndarray
+    where: np.ndarray  # (n, 2) x, y of the middles of its pieces
+    tangent: np.ndarray  # (n, 2) unit vectors of travel
+    way: np.ndarray  # (n,) along the bead, of the middles
+    length: float  # of the bead
+    bounds: np.ndarray  # (m + 1,) along the bead, where its segments begin and end
+    points: np.ndarray  # (m, 3, 2) x, y of start, middle and end of its segments
 
 
 def bead_model(paths: Sequence[np.ndarray], shape: tuple[int, int], width: float) -> BeadModel:
@@ -125,16 +120,14 @@ def bead_model(paths: Sequence[np.ndarray], shape: tuple[int, int], width: float
 
 @lru_cache(maxsize=4)
 def _cached(paths: tuple[bytes, ...], shape: tuple[int, int], width: float) -> BeadModel:
-    beads = [_bead(np.frombuffer(p).reshape(-1, 2), width) for p in paths]
+    beads = [resampled(np.frombuffer(p).reshape(-1, 2), width) for p in paths]
     cell, gap = width / CELLS_PER_BEAD, GAP * width
     pieces, segments = (
         _Groups.of(some) for some in ([b.way for b in beads], [b.points for b in beads])
     )
     length = np.array([b.length for b in beads])
     offset = np.cumsum(length + gap) - length
-    where, tangent, way = (
-        np.concatenate([getattr(b, k) for b in beads]) for k in _Bead._fields[:3]
-    )
+    where, tangent, way = (np.concatenate([getattr(b, k) for b in beads]) for k in Bead._fields[:3])
     step, run = (length / pieces.counts)[pieces.group], way + offset[pieces.group]
     bounds = [b.bounds + o for b, o in zip(beads, offset, strict=True)]
     middle = np.concatenate([0.5 * (b[1:] + b[:-1]) for b in bounds])
@@ -170,15 +163,16 @@ def _cached(paths: tuple[bytes, ...], shape: tuple[int, int], width: float) -> B
 
 
 class _Groups(NamedTuple):
-    """Elements of beads, one bead after the other. counts, begin, end (beads,); group (elements,): bead of each."""
+    """Elements of beads, one bead after the other."""
 
-    counts: np.ndarray
-    begin: np.ndarray
-    end: np.ndarray
-    group: np.ndarray
+    counts: np.ndarray  # (beads,) elements of each bead
+    begin: np.ndarray  # (beads,) number of its first element
+    end: np.ndarray  # (beads,) number after its last element
+    group: np.ndarray  # (elements,) bead of each
 
     @classmethod
     def of(cls, parts: Sequence[np.ndarray]) -> _Groups:
+        """parts: one array per bead, with a row for each of its elements."""
         counts = np.array([len(p) for p in parts])
         end = np.cumsum(counts)
         return cls(counts, end - counts, end, np.repeat(np.arange(len(counts)), counts))
@@ -190,7 +184,7 @@ class _Groups(NamedTuple):
         return np.where(on <= off, on, -off)
 
 
-def _bead(path: np.ndarray, width: float) -> _Bead:
+def resampled(path: np.ndarray, width: float) -> Bead:
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     n = max(2, round(way[-1] / (width / CELLS_PER_BEAD)))
     at = (np.arange(n) + 0.5) / n * way[-1]
@@ -203,7 +197,7 @@ def _bead(path: np.ndarray, width: float) -> _Bead:
     tangent /= np.maximum(np.hypot(*tangent.T), 1e-12)[:, None]
     bounds = _segments(way, width)
     points = place(np.stack([bounds[:-1], 0.5 * (bounds[:-1] + bounds[1:]), bounds[1:]], 1))
-    return _Bead(where, tangent, at, max(way[-1], 1e-9), bounds, points)
+    return Bead(where, tangent, at, max(way[-1], 1e-9), bounds, points)
 
 
 def _segments(way: np.ndarray, width: float) -> np.ndarray:

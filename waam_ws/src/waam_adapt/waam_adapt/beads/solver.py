@@ -46,7 +46,10 @@ def refine(
         error -= request.shortfall  # the model has its own, `learned.missing`
     margin = MARGIN * request.bead_width / request.resolution
     error, weight = inner_mean(error, known, footprint, grid, margin)
-    need = (gain * error + learned.missing + learned.prior * guess) / learned.slope
+    missing = learned.missing + learned.prior * guess
+    if request.foretold is not None:
+        missing = missing - request.foretold.growth
+    need = (gain * error + missing) / learned.slope
     start = model.of_cells(ratio, request.resolution)
     solved = model.on_cells(solve(model, need, weight, start, learned.lag))
     return ratio + grid.fine(model.near.astype(float)) * (grid.fine(solved) - ratio)

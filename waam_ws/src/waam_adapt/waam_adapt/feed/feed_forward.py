@@ -33,17 +33,15 @@ class SetpointError(ValueError):
 
 @dataclass(frozen=True)
 class Path:
-    """Planned segments as arrays. start, end: (n, 3) m; kind: numbers of `Kind`; index: of the job,
-    for messages.
-    """
+    """n planned segments as arrays."""
 
-    index: np.ndarray
-    kind: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-    height: np.ndarray
-    width: np.ndarray
-    speed: np.ndarray
+    index: np.ndarray  # (n,) number in the job, for messages
+    kind: np.ndarray  # (n,) numbers of `Kind`
+    start: np.ndarray  # (n, 3) m, work frame
+    end: np.ndarray  # (n, 3) m
+    height: np.ndarray  # (n,) m, planned layer height
+    width: np.ndarray  # (n,) m, bead width
+    speed: np.ndarray  # (n,) m/s, programmed
 
     def check(self) -> None:
         """SetpointError names the first segment and field that cannot be used."""
@@ -81,6 +79,8 @@ class Limits:
     def of(
         cls, material: Material, speed: tuple[float, float], feed: tuple[float, float]
     ) -> Limits:
+        """speed, feed: (low, high) of the machine in m/s. SetpointError when they exclude those of the material."""
+
         def both(a: tuple[float, float], b: tuple[float, float], what: str) -> tuple[float, float]:
             low, high = max(a[0], b[0]), min(a[1], b[1])
             if low > high:
@@ -240,11 +240,11 @@ def _speed_and_feed(
     The feed follows the speed that is really driven; with `make_up` the speed follows a limited feed.
     """
     speed, bits = _clamp(programmed * factor, limits.speed, Clamp.SPEED_LOW, Clamp.SPEED_HIGH)
-    wish = metal * speed / np.where(programmed > 0, programmed, 1.0)
-    feed, feed_bits = _clamp(wish, limits.feed, Clamp.FEED_LOW, Clamp.FEED_HIGH)
+    wanted = metal * speed / np.where(programmed > 0, programmed, 1.0)
+    feed, feed_bits = _clamp(wanted, limits.feed, Clamp.FEED_LOW, Clamp.FEED_HIGH)
     bits |= feed_bits
     if make_up:
-        other = np.where(feed == wish, speed, speed * feed / np.maximum(wish, 1e-9))
+        other = np.where(feed == wanted, speed, speed * feed / np.maximum(wanted, 1e-9))
         speed, speed_bits = _clamp(other, limits.speed, Clamp.SPEED_LOW, Clamp.SPEED_HIGH)
         bits |= speed_bits
     return speed, feed, bits

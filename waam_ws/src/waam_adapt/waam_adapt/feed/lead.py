@@ -1,4 +1,4 @@
-"""Feed that answers late and corners that take time: what the wire is told so that the metal arrives in its place.
+"""Feed that answers late and corners that take time: the command to the wire for metal that arrives in its place.
 
 Arrays of length n, one entry per segment in the order they are driven; SI. Pure.
 """
@@ -15,12 +15,11 @@ SHARP = 1e-3  # rad, turns below this are none
 
 @dataclass(frozen=True)
 class Drives:
-    """wire_lag: time constant of the wire drive in s, 0 = none, or the controller leads it. acceleration: of travel,
-    m/s2, inf = corners take no time.
-    """
+    """How fast wire and table follow their commands."""
 
+    # s, time constant of the wire drive; 0 = none, or the controller leads it
     wire_lag: float = 0.0
-    acceleration: float = np.inf
+    acceleration: float = np.inf  # m/s2, of travel; inf = corners take no time
 
 
 def runs(joined: np.ndarray) -> list[slice]:

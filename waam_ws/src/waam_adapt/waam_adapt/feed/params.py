@@ -13,6 +13,8 @@ from .lead import Drives
 
 @dataclass(frozen=True)
 class FeedParams:
+    """Parameters of the node feed_forward."""
+
     materials_file: str = param(
         '', "operator's table that adds to or replaces the packaged materials"
     )
@@ -33,4 +35,5 @@ class FeedParams:
 
     @property
     def drives(self) -> Drives:
+        """Of the machine, as the lead needs them."""
         return Drives(self.wire_lag, self.acceleration or math.inf)

@@ -28,18 +28,16 @@ MIN_GROWTH = 0.2e-3  # m; thinner layers say nothing about the ratio
 
 @dataclass(frozen=True)
 class LayerEvidence:
-    """One layer: ratio of growths and its standard uncertainty, spread and mean command in m.
+    """What one layer says about the process, from means over blocks of cells."""
 
-    growth, commanded: means of all blocks (rows, cols) in m, NaN where too little is known.
-    """
-
-    ratio: float
-    ratio_sigma: float
-    spread: float
-    commanded: float
-    blocks: int
+    ratio: float  # measured growth over commanded growth
+    ratio_sigma: float  # its standard uncertainty
+    spread: float  # m, robust scatter of the blocks about the ratio
+    commanded: float  # m, mean command
+    blocks: int  # blocks that are known
+    # (rows, cols) m, mean growth of every block, NaN where too little is known
     block_growth: np.ndarray
-    block_commanded: np.ndarray
+    block_commanded: np.ndarray  # (rows, cols) m, mean command of every block
 
 
 def block_means(values: np.ndarray, known: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -53,19 +51,14 @@ def block_means(values: np.ndarray, known: np.ndarray, size: int) -> tuple[np.nd
 
 @dataclass(frozen=True)
 class Layer:
-    """One layer as it was laid. Maps (rows, cols) in m.
+    """One layer as it was laid. Maps (rows, cols) in m."""
 
-    before, after: surfaces, NaN = unknown. commanded: growth that the table expects of the final feed and speed
-    (`waam_process.bead.commanded_growth`), 0 or NaN outside the layer. planned: growth of the plan,
-    None = that of commanded.
-    """
-
-    before: np.ndarray
-    after: np.ndarray
-    commanded: np.ndarray
-    resolution: float
-    bead_width: float
-    planned: np.ndarray | None = None
+    before: np.ndarray  # surface it was laid on, NaN = unknown
+    after: np.ndarray  # surface after it, NaN = unknown
+    commanded: np.ndarray  # growth by the final setpoints (`commanded_growth`), 0 or NaN outside
+    resolution: float  # m, edge of a cell
+    bead_width: float  # m
+    planned: np.ndarray | None = None  # growth of the plan; None = that of commanded
 
 
 def layer_evidence(layer: Layer, slope: float = 1.0) -> LayerEvidence | None:

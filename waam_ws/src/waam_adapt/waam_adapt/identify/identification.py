@@ -123,15 +123,11 @@ def update_slope(
 
 @dataclass
 class Identifier:
-    """Keeps what one job has taught; asking twice for the same layer does not count its evidence twice.
+    """Keeps what one job has taught; asking twice for the same layer does not count its evidence twice."""
 
-    forgetting: see `update`; learning 0..1: of the shortfall, 0 = never. watch_beads: compare layers with the bead
-    model too (`beads.bead_bias`), for laws that solve through it.
-    """
-
-    forgetting: float = 0.5
-    learning: float = 0.3
-    watch_beads: bool = False
+    forgetting: float = 0.5  # see `update`
+    learning: float = 0.3  # 0..1, of the shortfall; 0 = never
+    watch_beads: bool = False  # also by the bead model (`beads.bead_bias`), for laws that use it
     job_id: str = ''
     layer: int = 0
     estimate: Estimate = Estimate()
@@ -143,6 +139,7 @@ class Identifier:
     beads: BeadBias = BeadBias()
     planned: dict[int, np.ndarray] = field(default_factory=dict)  # maps of the newest layers
     paths: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)  # of the same
+    foretold: dict[int, np.ndarray] = field(default_factory=dict)  # growth, of the same
     _before: tuple = (Estimate(), Shortfall(), (None, None), BeadBias())
 
     def start(self, job_id: str, layer: int) -> None:
@@ -191,8 +188,10 @@ class Identifier:
         plan: np.ndarray,
         before: Estimate,
     ) -> None:
-        """What the bead model did not foretell of a layer whose paths are told. laid: command, NaN outside; plan: m.
-        before: estimate that the layer was laid with."""
+        """Learns what the bead model did not predict of a layer whose paths are known.
+
+        laid: (rows, cols) m, command, NaN outside; plan: (rows, cols) m; before: estimate that the layer was laid with.
+        """
         grid = Resampler.of(laid.shape, layer.resolution, layer.bead_width / CELLS_PER_BEAD)
         plan = np.where(plan > MIN_GROWTH, plan, np.nan)
         relative = laid / plan
@@ -203,7 +202,12 @@ class Identifier:
         footprint, margin = np.isfinite(laid), MARGIN * layer.bead_width / layer.resolution
         known = footprint & np.isfinite(growth)
         growth, seen = inner_mean(growth, known, footprint, grid, margin)
-        self.beads = self.beads.learn(number, model, asked, growth, seen, self.learning, allowed)
+        foretold = self.foretold.get(number)
+        if foretold is not None:
+            growth = growth - foretold  # what the network knows needs not be learned
+        self.beads = self.beads.learn(
+            number, model, asked, growth, seen, learning=self.learning, allowed=allowed
+        )
 
     def prepare(self, request: CorrectionInput) -> CorrectionInput:
         """The request as a law for overlapped beads must see it: with the shortfall, in terms of metal.
@@ -213,7 +217,10 @@ class Identifier:
         """
         self.planned = {n: p for n, p in self.planned.items() if n >= self.layer - 1}
         self.paths = {n: p for n, p in self.paths.items() if n >= self.layer - 1}
+        self.foretold = {n: g for n, g in self.foretold.items() if n == self.layer - 1}
         self.planned[self.layer], self.paths[self.layer] = request.planned, request.paths
+        if request.foretold is not None:
+            self.foretold[self.layer] = request.foretold.growth
         learned = self.shortfall
         request = request.expecting(learned.share(self.layer), learned.layers[self.layer % 2])
         model = self._model(request)

@@ -25,17 +25,15 @@ class MapLimits:
 
 @dataclass(frozen=True)
 class MapOrigin:
-    """Where a map comes from. age s; layers: deposited before the scan; expected_layers: of the
-    plan; plausible: its maker's word.
-    """
+    """Where a map comes from."""
 
-    age: float
-    job_id: str
-    expected_job_id: str
-    layers: int
-    expected_layers: int
-    plausible: bool
-    reasons: tuple[str, ...] = ()
+    age: float  # s since its last profile
+    job_id: str  # that the map names
+    expected_job_id: str  # that the request names
+    layers: int  # deposited before the scan
+    expected_layers: int  # that the plan expects below
+    plausible: bool  # word of the node that made the map
+    reasons: tuple[str, ...] = ()  # why it is not plausible
 
 
 def reasons_against(

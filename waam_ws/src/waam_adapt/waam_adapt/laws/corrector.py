@@ -5,7 +5,7 @@ The node and the offline replay both answer through this class, so that a replay
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,18 +15,23 @@ from ..identify.evidence import Layer
 from ..identify.identification import Estimate, Identifier
 from ..types import Correction, CorrectionInput
 from .checks import MapLimits, MapOrigin, reasons_against, safe_correct
+from .growth_law import GrowthLaw
 from .registry import BEAD_LAWS, LAWS, make_law
 
 
 @dataclass(frozen=True)
 class CorrectionParams:
+    """Parameters of the node correction_server."""
+
     law: str = param(
         'bead_solver',
         'correction law',
         choices=tuple(LAWS),
     )
     model: str = param(
-        '', "file with the weights of law unet; '' = the packaged ones, none = its bead model alone"
+        '',
+        "file with the weights of law unet or growth_net; '' = the packaged ones, "
+        'none = the bead model alone',
     )
     k_gain: float = param(
         0.3, 'authority over travel speed when a request names none', '', 0.0, 0.3
@@ -57,22 +62,20 @@ class CorrectionParams:
 
 @dataclass(frozen=True)
 class LastLayer:
-    """The layer under the scan. Maps (rows, cols) in m, None = not known. before: surface it was laid on; growth: what
-    its setpoints asked for; feed_factor: factor of the wire feed it was laid with (flow and heat).
-    """
+    """The layer under the scan. Maps (rows, cols) in m, None = not known."""
 
-    before: np.ndarray | None = None
-    growth: np.ndarray | None = None
-    feed_factor: float = 1.0
+    before: np.ndarray | None = None  # surface that it was laid on
+    growth: np.ndarray | None = None  # what its setpoints asked for
+    feed_factor: float = 1.0  # of the wire feed that it was laid with, flow times heat
 
 
 @dataclass(frozen=True)
 class Answer:
-    """correction: psi and its terms; flow_factor: for the wire feed; estimate: what is believed of the process."""
+    """What the correction server says to one request."""
 
-    correction: Correction
-    flow_factor: float
-    estimate: Estimate
+    correction: Correction  # psi and its terms
+    flow_factor: float  # for the wire feed
+    estimate: Estimate  # what is believed of the process
 
 
 class Corrector:
@@ -100,6 +103,8 @@ class Corrector:
                     request.bead_width,
                 )
             )
+        if isinstance(self.law, GrowthLaw) and not reasons:
+            request = replace(request, foretold=self.law.foretell(request))
         flow, expected = 1.0, request
         if self.params.identify:
             flow = self.identifier.flow_factor(request)

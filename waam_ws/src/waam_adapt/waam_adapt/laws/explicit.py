@@ -31,6 +31,7 @@ class Zero:
     name: str = 'zero'
 
     def correct(self, request: CorrectionInput) -> Correction:
+        """psi 0 everywhere."""
         return nothing(request.z.shape, request.k_gain, self.name)
 
 
@@ -60,6 +61,7 @@ class Proportional:
     name: str = 'proportional'
 
     def correct(self, request: CorrectionInput) -> Correction:
+        """See the class; psi 0 where the map or the footprint is unknown."""
         return cell_by_cell(request, self.name, lambda missing: -self.gain * missing)
 
 
@@ -76,6 +78,8 @@ class LogLog:
     name: str = 'log_log'
 
     def correct(self, request: CorrectionInput) -> Correction:
+        """See the class; psi 0 where the map or the footprint is unknown."""
+
         def faster(missing: np.ndarray) -> np.ndarray:
             ratio = np.clip(1 + self.gain * missing, RATIO_LOW, RATIO_HIGH)
             return ratio ** (1 / self.exponent) - 1
@@ -101,6 +105,7 @@ class DampedInverse:
     name: str = 'damped_inverse'
 
     def correct(self, request: CorrectionInput) -> Correction:
+        """See the class; a fallback without correction when no cell of the footprint is known."""
         asked = self.height_request(request)
         if asked is None:
             reason = 'no known cell in the footprint'

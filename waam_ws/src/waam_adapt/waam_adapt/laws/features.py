@@ -29,15 +29,14 @@ EDGE_REACH = 2.0  # bead widths from the edge at which a cell counts as interior
 
 @dataclass(frozen=True)
 class Features:
-    """x: (CHANNELS, rows, cols) float32 on the coarse grid; height: m, the planned layer; to_fine:
-    takes coarse maps back.
-    """
+    """What the network sees of a layer."""
 
-    x: np.ndarray
-    height: float
-    resampler: Resampler
+    x: np.ndarray  # (CHANNELS, rows, cols) float32, on the coarse grid
+    height: float  # m, of the planned layer
+    resampler: Resampler  # takes coarse maps back to the grid of the request
 
     def channel(self, name: str) -> np.ndarray:
+        """(rows, cols) of the channel called `name` (`NAMES`), on the coarse grid."""
         return self.x[NAMES.index(name)]
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,13 +29,11 @@ class ModelError(ValueError):
 
 @dataclass(frozen=True)
 class Network:
-    """weights: arrays by name (`CONVS` with .weight, .bias). card: what the file says of its
-    training. digest: sha256.
-    """
+    """Weights of the network and what is known about them."""
 
-    weights: dict[str, np.ndarray]
-    card: dict[str, Any]
-    digest: str
+    weights: dict[str, np.ndarray]  # arrays by name: `CONVS` with .weight, .bias
+    card: dict[str, Any]  # what the file says of its training
+    digest: str  # sha256 of the file
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x (channels, rows, cols) float32 -> change of the relative layer height and log of the
@@ -51,6 +50,14 @@ class Network:
                     inner = tile[r - top : r - top + TILE, c - left : c - left + TILE]
                     out[r : r + TILE, c : c + TILE] = inner
         return change[:rows, :cols], doubt[:rows, :cols]
+
+    def unlike(self, names: Sequence[str], figures: np.ndarray) -> str:
+        """The first figure of an input that lies outside of what the training has seen, in words; '' = none."""
+        for name, value in zip(names, figures, strict=True):
+            low, high = self.card['seen'][name]
+            if not low <= value <= high:
+                return f'{name} {value:.3g}, seen {low:.3g} .. {high:.3g}'
+        return ''
 
     def _tile(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         one = self._conv('enc1b', self._conv('enc1a', x))

@@ -29,8 +29,9 @@ def save(path: Path, weights: dict[str, np.ndarray], card: dict[str, Any]) -> st
     return code
 
 
-def load(path: Path) -> Network:
-    """ModelError when the file is missing, cannot be read, misses a layer or does not have the hash that it names."""
+def load(path: Path, channels: int = CHANNELS) -> Network:
+    """channels: of the input. ModelError when the file is missing, cannot be read, misses a layer or does not have the
+    hash that it names."""
     try:
         with np.load(path, allow_pickle=False) as file:
             content = {k: file[k] for k in file.files}
@@ -43,7 +44,7 @@ def load(path: Path) -> Network:
     weights = {k: _weight(path, k, a) for k, a in content.items()}
     if (got := digest(weights, card)) != wanted:
         raise ModelError(f'{path}: hash is {got[:12]}, the file says {wanted[:12]}: damaged')
-    _check_layers(path, weights)
+    _check_layers(path, weights, channels)
     return Network(weights, card, wanted)
 
 
@@ -53,14 +54,14 @@ def _weight(path: Path, name: str, values: np.ndarray) -> np.ndarray:
     return values
 
 
-def _check_layers(path: Path, weights: dict[str, np.ndarray]) -> None:
+def _check_layers(path: Path, weights: dict[str, np.ndarray], channels: int) -> None:
     """Channels must fit from layer to layer, else the first request would fail instead of the start."""
     missing = [f'{n}.{k}' for n in CONVS for k in ('weight', 'bias') if f'{n}.{k}' not in weights]
     if missing:
         raise ModelError(f'{path}: no {missing[0]} in it')
     a, b, c = (len(weights[f'{n}.bias']) for n in ('enc1a', 'enc2a', 'mida'))
     sizes = (
-        (CHANNELS, a),
+        (channels, a),
         (a, a),
         (a, b),
         (b, b),

@@ -1,8 +1,8 @@
-"""The learned law: the damped inverse, what the network adds to it where it may be trusted, and a last
-layer that solves for the beads (`bead_solver`) where their paths are told.
+"""The learned law: the damped inverse, what the network adds to it where it may be trusted, and a last layer that
+solves for the beads (`bead_solver`) where the request has their paths.
 
 The network never replaces the explicit law. Where it doubts its own answer its share fades out. For a map unlike those
-of its training the bead model answers without it, where the paths are told. Without paths, and without a sound model
+of its training the bead model answers without it, if the request has paths. Without paths, or without a sound model
 file, the explicit law answers alone. The answer says so in each case.
 """
 
@@ -63,13 +63,14 @@ class UNetLaw:
             return cls(explicit, None, str(e))
 
     def correct(self, request: CorrectionInput) -> Correction:
+        """The beads solved for what the network wants; without it where that cannot be trusted (see `reasons`)."""
         plain = self.explicit.height_request(request)
         if plain is None or self.broken:
             return self._alone(request, self.broken)
         if self.network is None:
             return self._by_beads(request, plain)
         seen = features.build(request, plain.ratio - 1)
-        if odd := unlike(self.network, features.summary(seen.x)):
+        if odd := self.network.unlike(features.SUMMARIES, features.summary(seen.x)):
             return self._without(request, plain, f'input unlike the training: {odd}')
         change, doubt = self.network(seen.x)
         if not (np.isfinite(change).all() and np.isfinite(doubt).all()):
@@ -88,7 +89,7 @@ class UNetLaw:
         return self._solved(request, plain, plain.ratio, sure, self._grid(request))
 
     def _without(self, request: CorrectionInput, plain: HeightRequest, why: str) -> Correction:
-        """The answer without the network, announced as a fallback: the bead model's where the beads are told."""
+        """The answer without the network, announced as a fallback: the bead model's where there are paths."""
         if not request.paths:
             return self._alone(request, why)
         reason = f'unet: {why}; the bead model answers without the network'
@@ -142,15 +143,6 @@ class UNetLaw:
         reason = f'unet: {why}; {self.explicit.name} answers' if why else ''
         reasons = (*((reason,) if reason else ()), *result.reasons)
         return replace(result, fallback=bool(reasons), reasons=reasons)
-
-
-def unlike(network: net.Network, figures: np.ndarray) -> str:
-    """The first figure of the input that lies outside of what the training has seen, in words; '' = none."""
-    for name, value in zip(features.SUMMARIES, figures, strict=True):
-        low, high = network.card['seen'][name]
-        if not low <= value <= high:
-            return f'{name} {value:.3g}, seen {low:.3g} .. {high:.3g}'
-    return ''
 
 
 @lru_cache(maxsize=4)

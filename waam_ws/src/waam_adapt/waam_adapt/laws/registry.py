@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from ..types import CorrectionError, CorrectionLaw
 from .explicit import DampedInverse, LogLog, Proportional, Zero
+from .growth_law import GrowthLaw
 from .net_law import UNetLaw
 
 
@@ -27,16 +28,18 @@ class LawSettings:
 
     @property
     def inverse(self) -> DampedInverse:
+        """The explicit law that the others begin with and fall back on."""
         return DampedInverse(self.gain, self.regularisation)
 
 
 # Laws that solve for the beads, so that it is worth comparing layers with the bead model.
-BEAD_LAWS = ('bead_solver', 'unet')
+BEAD_LAWS = ('bead_solver', 'unet', 'growth_net')
 
 LAWS: dict[str, Callable[[LawSettings], CorrectionLaw]] = {
     'damped_inverse': lambda s: s.inverse,
     'bead_solver': lambda s: UNetLaw(s.inverse, None, name='bead_solver'),
     'unet': lambda s: UNetLaw.load(s.model, s.inverse),
+    'growth_net': lambda s: GrowthLaw.load(s.model, s.inverse),
     'proportional': lambda s: Proportional(s.gain),
     'log_log': lambda s: LogLog(s.gain),
     'zero': lambda s: Zero(),

@@ -31,12 +31,15 @@ class Compensator:
         return self.monitor.material_error
 
     def add(self, time: float, temperature: float) -> None:
+        """A reading of the pyrometer: time s (ROS), temperature degC."""
         self.monitor.add(time, temperature)
 
     def state(self, now: float) -> Heat:
+        """What holds at ROS time `now`, s."""
         return self.monitor.state(now)
 
     def job_begins(self) -> None:
+        """Nothing is held against the spot of the pyrometer any more."""
         self.monitor.response.forget()
         self._layer = None
 
@@ -62,4 +65,5 @@ class Compensator:
             self.monitor.response.layer_begins()
 
     def layer_ends(self, laid: LaidLayer) -> None:
+        """The arc of a layer has gone out: its heat must show within some seconds."""
         self.monitor.response.layer_ends(laid)

@@ -34,10 +34,12 @@ class Curve:
 
     @property
     def usable(self) -> bool:
+        """Long enough and with enough of a drop to predict the next dwell from."""
         drop = self.temperature[0] - self.temperature[-1] if len(self.time) else 0.0
         return len(self.time) >= MIN_SAMPLES and drop >= MIN_DROP
 
     def at(self, time: float | np.ndarray) -> np.ndarray:
+        """degC, `time` s after the peak; linear between samples, constant beyond both ends."""
         return np.interp(time, self.time, self.temperature)
 
     def until(self, time: float) -> Curve:

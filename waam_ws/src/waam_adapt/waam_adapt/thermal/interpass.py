@@ -60,7 +60,7 @@ class Heat:
 class InterpassMonitor:
     """Follows one pyrometer. `add` every sample, `state` at any time.
 
-    `response` is told of the layers that the arc lays, and doubts a temperature that does not answer to them.
+    `response` follows the layers that the arc lays, and doubts a temperature that does not answer to them.
     """
 
     def __init__(self, material: Material, settings: Settings) -> None:

@@ -13,6 +13,8 @@ from .interpass import Settings
 
 @dataclass(frozen=True)
 class ThermalParams:
+    """Parameters of the node thermal_compensator."""
+
     material: str = param(materials.DEFAULT, 'whose limit and law hold until a job names its own')
     materials_file: str = param(
         '', "operator's table that adds to or replaces the packaged materials"
@@ -39,6 +41,7 @@ class ThermalParams:
 
     @property
     def of_material(self) -> materials.Material:
+        """The material that holds until a job names its own. MaterialError when the table does not have it."""
         return materials.get(self.material, self.materials_file or None)
 
     def limit_of(self, material: materials.Material) -> float:

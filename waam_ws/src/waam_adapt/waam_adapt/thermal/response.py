@@ -50,6 +50,7 @@ class ResponseWatch:
         self._doubt = ''
 
     def add(self, time: float, temperature: float) -> None:
+        """A reading: time s, temperature degC; times rise."""
         self._recent.append((time, temperature))
         while self._recent[0][0] < time - BEFORE:
             self._recent.popleft()
@@ -61,6 +62,7 @@ class ResponseWatch:
             self._judge()
 
     def layer_begins(self) -> None:
+        """From here on the temperature should rise above what it was in the last seconds."""
         self._watching, self._laid = True, None
         self._before = float(np.median([t for _, t in self._recent])) if self._recent else math.nan
         self._peak = math.nan

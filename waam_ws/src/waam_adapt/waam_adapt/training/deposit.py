@@ -17,51 +17,38 @@ REACH = 4  # cells on each side of a station that its metal can touch
 
 @dataclass(frozen=True)
 class Stations:
-    """n points along the beads of one layer, one cell apart, of all scenes of a batch.
+    """n points along the beads of one layer, one cell apart, of all scenes of a batch."""
 
-    scene (n,): its number; bead (n,): number of the bead, unique in the batch; where (n, 2): row,
-    col; cells (n, k): flat index into (scenes, rows, cols); outside (n, k): not in the footprint;
-    share (n, k): of the metal that a flat surface gives to the cell, sum 1; metal (n,): planned
-    volume; from_start, to_end (n,): along the bead.
-    """
-
-    scene: torch.Tensor
-    bead: torch.Tensor
-    where: torch.Tensor
-    cells: torch.Tensor
-    outside: torch.Tensor
-    share: torch.Tensor
-    metal: torch.Tensor
-    from_start: torch.Tensor
-    to_end: torch.Tensor
+    scene: torch.Tensor  # (n,) number of the scene
+    bead: torch.Tensor  # (n,) number of the bead, unique in the batch
+    where: torch.Tensor  # (n, 2) row and column
+    cells: torch.Tensor  # (n, k) flat index into (scenes, rows, cols)
+    outside: torch.Tensor  # (n, k) bool, not in the footprint
+    share: torch.Tensor  # (n, k) of the metal, that a flat surface gives to the cell; sum 1
+    metal: torch.Tensor  # (n,) planned volume
+    from_start: torch.Tensor  # (n,) cells along the bead, from arc on
+    to_end: torch.Tensor  # (n,) cells along the bead, to arc off
 
 
 @dataclass(frozen=True)
 class Pool:
-    """The process, one value per scene (b,).
+    """The process, one value per scene (b,)."""
 
-    exponent: of the metal on the relative layer height that is asked for (1 = mass balance; a single
-    bead gets wider as well); hump, crater: relative excess at the start, lack at the end, with their
-    lengths in cells; filling: preference for hollows, per layer height; levelling: 0..0.2, per step;
-    lag: 0..1, cells by which the metal comes late; cliff: layer heights, a step that metal hangs
-    over instead of flowing down; conserved: 0..1, whether humps and craters keep the metal of their bead.
-    spill: 0..1, of the metal beside the footprint that goes there, for surface tension holds it on the edge; run_over:
-    0..1, how much the depth beside the part draws it.
-    """
-
-    efficiency: torch.Tensor
+    efficiency: torch.Tensor  # share of the wire that arrives
+    # of the metal on the height that is asked for; 1 = mass balance, a single bead gets wider as well
     exponent: torch.Tensor
-    hump: torch.Tensor
-    hump_length: torch.Tensor
-    crater: torch.Tensor
-    crater_length: torch.Tensor
-    filling: torch.Tensor
-    levelling: torch.Tensor
-    lag: torch.Tensor
-    cliff: torch.Tensor
-    conserved: torch.Tensor
+    hump: torch.Tensor  # relative excess at the start of a bead
+    hump_length: torch.Tensor  # cells
+    crater: torch.Tensor  # relative lack at the end of a bead
+    crater_length: torch.Tensor  # cells
+    filling: torch.Tensor  # preference for hollows, per layer height
+    levelling: torch.Tensor  # 0..0.2 per step
+    lag: torch.Tensor  # 0..1, cells by which the metal comes late
+    cliff: torch.Tensor  # layer heights; a step that metal hangs over instead of flowing down
+    conserved: torch.Tensor  # 0..1, whether humps and craters keep the metal of their bead
+    # 0..1, of the metal beside the footprint that goes there; surface tension holds the rest on the edge
     spill: torch.Tensor
-    run_over: torch.Tensor
+    run_over: torch.Tensor  # 0..1, how much the depth beside the part draws it
 
 
 def shares(
@@ -87,8 +74,8 @@ def shares(
 
 
 def driven(pool: Pool, s: Stations, wanted: torch.Tensor) -> torch.Tensor:
-    """What reaches the metal of a wish (n,) per station: means over segments of about two cells,
-    late by the wire's lag.
+    """What reaches the metal of the wanted ratio (n,) per station: means over segments of about two cells, late by the
+    lag of the wire.
     """
     first = torch.ones_like(s.bead, dtype=torch.bool)
     first[1:] = s.bead[1:] != s.bead[:-1]

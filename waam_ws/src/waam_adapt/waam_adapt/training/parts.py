@@ -42,6 +42,7 @@ class Part:
 
 
 def draw(rng: np.random.Generator, name: str) -> float:
+    """A value of RANGES[name], evenly distributed."""
     return float(rng.uniform(*RANGES[name]))
 
 

@@ -46,15 +46,14 @@ class State:
 
 @dataclass(frozen=True)
 class Layer:
-    """z: surface after it; square (b,): mean square error over the judged cells, layer heights; imitated (b,): mean
-    square difference between what was asked and the ideal control; error and log_error: maps.
-    """
+    """What one simulated layer of b scenes gave."""
 
-    z: torch.Tensor
-    square: torch.Tensor
+    z: torch.Tensor  # (b, rows, cols) surface after it
+    square: torch.Tensor  # (b,) mean square error over the judged cells, layer heights
+    # (b,) mean square difference between what was asked and the ideal control
     imitated: torch.Tensor
-    error: torch.Tensor
-    log_error: torch.Tensor
+    error: torch.Tensor  # (b, rows, cols) layer heights
+    log_error: torch.Tensor  # (b, rows, cols) logarithm of the error that the network expects
 
 
 def height_request(b: Batch, error: torch.Tensor, known: np.ndarray, variant: int) -> torch.Tensor:

@@ -32,27 +32,24 @@ class Recorded:
 
 @dataclass
 class Batch:
-    """b scenes. Maps (b, SIZE, SIZE); layers: stations of even and odd layers; marks: starts and ends of the same.
+    """b scenes. Maps are (b, SIZE, SIZE); pairs hold what belongs to even and to odd layers."""
 
-    Per scene (b,): height m, gain, sigma (layer heights), heat (change of efficiency per layer). noise: by layer, (n,).
-    """
-
-    z: torch.Tensor
-    footprint: torch.Tensor
-    planned: torch.Tensor
-    judged: torch.Tensor
-    trusted: tuple[np.ndarray, np.ndarray]
-    holes: np.ndarray
-    transfer: tuple[torch.Tensor, torch.Tensor]
-    fixed: tuple[torch.Tensor, torch.Tensor]
-    layers: tuple[Stations, Stations]
-    noise: list[torch.Tensor]
-    pool: Pool
-    height: np.ndarray
-    gain: torch.Tensor
-    sigma: torch.Tensor
-    spikes: np.ndarray
-    heat: torch.Tensor
+    z: torch.Tensor  # surface before the first layer, layer heights
+    footprint: torch.Tensor  # bool
+    planned: torch.Tensor  # layer heights of metal per layer
+    judged: torch.Tensor  # bool
+    trusted: tuple[np.ndarray, np.ndarray]  # bool, where a scan is believed
+    holes: np.ndarray  # bool, what the scan does not show
+    transfer: tuple[torch.Tensor, torch.Tensor]  # transfer function of the inverse bead filter
+    fixed: tuple[torch.Tensor, torch.Tensor]  # channels that do not change from layer to layer
+    layers: tuple[Stations, Stations]  # stations of the beads
+    noise: list[torch.Tensor]  # by layer, (n,) relative change of the metal of the stations
+    pool: Pool  # the process
+    height: np.ndarray  # (b,) m, layer height
+    gain: torch.Tensor  # (b,) of the explicit law
+    sigma: torch.Tensor  # (b,) layer heights, uncertainty of the scan
+    spikes: np.ndarray  # (b,) share of the cells whose height is a spike
+    heat: torch.Tensor  # (b,) change of the efficiency per layer
     rng: np.random.Generator
 
 
@@ -102,15 +99,15 @@ def _stations(
     f = torch.float32
     outside = ~torch.from_numpy(footprint).reshape(-1)[cells]
     return Stations(
-        scenes,
-        number,
-        where.to(f),
-        cells,
-        outside,
-        share.to(f),
-        metal.to(f),
-        start.to(f),
-        end.to(f),
+        scene=scenes,
+        bead=number,
+        where=where.to(f),
+        cells=cells,
+        outside=outside,
+        share=share.to(f),
+        metal=metal.to(f),
+        from_start=start.to(f),
+        to_end=end.to(f),
     )
 
 

@@ -34,28 +34,28 @@ class TrainingError(ValueError):
 
 @dataclass(frozen=True)
 class Settings:
-    """unroll: layers that gradients go through; warm: at most so many before them; layers of the validation runs; loss:
-    see `rollout.loss`."""
+    """Settings of a training."""
 
     steps: int = 400
     seed: int = 1
-    batch: int = 8
-    unroll: int = 3
-    warm: int = 12
-    rate: float = 2e-3
-    widths: tuple[int, int, int] = (8, 16, 32)
-    check_every: int = 100
-    check_batches: int = 4
-    check_layers: int = 10
-    loss: str = 'height'
+    batch: int = 8  # scenes
+    unroll: int = 3  # layers that gradients go through
+    warm: int = 12  # layers before them, at most
+    rate: float = 2e-3  # learning rate at the beginning
+    widths: tuple[int, int, int] = (8, 16, 32)  # channels of the three levels of the network
+    check_every: int = 100  # steps between validations
+    check_batches: int = 4  # of a validation
+    check_layers: int = 10  # of a validation
+    loss: str = 'height'  # see `rollout.loss`
 
 
 @dataclass
 class Progress:
-    """step: done so far. loss: of every step. checks: what the validation said, with the step."""
+    """How far a training has come."""
 
-    step: int = 0
-    loss: list[float] = field(default_factory=list)
+    step: int = 0  # done so far
+    loss: list[float] = field(default_factory=list)  # of every step
+    # what the validation said, with the step
     checks: list[dict[str, float]] = field(default_factory=list)
 
 

@@ -17,16 +17,18 @@ from ..laws.net import HEAD_LIMIT, LOG_LIMITS
 
 
 class UNet(nn.Module):
-    """x (batch, CHANNELS, rows, cols), rows and cols divisible by 4 -> change (batch, rows, cols), log_error alike.
+    """x (batch, channels, rows, cols), rows and cols divisible by 4 -> change (batch, rows, cols), log_error alike.
 
     The head starts at zero: an untrained network adds nothing to the explicit law.
     """
 
-    def __init__(self, widths: tuple[int, int, int] = (8, 16, 32)) -> None:
+    def __init__(
+        self, widths: tuple[int, int, int] = (8, 16, 32), channels: int = CHANNELS
+    ) -> None:
         super().__init__()
         a, b, c = widths
         self.widths = widths
-        self.enc1a, self.enc1b = _conv(CHANNELS, a), _conv(a, a)
+        self.enc1a, self.enc1b = _conv(channels, a), _conv(a, a)
         self.enc2a, self.enc2b = _conv(a, b), _conv(b, b)
         self.mida, self.midb = _conv(b, c), _conv(c, c)
         self.dec2a, self.dec2b = _conv(c + b, b), _conv(b, b)
@@ -39,6 +41,9 @@ class UNet(nn.Module):
             nn.init.constant_(layer.bias, bias)
 
     def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """x: (b, CHANNELS, rows, cols), rows and cols multiples of 4. Returns the change of the ratio, within
+        HEAD_LIMIT, and the logarithm of its expected error, (b, rows, cols) each.
+        """
         one = F.relu(self.enc1b(F.relu(self.enc1a(x))))
         two = F.relu(self.enc2b(F.relu(self.enc2a(F.avg_pool2d(one, 2)))))
         three = F.relu(self.midb(F.relu(self.mida(F.avg_pool2d(two, 2)))))

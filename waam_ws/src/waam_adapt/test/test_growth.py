@@ -1,0 +1,245 @@
+"""The growth network: what it sees, what its law does with it, what it is trained on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from net_weights import random_weights
+
+from waam_adapt.beads import plan_geometry
+from waam_adapt.beads.model import bead_model
+from waam_adapt.grids import CELLS_PER_BEAD, Resampler
+from waam_adapt.laws import net_file
+from waam_adapt.laws.checks import MapOrigin
+from waam_adapt.laws.corrector import CorrectionParams, Corrector, LastLayer
+from waam_adapt.laws.growth_law import GrowthLaw
+from waam_adapt.laws.registry import make_law
+from waam_adapt.training import samples
+from waam_adapt.types import CorrectionInput, Foretold
+
+RES, WIDTH, H = 0.5e-3, 6e-3, 2e-3
+SHAPE = (96, 96)  # 48 mm: a whole number of model cells
+PITCH = 4e-3
+
+
+def zigzag() -> np.ndarray:
+    """(n, 2) m: passes along x with links between, not symmetric."""
+    points: list[tuple[float, float]] = []
+    for k in range(8):
+        ends = [(9e-3, 10e-3 + k * PITCH), (36e-3, 10e-3 + k * PITCH)]
+        points += ends if k % 2 == 0 else ends[::-1]
+    return np.array(points)
+
+
+def request(paths: tuple[np.ndarray, ...] | None = None, **changes) -> CorrectionInput:
+    inside = np.zeros(SHAPE, bool)
+    inside[16:-16, 16:-20] = True
+    values = {
+        'z': np.zeros(SHAPE), 'target': np.zeros(SHAPE), 'planned': np.where(inside, H, 0.0),
+        'resolution': RES, 'bead_width': WIDTH, 'k_gain': 0.3, 'sigma': np.full(SHAPE, 2e-5),
+        'paths': (zigzag(),) if paths is None else paths, 'temperature': 150.0,
+    }  # fmt: skip
+    return CorrectionInput(**(values | changes))
+
+
+def grid_of(r: CorrectionInput) -> Resampler:
+    return Resampler.of(r.z.shape, r.resolution, r.bead_width / CELLS_PER_BEAD)
+
+
+def weights_file(path, scale=1.0, low=-1e9, high=1e9):
+    weights = random_weights(channels=plan_geometry.CHANNELS)
+    weights['enc1a.weight'] *= np.float32(scale)
+    seen = {name: [low, high] for name in plan_geometry.SUMMARIES}
+    net_file.save(path, weights, {'seen': seen})
+    return path
+
+
+@pytest.fixture
+def law(tmp_path):
+    return make_law('growth_net', model=str(weights_file(tmp_path / 'g.npz')))
+
+
+def turned(r: CorrectionInput) -> CorrectionInput:
+    """The same layer mirrored at the diagonal: x and y change places."""
+    return replace(
+        r,
+        planned=r.planned.T.copy(),
+        paths=tuple(np.ascontiguousarray(p[:, ::-1]) for p in r.paths),
+    )
+
+
+def mirrored(r: CorrectionInput) -> CorrectionInput:
+    side = SHAPE[1] * RES
+    return replace(
+        r, planned=r.planned[:, ::-1].copy(), paths=tuple(p * (-1, 1) + (side, 0) for p in r.paths)
+    )
+
+
+def test_channels_keep_their_values_when_the_part_is_turned_or_mirrored():
+    r = request()
+    x = plan_geometry.build(r, grid_of(r))
+    assert np.ptp(x[plan_geometry.NAMES.index('turn across')]) > 0.1
+    for other, back in (
+        (turned(r), lambda a: np.swapaxes(a, 1, 2)),
+        (mirrored(r), lambda a: a[:, :, ::-1]),
+    ):
+        seen = back(plan_geometry.build(other, grid_of(other)))
+        different = np.abs(seen - x).max(axis=(1, 2)) > 1e-5
+        # where two passes are equally near, either may be the nearest
+        shares = (np.abs(seen - x) > 1e-3).mean(axis=(1, 2))
+        assert shares.max() < 0.05, [plan_geometry.NAMES[i] for i in np.flatnonzero(different)]
+
+
+def test_channels_know_nothing_of_the_surface():
+    r = request()
+    rough = replace(r, z=1e-3 * np.random.default_rng(1).standard_normal(SHAPE))
+    assert (plan_geometry.build(rough, grid_of(r)) == plan_geometry.build(r, grid_of(r))).all()
+
+
+def test_passes_before_and_after_change_places_when_the_layer_is_laid_backwards():
+    r = request()
+    back = replace(r, paths=(zigzag()[::-1].copy(),))
+    one, two = (plan_geometry.build(v, grid_of(v)) for v in (r, back))
+    before, after = (plan_geometry.NAMES.index(n) for n in ('before', 'after'))
+    middle = np.s_[12:20, 9:15]
+    assert one[before][middle].mean() > 0.3
+    assert np.abs(one[before] - two[after])[middle].max() < 1e-4
+
+
+def test_answer_names_the_network_and_differs_from_the_bead_solver(law):
+    result, plain = law.correct(request()), make_law('bead_solver').correct(request())
+    assert not result.fallback
+    assert (result.law, result.model_hash) == ('growth_net', law.network.digest)
+    assert np.abs(result.psi - plain.psi).max() > 0.05
+    assert (result.confidence <= plain.confidence + 1e-12).all()
+    assert result.confidence.max() < plain.confidence.max()
+
+
+def test_same_input_same_bits(law):
+    one, two = law.correct(request()), law.correct(request())
+    assert one.psi.tobytes() == two.psi.tobytes()
+    assert one.residual_height.tobytes() == two.residual_height.tobytes()
+
+
+def test_less_is_laid_where_more_will_grow():
+    r, law = request(), GrowthLaw.load('none', make_law('damped_inverse'))
+    growth = np.zeros(grid_of(r).shape)
+    growth[14:18, 10:14] = 0.3
+    told = replace(r, foretold=Foretold(growth, np.zeros_like(growth), 'abc'))
+    hump, plain = law.correct(told), law.correct(r)
+    place = np.s_[42:54, 30:42]
+    assert (hump.psi - plain.psi)[place].mean() > 0.2  # faster: thinner
+    assert hump.model_hash == 'abc'
+
+
+@pytest.mark.parametrize(
+    ('how', 'word'), [('missing', 'no such model'), ('unlike', 'unlike'), ('nan', 'finite')]
+)
+def test_without_the_network_the_bead_solver_answers_and_says_so(tmp_path, how, word):
+    path = tmp_path / 'g.npz'
+    if how == 'unlike':
+        weights_file(path, low=50.0, high=60.0)
+    elif how == 'nan':
+        weights_file(path, scale=1e38)
+    law = make_law('growth_net', model=str(path))
+    with np.errstate(all='ignore'):
+        result = law.correct(request())
+    assert result.fallback
+    assert word in result.reasons[0]
+    assert (result.psi == make_law('bead_solver').correct(request()).psi).all()
+    assert result.model_hash == ''
+
+
+def test_weights_of_the_other_network_are_refused(tmp_path):
+    path = tmp_path / 'other.npz'
+    net_file.save(path, random_weights(), {'seen': {}})
+    result = make_law('growth_net', model=str(path)).correct(request())
+    assert result.fallback
+    assert 'shape' in result.reasons[0]
+
+
+def test_what_was_foretold_is_not_learned_again(tmp_path):
+    """A layer grows exactly as foretold: the bead bias has nothing to learn. Without the network it has."""
+    missing = {}
+    for name in ('growth_net', 'bead_solver'):
+        model = str(weights_file(tmp_path / 'g.npz')) if name == 'growth_net' else ''
+        corrector = Corrector(CorrectionParams(law=name, model=model))
+        first = request()
+        answer = corrector.answer(1, first, origin(0), LastLayer())
+        foretold = make_law('growth_net', model=str(tmp_path / 'g.npz')).foretell(first).growth
+        c, grid = answer.correction, grid_of(first)
+        asked = np.where(first.footprint, H / (1 + c.k_gain * c.psi) + c.residual_height, 0.0)
+        model_ = bead_model(first.paths, grid.shape, WIDTH)
+        expected = model_.growth(
+            model_.of_cells(np.where(first.footprint, asked / H, np.nan), RES), 0.0
+        )
+        grown = first.z + np.where(first.footprint, H * grid.fine(expected + foretold), 0.0)
+        second = request(z=grown, target=grown)
+        corrector.answer(2, second, origin(1), LastLayer(first.z, asked))
+        learned = corrector.identifier.beads.missing[1]
+        missing[name] = float(np.sqrt(np.mean(learned**2)))
+    assert missing['growth_net'] < 0.5 * missing['bead_solver']
+
+
+def origin(layers: int) -> MapOrigin:
+    return MapOrigin(0.0, 'job', 'job', layers, layers, True, ())
+
+
+def layer_sample(seed: int, amplitude: float = 0.3) -> samples.Sample:
+    """A layer of a plant that grows higher where turns are."""
+    r = request(paths=(zigzag() + 1e-3 * (seed % 3),))
+    grid = grid_of(r)
+    model = bead_model(r.paths, grid.shape, WIDTH)
+    turn = plan_geometry.build(r, grid)[plan_geometry.NAMES.index('turn')]
+    grown = model.growth(np.ones(len(model.points)), 0.0) + amplitude * np.minimum(turn, 1.0)
+    after = np.where(r.footprint, H * grid.fine(grown), 0.0)
+    found = samples.sample(r, np.where(r.footprint, H, 0.0), after, 0.0, seed)
+    assert found is not None
+    return found
+
+
+def test_a_sample_is_what_grew_beside_the_bead_model():
+    bumpy, plain = layer_sample(1), layer_sample(1, 0.0)
+    known = bumpy.weight > 0.9
+    assert np.abs(plain.y[known]).max() < 0.1
+    turn = bumpy.x[plan_geometry.NAMES.index('turn')]
+    assert np.corrcoef(bumpy.y[known] - plain.y[known], turn[known])[0, 1] > 0.8
+
+
+def test_samples_come_back_from_their_files(tmp_path):
+    with pytest.raises(ValueError, match='no job_'):
+        list(samples.load(tmp_path))
+    layers = [layer_sample(4), layer_sample(5)]
+    samples.save(tmp_path, 4, layers)
+    for a, b in zip(layers, samples.load(tmp_path), strict=True):
+        assert (a.x == b.x).all()
+        assert (a.y == b.y).all()
+        assert (a.weight == b.weight).all()
+        assert b.seed == 4
+
+
+def test_training_finds_the_growth_in_turns_and_gives_the_same_bits_again(tmp_path):
+    torch = pytest.importorskip('torch')
+    from waam_adapt.training import growth
+    from waam_adapt.training.unet import arrays
+
+    layers = [layer_sample(s) for s in range(1, 9)]
+    torch.set_num_threads(1)
+    settings = growth.Settings(steps=60, batch=2, rate=8e-3, widths=(4, 8, 8))
+    one, metrics = growth.train(layers, settings)
+    assert metrics['explained'] > 0.4
+    short = replace(settings, steps=4)
+    again = [arrays(growth.train(layers, short)[0]) for _ in range(2)]
+    for name, values in again[0].items():
+        assert values.tobytes() == again[1][name].tobytes()
+    growth.export(one, settings, layers, metrics, tmp_path / 'g.npz')
+    law = make_law('growth_net', model=str(tmp_path / 'g.npz'))
+    r = request()
+    found = law.foretell(r)
+    assert found.doubt == ''
+    turn = plan_geometry.build(r, grid_of(r))[plan_geometry.NAMES.index('turn')]
+    inside = grid_of(r).mean(r.footprint.astype(float)) > 0.99
+    assert np.corrcoef(found.growth[inside], turn[inside])[0, 1] > 0.5
+    assert 'seeds 1 to 8' in (tmp_path / 'g.md').read_text()

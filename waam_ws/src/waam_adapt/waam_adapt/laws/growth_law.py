@@ -1,0 +1,96 @@
+"""The law that solves for the beads with what a growth network foretells of them.
+
+The network sees the plan's geometry only (`beads.plan_geometry`) and says where a layer will grow more or less than the
+bead model expects: humps in turns, hollows beside them, links between rings, places that only one pass reaches. The
+solver lays less where more will grow. Nothing that the scan shows goes into the network, so it cannot chase noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from ..beads import plan_geometry
+from ..grids import CELLS_PER_BEAD, Resampler
+from ..types import Correction, CorrectionInput, Foretold
+from . import net, net_file
+from .explicit import DampedInverse
+from .net_law import DOUBT, UNetLaw
+
+PACKAGED = net_file.PACKAGED.with_name('growth.npz')
+NO_MODEL = 'none'
+SMOOTH = 1.0  # cells: sigma of what is foretold; shorter waves setpoints cannot make
+
+
+@dataclass(frozen=True)
+class GrowthLaw:
+    """`bead_solver` with a growth network. network None: `broken` says why, and every answer announces it; without
+    words (NO_MODEL) it is `bead_solver`.
+
+    confidence of the result: that of the bead solver times 1/(1 + (sigma/DOUBT)^2), sigma foretold by the network.
+    """
+
+    solver: UNetLaw
+    network: net.Network | None
+    broken: str = ''
+    name: str = 'growth_net'
+
+    @classmethod
+    def load(cls, path: str, explicit: DampedInverse) -> GrowthLaw:
+        """path '' = the packaged weights, NO_MODEL = none."""
+        solver = UNetLaw(explicit, None, name=cls.name)
+        if path == NO_MODEL:
+            return cls(solver, None)
+        try:
+            return cls(solver, _model(Path(path) if path else PACKAGED))
+        except net.ModelError as e:
+            return cls(solver, None, str(e))
+
+    def foretell(self, request: CorrectionInput) -> Foretold:
+        """What the layer will do beside the bead model; all 0, with the reason, where the network cannot say."""
+        cell = request.bead_width / CELLS_PER_BEAD
+        grid = Resampler.of(request.z.shape, request.resolution, cell)
+        nothing = Foretold(np.zeros(grid.shape), np.full(grid.shape, DOUBT))
+        if self.network is None or not request.paths or not request.footprint.any():
+            return replace(nothing, doubt=self.broken)
+        x = plan_geometry.build(request, grid)
+        if odd := self.network.unlike(
+            plan_geometry.SUMMARIES, plan_geometry.summary(x, request.bead_width)
+        ):
+            return replace(nothing, doubt=f'plan unlike the training: {odd}')
+        growth, log_error = self.network(x)
+        if not (np.isfinite(growth).all() and np.isfinite(log_error).all()):
+            return replace(nothing, doubt='the network gave an answer that is not finite')
+        inside = (x[0] > 0).astype(float)
+        mean = float(
+            (growth * inside).sum() / inside.sum()
+        )  # the level is identified, not foretold
+        growth = gaussian_filter((growth - mean) * inside, SMOOTH)
+        growth = inside * growth / np.maximum(gaussian_filter(inside, SMOOTH), 1e-3)
+        return Foretold(growth, np.exp(log_error.astype(float)), self.network.digest)
+
+    def correct(self, request: CorrectionInput) -> Correction:
+        foretold = request.foretold or self.foretell(request)
+        result = self.solver.correct(replace(request, foretold=foretold))
+        if result.fallback:
+            return result
+        if foretold.doubt:
+            reason = f'{self.name}: {foretold.doubt}; the bead model answers without the network'
+            return replace(result, fallback=True, reasons=(reason, *result.reasons))
+        if not foretold.digest:
+            return result
+        grid = Resampler.of(
+            request.z.shape, request.resolution, request.bead_width / CELLS_PER_BEAD
+        )
+        sure = np.clip(grid.fine(1 / (1 + (foretold.sigma / DOUBT) ** 2)), 0.0, 1.0)
+        return replace(result, confidence=result.confidence * sure, model_hash=foretold.digest)
+
+
+@lru_cache(maxsize=4)
+def _model(path: Path) -> net.Network:
+    """Read once per process: the weights do not change under a running job."""
+    return net_file.load(path, plan_geometry.CHANNELS)

@@ -1,0 +1,217 @@
+"""Training of the growth network on layers of the laboratory (`samples`); deterministic by seed.
+
+The loss is the mean logarithm of the mean square of the growth beside the model that the network did not foretell,
+mostly of its smoothed part: setpoints cannot make shorter waves. The level of a layer does not count; it is identified.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.nn import functional as F
+
+from ..beads import plan_geometry
+from ..grids import CELLS_PER_BEAD
+from ..laws import net_file
+from ..laws.growth_law import SMOOTH
+from .samples import Sample
+from .unet import UNet, arrays
+
+HELD_OUT = 8  # every eighth job is for validation
+FINE = 0.15  # weight of what is not smoothed
+FLOOR = 1e-3  # of a layer's loss: noise below this is not fought
+SIGMA_FLOOR = 1e-4  # of the square that the uncertainty foretells
+WIDTH_ROOM = 0.25  # of the bead width beyond those seen
+
+
+@dataclass(frozen=True)
+class Settings:
+    steps: int = 2500
+    seed: int = 1
+    batch: int = 8
+    rate: float = 3e-3
+    widths: tuple[int, int, int] = (12, 20, 32)
+    check_every: int = 250
+
+
+Batch = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
+
+
+def train(
+    layers: Sequence[Sample],
+    settings: Settings,
+    tick: Callable[[int, float, dict[str, float]], None] = lambda step, loss, check: None,
+) -> tuple[UNet, dict[str, float]]:
+    """The trained network and its last validation. tick(step, loss, newest validation)."""
+    held = [s for s in layers if s.seed % HELD_OUT == 0]
+    used = [s for s in layers if s.seed % HELD_OUT]
+    if not held or not used:
+        raise ValueError(
+            f'{len(used)} layers to train on and {len(held)} to validate: too few jobs'
+        )
+    torch.manual_seed(settings.seed)
+    rng = np.random.default_rng(settings.seed)
+    net = UNet(settings.widths, plan_geometry.CHANNELS)
+    torch.nn.init.normal_(net.head.weight, 0.0, 0.05)
+    optimizer = torch.optim.Adam(net.parameters(), lr=settings.rate)
+    order: list[int] = []
+    found: dict[str, float] = {}
+    for step in range(settings.steps):
+        for group in optimizer.param_groups:
+            group['lr'] = settings.rate * _share(step, settings.steps)
+        if len(order) < settings.batch:
+            order = rng.permutation(len(used)).tolist()
+        chosen = [turned(used[order.pop()], rng) for _ in range(settings.batch)]
+        value = loss(net, batch(chosen))
+        optimizer.zero_grad()
+        value.backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
+        optimizer.step()
+        if (step + 1) % settings.check_every == 0 or step + 1 == settings.steps:
+            found = validate(net, held)
+        tick(step + 1, float(value.detach()), found)
+    return net, found
+
+
+def _share(step: int, steps: int) -> float:
+    """Of the learning rate: up over 50 steps, then down along a cosine to 2 %."""
+    return min(1.0, (step + 1) / 50) * (0.51 + 0.49 * math.cos(math.pi * step / max(steps, 1)))
+
+
+def turned(sample: Sample, rng: np.random.Generator) -> Sample:
+    """The layer turned and mirrored at random; the channels keep their values."""
+    x, y, w = sample.x, sample.y, sample.weight
+    for axis in (-1, -2):
+        if rng.random() < 0.5:
+            x, y, w = (np.flip(a, axis) for a in (x, y, w))
+    if rng.random() < 0.5:
+        x, y, w = (np.swapaxes(a, -1, -2) for a in (x, y, w))
+    return Sample(x, y, w, sample.figures, sample.seed)
+
+
+def batch(layers: Sequence[Sample]) -> Batch:
+    """x (n, CHANNELS, rows, cols), y and weight (n, rows, cols), filled up to a common size divisible by 4."""
+    rows, cols = (max(s.y.shape[i] for s in layers) for i in (0, 1))
+    size = rows + -rows % 4, cols + -cols % 4
+
+    def filled(values: np.ndarray) -> np.ndarray:
+        out = np.zeros((*values.shape[:-2], *size), np.float32)
+        out[..., : values.shape[-2], : values.shape[-1]] = values
+        return out
+
+    x, y, w = (
+        torch.from_numpy(np.stack([filled(getattr(s, name)) for s in layers]))
+        for name in ('x', 'y', 'weight')
+    )
+    return x, y, w
+
+
+def loss(net: UNet, data: Batch) -> torch.Tensor:
+    """The loss of the growth plus that of the uncertainty (Gaussian likelihood of the smoothed rest)."""
+    x, y, weight = data
+    foretold, log_sigma = net(x)
+    rest = centred(y - foretold, weight)
+    smooth, n = smoothed(rest), weight.sum((1, 2))
+    square = (smooth**2).sum((1, 2)) + FINE * (rest**2).sum((1, 2))
+    likelihood = 0.5 * (smooth.detach() ** 2 + SIGMA_FLOOR) * torch.exp(-2 * log_sigma) + log_sigma
+    return torch.log(square / n + FLOOR).mean() + ((likelihood * weight).sum((1, 2)) / n).mean()
+
+
+def centred(values: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+    """Less the weighted mean of every map, times the weight."""
+    mean = (values * weight).sum((1, 2), keepdim=True) / weight.sum((1, 2), keepdim=True)
+    return (values - mean) * weight
+
+
+def smoothed(values: torch.Tensor) -> torch.Tensor:
+    """(n, rows, cols) by a Gaussian of SMOOTH cells."""
+    reach = math.ceil(3 * SMOOTH)
+    kernel = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / SMOOTH) ** 2)
+    kernel = kernel / kernel.sum()
+    maps = F.conv2d(values[:, None], kernel[None, None, :, None], padding=(reach, 0))
+    return F.conv2d(maps, kernel[None, None, None], padding=(0, reach))[:, 0]
+
+
+@torch.no_grad()
+def validate(net: UNet, held: Sequence[Sample]) -> dict[str, float]:
+    """explained, explained_raw: share of the variance that is foretold, smoothed and not, of all layers; sigma_ratio:
+    RMS of the smoothed rest over what the uncertainty says."""
+    left = all_ = left_raw = raw = normal = cells = 0.0
+    for s in held:
+        x, y, weight = batch([s])
+        foretold, log_sigma = net(x)
+        rest, whole = centred(y - foretold, weight), centred(y, weight)
+        smooth = smoothed(rest)
+        left, all_ = left + float((smooth**2).sum()), all_ + float((smoothed(whole) ** 2).sum())
+        left_raw, raw = left_raw + float((rest**2).sum()), raw + float((whole**2).sum())
+        known = weight > 0.9
+        normal += float(((smooth / log_sigma.exp()) ** 2)[known].sum())
+        cells += float(known.sum())
+    return {
+        'explained': 1 - left / all_,
+        'explained_raw': 1 - left_raw / raw,
+        'sigma_ratio': math.sqrt(normal / max(cells, 1.0)),
+    }
+
+
+def seen_ranges(layers: Sequence[Sample]) -> dict[str, tuple[float, float]]:
+    """Range of every figure of `plan_geometry.summary`, widened by a tenth of it; the bead width by WIDTH_ROOM."""
+    figures = np.array([s.figures for s in layers])
+    low, high = np.nanmin(figures, axis=0), np.nanmax(figures, axis=0)
+    room = 0.1 * (high - low) + 0.01
+    width = plan_geometry.SUMMARIES.index('width')
+    room[width] = WIDTH_ROOM * low[width]
+    return {
+        name: (round(float(a), 6), round(float(z), 6))
+        for name, a, z in zip(plan_geometry.SUMMARIES, low - room, high + room, strict=True)
+    }
+
+
+def export(
+    net: UNet,
+    settings: Settings,
+    layers: Sequence[Sample],
+    metrics: dict[str, float],
+    path: Path,
+) -> str:
+    """Weights with their card, and the card for people as .md beside them. Returns the hash."""
+    seeds = sorted({s.seed for s in layers})
+    card: dict[str, Any] = {
+        'name': 'waam growth network',
+        'purpose': 'growth of a layer beside the bead model, from the geometry of its plan',
+        'parameters': sum(p.numel() for p in net.parameters()),
+        'cells_per_bead': CELLS_PER_BEAD,
+        'channels': list(plan_geometry.NAMES),
+        'training': {**asdict(settings), 'widths': list(settings.widths)},
+        'data': {'layers': len(layers), 'jobs': len(seeds), 'seeds': [seeds[0], seeds[-1]]},
+        'seen': {k: list(v) for k, v in seen_ranges(layers).items()},
+        'metrics': metrics,
+    }
+    code = net_file.save(path, arrays(net), card)
+    path.with_suffix('.md').write_text(card_text(card, code))
+    return code
+
+
+def card_text(card: dict[str, Any], code: str) -> str:
+    """The model card as Markdown."""
+    m, t, d = card['metrics'], card['training'], card['data']
+    return '\n'.join([
+        f'# {card["name"]}', '',
+        f'{card["purpose"].capitalize()}; {card["parameters"]} parameters; sha256 `{code}`.', '',
+        f'Data: {d["layers"]} layers of {d["jobs"]} jobs of the laboratory, seeds {d["seeds"][0]} to {d["seeds"][1]} '
+        '(random parts, cells and strategies; `python3 -m waam_lab.growth_data`).',
+        'Every eighth job is for validation.', '',
+        f'Training: {t["steps"]} steps of {t["batch"]} layers, seed {t["seed"]}.', '',
+        f'Jobs of the validation: {m["explained"]:.0%} of the variance of the smoothed growth beside the model is',
+        f'foretold ({m["explained_raw"]:.0%} of the raw one). The rest is {m["sigma_ratio"]:.2f} times its sigma.',
+        '',
+        'Plans with a figure outside of these ranges are answered without the network:', '',
+        '| figure of the plan | from | to |', '|---|---|---|',
+        *(f'| {k} | {a:.3g} | {b:.3g} |' for k, (a, b) in card['seen'].items()), '',
+    ])  # fmt: skip

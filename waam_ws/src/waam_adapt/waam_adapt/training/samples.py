@@ -1,0 +1,96 @@
+"""What a growth network is trained on: the plan's geometry of a layer, and how it grew beside the bead model.
+
+A job is one file `job_<seed>.npz` without pickle with arrays `x<k>`, `y<k>`, `weight<k>` of its k-th layer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..beads import plan_geometry
+from ..beads.model import MARGIN, bead_model, inner_mean
+from ..grids import CELLS_PER_BEAD, Resampler
+from ..types import CorrectionInput
+
+LEAST = 0.3  # of a layer, expected and seen, for a cell to count
+MOST = 0.8  # share of the planned height beside the model that is believed
+MIN_CELLS = 80
+
+
+@dataclass(frozen=True)
+class Sample:
+    """x (CHANNELS, rows, cols); y (rows, cols): share of the planned height that grew beside what the bead model
+    expected of the setpoints, less the layer's level; weight (rows, cols): share of the cells that is known; figures:
+    `plan_geometry.summary`; seed: of the job."""
+
+    x: np.ndarray
+    y: np.ndarray
+    weight: np.ndarray
+    figures: np.ndarray
+    seed: int
+
+
+def sample(
+    request: CorrectionInput, asked: np.ndarray, after: np.ndarray, lag: float, seed: int
+) -> Sample | None:
+    """One layer; None when too little of it was seen.
+
+    request: before the layer, with its paths. asked (rows, cols): m of metal that its setpoints asked for, with the
+    factors of the feed. after (rows, cols): m, surface after it. lag: bead widths, as believed before it.
+    """
+    width, footprint = request.bead_width, request.footprint
+    grid = Resampler.of(request.z.shape, request.resolution, width / CELLS_PER_BEAD)
+    model = bead_model(request.paths, grid.shape, width)
+    planned = np.where(footprint, request.planned, np.nan)
+    expected = model.growth(model.of_cells(asked / planned, request.resolution), lag * width)
+    growth = (after - request.z) / planned
+    known = footprint & np.isfinite(growth)
+    margin = MARGIN * width / request.resolution
+    growth, seen = inner_mean(growth, known, footprint, grid, margin)
+    use = (seen > LEAST) & (expected > LEAST)
+    weight = np.where(use, seen, 0.0)
+    if weight.sum() < MIN_CELLS:
+        return None
+    level = float(np.median(growth[use] / expected[use]))
+    y = np.where(use, np.clip(growth - level * expected, -MOST, MOST), 0.0)
+    x = plan_geometry.build(request, grid)
+    figures = plan_geometry.summary(x, width)
+    return Sample(_cut(x, x), _cut(y, x), _cut(weight, x), figures, seed)
+
+
+def _cut(values: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """float32, cut to the footprint and half a bead around it."""
+    rows, cols = (np.flatnonzero((x[0] > 0).any(axis=i)) for i in (1, 0))
+    top, left = max(rows[0] - 2, 0), max(cols[0] - 2, 0)
+    return values[..., top : rows[-1] + 3, left : cols[-1] + 3].astype(np.float32)
+
+
+def save(folder: Path, seed: int, layers: Sequence[Sample]) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    arrays: dict[str, Any] = {'seed': np.array(seed)}
+    for k, s in enumerate(layers):
+        arrays |= {f'x{k}': s.x, f'y{k}': s.y, f'weight{k}': s.weight, f'figures{k}': s.figures}
+    path = folder / f'job_{seed}.npz'
+    part = path.with_suffix('.part.npz')
+    np.savez_compressed(part, **arrays)
+    part.replace(path)
+    return path
+
+
+def load(folder: Path) -> Iterator[Sample]:
+    """All layers of a folder, in the order of the file names. ValueError when it has none."""
+    files = sorted(p for p in folder.glob('job_*.npz') if not p.stem.endswith('.part'))
+    if not files:
+        raise ValueError(
+            f'{folder}: holds no job_*.npz; make some with python3 -m waam_lab.growth_data'
+        )
+    for path in files:
+        with np.load(path, allow_pickle=False) as f:
+            for k in range(sum(n.startswith('x') for n in f.files)):
+                x, y, weight, figures = (f[f'{n}{k}'] for n in ('x', 'y', 'weight', 'figures'))
+                yield Sample(x, y, weight, figures, int(f['seed']))
