@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from waam_job.model.cell import Correction, Heat, Machine, Scan, Sums
+from waam_node.stl import write_worn_block
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind
 
@@ -187,16 +187,17 @@ class FakeCell:
             0,
         )
 
-    def setpoints(self, job_id, material, segments, correction, heat_factor, apply):
-        if correction is None or not apply:
-            return segments
+    def setpoints(self, job_id, request) -> list:
+        correction = request.correction
+        if correction is None or not request.apply:
+            return request.segments
         psi = HeightGrid(self.surface.spec, correction.psi)
         residual = HeightGrid(self.surface.spec, correction.residual_height)
         return [
             s.at(psi=float(psi.sample(*s.midpoint[:2])), k_gain=correction.k_gain,
                  height=s.height + float(residual.sample(*s.midpoint[:2])))
             if s.kind == Kind.DEPOSIT else s
-            for s in segments
+            for s in request.segments
         ]  # fmt: skip
 
     def record(self, start, directory, custom=()) -> str:
@@ -231,27 +232,13 @@ def cell_class() -> type[FakeCell]:
     return FakeCell
 
 
-def _parts_module():
-    file = Path(__file__).parents[2] / 'waam_bringup' / 'waam_bringup' / 'parts.py'
-    spec = importlib.util.spec_from_file_location('demo_parts', file)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope='session')
 def parts(tmp_path_factory) -> tuple[Path, Path]:
     """A small nominal block (40 x 30 x 10 mm) and the same with a worn trough of 4 mm."""
-    module = _parts_module()
-    folder = tmp_path_factory.mktemp('parts')
     x, y = np.linspace(0, 40, 21), np.linspace(0, 30, 16)
     gx, gy = np.meshgrid(x, y)
     dip = 4 * np.clip(1.4 - np.hypot((gx - 20) / 14, (gy - 15) / 10), 0, 0.9) / 0.9
-    module.write_stl(
-        folder / 'nominal.stl', module.block(np.full((2, 2), 10.0), x[[0, -1]], y[[0, -1]]), 'n'
-    )
-    module.write_stl(folder / 'worn.stl', module.block(10 - dip, x, y), 'w')
-    return folder / 'nominal.stl', folder / 'worn.stl'
+    return write_worn_block(tmp_path_factory.mktemp('parts'), x, y, 10.0, dip)
 
 
 @pytest.fixture
@@ -271,7 +258,10 @@ def make_cell(parts):
 
 @pytest.fixture
 def make_runner(parts, tmp_path):
-    """make_runner(cell, settings={fields of Settings}, **goal fields) -> (runner, control, folder)."""
+    """make_runner(cell, settings={fields of Settings}, **goal fields) -> (runner, control, folder).
+
+    The plan is a zig-zag of three layers, whatever the planner's defaults are, unless the fields say otherwise.
+    """
     from waam_job.model.goal import JobGoal, check
     from waam_job.run.control import Control
     from waam_job.run.runner import JobRunner
@@ -279,7 +269,8 @@ def make_runner(parts, tmp_path):
     from waam_job.store.folder import JobFolder
 
     def make(cell, settings=None, **fields):
-        goal = JobGoal(part=parts[0], material='er70s-6', jobs_dir=tmp_path, **fields)
+        plan = {'strategy': 'zigzag', 'plan_settings': ('finish_height=0.00115',)}
+        goal = JobGoal(part=parts[0], material='er70s-6', jobs_dir=tmp_path, **(plan | fields))
         folder = JobFolder.create(tmp_path, 'test')
         control = Control()
         own = Settings(lease_nodes=('bridge', 'scan_fusion'), **(settings or {}))

@@ -90,6 +90,15 @@ def test_torch_follows_the_surface_and_the_chain_holds():
     assert b.start[2] == pytest.approx(5e-3) and b.end[2] == pytest.approx(5e-3)
 
 
+def test_the_floor_beside_a_thin_wall_does_not_draw_the_torch_down():
+    spec = GridSpec(0, 0, 0.5e-3, 40, 40)
+    z = np.zeros(spec.shape)
+    z[17:24] = 21e-3  # 3.5 mm wide, 1 mm above what was planned
+    bead = Segment(1, Kind.DEPOSIT, (5e-3, 10e-3, 20e-3), (7e-3, 10e-3, 20e-3), 0.01, arc=True)
+    (moved,) = follow([bead], HeightGrid(spec, z), 3e-3)
+    assert moved.start[2] == pytest.approx(21e-3) and moved.end[2] == pytest.approx(21e-3)
+
+
 def test_torch_keeps_its_planned_height_over_unknown_ground():
     spec = GridSpec(0, 0, 1e-3, 20, 20)
     bead = Segment(1, Kind.DEPOSIT, (0.01, 0.01, 4e-3), (0.012, 0.01, 4e-3), 0.01, arc=True)

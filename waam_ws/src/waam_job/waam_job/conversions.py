@@ -32,15 +32,13 @@ from waam_node.conversions import (
     time_to_msg,
 )
 from waam_process.grid import HeightGrid
-from waam_process.names import CONTROLLER_STATES
-from waam_process.segment import Segment
+from waam_process.names import CONTROLLER_STATES, SEVERITIES
 
-from .model.cell import Correction, CorrectionRequest, Heat, Scan
+from .model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Scan
 from .model.goal import JobGoal
 from .model.records import AnomalyRecord, LayerRecord, Status
 
 STATES = CONTROLLER_STATES
-SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')
 
 
 def goal_from_msg(msg: RunJob.Goal, default_jobs_dir: str) -> JobGoal:
@@ -131,14 +129,14 @@ def anomaly_to_msg(record: AnomalyRecord, job_id: str) -> Anomaly:
 def anomaly_from_msg(msg: Anomaly) -> AnomalyRecord:
     p = msg.position
     return AnomalyRecord(
-        seconds(msg.header.stamp),
-        SEVERITIES[msg.severity] if msg.severity < len(SEVERITIES) else 'WARNING',
-        msg.class_name,
-        msg.text,
-        msg.reaction,
-        msg.layer,
-        msg.bead,
-        (p.x, p.y, p.z),
+        time=seconds(msg.header.stamp),
+        severity=SEVERITIES[msg.severity] if msg.severity < len(SEVERITIES) else 'WARNING',
+        class_name=msg.class_name,
+        text=msg.text,
+        reaction=msg.reaction,
+        layer=msg.layer,
+        bead=msg.bead,
+        position=(p.x, p.y, p.z),
     )
 
 
@@ -250,18 +248,11 @@ def correction_request(job_id: str, r: CorrectionRequest, stamp: Time) -> Comput
     return request
 
 
-def feed_request(
-    job_id: str,
-    material: str,
-    segments: list[Segment],
-    correction: Correction | None,
-    heat_factor: float,
-    apply: bool,
-) -> ComputeFeed.Request:
-    """apply: use the correction; False only records it."""
-    request = ComputeFeed.Request(job_id=job_id, material=material, apply_correction=apply)
-    request.segments = [segment_to_msg(s) for s in segments]
-    request.heat_factor = float(heat_factor)
-    if correction is not None:
-        request.correction = correction.handle
+def feed_request(job_id: str, r: FeedRequest) -> ComputeFeed.Request:
+    """The correction goes as the message that it came in."""
+    request = ComputeFeed.Request(job_id=job_id, material=r.material, apply_correction=r.apply)
+    request.segments = [segment_to_msg(s) for s in r.segments]
+    request.heat_factor = float(r.heat_factor)
+    if r.correction is not None:
+        request.correction = r.correction.handle
     return request

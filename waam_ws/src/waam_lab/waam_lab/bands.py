@@ -16,24 +16,24 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Band:
-    """One figure over the seeds. low, high: where the next job lies with 95 % (Student's t, normal scatter; NaN for
-    fewer than three jobs); worst_seed: of the job with the worst value."""
+    """One figure over the seeds."""
 
     mean: float
+    # where the next job lies with 95 %, from here (Student's t; NaN for fewer than three jobs)
     low: float
-    high: float
+    high: float  # to here
     best: float
     worst: float
-    worst_seed: int
+    worst_seed: int  # of the job with the worst value
 
 
 @dataclass(frozen=True)
 class Share:
-    """`count` of `of` jobs are in tolerance; low, high: 95 % interval of the share (Clopper and Pearson 1934)."""
+    """Jobs in tolerance."""
 
-    count: int
-    of: int
-    low: float
+    count: int  # jobs in tolerance,
+    of: int  # of so many
+    low: float  # 95 % interval of the share (Clopper and Pearson 1934)
     high: float
 
     @property
@@ -73,15 +73,14 @@ def in_tolerance(results: Sequence[LabResult]) -> Share:
 
 @dataclass(frozen=True)
 class Maps:
-    """Over the seeds, (rows, cols): mean error and the largest one with its sign, m; within: share of the jobs in which
-    the cell is in tolerance. NaN where no job has judged or seen the cell. region: what most jobs laid."""
+    """Maps over the seeds, (rows, cols). NaN where no job has judged or seen the cell."""
 
-    first: LabMaps
-    mean: np.ndarray
-    worst: np.ndarray
-    within: np.ndarray
-    region: np.ndarray
-    interior: np.ndarray
+    first: LabMaps  # of the first job
+    mean: np.ndarray  # m, mean error
+    worst: np.ndarray  # m, the largest error with its sign
+    within: np.ndarray  # share of the jobs in which the cell is in tolerance
+    region: np.ndarray  # bool, what most jobs laid
+    interior: np.ndarray  # bool, what most jobs judged
 
 
 def maps(results: Sequence[LabResult], tolerance: float) -> Maps | None:

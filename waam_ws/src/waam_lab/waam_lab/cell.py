@@ -20,7 +20,7 @@ from waam_bridge import conversions as bridge_convert
 from waam_bridge.frames import ARC_ENABLED, ARC_ESTABLISHED, Telemetry
 from waam_bridge.outbox import WARNING, Outbox
 from waam_job import conversions as convert
-from waam_job.model.cell import Correction, CorrectionRequest, Heat, Scan, Sums
+from waam_job.model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Scan, Sums
 from waam_job.model.cell import Machine as MachineView
 from waam_job.model.geometry import aim_point
 from waam_job.model.goal import Code, JobError
@@ -31,11 +31,13 @@ from waam_process.grid import GridError, GridSpec
 from waam_process.segment import Point, Segment
 from waam_sim.plant import Plant
 
+from .contact import ContactTrace
 from .job import Fault
 from .machine import Machine
 from .metal_trace import MetalTrace
 from .params import LabParams
 from .scanning import ScanError, Scanning
+from .watch import LayerWatch
 
 PACE = 15.0  # simulated seconds in a second that the job waits: about the rate of the graph
 
@@ -49,6 +51,7 @@ class LabCell:
         plant: Plant,
         faults: tuple[Fault, ...] = (),
         trace: MetalTrace | None = None,
+        watch: LayerWatch | None = None,
     ) -> None:
         self.params, self._faults = params, list(faults)
         self.device = Machine(params.bridge, plant)
@@ -65,24 +68,36 @@ class LabCell:
         d = self.device
         d.on_frame, d.on_outbox = self._on_frame, self._on_outbox
         d.on_temperature, d.on_profiles = self._on_temperature, self.scanning.on_profiles
-        self._trace = trace
-        if trace is not None:
-            d.on_exchange = trace.on_exchange
+        self._trace, self._watch = trace, watch
+        self.contact = ContactTrace()
+        d.on_exchange = self._on_exchange
         d.connect()
         d.until(lambda: self.thermal.state(d.now).plausible, 5.0)
 
     def close(self) -> None:
         self.device.close()
 
+    def _on_exchange(self, samples: np.ndarray, plant: Plant) -> None:
+        self.contact.on_exchange(samples, plant)
+        if self._trace is not None:
+            self._trace.on_exchange(samples, plant)
+
     # ---- what the cell tells -------------------------------------------------------------------
 
     def _on_frame(self, t: Telemetry) -> None:
         position = (t.x_um * 1e-6, t.y_um * 1e-6, t.z_um * 1e-6)
         self._stats.add(
-            t.seq, t.t_us, t.t_us * 1e-6, position, t.current_ma * 1e-3, t.voltage_mv * 1e-3,
-            t.wire_um_s * 1e-6, t.wire_cmd_um_s * 1e-6, t.v_um_s * 1e-6,
-            t.flags & ARC_ESTABLISHED != 0,
-        )  # fmt: skip
+            sequence=t.seq,
+            controller_us=t.t_us,
+            t=t.t_us * 1e-6,
+            position=position,
+            current=t.current_ma * 1e-3,
+            voltage=t.voltage_mv * 1e-3,
+            wire=t.wire_um_s * 1e-6,
+            wire_commanded=t.wire_cmd_um_s * 1e-6,
+            speed=t.v_um_s * 1e-6,
+            arc=t.flags & ARC_ESTABLISHED != 0,
+        )
         self._frame = t
         self.scanning.on_frame(t)
 
@@ -180,9 +195,12 @@ class LabCell:
 
     def finish_scan(self, scan_id: int, until: float) -> Scan:
         try:
-            return convert.scan_from_msg(self.scanning.finish(scan_id, until))
+            scan = convert.scan_from_msg(self.scanning.finish(scan_id, until))
         except ScanError as e:
             raise JobError(Code.SCAN_FAILED, f'scan_fusion/finish: {e}') from None
+        if self._watch is not None:
+            self._watch.on_scan(scan.map.z)
+        return scan
 
     def correct(self, job_id: str, request: CorrectionRequest) -> Correction:
         message = convert.correction_request(job_id, request, time_to_msg(self.now()))
@@ -190,23 +208,17 @@ class LabCell:
             answer, _ = answers.correct(self.corrector, message, self.now())
         except ValueError as e:
             raise JobError(Code.UNKNOWN, f'correction_server/compute: {e}') from None
+        if self._watch is not None:
+            self._watch.on_correction(message, answer, self.corrector)
         return convert.correction_from_msg(answer)
 
-    def setpoints(
-        self,
-        job_id: str,
-        material: str,
-        segments: list[Segment],
-        correction: Correction | None,
-        heat_factor: float,
-        apply: bool,
-    ) -> list[Segment]:
-        request = convert.feed_request(job_id, material, segments, correction, heat_factor, apply)
+    def setpoints(self, job_id: str, request: FeedRequest) -> list[Segment]:
+        message = convert.feed_request(job_id, request)
         try:
-            answers.set_feed(self.params.feed_forward, request)
+            answers.set_feed(self.params.feed_forward, message)
         except ValueError as e:
             raise JobError(Code.PLAN_FAILED, f'feed_forward/compute: {e}') from None
-        return [segment_from_msg(s) for s in request.segments]
+        return [segment_from_msg(s) for s in message.segments]
 
     # ---- what the job tells --------------------------------------------------------------------
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-PROFILES = ('open_loop', 'monitor', 'closed_loop')
+from waam_process.loop_mode import LOOP_MODES, LoopMode
+
 EXAMPLES = """\
 examples:
   waam lab jaw_nominal.stl --as-found jaw_worn.stl                     20 simulated cells, all cores
@@ -56,7 +57,7 @@ def _add_part(p: argparse.ArgumentParser) -> None:
 
 
 def _add_process(p: argparse.ArgumentParser) -> None:
-    p.add_argument('--profile', choices=PROFILES, default='closed_loop')
+    p.add_argument('--profile', choices=LOOP_MODES, default=LoopMode.CLOSED_LOOP.value)
     p.add_argument('--tolerance', type=float, default=0.2, metavar='MM', help='default 0.2')
     p.add_argument('--layer-height', type=float, default=0.0, metavar='MM')
     p.add_argument('--bead-width', type=float, default=0.0, metavar='MM')

@@ -28,6 +28,7 @@ def _library() -> ctypes.CDLL:
     lib.controller_lib_rx.argtypes = (handle, text, size)
     lib.controller_lib_step.argtypes = (handle, ctypes.c_uint32, handle)
     lib.controller_lib_answer.argtypes = (handle, ctypes.c_uint32, *(3 * (ctypes.c_double,)))
+    lib.controller_lib_distance.argtypes = (handle, ctypes.c_uint32, ctypes.c_double)
     lib.controller_lib_take.restype = size
     lib.controller_lib_take.argtypes = (handle, handle, size)
     return lib
@@ -60,6 +61,7 @@ class Controller:
         """Sets what the inputs read from now on."""
         r = reading
         self._lib.controller_lib_answer(self._handle, r.inputs, r.current, r.voltage, r.wire_speed)
+        self._lib.controller_lib_distance(self._handle, r.distance_reading, r.distance)
 
     def take(self) -> bytes:
         """Bytes sent to the host since the last call."""

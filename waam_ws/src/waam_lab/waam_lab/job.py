@@ -28,22 +28,16 @@ class Fault:
 
 @dataclass(frozen=True)
 class LabJob:
-    """One job on one cell.
+    """One job on one cell."""
 
-    goal: as of run_job; its jobs_dir is used only with `keep`.
-    as_found: mesh (mm) of the worn part that lies on the table; None: a flat plate, as for a build.
-    seed: of everything random in the cell.
-    overrides: node -> parameter -> value, on top of the files that the graph loads; unknown names are refused.
-    plant: physics of the cell; None: as parameters of node `cell`.
-    keep: the job folder stays in goal.jobs_dir; otherwise it is deleted once the result is read.
-    """
-
-    goal: JobGoal
-    as_found: Path | None = None
-    seed: int = 1
+    goal: JobGoal  # as of run_job; its jobs_dir is used only with `keep`
+    as_found: Path | None = None  # mesh (mm) of the worn part on the table; None = a flat plate
+    seed: int = 1  # of everything random in the cell
+    # node -> parameter -> value, on top of the graph's files; unknown names are refused
     overrides: Overrides = field(default_factory=dict)
-    plant: PlantParams | None = None
+    plant: PlantParams | None = None  # physics of the cell; None = as parameters of node `cell`
     faults: tuple[Fault, ...] = ()
+    # the job folder stays in goal.jobs_dir; otherwise it is deleted once the result is read
     keep: bool = False
 
 
@@ -65,53 +59,51 @@ def _job(part: Path, as_found: Path | None, seed: int, mode: str, options: dict)
 
 @dataclass(frozen=True)
 class LabMaps:
-    """The last scan, (rows, cols). error: m, surface minus wanted, NaN = not seen; region: all that was to be laid;
-    interior: the part of it that is judged; as_found: m, error before the job."""
+    """The last scan, (rows, cols)."""
 
     spec: GridSpec
-    error: np.ndarray
-    region: np.ndarray
-    interior: np.ndarray
-    as_found: np.ndarray
+    error: np.ndarray  # m, surface minus wanted; NaN = not seen
+    region: np.ndarray  # bool, all that was to be laid
+    interior: np.ndarray  # bool, the part of it that is judged
+    as_found: np.ndarray  # m, error before the job
 
 
 @dataclass(frozen=True)
 class LabResult:
-    """What came out of one job.
-
-    rms, mean, max_error: m over the judged area (interior); largest: m, 99.5 % of its cells are within;
-    rms_edges: m over the whole region, with its rim; share_in_tolerance: of the judged area; share_edges: of the whole
-    region; verdict_edges: over the whole region; overrun, overrun_mean: m, how far metal stands over the part's sides,
-    largest and mean; layer_means: m, mean error of the judged area after every layer; fallbacks: layers without the
-    correction law that was asked for;
-    time: s of machine time; wire: m; reports: one dictionary per layer and one for the last scan (docs/job_folder.md);
-    folder: of the job when it was kept; cpu: s of processor time that the job took.
-    """
+    """What came out of one job. The judged area is the interior of the region."""
 
     seed: int
     verdict: str
     error_code: int
     message: str
-    rms: float = math.nan
-    mean: float = math.nan
-    max_error: float = math.nan
-    largest: float = math.nan
-    rms_edges: float = math.nan
-    share_in_tolerance: float = math.nan
-    share_edges: float = math.nan
-    verdict_edges: str = ''
-    overrun: float = math.nan
-    overrun_mean: float = math.nan
-    layer_means: tuple[float, ...] = ()
+    rms: float = math.nan  # m, over the judged area
+    mean: float = math.nan  # m, over the judged area
+    max_error: float = math.nan  # m, over the judged area
+    largest: float = math.nan  # m, 99.5 % of the judged cells are within
+    rms_edges: float = math.nan  # m, over the whole region, with its rim
+    share_in_tolerance: float = math.nan  # of the judged area
+    share_edges: float = math.nan  # of the whole region
+    verdict_edges: str = ''  # over the whole region
+    overrun: float = math.nan  # m, how far metal stands over the sides of the part, largest
+    overrun_mean: float = math.nan  # m, the same on average
+    layer_means: tuple[float, ...] = ()  # m, mean error of the judged area after every layer
+    layer_rms: tuple[float, ...] = ()  # m, RMS of the same error
     layers: int = 0
-    fallbacks: int = 0
-    time: float = math.nan
-    wire: float = math.nan
+    fallbacks: int = 0  # layers without the correction law that was asked for
+    time: float = math.nan  # s of machine time
+    wire: float = math.nan  # m
+    # one per layer and one for the last scan (docs/job_folder.md)
     reports: tuple[Mapping[str, Any], ...] = ()
     anomalies: tuple[Mapping[str, Any], ...] = ()
     maps: LabMaps | None = None
-    folder: Path | None = None
-    cpu: float = math.nan
+    contact_rms: float = (
+        math.nan
+    )  # m, true contact distance less 15 mm, from 1 s after each strike on
+    contact_worst: float = math.nan  # m, largest of it
+    contact_least: float = math.nan  # m, smallest contact distance of all, strikes included
+    arcs_lost: int = 0  # arcs that went out although they were wanted
+    folder: Path | None = None  # of the job, when it was kept
+    cpu: float = math.nan  # s of processor time that the job took
 
     @property
     def in_tolerance(self) -> bool:

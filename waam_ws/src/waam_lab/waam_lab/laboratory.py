@@ -26,15 +26,17 @@ from . import params, results
 from .cell import LabCell
 from .job import LabJob, LabResult
 from .metal_trace import MetalTrace
+from .watch import LayerWatch
 
 PLATE = (0.240, 0.200, 0.010)  # m, on the table for a build, as of waam job run
 MEMORY = Path('/dev/shm')  # job folders that are not kept need no disk
 
 
-def run(job: LabJob, trace: MetalTrace | None = None) -> LabResult:
+def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None = None) -> LabResult:
     """Runs a job. JobError: the goal is refused; ValueError: a parameter, fault or part is; both say what is wrong.
 
-    trace: notes what happened while metal was laid, for `waam_lab.metal_account`.
+    trace: notes what happened while metal was laid, for `waam_lab.metal_account`. watch: notes what the correction was
+    asked and what grew, for `waam_lab.growth_data`.
     A job that fails on the way (a fault of the cell, a map that cannot be believed) is a result with verdict 'failed'.
     """
     known = params.make(job.overrides)
@@ -42,7 +44,7 @@ def run(job: LabJob, trace: MetalTrace | None = None) -> LabResult:
     checked = check(job.goal)
     physics = physics_of(job, known)
     plant = Plant(on_table(job, physics), physics, job.seed)
-    cell = LabCell(known, plant, job.faults, trace)
+    cell = LabCell(known, plant, job.faults, trace, watch)
     try:
         with _folder(job, checked, known) as folder:
             began, cpu = cell.now(), time.process_time()
@@ -51,7 +53,15 @@ def run(job: LabJob, trace: MetalTrace | None = None) -> LabResult:
             spent = time.process_time() - cpu
             if trace is not None:
                 _note_planned(trace, folder)
-            return results.read(folder, job, cell.now() - began, spent)
+            found = results.read(folder, job, cell.now() - began, spent)
+            seen = cell.contact
+            return replace(
+                found,
+                contact_rms=seen.rms,
+                contact_worst=seen.worst,
+                contact_least=seen.least,
+                arcs_lost=seen.lost,
+            )
     finally:
         cell.close()
 

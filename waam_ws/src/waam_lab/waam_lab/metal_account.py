@@ -47,11 +47,11 @@ class Row:
 
 @dataclass(frozen=True)
 class Account:
-    """wanted: (rows, cols) m3 that was to be added; parts: name of PARTS -> (rows, cols) m3 that it adds to that."""
+    """Where the metal of a layer came from."""
 
     spec: GridSpec
-    wanted: np.ndarray
-    parts: dict[str, np.ndarray]
+    wanted: np.ndarray  # (rows, cols) m3 that was to be added
+    parts: dict[str, np.ndarray]  # name of PARTS -> (rows, cols) m3 that it adds to that
 
     @property
     def grown(self) -> np.ndarray:

@@ -24,15 +24,12 @@ SIDES = 180  # of a circle
 
 @dataclass(frozen=True)
 class Shape:
-    """A body on a floor at z = 0 (mm).
+    """A body on a floor at z = 0 (mm)."""
 
-    plan: (m, n, 2) corners of the grid; kept: (m - 1, n - 1) quadrangles with metal; nominal, worn: (m, n) heights;
-    worn None: built from nothing."""
-
-    plan: np.ndarray
-    kept: np.ndarray
-    nominal: np.ndarray
-    worn: np.ndarray | None = None
+    plan: np.ndarray  # (m, n, 2) corners of the grid
+    kept: np.ndarray  # (m - 1, n - 1) bool, quadrangles with metal
+    nominal: np.ndarray  # (m, n) heights
+    worn: np.ndarray | None = None  # (m, n) heights; None = built from nothing
 
     def meshes(self) -> tuple[trimesh.Trimesh, trimesh.Trimesh | None]:
         """Nominal and as found, closed."""
@@ -158,6 +155,84 @@ def block() -> Shape:
     """Block of 60 x 40 x 60 mm, built from nothing: do its corners keep up?"""
     plan, x, _ = _rectangle(60, 40)
     return Shape(plan, _all(plan), np.full(x.shape, 60.0))
+
+
+RANDOM = {
+    'pocket': 0.2, 'blob': 0.17, 'l': 0.1, 'capsule': 0.08, 'two': 0.05, 'ring pocket': 0.08, 'top': 0.12,
+    'top l': 0.08, 'ring': 0.07, 'disc': 0.05,
+}  # fmt: skip
+
+
+def random_part(rng: np.random.Generator) -> Shape:
+    """A worn part of random outline, size, depth (2.5 to 7 mm) and waviness: worn pockets in a plate, or a whole worn
+    top. None of the parts above is among them."""
+    kind = str(rng.choice(list(RANDOM), p=list(RANDOM.values())))
+    depth = rng.uniform(2.5, 7)
+    if kind in ('ring', 'disc'):
+        radii = (
+            (rng.uniform(10, 22), rng.uniform(28, 38))
+            if kind == 'ring'
+            else (0.0, rng.uniform(14, 24))
+        )
+        plan, turn = _disc(*radii)
+        outward = np.linspace(0 if kind == 'disc' else 1, 1, len(turn))[
+            :, None
+        ]  # one height at the centre
+        wear = depth * (1 + outward * rng.uniform(0, 0.3) * np.cos(turn - rng.uniform(0, 6)))
+        wear += 0.05 * depth * outward * np.sin(rng.integers(2, 6) * turn)
+        return Shape(plan, _all(plan), np.full(turn.shape, 20.0), 20.0 - wear)
+    length, width = rng.uniform(42, 92), rng.uniform(28, 60)
+    if kind in ('top', 'top l'):
+        plan, x, y = _rectangle(length, width)
+        arm = rng.uniform(18, 0.6 * width + 4)
+        kept = _all(plan) if kind == 'top' else (_middles(x) < arm + 4) | (_middles(y) < arm)
+        tilt = rng.uniform(0, 0.4) * (x / length - 0.5) + rng.uniform(-0.4, 0.4) * (y / width - 0.5)
+        wear = depth * (1 + tilt) + _waves(rng, x, y, 0.3)
+        return Shape(plan, kept, np.full(x.shape, 22.0), 22.0 - wear)
+    plan, x, y = _rectangle(length + 16, width + 16)
+    u, v = x - (length + 16) / 2, y - (width + 16) / 2
+    turned = rng.uniform(-0.5, 0.5)
+    u, v = u * np.cos(turned) + v * np.sin(turned), v * np.cos(turned) - u * np.sin(turned)
+    half = rng.uniform(0.72, 0.95)
+    inside = _pocket(kind, rng, u, v, half * length / 2, half * width / 2)
+    wear = depth * _soft(inside, rng.uniform(3, 14))
+    wear *= 1 + _waves(rng, x, y, 0.06) + rng.uniform(-0.2, 0.2) * u / (half * length / 2)
+    return Shape(plan, _all(plan), np.full(x.shape, 24.0), 24.0 - np.maximum(wear, 0.0))
+
+
+def _pocket(
+    kind: str, rng: np.random.Generator, u: np.ndarray, v: np.ndarray, a: float, b: float
+) -> np.ndarray:
+    """Distance (mm) inside a random outline that fits a rectangle of half sides a, b."""
+    if kind == 'pocket':
+        return _box(u, v, a, b, rng.uniform(0, min(a, b)))
+    if kind == 'blob':
+        angle = np.arctan2(v, u)
+        radius = 1 + sum(
+            rng.uniform(-0.14, 0.14) * np.cos(k * angle + rng.uniform(0, 6)) for k in range(1, 5)
+        )
+        return (radius - np.hypot(u / a, v / b)) * min(a, b)
+    if kind == 'l':
+        arm = rng.uniform(9, 13)
+        return np.maximum(_box(u, v + b - arm, a, arm, 4), _box(u + a - arm, v, arm, b, 4))
+    if kind == 'capsule':
+        return _box(u, v, a, rng.uniform(7, 12), 7)
+    if kind == 'two':
+        left = _box(u + 0.55 * a, v, 0.42 * a, b, 5)
+        return np.maximum(left, _box(u - 0.55 * a, v, 0.42 * a, 0.8 * b, 5))
+    hole = _box(u - rng.uniform(-4, 4), v, rng.uniform(4, 8), rng.uniform(4, 8), 3)
+    return np.minimum(_box(u, v, a, b, 6), -hole)
+
+
+def _box(x: np.ndarray, y: np.ndarray, a: float, b: float, r: float) -> np.ndarray:
+    """Distance (mm) inside a rectangle of half sides a, b with corners of radius r."""
+    dx, dy = abs(x) - a + r, abs(y) - b + r
+    outside = np.hypot(np.maximum(dx, 0), np.maximum(dy, 0))
+    return r - outside - np.minimum(np.maximum(dx, dy), 0)
+
+
+def _waves(rng: np.random.Generator, x: np.ndarray, y: np.ndarray, height: float) -> np.ndarray:
+    return height * np.sin(x / rng.uniform(6, 14) + 1) * np.cos(y / rng.uniform(6, 14))
 
 
 PARTS: dict[str, Callable[[], Shape]] = {

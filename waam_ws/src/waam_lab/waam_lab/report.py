@@ -46,13 +46,13 @@ ROWS = (
 
 @dataclass(frozen=True)
 class Campaign:
-    """Jobs that differ only in their seed, and their results. wall: s; told: the command line, or ''."""
+    """Jobs that differ only in their seed, and their results."""
 
     job: LabJob
     results: Sequence[LabResult]
-    wall: float
+    wall: float  # s that all of them took
     workers: int
-    told: str = ''
+    told: str = ''  # the command line, or ''
 
     @property
     def speed(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ def read(folder: JobFolder, job: LabJob, time: float, cpu: float) -> LabResult:
         overrun=_metres(run.get('overrun_mm') or {}, 'max'),
         overrun_mean=_metres(run.get('overrun_mm') or {}, 'mean'),
         layer_means=layer_means(maps),
+        layer_rms=layer_rms(maps),
         layers=len(rows),
         fallbacks=sum(bool(r.get('fallback')) for r in rows),
         time=time,
@@ -60,13 +62,18 @@ def largest(maps: LabMaps) -> float:
 
 def layer_means(maps: list[dict[str, np.ndarray]]) -> tuple[float, ...]:
     """m: mean error of what each layer laid inside the judged area, in the scan after it."""
-    found = []
+    return tuple(float(e.mean()) if e.size else math.nan for e in _layer_errors(maps))
+
+
+def layer_rms(maps: list[dict[str, np.ndarray]]) -> tuple[float, ...]:
+    """m: RMS of the same error."""
+    return tuple(float(np.sqrt(np.mean(e**2))) if e.size else math.nan for e in _layer_errors(maps))
+
+
+def _layer_errors(maps: list[dict[str, np.ndarray]]) -> Iterator[np.ndarray]:
     for before, after in zip(maps, maps[1:], strict=False):
-        laid = (before['planned'] > 0) & after['interior']
-        error = (after['z'] - after['target'])[laid]
-        error = error[np.isfinite(error)]
-        found.append(float(error.mean()) if error.size else math.nan)
-    return tuple(found)
+        error = (after['z'] - after['target'])[(before['planned'] > 0) & after['interior']]
+        yield error[np.isfinite(error)].astype(float)
 
 
 def _maps(maps: list[dict[str, np.ndarray]]) -> LabMaps:

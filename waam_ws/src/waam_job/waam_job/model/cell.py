@@ -13,22 +13,50 @@ from waam_process.grid import GridSpec
 from waam_process.segment import Point, Segment
 
 from .records import AnomalyRecord, LayerRecord, Status
-from .snapshots import Correction, CorrectionRequest, Heat, Machine, Scan, Sums
+from .snapshots import Correction, CorrectionRequest, FeedRequest, Heat, Machine, Scan, Sums
 
-__all__ = ['Cell', 'Correction', 'CorrectionRequest', 'Heat', 'Machine', 'Scan', 'Sums']
+__all__ = [
+    'Cell',
+    'Correction',
+    'CorrectionRequest',
+    'FeedRequest',
+    'Heat',
+    'Machine',
+    'Scan',
+    'Sums',
+]
 
 
 class Cell(Protocol):
     """The graph as the job sees it."""
 
-    def now(self) -> float: ...
-    def machine(self) -> Machine: ...
-    def heat(self) -> Heat: ...
-    def parameters(self) -> dict[str, dict[str, Any]]:
-        """Effective parameters of the other nodes by their names; a node that did not answer is missing."""
+    def now(self) -> float:
+        """ROS time, s."""
 
     def wait(self, seconds: float) -> None:
         """Lets `seconds` of wall time pass."""
+
+    # ---- what the cell tells
+
+    def machine(self) -> Machine:
+        """Controller and link as they were last heard of."""
+
+    def heat(self) -> Heat:
+        """Temperature and heat factor as they were last heard of."""
+
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """Effective parameters of the other nodes by their names; a node that did not answer is missing."""
+
+    def take_warnings(self) -> list[AnomalyRecord]:
+        """Those of severity WARNING that other nodes published since the last call."""
+
+    def take_sums(self) -> Sums:
+        """Sums over the telemetry since the last call."""
+
+    def take_track(self) -> dict[str, np.ndarray]:
+        """Telemetry since the last call: columns (n,) by name, SI."""
+
+    # ---- what the job asks for
 
     def command(
         self,
@@ -38,27 +66,40 @@ class Cell(Protocol):
         names: tuple[str, ...] = (),
         vector: Point = (0, 0, 0),
         value: float = 0.0,
-    ) -> None: ...
-    def enqueue(self, job_id: str, segments: list[Segment], last: bool) -> None: ...
-    def begin_scan(self, job_id: str, layer: int, spec: GridSpec) -> int: ...
-    def finish_scan(self, scan_id: int, until: float) -> Scan: ...
-    def correct(self, job_id: str, request: CorrectionRequest) -> Correction: ...
-    def setpoints(
-        self,
-        job_id: str,
-        material: str,
-        segments: list[Segment],
-        correction: Correction | None,
-        heat_factor: float,
-        apply: bool,
-    ) -> list[Segment]: ...
-    def record(self, start: bool, directory: str, custom: tuple[str, ...] = ()) -> str: ...
-    def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None: ...
-    def take_warnings(self) -> list[AnomalyRecord]:
-        """Those of severity WARNING that other nodes published since the last call."""
+    ) -> None:
+        """A command to the bridge, by the name of its constant in Command.srv, such as 'ARM'; SI.
 
-    def take_sums(self) -> Sums: ...
-    def take_track(self) -> dict[str, np.ndarray]: ...
-    def status(self, status: Status) -> None: ...
-    def layer_report(self, report: LayerRecord) -> None: ...
-    def anomaly(self, anomaly: AnomalyRecord) -> None: ...
+        Returns when the bridge has answered.
+        """
+
+    def enqueue(self, job_id: str, segments: list[Segment], last: bool) -> None:
+        """Hands segments to the bridge, all or none; last: the queue may run empty after them."""
+
+    def begin_scan(self, job_id: str, layer: int, spec: GridSpec) -> int:
+        """Switches the scanner on and begins a map after `layer` layers. Returns the number of the scan."""
+
+    def finish_scan(self, scan_id: int, until: float) -> Scan:
+        """The map of all profiles up to ROS time `until`, s."""
+
+    def correct(self, job_id: str, request: CorrectionRequest) -> Correction:
+        """Psi, residual height and flow factor for a layer."""
+
+    def setpoints(self, job_id: str, request: FeedRequest) -> list[Segment]:
+        """The segments with speed, feed, voltage and psi filled in."""
+
+    def record(self, start: bool, directory: str, custom: tuple[str, ...] = ()) -> str:
+        """Starts or stops the recording in a folder; custom: 'key=value', kept with it. Returns its words."""
+
+    # ---- what the job tells
+
+    def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None:
+        """The path of the layer that is laid next; a pyrometer that can be aimed follows it."""
+
+    def status(self, status: Status) -> None:
+        """Where the job stands."""
+
+    def layer_report(self, report: LayerRecord) -> None:
+        """What a layer has become."""
+
+    def anomaly(self, anomaly: AnomalyRecord) -> None:
+        """Something that an operator should know of."""

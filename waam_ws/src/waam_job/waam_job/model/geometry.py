@@ -7,9 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
 
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Point, Segment
+
+FOLLOWED = 3e-3  # m; the torch does not follow ground farther than this from its planned height
 
 
 def part_grid(bounds: np.ndarray, resolution: float, margin: float) -> GridSpec:
@@ -84,7 +87,9 @@ def smooth(z: np.ndarray, sigma_cells: float) -> np.ndarray:
 def follow(segments: list[Segment], surface: HeightGrid, reach: float) -> list[Segment]:
     """Moves depositing points onto the measured surface (smoothed over `reach` m), so that the stick-out stays nominal.
 
-    Idle pieces that begin or end in such a point follow it; points over unknown ground keep their planned height.
+    Cells that differ from the planned height nearby by more than FOLLOWED are another surface: the floor beside a thin
+    wall would draw the torch down into it. Idle pieces that begin or end in a moved point follow it; points over
+    unknown ground keep their planned height.
     """
     points: set[Point] = set()
     for s in segments:
@@ -93,8 +98,13 @@ def follow(segments: list[Segment], surface: HeightGrid, reach: float) -> list[S
     if not points:
         return segments
     ordered = sorted(points)
-    ground = surface.with_z(smooth(surface.z, reach / surface.spec.resolution))
     xyz = np.array(ordered)
+    x, y = np.meshgrid(surface.spec.x, surface.spec.y)
+    near = cKDTree(xyz[:, :2]).query(np.stack([x, y], axis=-1))[1]
+    own = np.abs(surface.z - xyz[near, 2]) <= FOLLOWED
+    ground = surface.with_z(
+        smooth(np.where(own, surface.z, np.nan), reach / surface.spec.resolution)
+    )
     z = ground.sample(xyz[:, 0], xyz[:, 1])
     new = {
         p: (p[0], p[1], float(h)) if np.isfinite(h) else p for p, h in zip(ordered, z, strict=True)

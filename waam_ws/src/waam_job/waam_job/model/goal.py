@@ -62,26 +62,26 @@ GIVEN = {
 class JobGoal:
     """The goal of run_job in SI, with its defaults. Fields are named as in the message and in job.yaml."""
 
-    part: Path
-    material: str
-    jobs_dir: Path
-    name: str = ''
-    mode: str = 'restore'
+    part: Path  # mesh of the nominal part
+    material: str  # key of the material table
+    jobs_dir: Path  # where the job's folder is made
+    name: str = ''  # short name; '' = that of the part
+    mode: str = 'restore'  # of MODES
     profile: str = LoopMode.CLOSED_LOOP.value  # see `loop_mode`
-    layers: int = 0
-    layer_height: float = 0.0
-    bead_width: float = 0.0
-    k_gain: float = math.nan
-    tolerance: float = 0.2e-3
-    scale: float = 1e-3
-    operator_name: str = ''
-    notes: tuple[str, ...] = ()
-    strategy: str = ''
-    allowance: float = 0.0
-    passes: int = 1
-    wire_left: float = 0.0
-    plan_settings: tuple[str, ...] = ()
-    repair: bool = False
+    layers: int = 0  # at most so many; 0 = as many as needed
+    layer_height: float = 0.0  # m; 0 = of the material
+    bead_width: float = 0.0  # m; 0 = of the material
+    k_gain: float = math.nan  # authority of the speed correction; NaN = the correction server's own
+    tolerance: float = 0.2e-3  # m
+    scale: float = 1e-3  # m per unit of the mesh
+    operator_name: str = ''  # who answers for the job
+    notes: tuple[str, ...] = ()  # 'key=value', kept with the job
+    strategy: str = ''  # how layers are filled; '' = chosen by the planner
+    allowance: float = 0.0  # m of metal left for machining
+    passes: int = 1  # plans; the second one is made from the scan after the first
+    wire_left: float = 0.0  # m on the spool; 0 = not known
+    plan_settings: tuple[str, ...] = ()  # 'NAME=VALUE' of PlanSettings, SI
+    repair: bool = False  # of the mesh: holes, double faces, normals
     new_spool: bool = False  # wire_left was entered for this run, not for the first one
 
     @property

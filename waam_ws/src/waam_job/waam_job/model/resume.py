@@ -1,7 +1,8 @@
 """Where to resume an interrupted layer: the new scan against the surface before the layer and the checkpoint.
 
 Pure. Segments of a layer are laid in order, so the surface has one change point: metal before it, none after it. The
-scan decides where that is; the checkpoint must not contradict it.
+checkpoint says from where to where it can lie, the scan where in between. A place between rings that are already there
+looks half full before its own bead is laid, so the scan alone could take an inner bead for laid.
 """
 
 from __future__ import annotations
@@ -20,11 +21,14 @@ from waam_process.grid import HeightGrid
 from waam_process.segment import Kind, Point, Segment
 
 PRESENT = 0.5  # share of the planned metal above which a place counts as laid
+BEGUN = 0.25  # the same of a bead that was begun: the neighbours that would fill its sides are not there yet
 REACH = 0.75  # bead widths that the end of an interrupted bead goes beyond the place where half of it is there
 LEAST = (
     0.3  # least share of its metal that a segment gets, however much is there: the arc needs wire
 )
 COLDEST = 0.8  # of its metal that a bead gets on the coldest part
+CHECKPOINT_REACH = 3.0  # s of planned travel that may have been laid after a checkpoint was written
+FEW = 5  # segments; the metal of a begun bead is looked for when it has more
 MOVED_LIMIT = 0.15e-3  # m, median change of the surface where nothing was to be laid
 
 
@@ -75,9 +79,15 @@ def metal_shares(layer: PlannedLayer, before: HeightGrid, now: HeightGrid) -> np
 
 
 def change_point(
-    shares: np.ndarray, lengths: np.ndarray, middles: np.ndarray, bead_width: float
+    shares: np.ndarray,
+    lengths: np.ndarray,
+    middles: np.ndarray,
+    bead_width: float,
+    within: tuple[int, int] | None = None,
 ) -> int:
     """k with segments [0, k) laid and [k, n) not, from the (n,) shares of metal found, NaN = unseen.
+
+    within: least and greatest k; None = 0 and n.
 
     Metal of a segment also lies beside it: with k laid, the share expected at segment i is the part of its
     neighbours' influence (a Gaussian of 0.3 bead widths over the distance of `middles` (n, 2) m) that is laid. k and a
@@ -93,15 +103,16 @@ def change_point(
     total = np.array([r.sum() for r in reach])
     expected = np.zeros(n)
     cross = square = 0.0  # sums of weight * found * expected and weight * expected**2
-    best, best_gain = 0, 0.0
-    for k in range(n):
+    least, most = within or (0, n)
+    best, best_gain = least, 0.0 if least == 0 else -math.inf
+    for k in range(most):
         i, add = near[k], reach[k] / total[near[k]]
         cross += float(np.sum(weight[i] * found[i] * add))
         square += float(np.sum(weight[i] * add * (2 * expected[i] + add)))
         expected[i] += add
         scale = min(max(cross / square, 0.5), 1.2) if square > 0 else 1.0
         gain = 2 * scale * cross - scale**2 * square  # what the sum of squares falls by
-        if gain > best_gain:
+        if k + 1 >= least and gain > best_gain:
             best, best_gain = k + 1, gain
     return best
 
@@ -129,33 +140,55 @@ def check_unmoved(
 
 
 def progress_of(
-    layer: PlannedLayer, before: HeightGrid, now: HeightGrid, beads_done: int = 0
+    layer: PlannedLayer,
+    before: HeightGrid,
+    now: HeightGrid,
+    beads_done: int = 0,
+    laid: int | None = None,
 ) -> Progress:
-    """How much of the layer is on the part. ResumeError when beads that the checkpoint calls done are missing."""
+    """How much of the layer is on the part.
+
+    beads_done, laid: beads and deposit segments that the checkpoint calls done; laid None = it does not say, and the
+    scan decides alone. ResumeError when metal that the checkpoint calls done is missing.
+    """
     deposits = layer.deposits
     if not deposits:
         return Progress(0, 0, 0)
     shares = metal_shares(layer, before, now)
+    beads = list(dict.fromkeys(s.bead for s in deposits))
+    least = max(sum(s.bead in beads[:beads_done] for s in deposits), laid or 0)
+    for number, bead in enumerate(beads, 1):
+        mine = [i for i, s in enumerate(deposits[:least]) if s.bead == bead]
+        if number <= beads_done:
+            _require(PRESENT, shares[mine], deposits[mine[0]], f'{number} of {len(beads)}')
+        elif len(mine) > FEW:
+            _require(BEGUN, shares[mine], deposits[mine[0]], f'{number} of {len(beads)}, begun')
     done = change_point(
         shares,
         np.array([s.length for s in deposits]),
         np.array([s.midpoint[:2] for s in deposits]),
         max(s.width for s in deposits),
+        (least, len(deposits) if laid is None else _farthest(deposits, least)),
     )
-    beads = list(dict.fromkeys(s.bead for s in deposits))
-    for number, bead in enumerate(beads[:beads_done], 1):
-        mine = np.array([s.bead == bead for s in deposits])
-        share = np.nanmedian(shares[mine]) if np.isfinite(shares[mine]).any() else math.nan
-        if share < PRESENT:
-            x, y, _ = deposits[int(np.flatnonzero(mine)[0])].start
-            raise ResumeError(
-                f'layer {layer.number}: bead {bead} ({number} of {len(beads)}) at x = {x * 1e3:.1f} mm, '
-                f'y = {y * 1e3:.1f} mm was laid, but the scan finds {share:.0%} of its metal'
-            )
-    least = sum(s.bead in beads[:beads_done] for s in deposits)
-    done = max(done, least)
     bead = deposits[done].bead if done < len(deposits) else 0
     return Progress(done, len(deposits), bead, shares)
+
+
+def _require(least: float, shares: np.ndarray, first: Segment, which: str) -> None:
+    """ResumeError where less than the share `least` of a bead, or of what was laid of it, is on the part."""
+    share = np.nanmedian(shares) if np.isfinite(shares).any() else math.nan
+    if share < least:
+        x, y, _ = first.start
+        raise ResumeError(
+            f'layer {first.layer}: bead {first.bead} ({which}) at x = {x * 1e3:.1f} mm, y = {y * 1e3:.1f} mm was laid, '
+            f'but the scan finds {share:.0%} of its metal'
+        )
+
+
+def _farthest(deposits: list[Segment], laid: int) -> int:
+    """Segments that can have been laid when `laid` were at the last checkpoint."""
+    spent = np.cumsum([s.duration for s in deposits[laid:]])
+    return laid + int(np.searchsorted(spent, CHECKPOINT_REACH, side='right'))
 
 
 def cold_share(before: float, now: float, per_kelvin: float) -> float:

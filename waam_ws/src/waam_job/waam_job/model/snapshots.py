@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waam_process.grid import HeightGrid
-from waam_process.segment import Point
+from waam_process.segment import Point, Segment
 
 
 @dataclass(frozen=True)
@@ -100,10 +100,20 @@ class CorrectionRequest:
     temperature: float  # degC
     k_gain: float  # NaN = the server's own
     direction: tuple[float, float]  # of travel, unit vector
-    beads: tuple[
-        np.ndarray, ...
-    ] = ()  # (n, 2) x, y in m from arc on to arc off, in the order they are laid
+    # Each (n, 2): x, y in m from arc on to arc off, in the order they are laid.
+    beads: tuple[np.ndarray, ...] = ()
     heat_factor: float = 1.0  # eq 2.19: feed of this layer will be multiplied by it
+
+
+@dataclass(frozen=True)
+class FeedRequest:
+    """Path of one layer and what decides over its speeds and feeds, for the feed-forward."""
+
+    material: str
+    segments: list[Segment]
+    correction: Correction | None  # None = nominal setpoints
+    heat_factor: float  # eq 2.19
+    apply: bool  # False = the correction is only recorded
 
 
 @dataclass

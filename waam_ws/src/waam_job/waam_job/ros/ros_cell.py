@@ -46,7 +46,7 @@ from waam_process.grid import GridSpec
 from waam_process.segment import Point, Segment
 
 from .. import conversions as convert
-from ..model.cell import Correction, CorrectionRequest, Heat, Machine, Scan, Sums
+from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Machine, Scan, Sums
 from ..model.geometry import aim_point
 from ..model.goal import Code, JobError
 from ..model.records import AnomalyRecord, LayerRecord, State, Status
@@ -96,9 +96,18 @@ class RosCell:
         with self._lock:
             self._seen = time.monotonic()
             self._state, self._pos, self._arc = m.state, (p.x, p.y, p.z), m.arc_enabled
-            self._stats.add(m.sequence, m.controller_us, seconds(m.header.stamp), self._pos, m.arc_current,
-                            m.arc_voltage, m.wire_feed_speed, m.wire_feed_commanded, m.travel_speed,
-                            m.arc_established)  # fmt: skip
+            self._stats.add(
+                sequence=m.sequence,
+                controller_us=m.controller_us,
+                t=seconds(m.header.stamp),
+                position=self._pos,
+                current=m.arc_current,
+                voltage=m.arc_voltage,
+                wire=m.wire_feed_speed,
+                wire_commanded=m.wire_feed_commanded,
+                speed=m.travel_speed,
+                arc=m.arc_established,
+            )
 
     def _on_machine(self, m: MachineState) -> None:
         with self._lock:
@@ -231,17 +240,9 @@ class RosCell:
             self._call(self._correct, message, Code.UNKNOWN).correction
         )
 
-    def setpoints(
-        self,
-        job_id: str,
-        material: str,
-        segments: list[Segment],
-        correction: Correction | None,
-        heat_factor: float,
-        apply: bool,
-    ) -> list[Segment]:
-        request = convert.feed_request(job_id, material, segments, correction, heat_factor, apply)
-        response = self._call(self._feed, request, Code.PLAN_FAILED)
+    def setpoints(self, job_id: str, request: FeedRequest) -> list[Segment]:
+        message = convert.feed_request(job_id, request)
+        response = self._call(self._feed, message, Code.PLAN_FAILED)
         return [segment_from_msg(s) for s in response.segments]
 
     def record(self, start: bool, directory: str, custom: tuple[str, ...] = ()) -> str:

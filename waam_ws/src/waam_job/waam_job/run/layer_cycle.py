@@ -10,7 +10,7 @@ from waam_plan.plan import PlannedLayer, renumber
 from waam_process.loop_mode import LoopMode
 from waam_process.segment import Segment
 
-from ..model.cell import Correction, CorrectionRequest, Heat, Scan
+from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Scan
 from ..model.geometry import asked_growth, follow
 from ..model.records import LayerRecord, State
 from ..store.journal import Following
@@ -44,18 +44,11 @@ class LayerCycle:
 
     def lay(self, layer: PlannedLayer, scan: Scan, resumed: bool = False) -> Scan:
         """Deposits a layer (resumed: what is left of it) onto the surface of `scan` and returns the scan after it."""
-        record = LayerRecord(
-            job_id=self.run_id,
-            profile=self.goal.profile,
-            layer=layer.number,
-            pass_number=self.program.pass_number,
-        )
         self._announce(layer)
-        record.wait, record.temperature = self.cooling.wait(layer.number)
+        wait, temperature = self.cooling.wait(layer.number)
         scan = scan if resumed else self._renewed(layer, scan)
-        error = scan.map.z - layer.target_before
-        record.add_errors(error[self.program.current.interior & (layer.planned > 0)])
-        record.add_scan(scan)
+        record = self._record(layer, scan)
+        record.wait, record.temperature = wait, temperature
         if self.control.take_request('skip_layer'):
             return self._skip(layer, scan, record, resumed)
         heat = self.cell.heat()
@@ -70,6 +63,26 @@ class LayerCycle:
         self.history = History(asked, scan.map.z, feed_factor)
         self.journal.layer(record)
         return self.scanner.scan_after(layer.number)
+
+    def found(self, layer: PlannedLayer, before: Scan) -> Scan:
+        """For a layer that was cut off after its last segment: its record, and the scan after it."""
+        record = self._record(layer, before)
+        record.reasons.append('laid before the interruption')
+        self.journal.layer(record)
+        return self.scanner.scan_after(layer.number)
+
+    def _record(self, layer: PlannedLayer, scan: Scan) -> LayerRecord:
+        """With what is known before the layer is laid on the surface of `scan`."""
+        record = LayerRecord(
+            job_id=self.run_id,
+            profile=self.goal.profile,
+            layer=layer.number,
+            pass_number=self.program.pass_number,
+        )
+        error = scan.map.z - layer.target_before
+        record.add_errors(error[self.program.current.interior & (layer.planned > 0)])
+        record.add_scan(scan)
+        return record
 
     def _announce(self, layer: PlannedLayer) -> None:
         """The layer that begins now, in the status."""
@@ -157,14 +170,14 @@ class LayerCycle:
         segments = layer.segments
         if closed and scan.plausible:
             segments = follow(segments, scan.map, self.settings.follow_reach)
-        segments = self.cell.setpoints(
-            job_id=self.run_id,
+        request = FeedRequest(
             material=self.goal.material,
             segments=segments,
             correction=correction,
             heat_factor=heat_factor,
             apply=closed,
         )
+        segments = self.cell.setpoints(self.run_id, request)
         record.add_segments(segments)
         return segments
 
@@ -183,9 +196,12 @@ class LayerCycle:
         self.cell.plan(self.run_id, layer.number, placed)
         started = self.cell.now()
         progress = BeadProgress(self.context, layer, placed)
-        self.journal.checkpoint(0, progress.beads_before, placed[0].index - 1)
+        self.journal.checkpoint(
+            0, progress.beads_before, placed[0].index - 1, progress.segments_before
+        )
         self.motion.execute(placed, progress.on_done)
-        self.journal.checkpoint(0, progress.beads_before + layer.beads, placed[-1].index)
+        last = placed[-1].index
+        self.journal.checkpoint(0, progress.beads_before + layer.beads, last, progress.laid(last))
         record.duration = self.cell.now() - started
         record.add_sums(self.cell.take_sums(), self.context.checked.material.set_current)
         if record.telemetry_lost:

@@ -1,6 +1,8 @@
-"""Follows a layer while it is laid: bead, share of the job, time left, and a checkpoint after every bead."""
+"""Follows a layer while it is laid: bead, share of the job, time left, and checkpoints."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -8,6 +10,8 @@ from waam_plan.plan import PlannedLayer
 from waam_process.segment import Kind, Segment
 
 from .context import JobContext
+
+PERIOD = 1.0  # s between two checkpoints of a bead
 
 
 class BeadProgress:
@@ -20,6 +24,7 @@ class BeadProgress:
         whole = program.layer(layer.number).deposits
         beads = list(dict.fromkeys(s.bead for s in whole))
         here = list(dict.fromkeys(s.bead for s in deposits))
+        self.segments_before = len(whole) - len(deposits)
         self.beads_before = beads.index(here[0]) if here else len(beads)
         last = {s.bead: s.index for s in deposits}
         self.ends = np.array([last[b] for b in here], dtype=np.int64)
@@ -32,7 +37,7 @@ class BeadProgress:
         before = program.arc_time_before
         self.laid_below = before + sum(durations[: layer.number - program.offset - 1])
         self.arc_time = max(before + sum(durations), 1e-9)
-        self._seen = (0, 0)
+        self._seen, self._written = (0, 0), -math.inf
 
     def on_done(self, segment: Segment) -> None:
         status = self.journal.status
@@ -40,11 +45,17 @@ class BeadProgress:
         bead = self.starts.get(segment.index, 0)
         status.bead = bead or status.bead
         self._estimate(segment.index)
-        if (done, bead) != self._seen and (done != self._seen[0] or bead):
-            self._seen = (done, bead)
-            self.journal.checkpoint(bead, done, segment.index)
+        now = self.context.cell.now()
+        new = (done, bead) != self._seen and (done != self._seen[0] or bead)
+        if new or (bead and now - self._written >= PERIOD):
+            self._seen, self._written = (done, bead), now
+            self.journal.checkpoint(bead, done, segment.index, self.laid(segment.index))
         self.context.note_remarks()
         self.context.cell.status(status)
+
+    def laid(self, index: int) -> int:
+        """Deposit segments of the layer that are complete when segment `index` is."""
+        return self.segments_before + int(np.searchsorted(self.indices, index, side='right'))
 
     def _estimate(self, index: int) -> None:
         """Share of the arc time of all passes, never less than before, and the time left at the pace of all runs."""

@@ -111,7 +111,7 @@ class ResumeRun:
                 layer, before.map, scan.map, 1.5 * self.program.current.settings.bead_width
             )
             asked = replace(layer, planned=self._asked(layer))
-            progress = progress_of(asked, before.map, scan.map, self._beads_done(number))
+            progress = progress_of(asked, before.map, scan.map, *self._laid(number))
         except ResumeError as e:
             raise JobError(Code.BAD_RESUME, str(e)) from None
         if progress.done == 0:
@@ -121,7 +121,7 @@ class ResumeRun:
             self._say(number, 'all of it is laid')
             self._spend(layer, [])
             self._remember(number)
-            return self.scanner.scan_after(number), number + 1
+            return self.cycle.found(layer, before), number + 1
         share = self._cold_share(number)
         self._say(
             number,
@@ -143,9 +143,10 @@ class ResumeRun:
         if short := wire_problems(needed, journal.wire_left):
             raise short[0]
 
-    def _beads_done(self, number: int) -> int:
+    def _laid(self, number: int) -> tuple[int, int | None]:
+        """Beads and deposit segments of layer `number` that the checkpoint calls done; None = it does not say."""
         c = self.checkpoint
-        return c.beads_done if c is not None and c.layer == number else 0
+        return (c.beads_done, c.laid) if c is not None and c.layer == number else (0, None)
 
     def _cold_share(self, number: int) -> float:
         """Of the metal, see `resume.cold_share`. Without a whole checkpoint the telemetry track says how warm the layer

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from waam_node.files import write_atomically
@@ -28,6 +28,8 @@ class Checkpoint:
     index: int = 0  # last segment that was reported done in this run
     time: float = 0.0  # s, ROS time
     temperature: float | None = None  # degC, what the pyrometer then showed; None = nothing
+    # deposit segments of the layer that are complete; None = not written down
+    laid: int | None = None
 
     def text(self) -> str:
         data = asdict(self)
@@ -46,13 +48,13 @@ def parse(text: str, name: str) -> Checkpoint:
     """Raises CheckpointError when the text is torn, changed or of another kind."""
     try:
         data = json.loads(text)
-        crc = data.pop('crc32')
-        known = {f.name: data.pop(f.name) for f in fields(Checkpoint)}
+        crc, own = data.pop('crc32'), _crc(data)
+        checkpoint = Checkpoint(**data)
     except (ValueError, KeyError, TypeError, AttributeError) as e:
         raise CheckpointError(f'{name}: not a checkpoint ({e or type(e).__name__})') from None
-    if data or crc != _crc(known):
+    if crc != own:
         raise CheckpointError(f'{name}: the check sum does not fit, the file is torn or changed')
-    return Checkpoint(**known)
+    return checkpoint
 
 
 def save(folder: Path, checkpoint: Checkpoint) -> None:

@@ -193,7 +193,7 @@ class Journal:
         self.anomalies = before + self.anomalies
         self._anomalies_before += len(before)
 
-    def checkpoint(self, bead: int, beads_done: int, index: int) -> None:
+    def checkpoint(self, bead: int, beads_done: int, index: int, laid: int) -> None:
         status, temperature = self.status, self.cell.heat().temperature
         checkpoints.save(
             self.folder.path,
@@ -205,6 +205,7 @@ class Journal:
                 bead=bead,
                 beads_done=beads_done,
                 index=index,
+                laid=laid,
                 time=self.cell.now(),
                 temperature=round(temperature, 1) if math.isfinite(temperature) else None,
             ),

@@ -1,0 +1,51 @@
+"""Layers of random parts for the training of a growth network."""
+
+import numpy as np
+
+from waam_adapt.beads import plan_geometry
+from waam_adapt.training import samples
+from waam_lab import growth_data
+from waam_lab.parts import random_part
+from waam_lab.results import layer_means, layer_rms
+
+
+def test_random_parts_are_worn_solids_and_come_back_with_their_seed():
+    outlines = set()
+    for seed in (1, 2016, 2000, 2017, 4, 5):
+        part = random_part(np.random.default_rng(seed))
+        nominal, worn = part.meshes()
+        assert nominal.is_watertight
+        assert worn.is_watertight
+        assert 1.5 < (part.nominal - part.worn).max() < 12
+        assert worn.volume < nominal.volume
+        again = random_part(np.random.default_rng(seed))
+        assert (again.worn == part.worn).all()
+        outlines.add(round(nominal.volume))
+    assert len(outlines) == 6
+
+
+def test_a_job_leaves_its_layers_and_what_the_bead_model_missed(tmp_path, capsys):
+    assert growth_data.main([str(tmp_path), '--seeds', '2001-2001']) == 0
+    layers = list(samples.load(tmp_path))
+    assert 'seed 2001' in capsys.readouterr().out
+    assert len(layers) >= 2
+    for s in layers:
+        assert s.x.shape == (plan_geometry.CHANNELS, *s.y.shape)
+        assert s.weight.max() == 1.0
+        known = s.weight > 0.9
+        assert abs(np.median(s.y[known])) < 0.05  # the level is not in it
+        assert 0.03 < s.y[known].std() < 0.4
+    at = (tmp_path / 'job_2001.npz').stat().st_mtime_ns
+    assert growth_data.main([str(tmp_path), '--seeds', '2001-2001']) == 0  # is there already
+    assert (tmp_path / 'job_2001.npz').stat().st_mtime_ns == at
+
+
+def test_rms_after_a_layer_counts_what_it_laid_and_is_judged():
+    before = {'planned': np.array([[1.0, 1.0, 0.0, 1.0]])}
+    after = {
+        'z': np.array([[3e-4, -1e-4, 9e-4, 9e-4]]),
+        'target': np.zeros((1, 4)),
+        'interior': np.array([[True, True, True, False]]),
+    }
+    assert np.allclose(layer_means([before, after]), 1e-4)
+    assert np.allclose(layer_rms([before, after]), np.sqrt(5e-8))

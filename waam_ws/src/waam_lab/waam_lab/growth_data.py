@@ -1,0 +1,96 @@
+"""Layers of random parts on random cells, to train a growth network on.
+
+    python3 -m waam_lab.growth_data FOLDER --seeds 2000-2199
+
+Writes one job_<seed>.npz per seed (waam_adapt.training.samples); seeds that are there already are left out, so it can
+be stopped and taken up again. A job takes 3 to 6 s. `waam train --growth FOLDER` trains on them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from waam_adapt.training import samples
+from waam_sim.plant import PlantParams
+
+from .cli_campaign import parse_seeds
+from .job import LabJob, restore
+from .laboratory import run
+from .parts import random_part
+from .watch import LayerWatch
+
+STRATEGIES = {'contour': 0.65, 'zigzag': 0.25, 'combined': 0.1}
+FINISH = 1e-3  # m, of the finishing layers of three jobs in four
+FINISHES = (0.8e-3, 1.6e-3)  # m, of the others
+
+
+def random_job(folder: Path, seed: int) -> LabJob:
+    """A restoration of a random part on a cell of random physics, with the default law; meshes go to the folder."""
+    rng = np.random.default_rng(seed)
+    nominal, worn = random_part(rng).meshes()
+    assert worn is not None  # a random part is worn
+    files = folder / f'{seed}_nominal.stl', folder / f'{seed}_worn.stl'
+    nominal.export(files[0])
+    worn.export(files[1])
+    usual = PlantParams()
+    metal = replace(
+        usual.metal,
+        pool_lag=float(np.clip(rng.normal(0.45, 0.13), 0.1, 0.9)),
+        levelling=float(np.clip(rng.normal(0.55, 0.1), 0.25, 0.85)),
+        width_ref=float(rng.normal(7e-3, 0.25e-3)),
+        crater_depth=float(rng.uniform(0.2, 0.55)),
+        transfer=float(rng.uniform(0.82, 0.95)),
+        area_noise_layer=float(rng.uniform(0.02, 0.06)),
+    )
+    strategy = str(rng.choice(list(STRATEGIES), p=list(STRATEGIES.values())))
+    finish = FINISH if rng.random() < 0.75 else float(rng.uniform(*FINISHES))
+    return restore(
+        *files,
+        seed=seed,
+        tolerance=0.2e-3,
+        strategy=strategy,
+        plan_settings=(f'finish_height={finish:.5f}',),
+        plant=replace(usual, metal=metal),
+        overrides={'correction_server': {'law': 'bead_solver'}},
+    )
+
+
+def make(folder: Path, seed: int) -> int:
+    """Runs one job and writes its layers; returns how many."""
+    watch = LayerWatch()
+    with tempfile.TemporaryDirectory() as scratch:
+        run(random_job(Path(scratch), seed), watch=watch)
+    layers = watch.samples(seed)
+    samples.save(folder, seed, layers)
+    return len(layers)
+
+
+def main(argv: list[str] | None = None) -> int:
+    p = argparse.ArgumentParser(
+        prog='python3 -m waam_lab.growth_data', description=(__doc__ or '').split('\n')[0]
+    )
+    p.add_argument('folder', type=Path)
+    p.add_argument(
+        '--seeds', default='2000-2199', help='such as 2000-2199 (default) or 7,9; N: 1 to N'
+    )
+    args = p.parse_args(argv)
+    failures = 0
+    for seed in parse_seeds(args.seeds):
+        if (args.folder / f'job_{seed}.npz').exists():
+            continue
+        try:
+            print(f'seed {seed}: {make(args.folder, seed)} layers', flush=True)
+        except ValueError as e:  # a part that cannot be planned
+            print(f'seed {seed}: {e}', file=sys.stderr)
+            failures += 1
+    return 1 if failures else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,51 @@
+"""Notes what the correction of a job was asked and answered, and what grew: layers to train a growth network on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waam_adapt import conversions as convert
+from waam_adapt.laws.corrector import Corrector
+from waam_adapt.training import samples
+from waam_adapt.types import CorrectionInput
+from waam_msgs.msg import CorrectionMap
+from waam_msgs.srv import ComputeCorrection
+from waam_node.conversions import grid_from_msg
+
+
+@dataclass
+class LayerWatch:
+    """What the correction was asked and answered before every layer, and the surface after the last one."""
+
+    layers: list[tuple[CorrectionInput, np.ndarray, float]] = field(default_factory=list)
+    last: np.ndarray | None = None
+
+    def on_correction(
+        self, request: ComputeCorrection.Request, answer: CorrectionMap, corrector: Corrector
+    ) -> None:
+        spec = grid_from_msg(request.map.grid)
+        p = corrector.params
+        core = convert.correction_input(request, spec, p.k_gain, p.k_gain_max)
+        psi, residual = (
+            convert.named_map(name, getattr(answer, name), spec)
+            for name in ('psi', 'residual_height')
+        )
+        asked = core.planned / (1 + answer.k_gain * psi) + np.nan_to_num(residual)
+        asked = np.where(core.footprint, asked, 0.0) * answer.flow_factor * core.heat_factor
+        self.layers.append((core, asked, corrector.identifier.beads.lag))
+
+    def on_scan(self, z: np.ndarray) -> None:
+        """z: (rows, cols) m."""
+        self.last = z
+
+    def samples(self, seed: int) -> list[samples.Sample]:
+        surfaces = [core.z for core, _, _ in self.layers[1:]]
+        surfaces += [self.last] if self.last is not None else []
+        found = (
+            samples.sample(core, asked, after, lag, seed)
+            for (core, asked, lag), after in zip(self.layers, surfaces, strict=False)
+            if core.paths
+        )
+        return [s for s in found if s is not None]
