@@ -20,7 +20,7 @@ from waam_bringup.client import ClientError, GraphClient
 from waam_bringup.graph import Settings
 from waam_bringup.jobs import make_goal
 from waam_bringup.operate import graph, graph_trouble
-from waam_bringup.parts import block, write_stl
+from waam_node.stl import write_worn_block
 from waam_node.testing import fresh_domain
 
 sys.path.insert(0, str(Path(__file__).parent))  # for import_graph and import_table
@@ -28,16 +28,17 @@ sys.path.insert(0, str(Path(__file__).parent))  # for import_graph and import_ta
 
 @pytest.fixture(scope='session')
 def part(tmp_path_factory) -> tuple[Path, Path]:
-    """Nominal and worn block of 36 x 30 x 12 mm; the trough needs two layers."""
-    folder = tmp_path_factory.mktemp('part')
+    """Nominal and worn block of 36 x 30 x 12 mm; the trough needs three layers."""
+    return trough_block(tmp_path_factory.mktemp('part'), depth=3.6, steep=2.0)
+
+
+def trough_block(folder: Path, depth: float, steep: float) -> tuple[Path, Path]:
+    """Nominal and worn block of 36 x 30 x 12 mm. The trough is `depth` mm deep; its bottom takes 1 - 1 / `steep` of its
+    length and width."""
     x, y = np.linspace(0, 36, 37), np.linspace(0, 30, 31)
     gx, gy = np.meshgrid(x, y)
-    trough = 4 * np.clip(1.5 - 1.5 * np.maximum(np.abs(gx - 18) / 15, np.abs(gy - 15) / 12), 0, 1)
-    write_stl(
-        folder / 'nominal.stl', block(np.full((2, 2), 12.0), x[[0, -1]], y[[0, -1]]), 'nominal'
-    )
-    write_stl(folder / 'worn.stl', block(12 - trough, x, y), 'worn')
-    return folder / 'nominal.stl', folder / 'worn.stl'
+    away = np.maximum(np.abs(gx - 18) / 15, np.abs(gy - 15) / 12)
+    return write_worn_block(folder, x, y, 12.0, depth * np.clip(steep * (1 - away), 0, 1))
 
 
 @dataclass
@@ -99,6 +100,18 @@ def running_graph(folder: Path, part, **settings) -> Iterator[Bench]:
 def make_graph(tmp_path, part):
     """make_graph(**settings) as a context manager -> Bench."""
     return lambda **settings: running_graph(tmp_path, part, **settings)
+
+
+@pytest.fixture(scope='session')
+def make_part():
+    """make_part(folder, depth, steep): a worn block of one's own, as `trough_block`."""
+    return trough_block
+
+
+@pytest.fixture(scope='session')
+def graph_in():
+    """graph_in(folder, part, **settings) as a context manager -> Bench, for fixtures that outlive a test."""
+    return running_graph
 
 
 @pytest.fixture(scope='module')

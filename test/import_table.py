@@ -70,6 +70,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_replay/waam_replay/transport.py': 'keyboard and socket of the player',
     'waam_replay/waam_replay/tune.py': 'tells how fast it computed',
     'waam_job/waam_job/store/.*': 'job folders on disk',
+    'waam_lab/waam_lab/growth_data.py': 'writes layers to train on',
     'waam_lab/waam_lab/laboratory.py': 'job folders of a run, and how long it took',
     'waam_lab/waam_lab/params.py': 'reads the parameter files of the nodes',
     'waam_lab/waam_lab/parts.py': 'writes the meshes of its parts',

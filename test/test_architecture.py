@@ -58,6 +58,15 @@ def test_package_is_complete(package):
         assert list((folder / 'test').glob('test_*.py')), f'{package} has no tests'
 
 
+def test_no_test_imports_a_module_whose_name_is_not_its_own():
+    """All tests run in one process: `import conftest` and a helper's name that two folders use give either file."""
+    files = [*SRC.glob('*/test/*.py'), *(ROOT / 'test').glob('*.py')]
+    helpers = [f.stem for f in files if not f.stem.startswith(('test_', 'conftest'))]
+    assert sorted(helpers) == sorted(set(helpers))
+    wrong = [f for f in files if re.search(r'^\s*(from|import) conftest', f.read_text(), re.M)]
+    assert not wrong, 'use a fixture'
+
+
 def test_every_message_says_its_units_or_meaning():
     for file in (SRC / 'waam_msgs').glob('*/*.*'):
         if file.suffix in ('.msg', '.srv', '.action'):

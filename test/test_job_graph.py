@@ -16,7 +16,7 @@ from waam_msgs.msg import JobStatus, MachineState
 from waam_node.testing import fresh_domain
 
 CODES = RunJob.Result
-LAYERS = [1, 2, 3]  # finishing layers of 1.15 mm fill the trough of 4 mm
+LAYERS = [1, 2, 3]  # finishing layers of 1.0 mm fill the trough of 3.6 mm
 
 
 @pytest.fixture(scope='module')
@@ -102,8 +102,12 @@ def test_offline_replay_reproduces_every_map_psi_and_setpoint(done):
     from waam_replay.tune import tune
 
     again = tune(done)
-    scans = len(list((done / 'layers').glob('*.npz')))
-    assert again.identical == {'maps': (scans, scans), 'psi': (3, 3), 'setpoints': (3, 3)}
+    scans, laid = len(list((done / 'layers').glob('*.npz'))), len(LAYERS)
+    assert again.identical == {
+        'maps': (scans, scans),
+        'psi': (laid, laid),
+        'setpoints': (laid, laid),
+    }
     assert tune(done).digest == again.digest
 
 
@@ -112,8 +116,12 @@ def test_lockstep_replay_by_the_nodes_reproduces_every_published_map_and_psi(don
     args = replay_arguments(['replay', 'play', str(done), '--lockstep', '--domain', domain])
     code = args.run_command(args)
     out = capsys.readouterr().out
-    scans = len(list((done / 'layers').glob('*.npz')))
-    for line in (f'maps: {scans} of {scans}', 'psi: 3 of 3', 'setpoints: 3 of 3'):
+    scans, laid = len(list((done / 'layers').glob('*.npz'))), len(LAYERS)
+    for line in (
+        f'maps: {scans} of {scans}',
+        f'psi: {laid} of {laid}',
+        f'setpoints: {laid} of {laid}',
+    ):
         assert f'{line} identical' in out, out
     assert code == 0
 

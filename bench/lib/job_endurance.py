@@ -141,7 +141,7 @@ def cpu_seconds(pid: int) -> float:
 
 
 def write_block(folder: Path) -> Path:
-    from waam_bringup.parts import block, write_stl
+    from waam_node.stl import block, write_stl
 
     folder.mkdir(parents=True, exist_ok=True)
     x, y, z = (np.array([0.0, v]) for v in BLOCK)

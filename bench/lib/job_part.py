@@ -12,17 +12,12 @@ LENGTH, WIDTH, HEIGHT, DEPTH = 36.0, 30.0, 12.0, 4.0  # mm
 
 def write_part(folder: Path) -> tuple[Path, Path]:
     """Nominal and worn mesh."""
-    from waam_bringup.parts import block, write_stl
+    from waam_node.stl import write_worn_block
 
-    folder.mkdir(parents=True, exist_ok=True)
     x, y = np.linspace(0, LENGTH, 37), np.linspace(0, WIDTH, 31)
     gx, gy = np.meshgrid(x, y)
     away = np.maximum(np.abs(gx - LENGTH / 2) / 15, np.abs(gy - WIDTH / 2) / 12)
-    worn = HEIGHT - DEPTH * np.clip(1.5 - 1.5 * away, 0, 1)
-    flat = block(np.full((2, 2), HEIGHT), x[[0, -1]], y[[0, -1]])
-    write_stl(folder / 'nominal.stl', flat, 'nominal')
-    write_stl(folder / 'worn.stl', block(worn, x, y), 'worn')
-    return folder / 'nominal.stl', folder / 'worn.stl'
+    return write_worn_block(folder, x, y, HEIGHT, DEPTH * np.clip(1.5 - 1.5 * away, 0, 1))
 
 
 def goal(part: Path, jobs: Path, **fields):

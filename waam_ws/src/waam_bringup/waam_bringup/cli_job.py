@@ -131,7 +131,7 @@ def _add_bookkeeping(p: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='KEY=VALUE',
-        help='kept with the job; the report asks for wire_lot=... and gas=... and names what nobody told',
+        help='kept with the job; the report asks for wire_lot=... and gas=... and names what is missing',
     )
 
 

@@ -70,8 +70,8 @@ def _one(
             tolerance=0.2,
             scale=1e-3,
             note=[f'seed={args.seed}', 'wire_lot=simulated', 'gas=simulated'],
-            strategy='contour',  # no turns along the edge, where the humps of a zig-zag are
-            set=['finish_height=0.001'],
+            strategy='',
+            set=[],
             allowance=0.0,
             passes=1,
             wire_left=0.0,

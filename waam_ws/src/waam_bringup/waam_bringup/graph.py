@@ -22,22 +22,17 @@ class GraphError(ValueError):
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of one start of the graph.
+    """Settings of one start of the graph."""
 
-    run: folder for sockets, logs and state; port: serial port of a real controller, '' = simulated cell;
-    rate: simulated seconds per second at most (0 = as fast as it goes); seed: of everything random in the cell;
-    panel_port: of the operator's page (0 = any free one); hang_timeout: a node that is silent for so long (s) while no
-    job runs is restarted (0 = never).
-    """
-
-    run: Path
-    port: str = ''
-    rate: float = 0.0
-    seed: int = 1
+    run: Path  # folder for sockets, logs and state
+    port: str = ''  # serial port of a real controller; '' = simulated cell
+    rate: float = 0.0  # simulated seconds per second at most; 0 = as fast as it goes
+    seed: int = 1  # of everything random in the cell
     epoch_us: int = 1
     grpc_port: int = 0
     web_port: int = 0
-    panel_port: int = 0
+    panel_port: int = 0  # of the operator's page; 0 = any free one
+    # s of silence while no job runs, after which a node is restarted; 0 = never
     hang_timeout: float = 15.0
     params_files: tuple[Path, ...] = ()
     without: tuple[str, ...] = ()

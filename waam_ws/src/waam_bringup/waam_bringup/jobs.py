@@ -7,6 +7,7 @@ import math
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 from waam_msgs.action import RunJob
 from waam_msgs.srv import AdjustJob
@@ -29,56 +30,40 @@ REFUSED = (
 )  # fmt: skip
 
 
+def _goal_fields(args: argparse.Namespace) -> dict[str, Any]:
+    """Fields of the goal that the command line gives, in SI; named as in RunJob.Goal and in JobGoal."""
+    return {
+        'name': args.name,
+        'mode': args.mode,
+        'material': args.material,
+        'profile': args.profile,
+        'layers': args.layers,
+        'layer_height': args.layer_height * 1e-3,
+        'bead_width': args.bead_width * 1e-3,
+        'k_gain': args.k_gain,
+        'tolerance': args.tolerance * 1e-3,
+        'scale': args.scale,
+        'notes': tuple(args.note),
+        'strategy': args.strategy,
+        'allowance': args.allowance * 1e-3,
+        'passes': args.passes,
+        'wire_left': args.wire_left,
+        'plan_settings': tuple(getattr(args, 'set', ())),
+        'repair': getattr(args, 'repair', False),
+        'operator_name': getattr(args, 'operator', ''),
+    }
+
+
 def make_goal(args: argparse.Namespace, jobs: Path) -> RunJob.Goal:
     """The goal of `waam job run` (mm on the command line, m in the goal)."""
-    return RunJob.Goal(
-        name=args.name,
-        part=str(args.part.resolve()),
-        mode=args.mode,
-        material=args.material,
-        profile=args.profile,
-        layers=args.layers,
-        layer_height=args.layer_height * 1e-3,
-        bead_width=args.bead_width * 1e-3,
-        k_gain=args.k_gain,
-        tolerance=args.tolerance * 1e-3,
-        scale=args.scale,
-        jobs_dir=str(jobs),
-        notes=list(args.note),
-        strategy=args.strategy,
-        allowance=args.allowance * 1e-3,
-        passes=args.passes,
-        wire_left=args.wire_left,
-        plan_settings=list(getattr(args, 'set', ())),
-        repair=getattr(args, 'repair', False),
-        operator_name=getattr(args, 'operator', ''),
-    )
+    return RunJob.Goal(part=str(args.part.resolve()), jobs_dir=str(jobs), **_goal_fields(args))
 
 
 def check_arguments(args: argparse.Namespace) -> None:
     """Refuses what can be refused without a graph."""
     from waam_job.model.goal import JobError, JobGoal, check
 
-    goal = JobGoal(
-        part=args.part,
-        material=args.material,
-        jobs_dir=Path('.'),
-        mode=args.mode,
-        profile=args.profile,
-        layers=args.layers,
-        layer_height=args.layer_height * 1e-3,
-        bead_width=args.bead_width * 1e-3,
-        k_gain=args.k_gain,
-        tolerance=args.tolerance * 1e-3,
-        scale=args.scale,
-        notes=tuple(args.note),
-        strategy=args.strategy,
-        allowance=args.allowance * 1e-3,
-        passes=args.passes,
-        wire_left=args.wire_left,
-        plan_settings=tuple(args.set),
-        repair=args.repair,
-    )
+    goal = JobGoal(part=args.part, jobs_dir=Path('.'), **_goal_fields(args))
     for name in ('layers', 'passes'):
         if getattr(args, name) < 0:
             raise ValueError(f'--{name} is {getattr(args, name)}, must not be negative')

@@ -5,11 +5,12 @@ python3 -m waam_bringup.parts FOLDER
 
 from __future__ import annotations
 
-import struct
 import sys
 from pathlib import Path
 
 import numpy as np
+
+from waam_node.stl import block, write_stl
 
 LENGTH, WIDTH, HEIGHT = 90.0, 56.0, 24.0  # mm
 DEPTH = 12.5  # mm, of the worn trough
@@ -24,45 +25,6 @@ def worn_top(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     trough = trough * trough * (3 - 2 * trough)
     furrows = 0.06 * np.sin(0.35 * x + 0.5 * np.sin(0.2 * y)) + 0.05 * np.sin(0.42 * y + 1.0)
     return HEIGHT - DEPTH * trough * (0.93 + furrows)
-
-
-def block(top: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Closed body below a height field: (n, 3, 3) triangles, outward normals. top: (len(y), len(x)), floor at z = 0."""
-    grid = np.stack([*np.meshgrid(x, y), top], axis=-1)
-    floor = grid.copy()
-    floor[..., 2] = 0.0
-
-    def quads(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.stack([a, b, c], -2), np.stack([a, c, d], -2)]).reshape(-1, 3, 3)
-
-    def sheet(g: np.ndarray, up: bool) -> np.ndarray:
-        corners = (g[:-1, :-1], g[:-1, 1:], g[1:, 1:], g[1:, :-1])
-        a, b, c, d = corners if up else corners[::-1]
-        return quads(a, b, c, d)
-
-    def wall(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-        return quads(lower[:-1], lower[1:], upper[1:], upper[:-1])
-
-    sides = [
-        wall(grid[0], floor[0]),
-        wall(grid[:, -1], floor[:, -1]),
-        wall(grid[-1, ::-1], floor[-1, ::-1]),
-        wall(grid[::-1, 0], floor[::-1, 0]),
-    ]
-    return np.concatenate([sheet(grid, True), sheet(floor, False), *sides])
-
-
-def write_stl(path: Path, triangles: np.ndarray, title: str) -> None:
-    """Binary STL; triangles (n, 3, 3) in mm."""
-    record = np.zeros(
-        len(triangles), np.dtype([('n', '<f4', 3), ('v', '<f4', (3, 3)), ('a', '<u2')])
-    )
-    record['v'] = triangles
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    record['n'] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    path.write_bytes(
-        title.encode()[:80].ljust(80) + struct.pack('<I', len(triangles)) + record.tobytes()
-    )
 
 
 def write_parts(folder: Path) -> tuple[Path, Path]:

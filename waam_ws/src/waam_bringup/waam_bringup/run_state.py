@@ -15,29 +15,28 @@ from waam_process.names import INTERRUPTED, JOB_ENDED
 
 @dataclass
 class NodeState:
-    """pid and state of one process; exit_code is None while it runs, negative = ended by that signal; restarts: how
-    often it was started again because it hung, reason: why the last time."""
+    """State of one process."""
 
     pid: int
-    exit_code: int | None = None
+    exit_code: int | None = None  # None while it runs; negative = ended by that signal
     ended_at: float | None = None
-    restarts: int = 0
-    reason: str = ''
+    restarts: int = 0  # how often it was started again because it hung
+    reason: str = ''  # why, the last time
 
 
 @dataclass
 class RunState:
-    """supervisor: pid; phase: starting, up, stopping, down; domain: ROS_DOMAIN_ID; nodes by name."""
+    """State of a graph, as the supervisor writes it."""
 
-    supervisor: int
-    phase: str
-    domain: int
+    supervisor: int  # its pid
+    phase: str  # starting, up, stopping, down
+    domain: int  # ROS_DOMAIN_ID
     simulated: bool
     port: str
     web_url: str = ''
     panel_url: str = ''
     message: str = ''
-    nodes: dict[str, NodeState] = field(default_factory=dict)
+    nodes: dict[str, NodeState] = field(default_factory=dict)  # by name
 
     def save(self, run: Path) -> None:
         write_atomically(run / 'state.json', json.dumps(asdict(self), indent=1))

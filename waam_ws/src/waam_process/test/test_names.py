@@ -24,7 +24,11 @@ def constants(message: str, prefix: str = '') -> dict[str, int]:
 
 @pytest.mark.parametrize(
     'message,prefix,listed',
-    [('Telemetry', 'STATE_', names.CONTROLLER_STATES), ('JobStatus', '', names.JOB_STATES)],
+    [
+        ('Telemetry', 'STATE_', names.CONTROLLER_STATES),
+        ('JobStatus', '', names.JOB_STATES),
+        ('Anomaly', '', names.SEVERITIES),
+    ],
 )
 def test_states_are_the_constants_of_the_messages(message, prefix, listed):
     assert constants(message, prefix) == {name: i for i, name in enumerate(listed)}
@@ -41,6 +45,34 @@ def test_words_are_those_that_the_message_lists(message, field, listed):
     text = (MESSAGES / f'{message}.msg').read_text()
     line = re.search(rf'^string {field}\s+# (.*)', text, re.M)
     assert line and tuple(line[1].split(', ')) == listed
+
+
+LISTS = (
+    names.CONTROLLER_STATES,
+    names.JOB_STATES,
+    names.SEVERITIES,
+    names.ANOMALY_CLASSES,
+    LOOP_MODES,
+)
+
+
+def lists_in(source: str) -> set[frozenset[str]]:
+    """Every list, tuple or set of texts that is written out."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Tuple | ast.List | ast.Set):
+            found.add(frozenset(text for e in node.elts for text in strings(e)))
+    return found
+
+
+def test_no_other_module_writes_these_lists_out_again():
+    wanted = {frozenset(names_) for names_ in LISTS}
+    again = {
+        str(f.relative_to(SOURCES))
+        for f in SOURCES.glob('waam_*/waam_*/**/*.py')
+        if f.name != 'names.py' and lists_in(f.read_text()) & wanted
+    }
+    assert again == set()
 
 
 def strings(node: ast.AST) -> list[str]:

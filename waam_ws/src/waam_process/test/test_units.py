@@ -6,9 +6,7 @@ from waam_process import units
 
 PAIRS = [
     (units.m_min, units.to_m_min, 60.0, 1.0),
-    (units.mm_min, units.to_mm_min, 60e3, 1.0),
     (units.mm, units.to_mm, 1e3, 1.0),
-    (units.m_h, units.to_m_h, 3600.0, 1.0),
 ]
 
 
@@ -16,6 +14,10 @@ PAIRS = [
 def test_known_value(to_si, from_si, value, si):
     assert to_si(value) == pytest.approx(si)
     assert from_si(si) == pytest.approx(value)
+
+
+def test_feed_of_a_program():
+    assert units.to_mm_min(0.01) == pytest.approx(600.0)
 
 
 @given(st.floats(-1e6, 1e6))

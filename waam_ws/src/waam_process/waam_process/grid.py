@@ -15,14 +15,11 @@ class GridError(ValueError):
 
 @dataclass(frozen=True)
 class GridSpec:
-    """Geometry of a grid in the work frame.
+    """Geometry of a grid in the work frame. Rows run along y, columns along x."""
 
-    origin_x, origin_y: corner of cell (0, 0) in m; resolution: cell edge in m; rows along y, cols along x.
-    """
-
-    origin_x: float
-    origin_y: float
-    resolution: float
+    origin_x: float  # m, corner of cell (0, 0)
+    origin_y: float  # m
+    resolution: float  # m, edge of a cell
     rows: int
     cols: int
 
@@ -80,11 +77,11 @@ class GridSpec:
 
 @dataclass(frozen=True)
 class HeightGrid:
-    """Heights z (rows, cols) in m on a GridSpec; NaN = unknown; sigma (same shape): standard uncertainty or None."""
+    """Heights on a GridSpec."""
 
     spec: GridSpec
-    z: np.ndarray
-    sigma: np.ndarray | None = None
+    z: np.ndarray  # (rows, cols) m, NaN = unknown
+    sigma: np.ndarray | None = None  # (rows, cols) m, standard uncertainty; None = not known
 
     def __post_init__(self) -> None:
         if self.z.shape != self.spec.shape:

@@ -64,13 +64,11 @@ def rosenthal(
 
 @dataclass(frozen=True)
 class ArcPass:
-    """What an arc brought along its path. power: W that stay in the metal (`effective_power`); speed: m/s of travel;
-    duration: s.
-    """
+    """What an arc brought along its path."""
 
-    power: float
-    speed: float
-    duration: float
+    power: float  # W that stay in the metal (`effective_power`)
+    speed: float  # m/s of travel
+    duration: float  # s
 
     @property
     def energy(self) -> float:

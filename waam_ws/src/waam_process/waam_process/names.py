@@ -17,6 +17,8 @@ JOB_ENDED = ('DONE', 'FAILED', 'ABORTED')  # what a job ends as
 INTERRUPTED = 'INTERRUPTED'  # in status.json only, written by the supervisor
 JOB_RUNNING = tuple(s for s in JOB_STATES if s not in ('IDLE', *JOB_ENDED))
 
+SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')  # of an anomaly; the index is its number
+
 # what an anomaly is about: `class_name` of Anomaly.msg
 ANOMALY_CLASSES = (
     *('arc', 'wire', 'gas', 'height', 'temperature'),
@@ -39,6 +41,11 @@ CLASS_OF_FAULT = {
 def controller_state(number: int) -> str:
     """Its name, or the number as text for one that this software does not know."""
     return CONTROLLER_STATES[number] if 0 <= number < len(CONTROLLER_STATES) else str(number)
+
+
+def severity(number: int) -> str:
+    """Its name, or the number as text for one that this software does not know."""
+    return SEVERITIES[number] if 0 <= number < len(SEVERITIES) else str(number)
 
 
 def job_state(number: int) -> str:

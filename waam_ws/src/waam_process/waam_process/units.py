@@ -11,11 +11,6 @@ def to_m_min(value: float) -> float:
     return value * 60.0
 
 
-def mm_min(value: float) -> float:
-    """mm/min -> m/s"""
-    return value / 60e3
-
-
 def to_mm_min(value: float) -> float:
     """m/s -> mm/min"""
     return value * 60e3
@@ -29,13 +24,3 @@ def mm(value: float) -> float:
 def to_mm(value: float) -> float:
     """m -> mm"""
     return value * 1e3
-
-
-def m_h(value: float) -> float:
-    """m/h -> m/s"""
-    return value / 3600.0
-
-
-def to_m_h(value: float) -> float:
-    """m/s -> m/h"""
-    return value * 3600.0

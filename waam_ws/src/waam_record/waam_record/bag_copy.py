@@ -30,14 +30,13 @@ class Recovered:
 
 @dataclass(frozen=True)
 class Selection:
-    """Which messages are taken. include, exclude: regular expressions that are looked for in topic names (empty = all,
-    none); topics: names (empty = all); start, end: s after the beginning of the recording."""
+    """Which messages are taken."""
 
-    topics: tuple[str, ...] = ()
-    include: str = ''
-    exclude: str = ''
-    start: float = 0.0
-    end: float = float('inf')
+    topics: tuple[str, ...] = ()  # names; empty = all
+    include: str = ''  # regular expression that is looked for in topic names; '' = all
+    exclude: str = ''  # regular expression; '' = none
+    start: float = 0.0  # s after the beginning of the recording
+    end: float = float('inf')  # s after the beginning
 
     def wants(self, topic: str) -> bool:
         if self.topics and topic not in self.topics:
@@ -139,10 +138,10 @@ def _file_messages(
 
 @dataclass
 class Copy:
-    """Settings of a written copy. compression: see `COMPRESSIONS`; file_bytes: next file above this size, 0 = one."""
+    """Settings of a written copy."""
 
-    compression: str = 'zstd'
-    file_bytes: int = 0
+    compression: str = 'zstd'  # see `COMPRESSIONS`
+    file_bytes: int = 0  # next file above this size; 0 = one file
     custom_data: dict[str, str] = field(default_factory=dict)
 
 

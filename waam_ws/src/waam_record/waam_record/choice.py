@@ -17,16 +17,17 @@ def is_hidden(topic: str) -> bool:
 
 @dataclass(frozen=True)
 class Choice:
-    """topics: names that are taken, with their leading slash; regex: is looked for in names; types: `package/msg/Name`.
-    A topic is taken when any of the three names it, or when all three are empty. exclude (regex), exclude_types and
-    hidden = False then leave topics out. Lists are separated by blanks."""
+    """Topics that are recorded. Lists are separated by blanks.
 
-    topics: str = ''
-    regex: str = ''
-    types: str = ''
-    exclude: str = ''
-    exclude_types: str = ''
-    hidden: bool = True
+    A topic is taken when topics, regex or types names it, or when all three are empty. The rest then leaves topics out.
+    """
+
+    topics: str = ''  # names, with their leading slash
+    regex: str = ''  # is looked for in names
+    types: str = ''  # `package/msg/Name`
+    exclude: str = ''  # is looked for in names
+    exclude_types: str = ''  # `package/msg/Name`
+    hidden: bool = True  # False = hidden topics are left out
 
     def __post_init__(self) -> None:
         for name in ('regex', 'exclude'):

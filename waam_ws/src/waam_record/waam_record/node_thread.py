@@ -38,23 +38,23 @@ class Answer:
 
 @dataclass(frozen=True)
 class Status:
-    """For the diagnostics. active: something is being recorded; error: why recording ended early."""
+    """For the diagnostics."""
 
-    active: bool = False
+    active: bool = False  # something is being recorded
     paused: bool = False
-    error: str = ''
+    error: str = ''  # why recording ended early
     lost: int = 0
     values: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Request:
-    """code: of Record.srv; reply: is called once, from the thread of the recording."""
+    """A call of record/control, for the thread of the recording."""
 
-    code: int
+    code: int  # of Record.srv
     directory: str
     custom_data: dict[str, str]
-    reply: Callable[[Answer], None]
+    reply: Callable[[Answer], None]  # is called once, from the thread of the recording
 
 
 class RecordingThread:

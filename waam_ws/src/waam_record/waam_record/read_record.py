@@ -34,30 +34,29 @@ class ReplayError(ValueError):
 
 @dataclass
 class Exchange:
-    """One call of a service. at_ns: publication of the request event (wall time); ros_ns: ROS time at the server;
-    answered_ns: publication of the answer."""
+    """One call of a service. Times in ns."""
 
     request: Any
-    at_ns: int
-    ros_ns: int
+    at_ns: int  # publication of the request event, wall time
+    ros_ns: int  # ROS time at the server
     response: Any = None
-    answered_ns: int = 0
+    answered_ns: int = 0  # publication of the answer
 
 
 @dataclass
 class Record:
-    """Everything of one recording that is computed again or compared. Times in ns; stamps, positions: telemetry."""
+    """Everything of one recording that is computed again or compared."""
 
     path: Path
-    stamps: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
-    positions: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    stamps: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))  # ns of the telemetry
+    positions: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # m, telemetry
     batches: list[tuple[int, Any]] = field(default_factory=list)  # publication time, ProfileBatch
     calls: dict[str, list[Exchange]] = field(default_factory=lambda: {k: [] for k in SERVICES})
     estimates: list[Any] = field(default_factory=list)
     parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
     profile: str = ''
-    first_ns: int = 0
-    last_ns: int = 0
+    first_ns: int = 0  # of all messages
+    last_ns: int = 0  # of all messages
     damage: list[str] = field(default_factory=list)
 
     @property

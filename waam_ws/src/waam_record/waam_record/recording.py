@@ -16,17 +16,14 @@ from .bag_writer import BagWriter, Topic
 
 @dataclass(frozen=True)
 class Limits:
-    """queue_bytes: messages that may wait for the disk; sync_s: a chunk is closed and synced this
-    often; metadata_s: metadata.yaml is renewed this often; file_bytes: next file above this size (0
-    = never); file_s: and after this much log time (0 = never); free_bytes: recording stops when the disk
-    has less left."""
+    """Limits of a recording on disk."""
 
-    queue_bytes: int = 256 << 20
-    sync_s: float = 1.0
-    metadata_s: float = 10.0
-    file_bytes: int = 0
-    file_s: float = 0.0
-    free_bytes: int = 200 << 20
+    queue_bytes: int = 256 << 20  # messages that may wait for the disk
+    sync_s: float = 1.0  # a chunk is closed and synced this often
+    metadata_s: float = 10.0  # metadata.yaml is renewed this often
+    file_bytes: int = 0  # next file above this size; 0 = never
+    file_s: float = 0.0  # next file after this much log time; 0 = never
+    free_bytes: int = 200 << 20  # recording stops when the disk has less left
 
 
 class Recording:

@@ -44,7 +44,7 @@ AT_ONCE = 200  # messages between two waits for the nodes: less than their queue
 
 @dataclass
 class Report:
-    """identical, total: answers per kind ('maps', 'psi', 'setpoints'); differences in words."""
+    """How the answers of the nodes compare with the recorded ones."""
 
     identical: dict[str, int] = field(
         default_factory=lambda: dict.fromkeys(('maps', 'psi', 'setpoints'), 0)
@@ -52,7 +52,7 @@ class Report:
     total: dict[str, int] = field(
         default_factory=lambda: dict.fromkeys(('maps', 'psi', 'setpoints'), 0)
     )
-    differences: list[str] = field(default_factory=list)
+    differences: list[str] = field(default_factory=list)  # in words
     seconds: float = 0.0
     error: str = ''
 

@@ -20,15 +20,14 @@ NEVER = re.compile(r'/_service_event$|^/clock$|^/rosout$|^/parameter_events$')
 
 @dataclass(frozen=True)
 class Wanted:
-    """What the user asked for. topics: names (empty = all); exclude: regex; remap: recorded to published names;
-    start, until: s after the beginning (until 0 = end); force: commands and topics of others too."""
+    """What the user asked for."""
 
-    topics: tuple[str, ...] = ()
-    exclude: str = ''
-    remap: tuple[tuple[str, str], ...] = ()
-    start: float = 0.0
-    until: float = 0.0
-    force: bool = False
+    topics: tuple[str, ...] = ()  # names; empty = all
+    exclude: str = ''  # regular expression
+    remap: tuple[tuple[str, str], ...] = ()  # recorded to published names
+    start: float = 0.0  # s after the beginning
+    until: float = 0.0  # s after the beginning; 0 = end
+    force: bool = False  # commands and topics of others too
 
 
 def parse_remap(texts: list[str]) -> tuple[tuple[str, str], ...]:

@@ -19,15 +19,14 @@ from .setpoints import FeedAgain
 
 @dataclass(frozen=True)
 class Prediction:
-    """Surfaces (rows, cols) m after one layer, NaN outside its footprint. measured: by the next scan, or None.
-
-    arrived: share of the commanded metal that the recorded layer kept (1 without a next scan)."""
+    """Surfaces (rows, cols) m after one layer, NaN outside its footprint."""
 
     layer: int
-    target: np.ndarray
-    measured: np.ndarray | None
-    recorded: np.ndarray
-    again: np.ndarray
+    target: np.ndarray  # that was wanted
+    measured: np.ndarray | None  # by the next scan; None = there is none
+    recorded: np.ndarray  # by the recorded setpoints
+    again: np.ndarray  # by the setpoints with other parameters
+    # share of the commanded metal that the recorded layer kept; 1 without a next scan
     arrived: float
 
     def rms(self, name: str) -> float:

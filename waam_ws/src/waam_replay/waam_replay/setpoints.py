@@ -70,7 +70,16 @@ def one(call: Exchange, again: PsiAgain | None, params: FeedParams, job: JobPara
     heat = request.heat_factor if np.isnan(job.heat_factor) else job.heat_factor
     apply = request.apply_correction and job.apply_correction
     field = field_of(again) if again is not None and len(request.correction.psi) else None
-    result = compute(path, material, limits, volts, field, apply, heat, params.drives)
+    result = compute(
+        path,
+        material,
+        limits,
+        voltage=volts,
+        correction=field,
+        apply=apply,
+        heat_factor=heat,
+        drives=params.drives,
+    )
     answered = call.response.segments
     recorded = {n: np.array([getattr(s, n) for s in answered], float) for n in COMPARED}
     layer = int(answered[0].layer) if len(answered) else 0

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from waam_node.stl import write_stl
 from waam_process.grid import GridSpec, HeightGrid
 from waam_scan import cli_register
 from waam_scan.commands.compare_report import planner_frame
@@ -70,13 +71,6 @@ def worn_cloud(rng, step=0.2e-3, noise=20e-6):
     pocket = (x > x0) & (x < x1) & (y > y0) & (y < y1)
     z = top(x, y) - deep * pocket + noise * rng.standard_normal(len(x))
     return np.column_stack([x, y, z])
-
-
-def write_stl(path, triangles):
-    """Binary STL in mm."""
-    record = np.zeros(len(triangles), dtype=[('n', '<f4', 3), ('v', '<f4', (3, 3)), ('a', '<u2')])
-    record['v'] = triangles * 1e3
-    path.write_bytes(b'\0' * 80 + np.uint32(len(triangles)).tobytes() + record.tobytes())
 
 
 def run(*words):
@@ -144,7 +138,7 @@ def test_grids_that_differ_or_never_meet_are_refused():
 def files(tmp_path_factory):
     """nominal.stl and worn.npy; the worn part lies turned by 0.6 deg and shifted by more than a millimetre."""
     folder = tmp_path_factory.mktemp('compare')
-    write_stl(folder / 'nominal.stl', nominal())
+    write_stl(folder / 'nominal.stl', nominal() * 1e3, 'part')
     points = worn_cloud(np.random.default_rng(3))
     c, s = np.cos(np.radians(0.6)), np.sin(np.radians(0.6))
     middle = CORNER + SIZE / 2
@@ -256,7 +250,7 @@ def test_meshes_are_told_from_clouds(files):
 
 def test_upright_walls_seen_from_above_do_not_show_where_a_part_slid(tmp_path, capsys):
     """No point lies on them: the plate stays where it is in its plane, and the report says so."""
-    write_stl(tmp_path / 'plate.stl', box_triangles([0, 0, 0], [0.06, 0.04, 0.01]))
+    write_stl(tmp_path / 'plate.stl', box_triangles([0, 0, 0], [60, 40, 10]), 'plate')
     rng = np.random.default_rng(5)
     x, y = rng.uniform(0, 0.06, 30_000), rng.uniform(0, 0.04, 30_000)
     z = 0.0103 + 20e-6 * rng.standard_normal(len(x))

@@ -124,6 +124,33 @@ def test_a_lone_spike_beside_known_cells_is_refused():
     assert m.spikes >= 1
 
 
+def reflection(height, cells, points=640):
+    """Profiles over the worn surface with every point of some cells (row, col) moved by `height`, m."""
+    tcp, x, z, *_ = profiles(spikes=0, dropouts=0, points=points)
+    col = np.floor((tcp[:, :1] + 0.060) / SPEC.resolution) + np.zeros_like(x)
+    row = np.floor((tcp[:, 1:2] + x) / SPEC.resolution)
+    z = z.copy()
+    for r, c in cells:
+        z[(row == r) & (col == c)] += height
+    return tcp, x, z
+
+
+@pytest.mark.parametrize('height', [23e-3, 3.5e-3, -10e-3])
+@pytest.mark.parametrize('points', [160, 640])  # 4 and 12 of them in the cell
+def test_a_reflection_that_fills_a_cell_is_a_spike_as_a_whole(height, points):
+    m = fused(reflection(height, [(40, 50)], points))
+    assert np.isnan(m.z[40, 50]) and m.count[40, 50] == 0
+    assert np.abs(error_of(m)).max() < 0.3e-3 and m.spikes >= 4
+
+
+def test_what_is_real_is_no_reflection():
+    """A knob of 2.5 mm in one cell, a pin two cells wide, a wall one cell wide."""
+    pin, wall = [(20, 30), (20, 31)], [(r, 70) for r in range(30, 50)]
+    for height, cells in ((2.5e-3, [(40, 50)]), (10e-3, pin), (10e-3, wall)):
+        m = fused(reflection(height, cells))
+        assert all(m.z[r, c] > worn(SPEC.x[c], SPEC.y[r]) + 0.9 * height for r, c in cells)
+
+
 def test_memory_does_not_grow_with_points_and_noise_averages_out():
     fusion = Fusion(SPEC, Mounting(), FusionLimits(slots=32))
     before = fusion.memory

@@ -17,7 +17,7 @@ A recorded job is its folder, the folder of its record, or an .mcap file: profil
 used unless --calibration or --mount says otherwise.
 
 A pass (.npz) holds profiles and poses: stamps (n,) int64 ns, x and z (n, m) in m, NaN = no return; pose_stamps (k,)
-int64 ns, poses (k, 3) in m of the wire tip, work frame. Where the scanner sits is told by --calibration (a file of
+int64 ns, poses (k, 3) in m of the wire tip, work frame. Where the scanner sits comes from --calibration (a file of
 waam scan calibrate) or --mount. All passes go into one map, in whatever direction they ran. A cloud (.pcd, .ply,
 .xyz, .npy) gives one map each; --scale tells its unit.
 

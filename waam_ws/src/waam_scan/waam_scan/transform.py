@@ -24,14 +24,14 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
 class Mounting:
     """The scanner frame in the frame of torch_tcp (parallel to work while the torch points straight down).
 
-    offset: (3,) m, scanner origin; rotation: (3, 3), takes scanner coordinates to work directions;
-    delay: s, added to profile stamps to bring them onto the clock of the poses.
     A profile point is (x_s, 0, z_s): P_work = P_tcp + offset + rotation @ (x_s, 0, z_s).
     """
 
+    # (3,) m, scanner origin
     offset: np.ndarray = field(default_factory=lambda: np.array([0.060, 0.0, 0.120]))
+    # (3, 3) takes scanner coordinates to work directions
     rotation: np.ndarray = field(default_factory=lambda: rotation_rpy(0.0, 0.0, math.pi / 2))
-    delay: float = 0.0
+    delay: float = 0.0  # s, added to profile stamps to bring them onto the clock of the poses
 
     def __post_init__(self) -> None:
         r = np.asarray(self.rotation, float)

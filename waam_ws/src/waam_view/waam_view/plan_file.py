@@ -20,18 +20,15 @@ class PlanFileError(ValueError):
 
 @dataclass(frozen=True)
 class Run:
-    """Segments of one layer that follow each other with the arc on, or with it off.
-
-    points (n + 1, 3); times (n + 1,) s since the start of the program; height, speed (n,); arc: burning.
-    """
+    """n segments of one layer that follow each other with the arc on, or with it off."""
 
     layer: int
-    arc: bool
-    width: float
-    points: np.ndarray
-    times: np.ndarray
-    height: np.ndarray
-    speed: np.ndarray
+    arc: bool  # burning
+    width: float  # m, of the bead
+    points: np.ndarray  # (n + 1, 3) m
+    times: np.ndarray  # (n + 1,) s since the start of the program
+    height: np.ndarray  # (n,) m
+    speed: np.ndarray  # (n,) m/s
 
     def thinned(self, every: int) -> Run:
         """Every so many points, the last one kept."""
@@ -55,15 +52,15 @@ class Run:
 
 @dataclass(frozen=True)
 class PlanFile:
-    """found, nominal: surfaces before and after, (rows, cols) m, NaN = unknown; duration: s at programmed speed."""
+    """A stored plan, as the viewer needs it. Surfaces are (rows, cols) m, NaN = unknown."""
 
     name: str
     mode: str
     warnings: list[str]
     settings: dict[str, Any]
     spec: GridSpec
-    found: np.ndarray
-    nominal: np.ndarray
+    found: np.ndarray  # surface before the first layer
+    nominal: np.ndarray  # surface that is wanted
     runs: list[Run]
 
     @property

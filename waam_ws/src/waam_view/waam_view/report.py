@@ -15,6 +15,7 @@ import numpy as np
 
 from waam_node import job_folder
 from waam_node.files import write_atomically
+from waam_process import names
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from . import figures
@@ -215,14 +216,9 @@ def _counts(job: Job) -> str:
     return '<h2>Limits, drop-outs and faults</h2>' + table(['event', 'count'], shown, {0}, flagged)
 
 
-_SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')  # waam_msgs/Anomaly
-
-
 def _severity(value: object) -> str:
     """Name of a severity that is given as name or number."""
-    if isinstance(value, int) and 0 <= value < len(_SEVERITIES):
-        return _SEVERITIES[value]
-    return str(value).upper()
+    return names.severity(value) if isinstance(value, int) else str(value).upper()
 
 
 def _anomalies(job: Job) -> str:

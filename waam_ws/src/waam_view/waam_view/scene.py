@@ -51,12 +51,12 @@ class MapData:
 
 @dataclass(frozen=True)
 class CorrectionData:
-    """psi, confidence: (rows, cols)."""
+    """A correction map, as it is drawn."""
 
-    t: int
+    t: int  # ns, ROS time
     layer: int
-    psi: np.ndarray
-    confidence: np.ndarray
+    psi: np.ndarray  # (rows, cols) -1..1
+    confidence: np.ndarray  # (rows, cols) 0..1
 
 
 class Scene:

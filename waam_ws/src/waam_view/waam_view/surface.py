@@ -42,12 +42,12 @@ def picture(values: np.ndarray, low: float, high: float, diverging: bool = True)
 
 @dataclass(frozen=True)
 class Mesh:
-    """vertices and normals (n, 3) float32 m, triangles (m, 3) uint32, colours (n, 3) uint8."""
+    """A surface as triangles."""
 
-    vertices: np.ndarray
-    normals: np.ndarray
-    triangles: np.ndarray
-    colours: np.ndarray
+    vertices: np.ndarray  # (n, 3) float32 m
+    normals: np.ndarray  # (n, 3) float32
+    triangles: np.ndarray  # (m, 3) uint32
+    colours: np.ndarray  # (n, 3) uint8
 
 
 def mesh(spec: GridSpec, z: np.ndarray, rgb: np.ndarray) -> Mesh:
@@ -85,14 +85,14 @@ def _normals(z: np.ndarray, spacing: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class LayerPath:
-    """Deposition segments of one layer: start, end (n, 3) m; height, width (n,) m; speed (n,) m/s."""
+    """n deposition segments of one layer."""
 
     layer: int
-    start: np.ndarray
-    end: np.ndarray
-    height: np.ndarray
-    width: np.ndarray
-    speed: np.ndarray
+    start: np.ndarray  # (n, 3) m
+    end: np.ndarray  # (n, 3) m
+    height: np.ndarray  # (n,) m
+    width: np.ndarray  # (n,) m
+    speed: np.ndarray  # (n,) m/s
 
     def planned_speed(self, point: tuple[float, float, float]) -> float:
         """Speed of the segment nearest to a point (m), m/s; NaN without segments."""

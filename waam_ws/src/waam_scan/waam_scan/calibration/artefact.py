@@ -21,13 +21,12 @@ class ArtefactError(ValueError):
 
 @dataclass(frozen=True)
 class Contact:
-    """Points against the surface. distance: (n,) m, + outside; normal: (n, 3) outward, artefact frame; face: (n,) int,
-    number of the surface; good: (n,) bool, belongs to one surface beyond doubt."""
+    """n points against the surface of the artefact."""
 
-    distance: np.ndarray
-    normal: np.ndarray
-    face: np.ndarray
-    good: np.ndarray
+    distance: np.ndarray  # (n,) m, + outside
+    normal: np.ndarray  # (n, 3) outward, artefact frame
+    face: np.ndarray  # (n,) int, number of the surface
+    good: np.ndarray  # (n,) bool, belongs to one surface beyond doubt
 
 
 @dataclass(frozen=True)
@@ -64,10 +63,10 @@ class Block:
 
 @dataclass(frozen=True)
 class Balls:
-    """Spheres: centers (k, 3) in the artefact frame, radii (k,)."""
+    """Spheres."""
 
-    centers: np.ndarray
-    radii: np.ndarray
+    centers: np.ndarray  # (k, 3) m, artefact frame
+    radii: np.ndarray  # (k,) m
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -90,17 +89,16 @@ class Balls:
 
 @dataclass(frozen=True)
 class Artefact:
-    """A body on the table. position: (3,) m of its origin in the work frame, position_sigma: standard uncertainty of
-    each coordinate (0 = exact, inf = unknown); yaw and yaw_sigma; tilt_sigma: rad, how well z is up; use_table: the
-    table itself is part of the body (flat, at z = 0)."""
+    """A body on the table."""
 
     body: Block | Balls
-    position: np.ndarray
+    position: np.ndarray  # (3,) m, its origin in the work frame
+    # (3,) m, standard uncertainty; 0 = exact, inf = unknown
     position_sigma: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    yaw: float = 0.0
-    yaw_sigma: float = 0.0
-    tilt_sigma: float = 0.0
-    use_table: bool = False
+    yaw: float = 0.0  # rad
+    yaw_sigma: float = 0.0  # rad
+    tilt_sigma: float = 0.0  # rad, how well z is up
+    use_table: bool = False  # the table is part of the body: flat, at z = 0
     name: str = 'artefact'
 
     @property

@@ -24,16 +24,16 @@ class CalibrationFileError(ValueError):
 
 @dataclass(frozen=True)
 class StoredCalibration:
-    """mounting: what scan_fusion uses; sigma: (7,) m, rad, s; hash: sha256 of everything else in the file."""
+    """A calibration as it was written."""
 
-    mounting: Mounting
+    mounting: Mounting  # what scan_fusion uses
     mount_xyz: tuple[float, ...]
     mount_rpy: tuple[float, ...]
     profile_delay: float
-    sigma: np.ndarray
+    sigma: np.ndarray  # (7,) m, rad, s
     date: str
     artefact: str
-    hash: str
+    hash: str  # sha256 of everything else in the file
 
 
 def rpy_of(rotation: np.ndarray) -> tuple[float, float, float]:

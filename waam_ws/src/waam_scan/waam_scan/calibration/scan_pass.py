@@ -15,14 +15,13 @@ class ScanError(ValueError):
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass. stamps: (n,) int64 ns of the profiles; x, z: (n, m) m, scanner frame, NaN = no return;
-    pose_stamps: (k,) int64 ns, rising; poses: (k, 3) m, wire tip, work frame."""
+    """One pass of n profiles."""
 
-    stamps: np.ndarray
-    x: np.ndarray
-    z: np.ndarray
-    pose_stamps: np.ndarray
-    poses: np.ndarray
+    stamps: np.ndarray  # (n,) int64 ns of the profiles
+    x: np.ndarray  # (n, m) m, scanner frame, NaN = no return
+    z: np.ndarray  # (n, m) m
+    pose_stamps: np.ndarray  # (k,) int64 ns, rising
+    poses: np.ndarray  # (k, 3) m, wire tip, work frame
     name: str = 'pass'
 
     def __post_init__(self) -> None:
@@ -41,12 +40,11 @@ class Pass:
 
 @dataclass(frozen=True)
 class Points:
-    """Returns of all passes in one row. local: (n, 3) m, scanner frame; profile: (n,) index into the tables of
-    `Motion`; rejected: profiles without poses on both sides."""
+    """Returns of all passes in one row."""
 
-    local: np.ndarray
-    profile: np.ndarray
-    rejected: int
+    local: np.ndarray  # (n, 3) m, scanner frame
+    profile: np.ndarray  # (n,) index into the tables of `Motion`
+    rejected: int  # profiles without poses on both sides
 
 
 class Motion:

@@ -38,22 +38,19 @@ class CalibrationError(ValueError):
 
 @dataclass(frozen=True)
 class Calibration:
-    """mounting: result; covariance: (7, 7) of offset (m), rotation about work x, y, z (rad) and delay (s);
-    unobserved: directions that the scans do not show, in words; free: (7, k) their basis, in units of TOLERANCE;
-    noise: m, robust scatter of the used points; used, seen: points; faces: mean residual (m) and points per surface;
-    passes: mean residual (m) per pass; residuals: (used,) m with profile index (used,) for pictures."""
+    """Where the scanner sits, how well that is known, and what the passes say about it."""
 
-    mounting: Mounting
-    covariance: np.ndarray
-    unobserved: list[str]
-    free: np.ndarray
-    noise: float
-    used: int
-    seen: int
+    mounting: Mounting  # the result
+    covariance: np.ndarray  # (7, 7) of offset (m), rotation about work x, y, z (rad) and delay (s)
+    unobserved: list[str]  # directions that the scans do not show, in words
+    free: np.ndarray  # (7, k) their basis, in units of TOLERANCE
+    noise: float  # m, robust scatter of the used points
+    used: int  # points that decided
+    seen: int  # points
     rejected_profiles: int
-    faces: dict[str, tuple[float, int]]
-    passes: dict[str, float]
-    residuals: np.ndarray
+    faces: dict[str, tuple[float, int]]  # mean residual (m) and points per surface
+    passes: dict[str, float]  # mean residual (m) per pass
+    residuals: np.ndarray  # (used,) m, for pictures
     points: np.ndarray
 
     @property

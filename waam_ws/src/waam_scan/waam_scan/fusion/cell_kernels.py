@@ -16,6 +16,7 @@ from .kernels import AMPLITUDE, COUNT, OPEN, PHASE, PLACE, UNITS, distinct
 MAD_TO_SIGMA = 1.4826  # median absolute deviation -> standard deviation of a normal distribution
 ENOUGH = 5  # samples from which the scatter of a cell says something about noise
 WEAK = 4  # cells with fewer samples need a neighbour at a similar height
+ALL_AROUND = 5  # known neighbours of a cell from which on they say whether it stands alone
 PRIOR = 8.0  # degrees of freedom that the scatter of the whole map counts against that of a cell
 LEAST_RESULTANT = 0.3  # of the unit vectors; below, the points are spread over the period and the phase says nothing
 AGREE = 4.0  # standard deviations that the two estimates may be apart
@@ -161,12 +162,26 @@ def supported(height, cols, r, c, z, limit):
     return False
 
 
+@njit(cache=True)
+def alone(height, cols, r, c, z, limit):
+    """Whether z is farther than `limit` from all neighbours of cell (r, c), of which at least ALL_AROUND are known."""
+    known = 0
+    for rr in range(max(0, r - 1), min(height.shape[0], r + 2)):
+        for cc in range(max(0, c - 1), min(cols, c + 2)):
+            if (rr != r or cc != c) and np.isfinite(height[rr, cc]):
+                known += 1
+    return known >= ALL_AROUND and not supported(height, cols, r, c, z, limit)
+
+
 @njit(cache=True, nogil=True)
 def inliers(
-    start, stop, halves, rows, low, unit, height, cols, gx, gy, level, scatter, pooled, factor, support, kept,
-    mean, squares,
+    start, stop, halves, rows, low, unit, height, cols, gx, gy, level, scatter, pooled, factor, support, needle,
+    kept, mean, squares,
 ):  # fmt: skip
-    """Number, mean (m, against the level) and sum of squared deviations (m²) of the samples that are no spikes."""
+    """Number, mean (m, against the level) and sum of squared deviations (m²) of the samples that are no spikes.
+
+    A cell with many samples can be a spike as a whole: a reflection that stays in place from profile to profile.
+    """
     stride = height.shape[1]
     for cell in range(start, stop):
         m = np.int64(halves[cell, 7])
@@ -183,6 +198,8 @@ def inliers(
                 k += 1
                 total += d
                 square += d * d
+        if m >= WEAK and alone(height, cols, cell // stride, cell % stride, level[cell], needle):
+            k = 0
         kept[cell] = k
         mean[cell] = total / k if k else np.nan
         squares[cell] = max(0.0, square - total * total / k) if k else 0.0

@@ -28,23 +28,20 @@ CELLS_PER_PERIOD = (
 
 @dataclass(frozen=True)
 class FusedMap:
-    """A fused surface. z, sigma: (rows, cols) float32, m, NaN = never seen; count: (rows, cols) uint16 points that
-    support the cell (65535 = that many or more); scatter: (rows, cols) float32, m, robust scatter of the points in a
-    cell about the local slope; share: (rows, cols) float32, supporting share of the points in a cell; coverage: known
-    share of the cells; residual: m, typical scatter; the rest counts points."""
+    """A fused surface. Maps are (rows, cols), float32 and in m unless said otherwise."""
 
     spec: GridSpec
-    z: np.ndarray
-    sigma: np.ndarray
-    count: np.ndarray
-    scatter: np.ndarray
-    share: np.ndarray
-    coverage: float
-    residual: float
-    points_used: int
-    dropouts: int
-    outside: int
-    spikes: int
+    z: np.ndarray  # height, NaN = never seen
+    sigma: np.ndarray  # standard uncertainty
+    count: np.ndarray  # uint16, points that support the cell; 65535 = that many or more
+    scatter: np.ndarray  # robust scatter of the points in a cell about the local slope
+    share: np.ndarray  # of the points in a cell that support it
+    coverage: float  # known share of the cells
+    residual: float  # m, typical scatter of points in a cell
+    points_used: int  # points that support a cell
+    dropouts: int  # points without a return
+    outside: int  # points beside the grid or its heights
+    spikes: int  # points that do not agree with their cell
 
     @property
     def points_rejected(self) -> int:

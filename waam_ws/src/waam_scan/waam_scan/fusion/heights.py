@@ -12,19 +12,20 @@ from .kernels import UNITS
 from .limits import FusionLimits
 
 LEAST_CELLS = 20  # cells with enough samples, before the map's own scatter is believed
+NEEDLE = 6.0  # cells; nothing in one cell stands so far above or below all of its neighbours
 WITNESSES = 50_000  # cells from which the scatter of the map is estimated; more do not improve it
 PLAUSIBLE_RATIO = 9.0  # cells whose variance is further above the median are edges and left out of the noise estimate
 
 
 @dataclass(frozen=True)
 class Heights:
-    """z, sigma, scatter: (cells,) m; used: (cells,) points; residual: m, NaN while too few cells have samples."""
+    """One value per cell (cells,), and the scatter of the map."""
 
-    z: np.ndarray
-    sigma: np.ndarray
-    scatter: np.ndarray
-    used: np.ndarray
-    residual: float
+    z: np.ndarray  # m
+    sigma: np.ndarray  # m, standard uncertainty
+    scatter: np.ndarray  # m, of the samples
+    used: np.ndarray  # points
+    residual: float  # m, NaN while too few cells have samples
 
 
 class CellHeights:
@@ -84,7 +85,7 @@ class CellHeights:
             lambda a, b: ck.inliers(
                 a, b, c.halves, c.rows, low, c.unit, best, c.per_line, self._gx, self._gy, self._level,
                 self._scatter, rough, float(limits.spike_factor), float(limits.support),
-                self._kept, self._mean, self._squares,
+                NEEDLE * c.spec.resolution, self._kept, self._mean, self._squares,
             ),
             parts,
         )  # fmt: skip

@@ -11,18 +11,17 @@ from .height_map import FusedMap
 
 @dataclass(frozen=True)
 class PlausibilityLimits:
-    """min_coverage: known share of the cells; max_coverage_loss: against the previous map; max_residual: m, scatter of
-    points in a cell; max_growth, max_shrink: m per layer and cell; max_jump_share: share of the common cells that may
-    exceed them (edges of the part, spatter); max_age: s between the last profile used and the end of the scan;
-    max_rejected: share of profiles that may be rejected, and of batches that may be lost."""
+    """From where on a map is not trusted."""
 
-    min_coverage: float = 0.5
-    max_coverage_loss: float = 0.1
-    max_residual: float = 0.2e-3
-    max_growth: float = 6e-3
-    max_shrink: float = 1e-3
+    min_coverage: float = 0.5  # known share of the cells
+    max_coverage_loss: float = 0.1  # against the previous map
+    max_residual: float = 0.2e-3  # m, scatter of points in a cell
+    max_growth: float = 6e-3  # m per layer and cell
+    max_shrink: float = 1e-3  # m per layer and cell
+    # of the common cells, that may exceed these two: edges of the part, spatter
     max_jump_share: float = 0.05
-    max_age: float = 0.5
+    max_age: float = 0.5  # s between the last profile used and the end of the scan
+    # share of profiles that may be rejected, and of batches that may be lost
     max_rejected: float = 0.2
 
 

@@ -20,19 +20,17 @@ MINORITY = 0.15  # of the points on another level: no spikes any more, but a wal
 
 @dataclass(frozen=True)
 class MapQuality:
-    """holes: unseen areas with seen cells all around; hole_area, largest_hole: m²; unseen: share of the grid that
-    no hole accounts for (beside the field of view); steep: share of the known cells beside a slope of more than 70
-    degrees, where overhangs would be hidden; edges: share of the known cells with points of more than one level;
-    sigma: m, median standard uncertainty; points: median number per known cell."""
+    """How well a map shows the part."""
 
-    holes: int
-    hole_area: float
-    largest_hole: float
-    unseen: float
+    holes: int  # unseen areas with seen cells all around
+    hole_area: float  # m²
+    largest_hole: float  # m²
+    unseen: float  # share of the grid that is no hole: beside the field of view
+    # share of the known cells beside a slope above 70 degrees, which would hide an overhang
     steep: float
-    edges: float
-    sigma: float
-    points: float
+    edges: float  # share of the known cells with points of more than one level
+    sigma: float  # m, median standard uncertainty
+    points: float  # median number per known cell
 
     def lines(self) -> list[str]:
         """For people; areas in mm², lengths in mm."""

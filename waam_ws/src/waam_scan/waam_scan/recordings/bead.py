@@ -19,11 +19,11 @@ class WallError(ValueError):
 
 @dataclass(frozen=True)
 class Bead:
-    """Where the new bead lies on a map. axis: y of its centre line (m); start, end: x (m) of half height."""
+    """Where the new bead lies on a map."""
 
-    axis: float
-    start: float
-    end: float
+    axis: float  # m, y of its centre line
+    start: float  # m, x of half height
+    end: float  # m
 
 
 def find_bead(before: FusedMap, after: FusedMap) -> Bead:
@@ -55,15 +55,14 @@ def _largest_run(mask: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BeadTop:
-    """Height of the crown above the substrate beside it, one value per profile. x: (n,) m; height, u: (n,) m, u is the
-    standard uncertainty; inner: bool, without the ends; mean, mean_u: m, over the inner part."""
+    """Height of the crown above the substrate beside it, one value per profile."""
 
-    x: np.ndarray
-    height: np.ndarray
-    u: np.ndarray
-    inner: np.ndarray
-    mean: float
-    mean_u: float
+    x: np.ndarray  # (n,) m
+    height: np.ndarray  # (n,) m
+    u: np.ndarray  # (n,) m, standard uncertainty
+    inner: np.ndarray  # (n,) bool, without the ends
+    mean: float  # m, over the inner part
+    mean_u: float  # m, its standard uncertainty
 
 
 def crown(y: np.ndarray, z: np.ndarray) -> tuple[float, float]:

@@ -25,38 +25,36 @@ class FileError(ValueError):
 
 @dataclass(frozen=True)
 class LaserScan:
-    """Raw profiles of a line laser. stamps: (n,) int64 ns since 1970; x: (n, m) m lateral; range: (n, m) m, distance
-    from the sensor; intensity: (n, m) as recorded. NaN where a profile has fewer points than the longest."""
+    """n raw profiles of a line laser. NaN where a profile has fewer points than the longest."""
 
-    stamps: np.ndarray
-    x: np.ndarray
-    range: np.ndarray
-    intensity: np.ndarray
+    stamps: np.ndarray  # (n,) int64 ns since 1970
+    x: np.ndarray  # (n, m) m, lateral
+    range: np.ndarray  # (n, m) m, distance from the sensor
+    intensity: np.ndarray  # (n, m) as recorded
 
 
 @dataclass(frozen=True)
 class ArcLog:
-    """What the robot logged. t: (n,) s since the beginning of the hour of the first line, truncated to `quantum`;
-    position: (n, 3) m; speed: m/s; arc: bool; wire_feed: m/s; current: A; voltage: V."""
+    """What the robot logged, n lines."""
 
-    t: np.ndarray
-    position: np.ndarray
-    speed: np.ndarray
-    arc: np.ndarray
-    wire_feed: np.ndarray
-    current: np.ndarray
-    voltage: np.ndarray
-    quantum: float = 0.1
+    t: np.ndarray  # (n,) s since the full hour before the first line, truncated to `quantum`
+    position: np.ndarray  # (n, 3) m
+    speed: np.ndarray  # (n,) m/s
+    arc: np.ndarray  # (n,) bool
+    wire_feed: np.ndarray  # (n,) m/s
+    current: np.ndarray  # (n,) A
+    voltage: np.ndarray  # (n,) V
+    quantum: float = 0.1  # s
 
 
 @dataclass(frozen=True)
 class InprocessScan:
-    """Profiles measured beside the arc. layer: (n,) int; t: (n,) s; x, z: (n, m) m, NaN = no point."""
+    """n profiles measured beside the arc."""
 
-    layer: np.ndarray
-    t: np.ndarray
-    x: np.ndarray
-    z: np.ndarray
+    layer: np.ndarray  # (n,) int
+    t: np.ndarray  # (n,) s
+    x: np.ndarray  # (n, m) m, NaN = no point
+    z: np.ndarray  # (n, m) m
 
 
 def read_text(path: Path) -> str:

@@ -24,28 +24,25 @@ FLOOR = 20e-6  # m, uncertainty of a crown at best: ripples, speckle
 
 @dataclass(frozen=True)
 class FilterLimits:
-    """wander: m per s^1.5, how much the rate of height changes on its own in a second (white acceleration); gate:
-    standard deviations between prediction and crown; lost: profiles in a row outside the gate after which the filter
-    restarts."""
+    """Of the Kalman filter of the crown."""
 
+    # m per s^1.5, how much the rate of height changes on its own in a second (white acceleration)
     wander: float = 5e-3
-    gate: float = 4.0
-    lost: int = 4
+    gate: float = 4.0  # standard deviations between prediction and crown
+    lost: int = 4  # profiles in a row outside the gate, after which the filter restarts
 
 
 @dataclass(frozen=True)
 class CrownSeries:
-    """One value per profile. t: (n,) s; raw: (n,) m, median of the profile; crown, crown_u: (n,) m, of the chosen
-    piece, NaN = none; height, u: (n,) m, filtered, NaN before the first crown; used: (n,) bool, the crown passed
-    the gate. All heights in the sense of the file (distance from the sensor when that is what it holds)."""
+    """One value per profile (n,). Heights as in the file: the distance from the sensor when that is what it holds."""
 
-    t: np.ndarray
-    raw: np.ndarray
-    crown: np.ndarray
-    crown_u: np.ndarray
-    height: np.ndarray
-    u: np.ndarray
-    used: np.ndarray
+    t: np.ndarray  # s
+    raw: np.ndarray  # m, median of the profile
+    crown: np.ndarray  # m, of the chosen piece, NaN = none
+    crown_u: np.ndarray  # m, its standard uncertainty
+    height: np.ndarray  # m, filtered, NaN before the first crown
+    u: np.ndarray  # m, its standard uncertainty
+    used: np.ndarray  # bool, the crown passed the gate
 
 
 def pieces(x: np.ndarray, z: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -156,16 +153,14 @@ def median_filter(values: np.ndarray, width: int = 5) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SeriesQuality:
-    """spikes: values further than 0.3 mm from the median of the five around them; noise: m, robust standard
-    deviation of a single value, from second differences; lag1: correlation of neighbours after the running median
-    of a second was taken off (noise pulls it to 0); delay: s, by which the series lags behind the raw one; missing:
-    NaN values."""
+    """How good a series of heights is."""
 
-    spikes: int
-    noise: float
+    spikes: int  # values further than 0.3 mm from the median of the five around them
+    noise: float  # m, robust standard deviation of a single value, from second differences
+    # correlation of neighbours without the running median of a second; noise pulls it to 0
     lag1: float
-    delay: float
-    missing: int
+    delay: float  # s, by which the series lags behind the raw one
+    missing: int  # NaN values
 
 
 def quality(

@@ -65,14 +65,14 @@ def recorded_mounting(path: Path) -> Mounting:
 
 @dataclass
 class _Scan:
-    """What was read so far of a scan. poses: (ns, x, y, z); damage: what is missing in the files."""
+    """What was read so far of a scan."""
 
     name: str
     number: int = 0
     blocks: list[ProfileBlock] = field(default_factory=list)
-    poses: deque = field(default_factory=deque)
+    poses: deque = field(default_factory=deque)  # ns, x, y, z
     newest_ns: int = 0
-    damage: list[str] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)  # what is missing in the files
 
     def starts_anew(self, block: ProfileBlock, pause_ns: int) -> bool:
         return bool(self.blocks) and int(block.stamps.min()) > self.newest_ns + pause_ns

@@ -32,13 +32,12 @@ BELOW, ABOVE = -5e-3, 60e-3  # m, heights beside the substrate that are kept
 
 @dataclass(frozen=True)
 class ScanMotion:
-    """A straight motion along x at constant height. rows: of the arc log; t: (n,) s, restored times of these rows;
-    speed: m/s, signed; slack: s, width of the window that the truncated stamps leave for the time."""
+    """A straight motion along x at constant height."""
 
-    rows: np.ndarray
-    t: np.ndarray
-    speed: float
-    slack: float
+    rows: np.ndarray  # (n,) of the arc log
+    t: np.ndarray  # (n,) s, restored times of these rows
+    speed: float  # m/s, signed
+    slack: float  # s, width of the window that the truncated stamps leave for the time
 
 
 def restore_times(
@@ -162,14 +161,14 @@ def fit_substrate(points: np.ndarray) -> Plane:
 
 @dataclass(frozen=True)
 class RecordedScan:
-    """A laser file with poses. laser: profiles; tcp: PoseTrack; clock: ns of it; plane: substrate in robot axes."""
+    """A laser file with poses."""
 
-    laser: LaserScan
-    motion: ScanMotion
-    track: PoseTrack
-    stamps: np.ndarray
-    plane: Plane
-    lag: float
+    laser: LaserScan  # its profiles
+    motion: ScanMotion  # of the robot during the scan
+    track: PoseTrack  # positions of the torch
+    stamps: np.ndarray  # (n,) ns of the profiles, by the clock of the robot
+    plane: Plane  # substrate in robot axes
+    lag: float  # s, of the clock of the laser file
 
 
 # The scanner looks down: distance grows downwards, and its lateral axis lies across the travel.
@@ -259,15 +258,15 @@ def scanner_shift(scans: list[RecordedScan], log: ArcLog, cell: float) -> tuple[
 
 @dataclass(frozen=True)
 class WallMaps:
-    """Everything that a folder of recordings gives. maps, counts: one per scan; tops: one per scan but the first."""
+    """Everything that a folder of recordings gives."""
 
     scans: list[RecordedScan]
-    lags: list[float]
-    shift: tuple[float, float]
-    maps: list[FusedMap]
-    assemblers: list[Assembler]
-    bead: Bead
-    tops: list[BeadTop]
+    lags: list[float]  # s, of the clock of every laser file
+    shift: tuple[float, float]  # (x, y) m of the scanner against the torch
+    maps: list[FusedMap]  # one per scan
+    assemblers: list[Assembler]  # one per scan
+    bead: Bead  # the new bead
+    tops: list[BeadTop]  # one per scan but the first
 
 
 def fuse_wall(lasers: list[LaserScan], log: ArcLog, cell: float = 1e-3) -> WallMaps:
@@ -283,4 +282,12 @@ def fuse_wall(lasers: list[LaserScan], log: ArcLog, cell: float = 1e-3) -> WallM
     maps = [m for m, _ in fused]
     bead = find_bead(maps[0], maps[-1])
     tops = [bead_top(profile_points(s, shift), bead) for s in scans[1:]]
-    return WallMaps(scans, lags, shift, maps, [a for _, a in fused], bead, tops)
+    return WallMaps(
+        scans=scans,
+        lags=lags,
+        shift=shift,
+        maps=maps,
+        assemblers=[a for _, a in fused],
+        bead=bead,
+        tops=tops,
+    )

@@ -16,33 +16,31 @@ SMALLEST = 4  # cells of a region that is worth naming
 
 @dataclass(frozen=True)
 class Region:
-    """One connected place with missing metal. box: (x_min, x_max, y_min, y_max) m; deepest: m; at: (x, y) m."""
+    """One connected place with missing metal."""
 
-    volume: float
-    area: float
-    deepest: float
-    at: tuple[float, float]
-    box: tuple[float, float, float, float]
+    volume: float  # m3
+    area: float  # m²
+    deepest: float  # m
+    at: tuple[float, float]  # (x, y) m, of the deepest place
+    box: tuple[float, float, float, float]  # (x_min, x_max, y_min, y_max) m
 
 
 @dataclass(frozen=True)
 class Missing:
-    """Lengths in m, coordinates of the nominal part. depth: (rows, cols) nominal + allowance - found, negative = too
-    much, NaN = not seen or off the part; sigma: same shape; volume, excess: m3 of metal to add and to take away;
-    volume_sigma: standard uncertainty of the volume; box: (x_min, x_max, y_min, y_max, z_min, z_max) of the missing
-    metal; deepest: m, the 3 x 3 median; unseen: share of the part that the scan does not show."""
+    """Missing metal between nominal and found. Lengths in m, coordinates of the nominal part."""
 
     nominal: HeightGrid
     found: HeightGrid
+    # (rows, cols) nominal + allowance - found; negative = too much, NaN = not seen or off the part
     depth: np.ndarray
-    sigma: np.ndarray
-    allowance: float
-    volume: float
-    volume_sigma: float
-    excess: float
-    deepest: float
-    box: tuple[float, ...] | None
-    unseen: float
+    sigma: np.ndarray  # (rows, cols) standard uncertainty of depth
+    allowance: float  # metal left for machining
+    volume: float  # m3 to add
+    volume_sigma: float  # m3, its standard uncertainty
+    excess: float  # m3 to take away
+    deepest: float  # median of 3 x 3 cells
+    box: tuple[float, ...] | None  # (x_min, x_max, y_min, y_max, z_min, z_max) of the missing metal
+    unseen: float  # share of the part that the scan does not show
     regions: list[Region]
 
     @property

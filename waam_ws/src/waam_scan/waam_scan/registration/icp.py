@@ -9,18 +9,22 @@ import open3d as o3d
 
 MM = 1e3  # Open3D works in mm about the middle of the moving cloud: its limits are absolute
 VOXEL = 2.3  # spacings: points are averaged over so much, which takes the noise off their planes
+ITERATIONS = 50  # at most
 NORMAL_RADIUS, NORMAL_POINTS = 4.0, 30  # voxels; neighbours of a local plane
-SETTLED = 1e-9  # change of fitness and of rms (mm) from which the iterations stop
+ROUGH = (
+    1e-5  # change of fitness and of rms (mm) from which the iterations stop: about 2 um of motion,
+)
+FINE = 1e-9  # and 0.02 um
 
 
 @dataclass
 class Icp:
-    """moving, reference: averaged clouds in mm about `centre`; reference with normals. reach: mm, added to the limit of
-    the kernel because a partner lies beside the foot of a point."""
+    """Two averaged clouds in mm about `centre`."""
 
-    moving: o3d.geometry.PointCloud
-    reference: o3d.geometry.PointCloud
-    centre: np.ndarray
+    moving: o3d.geometry.PointCloud  # is brought onto the reference
+    reference: o3d.geometry.PointCloud  # with normals
+    centre: np.ndarray  # (3,) m
+    # mm, added to the limit of the kernel because a partner lies beside the foot of a point
     beside: float
 
     @classmethod
@@ -51,9 +55,10 @@ class Icp:
         return np.asarray(self.moving.points) / MM + self.centre
 
     def align(
-        self, start: np.ndarray, limit: float, iterations: int, keep: np.ndarray
+        self, start: np.ndarray, limit: float, settled: float, keep: np.ndarray
     ) -> np.ndarray:
-        """(4, 4) m. start: (4, 4) first guess; limit: m, of Tukey's kernel; keep: (n,) bool of `points`."""
+        """(4, 4) m. start: (4, 4) first guess; limit: m, of Tukey's kernel; settled: ROUGH or FINE; keep: (n,) bool of
+        `points`."""
         registration = o3d.pipelines.registration
         kernel = registration.TukeyLoss(limit * MM)
         found = registration.registration_icp(
@@ -62,7 +67,7 @@ class Icp:
             limit * MM + self.beside,
             self._inside(start),
             registration.TransformationEstimationPointToPlane(kernel),
-            registration.ICPConvergenceCriteria(SETTLED, SETTLED, iterations),
+            registration.ICPConvergenceCriteria(settled, settled, ITERATIONS),
         )
         return self._outside(found.transformation)
 

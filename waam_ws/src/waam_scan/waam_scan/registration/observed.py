@@ -15,13 +15,15 @@ PATCH = 4e-3  # m, edge of the patches whose errors may be alike
 
 
 def shown_motions(
-    cross: np.ndarray, rows: np.ndarray, other: np.ndarray, w: np.ndarray, noise: float
+    rows: np.ndarray, other: np.ndarray, w: np.ndarray, noise: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Orthonormal bases (6, k) of the motions that the shape shows and (6, 6 - k) of those that it does not.
+    """From the equations of both clouds, rows and other (n, 6; in tolerances), their weights w (n,) and the noise (m):
+    orthonormal bases (6, k) of the motions that the shape shows and (6, 6 - k) of those that it does not.
 
     A motion is shown when independent points would fix it to its tolerance, and when the normals of the two
     clouds agree on it (RELIABLE). What neighbours share in errors is judged at the end, by the covariance.
     """
+    cross = (other * w[:, None]).T @ rows
     values, vectors = np.linalg.eigh(0.5 * (cross + cross.T))
     a = np.einsum('ik,ij,jk->k', vectors, (rows * w[:, None]).T @ rows, vectors)
     b = np.einsum('ik,ij,jk->k', vectors, (other * w[:, None]).T @ other, vectors)

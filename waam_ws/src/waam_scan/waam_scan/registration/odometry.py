@@ -26,14 +26,13 @@ UNIT = 1e3  # KISS-ICP's convergence limits are absolute: it works in mm here
 
 @dataclass(frozen=True)
 class Track:
-    """coarse, poses: (n, 4, 4), frame to first frame, m, of KISS-ICP and refined; refined: (n,) bool; steps: the
-    registrations of the refined frames, None otherwise; notes: frames that were not refined, and why."""
+    """Poses of n frames in the first frame, (4, 4) m each."""
 
-    coarse: np.ndarray
-    poses: np.ndarray
-    refined: np.ndarray
-    steps: list[Registration | None]
-    notes: list[str]
+    coarse: np.ndarray  # (n, 4, 4) of KISS-ICP
+    poses: np.ndarray  # (n, 4, 4) refined where possible
+    refined: np.ndarray  # (n,) bool
+    steps: list[Registration | None]  # registration of every refined frame, None otherwise
+    notes: list[str]  # frames that were not refined, and why
 
     def merged(self, frames: list[np.ndarray]) -> np.ndarray:
         """All points (n, 3) m in the axes of the first frame."""

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from ..calibration.robust import robust_scatter, tukey_weights, turn_vector, turned
 from .changes import changed_places, unchanged_level
-from .icp import Icp
+from .icp import FINE, ROUGH, Icp
 from .observed import TOLERANCE, covariance, shown_motions, too_wide
 from .result import Registration, RegistrationError
 from .target import Cloud, CloudTarget, Target
@@ -28,11 +28,21 @@ POINTS = 40_000  # of the moving cloud
 TUKEY = 4.685
 ALIKE = 0.85  # cosine between the normals of two points that belong together
 FIRST = 1.0e-3  # m, first limit where metal was added or is missing: a wider one would follow it
-ROUGH_ITERATIONS, ITERATIONS = 8, 50  # of Open3D, on the way and at the end
 LAST_STEPS = 4  # estimates with what has changed left out
 RESTED = 0.1  # tolerances by which the last estimate may move
 LEAST_PAIRS = 100
 CHANGES = ('growth', 'wear', 'any')
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Points of the moving cloud and what is nearest to them on the target."""
+
+    distance: np.ndarray  # (n,) m, signed: above the target is positive
+    rows: np.ndarray  # (n, 6) what a motion changes of it, in tolerances, by the target's normals
+    other: np.ndarray  # (n, 6) the same by the normals of the cloud
+    met: np.ndarray  # (n,) bool, the target has a surface there
+    good: np.ndarray  # (n,) bool, and the normals agree
 
 
 @dataclass
@@ -45,12 +55,18 @@ class _Fit:
     rotation: np.ndarray
     shift: np.ndarray  # of the centre
     keep: np.ndarray  # (n,) bool, points that may take part
+    _here: _Pairs | None = None  # pairs of where the cloud is now
 
     def moved(self) -> np.ndarray:
         return (self.cloud.points - self.centre) @ self.rotation.T + self.centre + self.shift
 
-    def pairs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Signed distances (n,), rows of both clouds' normals (n, 6; in tolerances), and which pairs are good (n,)."""
+    def pairs(self) -> _Pairs:
+        """Every point of the cloud and its place on the target."""
+        if self._here is None:
+            self._here = self._pairs()
+        return self._here
+
+    def _pairs(self) -> _Pairs:
         p = self.moved()
         m = self.target.match(p)
         r = np.einsum('ij,ij->i', p - m.foot, m.normal)
@@ -63,7 +79,12 @@ class _Fit:
         alike = np.einsum('ij,ij->i', own, m.normal)
         if self.target.exact:
             alike = np.abs(alike)  # an open mesh has no known inside
-        return r, rows, other, self.keep & m.ok & (alike > ALIKE)
+        return _Pairs(r, rows, other, m.ok, m.ok & (alike > ALIKE))
+
+    @property
+    def usable(self) -> np.ndarray:
+        """(n,) bool: good pairs that may take part."""
+        return self.keep & self.pairs().good
 
     @property
     def matrix(self) -> np.ndarray:
@@ -82,6 +103,7 @@ class _Fit:
         step = step * TOLERANCE
         self.shift = self.shift + step[:3]
         self.rotation = turned(step[3:]) @ self.rotation
+        self._here = None
 
 
 def register(
@@ -109,12 +131,12 @@ def register(
     whole, cloud = cloud, cloud.take(points, np.random.default_rng(seed))
     fit = _begin(cloud, target, start)
     before = fit.pairs()
-    if before[3].sum() < 200:
+    if before.good.sum() < 200:
         raise RegistrationError(
-            f'only {int(before[3].sum())} of {len(before[0])} points have a partner on the reference: do the clouds '
-            'overlap, in the same unit? (--search looks for the part anywhere)'
+            f'only {int(before.good.sum())} of {len(before.good)} points have a partner on the reference: do the '
+            'clouds overlap, in the same unit? (--search looks for the part anywhere)'
         )
-    fit.shift = fit.shift + _to_level(fit, change, reach)
+    fit.move(np.concatenate([_to_level(fit, change, reach), np.zeros(3)]) / TOLERANCE)
     noise, converged = _descend(fit, target.icp(whole), change, reach)
     return _result(fit, noise, converged, before)
 
@@ -128,8 +150,8 @@ def _begin(cloud: Cloud, target: Target, start: np.ndarray | None) -> _Fit:
 
 def _to_level(fit: _Fit, change: str, reach: float) -> np.ndarray:
     """Shift (3,) m along the mean normal onto the surface that did not change."""
-    r, rows, _, good = fit.pairs()
-    near = good & (np.abs(r) < reach)
+    r, rows = fit.pairs().distance, fit.pairs().rows
+    near = fit.usable & (np.abs(r) < reach)
     if near.sum() < 200:
         raise RegistrationError(
             f'only {int(near.sum())} points lie within {reach * 1e3:.1f} mm of the reference (--reach, --search)'
@@ -147,31 +169,31 @@ def _descend(fit: _Fit, icp: Icp, change: str, reach: float) -> tuple[float, boo
     limit = reach if change == 'any' else min(reach, FIRST)
     keep = np.ones(len(icp.points), bool)
     while limit > 1.2 * TUKEY * own:
-        _step(fit, icp, limit, own, keep, ROUGH_ITERATIONS)
+        _step(fit, icp, limit, own, keep, ROUGH)
         limit *= 0.5
-    noise = _step(fit, icp, TUKEY * own, own, keep, ITERATIONS)[1]
-    r, _, _, good = fit.pairs()
-    fit.keep = ~changed_places(fit.cloud.points, r, good, change, TUKEY * noise)
+    noise = _step(fit, icp, TUKEY * own, own, keep, FINE)[1]
+    r = fit.pairs().distance
+    fit.keep = ~changed_places(fit.cloud.points, r, fit.usable, change, TUKEY * noise)
     keep = fit.keep[cKDTree(fit.cloud.points).query(icp.points, workers=2)[1]]
     for _ in range(LAST_STEPS):
-        length, noise = _step(fit, icp, TUKEY * noise, noise, keep, ITERATIONS)
+        length, noise = _step(fit, icp, TUKEY * noise, noise, keep, FINE)
         if length < RESTED:
             break
     return noise, length < RESTED
 
 
 def _step(
-    fit: _Fit, icp: Icp, limit: float, noise: float, keep: np.ndarray, iterations: int
+    fit: _Fit, icp: Icp, limit: float, noise: float, keep: np.ndarray, settled: float
 ) -> tuple[float, float]:
     """Open3D's estimate, as far as the shape shows it: its largest component in tolerances, and the noise after it."""
-    step = fit.step_to(icp.align(fit.matrix, limit, iterations, keep))
-    r, rows, other, good = fit.pairs()
-    w = np.where(good, tukey_weights(r, limit), 0.0)
+    step = fit.step_to(icp.align(fit.matrix, limit, settled, keep))
+    pairs = fit.pairs()
+    w = np.where(fit.usable, tukey_weights(pairs.distance, limit), 0.0)
     if (w > 0).sum() < LEAST_PAIRS:
         raise RegistrationError(
             f'the surfaces do not agree anywhere within {limit * 1e3:.2f} mm: start or --reach is wrong'
         )
-    shown, _ = shown_motions((other * w[:, None]).T @ rows, rows, other, w, noise)
+    shown, _ = shown_motions(pairs.rows, pairs.other, w, noise)
     step = shown @ (shown.T @ step)
     fit.move(step)
     return float(np.abs(step).max()), _noise(fit, noise)
@@ -180,18 +202,17 @@ def _step(
 def _noise(fit: _Fit, before: float) -> float:
     """Robust scatter (m) of the pairs that the noise so far explains; at most half as much again."""
     own = float(np.hypot(fit.cloud.noise, fit.target.noise))
-    r, _, _, good = fit.pairs()
-    near = good & (np.abs(r) < 3 * before)
+    r = fit.pairs().distance
+    near = fit.usable & (np.abs(r) < 3 * before)
     return max(float(np.clip(robust_scatter(r[near]) * 1.05, 0.7 * own, 1.5 * before)), 1e-6)
 
 
-def _result(
-    fit: _Fit, noise: float, converged: bool, before: tuple[np.ndarray, ...]
-) -> Registration:
-    r, rows, other, good = fit.pairs()
-    w = np.where(good, tukey_weights(r, TUKEY * noise), 0.0)
+def _result(fit: _Fit, noise: float, converged: bool, before: _Pairs) -> Registration:
+    pairs = fit.pairs()
+    r, rows, other = pairs.distance, pairs.rows, pairs.other
+    w = np.where(fit.usable, tukey_weights(r, TUKEY * noise), 0.0)
+    shown, hidden = shown_motions(rows, other, w, noise)
     cross = (other * w[:, None]).T @ rows
-    shown, hidden = shown_motions(cross, rows, other, w, noise)
     spread = covariance(fit.cloud.points, other * (w * r)[:, None], cross, shown)
     wide = too_wide(spread, shown)
     hidden = np.hstack([hidden, shown @ wide])
@@ -199,10 +220,7 @@ def _result(
     spread = spread * np.outer(TOLERANCE, TOLERANCE)
     open_ = (np.abs(hidden) > 1e-3).any(axis=1)
     spread[open_, open_] = np.inf
-    everywhere = fit.target.match(fit.moved())
-    compared = everywhere.ok
-    changed = compared & (np.abs(r) > TUKEY * noise)
-    lost = ~np.isfinite(r)
+    changed = pairs.met & (np.abs(r) > TUKEY * noise)
     return Registration(
         rotation=fit.rotation,
         translation=fit.centre + fit.shift - fit.rotation @ fit.centre,
@@ -212,10 +230,10 @@ def _result(
         free=physical,
         noise=noise,
         used=int((w > 0).sum()),
-        compared=int(compared.sum()),
-        changed=float(changed.sum() / max(compared.sum(), 1)),
+        compared=int(pairs.met.sum()),
+        changed=float(changed.sum() / max(pairs.met.sum(), 1)),
         converged=converged,
         points=fit.cloud.points,
-        before=np.where(before[3], before[0], np.nan),
-        after=np.where(compared & ~lost, r, np.nan),
+        before=np.where(before.good, before.distance, np.nan),
+        after=np.where(pairs.met, r, np.nan),
     )

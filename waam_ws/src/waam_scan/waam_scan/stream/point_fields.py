@@ -12,13 +12,14 @@ DATATYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: '
 
 @dataclass(frozen=True)
 class CloudLayout:
-    """fields: (name, offset, datatype, count) as in the message; step, row_step: bytes per point and row."""
+    """How points lie in the bytes of a PointCloud2."""
 
+    # name, offset, datatype, count, as in the message
     fields: tuple[tuple[str, int, int, int], ...]
     width: int
     height: int
-    step: int
-    row_step: int
+    step: int  # bytes per point
+    row_step: int  # bytes per row
     big_endian: bool = False
 
     def dtype(self, names: tuple[str, ...]) -> np.dtype:

@@ -14,13 +14,12 @@ BREAK = 3.0  # profile periods: a longer pause between two profiles is counted
 
 @dataclass(frozen=True)
 class ProfileBlock:
-    """Profiles of one scanner. stamps: (n,) int64 ns of the pose clock, in any order; x, z: (n, m) float32 m, scanner
-    frame, NaN = no return; intensity: (n, m) float32 as the scanner gives it, or None. m may be one."""
+    """n profiles of one scanner with m points each; m may be one."""
 
-    stamps: np.ndarray
-    x: np.ndarray
-    z: np.ndarray
-    intensity: np.ndarray | None = None
+    stamps: np.ndarray  # (n,) int64 ns of the pose clock, in any order
+    x: np.ndarray  # (n, m) float32 m, scanner frame, NaN = no return
+    z: np.ndarray  # (n, m) float32 m
+    intensity: np.ndarray | None = None  # (n, m) float32, as the scanner gives it; None = not given
 
     def __post_init__(self) -> None:
         shape = (len(self.stamps), *self.x.shape[1:])

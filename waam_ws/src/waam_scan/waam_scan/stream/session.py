@@ -29,17 +29,16 @@ class PreviousMap:
 
 @dataclass
 class EndWatch:
-    """Decides when a finishing scan has waited enough. Times in s of a steady clock, stamps in ns.
+    """Decides when a finishing scan has waited enough. Times in s of a steady clock.
 
-    quiet: s without news after which nothing more is expected; news are profiles, and telemetry as long as it has not
-    reached `until_ns`. end: when to give up although messages keep coming.
+    News are profiles, and telemetry as long as it has not reached `until_ns`.
     """
 
-    until_ns: int | None
-    quiet: float
-    end: float
-    news: float
-    newest_pose_ns: int | None
+    until_ns: int | None  # stamp of the end of the motion
+    quiet: float  # s without news, after which nothing more is expected
+    end: float  # when to give up although messages keep coming
+    news: float  # when the last news came
+    newest_pose_ns: int | None  # stamp of the newest telemetry
 
     def gives_up(self, now: float) -> bool:
         return now > self.end
