@@ -1,4 +1,4 @@
-"""The node scan_fusion: profiles and telemetry in, height maps out. The ideas are in session.py and fusion.py."""
+"""The node scan_fusion: profiles and telemetry in, height maps out. The ideas are in `stream` and `fusion`."""
 
 from __future__ import annotations
 
