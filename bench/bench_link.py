@@ -7,15 +7,15 @@ link.override_p99_ms: wall time from the request for an override to the first te
     force, while segments are streamed in real time; baseline: limit of 5 ms. The time to the controller's answer, which
     is shorter, goes to stderr, and so does the longest time that this process was kept from running meanwhile
 link.telemetry_1khz_lost: frames missing (sequence numbers) at 1 kHz while segments are streamed in real time;
-    baseline: frames received. WAAM_BENCH_LINK_S seconds (60; 600 = the requirement)
+    baseline: frames received. WAAM_BENCH_LINK_S seconds (60; 600 for a verdict)
 link.clock_residual_p99_ms: over the same time, how far the fitted line was from the fastest round trip of the next
     two seconds, before it was fitted anew. Limit: 0.2 ms
 link.third_outcomes: the noise campaign (waam_bridge/test/bridge_campaign.py: the real bridge core and the real C core
-    in one process, real bytes both ways); baseline: segments. WAAM_BENCH_NOISE segments (20000; 1000000 = the
-    requirement)
+    in one process, real bytes both ways); baseline: segments. WAAM_BENCH_NOISE segments (20000; 1000000 for a
+    verdict)
 arc.off_max_ms: age of the lease, in controller time, when the arc went off after kill -9 of the host or a pulled
     terminal; the outputs of a killed controller die with it and count 0. Limit: 500 ms.
-    WAAM_BENCH_KILLS moments (9; 200 = the requirement). A scene that a busy computer has upset is set up anew, five
+    WAAM_BENCH_KILLS moments (9; 200 for a verdict). A scene that a busy computer has upset is set up anew, five
     times at most; how often goes to stderr
 
 Without Printrun the two baselines are null. With the defaults it takes about 3 minutes, with WAAM_BENCH_LINK_S=600 and

@@ -180,14 +180,14 @@ def bench_ros() -> None:
             best, cost = max(best, run.rate), run.ns_per_point
         emit(
             'scan.ros_points_per_s', best, 'points/s',
-            f'limit of the scan issue; nothing lost; {cause or "highest rate that was tried"}; the node takes '
+            f'limit; nothing lost; {cause or "highest rate that was tried"}; the node takes '
             f'{cost:.1f} ns of CPU per point and holds {held[1]:.0f} MB after two scans, {held[-1]:.0f} MB '
             f'after {len(held)}', 2e7,
         )  # fmt: skip
         calm = [graph.scan(2e6, 1.0).latency_ms for _ in range(5)]
         emit(
             'scan.profile_to_map_ms', max(calm), 'ms',
-            f'limit of the scan issue; 512 x 512 map, worst of 5, median {np.median(calm):.0f} ms; up to '
+            f'limit; 512 x 512 map, worst of 5, median {np.median(calm):.0f} ms; up to '
             f'{max(latencies, default=0.0):.0f} ms at full rate', 50.0,
         )  # fmt: skip
 

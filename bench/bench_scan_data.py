@@ -1,7 +1,7 @@
 """Scan fusion on what others recorded (`../shared/data`; skipped with a line on stderr where it is not there).
 
 scan.wall_profile_mm: median absolute difference between our crest of the `wall_scan` cloud and its authors' height
-  profile, after one constant (their zero is not in the files), against the limit of the scan issue; and without it.
+  profile, after one constant (their zero is not in the files), against the limit that it must keep.
 scan.bead_top_2u_mm: expanded uncertainty of the mean bead top of the three layers of `wall_profiles`, against the
   scatter of the recorded heights along the wall; the heights are in the line.
 scan.inprocess_noise_mm: noise of the filtered bead height of `inprocess_profiles` against the series beside it; spikes,
@@ -17,7 +17,7 @@ import numpy as np
 from lib.emit import emit
 from lib.paths import DATA
 
-LIMIT = 0.1  # mm, of the issue
+LIMIT = 0.1  # mm, must be kept
 
 
 def wall_profile() -> None:
@@ -31,7 +31,7 @@ def wall_profile() -> None:
     difference = 1e3 * (theirs[both, 1] - ours[both])
     constant = float(np.median(difference))
     value = float(np.median(np.abs(difference - constant)))
-    note = f'limit of the scan issue; {both.sum()} places, after a constant of {constant:.2f} mm'
+    note = f'limit; {both.sum()} places, after a constant of {constant:.2f} mm'
     emit('scan.wall_profile_mm', value, 'mm', note, LIMIT)
 
 

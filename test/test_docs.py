@@ -12,7 +12,9 @@ PAGES = sorted([*(ROOT / 'docs').glob('*.md'), ROOT / 'README.md', ROOT / 'CHANG
 READMES = sorted((ROOT / 'waam_ws' / 'src').glob('*/README.md'))
 PAST = {'CHANGELOG.md', 'upgrading.md'}  # they name what is no longer there
 LINK = re.compile(r'\[[^\]]*\]\(([^)\s]+)\)')
-INSIDE = re.compile(r'\bspec \d|\bissue ["A-Z0-9]|\bsitting\b|\bitem \d', re.IGNORECASE)
+INSIDE = re.compile(
+    r'\bspec \d|\bissue ["A-Z0-9]|\bof the (\w+ )?issue\b|\bsitting\b|\bitem \d', re.IGNORECASE
+)
 
 
 def short(path):

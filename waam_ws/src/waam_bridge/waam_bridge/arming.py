@@ -16,10 +16,12 @@ class Arming:
         self._seen = False  # telemetry has shown it
 
     def arm(self, job: str, names: list[str], now_us: int, now: float) -> None:
+        """The job may use the arc while the nodes `names` answer. now_us: controller time; now: s, steady clock."""
         self.job, self._seen = job, False
         self.lease.require(names, now_us, now)
 
     def disarm(self) -> None:
+        """No job may use the arc, and no node is required any more."""
         self.job, self._seen, self.silent = '', False, []
         self.lease.require((), 0, 0.0)
 

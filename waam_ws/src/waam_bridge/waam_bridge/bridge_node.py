@@ -83,10 +83,12 @@ class BridgeNode(WaamNode):
     # ---- called by the transport, in its thread
 
     def on_open(self) -> None:
+        """The port is open: identification of the controller begins."""
         with self._lock:
             self.core.opened(time.monotonic())
 
     def on_close(self, reason: str) -> None:
+        """The port is closed or could not be opened; the reason is logged once, not at every attempt."""
         with self._lock:
             if not self.core.connected and reason != self.core.message:
                 self.get_logger().error(f'no controller: {reason}')
@@ -95,6 +97,7 @@ class BridgeNode(WaamNode):
         self._settled.set()
 
     def on_lines(self, lines: list[bytes], read_at: float) -> None:
+        """Hands lines to the core and publishes what follows from each before the next one is read."""
         with self._lock:
             self._align()
             for raw in lines:
@@ -105,6 +108,7 @@ class BridgeNode(WaamNode):
                     self._out.outbox()
 
     def on_idle(self) -> None:
+        """Sends what is due; closes the port when the core has given the controller up."""
         self._pump()
         if self.core.link.failed:
             self.transport.reopen(self.core.link.failed)

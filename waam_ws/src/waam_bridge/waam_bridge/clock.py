@@ -44,6 +44,7 @@ class ClockMap:
 
     @property
     def ready(self) -> bool:
+        """Whether `to_ros_ns` gives a time that may be published."""
         return self.synchronised or self._now is not None
 
     @property

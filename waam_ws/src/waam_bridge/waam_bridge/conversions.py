@@ -29,6 +29,7 @@ SENSOR_RANGE = {
 
 
 def stamp_ns(ns: int) -> Time:
+    """ROS time in ns."""
     sec, nanosec = divmod(ns, 1_000_000_000)
     return Time(sec=sec, nanosec=nanosec)
 
@@ -76,6 +77,7 @@ def machine_state(bridge: Bridge, port: str) -> MachineState:
 
 
 def standoff(s: frames.Standoff, ros_ns: int) -> Standoff:
+    """Lengths in m; the measured distance is NaN while it is not known. ros_ns: ROS time of the frame."""
     header = Header(stamp=stamp_ns(ros_ns), frame_id='torch_tcp')
     msg = Standoff(header=header, controller_us=s.t_us, source=s.source, known=s.known != 0)
     msg.alarm, msg.correction = min(s.alarm, 255), s.correction_um * 1e-6
@@ -96,6 +98,7 @@ def distance(s: frames.Standoff, ros_ns: int) -> Range | None:
 
 
 def segment_done(mark: Mark) -> SegmentDone:
+    """The message for a segment that the controller has executed."""
     return SegmentDone(job_id=mark.job, index=mark.index, layer=mark.layer, bead=mark.bead)
 
 

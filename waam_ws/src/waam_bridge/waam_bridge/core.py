@@ -54,10 +54,12 @@ class Bridge:
 
     @property
     def connected(self) -> bool:
+        """The controller has identified itself and may be used."""
         return self.link.ready
 
     @property
     def armed_job(self) -> str:
+        """The job that may use the arc, '' = none."""
         return self.arming.job
 
     @property
@@ -67,6 +69,7 @@ class Bridge:
 
     @property
     def job(self) -> str:
+        """The armed job, or else the one whose segments came last; '' = none."""
         return self.armed_job or self.modal.job
 
     @property
@@ -86,15 +89,18 @@ class Bridge:
         return (t.x_um * 1e-6, t.y_um * 1e-6, t.z_um * 1e-6) if t else None
 
     def take_outbox(self) -> Outbox:
+        """Hands over what is to be published and starts a new box."""
         box, self.outbox = self.outbox, Outbox()
         return box
 
     def notice(self, severity: int, class_name: str, text: str, reaction: str = 'none') -> None:
+        """An anomaly to be published; severity: one of `outbox`, class_name and reaction as in Anomaly.msg."""
         self.outbox.notices.append(Notice(severity, class_name, text, reaction))
 
     # ---- the port
 
     def opened(self, now: float) -> None:
+        """The port is open. now: s, steady clock."""
         self.link.opened(now)
 
     def closed(self, reason: str) -> None:
@@ -107,6 +113,7 @@ class Bridge:
         self.say(reason)
 
     def say(self, message: str) -> None:
+        """What machine_state shows as its message."""
         if message != self.message:
             self.message = message
             self.outbox.changed = True
@@ -273,6 +280,7 @@ class Bridge:
         self.link.ask(letter, args, done, now)
 
     def home(self, reply: Reply, now: float) -> None:
+        """Queues G28. The reply comes once the controller has accepted it, or with TIMEOUT after 1 s."""
         seq = self.link.sender.put(b'G28')
         self._reopen()
         self.pending.home(seq, reply, now)
@@ -284,12 +292,14 @@ class Bridge:
         self.dropping = reason
 
     def armed(self, job: str, names: list[str], now: float) -> None:
+        """ARM was accepted: `job` may use the arc while the nodes `names` answer. now: s, steady clock."""
         t = self.link.telemetry
         self.broken = ''
         self.arming.arm(job, names, t.t_us if t else 0, now)
         self.outbox.changed = True
 
     def disarm(self) -> None:
+        """No job may use the arc any more."""
         self.arming.disarm()
         self.outbox.changed = True
 
@@ -298,6 +308,7 @@ class Bridge:
         self._reopen()
 
     def set_offset(self, offset_mm: tuple[float, ...]) -> None:
+        """The work zero in machine coordinates, mm; the next segment repeats all modal words."""
         self.offset = _point(offset_mm)
         self._reopen()
 

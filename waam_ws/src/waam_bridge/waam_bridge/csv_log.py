@@ -30,10 +30,12 @@ class CsvLog:
         file.write('; '.join(COLUMNS) + '\n')
 
     def add(self, t: Telemetry, ros_ns: int) -> None:
+        """Writes a row when one is due; ros_ns: ROS time of the frame."""
         if self._next_us - self._period_us <= t.t_us < self._next_us:
             return
         self._next_us = t.t_us + self._period_us
         self._file.write(row(t, ros_ns, self.temperature) + '\n')
 
     def close(self) -> None:
+        """Closes the file; nothing may be added any more."""
         self._file.close()

@@ -88,6 +88,8 @@ class Ack(NamedTuple):
 
 
 class Resend(NamedTuple):
+    """Everything from line `expected` on is to be sent again; code: a gap or a failed check (docs/link_protocol.md)."""
+
     expected: int
     code: int
 
@@ -102,6 +104,8 @@ class LineRefused(NamedTuple):
 
 
 class StateChange(NamedTuple):
+    """The controller is in `state` now because of the fault `code`, 0 = none."""
+
     state: int
     code: int
     text: str
@@ -177,6 +181,7 @@ def immediate(letter: str, args: str = '', token: int = 0, digits: int = CRC16) 
 
 
 def heartbeat(token: int, lease_us: int, digits: int = CRC16) -> bytes:
+    """`$H <token> <lease>`: renews the arc lease up to controller time `lease_us`; the answer repeats the token."""
     return seal(b'$H %d %d' % (token, lease_us), digits)
 
 

@@ -26,6 +26,8 @@ class Lease:
             self._boot = boot
 
     def require(self, names: list[str] | tuple[str, ...], now_us: int, now: float) -> None:
+        """The nodes that must answer from now on (us of controller time, s of the steady clock); none = the bridge
+        alone."""
         self.required = tuple(dict.fromkeys(names))
         self._since = (now_us, now)
 

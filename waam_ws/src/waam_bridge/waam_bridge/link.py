@@ -25,6 +25,8 @@ DEFAULT_RATE = 100.0  # Hz of telemetry after `$I`
 
 
 class Phase(IntEnum):
+    """Of a connection: port closed, asking who is there, agreeing on the next line number, in use."""
+
     CLOSED = 0
     IDENTIFY = 1
     SYNC = 2
@@ -71,10 +73,12 @@ class Link:
 
     @property
     def ready(self) -> bool:
+        """The controller may be used."""
         return self.phase == Phase.READY
 
     @property
     def boot(self) -> int:
+        """Number of the controller's boot, 0 while nothing has identified itself."""
         return self.identity.boot if self.identity else 0
 
     @property
@@ -92,6 +96,7 @@ class Link:
     # ---- the port
 
     def opened(self, now: float) -> None:
+        """The port is open; asks for the identity first. now: s, steady clock."""
         self.phase, self.failed, self.missing = Phase.IDENTIFY, '', ''
         self._since = self.heard = now
         self._asked, self._attempts = now - ASK_AGAIN, 0
@@ -99,6 +104,7 @@ class Link:
         self.out.clear()
 
     def closed(self, reason: str) -> None:
+        """The port is closed: queued lines are kept, requests that wait are answered with `reason`."""
         self.phase = Phase.CLOSED
         self.sender.blocked = True
         self._resync = False

@@ -1,4 +1,4 @@
-"""What the helpers of the core read and change: the machine as the host sees it. `core.Bridge` is one. Pure."""
+"""What batches, faults and standoff read and change: the machine as the host sees it. `core.Bridge` is one. Pure."""
 
 from __future__ import annotations
 
@@ -35,24 +35,33 @@ class Machine(Protocol):
     dropping: str
 
     @property
-    def connected(self) -> bool: ...
+    def connected(self) -> bool:
+        """The controller may be used."""
 
     @property
-    def armed_job(self) -> str: ...
+    def armed_job(self) -> str:
+        """The job that may use the arc, '' = none."""
 
     @property
-    def silent(self) -> list[str]: ...
+    def silent(self) -> list[str]:
+        """Required nodes whose heartbeat is late."""
 
     @property
-    def queued(self) -> int: ...
+    def queued(self) -> int:
+        """Segments that were not executed."""
 
     @property
-    def position(self) -> Point | None: ...
+    def position(self) -> Point | None:
+        """m, work frame; None before the first telemetry."""
 
-    def say(self, message: str) -> None: ...
+    def say(self, message: str) -> None:
+        """What machine_state shows as its message."""
 
-    def notice(self, severity: int, class_name: str, text: str, reaction: str = 'none') -> None: ...
+    def notice(self, severity: int, class_name: str, text: str, reaction: str = 'none') -> None:
+        """An anomaly to be published."""
 
-    def forget(self) -> None: ...
+    def forget(self) -> None:
+        """Drops all lines that the controller has not executed."""
 
-    def moved(self) -> None: ...
+    def moved(self) -> None:
+        """The machine moved, or its zero did, outside the program."""

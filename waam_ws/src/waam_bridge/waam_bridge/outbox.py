@@ -76,6 +76,7 @@ class ResendWatch:
         self._since, self._sent, self._again = 0.0, 0, 0
 
     def poll(self, sender: Sender, now: float) -> Notice | None:
+        """A warning at the end of a window in which too many lines were repeated, else None. now: s, steady clock."""
         if now - self._since < RESEND_WINDOW:
             return None
         sent, again = sender.lines_sent - self._sent, sender.resends - self._again

@@ -25,20 +25,24 @@ class Pending:
         self._limit = heard + requests.LIMIT
 
     def flush(self, due: Replies) -> None:
+        """Telemetry has come: what waited for it goes to `due`."""
         if self._after_frame:
             due += self._after_frame
             self._after_frame = []
 
     def home(self, line: int, reply: Reply, now: float) -> None:
+        """`line` is the number of the G28; the reply must be due within `requests.LIMIT` of `now` (s)."""
         self.home_line, self._home = line, (reply, now + requests.LIMIT)
 
     def end_home(self, code: int, text: str, due: Replies) -> None:
+        """Answers the homing that waits; nothing when none does."""
         if self._home:
             reply = self._home[0]
             self.home_line, self._home = 0, None
             due.append(lambda: reply(code, text))
 
     def poll(self, now: float, due: Replies) -> None:
+        """Replies whose deadline has passed. now: s, steady clock."""
         if self._home and now > self._home[1]:
             text = 'the controller did not accept G28 within 1 s'
             self.end_home(requests.TIMEOUT, text, due)

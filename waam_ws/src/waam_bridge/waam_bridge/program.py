@@ -122,6 +122,7 @@ class Writer:
         return self._changed(W=number(to_mm_min(s.wire_feed_speed), 2), S=number(s.voltage, 3))
 
     def arc_end(self) -> None:
+        """Arc off, then gas off (its post-flow is the controller's); nothing while the arc is off."""
         if self.arc:
             self._emit('M5')
             self._emit('M9')
@@ -135,6 +136,7 @@ class Writer:
         self.arc = True
 
     def segment(self, s: Segment, job: str) -> None:
+        """The lines of one segment. Its mark, with which `segment_done` is found, is on the last of them."""
         mark = Mark(job, s.index, s.layer, s.bead)
         if units := self._changed(G='21 G90'):
             self._emit(units.strip())

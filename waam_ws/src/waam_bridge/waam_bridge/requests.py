@@ -45,6 +45,7 @@ class Requests:
         return line
 
     def waits(self, letter: str) -> bool:
+        """Whether a line with this letter has no answer yet."""
         return any(r.letter == letter for r in self._waiting)
 
     def supersede(self, letter: str, text: str) -> None:

@@ -68,6 +68,7 @@ class Standoff:
 
     @property
     def problem(self) -> str:
+        """Why the controller cannot be armed, '' = nothing stands against it."""
         if self._refused:
             return self._refused
         if self._left and self._on:

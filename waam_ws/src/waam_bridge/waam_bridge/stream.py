@@ -72,6 +72,7 @@ class Sender:
 
     @property
     def in_flight(self) -> int:
+        """Lines that were written and are not acknowledged."""
         return self._cursor - 1 - self.acked
 
     @property

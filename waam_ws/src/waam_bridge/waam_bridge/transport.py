@@ -26,11 +26,20 @@ _PLAIN = {
 class Owner(Protocol):
     """Called from the transport's thread only."""
 
-    def on_open(self) -> None: ...
-    def on_lines(self, lines: list[bytes], read_at: float) -> None: ...
-    def on_idle(self) -> None: ...
-    def on_close(self, reason: str) -> None: ...
-    def on_crash(self, error: Exception) -> None: ...
+    def on_open(self) -> None:
+        """The port is open."""
+
+    def on_lines(self, lines: list[bytes], read_at: float) -> None:
+        """Whole lines without their ends; read_at: s, steady clock."""
+
+    def on_idle(self) -> None:
+        """Called after every chunk of lines and while none come; the place to write what is due."""
+
+    def on_close(self, reason: str) -> None:
+        """The port was closed or could not be opened; it is tried again."""
+
+    def on_crash(self, error: Exception) -> None:
+        """A defect has ended the thread."""
 
 
 class SerialTransport:
@@ -56,6 +65,7 @@ class SerialTransport:
         self._thread = threading.Thread(target=self._run, name='link', daemon=True)
 
     def start(self) -> None:
+        """Starts the thread; it opens the port and calls the owner."""
         self._thread.start()
 
     def close(self) -> None:

@@ -167,6 +167,7 @@ def _register_demo(commands: argparse._SubParsersAction) -> None:
 
 
 def cmd_up(args: argparse.Namespace) -> int:
+    """Starts a graph and prints where it is. ValueError for a parameter file that is missing."""
     from . import supervisor
     from .graph import Settings
     from .operate import free_port, panel_port, up
@@ -205,6 +206,7 @@ def cmd_up(args: argparse.Namespace) -> int:
 
 
 def cmd_stop(args: argparse.Namespace) -> int:
+    """Status 0 also when nothing was up."""
     from .operate import stop
 
     run, _ = run_and_domain(args)
@@ -213,6 +215,7 @@ def cmd_stop(args: argparse.Namespace) -> int:
 
 
 def cmd_status(args: argparse.Namespace) -> int:
+    """Status 1 when a process of the graph has ended. ClientError when no graph is up."""
     from .operate import require_up
     from .status import print_status
 
@@ -221,6 +224,7 @@ def cmd_status(args: argparse.Namespace) -> int:
 
 
 def cmd_demo(args: argparse.Namespace) -> int:
+    """Exit status: 0 when all jobs were done, whatever their verdict."""
     from .demo import run_demo
 
     return run_demo(args)

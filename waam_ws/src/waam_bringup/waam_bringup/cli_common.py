@@ -7,6 +7,7 @@ from pathlib import Path
 
 
 def add_run(p: argparse.ArgumentParser) -> None:
+    """Options --run and --domain, which name a graph."""
     p.add_argument(
         '--run', type=Path, help='folder of the running graph (default: jobs/.run or $WAAM_RUN)'
     )
@@ -16,6 +17,7 @@ def add_run(p: argparse.ArgumentParser) -> None:
 
 
 def run_and_domain(args: argparse.Namespace) -> tuple[Path, int]:
+    """Folder and ROS domain of the graph that is meant: a running graph's domain counts, unless --domain is given."""
     from .operate import default_domain
     from .paths import run_dir
     from .run_state import load

@@ -12,6 +12,7 @@ from .cli_common import add_run, run_and_domain
 
 
 def register_job(commands: argparse._SubParsersAction) -> None:
+    """Adds `waam job` and its verbs."""
     parser = commands.add_parser(
         'job',
         help='run and steer jobs',
@@ -199,6 +200,7 @@ def _register_steering(job: argparse._SubParsersAction) -> None:
 
 
 def cmd_job_run(args: argparse.Namespace) -> int:
+    """Exit status as of `jobs.report_result`."""
     from .jobs import run_job
 
     run, domain = run_and_domain(args)
@@ -206,6 +208,7 @@ def cmd_job_run(args: argparse.Namespace) -> int:
 
 
 def cmd_job_switch(args: argparse.Namespace) -> int:
+    """Pause or abort (`args.verb`). ClientError when the job sequencer refuses."""
     from .client import GraphClient
     from .operate import require_up
 
@@ -218,6 +221,7 @@ def cmd_job_switch(args: argparse.Namespace) -> int:
 
 
 def cmd_job_resume(args: argparse.Namespace) -> int:
+    """Goes on with a paused job; otherwise, or with a folder, resumes an interrupted one."""
     from .client import GraphClient
     from .jobs import resume_job
     from .operate import require_up
@@ -233,6 +237,7 @@ def cmd_job_resume(args: argparse.Namespace) -> int:
 
 
 def cmd_job_feed(args: argparse.Namespace) -> int:
+    """Overrides travel speed and wire feed at once; prints the factors that are in force."""
     from .jobs import override
     from .operate import require_up
 
@@ -244,6 +249,7 @@ def cmd_job_feed(args: argparse.Namespace) -> int:
 
 
 def cmd_job_adjust(args: argparse.Namespace) -> int:
+    """Gain, rescan or skip of the running job. ClientError when it is refused."""
     from .jobs import adjust_job
     from .operate import require_up
 

@@ -144,6 +144,7 @@ class GraphClient:
         raise ClientError(f'service {name} did not answer within {timeout:.0f} s')
 
     def trigger(self, name: str) -> None:
+        """Calls a service without arguments. ClientError with its message when it refuses."""
         response = self.call(Trigger, name, Trigger.Request())
         if not response.success:
             raise ClientError(response.message)

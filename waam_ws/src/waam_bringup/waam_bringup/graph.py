@@ -39,6 +39,7 @@ class Settings:
 
     @property
     def simulated(self) -> bool:
+        """Whether the cell is simulated: no port of a real controller is given."""
         return not self.port
 
     @property

@@ -148,6 +148,7 @@ def place_part(client: GraphClient, args: argparse.Namespace) -> None:
 
 
 def report_result(result: RunJob.Result) -> int:
+    """Writes the report and says how the job ended. Exit status: 0; 1 failed; 2 refused; 130 aborted."""
     from waam_view.report import write_report
 
     code = result.error_code

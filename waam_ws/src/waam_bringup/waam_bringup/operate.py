@@ -99,6 +99,7 @@ def _dead(run: Path, supervisor: subprocess.Popen) -> dict[str, str]:
 
 
 def last_line(path: Path) -> str:
+    """Of a log: the last line that is not blank, '' when there is none or no file."""
     try:
         lines = [line for line in path.read_text(errors='replace').splitlines() if line.strip()]
     except OSError:
@@ -125,6 +126,7 @@ def stop(run: Path, timeout: float = 20.0) -> bool:
 
 
 def require_up(run: Path) -> RunState:
+    """The state of the running graph. ClientError when none is up."""
     state = run_state.load(run)
     if state is None or not state.alive:
         raise ClientError("no graph is up; start one with 'waam up'")

@@ -21,6 +21,7 @@ def root() -> Path:
 
 
 def jobs_dir() -> Path:
+    """Folder of the jobs: WAAM_JOBS, or `jobs` in the working tree."""
     return Path(os.environ.get('WAAM_JOBS', root() / 'jobs')).resolve()
 
 

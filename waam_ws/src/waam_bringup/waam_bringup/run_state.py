@@ -39,6 +39,7 @@ class RunState:
     nodes: dict[str, NodeState] = field(default_factory=dict)  # by name
 
     def save(self, run: Path) -> None:
+        """Replaces state.json in the folder `run`; a reader never sees half of it."""
         write_atomically(run / 'state.json', json.dumps(asdict(self), indent=1))
 
     @property
@@ -48,6 +49,7 @@ class RunState:
 
     @property
     def dead_nodes(self) -> dict[str, NodeState]:
+        """Nodes that have ended, by name."""
         return {n: s for n, s in self.nodes.items() if s.exit_code is not None}
 
 
@@ -80,6 +82,7 @@ def job_runs(run: Path) -> bool:
 
 
 def process_exists(pid: int) -> bool:
+    """Whether the process runs; one that has ended but was not waited for (a zombie) does not."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

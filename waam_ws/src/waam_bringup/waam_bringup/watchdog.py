@@ -30,9 +30,11 @@ class Watchdog:
         self._looked = time.monotonic()
 
     def watch(self, pid: int) -> None:
+        """Expects signs of life of this process; it counts as hanging only after its first one."""
         self._heard[pid] = None
 
     def forget(self, pid: int) -> None:
+        """The process has ended or is to be ended."""
         self._heard.pop(pid, None)
 
     def last_heard(self, pid: int) -> float | None:
@@ -65,4 +67,5 @@ class Watchdog:
                         self._heard[pid] = now
 
     def close(self) -> None:
+        """Closes the socket."""
         self._socket.close()

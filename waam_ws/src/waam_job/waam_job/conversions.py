@@ -93,6 +93,7 @@ def goal_from_job(job: dict, resumed: RunJob.Goal) -> JobGoal:
 
 
 def status_to_msg(status: Status, stamp: Time) -> JobStatus:
+    """Field by field; the state as its number."""
     msg = JobStatus()
     msg.header.stamp = stamp
     for f in fields(status):
@@ -102,6 +103,7 @@ def status_to_msg(status: Status, stamp: Time) -> JobStatus:
 
 
 def layer_to_msg(record: LayerRecord, stamp: Time) -> LayerReport:
+    """Field by field; SI."""
     msg = LayerReport()
     msg.header.stamp = stamp
     for f in fields(record):
@@ -110,6 +112,7 @@ def layer_to_msg(record: LayerRecord, stamp: Time) -> LayerReport:
 
 
 def anomaly_to_msg(record: AnomalyRecord, job_id: str) -> Anomaly:
+    """Position in m, work frame, which is also the frame of the header."""
     x, y, z = record.position
     msg = Anomaly(
         job_id=job_id,
@@ -127,6 +130,7 @@ def anomaly_to_msg(record: AnomalyRecord, job_id: str) -> Anomaly:
 
 
 def anomaly_from_msg(msg: Anomaly) -> AnomalyRecord:
+    """An unknown severity counts as a WARNING."""
     p = msg.position
     return AnomalyRecord(
         time=seconds(msg.header.stamp),
@@ -151,6 +155,7 @@ def aim_to_msg(
 
 
 def heat_from_msg(msg: HeatFactor) -> Heat:
+    """Temperatures in degC, the wait in s."""
     return Heat(
         known=True,
         factor=msg.factor,

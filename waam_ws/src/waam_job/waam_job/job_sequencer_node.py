@@ -181,5 +181,6 @@ class JobSequencer(WaamNode):
 
 
 def main() -> None:
+    """The node as a process; OMP_NUM_THREADS is 1 unless the environment says otherwise."""
     os.environ.setdefault('OMP_NUM_THREADS', '1')
     run_main(JobSequencer)

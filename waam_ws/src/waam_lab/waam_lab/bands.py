@@ -38,6 +38,7 @@ class Share:
 
     @property
     def value(self) -> float:
+        """0 to 1; NaN without jobs."""
         return self.count / self.of if self.of else math.nan
 
 

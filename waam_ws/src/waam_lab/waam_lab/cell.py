@@ -75,6 +75,7 @@ class LabCell:
         d.until(lambda: self.thermal.state(d.now).plausible, 5.0)
 
     def close(self) -> None:
+        """Frees the controller."""
         self.device.close()
 
     def _on_exchange(self, samples: np.ndarray, plant: Plant) -> None:
@@ -119,12 +120,15 @@ class LabCell:
     # ---- snapshots -----------------------------------------------------------------------------
 
     def now(self) -> float:
+        """Simulated time, s: the controller's clock."""
         return self.device.now
 
     def wait(self, seconds: float) -> None:
+        """PACE simulated seconds pass for each second that the job would wait."""
         self.device.advance(seconds * PACE)
 
     def machine(self) -> MachineView:
+        """As of the last telemetry; `age` is 0, for nothing is ever late."""
         t = self._frame
         return replace(
             self._view,
@@ -135,6 +139,7 @@ class LabCell:
         )
 
     def heat(self) -> Heat:
+        """From the compensator at this moment, through the message, so with its rounding."""
         t = self.thermal
         msg = adapt_convert.heat_to_msg(t.state(self.now()), t.limit, t.material)
         found = convert.heat_from_msg(msg)
@@ -142,9 +147,11 @@ class LabCell:
         return found
 
     def parameters(self) -> dict[str, dict[str, Any]]:
+        """Those that this cell was made with."""
         return self._parameters
 
     def take_warnings(self) -> list[AnomalyRecord]:
+        """Warnings of bridge and scanning since the last call."""
         taken, self._warnings = self._warnings, []
         for text in self.scanning.warnings:
             taken.append(AnomalyRecord(self.now(), 'WARNING', 'scan', text, 'none'))
@@ -152,9 +159,11 @@ class LabCell:
         return taken
 
     def take_sums(self) -> Sums:
+        """Sums over the telemetry since the last call."""
         return self._stats.take_sums()
 
     def take_track(self) -> dict[str, np.ndarray]:
+        """Telemetry since the last call: columns (n,) by name, SI."""
         return self._stats.take_track()
 
     # ---- what the job asks for -----------------------------------------------------------------
@@ -168,6 +177,7 @@ class LabCell:
         vector: Point = (0, 0, 0),
         value: float = 0.0,
     ) -> None:
+        """JobError MACHINE_NOT_READY when the bridge or the controller refuses."""
         x, y, z = (float(v) for v in vector)
         command = commands.Command(
             getattr(commands, name), text, tuple(names), (x, y, z), float(value)
@@ -177,6 +187,7 @@ class LabCell:
             raise JobError(Code.MACHINE_NOT_READY, f'bridge/command: {said} (error {code})')
 
     def enqueue(self, job_id: str, segments: list[Segment], last: bool) -> None:
+        """JobError DEPOSITION_FAILED when the bridge refuses a segment; then none was taken."""
         bridge = self.device.bridge
         try:
             permit = bridge.permit(job_id, segments)
@@ -188,12 +199,14 @@ class LabCell:
             raise JobError(Code.DEPOSITION_FAILED, text) from None
 
     def begin_scan(self, job_id: str, layer: int, spec: GridSpec) -> int:
+        """JobError SCAN_FAILED when the grid is too large."""
         try:
             return self.scanning.begin(job_id, layer, spec)
         except GridError as e:
             raise JobError(Code.SCAN_FAILED, f'scan_fusion/begin: {e}') from None
 
     def finish_scan(self, scan_id: int, until: float) -> Scan:
+        """Time passes until telemetry has reached `until`. JobError SCAN_FAILED when there is no map."""
         try:
             scan = convert.scan_from_msg(self.scanning.finish(scan_id, until))
         except ScanError as e:
@@ -203,6 +216,7 @@ class LabCell:
         return scan
 
     def correct(self, job_id: str, request: CorrectionRequest) -> Correction:
+        """JobError UNKNOWN when the request is refused."""
         message = convert.correction_request(job_id, request, time_to_msg(self.now()))
         try:
             answer, _ = answers.correct(self.corrector, message, self.now())
@@ -213,6 +227,7 @@ class LabCell:
         return convert.correction_from_msg(answer)
 
     def setpoints(self, job_id: str, request: FeedRequest) -> list[Segment]:
+        """JobError PLAN_FAILED when the request is refused."""
         message = convert.feed_request(job_id, request)
         try:
             answers.set_feed(self.params.feed_forward, message)
@@ -235,6 +250,7 @@ class LabCell:
             self.device.plant.aim(x, y)
 
     def status(self, status: Status) -> None:
+        """Tells the compensator; injects the faults of a layer when its deposition begins."""
         answers.follow_job(self.thermal, convert.status_to_msg(status, time_to_msg(self.now())))
         deposits = status.state == State.DEPOSITING
         self._stats.layer = status.layer if deposits else 0
@@ -245,8 +261,10 @@ class LabCell:
             self.device.plant.faults.inject(fault.name, fault.value, self.device.plant.now)
 
     def layer_report(self, report: LayerRecord) -> None:
+        """Tells the compensator; kept in `reports`."""
         answers.follow_layer(self.thermal, convert.layer_to_msg(report, time_to_msg(self.now())))
         self.reports.append(report)
 
     def anomaly(self, anomaly: AnomalyRecord) -> None:
+        """Kept in `anomalies`."""
         self.anomalies.append(anomaly)

@@ -168,6 +168,7 @@ class Advance:
 
 
 def outcome(r: LabResult) -> str:
+    """One line for the screen: error (mm), share in tolerance (%) and verdict, without and with the rim."""
     rim = f'with the rim {r.share_edges * 100:.1f} %, {r.verdict_edges}'
     return f'RMS {r.rms * 1e3:.3f} mm, {r.share_in_tolerance * 100:.1f} %, {r.verdict}; {rim}'
 

@@ -43,6 +43,7 @@ class Controller:
         self._bytes = ctypes.create_string_buffer(TX_BYTES)
 
     def close(self) -> None:
+        """Frees the core; may be called twice, nothing else may be called afterwards."""
         if self._handle:
             self._lib.controller_lib_free(self._handle)
             self._handle = None

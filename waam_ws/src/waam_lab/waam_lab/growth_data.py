@@ -88,6 +88,7 @@ def make(folder: Path, seed: int) -> int:
 
 
 def main(argv: list[str] | None = None) -> int:
+    """Exit status: 1 when a part could not be planned; the other seeds are made all the same."""
     p = argparse.ArgumentParser(
         prog='python3 -m waam_lab.growth_data', description=(__doc__ or '').split('\n')[0]
     )

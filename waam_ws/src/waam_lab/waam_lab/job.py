@@ -107,6 +107,7 @@ class LabResult:
 
     @property
     def in_tolerance(self) -> bool:
+        """Of the judged area."""
         return self.verdict == 'in tolerance'
 
     @property
@@ -116,6 +117,7 @@ class LabResult:
 
     @property
     def failed(self) -> bool:
+        """The job ended with an error: see `error_code` and `message`."""
         return self.verdict == 'failed'
 
     @property

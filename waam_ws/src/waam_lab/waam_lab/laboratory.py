@@ -80,6 +80,7 @@ def _check_cell(job: LabJob) -> None:
 
 
 def physics_of(job: LabJob, known: params.LabParams) -> PlantParams:
+    """The physics of the job itself when it has some, else those of the parameters of `cell`."""
     return job.plant or plant_params(known.cell)
 
 

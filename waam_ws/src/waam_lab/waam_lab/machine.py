@@ -46,6 +46,7 @@ class Machine:
         self._rest = b''  # of a line that is not complete
 
     def close(self) -> None:
+        """Frees the controller."""
         self.controller.close()
 
     @property

@@ -83,6 +83,7 @@ class MetalTrace:
         self._of(self._number).rows.append(row)
 
     def on_planned(self, number: int, planned: HeightGrid) -> None:
+        """The metal (m) that layer `number` was to add, on the grid of the plan."""
         self._of(number).planned = planned
 
     def _of(self, number: int) -> LayerTrace:

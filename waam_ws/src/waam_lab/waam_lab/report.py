@@ -62,9 +62,11 @@ class Campaign:
 
     @property
     def failed(self) -> list[LabResult]:
+        """Jobs that ended with an error."""
         return [r for r in self.results if r.failed]
 
     def rows(self) -> list[tuple[Row, bands.Band]]:
+        """Figures with their bands, in the order of ROWS; those that no job has are missing."""
         found = [(row, bands.band(self.results, row.name, row.more_is_better)) for row in ROWS]
         return [(row, b) for row, b in found if b is not None]
 
@@ -142,6 +144,7 @@ def _write_maps(path: Path, maps: bands.Maps) -> None:
 
 
 def html(c: Campaign, maps: bands.Maps | None) -> str:
+    """The report as one page, pictures included; maps None = no pictures."""
     goal = c.job.goal
     title = f'{goal.title}: what will come out'
     parts = [

@@ -40,10 +40,12 @@ class Scanning:
         self._batches = 0
 
     def on_frame(self, t: Telemetry) -> None:
+        """Telemetry of the controller (us, um); kept only while a scan runs."""
         if self._session is not None:
             self.track.append(t.t_us * 1000, t.x_um * 1e-6, t.y_um * 1e-6, t.z_um * 1e-6)
 
     def on_profiles(self, profiles: Profiles) -> None:
+        """Profiles of the simulated scanner; fused BATCH at a time."""
         self._waiting.append(profiles)
         if sum(len(p.time_us) for p in self._waiting) >= BATCH:
             self._hand_over()

@@ -26,6 +26,7 @@ class LayerWatch:
     def on_correction(
         self, request: ComputeCorrection.Request, answer: CorrectionMap, corrector: Corrector
     ) -> None:
+        """Before a layer: the request, its answer, and the corrector as it was then."""
         spec = grid_from_msg(request.map.grid)
         p = corrector.params
         core = convert.correction_input(request, spec, p.k_gain, p.k_gain_max)
@@ -44,6 +45,7 @@ class LayerWatch:
         self.last = z
 
     def samples(self, seed: int) -> list[samples.Sample]:
+        """One sample per layer with bead paths whose surface afterwards is known; seed: of the cell, kept with them."""
         surfaces = [core.z for core, *_ in self.layers[1:]]
         surfaces += [self.last] if self.last is not None else []
         found = (

@@ -24,9 +24,11 @@ class SignOfLife:
         self._socket.setblocking(False)
 
     def give(self) -> None:
+        """Sends `WATCHDOG=1`; nothing when the process was started without NOTIFY_SOCKET."""
         if self._address:
             with suppress(OSError):  # nobody listens, or the queue is full
                 self._socket.sendto(b'WATCHDOG=1', self._address)
 
     def close(self) -> None:
+        """Closes the socket; `give` must not be called any more."""
         self._socket.close()

@@ -24,6 +24,7 @@ def floats(values: np.ndarray) -> array:
 
 
 def grid_to_msg(spec: GridSpec) -> GridInfo:
+    """The origin of the message is the corner of cell (0, 0) in the work frame, m, not turned."""
     pose = Pose(position=Point(x=float(spec.origin_x), y=float(spec.origin_y), z=0.0))
     return GridInfo(resolution=float(spec.resolution), rows=spec.rows, cols=spec.cols, origin=pose)
 
@@ -58,6 +59,7 @@ _SAME = (
 
 
 def segment_to_msg(s: Segment) -> SegmentMsg:
+    """Field by field; both are SI in the work frame."""
     msg = SegmentMsg()
     for name in _SAME:
         setattr(msg, name, getattr(s, name))
@@ -81,13 +83,16 @@ def segment_from_msg(msg: SegmentMsg) -> Segment:
 
 
 def time_to_msg(seconds: float) -> Time:
+    """Seconds, rounded to the nearest nanosecond."""
     ns = round(seconds * 1e9)
     return Time(sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
 
 
 def seconds(stamp: Time) -> float:
+    """A stamp as a float, s. It resolves about 0.2 us of a date; use `nanoseconds` for differences."""
     return stamp.sec + stamp.nanosec * 1e-9
 
 
 def nanoseconds(stamp: Time) -> int:
+    """A stamp as an integer, ns; exact."""
     return stamp.sec * 1_000_000_000 + stamp.nanosec

@@ -23,6 +23,7 @@ class Deferred:
         self._send: Callable[[Any], None] | None = None
 
     def answer(self, response: Any) -> None:
+        """Sends the response, at once or as soon as the service has handed over how to send it. Thread-safe."""
         with self._lock:
             self._response = response
             send = self._send

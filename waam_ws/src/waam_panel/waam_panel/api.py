@@ -46,18 +46,23 @@ def number(data: dict[str, Any], name: str, low: float, high: float) -> float:
 
 
 async def stop(cell: Cell, _: dict[str, Any]) -> str:
+    """Ends the job and stops the machine; Refused only when neither answers."""
     return await cell.do(cell.operations.stop)
 
 
 async def pause(cell: Cell, _: dict[str, Any]) -> str:
+    """Holds the machine at once; a job that runs waits as well."""
     return await cell.do(cell.operations.pause, cell.state.job_running)
 
 
 async def resume(cell: Cell, _: dict[str, Any]) -> str:
+    """Goes on: the job when one runs, else the machine alone."""
     return await cell.do(cell.operations.resume, cell.state.job_running)
 
 
 def machine(name: str) -> Run:
+    """The command of this name (HOME, DISARM, RESET)."""
+
     async def run(cell: Cell, _: dict[str, Any]) -> str:
         return await cell.do(cell.operations.command, name)
 
@@ -65,6 +70,7 @@ def machine(name: str) -> Run:
 
 
 async def arm(cell: Cell, _: dict[str, Any]) -> str:
+    """Arms the cell for the part that is loaded, or for the job that is to be resumed. Refused without one."""
     if cell.setup is not None:
         name = cell.setup.part
     elif cell.going_on is not None:
@@ -87,11 +93,13 @@ async def jog(cell: Cell, data: dict[str, Any]) -> str:
 
 
 async def jog_wire(cell: Cell, data: dict[str, Any]) -> str:
+    """mm: -50 to 50, negative = back."""
     length = number(data, 'mm', -WIRE_MM, WIRE_MM)
     return await cell.do(cell.operations.jog_wire, length * 1e-3)
 
 
 async def zero(cell: Cell, _: dict[str, Any]) -> str:
+    """The present position becomes the work zero."""
     return await cell.do(cell.operations.set_zero)
 
 
@@ -111,6 +119,8 @@ async def gain(cell: Cell, data: dict[str, Any]) -> str:
 
 
 def adjust(what: str) -> Run:
+    """The request of this name (RESCAN, SKIP_LAYER) to the running job."""
+
     async def run(cell: Cell, _: dict[str, Any]) -> str:
         return await cell.do(cell.operations.adjust, what, 0.0)
 
@@ -118,6 +128,7 @@ def adjust(what: str) -> Run:
 
 
 async def acknowledge(cell: Cell, data: dict[str, Any]) -> str:
+    """id: number of an alarm; null or missing = all. BadRequest for anything else."""
     which = data.get('id')
     if which is not None and (not isinstance(which, int) or isinstance(which, bool)):
         raise BadRequest('id: the number of an alarm, or null for all')

@@ -61,6 +61,7 @@ class Cell:
         self._judged = ('', -1)
 
     def close(self) -> None:
+        """Ends the worker threads without waiting for what they do, and removes the scratch folder."""
         self._workers.shutdown(wait=False, cancel_futures=True)
         self._stoppers.shutdown(wait=False, cancel_futures=True)
         self._scratch.cleanup()

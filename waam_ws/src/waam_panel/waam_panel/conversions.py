@@ -64,6 +64,7 @@ def sample(m: Telemetry) -> Sample:
 
 
 def machine(m: MachineState) -> dict[str, Any]:
+    """Lengths in mm."""
     return {
         'connected': m.connected, 'port': m.port, 'identity': m.identity, 'firmware': m.firmware_version,
         'capabilities': list(m.capabilities), 'state': controller_state(m.state),
@@ -74,6 +75,7 @@ def machine(m: MachineState) -> dict[str, Any]:
 
 
 def link(m: LinkStatus) -> dict[str, Any]:
+    """Round trip in ms (99 % are shorter), telemetry in frames per second."""
     return {
         'round_trip_ms': number(m.round_trip_p99, 1e3, 2), 'rate': number(m.telemetry_rate, 1, 1),
         'lost': m.telemetry_lost, 'resends': m.resends, 'queued': m.segments_queued,
@@ -82,6 +84,7 @@ def link(m: LinkStatus) -> dict[str, Any]:
 
 
 def job(m: JobStatus) -> dict[str, Any]:
+    """Errors in mm, time left in s."""
     return {
         'id': m.job_id, 'dir': m.job_dir, 'state': job_state(m.state),
         'profile': m.profile, 'material': m.material, 'k_gain': number(m.k_gain), 'layer': m.layer,
@@ -93,6 +96,7 @@ def job(m: JobStatus) -> dict[str, Any]:
 
 
 def heat(m: HeatFactor) -> dict[str, Any]:
+    """Temperatures in degC, rate in K/s, wait in s."""
     return {
         'factor': number(m.factor), 'temperature': number(m.temperature, 1, 1),
         'rate': number(m.temperature_rate, 1, 2),
@@ -121,6 +125,7 @@ def standoff(m: Standoff) -> dict[str, Any]:
 
 
 def temperature(m: Temperature) -> dict[str, Any]:
+    """degC; None while the sensor gives none."""
     return {'value': number(m.temperature, 1, 1)}
 
 
@@ -138,6 +143,7 @@ def diagnostics(m: DiagnosticArray) -> list[dict[str, Any]]:
 
 
 def anomaly(m: Anomaly) -> dict[str, Any]:
+    """The text with its place and the reaction to it."""
     place = f' (layer {m.layer}, bead {m.bead})' if m.layer else ''
     return {
         'class': m.class_name, 'severity': m.severity,
@@ -157,6 +163,8 @@ def height(m: HeightMap) -> dict[str, Any]:
 
 
 def correction(m: CorrectionMap) -> dict[str, Any]:
+    """Psi as a picture from -1 to 1, and why the correction is what it is. ValueError when the map does not fit its
+    grid."""
     spec = grid_from_msg(m.grid)
     title = f'for layer {m.layer}, {m.law}' + (', fallback' if m.fallback else '')
     psi = pictures.encode_map(spec, map_from_msg(m.psi, spec), -1.0, 1.0, 1e4)

@@ -51,10 +51,12 @@ class RosOperations:
 
     @property
     def simulated(self) -> bool:
+        """Only the simulated cell offers the service cell/load_part."""
         return self._load.service_is_ready()
 
     @property
     def adjustable(self) -> bool:
+        """Whether job_sequencer/adjust is there."""
         return self._adjust.service_is_ready()
 
     # ---- stop, pause, resume
@@ -74,6 +76,7 @@ class RosOperations:
         return self._both(lambda: self._send('HOLD'), lambda: self._switch('pause'), 'paused')
 
     def resume(self, job_running: bool) -> str:
+        """The job goes on; without one RESUME goes to the machine."""
         return self._switch('resume') if job_running else self._send('RESUME')
 
     def _both(self, machine: Any, job: Any, done: str) -> str:
@@ -98,16 +101,20 @@ class RosOperations:
     # ---- machine
 
     def command(self, name: str) -> str:
+        """A command without arguments, by the name of its constant in Command.srv."""
         return self._send(name)
 
     def arm(self, job: str) -> str:
+        """The bridge shows the first 100 characters of `job`."""
         return self._send('ARM', text=job[:100])
 
     def jog(self, move: tuple[float, float, float], speed: float) -> str:
+        """move: m along x, y, z; speed: m/s."""
         x, y, z = move
         return self._send('JOG', vector=Vector3(x=x, y=y, z=z), value=speed)
 
     def jog_wire(self, length: float) -> str:
+        """m, negative = back."""
         return self._send('JOG_WIRE', value=length)
 
     def set_zero(self) -> str:
@@ -137,6 +144,7 @@ class RosOperations:
     # ---- jobs
 
     def adjust(self, what: str, value: float) -> str:
+        """what: name of the constant in AdjustJob.srv. Refused when the job does not take it."""
         if not self.adjustable:
             raise Refused('the job of this cell does not take this while it runs')
         request = AdjustJob.Request(code=getattr(AdjustJob.Request, what), value=value)
@@ -161,9 +169,11 @@ class RosOperations:
         return 'loaded and put on the simulated table'
 
     def start(self, setup: JobSetup, part: Path, jobs_dir: Path) -> str:
+        """Returns when the job is accepted; everything after that is in job_status."""
         return self._run_job(cv.goal(setup, part, jobs_dir))
 
     def resume_job(self, folder: Path) -> str:
+        """Returns when the job is accepted; everything after that is in job_status."""
         return self._run_job(cv.resumed(folder))
 
     def _run_job(self, goal: RunJob.Goal) -> str:
@@ -183,4 +193,5 @@ class RosOperations:
         return 'started'
 
     def close(self) -> None:
+        """Ends the threads without waiting for what they do."""
         self._pair.shutdown(wait=False, cancel_futures=True)

@@ -18,49 +18,46 @@ class Operations(Protocol):
     @property
     def simulated(self) -> bool:
         """A simulated cell answers: parts can be put on its table."""
-        ...
 
     @property
     def adjustable(self) -> bool:
         """The running job takes k_gain, rescan and skip."""
-        ...
 
-    def stop(self) -> str: ...
+    def stop(self) -> str:
+        """Ends the job and stops the machine."""
 
-    def pause(self, job_running: bool) -> str: ...
+    def pause(self, job_running: bool) -> str:
+        """Holds the machine, and the job with it."""
 
-    def resume(self, job_running: bool) -> str: ...
+    def resume(self, job_running: bool) -> str:
+        """The job goes on, or without one the machine."""
 
     def command(self, name: str) -> str:
         """HOME, DISARM or RESET."""
-        ...
 
-    def arm(self, job: str) -> str: ...
+    def arm(self, job: str) -> str:
+        """job: name that the bridge shows while the cell is armed."""
 
     def jog(self, move: tuple[float, float, float], speed: float) -> str:
         """m, m/s."""
-        ...
 
     def jog_wire(self, length: float) -> str:
         """m, negative = back."""
-        ...
 
-    def set_zero(self) -> str: ...
+    def set_zero(self) -> str:
+        """The present position becomes the work zero."""
 
     def override(self, speed: float, wire: float) -> str:
         """Factors; NaN leaves one as it is."""
-        ...
 
     def adjust(self, what: str, value: float) -> str:
         """SET_K_GAIN, RESCAN, SKIP_LAYER of the running job."""
-        ...
 
     def load(self, setup: JobSetup, as_found: Path | None) -> str:
         """Simulated cell: puts the part on the table."""
-        ...
 
-    def start(self, setup: JobSetup, part: Path, jobs_dir: Path) -> str: ...
+    def start(self, setup: JobSetup, part: Path, jobs_dir: Path) -> str:
+        """Starts a job of this part; its folder is made in `jobs_dir`."""
 
     def resume_job(self, folder: Path) -> str:
         """Goes on with an interrupted job."""
-        ...

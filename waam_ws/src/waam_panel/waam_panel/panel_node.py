@@ -41,6 +41,8 @@ from .web import WebServer
 
 @dataclass(frozen=True)
 class PanelParams:
+    """Parameters of the node, with default, meaning, unit and limits."""
+
     bind: str = param(
         '127.0.0.1', 'address to listen on; anything but this machine needs token_file'
     )
@@ -105,6 +107,7 @@ class Panel(WaamNode):
 
     @property
     def url(self) -> str:
+        """Address for a browser on this machine, or on the network of `bind`; '' while the server does not run."""
         host = '127.0.0.1' if is_local(self.params.bind) else self.params.bind
         return '' if self._server.problem else f'http://{host}:{self._server.port}/'
 
@@ -146,6 +149,7 @@ class Panel(WaamNode):
         self.level, self.message = (WARN, problem) if problem else (OK, 'ok')
 
     def close(self) -> None:
+        """Stops the server first, then what it asks."""
         self._server.close()
         self._operations.close()
         self._tap.close()

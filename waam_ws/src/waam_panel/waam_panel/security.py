@@ -115,6 +115,7 @@ class Guard:
     # ---- requests
 
     def check_host(self, headers: Mapping[str, str]) -> None:
+        """Raises Denied 421 for a Host that is not one of ours."""
         host = headers.get('Host', '').lower()
         if host not in self.hosts:
             raise Denied(421, f'this panel is not called {host!r} (parameter allowed_hosts)')

@@ -50,6 +50,7 @@ class JobSetup:
         return ['started_from=panel', *(f'{k}={v}' for k, v in told.items() if v)]
 
     def as_dict(self) -> dict[str, Any]:
+        """For JSON: k_gain None instead of NaN."""
         data = asdict(self)
         return data | {'k_gain': None if math.isnan(self.k_gain) else self.k_gain}
 

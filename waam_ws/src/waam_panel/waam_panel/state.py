@@ -181,6 +181,7 @@ class PanelState:
 
     @property
     def job_running(self) -> bool:
+        """By the state of the newest job_status."""
         return (self.sections.get('job') or {}).get('state') in JOB_RUNNING
 
     def stale(self, now: float) -> list[str]:

@@ -57,4 +57,5 @@ async def _send(cell: Cell, socket: web.WebSocketResponse, request: web.Request)
 
 
 def add_stream(app: web.Application) -> None:
+    """Adds the route /stream."""
     app.add_routes([web.get('/stream', _stream)])

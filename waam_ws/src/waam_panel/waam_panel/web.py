@@ -151,6 +151,7 @@ class WebServer:
         self._ready.wait(20.0)
 
     def close(self, timeout: float = 5.0) -> None:
+        """Stops serving; waits at most `timeout` s for the thread."""
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._stop.set)
         self._thread.join(timeout)

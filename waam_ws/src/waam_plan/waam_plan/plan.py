@@ -36,14 +36,17 @@ class PlannedLayer:
 
     @property
     def deposits(self) -> list[Segment]:
+        """Segments that lay metal, in the order in which they are laid."""
         return [s for s in self.segments if s.kind == Kind.DEPOSIT]
 
     @property
     def beads(self) -> int:
+        """How many different beads the layer has; a bead may have several segments."""
         return len({s.bead for s in self.deposits})
 
     @property
     def arc_starts(self) -> int:
+        """How often the arc is lit; fewer than beads where beads are linked with the arc on."""
         return len(self.arc_paths)
 
     @property
@@ -132,10 +135,12 @@ class Plan:
 
     @property
     def beads(self) -> int:
+        """Sum over all layers."""
         return sum(layer.beads for layer in self.layers)
 
     @property
     def arc_starts(self) -> int:
+        """Sum over all layers."""
         return sum(layer.arc_starts for layer in self.layers)
 
     @property

@@ -23,9 +23,12 @@ class Wire(Protocol):
     """What the mass balance needs to know; `materials.Material` has it."""
 
     @property
-    def wire_area(self) -> float: ...
+    def wire_area(self) -> float:
+        """Cross-section of the wire, m2."""
+
     @property
-    def efficiency(self) -> float: ...
+    def efficiency(self) -> float:
+        """Share of the wire that stays on the part (eta of eq 2.17), 0 to 1."""
 
 
 def _positive(**values: Value) -> None:

@@ -42,6 +42,7 @@ class GridSpec:
 
     @property
     def shape(self) -> tuple[int, int]:
+        """(rows, cols), as of a numpy array."""
         return self.rows, self.cols
 
     @property
@@ -71,6 +72,7 @@ class GridSpec:
         return row, col
 
     def contains(self, x: ArrayLike, y: ArrayLike) -> np.ndarray:
+        """Whether points (m, work frame) lie on a cell of the grid; bool of the shape of x and y."""
         row, col = self.cell(x, y)
         return (row >= 0) & (row < self.rows) & (col >= 0) & (col < self.cols)
 
@@ -91,6 +93,7 @@ class HeightGrid:
 
     @classmethod
     def full(cls, spec: GridSpec, value: float = np.nan) -> HeightGrid:
+        """The same height (m) everywhere; unknown by default."""
         return cls(spec, np.full(spec.shape, value, float))
 
     @property
@@ -99,6 +102,7 @@ class HeightGrid:
         return float(np.isfinite(self.z).mean())
 
     def with_z(self, z: np.ndarray) -> HeightGrid:
+        """Other heights (rows, cols) m on the same cells; sigma is kept. GridError for another shape."""
         return replace(self, z=z)
 
     def sample(self, x: ArrayLike, y: ArrayLike) -> np.ndarray:
@@ -142,6 +146,7 @@ class HeightGrid:
 
     @classmethod
     def load_npz(cls, path: str | Path) -> HeightGrid:
+        """Reads what `save_npz` wrote; a sigma that is NaN everywhere becomes None. KeyError for other npz files."""
         with np.load(path, allow_pickle=False) as f:
             z, origin = f['z'], f['origin']
             spec = GridSpec(float(origin[0]), float(origin[1]), float(f['resolution']), *z.shape)

@@ -21,11 +21,16 @@ class HeatLaw(Protocol):
     """What eq 2.19 needs; `materials.Material` has it."""
 
     @property
-    def kt(self) -> float: ...
+    def kt(self) -> float:
+        """Slope of the feed compensation, 1/K (eq 2.19)."""
+
     @property
-    def kt_start(self) -> float: ...
+    def kt_start(self) -> float:
+        """Temperature from which on the feed is reduced, degC."""
+
     @property
-    def kt_end(self) -> float: ...
+    def kt_end(self) -> float:
+        """Temperature above which it is not reduced any further, degC."""
 
 
 def effective_power(current: Value, voltage: Value, arc_efficiency: float) -> np.ndarray:

@@ -76,6 +76,7 @@ class Segment:
 
     @property
     def midpoint(self) -> Point:
+        """m, work frame."""
         (x0, y0, z0), (x1, y1, z1) = self.start, self.end
         return 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1)
 

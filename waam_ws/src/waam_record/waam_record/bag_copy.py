@@ -39,6 +39,7 @@ class Selection:
     end: float = float('inf')  # s after the beginning
 
     def wants(self, topic: str) -> bool:
+        """Whether messages of this topic are taken; the times are not looked at."""
         if self.topics and topic not in self.topics:
             return False
         if self.include and not re.search(self.include, topic):

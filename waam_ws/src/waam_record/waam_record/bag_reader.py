@@ -42,10 +42,12 @@ class Info:
 
     @property
     def messages(self) -> int:
+        """Of all topics together."""
         return sum(t.messages for t in self.topics.values())
 
     @property
     def duration_s(self) -> float:
+        """From the first to the last message."""
         return (self.last_ns - self.first_ns) * 1e-9
 
 
@@ -59,6 +61,7 @@ class Check:
 
     @property
     def sound(self) -> bool:
+        """Nothing is wrong."""
         return not self.problems
 
 

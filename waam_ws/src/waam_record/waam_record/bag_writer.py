@@ -99,6 +99,7 @@ class BagWriter:
 
     @property
     def files(self) -> list[Path]:
+        """In the order in which they were written; the last one is still open until `close`."""
         return [f.path for f in (*self._done, self._file)]
 
     @property

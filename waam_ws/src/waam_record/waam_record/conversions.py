@@ -77,4 +77,5 @@ def adapt(offered: list[QoSProfile], depth: int) -> QoSProfile:
 
 
 def is_latched(qos: QoSProfile) -> bool:
+    """Whether a late subscriber still gets the last message (transient local)."""
     return qos.durability == DurabilityPolicy.TRANSIENT_LOCAL

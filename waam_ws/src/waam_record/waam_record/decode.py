@@ -29,6 +29,7 @@ class Decoder:
         self._known: set[str] = set()
 
     def add(self, type_name: str, definition: str) -> None:
+        """Makes a type known; a second call has no effect. DecodeError when its definition cannot be read."""
         if type_name in self._known:
             return
         try:

@@ -26,6 +26,7 @@ def recording(text: str) -> Path:
 
 
 def register(verbs: argparse._SubParsersAction) -> None:
+    """Adds the verbs that work on files."""
     for name, run, text in (
         ('info', _info, 'topics, messages, losses and duration'),
         ('check', _check, 'verify every chunk; exit status 1 when something is wrong'),
@@ -233,5 +234,6 @@ def _run(text: str, output: Path, total: int | None, work: Callable[[Callable], 
 
 
 def error(text: object) -> int:
+    """Prints the text to stderr. Returns 1, the exit status."""
     print(f'error: {text}', file=sys.stderr)
     return 1

@@ -101,5 +101,6 @@ class ParameterReader:
         return any(a.text is None for a in self._asked.values())
 
     def close(self) -> None:
+        """Ends its executor and its node."""
         self._executor.shutdown()
         self._node.destroy_node()

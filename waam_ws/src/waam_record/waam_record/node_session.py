@@ -25,6 +25,8 @@ STATUS_TYPE = 'waam_msgs/msg/JobStatus'
 
 @dataclass(frozen=True)
 class RecorderParams:
+    """Parameters of the node, with default, meaning, unit and limits."""
+
     directory: str = param(
         '', 'record into this folder from the start; empty = wait for recorder/control'
     )
@@ -195,6 +197,7 @@ class Session:
         return f'{text}; verification failed: {problems}', False
 
     def close(self) -> None:
+        """Gives the subscriptions up; the recording itself ends with `Recording.stop`."""
         self.parameters.close()
         self.taps.close()
 

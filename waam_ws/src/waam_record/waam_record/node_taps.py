@@ -140,6 +140,7 @@ class Taps:
 
     @property
     def lost(self) -> int:
+        """Messages of all topics that are missing by their sequence numbers."""
         return sum(t.loss.lost for t in self.taps.values())
 
     def losses(self) -> dict[str, int]:
@@ -147,6 +148,7 @@ class Taps:
         return {t.topic.name: t.loss.lost for t in self.taps.values() if t.loss.lost}
 
     def close(self) -> None:
+        """Gives all subscriptions up."""
         self._node.destroy_node()
         self.taps.clear()
 

@@ -75,6 +75,7 @@ class Recorder(WaamNode):
             self.message = 'paused' if status.paused else 'recording'
 
     def responsive(self) -> bool:
+        """False once the recording thread has been stuck for STUCK_S; the supervisor then sees a node that hangs."""
         return self._recording.stuck_s <= STUCK_S
 
     def close(self) -> None:

@@ -74,6 +74,7 @@ class Recording:
         self._untimed.clear()
 
     def split(self) -> None:
+        """The next file begins after what is queued now."""
         self._queue.append((None, self.writer.split))
 
     def annotate(self, custom_data: dict[str, str]) -> None:
@@ -105,14 +106,17 @@ class Recording:
 
     @property
     def messages(self) -> int:
+        """Written so far."""
         return self.writer.messages
 
     @property
     def waiting_bytes(self) -> int:
+        """Bytes of the messages that are queued and not written."""
         return self._put_bytes - self._written_bytes
 
     @property
     def directory(self) -> Path:
+        """The folder of the recording."""
         return self.writer.directory
 
     def _run(self) -> None:

@@ -20,14 +20,17 @@ class Standard:
 
     @staticmethod
     def text(name: str) -> str:
+        """The definition of a type with those that it contains, as it is kept in a recording."""
         return _store().generate_msgdef(name, ros_version=2)[0]
 
     @staticmethod
     def hash(name: str) -> str:
+        """Type hash of ROS 2 (RIHS01)."""
         return _store().hash_rihs01(name)
 
     @staticmethod
     def float64(value: float) -> bytes:
+        """std_msgs/Float64 as CDR."""
         kind = 'std_msgs/msg/Float64'
         return bytes(_store().serialize_cdr(_store().types[kind](value), kind))
 
@@ -39,6 +42,7 @@ class Standard:
 
     @staticmethod
     def temperature(stamp: int, celsius: float) -> bytes:
+        """sensor_msgs/Temperature as CDR; stamp: ns, variance unknown (0)."""
         kind = 'sensor_msgs/msg/Temperature'
         message = _store().types[kind](Standard._header(stamp), celsius, 0.0)
         return bytes(_store().serialize_cdr(message, kind))

@@ -37,6 +37,7 @@ class PsiAgain:
 
     @property
     def layer(self) -> int:
+        """The layer that the correction is for."""
         return self.recorded.layer
 
     @property

@@ -37,6 +37,7 @@ class MapAgain:
 
     @property
     def layer(self) -> int:
+        """Layers that lay on the part when it was scanned."""
         return self.recorded.layer
 
     @property

@@ -58,15 +58,18 @@ class Report:
 
     @property
     def same(self) -> bool:
+        """Every answer was there and equals the recorded one in every field; False when nothing was asked."""
         return not self.error and self.identical == self.total and any(self.total.values())
 
     def add(self, kind: str, what: str, fields: list[str]) -> None:
+        """Counts an answer of a kind ('maps', 'psi', 'setpoints'); fields: in which it differs, none = identical."""
         self.total[kind] += 1
         self.identical[kind] += not fields
         if fields:
             self.differences.append(f'{what} differs in {", ".join(fields)}')
 
     def as_json(self) -> str:
+        """All fields and `same`."""
         return json.dumps({**self.__dict__, 'same': self.same}, indent=1)
 
 

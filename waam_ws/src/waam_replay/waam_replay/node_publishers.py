@@ -39,7 +39,9 @@ class Publishers:
 
     @property
     def names(self) -> set[str]:
+        """Topics that can be published."""
         return set(self._by_name)
 
     def publish(self, name: str, data: bytes) -> None:
+        """data: serialised message (CDR). KeyError for a topic that is not among `names`."""
         self._by_name[name].publish(data)

@@ -24,6 +24,7 @@ class PlayClock:
 
     @property
     def rate(self) -> float:
+        """Recorded seconds per second; also the one that holds again after a pause."""
         return self._rate
 
     def now_ns(self, now: float) -> int:
@@ -33,6 +34,7 @@ class PlayClock:
         return self._at_ns + round((now - self._since) * self._rate * 1e9)
 
     def seek(self, at_ns: int, now: float) -> None:
+        """Recorded time is `at_ns` (ns) at steady time `now` (s)."""
         self._at_ns, self._since = at_ns, now
 
     def set_rate(self, rate: float, now: float) -> None:
@@ -42,9 +44,11 @@ class PlayClock:
         self._rate = checked
 
     def pause(self, now: float) -> None:
+        """now: steady time, s."""
         self.seek(self.now_ns(now), now)
         self.paused = True
 
     def resume(self, now: float) -> None:
+        """now: steady time, s."""
         self.seek(self.now_ns(now), now)
         self.paused = False

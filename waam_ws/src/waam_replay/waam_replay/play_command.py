@@ -50,6 +50,7 @@ def start(
 
 
 def end(processes: list[subprocess.Popen]) -> None:
+    """Interrupts the processes and waits; kills those that have not ended after END_S each."""
     for process in processes:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)

@@ -28,6 +28,8 @@ BURST = 500  # messages that are published at most before the executor gets its 
 
 @dataclass(frozen=True)
 class PlayerParams:
+    """Parameters of the node, with default, meaning, unit and limits."""
+
     record: str = param('', 'job folder or record folder')
     rate: float = param(1.0, 'recorded seconds per second', '', 0.001, 1000.0)
     topics: str = param('', 'names of topics that are published, separated by blanks; empty = all')
@@ -56,6 +58,7 @@ class PlayerParams:
 
     @property
     def wanted(self) -> Wanted:
+        """What is to be played. ValueError for a `remap` that is not of the form from:=to."""
         remap = parse_remap(self.remap.split())
         topics = tuple(self.topics.split())
         return Wanted(topics, self.exclude, remap, self.start, self.until, self.force)

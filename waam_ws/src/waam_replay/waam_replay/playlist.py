@@ -60,10 +60,12 @@ class Playlist:
 
     @property
     def until_ns(self) -> int:
+        """Recorded time at which the replay ends."""
         w = self.wanted
         return self.first_ns + round(w.until * 1e9) if w.until > 0 else self.last_ns
 
     def published_name(self, topic: str) -> str:
+        """After `remap`; the recorded name when it is not remapped."""
         return self._names.get(topic, topic)
 
     def allowed(self, taken: set[str]) -> tuple[dict[str, Topic], dict[str, str]]:

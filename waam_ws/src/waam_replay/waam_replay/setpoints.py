@@ -29,6 +29,7 @@ class FeedAgain:
 
     @property
     def deposit(self) -> np.ndarray:
+        """(n,) bool, segments that lay metal."""
         return self.result.deposit
 
     @property

@@ -46,6 +46,7 @@ class Tuning:
 
     @property
     def machine_seconds(self) -> float:
+        """s of ROS time that the record covers."""
         return self.record.duration
 
     @property

@@ -170,6 +170,7 @@ def _guarded(action: Callable[[], None]) -> int:
 
 
 def run_fuse(args: argparse.Namespace) -> int:
+    """A map per record and folder, one of all single files. Exit status: 0, or 1 with the reason on stderr."""
     from .commands.fuse_files import fuse_files, fuse_record
     from .commands.wall_report import fuse_folder
     from .recordings.scan_records import record_files
@@ -214,6 +215,7 @@ def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
 
 
 def run_filter(args: argparse.Namespace) -> int:
+    """Filters recorded profiles file by file. Exit status: 0, or 1 with the reason on stderr."""
     from .commands.inprocess_report import filter_file
 
     def action() -> None:
@@ -224,6 +226,7 @@ def run_filter(args: argparse.Namespace) -> int:
 
 
 def run_picture(args: argparse.Namespace) -> int:
+    """PNG and PLY of a stored map; PNG when none is asked for. Exit status: 0, or 1 with the reason on stderr."""
     from .commands.picture import save_ply, save_png
     from .recordings.files import load_map
 
@@ -241,6 +244,7 @@ def run_picture(args: argparse.Namespace) -> int:
 
 
 def run_info(args: argparse.Namespace) -> int:
+    """One line per file. Exit status: 0, or 1 with the reason on stderr."""
     from .commands.file_info import describe
 
     def action() -> None:

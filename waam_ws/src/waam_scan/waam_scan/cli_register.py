@@ -212,12 +212,14 @@ def run_calibrate(args: argparse.Namespace) -> int:
 
 
 def run_register(args: argparse.Namespace) -> int:
+    """Exit status: 0, or 1 with the reason on stderr."""
     from .commands.registration_report import register_files
 
     return _guarded(register_files, args)
 
 
 def run_compare(args: argparse.Namespace) -> int:
+    """Exit status: 0, or 1 with the reason on stderr."""
     from .commands.compare_report import compare_files
 
     return _guarded(compare_files, args)

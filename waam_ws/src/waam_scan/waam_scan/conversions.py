@@ -60,6 +60,7 @@ def checked_grid(msg: GridInfo, max_cells: int) -> GridSpec:
 
 
 def map_to_msg(session: Session, fused: FusedMap, doubts: list[str]) -> HeightMap:
+    """The map of a scan, stamped with its newest used profile; plausible when there are no `doubts`."""
     stamp_ns = session.assembler.newest_used_ns or 0
     header = Header(frame_id='work')
     header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)

@@ -15,6 +15,8 @@ from .transform import Mounting
 
 @dataclass(frozen=True)
 class FusionParams:
+    """Parameters of the node, with default, meaning, unit and limits."""
+
     mount_xyz: tuple = param(
         (0.060, 0.0, 0.120), 'scanner origin from the wire tip (torch_tcp), work axes', 'm'
     )
@@ -124,6 +126,7 @@ class FusionParams:
 
     @property
     def fusion(self) -> FusionLimits:
+        """What the estimator of cells needs of them."""
         return FusionLimits(
             self.height_min,
             self.height_max,
@@ -135,5 +138,6 @@ class FusionParams:
 
     @property
     def plausibility(self) -> PlausibilityLimits:
+        """What the checks of a finished map need of them."""
         names = PlausibilityLimits.__dataclass_fields__
         return PlausibilityLimits(**{n: getattr(self, n) for n in names})

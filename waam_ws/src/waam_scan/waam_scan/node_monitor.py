@@ -54,6 +54,8 @@ class FusionMonitor:
         self._publisher.publish(msg)
 
     def no_map(self, text: str, session: Session) -> None:
+        """A scan has ended without a map, for the reason `text`: counted, published as a fault, shown in the
+        diagnostics."""
         self.count['empty_maps'] += 1
         self._node.level, self._node.message = WARN, text
         self.anomaly(text, Anomaly.FAULT, session)

@@ -27,6 +27,7 @@ class Event:
         return event
 
     def set(self, value: Any = None) -> None:
+        """What waits goes on at once, inside this call; a second call has no effect."""
         if self.is_set:
             return
         self.is_set, self.value = True, value
@@ -35,6 +36,7 @@ class Event:
             resume()
 
     def on_set(self, resume: Callable[[], None]) -> None:
+        """`resume` is called by `set`; never when the event is set already."""
         self._waiting.append(resume)
 
     def __await__(self) -> Generator[Event, None, Any]:

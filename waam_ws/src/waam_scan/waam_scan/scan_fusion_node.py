@@ -1,4 +1,4 @@
-"""The node scan_fusion: profiles and telemetry in, height maps out. The ideas are in session.py and fusion.py."""
+"""The node scan_fusion: profiles and telemetry in, height maps out. The ideas are in `stream` and `fusion`."""
 
 from __future__ import annotations
 
@@ -37,6 +37,8 @@ CLOCK_GRAIN_NS = 100_000_000  # /clock comes at 20 Hz of simulated time
 
 
 class ScanFusion(WaamNode):
+    """The node; services ~/begin and ~/finish, topics as in docs/interfaces.md."""
+
     def __init__(self) -> None:
         super().__init__('scan_fusion', FusionParams)
         p = self.params

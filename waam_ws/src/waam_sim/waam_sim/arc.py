@@ -82,6 +82,7 @@ class Arc:
 
     @classmethod
     def cold(cls, params: ArcParams, rng: np.ndarray) -> Arc:
+        """Wire at rest, no arc, source off. rng: of `random_state`; drawing numbers changes it."""
         s = state(*_STATE)
         s['strike'] = -1.0
         return cls(record(params), s, np.zeros(DELAY_LINE), rng)

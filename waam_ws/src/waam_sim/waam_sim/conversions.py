@@ -17,14 +17,17 @@ from .plant import Profiles
 
 
 def stamp(time_us: int) -> Time:
+    """us of the controller's clock."""
     return Time(sec=time_us // 1_000_000, nanosec=time_us % 1_000_000 * 1000)
 
 
 def clock_to_msg(time_us: int) -> Clock:
+    """us of the controller's clock, which is the clock of the cell."""
     return Clock(clock=stamp(time_us))
 
 
 def temperature_to_msg(time_us: int, celsius: float) -> Temperature:
+    """degC of the pyrometer at controller time `time_us`; its variance is left unknown (0)."""
     header = Header(stamp=stamp(time_us), frame_id='work')
     return Temperature(header=header, temperature=celsius, variance=0.0)
 

@@ -74,6 +74,7 @@ class Distance:
 
     @property
     def cycle(self) -> float:
+        """Time between two readings of this kind of sensor, s."""
         infrared = self.params.kind == 'infrared'
         return self.params.infrared_cycle if infrared else self.params.cycle
 

@@ -51,6 +51,7 @@ class Scanner:
 
     @classmethod
     def of(cls, params: ScannerParams, rng: np.ndarray) -> Scanner:
+        """The lateral coordinates span the fan evenly, m. rng: of `random_state`; drawing numbers changes it."""
         return cls(
             record(params), np.linspace(-0.5 * params.fan, 0.5 * params.fan, params.points), rng
         )

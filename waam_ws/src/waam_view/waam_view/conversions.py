@@ -24,6 +24,7 @@ ENDED = (JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED)
 
 
 def sample(msg: Telemetry) -> Sample:
+    """An override of 0, as old records have it, counts as 1."""
     p = msg.position
     return Sample(
         t=nanoseconds(msg.header.stamp),
@@ -46,6 +47,7 @@ def map_data(msg: HeightMap) -> MapData:
 
 
 def correction_data(msg: CorrectionMap) -> CorrectionData:
+    """Without a confidence map it is 1 everywhere. ValueError when a map does not fit its grid."""
     spec = grid_from_msg(msg.grid)
     psi = map_from_msg(msg.psi, spec)
     confidence = map_from_msg(msg.confidence, spec) if len(msg.confidence) else np.ones(psi.shape)
@@ -53,6 +55,7 @@ def correction_data(msg: CorrectionMap) -> CorrectionData:
 
 
 def layer_path(msg: LayerPlan) -> LayerPath:
+    """The n segments that lay metal: ends (n, 3) m; height, width m and speed m/s (n,)."""
     laid = [s for s in msg.segments if s.kind == Segment.DEPOSIT]
 
     def points(name: str) -> np.ndarray:
@@ -88,11 +91,13 @@ def status_text(msg: JobStatus) -> str:
 
 
 def anomaly_text(msg: Anomaly) -> str:
+    """One line with class, place and reaction."""
     place = f' (layer {msg.layer}, bead {msg.bead})' if msg.layer else ''
     return f'{msg.class_name}: {msg.text}{place}; reaction: {msg.reaction or "none"}'
 
 
 def report_text(msg: LayerReport) -> str:
+    """One line: error (mm) of the surface before the layer, mean current and voltage, heat input (J/mm), clamps."""
     rms = f'RMS {msg.height_error_rms * 1e3:.3f} mm'
     if msg.final:
         return f'final surface: {rms}'

@@ -41,6 +41,8 @@ NICE = 10  # where cores are scarce the nodes of the loop come first
 
 @dataclass(frozen=True)
 class DashboardParams:
+    """Parameters of the node, with default, meaning, unit and limits."""
+
     grpc_port: int = param(9876, 'rerun server on 127.0.0.1; 0 = none', '', 0, 65535)
     web_port: int = param(0, 'web viewer on 127.0.0.1; 0 = none', '', 0, 65535)
     memory_mb: int = param(
@@ -58,6 +60,8 @@ class DashboardParams:
 
 
 class Dashboard(WaamNode):
+    """Not required by the arc lease; draws in a thread of its own."""
+
     def __init__(self) -> None:
         super().__init__('dashboard', DashboardParams)
         p = self.params
@@ -168,6 +172,7 @@ class Dashboard(WaamNode):
         self.message = problem or 'ok'
 
     def close(self) -> None:
+        """Finishes report and drawing, each within a bounded time."""
         if self._reports:
             self._reports.close()
         self._drawing.close()
@@ -175,5 +180,6 @@ class Dashboard(WaamNode):
 
 
 def main() -> None:
+    """The node as a process, at a lower priority (NICE) than the ones that control the cell."""
     os.nice(NICE)
     run_main(Dashboard)

@@ -46,6 +46,7 @@ class Drawing:
         self._thread.start()
 
     def put(self, draw: Draw) -> None:
+        """Draws in order; the oldest are dropped when the thread is far behind."""
         self.mailbox.put(draw)
 
     def newest(self, key: str, draw: Draw) -> None:
@@ -53,6 +54,7 @@ class Drawing:
         self.mailbox.replace(key, draw)
 
     def telemetry(self, sample: Sample) -> None:
+        """As `put`, for one frame."""
         self.mailbox.put(sample)
 
     def start_job(self, folder: Path, record: bool = True) -> None:
@@ -64,6 +66,7 @@ class Drawing:
         self.mailbox.put(lambda _: self._expected.append((layer, measured())))
 
     def end_job(self) -> None:
+        """The file is kept open a while for what still comes, then closed."""
         self.mailbox.put(lambda _: self._end_later())
 
     def close(self, timeout: float = 5.0) -> None:
@@ -171,6 +174,7 @@ def free_port() -> int:
 
 
 def port_is_free(port: int) -> bool:
+    """Whether the TCP port can be bound on 127.0.0.1."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as s:
         s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

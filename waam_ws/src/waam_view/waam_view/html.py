@@ -41,6 +41,7 @@ table{font-size:9px}th,td{padding:2px 3px}.scroll{overflow:visible}img{max-heigh
 
 
 def escape(value: Any) -> str:
+    """Text for element or attribute."""
     return html.escape(str(value), quote=True)
 
 
@@ -57,6 +58,7 @@ def fmt(value: Any, digits: int = 3, unit: str = '') -> str:
 
 
 def duration(seconds: Any) -> str:
+    """s as '4.0 s', '3 min 20 s' or '2 h 05 min'; a dash for None, NaN and anything that is no number."""
     try:
         s = float(seconds)
     except (TypeError, ValueError):
@@ -71,6 +73,7 @@ def duration(seconds: Any) -> str:
 
 
 def picture(png: bytes, caption: str) -> str:
+    """A figure with the PNG inside the page."""
     data = base64.b64encode(png).decode()
     text = escape(caption)
     return (
@@ -80,10 +83,12 @@ def picture(png: bytes, caption: str) -> str:
 
 
 def card(value: str, label: str) -> str:
+    """A figure and what it is; both are escaped."""
     return f'<div class="card"><b>{escape(value)}</b><span>{escape(label)}</span></div>'
 
 
 def cards(items: list[tuple[str, str]]) -> str:
+    """Pairs (value, label) side by side."""
     return '<div class="cards">' + ''.join(card(*i) for i in items) + '</div>'
 
 
@@ -110,6 +115,7 @@ def table(head: list[str], rows: list[list[Any]], left: set[int], flagged: Abstr
 
 
 def page(title: str, body: str) -> str:
+    """A page of its own, style included. body is HTML and is not escaped."""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'

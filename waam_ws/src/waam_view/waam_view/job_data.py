@@ -31,6 +31,7 @@ class Scan:
 
     @property
     def z(self) -> np.ndarray:
+        """(rows, cols) m, NaN = unknown."""
         return self.maps['z']
 
     @property
@@ -78,11 +79,13 @@ class Job:
 
     @property
     def tolerance_mm(self) -> float:
+        """Of the job; 0.2 when the report has none."""
         value = number(self.report.get('tolerance_mm'))
         return value if value > 0 else 0.2
 
     @property
     def layers(self) -> list[dict]:
+        """Records of the layers as in report.json; empty when there are none."""
         return [x for x in self.run.get('layers') or [] if isinstance(x, dict)]
 
 

@@ -21,12 +21,14 @@ class Mailbox:
         self.replaced = 0
 
     def put(self, item: Any) -> None:
+        """Thread-safe; never waits."""
         with self._lock:
             self.dropped += len(self._items) == self._items.maxlen
             self._items.append(item)
         self._ready.set()
 
     def replace(self, key: str, item: Any) -> None:
+        """Thread-safe; never waits. What was there under `key` and was not taken is lost (counted)."""
         with self._lock:
             self.replaced += key in self._newest
             self._newest[key] = item

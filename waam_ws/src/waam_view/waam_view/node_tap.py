@@ -30,4 +30,5 @@ class TelemetryTap:
         return frames
 
     def close(self) -> None:
+        """Gives the subscription up."""
         self._node.destroy_node()

@@ -65,6 +65,7 @@ class PlanFile:
 
     @property
     def layers(self) -> int:
+        """Number of the last layer; 0 for an empty plan."""
         return max((r.layer for r in self.runs), default=0)
 
     @property
@@ -74,6 +75,7 @@ class PlanFile:
 
     @property
     def duration(self) -> float:
+        """s from the first to the last move."""
         return float(self.runs[-1].times[-1]) if self.runs else 0.0
 
 

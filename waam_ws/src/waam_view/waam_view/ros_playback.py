@@ -54,11 +54,10 @@ class Growing:
         self._stream, self._ended, self._poll = stream, ended, poll
 
     def read(self, size: int = -1) -> bytes:
+        """Up to `size` bytes, fewer only at the end of a file that is complete; -1: what is there."""
         data = self._stream.read(size)
         while size > 0 and len(data) < size:
-            over = (
-                self._ended()
-            )  # checked first: what was written before it became true is still read
+            over = self._ended()  # before reading: what was written until then is still read
             more = self._stream.read(size - len(data))
             if over and not more:
                 break
@@ -68,12 +67,15 @@ class Growing:
         return data
 
     def readable(self) -> bool:
+        """As of io.RawIOBase."""
         return True
 
     def seekable(self) -> bool:
+        """False: what was read does not come again."""
         return False
 
     def tell(self) -> int:
+        """Bytes from the beginning of the file."""
         return self._stream.tell()
 
 

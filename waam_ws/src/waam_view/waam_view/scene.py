@@ -78,6 +78,7 @@ class Scene:
         self._span: tuple[int, int] | None = None
 
     def add(self, name: str, recording: rr.RecordingStream) -> None:
+        """Draws into this recording, too, from now on; 'file' is that of the job."""
         self.recordings[name] = recording
         bp.log_styles(recording, self._prefix)
 
@@ -233,6 +234,7 @@ class Scene:
             self._log(data.t, bp.SURFACE, shape)
 
     def correction(self, data: CorrectionData) -> None:
+        """Psi from -1 to 1 and confidence from 0 to 1 as pictures."""
         self._log(data.t, bp.PSI, rr.Image(picture(data.psi, -1.0, 1.0)))
         self._log(
             data.t, bp.CONFIDENCE, rr.Image(picture(data.confidence, 0.0, 1.0, diverging=False))
@@ -250,13 +252,16 @@ class Scene:
             self._log(t, entity, rr.StateChange(state=name))
 
     def text(self, t: int, severity: int, text: str) -> None:
+        """A line in the log, or among the alarms when severity is above INFO (0). t: ns of ROS time."""
         entry = rr.TextLog(text, level=LEVELS.get(severity, 'INFO'))
         self._log(t, bp.ALARMS if severity else bp.LOG, entry)
 
     def status(self, t: int, markdown: str) -> None:
+        """Replaces the text panel. t: ns of ROS time."""
         self._log(t, bp.STATUS, rr.TextDocument(markdown, media_type='text/markdown'))
 
     def close(self) -> None:
+        """Removes all recordings; their files are complete afterwards."""
         for name in list(self.recordings):
             self.remove(name)
 

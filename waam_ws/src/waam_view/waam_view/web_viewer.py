@@ -42,9 +42,11 @@ class WebViewer:
         self.url = f'http://127.0.0.1:{web_port}/?url={urllib.parse.quote(shown, safe="")}'
 
     def wait(self) -> int:
+        """Until the viewer ends. Returns its exit status."""
         return self._process.wait()
 
     def close(self) -> None:
+        """Terminates the viewer; kills it when it has not ended after 3 s."""
         self._process.terminate()
         try:
             self._process.wait(3.0)

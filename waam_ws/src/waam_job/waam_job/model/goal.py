@@ -91,6 +91,7 @@ class JobGoal:
 
     @property
     def title(self) -> str:
+        """The name that was given, or that of the part's file."""
         return self.name or self.part.stem
 
 

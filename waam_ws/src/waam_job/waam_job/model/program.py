@@ -33,6 +33,7 @@ class PassRecord:
     measured_mean: float = math.nan  # of the scan after the pass
 
     def measured(self, found: Deviation) -> None:
+        """Errors of the surface after the pass, m."""
         self.measured_rms, self.measured_mean = found.rms, found.mean
 
 
@@ -104,6 +105,7 @@ class Program:
 
     @property
     def last_pass(self) -> bool:
+        """No pass follows the one that is being laid."""
         return self.pass_number >= self.passes
 
     @property

@@ -75,6 +75,7 @@ class AnomalyRecord:
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def to_json(self) -> dict:
+        """As in report.json, where the name of the class is `class`."""
         data = asdict(self)
         data['class'] = data.pop('class_name')
         return data
@@ -145,6 +146,7 @@ class LayerRecord:
             self.height_error_mean = float(known.mean())
 
     def add_scan(self, scan: Scan) -> None:
+        """Coverage and rejected points and profiles of the scan before this layer (or after the last)."""
         self.coverage = scan.coverage
         self.points_dropped = scan.points_rejected
         self.profiles_rejected = scan.profiles_rejected

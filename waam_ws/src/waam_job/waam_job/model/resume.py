@@ -47,6 +47,7 @@ class Progress:
 
     @property
     def complete(self) -> bool:
+        """All segments of the layer are on the part."""
         return self.done >= self.total
 
 

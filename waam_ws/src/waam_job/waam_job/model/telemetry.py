@@ -82,6 +82,7 @@ class TelemetryStats:
             )
 
     def take_sums(self) -> Sums:
+        """Sums since the last call; the period of the frames is kept."""
         taken, self._sums = self._sums, Sums(frame_period=self._sums.frame_period)
         return taken
 

@@ -92,6 +92,7 @@ class WithFeedback:
         return getattr(self._cell, name)
 
     def status(self, status: Status) -> None:
+        """Publishes the status and sends it to the client of the action."""
         self._cell.status(status)
         feedback = RunJob.Feedback()
         feedback.status = convert.status_to_msg(status, self._cell.node.get_clock().now().to_msg())

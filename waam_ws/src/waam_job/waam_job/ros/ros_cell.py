@@ -130,12 +130,15 @@ class RosCell:
     # ---- snapshots (job thread) ----------------------------------------------------------------
 
     def now(self) -> float:
+        """ROS time, s: simulated time when the graph runs on it."""
         return self.node.now_s()
 
     def wait(self, seconds: float) -> None:
+        """Sleeps in the job's thread; seconds of wall time."""
         time.sleep(seconds)
 
     def machine(self) -> Machine:
+        """`age` is the wall time since the last telemetry, s; before the first frame the defaults of Machine."""
         with self._lock:
             if not self._seen:
                 return self._machine
@@ -148,6 +151,7 @@ class RosCell:
             )
 
     def heat(self) -> Heat:
+        """The newest heat_factor; not `known` before the first one."""
         with self._lock:
             return self._heat
 
@@ -156,18 +160,22 @@ class RosCell:
         self._parameters = self._reader.read()
 
     def parameters(self) -> dict[str, dict[str, Any]]:
+        """As of the last `read_parameters`."""
         return self._parameters
 
     def take_warnings(self) -> list[AnomalyRecord]:
+        """Warnings of other nodes; those that this node has published itself are left out."""
         with self._lock:
             taken, self._warnings = self._warnings, []
             return taken
 
     def take_sums(self) -> Sums:
+        """Sums over the telemetry since the last call."""
         with self._lock:
             return self._stats.take_sums()
 
     def take_track(self) -> dict[str, np.ndarray]:
+        """Telemetry since the last call: columns (n,) by name, SI."""
         with self._lock:
             return self._stats.take_track()
 
@@ -213,12 +221,14 @@ class RosCell:
         vector: Point = (0, 0, 0),
         value: float = 0.0,
     ) -> None:
+        """JobError MACHINE_NOT_READY when the bridge refuses, NODE_LOST when it does not answer."""
         x, y, z = (float(v) for v in vector)
         request = Command.Request(code=getattr(Command.Request, name), text=text, names=list(names))
         request.vector, request.value = Vector3(x=x, y=y, z=z), float(value)
         self._call(self._command, request, Code.MACHINE_NOT_READY)
 
     def enqueue(self, job_id: str, segments: list[Segment], last: bool) -> None:
+        """In chunks of ENQUEUE_CHUNK. JobError DEPOSITION_FAILED when one is refused, NODE_LOST without an answer."""
         for i in range(0, len(segments), ENQUEUE_CHUNK):
             chunk = segments[i : i + ENQUEUE_CHUNK]
             request = Enqueue.Request(job_id=job_id, segments=[segment_to_msg(s) for s in chunk])
@@ -226,21 +236,25 @@ class RosCell:
             self._call(self._enqueue, request, Code.DEPOSITION_FAILED)
 
     def begin_scan(self, job_id: str, layer: int, spec: GridSpec) -> int:
+        """JobError SCAN_FAILED when the grid or the scanner is refused, NODE_LOST without an answer."""
         request = BeginScan.Request(job_id=job_id, layer=layer, grid=grid_to_msg(spec))
         return self._call(self._begin, request, Code.SCAN_FAILED).scan_id
 
     def finish_scan(self, scan_id: int, until: float) -> Scan:
+        """Waits up to 10 s longer than for other answers. JobError SCAN_FAILED when there is no map."""
         request = FinishScan.Request(scan_id=scan_id, until=time_to_msg(until))
         response = self._call(self._finish, request, Code.SCAN_FAILED, self.timeout + 10.0)
         return convert.scan_from_msg(response.map)
 
     def correct(self, job_id: str, request: CorrectionRequest) -> Correction:
+        """JobError UNKNOWN when the request is refused, NODE_LOST without an answer."""
         message = convert.correction_request(job_id, request, self._stamp())
         return convert.correction_from_msg(
             self._call(self._correct, message, Code.UNKNOWN).correction
         )
 
     def setpoints(self, job_id: str, request: FeedRequest) -> list[Segment]:
+        """JobError PLAN_FAILED when the request is refused, NODE_LOST without an answer."""
         message = convert.feed_request(job_id, request)
         response = self._call(self._feed, message, Code.PLAN_FAILED)
         return [segment_from_msg(s) for s in response.segments]
@@ -264,6 +278,7 @@ class RosCell:
         return self.node.get_clock().now().to_msg()
 
     def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None:
+        """Publishes layer_plan and, for a pyrometer that can be aimed, the place to look at (pyrometer_aim)."""
         message = LayerPlan(
             job_id=job_id, layer=layer, segments=[segment_to_msg(s) for s in segments]
         )
@@ -275,14 +290,17 @@ class RosCell:
             self._aim.publish(convert.aim_to_msg(point, zero, message.header.stamp))
 
     def status(self, status: Status) -> None:
+        """Publishes job_status; telemetry is counted to the layer while it is laid."""
         self.job_id = status.job_id
         with self._lock:
             self._stats.layer = status.layer if status.state == State.DEPOSITING else 0
         self._status.publish(convert.status_to_msg(status, self._stamp()))
 
     def layer_report(self, report: LayerRecord) -> None:
+        """Publishes layer_report."""
         self._report.publish(convert.layer_to_msg(report, self._stamp()))
 
     def anomaly(self, anomaly: AnomalyRecord) -> None:
+        """Publishes anomaly; `take_warnings` will not return it."""
         self._own.append(anomaly.text)
         self._anomaly.publish(convert.anomaly_to_msg(anomaly, self.job_id))

@@ -70,10 +70,12 @@ class JobContext:
 
     @property
     def goal(self) -> JobGoal:
+        """What was asked for, after its check."""
         return self.checked.goal
 
     @property
     def status(self) -> Status:
+        """Where the job stands; belongs to the journal, which publishes it."""
         return self.journal.status
 
     @property

@@ -17,14 +17,17 @@ class Control:
         self._remarks: list[str] = []
 
     def pause(self) -> None:
+        """From the next place on where the job waits."""
         with self._lock:
             self._paused = True
 
     def resume(self) -> None:
+        """Ends a pause."""
         with self._lock:
             self._paused = False
 
     def abort(self, reason: str) -> None:
+        """The first reason counts."""
         with self._lock:
             self._abort_reason = self._abort_reason or reason
 
@@ -34,6 +37,7 @@ class Control:
             self._requests.add(what)
 
     def take_request(self, what: str) -> bool:
+        """Whether 'rescan' or 'skip_layer' was asked for since the last call."""
         with self._lock:
             asked = what in self._requests
             self._requests.discard(what)
@@ -55,16 +59,19 @@ class Control:
             self._remarks.append(text)
 
     def take_remarks(self) -> list[str]:
+        """Remarks since the last call."""
         with self._lock:
             taken, self._remarks = self._remarks, []
             return taken
 
     @property
     def paused(self) -> bool:
+        """False also once the job is aborted."""
         with self._lock:
             return self._paused and not self._abort_reason
 
     @property
     def abort_reason(self) -> str:
+        """'' while the job is not to be aborted."""
         with self._lock:
             return self._abort_reason

@@ -40,6 +40,7 @@ class BeadProgress:
         self._seen, self._written = (0, 0), -math.inf
 
     def on_done(self, segment: Segment) -> None:
+        """Publishes the status; writes a checkpoint when a bead begins or ends, and every PERIOD s within a bead."""
         status = self.journal.status
         done = self.beads_before + int(np.searchsorted(self.ends, segment.index, side='right'))
         bead = self.starts.get(segment.index, 0)

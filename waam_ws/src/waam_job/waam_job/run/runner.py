@@ -123,6 +123,7 @@ class JobRunner:
 
     @property
     def status(self) -> Status:
+        """Where the job stands."""
         return self.context.status
 
     @property
@@ -132,4 +133,5 @@ class JobRunner:
 
     @property
     def in_tolerance(self) -> bool:
+        """Verdict of the finished job; False before."""
         return self.verdict.in_tolerance

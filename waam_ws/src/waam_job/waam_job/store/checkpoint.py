@@ -32,6 +32,7 @@ class Checkpoint:
     laid: int | None = None
 
     def text(self) -> str:
+        """JSON with a CRC-32 over all fields; `parse` reads it."""
         data = asdict(self)
         return json.dumps({**data, 'crc32': _crc(data)}, indent=1)
 

@@ -125,9 +125,11 @@ class JobFolder:
             (self.path / job_folder.TRACK).rmdir()
 
     def write_yaml(self, name: str, data: dict) -> None:
+        """Replaces the file as a whole. NaN and infinity become null, numpy scalars plain numbers."""
         write_atomically(self.path / name, yaml.safe_dump(clean(data), sort_keys=False))
 
     def write_json(self, name: str, data: dict) -> None:
+        """Replaces the file as a whole. NaN and infinity become null, numpy scalars plain numbers."""
         write_atomically(self.path / name, json.dumps(clean(data), indent=1))
 
     def write_map(self, number: int, spec: GridSpec, **maps: np.ndarray) -> None:

@@ -95,6 +95,7 @@ class Journal:
             self.cell.status(self.status)
 
     def paused(self, paused: bool) -> None:
+        """The job begins (True) or ends to wait for the operator; the state before the pause comes back."""
         if paused:
             self._before_pause = self.status.state
             self.state(State.PAUSED, 'paused; resume or abort')
@@ -144,6 +145,7 @@ class Journal:
         return any(a.severity in ('FAULT', 'ALARM') for a in mine)
 
     def faults_in(self, layer: int) -> int:
+        """Faults and alarms while the layer was laid."""
         return sum(a.layer == layer and a.severity in ('FAULT', 'ALARM') for a in self.anomalies)
 
     def layer(self, record: LayerRecord) -> None:
@@ -194,6 +196,7 @@ class Journal:
         self._anomalies_before += len(before)
 
     def checkpoint(self, bead: int, beads_done: int, index: int, laid: int) -> None:
+        """Writes checkpoint.json: bead being laid (0 = none), beads done, newest index, deposit segments complete."""
         status, temperature = self.status, self.cell.heat().temperature
         checkpoints.save(
             self.folder.path,

@@ -23,6 +23,7 @@ def software_revision() -> str:
 
 
 def version_of(package: str) -> str:
+    """Of an installed Python package, else 'not installed'."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:

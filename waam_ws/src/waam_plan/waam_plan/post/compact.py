@@ -55,6 +55,7 @@ class Saving:
 
     @property
     def share(self) -> float:
+        """Of the positions; 0 for an empty program."""
         return 1.0 - self.after / self.before if self.before else 0.0
 
 

@@ -24,6 +24,7 @@ class Level:
 
     @property
     def top(self) -> float:
+        """m above the bottom of the part."""
         return self.z + self.thickness
 
 

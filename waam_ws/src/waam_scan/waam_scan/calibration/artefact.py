@@ -52,6 +52,8 @@ class Block:
         return cls(np.array(normals), np.array(offsets), height)
 
     def contact(self, p: np.ndarray) -> Contact:
+        """Points (n, 3) m in the artefact frame against the nearest of the five planes; not good at edges and near the
+        foot."""
         d = p @ self.normals.T - self.offsets
         order = np.argsort(d, axis=1)
         face, second = order[:, -1], order[:, -2]
@@ -70,13 +72,17 @@ class Balls:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """'ball 1' and so on, in the order of `radii`."""
         return tuple(f'ball {i + 1}' for i in range(len(self.radii)))
 
     @property
     def height(self) -> float:
+        """Highest point above the table, m."""
         return float((self.centers[:, 2] + self.radii).max())
 
     def contact(self, p: np.ndarray) -> Contact:
+        """Points (n, 3) m in the artefact frame against the nearest ball; not good far below its crest or near the
+        table."""
         away = p[:, None, :] - self.centers
         length = np.linalg.norm(away, axis=2)
         face = np.argmin(length - self.radii, axis=1)
@@ -103,10 +109,12 @@ class Artefact:
 
     @property
     def faces(self) -> tuple[str, ...]:
+        """Names of the surfaces by the numbers in `Contact.face`; the last one is the table."""
         return (*self.body.names, 'table')
 
     @property
     def rotation(self) -> np.ndarray:
+        """(3, 3) from the artefact frame to the work frame: by `yaw` about z."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 

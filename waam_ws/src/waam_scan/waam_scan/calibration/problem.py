@@ -28,6 +28,7 @@ class State:
     turn: np.ndarray
 
     def moved(self, step: np.ndarray) -> State:
+        """After a step (13,): offset m, rotation rad, delay s, position m, turn rad; rotations about the work axes."""
         return State(
             self.offset + step[:3],
             turned(step[3:6]) @ self.rotation,
@@ -39,12 +40,15 @@ class State:
 
 @dataclass(frozen=True)
 class Problem:
+    """Profile points of all passes, the motion behind them, and the artefact and mounting to start from."""
+
     points: Points
     motion: Motion
     artefact: Artefact
     start: Mounting
 
     def take(self, count: int, rng: np.random.Generator) -> Problem:
+        """The same problem with at most `count` points, drawn without replacement and kept in order."""
         n = len(self.points.profile)
         pick = np.sort(rng.choice(n, min(n, count), replace=False))
         points = replace(

@@ -60,6 +60,7 @@ class Calibration:
 
     @property
     def observed(self) -> bool:
+        """The passes show every direction of offset, rotation and delay."""
         return not self.unobserved
 
 

@@ -42,6 +42,7 @@ class Accumulator:
 
     @property
     def nbytes(self) -> int:
+        """Bytes of all that is kept per cell."""
         return self.words.nbytes + self.sums.nbytes + self.rows.nbytes
 
     def add(self, origins: np.ndarray, axis: np.ndarray, x: np.ndarray, z: np.ndarray) -> tuple:

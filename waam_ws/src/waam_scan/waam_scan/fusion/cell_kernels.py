@@ -36,6 +36,7 @@ def sort_row(rows, cell, m):
 
 @njit(cache=True)
 def height_of(record, low, unit):
+    """Height (m) in the upper half of a record: middle of its unit above `low`."""
     return low + (np.float64(record >> np.uint64(32)) + 0.5) * unit
 
 

@@ -45,10 +45,12 @@ class FusedMap:
 
     @property
     def points_rejected(self) -> int:
+        """Drop-outs, points beside the grid and spikes together."""
         return self.dropouts + self.outside + self.spikes
 
     @property
     def grid(self) -> HeightGrid:
+        """The map with its sigma as float64, m."""
         return HeightGrid(self.spec, self.z.astype(float), self.sigma.astype(float))
 
 

@@ -44,6 +44,7 @@ class CellHeights:
 
     @property
     def nbytes(self) -> int:
+        """Bytes of all arrays."""
         return sum(a.nbytes for a in vars(self).values() if isinstance(a, np.ndarray))
 
     def refresh(self, workers: Workers) -> None:

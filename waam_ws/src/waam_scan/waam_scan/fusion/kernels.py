@@ -56,6 +56,7 @@ def key_of(height, place):
 
 @njit(cache=True)
 def record_key(record):
+    """`key_of` the point in a record (height << 32 | place)."""
     return key_of(np.uint32(record >> np.uint64(32)), np.uint32(record))
 
 

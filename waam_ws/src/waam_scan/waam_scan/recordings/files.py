@@ -58,6 +58,7 @@ class InprocessScan:
 
 
 def read_text(path: Path) -> str:
+    """UTF-8, with or without byte order mark. FileError names the file and what is wrong with it."""
     try:
         return Path(path).read_bytes().decode('utf-8-sig')
     except FileNotFoundError:

@@ -45,6 +45,7 @@ class Missing:
 
     @property
     def spec(self) -> GridSpec:
+        """The cells of all maps."""
         return self.nominal.spec
 
 

@@ -35,9 +35,11 @@ class Target(Protocol):
     noise: float  # m, scatter of the surface itself
     exact: bool  # its normals carry no noise
 
-    def match(self, p: np.ndarray) -> Match: ...
+    def match(self, p: np.ndarray) -> Match:
+        """The nearest place on the surface to points (n, 3) m."""
 
-    def icp(self, moving: Cloud) -> Icp: ...
+    def icp(self, moving: Cloud) -> Icp:
+        """The clouds for the iterative estimate that brings `moving` here."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,8 @@ class CloudTarget:
         self._sideways = 3.0 * cloud.spacing
 
     def match(self, p: np.ndarray) -> Match:
+        """The nearest reference point to p (n, 3) m; ok where p lies over its neighbourhood, not beyond the rim of the
+        cloud."""
         _, i = self._tree.query(p, workers=2)
         foot, normal = self.cloud.points[i], self.cloud.normals[i]
         away = p - foot
@@ -191,6 +195,7 @@ class MeshTarget:
         self._scene.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(faces))
 
     def match(self, p: np.ndarray) -> Match:
+        """The nearest place on the triangles to p (n, 3) m; ok where p lies above a face, not beside an edge."""
         q = ((p - self._centre) * 1e3).astype(np.float32)
         found = self._scene.compute_closest_points(o3d.core.Tensor(q))
         foot = found['points'].numpy().astype(float) * 1e-3 + self._centre

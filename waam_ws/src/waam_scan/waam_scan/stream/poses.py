@@ -44,6 +44,7 @@ class PoseTrack:
 
     @property
     def newest_ns(self) -> int | None:
+        """Stamp of the newest position, ns; None while there is none."""
         return self._newest if self._n else None
 
     @property

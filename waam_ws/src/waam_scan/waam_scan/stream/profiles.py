@@ -113,6 +113,7 @@ class ProfileCounts:
 
     @property
     def rejected(self) -> int:
+        """Profiles of all `REASONS` together."""
         return sum(getattr(self, name) for name in REASONS)
 
     @property
@@ -212,6 +213,7 @@ class SequenceWatch:
 
     @property
     def lost(self) -> int:
+        """Batches that did not come, or not yet."""
         return self._given_up + len(self._missing)
 
     def follow(self, sequence: int, newer: bool) -> None:

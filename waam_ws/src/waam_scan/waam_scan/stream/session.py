@@ -41,9 +41,11 @@ class EndWatch:
     newest_pose_ns: int | None  # stamp of the newest telemetry
 
     def gives_up(self, now: float) -> bool:
+        """Whether it is too late to wait any longer, at steady time `now`, s."""
         return now > self.end
 
     def is_quiet(self, now: float, newest_pose_ns: int | None, last_batch: float) -> bool:
+        """Whether no news came for `quiet` s. newest_pose_ns: stamp, ns; last_batch: when one came, s."""
         new = newest_pose_ns != self.newest_pose_ns
         if new and (newest_pose_ns or 0) < (self.until_ns or 0):
             self.news, self.newest_pose_ns = now, newest_pose_ns
@@ -68,10 +70,12 @@ class Session:
 
     @property
     def lost(self) -> int:
+        """Batches that are missing by their sequence numbers."""
         return self.sequences.lost
 
     @property
     def spec(self) -> GridSpec:
+        """The cells of the map."""
         return self.assembler.fusion.spec
 
     def add(self, sequence: int, block: ProfileBlock) -> None:
@@ -91,6 +95,7 @@ class Session:
 
     @property
     def closing(self) -> bool:
+        """The end was asked for; profiles up to `until_ns` are still waited for."""
         return self.until_ns is not None
 
     @property
