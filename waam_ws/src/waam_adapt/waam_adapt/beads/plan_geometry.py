@@ -27,7 +27,9 @@ NAMES = (
     'arc off', 'arc on near', 'arc off near',
 )  # fmt: skip
 CHANNELS = len(NAMES)
-METAL = range(3, 8)  # channels that the planned metal and the temperature make; the paths make the others
+METAL = range(
+    3, 8
+)  # channels that the planned metal and the temperature make; the paths make the others
 SUMMARIES = ('thickness', 'taper', 'density', 'turn', 'neighbours', 'arcs', 'width')
 EDGE_REACH = 2.0  # bead widths from the edge at which a cell counts as interior
 REACH = 1.25  # bead widths within which metal counts as of the neighbourhood
@@ -54,8 +56,8 @@ class _Pieces(NamedTuple):
 
 
 class _Ways(NamedTuple):
-    """What the paths and the outline of a layer give. maps (CHANNELS - len(METAL), rows, cols) float32: the channels that
-    the planned metal is not in, in the order of NAMES; along (2, rows, cols): direction of travel, x and y."""
+    """What the paths and the outline of a layer give. maps (CHANNELS - len(METAL), rows, cols) float32: the channels
+    that the planned metal is not in, in the order of NAMES; along (2, rows, cols): direction of travel, x and y."""
 
     maps: np.ndarray
     along: np.ndarray
@@ -93,9 +95,7 @@ def box(x: np.ndarray) -> tuple[slice, slice]:
 
 
 @lru_cache(maxsize=4)
-def _ways(
-    paths: tuple[bytes, ...], outline: bytes, shape: tuple[int, int], width: float
-) -> _Ways:
+def _ways(paths: tuple[bytes, ...], outline: bytes, shape: tuple[int, int], width: float) -> _Ways:
     """paths: as of `bead_model`; outline: (rows, cols) bool, cells of the footprint. The newest are kept."""
     inside = np.frombuffer(outline, bool).reshape(shape)
     m = inside.astype(float)
@@ -112,7 +112,12 @@ def _ways(
     fresh = np.clip(fresh / typical, 0.0, 3.0)
     turned = np.abs(turn)
     slopes, fine = partial(_slopes, along=along), {}
-    for name, values in (('density', density), ('fresh', fresh), ('turned', turned), ('turn', turn)):
+    for name, values in (
+        ('density', density),
+        ('fresh', fresh),
+        ('turned', turned),
+        ('turn', turn),
+    ):
         fine[name] = slopes(values, 1.0)
     maps = (
         m, np.minimum(filters.depth(inside) / (EDGE_REACH * CELLS_PER_BEAD), 1.0), gaussian_filter(m, 8.0),
@@ -130,9 +135,7 @@ def _wide(values: np.ndarray, m: np.ndarray) -> np.ndarray:
     return gaussian_filter(values * m, WIDE) / np.maximum(gaussian_filter(m, WIDE), 0.05)
 
 
-def _slopes(
-    values: np.ndarray, sigma: float, along: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _slopes(values: np.ndarray, sigma: float, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Along the travel and across it, to the left; per 2 sigma (cells)."""
     dy, dx = np.gradient(gaussian_filter(values, sigma))
     x, y = along
@@ -199,7 +202,9 @@ def _sums(
     )
     reach = math.ceil(REACH * CELLS_PER_BEAD) + 1
     around, side = np.arange(-reach, reach + 1), 2 * reach + 1
-    room = 2 * reach  # cells around the grid, so that every piece that can touch it has all of its cells
+    room = (
+        2 * reach
+    )  # cells around the grid, so that every piece that can touch it has all of its cells
     wide = tuple(n + 2 * room for n in shape)
     place = pieces.where[:, ::-1] / cell  # row, column
     begin = np.floor(place).astype(int)
