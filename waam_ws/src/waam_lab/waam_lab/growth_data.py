@@ -45,10 +45,10 @@ def random_job(folder: Path, seed: int) -> LabJob:
     kind = kind_of(seed)
     shape = {'part': random_part, 'wall': random_wall, 'build': random_build}[kind](rng)
     nominal, worn = shape.meshes()
-    files = [folder / f'{seed}_nominal.stl', folder / f'{seed}_worn.stl']
-    nominal.export(files[0])
+    part, as_found = folder / f'{seed}_nominal.stl', folder / f'{seed}_worn.stl'
+    nominal.export(part)
     if worn is not None:
-        worn.export(files[1])
+        worn.export(as_found)
     strategy = str(rng.choice(list(STRATEGIES), p=list(STRATEGIES.values())))
     finish = FINISH if rng.random() < 0.75 else float(rng.uniform(*FINISHES))
     options: dict[str, Any] = {
@@ -59,8 +59,9 @@ def random_job(folder: Path, seed: int) -> LabJob:
         'overrides': {'correction_server': {'law': 'bead_solver'}},
     }
     if worn is None:
-        return build(files[0], **options)
-    return restore(*files, strategy=strategy if kind == 'part' else '', **options)
+        return build(part, **options)
+    chosen = strategy if kind == 'part' else ''
+    return restore(part, as_found, strategy=chosen, **options)
 
 
 def random_plant(rng: np.random.Generator) -> PlantParams:

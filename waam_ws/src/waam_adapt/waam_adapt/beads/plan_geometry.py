@@ -91,7 +91,8 @@ def box(x: np.ndarray) -> tuple[slice, slice]:
     """Rows and columns of an input (CHANNELS, rows, cols) that hold the footprint and half a bead around it: what the
     network is shown, in training and in use. The footprint must not be empty."""
     rows, cols = (np.flatnonzero((x[0] > 0).any(axis=i)) for i in (1, 0))
-    return tuple(slice(max(i[0] - ROOM, 0), i[-1] + ROOM + 1) for i in (rows, cols))
+    row, col = (slice(max(i[0] - ROOM, 0), i[-1] + ROOM + 1) for i in (rows, cols))
+    return row, col
 
 
 @lru_cache(maxsize=4)

@@ -61,8 +61,8 @@ def sample(
     x = plan_geometry.build(request, grid)
     figures = plan_geometry.summary(x, width)
     box = plan_geometry.box(x)
-    shown = (a[..., *box].astype(np.float32) for a in (x, found.growth, found.weight))
-    return Sample(*shown, figures, seed)
+    shown = [a[..., *box].astype(np.float32) for a in (x, found.growth, found.weight)]
+    return Sample(shown[0], shown[1], shown[2], figures, seed)
 
 
 def save(folder: Path, seed: int, layers: Sequence[Sample]) -> Path:
