@@ -140,6 +140,14 @@ def test_answer_names_the_network_and_differs_from_the_bead_solver(law):
     assert result.confidence.max() < plain.confidence.max()
 
 
+def test_no_more_is_foretold_than_setpoints_can_make_least_of_all_in_thin_walls(tmp_path):
+    law = make_law('growth_net', model=str(weights_file(tmp_path / 'g.npz', scale=30.0)))
+    wide = request()
+    thin = request(planned=np.where(np.arange(96)[:, None] // 11 == 4, wide.planned, 0.0))  # 5.5 mm
+    assert np.abs(law.foretell(wide).growth).max() == pytest.approx(0.15)
+    assert np.abs(law.foretell(thin).growth).max() == pytest.approx(0.05)
+
+
 def test_same_input_same_bits(law):
     one, two = law.correct(request()), law.correct(request())
     assert one.psi.tobytes() == two.psi.tobytes()

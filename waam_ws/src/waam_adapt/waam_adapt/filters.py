@@ -82,6 +82,17 @@ def _inner_share(mask: bytes, shape: tuple[int, int], margin: float) -> np.ndarr
     return np.clip(far - np.minimum(margin, 0.7 * thickest), 0.0, 1.0)
 
 
+def thickest(mask: np.ndarray) -> float:
+    """Width in cells of the mask where it is widest."""
+    return _thickest(mask.tobytes(), mask.shape)
+
+
+@lru_cache(maxsize=4)
+def _thickest(mask: bytes, shape: tuple[int, int]) -> float:
+    """See `thickest`. From a cell's middle to the first cell outside: half a cell more than to the edge."""
+    return float(2 * depth(np.frombuffer(mask, bool).reshape(shape)).max() - 1)
+
+
 def _weights(direction: tuple[float, float], along: float) -> tuple[float, float]:
     x, y = abs(direction[0]), abs(direction[1])
     if x > 10 * y:

@@ -5,7 +5,7 @@ import numpy as np
 from waam_adapt.beads import plan_geometry
 from waam_adapt.training import samples
 from waam_lab import growth_data
-from waam_lab.parts import random_part
+from waam_lab.parts import random_build, random_part, random_wall
 from waam_lab.results import layer_means, layer_rms
 
 
@@ -22,6 +22,29 @@ def test_random_parts_are_worn_solids_and_come_back_with_their_seed():
         assert (again.worn == part.worn).all()
         outlines.add(round(nominal.volume))
     assert len(outlines) == 6
+
+
+def test_random_walls_are_thin_and_random_builds_begin_at_the_plate():
+    rng = np.random.default_rng(3)
+    for _ in range(12):
+        part = random_wall(rng)
+        nominal, worn = part.meshes()
+        assert nominal.is_watertight
+        assert worn.is_watertight
+        # volume over the side's half: 2*area/perimeter of the outline
+        sides = nominal.area - 2 * nominal.volume / 24.0
+        assert 2.5 < 2 * nominal.volume / sides < 10.5
+        assert 2.0 < (part.nominal - part.worn).min()
+        part = random_build(rng)
+        assert part.worn is None
+        assert part.meshes()[0].is_watertight
+        assert 7 <= part.nominal.max() <= 14
+
+
+def test_kinds_come_in_their_shares():
+    kinds = [growth_data.kind_of(s) for s in range(400)]
+    for kind, share in growth_data.KINDS.items():
+        assert abs(kinds.count(kind) / 400 - share) < 0.07
 
 
 def test_a_job_leaves_its_layers_and_what_the_bead_model_missed(tmp_path, capsys):

@@ -26,6 +26,9 @@ from .net_law import DOUBT, UNetLaw
 
 PACKAGED = net_file.PACKAGED.with_name('growth.npz')
 NO_MODEL = 'none'
+# Share of the planned height that is foretold at most, and in walls narrower than a bead. Setpoints cannot fill a deeper
+# hollow within a bead, and a hump that one layer leaves stands in the hollow of the next one, laid the other way.
+MOST, MOST_IN_WALL = 0.15, 0.05
 SMOOTH = 1.0  # cells: sigma of what is foretold; shorter waves setpoints cannot make
 
 
@@ -78,7 +81,9 @@ class GrowthLaw:
         growth = (growth - (growth * seen).sum() / max(seen.sum(), 1e-9)) * seen
         spread = np.maximum(gaussian_filter(seen, SMOOTH), 1e-3)
         growth = np.where(x[0] > 0, gaussian_filter(growth, SMOOTH) / spread, 0.0)
-        return Foretold(growth, sigma, self.network.digest)
+        wide = filters.thickest(request.footprint) * request.resolution >= request.bead_width
+        most = MOST if wide else MOST_IN_WALL
+        return Foretold(np.clip(growth, -most, most), sigma, self.network.digest)
 
     @staticmethod
     def _counted(request: CorrectionInput, grid: Resampler) -> np.ndarray:
