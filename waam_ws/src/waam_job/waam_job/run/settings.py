@@ -14,11 +14,8 @@ class Settings:
     """Defaults are those of the simulated cell."""
 
     work_offset: Point = (0.100, 0.080, 0.020)  # m, work zero in machine coordinates
-    plate_zero: Point = (
-        0.020,
-        0.020,
-        0.010,
-    )  # m, mode build: work zero seen from the plate's corner
+    # m, mode build: work zero seen from the plate's corner
+    plate_zero: Point = (0.020, 0.020, 0.010)
     margin: float = 5e-3  # m, map beyond the part
     resolution: float = 0.5e-3  # m, edge of a grid cell
     follow_reach: float = 3e-3  # m, smoothing of the surface that the torch height follows

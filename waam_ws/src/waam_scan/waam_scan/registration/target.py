@@ -66,9 +66,8 @@ class Cloud:
         if len(p) > limit:
             p = p[np.sort(np.random.default_rng(seed).choice(len(p), limit, replace=False))]
         normals, smallest = local_planes(p)
-        flat = smallest < ROUGH * np.median(
-            smallest
-        )  # elsewhere: edges, and strays among the neighbours
+        # elsewhere: edges, and strays among the neighbours
+        flat = smallest < ROUGH * np.median(smallest)
         noise = np.sqrt(np.median(smallest) * NEIGHBOURS / (NEIGHBOURS - 3))
         return cls(p[flat], normals[flat], float(noise), spacing(p, seed))
 
