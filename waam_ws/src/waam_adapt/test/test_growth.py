@@ -9,7 +9,7 @@ import pytest
 from net_weights import random_weights
 
 from waam_adapt.beads import plan_geometry
-from waam_adapt.beads.model import bead_model
+from waam_adapt.beads.model import SPREAD, bead_model
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
 from waam_adapt.laws import net_file
 from waam_adapt.laws.checks import MapOrigin
@@ -108,6 +108,29 @@ def test_passes_before_and_after_change_places_when_the_layer_is_laid_backwards(
     assert np.abs(one[before] - two[after])[middle].max() < 1e-4
 
 
+def test_sums_over_the_passes_are_those_of_their_definition():
+    r, shape, cell = request(), (32, 32), WIDTH / CELLS_PER_BEAD
+    pieces = plan_geometry._pieces(
+        (*r.paths, r.paths[0][:4] - 12e-3), WIDTH
+    )  # the second bead leaves the grid
+    nearest, near, sums = plan_geometry._sums(pieces, shape, WIDTH)
+    for row, column in ((3, 3), (12, 9), (20, 18), (31, 0)):
+        place = (np.array([column, row]) + 0.5) * cell
+        far = np.hypot(*(pieces.where - place).T) / WIDTH
+        assert near[row, column] == pytest.approx(far.min())
+        later = (pieces.run - pieces.run[nearest[row, column]]) / WIDTH
+        counts = far < plan_geometry.REACH
+        beside = pieces.step * np.exp(-0.5 * (far / plan_geometry.NEIGHBOUR) ** 2)
+        beside[~counts | (np.abs(later) <= plan_geometry.APART)] = 0.0
+        wanted = (
+            (pieces.step * np.exp(-0.5 * (far / SPREAD) ** 2))[counts].sum(),
+            beside[later < 0].sum(),
+            beside[later > 0].sum(),
+            (beside * np.exp(-np.abs(later) / plan_geometry.FRESH)).sum(),
+        )
+        assert sums[:, row, column] == pytest.approx(wanted, rel=1e-9, abs=1e-15)
+
+
 def test_answer_names_the_network_and_differs_from_the_bead_solver(law):
     result, plain = law.correct(request()), make_law('bead_solver').correct(request())
     assert not result.fallback
@@ -181,6 +204,76 @@ def test_what_was_foretold_is_not_learned_again(tmp_path):
         learned = corrector.identifier.beads.missing[1]
         missing[name] = float(np.sqrt(np.mean(learned**2)))
     assert missing['growth_net'] < 0.5 * missing['bead_solver']
+
+
+def lay(corrector: Corrector, layers: int, grows, job: str = 'job', times: int = 1):
+    """Lays flat layers one over the other; grows(expected, foretold): relative growth on the model's grid. The answers,
+    one more than layers; every one is asked for so many times."""
+    answers, surface, last = [], np.zeros(SHAPE), LastLayer()
+    network = corrector.law
+    for number in range(1, layers + 2):
+        r = request(z=surface, target=surface)
+        where = MapOrigin(0.0, job, job, number - 1, number - 1, True)
+        answers.append([corrector.answer(number, r, where, last) for _ in range(times)][-1])
+        c, grid = answers[-1].correction, grid_of(r)
+        asked = np.where(r.footprint, H / (1 + c.k_gain * c.psi) + c.residual_height, 0.0)
+        relative = np.where(r.footprint, asked / H, np.nan)
+        model = bead_model(r.paths, grid.shape, WIDTH)
+        expected = model.growth(model.of_cells(relative, RES), 0.0)
+        grown = grid.fine(grows(expected, network.foretell(r).growth))
+        last = LastLayer(surface, asked)
+        surface = surface + np.where(r.footprint, H * grown, 0.0)
+    return answers
+
+
+def says(answers) -> list[float]:
+    return [a.estimate.network_weight for a in answers]
+
+
+def corrector_of(tmp_path, **params) -> Corrector:
+    model = str(weights_file(tmp_path / 'g.npz'))
+    return Corrector(CorrectionParams(law='growth_net', model=model, **params))
+
+
+def test_a_network_that_foretells_nonsense_loses_its_say(tmp_path):
+    found = lay(corrector_of(tmp_path), 4, lambda expected, foretold: expected)
+    weights = says(found)
+    assert 0.8 <= weights[0] <= 1.0
+    assert weights[1] < 0.6
+    assert weights[3] < 0.3
+    assert all(b < a for a, b in zip(weights, weights[1:], strict=False))
+    against = lay(corrector_of(tmp_path), 2, lambda expected, foretold: expected - foretold)
+    assert says(against)[2] < weights[2]
+    assert 'say of the network' in found[3].correction.reasons[0]
+    assert not found[3].correction.fallback
+
+
+def test_a_network_that_foretells_well_keeps_its_say(tmp_path):
+    weights = says(lay(corrector_of(tmp_path), 4, lambda expected, foretold: expected + foretold))
+    assert min(weights) > 0.85
+    assert weights[-1] > 0.93
+
+
+def test_without_its_say_the_network_changes_nothing(law):
+    told = replace(request(), foretold=law.foretell(request()).weighed(0.0))
+    ours, plain = law.correct(told), make_law('bead_solver').correct(request())
+    assert (ours.psi == plain.psi).all()
+    assert not ours.fallback
+
+
+def test_the_say_belongs_to_the_job_and_a_layer_counts_once(tmp_path):
+    c, found = corrector_of(tmp_path), []
+    for job, times in (('one', 1), ('two', 1), ('three', 3)):
+        answers = lay(c, 3, lambda expected, foretold: expected, job, times)
+        found.append([(a.estimate, a.correction.psi.tobytes()) for a in answers[1:]])
+    assert found[0] == found[1] == found[2]
+
+
+def test_a_law_without_a_network_tells_no_say():
+    c = Corrector(CorrectionParams(law='bead_solver'))
+    answer = c.answer(1, request(), origin(0), LastLayer())
+    assert np.isnan(answer.estimate.network_weight)
+    assert answer.correction.reasons == ()
 
 
 def origin(layers: int) -> MapOrigin:

@@ -21,8 +21,20 @@ def extend(values: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """
     if known.all():
         return values, np.zeros(known.shape)
-    distance, (rows, cols) = distance_transform_edt(~known, return_indices=True)
-    return values[rows, cols], distance
+    distance, nearest = _nearest(known.tobytes(), known.shape)
+    return values.ravel()[nearest], distance
+
+
+@lru_cache(maxsize=6)
+def _nearest(known: bytes, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Distance in cells to the nearest known cell, and its flat index, both of `shape`. One of the masks of a request
+    is its footprint, which comes back in layer after layer."""
+    mask = np.frombuffer(known, bool).reshape(shape)
+    distance, (rows, cols) = distance_transform_edt(~mask, return_indices=True)
+    nearest = rows * shape[1] + cols
+    for kept in (distance, nearest):
+        kept.flags.writeable = False
+    return distance, nearest
 
 
 def depth(mask: np.ndarray, weights: tuple[float, float] = (1.0, 1.0)) -> np.ndarray:
@@ -40,9 +52,20 @@ def away_from_edges(
     Where beads run along x or y, only the share `along` of the margin is kept at their ends: a bead's flank is half its
     width, its end is steeper.
     """
-    inside = depth(mask, _weights(direction, along))
+    return _away_from_edges(mask.tobytes(), mask.shape, margin, _weights(direction, along))
+
+
+@lru_cache(maxsize=4)
+def _away_from_edges(
+    mask: bytes, shape: tuple[int, int], margin: float, weights: tuple[float, float]
+) -> np.ndarray:
+    """See `away_from_edges`."""
+    within = np.frombuffer(mask, bool).reshape(shape)
+    inside = depth(within, weights)
     thickest = maximum_filter(inside, size=4 * int(np.ceil(margin)) + 1)
-    return mask & (inside >= np.minimum(margin, 0.7 * thickest))
+    away = within & (inside >= np.minimum(margin, 0.7 * thickest))
+    away.flags.writeable = False
+    return away
 
 
 def inner_share(mask: np.ndarray, margin: float) -> np.ndarray:

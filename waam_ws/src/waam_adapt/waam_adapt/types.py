@@ -48,13 +48,19 @@ class Foretold:
     """What a growth network says of a layer before it is laid, on the grid a quarter of a bead wide.
 
     growth (rows, cols): share of the planned height that will grow beside what the bead model expects, mean 0; sigma
-    (rows, cols): its standard uncertainty. digest: of the weights. doubt: why nothing is foretold (growth all 0), ''.
+    (rows, cols): its standard uncertainty. digest: of the network. doubt: why nothing is foretold (growth all 0), ''.
+    weight: 0..1, the say that the job has left the network; it is in the growth. NaN: nothing was weighed.
     """
 
     growth: np.ndarray
     sigma: np.ndarray
     digest: str = ''
     doubt: str = ''
+    weight: float = math.nan
+
+    def weighed(self, weight: float) -> Foretold:
+        """The same with another say; weight 0..1."""
+        return replace(self, growth=weight * self.growth, weight=weight)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
     python3 -m waam_lab.growth_data FOLDER --seeds 2000-2199
 
 Writes one job_<seed>.npz per seed (waam_adapt.training.samples); seeds that are there already are left out, so it can
-be stopped and taken up again. A job takes 3 to 6 s. `waam train --growth FOLDER` trains on them.
+be stopped and taken up again. A job takes 2 to 8 s. `waam train --growth FOLDER` trains on them.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,45 +21,61 @@ from waam_adapt.training import samples
 from waam_sim.plant import PlantParams
 
 from .cli_campaign import parse_seeds
-from .job import LabJob, restore
+from .job import LabJob, build, restore
 from .laboratory import run
-from .parts import random_part
+from .parts import random_build, random_part, random_wall
 from .watch import LayerWatch
 
-STRATEGIES = {'contour': 0.65, 'zigzag': 0.25, 'combined': 0.1}
+KINDS = {'part': 0.65, 'wall': 0.15, 'build': 0.2}
+# of restored parts; walls and builds are laid as the planner chooses
+STRATEGIES = {'solid': 0.55, 'contour': 0.13, 'zigzag': 0.14, 'spiral': 0.1, 'combined': 0.08}
 FINISH = 1e-3  # m, of the finishing layers of three jobs in four
 FINISHES = (0.8e-3, 1.6e-3)  # m, of the others
 
 
+def kind_of(seed: int) -> str:
+    """What the job of a seed lays: one of KINDS."""
+    return str(np.random.default_rng(seed).choice(list(KINDS), p=list(KINDS.values())))
+
+
 def random_job(folder: Path, seed: int) -> LabJob:
-    """A restoration of a random part on a cell of random physics, with the default law; meshes go to the folder."""
-    rng = np.random.default_rng(seed)
-    nominal, worn = random_part(rng).meshes()
-    assert worn is not None  # a random part is worn
-    files = folder / f'{seed}_nominal.stl', folder / f'{seed}_worn.stl'
-    nominal.export(files[0])
-    worn.export(files[1])
+    """A restoration or build of a random part on a cell of random physics, with the bead model alone; meshes go to the
+    folder."""
+    rng = np.random.default_rng((seed, 1))
+    kind = kind_of(seed)
+    shape = {'part': random_part, 'wall': random_wall, 'build': random_build}[kind](rng)
+    nominal, worn = shape.meshes()
+    part, as_found = folder / f'{seed}_nominal.stl', folder / f'{seed}_worn.stl'
+    nominal.export(part)
+    if worn is not None:
+        worn.export(as_found)
+    strategy = str(rng.choice(list(STRATEGIES), p=list(STRATEGIES.values())))
+    finish = FINISH if rng.random() < 0.75 else float(rng.uniform(*FINISHES))
+    options: dict[str, Any] = {
+        'seed': seed,
+        'tolerance': 0.2e-3,
+        'plan_settings': (f'finish_height={finish:.5f}',),
+        'plant': random_plant(rng),
+        'overrides': {'correction_server': {'law': 'bead_solver'}},
+    }
+    if worn is None:
+        return build(part, **options)
+    chosen = strategy if kind == 'part' else ''
+    return restore(part, as_found, strategy=chosen, **options)
+
+
+def random_plant(rng: np.random.Generator) -> PlantParams:
     usual = PlantParams()
     metal = replace(
         usual.metal,
-        pool_lag=float(np.clip(rng.normal(0.45, 0.13), 0.1, 0.9)),
-        levelling=float(np.clip(rng.normal(0.55, 0.1), 0.25, 0.85)),
-        width_ref=float(rng.normal(7e-3, 0.25e-3)),
-        crater_depth=float(rng.uniform(0.2, 0.55)),
-        transfer=float(rng.uniform(0.82, 0.95)),
+        pool_lag=float(np.clip(rng.normal(0.45, 0.15), 0.1, 0.9)),
+        levelling=float(np.clip(rng.normal(0.55, 0.12), 0.25, 0.85)),
+        width_ref=float(rng.normal(7e-3, 0.3e-3)),
+        crater_depth=float(rng.uniform(0.15, 0.6)),
+        transfer=float(rng.uniform(0.8, 0.96)),
         area_noise_layer=float(rng.uniform(0.02, 0.06)),
     )
-    strategy = str(rng.choice(list(STRATEGIES), p=list(STRATEGIES.values())))
-    finish = FINISH if rng.random() < 0.75 else float(rng.uniform(*FINISHES))
-    return restore(
-        *files,
-        seed=seed,
-        tolerance=0.2e-3,
-        strategy=strategy,
-        plan_settings=(f'finish_height={finish:.5f}',),
-        plant=replace(usual, metal=metal),
-        overrides={'correction_server': {'law': 'bead_solver'}},
-    )
+    return replace(usual, metal=metal)
 
 
 def make(folder: Path, seed: int) -> int:

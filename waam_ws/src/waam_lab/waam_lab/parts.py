@@ -199,6 +199,47 @@ def random_part(rng: np.random.Generator) -> Shape:
     return Shape(plan, _all(plan), np.full(x.shape, 24.0), 24.0 - np.maximum(wear, 0.0))
 
 
+def random_wall(rng: np.random.Generator) -> Shape:
+    """A worn wall 3 to 10 mm thick: straight, bowed, or closed to a ring; worn by 3 to 7 mm, unevenly."""
+    thick, depth = rng.uniform(3, 10), rng.uniform(3, 7)
+    if rng.random() < 0.3:
+        outer = rng.uniform(15, 38)
+        plan, turn = _disc(outer - thick, outer)
+        share = 0.5 + 0.5 * np.cos(turn - rng.uniform(0, 6))
+        ripple = np.cos(rng.integers(2, 7) * turn)
+    else:
+        length, bow = rng.uniform(40, 95), rng.uniform(-1.6, 1.6)  # bow: rad over the length
+        way, off = np.meshgrid(
+            np.linspace(-0.5, 0.5, round(length) + 1) * length,
+            np.linspace(-0.5, 0.5, max(4, round(2 * thick)) + 1) * thick,
+            indexing='ij',
+        )
+        angle = way * bow / length
+        x = (length / bow - off) * np.sin(angle) if abs(bow) > 0.05 else way
+        y = (length / bow) - (length / bow - off) * np.cos(angle) if abs(bow) > 0.05 else off
+        plan = np.stack([x, y], axis=2)
+        plan -= plan.reshape(-1, 2).min(axis=0)
+        share = way / length + 0.5
+        ripple = np.sin(rng.uniform(4, 12) * share)
+    wear = depth * (1 + rng.uniform(0, 0.4) * (share - 0.5)) + 0.05 * depth * ripple
+    return Shape(plan, _all(plan), np.full(wear.shape, 24.0), 24.0 - wear)
+
+
+def random_build(rng: np.random.Generator) -> Shape:
+    """A part to build from nothing, 7 to 14 mm high: disc, ring, rectangle, or L."""
+    height = rng.uniform(7, 14)
+    kind = str(rng.choice(['disc', 'ring', 'rectangle', 'l'], p=[0.35, 0.2, 0.25, 0.2]))
+    if kind in ('disc', 'ring'):
+        outer = rng.uniform(9, 26)
+        plan, x = _disc(0.0 if kind == 'disc' else rng.uniform(0.3, 0.75) * outer, outer)
+        return Shape(plan, _all(plan), np.full(x.shape, height))
+    length, width = rng.uniform(20, 70), rng.uniform(14, 45)
+    plan, x, y = _rectangle(length, width)
+    arm = rng.uniform(9, 0.6 * min(length, width) + 3)
+    kept = _all(plan) if kind == 'rectangle' else (_middles(x) < arm) | (_middles(y) < arm)
+    return Shape(plan, kept, np.full(x.shape, height))
+
+
 def _pocket(
     kind: str, rng: np.random.Generator, u: np.ndarray, v: np.ndarray, a: float, b: float
 ) -> np.ndarray:

@@ -19,7 +19,8 @@ from waam_node.conversions import grid_from_msg
 class LayerWatch:
     """What the correction was asked and answered before every layer, and the surface after the last one."""
 
-    layers: list[tuple[CorrectionInput, np.ndarray, float]] = field(default_factory=list)
+    # request, metal that was asked for (rows, cols) in m, lag in bead widths, slope of growth on metal
+    layers: list[tuple[CorrectionInput, np.ndarray, float, float]] = field(default_factory=list)
     last: np.ndarray | None = None
 
     def on_correction(
@@ -35,7 +36,9 @@ class LayerWatch:
         )
         asked = core.planned / (1 + answer.k_gain * psi) + np.nan_to_num(residual)
         asked = np.where(core.footprint, asked, 0.0) * answer.flow_factor * core.heat_factor
-        self.layers.append((core, asked, corrector.identifier.beads.lag))
+        identifier = corrector.identifier
+        slope = identifier.slope_of(identifier.model_of(core))
+        self.layers.append((core, asked, identifier.beads.lag, slope))
 
     def on_scan(self, z: np.ndarray) -> None:
         """z: (rows, cols) m."""
@@ -43,11 +46,11 @@ class LayerWatch:
 
     def samples(self, seed: int) -> list[samples.Sample]:
         """One sample per layer with bead paths whose surface afterwards is known; seed: of the cell, kept with them."""
-        surfaces = [core.z for core, _, _ in self.layers[1:]]
+        surfaces = [core.z for core, *_ in self.layers[1:]]
         surfaces += [self.last] if self.last is not None else []
         found = (
-            samples.sample(core, asked, after, lag, seed)
-            for (core, asked, lag), after in zip(self.layers, surfaces, strict=False)
+            samples.sample(core, asked, after, lag, seed, slope)
+            for (core, asked, lag, slope), after in zip(self.layers, surfaces, strict=False)
             if core.paths
         )
         return [s for s in found if s is not None]

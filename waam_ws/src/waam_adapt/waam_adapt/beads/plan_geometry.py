@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,12 +27,16 @@ NAMES = (
     'arc off', 'arc on near', 'arc off near',
 )  # fmt: skip
 CHANNELS = len(NAMES)
+METAL = range(
+    3, 8
+)  # channels that the planned metal and the temperature make; the paths make the others
 SUMMARIES = ('thickness', 'taper', 'density', 'turn', 'neighbours', 'arcs', 'width')
 EDGE_REACH = 2.0  # bead widths from the edge at which a cell counts as interior
 REACH = 1.25  # bead widths within which metal counts as of the neighbourhood
 NEIGHBOUR = 0.5  # bead widths: sigma of the neighbourhood
 APART = 1.5  # bead widths of travel from which on metal belongs to another pass
 FRESH = 8.0  # bead widths of travel in which a pass beside fades
+ROOM = 2  # cells around the footprint that the network is shown
 WIDE = 3.0  # cells: sigma of the wide channels
 MOST_TURN = 3.0  # right angles per bead width
 
@@ -51,49 +55,92 @@ class _Pieces(NamedTuple):
     off: np.ndarray
 
 
+class _Ways(NamedTuple):
+    """What the paths and the outline of a layer give. maps (CHANNELS - len(METAL), rows, cols) float32: the channels
+    that the planned metal is not in, in the order of NAMES; along (2, rows, cols): direction of travel, x and y."""
+
+    maps: np.ndarray
+    along: np.ndarray
+
+
 def build(request: CorrectionInput, grid: Resampler) -> np.ndarray:
     """(CHANNELS, rows, cols) float32 on the grid a quarter of a bead wide; lengths in bead widths, metal relative to
     the middle of the footprint. The request must tell its paths and have a footprint."""
     width, footprint = request.bead_width, request.footprint
-    planned = np.where(footprint, request.planned, 0.0)
     covered = grid.mean(footprint.astype(float))
     inside = covered > 0.5
-    m = inside.astype(float)
     height = float(np.median(request.planned[footprint]))
-    pieces = _pieces(request.paths, width)
-    nearest, near, sums = _sums(pieces, grid.shape, width)
+    planned = grid.mean(np.where(footprint, request.planned, 0.0))
+    taper = np.where(inside, planned / np.maximum(covered, 1e-9) / height - 1, 0.0)
+    paths = tuple(np.ascontiguousarray(p, float).tobytes() for p in request.paths)
+    ways = _ways(paths, inside.tobytes(), grid.shape, width)
+    x = np.empty((CHANNELS, *grid.shape), np.float32)
+    first = METAL[0]
+    x[:first], x[first + len(METAL) :] = ways.maps[:first], ways.maps[first:]
+    x[list(METAL)] = (
+        np.full(grid.shape, 2.5 * height / width - 0.6),
+        np.full(grid.shape, _warmth(request.temperature)),
+        taper,
+        _wide(taper, inside.astype(float)),
+        _slopes(taper, 1.0, ways.along)[0],
+    )
+    return x
+
+
+def box(x: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns of an input (CHANNELS, rows, cols) that hold the footprint and half a bead around it: what the
+    network is shown, in training and in use. The footprint must not be empty."""
+    rows, cols = (np.flatnonzero((x[0] > 0).any(axis=i)) for i in (1, 0))
+    row, col = (slice(max(i[0] - ROOM, 0), i[-1] + ROOM + 1) for i in (rows, cols))
+    return row, col
+
+
+@lru_cache(maxsize=4)
+def _ways(paths: tuple[bytes, ...], outline: bytes, shape: tuple[int, int], width: float) -> _Ways:
+    """paths: as of `bead_model`; outline: (rows, cols) bool, cells of the footprint. The newest are kept."""
+    inside = np.frombuffer(outline, bool).reshape(shape)
+    m = inside.astype(float)
+    pieces = _pieces([np.frombuffer(p).reshape(-1, 2) for p in paths], width)
+    nearest, near, sums = _sums(pieces, shape, width)
     density, before, after, fresh = sums
     typical = max(float(np.median(density[inside])) if inside.any() else 1.0, 1e-9)
     near = np.where(inside, 1.0, np.exp(-2 * np.maximum(near - 0.5, 0.0)))
-    along = pieces.tangent[nearest] * near[..., None]
+    along = pieces.tangent.T[:, nearest] * near
     turn = pieces.turn[nearest] * near
     on, off = pieces.on[nearest] * near, pieces.off[nearest] * near
-    taper = np.where(inside, grid.mean(planned) / np.maximum(covered, 1e-9) / height - 1, 0.0)
     density = np.clip(density / typical - 1, -1.0, 2.0) * m
     before, after = (np.minimum(v / typical, 3.0) for v in (before, after))
     fresh = np.clip(fresh / typical, 0.0, 3.0)
-
-    def wide(values: np.ndarray) -> np.ndarray:
-        return gaussian_filter(values * m, WIDE) / np.maximum(gaussian_filter(m, WIDE), 0.05)
-
-    def slopes(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-        """Along the travel and across it, to the left; per 2 sigma."""
-        dy, dx = np.gradient(gaussian_filter(values, sigma))
-        x, y = along[..., 0], along[..., 1]
-        return 2 * sigma * (x * dx + y * dy), 2 * sigma * (x * dy - y * dx)
-
-    turned, ones = np.abs(turn), np.ones(grid.shape)
+    turned = np.abs(turn)
+    slopes, fine = partial(_slopes, along=along), {}
+    for name, values in (
+        ('density', density),
+        ('fresh', fresh),
+        ('turned', turned),
+        ('turn', turn),
+    ):
+        fine[name] = slopes(values, 1.0)
     maps = (
         m, np.minimum(filters.depth(inside) / (EDGE_REACH * CELLS_PER_BEAD), 1.0), gaussian_filter(m, 8.0),
-        (2.5 * height / width - 0.6) * ones, _warmth(request.temperature) * ones,
-        taper, wide(taper), slopes(taper, 1.0)[0],
-        density, wide(density), slopes(density, 1.0)[0], slopes(density, 2.0)[0],
-        before, after, fresh, wide(fresh), slopes(fresh, 1.0)[0],
-        turned, wide(turned), slopes(turned, 1.0)[0], slopes(turn, 1.0)[1],
-        turn * slopes(density, 1.0)[1], turn * slopes(after, 1.5)[1], turn * slopes(before, 1.5)[1],
+        density, _wide(density, m), fine['density'][0], slopes(density, 2.0)[0],
+        before, after, fresh, _wide(fresh, m), fine['fresh'][0],
+        turned, _wide(turned, m), fine['turned'][0], fine['turn'][1],
+        turn * fine['density'][1], turn * slopes(after, 1.5)[1], turn * slopes(before, 1.5)[1],
         on, off, on**4, off**4,
     )  # fmt: skip
-    return np.stack(maps).astype(np.float32)
+    return _Ways(np.stack(maps).astype(np.float32), along)
+
+
+def _wide(values: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """Mean over the neighbourhood (rows, cols); m: 1 inside of the footprint, else 0."""
+    return gaussian_filter(values * m, WIDE) / np.maximum(gaussian_filter(m, WIDE), 0.05)
+
+
+def _slopes(values: np.ndarray, sigma: float, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Along the travel and across it, to the left; per 2 sigma (cells)."""
+    dy, dx = np.gradient(gaussian_filter(values, sigma))
+    x, y = along
+    return 2 * sigma * (x * dx + y * dy), 2 * sigma * (x * dy - y * dx)
 
 
 def summary(x: np.ndarray, width: float) -> np.ndarray:
@@ -151,37 +198,41 @@ def _sums(
     area: all; of passes beside that were laid before, after; of passes beside, fading with the time between."""
     cell = width / CELLS_PER_BEAD
     y, x = np.meshgrid(*((np.arange(n) + 0.5) * cell for n in shape), indexing='ij')
-    far, nearest = cKDTree(pieces.where).query(np.stack([x.ravel(), y.ravel()], -1))
-    row, column = (pieces.where[:, i] / cell for i in (1, 0))
-    down, right = _around()
-    y, x = np.floor(row).astype(int)[:, None] + down, np.floor(column).astype(int)[:, None] + right
-    square = (y + 0.5 - row[:, None]) ** 2 + (x + 0.5 - column[:, None]) ** 2
-    good = square < (REACH * CELLS_PER_BEAD) ** 2
-    good &= (y >= 0) & (x >= 0) & (y < shape[0]) & (x < shape[1])
-    row = (y * shape[1] + x)[good]
-    piece = np.broadcast_to(np.arange(len(column))[:, None], good.shape)[good]
-    square = square[good] / CELLS_PER_BEAD**2
-    later = (pieces.run[piece] - pieces.run[nearest[row]]) / width
-    metal = pieces.step[piece] * np.exp(square * (-0.5 / SPREAD**2))
-    beside = pieces.step[piece] * np.exp(square * (-0.5 / NEIGHBOUR**2))
-    beside = np.where(np.abs(later) > APART, beside, 0.0)
+    far, nearest = (
+        a.reshape(shape) for a in cKDTree(pieces.where).query(np.stack([x.ravel(), y.ravel()], -1))
+    )
+    reach = math.ceil(REACH * CELLS_PER_BEAD) + 1
+    around, side = np.arange(-reach, reach + 1), 2 * reach + 1
+    room = (
+        2 * reach
+    )  # cells around the grid, so that every piece that can touch it has all of its cells
+    wide = tuple(n + 2 * room for n in shape)
+    place = pieces.where[:, ::-1] / cell  # row, column
+    begin = np.floor(place).astype(int)
+    used = np.flatnonzero(((begin >= -reach) & (begin < np.array(shape) + reach)).all(axis=1))
+    off = [around + 0.5 - (place - begin)[used, i, None] for i in (0, 1)]  # (n, side) cells
+    cells = [begin[used, i, None] + room + around for i in (0, 1)]
+    square = off[0][:, :, None] ** 2 + off[1][:, None, :] ** 2
+    entry = np.flatnonzero(square < (REACH * CELLS_PER_BEAD) ** 2)
+    row = ((cells[0] * wide[1])[:, :, None] + cells[1][:, None, :]).ravel()[entry]
+
+    def metal(sigma: float) -> np.ndarray:
+        """Of every entry, by a Gaussian of sigma widths."""
+        y, x = (np.exp(o**2 * (-0.5 / (sigma * CELLS_PER_BEAD) ** 2)) for o in off)
+        return ((pieces.step[used, None] * y)[:, :, None] * x[:, None, :]).ravel()[entry]
+
+    def summed(where: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        total = np.bincount(where, weight, wide[0] * wide[1]).reshape(wide)
+        return total[room:-room, room:-room]
+
+    run = np.pad(pieces.run[nearest], room).ravel()
+    later = (pieces.run[used][entry // side**2] - run[row]) / width
+    other = np.flatnonzero(np.abs(later) > APART)
+    beside, later, cell_of = metal(NEIGHBOUR)[other], later[other], row[other]
     sums = [
-        np.bincount(row, w, shape[0] * shape[1]).reshape(shape)
-        for w in (
-            metal,
-            np.where(later < 0, beside, 0.0),
-            np.where(later > 0, beside, 0.0),
-            beside * np.exp(-np.abs(later) / FRESH),
-        )
+        summed(row, metal(SPREAD)),
+        summed(cell_of, np.where(later < 0, beside, 0.0)),
+        summed(cell_of, np.where(later > 0, beside, 0.0)),
+        summed(cell_of, beside * np.exp(-np.abs(later) / FRESH)),
     ]
-    return nearest.reshape(shape), far.reshape(shape) / width, np.stack(sums)
-
-
-@lru_cache(maxsize=1)
-def _around() -> tuple[np.ndarray, np.ndarray]:
-    """(n,) rows and (n,) columns from the cell of a piece to all that it can reach."""
-    reach = int(math.ceil(REACH * CELLS_PER_BEAD)) + 1
-    side = np.arange(-reach, reach + 1)
-    down, right = (a.ravel() for a in np.meshgrid(side, side, indexing='ij'))
-    near = np.hypot(down, right) <= REACH * CELLS_PER_BEAD + 1
-    return down[near], right[near]
+    return nearest, far / width, np.stack(sums)

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..beads.bead_bias import BeadBias
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
+from ..beads.skill import Skill, beside_model
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import CorrectionInput, Learned, with_side
 from .evidence import MIN_GROWTH, BlockAverages, Layer, LayerEvidence, layer_evidence, response
@@ -45,6 +46,8 @@ class Estimate:
     layer_noise: float = (
         LAYER_NOISE  # standard deviation of a layer's ratio about the process, identified
     )
+    # 0..1, say of the growth network in the next layer (`beads.skill`); NaN: the law has none, or no layer was foretold
+    network_weight: float = math.nan
 
     def flow_factor(self, slope: float | None = None) -> float:
         """Multiplies the wire feed so that the planned height arrives: efficiency_ratio^(-1/slope), bounded. slope: of
@@ -139,25 +142,27 @@ class Identifier:
     beads: BeadBias = BeadBias()
     planned: dict[int, np.ndarray] = field(default_factory=dict)  # maps of the newest layers
     paths: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)  # of the same
-    foretold: dict[int, np.ndarray] = field(default_factory=dict)  # growth, of the same
-    _before: tuple = (Estimate(), Shortfall(), (None, None), BeadBias())
+    skill: Skill = Skill()
+    # growth that the network told of the same, unweighed
+    foretold: dict[int, np.ndarray] = field(default_factory=dict)
+    _before: tuple = (Estimate(), Shortfall(), (None, None), BeadBias(), Skill())
 
     def start(self, job_id: str, layer: int) -> None:
         """Call before every layer: forgets another job's process, repeats a layer from where it began."""
         if job_id != self.job_id or layer < self.layer:
-            self._before = Estimate(), Shortfall(), (None, None), BeadBias()
+            self._before = Estimate(), Shortfall(), (None, None), BeadBias(), Skill()
         elif layer > self.layer:
-            self._before = self.estimate, self.shortfall, self.averages, self.beads
+            self._before = self.estimate, self.shortfall, self.averages, self.beads, self.skill
         self.job_id, self.layer = job_id, layer
-        self.estimate, self.shortfall, self.averages, self.beads = self._before
+        self.estimate, self.shortfall, self.averages, self.beads, self.skill = self._before
 
     def add(self, layer: Layer) -> None:
         """Learns from the layer that was laid last, if enough of it can be seen."""
         number = self.layer - 1
         if layer.planned is None and number in self.planned:
             layer = replace(layer, planned=self.planned[number])
-        model = self._model_of(number, layer)
-        slope = self._slope_of(model)
+        model = self._model_laid(number, layer)
+        slope = self.slope_of(model)
         evidence = layer_evidence(layer, slope)
         if evidence is None:
             return
@@ -195,7 +200,7 @@ class Identifier:
         grid = Resampler.of(laid.shape, layer.resolution, layer.bead_width / CELLS_PER_BEAD)
         plan = np.where(plan > MIN_GROWTH, plan, np.nan)
         relative = laid / plan
-        slope = self._slope_of(model)
+        slope = self.slope_of(model)
         asked = model.of_cells(relative, layer.resolution) ** slope
         allowed = before.flow_factor(slope) ** -slope if before.updates >= 2 else None
         growth = (layer.after - layer.before) / plan
@@ -204,7 +209,10 @@ class Identifier:
         growth, seen = inner_mean(growth, known, footprint, grid, margin)
         foretold = self.foretold.get(number)
         if foretold is not None:
-            growth = growth - foretold  # what the network knows needs not be learned
+            found = beside_model(model, asked, growth, seen, self.beads.lag)
+            if found is not None:
+                self.skill = self.skill.learn(foretold, found)
+            growth = growth - self.skill.weight * foretold  # what it knows needs not be learned
         self.beads = self.beads.learn(
             number, model, asked, growth, seen, learning=self.learning, allowed=allowed
         )
@@ -219,12 +227,14 @@ class Identifier:
         self.paths = {n: p for n, p in self.paths.items() if n >= self.layer - 1}
         self.foretold = {n: g for n, g in self.foretold.items() if n == self.layer - 1}
         self.planned[self.layer], self.paths[self.layer] = request.planned, request.paths
-        if request.foretold is not None:
+        if request.foretold is not None and request.foretold.digest:
             self.foretold[self.layer] = request.foretold.growth
+            request = replace(request, foretold=request.foretold.weighed(self.skill.weight))
+            self.estimate = replace(self.estimate, network_weight=self.skill.weight)
         learned = self.shortfall
         request = request.expecting(learned.share(self.layer), learned.layers[self.layer % 2])
-        model = self._model(request)
-        slope = self._slope_of(model, self.estimate.slope_sigma)
+        model = self.model_of(request)
+        slope = self.slope_of(model, self.estimate.slope_sigma)
         if self.watch_beads and model is not None:
             request = replace(request, learned=self._beads_of(request, model, slope))
         if slope >= 1.0:
@@ -239,16 +249,16 @@ class Identifier:
     def flow_factor(self, request: CorrectionInput) -> float:
         """Of the layer that the request is for. What eq 2.19 will take off its feed is put back: how high the beads
         come out is decided by what the scans show."""
-        slope = self._slope_of(self._model(request))
+        slope = self.slope_of(self.model_of(request))
         return self.estimate.flow_factor(slope) / request.heat_factor
 
-    def _model(self, request: CorrectionInput) -> BeadModel | None:
+    def model_of(self, request: CorrectionInput) -> BeadModel | None:
         """Of the layer that the request is for; None when its beads are not told."""
         return self._of_paths(
             request.paths, request.z.shape, request.resolution, request.bead_width
         )
 
-    def _model_of(self, number: int, layer: Layer) -> BeadModel | None:
+    def _model_laid(self, number: int, layer: Layer) -> BeadModel | None:
         """Of a layer that was laid; None when its beads were not told."""
         paths = self.paths.get(number, ())
         return self._of_paths(paths, layer.before.shape, layer.resolution, layer.bead_width)
@@ -263,7 +273,7 @@ class Identifier:
         grid = Resampler.of((rows, cols), resolution, width / CELLS_PER_BEAD)
         return bead_model(paths, grid.shape, width)
 
-    def _slope_of(self, model: BeadModel | None, caution: float = 0.0) -> float:
+    def slope_of(self, model: BeadModel | None, caution: float = 0.0) -> float:
         """Of growth on metal: overlapped beads keep all of it, a single one gets wider as well. caution: added to what
         was estimated where nothing says that the beads overlap."""
         if model is not None and model.overlapped:

@@ -7,6 +7,7 @@ solver lays less where more will grow. Nothing that the scan shows goes into the
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -14,7 +15,9 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from .. import filters
 from ..beads import plan_geometry
+from ..beads.model import MARGIN
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import Correction, CorrectionInput, Foretold
 from . import net, net_file
@@ -58,20 +61,31 @@ class GrowthLaw:
         if self.network is None or not request.paths or not request.footprint.any():
             return replace(nothing, doubt=self.broken)
         x = plan_geometry.build(request, grid)
+        if not x[0].any():
+            return replace(nothing, doubt='the layer covers no cell of the bead model')
         if odd := self.network.unlike(
             plan_geometry.SUMMARIES, plan_geometry.summary(x, request.bead_width)
         ):
             return replace(nothing, doubt=f'plan unlike the training: {odd}')
-        growth, log_error = self.network(x)
-        if not (np.isfinite(growth).all() and np.isfinite(log_error).all()):
+        box = plan_geometry.box(x)
+        told, log_error = self.network(x[:, *box])
+        if not (np.isfinite(told).all() and np.isfinite(log_error).all()):
             return replace(nothing, doubt='the network gave an answer that is not finite')
-        inside = (x[0] > 0).astype(float)
-        mean = float(
-            (growth * inside).sum() / inside.sum()
-        )  # the level is identified, not foretold
-        growth = gaussian_filter((growth - mean) * inside, SMOOTH)
-        growth = inside * growth / np.maximum(gaussian_filter(inside, SMOOTH), 1e-3)
-        return Foretold(growth, np.exp(log_error.astype(float)), self.network.digest)
+        growth, sigma = nothing.growth, nothing.sigma
+        growth[box], sigma[box] = told, np.exp(log_error.astype(float))
+        seen = self._counted(request, grid)
+        # the level is identified, not foretold
+        growth = (growth - (growth * seen).sum() / max(seen.sum(), 1e-9)) * seen
+        spread = np.maximum(gaussian_filter(seen, SMOOTH), 1e-3)
+        growth = np.where(x[0] > 0, gaussian_filter(growth, SMOOTH) / spread, 0.0)
+        return Foretold(growth, sigma, self.network.digest)
+
+    @staticmethod
+    def _counted(request: CorrectionInput, grid: Resampler) -> np.ndarray:
+        """(rows, cols) share of the cells away from the edge: what the training has looked at, and the solver does."""
+        footprint = request.footprint
+        share = filters.inner_share(footprint, MARGIN * request.bead_width / request.resolution)
+        return grid.mean(share)
 
     def correct(self, request: CorrectionInput) -> Correction:
         foretold = request.foretold or self.foretell(request)
@@ -87,7 +101,18 @@ class GrowthLaw:
             request.z.shape, request.resolution, request.bead_width / CELLS_PER_BEAD
         )
         sure = np.clip(grid.fine(1 / (1 + (foretold.sigma / DOUBT) ** 2)), 0.0, 1.0)
-        return replace(result, confidence=result.confidence * sure, model_hash=foretold.digest)
+        return replace(
+            result,
+            confidence=result.confidence * sure,
+            model_hash=foretold.digest,
+            reasons=(*result.reasons, *self._remarks(foretold)),
+        )
+
+    def _remarks(self, foretold: Foretold) -> tuple[str, ...]:
+        """What the job has left the network to say, for report and record."""
+        if math.isnan(foretold.weight):
+            return ()
+        return (f'{self.name}: say of the network {foretold.weight:.2f}',)
 
 
 @lru_cache(maxsize=4)

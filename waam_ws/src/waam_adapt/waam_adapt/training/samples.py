@@ -14,12 +14,9 @@ import numpy as np
 
 from ..beads import plan_geometry
 from ..beads.model import MARGIN, bead_model, inner_mean
+from ..beads.skill import beside_model
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import CorrectionInput
-
-LEAST = 0.3  # of a layer, expected and seen, for a cell to count
-MOST = 0.8  # share of the planned height beside the model that is believed
-MIN_CELLS = 80
 
 
 @dataclass(frozen=True)
@@ -36,38 +33,36 @@ class Sample:
 
 
 def sample(
-    request: CorrectionInput, asked: np.ndarray, after: np.ndarray, lag: float, seed: int
+    request: CorrectionInput,
+    asked: np.ndarray,
+    after: np.ndarray,
+    lag: float,
+    seed: int,
+    slope: float = 1.0,
 ) -> Sample | None:
     """One layer; None when too little of it was seen.
 
     request: before the layer, with its paths. asked (rows, cols): m of metal that its setpoints asked for, with the
-    factors of the feed. after (rows, cols): m, surface after it. lag: bead widths, as believed before it.
+    factors of the feed. after (rows, cols): m, surface after it. lag: bead widths, slope: of growth on metal, both as
+    believed before it.
     """
     width, footprint = request.bead_width, request.footprint
     grid = Resampler.of(request.z.shape, request.resolution, width / CELLS_PER_BEAD)
     model = bead_model(request.paths, grid.shape, width)
     planned = np.where(footprint, request.planned, np.nan)
-    expected = model.growth(model.of_cells(asked / planned, request.resolution), lag * width)
+    relative = model.of_cells(asked / planned, request.resolution) ** slope
     growth = (after - request.z) / planned
     known = footprint & np.isfinite(growth)
     margin = MARGIN * width / request.resolution
     growth, seen = inner_mean(growth, known, footprint, grid, margin)
-    use = (seen > LEAST) & (expected > LEAST)
-    weight = np.where(use, seen, 0.0)
-    if weight.sum() < MIN_CELLS:
+    found = beside_model(model, relative, growth, seen, lag)
+    if found is None:
         return None
-    level = float(np.median(growth[use] / expected[use]))
-    y = np.where(use, np.clip(growth - level * expected, -MOST, MOST), 0.0)
     x = plan_geometry.build(request, grid)
     figures = plan_geometry.summary(x, width)
-    return Sample(_cut(x, x), _cut(y, x), _cut(weight, x), figures, seed)
-
-
-def _cut(values: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """float32, cut to the footprint and half a bead around it."""
-    rows, cols = (np.flatnonzero((x[0] > 0).any(axis=i)) for i in (1, 0))
-    top, left = max(rows[0] - 2, 0), max(cols[0] - 2, 0)
-    return values[..., top : rows[-1] + 3, left : cols[-1] + 3].astype(np.float32)
+    box = plan_geometry.box(x)
+    shown = [a[..., *box].astype(np.float32) for a in (x, found.growth, found.weight)]
+    return Sample(shown[0], shown[1], shown[2], figures, seed)
 
 
 def save(folder: Path, seed: int, layers: Sequence[Sample]) -> Path:
