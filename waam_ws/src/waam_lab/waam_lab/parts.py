@@ -38,7 +38,7 @@ class Shape:
 
 
 def body(plan: np.ndarray, kept: np.ndarray, top: np.ndarray) -> trimesh.Trimesh:
-    """Closed mesh between the floor and a height field. Shapes as of Shape."""
+    """Closed mesh between the floor and a height field, mm. Arrays as of `Shape`."""
     m, n = top.shape
     upper = np.concatenate([plan, top[..., None]], axis=2).reshape(-1, 3)
     lower = upper * (1.0, 1.0, 0.0)

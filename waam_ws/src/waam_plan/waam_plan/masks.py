@@ -1,4 +1,5 @@
-"""Shapes on a grid: grow, shrink, close, islands, edge-preserving smoothing. Distances in cells."""
+"""Shapes on a grid: grow, shrink, close, islands, edge-preserving smoothing. Masks are (rows, cols) bool, maps
+(rows, cols) m with NaN = unknown, distances in cells."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ def without_strays(points: np.ndarray) -> np.ndarray:
 
 
 def evened(points: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Thins profiles that are denser along the line than from line to line, until neighbours lie all around."""
+    """Thins points (n, 3) m of profiles that are denser along the line than across, until neighbours lie all around."""
     if _evenness(points, seed) > EVEN:
         return points
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points * 1e3))
