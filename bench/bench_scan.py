@@ -34,11 +34,8 @@ from waam_scan.stream.profiles import ProfileBlock
 from waam_scan.transform import Mounting
 
 GRID = GridSpec(0.0, 0.0, 0.2e-3, 512, 512)
-POINTS, BATCH, RATE = (
-    3200,
-    2048,
-    64_000,
-)  # per profile; profiles per batch; profiles per second of four sensors
+# per profile; profiles per batch; profiles per second of four sensors
+POINTS, BATCH, RATE = (3200, 2048, 64_000)
 SPEED = 0.1  # m/s, travel: the grid takes one second and 2e8 points
 CPU = os.environ.get('WAAM_BENCH_CPU') == '1'
 

@@ -2,10 +2,10 @@
 
 Loop latency: from a lease tick (10 per second) to the answer of each node that the arc lease needs, on the steady clock
 of one observer; it contains the scheduling of every node of the loop, and decides whether the arc stays on. The nodes
-of the loop ask for real-time priority, as on a real cell; so does the observer, for its own delay is none of the loop.
-The runs alternate (off, on, off, on); the first layer of the demo's part is scanned, planned and laid meanwhile. "On":
-the recorder writes, the dashboard serves and keeps its file, the panel has an open page that takes every frame and map.
-"Off": this process answers for the recorder, for a job does not start without one.
+of the loop ask for real-time priority, as on a real cell; so does the observer, for its own delay is not part of the
+loop. The runs alternate (off, on, off, on); the first layer of the demo's part is scanned, planned and laid meanwhile.
+"On": the recorder writes, the dashboard serves and keeps its file, the panel has an open page that takes every frame
+and map. "Off": this process answers for the recorder, for a job does not start without one.
 
 view.loop_p99_growth_pct: growth of the 99th percentile (baseline: the limit, 10 %);
 view.loop_p99_ms: the 99th percentile with everything on (baseline: with everything off).

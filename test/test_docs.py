@@ -106,3 +106,32 @@ def test_what_a_newcomer_asks_is_behind_one_link(question, answer, link):
     words = re.findall(r'`([^`]+)`', answer)
     assert words and any(w in there for w in words)
     assert words[-1] in there
+
+
+MARKDOWN = [
+    ROOT / name
+    for name in subprocess.run(
+        ['git', 'ls-files', '*.md', ':!*/models/*'],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    ).stdout.split()
+]  # fmt: skip
+NO_PROSE = re.compile(r' *(\||#|<|\[[^\]]+\]:|!\[)|    ')  # tables, headings, HTML, pictures, code
+WIDEST = 120  # columns
+
+
+def unwrapped(text: str) -> list[str]:
+    """Lines of prose that are too long and could be broken; code spans and links cannot."""
+    text = re.sub(r'^ *```.*?^ *```', '', text, flags=re.MULTILINE | re.DOTALL)
+    long = [s for s in text.splitlines() if len(s) > WIDEST and not NO_PROSE.match(s)]
+    return [s for s in long if ' ' in re.sub(r'`[^`]*`', '', LINK.sub('', s)).strip(' -')]
+
+
+def test_prose_that_is_too_long_is_found():
+    words = 'word ' * 30
+    assert unwrapped(f'short\n{words}\n') == [words]
+    assert not unwrapped(f'| {words} |\n```\n{words}\n```\n- `{words}`\n')
+
+
+@pytest.mark.parametrize('page', MARKDOWN, ids=short)
+def test_prose_is_wrapped(page):
+    assert not unwrapped(page.read_text())

@@ -125,9 +125,8 @@ class Wall:
     def growth(self, feed: np.ndarray, speed: np.ndarray, forth: bool) -> np.ndarray:
         """Expected growth of every cell in m, without noise; feed, speed in order of travel."""
         p = self.physics
-        lag = np.clip(
-            p.lag * speed / SEGMENT, 0, 1
-        )  # the wire answers late: part of the last segment's feed
+        # the wire answers late: part of the last segment's feed
+        lag = np.clip(p.lag * speed / SEGMENT, 0, 1)
         feed = (1 - lag) * feed + lag * np.concatenate([feed[:1], feed[:-1]])
         feed = feed / (1 - p.kt * max(self.temperature - 200.0, 0.0))
         dh = 1e-3 * np.exp(p.b) * (speed * 1e3) ** p.a * (feed / FEED) ** p.feed_power

@@ -74,9 +74,8 @@ def ours(s: Scan, sample_only: bool = False) -> tuple[np.ndarray, np.ndarray, fl
     took = time.process_time() - started
     pull = CellHeights._pull
     try:
-        if (
-            sample_only
-        ):  # an outlier share that makes the estimate from all points never the better one
+        # an outlier share that makes the estimate from all points never the better one
+        if sample_only:
             CellHeights._pull = lambda self, period: 1.0
         fused = fusion.result()
     finally:

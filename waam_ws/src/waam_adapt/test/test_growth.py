@@ -110,9 +110,8 @@ def test_passes_before_and_after_change_places_when_the_layer_is_laid_backwards(
 
 def test_sums_over_the_passes_are_those_of_their_definition():
     r, shape, cell = request(), (32, 32), WIDTH / CELLS_PER_BEAD
-    pieces = plan_geometry._pieces(
-        (*r.paths, r.paths[0][:4] - 12e-3), WIDTH
-    )  # the second bead leaves the grid
+    # the second bead leaves the grid
+    pieces = plan_geometry._pieces((*r.paths, r.paths[0][:4] - 12e-3), WIDTH)
     nearest, near, sums = plan_geometry._sums(pieces, shape, WIDTH)
     for row, column in ((3, 3), (12, 9), (20, 18), (31, 0)):
         place = (np.array([column, row]) + 0.5) * cell

@@ -122,9 +122,8 @@ def test_no_damage_of_the_file_gets_past_the_hash(tmp_path_factory, data):
         loaded = net_file.load(path)
     except net.ModelError:
         return
-    assert (
-        loaded.digest == reference.digest
-    )  # a byte that carries nothing (time stamps of the archive)
+    # a byte that carries nothing (time stamps of the archive)
+    assert loaded.digest == reference.digest
     assert all((loaded.weights[k] == v).all() for k, v in reference.weights.items())
 
 

@@ -88,6 +88,7 @@ def _arguments(p: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    """Exit status: 0, or 1 with the reason on stderr. Under `torchrun` the processes train one network together."""
     try:
         import torch
     except ModuleNotFoundError:

@@ -56,9 +56,8 @@ def correction_input(
     if request.layer < 1:
         raise CorrectionError('layer is 0, layers count from 1')
     number('temperature', request.temperature, -50, 2000, nan_ok=True)
-    asked = number(
-        'k_gain', request.k_gain, 0.0, k_gain_max * (1 + 1e-6), nan_ok=True
-    )  # float32 of maps
+    # float32 of maps
+    asked = number('k_gain', request.k_gain, 0.0, k_gain_max * (1 + 1e-6), nan_ok=True)
     for axis in ('x', 'y'):
         number(f'direction.{axis}', getattr(request.direction, axis), -1e6, 1e6)
     return CorrectionInput(

@@ -34,9 +34,8 @@ class CorrectionError(ValueError):
 class Learned:
     """What the beads of one layer will do unlike the nominal bead model."""
 
-    missing: (
-        np.ndarray
-    )  # (rows, cols), share of the planned height that is missing beside the model's growth
+    # (rows, cols), share of the planned height that is missing beside the model's growth
+    missing: np.ndarray
     lag: float = 0.0  # of the metal along the travel, m
     slope: float = 1.0  # of growth on metal
     scale: float = 1.0  # what the error of the request was divided by for that slope
@@ -76,9 +75,8 @@ class CorrectionInput:
     sigma: np.ndarray | None = None  # standard uncertainty of z
     direction: tuple[float, float] = (0.0, 0.0)  # (x, y) of the beads, (0, 0) = unknown
     # The rest is for learned laws; explicit laws do not read it.
-    shortfall: np.ndarray | None = (
-        None  # share of the planned metal that will be missing; in target
-    )
+    # share of the planned metal that will be missing; in target
+    shortfall: np.ndarray | None = None
     # The beads from arc on to arc off in the order they are laid: arrays (n, 2) of x, y in m from the corner of
     # cell (0, 0); empty = unknown.
     paths: tuple[np.ndarray, ...] = ()
@@ -86,9 +84,8 @@ class CorrectionInput:
     experience: int = 0  # layers of this direction of travel that the shortfall was learned from
     learned: Learned | None = None  # what the beads of this layer do unlike the nominal model
     heat_factor: float = 1.0  # of the wire feed by eq 2.19, that this layer will be laid with
-    foretold: Foretold | None = (
-        None  # of the growth of this layer; None = the law asks its network itself
-    )
+    # of the growth of this layer; None = the law asks its network itself
+    foretold: Foretold | None = None
 
     def __post_init__(self) -> None:
         for name in ('target', 'planned', 'sigma', 'shortfall'):

@@ -119,9 +119,8 @@ class Bridge:
         until(self._command.service_is_ready)
         until(self._enqueue.service_is_ready)
         until(lambda: self.got['telemetry'])
-        time.sleep(
-            0.5
-        )  # a server that has not yet found the reader of a new client loses its first answer
+        # a server that has not yet found the reader of a new client loses its first answer
+        time.sleep(0.5)
         return self
 
     def call(self, client, request):

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-SILENT_US = 300_000  # us of controller time without a heartbeat after which a node is named ...
-SILENT_WALL = (
-    0.15  # s ... if it was silent for so long on the wall, too: simulated time may run fast
-)
+# A node is named after so long without a heartbeat on both clocks, for simulated time may run fast:
+SILENT_US = 300_000  # us of controller time
+SILENT_WALL = 0.15  # s of wall time
 
 
 class Lease:

@@ -55,9 +55,8 @@ class Modal:
     """
 
     job: str = ''
-    index: int | None = (
-        None  # last accepted; None = the chain is open, any index above `done` may come
-    )
+    # last accepted; None = the chain is open, any index above `done` may come
+    index: int | None = None
     end: Point | None = None  # m, work; None = start from where the machine is
     arc: bool = False
     words: tuple[tuple[str, str], ...] = ()  # last written X Y Z F W S; empty = nothing is known

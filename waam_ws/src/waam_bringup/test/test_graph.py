@@ -50,9 +50,8 @@ def test_real_time_is_for_the_loop_and_only_where_the_wall_clock_counts(tmp_path
     }  # fmt: skip
     assert asks_for_real_time(settings(tmp_path, port='/dev/ttyACM0')) == loop
     assert asks_for_real_time(settings(tmp_path, rate=1.0)) == loop | {'cell'}
-    assert not asks_for_real_time(
-        settings(tmp_path)
-    )  # as fast as it goes: the cell must not starve
+    # as fast as it goes: the cell must not starve
+    assert not asks_for_real_time(settings(tmp_path))
     assert not asks_for_real_time(settings(tmp_path, rate=4.0))
 
 

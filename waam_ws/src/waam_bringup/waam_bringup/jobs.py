@@ -18,11 +18,8 @@ from .operate import graph_trouble, require_up
 from .paths import jobs_dir
 from .progress import JobProgress
 
-PLATE = (
-    0.240,
-    0.200,
-    0.010,
-)  # m, on the simulated table for a plain build (job_sequencer: plate_zero)
+# m, on the simulated table for a plain build (job_sequencer: plate_zero)
+PLATE = (0.240, 0.200, 0.010)
 SPEEDS, WIRES = (0.1, 2.0), (0.5, 1.5)  # waam_msgs/Override
 _R = RunJob.Result
 REFUSED = (

@@ -10,9 +10,8 @@ from itertools import count
 
 _CREDENTIALS = struct.Struct('3i')  # pid, uid, gid of the sender, filled in by the kernel
 _number = count()
-SLEPT_S = (
-    5.0  # s between two looks above which nothing is judged: the machine slept or was too busy
-)
+# s between two looks above which nothing is judged: the machine slept or was too busy
+SLEPT_S = 5.0
 
 
 class Watchdog:

@@ -27,6 +27,7 @@ typedef struct {
 
 typedef struct controller_lib controller_lib_t;
 
+/* IDLE, away from all limits, its own simple arc source behind it. NULL without memory. */
 controller_lib_t *controller_lib_new(uint32_t boot_id, uint64_t start_us);
 /* As `virtual_controller --plant --epoch-us` starts: in ALARM, its clock is ROS time, the caller is the cell. */
 controller_lib_t *controller_lib_with_cell(uint32_t boot_id, uint64_t start_us);

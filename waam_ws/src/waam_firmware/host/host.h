@@ -57,8 +57,10 @@ typedef struct {
 
 typedef void (*plant_idle_t)(void *context); /* called while an answer is awaited, when the pty has something to say */
 
+/* Listens for the cell; path NULL = no port. 0, or -1 with a message on stderr. */
 int plant_open(plant_t *plant, const char *path);
 void plant_close(plant_t *plant);
+/* Takes one cell; others are refused while it is there. */
 void plant_accept(plant_t *plant);
 /* Sends one step and waits for the answer. A lost client sets inputs->process to LOST. */
 void plant_exchange(plant_t *plant, const host_sample_t samples[SAMPLES], uint64_t t_us, waam_inputs_t *inputs,
@@ -71,6 +73,7 @@ typedef struct {
     uint64_t due_ns; /* when the step that was done was due on the wall clock */
 } pace_t;
 
+/* Steady clock. */
 uint64_t wall_ns(void);
 /* FAST: as fast as asked for. REAL: at most real time. SLOW: a fifth of it, unless real time or less was asked for. */
 typedef enum { PACE_FAST, PACE_REAL, PACE_SLOW } pace_mode_t;
@@ -89,7 +92,9 @@ typedef struct {
     int state;
 } events_t;
 
+/* path NULL = no log. 0, or -1 with a message on stderr. */
 int events_open(events_t *events, const char *path);
+/* Writes what has changed, stamped with controller time in us. */
 void events_tick(events_t *events, const waam_core_t *core, const waam_outputs_t *outputs);
 
 #endif

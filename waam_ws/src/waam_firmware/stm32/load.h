@@ -13,6 +13,7 @@ typedef struct {
     uint64_t total;
 } load_t;
 
+/* Returns the stamp for load_end. */
 uint32_t load_begin(load_part_t part);
 void load_end(load_part_t part, uint32_t begun);
 /* What was measured since the last call. */

@@ -91,9 +91,8 @@ class Client:
         self.bad_checks = 0
         self.stamped = 0  # us, controller time of the last answer
         self.heartbeat = heartbeat
-        self.lease: bool | str = (
-            False  # give the frame's time as lease; 'frozen': give frozen_lease
-        )
+        # give the frame's time as lease; 'frozen': give frozen_lease
+        self.lease: bool | str = False
         self.frozen_lease = 0
         self.paused = False  # do not read
         self.sequence = 0

@@ -141,9 +141,8 @@ def test_dead_host_switches_the_arc_off_in_time(client, controller):
     last = client.frame['t_us']
     client.wait_line('^! HOLD E202')
     client.wait(lambda: not client.frame['flags'] & 1)
-    assert (
-        controller.time_of('arc off') <= last + LEASE_US + 20_000
-    )  # a heartbeat may have been under way
+    # a heartbeat may have been under way
+    assert controller.time_of('arc off') <= last + LEASE_US + 20_000
 
 
 def test_late_host_slows_time_and_keeps_the_arc(client):

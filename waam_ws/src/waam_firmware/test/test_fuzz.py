@@ -15,9 +15,8 @@ SETTINGS = settings(
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-QUIET = st.integers(0, 255).filter(
-    lambda b: b not in (0x80, 0x81, 0x82)
-)  # the real-time bytes are meant to act
+# the real-time bytes are meant to act
+QUIET = st.integers(0, 255).filter(lambda b: b not in (0x80, 0x81, 0x82))
 LETTERS = st.sampled_from('GMXYZFPWSNETQ')
 WORD = st.builds(
     '{}{}'.format,

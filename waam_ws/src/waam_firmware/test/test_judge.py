@@ -342,9 +342,8 @@ def length(motion: Motion) -> float:
 
 
 def compare(expected: list[Motion], got: list[Motion]) -> None:
-    if len(got) != len(
-        expected
-    ):  # moves below a step: one side may keep them, the other add them to the next
+    # moves below a step: one side may keep them, the other add them to the next
+    if len(got) != len(expected):
         expected, got = ([m for m in side if length(m) > 3e-3] for side in (expected, got))
     assert len(got) == len(expected)
     for number, (e, g) in enumerate(zip(expected, got, strict=True)):

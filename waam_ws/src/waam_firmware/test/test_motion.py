@@ -89,9 +89,8 @@ def test_bead_of_short_segments_keeps_its_speed(client):
     client.home()
     client.run('G0 X50 Y50')
     first = len(client.frames)
-    client.ask(
-        '$P'
-    )  # all of it is in the queue before it starts: a late host is not what is tested here
+    # all of it is in the queue before it starts: a late host is not what is tested here
+    client.ask('$P')
     client.send(
         *(
             f'G1 X{51 + i} Y{50 + 0.1 * math.sin(i / 3):.4f} F600 W{5000 + i} S{22 + 0.01 * i:.2f}'
@@ -128,10 +127,8 @@ def test_only_real_corners_slow_down(client):
     )
     turn = min(f['v_um_s'] for f in frames if f['y_um'] > 59_000)
     s = math.sqrt(0.5)
-    slowest, missed = (
-        1000 * math.sqrt(ACCEL * 0.02 * s / (1 - s)),
-        ACCEL * 5,
-    )  # um/s in the 5 ms to the nearest frame
+    # um/s in the 5 ms to the nearest frame
+    slowest, missed = (1000 * math.sqrt(ACCEL * 0.02 * s / (1 - s)), ACCEL * 5)
     assert slowest - 10 <= corner <= slowest + missed
     assert turn <= missed
 
@@ -148,9 +145,8 @@ def test_override_acts_within_20_ms_in_the_running_block(client, gcode, permille
         next(i for i, x in enumerate(client.lines) if i >= start and x == '$V ok')
     ]
     client.wait(lambda: client.frame['t_us'] > asked + 60_000)
-    frame = next(
-        f for f in client.frames if f['t_us'] >= asked + 30_000
-    )  # asked: up to 10 ms before the answer
+    # asked: up to 10 ms before the answer
+    frame = next(f for f in client.frames if f['t_us'] >= asked + 30_000)
     assert frame['v_um_s'] == speed and frame['speed_permille'] == permille
 
 

@@ -39,9 +39,8 @@ def test_steps_carry_the_true_machine_position_and_setpoints(port):
     assert (y, z) == pytest.approx((-0.070, 0.130)) and -0.2 < x < -0.06
     assert (wire, voltage, outputs) == (pytest.approx(5 / 60), pytest.approx(22.0, abs=0.05), 3)
     moved = [s[0] for _, samples in cell.steps[-20:] for s in samples]
-    assert all(
-        abs(b - a + 10e-6) < 4e-6 for a, b in zip(moved, moved[1:], strict=False)
-    )  # 10 mm/s, 1 ms, one step
+    # 10 mm/s, 1 ms, one step
+    assert all(abs(b - a + 10e-6) < 4e-6 for a, b in zip(moved, moved[1:], strict=False))
 
 
 def test_no_discontinuity_when_homing_sets_the_position(port):

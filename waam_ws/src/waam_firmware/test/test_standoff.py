@@ -66,9 +66,8 @@ def test_as_shipped_a_step_and_a_rise_of_3_mm_are_followed(law: int):
     surface = np.concatenate([np.zeros(1000), np.full(4000, 3.0), np.linspace(3.0, 0.0, 20_000)])
     distance = loop.run(loop.Ideal(2), surface, known_z=True, source=loop.LASER, law=law)
     assert np.abs(distance[4000:5000] - 100.0).max() < 0.12
-    late = np.abs(
-        distance[6000:] - 100.0
-    )  # 0.15 mm/s: between one pulse and four, the relay lies between 0.1 and 0.21
+    # 0.15 mm/s: between one pulse and four, the relay lies between 0.1 and 0.21
+    late = np.abs(distance[6000:] - 100.0)
     assert late.max() < (0.21 if law == loop.RELAY else 0.06)
 
 

@@ -307,9 +307,8 @@ def test_wire_of_a_layer_that_was_cut_off_twice_is_counted_once(make_cell, make_
         inner(s)
         seen['n'] += s.kind == Kind.DEPOSIT
         if seen['n'] == 10:
-            runner.context.control.abort(
-                'operator'
-            )  # unlike a power cut it leaves time to write the records
+            # unlike a power cut it leaves time to write the records
+            runner.context.control.abort('operator')
 
     fresh._lay = lay
     assert second.run().state == State.ABORTED

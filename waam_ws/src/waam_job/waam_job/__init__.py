@@ -1,0 +1,1 @@
+"""The job: one part from the first scan to the report."""

@@ -105,7 +105,7 @@ def maps(results: Sequence[LabResult], tolerance: float) -> Maps | None:
 
 
 def judged_errors(results: Sequence[LabResult]) -> np.ndarray:
-    """m: errors of all judged cells of all jobs."""
+    """(n,) m: errors of all judged cells of all jobs."""
     errors = [r.maps.error[r.maps.interior] for r in results if r.maps is not None]
     joined = np.concatenate(errors) if errors else np.empty(0)
     return joined[np.isfinite(joined)]

@@ -65,6 +65,7 @@ def random_job(folder: Path, seed: int) -> LabJob:
 
 
 def random_plant(rng: np.random.Generator) -> PlantParams:
+    """A simulated cell whose metal differs from the usual one as cells and processes differ."""
     usual = PlantParams()
     metal = replace(
         usual.metal,

@@ -96,9 +96,8 @@ class LabResult:
     reports: tuple[Mapping[str, Any], ...] = ()
     anomalies: tuple[Mapping[str, Any], ...] = ()
     maps: LabMaps | None = None
-    contact_rms: float = (
-        math.nan
-    )  # m, true contact distance less 15 mm, from 1 s after each strike on
+    # m, true contact distance less 15 mm, from 1 s after each strike on
+    contact_rms: float = math.nan
     contact_worst: float = math.nan  # m, largest of it
     contact_least: float = math.nan  # m, smallest contact distance of all, strikes included
     arcs_lost: int = 0  # arcs that went out although they were wanted

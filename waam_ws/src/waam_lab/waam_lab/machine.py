@@ -19,9 +19,8 @@ from waam_sim.plant import SAMPLE, Plant, Profiles
 
 from .controller import Controller
 
-EPOCH_US = (
-    1_750_000_000_000_000  # where every simulated clock starts: figures must not depend on today
-)
+# where every simulated clock starts: figures must not depend on today
+EPOCH_US = 1_750_000_000_000_000
 EXCHANGE_MS = 10  # of host/host.h (STEP_US)
 ANSWER_LIMIT = 3.0  # s of controller time that an answer may take
 CONNECT_LIMIT = 5.0  # s

@@ -38,15 +38,14 @@ class Shape:
 
 
 def body(plan: np.ndarray, kept: np.ndarray, top: np.ndarray) -> trimesh.Trimesh:
-    """Closed mesh between the floor and a height field. Shapes as of Shape."""
+    """Closed mesh between the floor and a height field, mm. Arrays as of `Shape`."""
     m, n = top.shape
     upper = np.concatenate([plan, top[..., None]], axis=2).reshape(-1, 3)
     lower = upper * (1.0, 1.0, 0.0)
     index = np.arange(m * n).reshape(m, n)
     corners = (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
-    quads = np.stack(
-        [c[kept] for c in corners], axis=1
-    )  # first index runs along x: counter-clockwise
+    # first index runs along x: counter-clockwise
+    quads = np.stack([c[kept] for c in corners], axis=1)
     flat = [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
     edges = np.concatenate([quads[:, [i, (i + 1) % 4]] for i in range(4)])
     points = np.round(upper[:, :2], 6)

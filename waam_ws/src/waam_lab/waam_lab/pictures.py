@@ -117,7 +117,7 @@ def account_maps(found: Account, layer: LayerTrace) -> bytes:
 
 
 def histogram(errors: np.ndarray, tolerance: float) -> bytes:
-    """Distribution of the errors of all judged cells of all jobs."""
+    """PNG: distribution of the errors (n,) m of all judged cells of all jobs, in mm."""
     error, limit = errors * 1e3, tolerance * 1e3
     figure = new_figure(4.6, 3.0)
     axes = figure.add_subplot()

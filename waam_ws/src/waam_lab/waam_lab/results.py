@@ -61,7 +61,7 @@ def largest(maps: LabMaps) -> float:
 
 
 def layer_means(maps: list[dict[str, np.ndarray]]) -> tuple[float, ...]:
-    """m: mean error of what each layer laid inside the judged area, in the scan after it."""
+    """m: mean error of what each layer laid inside the judged area, in the scan after it; NaN where none was seen."""
     return tuple(float(e.mean()) if e.size else math.nan for e in _layer_errors(maps))
 
 

@@ -1,0 +1,1 @@
+"""What every node of the graph shares: parameters, heartbeat, diagnostics, quality of service."""

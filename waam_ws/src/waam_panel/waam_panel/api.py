@@ -20,9 +20,8 @@ from .worker import WorkError
 STEPS_MM = (0.1, 1.0, 10.0, 50.0)
 JOG_SPEED = {0.1: 2e-3, 1.0: 5e-3, 10.0: 20e-3, 50.0: 40e-3}  # m/s per step size
 HOLD_SPEED = {0.1: 0.5e-3, 1.0: 2e-3, 10.0: 10e-3, 50.0: 30e-3}  # m/s while a key is held
-HOLD_S = (
-    0.25  # motion that one request of a held key asks for: without the next one the machine stands
-)
+# motion that one request of a held key asks for: without the next one the machine stands
+HOLD_S = 0.25
 WIRE_MM = 50.0  # longest wire jog of one request
 FACTORS = {'speed': (0.1, 2.0), 'wire': (0.5, 1.5)}  # waam_msgs/Override
 BODY = 64 << 10

@@ -26,11 +26,8 @@ PATIENCE_S = 5.0
 STOP_PATIENCE_S = 3.0
 START_PATIENCE_S = 10.0
 LOAD_PATIENCE_S = 60.0
-PLATE = (
-    0.240,
-    0.200,
-    0.010,
-)  # m, on the simulated table for a plain build (job_sequencer: plate_zero)
+# m, on the simulated table for a plain build (job_sequencer: plate_zero)
+PLATE = (0.240, 0.200, 0.010)
 
 
 class RosOperations:

@@ -40,7 +40,7 @@ def encode_map(
 
 
 def height_map(spec: GridSpec, z: np.ndarray) -> dict[str, Any]:
-    """Heights above the lowest cell that matters; colours from the 1st to the 99th percentile."""
+    """Heights z (rows, cols) m, NaN = unknown; the colours go from the 1st to the 99th percentile."""
     known = z[np.isfinite(z)]
     low, high = (float(v) for v in np.percentile(known, [1, 99])) if known.size else (0.0, 1e-3)
     return encode_map(spec, z, low, max(high, low + 1e-4))

@@ -144,9 +144,8 @@ class PanelState:
                 self.alarms.event(utc, 'job', j['error_code'], severity, j['message'])
 
     def _on_anomaly(self, a: dict[str, Any], utc: float) -> None:
-        code = re.search(
-            r'\bE([1-3]\d\d)\b', a['text']
-        )  # the controller's words: its line says more
+        # the controller's words: its line says more
+        code = re.search(r'\bE([1-3]\d\d)\b', a['text'])
         if code and int(code[1]) != PAUSED:
             self.alarms.event(utc, 'controller', code[1], min(a['severity'], 2), a['text'])
         elif a['severity'] >= 1 and not code:

@@ -151,9 +151,8 @@ def test_gas_is_off_during_a_long_way(name):
 def test_waits_are_those_of_the_plan_where_the_way_is_long_enough():
     lines = [line for line, _ in program(write_ls(plan_of(PLANS['wait between'])))]
     waits = [float(line[4:-5]) for line in lines if line.startswith('WAIT')]
-    assert sum(waits) == pytest.approx(
-        60.0 + 0.3 + 0.9, abs=EPS
-    )  # pre-flow of the first, post-flow of the last
+    # pre-flow of the first, post-flow of the last
+    assert sum(waits) == pytest.approx(60.0 + 0.3 + 0.9, abs=EPS)
 
 
 @pytest.mark.parametrize('name', PLANS)

@@ -38,12 +38,12 @@ class HarmonicLaw:
         return self.length * (u - np.sin(2 * np.pi * u) / (2 * np.pi))
 
     def speed(self, t: float | np.ndarray) -> np.ndarray:
-        """m/s"""
+        """m/s after t seconds; zero at both ends."""
         u = np.asarray(t, float) / self.duration
         return self.length / self.duration * (1 - np.cos(2 * np.pi * u))
 
     def acceleration(self, t: float | np.ndarray) -> np.ndarray:
-        """m/s2; zero at both ends, so it does not break where moves meet."""
+        """m/s2 after t seconds; zero at both ends, so it does not break where moves meet."""
         u = np.asarray(t, float) / self.duration
         return 2 * np.pi * self.length / self.duration**2 * np.sin(2 * np.pi * u)
 

@@ -1,4 +1,5 @@
-"""Shapes on a grid: grow, shrink, close, islands, edge-preserving smoothing. Distances in cells."""
+"""Shapes on a grid: grow, shrink, close, islands, edge-preserving smoothing. Masks are (rows, cols) bool, maps
+(rows, cols) m with NaN = unknown, distances in cells."""
 
 from __future__ import annotations
 
@@ -6,9 +7,8 @@ import numpy as np
 from scipy import ndimage
 
 EIGHT = np.ones((3, 3), bool)
-ONE_BEAD = (
-    1.05  # bead widths: a wall up to this thickness is one bead, beyond it two overlap better
-)
+# bead widths: a wall up to this thickness is one bead, beyond it two overlap better
+ONE_BEAD = 1.05
 CROWN = 0.25  # bead widths: over its middle quarter a bead falls by 6 % of its height
 
 

@@ -96,9 +96,8 @@ class Plan:
     as_found: HeightGrid  # surface before the first layer, NaN where there is none
     nominal: HeightGrid  # wanted final surface, NaN outside the part
     region: np.ndarray  # bool, cells that get metal
-    interior: (
-        np.ndarray
-    )  # bool, of the region what is judged: all but a rim, of thin walls the crown
+    # bool, of the region what is judged: all but a rim, of thin walls the crown
+    interior: np.ndarray
     layers: list[PlannedLayer]
     safe_z: float  # height of idle moves, m
     settings: PlanSettings

@@ -123,9 +123,8 @@ class PlanSettings:
     turn_deg: float = 67.0  # between the beads of neighbouring layers, alternation turn
     contours: int = 1  # rings along the edge, strategy combined
     stagger: bool = False  # beads of every second layer lie over the valleys of the one below
-    start_spread: float = (
-        5e-3  # least distance of arc starts in neighbouring layers, where possible
-    )
+    # least distance of arc starts in neighbouring layers, where possible
+    start_spread: float = 5e-3
     lead_in: float = 6e-3  # zone after an arc start in which lead_in_metal applies
     lead_out: float = 6e-3  # zone before an arc end in which lead_out_metal applies
     lead_in_metal: float = 1.0  # metal in the lead-in over the planned, below 1 against humps
@@ -143,9 +142,8 @@ class PlanSettings:
     idle_law: str = 'harmonic'  # speeds of idle moves: harmonic, or plain = one speed
     idle_speed: float = 0.050  # fastest travel with the arc off
     idle_acceleration: float = 0.5  # m/s2, highest with the arc off
-    torch_radius: float = (
-        0.010  # no metal higher than the clearance allows within this of an idle move
-    )
+    # no metal higher than the clearance allows within this of an idle move
+    torch_radius: float = 0.010
     scan_speed: float = 0.025  # travel while scanning
     clearance: float = 0.010  # height of idle moves over the highest point
     grid: float = 0.5e-3  # cell of maps made here
@@ -157,9 +155,8 @@ class PlanSettings:
     adaptive_min: float = 0.6  # thinnest adaptive layer over layer_height
     cusp: float = 0.8e-3  # largest step off a slanting face, adaptive layers
     foot_height: float = 0.010  # up to here above the substrate, metal is added below overhangs
-    growth_step: float = (
-        1e-6  # sections of a build that differ by less are planned once and repeated
-    )
+    # sections of a build that differ by less are planned once and repeated
+    growth_step: float = 1e-6
     scanner_offset: Triple = (0.060, 0.0, 0.120)  # origin of frame scanner from torch_tcp
     scanner_fov: float = 0.050  # width of a profile
     scanner_overlap: float = 0.2  # of neighbouring scan passes, share of the field of view

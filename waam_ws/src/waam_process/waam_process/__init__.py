@@ -1,0 +1,1 @@
+"""What the metal does, and the types that every package shares. No ROS; SI, temperatures in degrees Celsius."""

@@ -20,9 +20,8 @@ import yaml
 from . import bead
 
 DEFAULT = 'er70s-6'
-CURRENT_EXPONENT = (
-    0.65  # d ln(current) / d ln(wire feed) of a short arc at constant contact distance
-)
+# d ln(current) / d ln(wire feed) of a short arc at constant contact distance
+CURRENT_EXPONENT = 0.65
 TABLE = Path(__file__).with_name('materials.yaml')
 
 

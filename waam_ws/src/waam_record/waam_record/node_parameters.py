@@ -17,9 +17,8 @@ _FIELDS = (
     None, 'bool_value', 'integer_value', 'double_value', 'string_value', 'byte_array_value',
     'bool_array_value', 'integer_array_value', 'double_array_value', 'string_array_value',
 )  # fmt: skip
-PATIENCE = (
-    5  # looks without an answer after which a node is asked again (a first answer can be lost)
-)
+# looks without an answer after which a node is asked again (a first answer can be lost)
+PATIENCE = 5
 
 
 def value_of(msg: ParameterValue) -> Any:

@@ -197,7 +197,7 @@ class Session:
         return f'{text}; verification failed: {problems}', False
 
     def close(self) -> None:
-        """Gives the subscriptions up; the recording itself ends with `Recording.stop`."""
+        """Gives the subscriptions up; the recording itself ends with `stop`."""
         self.parameters.close()
         self.taps.close()
 

@@ -195,9 +195,8 @@ def test_pause_step_seek_and_rate(listener, record):
     assert g.trigger('pause').success
     time.sleep(0.3)
     g.executor.spin_once(timeout_sec=0.2)
-    assert (
-        g.got['/a'] == []
-    )  # nor what lies at the beginning itself, when the listener was found in time
+    # nor what lies at the beginning itself, when the listener was found in time
+    assert g.got['/a'] == []
     assert g.trigger('step').success
     g.until(lambda: g.got['/a'])
     assert set(g.got['/a']) <= {'0', '1'}  # a repeated question is a second step

@@ -18,9 +18,8 @@ from waam_scan.stream.session import PreviousMap, Session
 
 from .recorded import RecordedBatch, RecordedMap
 
-CLOCK_GRAIN_NS = (
-    100_000_000  # as scan_fusion: profiles older than its clock by up to this belong to the scan
-)
+# as scan_fusion: profiles older than its clock by up to this belong to the scan
+CLOCK_GRAIN_NS = 100_000_000
 
 
 @dataclass(frozen=True)

@@ -47,9 +47,8 @@ class _Tape:
     """Everything needed, by publication time."""
 
     telemetry: list[tuple[int, bytes]] = field(default_factory=list)
-    batches: list[tuple[int, bytes, int, int]] = field(
-        default_factory=list
-    )  # at, data, profiles, newest stamp
+    # at, data, profiles, newest stamp
+    batches: list[tuple[int, bytes, int, int]] = field(default_factory=list)
     calls: list[Call] = field(default_factory=list)
 
 

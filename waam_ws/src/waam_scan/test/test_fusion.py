@@ -68,9 +68,8 @@ def test_sigma_says_how_good_the_heights_are():
 @given(st.integers(0, 2**31), st.integers(1, 40))
 def test_the_map_does_not_depend_on_the_order_of_the_profiles(seed, chunk):
     tcp, x, z, *_ = profiles(points=160)
-    whole = Fusion(
-        SPEC, Mounting(), FusionLimits(slots=6)
-    )  # fewer slots than points: sampling is at work
+    # fewer slots than points: sampling is at work
+    whole = Fusion(SPEC, Mounting(), FusionLimits(slots=6))
     whole.add(tcp, x, z)
     order = np.random.default_rng(seed).permutation(len(tcp))
     parts = Fusion(SPEC, Mounting(), FusionLimits(slots=6))

@@ -146,9 +146,8 @@ def test_profiles_with_distant_lines_are_evened_out():
     x, y = np.meshgrid(np.arange(60) * 0.5e-3, np.arange(2000) * 0.02e-3)
     p = np.column_stack([x.ravel(), y.ravel(), 20e-6 * rng.standard_normal(x.size)])
     cloud = Cloud.of(evened(p))
-    assert (
-        np.median(cloud.normals[:, 2]) > 0.999
-    )  # along single lines the normals would point anywhere
+    # along single lines the normals would point anywhere
+    assert np.median(cloud.normals[:, 2]) > 0.999
     assert len(cloud.points) < len(p) / 3
 
 

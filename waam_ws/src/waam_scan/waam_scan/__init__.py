@@ -1,0 +1,1 @@
+"""Profiles and poses become height maps with an uncertainty per cell; calibration, registration and recordings."""

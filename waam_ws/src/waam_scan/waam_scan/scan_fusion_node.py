@@ -169,9 +169,8 @@ class ScanFusion(WaamNode):
                 response, FinishScan.Response.NO_SCAN, f'scan {request.scan_id} is not running'
             )
         session.until_ns, self._complete = nanoseconds(request.until), Event()
-        session.refresh(
-            time.monotonic(), 0.0
-        )  # what is processed now need not wait for the last batch
+        # what is processed now need not wait for the last batch
+        session.refresh(time.monotonic(), 0.0)
         try:
             if trouble := await self._scanner.set(False):
                 session.remarks.append(f'scanner not switched off: {trouble}')
@@ -197,9 +196,8 @@ class ScanFusion(WaamNode):
             if watch.is_quiet(now, self._track.newest_ns, self._last_batch):
                 session.remarks.append(f'nothing new for {p.quiet_time:.1f} s before its end')
                 return True
-            self._complete = (
-                Event()
-            )  # an event that is set would never wait: 'complete' ends when another batch comes
+            # an event that is set would never wait: 'complete' ends when another batch comes
+            self._complete = Event()
             await first(after(self, 0.1), self._complete)
         return True
 

@@ -99,9 +99,8 @@ MIN_SPEED = 2e-3
 REFERENCE_TEMPERATURE = 150.0
 RESOLIDIFIED_AFTER = 0.5  # s without new melt
 ARC_REACH = 10e-3  # m below the highest place under it that the arc still burns to
-STRIKE_REACH = (
-    1.5e-3  # m beside the wire that an arc can strike to where there is nothing below the wire
-)
+# m beside the wire that an arc can strike to where there is nothing below the wire
+STRIKE_REACH = 1.5e-3
 POOL_TIME = 0.1  # s, in which the pool's size follows power and travel speed
 
 _STATE = (

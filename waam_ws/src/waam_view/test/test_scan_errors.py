@@ -22,10 +22,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from synthetic_cell import Cell  # noqa: E402
 from synthetic_job import LAYER, write_job  # noqa: E402
 
-FIRST_RUN, SECOND_RUN = (
-    (0, 1, 1, 2),
-    (1, 2, 3),
-)  # layers before each scan: 1 is scanned again, 2 after a resume
+# layers before each scan: 1 is scanned again, 2 after a resume
+FIRST_RUN, SECOND_RUN = ((0, 1, 1, 2), (1, 2, 3))
 
 
 @dataclass

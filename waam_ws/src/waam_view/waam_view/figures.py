@@ -109,7 +109,7 @@ def _row_height(scan: Scan, columns: int) -> float:
 def grids(
     scans: list[Scan], maps: list[np.ndarray], limit: float, unit: str, titles: list[str]
 ) -> list[bytes]:
-    """Maps of all scans on one colour scale, in pictures that fit on a page."""
+    """PNGs of one page each: maps (rows, cols) of all scans on one colour scale from -limit to limit."""
     if not scans:
         return []
     columns = _columns(scans[0])
@@ -124,7 +124,7 @@ def grids(
 def small_multiples(
     scans: list[Scan], maps: list[np.ndarray], limit: float, unit: str, titles: list[str]
 ) -> bytes:
-    """Maps on one colour scale."""
+    """PNG: maps (rows, cols), side by side on one colour scale from -limit to limit."""
     columns = min(len(scans), _columns(scans[0]))
     rows = math.ceil(len(scans) / columns)
     height = rows * _row_height(scans[0], columns) + 0.35

@@ -36,13 +36,13 @@ class Scan:
 
     @property
     def error(self) -> np.ndarray:
-        """Surface minus wanted surface at that moment, m, where both are known and the region is."""
+        """(rows, cols) m: surface minus the one wanted at that moment; NaN where one is unknown and off the region."""
         wanted = self.maps.get('target', np.full(self.z.shape, np.nan))
         return np.where(self.region, self.z - wanted, np.nan)
 
     @property
     def final_error(self) -> np.ndarray:
-        """Surface minus nominal surface, m."""
+        """(rows, cols) m: surface minus nominal surface; NaN where one is unknown and off the region."""
         nominal = self.maps.get('nominal', np.full(self.z.shape, np.nan))
         return np.where(self.region, self.z - nominal, np.nan)
 

@@ -18,7 +18,7 @@ _LAYER_SHADES = ('#eef2f6', '#ffffff')
 def thin(
     t: np.ndarray, values: np.ndarray, points: int = _MAX_POINTS
 ) -> tuple[np.ndarray, np.ndarray]:
-    """At most `points` samples that keep every local minimum and maximum visible."""
+    """At most `points` samples (n,) that keep every local minimum and maximum visible."""
     if t.size <= points:
         return t, values
     size = math.ceil(t.size / (points // 2))

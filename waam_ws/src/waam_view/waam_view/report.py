@@ -246,13 +246,8 @@ def _position(place: object) -> str:
     return ', '.join(fmt(number(v) * 1e3, 1) for v in place)
 
 
-_SETTINGS = (
-    'job_id',
-    'goal',
-    'material',
-    'parameters',
-    'nodes',
-)  # of job.yaml; everything else there says what ran
+# of job.yaml; everything else there says what ran
+_SETTINGS = ('job_id', 'goal', 'material', 'parameters', 'nodes')
 
 
 def _provenance(job: Job) -> str:

@@ -185,6 +185,7 @@ class _Groups(NamedTuple):
 
 
 def resampled(path: np.ndarray, width: float) -> Bead:
+    """A path (points, 2) m cut into pieces of about width/CELLS_PER_BEAD (m), two at least, and into segments."""
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     n = max(2, round(way[-1] / (width / CELLS_PER_BEAD)))
     at = (np.arange(n) + 0.5) / n * way[-1]

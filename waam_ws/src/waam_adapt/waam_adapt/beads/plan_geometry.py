@@ -27,9 +27,8 @@ NAMES = (
     'arc off', 'arc on near', 'arc off near',
 )  # fmt: skip
 CHANNELS = len(NAMES)
-METAL = range(
-    3, 8
-)  # channels that the planned metal and the temperature make; the paths make the others
+# channels that the planned metal and the temperature make; the paths make the others
+METAL = range(3, 8)
 SUMMARIES = ('thickness', 'taper', 'density', 'turn', 'neighbours', 'arcs', 'width')
 EDGE_REACH = 2.0  # bead widths from the edge at which a cell counts as interior
 REACH = 1.25  # bead widths within which metal counts as of the neighbourhood
@@ -203,9 +202,8 @@ def _sums(
     )
     reach = math.ceil(REACH * CELLS_PER_BEAD) + 1
     around, side = np.arange(-reach, reach + 1), 2 * reach + 1
-    room = (
-        2 * reach
-    )  # cells around the grid, so that every piece that can touch it has all of its cells
+    # cells around the grid, so that every piece that can touch it has all of its cells
+    room = 2 * reach
     wide = tuple(n + 2 * room for n in shape)
     place = pieces.where[:, ::-1] / cell  # row, column
     begin = np.floor(place).astype(int)

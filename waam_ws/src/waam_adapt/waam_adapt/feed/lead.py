@@ -57,9 +57,8 @@ def corner_time(
     """
     cos = np.ones(len(speed))
     cos[1:] = np.clip((direction[1:] * direction[:-1]).sum(axis=1), -1, 1)
-    corner = np.where(
-        joined, speed * (1 + cos) / 2, 0.0
-    )  # at the start of every segment; cos(a/2)^2
+    # at the start of every segment; cos(a/2)^2
+    corner = np.where(joined, speed * (1 + cos) / 2, 0.0)
     corner = np.where(joined & (np.arccos(cos) < SHARP), speed, corner)
     after = np.append(corner[1:], 0.0)
     lost = (speed - np.minimum(corner, speed)) ** 2 + (speed - np.minimum(after, speed)) ** 2

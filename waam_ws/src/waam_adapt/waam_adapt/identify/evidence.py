@@ -19,9 +19,8 @@ import numpy as np
 from .. import filters
 
 MIN_BLOCKS = 4
-EXCITATION = (
-    0.015  # standard deviation of ln(command) below which a layer says nothing of the slope
-)
+# standard deviation of ln(command) below which a layer says nothing of the slope
+EXCITATION = 0.015
 LEAST_WEIGHT = 0.1  # least weight of the newest layer in what a place usually gets
 MIN_GROWTH = 0.2e-3  # m; thinner layers say nothing about the ratio
 

@@ -23,9 +23,8 @@ from .shortfall import Shortfall
 LAYER_NOISE = 0.02
 NOISE_LAYERS = 4  # layers that this first belief in the noise counts for
 LOW, HIGH = 0.7, 1.3  # efficiency ratios beyond this are a fault, not a property of the wire
-SLOPE_FORGETTING = (
-    0.95  # per layer: the exponent is a property of geometry and wire, not of one layer
-)
+# per layer: the exponent is a property of geometry and wire, not of one layer
+SLOPE_FORGETTING = 0.95
 SLOPE_LOW, SLOPE_HIGH = 0.2, 1.3  # of growth on metal; beyond this the scan is wrong
 
 
@@ -43,9 +42,8 @@ class Estimate:
     innovation: float = math.nan
     drift_alarm: bool = False
     updates: int = 0
-    layer_noise: float = (
-        LAYER_NOISE  # standard deviation of a layer's ratio about the process, identified
-    )
+    # standard deviation of a layer's ratio about the process, identified
+    layer_noise: float = LAYER_NOISE
     # 0..1, say of the growth network in the next layer (`beads.skill`); NaN: the law has none, or no layer was foretold
     network_weight: float = math.nan
 
@@ -135,10 +133,8 @@ class Identifier:
     layer: int = 0
     estimate: Estimate = Estimate()
     shortfall: Shortfall = Shortfall()
-    averages: tuple[BlockAverages | None, BlockAverages | None] = (
-        None,
-        None,
-    )  # of even and odd layers
+    # of even and odd layers
+    averages: tuple[BlockAverages | None, BlockAverages | None] = (None, None)
     beads: BeadBias = BeadBias()
     planned: dict[int, np.ndarray] = field(default_factory=dict)  # maps of the newest layers
     paths: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)  # of the same

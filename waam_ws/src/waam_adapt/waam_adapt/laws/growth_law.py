@@ -93,6 +93,7 @@ class GrowthLaw:
         return grid.mean(share)
 
     def correct(self, request: CorrectionInput) -> Correction:
+        """The solver's answer with what the network foretells; where it cannot, the reason and fallback."""
         foretold = request.foretold or self.foretell(request)
         result = self.solver.correct(replace(request, foretold=foretold))
         if result.fallback:

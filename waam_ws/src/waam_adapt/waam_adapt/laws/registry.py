@@ -22,9 +22,8 @@ class LawSettings:
 
     gain: float = 0.9  # share of the height error that one layer is to remove
     regularisation: float = 0.1  # of the deconvolution of overlapping beads
-    model: str = (
-        ''  # weights of law unet: a file, '' = the packaged ones, 'none' = its bead model alone
-    )
+    # weights of law unet or growth_net: a file, '' = the packaged ones, 'none' = its bead model alone
+    model: str = ''
 
     @property
     def inverse(self) -> DampedInverse:

@@ -18,10 +18,8 @@ from waam_process.heat import cooling_wait
 SPACING = 0.5  # s between stored samples
 RISE = 8.0  # K above the lowest reading that mean the next pass is on its way
 MIN_DROP, MIN_SAMPLES = 20.0, 10  # of a dwell that teaches something
-SCALE = (
-    0.5,
-    1.6,
-)  # of excess temperature between neighbouring layers; beyond, the last curve is no model
+# of excess temperature between neighbouring layers; beyond, the last curve is no model
+SCALE = (0.5, 1.6)
 TRUST = (0.8, 1.25)  # bounds of the correction by the last dwell's own miss
 
 

@@ -66,9 +66,8 @@ class InterpassMonitor:
     def __init__(self, material: Material, settings: Settings) -> None:
         self.material, self.settings = material, settings
         self.response = ResponseWatch(material)
-        self.material_error = (
-            ''  # why the law of the material that is laid is not known; then nothing is ready
-        )
+        # why the law of the material that is laid is not known; then nothing is ready
+        self.material_error = ''
         self._samples: deque[tuple[float, float]] = deque(maxlen=1000)
         self._suspects: list[tuple[float, float]] = []
         self._last_heard = -math.inf

@@ -32,6 +32,8 @@ WIDTH_ROOM = 0.25  # of the bead width beyond those seen
 
 @dataclass(frozen=True)
 class Settings:
+    """Of one training run. rate: largest learning rate of Adam; widths: channels of the three levels of the U-Net."""
+
     steps: int = 2500
     seed: int = 1
     batch: int = 8

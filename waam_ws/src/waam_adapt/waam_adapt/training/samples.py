@@ -66,6 +66,7 @@ def sample(
 
 
 def save(folder: Path, seed: int, layers: Sequence[Sample]) -> Path:
+    """Writes the layers of one job as `job_<seed>.npz`, complete or not at all. Returns its path."""
     folder.mkdir(parents=True, exist_ok=True)
     arrays: dict[str, Any] = {'seed': np.array(seed)}
     for k, s in enumerate(layers):

@@ -33,6 +33,7 @@ typedef struct {
     double wire_mm_s, voltage_v; /* setpoints of the running block */
 } waam_arc_t;
 
+/* Purge, then strike, with all its tries ahead of it. */
 void waam_arc_start(waam_arc_t *arc);
 /* Proper end. `quick` leaves the crater fill out. Nothing happens when the arc is off or ending. */
 void waam_arc_end(waam_arc_t *arc, bool quick, const waam_arc_config_t *config);

@@ -16,6 +16,7 @@ typedef struct {
     float slope;            /* filtered derivative part */
 } waam_pid_t;
 
+/* Gains for steps of `sample_s` (s), divided by the gain of the plant; formulas in doc/arc_regulator.md. */
 waam_pid_coefficients_t waam_pid_coefficients(const waam_pid_gains_t *gains, float plant_gain, float sample_s);
 /* Begins at an output and an operating point without a bump. */
 void waam_pid_start(waam_pid_t *pid, const waam_pid_coefficients_t *c, float output, float setpoint, float measured);

@@ -9,6 +9,7 @@ typedef struct {
     size_t length;
 } waam_text_t;
 
+/* The functions below append; what does not fit is left out. */
 void waam_text_clear(waam_text_t *t);
 void waam_text_bytes(waam_text_t *t, const char *bytes, size_t count);
 void waam_text_add(waam_text_t *t, const char *string);
@@ -34,6 +35,7 @@ typedef struct {
     size_t length, at;
 } waam_cursor_t;
 
+/* Blanks and tabs. */
 void waam_skip_spaces(waam_cursor_t *c);
 bool waam_at_end(waam_cursor_t *c);
 /* Decimal number: sign, digits, point, digits, as many as there are, correctly rounded; no exponent; |value| < 1e9. The
@@ -41,6 +43,7 @@ bool waam_at_end(waam_cursor_t *c);
 bool waam_read_number(waam_cursor_t *c, double *value);
 /* Do digits follow, so that a number that could not be read is too large? */
 bool waam_digits_follow(const waam_cursor_t *c);
+/* Digits after blanks. False, with the cursor where it was, when there are none or the number is too large. */
 bool waam_read_uint(waam_cursor_t *c, uint64_t *value);
 
 #endif

@@ -30,8 +30,11 @@ typedef struct {
     double wire_max_mm_s, wire_accel_mm_s2, wire_jump_mm_s;
 } waam_kinematics_t;
 
+/* What the planner needs of the settings. */
 waam_kinematics_t waam_kinematics(const waam_config_t *config);
+/* A straight line, mm. */
 waam_path_t waam_path_line(const double start_mm[WAAM_AXES], const double end_mm[WAAM_AXES]);
+/* Where the path is after `share` of it (0 to 1), mm (eq 2.10, 2.11). */
 void waam_path_point(const waam_path_t *path, double share, double at_mm[WAAM_AXES]);
 /* Unit vector along the path; zero for a block that only feeds wire. */
 void waam_path_direction(const waam_path_t *path, double share, double unit[WAAM_AXES]);

@@ -36,6 +36,7 @@ typedef struct {
     int64_t base;               /* Marlin: line number here = number of the sender + base */
 } waam_link_t;
 
+/* Nothing was received; the next line is number 1. */
 void waam_link_init(waam_link_t *link);
 /* One byte of the stream. Pairs of real-time bytes must have been taken out before. */
 waam_rx_t waam_link_byte(waam_link_t *link, uint8_t byte);
@@ -43,10 +44,13 @@ waam_rx_t waam_link_byte(waam_link_t *link, uint8_t byte);
 size_t waam_link_next(waam_link_t *link, char *line);
 /* The line that was just taken waits again. */
 void waam_link_put_back(waam_link_t *link, size_t length);
+/* The line that was just taken is in the planner queue. */
 void waam_link_accept(waam_link_t *link);
 /* Forgets the lines that wait and takes no others until waam_link_resync. `told`: the host knows already. */
 void waam_link_block(waam_link_t *link, bool told);
+/* Takes lines again, the next one being `next_line`; those that wait are forgotten. */
 void waam_link_resync(waam_link_t *link, uint32_t next_line);
+/* Of the ring of waiting lines. */
 size_t waam_link_free_bytes(const waam_link_t *link);
 
 #endif

@@ -95,12 +95,15 @@ typedef struct {
 } waam_core_t;
 
 waam_config_t waam_config_default(void);
+/* `send` is called with whole lines and `context`; `config` is copied. */
 void waam_core_init(waam_core_t *core, const waam_config_t *config, waam_tx_t send, void *context);
+/* One byte from the host; never while waam_core_tick runs. */
 void waam_core_rx(waam_core_t *core, uint8_t byte);
 /* Optional, before waam_core_rx: the microseconds since the last tick, so that answers carry a finer clock. */
 void waam_core_clock(waam_core_t *core, uint32_t since_tick_us);
 /* The other end is gone (terminal closed, USB unplugged): ends a cut line; the next host chooses its dialect. */
 void waam_core_hang_up(waam_core_t *core);
+/* Moves everything on by `dt_us`: readings in, outputs out. */
 void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inputs, waam_outputs_t *outputs);
 /* Exactly every WAAM_FAST_US. Where it is never called, the source gets its setpoint unregulated (outputs of the tick). */
 void waam_core_fast(waam_core_t *core, const waam_fast_inputs_t *inputs, waam_fast_outputs_t *outputs);

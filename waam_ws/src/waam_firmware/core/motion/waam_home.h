@@ -18,11 +18,13 @@ typedef struct {
 
 typedef enum { WAAM_HOME_BUSY, WAAM_HOME_DONE, WAAM_HOME_FAILED } waam_home_result_t;
 
+/* Begins with the first axis. */
 void waam_home_start(waam_home_t *home);
 /* Moves the axes and, as each switch is found, sets its axis to the coordinate of the switch. With `hold` it slows down,
  * and starts again from the beginning once it is let go. */
 waam_home_result_t waam_home_tick(waam_home_t *home, waam_motion_t *motion, const bool home_switch[WAAM_AXES],
                                   bool hold, const waam_config_t *config, double dt_s);
+/* The axis that moves. */
 int waam_home_axis(const waam_home_t *home);
 
 #endif

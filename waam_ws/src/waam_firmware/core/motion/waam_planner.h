@@ -45,17 +45,23 @@ typedef struct {
 } waam_planner_t;
 
 void waam_planner_init(waam_planner_t *planner);
+/* Forgets all blocks; the override stays. */
 void waam_planner_clear(waam_planner_t *planner);
+/* Blocks that can be pushed. */
 size_t waam_planner_free(const waam_planner_t *planner);
 /* The i-th block from the head; NULL beyond the last. */
 const waam_block_t *waam_planner_block(const waam_planner_t *planner, size_t i);
+/* The block that runs, NULL = none. */
 waam_block_t *waam_planner_head(waam_planner_t *planner);
+/* The newest block, NULL = none. */
 waam_block_t *waam_planner_tail(waam_planner_t *planner);
+/* The head is done. */
 void waam_planner_pop(waam_planner_t *planner);
 /* Completes a move from its path, nominal speed and wire per mm: end in steps and limits. */
 void waam_block_complete(waam_block_t *block, const waam_kinematics_t *kinematics);
 /* Appends a block (there must be a free one), works out its corner and plans again. */
 void waam_planner_push(waam_planner_t *planner, const waam_block_t *block, const waam_kinematics_t *kinematics);
+/* Takes effect inside the running block: all entry speeds are planned again. */
 void waam_planner_set_override(waam_planner_t *planner, double factor);
 /* Speed at which the i-th block may be left. */
 double waam_planner_exit(const waam_planner_t *planner, size_t i);

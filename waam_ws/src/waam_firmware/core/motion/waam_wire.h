@@ -23,8 +23,10 @@ typedef struct {
     double jog_speed_mm_s;
 } waam_wire_t;
 
+/* length_mm is signed, negative = back. */
 void waam_wire_jog(waam_wire_t *wire, double length_mm, double speed_mm_s);
 bool waam_wire_jogging(const waam_wire_t *wire);
+/* Forgets what is left; the wire ramps down. */
 void waam_wire_stop_jog(waam_wire_t *wire);
 /* Leads towards `wanted_mm_s`, or ramps along the jog when there is one. */
 void waam_wire_tick(waam_wire_t *wire, double wanted_mm_s, const waam_config_t *config, double dt_s);

@@ -36,6 +36,7 @@ typedef struct {
  * source 001; 266 counts are 99.91 mm. */
 float waam_infrared_mm(float counts);
 
+/* Forgets everything but the number of the last reading. */
 void waam_distance_start(waam_distance_t *d);
 /* The sensor looks at another place: its next reading is no jump. */
 void waam_distance_elsewhere(waam_distance_t *d);

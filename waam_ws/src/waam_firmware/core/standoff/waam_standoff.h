@@ -86,11 +86,13 @@ typedef struct {
 } waam_standoff_setting_t;
 
 #define WAAM_STANDOFF_SETTINGS 29
+/* By its name; NULL = there is none. */
 const waam_standoff_setting_t *waam_standoff_setting(const char *name, uint32_t length);
 /* NULL, or the setting that is out of its range or does not fit the source. */
 const waam_standoff_setting_t *waam_standoff_check(const waam_standoff_config_t *c);
 /* Sets one; false: out of its range. */
 bool waam_standoff_set(waam_standoff_config_t *c, const waam_standoff_setting_t *setting, double value);
+/* Its value, also of a whole number. */
 float waam_standoff_get(const waam_standoff_config_t *c, const waam_standoff_setting_t *setting);
 
 #endif

@@ -77,7 +77,7 @@ def deviation(
 
 
 def smooth(z: np.ndarray, sigma_cells: float) -> np.ndarray:
-    """Gaussian mean of the known cells; NaN only where nothing known is near."""
+    """z (rows, cols): Gaussian mean of the known cells; NaN only where nothing known is near."""
     known = np.isfinite(z)
     weight = gaussian_filter(known.astype(float), sigma_cells)
     total = gaussian_filter(np.where(known, z, 0.0), sigma_cells)

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-RISE = (
-    0.5e-3  # m, over what lay there before, from which on a grid cell beside the part holds metal
-)
+# m, over what lay there before, from which on a grid cell beside the part holds metal
+RISE = 0.5e-3
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,8 @@ class PassRecord:
 
     pass_number: int
     layers: int
-    set_height: (
-        float  # what the plan before left for this pass; in pass 1, what it is planned to add
-    )
+    # what the plan before left for this pass; in pass 1, what it is planned to add
+    set_height: float
     corrected_height: float  # what the pass adds after the scan, including what was missing
     predicted_rms: float  # of the surface that the planner's process model predicts for the plan
     measured_rms: float = math.nan  # of the scan after the pass

@@ -192,9 +192,8 @@ class LayerRecord:
         self.heat_input = sums.power_per_speed / n
         self.arc_on_time, self.wire_used = n * dt, sums.wire * dt
         self.energy = self.current_mean * self.voltage_mean * n * dt
-        wanted = set_current(
-            1.0
-        )  # at 1 m/s; it depends on the feed with the same exponent as `Sums.current_feed`
+        # at 1 m/s; it depends on the feed with the same exponent as `Sums.current_feed`
+        wanted = set_current(1.0)
         if wanted:
             offset = sums.current_sq - 2 * wanted * sums.current_feed + wanted**2 * sums.feed_sq
             self.cost = ALPHA_CURRENT * max(offset, 0.0) * dt

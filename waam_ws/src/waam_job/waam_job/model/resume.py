@@ -23,9 +23,8 @@ from waam_process.segment import Kind, Point, Segment
 PRESENT = 0.5  # share of the planned metal above which a place counts as laid
 BEGUN = 0.25  # the same of a bead that was begun: the neighbours that would fill its sides are not there yet
 REACH = 0.75  # bead widths that the end of an interrupted bead goes beyond the place where half of it is there
-LEAST = (
-    0.3  # least share of its metal that a segment gets, however much is there: the arc needs wire
-)
+# least share of its metal that a segment gets, however much is there: the arc needs wire
+LEAST = 0.3
 COLDEST = 0.8  # of its metal that a bead gets on the coldest part
 CHECKPOINT_REACH = 3.0  # s of planned travel that may have been laid after a checkpoint was written
 FEW = 5  # segments; the metal of a begun bead is looked for when it has more

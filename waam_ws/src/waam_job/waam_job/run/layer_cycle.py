@@ -55,9 +55,8 @@ class LayerCycle:
         correction = self._correct(layer, scan, heat, record)
         segments = self._setpoints(layer, scan, correction, heat.factor, record)
         asked, feed_factor = self._asked(layer, correction), record.flow_factor * record.heat_factor
-        if (
-            not resumed
-        ):  # otherwise the file holds the surface before the whole layer, which is still valid
+        # otherwise the file holds the surface before the whole layer, which is still valid
+        if not resumed:
             self._keep_scan(scan, Following(layer, asked, correction, feed_factor))
         self._deposit(segments, layer, record)
         self.history = History(asked, scan.map.z, feed_factor)

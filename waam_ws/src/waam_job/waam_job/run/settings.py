@@ -14,11 +14,8 @@ class Settings:
     """Defaults are those of the simulated cell."""
 
     work_offset: Point = (0.100, 0.080, 0.020)  # m, work zero in machine coordinates
-    plate_zero: Point = (
-        0.020,
-        0.020,
-        0.010,
-    )  # m, mode build: work zero seen from the plate's corner
+    # m, mode build: work zero seen from the plate's corner
+    plate_zero: Point = (0.020, 0.020, 0.010)
     margin: float = 5e-3  # m, map beyond the part
     resolution: float = 0.5e-3  # m, edge of a grid cell
     follow_reach: float = 3e-3  # m, smoothing of the surface that the torch height follows
@@ -31,9 +28,8 @@ class Settings:
     restart_metal: float = 0.8  # share of its metal that an interrupted path gets after its restart
     calibration_max_days: float = 30.0  # 0 = any age
     simulated: bool = True  # the cell is a simulated one
-    allow_unbelieved_temperature: bool = (
-        False  # a real cell goes on although the pyrometer is doubted
-    )
+    # a real cell goes on although the pyrometer is doubted
+    allow_unbelieved_temperature: bool = False
     share_in_tolerance: float = 0.95  # of the judged area, for a good verdict
     lease_nodes: tuple[str, ...] = ()  # whose heartbeat the arc lease needs
     limits: Limits = field(default_factory=Limits)

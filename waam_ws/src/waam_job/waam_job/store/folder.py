@@ -89,7 +89,7 @@ class JobFolder:
             return None
 
     def read_map(self, number: int) -> dict[str, np.ndarray] | None:
-        """Surface after layer `number`, None when it is missing or torn."""
+        """Maps (rows, cols) after layer `number` by name (docs/job_folder.md); None when it is missing or torn."""
         return _load_npz(self.path / job_folder.map_after(number))
 
     def last_map(self) -> int:
@@ -98,7 +98,7 @@ class JobFolder:
         return next((n for n in reversed(numbers) if self.read_map(n)), -1)
 
     def write_track(self, run: int, number: int, columns: dict[str, np.ndarray]) -> None:
-        """A piece of the telemetry track, to be joined at the end."""
+        """A piece of the telemetry track, columns (n,) SI, to be joined at the end."""
         if columns:
             (self.path / job_folder.TRACK).mkdir(exist_ok=True)
             _replace_npz(self.path / job_folder.track_piece(run, number), columns)
@@ -133,7 +133,7 @@ class JobFolder:
         write_atomically(self.path / name, json.dumps(clean(data), indent=1))
 
     def write_map(self, number: int, spec: GridSpec, **maps: np.ndarray) -> None:
-        """The map after layer `number` with its geometry; float maps are stored as float32."""
+        """Maps (rows, cols) after layer `number` with their geometry; float maps are stored as float32."""
         small = {
             k: np.asarray(v, np.float32) if np.asarray(v).dtype.kind == 'f' else np.asarray(v)
             for k, v in maps.items()

@@ -103,8 +103,7 @@ def _outlines(polygon: Polygon, inset: float) -> list[np.ndarray]:
 
 def _seamed(line: np.ndarray, number: int) -> np.ndarray:
     if np.allclose(line[0], line[-1]):
-        shift = int(
-            0.381966 * (number - 1) % 1.0 * (len(line) - 1)
-        )  # golden section: seams spread evenly
+        # golden section: seams spread evenly
+        shift = int(0.381966 * (number - 1) % 1.0 * (len(line) - 1))
         line = np.concatenate([line[shift:-1], line[: shift + 1]])
     return line[::-1] if number % 2 == 0 else line

@@ -15,9 +15,8 @@ from scipy import ndimage
 
 from waam_plan.masks import EIGHT, islands
 
-NARROWEST = (
-    0.4  # pitches: across an arm at least this wide each band gets a stub, linked along the arm
-)
+# pitches: across an arm at least this wide each band gets a stub, linked along the arm
+NARROWEST = 0.4
 
 Chain = list[np.ndarray]  # beads (n, 2) welded one after the other without putting the arc out
 

@@ -13,9 +13,8 @@ from waam_process.segment import Segment
 
 REACH = 2.0  # pitches: longest link with the arc on
 OPEN = 0.6  # pitches: a ring that is linked to the next one ends so much before its start, for the link lays metal, too
-GOLDEN = (
-    0.381966  # of a ring's length: its seam moves by this from layer to layer and spreads evenly
-)
+# of a ring's length: its seam moves by this from layer to layer and spreads evenly
+GOLDEN = 0.381966
 
 
 def seam_shift(number: int) -> float:

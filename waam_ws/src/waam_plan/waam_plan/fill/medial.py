@@ -12,9 +12,8 @@ from shapely.geometry.base import BaseGeometry
 
 from waam_plan.slice.section import pieces
 
-OPPOSITE = (
-    1.7  # of the radius: sides nearer to each other than that meet in a corner, not in a wall
-)
+# of the radius: sides nearer to each other than that meet in a corner, not in a wall
+OPPOSITE = 1.7
 MOST_POINTS = 20_000  # on the outline
 REACH = 0.35  # of the radius: by so much free ends are prolonged
 CROSSING = 2.0  # widths: smaller thick places are where thin walls meet

@@ -14,9 +14,8 @@ from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment
 
-CORNER = np.cos(
-    np.radians(30)
-)  # sharper turns stay where they are, stations are spread between them
+# sharper turns stay where they are, stations are spread between them
+CORNER = np.cos(np.radians(30))
 BREAK = 1.0  # m, put between lines that are measured along one another
 SHORTEST = 1e-7  # m, between two stations
 
@@ -32,6 +31,7 @@ class Pieces:
 
     @property
     def length(self) -> np.ndarray:
+        """(n,) m."""
         return np.linalg.norm(self.end - self.start, axis=1)
 
 

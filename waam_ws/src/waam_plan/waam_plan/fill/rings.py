@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from shapely import LinearRing, LineString, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from waam_plan.fill.contour import wall_width
 from waam_plan.fill.medial import medial_lines
@@ -17,6 +18,8 @@ from waam_plan.slice.section import merged, pieces
 STEP = 1.0e-3  # m, between points of a spiral
 RAMP = 6.0  # length of the way from one ring of a spiral to the next, over their distance
 FILLED = 0.40  # bead widths beside a line in which the overlap is in range
+CORE = 1.5  # ring spacings: a thicker band inside a ring has room for a bead in its middle
+EVEN = 0.4  # of half its thickness: by so much a closed band of one thickness may vary
 NARROW = 0.07  # bead widths: a gap of twice this between the bands closes by itself
 
 
@@ -33,25 +36,50 @@ def bead_count(width: float, bead_width: float, pitch_ratio: float) -> int:
     return max(1, math.ceil((width - bead_width) / (pitch_ratio * bead_width) + 1 - 1e-6))
 
 
-def spacing(polygon: Polygon, settings: PlanSettings) -> float:
-    """Distance of neighbouring rings (m): n beads from edge to edge where the polygon is widest."""
-    width = wall_width(polygon)
-    n = bead_count(width, settings.bead_width, settings.pitch_ratio)
-    return (width - settings.bead_width) / (n - 1) if n > 1 else settings.pitch
+def spacing(polygon: Polygon, settings: PlanSettings, more: float = 0.0) -> float:
+    """Distance of neighbouring rings (m): n beads from edge to edge where the polygon is widest.
+
+    more: beads beyond the fewest that keep the pitch; the rest of a bead is room left in the middle.
+    """
+    between = wall_width(polygon) - 2 * settings.first_ring
+    n = bead_count(between + settings.bead_width, settings.bead_width, settings.pitch_ratio) + more
+    return between / (n - 1) if n > 1 and between > 0 else settings.pitch
 
 
-def nested(polygon: Polygon, first: float, step: float, most: int = 10_000) -> list[Ring]:
-    """Insets at first, first + step, ... (m) as trees with the outer ones at the root; `most` levels at most."""
-    if most <= 0:
-        return []
-    return [Ring(p, nested(p, step, step, most - 1)) for p in pieces(polygon.buffer(-first))]
+def nested(polygon: Polygon, first: float, step: float) -> list[Ring]:
+    """Insets at first, first + step, ... (m) as trees with the outer ones at the root."""
+    return [Ring(p, nested(p, step, step)) for p in pieces(polygon.buffer(-first))]
 
 
-def contour_lines(polygon: Polygon, settings: PlanSettings, most: int = 10_000) -> list[np.ndarray]:
-    """Closed lines from the edge inwards, `most` deep at most; the first lies `first_ring` inside."""
-    found = nested(polygon, settings.first_ring, spacing(polygon, settings), most)
+def contour_lines(polygon: Polygon, settings: PlanSettings, more: float = 0.0) -> list[np.ndarray]:
+    """Closed lines from the edge inwards, the first `first_ring` inside, and lines in the middle of what they leave.
+
+    more: see `spacing`.
+    """
+    step = spacing(polygon, settings, more)
+    found = nested(polygon, settings.first_ring, step)
     radius = settings.corner_radius * settings.bead_width
-    return [x for ring in found for x in _closed(ring, radius) if _worth(x, settings)]
+    lines = [x for ring in found for x in _closed(ring, radius) if _worth(x, settings)]
+    return lines + [x for ring in found for x in _cores(ring, step, settings)]
+
+
+def _cores(ring: Ring, step: float, settings: PlanSettings) -> list[np.ndarray]:
+    """Middle lines of the bands inside a ring that no inner ring follows and that have room for a bead.
+
+    A closed band of uneven thickness has none: its room comes and goes, and `gap_lines` finds the places.
+    """
+    left: BaseGeometry = ring.polygon
+    if ring.inner:
+        left = left.difference(merged([r.polygon for r in ring.inner]).buffer(1.02 * step))
+    own: list[np.ndarray] = []
+    for band in pieces(left):
+        if band.buffer(-0.5 * CORE * step).is_empty:
+            continue
+        if band.interiors:
+            own += _closed_middle(band)
+        else:
+            own += medial_lines(band, settings.bead_width / 3)
+    return own + [x for r in ring.inner for x in _cores(r, step, settings)]
 
 
 def _worth(line: np.ndarray, settings: PlanSettings) -> bool:
@@ -73,13 +101,15 @@ def _closed(ring: Ring, radius: float) -> list[np.ndarray]:
     return own + [line for inner in ring.inner for line in _closed(inner, radius)]
 
 
-def spiral_lines(polygon: Polygon, settings: PlanSettings, shift: float) -> list[np.ndarray]:
+def spiral_lines(
+    polygon: Polygon, settings: PlanSettings, shift: float, more: float = 0.0
+) -> list[np.ndarray]:
     """One spiral for every nest of rings that lie simply in each other; rings around holes stay rings.
 
-    shift: where on the outer ring a spiral begins, share of its length.
+    shift: where on the outer ring a spiral begins, share of its length. more: see `spacing`.
     """
     out: list[np.ndarray] = []
-    roots = nested(polygon, settings.first_ring, spacing(polygon, settings))
+    roots = nested(polygon, settings.first_ring, spacing(polygon, settings, more))
     while roots:
         ring = roots.pop(0)
         nest = [ring]
@@ -164,8 +194,21 @@ def gap_lines(
         line
         for gap in pieces(gaps)
         if gap.area > speck
-        for line in medial_lines(gap, least=width / 3)
+        for line in (_closed_middle(gap) or medial_lines(gap, least=width / 3))
     ]
+
+
+def _closed_middle(band: Polygon) -> list[np.ndarray]:
+    """The middle line of a closed band (one hole) of one thickness; [] for any other shape."""
+    if len(band.interiors) != 1:
+        return []
+    half = wall_width(band) / 2
+    rings = pieces(Polygon(band.exterior).buffer(-half))
+    if len(rings) != 1:
+        return []
+    line = rings[0].exterior
+    apart = shapely.distance(Polygon(band.interiors[0]), shapely.points(line.coords))
+    return [np.asarray(line.coords)] if np.ptp(apart) < EVEN * half else []
 
 
 def _band(line: np.ndarray, reach: float) -> Polygon:

@@ -7,7 +7,7 @@ A new one is a function and a line in REGISTRY (and its name in settings.STRATEG
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from shapely import Polygon
@@ -25,7 +25,6 @@ from waam_process.grid import GridSpec
 EDGE_METAL = 1.15  # of rings along the edge of a restored layer; see Strategy
 EDGE_INSET = 0.28  # bead widths from that edge
 CORNER = 0.33  # bead widths, radius of rings
-RING = 0.80  # metal of rings along the edge over what the division gives them, where they are laid last
 
 
 @dataclass(frozen=True)
@@ -37,16 +36,25 @@ class Area:
     spec: GridSpec
     settings: PlanSettings
     number: int  # of the layer, from 1
+    more: float = (
+        0.0  # beads across beyond the fewest, of strategies with rings; see `rings.spacing`
+    )
 
     def part(self, polygons: list[Polygon]) -> Area:
         """The same layer with other polygons."""
-        mask = raster(polygons, self.spec)
-        return Area(polygons, mask, self.spec, self.settings, self.number)
+        return replace(self, polygons=polygons, mask=raster(polygons, self.spec))
 
 
 def fill(area: Area) -> list[Chain]:
     """Chains of the strategy that the settings name."""
     return REGISTRY[area.settings.strategy].fill(area)
+
+
+def restored(area: Area) -> list[Chain]:
+    """Chains of the strategy that the settings name, in a layer of a restoration."""
+    if area.settings.strategy in ('shell', 'zigzag'):
+        return path.hatch_region(area.mask, area.spec, area.settings, area.number)[0]
+    return rings_or_hatch(area) if area.settings.strategy == 'solid' else fill(area)
 
 
 def solid(area: Area) -> list[Chain]:
@@ -74,7 +82,8 @@ def zigzag(area: Area) -> list[Chain]:
 
 def contours(area: Area) -> list[Chain]:
     """Rings at equal distances from the edge inwards; what they leave open gets a line along its middle."""
-    return _each(area, lambda p: _filled(p, contour_lines(p, area.settings), area.settings))
+    s = area.settings
+    return _each(area, lambda p: _filled(p, contour_lines(p, s, area.more), s))
 
 
 def rings_or_hatch(area: Area) -> list[Chain]:
@@ -87,7 +96,7 @@ def rings_or_hatch(area: Area) -> list[Chain]:
 def spiral(area: Area) -> list[Chain]:
     """Rings joined to one line wherever they lie simply in each other."""
     s, shift = area.settings, seam_shift(area.number)
-    return _each(area, lambda p: _filled(p, spiral_lines(p, s, shift), s))
+    return _each(area, lambda p: _filled(p, spiral_lines(p, s, shift, area.more), s))
 
 
 def medial(area: Area) -> list[Chain]:
@@ -126,10 +135,10 @@ def _rings_and_hatch(polygon: Polygon, area: Area) -> tuple[list[np.ndarray], li
     rings = [
         np.asarray(r.coords)
         for k in range(s.contours)
-        for p in pieces(polygon.buffer(-s.bead_width / 2 - k * s.pitch))
+        for p in pieces(polygon.buffer(-s.first_ring - k * s.pitch))
         for r in (p.exterior, *p.interiors)
     ]
-    inside = s.bead_width / 2 + (s.contours - 0.5) * s.pitch
+    inside = s.first_ring + (s.contours - 0.5) * s.pitch
     core = [p for p in pieces(polygon.buffer(-inside)) if p.area > (s.pitch / 2) ** 2]
     hatched = zigzag(area.part(core)) if core else []
     return rings, hatched + _gaps(polygon, rings, core, s)
@@ -206,7 +215,12 @@ REGISTRY: dict[str, Strategy] = {
         edge_metal=EDGE_METAL,
         ring_inset=EDGE_INSET,
     ),
-    'combined': Strategy('contour outside (--set contours=1), zig-zag inside', combined),
+    'combined': Strategy(
+        'contour outside (--set contours=1), zig-zag inside',
+        combined,
+        edge_metal=EDGE_METAL,
+        ring_inset=EDGE_INSET,
+    ),
     'medial': Strategy(
         'walls and ribs as thick as a bead: one along their middle; thicker places as contour',
         medial,

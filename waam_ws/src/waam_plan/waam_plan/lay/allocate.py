@@ -23,6 +23,7 @@ ROUNDS, ITERATIONS = (
     3,
     4,
 )  # of the division; after each round the metal is evened out along the path
+SEEN = 0.15  # bead widths: sigma of what `unevenness` looks at
 OFFSETS, FINE = 8, 6  # places of a pool in its cell, and parts of a cell, of the table of pools
 FOOTPRINT = 6  # cells across a bead, at least, that the division works with
 EDGE = (
@@ -61,6 +62,25 @@ def metal_heights(
     thinnest = 0.5 * settings.min_layer * settings.layer_height
     limit = settings.max_layer_ratio * settings.layer_height if thickest is None else thickest
     return np.clip(height, thinnest, limit)
+
+
+def unevenness(
+    pieces: Pieces,
+    height: np.ndarray,
+    planned: np.ndarray,
+    spec: GridSpec,
+    settings: PlanSettings,
+) -> float:
+    """RMS of what the pieces lay beside `planned` (rows, cols) m, over its mean; waves much shorter than a bead, which
+    every row of beads has, are left out. height: (n,) m."""
+    wanted, coarse = _coarser(planned * spec.resolution**2, spec, settings)
+    volume = AREA_FACTOR * settings.bead_width * height * pieces.length
+    laid = (footprints(pieces, coarse, settings) @ volume).reshape(coarse.shape)
+    on = wanted > 0
+    blur = SEEN * settings.bead_width / coarse.resolution
+    beside, near = (ndimage.gaussian_filter(a, blur) for a in ((laid - wanted) * on, on * 1.0))
+    off = beside[on] / near[on]
+    return float(np.std(off) / wanted[on].mean()) if on.any() else 0.0
 
 
 def edge_surplus(

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waam_plan import masks
-from waam_plan.fill import contour, path, strategies
-from waam_plan.fill.hatch import Chain
+from waam_plan.fill import contour, strategies
 from waam_plan.fill.linking import arc_starts, near_starts
 from waam_plan.lay import sides
 from waam_plan.lay.layer import LayerTask, lay
+from waam_plan.lay.layout import most_even
 from waam_plan.lay.schedule import Schedule, choose_schedule, layer_count
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
 from waam_plan.settings import PlanSettings
@@ -164,7 +164,8 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> Planned
     )
     settings = _with_edges(settings, cover)
     within = sides.settings_within(settings) if (cover.mask & ~on).any() else settings
-    chains = _chains(cover, spec, within, turn)
+    area = strategies.Area(cover.polygons, cover.mask, spec, within, turn)
+    chains = most_even(area, masks.spread(task.planned, task.footprint, cover.mask))
     return lay(task, chains, below, spec=spec, safe_z=job.safe_z, settings=settings)
 
 
@@ -185,15 +186,6 @@ def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:
     """What idle moves of a layer pass over (m): its top or what was found; unknown cells count as the highest."""
     metal = np.where(on, np.fmax(after, job.found), np.fmax(job.found, job.standing))
     return np.where(np.isfinite(metal), metal, job.safe_z - job.settings.clearance)
-
-
-def _chains(cover: sides.Cover, spec: GridSpec, settings: PlanSettings, number: int) -> list[Chain]:
-    if settings.strategy in ('shell', 'zigzag'):
-        return path.hatch_region(cover.mask, spec, settings, number)[0]
-    area = strategies.Area(cover.polygons, cover.mask, spec, settings, number)
-    if settings.strategy == 'solid':
-        return strategies.rings_or_hatch(area)
-    return strategies.fill(area)
 
 
 def _warn(

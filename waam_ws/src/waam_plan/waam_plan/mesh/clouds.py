@@ -15,9 +15,8 @@ from waam_process.grid import GridSpec, HeightGrid
 
 FORMATS = ('.pcd', '.xyz', '.csv', '.txt', '.npy')
 FEWEST = 100  # points
-ISOLATED = (
-    2.0e-3  # m: a cell that stands out of its neighbours' median by more holds spatter or noise
-)
+# m: a cell that stands out of its neighbours' median by more holds spatter or noise
+ISOLATED = 2.0e-3
 
 
 def is_cloud(path: Path | str) -> bool:

@@ -51,7 +51,7 @@ def _closed(mesh: trimesh.Trimesh, done: list[str]) -> trimesh.Trimesh:
 
 
 def boundary_loops(mesh: trimesh.Trimesh) -> list[np.ndarray]:
-    """Vertices around every hole in the order of the faces' edges; chains that do not close are left out."""
+    """Numbers of the vertices around every hole, in the order of the faces' edges; open chains are left out."""
     key = np.sort(mesh.edges, axis=1)
     _, inverse, use = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     open_edges = mesh.edges[use[inverse.ravel()] == 1]

@@ -9,9 +9,8 @@ import numpy as np
 
 from waam_plan.settings import PlanSettings
 
-FLAT = math.cos(
-    math.radians(5.0)
-)  # faces whose normal is nearer to z bound a layer, they do not step
+# faces whose normal is nearer to z bound a layer, they do not step
+FLAT = math.cos(math.radians(5.0))
 FINE = 0.05e-3  # m, heights at which the slope is looked at
 
 

@@ -52,7 +52,7 @@ def _rings(follows: dict[int, int]) -> list[list[int]]:
 
 
 def section_polygons(vertices: np.ndarray, faces: np.ndarray, z: float) -> list[Polygon]:
-    """Polygons with holes of the section at z, largest first. Counter-clockwise rings add, clockwise ones remove."""
+    """Polygons with holes (m) of the section at z, largest first. Counter-clockwise rings add, clockwise remove."""
     polygons = []
     for ring in section_rings(vertices, faces, z):
         area = _signed_area(ring)
@@ -108,7 +108,7 @@ def _flip(ring: np.ndarray, spec: GridSpec, flips: np.ndarray) -> None:
 
 
 def outline(mask: np.ndarray, spec: GridSpec) -> list[Polygon]:
-    """Polygons around the cells of a mask, their steps rounded by a cell; they stay within a cell of the mask."""
+    """Polygons (m) around the cells of a mask, their steps rounded by a cell; they stay within a cell of it."""
     edge = np.diff(np.pad(mask.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     row, first = np.nonzero(edge == 1)
     _, last = np.nonzero(edge == -1)

@@ -25,25 +25,28 @@ def turn_vector(rotation: np.ndarray) -> np.ndarray:
 
 
 def tukey_weights(residuals: np.ndarray, limit: float) -> np.ndarray:
-    """Tukey's biweight: 1 at zero, 0 from `limit` on."""
+    """Tukey's biweight of residuals (n,): 1 at zero, 0 from `limit` on, which has their unit."""
     u = np.clip(residuals / limit, -1.0, 1.0)
     return (1.0 - u * u) ** 2
 
 
 def robust_scatter(residuals: np.ndarray) -> float:
-    """1.4826 times the median absolute residual: the standard deviation of normal errors about zero."""
+    """1.4826 times the median absolute residual: the standard deviation of normal errors about zero; NaN for none."""
     return 1.4826 * float(np.median(np.abs(residuals))) if len(residuals) else float('nan')
 
 
 def group_scores(profile: np.ndarray, scores: np.ndarray) -> np.ndarray:
-    """Sums of the scores (n, k) over groups of neighbouring profiles."""
+    """Sums of the scores (n, k) over groups of GROUP neighbouring profiles; profile: (n,) their numbers, rising."""
     group = profile // GROUP
     starts = np.flatnonzero(np.diff(group, prepend=-1))
     return np.add.reduceat(scores, starts, axis=0)
 
 
 def sandwich(hessian: np.ndarray, scores: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Cluster-robust covariance, nowhere narrower than that of independent points."""
+    """Cluster-robust covariance (k, k), nowhere narrower than that of independent points.
+
+    hessian, prior: (k, k); scores: (groups, k) of `group_scores`.
+    """
     inverse = np.linalg.inv(hessian)
     wide = inverse @ (scores.T @ scores + prior) @ inverse
     grow = np.sqrt(np.maximum(np.diag(inverse) / np.diag(wide), 1.0))

@@ -23,9 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN = {'x': ('mm', 1e3), 'y': ('mm', 1e3), 'z': ('mm', 1e3), 'delay': ('ms', 1e3)}
-SUSPECT = (
-    3.0  # mean residuals of a surface or pass beyond this many standard errors and 5 um are named
-)
+# mean residuals of a surface or pass beyond this many standard errors and 5 um are named
+SUSPECT = 3.0
 SHARED = 5e-6  # m
 
 

@@ -62,7 +62,7 @@ def align(
 
 
 def rpy_deg(rotation: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw in degrees."""
+    """Roll, pitch, yaw in degrees of a rotation (3, 3)."""
     from ..calibration.file import rpy_of
 
     return np.degrees(rpy_of(rotation))

@@ -21,9 +21,8 @@ from .limits import FusionLimits
 
 PARALLEL_FROM = 200_000  # points of a batch that are worth a second thread
 LEAST_PERIOD = 1.6384e-3  # m: wide against noise, narrow against spikes; height unit 0.1 um
-CELLS_PER_PERIOD = (
-    0.25  # coarse cells need a longer period, because their points lie higher and lower on a slope
-)
+# coarse cells need a longer period, because their points lie higher and lower on a slope
+CELLS_PER_PERIOD = 0.25
 
 
 @dataclass(frozen=True)

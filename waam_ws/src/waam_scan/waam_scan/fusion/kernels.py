@@ -19,9 +19,8 @@ from numba import njit
 CHUNK = 512  # points that are prepared at a time: vectorised, and still in the first-level cache for the second loop
 UNITS = 16384  # height units per period
 PHASES = 1024  # entries of the phase table
-AMPLITUDE = (
-    1 << 14
-)  # of the table's cosine and sine, which are stored with this offset (never negative)
+# of the table's cosine and sine, which are stored with this offset (never negative)
+AMPLITUDE = 1 << 14
 COUNT, PHASE, PLACE, SAMPLE = range(4)  # words of a cell
 SPILL = 0xFFFF  # after so many points the 32-bit sums of a cell are emptied into 64-bit ones
 OPEN = 0xFFFFFFFF  # threshold of a cell that still keeps every distinct point

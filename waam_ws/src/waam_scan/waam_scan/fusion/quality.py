@@ -11,9 +11,8 @@ from scipy import ndimage
 from .cell_kernels import ENOUGH
 from .height_map import FusedMap
 
-STEEP = math.radians(
-    70.0
-)  # a cell on a steeper surface spans more than 2.7 times its edge in height
+# a cell on a steeper surface spans more than 2.7 times its edge in height
+STEEP = math.radians(70.0)
 EDGE = 6.0  # times the typical scatter: points of two levels in one cell
 MINORITY = 0.15  # of the points on another level: no spikes any more, but a wall in the cell
 

@@ -86,7 +86,7 @@ def records(path: Path, header: list[str]) -> Iterator[tuple[int, list[str]]]:
 
 
 def numbers(path: Path, line: int, name: str, text: str) -> np.ndarray:
-    """Space-separated numbers of one field."""
+    """Space-separated numbers of one field, NaN allowed. FileError names file, line and field."""
     try:
         values = np.array(text.split(), float)
     except ValueError as e:

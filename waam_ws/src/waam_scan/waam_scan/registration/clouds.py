@@ -88,7 +88,7 @@ def load_triangles(path: Path, scale: float = 1e-3) -> np.ndarray:
 
 
 def save_cloud(path: Path, points: np.ndarray) -> None:
-    """Binary PLY in mm."""
+    """Writes points (n, 3) m as a binary PLY in mm."""
     import open3d as o3d
 
     o3d.io.write_point_cloud(

@@ -11,10 +11,9 @@ MM = 1e3  # Open3D works in mm about the middle of the moving cloud: its limits 
 VOXEL = 2.3  # spacings: points are averaged over so much, which takes the noise off their planes
 ITERATIONS = 50  # at most
 NORMAL_RADIUS, NORMAL_POINTS = 4.0, 30  # voxels; neighbours of a local plane
-ROUGH = (
-    1e-5  # change of fitness and of rms (mm) from which the iterations stop: about 2 um of motion,
-)
-FINE = 1e-9  # and 0.02 um
+# change of fitness and of rms (mm) below which the iterations stop: ROUGH about 2 um of motion, FINE 0.02 um
+ROUGH = 1e-5
+FINE = 1e-9
 
 
 @dataclass

@@ -18,9 +18,8 @@ class Registration:
     rotation: np.ndarray  # (3, 3)
     translation: np.ndarray  # (3,) m
     centre: np.ndarray  # (3,) m, middle of the moving cloud
-    covariance: (
-        np.ndarray
-    )  # (6, 6), motion of the centre (m), rotation (rad); infinite where unobserved
+    # (6, 6), motion of the centre (m), rotation (rad); infinite where unobserved
+    covariance: np.ndarray
     unobserved: list[str]  # motions that the shape does not show, in words
     free: np.ndarray  # (6, k) the same as directions (m, rad)
     noise: float  # m, robust scatter of the pairs

@@ -66,9 +66,8 @@ class Cloud:
         if len(p) > limit:
             p = p[np.sort(np.random.default_rng(seed).choice(len(p), limit, replace=False))]
         normals, smallest = local_planes(p)
-        flat = smallest < ROUGH * np.median(
-            smallest
-        )  # elsewhere: edges, and strays among the neighbours
+        # elsewhere: edges, and strays among the neighbours
+        flat = smallest < ROUGH * np.median(smallest)
         noise = np.sqrt(np.median(smallest) * NEIGHBOURS / (NEIGHBOURS - 3))
         return cls(p[flat], normals[flat], float(noise), spacing(p, seed))
 
@@ -102,7 +101,7 @@ def without_strays(points: np.ndarray) -> np.ndarray:
 
 
 def evened(points: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Thins profiles that are denser along the line than from line to line, until neighbours lie all around."""
+    """Thins points (n, 3) m of profiles that are denser along the line than across, until neighbours lie all around."""
     if _evenness(points, seed) > EVEN:
         return points
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points * 1e3))

@@ -23,7 +23,7 @@ def free_motions(free: np.ndarray, unit: np.ndarray, centre: np.ndarray) -> list
 
 
 def direction_name(v: np.ndarray) -> str:
-    """An axis, or the direction as three numbers."""
+    """The axis that v (3,) lies along, or the direction as three numbers."""
     v = v / max(np.linalg.norm(v), 1e-30)
     i = int(np.argmax(np.abs(v)))
     if abs(v[i]) > STRAIGHT:
