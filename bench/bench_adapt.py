@@ -28,6 +28,7 @@ from lib.adapt_stats import interval, progress, table, text
 from lib.adapt_wall import Wall
 from lib.emit import emit
 
+from waam_adapt.laws.corrector import CorrectionParams
 from waam_adapt.laws.registry import LAWS
 
 LAW = os.environ.get('WAAM_BENCH_LAW', 'unet')
@@ -207,16 +208,16 @@ def ablation() -> None:
 def bench_service() -> None:
     from lib import adapt_latency
 
-    rows = {
-        law: adapt_latency.measure(law, CALLS) for law in dict.fromkeys(('damped_inverse', LAW))
-    }
+    laws = ('damped_inverse', LAW, CorrectionParams.law)
+    rows = {law: adapt_latency.measure(law, CALLS) for law in dict.fromkeys(laws)}
     head = ('p50', 'p99', 'max', 'server_p99', 'memory_mb', 'fallbacks')
     table(
         f'Service, 256 x 256 cells, {CALLS} calls: ms (load of this machine now: {os.getloadavg()[0]:.1f})',
         ('law', *head), [(k, *(f'{v[h]:.1f}' for h in head)) for k, v in rows.items()],
     )  # fmt: skip
-    note = f'limit that was asked; {LAW}; server {rows[LAW]["memory_mb"]:.0f} MB'
-    emit('adapt.service_p99_ms', rows[LAW]['p99'], 'ms', note, 60.0)
+    name, slowest = max(rows.items(), key=lambda row: row[1]['p99'])
+    note = f'limit that was asked; {name}; server {slowest["memory_mb"]:.0f} MB'
+    emit('adapt.service_p99_ms', slowest['p99'], 'ms', note, 60.0)
 
 
 def hot_walls() -> None:

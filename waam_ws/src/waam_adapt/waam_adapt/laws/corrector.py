@@ -24,7 +24,7 @@ class CorrectionParams:
     """Parameters of the node correction_server."""
 
     law: str = param(
-        'bead_solver',
+        'growth_net',
         'correction law',
         choices=tuple(LAWS),
     )
