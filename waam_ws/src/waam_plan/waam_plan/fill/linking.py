@@ -9,7 +9,7 @@ from shapely.ops import substring
 
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.rings import begun_at
-from waam_plan.fill.seam import seam_shift as seam_shift
+from waam_plan.fill.seam import seam_shift
 from waam_process.segment import Segment
 
 REACH = 2.0  # pitches: longest link with the arc on
