@@ -10,7 +10,7 @@ adapt.service_p99_ms: round trip of the real service, 256 x 256 cells, conversio
 thermal.wait_error_pct: mean error of the predicted wait for an interpass limit, recorded wall (baseline: exponential).
 Tables, only when asked for by name: adapt.wall_fit (the fit of the wall to the recordings) and adapt.ablation (the
 chain without one of its parts).
-Environment: WAAM_BENCH_LAW (default unet) the law in the network's place, WAAM_BENCH_SEEDS (default 10) seeds of pads,
+Environment: WAAM_BENCH_LAW (default unet) the law in the network's place, WAAM_BENCH_COUNT (default 10) seeds of pads,
 twice as many walls; WAAM_BENCH_CALLS (default 300) service calls.
 """
 
@@ -32,7 +32,7 @@ from waam_adapt.laws.corrector import CorrectionParams
 from waam_adapt.laws.registry import LAWS
 
 LAW = os.environ.get('WAAM_BENCH_LAW', 'unet')
-SEEDS = range(int(os.environ.get('WAAM_BENCH_SEEDS', '10')))
+SEEDS = range(int(os.environ.get('WAAM_BENCH_COUNT', '10')))
 CALLS = int(os.environ.get('WAAM_BENCH_CALLS', '300'))
 EXPLICIT = [law for law in LAWS if law not in ('zero', 'unet')]
 GAINS = (0.3, 0.5, 0.7, 0.9, 1.1)

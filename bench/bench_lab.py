@@ -11,7 +11,6 @@ five seeds (baseline: the graph against itself, first seed twice; its timing dep
 from __future__ import annotations
 
 import json
-import os
 import sys
 import tempfile
 import time
@@ -19,14 +18,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from lib.emit import emit
+from lib.seeds import seeds
 
 GRAPH_RATE = 13.0  # s/s, `make demo` on two cores (README.md)
 SEEDS = (1, 2, 3, 7, 11)
-
-
-def seeds() -> tuple[int, ...]:
-    text = os.environ.get('WAAM_BENCH_SEEDS', '')
-    return tuple(int(v) for v in text.split(',')) if text else SEEDS
 
 
 def in_graph(seed: int) -> tuple[dict, float]:
@@ -68,13 +63,13 @@ def told(seed: int, graph: dict, wall: float, found) -> None:
 
 def speed() -> None:
     """One worker, so that nothing but this job uses its core."""
-    found = in_laboratory(seeds())
+    found = in_laboratory(seeds(SEEDS))
     rate = sum(r.time for r in found) / sum(r.cpu for r in found)
     emit('lab.speed', rate, 's/s', 'the graph on two cores (README)', GRAPH_RATE)
 
 
 def agreement() -> None:
-    wanted = seeds()
+    wanted = seeds(SEEDS)
     found = in_laboratory(wanted)
     graph = {}
     for result in found:

@@ -6,7 +6,7 @@ registration.error_mm: largest error of the middle of the surface after a drift 
 70 % of it were covered with 2 mm of metal (baselines: plain Open3D point-to-plane, the same with Tukey's kernel of
 0.2 mm, and KISS-ICP, on the same data). registration.turn_mdeg: largest error of the rotation in the same runs.
 registration.cpu_s: processor time of one registration. The table for docs/registration.md goes to stderr.
-WAAM_BENCH_SEEDS: seeds for each (default 3; about half a minute of processor time per seed).
+WAAM_BENCH_COUNT: seeds for each (default 3; about half a minute of processor time per seed).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from lib.emit import emit
 from lib.paths import SOURCES
 
 sys.path.insert(0, str(SOURCES / 'waam_scan' / 'test'))
-SEEDS = range(int(os.environ.get('WAAM_BENCH_SEEDS', '3')))
+SEEDS = range(int(os.environ.get('WAAM_BENCH_COUNT', '3')))
 PLACE, TOP, HEIGHT = (0.10, 0.06, 0.0), (0.020, 0.014), 0.012
 SLOPES = (np.radians(45), np.radians(40))
 SHARES = (0.0, 0.3, 0.7)

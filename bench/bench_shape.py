@@ -29,6 +29,7 @@ from pathlib import Path
 
 import numpy as np
 from lib.emit import emit
+from lib.seeds import seeds
 
 SEEDS = tuple(range(1, 21))
 FEW = (1, 2, 3, 4, 5)
@@ -48,11 +49,6 @@ PLANTS = {  # fields of MetalParams
         'area_noise_layer': 0.06,
     },
 }
-
-
-def seeds(usual: tuple[int, ...]) -> tuple[int, ...]:
-    text = os.environ.get('WAAM_BENCH_SEEDS', '')
-    return tuple(int(v) for v in text.split(',')) if text else usual
 
 
 def jaw_jobs(wanted: tuple[int, ...], **options) -> list:

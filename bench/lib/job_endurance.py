@@ -28,7 +28,6 @@ NAMES = (
     'done', 'failed', 'aborted',
 )  # fmt: skip
 SILENT_S = 120.0  # s without a status after which the run is given up
-PLATE = (0.240, 0.200, 0.010)  # m
 
 
 @dataclass
@@ -167,12 +166,13 @@ def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endura
     from waam_bringup.test_support import power_on
     from waam_msgs.action import RunJob
     from waam_node import job_folder
+    from waam_process.operating import BUILD_PLATE
 
     scratch.mkdir(parents=True, exist_ok=True)
     with power_on(scratch / 'run', DOMAIN, SEED, params_file=parameters(scratch)) as (client, _):
         pids = {n: s.pid for n, s in run_state.load(scratch / 'run').nodes.items()}
         watch = Endurance(hours, pids, file, min(EVERY, hours * 3600 / 24))
-        client.load_part('', PLATE, SEED)
+        client.load_part('', BUILD_PLATE, SEED)
 
         def alive() -> str:
             if watch.over and not watch.asked:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from waam_process.names import CONTROLLER_STATES
+from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
 from waam_process.units import to_mm, to_mm_min
 
 from . import frames, requests
@@ -28,7 +29,6 @@ from .program import number
     UNLOCK_ESTOP,
     CLEAR_QUEUE,
 ) = range(1, 13)  # waam_msgs/srv/Command
-SPEED_FACTOR, WIRE_FACTOR = (0.1, 2.0), (0.5, 1.5)  # waam_msgs/Override
 
 
 @dataclass(frozen=True)

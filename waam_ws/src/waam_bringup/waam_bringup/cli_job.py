@@ -7,6 +7,7 @@ from pathlib import Path
 
 from waam_job.model.limits import K_GAIN_MAX
 from waam_process.loop_mode import LOOP_MODES, LoopMode
+from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
 
 from .cli_common import add_run, run_and_domain
 
@@ -181,13 +182,13 @@ def _register_steering(job: argparse._SubParsersAction) -> None:
         'as it is: with --speed alone the wire goes on as before, so slower means more metal.',
     )
     add_run(p)
-    for name, limits in (('speed', '0.1..2'), ('wire', '0.5..1.5')):
+    for name, (low, high) in (('speed', SPEED_FACTOR), ('wire', WIRE_FACTOR)):
         p.add_argument(
             f'--{name}',
             type=float,
             default=float('nan'),
             metavar='FACTOR',
-            help=f'{limits}; 1 = as programmed',
+            help=f'{low:g}..{high:g}; 1 = as programmed',
         )
     p.set_defaults(run_command=cmd_job_feed)
     for verb, text in (

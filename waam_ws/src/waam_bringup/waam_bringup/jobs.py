@@ -12,15 +12,13 @@ from typing import Any
 from waam_msgs.action import RunJob
 from waam_msgs.srv import AdjustJob
 from waam_node import job_folder
+from waam_process.operating import BUILD_PLATE, SPEED_FACTOR, WIRE_FACTOR
 
 from .client import ClientError, GraphClient
 from .operate import graph_trouble, require_up
 from .paths import jobs_dir
 from .progress import JobProgress
 
-# m, on the simulated table for a plain build (job_sequencer: plate_zero)
-PLATE = (0.240, 0.200, 0.010)
-SPEEDS, WIRES = (0.1, 2.0), (0.5, 1.5)  # waam_msgs/Override
 _R = RunJob.Result
 REFUSED = (
     _R.BUSY, _R.BAD_GOAL, _R.BAD_PART, _R.UNKNOWN_MATERIAL, _R.PLAN_FAILED, _R.BAD_RESUME,
@@ -119,7 +117,10 @@ def adjust_job(code: str, value: float, domain: int) -> None:
 
 def override(speed: float, wire: float, domain: int) -> tuple[float, float]:
     """Factors of travel speed and wire feed (NaN = as it is). Returns those that the controller then reports."""
-    for name, value, (low, high) in (('speed', speed, SPEEDS), ('wire', wire, WIRES)):
+    for name, value, (low, high) in (
+        ('speed', speed, SPEED_FACTOR),
+        ('wire', wire, WIRE_FACTOR),
+    ):
         if not (math.isnan(value) or low <= value <= high):
             raise ValueError(f'--{name} {value:g} must be {low:g} to {high:g}')
     if math.isnan(speed) and math.isnan(wire):
@@ -135,7 +136,7 @@ def place_part(client: GraphClient, args: argparse.Namespace) -> None:
             f'a job is running already: {running.job_id} (waam status, waam job abort)'
         )
     if args.mode == 'build':
-        client.load_part('', PLATE, -1)
+        client.load_part('', BUILD_PLATE, -1)
         return
     if not args.as_found:
         raise ValueError(

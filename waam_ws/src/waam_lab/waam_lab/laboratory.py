@@ -17,6 +17,7 @@ from waam_job.run.control import Control
 from waam_job.run.runner import JobRunner
 from waam_job.store.folder import JobFolder
 from waam_process.grid import GridSpec, HeightGrid
+from waam_process.operating import BUILD_PLATE
 from waam_sim import part as parts
 from waam_sim.config import GROUPS, plant_params
 from waam_sim.faults import Faults
@@ -28,7 +29,6 @@ from .job import LabJob, LabResult
 from .metal_trace import MetalTrace
 from .watch import LayerWatch
 
-PLATE = (0.240, 0.200, 0.010)  # m, on the table for a build, as of waam job run
 MEMORY = Path('/dev/shm')  # job folders that are not kept need no disk
 
 
@@ -91,7 +91,7 @@ def on_table(job: LabJob, physics: PlantParams) -> HeightGrid:
         return parts.from_stl(str(job.as_found), metal.cell, metal.margin)
     if job.goal.mode == 'restore':
         raise ValueError("as_found (--as-found): a restoration needs the mesh of the worn part")
-    return parts.plate(*PLATE, metal.cell, metal.margin)
+    return parts.plate(*BUILD_PLATE, metal.cell, metal.margin)
 
 
 def _note_planned(trace: MetalTrace, folder: JobFolder) -> None:

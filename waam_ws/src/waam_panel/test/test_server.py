@@ -89,6 +89,16 @@ def test_values_out_of_their_limits_are_refused_and_go_nowhere(panel, name, data
     assert panel.operations.asked == []
 
 
+def test_the_page_is_told_the_limits_of_the_overrides(panel):
+    limits = json.loads(get(panel, '/api/choices')[1])['override_limits']
+    assert set(limits) == {'speed', 'wire'}
+    for name, (low, high) in limits.items():
+        found = [ask(panel, 'override', {name: x})[0] for x in (low - 0.01, low, high, high + 0.01)]
+        assert found == [400, 200, 200, 400], name
+    said = ask(panel, 'override', {})[1]['message']
+    assert said == 'override: speed 0.1 to 2, wire 0.5 to 1.5'
+
+
 @settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

@@ -9,6 +9,8 @@ from typing import Any
 
 from aiohttp import web
 
+from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
+
 from . import alarms, history
 from .cell import CELL, Cell
 from .operations import Refused
@@ -23,7 +25,7 @@ HOLD_SPEED = {0.1: 0.5e-3, 1.0: 2e-3, 10.0: 10e-3, 50.0: 30e-3}  # m/s while a k
 # motion that one request of a held key asks for: without the next one the machine stands
 HOLD_S = 0.25
 WIRE_MM = 50.0  # longest wire jog of one request
-FACTORS = {'speed': (0.1, 2.0), 'wire': (0.5, 1.5)}  # waam_msgs/Override
+FACTORS = {'speed': SPEED_FACTOR, 'wire': WIRE_FACTOR}
 BODY = 64 << 10
 KNOWN = (Refused, FormError, PartsError, WorkError, history.HistoryError)
 Run = Callable[[Cell, dict[str, Any]], Awaitable[Any]]
@@ -106,7 +108,8 @@ async def override(cell: Cell, data: dict[str, Any]) -> str:
     """speed, wire: factors; what is missing stays."""
     given = {n: number(data, n, *limits) for n, limits in FACTORS.items() if n in data}
     if not given or len(given) != len(data):
-        raise BadRequest('override: speed 0.1 to 2, wire 0.5 to 1.5')
+        limits = (f'{name} {low:g} to {high:g}' for name, (low, high) in FACTORS.items())
+        raise BadRequest(f'override: {", ".join(limits)}')
     nan = math.nan
     return await cell.do(cell.operations.override, given.get('speed', nan), given.get('wire', nan))
 
@@ -272,7 +275,8 @@ def _listing(read: Callable[[Cell], Any]) -> Callable[[web.Request], Awaitable[w
 def _choices(cell: Cell) -> dict[str, Any]:
     return {
         'parts': cell.parts.listing(), 'materials': cell.materials, 'steps_mm': STEPS_MM,
-        'simulated': cell.operations.simulated, 'loop_modes': list(LOOP_MODE_LABELS.items()),
+        'override_limits': FACTORS, 'simulated': cell.operations.simulated,
+        'loop_modes': list(LOOP_MODE_LABELS.items()),
         'alarms': {k: {c: vars(a) for c, a in t.items()} for k, t in alarms.table().items()},
     }  # fmt: skip
 

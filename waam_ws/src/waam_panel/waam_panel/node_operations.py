@@ -17,6 +17,7 @@ from waam_msgs.msg import Override
 from waam_msgs.srv import AdjustJob, Command, LoadPart
 from waam_node.node import CallError, WaamNode, call
 from waam_node.qos import NEWEST
+from waam_process.operating import BUILD_PLATE
 
 from . import conversions as cv
 from .operations import Refused
@@ -26,8 +27,6 @@ PATIENCE_S = 5.0
 STOP_PATIENCE_S = 3.0
 START_PATIENCE_S = 10.0
 LOAD_PATIENCE_S = 60.0
-# m, on the simulated table for a plain build (job_sequencer: plate_zero)
-PLATE = (0.240, 0.200, 0.010)
 
 
 class RosOperations:
@@ -159,7 +158,7 @@ class RosOperations:
         request = LoadPart.Request(mesh_path=str(as_found) if as_found else '', seed=-1)
         if setup.mode == 'build':
             request.mesh_path = ''
-            request.plate.x, request.plate.y, request.plate.z = PLATE
+            request.plate.x, request.plate.y, request.plate.z = BUILD_PLATE
         response = self._call(self._load, request, LOAD_PATIENCE_S)
         if not response.success:
             raise Refused(response.message)

@@ -7,7 +7,7 @@ import { addSamples, makePlots, setJob } from './plots.js';
 import { bindSetup, choices } from './setup.js';
 import { follow } from './stream.js';
 
-let sections = {}, running = false, again = 0, jobEnds = -1, page = 'run';
+let sections = {}, factors = {}, running = false, again = 0, jobEnds = -1, page = 'run';
 const drawPlots = makePlots($('plots'));
 
 // ---- commands
@@ -22,7 +22,7 @@ const GAIN = 0.2; // where the buttons start when the correction server uses its
 function override(kind, percent) {
   const t = sections.telemetry;
   if (!t) return;
-  const now = kind === 'speed' ? t.speed_override : t.wire_override, [low, high] = kind === 'speed' ? [0.1, 2] : [0.5, 1.5];
+  const now = kind === 'speed' ? t.speed_override : t.wire_override, [low, high] = factors[kind] ?? [-Infinity, Infinity];
   post('override', { [kind]: Math.min(high, Math.max(low, Math.round(now * 100 + percent) / 100)) }, { quiet: true });
 }
 function gain(change) {
@@ -211,6 +211,6 @@ async function begin() {
   theme(kept === 'dark');
   follow(onFrame);
   const found = await choices();
-  if (found) { makeSteps($('steps'), found.steps_mm); makeTable(found.alarms); }
+  if (found) { factors = found.override_limits; makeSteps($('steps'), found.steps_mm); makeTable(found.alarms); }
 }
 begin();

@@ -7,6 +7,7 @@ from shapely import LineString, Polygon, maximum_inscribed_circle
 from shapely.ops import substring
 
 from waam_plan.fill.medial import medial_lines
+from waam_plan.fill.seam import seam_shift
 from waam_plan.masks import ONE_BEAD
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import pieces
@@ -103,7 +104,6 @@ def _outlines(polygon: Polygon, inset: float) -> list[np.ndarray]:
 
 def _seamed(line: np.ndarray, number: int) -> np.ndarray:
     if np.allclose(line[0], line[-1]):
-        # golden section: seams spread evenly
-        shift = int(0.381966 * (number - 1) % 1.0 * (len(line) - 1))
+        shift = int(seam_shift(number) * (len(line) - 1))
         line = np.concatenate([line[shift:-1], line[: shift + 1]])
     return line[::-1] if number % 2 == 0 else line

@@ -9,17 +9,11 @@ from shapely.ops import substring
 
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.rings import begun_at
+from waam_plan.fill.seam import seam_shift
 from waam_process.segment import Segment
 
 REACH = 2.0  # pitches: longest link with the arc on
 OPEN = 0.6  # pitches: a ring that is linked to the next one ends so much before its start, for the link lays metal, too
-# of a ring's length: its seam moves by this from layer to layer and spreads evenly
-GOLDEN = 0.381966
-
-
-def seam_shift(number: int) -> float:
-    """Share of a ring's length at which layer `number` begins it."""
-    return GOLDEN * (number - 1) % 1.0
 
 
 def linked(

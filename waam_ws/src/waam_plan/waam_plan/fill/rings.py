@@ -18,6 +18,7 @@ from waam_plan.slice.section import merged, pieces
 STEP = 1.0e-3  # m, between points of a spiral
 RAMP = 6.0  # length of the way from one ring of a spiral to the next, over their distance
 FILLED = 0.40  # bead widths beside a line in which the overlap is in range
+SLIVER = 0.1  # ring spacings: half the thickness of a sliver
 CORE = 1.5  # ring spacings: a thicker band inside a ring has room for a bead in its middle
 EVEN = 0.4  # of half its thickness: by so much a closed band of one thickness may vary
 NARROW = 0.07  # bead widths: a gap of twice this between the bands closes by itself
@@ -47,8 +48,12 @@ def spacing(polygon: Polygon, settings: PlanSettings, more: float = 0.0) -> floa
 
 
 def nested(polygon: Polygon, first: float, step: float) -> list[Ring]:
-    """Insets at first, first + step, ... (m) as trees with the outer ones at the root."""
-    return [Ring(p, nested(p, step, step)) for p in pieces(polygon.buffer(-first))]
+    """Insets at first, first + step, ... (m) as trees with the outer ones at the root.
+
+    Slivers, whose two sides would lie on each other, are left out: they are the place of one line.
+    """
+    found = [p for p in pieces(polygon.buffer(-first)) if not p.buffer(-SLIVER * step).is_empty]
+    return [Ring(p, nested(p, step, step)) for p in found]
 
 
 def contour_lines(polygon: Polygon, settings: PlanSettings, more: float = 0.0) -> list[np.ndarray]:

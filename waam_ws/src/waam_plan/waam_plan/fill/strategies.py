@@ -14,9 +14,10 @@ from shapely import Polygon
 
 from waam_plan.fill import contour, path
 from waam_plan.fill.hatch import Chain
-from waam_plan.fill.linking import linked, seam_shift
+from waam_plan.fill.linking import linked
 from waam_plan.fill.medial import medial_lines, thin_and_thick
 from waam_plan.fill.rings import contour_lines, gap_lines, spiral_lines
+from waam_plan.fill.seam import seam_shift
 from waam_plan.masks import ONE_BEAD
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import pieces, raster

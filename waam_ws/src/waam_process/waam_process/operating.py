@@ -1,0 +1,10 @@
+"""What every way to run a job agrees on: command line, page, laboratory, bridge."""
+
+from __future__ import annotations
+
+# range of an operator's factor on the programmed value (Override.msg; the controller checks it again)
+SPEED_FACTOR = (0.1, 2.0)  # travel speed
+WIRE_FACTOR = (0.5, 1.5)  # wire feed
+
+# m, x, y, z: the plate on the simulated table for a build (job_sequencer: plate_zero)
+BUILD_PLATE = (0.240, 0.200, 0.010)
