@@ -31,7 +31,9 @@ def test_random_walls_are_thin_and_random_builds_begin_at_the_plate():
         nominal, worn = part.meshes()
         assert nominal.is_watertight
         assert worn.is_watertight
-        sides = nominal.area - 2 * nominal.volume / 24.0  # without top and floor: thickness = 2 V / sides
+        sides = (
+            nominal.area - 2 * nominal.volume / 24.0
+        )  # without top and floor: thickness = 2 V / sides
         assert 2.5 < 2 * nominal.volume / sides < 10.5
         assert (part.nominal - part.worn).min() > 2.0
         part = random_build(rng)

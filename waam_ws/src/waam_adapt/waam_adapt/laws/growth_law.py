@@ -27,7 +27,7 @@ from .net_law import DOUBT, UNetLaw
 PACKAGED = net_file.PACKAGED.with_name('growth.npz')
 NO_MODEL = 'none'
 # Share of the planned height that is foretold at most, and in walls narrower than a bead. Setpoints cannot fill a
-# deeper hollow within a bead, and a hump that one layer leaves stands in the hollow of the next one, laid the other way.
+# deeper hollow within a bead, and a hump that one layer leaves stands in the hollow of the next one, laid otherwise.
 MOST, MOST_IN_WALL = 0.15, 0.05
 SMOOTH = 1.0  # cells: sigma of what is foretold; shorter waves setpoints cannot make
 
