@@ -285,7 +285,7 @@ def bench_thermal() -> None:
             )
         )
     table(
-        'Foretold wait for an interpass limit, recorded wall: error in %',
+        'Predicted wait for an interpass limit, recorded wall: error in %',
         ('', 'limits', 'layers', 'median', 'mean', '90 %', 'within 15 %', 'one exponential, mean'), rows,
     )  # fmt: skip
     learned = [f for f in found if f.learned]

@@ -40,7 +40,7 @@ def test_wait_is_learned_from_the_layers_before():
     assert m.wait(900.0) == 0.0
 
 
-def test_a_layer_unlike_the_last_is_not_foretold():
+def test_a_layer_unlike_the_last_is_not_predicted():
     m = CoolingModel(20.0)
     clock = layers(m, (800.0, 810.0))
     m.add(clock, 1500.0)
@@ -92,7 +92,7 @@ FOLDER = Path(__file__).parents[5] / 'shared' / 'data' / 'interlayer_temperature
 
 
 @pytest.mark.skipif(not FOLDER.exists(), reason='recordings are not beside the checkout')
-def test_recorded_dwells_are_foretold():
+def test_recorded_dwells_are_predicted():
     """Half way into a dwell of a recorded wall, the temperature at its end: nine of ten waits within 15 %."""
     t, y = np.genfromtxt(FOLDER / 'plate40_L2-60_pos55.csv', delimiter=',', skip_header=1).T
     t, y = t[np.isfinite(y)], y[np.isfinite(y)]

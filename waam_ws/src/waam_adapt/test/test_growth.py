@@ -17,7 +17,7 @@ from waam_adapt.laws.corrector import CorrectionParams, Corrector, LastLayer
 from waam_adapt.laws.growth_law import GrowthLaw
 from waam_adapt.laws.registry import make_law
 from waam_adapt.training import samples
-from waam_adapt.types import CorrectionInput, Foretold
+from waam_adapt.types import CorrectionInput, Predicted
 
 RES, WIDTH, H = 0.5e-3, 6e-3, 2e-3
 SHAPE = (96, 96)  # 48 mm: a whole number of model cells
@@ -139,12 +139,12 @@ def test_answer_names_the_network_and_differs_from_the_bead_solver(law):
     assert result.confidence.max() < plain.confidence.max()
 
 
-def test_no_more_is_foretold_than_setpoints_can_make_least_of_all_in_thin_walls(tmp_path):
+def test_no_more_is_predicted_than_setpoints_can_make_least_of_all_in_thin_walls(tmp_path):
     law = make_law('growth_net', model=str(weights_file(tmp_path / 'g.npz', scale=30.0)))
     wide = request()
     thin = request(planned=np.where(np.arange(96)[:, None] // 11 == 4, wide.planned, 0.0))  # 5.5 mm
-    assert np.abs(law.foretell(wide).growth).max() == pytest.approx(0.15)
-    assert np.abs(law.foretell(thin).growth).max() == pytest.approx(0.05)
+    assert np.abs(law.predict(wide).growth).max() == pytest.approx(0.15)
+    assert np.abs(law.predict(thin).growth).max() == pytest.approx(0.05)
 
 
 def test_same_input_same_bits(law):
@@ -157,7 +157,7 @@ def test_less_is_laid_where_more_will_grow():
     r, law = request(), GrowthLaw.load('none', make_law('damped_inverse'))
     growth = np.zeros(grid_of(r).shape)
     growth[14:18, 10:14] = 0.3
-    told = replace(r, foretold=Foretold(growth, np.zeros_like(growth), 'abc'))
+    told = replace(r, predicted=Predicted(growth, np.zeros_like(growth), 'abc'))
     hump, plain = law.correct(told), law.correct(r)
     place = np.s_[42:54, 30:42]
     assert (hump.psi - plain.psi)[place].mean() > 0.2  # faster: thinner
@@ -190,22 +190,22 @@ def test_weights_of_the_other_network_are_refused(tmp_path):
     assert 'shape' in result.reasons[0]
 
 
-def test_what_was_foretold_is_not_learned_again(tmp_path):
-    """A layer grows exactly as foretold: the bead bias has nothing to learn. Without the network it has."""
+def test_what_was_predicted_is_not_learned_again(tmp_path):
+    """A layer grows exactly as predicted: the bead bias has nothing to learn. Without the network it has."""
     missing = {}
     for name in ('growth_net', 'bead_solver'):
         model = str(weights_file(tmp_path / 'g.npz')) if name == 'growth_net' else ''
         corrector = Corrector(CorrectionParams(law=name, model=model))
         first = request()
         answer = corrector.answer(1, first, origin(0), LastLayer())
-        foretold = make_law('growth_net', model=str(tmp_path / 'g.npz')).foretell(first).growth
+        predicted = make_law('growth_net', model=str(tmp_path / 'g.npz')).predict(first).growth
         c, grid = answer.correction, grid_of(first)
         asked = np.where(first.footprint, H / (1 + c.k_gain * c.psi) + c.residual_height, 0.0)
         model_ = bead_model(first.paths, grid.shape, WIDTH)
         expected = model_.growth(
             model_.of_cells(np.where(first.footprint, asked / H, np.nan), RES), 0.0
         )
-        grown = first.z + np.where(first.footprint, H * grid.fine(expected + foretold), 0.0)
+        grown = first.z + np.where(first.footprint, H * grid.fine(expected + predicted), 0.0)
         second = request(z=grown, target=grown)
         corrector.answer(2, second, origin(1), LastLayer(first.z, asked))
         learned = corrector.identifier.beads.missing[1]
@@ -214,8 +214,9 @@ def test_what_was_foretold_is_not_learned_again(tmp_path):
 
 
 def lay(corrector: Corrector, layers: int, grows, job: str = 'job', times: int = 1):
-    """Lays flat layers one over the other; grows(expected, foretold): relative growth on the model's grid. The answers,
-    one more than layers; every one is asked for so many times."""
+    """Lays flat layers one over the other; grows(expected, predicted): relative growth on the model's grid.
+
+    Returns the answers, one more than layers; every one is asked for so many times."""
     answers, surface, last = [], np.zeros(SHAPE), LastLayer()
     network = corrector.law
     for number in range(1, layers + 2):
@@ -227,7 +228,7 @@ def lay(corrector: Corrector, layers: int, grows, job: str = 'job', times: int =
         relative = np.where(r.footprint, asked / H, np.nan)
         model = bead_model(r.paths, grid.shape, WIDTH)
         expected = model.growth(model.of_cells(relative, RES), 0.0)
-        grown = grid.fine(grows(expected, network.foretell(r).growth))
+        grown = grid.fine(grows(expected, network.predict(r).growth))
         last = LastLayer(surface, asked)
         surface = surface + np.where(r.footprint, H * grown, 0.0)
     return answers
@@ -242,27 +243,27 @@ def corrector_of(tmp_path, **params) -> Corrector:
     return Corrector(CorrectionParams(law='growth_net', model=model, **params))
 
 
-def test_a_network_that_foretells_nonsense_loses_its_say(tmp_path):
-    found = lay(corrector_of(tmp_path), 4, lambda expected, foretold: expected)
+def test_a_network_that_predicts_nonsense_loses_its_say(tmp_path):
+    found = lay(corrector_of(tmp_path), 4, lambda expected, predicted: expected)
     weights = says(found)
     assert 0.8 <= weights[0] <= 1.0
     assert weights[1] < 0.6
     assert weights[3] < 0.3
     assert all(b < a for a, b in zip(weights, weights[1:], strict=False))
-    against = lay(corrector_of(tmp_path), 2, lambda expected, foretold: expected - foretold)
+    against = lay(corrector_of(tmp_path), 2, lambda expected, predicted: expected - predicted)
     assert says(against)[2] < weights[2]
     assert 'say of the network' in found[3].correction.reasons[0]
     assert not found[3].correction.fallback
 
 
-def test_a_network_that_foretells_well_keeps_its_say(tmp_path):
-    weights = says(lay(corrector_of(tmp_path), 4, lambda expected, foretold: expected + foretold))
+def test_a_network_that_predicts_well_keeps_its_say(tmp_path):
+    weights = says(lay(corrector_of(tmp_path), 4, lambda expected, predicted: expected + predicted))
     assert min(weights) > 0.85
     assert weights[-1] > 0.93
 
 
 def test_without_its_say_the_network_changes_nothing(law):
-    told = replace(request(), foretold=law.foretell(request()).weighed(0.0))
+    told = replace(request(), predicted=law.predict(request()).weighed(0.0))
     ours, plain = law.correct(told), make_law('bead_solver').correct(request())
     assert (ours.psi == plain.psi).all()
     assert not ours.fallback
@@ -271,7 +272,7 @@ def test_without_its_say_the_network_changes_nothing(law):
 def test_the_say_belongs_to_the_job_and_a_layer_counts_once(tmp_path):
     c, found = corrector_of(tmp_path), []
     for job, times in (('one', 1), ('two', 1), ('three', 3)):
-        answers = lay(c, 3, lambda expected, foretold: expected, job, times)
+        answers = lay(c, 3, lambda expected, predicted: expected, job, times)
         found.append([(a.estimate, a.correction.psi.tobytes()) for a in answers[1:]])
     assert found[0] == found[1] == found[2]
 
@@ -337,7 +338,7 @@ def test_training_finds_the_growth_in_turns_and_gives_the_same_bits_again(tmp_pa
     growth.export(one, settings, layers, metrics, tmp_path / 'g.npz')
     law = make_law('growth_net', model=str(tmp_path / 'g.npz'))
     r = request()
-    found = law.foretell(r)
+    found = law.predict(r)
     assert found.doubt == ''
     turn = plan_geometry.build(r, grid_of(r))[plan_geometry.NAMES.index('turn')]
     inside = grid_of(r).mean(r.footprint.astype(float)) > 0.99

@@ -43,11 +43,11 @@ class Learned:
 
 
 @dataclass(frozen=True)
-class Foretold:
+class Predicted:
     """What a growth network says of a layer before it is laid, on the grid a quarter of a bead wide.
 
     growth (rows, cols): share of the planned height that will grow beside what the bead model expects, mean 0; sigma
-    (rows, cols): its standard uncertainty. digest: of the network. doubt: why nothing is foretold (growth all 0), ''.
+    (rows, cols): its standard uncertainty. digest: of the network. doubt: why nothing is predicted (growth all 0), ''.
     weight: 0..1, the say that the job has left the network; it is in the growth. NaN: nothing was weighed.
     """
 
@@ -57,7 +57,7 @@ class Foretold:
     doubt: str = ''
     weight: float = math.nan
 
-    def weighed(self, weight: float) -> Foretold:
+    def weighed(self, weight: float) -> Predicted:
         """The same with another say; weight 0..1."""
         return replace(self, growth=weight * self.growth, weight=weight)
 
@@ -85,7 +85,7 @@ class CorrectionInput:
     learned: Learned | None = None  # what the beads of this layer do unlike the nominal model
     heat_factor: float = 1.0  # of the wire feed by eq 2.19, that this layer will be laid with
     # of the growth of this layer; None = the law asks its network itself
-    foretold: Foretold | None = None
+    predicted: Predicted | None = None
 
     def __post_init__(self) -> None:
         for name in ('target', 'planned', 'sigma', 'shortfall'):

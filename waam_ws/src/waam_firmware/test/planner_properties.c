@@ -36,7 +36,7 @@ typedef struct {
     double at_mm[WAAM_AXES], velocity[WAAM_AXES];
     double scale_mm, turn, arcs;
     bool steady;                 /* the override stays: what was looked ahead must come true */
-    double ahead[AHEAD], ahead_wire[AHEAD]; /* speed and length of wire foretold for the ticks to come */
+    double ahead[AHEAD], ahead_wire[AHEAD]; /* speed and length of wire predicted for the ticks to come */
 } path_t;
 
 /* A line in about the old direction (turn small) or any direction (turn large). */
@@ -130,15 +130,15 @@ static void check_axes(path_t *p, const waam_block_t *block, double speed, doubl
             "wire acceleration", number, block->wire_per_mm * block->accel_mm_s2, p->kinematics.wire_accel_mm_s2);
 }
 
-/* What was foretold 30 ms ago; only ticks quantise it, by the acceleration of one of them. */
+/* What was predicted 30 ms ago; only ticks quantise it, by the acceleration of one of them. */
 static void check_ahead(path_t *p, int tick, uint64_t number)
 {
     waam_ahead_t ahead = waam_motion_ahead(&p->motion, &p->planner, AHEAD * DT);
     int slot = tick % AHEAD;
     if (p->steady && tick >= AHEAD) {
         double off = fabs(p->ahead[slot] - p->motion.speed_mm_s), wire = fabs(p->ahead_wire[slot] - p->motion.wire_mm);
-        require(off <= 2.5, "foretold speed (mm/s)", number, p->ahead[slot], p->motion.speed_mm_s);
-        require(wire <= 0.5, "foretold wire (mm)", number, p->ahead_wire[slot], p->motion.wire_mm);
+        require(off <= 2.5, "predicted speed (mm/s)", number, p->ahead[slot], p->motion.speed_mm_s);
+        require(wire <= 0.5, "predicted wire (mm)", number, p->ahead_wire[slot], p->motion.wire_mm);
     }
     p->ahead[slot] = ahead.block ? ahead.speed_mm_s : 0.0;
     p->ahead_wire[slot] = p->motion.wire_mm + ahead.wire_mm;

@@ -1,6 +1,6 @@
-"""What say a growth network has in a job: it is weighed by how well it foretold the layers that the job has laid.
+"""What say a growth network has in a job: it is weighed by how well it predicted the layers that the job has laid.
 
-Foretold growth and measured growth are compared beside the bead model's answer to the setpoints that were driven, so
+Predicted growth and measured growth are compared beside the bead model's answer to the setpoints that were driven, so
 the forecast's own effect on the setpoints is in neither of them.
 """
 
@@ -20,7 +20,7 @@ LAYER_SCATTER = 0.25  # of the slope of a single layer about that of its job
 FORGETTING = 0.9  # per layer
 ALIKE = 4.0  # neighbouring cells whose noise is one
 MIN_CELLS = 10.0
-MIN_FORETOLD = 0.01  # RMS share of the planned height; smaller forecasts say nothing of the skill
+MIN_PREDICTED = 0.01  # RMS share of the planned height; smaller forecasts say nothing of the skill
 
 
 class Beside(NamedTuple):
@@ -50,19 +50,19 @@ def beside_model(
 
 @dataclass(frozen=True)
 class Skill:
-    """weight: 0..1, of what the network foretells of the next layer. A scalar Kalman filter on the slopes of what was
-    measured on what was foretold."""
+    """weight: 0..1, of what the network predicts of the next layer. A scalar Kalman filter on the slopes of what was
+    measured on what was predicted."""
 
     weight: float = BELIEVED
     information: float = BELIEVED_SIGMA**-2  # 1/variance of the weight
     layers: int = 0  # seen
 
-    def learn(self, foretold: np.ndarray, found: Beside) -> Skill:
-        """With one more layer. foretold (rows, cols): share of the planned height beside the model, unweighed."""
+    def learn(self, predicted: np.ndarray, found: Beside) -> Skill:
+        """With one more layer. predicted (rows, cols): share of the planned height beside the model, unweighed."""
         w = found.weight / found.weight.sum()
-        x, y = (v - float((w * v).sum()) for v in (foretold, found.growth))
+        x, y = (v - float((w * v).sum()) for v in (predicted, found.growth))
         sxx, sxy = float((w * x * x).sum()), float((w * x * y).sum())
-        if sxx < MIN_FORETOLD**2:
+        if sxx < MIN_PREDICTED**2:
             return self
         slope = sxy / sxx
         rest = float((w * (y - slope * x) ** 2).sum())

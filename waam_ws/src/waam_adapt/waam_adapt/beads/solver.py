@@ -47,8 +47,8 @@ def refine(
     margin = MARGIN * request.bead_width / request.resolution
     error, weight = inner_mean(error, known, footprint, grid, margin)
     missing = learned.missing + learned.prior * guess
-    if request.foretold is not None:
-        missing = missing - request.foretold.growth
+    if request.predicted is not None:
+        missing = missing - request.predicted.growth
     need = (gain * error + missing) / learned.slope
     start = model.of_cells(ratio, request.resolution)
     solved = model.on_cells(solve(model, need, weight, start, learned.lag))

@@ -44,7 +44,7 @@ class Estimate:
     updates: int = 0
     # standard deviation of a layer's ratio about the process, identified
     layer_noise: float = LAYER_NOISE
-    # 0..1, say of the growth network in the next layer (`beads.skill`); NaN: the law has none, or no layer was foretold
+    # 0..1, say of the growth network in the next layer (`beads.skill`); NaN: the law has none or predicted no layer
     network_weight: float = math.nan
 
     def flow_factor(self, slope: float | None = None) -> float:
@@ -140,7 +140,7 @@ class Identifier:
     paths: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)  # of the same
     skill: Skill = Skill()
     # growth that the network told of the same, unweighed
-    foretold: dict[int, np.ndarray] = field(default_factory=dict)
+    predicted: dict[int, np.ndarray] = field(default_factory=dict)
     _before: tuple = (Estimate(), Shortfall(), (None, None), BeadBias(), Skill())
 
     def start(self, job_id: str, layer: int) -> None:
@@ -203,12 +203,12 @@ class Identifier:
         footprint, margin = np.isfinite(laid), MARGIN * layer.bead_width / layer.resolution
         known = footprint & np.isfinite(growth)
         growth, seen = inner_mean(growth, known, footprint, grid, margin)
-        foretold = self.foretold.get(number)
-        if foretold is not None:
+        predicted = self.predicted.get(number)
+        if predicted is not None:
             found = beside_model(model, asked, growth, seen, self.beads.lag)
             if found is not None:
-                self.skill = self.skill.learn(foretold, found)
-            growth = growth - self.skill.weight * foretold  # what it knows needs not be learned
+                self.skill = self.skill.learn(predicted, found)
+            growth = growth - self.skill.weight * predicted  # what it knows needs not be learned
         self.beads = self.beads.learn(
             number, model, asked, growth, seen, learning=self.learning, allowed=allowed
         )
@@ -221,11 +221,11 @@ class Identifier:
         """
         self.planned = {n: p for n, p in self.planned.items() if n >= self.layer - 1}
         self.paths = {n: p for n, p in self.paths.items() if n >= self.layer - 1}
-        self.foretold = {n: g for n, g in self.foretold.items() if n == self.layer - 1}
+        self.predicted = {n: g for n, g in self.predicted.items() if n == self.layer - 1}
         self.planned[self.layer], self.paths[self.layer] = request.planned, request.paths
-        if request.foretold is not None and request.foretold.digest:
-            self.foretold[self.layer] = request.foretold.growth
-            request = replace(request, foretold=request.foretold.weighed(self.skill.weight))
+        if request.predicted is not None and request.predicted.digest:
+            self.predicted[self.layer] = request.predicted.growth
+            request = replace(request, predicted=request.predicted.weighed(self.skill.weight))
             self.estimate = replace(self.estimate, network_weight=self.skill.weight)
         learned = self.shortfall
         request = request.expecting(learned.share(self.layer), learned.layers[self.layer % 2])

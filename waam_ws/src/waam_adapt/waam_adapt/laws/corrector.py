@@ -104,7 +104,7 @@ class Corrector:
                 )
             )
         if isinstance(self.law, GrowthLaw) and not reasons:
-            request = replace(request, foretold=self.law.foretell(request))
+            request = replace(request, predicted=self.law.predict(request))
         flow, expected = 1.0, request
         if self.params.identify:
             flow = self.identifier.flow_factor(request)

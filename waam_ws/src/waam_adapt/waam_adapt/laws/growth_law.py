@@ -1,4 +1,4 @@
-"""The law that solves for the beads with what a growth network foretells of them.
+"""The law that solves for the beads with what a growth network predicts of them.
 
 The network sees the plan's geometry only (`beads.plan_geometry`) and says where a layer will grow more or less than the
 bead model expects: humps in turns, hollows beside them, links between rings, places that only one pass reaches. The
@@ -19,17 +19,17 @@ from .. import filters
 from ..beads import plan_geometry
 from ..beads.model import MARGIN
 from ..grids import CELLS_PER_BEAD, Resampler
-from ..types import Correction, CorrectionInput, Foretold
+from ..types import Correction, CorrectionInput, Predicted
 from . import net, net_file
 from .explicit import DampedInverse
 from .net_law import DOUBT, UNetLaw
 
 PACKAGED = net_file.PACKAGED.with_name('growth.npz')
 NO_MODEL = 'none'
-# Share of the planned height that is foretold at most, and in walls narrower than a bead. Setpoints cannot fill a
+# Share of the planned height that is predicted at most, and in walls narrower than a bead. Setpoints cannot fill a
 # deeper hollow within a bead, and a hump that one layer leaves stands in the hollow of the next one, laid otherwise.
 MOST, MOST_IN_WALL = 0.15, 0.05
-SMOOTH = 1.0  # cells: sigma of what is foretold; shorter waves setpoints cannot make
+SMOOTH = 1.0  # cells: sigma of what is predicted; shorter waves setpoints cannot make
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class GrowthLaw:
     """`bead_solver` with a growth network. network None: `broken` says why, and every answer announces it; without
     words (NO_MODEL) it is `bead_solver`.
 
-    confidence of the result: that of the bead solver times 1/(1 + (sigma/DOUBT)^2), sigma foretold by the network.
+    confidence of the result: that of the bead solver times 1/(1 + (sigma/DOUBT)^2), sigma predicted by the network.
     """
 
     solver: UNetLaw
@@ -56,11 +56,11 @@ class GrowthLaw:
         except net.ModelError as e:
             return cls(solver, None, str(e))
 
-    def foretell(self, request: CorrectionInput) -> Foretold:
+    def predict(self, request: CorrectionInput) -> Predicted:
         """What the layer will do beside the bead model; all 0, with the reason, where the network cannot say."""
         cell = request.bead_width / CELLS_PER_BEAD
         grid = Resampler.of(request.z.shape, request.resolution, cell)
-        nothing = Foretold(np.zeros(grid.shape), np.full(grid.shape, DOUBT))
+        nothing = Predicted(np.zeros(grid.shape), np.full(grid.shape, DOUBT))
         if self.network is None or not request.paths or not request.footprint.any():
             return replace(nothing, doubt=self.broken)
         x = plan_geometry.build(request, grid)
@@ -77,13 +77,13 @@ class GrowthLaw:
         growth, sigma = nothing.growth, nothing.sigma
         growth[box], sigma[box] = told, np.exp(log_error.astype(float))
         seen = self._counted(request, grid)
-        # the level is identified, not foretold
+        # the level is identified, not predicted
         growth = (growth - (growth * seen).sum() / max(seen.sum(), 1e-9)) * seen
         spread = np.maximum(gaussian_filter(seen, SMOOTH), 1e-3)
         growth = np.where(x[0] > 0, gaussian_filter(growth, SMOOTH) / spread, 0.0)
         wide = filters.thickest(request.footprint) * request.resolution >= request.bead_width
         most = MOST if wide else MOST_IN_WALL
-        return Foretold(np.clip(growth, -most, most), sigma, self.network.digest)
+        return Predicted(np.clip(growth, -most, most), sigma, self.network.digest)
 
     @staticmethod
     def _counted(request: CorrectionInput, grid: Resampler) -> np.ndarray:
@@ -93,32 +93,32 @@ class GrowthLaw:
         return grid.mean(share)
 
     def correct(self, request: CorrectionInput) -> Correction:
-        """The solver's answer with what the network foretells; where it cannot, the reason and fallback."""
-        foretold = request.foretold or self.foretell(request)
-        result = self.solver.correct(replace(request, foretold=foretold))
+        """The solver's answer with what the network predicts; where it cannot, the reason and fallback."""
+        predicted = request.predicted or self.predict(request)
+        result = self.solver.correct(replace(request, predicted=predicted))
         if result.fallback:
             return result
-        if foretold.doubt:
-            reason = f'{self.name}: {foretold.doubt}; the bead model answers without the network'
+        if predicted.doubt:
+            reason = f'{self.name}: {predicted.doubt}; the bead model answers without the network'
             return replace(result, fallback=True, reasons=(reason, *result.reasons))
-        if not foretold.digest:
+        if not predicted.digest:
             return result
         grid = Resampler.of(
             request.z.shape, request.resolution, request.bead_width / CELLS_PER_BEAD
         )
-        sure = np.clip(grid.fine(1 / (1 + (foretold.sigma / DOUBT) ** 2)), 0.0, 1.0)
+        sure = np.clip(grid.fine(1 / (1 + (predicted.sigma / DOUBT) ** 2)), 0.0, 1.0)
         return replace(
             result,
             confidence=result.confidence * sure,
-            model_hash=foretold.digest,
-            reasons=(*result.reasons, *self._remarks(foretold)),
+            model_hash=predicted.digest,
+            reasons=(*result.reasons, *self._remarks(predicted)),
         )
 
-    def _remarks(self, foretold: Foretold) -> tuple[str, ...]:
+    def _remarks(self, predicted: Predicted) -> tuple[str, ...]:
         """What the job has left the network to say, for report and record."""
-        if math.isnan(foretold.weight):
+        if math.isnan(predicted.weight):
             return ()
-        return (f'{self.name}: say of the network {foretold.weight:.2f}',)
+        return (f'{self.name}: say of the network {predicted.weight:.2f}',)
 
 
 @lru_cache(maxsize=4)

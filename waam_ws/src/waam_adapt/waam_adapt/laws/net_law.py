@@ -41,7 +41,7 @@ class UNetLaw:
 
     explicit: what is corrected, and the fallback. network None: `broken` says why, and the explicit law answers; where
     `broken` says nothing (NO_MODEL), the bead model starts from the explicit law.
-    confidence of the result: that of the explicit law times 1/(1 + (foretold error/DOUBT)^2).
+    confidence of the result: that of the explicit law times 1/(1 + (predicted error/DOUBT)^2).
     """
 
     explicit: DampedInverse

@@ -1,6 +1,6 @@
 """Training of the growth network on layers of the laboratory (`samples`); deterministic by seed.
 
-The loss is the mean logarithm of the mean square of the growth beside the model that the network did not foretell,
+The loss is the mean logarithm of the mean square of the growth beside the model that the network did not predict,
 mostly of its smoothed part: setpoints cannot make shorter waves. The level of a layer does not count; it is identified.
 """
 
@@ -26,7 +26,7 @@ from .unet import UNet, arrays
 HELD_OUT = 8  # every eighth job is for validation
 FINE = 0.15  # weight of what is not smoothed
 FLOOR = 1e-3  # of a layer's loss: noise below this is not fought
-SIGMA_FLOOR = 1e-4  # of the square that the uncertainty foretells
+SIGMA_FLOOR = 1e-4  # of the square that the uncertainty predicts
 WIDTH_ROOM = 0.25  # of the bead width beyond those seen
 
 
@@ -117,8 +117,8 @@ def batch(layers: Sequence[Sample]) -> Batch:
 def loss(net: UNet, data: Batch) -> torch.Tensor:
     """The loss of the growth plus that of the uncertainty (Gaussian likelihood of the smoothed rest)."""
     x, y, weight = data
-    foretold, log_sigma = net(x)
-    rest = centred(y - foretold, weight)
+    predicted, log_sigma = net(x)
+    rest = centred(y - predicted, weight)
     smooth, n = smoothed(rest), weight.sum((1, 2))
     square = (smooth**2).sum((1, 2)) + FINE * (rest**2).sum((1, 2))
     likelihood = 0.5 * (smooth.detach() ** 2 + SIGMA_FLOOR) * torch.exp(-2 * log_sigma) + log_sigma
@@ -142,13 +142,13 @@ def smoothed(values: torch.Tensor) -> torch.Tensor:
 
 @torch.no_grad()
 def validate(net: UNet, held: Sequence[Sample]) -> dict[str, float]:
-    """explained, explained_raw: share of the variance that is foretold, smoothed and not, of all layers; sigma_ratio:
+    """explained, explained_raw: share of the variance that is predicted, smoothed and not, of all layers; sigma_ratio:
     RMS of the smoothed rest over what the uncertainty says."""
     left = all_ = left_raw = raw = normal = cells = 0.0
     for s in held:
         x, y, weight = batch([s])
-        foretold, log_sigma = net(x)
-        rest, whole = centred(y - foretold, weight), centred(y, weight)
+        predicted, log_sigma = net(x)
+        rest, whole = centred(y - predicted, weight), centred(y, weight)
         smooth = smoothed(rest)
         left, all_ = left + float((smooth**2).sum()), all_ + float((smoothed(whole) ** 2).sum())
         left_raw, raw = left_raw + float((rest**2).sum()), raw + float((whole**2).sum())
@@ -211,7 +211,7 @@ def card_text(card: dict[str, Any], code: str) -> str:
         'Every eighth job is for validation.', '',
         f'Training: {t["steps"]} steps of {t["batch"]} layers, seed {t["seed"]}.', '',
         f'Jobs of the validation: {m["explained"]:.0%} of the variance of the smoothed growth beside the model is',
-        f'foretold ({m["explained_raw"]:.0%} of the raw one). The rest is {m["sigma_ratio"]:.2f} times its sigma.',
+        f'predicted ({m["explained_raw"]:.0%} of the raw one). The rest is {m["sigma_ratio"]:.2f} times its sigma.',
         '',
         'Plans with a figure outside of these ranges are answered without the network:', '',
         '| figure of the plan | from | to |', '|---|---|---|',

@@ -198,7 +198,7 @@ def run(b: Batch, net: torch.nn.Module | None, layers: int, begin: int = 0) -> l
 def loss(
     layers: list[Layer], judged: torch.Tensor, kind: str = 'height', doubt: float = 0.05
 ) -> torch.Tensor:
-    """What a training makes small, and how well the doubt foretold the error.
+    """What a training makes small, and how well the doubt predicted the error.
 
     kind 'height': mean logarithm of the mean square error of the layers, so that every scene counts alike; 'imitation':
     mean square difference from the ideal control (2.22), which knows nothing of what the metal then does.

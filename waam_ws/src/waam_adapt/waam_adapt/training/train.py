@@ -164,20 +164,20 @@ def validate(network: UNet, batches: int, layers: int, size: int) -> dict[str, f
     """The network beside the explicit law on the same held-out scenes.
 
     rms_mm, explicit_mm: mean over scenes of the RMS of the last four layers. ratio: geometric mean of their quotient;
-    worse: share of scenes that are more than 10 % worse; doubt: rank correlation of foretold and true error.
+    worse: share of scenes that are more than 10 % worse; doubt: rank correlation of predicted and true error.
     """
     from scipy.stats import spearmanr
 
-    rms, foretold, true = [], [], []
+    rms, predicted, true = [], [], []
     for k in range(batches):
         b = scenes.batch((HELD_OUT, k), size, layers)
         run = rollout.run(b, network, layers, layers)
         rms.append(_settled(run, b))
         judged = b.judged.numpy()
-        foretold.append(run[-1].log_error.numpy()[judged][::7])
+        predicted.append(run[-1].log_error.numpy()[judged][::7])
         true.append(np.abs(run[-1].error.numpy())[judged][::7])
     a, e = np.concatenate(rms), _explicit(batches, layers, size)
-    flat = np.concatenate(foretold)
+    flat = np.concatenate(predicted)
     rank = spearmanr(flat, np.concatenate(true)).statistic if flat.std() > 0 else 0.0
     return {
         'rms_mm': float(a.mean()), 'explicit_mm': float(e.mean()),
@@ -280,7 +280,7 @@ def card_text(content: dict[str, Any], code: str) -> str:
         f'Held-out scenes of the same ranges, mean RMS of the last four of ten layers: {m["rms_mm"]:.3f} mm, '
         f'explicit law '
         f'{m["explicit_mm"]:.3f} mm (geometric mean of the quotient {m["ratio"]:.3f}; more than 10 % worse in '
-        f'{m["worse"]:.1%} of the scenes). Rank correlation of foretold and true error: {m["doubt"]:.2f}. '
+        f'{m["worse"]:.1%} of the scenes). Rank correlation of predicted and true error: {m["doubt"]:.2f}. '
         'All without the last layer of the law, which solves for the beads: the training does not know it.', '',
         'Lengths in bead widths, heights in layer heights.', '', '| range | from | to |', '|---|---|---|',
         *(f'| {k} | {a:g} | {b:g} |' for k, (a, b) in content['ranges'].items()), '',
