@@ -21,7 +21,8 @@ from waam_process.grid import HeightGrid
 from waam_process.segment import Kind, Point, Segment
 
 PRESENT = 0.5  # share of the planned metal above which a place counts as laid
-BEGUN = 0.25  # the same of a bead that was begun: the neighbours that would fill its sides are not there yet
+# the same of the last bead that is done and of one that was begun: the neighbour that would fill its side is not there
+BEGUN = 0.25
 REACH = 0.75  # bead widths that the end of an interrupted bead goes beyond the place where half of it is there
 # least share of its metal that a segment gets, however much is there: the arc needs wire
 LEAST = 0.3
@@ -159,10 +160,11 @@ def progress_of(
     least = max(sum(s.bead in beads[:beads_done] for s in deposits), laid or 0)
     for number, bead in enumerate(beads, 1):
         mine = [i for i, s in enumerate(deposits[:least]) if s.bead == bead]
-        if number <= beads_done:
-            _require(PRESENT, shares[mine], deposits[mine[0]], f'{number} of {len(beads)}')
-        elif len(mine) > FEW:
-            _require(BEGUN, shares[mine], deposits[mine[0]], f'{number} of {len(beads)}, begun')
+        if number <= beads_done or len(mine) > FEW:
+            least_share = PRESENT if number < beads_done else BEGUN
+            begun = ', begun' if number > beads_done else ''
+            which = f'{number} of {len(beads)}{begun}'
+            _require(least_share, shares[mine], deposits[mine[0]], which)
     done = change_point(
         shares,
         np.array([s.length for s in deposits]),
