@@ -19,7 +19,7 @@ from waam_bringup import run_state
 from waam_bringup.client import ClientError, GraphClient
 from waam_bringup.graph import Settings
 from waam_bringup.jobs import make_goal
-from waam_bringup.operate import graph, graph_trouble
+from waam_bringup.operate import graph, graph_watch
 from waam_node.stl import write_worn_block
 from waam_node.testing import fresh_domain
 
@@ -66,9 +66,7 @@ class Bench:
     def job(self, **changes):
         """Loads the worn part and runs a job to its end."""
         self.load()
-        return self.client.run_job(
-            self.goal(**changes), lambda _: None, lambda: graph_trouble(self.run)
-        )
+        return self.client.run_job(self.goal(**changes), lambda _: None, graph_watch(self.run))
 
     def state(self) -> run_state.RunState:
         return run_state.load(self.run)
@@ -133,7 +131,7 @@ class Background:
         try:
             with GraphClient(bench.domain) as client:
                 self.result = client.run_job(
-                    bench.goal(**goal), lambda _: None, lambda: graph_trouble(bench.run)
+                    bench.goal(**goal), lambda _: None, graph_watch(bench.run)
                 )
         except Exception as e:
             self.error = e

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from waam_bringup.operate import graph_trouble
+from waam_bringup.operate import graph_watch
 from waam_bringup.test_support import power_cut, power_on
 from waam_msgs.action import RunJob
 from waam_node.testing import fresh_domain
 
 
 def run_job(client, goal, run):
-    return client.run_job(goal, lambda _: None, lambda: graph_trouble(run))
+    return client.run_job(goal, lambda _: None, graph_watch(run))
 
 
 @pytest.fixture(scope='module')

@@ -13,6 +13,7 @@ import pytest
 
 from waam_bringup import run_state
 from waam_bringup.graph import GraphError, Settings, fill, load, processes
+from waam_bringup.operate import graph_watch
 from waam_bringup.parts import DEPTH, HEIGHT, write_parts
 from waam_bringup.run_state import NodeState, RunState, describe_exit
 from waam_bringup.supervisor import Supervisor, mark_interrupted
@@ -131,3 +132,15 @@ def test_shipped_parts_are_those_of_the_generator(tmp_path):
     shipped = Path(__file__).parents[1] / 'parts'
     for made in write_parts(tmp_path):
         assert made.read_bytes() == (shipped / made.name).read_bytes()
+
+
+def test_a_sequencer_that_was_started_again_ends_the_wait_for_its_job(tmp_path):
+    """It has forgotten the job: whoever waits for the result would wait for ever."""
+    state = RunState(os.getpid(), 'up', 7, True, 'port', nodes={'job_sequencer': NodeState(1)})
+    state.save(tmp_path)
+    trouble = graph_watch(tmp_path)
+    assert trouble() == ''
+    state.nodes['job_sequencer'] = NodeState(2, restarts=1, reason='it hung')
+    state.save(tmp_path)
+    assert trouble() == 'it hung; the job is interrupted'
+    assert graph_watch(tmp_path)() == '', 'of a job that begins afterwards'

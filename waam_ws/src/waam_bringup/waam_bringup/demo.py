@@ -21,7 +21,7 @@ from waam_process.loop_mode import LOOP_MODES, LoopMode
 from .client import ClientError, GraphClient
 from .graph import Settings
 from .jobs import make_goal
-from .operate import default_domain, graph, graph_trouble
+from .operate import default_domain, graph, graph_watch
 from .paths import jobs_dir, share
 from .progress import JobProgress
 
@@ -80,7 +80,7 @@ def _one(
         folder,
     )
     with JobProgress(profile.replace('_', ' ')) as progress:
-        result = client.run_job(goal, progress, lambda: graph_trouble(run))
+        result = client.run_job(goal, progress, graph_watch(run))
     if not result.job_dir:
         raise ClientError(f'{profile}: {result.message}')
     from waam_view.report import write_report

@@ -15,7 +15,7 @@ from waam_node import job_folder
 from waam_process.operating import BUILD_PLATE, SPEED_FACTOR, WIRE_FACTOR
 
 from .client import ClientError, GraphClient
-from .operate import graph_trouble, require_up
+from .operate import graph_watch, require_up
 from .paths import jobs_dir
 from .progress import JobProgress
 
@@ -83,7 +83,7 @@ def run_job(args: argparse.Namespace, run: Path, domain: int) -> int:
                 '--as-found is for the simulated cell; on a real one the part is on the table'
             )
         with JobProgress(args.part.stem) as progress:
-            result = client.run_job(make_goal(args, jobs), progress, lambda: graph_trouble(run))
+            result = client.run_job(make_goal(args, jobs), progress, graph_watch(run))
     return report_result(result)
 
 
@@ -101,7 +101,7 @@ def resume_job(args: argparse.Namespace, run: Path, domain: int) -> int:
     )
     with GraphClient(domain) as client:
         with JobProgress(folder.name) as progress:
-            result = client.run_job(goal, progress, lambda: graph_trouble(run))
+            result = client.run_job(goal, progress, graph_watch(run))
     return report_result(result)
 
 

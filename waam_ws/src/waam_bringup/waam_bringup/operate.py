@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -142,6 +142,23 @@ def graph_trouble(run: Path) -> str:
         how = describe_exit(state.dead_nodes['job_sequencer'].exit_code)
         return f'job_sequencer {how}; the job is interrupted, the arc lease ended with it'
     return ''
+
+
+def graph_watch(run: Path) -> Callable[[], str]:
+    """`graph_trouble` of a job that begins now: a job_sequencer that hung and was started again has forgotten it."""
+    state = run_state.load(run)
+    restarts = state.nodes['job_sequencer'].restarts if state else 0
+
+    def trouble() -> str:
+        if text := graph_trouble(run):
+            return text
+        now = run_state.load(run)
+        sequencer = now.nodes['job_sequencer'] if now else None
+        if sequencer and sequencer.restarts > restarts:
+            return f'{sequencer.reason}; the job is interrupted'
+        return ''
+
+    return trouble
 
 
 @contextmanager
