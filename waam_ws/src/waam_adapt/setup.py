@@ -13,6 +13,7 @@ setup(
             [
                 'config/correction_server.yaml',
                 'config/feed_forward.yaml',
+                'config/process_control.yaml',
                 'config/thermal_compensator.yaml',
             ],
         ),
@@ -22,6 +23,7 @@ setup(
         'console_scripts': [
             'correction_server = waam_adapt.correction_server_node:main',
             'feed_forward = waam_adapt.feed_forward_node:main',
+            'process_control = waam_adapt.process_control_node:main',
             'thermal_compensator = waam_adapt.thermal_compensator_node:main',
         ]
     },

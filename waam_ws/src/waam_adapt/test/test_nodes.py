@@ -15,6 +15,7 @@ from sensor_msgs.msg import Temperature
 
 from waam_adapt.conversions import correction_input
 from waam_adapt.feed.params import FeedParams
+from waam_adapt.hold.params import HoldParams
 from waam_adapt.laws.corrector import CorrectionParams
 from waam_adapt.thermal.params import ThermalParams
 from waam_msgs.msg import (
@@ -34,6 +35,7 @@ from waam_process.grid import GridSpec
 CONFIGS = {
     'correction_server': CorrectionParams,
     'feed_forward': FeedParams,
+    'process_control': HoldParams,
     'thermal_compensator': ThermalParams,
 }
 SPEC = GridSpec(0.0, 0.0, 0.5e-3, 80, 120)

@@ -10,7 +10,7 @@ from bridge_fake_controller import ALARM, HOLD, IDLE, RUN, FakeCore
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_bridge import commands, outbox, program, requests
+from waam_bridge import commands, outbox, overrides, program, requests
 from waam_process.segment import Kind, Segment
 
 
@@ -313,12 +313,12 @@ def test_a_silent_controller_is_given_up():
 
 def test_overrides_are_checked_and_remembered():
     cell = Cell().ready()
-    commands.override(cell.bridge, 1.2, math.nan, 'panel', cell.now)
+    overrides.operator(cell.bridge, 1.2, math.nan, 'panel', cell.now)
     cell.step(2)
-    commands.override(cell.bridge, math.nan, 0.9, 'panel', cell.now)
+    overrides.operator(cell.bridge, math.nan, 0.9, 'panel', cell.now)
     cell.step(2)
     assert (cell.fake.speed, cell.fake.wire) == (1200, 900)
-    commands.override(cell.bridge, 3.0, 1.0, 'panel', cell.now)
+    overrides.operator(cell.bridge, 3.0, 1.0, 'panel', cell.now)
     cell.step(2)
     assert cell.fake.speed == 1200
     assert 'speed_factor is 3, limits 0.1 .. 2' in cell.notices[-1].text

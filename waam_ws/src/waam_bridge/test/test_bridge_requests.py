@@ -6,7 +6,7 @@ import pytest
 from bridge_cell import Cell, line_of
 from bridge_fake_controller import HOLD, RUN, sealed
 
-from waam_bridge import commands, frames, outbox, parsing, program, requests
+from waam_bridge import commands, frames, outbox, overrides, parsing, program, requests
 from waam_bridge.requests import Requests
 
 
@@ -77,10 +77,10 @@ def test_the_newest_override_holds_whatever_is_lost():
     """The first one is lost and must not be repeated after the second one."""
     cell = Cell().ready()
     cell.fake.mute.add('V')
-    commands.override(cell.bridge, 1.5, math.nan, 'panel', cell.now)
+    overrides.operator(cell.bridge, 1.5, math.nan, 'panel', cell.now)
     cell.step()
     cell.fake.mute.clear()
-    commands.override(cell.bridge, 0.8, math.nan, 'panel', cell.now)
+    overrides.operator(cell.bridge, 0.8, math.nan, 'panel', cell.now)
     cell.step(40)
     assert cell.fake.speed == 800
     assert [s for s in cell.fake.seen if s.startswith('$V')][-1] == '$V 800 1000'

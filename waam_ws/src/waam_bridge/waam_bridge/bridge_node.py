@@ -18,7 +18,7 @@ from waam_node import qos
 from waam_node.node import ERROR, OK, WARN, WaamNode
 from waam_node.node import main as node_main
 
-from . import commands, frames
+from . import frames, overrides
 from .conversions import diagnostic_values
 from .core import Bridge
 from .csv_log import CsvLog
@@ -54,6 +54,9 @@ class BridgeNode(WaamNode):
         beats = QoSProfile(depth=100, reliability=qos.BEAT.reliability)
         self.create_subscription(Heartbeat, 'heartbeat', self._on_beat, beats)
         self.create_subscription(Override, 'override', self._on_override, qos.NEWEST)
+        self.create_subscription(
+            Override, 'process_override', self._on_process_override, qos.NEWEST
+        )
         if self._out.csv:
             self.create_subscription(Temperature, 'temperature', self._on_temperature, qos.BEAT)
         Services(self, self.core, self._lock, self._pump)
@@ -175,8 +178,16 @@ class BridgeNode(WaamNode):
     def _on_override(self, msg: Override) -> None:
         with self._lock:
             now = time.monotonic()
-            commands.override(self.core, msg.speed_factor, msg.wire_factor, msg.source, now)
+            overrides.operator(self.core, msg.speed_factor, msg.wire_factor, msg.source, now)
         self._pump()
+
+    def _on_process_override(self, msg: Override) -> None:
+        with self._lock:
+            now = time.monotonic()
+            overrides.process(self.core, msg.speed_factor, msg.wire_factor, msg.source, now)
+            due = bool(self.core.link.out)
+        if due:
+            self._pump()
 
     def _on_temperature(self, msg: Temperature) -> None:
         if self._out.csv:

@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass
 
 from waam_process.names import CONTROLLER_STATES
-from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
 from waam_process.units import to_mm, to_mm_min
 
 from . import frames, requests
 from .core import Bridge
-from .outbox import WARNING
 from .pending import Reply
 from .program import number
 
@@ -68,39 +66,6 @@ def run(bridge: Bridge, command: Command, reply: Reply, now: float) -> None:
         reply(e.code, str(e))
     except frames.FrameError as e:
         reply(requests.BAD_ARGUMENT, str(e))
-
-
-def override(bridge: Bridge, speed: float, wire: float, source: str, now: float) -> None:
-    """Factors that act inside the running segment; NaN leaves one as it is. What is refused becomes a notice."""
-    try:
-        if not bridge.connected:
-            raise CommandError(requests.NOT_CONNECTED, 'not connected')
-        factors = (
-            _factor('speed_factor', speed, bridge.overrides[0], SPEED_FACTOR),
-            _factor('wire_factor', wire, bridge.overrides[1], WIRE_FACTOR),
-        )
-    except CommandError as e:
-        bridge.notice(WARNING, 'operator', f"override of '{source}' refused: {e}")
-        return
-    bridge.overrides = factors
-
-    def done(code: int, text: str) -> None:
-        if code != requests.OK:
-            bridge.notice(WARNING, 'operator', f"override of '{source}': {text}")
-
-    args = ' '.join(f'{f * 1000:.0f}' for f in factors)
-    bridge.link.requests.supersede('V', 'a newer override came')
-    bridge.link.ask('V', args, done, now)
-
-
-def _factor(name: str, value: float, before: float, limits: tuple[float, float]) -> float:
-    low, high = limits
-    if math.isnan(value):
-        return before
-    if not low <= value <= high:
-        text = f'{name} is {value:g}, limits {low:g} .. {high:g}'
-        raise CommandError(requests.BAD_ARGUMENT, text)
-    return value
 
 
 def _need_rest(bridge: Bridge, what: str) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from waam_process.segment import Point, Segment
 from waam_process.units import mm
 
-from . import batches, faults, frames, program, requests
+from . import batches, faults, frames, overrides, program, requests
 from .arming import Arming
 from .frames import ALARM, IDLE
 from .link import Link
@@ -46,7 +46,9 @@ class Bridge:
         self.generation = 0  # of the chain of segments: permits of an older one are void
         self.broken = ''  # why the program cannot go on
         self.dropping = ''  # why the queue is dropped once telemetry has shown what was executed
-        self.overrides = (1.0, 1.0)  # speed, wire: factors that were asked for
+        self.overrides = (1.0, 1.0)  # speed, wire: the operator's factors
+        self.process = (1.0, 1.0)  # the same of a process control, which multiply them
+        self.process_heard = 0.0  # s, steady clock
         self._tick = 0
         self.pending = Pending()
         self.standoff = Standoff(params)
@@ -142,7 +144,7 @@ class Bridge:
         self.dropping = self.broken = ''
         self._reopen()
         self._start_offset()
-        self.overrides = (1.0, 1.0)
+        self.overrides = self.process = (1.0, 1.0)
         if link.newest.flags & frames.ARMED:
             link.ask('D', '', lambda code, text: None, now)
         self.say('ready')
@@ -216,6 +218,7 @@ class Bridge:
     def poll(self, now: float) -> bytes:
         """What is to be written now. Call it after every line and at least every 20 ms."""
         self.pending.poll(now, self.outbox.replies)
+        overrides.expire(self, now)
         if self.connected and (notice := self._resends.poll(self.link.sender, now)):
             self.outbox.notices.append(notice)
         return self.link.poll(now)

@@ -33,6 +33,9 @@ class Machine(Protocol):
     generation: int
     broken: str
     dropping: str
+    overrides: tuple[float, float]
+    process: tuple[float, float]
+    process_heard: float
 
     @property
     def connected(self) -> bool:

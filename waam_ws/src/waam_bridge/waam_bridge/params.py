@@ -62,6 +62,9 @@ class BridgeParams:
     voltage_max: float = param(36.0, 'highest voltage of the source', 'V', 0.0, 100.0)
     dwell_max: float = param(600.0, 'longest dwell', 's', 0.0, 86400.0)
     wire_jog_speed: float = param(2 / 60, 'wire speed of JOG_WIRE (2 m/min)', 'm/s', 1e-3, 0.2)
+    process_timeout: float = param(
+        1.0, 'factors of a process control that is silent so long are 1 again', 's', 0.1, 10.0
+    )
     csv_log: str = param('', "file of the operator's CSV log; empty = none")
     csv_rate: float = param(
         10.0, 'rows of the CSV log per second of controller time', 'Hz', 0.1, 100

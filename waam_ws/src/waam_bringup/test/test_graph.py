@@ -38,7 +38,9 @@ def test_every_ros_node_but_those_that_only_show_is_in_the_lease(tmp_path):
     job = next(p for p in specs if p.name == 'job_sequencer')
     lease = next(a for a in job.command if a.startswith('lease_nodes:='))
     for p in specs:
-        assert (p.name in lease) == (p.ros and p.name not in ('dashboard', 'panel'))
+        assert (p.name in lease) == (
+            p.ros and p.name not in ('dashboard', 'panel', 'process_control')
+        )
 
 
 def asks_for_real_time(made: Settings) -> set[str]:

@@ -162,17 +162,25 @@ class GraphClient:
         return self.job if JobStatus.IDLE < self.job.state < JobStatus.DONE else None
 
     def override(self, speed: float, wire: float, source: str) -> tuple[float, float]:
-        """Factors (NaN = as it is), asked for until telemetry shows them; ClientError when it never does."""
+        """Factors (NaN = as it is), asked for until telemetry shows them; ClientError when it never does. A process
+        control multiplies them by its own."""
         seen: list[Telemetry] = []
+        control: list[Override] = []
         listening = self.node.create_subscription(Telemetry, 'telemetry', seen.append, TELEMETRY)
+        controls = self.node.create_subscription(
+            Override, 'process_override', control.append, NEWEST
+        )
         publisher = self.node.create_publisher(Override, 'override', NEWEST)
 
         def taken() -> bool:
-            del seen[:-1]
-            pairs = [(speed, t.speed_override) for t in seen] + [
-                (wire, t.wire_override) for t in seen
-            ]
-            return bool(seen) and all(math.isnan(a) or abs(a - b) < 1e-3 for a, b in pairs)
+            del seen[:-1], control[:-1]
+            t, own = (list_[-1] if list_ else None for list_ in (seen, control))
+            if t is None:
+                return False
+            by_speed, by_wire = (own.speed_factor, own.wire_factor) if own else (1.0, 1.0)
+            slack = 0.02 if own else 1e-3  # a control's factors go on changing
+            pairs = [(speed, by_speed, t.speed_override), (wire, by_wire, t.wire_override)]
+            return all(math.isnan(a) or abs(a * own - b) < slack for a, own, b in pairs)
 
         def matched() -> bool:
             readers = self.node.get_subscriptions_info_by_topic(publisher.topic_name)
@@ -187,6 +195,7 @@ class GraphClient:
                     return seen[-1].speed_override, seen[-1].wire_override
         finally:
             self.node.destroy_subscription(listening)
+            self.node.destroy_subscription(controls)
         raise ClientError('the controller did not take the override over (waam status)')
 
     def load_part(self, mesh: str, plate: tuple[float, float, float], seed: int) -> None:

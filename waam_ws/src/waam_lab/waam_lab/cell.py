@@ -36,6 +36,7 @@ from .job import Fault
 from .machine import Machine
 from .metal_trace import MetalTrace
 from .params import LabParams
+from .process import LabControl, ProcessTrace
 from .scanning import ScanError, Scanning
 from .watch import LayerWatch
 
@@ -69,7 +70,8 @@ class LabCell:
         d.on_frame, d.on_outbox = self._on_frame, self._on_outbox
         d.on_temperature, d.on_profiles = self._on_temperature, self.scanning.on_profiles
         self._trace, self._watch = trace, watch
-        self.contact = ContactTrace()
+        self.contact, self.process = ContactTrace(), ProcessTrace()
+        self._control = LabControl(params.process_control, self.device)
         d.on_exchange = self._on_exchange
         d.connect()
         d.until(lambda: self.thermal.state(d.now).plausible, 5.0)
@@ -80,6 +82,7 @@ class LabCell:
 
     def _on_exchange(self, samples: np.ndarray, plant: Plant) -> None:
         self.contact.on_exchange(samples, plant)
+        self.process.on_exchange(samples, plant)
         if self._trace is not None:
             self._trace.on_exchange(samples, plant)
 
@@ -101,6 +104,7 @@ class LabCell:
         )
         self._frame = t
         self.scanning.on_frame(t)
+        self._control.on_frame(t)
 
     def _on_outbox(self, box: Outbox) -> None:
         for mark in box.done:

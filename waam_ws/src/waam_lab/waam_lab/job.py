@@ -100,6 +100,10 @@ class LabResult:
     contact_rms: float = math.nan
     contact_worst: float = math.nan  # m, largest of it
     contact_least: float = math.nan  # m, smallest contact distance of all, strikes included
+    # variance of the true current, power and heat input over the square of their means, in steady travel, of means over
+    # 0.5 s and of single values every 10 ms
+    process_variance: Mapping[str, float] = field(default_factory=dict)
+    process_variance_raw: Mapping[str, float] = field(default_factory=dict)
     arcs_lost: int = 0  # arcs that went out although they were wanted
     folder: Path | None = None  # of the job, when it was kept
     cpu: float = math.nan  # s of processor time that the job took

@@ -61,6 +61,8 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
                 contact_worst=seen.worst,
                 contact_least=seen.least,
                 arcs_lost=seen.lost,
+                process_variance=cell.process.variance(),
+                process_variance_raw=cell.process.variance(1),
             )
     finally:
         cell.close()

@@ -16,6 +16,7 @@ import yaml
 from ament_index_python.packages import get_package_share_directory
 
 from waam_adapt.feed.params import FeedParams
+from waam_adapt.hold.params import HoldParams
 from waam_adapt.laws.corrector import CorrectionParams
 from waam_adapt.thermal.params import ThermalParams
 from waam_bridge.params import BridgeParams
@@ -33,6 +34,7 @@ NODES: dict[str, tuple[str, type]] = {  # node: its package, its parameters
     'correction_server': ('waam_adapt', CorrectionParams),
     'feed_forward': ('waam_adapt', FeedParams),
     'thermal_compensator': ('waam_adapt', ThermalParams),
+    'process_control': ('waam_adapt', HoldParams),
     'job_sequencer': ('waam_job', JobParams),
 }
 
@@ -47,6 +49,7 @@ class LabParams:
     correction_server: CorrectionParams
     feed_forward: FeedParams
     thermal_compensator: ThermalParams
+    process_control: HoldParams
     job_sequencer: JobParams
 
     def by_node(self) -> dict[str, dict[str, Any]]:

@@ -14,7 +14,9 @@ from waam_record.bag_reader import bag_files, info
 from waam_record.bag_writer import Topic
 
 # Topics that move a machine or keep its arc alive. Published only with `force`.
-COMMANDS = re.compile(r'(^|/)(override|lease_tick|heartbeat)$|/_action/|/cmd_|(^|/)enqueue$')
+COMMANDS = re.compile(
+    r'(^|/)(override|process_override|lease_tick|heartbeat)$|/_action/|/cmd_|(^|/)enqueue$'
+)
 NEVER = re.compile(r'/_service_event$|^/clock$|^/rosout$|^/parameter_events$')
 
 

@@ -59,15 +59,31 @@ class ArcParams:
     contact_min: float = param(
         0.0, 'contact distance at which the wire freezes to the tip; 0 = never', 'm', 0.0, 0.014
     )
+    tip_wander: float = param(
+        0.0,
+        'sigma of the place in the contact tip where the wire takes its current',
+        'm',
+        0.0,
+        5e-3,
+    )
+    tip_wander_time: float = param(4.0, 'correlation time of it', 's', 0.05, 1e3)
+    tip_wear: float = param(
+        0.0, 'by which that place goes up the tip per metre of wire', 'm/m', 0.0, 1e-3
+    )
+    feed_wander: float = param(
+        0.0, 'sigma of the wire behind the measuring wheel: diameter, slip, spool', '', 0.0, 0.2
+    )
+    feed_wander_time: float = param(6.0, 'correlation time of it', 's', 0.05, 1e3)
     gas_delay: float = param(0.03, 'time from gas valve to flow switch', 's', 0.0, 1.0)
 
 
 DELAY_LINE = 256
 REFERENCE_CTWD = 15e-3
+WANDERS = np.uint64(0x5BD1E995A53C9E37)  # makes a second stream of random numbers from the first
 
 _STATE = (
     'slot', 'wire', 'reading', 'lit', 'strike', 'starving', 'current', 'length', 'flow', 'voltage', 'voltage_read',
-    'current_read', 'starts', 'failed', 'ctwd',
+    'current_read', 'starts', 'failed', 'ctwd', 'tip', 'feed', 'fed',
 )  # fmt: skip
 
 
@@ -78,14 +94,15 @@ class Arc:
     params: np.ndarray
     state: np.ndarray
     line: np.ndarray  # (256,) m/s, commands of the last milliseconds
-    rng: np.ndarray  # random state
+    rng: np.ndarray  # (2,) random states: of the arc, and of what wanders
 
     @classmethod
     def cold(cls, params: ArcParams, rng: np.ndarray) -> Arc:
-        """Wire at rest, no arc, source off. rng: of `random_state`; drawing numbers changes it."""
+        """Wire at rest, no arc, source off. rng: of `random_state`."""
         s = state(*_STATE)
         s['strike'] = -1.0
-        return cls(record(params), s, np.zeros(DELAY_LINE), rng)
+        both = np.array([rng[0], rng[0] ^ WANDERS], np.uint64)
+        return cls(record(params), s, np.zeros(DELAY_LINE), both)
 
 
 @jit
@@ -99,6 +116,25 @@ def advance_wire(p, s, line, rng, command, slip, dt):
     drive += (delayed - drive) * min(dt / p.wire_lag, 1.0)
     s.reading = drive * (1.0 - slip)
     s.wire = s.reading * p.wire_ratio
+    if p.feed_wander > 0.0:
+        s.wire *= 1.0 + p.feed_wander * s.feed
+
+
+@jit
+def wander(value, time, rng, dt):
+    """The next value of a process with zero mean, unit variance and this correlation time."""
+    keep = max(1.0 - dt / time, 0.0)
+    return keep * value + (1.0 - keep * keep) ** 0.5 * normal(rng)
+
+
+@jit
+def _change(p, s, rng, dt):
+    """What changes slowly: the place of contact in the tip, the wire. Nothing is drawn where nothing wanders."""
+    s.fed += s.wire * dt
+    if p.tip_wander > 0.0:
+        s.tip = wander(s.tip, p.tip_wander_time, rng, dt)
+    if p.feed_wander > 0.0:
+        s.feed = wander(s.feed, p.feed_wander_time, rng, dt)
 
 
 @jit
@@ -160,7 +196,9 @@ def advance_arc(p, s, rng, on, gas, blocked, voltage_set, ctwd, dt):
         s.starving = 0.0 if fed else s.starving + dt
         if s.starving > 0.1 or not burns_at(p, ctwd):
             s.lit, s.strike = 0.0, -1.0
-    _electric(p, s, rng, on, voltage_set, ctwd, dt)
+    _change(p, s, rng[1:], dt)
+    length = ctwd + p.tip_wander * s.tip + p.tip_wear * s.fed
+    _electric(p, s, rng, on, voltage_set, length, dt)
 
 
 @jit
