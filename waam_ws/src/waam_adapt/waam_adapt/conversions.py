@@ -7,23 +7,13 @@ from array import array
 import numpy as np
 from sensor_msgs.msg import Temperature
 
-from waam_msgs.msg import (
-    CorrectionMap,
-    HeatFactor,
-    LayerReport,
-    ProcessEstimate,
-    Segment,
-    Telemetry,
-)
-from waam_msgs.msg import ProcessControl as ProcessControlMsg
+from waam_msgs.msg import CorrectionMap, HeatFactor, LayerReport, ProcessEstimate, Segment
 from waam_msgs.srv import ComputeCorrection
 from waam_node.conversions import floats, grid_from_msg, grid_to_msg, map_from_msg, seconds
 from waam_process.grid import GridSpec
 from waam_process.heat import ArcPass
 
 from .feed.feed_forward import Field, Path, Setpoints
-from .hold.control import ProcessControl, Sample
-from .hold.params import VALUES
 from .identify.identification import Estimate
 from .laws.checks import MapOrigin
 from .laws.corrector import LastLayer
@@ -257,35 +247,3 @@ def laid_layer(report: LayerReport, arc_efficiency: float) -> LaidLayer | None:
 def temperature_sample(msg: Temperature) -> tuple[float, float]:
     """Time in s (ROS) and degC."""
     return seconds(msg.header.stamp), msg.temperature
-
-
-def process_sample(msg: Telemetry) -> Sample:
-    """What the process control needs of a telemetry frame."""
-    return Sample(
-        msg.controller_us * 1e-6,
-        msg.arc_current,
-        msg.arc_voltage,
-        msg.travel_speed,
-        msg.wire_feed_commanded,
-        msg.arc_established,
-        msg.speed_override,
-        msg.wire_override,
-    )
-
-
-def process_status(control: ProcessControl, seen: Telemetry) -> ProcessControlMsg:
-    """What the process control does; seen: the last telemetry."""
-    status = control.status
-    msg = ProcessControlMsg(
-        controller_us=seen.controller_us,
-        value=VALUES.index(control.params.value),
-        reference=status.reference,
-        measured=status.measured,
-        frozen=bool(status.reason),
-        limited=status.limited,
-        reason=status.reason,
-    )
-    msg.header.stamp = seen.header.stamp
-    msg.speed_factor, msg.wire_factor = control.factors
-    msg.operator_speed_factor, msg.operator_wire_factor = control.operator
-    return msg

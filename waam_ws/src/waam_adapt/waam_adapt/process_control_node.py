@@ -7,8 +7,8 @@ import time
 from waam_msgs.msg import Override, ProcessControl, Telemetry
 from waam_node import node, qos
 
-from . import conversions as convert
 from .hold import control
+from .hold import conversions as convert
 from .hold.params import HoldParams
 
 STALE_PERIOD = 0.1  # s, steady time, between two messages while telemetry is stale
