@@ -14,6 +14,7 @@ import pytest
 import trimesh
 from ament_index_python.packages import get_package_prefix
 
+from waam_plan.harmonic import HarmonicLaw, JoiningLaw
 from waam_plan.lay.build import plan_build
 from waam_plan.lay.restore import plan_restoration
 from waam_plan.mesh.part import load_part
@@ -173,6 +174,68 @@ def test_idle_moves_are_told_the_harmonic_law(plans, name):
         u = np.cumsum(times) / sum(times)
         law = length * (u - np.sin(2 * np.pi * u) / (2 * np.pi))
         assert done == pytest.approx(law, abs=0.02 + 2e-3 * length)
+
+
+def steps_of(places: np.ndarray, speeds: np.ndarray) -> np.ndarray:
+    """x of the motor in mm, one value per ms, while the pieces of a motion along x (m, m/s) are executed."""
+    moves = zip(places * 1e3, speeds * 6e4, strict=True)
+    text = '\n'.join(['G21 G90', *(f'G1 X{x:.4f} F{f:.2f}' for x, f in moves)])
+    return (
+        np.array([float(row.split()[1]) for row in tool(text + '\n', '--ticks').splitlines()]) / 320
+    )
+
+
+def moved_by(x: np.ndarray, half: int = 20) -> tuple[np.ndarray, np.ndarray]:
+    """Speed and acceleration (mm/s, mm/s2) of a motion x (mm, one value per ms): parabolas fitted over 41 ms, for one
+    step in one ms is an acceleration of 3 m/s2."""
+    t = np.arange(-half, half + 1) * 1e-3
+    fit = np.linalg.pinv(np.vander(t, 3, increasing=True))
+    padded = np.pad(x, half, mode='edge')
+    return tuple(np.convolve(padded, w[::-1], 'valid') for w in (fit[1], 2 * fit[2]))
+
+
+def jerk(x: np.ndarray, over: int = 40) -> float:
+    """Largest change of the acceleration, mm/s3, over `over` ms."""
+    acceleration = moved_by(x)[1]
+    return float(np.abs(acceleration[over:] - acceleration[:-over]).max()) / (over * 1e-3)
+
+
+def test_motors_follow_the_law_where_it_has_enough_pieces():
+    """Measured at the steps: 50 pieces have a twentieth of the jerk of a move with one speed; 8 have all of it."""
+    law = HarmonicLaw.within(0.05, 0.05, 0.5)
+    plain = jerk(steps_of(np.array([0.05]), np.array([0.05])))
+    found = {n: law.pieces(n) for n in (8, 50, 100)}
+    smooth = {n: jerk(steps_of(at[1:], v)) for n, (at, v) in found.items()}
+    assert smooth[8] > 0.8 * plain
+    assert smooth[50] < plain / 15 and smooth[100] < plain / 20
+    at, speeds = found[100]
+    x = steps_of(at[1:], speeds)
+    t = np.arange(len(x)) * 1e-3
+    late = np.interp(0.025, x * 1e-3, t) - 0.5 * law.duration  # rounding between pieces
+    inside = (t > 0.1) & (t < law.duration - 0.1)
+    acceleration = moved_by(x)[1][inside] * 1e-3
+    np.testing.assert_allclose(acceleration, law.acceleration(t[inside] - late), atol=0.03)
+
+
+def test_motors_join_a_running_move_without_a_jump():
+    """A move at 10 mm/s goes over into the general law: neither speed nor acceleration jumps at the joint."""
+    law = JoiningLaw.joining((0.0, 0.010, 0.0), (0.030, 0.0), 1.0)
+    t = np.linspace(0, law.duration, 51)
+    places = law.position(t)
+    speeds = np.diff(places) / np.diff(t)
+    end = float(law.speed(law.duration))
+    assert speeds.min() > 0
+    x = steps_of(
+        np.concatenate([[0.01], 0.01 + places[1:], [0.01 + places[-1] + 0.02]]),
+        np.concatenate([[0.010], speeds, [end]]),
+    )
+    begin = int(np.argmax(x > 10.0))
+    speed, acceleration = moved_by(x)
+    joint = slice(begin - 100, begin + 100)
+    assert speed[begin] == pytest.approx(10.0, abs=0.5)
+    highest = 1e3 * np.abs(law.acceleration(t)).max()
+    assert np.abs(acceleration[joint]).max() < 1.3 * highest + 10
+    assert np.abs(np.diff(acceleration[joint][::40])).max() < 0.6 * highest + 10
 
 
 @dataclass(frozen=True)

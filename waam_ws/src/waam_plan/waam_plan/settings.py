@@ -61,6 +61,7 @@ _LIMITS: dict[str, Pair] = {
     'cusp': (0.05e-3, 5e-3),
     'torch_radius': (0.0, 0.1),
     'idle_acceleration': (0.01, 50.0),
+    'idle_pieces': (1, 400),
     'idle_speed': (1e-3, 0.5),
     'scan_speed': (1e-3, 0.5),
     'clearance': (1e-3, 0.2),
@@ -140,6 +141,8 @@ class PlanSettings:
     base_layers: int = 1  # lowest layers of a build, laid slower on the cold substrate
     base_speed: float = 0.8  # of the nominal travel, in the base layers; the feed follows
     idle_law: str = 'harmonic'  # speeds of idle moves: harmonic, or plain = one speed
+    # of a straight idle leg; more = the motion follows the law more closely, and longer programs
+    idle_pieces: int = 8
     idle_speed: float = 0.050  # fastest travel with the arc off
     idle_acceleration: float = 0.5  # m/s2, highest with the arc off
     # no metal higher than the clearance allows within this of an idle move
