@@ -252,7 +252,7 @@ def test_a_network_that_predicts_nonsense_loses_its_say(tmp_path):
     assert all(b < a for a, b in zip(weights, weights[1:], strict=False))
     against = lay(corrector_of(tmp_path), 2, lambda expected, predicted: expected - predicted)
     assert says(against)[2] < weights[2]
-    assert 'say of the network' in found[3].correction.reasons[0]
+    assert 'weight of the network' in found[3].correction.reasons[0]
     assert not found[3].correction.fallback
 
 

@@ -118,7 +118,7 @@ class GrowthLaw:
         """What the job has left the network to say, for report and record."""
         if math.isnan(predicted.weight):
             return ()
-        return (f'{self.name}: say of the network {predicted.weight:.2f}',)
+        return (f'{self.name}: weight of the network {predicted.weight:.2f}',)
 
 
 @lru_cache(maxsize=4)
