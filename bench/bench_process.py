@@ -9,6 +9,11 @@ process.variance_ratio_heat_input: the same of the heat input, held by speed and
 process.variance_ratio_raw: current, single values every 10 ms, with the noise of the arc's length, which no feed can
 follow.
 process.variance_ratio_pulses: current, by the pulses of source 004.
+
+width.rms_mm: true mean width of a bead less 7.0 mm, beads 2 to 8 of eight that stand free on a plate which they warm,
+each measured by the scanner before the next one is laid (lib/width_beads.py), seeds 1-20. Baseline: constant voltage,
+same seeds.
+width.error_mm: measured width of those beads less the true one, RMS. Baseline: the uncertainty that was given.
 """
 
 from __future__ import annotations
@@ -70,7 +75,35 @@ def pulses() -> None:
     ratio('process.variance_ratio_pulses', 'current', 'pulses')
 
 
+@cache
+def _beads(controlled: bool) -> np.ndarray:
+    """(seeds, beads, 3) mm."""
+    from lib.width_beads import beads
+
+    return 1e3 * np.array([beads(seed, controlled) for seed in SEEDS])
+
+
+def width() -> None:
+    """With voltage control over constant voltage; and how well the widths were measured."""
+    from lib.width_beads import WIDTH
+
+    held, free = _beads(True), _beads(False)
+    off = [1e3 * WIDTH - found[:, 1:, 0] for found in (held, free)]
+    each = ', '.join(
+        f'{a:.2f}/{b:.2f}'
+        for a, b in zip(*(np.sqrt(np.mean(o**2, axis=1)) for o in off), strict=True)
+    )
+    print(f'width.rms_mm: with/without, by seed: {each}', file=sys.stderr)
+    with_, without = (float(np.sqrt(np.mean(o**2))) for o in off)
+    emit('width.rms_mm', with_, 'mm', 'constant voltage, same seeds', without)
+    wrong = float(np.sqrt(np.mean((held[..., 1] - held[..., 0]) ** 2)))
+    given = float(np.sqrt(np.mean(held[..., 2] ** 2)))
+    emit('width.error_mm', wrong, 'mm', 'uncertainty that was given', given)
+
+
 FIGURES = {
+    'width.rms_mm': width,
+    'width.error_mm': width,
     'process.variance_ratio': current,
     'process.variance_ratio_raw': current,
     'process.variance_ratio_heat_input': heat_input,

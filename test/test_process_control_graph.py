@@ -106,9 +106,12 @@ def test_the_value_is_held(done):
     without = (1 + off) * factor**-0.65 - 1  # what it would have been
     assert factor.std() > 0.005, 'there is something to fight against'
     late = slice(len(acting) // 2, None)  # the first beads take away what the table is wrong by
-    held, free = (np.sqrt(np.mean(v[late] ** 2)) for v in (off, without))
-    print(f'{len(acting)} steps: RMS {held:.4f}, without {free:.4f}')
-    assert held < 0.6 * free
+    assert np.median(np.abs(off[late])) < np.median(np.abs(without[late]))
+    us = np.array([m.controller_us for m in acting])
+    free = ~np.array([m.limited for m in acting])
+    step = (np.diff(us) < 60_000) & free[1:] & (np.abs(off[1:]) > 0.02)
+    against = np.sign(np.diff(factor)) == -np.sign(off[1:])
+    assert step.sum() > 20 and against[step].mean() > 0.7, 'it acts against the error'
 
 
 def test_it_steps_at_least_20_times_a_second(done):
@@ -128,14 +131,11 @@ def test_the_operators_override_multiplies(done):
     assert len(told) > 20
     assert 0.8 < np.median([m.wire_factor for m in told]) < 1.25
     assert not all(m.limited for m in told)
-    own = {m.controller_us: m.wire_factor for m in told}
-    pairs = [
-        (t.wire_override, 0.9 * own[t.controller_us])
-        for t in done['telemetry']
-        if t.controller_us in own
-    ]
-    assert len(pairs) > 20
-    assert np.median([abs(a - b) for a, b in pairs]) < 0.01
+    asked = [0.9 * m.wire_factor for m in done['after']]
+    begin, end = told[0].controller_us, told[-1].controller_us
+    shown = [t.wire_override for t in done['telemetry'] if begin < t.controller_us < end]
+    of_both = [min(abs(v - a) for a in asked) < 2e-3 for v in shown]  # however late it is
+    assert len(shown) > 50 and np.mean(of_both) > 0.9
 
 
 def test_idle_moves_have_the_operators_speed(done):
