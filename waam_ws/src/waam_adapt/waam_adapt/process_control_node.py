@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 
-from waam_msgs.msg import Override, Telemetry
+from waam_msgs.msg import Override, ProcessControl, Telemetry
 from waam_node import node, qos
 
-from .hold import control
+from .hold import control, conversions
 from .hold.params import HoldParams
 
 STALE_PERIOD = 0.1  # s, steady time, between two messages while telemetry is stale
@@ -24,11 +24,6 @@ class ProcessControlNode(node.WaamNode):
         self.message = 'off'
         if self.params.value == 'none':
             return
-        from waam_msgs.msg import ProcessControl  # where it is off, its message is not needed
-
-        from .hold import conversions
-
-        self.convert = conversions
         self.control = control.ProcessControl(self.params)
         self.heard = time.monotonic()
         self.last: Telemetry | None = None
@@ -45,7 +40,7 @@ class ProcessControlNode(node.WaamNode):
     def on_telemetry(self, msg: Telemetry) -> None:
         """A step of the control, when it is due."""
         self.heard, self.last = time.monotonic(), msg
-        if self.control.add(self.convert.process_sample(msg)) is not None:
+        if self.control.add(conversions.process_sample(msg)) is not None:
             self.publish(msg)
 
     def on_timer(self) -> None:
@@ -63,7 +58,7 @@ class ProcessControlNode(node.WaamNode):
         )
         order.header.stamp = seen.header.stamp
         self.factors.publish(order)
-        self.status.publish(self.convert.process_status(self.control, seen))
+        self.status.publish(conversions.process_status(self.control, seen))
         status = self.control.status
         self.level = node.WARN if status.limited or 'stale' in status.reason else node.OK
         self.message = status.reason or ('at its limit' if status.limited else 'holds')
