@@ -98,7 +98,7 @@ def _stop_for_a_moment(bench, client, listener) -> list[ProcessControl]:
         os.kill(pid, signal.SIGCONT)
 
 
-def test_the_value_is_held(done):
+def test_every_step_is_that_of_the_law(done):
     acting = [m for m in done['status'] if not m.frozen]
     assert len(acting) > 50
     off = np.array([m.measured / m.reference - 1 for m in acting])
