@@ -13,6 +13,7 @@ from . import requests
 from .machine import Machine
 from .outbox import WARNING
 
+Pair = tuple[float, float]  # speed and wire, or lowest and highest
 NONE = (1.0, 1.0)
 
 
@@ -23,11 +24,7 @@ class OverrideError(ValueError):
 def operator(machine: Machine, speed: float, wire: float, source: str, now: float) -> None:
     """Factors that act inside the running segment; NaN leaves one as it is. What is refused becomes a notice."""
     try:
-        _check_connected(machine)
-        factors = (
-            _factor('speed_factor', speed, machine.overrides[0], SPEED_FACTOR),
-            _factor('wire_factor', wire, machine.overrides[1], WIRE_FACTOR),
-        )
+        factors = _checked(machine, (speed, wire), machine.overrides, (SPEED_FACTOR, WIRE_FACTOR))
     except OverrideError as e:
         machine.notice(WARNING, 'operator', f"override of '{source}' refused: {e}")
         return
@@ -38,10 +35,8 @@ def operator(machine: Machine, speed: float, wire: float, source: str, now: floa
 def process(machine: Machine, speed: float, wire: float, source: str, now: float) -> None:
     """Factors of a process control; as `operator` otherwise."""
     try:
-        _check_connected(machine)
-        factors = (
-            _factor('speed_factor', speed, machine.process[0], PROCESS_FACTOR),
-            _factor('wire_factor', wire, machine.process[1], PROCESS_FACTOR),
+        factors = _checked(
+            machine, (speed, wire), machine.process, (PROCESS_FACTOR, PROCESS_FACTOR)
         )
     except OverrideError as e:
         machine.notice(WARNING, 'node', f"override of '{source}' refused: {e}")
@@ -82,9 +77,15 @@ def _permille(factors: tuple[float, float]) -> tuple[int, int]:
     return round(1000 * factors[0]), round(1000 * factors[1])
 
 
-def _check_connected(machine: Machine) -> None:
+def _checked(machine: Machine, asked: Pair, before: Pair, limits: tuple[Pair, Pair]) -> Pair:
+    """Speed and wire factor as asked, NaN as they were before. limits: of each."""
     if not machine.connected:
         raise OverrideError('not connected')
+    (speed, wire), (speed_limits, wire_limits) = asked, limits
+    return (
+        _factor('speed_factor', speed, before[0], speed_limits),
+        _factor('wire_factor', wire, before[1], wire_limits),
+    )
 
 
 def _inside(value: float, limits: tuple[float, float]) -> float:

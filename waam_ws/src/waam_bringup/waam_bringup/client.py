@@ -174,13 +174,14 @@ class GraphClient:
 
         def taken() -> bool:
             del seen[:-1], control[:-1]
-            t, own = (list_[-1] if list_ else None for list_ in (seen, control))
-            if t is None:
+            if not seen:
                 return False
-            by_speed, by_wire = (own.speed_factor, own.wire_factor) if own else (1.0, 1.0)
-            slack = 0.02 if own else 1e-3  # a control's factors go on changing
+            t, slack, by_speed, by_wire = seen[-1], 1e-3, 1.0, 1.0
+            if control:
+                by_speed, by_wire = control[-1].speed_factor, control[-1].wire_factor
+                slack = 0.02  # a control's factors go on changing
             pairs = [(speed, by_speed, t.speed_override), (wire, by_wire, t.wire_override)]
-            return all(math.isnan(a) or abs(a * own - b) < slack for a, own, b in pairs)
+            return all(math.isnan(a) or abs(a * by - b) < slack for a, by, b in pairs)
 
         def matched() -> bool:
             readers = self.node.get_subscriptions_info_by_topic(publisher.topic_name)
