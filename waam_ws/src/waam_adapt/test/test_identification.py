@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from waam_adapt.beads.bead_bias import BeadBias
 from waam_adapt.identify.evidence import BlockAverages, Layer, LayerEvidence, layer_evidence
 from waam_adapt.identify.identification import Estimate, Identifier, update, update_slope
 from waam_adapt.identify.shortfall import Shortfall
@@ -258,3 +259,54 @@ def test_a_layer_that_cannot_be_seen_teaches_nothing():
     hidden.after[:] = np.nan
     who.add(hidden)
     assert (who.estimate, who.shortfall) == (Estimate(), Shortfall())
+
+
+def laid_pad(efficiency: np.ndarray, asked: np.ndarray | float = 1.0) -> Layer:
+    """The pad of `pad_request` as it was laid. asked: of its planned height; efficiency: what grows of what was asked.
+    Both (rows, cols)."""
+    planned = pad_request().planned
+    commanded = planned * asked
+    return Layer(np.zeros(SHAPE), commanded * efficiency, commanded, RES, WIDTH, planned)
+
+
+def watching(beads: BeadBias, laid: Layer) -> Estimate:
+    """What an identifier that knows the beads of the pad believes after one layer of it."""
+    who = Identifier(watch_beads=True)
+    who.start('job', 1)
+    who.prepare(pad_request())
+    who.start('job', 2)
+    who.beads = beads
+    who.add(laid)
+    return who.estimate
+
+
+def test_a_third_of_a_layer_that_lies_low_counts_half_of_what_it_takes_off_the_mean():
+    """What most blocks do alone would leave the layer 0.06 mm too low on average."""
+    efficiency = np.full(SHAPE, 0.9)
+    efficiency[:, :48] = 0.82
+    laid = laid_pad(efficiency)
+    inside = laid.commanded > 0
+    mean = float(laid.after[inside].mean() / laid.commanded[inside].mean())
+    assert layer_evidence(laid).ratio == pytest.approx(0.9, abs=0.005)
+    assert mean < 0.88
+    found = watching(BeadBias(), laid).efficiency_ratio
+    assert found == pytest.approx(0.5 * (0.9 + mean), abs=0.005)
+
+
+def test_a_spike_of_the_scan_does_not_move_the_level():
+    laid = laid_pad(np.full(SHAPE, 0.9))
+    laid.after[40:50, 40:50] += 5e-3
+    assert watching(BeadBias(), laid).efficiency_ratio == pytest.approx(0.9, abs=0.005)
+
+
+def test_metal_that_was_asked_for_because_beads_lack_it_is_no_loss_of_efficiency():
+    model = Identifier().model_of(pad_request())
+    lack = np.zeros(model.shape)
+    lack[:, :14] = 0.1
+    asked = np.ones(SHAPE)
+    asked[:, :42] = 1.1
+    laid = laid_pad(0.9 / asked, asked)  # everywhere 0.9 of the plan, as was expected
+    beads = BeadBias(missing=(0.9 * lack, 0.9 * lack), layers=(1, 1))
+    ratios = [watching(b, laid).efficiency_ratio for b in (beads, BeadBias())]
+    assert ratios[1] < 0.893
+    assert ratios[0] == pytest.approx(0.9, abs=0.004)

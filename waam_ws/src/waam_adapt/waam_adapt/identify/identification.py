@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..beads.bead_bias import BeadBias
+from ..beads.bead_bias import MIN_CELLS, SEEN, BeadBias
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
 from ..beads.skill import Skill, beside_model
 from ..grids import CELLS_PER_BEAD, Resampler
@@ -26,6 +26,9 @@ LOW, HIGH = 0.7, 1.3  # efficiency ratios beyond this are a fault, not a propert
 # per layer: the exponent is a property of geometry and wire, not of one layer
 SLOPE_FORGETTING = 0.95
 SLOPE_LOW, SLOPE_HIGH = 0.2, 1.3  # of growth on metal; beyond this the scan is wrong
+
+LEVEL_MARGIN = 1 / 6  # bead widths from the edge of a layer, of the mean that says its level
+MAX_ODD = 0.1  # layer heights that a cell may lie off the median ratio in that mean
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,7 @@ def update_slope(
 class Identifier:
     """Keeps what one job has taught; asking twice for the same layer does not count its evidence twice."""
 
-    forgetting: float = 0.5  # see `update`
+    forgetting: float = 0.3  # see `update`
     learning: float = 0.3  # 0..1, of the shortfall; 0 = never
     watch_beads: bool = False  # also by the bead model (`beads.bead_bias`), for laws that use it
     job_id: str = ''
@@ -163,7 +166,12 @@ class Identifier:
         if evidence is None:
             return
         before = self.estimate
-        self.estimate = update(self.estimate, evidence, self.forgetting)
+        level = self._level(number, model, layer) if self.watch_beads and model else None
+        seen = evidence
+        # The median says what most blocks do; the mean is right for the level, and has the rim of the layer in it.
+        if level is not None:
+            seen = replace(evidence, ratio=0.5 * (evidence.ratio + level))
+        self.estimate = update(self.estimate, seen, self.forgetting)
         side = number % 2
         average = self.averages[side]
         if average is not None:
@@ -179,6 +187,43 @@ class Identifier:
             self.shortfall = self.shortfall.learn(number, missing, self.learning, smooth)
             if self.watch_beads and model is not None:
                 self._learn_beads(number, model, layer, laid, plan, before)
+
+    def _level(self, number: int, model: BeadModel, layer: Layer) -> float | None:
+        """Efficiency ratio that would have given layer `number` its height on average, up to `LEVEL_MARGIN` from its
+        edge, beside what its beads were known to lack; None when too little of it is known.
+        """
+        plan = layer.commanded if layer.planned is None else layer.planned
+        growth = layer.after - layer.before
+        footprint = np.nan_to_num(layer.commanded) > MIN_GROWTH
+        rim = round(LEVEL_MARGIN * layer.bead_width / layer.resolution)
+        inside = footprint & np.isfinite(growth) & (plan > MIN_GROWTH)
+        around = np.pad(footprint, rim)
+        for axis, step in ((0, rim), (0, -rim), (1, rim), (1, -rim)):
+            inside &= np.roll(around, step, axis)[
+                rim : rim + len(inside), rim : rim + inside.shape[1]
+            ]
+        grid = Resampler.of(plan.shape, layer.resolution, layer.bead_width / CELLS_PER_BEAD)
+        weight = grid.mean(inside.astype(float))
+        share = np.maximum(weight, SEEN)
+        grown, height = (grid.mean(np.where(inside, v, 0.0)) / share for v in (growth, plan))
+        relative = np.divide(
+            layer.commanded, plan, out=np.full(plan.shape, np.nan), where=plan > MIN_GROWTH
+        )
+        asked = model.of_cells(relative, layer.resolution) ** self.slope_of(model)
+        expected = model.growth(asked, self.beads.lag * model.width) * height
+        missing = self.beads.of(number, model)
+        if (predicted := self.predicted.get(number)) is not None:
+            missing = missing - self.skill.weight * predicted
+        use = (weight > SEEN) & (expected > MIN_GROWTH)
+        if np.count_nonzero(use) < MIN_CELLS:
+            return None
+        weight, expected = weight[use], expected[use]
+        grown = (grown + missing * height)[use]
+        ratio = float(np.median(grown / expected))
+        odd = MAX_ODD * height[use]  # beyond it the scan is at fault
+        return ratio + float(weight @ np.clip(grown - ratio * expected, -odd, odd)) / float(
+            weight @ expected
+        )
 
     def _learn_beads(
         self,

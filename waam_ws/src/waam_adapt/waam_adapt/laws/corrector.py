@@ -50,7 +50,7 @@ class CorrectionParams:
     identify: bool = param(
         True, 'learn the efficiency ratio and give it as flow_factor, and the shortfall'
     )
-    forgetting: float = param(0.5, 'weight of older layers in the efficiency ratio', '', 0.1, 0.99)
+    forgetting: float = param(0.3, 'weight of older layers in the efficiency ratio', '', 0.1, 0.99)
     learning: float = param(
         0.3,
         'weight of the newest layer in the shortfall that comes back in every layer; 0 = off',
