@@ -13,11 +13,11 @@ from waam_adapt.beads.model import SPREAD, bead_model
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
 from waam_adapt.laws import net_file
 from waam_adapt.laws.checks import MapOrigin
-from waam_adapt.laws.corrector import CorrectionParams, Corrector, LastLayer
+from waam_adapt.laws.corrector import CorrectionParams, Corrector
 from waam_adapt.laws.growth_law import GrowthLaw
 from waam_adapt.laws.registry import make_law
 from waam_adapt.training import samples
-from waam_adapt.types import CorrectionInput, Predicted
+from waam_adapt.types import CorrectionInput, LastLayer, Predicted
 
 RES, WIDTH, H = 0.5e-3, 6e-3, 2e-3
 SHAPE = (96, 96)  # 48 mm: a whole number of model cells
