@@ -1,4 +1,7 @@
-"""Compiles the numba kernels once, so that the first start of a graph does not wait for it: `warm_up.py [sim|scan|adapt]`."""
+"""Compiles the numba kernels once, so that the first start of a graph does not wait for it.
+
+`warm_up.py [sim] [scan] [adapt]`
+"""
 
 import sys
 
