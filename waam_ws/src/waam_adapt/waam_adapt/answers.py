@@ -5,6 +5,8 @@ The nodes answer through these functions, and so does the laboratory (waam_lab),
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from waam_msgs.msg import CorrectionMap, JobStatus, LayerReport
@@ -16,10 +18,12 @@ from . import conversions as convert
 from .feed.feed_forward import Limits, Setpoints
 from .feed.feed_forward import compute as compute_setpoints
 from .feed.params import FeedParams
-from .identify.identification import Estimate
 from .laws.checks import error_figures
-from .laws.corrector import Corrector
 from .thermal.compensator import Compensator
+
+if TYPE_CHECKING:  # the nodes that identify nothing start without SciPy
+    from .identify.identification import Estimate
+    from .laws.corrector import Corrector
 
 
 def correct(

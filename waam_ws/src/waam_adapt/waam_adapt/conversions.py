@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from typing import TYPE_CHECKING
 
 import numpy as np
 from sensor_msgs.msg import Temperature
@@ -15,12 +16,13 @@ from waam_process.heat import ArcPass
 from waam_process.learned import Learned, LearnedError, parse
 
 from .feed.feed_forward import Field, Path, Setpoints
-from .identify.identification import Estimate
 from .laws.checks import MapOrigin
-from .laws.corrector import LastLayer
 from .thermal.interpass import Heat
 from .thermal.response import LaidLayer
-from .types import Correction, CorrectionError, CorrectionInput
+from .types import Correction, CorrectionError, CorrectionInput, LastLayer
+
+if TYPE_CHECKING:
+    from .identify.identification import Estimate
 
 
 def optional_map(name: str, values: array, spec: GridSpec) -> np.ndarray | None:

@@ -31,6 +31,15 @@ class CorrectionError(ValueError):
 
 
 @dataclass(frozen=True)
+class LastLayer:
+    """The layer under the scan. Maps (rows, cols) in m, None = not known."""
+
+    before: np.ndarray | None = None  # surface that it was laid on
+    growth: np.ndarray | None = None  # what its setpoints asked for
+    feed_factor: float = 1.0  # of the wire feed that it was laid with, flow times heat
+
+
+@dataclass(frozen=True)
 class Learned:
     """What the beads of one layer will do unlike the nominal bead model."""
 

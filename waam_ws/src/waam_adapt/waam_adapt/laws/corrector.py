@@ -7,15 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from waam_node.params import param
 from waam_process.learned import Learned
 
 from ..identify.evidence import Layer
 from ..identify.experience import start_of, taught_by
 from ..identify.identification import Estimate, Identifier
-from ..types import Correction, CorrectionInput
+from ..types import Correction, CorrectionInput, LastLayer
 from .checks import MapLimits, MapOrigin, reasons_against, safe_correct
 from .growth_law import GrowthLaw
 from .registry import BEAD_LAWS, LAWS, make_law
@@ -60,15 +58,6 @@ class CorrectionParams:
         0.0,
         1.0,
     )
-
-
-@dataclass(frozen=True)
-class LastLayer:
-    """The layer under the scan. Maps (rows, cols) in m, None = not known."""
-
-    before: np.ndarray | None = None  # surface that it was laid on
-    growth: np.ndarray | None = None  # what its setpoints asked for
-    feed_factor: float = 1.0  # of the wire feed that it was laid with, flow times heat
 
 
 @dataclass(frozen=True)

@@ -156,7 +156,9 @@ class LayerCycle:
         if self.loop_mode == LoopMode.OPEN_LOOP:
             return None
         self.journal.state(State.CORRECTING)
-        correction = self.cell.correct(self.run_id, self.request(layer, scan, heat))
+        # of a resumed layer, too: the metal that is planned and the beads that lay it belong together
+        whole = self.program.layer(layer.number)
+        correction = self.cell.correct(self.run_id, self.request(whole, scan, heat))
         self.learning.taught = correction.learned
         self.journal.model(correction.model_hash, layer.number)
         record.add_correction(correction, layer.planned > 0, self.loop_mode == LoopMode.CLOSED_LOOP)
