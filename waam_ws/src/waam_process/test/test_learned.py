@@ -40,6 +40,11 @@ def test_one_job_says_nearly_all_and_many_say_it_surely():
     assert many.efficiency_sigma < one.efficiency_sigma
 
 
+def test_what_people_type_cannot_spoil_the_file():
+    odd = nothing('a\n', 'b' * 300, 'c').for_job('lot\t7 é\ud800')
+    assert parse(odd.after(JOB, 'j\0').text()).wire_lot == 'lot7 é'
+
+
 def test_old_jobs_are_forgotten():
     found = after(8, 1.1, start=after(20, 0.9))
     assert found.efficiency == pytest.approx(1.1, abs=0.02)

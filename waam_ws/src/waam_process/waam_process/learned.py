@@ -82,11 +82,12 @@ class Learned:
 
     def other_lot(self, wire_lot: str) -> bool:
         """Whether the wire is known to be another one than that of the last job."""
-        return bool(wire_lot and self.wire_lot and wire_lot != self.wire_lot)
+        return bool(wire_lot and self.wire_lot and plain(wire_lot) != self.wire_lot)
 
     def for_job(self, wire_lot: str) -> Learned:
         """What a job starts with: less certain and of less weight than what was left, most of all for another lot of
         wire. A lot that nobody told ('') counts as the same one. Before the first job nothing changes but the lot."""
+        wire_lot = plain(wire_lot)
         lot = wire_lot or self.wire_lot
         if not self.jobs:
             return replace(self, wire_lot=lot)
@@ -128,7 +129,7 @@ class Learned:
                 self.network_weight if same else UNTRIED,
                 taught.network_weight,
             ),
-            last_job=job_id,
+            last_job=plain(job_id),
         )
 
     def text(self) -> str:
@@ -145,10 +146,15 @@ class Learned:
 def nothing(cell: str, material: str, regime: str) -> Learned:
     """Before the first job: what a wire and a cell are like of which nobody knows anything."""
     return Learned(
-        cell=cell, material=material, regime=regime, jobs=0, layers=0,
+        cell=plain(cell), material=plain(material), regime=plain(regime), jobs=0, layers=0,
         efficiency=1.0, efficiency_sigma=0.15, weight=0.0, layer_noise=0.02, lag=0.0,
         ends=(0.0,) * (2 * END_PIECES), network_weight=UNTRIED, network='', wire_lot='', last_job='',
     )  # fmt: skip
+
+
+def plain(text: str) -> str:
+    """What of a text may stand in a file."""
+    return ''.join(c for c in text if c.isprintable())[:LONGEST]
 
 
 def regime_of(bead_width: float, layer_height: float) -> str:

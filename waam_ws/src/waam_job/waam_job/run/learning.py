@@ -62,7 +62,7 @@ class Learning:
 
     def _start(self, found: Learned, lot: str) -> None:
         self.text = found.for_job(lot).text()
-        self.journal.folder.write_text(job_folder.LEARNED, self.text)
+        self.journal.folder.keep(job_folder.LEARNED, self.text)
         of = f'of cell {found.cell} with {found.material}, {found.regime}'
         if not found.jobs:
             self._say(f'starts fresh: no job has taught anything yet {of}')

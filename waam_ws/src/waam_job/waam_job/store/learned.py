@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from waam_node.files import write_atomically
-from waam_process.learned import Learned, LearnedError, nothing, parse
+from waam_process.learned import Learned, LearnedError, nothing, parse, plain
 
 
 def file_name(text: str) -> str:
@@ -41,6 +41,7 @@ class LearnedFile:
     @classmethod
     def of(cls, folder: Path, cell: str, material: str, regime: str) -> LearnedFile:
         """The file of a cell, material and regime in the folder of all of them."""
+        cell, material = plain(cell), plain(material)
         name = f'{file_name(material)}_{file_name(regime)}.json'
         return cls(folder.resolve() / file_name(cell) / name, cell, material, regime)
 
