@@ -175,7 +175,6 @@ class Identifier:
         evidence = layer_evidence(layer, slope)
         if evidence is None:
             return
-        self.seen[number] = evidence
         before = self.estimate
         self.estimate = update(self.estimate, evidence, self.forgetting)
         side = number % 2
@@ -184,6 +183,8 @@ class Identifier:
             self.estimate = update_slope(self.estimate, *average.slope(evidence))
         after = BlockAverages.after(average, evidence)
         self.averages = with_side(self.averages, side, after)
+        ratio = before.efficiency_ratio + self.estimate.innovation / evidence.commanded
+        self.seen[number] = replace(evidence, ratio=ratio)  # as the estimate was told
         if self.learning > 0:
             laid = np.where(np.nan_to_num(layer.commanded) > MIN_GROWTH, layer.commanded, np.nan)
             plan = laid if layer.planned is None else layer.planned
