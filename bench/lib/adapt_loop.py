@@ -9,8 +9,8 @@ import numpy as np
 
 from waam_adapt.feed import feed_forward as ff
 from waam_adapt.laws.checks import MapOrigin
-from waam_adapt.laws.corrector import CorrectionParams, Corrector, LastLayer
-from waam_adapt.types import RATIO_HIGH, RATIO_LOW, CorrectionInput
+from waam_adapt.laws.corrector import CorrectionParams, Corrector
+from waam_adapt.types import RATIO_HIGH, RATIO_LOW, CorrectionInput, LastLayer
 from waam_process.heat import heat_factor
 
 from .adapt_plants import Pad

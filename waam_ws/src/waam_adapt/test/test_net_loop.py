@@ -6,8 +6,8 @@ from adapt_plant import MATERIAL, Plant
 
 from waam_adapt.feed import feed_forward as ff
 from waam_adapt.laws.checks import MapOrigin
-from waam_adapt.laws.corrector import CorrectionParams, Corrector, LastLayer
-from waam_adapt.types import CorrectionInput
+from waam_adapt.laws.corrector import CorrectionParams, Corrector
+from waam_adapt.types import CorrectionInput, LastLayer
 
 HEIGHT, WIDTH, LAYERS = 2e-3, 6e-3, 8
 LIMITS = ff.Limits.of(MATERIAL, (3e-3, 20e-3), (2 / 60, 12 / 60))

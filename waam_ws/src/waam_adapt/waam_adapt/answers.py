@@ -5,6 +5,8 @@ The nodes answer through these functions, and so does the laboratory (waam_lab),
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from waam_msgs.msg import CorrectionMap, JobStatus, LayerReport
@@ -16,26 +18,30 @@ from . import conversions as convert
 from .feed.feed_forward import Limits, Setpoints
 from .feed.feed_forward import compute as compute_setpoints
 from .feed.params import FeedParams
-from .identify.identification import Estimate
 from .laws.checks import error_figures
-from .laws.corrector import Corrector
 from .thermal.compensator import Compensator
+
+if TYPE_CHECKING:  # the nodes that identify nothing start without SciPy
+    from .identify.identification import Estimate
+    from .laws.corrector import Corrector
 
 
 def correct(
     corrector: Corrector, request: ComputeCorrection.Request, now: float
-) -> tuple[CorrectionMap, Estimate]:
-    """Psi of the next layer and what is believed of the process. now: ROS time in s. ValueError names the field that
-    cannot be used."""
+) -> tuple[CorrectionMap, Estimate, str]:
+    """Psi of the next layer, what is believed of the process, and what was learned by now (`waam_process.learned`, ''
+    when the request told nothing of former jobs). now: ROS time in s. ValueError names the field that cannot be used.
+    """
     p = corrector.params
     spec = grid_from_msg(request.map.grid)
     core = convert.correction_input(request, spec, p.k_gain, p.k_gain_max)
     last = convert.last_layer(request, spec)
     origin = convert.map_origin(request, now)
-    answer = corrector.answer(request.layer, core, origin, last)
+    learned = convert.learned_of(request)
+    answer = corrector.answer(request.layer, core, origin, last, learned)
     msg = convert.correction_to_msg(answer.correction, request, spec, answer.flow_factor)
     msg.error_rms, msg.error_max = error_figures(core)
-    return msg, answer.estimate
+    return msg, answer.estimate, answer.learned.text() if answer.learned else ''
 
 
 def set_feed(p: FeedParams, request: ComputeFeed.Request) -> Setpoints:

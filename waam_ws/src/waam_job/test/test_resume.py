@@ -111,6 +111,43 @@ def test_resumed_job_ends_like_an_undisturbed_one(
     assert any('resumed' in a['text'] for a in report['closed_loop']['anomalies'])
 
 
+def asked_of(cell) -> list:
+    """Every request to the correction server from now on."""
+    inner, requests = cell.correct, []
+
+    def correct(job_id, request):
+        requests.append(request)
+        return inner(job_id, request)
+
+    cell.correct = correct
+    return requests
+
+
+def test_the_rest_of_a_layer_gets_the_correction_of_the_whole(make_cell, make_runner):
+    """Asked for with all beads of the layer: with the metal of the whole but the beads of the rest, half of the layer
+    looked as if nobody laid it, and the network refused the plan (density 1.2, seen up to 0.56)."""
+    cell = make_cell(efficiency=0.8)
+    before = asked_of(cell)
+    runner, _, folder = make_runner(cell)
+    cut_after(cell, 20)
+    runner._release = lambda: None
+    with pytest.raises(PowerCut):
+        runner.run()
+    fresh = make_cell(efficiency=0.8)
+    fresh.surface = cell.surface
+    after = asked_of(fresh)
+    folder.write_yaml('resume_2.yaml', {})
+    context = runner.context
+    again = JobRunner(fresh, context.checked, folder, context.control, context.settings, 2)
+    assert again.run().state == State.DONE
+    first, resumed = before[0], after[0]
+    assert first.layer == resumed.layer == 1
+    assert np.allclose(first.planned, resumed.planned, atol=1e-8)
+    assert [len(b) for b in first.beads] == [len(b) for b in resumed.beads]
+    assert all(map(np.allclose, first.beads, resumed.beads))
+    assert np.allclose(first.scan.map.z, resumed.scan.map.z, atol=1e-6, equal_nan=True)
+
+
 def test_two_cuts_in_one_layer(undisturbed, make_cell, make_runner):
     rms, total = reference(undisturbed, make_cell, make_runner)
     runner, folder, cell = cut_off(make_cell, make_runner, int(0.6 * total))

@@ -292,7 +292,8 @@ def lay(z, solid, touched, p, s, x, y, volume, width, height, temperature, time)
 
 @jit
 def dig_crater(z, solid, p, s):
-    """The arc's last pressure: moves metal of the pool to the bead behind it. Short beads keep their shape."""
+    """The arc's last pressure: moves metal of the pool to the bead behind it. Short beads keep their shape, and where
+    little of the bead lies behind (round a corner, on a bead that had gone solid before) the crater is shallower."""
     if s.path < 2.0 * s.width:
         return
     tail_x, tail_y = s.pool_x - 0.9 * s.width * s.head_x, s.pool_y - 0.9 * s.width * s.head_y
@@ -313,9 +314,14 @@ def dig_crater(z, solid, p, s):
     for i in range(r1 - r0):
         for j in range(c1 - c0):
             fresh = max(z[r0 + i, c0 + j] - solid[r0 + i, c0 + j], 0.0)
-            depth = min(p.crater_depth * s.height * bowl[i, j] ** 2, 0.7 * fresh)
-            z[r0 + i, c0 + j] -= depth
-            moved += depth
+            bowl[i, j] = min(p.crater_depth * s.height * bowl[i, j] ** 2, 0.7 * fresh)
+            moved += bowl[i, j]
+    room = p.crater_depth * s.height * total  # no cell of the tail rises by more than the depth
+    share = min(1.0, room / moved) if moved > 0.0 else 0.0
+    for i in range(r1 - r0):
+        for j in range(c1 - c0):
+            z[r0 + i, c0 + j] -= share * bowl[i, j]
+    moved *= share
     for i in range(t1 - t0):
         for j in range(u1 - u0):
             z[t0 + i, u0 + j] += moved * tail[i, j] / total

@@ -1,0 +1,25 @@
+"""The command line starts without what only some verbs need."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+HEAVY = {'numpy', 'scipy', 'numba', 'trimesh', 'torch', 'open3d', 'rclpy', 'rerun'}
+
+
+def loaded_after(statement: str) -> set[str]:
+    """Names of the modules that a fresh interpreter has loaded after a statement."""
+    code = f'{statement}\nimport sys\nprint(" ".join(sys.modules))'
+    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    return set(ran.stdout.split())
+
+
+def test_the_parser_of_all_verbs_loads_no_heavy_library():
+    loaded = loaded_after('from waam_bringup.cli import build_parser; build_parser()')
+    assert 'waam_lab.cli' in loaded and not loaded & HEAVY
+
+
+def test_nodes_that_identify_nothing_start_without_scipy():
+    for node in ('thermal_compensator', 'feed_forward', 'process_control'):
+        assert 'scipy' not in loaded_after(f'import waam_adapt.{node}_node'), node
