@@ -97,12 +97,12 @@ sources() {  # everything that a build depends on; Python files are linked, so o
     find waam_ws/src -type f \( -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name 'CMakeLists.txt' -o -name '*.cmake' \
         -o -name 'package.xml' -o -name 'setup.py' -o -name 'setup.cfg' -o -name '*.c' -o -name '*.h' \) -print0 | LC_ALL=C sort -z | xargs -0 cat
 }
-warm_up() {  # $1: sim or scan. Compiles its numerical kernels, which needs nothing of the workspace but the sources.
+warm_up() {  # $*: sim, scan, adapt. Compiles their numerical kernels, which needs nothing of the workspace but the sources.
     local t; t=$(now)
     PYTHONPATH=$(printf '%s:' "$root"/waam_ws/src/*) \
-        .venv/bin/python scripts/warm_up.py "$1" > "$root/.setup.$1.log" 2>&1 9>&- \
+        .venv/bin/python scripts/warm_up.py "$@" > "$root/.setup.$1.log" 2>&1 9>&- \
         || { cat "$root/.setup.$1.log" >&2; return 1; }
-    say "kernels of $1 $(seconds "$t") s, beside the build"
+    say "kernels of $* $(seconds "$t") s, beside the build"
 }
 build() {
     local t testing=OFF; t=$(now)
@@ -122,7 +122,7 @@ want=$({ cat .venv/.waam_ready scripts/setup.sh; [ ! -e .venv/.waam_test ] || ec
 if [ "$(cat waam_ws/install/.waam_ready 2>/dev/null || true)" != "$want" ]; then
     say "colcon build and numerical kernels ..."
     warm_up sim & sim=$!
-    warm_up scan & scan=$!
+    warm_up scan adapt & scan=$!
     trap 'kill $sim $scan 2>/dev/null || true' EXIT
     build
     wait $sim && wait $scan || die "scripts/warm_up.py failed"

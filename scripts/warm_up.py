@@ -1,4 +1,7 @@
-"""Compiles the numba kernels once, so that the first start of a graph does not wait for it: `warm_up.py [sim|scan]`."""
+"""Compiles the numba kernels once, so that the first start of a graph does not wait for it.
+
+`warm_up.py [sim] [scan] [adapt]`
+"""
 
 import sys
 
@@ -17,9 +20,16 @@ def scan() -> None:
     waam_scan.fusion.height_map.warm_up()
 
 
+def adapt() -> None:
+    """Metal along the beads of a layer."""
+    import waam_adapt.beads.kernels
+
+    waam_adapt.beads.kernels.warm_up()
+
+
 def main(names: list[str]) -> None:
     """Compiles what is named; everything when nothing is."""
-    known = {'sim': sim, 'scan': scan}
+    known = {'sim': sim, 'scan': scan, 'adapt': adapt}
     for name in names or known:
         known[name]()
 

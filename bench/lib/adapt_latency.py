@@ -104,10 +104,10 @@ def request(node, number: int, size: int = SIZE):
 
 
 def zigzag(spec, turn: int) -> list[list[tuple[float, float]]]:
-    """The pad's beads in segments of 2 mm, turned round with every layer."""
+    """The pad's beads in segments of 2 mm, turned round and moved a little with every layer: none comes back."""
     low, high = 8 * spec.resolution, (spec.cols - 8) * spec.resolution
     x = np.linspace(low, high, round((high - low) / 2e-3) + 1)
-    rows = np.arange(low + 2.2e-3, high, 4.4e-3)
+    rows = np.arange(low + 2.2e-3, high, 4.4e-3) + 1e-6 * turn
     return [
         [(float(v), float(y)) for v in (x if (i + turn) % 2 else x[::-1])]
         for i, y in enumerate(rows)

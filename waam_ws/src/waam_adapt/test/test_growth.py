@@ -9,6 +9,7 @@ import pytest
 from net_weights import random_weights
 
 from waam_adapt.beads import plan_geometry
+from waam_adapt.beads.bead_path import beads_of, nearest_of
 from waam_adapt.beads.model import SPREAD, bead_model
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
 from waam_adapt.laws import net_file
@@ -111,12 +112,14 @@ def test_passes_before_and_after_change_places_when_the_layer_is_laid_backwards(
 def test_sums_over_the_passes_are_those_of_their_definition():
     r, shape, cell = request(), (32, 32), WIDTH / CELLS_PER_BEAD
     # the second bead leaves the grid
-    pieces = plan_geometry._pieces((*r.paths, r.paths[0][:4] - 12e-3), WIDTH)
-    nearest, near, sums = plan_geometry._sums(pieces, shape, WIDTH)
+    paths = tuple(p.tobytes() for p in (*r.paths, r.paths[0][:4] - 12e-3))
+    pieces = plan_geometry._pieces(beads_of(paths, WIDTH), WIDTH)
+    nearest, near = nearest_of(paths, shape, WIDTH)
+    sums = plan_geometry._sums(pieces, nearest, WIDTH)
     for row, column in ((3, 3), (12, 9), (20, 18), (31, 0)):
         place = (np.array([column, row]) + 0.5) * cell
         far = np.hypot(*(pieces.where - place).T) / WIDTH
-        assert near[row, column] == pytest.approx(far.min())
+        assert near[row, column] / WIDTH == pytest.approx(far.min())
         later = (pieces.run - pieces.run[nearest[row, column]]) / WIDTH
         counts = far < plan_geometry.REACH
         beside = pieces.step * np.exp(-0.5 * (far / plan_geometry.NEIGHBOUR) ** 2)

@@ -95,6 +95,29 @@ def test_passes_and_resumes_are_told(job, tmp_path):
         assert value in text.replace('\u2212', '-')
 
 
+def test_how_it_was_laid_is_told_in_words(job, tmp_path):
+    _, whole, page = job
+    run = whole['closed_loop']
+    layers = [dict(x) for x in run['layers'] if not x.get('final')]
+    for x in layers:
+        x |= {'law': 'growth_net', 'correction_applied': True, 'fallback': False}
+    layers[0]['fallback'] = True
+    passes = [{'pass_number': 1, 'schedule': '3 finishing layers of <1.00> mm'}]
+    trace = {'models': {'0123456789abcdef': [1]}}
+    told = {**whole, 'trace': trace, 'closed_loop': {**run, 'layers': layers, 'passes': passes}}
+    (tmp_path / 'report.json').write_text(json.dumps(told))
+    section = (
+        write_report(tmp_path).read_text().split('<h2>How it was laid</h2>')[1].split('<h2>')[0]
+    )
+    assert 'Layer schedule: 3 finishing layers of &lt;1.00&gt; mm.' in section
+    assert (
+        f'{len(layers)} of {len(layers)} layers: 1 by fallback, {len(layers) - 1} by growth net'
+        in section
+    )
+    assert 'weights 0123456789ab.' in section
+    assert f'{layers[-1]["flow_factor"]:.3f} at the last' in section
+
+
 def test_traceability_names_what_is_known_and_what_nobody_told(job, tmp_path):
     _, whole, page = job
     report = {**whole, 'closed_loop': dict(whole['closed_loop'])}

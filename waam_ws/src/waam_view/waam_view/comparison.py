@@ -12,6 +12,7 @@ from waam_process.loop_mode import LoopMode
 from . import figures
 from .html import cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, number
+from .loop_summary import loop_summary
 
 
 def comparison_page(folder: Path, jobs: list[Job]) -> str:
@@ -26,6 +27,7 @@ def comparison_page(folder: Path, jobs: list[Job]) -> str:
         f'<b>±{jobs[0].tolerance_mm:g} mm</b> · {escape(report.get("created", ""))}</p>',
         _verdict(report, jobs),
         _cards(report, jobs),
+        *(loop_summary(j) for j in jobs if j.profile == LoopMode.CLOSED_LOOP),
         _maps(jobs),
         _table_of_runs(jobs),
         _rms_by_layer(jobs),

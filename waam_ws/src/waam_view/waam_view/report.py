@@ -23,6 +23,7 @@ from .comparison import comparison_page
 from .html import cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, JobError, flatten, load_job, number, read_report
 from .layer_tables import layers_section
+from .loop_summary import loop_summary
 from .passes import passes_section
 from .process_figures import process_plots
 from .traceability import traceability_section
@@ -62,6 +63,7 @@ def job_page(job: Job) -> str:
         _subtitle(job),
         verdict_box(job),
         _figures_of_merit(job),
+        loop_summary(job),
         _maps(job),
         layers_section(job),
         passes_section(job),

@@ -15,16 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.spatial import cKDTree
 
 from .. import filters
 from ..feed.feed_forward import WEIGHTS
 from ..grids import CELLS_PER_BEAD, Resampler
+from . import kernels
+from .bead_path import Bead, beads_of, nearest_of
 
 SPREAD, POOL = 0.33, 0.2  # bead widths: sigma across and along
-# Bead widths: points closer together bound no segment; points farther apart are corners of a path rather than bounds
-# of a setpoint, and the way between is cut into such parts.
-SHORT, LONG, PART = 0.25, 1.0, 0.5
 GAP = 4.0  # bead widths between the beads of a layer laid end to end
 REACH = 4  # cells on each side of a piece that its metal can touch
 ALONE = 0.9  # share of the metal of a cell that belongs to one stretch where beads do not overlap
@@ -100,17 +98,6 @@ class BeadModel:
         return np.where(total > 0, found / np.where(total > 0, total, 1.0), 1.0)
 
 
-class Bead(NamedTuple):
-    """One bead, cut into n pieces and m segments. Lengths in m."""
-
-    where: np.ndarray  # (n, 2) x, y of the middles of its pieces
-    tangent: np.ndarray  # (n, 2) unit vectors of travel
-    way: np.ndarray  # (n,) along the bead, of the middles
-    length: float  # of the bead
-    bounds: np.ndarray  # (m + 1,) along the bead, where its segments begin and end
-    points: np.ndarray  # (m, 3, 2) x, y of start, middle and end of its segments
-
-
 def bead_model(paths: Sequence[np.ndarray], shape: tuple[int, int], width: float) -> BeadModel:
     """paths: beads from arc on to arc off, (n, 2) m from the corner of cell (0, 0), with the points between which
     setpoints hold. shape: of the grid a quarter of a bead wide. width: m. The newest models are kept: layers come back
@@ -120,7 +107,7 @@ def bead_model(paths: Sequence[np.ndarray], shape: tuple[int, int], width: float
 
 @lru_cache(maxsize=4)
 def _cached(paths: tuple[bytes, ...], shape: tuple[int, int], width: float) -> BeadModel:
-    beads = [resampled(np.frombuffer(p).reshape(-1, 2), width) for p in paths]
+    beads = beads_of(paths, width)
     cell, gap = width / CELLS_PER_BEAD, GAP * width
     pieces, segments = (
         _Groups.of(some) for some in ([b.way for b in beads], [b.points for b in beads])
@@ -136,7 +123,8 @@ def _cached(paths: tuple[bytes, ...], shape: tuple[int, int], width: float) -> B
         for w, g in ((middle - offset[segments.group], segments), (way, pieces))
     )
     spread = _spread(where, tangent, step, shape, width)
-    i, ahead, near = _nearest(where, tangent / step[:, None], shape, cell)
+    i, far = nearest_of(paths, shape, width)
+    ahead = _ahead(i, where, tangent / step[:, None], cell)
     bead = pieces.group[i]
     at = np.interp(run[i] + ahead * step[i], middle, np.arange(len(middle)))
     at = np.clip(at, segments.begin[bead], segments.end[bead] - 1)
@@ -155,7 +143,7 @@ def _cached(paths: tuple[bytes, ...], shape: tuple[int, int], width: float) -> B
         low=low,
         high=np.minimum(low + 1, segments.end[bead] - 1),
         share=at - low,
-        near=near,
+        near=far < CELLS_PER_BEAD * cell,
         arc=arc[i],
         end=pieces.from_ends()[i],
         overlapped=_overlapped(spread, run, width),
@@ -184,71 +172,39 @@ class _Groups(NamedTuple):
         return np.where(on <= off, on, -off)
 
 
-def resampled(path: np.ndarray, width: float) -> Bead:
-    """A path (points, 2) m cut into pieces of about width/CELLS_PER_BEAD (m), two at least, and into segments."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    n = max(2, round(way[-1] / (width / CELLS_PER_BEAD)))
-    at = (np.arange(n) + 0.5) / n * way[-1]
-
-    def place(s: np.ndarray) -> np.ndarray:
-        return np.stack([np.interp(s, way, path[:, i]) for i in (0, 1)], -1)
-
-    where = place(at)
-    tangent = np.gradient(where, axis=0)
-    tangent /= np.maximum(np.hypot(*tangent.T), 1e-12)[:, None]
-    bounds = _segments(way, width)
-    points = place(np.stack([bounds[:-1], 0.5 * (bounds[:-1] + bounds[1:]), bounds[1:]], 1))
-    return Bead(where, tangent, at, max(way[-1], 1e-9), bounds, points)
-
-
-def _segments(way: np.ndarray, width: float) -> np.ndarray:
-    """Bounds of the segments, m from arc on; way (k,): of the path's points."""
-    crossed = np.diff(np.floor(way / (SHORT * width) + 1e-6)) > 0
-    bounds = np.concatenate([way[:1], way[1:-1][crossed[:-1]], [max(way[-1], 1e-9)]])
-    parts = np.diff(bounds)
-    parts = np.where(parts > LONG * width, np.ceil(parts / (PART * width) - 1e-6), 1).astype(int)
-    return np.interp(np.arange(parts.sum() + 1), np.concatenate([[0], np.cumsum(parts)]), bounds)
-
-
 def _read(beads: list[np.ndarray]) -> sparse.csr_array:
     """See `BeadModel.read`; bounds of the segments of every bead, m."""
-    blocks = []
-    for bounds in beads:
-        length = np.diff(bounds)
-        next_one = length[:-1] / (length[:-1] + length[1:])  # share of the next one at the bound
-        own = np.full(len(length), WEIGHTS[1])
-        own += WEIGHTS[2] * np.append(1 - next_one, 1.0) + WEIGHTS[0] * np.append(1.0, next_one)
-        blocks.append(
-            sparse.diags_array(
-                [WEIGHTS[0] * (1 - next_one), own, WEIGHTS[2] * next_one], offsets=[-1, 0, 1]
-            )
-        )
-    return sparse.block_diag(blocks, format='csr')
+    length = np.concatenate([np.diff(b) for b in beads])
+    linked = np.ones(len(length) - 1)  # to the next one; 0 from bead to bead
+    linked[np.cumsum([len(b) - 1 for b in beads])[:-1] - 1] = 0.0
+    next_one = length[:-1] / (length[:-1] + length[1:])  # share of the next one at the bound
+    own = np.full(len(length), WEIGHTS[1])
+    own += WEIGHTS[2] * np.append(np.where(linked, 1 - next_one, 1.0), 1.0)
+    own += WEIGHTS[0] * np.append(1.0, np.where(linked, next_one, 1.0))
+    beside = [WEIGHTS[0] * (1 - next_one) * linked, WEIGHTS[2] * next_one * linked]
+    return sparse.diags_array([beside[0], own, beside[1]], offsets=[-1, 0, 1], format='csr')
 
 
 def _spread(
     where: np.ndarray, tangent: np.ndarray, step: np.ndarray, shape: tuple[int, int], width: float
 ) -> sparse.csr_array:
     """(cells, n); rows that get too little metal are empty, the others sum to 1."""
-    cell = width / CELLS_PER_BEAD
-    side = np.arange(-REACH, REACH + 1)
-    offsets = np.stack(np.meshgrid(side, side, indexing='ij'), -1).reshape(-1, 2)
-    offsets = offsets[np.hypot(*offsets.T) <= REACH + 0.5]
-    cells = np.floor(where[:, ::-1] / cell).astype(int)[:, None, :] + offsets
-    y, x = (((cells[..., i] + 0.5) * cell - where[:, 1 - i, None]) / width for i in (0, 1))
-    along = x * tangent[:, :1] + y * tangent[:, 1:]
-    across = x * tangent[:, 1:] - y * tangent[:, :1]
-    weight = np.exp(-0.5 * ((along / POOL) ** 2 + (across / SPREAD) ** 2))
-    weight *= (step / weight.sum(1))[:, None]
-    good = (cells >= 0).all(-1) & (cells < shape).all(-1) & (weight > TINY * step[:, None])
-    rows = (cells[..., 0] * shape[1] + cells[..., 1])[good]
-    columns = np.broadcast_to(np.arange(len(step))[:, None], good.shape)[good]
-    size = shape[0] * shape[1]
-    metal = sparse.csr_array((weight[good], (rows, columns)), shape=(size, len(step)))
-    total = np.asarray(metal.sum(axis=1)).ravel()
+    cell, size = width / CELLS_PER_BEAD, shape[0] * shape[1]
+    metal, cells, first = kernels.shares(
+        place=where[:, ::-1] / cell,
+        tangent=tangent,
+        step=step,
+        rows=shape[0],
+        cols=shape[1],
+        reach=REACH,
+        along=POOL * CELLS_PER_BEAD,
+        across=SPREAD * CELLS_PER_BEAD,
+        tiny=TINY,
+    )
+    total = np.bincount(cells, metal, size)
     enough = total > COVERED * np.median(total[total >= 0.5 * total.max()])
-    scale = np.where(enough, 1 / np.where(enough, total, 1.0), 0.0)
-    return (sparse.diags_array(scale) @ metal).tocsr()
+    metal *= np.where(enough, 1 / np.where(enough, total, 1.0), 0.0)[cells]
+    return sparse.csc_array((metal, cells, first), shape=(size, len(step))).tocsr()
 
 
 def _overlapped(spread: sparse.csr_array, run: np.ndarray, width: float) -> bool:
@@ -260,18 +216,13 @@ def _overlapped(spread: sparse.csr_array, run: np.ndarray, width: float) -> bool
     return bool(most.any() and np.median(most[most > 0]) < ALONE)
 
 
-def _nearest(
-    where: np.ndarray, pace: np.ndarray, shape: tuple[int, int], cell: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nearest piece of every cell, by how many pieces the cell lies ahead of its middle, and whether it is less than a
-    bead away. pace (n, 2): pieces per m of travel.
-    """
-    rows, cols = ((np.arange(n) + 0.5) * cell for n in shape)
-    y, x = np.meshgrid(rows, cols, indexing='ij')
-    cells = np.stack([x, y], -1)
-    far, i = (a.reshape(shape) for a in cKDTree(where).query(cells.reshape(-1, 2)))
-    ahead = np.clip(((cells - where[i]) * pace[i]).sum(-1), -1.0, 1.0)
-    return i, ahead, far < CELLS_PER_BEAD * cell
+def _ahead(i: np.ndarray, where: np.ndarray, pace: np.ndarray, cell: float) -> np.ndarray:
+    """(rows, cols) by how many pieces every cell lies ahead of the middle of its nearest one, i, -1 .. 1.
+    pace (n, 2): pieces per m of travel."""
+    rows, cols = ((np.arange(n) + 0.5) * cell for n in i.shape)
+    x = (cols[None, :] - where[i, 0]) * pace[i, 0]
+    y = (rows[:, None] - where[i, 1]) * pace[i, 1]
+    return np.clip(x + y, -1.0, 1.0)
 
 
 def inner_mean(

@@ -13,12 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
-from scipy.spatial import cKDTree
 
 from .. import filters
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import CorrectionInput
-from .model import GAP, SPREAD, resampled
+from . import kernels
+from .bead_path import Bead, beads_of, nearest_of
+from .model import GAP, SPREAD
 
 NAMES = (
     'footprint', 'edge', 'inside', 'thickness', 'temperature', 'taper', 'taper wide', 'taper along', 'density',
@@ -99,9 +100,9 @@ def _ways(paths: tuple[bytes, ...], outline: bytes, shape: tuple[int, int], widt
     """paths: as of `bead_model`; outline: (rows, cols) bool, cells of the footprint. The newest are kept."""
     inside = np.frombuffer(outline, bool).reshape(shape)
     m = inside.astype(float)
-    pieces = _pieces([np.frombuffer(p).reshape(-1, 2) for p in paths], width)
-    nearest, near, sums = _sums(pieces, shape, width)
-    density, before, after, fresh = sums
+    pieces, found = _pieces(beads_of(paths, width), width), nearest_of(paths, shape, width)
+    nearest, near = found.piece, found.far / width
+    density, before, after, fresh = _sums(pieces, nearest, width)
     typical = max(float(np.median(density[inside])) if inside.any() else 1.0, 1e-9)
     near = np.where(inside, 1.0, np.exp(-2 * np.maximum(near - 0.5, 0.0)))
     along = pieces.tangent.T[:, nearest] * near
@@ -166,11 +167,10 @@ def _warmth(temperature: float) -> float:
     return 0.0 if math.isnan(temperature) else min(max((temperature - 20) / 380, 0.0), 2.0)
 
 
-def _pieces(paths: Sequence[np.ndarray], width: float) -> _Pieces:
-    """paths: (n, 2) m, in the order of laying."""
+def _pieces(beads: Sequence[Bead], width: float) -> _Pieces:
+    """beads: in the order of laying."""
     found, begin = [], 0.0
-    for path in paths:
-        bead = resampled(np.asarray(path, float), width)
+    for bead in beads:
         step = bead.length / len(bead.way)
         angle = np.unwrap(np.arctan2(bead.tangent[:, 1], bead.tangent[:, 0]))
         turn = np.gradient(angle) * (width / step / (0.5 * math.pi))
@@ -190,47 +190,17 @@ def _pieces(paths: Sequence[np.ndarray], width: float) -> _Pieces:
     return _Pieces(*(np.concatenate(a) for a in zip(*found, strict=True)))
 
 
-def _sums(
-    pieces: _Pieces, shape: tuple[int, int], width: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every cell: nearest piece (rows, cols), distance to it in widths (rows, cols), and (4, rows, cols) metal per
-    area: all; of passes beside that were laid before, after; of passes beside, fading with the time between."""
-    cell = width / CELLS_PER_BEAD
-    y, x = np.meshgrid(*((np.arange(n) + 0.5) * cell for n in shape), indexing='ij')
-    far, nearest = (
-        a.reshape(shape) for a in cKDTree(pieces.where).query(np.stack([x.ravel(), y.ravel()], -1))
+def _sums(pieces: _Pieces, nearest: np.ndarray, width: float) -> np.ndarray:
+    """(4, rows, cols) metal per area of every cell: all; of passes beside that were laid before, after; of passes
+    beside, fading with the time between. nearest (rows, cols): piece of every cell."""
+    return kernels.neighbours(
+        place=pieces.where[:, ::-1] * (CELLS_PER_BEAD / width),
+        step=pieces.step,
+        run=pieces.run / width,
+        nearest=nearest,
+        reach=REACH * CELLS_PER_BEAD,
+        narrow=SPREAD * CELLS_PER_BEAD,
+        wide=NEIGHBOUR * CELLS_PER_BEAD,
+        apart=APART,
+        fade=FRESH,
     )
-    reach = math.ceil(REACH * CELLS_PER_BEAD) + 1
-    around, side = np.arange(-reach, reach + 1), 2 * reach + 1
-    # cells around the grid, so that every piece that can touch it has all of its cells
-    room = 2 * reach
-    wide = tuple(n + 2 * room for n in shape)
-    place = pieces.where[:, ::-1] / cell  # row, column
-    begin = np.floor(place).astype(int)
-    used = np.flatnonzero(((begin >= -reach) & (begin < np.array(shape) + reach)).all(axis=1))
-    off = [around + 0.5 - (place - begin)[used, i, None] for i in (0, 1)]  # (n, side) cells
-    cells = [begin[used, i, None] + room + around for i in (0, 1)]
-    square = off[0][:, :, None] ** 2 + off[1][:, None, :] ** 2
-    entry = np.flatnonzero(square < (REACH * CELLS_PER_BEAD) ** 2)
-    row = ((cells[0] * wide[1])[:, :, None] + cells[1][:, None, :]).ravel()[entry]
-
-    def metal(sigma: float) -> np.ndarray:
-        """Of every entry, by a Gaussian of sigma widths."""
-        y, x = (np.exp(o**2 * (-0.5 / (sigma * CELLS_PER_BEAD) ** 2)) for o in off)
-        return ((pieces.step[used, None] * y)[:, :, None] * x[:, None, :]).ravel()[entry]
-
-    def summed(where: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        total = np.bincount(where, weight, wide[0] * wide[1]).reshape(wide)
-        return total[room:-room, room:-room]
-
-    run = np.pad(pieces.run[nearest], room).ravel()
-    later = (pieces.run[used][entry // side**2] - run[row]) / width
-    other = np.flatnonzero(np.abs(later) > APART)
-    beside, later, cell_of = metal(NEIGHBOUR)[other], later[other], row[other]
-    sums = [
-        summed(row, metal(SPREAD)),
-        summed(cell_of, np.where(later < 0, beside, 0.0)),
-        summed(cell_of, np.where(later > 0, beside, 0.0)),
-        summed(cell_of, beside * np.exp(-np.abs(later) / FRESH)),
-    ]
-    return nearest, far / width, np.stack(sums)

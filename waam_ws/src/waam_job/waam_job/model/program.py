@@ -30,6 +30,9 @@ class PassRecord:
     predicted_rms: float  # of the surface that the planner's process model predicts for the plan
     measured_rms: float = math.nan  # of the scan after the pass
     measured_mean: float = math.nan  # of the scan after the pass
+    schedule: str = (
+        ''  # thickness of the layers and why, in words; '' = the planner had nothing to choose
+    )
 
     def measured(self, found: Deviation) -> None:
         """Errors of the surface after the pass, m."""
@@ -72,6 +75,7 @@ class Program:
                     mine.measured_rms, mine.measured_mean = (
                         math.nan if v is None else float(v) for v in known
                     )
+                    mine.schedule = mine.schedule or str(r.get('schedule') or '')
 
     @property
     def planned(self) -> bool:
@@ -155,6 +159,7 @@ class Program:
             set_height=height if first else before,
             corrected_height=math.nan if first else height,
             predicted_rms=self._predicted(),
+            schedule='; '.join(self.current.remarks),
         )
 
     def _predicted(self) -> float:

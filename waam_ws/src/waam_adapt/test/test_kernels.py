@@ -1,0 +1,49 @@
+"""The compiled loops beside their definition, written with NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from waam_adapt.beads import kernels
+
+ROWS, COLS, REACH, ALONG, ACROSS, TINY = 14, 11, 3, 0.8, 1.3, 5e-3
+
+
+def pieces(seed: int, n: int = 30):
+    rng = np.random.default_rng(seed)
+    place = rng.uniform(-2, 16, (n, 2))  # some off the grid
+    angle = rng.uniform(0, 6.3, n)
+    return place, np.stack([np.cos(angle), np.sin(angle)], 1), rng.uniform(0.5, 1.5, n)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_shares_of_a_piece_are_a_gaussian_about_it(seed):
+    place, tangent, step = pieces(seed)
+    metal, cell, first = kernels.shares(
+        place, tangent, step, ROWS, COLS, REACH, ALONG, ACROSS, TINY
+    )
+    for p in range(len(step)):
+        row, col = (np.floor(place[p, i]) + np.arange(-REACH, REACH + 1) for i in (0, 1))
+        y, x = np.meshgrid(row + 0.5 - place[p, 0], col + 0.5 - place[p, 1], indexing='ij')
+        along = x * tangent[p, 0] + y * tangent[p, 1]
+        across = x * tangent[p, 1] - y * tangent[p, 0]
+        weight = np.exp(-0.5 * ((along / ALONG) ** 2 + (across / ACROSS) ** 2))
+        i, j = np.mgrid[-REACH : REACH + 1, -REACH : REACH + 1]
+        weight[np.hypot(i, j) > REACH + 0.5] = 0.0
+        weight /= weight.sum()
+        rows, cols = np.meshgrid(row, col, indexing='ij')
+        kept = (weight > TINY) & (rows >= 0) & (rows < ROWS) & (cols >= 0) & (cols < COLS)
+        mine = slice(first[p], first[p + 1])
+        assert (cell[mine] == (rows * COLS + cols)[kept]).all()
+        assert metal[mine] == pytest.approx(step[p] * weight[kept], rel=1e-12)
+
+
+def test_pieces_off_the_grid_give_nothing():
+    place, tangent, step = np.array([[-40.0, 3.0]]), np.array([[1.0, 0.0]]), np.ones(1)
+    metal, cell, first = kernels.shares(
+        place, tangent, step, ROWS, COLS, REACH, ALONG, ACROSS, TINY
+    )
+    assert not len(metal) and not len(cell) and (first == 0).all()
+    nearest = np.zeros((ROWS, COLS), np.int64)
+    assert not kernels.neighbours(place, step, step, nearest, 5.0, 1.0, 2.0, 1.5, 8.0).any()

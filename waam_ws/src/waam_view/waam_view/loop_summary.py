@@ -1,0 +1,59 @@
+"""How a job came to its surface, in a few sentences: the layer schedule, the corrections, what the cell had learned."""
+
+from __future__ import annotations
+
+from waam_process.loop_mode import LoopMode
+
+from .html import escape
+from .job_data import Job, number
+
+DIGEST = 12  # characters of a hash that tell two files apart at a glance
+
+
+def loop_summary(job: Job) -> str:
+    """'' for a run without layers."""
+    laid = [x for x in job.layers if not x.get('final')]
+    if not laid:
+        return ''
+    said = [*_schedule(job), _corrections(job, laid), _flow(laid)]
+    items = ''.join(f'<li>{escape(text)}</li>' for text in said if text)
+    return f'<h2>How it was laid</h2><ul>{items}</ul>'
+
+
+def _schedule(job: Job) -> list[str]:
+    """One sentence per pass."""
+    passes = [p for p in job.run.get('passes') or [] if isinstance(p, dict) and p.get('schedule')]
+    return [f'Layer schedule{_of_pass(p, passes)}: {p["schedule"]}.' for p in passes]
+
+
+def _of_pass(record: dict, passes: list[dict]) -> str:
+    return f' of pass {record.get("pass_number")}' if len(passes) > 1 else ''
+
+
+def _corrections(job: Job, laid: list[dict]) -> str:
+    if job.profile == LoopMode.OPEN_LOOP:
+        return 'Corrections: none; the plan was laid as it was.'
+    applied = [x for x in laid if x.get('correction_applied')]
+    if not applied:
+        return 'Corrections: computed, not applied.'
+    laws: dict[str, int] = {}
+    for layer in applied:
+        law = 'fallback' if layer.get('fallback') else str(layer.get('law') or 'unknown')
+        laws[law] = laws.get(law, 0) + 1
+    told = ', '.join(f'{n} by {law.replace("_", " ")}' for law, n in laws.items())
+    models = (job.report.get('trace') or {}).get('models') or {}
+    named = ', '.join(str(digest)[:DIGEST] for digest in models)
+    weights = f' Network weights {named}.' if named else ''
+    return f'Corrections: {len(applied)} of {len(laid)} layers: {told}.{weights}'
+
+
+def _flow(laid: list[dict]) -> str:
+    """What the job learned of its metal."""
+    flow = [number(x.get('flow_factor')) for x in laid]
+    flow = [f for f in flow if f > 0]
+    if len(flow) < 2:
+        return ''
+    return (
+        f'Wire: factor for the metal that the cell loses {flow[0]:.3f} at the first layer, '
+        f'{flow[-1]:.3f} at the last; learned from the scans.'
+    )
