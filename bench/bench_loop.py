@@ -24,8 +24,9 @@ def demo() -> None:
     from waam_node import job_folder
 
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
+        profiles = ['open_loop', 'closed_loop']
         args = SimpleNamespace(
-            seed=7, jobs=Path(scratch), layers=0, profiles=['open_loop', 'closed_loop'], rate=0.0
+            seed=7, jobs=Path(scratch), layers=0, profiles=profiles, rate=0.0, fresh=True
         )
         started = time.monotonic()
         stdout, sys.stdout = sys.stdout, sys.stderr

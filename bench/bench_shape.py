@@ -10,6 +10,8 @@ last layer, in the scan. Corner: a square of CORNER at each corner, less the rim
 `shape.network_gain_pct`: RMS of jobs with law `growth_net` against `bead_solver` on the same seeds; the smaller one of
 the gains after layers 2 to 5 and at the end; 95 % intervals on stderr. `shape.fallback_share`: share of the layers of
 these jobs and of the six parts that the network did not answer.
+`shape.learned_gain_pct`: RMS at the end of jobs that start with what one job of the same cell, another part and other
+noise, has taught against the same jobs started fresh; gains after the first layers on stderr.
 `shape.pitch_rms_mm`: mean RMS over all strategies with the pitch of the material table, against beads 0.73 of their
 width apart; it chooses a setting and so runs on seeds 101 to 105.
 
@@ -35,6 +37,8 @@ SEEDS = tuple(range(1, 21))
 FEW = (1, 2, 3, 4, 5)
 FIRST = (1, 2)  # of the block, whose jobs are long
 CORNER = 5e-3  # m
+# Of `learned`: the part that teaches, and how far its seed lies from that of the job that learns.
+TEACHER, OTHER_NOISE = 'pockets', 1000
 STRATEGIES = ('zigzag', 'contour', 'spiral', 'combined')
 CHOOSING = (101, 102, 103, 104, 105)
 PITCHES = (0.66, 0.73)  # of the bead width: the material table's, and that of version 0.1
@@ -151,13 +155,8 @@ def network() -> None:
         np.array([[np.mean(r.layer_rms[1:5]), r.rms] for r in found])
         for found in (without, with_it)
     )
-    gains = 100 * (early - late) / early.mean(axis=0)
-    half = 1.96 * gains.std(axis=0, ddof=1) / len(gains) ** 0.5
-    for name, mean, room in zip(('layers 2 to 5', 'end'), gains.mean(axis=0), half, strict=True):
-        print(
-            f'gain, {name}: {mean:.1f} % ({mean - room:.1f} .. {mean + room:.1f})', file=sys.stderr
-        )
-    emit('shape.network_gain_pct', float(gains.mean(axis=0).min()), '%', 'without the network', 0.0)
+    gains = paired_gains(early, late, ('layers 2 to 5', 'end'))
+    emit('shape.network_gain_pct', min(gains), '%', 'without the network', 0.0)
     from waam_lab import parts
 
     found = [*with_it]
@@ -165,6 +164,44 @@ def network() -> None:
         found += part_jobs(name, seeds(FEW)[:1], **law('growth_net'))
     share = sum(r.fallbacks for r in found) / sum(r.layers for r in found)
     emit('shape.fallback_share', share, '', 'law unet, 2 of 6 layers', 1 / 3)
+
+
+def learned() -> None:
+    """Every seed has a folder of its own: the teacher leaves what it taught there, the second job starts with it."""
+    from waam_bringup.paths import share
+    from waam_lab import over_seeds, parts, restore, run_many
+
+    chosen, options = seeds(SEEDS), {'tolerance': 0.2e-3}
+    jaw_parts = share('waam_bringup') / 'parts'
+    jaw_job = restore(jaw_parts / 'jaw_nominal.stl', jaw_parts / 'jaw_worn.stl', **options)
+    first = over_seeds(jaw_job, chosen)
+    with tempfile.TemporaryDirectory() as place:
+        folders = [Path(place) / str(seed) for seed in chosen]
+        teacher = parts.job(Path(place), TEACHER, keep_learned=True, **options)
+        others = over_seeds(teacher, [OTHER_NOISE + seed for seed in chosen])
+        taught = [replace(j, learned=f) for j, f in zip(others, folders, strict=True)]
+        done(run_many(taught, workers=workers()))
+        second = [replace(j, learned=f) for j, f in zip(first, folders, strict=True)]
+        found = [done(run_many(jobs, workers=workers())) for jobs in (first, second)]
+    told('jaw, first job of its cell', found[0])
+    told('jaw, second job', found[1])
+    figures = [
+        np.array([[r.layer_rms[0], np.mean(r.layer_rms[1:5]), r.rms] for r in jobs])
+        for jobs in found
+    ]
+    gain = paired_gains(*figures, ('layer 1', 'layers 2 to 5', 'end'))
+    emit('shape.learned_gain_pct', gain[-1], '%', 'first job of a cell', 0.0)
+
+
+def paired_gains(without: np.ndarray, with_it: np.ndarray, names: tuple[str, ...]) -> list[float]:
+    """Mean gains in % of the mean without, with their 95 % intervals on stderr. Arrays (jobs, names)."""
+    gains = 100 * (without - with_it) / without.mean(axis=0)
+    half = 1.96 * gains.std(axis=0, ddof=1) / max(len(gains), 1) ** 0.5
+    for name, mean, room in zip(names, gains.mean(axis=0), half, strict=True):
+        print(
+            f'gain, {name}: {mean:.1f} % ({mean - room:.1f} .. {mean + room:.1f})', file=sys.stderr
+        )
+    return [float(g) for g in gains.mean(axis=0)]
 
 
 def plants() -> None:
@@ -228,6 +265,7 @@ FIGURES = {
     'shape.parts_worst_mm': of_parts,
     'shape.network_gain_pct': network,
     'shape.fallback_share': network,
+    'shape.learned_gain_pct': learned,
     'shape.corner_lag_mm': block,
     'shape.pitch_rms_mm': pitches,
 }

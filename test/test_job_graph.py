@@ -15,15 +15,29 @@ from waam_msgs.action import RunJob
 from waam_msgs.msg import JobStatus, MachineState
 from waam_node.testing import fresh_domain
 from waam_process import materials
+from waam_process.learned import Taught, nothing, parse
 
 CODES = RunJob.Result
 LAYERS = [1, 2, 3]  # finishing layers of 1.0 mm fill the trough of 3.6 mm
 
 
+# of a job before with the same wire
+LEARNED = nothing('simulated', 'er70s-6', 'w600_h200').after(Taught(0.94, 0.02, 5, lag=-0.1), 'b')
+
+
 @pytest.fixture(scope='module')
-def done(bench):
-    """One closed-loop job; most tests look at what it left."""
-    result = bench.job(profile='closed_loop', note=['wire_lot=4711'])
+def learned_file(bench):
+    """What a job before has taught the cell."""
+    file = bench.jobs / 'learned' / 'simulated' / 'er70s-6_w600_h200.json'
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(LEARNED.text())
+    return file
+
+
+@pytest.fixture(scope='module')
+def done(bench, learned_file):
+    """One closed-loop job, the second of its cell; most tests look at what it left."""
+    result = bench.job(profile='closed_loop', note=['wire_lot=4711'], fresh=False)
     assert result.error_code == 0, result.message
     return Path(result.job_dir)
 
@@ -44,6 +58,17 @@ def test_metal_went_where_it_was_missing(done):
     )
     outside = (last['z'] - first['z'])[~first['region'] & np.isfinite(first['nominal'])]
     assert np.nanmedian(np.abs(outside)) < 0.05e-3
+
+
+def test_it_starts_with_what_was_learned_and_adds_to_it(done, learned_file):
+    """Replays below start with the same, not with the file of today."""
+    first = run_of(done)['layers'][0]
+    assert first['flow_factor'] == pytest.approx(1 / LEARNED.efficiency, abs=1e-3)
+    told = json.loads((done / 'report.json').read_text())['trace']['learned']
+    after = parse(learned_file.read_text())
+    assert told['jobs'] == 1 and told['sha256'] == LEARNED.sha256
+    assert told['sha256_after'] == after.sha256
+    assert after.jobs == 2 and after.last_job == done.name and after.wire_lot == '4711'
 
 
 def test_every_layer_reports_what_it_did(done):

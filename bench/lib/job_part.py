@@ -24,5 +24,5 @@ def goal(part: Path, jobs: Path, **fields):
     """Of the action; k_gain as the correction server wants it."""
     from waam_msgs.action import RunJob
 
-    values = {'name': 'bench', 'mode': 'restore', 'k_gain': float('nan'), **fields}
+    values = {'name': 'bench', 'mode': 'restore', 'k_gain': float('nan'), 'fresh': True, **fields}
     return RunJob.Goal(part=str(part), jobs_dir=str(jobs), **values)

@@ -221,42 +221,42 @@ def test_paths_beside_the_map_or_of_no_length_change_nothing():
     assert (refined(pad(0.75e-3, error=0.3e-3, paths=beside)) == 1).all()
 
 
-def lay(habits: BeadBias, layer: int, rng, lag: float, lacking: np.ndarray) -> BeadBias:
+def lay(bias: BeadBias, layer: int, rng, lag: float, lacking: np.ndarray) -> BeadBias:
     """One layer of a plant with that lag that lacks `lacking` (rows, cols) of the planned height."""
     model = bead_model(zigzag(layer), SIZE, W)
     asked = np.clip(1 + 0.15 * rng.standard_normal(len(model.first)), 0.4, 1.8)
     growth = model.growth(asked, lag) - lacking + 0.03 * rng.standard_normal(SIZE)
     seen = (model.growth(asked, 0.0) > 0) * 1.0
-    return habits.learn(layer, model, asked, 0.9 * growth, seen, 0.3)
+    return bias.learn(layer, model, asked, 0.9 * growth, seen, 0.3)
 
 
 @pytest.mark.parametrize('lag', [0.0, 1.5e-3])
 def test_lag_and_what_is_always_missing_are_learned_per_direction(lag):
-    rng, habits = np.random.default_rng(2), BeadBias()
+    rng, bias = np.random.default_rng(2), BeadBias()
     lacking = [np.zeros(SIZE), np.zeros(SIZE)]
     lacking[0][8:18, 5:7] = 0.3
     for layer in range(1, 13):
-        habits = lay(habits, layer, rng, lag, lacking[layer % 2])
-    assert habits.lag * W == pytest.approx(lag, abs=0.25e-3)
+        bias = lay(bias, layer, rng, lag, lacking[layer % 2])
+    assert bias.lag * W == pytest.approx(lag, abs=0.25e-3)
     here, model = (slice(9, 17), slice(5, 7)), bead_model(zigzag(), SIZE, W)
-    assert habits.of(14, model)[here].mean() == pytest.approx(0.9 * 0.3, abs=0.05)
-    assert abs(habits.of(13, model)[here].mean()) < 0.05
+    assert bias.of(14, model)[here].mean() == pytest.approx(0.9 * 0.3, abs=0.05)
+    assert abs(bias.of(13, model)[here].mean()) < 0.05
 
 
 def test_what_the_ends_of_beads_lack_is_learned_from_all_of_them():
     """Some beads were never seen; what the others lack at their ends is expected there as well."""
-    rng, habits, model = np.random.default_rng(3), BeadBias(), bead_model(zigzag(), SIZE, W)
+    rng, bias, model = np.random.default_rng(3), BeadBias(), bead_model(zigzag(), SIZE, W)
     lacking, seen = np.where((model.end < 0) & (model.end > -6), 0.4, 0.0), np.ones(SIZE)
     seen[:14] = 0.0
-    before = habits.prior
+    before = bias.prior
     for layer in (2, 4, 6):
         asked = 1 + 0.1 * rng.standard_normal(len(model.first))
         growth = model.growth(asked, 0.0) - lacking + 0.03 * rng.standard_normal(SIZE)
-        habits = habits.learn(layer, model, asked, growth, seen, 0.3)
+        bias = bias.learn(layer, model, asked, growth, seen, 0.3)
     unseen = (seen == 0) & (model.growth(np.ones(len(model.first)), 0.0) > 0)
-    assert habits.of(8, model)[unseen & (lacking > 0)].mean() == pytest.approx(0.4, abs=0.1)
-    assert abs(habits.of(8, model)[unseen & (lacking == 0)].mean()) < 0.03
-    assert habits.prior < 0.5 * before
+    assert bias.of(8, model)[unseen & (lacking > 0)].mean() == pytest.approx(0.4, abs=0.1)
+    assert abs(bias.of(8, model)[unseen & (lacking == 0)].mean()) < 0.03
+    assert bias.prior < 0.5 * before
 
 
 def test_a_guess_of_what_ends_lack_counts_until_the_job_has_shown_it():
@@ -273,27 +273,27 @@ def test_a_guess_of_what_ends_lack_counts_until_the_job_has_shown_it():
 
 
 def test_an_efficiency_that_drifts_ahead_of_the_flow_factor_is_expected():
-    model, habits = bead_model(zigzag(), SIZE, W), BeadBias()
+    model, bias = bead_model(zigzag(), SIZE, W), BeadBias()
     asked, seen = np.ones(len(model.first)), np.ones(SIZE)
     growth = model.growth(asked, 0.0)
     for layer in range(1, 30):
-        habits = habits.learn(layer, model, asked, 0.93 * growth, seen, 0.3, allowed=0.9)
-    assert habits.surplus == pytest.approx(0.93 / 0.9 - 1, abs=1e-3)
+        bias = bias.learn(layer, model, asked, 0.93 * growth, seen, 0.3, allowed=0.9)
+    assert bias.surplus == pytest.approx(0.93 / 0.9 - 1, abs=1e-3)
     for layer in range(30, 60):
-        habits = habits.learn(layer, model, asked, 2 * growth, seen, 0.3, allowed=0.9)
-    assert habits.surplus < 0.051
+        bias = bias.learn(layer, model, asked, 2 * growth, seen, 0.3, allowed=0.9)
+    assert bias.surplus < 0.051
     request = pad(0.75e-3)
     who = Identifier(watch_beads=True)
     who.start('job', 60)
-    who.beads = habits
+    who.beads = bias
     assert who.prepare(request).learned.missing.max() < -0.04
 
 
 def test_what_cannot_be_compared_teaches_nothing():
-    model, habits = bead_model(zigzag(), SIZE, W), BeadBias()
+    model, bias = bead_model(zigzag(), SIZE, W), BeadBias()
     one = np.ones(len(model.first))
-    assert habits.learn(1, model, one, np.ones(SIZE), np.zeros(SIZE), 0.3) is habits
-    assert not habits.of(1, model).any()
+    assert bias.learn(1, model, one, np.ones(SIZE), np.zeros(SIZE), 0.3) is bias
+    assert not bias.of(1, model).any()
 
 
 def test_a_layer_asked_for_twice_counts_once_and_another_job_starts_afresh():

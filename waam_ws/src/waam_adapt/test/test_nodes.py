@@ -31,6 +31,7 @@ from waam_node import qos
 from waam_node.conversions import floats, grid_to_msg, map_from_msg, time_to_msg
 from waam_node.params import markdown
 from waam_process.grid import GridSpec
+from waam_process.learned import nothing, parse
 
 CONFIGS = {
     'correction_server': CorrectionParams,
@@ -136,6 +137,11 @@ def test_efficiency_is_learned_from_the_last_layer(graph, correct):
     r.previous_growth = floats(np.where(np.frombuffer(r.planned_height, 'f4') > 0, 2e-3, np.nan))
     answer = correct(r)
     assert answer.correction.flow_factor == pytest.approx(1 / 0.85, abs=0.01)
+    assert answer.learned == ''  # nothing was told of former jobs
+    r.learned = nothing('mill', 'er70s-6', 'w600_h200').text()
+    taught = parse(correct(r).learned)
+    assert taught.jobs == 1 and taught.last_job == 'learn'
+    assert taught.efficiency == pytest.approx(0.85, abs=0.01)
     r.previous_feed_factor = 1.7 / 2 / 0.85 * 1.2  # the feed was 1.2 times the table's
     again = correct(r)  # the same layer again replaces its evidence
     assert again.correction.flow_factor == pytest.approx(1.2 / 0.85, abs=0.02)
@@ -169,7 +175,7 @@ def test_a_map_that_is_not_to_be_trusted_removes_the_correction(graph, correct, 
         ('bead_width', math.nan), ('bead_width', 0.0), ('k_gain', 0.5), ('k_gain', math.inf),
         ('layer', 0), ('temperature', math.inf), ('previous_feed_factor', -1.0),
         ('target', floats(np.zeros(3))), ('planned_height', floats(np.full(SPEC.shape, -1e-3))),
-        ('previous_surface', floats(np.zeros(3))),
+        ('previous_surface', floats(np.zeros(3))), ('learned', '{"kind": "waam learned"}'),
     ],
 )  # fmt: skip
 def test_bad_request_is_refused_naming_the_field(graph, correct, field, value):

@@ -28,18 +28,20 @@ if TYPE_CHECKING:  # the nodes that identify nothing start without SciPy
 
 def correct(
     corrector: Corrector, request: ComputeCorrection.Request, now: float
-) -> tuple[CorrectionMap, Estimate]:
-    """Psi of the next layer and what is believed of the process. now: ROS time in s. ValueError names the field that
-    cannot be used."""
+) -> tuple[CorrectionMap, Estimate, str]:
+    """Psi of the next layer, what is believed of the process, and what was learned by now (`waam_process.learned`, ''
+    when the request told nothing of former jobs). now: ROS time in s. ValueError names the field that cannot be used.
+    """
     p = corrector.params
     spec = grid_from_msg(request.map.grid)
     core = convert.correction_input(request, spec, p.k_gain, p.k_gain_max)
     last = convert.last_layer(request, spec)
     origin = convert.map_origin(request, now)
-    answer = corrector.answer(request.layer, core, origin, last)
+    learned = convert.learned_of(request)
+    answer = corrector.answer(request.layer, core, origin, last, learned)
     msg = convert.correction_to_msg(answer.correction, request, spec, answer.flow_factor)
     msg.error_rms, msg.error_max = error_figures(core)
-    return msg, answer.estimate
+    return msg, answer.estimate, answer.learned.text() if answer.learned else ''
 
 
 def set_feed(p: FeedParams, request: ComputeFeed.Request) -> Setpoints:

@@ -13,6 +13,7 @@ from waam_msgs.srv import ComputeCorrection
 from waam_node.conversions import floats, grid_from_msg, grid_to_msg, map_from_msg, seconds
 from waam_process.grid import GridSpec
 from waam_process.heat import ArcPass
+from waam_process.learned import Learned, LearnedError, parse
 
 from .feed.feed_forward import Field, Path, Setpoints
 from .laws.checks import MapOrigin
@@ -108,6 +109,16 @@ def last_layer(request: ComputeCorrection.Request, spec: GridSpec) -> LastLayer:
         optional_map('previous_growth', request.previous_growth, spec),
         feed_factor(request),
     )
+
+
+def learned_of(request: ComputeCorrection.Request) -> Learned | None:
+    """What former jobs have taught, None = nothing was told; older records do not have the field.
+    CorrectionError says what is wrong with it."""
+    text = getattr(request, 'learned', '')
+    try:
+        return parse(text) if text else None
+    except LearnedError as e:
+        raise CorrectionError(f'learned: {e}') from None
 
 
 def map_origin(request: ComputeCorrection.Request, now: float) -> MapOrigin:

@@ -36,7 +36,7 @@ class CorrectionServer(node.WaamNode):
         """The service: BAD_INPUT with a text that names the field when the request cannot be used."""
         begin = time.perf_counter()
         try:
-            response.correction = self.compute(request)
+            response.correction, response.learned = self.compute(request)
         except ValueError as e:
             self.counts['refused'] += 1
             response.error_code, response.message = Response.BAD_INPUT, str(e)
@@ -47,11 +47,11 @@ class CorrectionServer(node.WaamNode):
         self.show(response.correction)
         return response
 
-    def compute(self, request: ComputeCorrection.Request) -> CorrectionMap:
-        """The correction of a request; ValueError names the field that is wrong."""
-        msg, estimate = answers.correct(self.corrector, request, self.now_s())
+    def compute(self, request: ComputeCorrection.Request) -> tuple[CorrectionMap, str]:
+        """The correction of a request and what was learned; ValueError names the field that is wrong."""
+        msg, estimate, learned = answers.correct(self.corrector, request, self.now_s())
         self.publish_estimate(request, estimate)
-        return msg
+        return msg, learned
 
     def publish_estimate(self, request: ComputeCorrection.Request, estimate: Estimate) -> None:
         """What is believed of the process by now, with a line in the log when it has drifted."""

@@ -15,7 +15,7 @@ import numpy as np
 RATIO_LOW, RATIO_HIGH = 0.4, 1.8
 MIN_GAIN = 1e-3  # less authority over speed than this is none
 MIN_PLANNED = 0.05e-3  # m; thinner than this the plan adds no metal
-PRIOR = 0.7  # say that a law's guess of what ends lack has before the first layer
+PRIOR = 0.7  # weight of a law's guess of what ends lack, before the first layer
 
 
 T = TypeVar('T')
@@ -57,7 +57,7 @@ class Predicted:
 
     growth (rows, cols): share of the planned height that will grow beside what the bead model expects, mean 0; sigma
     (rows, cols): its standard uncertainty. digest: of the network. doubt: why nothing is predicted (growth all 0), ''.
-    weight: 0..1, the say that the job has left the network; it is in the growth. NaN: nothing was weighed.
+    weight: 0..1, of the network in this job; already applied to the growth. NaN: nothing was weighed.
     """
 
     growth: np.ndarray
@@ -67,7 +67,7 @@ class Predicted:
     weight: float = math.nan
 
     def weighed(self, weight: float) -> Predicted:
-        """The same with another say; weight 0..1."""
+        """The same with another weight, 0..1."""
         return replace(self, growth=weight * self.growth, weight=weight)
 
 

@@ -51,6 +51,13 @@ def test_settings_and_repair_reach_the_goal(parse, box, tmp_path):
     assert not plain.plan_settings and not plain.repair
 
 
+def test_fresh_and_the_folder_of_what_was_learned_reach_the_goal(parse, box, tmp_path):
+    plain = jobs.make_goal(parse('run', box), tmp_path)
+    assert not plain.fresh and plain.learned_dir == ''
+    fresh = jobs.make_goal(parse('run', box, '--fresh'), tmp_path, tmp_path / 'learned')
+    assert fresh.fresh and fresh.learned_dir == str(tmp_path / 'learned')
+
+
 def test_bad_settings_are_refused_without_a_graph_and_all_at_once(parse, box):
     args = parse('run', box, '--set', 'nonsense=1', '--set', 'cusp=deep', '--k-gain', 0.9)
     with pytest.raises(

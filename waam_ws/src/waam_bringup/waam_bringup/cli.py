@@ -160,6 +160,11 @@ def _register_demo(commands: argparse._SubParsersAction) -> None:
         choices=LOOP_MODES,
     )
     p.add_argument('--rate', type=float, default=0.0)
+    p.add_argument(
+        '--fresh',
+        action='store_true',
+        help='start without what former demos have taught (jobs/learned), and keep nothing',
+    )
     p.set_defaults(run_command=cmd_demo)
 
 

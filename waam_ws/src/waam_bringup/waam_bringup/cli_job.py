@@ -129,6 +129,11 @@ def _add_bookkeeping(p: argparse.ArgumentParser) -> None:
     p.add_argument('--jobs', type=Path, help='where job folders go (default: jobs/)')
     p.add_argument('--operator', default='', metavar='NAME', help='who answers for the job')
     p.add_argument(
+        '--fresh',
+        action='store_true',
+        help='start without what former jobs of this cell have taught, and keep nothing of this one',
+    )
+    p.add_argument(
         '--note',
         action='append',
         default=[],

@@ -76,8 +76,10 @@ def _one(
             passes=1,
             wire_left=0.0,
             operator='waam demo',
+            fresh=args.fresh,
         ),
         folder,
+        folder.parent / job_folder.LEARNED_DIR,
     )
     with JobProgress(profile.replace('_', ' ')) as progress:
         result = client.run_job(goal, progress, graph_watch(run))
@@ -104,6 +106,7 @@ def combine(folder: Path, results: dict[str, Path]) -> dict:
         'tolerance_mm': last['tolerance_mm'],
         'verdict': last['verdict'],
         'verdict_with_rim': last['verdict_with_rim'],
+        'learned': last.get('trace', {}).get('learned', {}),
         **runs,
     }
     if (
@@ -152,5 +155,16 @@ def show(report: dict, console: Console, wall: float) -> None:
     console.print(table)
     if report.get('ratio') is not None:
         console.print(f'closed loop / open loop: {report["ratio"]:.3f}')
+    console.print(start_of(report))
     machine = sum(report[p]['duration_s'] for p in runs)
     console.print(f'{machine:.0f} s of machine time in {wall:.0f} s of yours')
+
+
+def start_of(report: dict) -> str:
+    """What the closed loop knew of the cell when it began."""
+    jobs = (report.get('learned') or {}).get('jobs')
+    if jobs is None:
+        return 'nothing that former jobs have taught was used, and nothing is kept of this one'
+    if not jobs:
+        return 'started fresh: the first job of this cell; the next demo starts with what it taught (--fresh: without)'
+    return f'started with what {jobs} former job{"s" if jobs > 1 else ""} of this cell taught (--fresh: without)'

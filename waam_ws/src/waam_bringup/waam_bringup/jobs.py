@@ -46,12 +46,16 @@ def _goal_fields(args: argparse.Namespace) -> dict[str, Any]:
         'plan_settings': tuple(getattr(args, 'set', ())),
         'repair': getattr(args, 'repair', False),
         'operator_name': getattr(args, 'operator', ''),
+        'fresh': getattr(args, 'fresh', False),
     }
 
 
-def make_goal(args: argparse.Namespace, jobs: Path) -> RunJob.Goal:
-    """The goal of `waam job run` (mm on the command line, m in the goal)."""
-    return RunJob.Goal(part=str(args.part.resolve()), jobs_dir=str(jobs), **_goal_fields(args))
+def make_goal(args: argparse.Namespace, jobs: Path, learned: Path | None = None) -> RunJob.Goal:
+    """The goal of `waam job run` (mm on the command line, m in the goal). learned: folder of what jobs have taught,
+    None = that in `jobs`."""
+    goal = RunJob.Goal(part=str(args.part.resolve()), jobs_dir=str(jobs), **_goal_fields(args))
+    goal.learned_dir = str(learned or '')
+    return goal
 
 
 def check_arguments(args: argparse.Namespace) -> None:

@@ -39,9 +39,9 @@ typedef struct {
     bool unsure;                 /* such a line has been sent since the last hang-up */
     bool native;                 /* a line with a good check has been sent since the last hang-up */
     bool marlin;                 /* the controller has said "start" to a Marlin sender */
-} rig_t;
+} bench_t;
 
-static rig_t rig;
+static bench_t bench;
 
 /* ---- what the controller sends ---- */
 
@@ -55,12 +55,12 @@ static unsigned long number_after(const char *line, const char *mark)
 /* HOLD and ALARM have a code, IDLE has none. RUN has that of a fault while the arc is struck again. */
 static void require_code(const char *line)
 {
-    if (rig.announced != WAAM_RUN || !rig.announced_code) {
-        REQUIRE((rig.announced >= WAAM_HOLD) == (rig.announced_code != 0), "HOLD and ALARM have a code, IDLE has none");
+    if (bench.announced != WAAM_RUN || !bench.announced_code) {
+        REQUIRE((bench.announced >= WAAM_HOLD) == (bench.announced_code != 0), "HOLD and ALARM have a code, IDLE has none");
         return;
     }
-    REQUIRE(rig.announced_code == WAAM_E_STUBBING, "only a fault whose reaction is RETRY is told in RUN");
-    REQUIRE(rig.config.policy[WAAM_FAULT_STUBBING].reaction == WAAM_REACT_RETRY, "RETRY");
+    REQUIRE(bench.announced_code == WAAM_E_STUBBING, "only a fault whose reaction is RETRY is told in RUN");
+    REQUIRE(bench.config.policy[WAAM_FAULT_STUBBING].reaction == WAAM_REACT_RETRY, "RETRY");
     REQUIRE(strstr(line, "; try "), "a RETRY says which one it is");
 }
 
@@ -69,8 +69,8 @@ static void on_state(const char *line)
     static const char *const names[] = {"! IDLE E", "! RUN E", "! HOLD E", "! ALARM E"};
     for (int i = 0; i < 4; i++)
         if (strncmp(line, names[i], strlen(names[i])) == 0) {
-            rig.announced = (waam_state_t)i;
-            rig.announced_code = (unsigned)strtoul(line + strlen(names[i]), NULL, 10);
+            bench.announced = (waam_state_t)i;
+            bench.announced_code = (unsigned)strtoul(line + strlen(names[i]), NULL, 10);
             REQUIRE(strlen(line) > strlen(names[i]) + 4, "a state has a reason");
             require_code(line);
             return;
@@ -83,7 +83,7 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
     char text[512];
     size_t content;
     (void)context;
-    bool marlin = rig.core.link.dialect == WAAM_DIALECT_MARLIN;
+    bool marlin = bench.core.link.dialect == WAAM_DIALECT_MARLIN;
     REQUIRE(bytes > 2 && bytes <= 400 && line[bytes - 1] == '\n', "length of a sent line");
     content = bytes - 1;
     REQUIRE(marlin || waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
@@ -95,8 +95,8 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
         if (strncmp(text, "echo:! ", 7) == 0)
             on_state(text + 5);
         if (strcmp(text, "start") == 0) {
-            REQUIRE(!rig.native || rig.unsure, "a host that has sent a checked line is not taken for a Marlin sender");
-            rig.marlin = true;
+            REQUIRE(!bench.native || bench.unsure, "a host that has sent a checked line is not taken for a Marlin sender");
+            bench.marlin = true;
         }
         return;
     }
@@ -104,9 +104,9 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
     if (text[0] == '!')
         on_state(text);
     else if (strncmp(text, "ok N", 4) == 0)
-        rig.acknowledged = (uint32_t)number_after(text, "ok N");
+        bench.acknowledged = (uint32_t)number_after(text, "ok N");
     else if (strncmp(text, "$H ", 3) == 0 && !strstr(text, " error "))
-        rig.granted_us = rig.core.now_us;
+        bench.granted_us = bench.core.now_us;
 }
 
 /* ---- what the controller gets ---- */
@@ -115,17 +115,17 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
 static bool numbered_m110(void)
 {
     size_t i = 1;
-    while (i < rig.line_length && strchr("-0123456789", rig.line[i]))
+    while (i < bench.line_length && strchr("-0123456789", bench.line[i]))
         i++;
-    while (i < rig.line_length && (rig.line[i] == ' ' || rig.line[i] == '\t'))
+    while (i < bench.line_length && (bench.line[i] == ' ' || bench.line[i] == '\t'))
         i++;
-    return i > 1 && (rig.line[0] | 32) == 'n' && i < rig.line_length && (rig.line[i] | 32) == 'm';
+    return i > 1 && (bench.line[0] | 32) == 'n' && i < bench.line_length && (bench.line[i] | 32) == 'm';
 }
 
 /* $I, alone, with words or with a token of 32 bits; "$Ixyz" is no command. */
 static bool identification(size_t content)
 {
-    const char *line = rig.line;
+    const char *line = bench.line;
     size_t end = 3;
     uint64_t token = 0;
     if (content < 2 || line[0] != '$' || line[1] != 'I')
@@ -141,10 +141,10 @@ static bool identification(size_t content)
 static void sent_checked(size_t content)
 {
     bool identifies = identification(content);
-    if (identifies || (!rig.marlin && !numbered_m110()))
-        rig.native = true;
+    if (identifies || (!bench.marlin && !numbered_m110()))
+        bench.native = true;
     if (identifies)
-        rig.marlin = false;
+        bench.marlin = false;
 }
 
 /* Before the controller has seen the end of the line. A line with real-time bytes may be another one to the controller, which
@@ -153,43 +153,43 @@ static void sent(char byte)
 {
     size_t content = 0;
     if (byte != '\n') {
-        rig.line_length += rig.line_length < sizeof rig.line;
-        rig.line[rig.line_length - 1] = byte;
-        rig.real_time = rig.real_time || ((uint8_t)byte >= WAAM_BYTE_HOLD && (uint8_t)byte <= WAAM_BYTE_STOP);
+        bench.line_length += bench.line_length < sizeof bench.line;
+        bench.line[bench.line_length - 1] = byte;
+        bench.real_time = bench.real_time || ((uint8_t)byte >= WAAM_BYTE_HOLD && (uint8_t)byte <= WAAM_BYTE_STOP);
         return;
     }
-    if (rig.line_length && rig.line[rig.line_length - 1] == '\r')
-        rig.line_length--;
-    bool checked = rig.line_length <= WAAM_LINE_MAX && waam_check_line(rig.line, rig.line_length, &content);
-    if (checked || rig.real_time)
-        rig.fed_us = rig.core.now_us;
+    if (bench.line_length && bench.line[bench.line_length - 1] == '\r')
+        bench.line_length--;
+    bool checked = bench.line_length <= WAAM_LINE_MAX && waam_check_line(bench.line, bench.line_length, &content);
+    if (checked || bench.real_time)
+        bench.fed_us = bench.core.now_us;
     if (checked)
         sent_checked(content);
-    rig.line_length = 0;
-    rig.unsure = rig.unsure || rig.real_time;
-    rig.real_time = false;
+    bench.line_length = 0;
+    bench.unsure = bench.unsure || bench.real_time;
+    bench.real_time = false;
 }
 
 static void feed(const char *bytes, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
         sent(bytes[i]);
-        waam_core_rx(&rig.core, (uint8_t)bytes[i]);
+        waam_core_rx(&bench.core, (uint8_t)bytes[i]);
     }
 }
 
 static void hang_up(void)
 {
-    waam_core_hang_up(&rig.core);
-    rig.native = rig.marlin = rig.real_time = rig.unsure = false;
-    rig.line_length = 0;
+    waam_core_hang_up(&bench.core);
+    bench.native = bench.marlin = bench.real_time = bench.unsure = false;
+    bench.line_length = 0;
 }
 
 static void feed_sealed(const char *text, size_t count)
 {
     waam_text_t line = {.length = 0};
     waam_text_bytes(&line, text, count < WAAM_LINE_MAX ? count : WAAM_LINE_MAX);
-    waam_text_seal(&line, rig.core.link.strong);
+    waam_text_seal(&line, bench.core.link.strong);
     feed(line.text, line.length);
 }
 
@@ -204,25 +204,25 @@ static void feed_numbered(const char *before, uint64_t number, const char *after
 
 static void heartbeat(uint64_t age_ms)
 {
-    uint64_t now = rig.core.now_us, age = age_ms * 1000u;
+    uint64_t now = bench.core.now_us, age = age_ms * 1000u;
     feed_numbered("$H f ", age < now ? now - age : 0, "", 0);
 }
 
 static void toggle(char what)
 {
-    waam_inputs_t *in = &rig.inputs;
+    waam_inputs_t *in = &bench.inputs;
     switch (what) {
     case 'e': in->estop = !in->estop; break;
     case 'l': in->limit_switch = !in->limit_switch; break;
     case 'p': in->process = (waam_process_t)((in->process + 1) % 3); break;
-    case 'h': rig.no_heartbeat = !rig.no_heartbeat; break;
-    case 'c': rig.no_current = !rig.no_current; break;
-    case 'g': rig.no_gas = !rig.no_gas; break;
-    case 'w': rig.slow_wire = !rig.slow_wire; break;
-    case 's': rig.stuck = !rig.stuck; break;
+    case 'h': bench.no_heartbeat = !bench.no_heartbeat; break;
+    case 'c': bench.no_current = !bench.no_current; break;
+    case 'g': bench.no_gas = !bench.no_gas; break;
+    case 'w': bench.slow_wire = !bench.slow_wire; break;
+    case 's': bench.stuck = !bench.stuck; break;
     case 't': in->over_temperature = !in->over_temperature; break;
     case 'i': in->temperature_c = in->temperature_c == 0.0 ? 95.0 : 0.0; break;
-    case 'n': rig.implausible = !rig.implausible; break;
+    case 'n': bench.implausible = !bench.implausible; break;
     default: break;
     }
 }
@@ -232,78 +232,78 @@ static void toggle(char what)
 static void move_plant(void)
 {
     static const double start_mm[WAAM_AXES] = {0.3, 0.4, 9.7};
-    const waam_config_t *c = &rig.config;
+    const waam_config_t *c = &bench.config;
     for (int i = 0; i < WAAM_AXES; i++) {
-        double at = start_mm[i] + (double)rig.outputs.pulses[i] / c->steps_per_mm;
-        rig.inputs.home_switch[i] = c->home_direction[i] < 0 ? at <= c->limit_min_mm[i] : at >= c->limit_max_mm[i];
+        double at = start_mm[i] + (double)bench.outputs.pulses[i] / c->steps_per_mm;
+        bench.inputs.home_switch[i] = c->home_direction[i] < 0 ? at <= c->limit_min_mm[i] : at >= c->limit_max_mm[i];
     }
-    rig.arc_us = rig.outputs.arc ? rig.arc_us + TICK_US : 0;
-    bool burns = rig.arc_us >= STRIKE_US && !rig.no_current;
-    rig.inputs.gas_ok = rig.outputs.gas && !rig.no_gas;
-    rig.inputs.wire_mm_s = rig.outputs.wire_mm_s * (rig.slow_wire ? 0.5 : 1.0);
-    rig.inputs.current_a = burns ? 180.0 : 0.0;
-    rig.inputs.voltage_v = rig.stuck ? 0.5 : burns ? 22.0 : rig.outputs.arc ? 65.0 : rig.outputs.sense ? 12.0 : 0.0;
-    if (rig.implausible)
-        rig.inputs.voltage_v = NAN;
+    bench.arc_us = bench.outputs.arc ? bench.arc_us + TICK_US : 0;
+    bool burns = bench.arc_us >= STRIKE_US && !bench.no_current;
+    bench.inputs.gas_ok = bench.outputs.gas && !bench.no_gas;
+    bench.inputs.wire_mm_s = bench.outputs.wire_mm_s * (bench.slow_wire ? 0.5 : 1.0);
+    bench.inputs.current_a = burns ? 180.0 : 0.0;
+    bench.inputs.voltage_v = bench.stuck ? 0.5 : burns ? 22.0 : bench.outputs.arc ? 65.0 : bench.outputs.sense ? 12.0 : 0.0;
+    if (bench.implausible)
+        bench.inputs.voltage_v = NAN;
 }
 
 /* ---- what must hold ---- */
 
 static void require_arc(void)
 {
-    const waam_core_t *c = &rig.core;
-    const waam_arc_config_t *arc = &rig.config.arc;
-    rig.hold_arc_us = rig.outputs.arc && c->state == WAAM_HOLD ? rig.hold_arc_us + TICK_US : 0;
+    const waam_core_t *c = &bench.core;
+    const waam_arc_config_t *arc = &bench.config.arc;
+    bench.hold_arc_us = bench.outputs.arc && c->state == WAAM_HOLD ? bench.hold_arc_us + TICK_US : 0;
     uint32_t ending_us = arc->crater_us + arc->burn_back_us + arc->pulses * arc->pulse_us;
-    REQUIRE(rig.hold_arc_us <= ending_us + 2 * TICK_US, "HOLD ends the arc");
-    REQUIRE(rig.outputs.voltage_v >= 0.0 && rig.outputs.voltage_v <= rig.config.voltage_max_v, "voltage setpoint");
-    if (!rig.outputs.arc) {
-        REQUIRE(rig.outputs.voltage_v == 0.0, "no voltage without the arc");
+    REQUIRE(bench.hold_arc_us <= ending_us + 2 * TICK_US, "HOLD ends the arc");
+    REQUIRE(bench.outputs.voltage_v >= 0.0 && bench.outputs.voltage_v <= bench.config.voltage_max_v, "voltage setpoint");
+    if (!bench.outputs.arc) {
+        REQUIRE(bench.outputs.voltage_v == 0.0, "no voltage without the arc");
         return;
     }
     REQUIRE(c->state == WAAM_RUN || c->state == WAAM_HOLD, "arc only in RUN, or while HOLD ends it");
     REQUIRE(c->homed, "arc only when homed");
     REQUIRE(c->armed || c->state == WAAM_HOLD, "arc only when armed");
-    REQUIRE(rig.granted_us && c->now_us < rig.granted_us + rig.config.lease_us, "arc only with a lease");
+    REQUIRE(bench.granted_us && c->now_us < bench.granted_us + bench.config.lease_us, "arc only with a lease");
 }
 
 /* The fast ticks until the next tick never do more than the last one allowed. */
 static void fast_ticks(void)
 {
-    waam_fast_inputs_t in = {.valid = rig.inputs.process == WAAM_PROCESS_OK,
-                             .voltage_v = (float)rig.inputs.voltage_v, .current_a = (float)rig.inputs.current_a};
+    waam_fast_inputs_t in = {.valid = bench.inputs.process == WAAM_PROCESS_OK,
+                             .voltage_v = (float)bench.inputs.voltage_v, .current_a = (float)bench.inputs.current_a};
     for (unsigned i = 0; i < TICK_US / WAAM_FAST_US; i++) {
         waam_fast_outputs_t out = {.arc = true, .voltage_v = NAN};
-        waam_core_fast(&rig.core, &in, &out);
-        REQUIRE(!out.arc || rig.outputs.arc, "the source is on only when the tick said so");
-        REQUIRE(out.voltage_v >= 0.0f && out.voltage_v <= (float)rig.config.voltage_max_v, "setpoint of the source");
+        waam_core_fast(&bench.core, &in, &out);
+        REQUIRE(!out.arc || bench.outputs.arc, "the source is on only when the tick said so");
+        REQUIRE(out.voltage_v >= 0.0f && out.voltage_v <= (float)bench.config.voltage_max_v, "setpoint of the source");
     }
 }
 
 static void require_motion(const int64_t before[WAAM_AXES])
 {
-    const waam_core_t *c = &rig.core;
+    const waam_core_t *c = &bench.core;
     for (int i = 0; i < WAAM_AXES; i++) {
-        double most = rig.config.max_speed_mm_s[i] * 1e-6 * TICK_US * rig.config.steps_per_mm + 2.0;
-        REQUIRE(fabs((double)rig.outputs.pulses[i] - (double)before[i]) <= most, "no axis jumps");
-        double at = (double)c->motion.steps[i] / rig.config.steps_per_mm, step = 1.5 / rig.config.steps_per_mm;
-        REQUIRE(!c->homed || (at >= rig.config.limit_min_mm[i] - step && at <= rig.config.limit_max_mm[i] + step),
+        double most = bench.config.max_speed_mm_s[i] * 1e-6 * TICK_US * bench.config.steps_per_mm + 2.0;
+        REQUIRE(fabs((double)bench.outputs.pulses[i] - (double)before[i]) <= most, "no axis jumps");
+        double at = (double)c->motion.steps[i] / bench.config.steps_per_mm, step = 1.5 / bench.config.steps_per_mm;
+        REQUIRE(!c->homed || (at >= bench.config.limit_min_mm[i] - step && at <= bench.config.limit_max_mm[i] + step),
                 "inside the soft limits");
     }
     REQUIRE(isfinite(c->motion.speed_mm_s) && c->motion.speed_mm_s >= 0.0, "speed");
-    REQUIRE(fabs(rig.outputs.wire_mm_s) <= rig.config.wire_max_mm_s + 1e-9, "wire speed");
+    REQUIRE(fabs(bench.outputs.wire_mm_s) <= bench.config.wire_max_mm_s + 1e-9, "wire speed");
 }
 
 static void require_state(bool limit_before)
 {
-    const waam_core_t *c = &rig.core;
-    REQUIRE(c->state == rig.announced && (unsigned)c->fault == rig.announced_code, "every state was announced");
-    REQUIRE(!rig.inputs.estop || c->state == WAAM_ALARM, "emergency stop");
-    REQUIRE(!(rig.inputs.limit_switch && !limit_before) || c->state == WAAM_ALARM, "limit switch");
-    REQUIRE(c->state != WAAM_RUN || rig.marlin || c->now_us - rig.fed_us <= rig.config.link_timeout_us,
+    const waam_core_t *c = &bench.core;
+    REQUIRE(c->state == bench.announced && (unsigned)c->fault == bench.announced_code, "every state was announced");
+    REQUIRE(!bench.inputs.estop || c->state == WAAM_ALARM, "emergency stop");
+    REQUIRE(!(bench.inputs.limit_switch && !limit_before) || c->state == WAAM_ALARM, "limit switch");
+    REQUIRE(c->state != WAAM_RUN || bench.marlin || c->now_us - bench.fed_us <= bench.config.link_timeout_us,
             "no RUN without a host, but a Marlin sender's");
-    REQUIRE(!rig.marlin || rig.unsure || (!rig.outputs.arc && !c->armed), "no arc for a Marlin sender");
-    REQUIRE(c->state != WAAM_ALARM || (!rig.outputs.arc && rig.outputs.wire_mm_s == 0.0 && !c->homed && !c->armed),
+    REQUIRE(!bench.marlin || bench.unsure || (!bench.outputs.arc && !c->armed), "no arc for a Marlin sender");
+    REQUIRE(c->state != WAAM_ALARM || (!bench.outputs.arc && bench.outputs.wire_mm_s == 0.0 && !c->homed && !c->armed),
             "ALARM blocks all outputs");
     REQUIRE(c->planner.count <= WAAM_BLOCKS && c->link.ring_used <= WAAM_RING_BYTES, "queues");
     REQUIRE(c->link.accepted <= c->link.received && c->executed <= c->link.accepted, "line numbers");
@@ -312,13 +312,13 @@ static void require_state(bool limit_before)
 static void tick(void)
 {
     int64_t before[WAAM_AXES];
-    bool limit_before = rig.core.limit.pressed;
-    if (++rig.ticks > TICKS_MAX)
+    bool limit_before = bench.core.limit.pressed;
+    if (++bench.ticks > TICKS_MAX)
         return;
-    if (!rig.no_heartbeat && rig.core.now_us % HEARTBEAT_US == 0)
+    if (!bench.no_heartbeat && bench.core.now_us % HEARTBEAT_US == 0)
         heartbeat(0);
-    memcpy(before, rig.outputs.pulses, sizeof before);
-    waam_core_tick(&rig.core, TICK_US, &rig.inputs, &rig.outputs);
+    memcpy(before, bench.outputs.pulses, sizeof before);
+    waam_core_tick(&bench.core, TICK_US, &bench.inputs, &bench.outputs);
     fast_ticks();
     require_arc();
     require_motion(before);
@@ -346,7 +346,7 @@ static void record(const char *text, size_t count)
     switch (text[0]) {
     case '~': ticks(text + 1, count - 1); break;
     case '=': heartbeat(strtoul(digits, NULL, 10)); break;
-    case '!': feed_numbered("$L ", (uint64_t)rig.core.link.accepted + 1, "", 0); break;
+    case '!': feed_numbered("$L ", (uint64_t)bench.core.link.accepted + 1, "", 0); break;
     case '^':
         for (size_t i = 1; i < count; i++)
             toggle(text[i]);
@@ -361,7 +361,7 @@ static void record(const char *text, size_t count)
         size_t room = count < sizeof line - 20 ? count : sizeof line - 20;
         line[0] = ' ';
         memcpy(line + 1, text, room);
-        feed_numbered("N", (uint64_t)rig.core.link.received + 1, line, room + 1);
+        feed_numbered("N", (uint64_t)bench.core.link.received + 1, line, room + 1);
     }
     }
 }
@@ -399,12 +399,12 @@ static waam_config_t small_machine(void)
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     const char *text = (const char *)data;
-    rig = (rig_t){.config = small_machine(), .announced = WAAM_ALARM, .announced_code = WAAM_E_POWER_UP};
-    waam_core_init(&rig.core, &rig.config, on_line, NULL);
-    rig.inputs.process = WAAM_PROCESS_OK;
-    rig.fed_us = rig.core.now_us;
+    bench = (bench_t){.config = small_machine(), .announced = WAAM_ALARM, .announced_code = WAAM_E_POWER_UP};
+    waam_core_init(&bench.core, &bench.config, on_line, NULL);
+    bench.inputs.process = WAAM_PROCESS_OK;
+    bench.fed_us = bench.core.now_us;
     move_plant();
-    while (size && rig.ticks <= TICKS_MAX) {
+    while (size && bench.ticks <= TICKS_MAX) {
         const char *end = memchr(text, '\n', size);
         size_t length = end ? (size_t)(end - text) : size, used = end ? length + 1 : size;
         record(text, length);

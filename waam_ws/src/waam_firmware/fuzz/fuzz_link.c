@@ -20,25 +20,25 @@ typedef struct {
     unsigned put, got;          /* lines of the model */
     char fed[WAAM_LINE_MAX];    /* content of the line that is being fed */
     size_t fed_length;
-} rig_t;
+} bench_t;
 
-static rig_t rig;
+static bench_t bench;
 
 static void queued(uint32_t before)
 {
-    REQUIRE(!rig.link.blocked, "nothing is queued before the host resynchronises");
-    REQUIRE(rig.link.received == before + 1, "numbers count up by one");
-    REQUIRE(rig.put - rig.got < MODEL_LINES, "the ring holds no more lines than bytes");
-    memcpy(rig.line[rig.put % MODEL_LINES], rig.fed, rig.fed_length);
-    rig.length[rig.put++ % MODEL_LINES] = (uint8_t)rig.fed_length;
+    REQUIRE(!bench.link.blocked, "nothing is queued before the host resynchronises");
+    REQUIRE(bench.link.received == before + 1, "numbers count up by one");
+    REQUIRE(bench.put - bench.got < MODEL_LINES, "the ring holds no more lines than bytes");
+    memcpy(bench.line[bench.put % MODEL_LINES], bench.fed, bench.fed_length);
+    bench.length[bench.put++ % MODEL_LINES] = (uint8_t)bench.fed_length;
 }
 
 static void require_link(uint32_t received_before, waam_rx_t result)
 {
-    const waam_link_t *l = &rig.link;
+    const waam_link_t *l = &bench.link;
     REQUIRE(l->ring_used <= WAAM_RING_BYTES && l->ring_tail < WAAM_RING_BYTES, "ring");
     REQUIRE(l->length <= WAAM_LINE_MAX + 1, "line buffer");
-    REQUIRE(l->received - l->accepted == rig.put - rig.got, "waiting lines");
+    REQUIRE(l->received - l->accepted == bench.put - bench.got, "waiting lines");
     REQUIRE(result == WAAM_RX_QUEUED || l->received == received_before, "only a queued line counts");
     REQUIRE(result != WAAM_RX_RESEND || (l->resend_code >= WAAM_E_CHECK && l->resend_code <= WAAM_E_NOT_NOW), "code");
     REQUIRE(result != WAAM_RX_RESEND || !l->blocked, "no resend is asked for while blocked");
@@ -46,12 +46,12 @@ static void require_link(uint32_t received_before, waam_rx_t result)
 
 static void feed_byte(uint8_t byte)
 {
-    uint32_t before = rig.link.received;
-    waam_rx_t result = waam_link_byte(&rig.link, byte);
+    uint32_t before = bench.link.received;
+    waam_rx_t result = waam_link_byte(&bench.link, byte);
     if (result == WAAM_RX_QUEUED)
         queued(before);
     if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_MARLIN)
-        rig.link.length = 0;
+        bench.link.length = 0;
     require_link(before, result);
 }
 
@@ -68,10 +68,10 @@ static void feed_line(const char *line, size_t count)
     size_t star = count;
     while (star && line[star - 1] != '*')
         star--;
-    rig.fed_length = star ? star - 1 : count;
-    rig.fed_length = rig.fed_length < WAAM_LINE_MAX ? rig.fed_length : WAAM_LINE_MAX;
-    memcpy(rig.fed, line, rig.fed_length);
-    if (rig.link.length)
+    bench.fed_length = star ? star - 1 : count;
+    bench.fed_length = bench.fed_length < WAAM_LINE_MAX ? bench.fed_length : WAAM_LINE_MAX;
+    memcpy(bench.fed, line, bench.fed_length);
+    if (bench.link.length)
         feed("", 0); /* the rest of what came before */
     feed(line, count);
 }
@@ -97,7 +97,7 @@ static void feed_next(const char *text, size_t count)
 {
     waam_text_t line = {.length = 0};
     waam_text_char(&line, 'N');
-    waam_text_uint(&line, (uint64_t)rig.link.received + 1);
+    waam_text_uint(&line, (uint64_t)bench.link.received + 1);
     waam_text_char(&line, ' ');
     waam_text_bytes(&line, text, count < WAAM_LINE_MAX - 30 ? count : WAAM_LINE_MAX - 30);
     feed_sealed('S', line.text, line.length);
@@ -106,13 +106,13 @@ static void feed_next(const char *text, size_t count)
 static void take(void)
 {
     char line[WAAM_LINE_MAX];
-    size_t length = waam_link_next(&rig.link, line);
-    REQUIRE((length != 0) == (rig.put != rig.got), "a line waits when one was put in");
+    size_t length = waam_link_next(&bench.link, line);
+    REQUIRE((length != 0) == (bench.put != bench.got), "a line waits when one was put in");
     if (!length)
         return;
-    unsigned at = rig.got++ % MODEL_LINES;
-    REQUIRE(length == rig.length[at] && memcmp(line, rig.line[at], length) == 0, "lines come out as they went in");
-    waam_link_accept(&rig.link);
+    unsigned at = bench.got++ % MODEL_LINES;
+    REQUIRE(length == bench.length[at] && memcmp(line, bench.line[at], length) == 0, "lines come out as they went in");
+    waam_link_accept(&bench.link);
 }
 
 static void resynchronise(const char *digits, size_t count)
@@ -121,8 +121,8 @@ static void resynchronise(const char *digits, size_t count)
     uint64_t next;
     if (!waam_read_uint(&cursor, &next) || next == 0 || next > UINT32_MAX - 1)
         return;
-    waam_link_resync(&rig.link, (uint32_t)next);
-    rig.got = rig.put;
+    waam_link_resync(&bench.link, (uint32_t)next);
+    bench.got = bench.put;
 }
 
 static void record(const char *text, size_t count)
@@ -133,9 +133,9 @@ static void record(const char *text, size_t count)
     case 'x': feed_sealed(text[0], text + 1, count - 1); break;
     case 'n': feed_next(text + 1, count - 1); break;
     case 'p': take(); break;
-    case 'b': waam_link_block(&rig.link, count > 1); rig.got = rig.put; break;
+    case 'b': waam_link_block(&bench.link, count > 1); bench.got = bench.put; break;
     case 'r': resynchronise(text + 1, count - 1); break;
-    case 'i': rig.link.dialect = WAAM_DIALECT_NATIVE; rig.link.strong = true; break;
+    case 'i': bench.link.dialect = WAAM_DIALECT_NATIVE; bench.link.strong = true; break;
     default: feed_line(text, count);
     }
 }
@@ -143,8 +143,8 @@ static void record(const char *text, size_t count)
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     const char *text = (const char *)data;
-    waam_link_init(&rig.link);
-    rig.put = rig.got = 0;
+    waam_link_init(&bench.link);
+    bench.put = bench.got = 0;
     while (size) {
         const char *end = memchr(text, '\n', size);
         size_t length = end ? (size_t)(end - text) : size, used = end ? length + 1 : size;
@@ -152,7 +152,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         text += used;
         size -= used;
     }
-    while (rig.put != rig.got)
+    while (bench.put != bench.got)
         take();
     return 0;
 }

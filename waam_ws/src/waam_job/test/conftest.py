@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter
 from waam_job.model.cell import Correction, Heat, Machine, Scan, Sums
 from waam_node.stl import write_worn_block
 from waam_process.grid import GridSpec, HeightGrid
+from waam_process.learned import Taught, parse
 from waam_process.segment import Kind
 
 TRAIL = 2e-3  # m, of the melt pool behind the arc
@@ -46,6 +47,7 @@ class FakeCell:
         self.record_calls: list = []
         self.warnings: list = []
         self.node_parameters: dict = {}
+        self.told_learned: list = []  # what every request told of former jobs
         self.tracks_taken = 0
         self.wire, self.arc_time = 0.0, 0.0  # m and s since the last sums
         self.pace = 8  # segments between two looks of the job
@@ -185,7 +187,15 @@ class FakeCell:
             fallback,
             ('map refused',) * fallback,
             0,
+            learned=self._learned(job_id, request),
         )
+
+    def _learned(self, job_id, request) -> str:
+        self.told_learned.append(request.learned)
+        if not request.learned:
+            return ''
+        taught = Taught(self.efficiency, 0.02, request.layer)
+        return parse(request.learned).after(taught, job_id).text()
 
     def setpoints(self, job_id, request) -> list:
         correction = request.correction

@@ -250,12 +250,14 @@ def test_goal_goes_through_message_and_job_file(tmp_path, parts):
     same = goal_from_job(folder.read_yaml('job.yaml'), RunJob.Goal())
     assert same.plan_settings == goal.plan_settings and same.repair and not same.new_spool
     assert same.wire_left == 50.0 and math.isnan(same.k_gain)
+    assert same.learned_dir == tmp_path / 'learned' and not same.fresh
     spool = goal_from_job(folder.read_yaml('job.yaml'), RunJob.Goal(wire_left=80.0))
     assert spool.wire_left == 80.0 and spool.new_spool
     old = folder.read_yaml('job.yaml')
-    for name in ('plan_settings', 'repair', 'new_spool'):
+    for name in ('plan_settings', 'repair', 'new_spool', 'learned_dir', 'fresh'):
         del old['goal'][name]  # of a job that began before there were any
     assert goal_from_job(old, RunJob.Goal()).plan_settings == ()
+    assert goal_from_job(old, RunJob.Goal()).learned_dir is None
 
 
 def test_the_limit_of_k_gain_is_the_same_everywhere():

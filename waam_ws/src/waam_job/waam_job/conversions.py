@@ -22,6 +22,7 @@ from waam_msgs.msg import (
     MachineState,
 )
 from waam_msgs.srv import ComputeCorrection, ComputeFeed
+from waam_node import job_folder
 from waam_node.conversions import (
     floats,
     grid_from_msg,
@@ -47,10 +48,11 @@ def goal_from_msg(msg: RunJob.Goal, default_jobs_dir: str) -> JobGoal:
     def number(value: float, default: float) -> float:
         return default if math.isnan(value) or value == 0.0 else value
 
+    jobs = Path(msg.jobs_dir or default_jobs_dir)
     return JobGoal(
         part=Path(msg.part),
         material=msg.material or 'er70s-6',
-        jobs_dir=Path(msg.jobs_dir or default_jobs_dir),
+        jobs_dir=jobs,
         name=msg.name,
         mode=msg.mode or 'restore',
         profile=msg.profile or 'closed_loop',
@@ -68,6 +70,8 @@ def goal_from_msg(msg: RunJob.Goal, default_jobs_dir: str) -> JobGoal:
         wire_left=msg.wire_left,
         plan_settings=tuple(msg.plan_settings),
         repair=msg.repair,
+        learned_dir=Path(msg.learned_dir or jobs / job_folder.LEARNED_DIR),
+        fresh=msg.fresh,
     )
 
 
@@ -83,6 +87,8 @@ def goal_from_job(job: dict, resumed: RunJob.Goal) -> JobGoal:
         raise ValueError('job.yaml holds no goal') from None
     for name in ('part', 'jobs_dir'):
         known[name] = Path(known[name])
+    if known.get('learned_dir') is not None:
+        known['learned_dir'] = Path(known['learned_dir'])
     known['k_gain'] = math.nan if known.get('k_gain') is None else known['k_gain']
     known['notes'] = (*known.get('notes', ()), *resumed.notes)
     known['plan_settings'] = tuple(known.get('plan_settings', ()))
@@ -219,8 +225,8 @@ def scan_to_msg(scan: Scan, job_id: str, layer: int, stamp: Time) -> HeightMap:
     return msg
 
 
-def correction_from_msg(msg: CorrectionMap) -> Correction:
-    """Raises ValueError when array lengths do not fit the grid."""
+def correction_from_msg(msg: CorrectionMap, learned: str = '') -> Correction:
+    """learned: of the answer. Raises ValueError when array lengths do not fit the grid."""
     spec = grid_from_msg(msg.grid)
     return Correction(
         psi=map_from_msg(msg.psi, spec),
@@ -233,6 +239,7 @@ def correction_from_msg(msg: CorrectionMap) -> Correction:
         reasons=tuple(msg.reasons),
         saturated_cells=msg.saturated_cells,
         model_hash=msg.model_hash,
+        learned=learned,
         handle=msg,
     )
 
@@ -248,6 +255,7 @@ def correction_request(job_id: str, r: CorrectionRequest, stamp: Time) -> Comput
     request.previous_feed_factor = float(r.previous_feed_factor)
     request.bead_width, request.temperature = float(r.bead_width), float(r.temperature)
     request.k_gain, request.heat_factor = float(r.k_gain), float(r.heat_factor)
+    request.learned = r.learned
     request.direction = Vector3(x=float(r.direction[0]), y=float(r.direction[1]), z=0.0)
     request.beads = [Polygon(points=[Point32(x=x, y=y) for x, y in b.tolist()]) for b in r.beads]
     return request

@@ -13,12 +13,19 @@ from waam_lab import Fault, LabResult, build, over_seeds, restore, run, run_many
 from waam_lab.cell import LabCell
 from waam_node.params import ParameterError
 from waam_process import materials
+from waam_process.learned import parse
 from waam_sim.plant import PlantParams
 
 
 @pytest.fixture(scope='module')
-def repaired(parts) -> LabResult:
-    return run(restore(*parts, seed=3))
+def taught(tmp_path_factory) -> Path:
+    """Folder of what `repaired` has taught."""
+    return tmp_path_factory.mktemp('learned')
+
+
+@pytest.fixture(scope='module')
+def repaired(parts, taught) -> LabResult:
+    return run(restore(*parts, seed=3, learned=taught, keep_learned=True))
 
 
 def test_a_worn_block_is_restored(repaired):
@@ -36,6 +43,16 @@ def test_a_worn_block_is_restored(repaired):
     assert r.time > 60.0
 
 
+def test_the_next_job_starts_with_what_it_taught(parts, repaired, taught):
+    (file,) = taught.glob('simulated/*.json')
+    kept = parse(file.read_text())
+    assert kept.jobs == 1 and kept.layers == repaired.layers - 1
+    assert [r['flow_factor'] for r in repaired.reports][0] == 1.0
+    again = run(restore(*parts, seed=4, layers=1, learned=taught))
+    assert again.reports[0]['flow_factor'] == pytest.approx(1 / kept.efficiency, rel=1e-4)
+    assert parse(file.read_text()) == kept  # it was not to add anything
+
+
 def test_figures_belong_to_the_maps(repaired):
     error = repaired.maps.error[repaired.maps.interior]
     assert np.sqrt(np.nanmean(error**2)) == pytest.approx(repaired.rms, rel=1e-4)
@@ -50,6 +67,7 @@ def same(a: LabResult, b: LabResult) -> bool:
 
 
 def test_a_seed_gives_the_same_bits_in_any_number_of_workers(parts, repaired):
+    """The job that is the first of its cell is like one that starts fresh (`repaired`, seed 3)."""
     jobs = over_seeds(restore(*parts), [3, 4])
     one, two = run_many(jobs, workers=1), run_many(jobs, workers=2)
     assert [r.seed for r in one] == [3, 4]

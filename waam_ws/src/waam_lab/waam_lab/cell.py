@@ -223,12 +223,12 @@ class LabCell:
         """JobError UNKNOWN when the request is refused."""
         message = convert.correction_request(job_id, request, time_to_msg(self.now()))
         try:
-            answer, _ = answers.correct(self.corrector, message, self.now())
+            answer, _, learned = answers.correct(self.corrector, message, self.now())
         except ValueError as e:
             raise JobError(Code.UNKNOWN, f'correction_server/compute: {e}') from None
         if self._watch is not None:
             self._watch.on_correction(message, answer, self.corrector)
-        return convert.correction_from_msg(answer)
+        return convert.correction_from_msg(answer, learned)
 
     def setpoints(self, job_id: str, request: FeedRequest) -> list[Segment]:
         """JobError PLAN_FAILED when the request is refused."""

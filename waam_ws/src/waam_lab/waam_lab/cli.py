@@ -74,6 +74,15 @@ def _add_process(p: argparse.ArgumentParser) -> None:
         metavar='NODE.PARAMETER=VALUE',
         help='parameter of a node, or plan.NAME=VALUE (repeatable)',
     )
+    known = p.add_mutually_exclusive_group()
+    known.add_argument('--fresh', action='store_true', help='start as the first job (default)')
+    known.add_argument(
+        '--learned',
+        type=Path,
+        metavar='FOLDER',
+        help='start with what jobs have taught, as in jobs/learned; nothing is added. Cell: '
+        "'simulated', or --set job_sequencer.cell=NAME",
+    )
     p.add_argument('--cell-file', type=Path, help='parameters of the simulated cell (YAML)')
 
 

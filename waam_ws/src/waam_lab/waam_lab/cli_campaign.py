@@ -90,7 +90,7 @@ def job_of(args: argparse.Namespace, out: Path) -> LabJob:
         repair=args.repair,
     )
     as_found = args.as_found.resolve() if args.as_found else None
-    job = LabJob(goal, as_found, overrides=overrides, keep=args.keep_jobs)
+    job = LabJob(goal, as_found, overrides=overrides, keep=args.keep_jobs, learned=args.learned)
     _check(job, args)
     return job
 
@@ -99,6 +99,8 @@ def _check(job: LabJob, args: argparse.Namespace) -> None:
     for name in ('layers', 'workers'):
         if getattr(args, name) < 0:
             raise ValueError(f'--{name} is {getattr(args, name)}, must not be negative')
+    if job.learned is not None and not job.learned.is_dir():
+        raise ValueError(f'--learned {job.learned}: no such folder')
     if job.as_found is not None and job.goal.mode == 'build':
         raise ValueError('--as-found belongs to mode restore; a build begins on a flat plate')
     known = params.make(job.overrides)

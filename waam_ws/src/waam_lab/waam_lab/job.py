@@ -39,6 +39,19 @@ class LabJob:
     faults: tuple[Fault, ...] = ()
     # the job folder stays in goal.jobs_dir; otherwise it is deleted once the result is read
     keep: bool = False
+    learned: Path | None = None  # folder of what jobs have taught; None = the job starts fresh
+    # The job adds to that folder; jobs that do must not run at the same time.
+    keep_learned: bool = False
+
+
+OWN = (
+    'overrides',
+    'plant',
+    'faults',
+    'keep',
+    'learned',
+    'keep_learned',
+)  # of LabJob, beside those of its goal
 
 
 def restore(part: Path, as_found: Path, seed: int = 1, **options: Any) -> LabJob:
@@ -52,7 +65,7 @@ def build(part: Path, seed: int = 1, **options: Any) -> LabJob:
 
 
 def _job(part: Path, as_found: Path | None, seed: int, mode: str, options: dict) -> LabJob:
-    own = {k: options.pop(k) for k in ('overrides', 'plant', 'faults', 'keep') if k in options}
+    own = {k: options.pop(k) for k in OWN if k in options}
     fields = {'material': 'er70s-6', 'jobs_dir': Path('jobs'), 'mode': mode, **options}
     return LabJob(JobGoal(part=Path(part), **fields), as_found, seed, **own)
 

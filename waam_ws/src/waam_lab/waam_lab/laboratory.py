@@ -41,7 +41,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
     """
     known = params.make(job.overrides)
     _check_cell(job)
-    checked = check(job.goal)
+    checked = check(replace(job.goal, learned_dir=job.learned))
     physics = physics_of(job, known)
     plant = Plant(on_table(job, physics), physics, job.seed)
     cell = LabCell(known, plant, job.faults, trace, watch)
@@ -49,6 +49,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
         with _folder(job, checked, known) as folder:
             began, cpu = cell.now(), time.process_time()
             settings = settings_of(known.job_sequencer, True)
+            settings = replace(settings, keep_learned=job.keep_learned)
             JobRunner(cell, checked, folder, Control(), settings).run()
             spent = time.process_time() - cpu
             if trace is not None:

@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 LATEST = 'latest'  # link in the folder of all jobs to the newest one
+LEARNED_DIR = 'learned'  # folder beside them of what jobs have taught, cell by cell
 
 JOB = 'job.yaml'  # what was asked, with parameters, versions and hashes
 STATUS = 'status.json'  # state of the job; the supervisor writes INTERRUPTED into it
@@ -18,6 +19,7 @@ CHECKPOINT = 'checkpoint.json'
 CHECKPOINT_BEFORE = 'checkpoint.before.json'  # the generation before
 REPORT = 'report.json'
 REPORT_PAGE = 'report.html'
+LEARNED = 'learned.json'  # what former jobs had taught when the job started
 TELEMETRY = 'telemetry.npz'
 TOLERANCE_MAP = 'tolerance_map.csv'
 MAPS = 'layers'  # folder of the surfaces

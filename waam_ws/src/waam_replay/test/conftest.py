@@ -23,6 +23,7 @@ from waam_msgs.msg import CorrectionMap, HeightMap, ProfileBatch, Segment, Telem
 from waam_msgs.srv import BeginScan, ComputeCorrection, ComputeFeed, FinishScan
 from waam_node.conversions import floats, grid_to_msg, time_to_msg
 from waam_process.grid import GridSpec
+from waam_process.learned import Taught, nothing
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.definitions import ament_prefixes, full_text
 from waam_scan.conversions import block_from_msg, map_to_msg
@@ -36,6 +37,8 @@ START_NS = 1_700_000_000_000_000_000
 MS = 1_000_000
 SPEC = GridSpec(0.0, 0.0, 1e-3, 24, 30)
 PROFILES, POINTS = 10, 60
+# the recorded job was not the first one of its cell
+LEARNED = nothing('cell', 'er70s-6', 'w400_h150').after(Taught(0.9, 0.02, 5), 'before').text()
 JOB = 'j'
 
 
@@ -178,12 +181,14 @@ class Job:
         request.target, request.planned_height = floats(target), floats(planned)
         request.bead_width, request.temperature, request.k_gain = 4e-3, 80.0, float('nan')
         request.direction = Vector3(x=1.0)
+        request.learned = LEARNED
         if before is not None:
             request.previous_surface, request.previous_growth = map(floats, before)
             request.previous_feed_factor = 1.05
-        computed = serialize_message(self.corrector.compute(request))
+        found, learned = self.corrector.compute(request)
+        computed = serialize_message(found)
         correction = deserialize_message(computed, CorrectionMap)  # rounded as on the wire
-        answer = ComputeCorrection.Response(correction=correction)
+        answer = ComputeCorrection.Response(correction=correction, learned=learned)
         self.tape.ask(ComputeCorrection, 'correction_server/compute', request, answer)
         self.tape.put('/correction_map', 'waam_msgs/msg/CorrectionMap', correction, latched=True)
         asked = ComputeFeed.Request(

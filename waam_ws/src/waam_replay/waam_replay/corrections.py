@@ -89,7 +89,8 @@ class Corrections:
             core = replace(core, z=surface.z.astype(float), sigma=surface.sigma.astype(float))
             origin = replace(origin, plausible=surface.plausible, reasons=surface.reasons)
         last = convert.last_layer(request, spec)
-        a = self._corrector.answer(request.layer, core, origin, last)
+        learned = convert.learned_of(request)
+        a = self._corrector.answer(request.layer, core, origin, last, learned)
         return PsiAgain(
             call.response.correction, spec, core, a.correction, a.flow_factor, a.estimate
         )

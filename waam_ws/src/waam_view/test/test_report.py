@@ -103,7 +103,8 @@ def test_how_it_was_laid_is_told_in_words(job, tmp_path):
         x |= {'law': 'growth_net', 'correction_applied': True, 'fallback': False}
     layers[0]['fallback'] = True
     passes = [{'pass_number': 1, 'schedule': '3 finishing layers of <1.00> mm'}]
-    trace = {'models': {'0123456789abcdef': [1]}}
+    learned = {'jobs': 2, 'sha256': 'fedcba9876543210', 'sha256_after': 'abcdef0123456789'}
+    trace = {'models': {'0123456789abcdef': [1]}, 'learned': learned}
     told = {**whole, 'trace': trace, 'closed_loop': {**run, 'layers': layers, 'passes': passes}}
     (tmp_path / 'report.json').write_text(json.dumps(told))
     section = (
@@ -115,6 +116,8 @@ def test_how_it_was_laid_is_told_in_words(job, tmp_path):
         in section
     )
     assert 'weights 0123456789ab.' in section
+    assert 'former jobs of this cell: 2 jobs (fedcba987654).' in section
+    assert 'Kept for the next one: abcdef012345.' in section
     assert f'{layers[-1]["flow_factor"]:.3f} at the last' in section
 
 

@@ -15,7 +15,7 @@ def loop_summary(job: Job) -> str:
     laid = [x for x in job.layers if not x.get('final')]
     if not laid:
         return ''
-    said = [*_schedule(job), _corrections(job, laid), _flow(laid)]
+    said = [*_schedule(job), _corrections(job, laid), _flow(laid), _former_jobs(job)]
     items = ''.join(f'<li>{escape(text)}</li>' for text in said if text)
     return f'<h2>How it was laid</h2><ul>{items}</ul>'
 
@@ -45,6 +45,22 @@ def _corrections(job: Job, laid: list[dict]) -> str:
     named = ', '.join(str(digest)[:DIGEST] for digest in models)
     weights = f' Network weights {named}.' if named else ''
     return f'Corrections: {len(applied)} of {len(laid)} layers: {told}.{weights}'
+
+
+def _former_jobs(job: Job) -> str:
+    """What the job started with, and what it left; '' for one that neither read nor kept anything."""
+    learned = (job.report.get('trace') or {}).get('learned') or {}
+    if 'jobs' not in learned:
+        return ''
+    count, before = learned['jobs'], str(learned.get('sha256') or '')[:DIGEST]
+    plural = '' if count == 1 else 's'
+    told = (
+        f'{count} job{plural}{f" ({before})" if before else ""}' if count else 'none, started fresh'
+    )
+    after = str(learned.get('sha256_after') or '')[:DIGEST]
+    return f'Learned from former jobs of this cell: {told}.' + (
+        f' Kept for the next one: {after}.' if after else ''
+    )
 
 
 def _flow(laid: list[dict]) -> str:

@@ -27,7 +27,7 @@ MIN_CELLS = 50
 MAX_MISSING = 1.0  # layer heights; more is a fault of the scan
 END_PIECES = 8  # pieces of a bead from arc on and off that all beads are taken to lay alike
 END_RATE = 0.5  # weight of the newest layer in that: the mean over many beads has little noise
-PRIOR_FADING = 0.7  # per layer, of the say that a law's guess of what ends lack has
+PRIOR_FADING = 0.7  # per layer, of the weight of a law's guess of what ends lack
 SEEN = 0.3  # share of a cell that must be known
 
 

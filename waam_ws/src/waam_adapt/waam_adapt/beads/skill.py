@@ -1,4 +1,4 @@
-"""What say a growth network has in a job: it is weighed by how well it predicted the layers that the job has laid.
+"""Weight of a growth network in a job, by how well it predicted the layers that the job has laid.
 
 Predicted growth and measured growth are compared beside the bead model's answer to the setpoints that were driven, so
 the forecast's own effect on the setpoints is in neither of them.
@@ -15,7 +15,7 @@ from .model import BeadModel
 
 LEAST = 0.3  # of a layer, expected and seen, for a cell to count
 MOST = 0.8  # share of the planned height beside the model that is believed
-BELIEVED, BELIEVED_SIGMA = 0.9, 0.25  # the say before any layer was seen
+BELIEVED, BELIEVED_SIGMA = 0.9, 0.25  # the weight before any layer was seen
 LAYER_SCATTER = 0.25  # of the slope of a single layer about that of its job
 FORGETTING = 0.9  # per layer
 ALIKE = 4.0  # neighbouring cells whose noise is one

@@ -122,6 +122,15 @@ def update_slope(
     )
 
 
+@dataclass(frozen=True)
+class Start:
+    """What is believed before the first layer of a job."""
+
+    estimate: Estimate = Estimate()
+    beads: BeadBias = BeadBias()
+    skill: Skill = Skill()
+
+
 @dataclass
 class Identifier:
     """Keeps what one job has taught; asking twice for the same layer does not count its evidence twice."""
@@ -141,12 +150,16 @@ class Identifier:
     skill: Skill = Skill()
     # growth that the network told of the same, unweighed
     predicted: dict[int, np.ndarray] = field(default_factory=dict)
+    seen: dict[int, LayerEvidence] = field(default_factory=dict)  # of all layers of the job
     _before: tuple = (Estimate(), Shortfall(), (None, None), BeadBias(), Skill())
 
-    def start(self, job_id: str, layer: int) -> None:
-        """Call before every layer: forgets another job's process, repeats a layer from where it began."""
+    def start(self, job_id: str, layer: int, first: Start | None = None) -> None:
+        """Call before every layer: forgets another job's process, repeats a layer from where it began. first: what a
+        job begins with, None = as one of which nothing is known."""
         if job_id != self.job_id or layer < self.layer:
-            self._before = Estimate(), Shortfall(), (None, None), BeadBias(), Skill()
+            began = first or Start()
+            self._before = began.estimate, Shortfall(), (None, None), began.beads, began.skill
+            self.seen = {}
         elif layer > self.layer:
             self._before = self.estimate, self.shortfall, self.averages, self.beads, self.skill
         self.job_id, self.layer = job_id, layer
@@ -170,6 +183,8 @@ class Identifier:
             self.estimate = update_slope(self.estimate, *average.slope(evidence))
         after = BlockAverages.after(average, evidence)
         self.averages = with_side(self.averages, side, after)
+        ratio = before.efficiency_ratio + self.estimate.innovation / evidence.commanded
+        self.seen[number] = replace(evidence, ratio=ratio)  # as the estimate was told
         if self.learning > 0:
             laid = np.where(np.nan_to_num(layer.commanded) > MIN_GROWTH, layer.commanded, np.nan)
             plan = laid if layer.planned is None else layer.planned

@@ -8,8 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from waam_node.params import param
+from waam_process.learned import Learned
 
 from ..identify.evidence import Layer
+from ..identify.experience import start_of, taught_by
 from ..identify.identification import Estimate, Identifier
 from ..types import Correction, CorrectionInput, LastLayer
 from .checks import MapLimits, MapOrigin, reasons_against, safe_correct
@@ -65,6 +67,9 @@ class Answer:
     correction: Correction  # psi and its terms
     flow_factor: float  # for the wire feed
     estimate: Estimate  # what is believed of the process
+    learned: Learned | None = (
+        None  # by former jobs and this one; None = nothing was told of former ones
+    )
 
 
 class Corrector:
@@ -77,11 +82,19 @@ class Corrector:
         self.identifier = Identifier(p.forgetting, p.learning, watch_beads=p.law in BEAD_LAWS)
 
     def answer(
-        self, layer: int, request: CorrectionInput, origin: MapOrigin, last: LastLayer
+        self,
+        layer: int,
+        request: CorrectionInput,
+        origin: MapOrigin,
+        last: LastLayer,
+        learned: Learned | None = None,
     ) -> Answer:
-        """A map that is not to be trusted removes the correction and teaches nothing; the reasons are in the answer."""
+        """A map that is not to be trusted removes the correction and teaches nothing; the reasons are in the answer.
+
+        learned: what the job starts with, the same for all of its layers.
+        """
         reasons = reasons_against(origin, request, self.limits)
-        self.identifier.start(origin.expected_job_id, layer)
+        self.identifier.start(origin.expected_job_id, layer, start_of(learned, self.network))
         if not reasons and last.before is not None and last.growth is not None:
             self.identifier.add(
                 Layer(
@@ -99,4 +112,17 @@ class Corrector:
             flow = self.identifier.flow_factor(request)
             expected = self.identifier.prepare(request)
         correction = safe_correct(self.law, expected, reasons)
-        return Answer(correction, flow, self.identifier.estimate)
+        return Answer(correction, flow, self.identifier.estimate, self._after(learned, origin))
+
+    @property
+    def network(self) -> str:
+        """Hash of the growth network, '' without one."""
+        found = self.law.network if isinstance(self.law, GrowthLaw) else None
+        return found.digest if found else ''
+
+    def _after(self, learned: Learned | None, origin: MapOrigin) -> Learned | None:
+        """What was learned with what this job has shown so far."""
+        taught = taught_by(self.identifier, self.network) if self.params.identify else None
+        if learned is None or taught is None:
+            return learned
+        return learned.after(taught, origin.expected_job_id)

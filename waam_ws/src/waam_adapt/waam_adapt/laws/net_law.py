@@ -30,7 +30,10 @@ from .explicit import DampedInverse
 
 NO_MODEL = 'none'  # in place of a file of weights: the bead model without a network
 DOUBT = 0.25  # layer heights: predicted error at which the confidence is a half
-LOW, FULL = 0.08, 0.2  # confidence below which the network has no say, and from which on all of it
+LOW, FULL = (
+    0.08,
+    0.2,
+)  # confidence below which the network has no weight, and from which on its full weight
 
 
 @dataclass(frozen=True)
@@ -106,11 +109,11 @@ class UNetLaw:
         sure: np.ndarray,
     ) -> Correction:
         inside = seen.channel('footprint') > 0
-        say = np.clip((sure - LOW) / (FULL - LOW), 0.0, 1.0) * change
-        add = seen.resampler.fine(filters.extend(say.astype(float), inside)[0])
+        weighed = np.clip((sure - LOW) / (FULL - LOW), 0.0, 1.0) * change
+        add = seen.resampler.fine(filters.extend(weighed.astype(float), inside)[0])
         sure = np.clip(seen.resampler.fine(filters.extend(sure, inside)[0]), 0.0, 1.0)
         ratio = np.clip(plain.ratio + plain.confidence * add, RATIO_LOW, RATIO_HIGH)
-        return self._solved(request, plain, ratio, sure, seen.resampler, say)
+        return self._solved(request, plain, ratio, sure, seen.resampler, weighed)
 
     def _solved(
         self,

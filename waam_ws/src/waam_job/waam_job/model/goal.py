@@ -82,6 +82,9 @@ class JobGoal:
     wire_left: float = 0.0  # m on the spool; 0 = not known
     plan_settings: tuple[str, ...] = ()  # 'NAME=VALUE' of PlanSettings, SI
     repair: bool = False  # of the mesh: holes, double faces, normals
+    # of what jobs have taught, by cell, material and regime; None = nothing is read and nothing kept
+    learned_dir: Path | None = None
+    fresh: bool = False  # starts without what former jobs have taught, and teaches nothing
     new_spool: bool = False  # wire_left was entered for this run, not for the first one
 
     @property

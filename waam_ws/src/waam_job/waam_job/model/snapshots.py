@@ -82,6 +82,7 @@ class Correction:
     reasons: tuple[str, ...]  # for the fallback, and remarks
     saturated_cells: int  # grid cells where psi is at its limit
     model_hash: str = ''  # of the weights, '' for explicit laws
+    learned: str = ''  # by former jobs and this one (waam_process.learned), '' = none
     handle: object = None
 
 
@@ -103,6 +104,7 @@ class CorrectionRequest:
     # Each (n, 2): x, y in m from arc on to arc off, in the order they are laid.
     beads: tuple[np.ndarray, ...] = ()
     heat_factor: float = 1.0  # eq 2.19: feed of this layer will be multiplied by it
+    learned: str = ''  # by former jobs (waam_process.learned), '' = none
 
 
 @dataclass(frozen=True)

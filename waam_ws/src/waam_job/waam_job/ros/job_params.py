@@ -19,6 +19,11 @@ class JobParams:
     )
     jobs_dir: str = param('jobs', 'folder for jobs when the goal names none')
     job_pointer: str = param('', 'file that always holds the path of the newest job; empty = none')
+    cell: str = param(
+        '',
+        'name of the cell under which jobs keep what they teach (docs/job.md); empty = the '
+        "controller's, 'simulated' for a simulated cell",
+    )
     work_offset: tuple = param((0.100, 0.080, 0.020), 'work zero (G54) in machine coordinates', 'm')
     plate_zero: tuple = param(
         (0.020, 0.020, 0.010),
@@ -92,6 +97,7 @@ def settings_of(p: JobParams, simulated: bool) -> Settings:
         restart_metal=p.restart_metal,
         calibration_max_days=p.calibration_max_age,
         simulated=simulated,
+        cell=p.cell,
         allow_unbelieved_temperature=p.allow_unbelieved_temperature,
         share_in_tolerance=p.share_in_tolerance,
         lease_nodes=tuple(p.lease_nodes),

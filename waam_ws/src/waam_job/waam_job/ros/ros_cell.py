@@ -249,9 +249,8 @@ class RosCell:
     def correct(self, job_id: str, request: CorrectionRequest) -> Correction:
         """JobError UNKNOWN when the request is refused, NODE_LOST without an answer."""
         message = convert.correction_request(job_id, request, self._stamp())
-        return convert.correction_from_msg(
-            self._call(self._correct, message, Code.UNKNOWN).correction
-        )
+        answer = self._call(self._correct, message, Code.UNKNOWN)
+        return convert.correction_from_msg(answer.correction, answer.learned)
 
     def setpoints(self, job_id: str, request: FeedRequest) -> list[Segment]:
         """JobError PLAN_FAILED when the request is refused, NODE_LOST without an answer."""

@@ -16,6 +16,7 @@ from ..model.records import LayerRecord, State
 from ..store.journal import Following
 from .context import JobContext
 from .cooling import Cooling
+from .learning import Learning
 from .part_scanner import PartScanner
 from .preparation import Preparation
 from .progress import BeadProgress
@@ -33,8 +34,15 @@ class History:
 class LayerCycle:
     """Lays one layer after the other. The correction server learns the process from `history`."""
 
-    def __init__(self, context: JobContext, scanner: PartScanner, preparation: Preparation) -> None:
+    def __init__(
+        self,
+        context: JobContext,
+        scanner: PartScanner,
+        preparation: Preparation,
+        learning: Learning,
+    ) -> None:
         self.context, self.scanner, self.preparation = context, scanner, preparation
+        self.learning = learning
         self.cell, self.journal, self.goal = context.cell, context.journal, context.goal
         self.control, self.settings = context.control, context.settings
         self.program, self.motion, self.run_id = context.program, context.motion, context.run_id
@@ -139,6 +147,7 @@ class LayerCycle:
             direction=layer.direction[:2],
             beads=tuple(layer.arc_paths),
             heat_factor=heat.factor,
+            learned=self.learning.text,
         )
 
     def _correct(
@@ -150,6 +159,7 @@ class LayerCycle:
         # of a resumed layer, too: the metal that is planned and the beads that lay it belong together
         whole = self.program.layer(layer.number)
         correction = self.cell.correct(self.run_id, self.request(whole, scan, heat))
+        self.learning.taught = correction.learned
         self.journal.model(correction.model_hash, layer.number)
         record.add_correction(correction, layer.planned > 0, self.loop_mode == LoopMode.CLOSED_LOOP)
         if correction.fallback:

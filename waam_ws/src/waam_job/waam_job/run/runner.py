@@ -19,6 +19,7 @@ from . import closing
 from .context import JobContext
 from .control import Control
 from .layer_cycle import LayerCycle
+from .learning import Learning
 from .part_scanner import PartScanner
 from .passes import Passes
 from .preflight import Preflight
@@ -51,7 +52,8 @@ class JobRunner:
         self.scanner = PartScanner(context)
         self.passes = Passes(context)
         self.preflight = Preflight(context, self.scanner)
-        self.cycle = LayerCycle(context, self.scanner, self.preparation)
+        self.learning = Learning(context)
+        self.cycle = LayerCycle(context, self.scanner, self.preparation, self.learning)
         self.resume = ResumeRun(context, self.scanner, self.passes, self.cycle) if run > 1 else None
         self.verdict = Verdict(settings.share_in_tolerance, checked.goal.tolerance)
 
@@ -87,6 +89,7 @@ class JobRunner:
         context, journal = self.context, self.journal
         journal.started = context.cell.now()  # only now is there a clock for certain
         journal.remarks = self.preparation.remarks()
+        self.learning.begin()
         journal.say('; '.join(['arming and homing', *journal.remarks]))
         record = journal.folder.path / job_folder.record(context.run)
         goal = context.goal
@@ -114,6 +117,7 @@ class JobRunner:
         self.journal.state(State.FINISHING)
         self.passes.measured(scan, self.context.program.layers[-1].number)
         self.verdict = judge(self.context, scan)
+        self.learning.finish()
         self.journal.state(State.DONE, self.verdict.text)
 
     def _release(self) -> None:

@@ -28,8 +28,10 @@ class Settings:
     restart_metal: float = 0.8  # share of its metal that an interrupted path gets after its restart
     calibration_max_days: float = 30.0  # 0 = any age
     simulated: bool = True  # the cell is a simulated one
+    cell: str = ''  # name under which jobs keep what they teach; '' = that of the controller
     # a real cell goes on although the pyrometer is doubted
     allow_unbelieved_temperature: bool = False
+    keep_learned: bool = True  # what a job has taught is kept for the next one
     share_in_tolerance: float = 0.95  # of the judged area, for a good verdict
     lease_nodes: tuple[str, ...] = ()  # whose heartbeat the arc lease needs
     limits: Limits = field(default_factory=Limits)

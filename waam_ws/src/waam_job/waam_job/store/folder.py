@@ -128,6 +128,10 @@ class JobFolder:
         """Replaces the file as a whole. NaN and infinity become null, numpy scalars plain numbers."""
         write_atomically(self.path / name, yaml.safe_dump(clean(data), sort_keys=False))
 
+    def keep(self, name: str, text: str) -> None:
+        """Replaces the file by a text as a whole."""
+        write_atomically(self.path / name, text)
+
     def write_json(self, name: str, data: dict) -> None:
         """Replaces the file as a whole. NaN and infinity become null, numpy scalars plain numbers."""
         write_atomically(self.path / name, json.dumps(clean(data), indent=1))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 
@@ -68,6 +69,7 @@ class Journal:
         self._anomalies_before = 0  # of the runs before this one
         self.started = cell.now()
         self.models: dict[str, list[int]] = {}
+        self.learned: dict[str, Any] = {}  # what former jobs taught, for the report
         self.remarks: list[str] = []
         self.spent_before = 0.0  # s of the runs before this one
         # m of wire left after the layers reported; None = not known
@@ -296,4 +298,4 @@ class Journal:
         except ValueError:  # the report is written whatever else is missing
             job = {}
         facts = trace(self.goal, job, folder.path, cell.parameters(), cell.machine(), self.models)
-        return {**facts, 'remarks': self.remarks}
+        return {**facts, 'learned': self.learned, 'remarks': self.remarks}
