@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from waam_bringup import cli_job, jobs
+from waam_bringup import cli_job, demo, jobs
 from waam_bringup.cli import build_parser
 from waam_job.model.limits import K_GAIN_MAX
 from waam_plan.mesh.part import FORMATS
@@ -56,6 +56,14 @@ def test_fresh_and_the_folder_of_what_was_learned_reach_the_goal(parse, box, tmp
     assert not plain.fresh and plain.learned_dir == ''
     fresh = jobs.make_goal(parse('run', box, '--fresh'), tmp_path, tmp_path / 'learned')
     assert fresh.fresh and fresh.learned_dir == str(tmp_path / 'learned')
+
+
+@pytest.mark.parametrize(
+    ('learned', 'said'),
+    [({}, 'nothing'), ({'jobs': 0}, 'started fresh'), ({'jobs': 1}, '1 former job of'), ({'jobs': 2}, '2 former jobs')],
+)  # fmt: skip
+def test_the_demo_says_what_it_started_with(learned, said):
+    assert said in demo.start_of({'learned': learned})
 
 
 def test_bad_settings_are_refused_without_a_graph_and_all_at_once(parse, box):

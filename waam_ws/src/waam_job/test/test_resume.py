@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import zlib
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from hypothesis import strategies as st
 
 from waam_job.model.goal import Code
 from waam_job.model.records import State
-from waam_job.model.resume import Progress, change_point, cold_share, rest_of
+from waam_job.model.resume import Progress, change_point, cold_share, first_bare, rest_of
 from waam_job.run.runner import JobRunner
 from waam_job.store import checkpoint as checkpoints
 from waam_job.store.checkpoint import Checkpoint, CheckpointError
@@ -109,6 +111,35 @@ def test_resumed_job_ends_like_an_undisturbed_one(
     layers = [r['layer'] for r in report['closed_loop']['layers'] if not r['final']]
     assert layers == list(range(1, status.layers + 1)) and report['closed_loop']['runs'] == 2
     assert any('resumed' in a['text'] for a in report['closed_loop']['anomalies'])
+
+
+def test_a_full_middle_does_not_hide_a_bare_place_before_it():
+    """Shares along the inner rings of a spiral in the simulated cell; the arc went out before segment 6. The middle (14
+    to 16) is full of its neighbours' metal: the fit alone took all up to it for laid; 20 mm of bead were missing."""
+    shares = np.array([
+        1.11, 1.03, 1.03, 1.02, 0.83, 0.57, 0.23, 0.24, 0.38, 0.55, 0.5, 0.62, 0.34, 0.35, 0.92, 1.18, 1.02, 0.4, 0.26,
+        0.12, 0.18,
+    ])  # fmt: skip
+    lengths = np.full(len(shares), 1.7e-3)
+    assert first_bare(shares, lengths, 6e-3, 0) == 6
+    assert first_bare(shares, lengths, 6e-3, 9) == 12, 'what a checkpoint calls done is not asked'
+    hidden = np.where(shares < 0.5, np.nan, shares)
+    assert first_bare(hidden, lengths, 6e-3, 0) == len(shares), 'what was not seen is not bare'
+    assert first_bare(shares, lengths / 4, 6e-3, 0) == len(shares), (
+        'too short for a bead that is missing'
+    )
+
+
+@given(
+    shares=st.lists(st.floats(0.0, 1.5) | st.just(math.nan), max_size=30),
+    least=st.integers(0, 30),
+)
+def test_the_bare_place_is_bare_and_not_before_the_checkpoint(shares, least):
+    least, n = min(least, len(shares)), len(shares)
+    found = first_bare(np.array(shares), np.full(n, 1.5e-3), 6e-3, least)
+    assert least <= found <= n
+    assert found == n or all(s < 0.5 for s in shares[found : found + 2])
+    assert not any(a < 0.5 and b < 0.5 for a, b in pairwise(shares[least:found]))
 
 
 def asked_of(cell) -> list:

@@ -2,7 +2,8 @@
 
 Pure. Segments of a layer are laid in order, so the surface has one change point: metal before it, none after it. The
 checkpoint says from where to where it can lie, the scan where in between. A place between rings that are already there
-looks half full before its own bead is laid, so the scan alone could take an inner bead for laid.
+looks half full before its own bead is laid, so the scan alone could take an inner bead for laid: a place that is bare
+was not laid, whatever lies behind it.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from waam_process.segment import Kind, Point, Segment
 PRESENT = 0.5  # share of the planned metal above which a place counts as laid
 # the same of the last bead that is done and of one that was begun: the neighbour that would fill its side is not there
 BEGUN = 0.25
+BARE = 0.5  # bead widths of path with less than PRESENT of their metal, on which nothing was laid
 REACH = 0.75  # bead widths that the end of an interrupted bead goes beyond the place where half of it is there
 # least share of its metal that a segment gets, however much is there: the arc needs wire
 LEAST = 0.3
@@ -118,6 +120,24 @@ def change_point(
     return best
 
 
+def first_bare(shares: np.ndarray, lengths: np.ndarray, bead_width: float, least: int) -> int:
+    """First segment, `least` or a later one, from which on BARE bead widths of the path have less than PRESENT of their
+    metal; n when there is none.
+
+    shares (n,): found of the metal, NaN = unseen, which is not bare; lengths (n,): m. Such a place was not laid. One
+    that is full may be full of its neighbours: in the middle of a spiral before its own bead comes.
+    """
+    first, path = least, 0.0
+    for i in range(least, len(shares)):
+        if shares[i] < PRESENT:
+            path += lengths[i]
+        else:
+            first, path = i + 1, 0.0
+        if path >= BARE * bead_width:
+            return first
+    return len(shares)
+
+
 def _square(vectors: np.ndarray) -> np.ndarray:
     return np.sum(vectors**2, axis=-1)
 
@@ -165,13 +185,12 @@ def progress_of(
             begun = ', begun' if number > beads_done else ''
             which = f'{number} of {len(beads)}{begun}'
             _require(least_share, shares[mine], deposits[mine[0]], which)
-    done = change_point(
-        shares,
-        np.array([s.length for s in deposits]),
-        np.array([s.midpoint[:2] for s in deposits]),
-        max(s.width for s in deposits),
-        (least, len(deposits) if laid is None else _farthest(deposits, least)),
-    )
+    lengths, width = np.array([s.length for s in deposits]), max(s.width for s in deposits)
+    most = len(deposits)
+    if laid is not None:
+        most = min(_farthest(deposits, least), first_bare(shares, lengths, width, least))
+    middles = np.array([s.midpoint[:2] for s in deposits])
+    done = change_point(shares, lengths, middles, width, (least, most))
     bead = deposits[done].bead if done < len(deposits) else 0
     return Progress(done, len(deposits), bead, shares)
 
