@@ -22,7 +22,7 @@ END_PIECES = 8  # quarters of a bead width from arc on, and as many before arc o
 DRIFT, OTHER_LOT = 0.015, 0.04
 FORGETTING = 0.7  # of what former jobs weigh, per job; other lot: a third of it
 OTHER_LOT_FORGETTING = 0.25
-UNTRIED = 0.9  # say of a growth network that no job has tried
+UNTRIED = 0.9  # weight of a growth network that no job has tried
 MOST_SIGMAS = 3.0  # a job further off counts as this far
 LEAST_SIGMA = 5e-3
 MOST_JOBS = 1_000_000
@@ -75,8 +75,8 @@ class Learned:
     # (16,) share of the planned height that beads lack: quarters of a bead width after arc on, then before arc off,
     # the nearest one last
     ends: tuple[float, ...]
-    network_weight: float  # 0..1, say of the growth network
-    network: str  # hash of that network, '' = none had a say
+    network_weight: float  # 0..1, of the growth network
+    network: str  # hash of that network, '' = none was used
     wire_lot: str  # of the last job, '' = nobody said
     last_job: str
 

@@ -47,7 +47,7 @@ class Estimate:
     updates: int = 0
     # standard deviation of a layer's ratio about the process, identified
     layer_noise: float = LAYER_NOISE
-    # 0..1, say of the growth network in the next layer (`beads.skill`); NaN: the law has none or predicted no layer
+    # 0..1, of the growth network in the next layer (`beads.skill`); NaN: the law has none or predicted no layer
     network_weight: float = math.nan
 
     def flow_factor(self, slope: float | None = None) -> float:

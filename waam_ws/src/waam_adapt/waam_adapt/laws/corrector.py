@@ -67,9 +67,8 @@ class Answer:
     correction: Correction  # psi and its terms
     flow_factor: float  # for the wire feed
     estimate: Estimate  # what is believed of the process
-    learned: Learned | None = (
-        None  # by former jobs and this one; None = nothing was told of former ones
-    )
+    # by former jobs and this one; None = nothing was told of former ones
+    learned: Learned | None = None
 
 
 class Corrector:
