@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
-# All tests: every package's own, then those of the whole graph, in two processes each, for most of them wait; last, one
-# after the other, those of the graph that ask how long something took (marked `alone`).
+# All tests: every package's own (in two processes, for most of them wait), then those of the whole graph, one after the other.
 # They drive real processes over real DDS on whatever machine this is: one that fails is run once more; the summary names it (RERUN).
 # Arguments go to pytest instead of the default selection, without reruns.
 set -euo pipefail
@@ -10,6 +9,5 @@ if [ $# -gt 0 ]; then exec python3 -m pytest "$@"; fi
 again=(--reruns 1 -r R)
 code=0
 python3 -m pytest -n 2 --dist loadfile --durations=15 "${again[@]}" waam_ws/src/*/test || code=$?
-python3 -m pytest -n 2 --dist loadfile --durations=15 "${again[@]}" -m 'not alone' test || code=$?
-python3 -m pytest --durations=15 "${again[@]}" -m alone test || code=$?
+python3 -m pytest --durations=15 "${again[@]}" test || code=$?
 exit $code

@@ -8,8 +8,6 @@ import signal
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 
-pytestmark = pytest.mark.alone
-
 HANG_S = 4.0
 
 

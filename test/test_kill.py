@@ -12,8 +12,6 @@ import pytest
 
 from waam_msgs.action import RunJob
 
-pytestmark = pytest.mark.alone
-
 CODES = RunJob.Result
 LEASE_US = 500_000
 NODES = {

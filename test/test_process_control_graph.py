@@ -15,8 +15,6 @@ import yaml
 from waam_msgs.msg import ProcessControl, Telemetry
 from waam_node.qos import TELEMETRY
 
-pytestmark = pytest.mark.alone
-
 WANDERS = {'arc_tip_wander': 2e-3, 'arc_feed_wander': 0.05}
 CHANGED = {'process_control': {'value': 'current'}, 'cell': WANDERS}
 
