@@ -20,7 +20,7 @@ NOISE_LAYERS = 4  # of a job, from which on it says how its layers scatter
 
 
 def start_of(learned: Learned | None, network: str) -> Start:
-    """What a job starts with. network: hash of the growth network; another one did not earn the weight that was kept."""
+    """What a job starts with. network: hash of the growth network; another one starts untried."""
     if learned is None or not learned.jobs:
         return Start()
     estimate = replace(
