@@ -96,7 +96,7 @@ def combine(folder: Path, results: dict[str, Path]) -> dict:
     runs, last = {}, {}
     for profile, path in results.items():
         last = json.loads((path / job_folder.REPORT).read_text())
-        runs[profile] = {**last[profile], 'folder': path.name}
+        runs[profile] = {**last[profile], 'folder': path.name, 'trace': last.get('trace')}
     report = {
         'job_id': folder.name,
         'name': 'demo',

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from waam_process.loop_mode import LoopMode
 
 from .html import escape
@@ -41,15 +43,20 @@ def _corrections(job: Job, laid: list[dict]) -> str:
         law = 'fallback' if layer.get('fallback') else str(layer.get('law') or 'unknown')
         laws[law] = laws.get(law, 0) + 1
     told = ', '.join(f'{n} by {law.replace("_", " ")}' for law, n in laws.items())
-    models = (job.report.get('trace') or {}).get('models') or {}
+    models = _trace(job).get('models') or {}
     named = ', '.join(str(digest)[:DIGEST] for digest in models)
     weights = f' Network weights {named}.' if named else ''
     return f'Corrections: {len(applied)} of {len(laid)} layers: {told}.{weights}'
 
 
+def _trace(job: Job) -> dict[str, Any]:
+    """Of the run in a report of several, else of the report."""
+    return job.run.get('trace') or job.report.get('trace') or {}
+
+
 def _former_jobs(job: Job) -> str:
     """What the job started with, and what it left; '' for one that neither read nor kept anything."""
-    learned = (job.report.get('trace') or {}).get('learned') or {}
+    learned = _trace(job).get('learned') or {}
     if 'jobs' not in learned:
         return ''
     count, before = learned['jobs'], str(learned.get('sha256') or '')[:DIGEST]
