@@ -119,6 +119,10 @@ def test_how_it_was_laid_is_told_in_words(job, tmp_path):
     assert 'former jobs of this cell: 2 jobs (fedcba987654).' in section
     assert 'Kept for the next one: abcdef012345.' in section
     assert f'{layers[-1]["flow_factor"]:.3f} at the last' in section
+    # a report of several runs tells it per run
+    several = {**told, 'trace': {}, 'closed_loop': {**told['closed_loop'], 'trace': trace}}
+    (tmp_path / 'report.json').write_text(json.dumps(several))
+    assert 'weights 0123456789ab.' in write_report(tmp_path).read_text()
 
 
 def test_traceability_names_what_is_known_and_what_nobody_told(job, tmp_path):
