@@ -17,7 +17,7 @@ from waam_adapt.grids import CELLS_PER_BEAD, Resampler
 from waam_adapt.identify.identification import Identifier, Layer
 from waam_adapt.laws import explicit as laws
 from waam_adapt.laws.registry import make_law
-from waam_adapt.types import RATIO_HIGH, RATIO_LOW, CorrectionInput, Learned
+from waam_adapt.types import RATIO_HIGH, RATIO_LOW, BeadDeviation, CorrectionInput
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind
 
@@ -169,7 +169,7 @@ def test_missing_height_is_asked_for_in_the_share_gain_and_what_is_learned_in_fu
     x = refined(pad(0.5e-3, error=0.2e-3), gain=0.5)
     middle = (slice(30, 50), slice(40, 80))
     assert x[middle] == pytest.approx(1 + 0.5 * 0.1, abs=4e-3)
-    learned = Learned(np.full(SIZE, 0.1))
+    learned = BeadDeviation(np.full(SIZE, 0.1))
     assert refined(pad(0.5e-3, learned=learned), 0.5)[middle] == pytest.approx(1.1, abs=8e-3)
 
 
@@ -264,7 +264,7 @@ def test_a_guess_of_what_ends_lack_counts_until_the_job_has_shown_it():
     guess = np.where(np.arange(SIZE[1]) < 8, 0.2, 0.0) * np.ones(SIZE)
 
     def at_left(prior: float) -> float:
-        known = replace(request, learned=Learned(np.zeros(SIZE), prior=prior))
+        known = replace(request, learned=BeadDeviation(np.zeros(SIZE), prior=prior))
         x = bead_solver.refine(known, np.ones(request.z.shape), 1.0, grid, guess)
         return float(x[30:50, 14:20].mean()) - 1
 

@@ -40,7 +40,7 @@ class LastLayer:
 
 
 @dataclass(frozen=True)
-class Learned:
+class BeadDeviation:
     """What the beads of one layer will do unlike the nominal bead model."""
 
     # (rows, cols), share of the planned height that is missing beside the model's growth
@@ -91,7 +91,7 @@ class CorrectionInput:
     paths: tuple[np.ndarray, ...] = ()
     temperature: float = math.nan  # of the layer below, degC, NaN = unknown
     experience: int = 0  # layers of this direction of travel that the shortfall was learned from
-    learned: Learned | None = None  # what the beads of this layer do unlike the nominal model
+    learned: BeadDeviation | None = None  # what the beads of this layer do unlike the nominal model
     heat_factor: float = 1.0  # of the wire feed by eq 2.19, that this layer will be laid with
     # of the growth of this layer; None = the law asks its network itself
     predicted: Predicted | None = None

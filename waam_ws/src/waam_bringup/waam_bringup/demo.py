@@ -106,7 +106,6 @@ def combine(folder: Path, results: dict[str, Path]) -> dict:
         'tolerance_mm': last['tolerance_mm'],
         'verdict': last['verdict'],
         'verdict_with_rim': last['verdict_with_rim'],
-        'learned': last.get('trace', {}).get('learned', {}),
         **runs,
     }
     if (
@@ -155,14 +154,15 @@ def show(report: dict, console: Console, wall: float) -> None:
     console.print(table)
     if report.get('ratio') is not None:
         console.print(f'closed loop / open loop: {report["ratio"]:.3f}')
-    console.print(start_of(report))
+    if LoopMode.CLOSED_LOOP in report:
+        console.print(start_of(report[LoopMode.CLOSED_LOOP].get('trace') or {}))
     machine = sum(report[p]['duration_s'] for p in runs)
     console.print(f'{machine:.0f} s of machine time in {wall:.0f} s of yours')
 
 
-def start_of(report: dict) -> str:
-    """What the closed loop knew of the cell when it began."""
-    jobs = (report.get('learned') or {}).get('jobs')
+def start_of(trace: dict) -> str:
+    """What a job knew of the cell when it began; trace: of its report."""
+    jobs = (trace.get('learned') or {}).get('jobs')
     if jobs is None:
         return 'nothing that former jobs have taught was used, and nothing is kept of this one'
     if not jobs:

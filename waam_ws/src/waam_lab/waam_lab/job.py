@@ -44,14 +44,8 @@ class LabJob:
     keep_learned: bool = False
 
 
-OWN = (
-    'overrides',
-    'plant',
-    'faults',
-    'keep',
-    'learned',
-    'keep_learned',
-)  # of LabJob, beside those of its goal
+# of LabJob, beside those of its goal
+OWN = ('overrides', 'plant', 'faults', 'keep', 'learned', 'keep_learned')
 
 
 def restore(part: Path, as_found: Path, seed: int = 1, **options: Any) -> LabJob:

@@ -17,7 +17,8 @@ from typing import Any
 
 VERSION = 1
 KIND = 'waam learned'
-END_PIECES = 8  # quarters of a bead width from arc on, and as many before arc off
+# quarters of a bead width from arc on, and as many before arc off, that all beads are taken to lay alike
+END_PIECES = 8
 # Of one job about the next, with the same wire and with another lot: standard deviations of the efficiency.
 DRIFT, OTHER_LOT = 0.015, 0.04
 FORGETTING = 0.7  # of what former jobs weigh, per job; other lot: a third of it

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from waam_process.learned import END_PIECES
+
 from .. import filters
 from ..grids import CELLS_PER_BEAD
 from ..types import PRIOR, with_side
@@ -25,7 +27,6 @@ INNER_SHARE = 1 / 3  # of the learning rate there, for little comes back; the re
 DRIFT, MAX_DRIFT = 0.15, 0.05  # weight of the newest layer in the surplus; most that is believed
 MIN_CELLS = 50
 MAX_MISSING = 1.0  # layer heights; more is a fault of the scan
-END_PIECES = 8  # pieces of a bead from arc on and off that all beads are taken to lay alike
 END_RATE = 0.5  # weight of the newest layer in that: the mean over many beads has little noise
 PRIOR_FADING = 0.7  # per layer, of the weight of a law's guess of what ends lack
 SEEN = 0.3  # share of a cell that must be known
@@ -48,7 +49,7 @@ class BeadBias:
 
     @property
     def prior(self) -> float:
-        """See `Learned.prior`."""
+        """See `BeadDeviation.prior`."""
         return PRIOR * PRIOR_FADING ** sum(self.layers)
 
     def of(self, layer: int, model: BeadModel) -> np.ndarray:

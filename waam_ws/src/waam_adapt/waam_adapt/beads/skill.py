@@ -11,11 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from waam_process.learned import UNTRIED
+
 from .model import BeadModel
 
 LEAST = 0.3  # of a layer, expected and seen, for a cell to count
 MOST = 0.8  # share of the planned height beside the model that is believed
-BELIEVED, BELIEVED_SIGMA = 0.9, 0.25  # the weight before any layer was seen
+UNTRIED_SIGMA = 0.25  # of the weight `UNTRIED` before any layer was seen
 LAYER_SCATTER = 0.25  # of the slope of a single layer about that of its job
 FORGETTING = 0.9  # per layer
 ALIKE = 4.0  # neighbouring cells whose noise is one
@@ -53,8 +55,8 @@ class Skill:
     """weight: 0..1, of what the network predicts of the next layer. A scalar Kalman filter on the slopes of what was
     measured on what was predicted."""
 
-    weight: float = BELIEVED
-    information: float = BELIEVED_SIGMA**-2  # 1/variance of the weight
+    weight: float = UNTRIED
+    information: float = UNTRIED_SIGMA**-2  # 1/variance of the weight
     layers: int = 0  # seen
 
     def learn(self, predicted: np.ndarray, found: Beside) -> Skill:

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..grids import Resampler
-from ..types import RATIO_HIGH, RATIO_LOW, CorrectionInput, Learned
+from ..types import RATIO_HIGH, RATIO_LOW, BeadDeviation, CorrectionInput
 from .model import MARGIN, BeadModel, bead_model, inner_mean
 
 SMALL, SMOOTH = 0.0005, 0.0015  # of the typical diagonal of A'wA
@@ -34,9 +34,9 @@ def refine(
 
     ratio (rows, cols): what a law asks of every cell; kept away from the beads, and where nothing is known.
     gain: share of the height error that the layer is to remove. guess: share of the planned height, on `grid`, that a
-    law believes to be missing at the ends of beads; it counts until the job has shown what is (`Learned.prior`).
+    law believes to be missing at the ends of beads; it counts until the job has shown what is (`BeadDeviation.prior`).
     """
-    learned = request.learned or Learned(np.zeros(grid.shape))
+    learned = request.learned or BeadDeviation(np.zeros(grid.shape))
     model = bead_model(request.paths, grid.shape, request.bead_width)
     footprint = request.footprint
     known = footprint & np.isfinite(request.error)

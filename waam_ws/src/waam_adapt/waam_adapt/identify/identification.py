@@ -15,7 +15,7 @@ from ..beads.bead_bias import MIN_CELLS, SEEN, BeadBias
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
 from ..beads.skill import Skill, beside_model
 from ..grids import CELLS_PER_BEAD, Resampler
-from ..types import CorrectionInput, Learned, with_side
+from ..types import BeadDeviation, CorrectionInput, with_side
 from .evidence import MIN_GROWTH, BlockAverages, Layer, LayerEvidence, layer_evidence, response
 from .shortfall import Shortfall
 
@@ -297,10 +297,10 @@ class Identifier:
             return request
         return replace(request, target=request.z + request.error / slope)
 
-    def _beads_of(self, request: CorrectionInput, model: BeadModel, slope: float) -> Learned:
+    def _beads_of(self, request: CorrectionInput, model: BeadModel, slope: float) -> BeadDeviation:
         lag = self.beads.lag * request.bead_width
         missing = self.beads.of(self.layer, model) - self.beads.surplus
-        return Learned(missing, lag, slope, slope, self.beads.prior)
+        return BeadDeviation(missing, lag, slope, slope, self.beads.prior)
 
     def flow_factor(self, request: CorrectionInput) -> float:
         """Of the layer that the request is for. What eq 2.19 will take off its feed is put back: how high the beads

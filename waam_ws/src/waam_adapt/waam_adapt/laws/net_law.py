@@ -30,10 +30,8 @@ from .explicit import DampedInverse
 
 NO_MODEL = 'none'  # in place of a file of weights: the bead model without a network
 DOUBT = 0.25  # layer heights: predicted error at which the confidence is a half
-LOW, FULL = (
-    0.08,
-    0.2,
-)  # confidence below which the network has no weight, and from which on its full weight
+# confidence below which the network has no weight, and from which on its full weight
+LOW, FULL = 0.08, 0.2
 
 
 @dataclass(frozen=True)

@@ -30,9 +30,8 @@ class PassRecord:
     predicted_rms: float  # of the surface that the planner's process model predicts for the plan
     measured_rms: float = math.nan  # of the scan after the pass
     measured_mean: float = math.nan  # of the scan after the pass
-    schedule: str = (
-        ''  # thickness of the layers and why, in words; '' = the planner had nothing to choose
-    )
+    # thickness of the layers and why, in words; '' = the planner had nothing to choose
+    schedule: str = ''
 
     def measured(self, found: Deviation) -> None:
         """Errors of the surface after the pass, m."""
