@@ -90,8 +90,19 @@ class Bench:
 def running_graph(folder: Path, part, **settings) -> Iterator[Bench]:
     domain = fresh_domain()
     run = folder / 'run'
-    with graph(Settings(run=run, seed=3, **settings), domain, timeout=90.0) as (_, client):
-        yield Bench(run, folder / 'jobs', domain, client, part)
+    try:
+        with graph(Settings(run=run, seed=3, **settings), domain, timeout=90.0) as (_, client):
+            yield Bench(run, folder / 'jobs', domain, client, part)
+    except BaseException:
+        show_logs(run)
+        raise
+
+
+def show_logs(run: Path, lines: int = 12) -> None:
+    """Prints the end of every log of a graph, for the report of a test that failed."""
+    for log in sorted(run.rglob('*.log')):
+        last = log.read_text(errors='replace').splitlines()[-lines:]
+        print(f'--- {log.relative_to(run)}', *last, sep='\n')
 
 
 @pytest.fixture

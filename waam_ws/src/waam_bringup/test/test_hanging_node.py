@@ -97,6 +97,26 @@ def test_during_a_job_nothing_is_started_again_but_after_it(supervisor, tmp_path
     assert turn_until(supervisor, lambda: recorder.restarts == 1, 5.0)
 
 
+def test_of_several_that_are_silent_one_is_started_again_and_the_others_get_their_time(
+    supervisor, tmp_path
+):
+    """They may wait for what the first one holds."""
+    before = {n: c.pid for n, c in supervisor.children.items()}
+    for pid in before.values():
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(HANG_S + 1.0)
+    supervisor.look()
+    restarted = [n for n, state in supervisor.state.nodes.items() if state.restarts]
+    assert len(restarted) == 1
+    waiting = next(n for n in before if n not in restarted)
+    os.kill(before[waiting], signal.SIGCONT)
+    assert not turn_until(
+        supervisor, lambda: supervisor.state.nodes[waiting].restarts > 0, 1.5 * HANG_S
+    )
+    # the stopped process went on for long enough to say where it stood
+    assert 'most recent call first' in (tmp_path / 'logs' / f'{restarted[0]}.log').read_text()
+
+
 def test_one_that_hangs_again_and_again_is_left_to_a_person(supervisor):
     recorder = supervisor.state.nodes['recorder']
     recorder.restarts = MAX_RESTARTS

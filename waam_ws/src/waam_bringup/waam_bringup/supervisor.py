@@ -105,14 +105,21 @@ class Supervisor:
             self.state.save(self.settings.run)
 
     def _restart_hanging(self) -> None:
-        """Restarts processes that are silent, unless a job runs."""
+        """Restarts the process that has been silent longest, unless a job runs. Others may be silent because it holds
+        what they wait for (a lock in shared memory): they get their time again."""
         silent = self.watchdog.silent(time.monotonic())
         if not silent or job_runs(self.settings.run):
             return
-        for spec in self.specs:
-            child, state = self.children[spec.name], self.state.nodes[spec.name]
-            if child.pid in silent and state.exit_code is None and state.restarts < MAX_RESTARTS:
-                self._restart(spec, silent[child.pid])
+        hanging = [spec for spec in self.specs if self._may_restart(spec, silent)]
+        if hanging:
+            longest = max(hanging, key=lambda spec: silent[self.children[spec.name].pid])
+            self._restart(longest, silent[self.children[longest.name].pid])
+            self.watchdog.forgive(time.monotonic())
+
+    def _may_restart(self, spec: Process, silent: dict[int, float]) -> bool:
+        state = self.state.nodes[spec.name]
+        hangs = self.children[spec.name].pid in silent and state.exit_code is None
+        return hangs and state.restarts < MAX_RESTARTS
 
     def _restart(self, spec: Process, seconds: float) -> None:
         child, state = self.children[spec.name], self.state.nodes[spec.name]
@@ -122,6 +129,8 @@ class Supervisor:
         )
         print(f'[waam] {state.reason}', file=sys.stderr)
         child.send_signal(signal.SIGUSR1)
+        # one that was stopped (SIGSTOP) can write that, too, and lets go of locks that would outlive it
+        child.send_signal(signal.SIGCONT)
         time.sleep(DUMP_S)
         child.kill()
         child.wait()

@@ -36,6 +36,10 @@ class Watchdog:
         """The process has ended or is to be ended."""
         self._heard.pop(pid, None)
 
+    def forgive(self, now: float) -> None:
+        """Nobody has been silent up to now (steady time)."""
+        self._heard = {p: None if t is None else now for p, t in self._heard.items()}
+
     def last_heard(self, pid: int) -> float | None:
         """Steady time of the newest sign of life; None = none yet."""
         return self._heard.get(pid)
@@ -44,7 +48,7 @@ class Watchdog:
         """Processes that were heard once and then not for `timeout`: pid -> s of silence."""
         self._listen(now)
         if now - self._looked > SLEPT_S:
-            self._heard = {p: None if t is None else now for p, t in self._heard.items()}
+            self.forgive(now)
         self._looked = now
         if self.timeout <= 0:
             return {}

@@ -181,6 +181,8 @@ static void feed(const char *bytes, size_t count)
 static void hang_up(void)
 {
     waam_core_hang_up(&bench.core);
+    if (bench.marlin) /* the machine brakes: from here on it has as long as after a last line */
+        bench.fed_us = bench.core.now_us;
     bench.native = bench.marlin = bench.real_time = bench.unsure = false;
     bench.line_length = 0;
 }
