@@ -163,6 +163,44 @@ def test_starts_that_stay_near_are_told_with_their_place():
     assert near_starts(layers, 3e-3) == [] == near_starts([], 5e-3)
 
 
+@pytest.mark.parametrize('number', [1, 2, 3])
+@pytest.mark.parametrize('thickness', [3.4e-3, 4e-3, 6e-3])
+def test_a_restored_strip_is_one_ring_whose_ends_are_turns(thickness, number):
+    strip = shapely.LineString([(0.005, 0.02), (0.04, 0.03), (0.075, 0.02)]).buffer(
+        thickness / 2, cap_style='flat'
+    )
+    s = PlanSettings()
+    area = strategies.Area([strip], raster([strip], SPEC), SPEC, s, number)
+    ((line,),) = strategies.restored(area)
+    curve = shapely.LineString(line)
+    away = curve.segmentize(0.5e-3).coords
+    apart = shapely.distance(strip.exterior, shapely.points(away))
+    np.testing.assert_allclose(apart, thickness / 4, atol=0.1 * thickness)
+    assert curve.length > 1.8 * 0.07
+    # a wall that is too thin for two beads, and one that has no ends, are not
+    for other in (
+        strip.buffer(-0.3 * thickness),
+        Point(0.04, 0.03).buffer(0.02).boundary.buffer(2e-3),
+    ):
+        area = strategies.Area([other], raster([other], SPEC), SPEC, s, number)
+        assert len(strategies.restored(area)) > 1 or len(strategies.restored(area)[0]) > 1
+
+
+@pytest.mark.parametrize('island', np.arange(16e-3, 20e-3, 0.25e-3))
+def test_rings_around_an_island_never_run_on_each_other(island):
+    """The band between two squares, one of them with round corners: thick at its corners only."""
+    half = island / 2 - 4e-3
+    band = box(-0.021, -0.019, 0.021, 0.019)
+    band = band.difference(box(-half, -half, half, half).buffer(4e-3))
+    s = PlanSettings(bead_width=5e-3, strategy='contour', ring_inset=0.28)
+    for more in (0.0, 0.25, 0.5, 0.75, 1.0):
+        rings = [shapely.LineString(x) for x in contour_lines(band, s, more)]
+        for k, ring in enumerate(rings):
+            others = shapely.union_all(rings[:k] + rings[k + 1 :])
+            near = ring.intersection(others.buffer(0.25 * s.pitch)).length
+            assert near < 0.2 * ring.length, (more, k)
+
+
 @given(st.floats(6e-3, 0.1), st.floats(4e-3, 8e-3), st.floats(0.55, 0.7))
 def test_bead_count_keeps_the_overlap(wall, width, ratio):
     """The source's rule: never wider apart than the ratio, never one bead more than that needs."""

@@ -20,6 +20,11 @@ def wall_width(polygon: Polygon) -> float:
     return 2 * float(maximum_inscribed_circle(polygon, tolerance=2e-5).length)
 
 
+def mean_width(polygon: Polygon) -> float:
+    """Mean thickness of a long polygon, m."""
+    return float(2 * polygon.area / polygon.length)
+
+
 def is_wall(polygon: Polygon, settings: PlanSettings) -> bool:
     """True when the polygon is nowhere two beads thick."""
     return polygon.buffer(-settings.bead_width).is_empty
@@ -27,8 +32,7 @@ def is_wall(polygon: Polygon, settings: PlanSettings) -> bool:
 
 def is_one_bead(polygon: Polygon, settings: PlanSettings) -> bool:
     """True for walls that are thicker than a bead only where they meet."""
-    mean = 2 * polygon.area / polygon.length
-    thin = is_wall(polygon, settings) and mean <= ONE_BEAD * settings.bead_width
+    thin = is_wall(polygon, settings) and mean_width(polygon) <= ONE_BEAD * settings.bead_width
     return thin and polygon.length > LONG * wall_width(polygon)
 
 
@@ -45,7 +49,7 @@ def wall_lines(polygon: Polygon, settings: PlanSettings, number: int) -> list[np
     elif is_one_bead(polygon, settings):
         lines = medial_lines(polygon, least)
     else:
-        lines = _outlines(polygon, width / 4)
+        lines = outlines(polygon, width / 4)
     return [_seamed(line, number) for line in lines]
 
 
@@ -95,7 +99,8 @@ def _ahead(a: np.ndarray, b: np.ndarray, distance: float) -> np.ndarray:
     return b + (b - a) / np.linalg.norm(b - a) * distance
 
 
-def _outlines(polygon: Polygon, inset: float) -> list[np.ndarray]:
+def outlines(polygon: Polygon, inset: float) -> list[np.ndarray]:
+    """Closed lines (n, 2) `inset` (m) inside the outline and around the holes."""
     lines: list[np.ndarray] = []
     for piece in pieces(polygon.buffer(-inset)):
         lines.extend(np.asarray(r.coords) for r in (piece.exterior, *piece.interiors))

@@ -20,7 +20,7 @@ RAMP = 6.0  # length of the way from one ring of a spiral to the next, over thei
 FILLED = 0.40  # bead widths beside a line in which the overlap is in range
 SLIVER = 0.1  # ring spacings: half the thickness of a sliver
 CORE = 1.5  # ring spacings: a thicker band inside a ring has room for a bead in its middle
-EVEN = 0.4  # of half its thickness: by so much a closed band of one thickness may vary
+EVEN = 0.4  # of half its thickness: by so much the middle of a closed band may lie off
 NARROW = 0.07  # bead widths: a gap of twice this between the bands closes by itself
 
 
@@ -212,8 +212,9 @@ def _closed_middle(band: Polygon) -> list[np.ndarray]:
     if len(rings) != 1:
         return []
     line = rings[0].exterior
-    apart = shapely.distance(Polygon(band.interiors[0]), shapely.points(line.coords))
-    return [np.asarray(line.coords)] if np.ptp(apart) < EVEN * half else []
+    points = shapely.points(shapely.get_coordinates(line.segmentize(STEP)))
+    apart = shapely.distance(band.interiors[0], points)
+    return [np.asarray(line.coords)] if np.abs(apart - half).max() < EVEN * half else []
 
 
 def _band(line: np.ndarray, reach: float) -> Polygon:

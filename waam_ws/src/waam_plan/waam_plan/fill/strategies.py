@@ -26,6 +26,7 @@ from waam_process.grid import GridSpec
 EDGE_METAL = 1.15  # of rings along the edge of a restored layer; see Strategy
 EDGE_INSET = 0.28  # bead widths from that edge
 CORNER = 0.33  # bead widths, radius of rings
+STRIP = (0.5, 2.0)  # bead widths, pitches: mean width of walls that are laid as two beads
 
 
 @dataclass(frozen=True)
@@ -88,10 +89,30 @@ def contours(area: Area) -> list[Chain]:
 
 
 def rings_or_hatch(area: Area) -> list[Chain]:
-    """Of a restored layer: parallel beads on strips under two beads, `contours` elsewhere."""
+    """Of a restored layer: strips for two beads as one ring, other walls under two beads as parallel beads, `contours`
+    elsewhere."""
     walls, rest = _walls_and_rest(area)
-    chains = zigzag(area.part(walls)) if walls else []
+    strips = [p for p in walls if _is_strip(p, area.settings)]
+    others = [p for p in walls if p not in strips]
+    chains = zigzag(area.part(others)) if others else []
+    for p in strips:
+        runs = _hairpin(p, area.settings)
+        chains += linked(runs, p, area.settings.pitch, area.number, open_first=True)
     return chains + (contours(area.part(rest)) if rest else [])
+
+
+def _is_strip(polygon: Polygon, s: PlanSettings) -> bool:
+    """Whether two beads beside each other fill a wall that has ends, with enough metal for both."""
+    return (
+        not polygon.interiors
+        and STRIP[0] * s.bead_width <= contour.mean_width(polygon) <= STRIP[1] * s.pitch
+    )
+
+
+def _hairpin(polygon: Polygon, s: PlanSettings) -> list[Chain]:
+    """A ring a quarter of the width inside: the ends of the strip are turns, and only one place has an arc start."""
+    inset = contour.mean_width(polygon) / 4
+    return _filled(polygon, contour.outlines(polygon, inset), s)
 
 
 def spiral(area: Area) -> list[Chain]:
