@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from shapely import Point, Polygon, box
 
 from waam_plan.fill import path, strategies
+from waam_plan.fill.band import band_lines
 from waam_plan.fill.inside import keep_inside
 from waam_plan.fill.linking import near_starts, spread_starts
 from waam_plan.fill.medial import medial_lines
@@ -199,6 +200,30 @@ def test_rings_around_an_island_never_run_on_each_other(island):
             others = shapely.union_all(rings[:k] + rings[k + 1 :])
             near = ring.intersection(others.buffer(0.25 * s.pitch)).length
             assert near < 0.2 * ring.length, (more, k)
+
+
+def test_rings_around_an_island_share_the_band_where_it_is_wide_and_where_it_is_narrow():
+    band = box(-0.028, -0.031, 0.028, 0.031).difference(box(-0.008, -0.008, 0.008, 0.008))
+    s = PlanSettings(ring_inset=0.28)
+    rings = [shapely.LineString(x) for x in band_lines(band, s)]
+    assert all(r.is_ring for r in rings)
+
+    def gaps(ray):
+        at = sorted(shapely.get_coordinates(r.intersection(ray))[0].tolist() for r in rings)
+        return np.linalg.norm(np.diff(at, axis=0), axis=1)
+
+    across = gaps(shapely.LineString([(0, 0), (0.04, 0)]))  # 20 mm of band
+    along = gaps(shapely.LineString([(0, 0), (0, 0.04)]))  # 23 mm
+    for found, width in ((across, 20e-3), (along, 23e-3)):
+        np.testing.assert_allclose(
+            found, (width - 2 * s.first_ring) / (len(rings) - 1), atol=0.1e-3
+        )
+    assert len(band_lines(band, s, more=1)) == len(rings) + 1
+    # nothing for a plate, two islands, or a band that is four times as wide on one side
+    two = band.difference(box(0.015, 0.015, 0.017, 0.017))
+    aside = box(-0.01, -0.01, 0.04, 0.01).difference(box(-0.005, -0.005, 0.005, 0.005))
+    for other in (box(0, 0, 0.03, 0.03), two, aside):
+        assert band_lines(other, s) == []
 
 
 @given(st.floats(6e-3, 0.1), st.floats(4e-3, 8e-3), st.floats(0.55, 0.7))

@@ -92,7 +92,7 @@ def _worth(line: np.ndarray, settings: PlanSettings) -> bool:
     return LineString(line).length > 2 * settings.bead_width
 
 
-def _rounded(polygon: Polygon, radius: float) -> Polygon:
+def rounded(polygon: Polygon, radius: float) -> Polygon:
     """Corners with a radius (m): at a sharp one the bead overlaps itself inside and leaves a hollow outside."""
     if radius <= 0:
         return polygon
@@ -101,7 +101,7 @@ def _rounded(polygon: Polygon, radius: float) -> Polygon:
 
 
 def _closed(ring: Ring, radius: float) -> list[np.ndarray]:
-    polygon = _rounded(ring.polygon, radius)
+    polygon = rounded(ring.polygon, radius)
     own = [np.asarray(r.coords) for r in (polygon.exterior, *polygon.interiors)]
     return own + [line for inner in ring.inner for line in _closed(inner, radius)]
 

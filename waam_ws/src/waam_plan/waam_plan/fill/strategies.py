@@ -13,6 +13,7 @@ import numpy as np
 from shapely import Polygon
 
 from waam_plan.fill import contour, path
+from waam_plan.fill.band import band_lines
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.linking import linked
 from waam_plan.fill.medial import medial_lines, thin_and_thick
@@ -83,9 +84,14 @@ def zigzag(area: Area) -> list[Chain]:
 
 
 def contours(area: Area) -> list[Chain]:
-    """Rings at equal distances from the edge inwards; what they leave open gets a line along its middle."""
+    """Rings at equal distances from the edge inwards, around an island at equal shares of the way to it; what they
+    leave open gets a line along its middle."""
     s = area.settings
-    return _each(area, lambda p: _filled(p, contour_lines(p, s, area.more), s))
+
+    def rings(p: Polygon) -> list[np.ndarray]:
+        return band_lines(p, s, int(area.more)) or contour_lines(p, s, area.more)
+
+    return _each(area, lambda p: _filled(p, rings(p), s))
 
 
 def rings_or_hatch(area: Area) -> list[Chain]:

@@ -12,12 +12,14 @@ import numpy as np
 from shapely import Polygon
 
 from waam_plan.fill import path, strategies
+from waam_plan.fill.band import band_lines
 from waam_plan.fill.hatch import Chain
 from waam_plan.lay.allocate import metal_heights, unevenness
 from waam_process.grid import HeightGrid
 
 # beads across beyond the fewest that are tried; with more, beads are so thin that a layer cannot lay less any more
 MORE = (0.0, 0.25, 0.5, 0.75, 1.0)
+WHOLE = (0.0, 1.0)  # the same around an island, where a band holds whole beads
 RINGS = ('solid', 'contour', 'spiral')  # strategies that lay rings in a restored layer
 
 
@@ -30,7 +32,9 @@ def most_even(area: strategies.Area, planned: np.ndarray) -> list[Chain]:
 
 def _most_even(polygon: Polygon, area: strategies.Area, planned: np.ndarray) -> list[Chain]:
     own = area.part([polygon])
-    tried = [strategies.restored(replace(own, more=more)) for more in MORE]
+    shared = area.settings.strategy != 'spiral' and band_lines(polygon, area.settings)
+    choices = WHOLE if shared else MORE
+    tried = [strategies.restored(replace(own, more=more)) for more in choices]
     return min(tried, key=lambda chains: _unevenness(chains, own, planned))
 
 
