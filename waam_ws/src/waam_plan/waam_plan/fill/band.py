@@ -19,11 +19,6 @@ WIDE, NARROW = 0.9, 0.1  # quantiles of the width of a band
 CROWDED = 0.55  # pitches: rings that come nearer to each other where the band is narrow are no way to fill it
 
 
-def is_band(polygon: Polygon) -> bool:
-    """Whether the polygon has one hole."""
-    return len(polygon.interiors) == 1
-
-
 def band_lines(polygon: Polygon, settings: PlanSettings, more: int = 0) -> list[np.ndarray]:
     """Closed lines (n, 2) m around the hole of a band, from the outline inwards; the outermost and the innermost one
     lie `first_ring` inside. [] for polygons that are no band, or one whose width differs too much.
@@ -31,7 +26,7 @@ def band_lines(polygon: Polygon, settings: PlanSettings, more: int = 0) -> list[
     more: lines beyond the fewest that keep the pitch in all but the widest places.
     """
     inside = pieces(polygon.buffer(-settings.first_ring))
-    if not is_band(polygon) or len(inside) != 1 or not is_band(inside[0]):
+    if not _is_band(polygon) or len(inside) != 1 or not _is_band(inside[0]):
         return []
     outer, inner = Polygon(inside[0].exterior), Polygon(inside[0].interiors[0])
     x, y, share, width = _shares(outer, inner)
@@ -46,6 +41,11 @@ def band_lines(polygon: Polygon, settings: PlanSettings, more: int = 0) -> list[
     radius = settings.corner_radius * settings.bead_width
     rings = [rounded(p, radius) for p in (outer, *between, inner) if p is not None]
     return [np.asarray(ring.exterior.coords) for ring in rings]
+
+
+def _is_band(polygon: Polygon) -> bool:
+    """Whether the polygon has one hole."""
+    return len(polygon.interiors) == 1
 
 
 def _shares(
