@@ -22,10 +22,11 @@ started=${EPOCHREALTIME/[.,]/}
 seconds() { echo $((($(now) - ${1:-$started} + 500000) / 1000000)); }   # since $1, rounded
 now() { echo "${EPOCHREALTIME/[.,]/}"; }
 
-usable_python() {  # $1: a python; true when it is >= 3.11 and can make virtual environments and build extensions
+usable_python() {  # $1: a python; true when it is >= 3.11, makes virtual environments, builds extensions and is in none
     "$1" - <<'P' >/dev/null 2>&1
 import ensurepip, pathlib, sys, sysconfig, venv
 assert (3, 11) <= sys.version_info < (3, 13)
+assert sys.prefix == sys.base_prefix   # . ./env.sh puts .venv first on the path, and .venv may be made anew here
 assert (pathlib.Path(sysconfig.get_paths()['include']) / 'Python.h').exists()
 P
 }
