@@ -23,18 +23,18 @@ seconds() { echo $((($(now) - ${1:-$started} + 500000) / 1000000)); }   # since 
 now() { echo "${EPOCHREALTIME/[.,]/}"; }
 
 usable_python() {  # $1: a python; true when it is >= 3.11, makes virtual environments, builds extensions and is in none
-    "$1" - <<'P' >/dev/null 2>&1
+    "$1" - >/dev/null 2>&1 <<'P'
 import ensurepip, pathlib, sys, sysconfig, venv
 assert (3, 11) <= sys.version_info < (3, 13)
 assert sys.prefix == sys.base_prefix   # . ./env.sh puts .venv first on the path, and .venv may be made anew here
 assert (pathlib.Path(sysconfig.get_paths()['include']) / 'Python.h').exists()
 P
 }
-find_python() {
+find_python() {  # the first that is usable, wherever it lies on the path: . ./env.sh puts .venv before the others
     local p
-    for p in ${PYTHON:+"$PYTHON"} python3 python3.12 python3.11 /usr/bin/python3; do
-        if command -v "$p" >/dev/null 2>&1 && usable_python "$p"; then command -v "$p"; return 0; fi
-    done
+    while read -r p; do
+        if usable_python "$p"; then echo "$p"; return 0; fi
+    done < <(if [ -n "${PYTHON:-}" ]; then command -v "$PYTHON"; fi; type -aP python3 python3.12 python3.11; echo /usr/bin/python3)
     return 1
 }
 
