@@ -34,7 +34,7 @@ find_python() {  # the first that is usable, wherever it lies on the path: . ./e
     local p
     while read -r p; do
         if usable_python "$p"; then echo "$p"; return 0; fi
-    done < <(if [ -n "${PYTHON:-}" ]; then command -v "$PYTHON"; fi; type -aP python3 python3.12 python3.11; echo /usr/bin/python3)
+    done < <(command -v "${PYTHON:-python3}" || true; type -aP python3 python3.12 python3.11 || true; echo /usr/bin/python3)
     return 1
 }
 

@@ -100,7 +100,7 @@ def running_graph(folder: Path, part, **settings) -> Iterator[Bench]:
 
 def show_logs(run: Path, lines: int = 12) -> None:
     """Prints the end of every log of a graph, for the report of a test that failed."""
-    for log in sorted(run.rglob('*.log')):
+    for log in sorted([*run.glob('*.log'), *run.glob('logs/*.log')]):
         last = log.read_text(errors='replace').splitlines()[-lines:]
         print(f'--- {log.relative_to(run)}', *last, sep='\n')
 

@@ -72,18 +72,18 @@ def test_repaired_exports_leave_the_installers_cache_alone(tmp_path):
     assert cached.read_text() == text
 
 
-def test_a_python_of_a_virtual_environment_is_not_taken_for_a_new_one():
+@pytest.mark.parametrize('wanted', ['', '/no/such/python'])
+def test_a_python_of_a_virtual_environment_is_not_taken_for_a_new_one(wanted):
     """`. ./env.sh` puts that of .venv first on the path, and `make setup` may have to make .venv anew."""
     text = (SCRIPTS / 'setup.sh').read_text()
     functions = text[text.index('usable_python() {') : text.index('need=()')]
-    inside = (
-        f'PATH={Path(sys.executable).parent}:$PATH; unset PYTHON; command -v python3; find_python'
-    )
+    here = Path(sys.executable).parent
+    inside = f'PATH={here}:$PATH; PYTHON={wanted}; command -v python3; find_python'
     out = subprocess.run(
-        ['bash', '-c', f'set -eu\n{functions}\n{inside}'],
+        ['bash', '-c', f'set -euo pipefail\n{functions}\n{inside}'],
         capture_output=True,
         text=True,
         check=True,
     )
     first, found = out.stdout.split()
-    assert Path(first).parent == Path(sys.executable).parent != Path(found).parent
+    assert Path(first).parent == here != Path(found).parent
