@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import threading
 import time
@@ -92,13 +93,26 @@ def running_graph(folder: Path, part, **settings) -> Iterator[Bench]:
     run = folder / 'run'
     try:
         with graph(Settings(run=run, seed=3, **settings), domain, timeout=90.0) as (_, client):
-            yield Bench(run, folder / 'jobs', domain, client, part)
+            try:
+                yield Bench(run, folder / 'jobs', domain, client, part)
+            except BaseException:
+                dump_stacks(run)
+                raise
     except BaseException:
         show_logs(run)
         raise
 
 
-def show_logs(run: Path, lines: int = 12) -> None:
+def dump_stacks(run: Path) -> None:
+    """Has every node that lives write into its log where its threads are."""
+    for node in run_state.load(run).nodes.values():
+        if node.exit_code is None:
+            with suppress(ProcessLookupError):
+                os.kill(node.pid, signal.SIGUSR1)
+    time.sleep(0.5)
+
+
+def show_logs(run: Path, lines: int = 40) -> None:
     """Prints the end of every log of a graph, for the report of a test that failed."""
     for log in sorted([*run.glob('*.log'), *run.glob('logs/*.log')]):
         last = log.read_text(errors='replace').splitlines()[-lines:]

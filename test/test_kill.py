@@ -37,7 +37,8 @@ def arc_off_after(bench, since: int) -> tuple[int, int] | None:
 
 @pytest.mark.parametrize('node', NODES)
 def test_arc_is_off_in_time_and_the_job_says_why(make_graph, background, node):
-    with make_graph(rate=6.0) as bench:  # slow enough to be in the middle of a bead
+    # slow enough to be in the middle of a bead
+    with make_graph(rate=6.0, without=('dashboard', 'panel')) as bench:
         bench.load()
         job = background(bench)
         bench.wait(lambda: bench.count('arc on'), 60, 'arc on')

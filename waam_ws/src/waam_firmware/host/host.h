@@ -13,6 +13,7 @@
 typedef struct {
     const char *pty_link, *plant, *events;
     bool null_plant, clock_is_ros_time, start_idle;
+    bool rests;             /* at most real time while there is nothing to do */
     double rate;            /* simulated seconds per second; 0 = no limit */
     uint64_t epoch_us;
     double start_mm[WAAM_AXES];

@@ -77,9 +77,10 @@ static pace_mode_t pace_mode(const host_t *h)
     uint64_t age = news_age_us(h);
     if (!h->pty.connected || (h->options.plant && h->plant.client < 0))
         return PACE_REAL;
-    if (age < FRESH_US)
-        return pty_blocked(&h->pty) ? PACE_REAL : PACE_FAST;
     bool moves = h->harness.core.state == WAAM_RUN || waam_wire_jogging(&h->harness.core.wire);
+    bool rests = h->options.rests && !moves && !h->harness.core.armed && !h->harness.outputs.arc;
+    if (age < FRESH_US)
+        return rests || pty_blocked(&h->pty) ? PACE_REAL : PACE_FAST;
     return moves && age < h->harness.config.lease_us ? PACE_SLOW : PACE_REAL;
 }
 

@@ -27,6 +27,8 @@ static const char help[] =
     "                    or the arc is on, the lease are younger than 250 ms of controller time, and the host reads.\n"
     "                    A host that is later than that gets a fifth of real time until it reports or a watchdog acts;\n"
     "                    with R of 1 or less time never waits for the host.\n"
+    "  --rest            at most real time while no job is armed, nothing moves and the arc is off: a graph that waits\n"
+    "                    for its next job leaves the computer to others.\n"
     "  --epoch-us T      start the controller clock at T microseconds and declare that it is the time of ROS (clk=sync).\n"
     "                    Without it the clock starts at 0 (clk=free).\n"
     "  --events FILE     write every change of state, arc and gas with its controller time, for tests.\n"
@@ -102,7 +104,8 @@ options_t options_parse(int argc, char **argv)
         {"pty-link", required_argument, NULL, 'l'}, {"plant", required_argument, NULL, 'p'},
         {"null-plant", no_argument, NULL, 'n'},     {"rate", required_argument, NULL, 'r'},
         {"epoch-us", required_argument, NULL, 't'}, {"events", required_argument, NULL, 'e'},
-        {"start", required_argument, NULL, 's'},    {"start-idle", no_argument, NULL, 'i'},   {"help", no_argument, NULL, 'h'},
+        {"start", required_argument, NULL, 's'},    {"start-idle", no_argument, NULL, 'i'},
+        {"rest", no_argument, NULL, 'q'},           {"help", no_argument, NULL, 'h'},
         {NULL, 0, NULL, 0}};
     options_t o = {.rate = 1.0, .start_mm = {60.0, 50.0, 150.0}};
     waam_config_t config = waam_config_default();
@@ -114,6 +117,7 @@ options_t options_parse(int argc, char **argv)
         case 'p': o.plant = optarg; break;
         case 'n': o.null_plant = true; break;
         case 'i': o.start_idle = true; break;
+        case 'q': o.rests = true; break;
         case 'r': o.rate = rate(optarg); break;
         case 't': o.epoch_us = epoch(optarg); o.clock_is_ros_time = true; break;
         case 'e': o.events = optarg; break;

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import time
+from contextlib import closing
 
 import pytest
 from plant_cell import ESTOP, LIMIT, Cell
@@ -41,6 +43,26 @@ def test_steps_carry_the_true_machine_position_and_setpoints(port):
     moved = [s[0] for _, samples in cell.steps[-20:] for s in samples]
     # 10 mm/s, 1 ms, one step
     assert all(abs(b - a + 10e-6) < 4e-6 for a, b in zip(moved, moved[1:], strict=False))
+
+
+def simulated_over(cell: Cell, client, seconds: float) -> float:
+    """Simulated seconds that pass in so many of the wall clock."""
+    first, end = cell.steps[-1][0], time.monotonic() + seconds
+    client.wait(lambda: time.monotonic() > end)
+    return (cell.steps[-1][0] - first) * 1e-6
+
+
+def test_time_rests_until_a_job_is_armed(start, tmp_path):
+    path = tmp_path / 'cell.sock'
+    controller = start('--plant', str(path), '--rate', '30', '--rest', '--start', '8,6,195')
+    with closing(Cell(path)) as cell:
+        client = controller.connect()
+        client.home()
+        assert simulated_over(cell, client, 0.5) < 0.8
+        client.ask('$A test')
+        assert simulated_over(cell, client, 0.5) > 2.0
+        client.ask('$D')
+        assert simulated_over(cell, client, 0.5) < 0.8
 
 
 def test_no_discontinuity_when_homing_sets_the_position(port):

@@ -45,6 +45,20 @@ def test_all_that_is_wrong_with_the_cell_is_said_at_once(make_cell, make_runner,
     assert not cell.executed and 'ARM' not in cell.commands
 
 
+def test_a_temperature_that_steps_when_the_part_is_changed_is_waited_for(make_cell, make_runner):
+    cell = make_cell()
+    cell.pyrometer_plausible = False
+    wait = cell.wait
+
+    def believed_after_20_s(seconds: float) -> None:
+        wait(seconds)
+        cell.pyrometer_plausible = cell.time > 20.0
+
+    cell.wait = believed_after_20_s
+    status = make_runner(cell)[0].run()
+    assert status.state == State.DONE, status.message
+
+
 @pytest.mark.parametrize(
     'file,days,simulated,words',
     [

@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pytest
 
+from waam_bringup.cli import main
 from waam_lab.cli_campaign import parse_seeds
 
 WAAM = [
@@ -25,6 +26,14 @@ WAAM = [
 def lab(*arguments, **options) -> subprocess.CompletedProcess:
     command = [*WAAM, *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=300, **options)
+
+
+def refused(capsys, *arguments) -> str:
+    """What `waam lab` says when it refuses, in this process."""
+    with pytest.raises(SystemExit) as ended:
+        sys.exit(main(['lab', *map(str, arguments)]))
+    assert ended.value.code == 2
+    return capsys.readouterr().err
 
 
 def test_a_campaign_writes_its_report(parts, tmp_path):
@@ -75,18 +84,18 @@ def test_a_campaign_writes_its_report(parts, tmp_path):
         (['--workers', '-2'], '--workers'),
     ],
 )
-def test_bad_input_is_refused_before_anything_runs(parts, tmp_path, arguments, words):
-    done = lab(parts[0], '--as-found', parts[1], '--out', tmp_path / 'out', *arguments)
-    assert done.returncode == 2
-    assert done.stderr.startswith('waam: error:')
-    assert words in done.stderr
+def test_bad_input_is_refused_before_anything_runs(parts, tmp_path, capsys, arguments, words):
+    told = refused(capsys, parts[0], '--as-found', parts[1], '--out', tmp_path / 'out', *arguments)
+    assert told.startswith('waam: error:')
+    assert words in told
     assert not (tmp_path / 'out').exists()
 
 
-def test_missing_files_are_named(parts, tmp_path):
-    for part, worn in ((tmp_path / 'gone.stl', parts[1]), (parts[0], tmp_path / 'gone.stl')):
-        done = lab(part, '--as-found', worn, '--out', tmp_path / 'out')
-        assert (done.returncode, 'gone.stl: no such file' in done.stderr) == (2, True)
+def test_missing_files_are_named(parts, tmp_path, capsys):
+    gone = tmp_path / 'gone.stl'
+    for part, worn in ((gone, parts[1]), (parts[0], gone)):
+        told = refused(capsys, part, '--as-found', worn, '--out', tmp_path / 'out')
+        assert 'gone.stl: no such file' in told
     done = lab(parts[0], '--mode', 'restore', '--out', tmp_path / 'out')
     assert (done.returncode, '--as-found' in done.stderr) == (2, True)
 

@@ -6,7 +6,8 @@ from ..model.goal import Code, JobError
 from . import readiness
 from .context import JobContext
 
-READY_LOOKS = 100  # a tenth of a second apart
+LOOK_S = 0.1
+READY_LOOKS = 100  # that a node which has just started gets, LOOK_S apart
 CONFIRM_S = 10.0  # that the controller may take to confirm a command
 
 
@@ -40,7 +41,7 @@ class Preparation:
         for _ in range(READY_LOOKS):
             if self.cell.machine().state == 'IDLE':
                 return
-            self.cell.wait(0.1)
+            self.cell.wait(LOOK_S)
         raise JobError(Code.MACHINE_NOT_READY, 'the controller stays in ALARM after RESET')
 
     def _set_zero(self) -> None:
@@ -52,13 +53,15 @@ class Preparation:
         )
 
     def not_ready(self) -> list[str]:
-        """Everything that is wrong with the cell. Nodes that have just started get a few seconds."""
+        """Everything that is wrong with the cell. Nodes that have just started get a few seconds; a temperature alone
+        gets the pyrometer's patience, for it steps when a hot part is changed for a cold one."""
         problems: list[str] = []
-        for _ in range(READY_LOOKS):
+        for look in range(max(READY_LOOKS, round(self.settings.pyrometer_patience / LOOK_S))):
             problems = readiness.problems(self.cell, self.settings)
-            if not problems:
+            only_heat = problems == readiness.heat_problems(self.cell.heat())
+            if not problems or (look >= READY_LOOKS and not only_heat):
                 break
-            self.cell.wait(0.1)
+            self.cell.wait(LOOK_S)
         return problems
 
     def check_spark(self) -> None:
