@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from waam_bringup import run_state
 from waam_bringup.client import GraphClient
 from waam_bringup.graph import Settings, processes
+from waam_bringup.shared_memory import ports_of
 from waam_bringup.supervisor import MAX_RESTARTS, Supervisor
 from waam_bringup.watchdog import SLEPT_S, Watchdog
 from waam_node.alive import SignOfLife
@@ -61,10 +62,15 @@ def set_job(run: Path, state: str) -> None:
 def test_a_node_that_hangs_between_jobs_is_started_again_and_says_why(supervisor, tmp_path):
     set_job(tmp_path, 'DONE')
     before = {n: c.pid for n, c in supervisor.children.items()}
+    ports = set(ports_of(before['recorder']))
+    assert ports
     os.kill(before['recorder'], signal.SIGSTOP)
     recorder = supervisor.state.nodes['recorder']
     assert turn_until(supervisor, lambda: recorder.restarts == 1, 5 * HANG_S)
     assert not run_state.process_exists(before['recorder'])
+    assert turn_until(supervisor, lambda: all_heard(supervisor), 30)
+    # others may go on writing into the memory of the dead one's
+    assert not ports & set(ports_of(recorder.pid))
     assert supervisor.children['feed_forward'].pid == before['feed_forward']
     saved = run_state.load(tmp_path)
     assert saved.nodes['recorder'].pid == recorder.pid != before['recorder']

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from waam_bringup.shared_memory import clean
+from waam_bringup.shared_memory import MOST_HELD, HeldPorts, clean, ports_of
 
 HOLD = (
     'import fcntl, sys, time; f = open(sys.argv[1], "w"); fcntl.flock(f, fcntl.LOCK_EX); '
@@ -90,3 +90,46 @@ def test_port_that_nobody_ever_locked_goes_and_a_young_one_stays(tmp_path):
     os.utime(files[0])
     assert clean(tmp_path) == 0 and all(f.exists() for f in files)
     assert clean(tmp_path, young=0.0) == 100 and not list(tmp_path.iterdir())
+
+
+def port_lock(place: Path, number: int) -> Path:
+    file = place / f'fastrtps_port{number}_el'
+    file.touch()
+    return file
+
+
+def taken(lock: Path) -> bool:
+    with lock.open() as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return True
+    return False
+
+
+def test_ports_of_a_process_are_those_that_it_has_open(tmp_path):
+    lock = port_lock(tmp_path, 7002)
+    command = [sys.executable, '-c', HOLD, str(lock)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout.readline() == 'held\n'
+        assert ports_of(child.pid) == [lock]
+        child.kill()
+    assert ports_of(child.pid) == []
+
+
+def test_ports_of_the_dead_are_held_and_not_cleaned_away(tmp_path):
+    (tmp_path / 'fastrtps_port7002').touch()
+    lock, held = port_lock(tmp_path, 7002), HeldPorts()
+    held.hold([lock, tmp_path / 'fastrtps_port7003_el'])
+    assert taken(lock)
+    assert clean(tmp_path, young=-1.0) == 0 and lock.exists()
+    held.close()
+    assert not taken(lock)
+
+
+def test_only_the_newest_dead_are_held(tmp_path):
+    locks, held = [port_lock(tmp_path, 7000 + i) for i in range(MOST_HELD + 2)], HeldPorts()
+    for lock in locks:
+        held.hold([lock])
+    assert [taken(lock) for lock in locks] == [False] * 2 + [True] * MOST_HELD
+    held.close()

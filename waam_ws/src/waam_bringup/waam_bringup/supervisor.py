@@ -37,6 +37,7 @@ class Supervisor:
         self.specs: list[Process] = processes(settings, description)
         self.watchdog = Watchdog(settings.hang_timeout)
         self.children: dict[str, subprocess.Popen] = {}
+        self.ports_of_dead = shared_memory.HeldPorts()
         port = settings.port or str(settings.run / 'controller')
         self.state = RunState(os.getpid(), 'starting', domain, settings.simulated, port)
         if settings.web_port:
@@ -132,8 +133,10 @@ class Supervisor:
         # one that was stopped (SIGSTOP) can write that, too, and lets go of locks that would outlive it
         child.send_signal(signal.SIGCONT)
         time.sleep(DUMP_S)
+        ports = shared_memory.ports_of(child.pid)
         child.kill()
         child.wait()
+        self.ports_of_dead.hold(ports)
         self.watchdog.forget(child.pid)
         shared_memory.clean()
         state.pid = self._launch(spec, 'a', **{alive.RESTARTED: state.reason}).pid
@@ -167,6 +170,7 @@ class Supervisor:
             self.state.nodes[name].exit_code = child.returncode
         mark_interrupted(self.settings.run, 'the graph was stopped')
         self.watchdog.close()
+        self.ports_of_dead.close()
         self.state.phase = 'down'
         self.state.save(self.settings.run)
 
