@@ -1,0 +1,69 @@
+"""The graph while nothing happens.
+
+graph.idle_cores: processor cores that a simulated graph keeps busy while it waits for a job (baseline: its virtual
+controller without `--rest`, as fast as the nodes keep up).
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from lib.emit import emit
+
+SETTLE_S = 5.0  # after every node has been heard
+SECONDS = 20.0
+TICKS = os.sysconf('SC_CLK_TCK')
+
+
+def busy(pid: int) -> float:
+    """Processor time of a process so far, s."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def idle_cores(description: dict) -> float:
+    """Cores that all processes of a graph take together while it waits."""
+    from waam_bringup.graph import Settings
+    from waam_bringup.supervisor import Supervisor
+    from waam_node.testing import fresh_domain
+
+    def turn(seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            supervisor.look()
+            time.sleep(0.1)
+
+    with tempfile.TemporaryDirectory() as run:
+        supervisor = Supervisor(Settings(run=Path(run)), fresh_domain(), description)
+        supervisor.start()
+        try:
+            pids = {n: c.pid for n, c in supervisor.children.items()}
+            watched = [pids[spec.name] for spec in supervisor.specs if spec.restart]
+            while any(supervisor.watchdog.last_heard(pid) is None for pid in watched):
+                turn(0.2)
+            turn(SETTLE_S)
+            before = {n: busy(pid) for n, pid in pids.items()}
+            turn(SECONDS)
+            cores = {n: (busy(pid) - before[n]) / SECONDS for n, pid in pids.items()}
+        finally:
+            supervisor.stop()
+    print({n: round(c, 3) for n, c in cores.items()}, file=sys.stderr)
+    return sum(cores.values())
+
+
+def idle() -> None:
+    from waam_bringup.graph import load
+
+    rests = load()
+    restless = copy.deepcopy(rests)
+    restless['virtual_controller']['arguments'].remove('--rest')
+    restless_cores = idle_cores(restless)
+    emit('graph.idle_cores', idle_cores(rests), 'cores', 'without --rest', restless_cores)
+
+
+FIGURES = {'graph.idle_cores': idle}
