@@ -87,3 +87,16 @@ def test_a_python_of_a_virtual_environment_is_not_taken_for_a_new_one(wanted):
     )
     first, found = out.stdout.split()
     assert Path(first).parent == here != Path(found).parent
+
+
+def test_programs_of_the_workspace_keep_their_bytecode():
+    """Where the machine forbids it, every node would compile all that it imports at every start."""
+    shown = subprocess.run(
+        ['bash', '-c', '. ./env.sh && python3 -c "import sys; print(sys.dont_write_bytecode)"'],
+        cwd=SCRIPTS.parent,
+        env=os.environ | {'PYTHONDONTWRITEBYTECODE': '1'},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert shown.stdout.strip() == 'False'

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -47,3 +50,24 @@ def test_pieces_off_the_grid_give_nothing():
     assert not len(metal) and not len(cell) and (first == 0).all()
     nearest = np.zeros((ROWS, COLS), np.int64)
     assert not kernels.neighbours(place, step, step, nearest, 5.0, 1.0, 2.0, 1.5, 8.0).any()
+
+
+def test_the_server_has_loaded_all_that_it_needs_before_the_first_layer():
+    """A node that loads compiled loops or modules in its first answer gives no heartbeat for seconds on a busy core."""
+    code = """
+import sys
+import rclpy
+from waam_adapt.beads import kernels
+from waam_adapt.correction_server_node import CorrectionServer
+from waam_adapt.laws.corrector import warm_up
+loops = kernels.shares, kernels.neighbours
+assert not any(loop.signatures for loop in loops)
+rclpy.init()
+server = CorrectionServer()
+assert all(len(loop.signatures) == 1 for loop in loops)
+modules = set(sys.modules)
+warm_up(server.params)
+assert all(len(loop.signatures) == 1 for loop in loops)
+assert set(sys.modules) == modules
+"""
+    subprocess.run([sys.executable, '-c', code], check=True)

@@ -12,7 +12,7 @@ from waam_node import node, qos
 from . import answers
 from . import conversions as convert
 from .identify.identification import Estimate
-from .laws.corrector import CorrectionParams, Corrector
+from .laws.corrector import CorrectionParams, Corrector, warm_up
 
 Response: TypeAlias = ComputeCorrection.Response
 
@@ -24,6 +24,7 @@ class CorrectionServer(node.WaamNode):
 
     def __init__(self) -> None:
         super().__init__('correction_server', CorrectionParams)
+        warm_up(self.params)
         self.corrector = Corrector(self.params)
         self.map_publisher = self.create_publisher(CorrectionMap, 'correction_map', qos.LATCHED)
         self.estimate_publisher = self.create_publisher(

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from waam_node.params import param
 from waam_process.learned import Learned
 
@@ -125,3 +127,16 @@ class Corrector:
         if learned is None or taught is None:
             return learned
         return learned.after(taught, origin.expected_job_id)
+
+
+def warm_up(params: CorrectionParams) -> None:
+    """Answers for one imagined layer: the first of a job does not wait for compiled loops and network to be loaded (0.4 s
+    of a whole core; seconds on a busy one, in which a node gives no heartbeat)."""
+    width, resolution = 6e-3, 0.5e-3
+    flat = np.zeros((48, 48))
+    planned = np.zeros_like(flat)
+    planned[6:-6, 6:-6] = 1.5e-3
+    paths = tuple(np.array([[5e-3, y], [19e-3, y]]) for y in (6e-3, 10e-3, 14e-3, 18e-3))
+    request = CorrectionInput(flat, flat, planned, resolution, width, 0.3, paths=paths)
+    origin = MapOrigin(0.0, 'warm-up', 'warm-up', 1, 1, plausible=True)
+    Corrector(params).answer(1, request, origin, LastLayer(flat - planned, planned))
