@@ -9,7 +9,7 @@ demo: setup
 	@$(RUN) waam demo
 test:
 	@bash scripts/setup.sh --test --train
-	@$(RUN) ruff check . && mypy && bash scripts/test.sh
+	@$(RUN) ruff check . && bash scripts/test.sh
 bench:
 	@bash scripts/setup.sh --test
 	@$(RUN) python3 bench/run.py $(ONLY)

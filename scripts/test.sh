@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# All tests: every package's own, then those of the whole graph.
+# The type checker and all tests: every package's own, then those of the whole graph.
 # They drive real processes over real DDS on whatever machine this is: one that fails is run once more; the summary names it (RERUN).
 # Arguments go to pytest instead of the default selection, without reruns.
 set -euo pipefail
@@ -7,9 +7,15 @@ cd "$(dirname "$0")/.."
 export ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1
 if [ $# -gt 0 ]; then exec python3 -m pytest "$@"; fi
 again=(--reruns 1 -r R)
-# two processes, a file in one of them; the files that take longest come first, so that none is left alone at the end
-both=(-n 2 --dist loadfile --no-loadscope-reorder --durations=15 "${again[@]}")
+# A file runs in one process; the files that take longest come first, so that none is left alone at the end. The tests of
+# the packages wait a third of their time; two graphs are what two cores bear.
+files=(--dist loadfile --no-loadscope-reorder --durations=25 "${again[@]}")
 code=0
-python3 -m pytest "${both[@]}" waam_ws/src/waam_{view,lab}/test waam_ws/src/*/test || code=$?
-python3 -m pytest "${both[@]}" test/test_{kill,resume_graph,job_graph}.py test || code=$?
+# beside the first tests: on a fresh machine it computes for a minute
+types=$(mktemp) && trap 'kill "${checker:-}" 2>/dev/null || true; rm -f "$types"' EXIT
+nice mypy > "$types" 2>&1 & checker=$!
+python3 -m pytest -n 3 "${files[@]}" waam_ws/src/waam_{view,lab}/test waam_ws/src/*/test || code=$?
+wait $checker || code=$?
+cat "$types"
+python3 -m pytest -n 2 "${files[@]}" test/test_{kill,resume_graph,job_graph}.py test || code=$?
 exit $code

@@ -41,17 +41,18 @@ def part(tmp_path_factory, make_part) -> tuple[Path, Path]:
 
 
 @pytest.fixture(scope='module')
-def bench(tmp_path_factory, part, graph_in):
+def done(tmp_path_factory, part, graph_in):
+    """One layer, with what happened to it on the way."""
     folder = tmp_path_factory.mktemp('graph')
     file = folder / 'process.yaml'
     file.write_text(yaml.safe_dump({n: {'ros__parameters': p} for n, p in CHANGED.items()}))
-    with graph_in(folder, part, rate=4.0, params_files=(file,)) as found:
-        yield found
+    settings = {'rate': 4.0, 'params_files': (file,), 'without': ('dashboard', 'panel')}
+    with graph_in(folder, part, **settings) as bench:
+        return _watched_job(bench)
 
 
-@pytest.fixture(scope='module')
-def done(bench):
-    """One layer, with what happened to it on the way."""
+def _watched_job(bench) -> dict:
+    """What was heard of a job of one layer, and its folder."""
     from waam_bringup.client import GraphClient
 
     bench.load()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import median_filter
 
+from waam_bringup.graph import Settings
 from waam_bringup.operate import graph_watch
 from waam_bringup.test_support import power_cut, power_on
 from waam_msgs.action import RunJob
@@ -39,7 +41,8 @@ def tallest_needle(run: Path) -> float:
 
 def test_power_cut_in_a_bead_then_resume(tmp_path, part, background, bench_class):
     run, domain = tmp_path / 'run', fresh_domain()
-    with power_on(run, domain, 3, 6.0) as (client, pids):
+    settings = Settings(run=run, seed=3, without=('dashboard', 'panel'))
+    with power_on(replace(settings, rate=6.0), domain) as (client, pids):
         bench = bench_class(run, tmp_path / 'jobs', domain, client, part)
         bench.load()
         background(bench)
@@ -51,7 +54,7 @@ def test_power_cut_in_a_bead_then_resume(tmp_path, part, background, bench_class
     before = json.loads((folder / 'checkpoint.json').read_text())
     assert before['layer'] == 1 and before['bead'] >= 1
     undisturbed = as_planned(folder, tmp_path / 'jobs' / 'undisturbed')
-    with power_on(run, domain, 3) as (client, _):
+    with power_on(settings, domain) as (client, _):
         result = run_job(client, RunJob.Goal(resume_dir=str(folder)), run)
         assert result.error_code == RunJob.Result.NONE, result.message
         needle = tallest_needle(run)

@@ -67,6 +67,7 @@ class Campaign:
         """A client of the graph, which is started when none is up or a process of it died."""
         from waam_bringup import run_state
         from waam_bringup.client import ClientError
+        from waam_bringup.graph import Settings
         from waam_bringup.test_support import power_on
 
         state = run_state.load(self.run)
@@ -74,7 +75,7 @@ class Campaign:
             return self._client
         self.down()
         for attempt in (1, 2):  # an operator would try again, too; the line of the trial says so
-            graph = power_on(self.run, DOMAIN, SEED, timeout=UP_S)
+            graph = power_on(Settings(run=self.run, seed=SEED), DOMAIN, UP_S)
             try:
                 self._client, self.pids = graph.__enter__()
                 break

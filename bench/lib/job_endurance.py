@@ -162,6 +162,7 @@ def parameters(scratch: Path) -> Path:
 def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endurance, dict]:
     """The samples and the report's run. RuntimeError when the job ended by itself before its time."""
     from waam_bringup import run_state
+    from waam_bringup.graph import Settings
     from waam_bringup.operate import graph_trouble
     from waam_bringup.test_support import power_on
     from waam_msgs.action import RunJob
@@ -169,7 +170,8 @@ def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endura
     from waam_process.operating import BUILD_PLATE
 
     scratch.mkdir(parents=True, exist_ok=True)
-    with power_on(scratch / 'run', DOMAIN, SEED, params_file=parameters(scratch)) as (client, _):
+    settings = Settings(run=scratch / 'run', seed=SEED, params_files=(parameters(scratch),))
+    with power_on(settings, DOMAIN) as (client, _):
         pids = {n: s.pid for n, s in run_state.load(scratch / 'run').nodes.items()}
         watch = Endurance(hours, pids, file, min(EVERY, hours * 3600 / 24))
         client.load_part('', BUILD_PLATE, SEED)

@@ -161,11 +161,8 @@ def graph_watch(run: Path) -> Callable[[], str]:
     return trouble
 
 
-@contextmanager
-def graph(
-    settings: Settings, domain: int, timeout: float = 60.0
-) -> Iterator[tuple[RunState, GraphClient]]:
-    """A graph for the length of the block."""
+def arguments(settings: Settings, domain: int) -> list[str]:
+    """Of `waam up`, for a graph with these settings."""
     args = ['--run', str(settings.run), '--domain', str(domain), '--seed', str(settings.seed)]
     args += ['--rate', str(settings.rate), '--grpc-port', str(settings.grpc_port)]
     args += ['--web-port', str(settings.web_port), '--hang-timeout', str(settings.hang_timeout)]
@@ -174,7 +171,15 @@ def graph(
         args += ['--without', name]
     for file in settings.params_files:
         args += ['--params-file', str(file)]
-    state = up(settings, domain, timeout, args)
+    return args
+
+
+@contextmanager
+def graph(
+    settings: Settings, domain: int, timeout: float = 60.0
+) -> Iterator[tuple[RunState, GraphClient]]:
+    """A graph for the length of the block."""
+    state = up(settings, domain, timeout, arguments(settings, domain))
     try:
         with GraphClient(domain) as client:
             yield state, client

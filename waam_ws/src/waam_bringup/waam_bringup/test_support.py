@@ -7,36 +7,25 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
 from . import run_state
 from .client import GraphClient
 from .graph import Settings
-from .operate import stop, up
+from .operate import arguments, stop, up
 
 
 @contextmanager
 def power_on(
-    run: Path,
-    domain: int,
-    seed: int = 1,
-    rate: float = 0.0,
-    timeout: float = 90.0,
-    params_file: Path | None = None,
+    settings: Settings, domain: int, timeout: float = 90.0
 ) -> Iterator[tuple[GraphClient, list[int]]]:
     """A graph that may be killed inside the block. Yields a client and the pids, the supervisor's first."""
-    args = ['--run', str(run), '--domain', str(domain), '--seed', str(seed), '--rate', str(rate)]
-    files = (params_file,) if params_file else ()
-    for file in files:
-        args += ['--params-file', str(file)]
-    settings = Settings(run=run, seed=seed, rate=rate, params_files=files)
-    state = up(settings, domain, timeout, args)
+    state = up(settings, domain, timeout, arguments(settings, domain))
     try:
         with GraphClient(domain) as client:
             yield client, [state.supervisor, *(n.pid for n in state.nodes.values())]
     finally:
         if run_state.process_exists(state.supervisor):
-            stop(run)
+            stop(settings.run)
 
 
 def power_cut(pids: list[int], timeout: float = 20.0) -> None:
