@@ -99,7 +99,7 @@ def running_graph(folder: Path, part, **settings) -> Iterator[Bench]:
                 dump_stacks(run)
                 raise
     except BaseException:
-        show_logs(run)
+        print(last_logs(run))
         raise
 
 
@@ -112,11 +112,26 @@ def dump_stacks(run: Path) -> None:
     time.sleep(0.5)
 
 
-def show_logs(run: Path, lines: int = 40) -> None:
-    """Prints the end of every log of a graph, for the report of a test that failed."""
+def last_logs(run: Path, lines: int = 40) -> str:
+    """The end of every log of a graph, for the report of a test that failed."""
+    text = []
     for log in sorted([*run.glob('*.log'), *run.glob('logs/*.log')]):
-        last = log.read_text(errors='replace').splitlines()[-lines:]
-        print(f'--- {log.relative_to(run)}', *last, sep='\n')
+        text += [
+            f'--- {log.relative_to(run)}',
+            *log.read_text(errors='replace').splitlines()[-lines:],
+        ]
+    return '\n'.join(text)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    """A test that fails on a graph that outlives it: where the threads of its nodes are, and their logs."""
+    report = yield
+    if report.failed and call.when == 'call':
+        for bench in (v for v in item.funcargs.values() if isinstance(v, Bench)):
+            dump_stacks(bench.run)
+            report.sections.append(('logs of the graph', last_logs(bench.run)))
+    return report
 
 
 @pytest.fixture
