@@ -1,4 +1,4 @@
-"""How rings fill a restored layer: distances that fit the place, lines in the middle, the most even choice."""
+"""How a restored layer is filled: rings at distances that fit the place, lines in the middle, the most even choice."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from waam_plan.fill import path, strategies
 from waam_plan.fill.rings import contour_lines, spacing
 from waam_plan.lay import layout
 from waam_plan.lay.allocate import metal_heights, unevenness
+from waam_plan.lay.restore import plan_restoration
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import raster
 from waam_process.grid import GridSpec, HeightGrid
@@ -101,3 +102,65 @@ def test_each_place_gets_a_distance_of_its_own():
     assert len(chains) == len(alone)
     for chain, expected in zip(chains, alone, strict=True):
         np.testing.assert_array_equal(np.concatenate(chain), np.concatenate(expected))
+
+
+def hollow(shape, depth: float) -> tuple[HeightGrid, HeightGrid]:
+    """As found and nominal: a plate of 10 mm with a pocket that its surroundings end around."""
+    inside = raster([shape], SPEC)
+    nominal = np.where(inside, 10e-3, np.nan)
+    return HeightGrid(SPEC, nominal - depth), HeightGrid(SPEC, nominal)
+
+
+def star() -> shapely.Polygon:
+    angle = np.linspace(0, 2 * np.pi, 181)
+    far = 0.026 + 0.008 * np.cos(5 * angle)
+    return shapely.Polygon(np.column_stack([far * np.cos(angle), far * np.sin(angle)]))
+
+
+RING = Point(0, 0).buffer(0.036).difference(Point(0, 0).buffer(0.018))
+
+
+@pytest.mark.parametrize(
+    ('shape', 'hatched', 'other'),
+    [(RING, False, 'zigzag'), (star(), True, 'contour')],
+    ids=['ring', 'star'],
+)
+def test_rings_or_parallel_beads_whichever_costs_less(shape, hatched, other):
+    settings = PlanSettings()
+    plan = plan_restoration(*hollow(shape, 3e-3), settings)
+    worse = plan_restoration(*hollow(shape, 3e-3), replace(settings, strategy=other))
+    for layer, another in zip(plan.layers, worse.layers, strict=True):
+        assert layout.cost(layer, SPEC, settings) < layout.cost(another, SPEC, settings)
+    assert any('parallel beads' in text for text in plan.remarks) == hatched
+
+
+def test_a_way_that_turns_back_beside_itself_is_told_from_a_corner():
+    def share(*corners) -> float:
+        pieces = path.lay_out([[np.array(corners)]], HeightGrid.full(SPEC, 0.0), S)
+        return layout.turning_back(pieces, 6e-3)
+
+    assert share((0.0, 0.0), (0.04, 0.0)) == 0.0
+    assert share((0.0, 0.0), (0.02, 0.0), (0.02, 0.02)) == 0.0
+    hairpin = share((0.0, 0.0), (0.03, 0.0), (0.03, 0.004), (0.0, 0.004))
+    # half a bead on both sides of a link of 4 mm, less what still sees the corner alone
+    assert 1e-3 / 64e-3 < hairpin <= 8e-3 / 64e-3
+
+
+def test_what_nothing_is_planned_for_costs_nothing():
+    plan = plan_restoration(*hollow(RING, 3e-3), PlanSettings())
+    bare = replace(plan.layers[-1], planned=np.zeros(SPEC.shape))
+    assert layout.cost(bare, SPEC, PlanSettings()) == 0.0
+
+
+def test_a_build_lays_rings_around_a_hole_and_parallel_beads_elsewhere():
+    block = box(-0.045, -0.04, -0.02, 0.04)
+    band = Point(0.015, 0).buffer(0.03).difference(Point(0.015, 0).buffer(0.012))
+    settings = PlanSettings()
+    area = strategies.Area([block, band], raster([block, band], SPEC), SPEC, settings, 1)
+    chains = strategies.solid(area)
+    assert [len(c) for c in chains[:1]] == [len(c) for c in strategies.zigzag(area.part([block]))]
+    around = [line for chain in chains[1:] for line in chain]
+    assert len(around) >= 4
+    for line in around:
+        away = np.hypot(line[:, 0] - 0.015, line[:, 1])
+        assert np.ptp(away) < 0.1e-3, 'a ring'

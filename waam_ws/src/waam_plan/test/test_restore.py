@@ -127,7 +127,8 @@ def inside(plan, layer):
     # beads that cover free sides end over them
     over = math.ceil(S.overrun / plan.spec.resolution)
     assert binary_dilation(layer.footprint, iterations=over)[row, col].mean() > 0.995
-    assert layer.footprint[row, col].mean() > 0.97
+    # the outline that paths keep to is smooth and cuts cells at its corners
+    assert (~layer.footprint[row, col]).sum() <= max(1, 0.03 * len(row))
 
 
 @given(st.floats(0.0008, 0.02))

@@ -22,6 +22,8 @@ from scipy.optimize import brentq
 
 FINEST = 0.5e-3  # m: pieces of a move are no shorter than this on average
 PIECES = 8  # of equal time, at most
+# rad of the whole move: below it rounding is larger than what the angle changes
+SMALLEST = 0.01
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,6 @@ class JoiningLaw:
 def _between_poles(duration: float, most: float) -> list[tuple[float, float]]:
     """Ranges of k up to `most` between the values where sin(k duration) = 0: no b belongs to those."""
     pole = math.pi / duration
-    ends = [*np.arange(0.0, most, pole), most]
+    ends = [SMALLEST / duration, *np.arange(pole, most, pole), most]
     edge = 1e-6 * pole
     return [(a + edge, b - edge) for a, b in zip(ends, ends[1:], strict=False) if b - a > 3 * edge]

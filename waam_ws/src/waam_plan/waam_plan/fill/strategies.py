@@ -61,12 +61,15 @@ def restored(area: Area) -> list[Chain]:
 
 
 def solid(area: Area) -> list[Chain]:
-    """Thin walls as one or two lines, everything else zig-zag."""
-    walls, rest = _walls_and_rest(area)
-    if not walls:
+    """Thin walls as one or two lines, bands around a hole as rings, everything else zig-zag."""
+    walls, thick = _walls_and_rest(area)
+    bands = [p for p in thick if band_lines(p, area.settings)]
+    rest = [p for p in thick if p not in bands]
+    if not walls and not bands:
         return zigzag(area)
     lines = [[line] for p in walls for line in contour.wall_lines(p, area.settings, area.number)]
-    return [*(zigzag(area.part(rest)) if rest else []), *lines]
+    chains = zigzag(area.part(rest)) if rest else []
+    return [*chains, *(contours(area.part(bands)) if bands else []), *lines]
 
 
 def _walls_and_rest(area: Area) -> tuple[list[Polygon], list[Polygon]]:
@@ -218,8 +221,8 @@ class Strategy:
 
 REGISTRY: dict[str, Strategy] = {
     'solid': Strategy(
-        'chosen per place: walls under two beads as one or two lines; '
-        'elsewhere rings in restorations, zig-zag in builds',
+        'chosen per place: walls under two beads as one or two lines; bands around a hole as rings; '
+        'elsewhere zig-zag in builds, in restorations rings or zig-zag, as it lies more evenly',
         solid,
         edge_metal=EDGE_METAL,
         ring_inset=EDGE_INSET,

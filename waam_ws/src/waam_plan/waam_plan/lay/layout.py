@@ -1,7 +1,9 @@
-"""Rings that lie as evenly as they can: of several distances between them, the planner's process model chooses.
+"""How a restored layer is filled: with rings of one of several distances or with parallel beads, whichever lies more
+evenly by the planner's process model.
 
 Rings of any distance leave a band in the middle, bands between an outline and a hole, corners. What is left open there,
-or overlaps too much, is known before metal is laid: by dividing the layer among the pieces of path (`allocate`).
+or overlaps too much, is known before metal is laid: by dividing the layer among the pieces of path (`allocate`). What a
+pool does where the torch turns back beside it is not in that model, so turns back count on their own.
 """
 
 from __future__ import annotations
@@ -9,17 +11,25 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 from shapely import Polygon
 
+from waam_plan import masks
 from waam_plan.fill import path, strategies
 from waam_plan.fill.band import band_lines
 from waam_plan.fill.hatch import Chain
-from waam_plan.lay.allocate import metal_heights, unevenness
-from waam_process.grid import HeightGrid
+from waam_plan.fill.path import Pieces
+from waam_plan.lay.allocate import SEEN, metal_heights, unevenness
+from waam_plan.lay.forecast import growth, pieces_of
+from waam_plan.plan import PlannedLayer
+from waam_plan.settings import PlanSettings
+from waam_process.grid import GridSpec, HeightGrid
 
 # beads across beyond the fewest that are tried; with more, beads are so thin that a layer cannot lay less any more
 MORE = (0.0, 0.25, 0.5, 0.75, 1.0)
 WHOLE = (0.0, 1.0)  # the same around an island, where a band holds whole beads
+# what a share of the way that turns back counts beside the unevenness, and the cosine of a turn back
+TURN_BACK, BACK = 0.5, -0.5
 RINGS = ('solid', 'contour', 'spiral')  # strategies that lay rings in a restored layer
 
 
@@ -36,6 +46,35 @@ def _most_even(polygon: Polygon, area: strategies.Area, planned: np.ndarray) -> 
     choices = WHOLE if shared else MORE
     tried = [strategies.restored(replace(own, more=more)) for more in choices]
     return min(tried, key=lambda chains: _unevenness(chains, own, planned))
+
+
+def cost(layer: PlannedLayer, spec: GridSpec, settings: PlanSettings) -> float:
+    """By how much a layer is expected to miss what it should become, in its mean thickness: RMS of the waves that its
+    judged area keeps if the process model is right, and a charge for the places where the torch turns back."""
+    resolution = spec.resolution
+    on = layer.planned > 0
+    seen = masks.judged(on, settings.judged_rim / resolution, settings.bead_width / resolution)
+    if not seen.any():
+        return 0.0
+    blur = SEEN * settings.bead_width / resolution
+    beside, near = (
+        gaussian_filter(a, blur)
+        for a in ((growth(layer, spec, settings) - layer.planned) * on, on * 1.0)
+    )
+    uneven = np.std(beside[seen] / near[seen]) / layer.planned[seen].mean()
+    return float(uneven) + TURN_BACK * turning_back(pieces_of(layer), settings.bead_width)
+
+
+def turning_back(pieces: Pieces, width: float) -> float:
+    """Share of the way within half a bead width (m) of a place where the torch comes back beside its own bead."""
+    step = (pieces.end - pieces.start)[:, :2]
+    step = step / np.maximum(np.linalg.norm(step, axis=1), 1e-12)[:, None]
+    way = np.cumsum(pieces.length)
+    before = np.searchsorted(way, way - width / 2)
+    after = np.minimum(np.searchsorted(way, way + width / 2), len(way) - 1)
+    joined = pieces.chain[before] == pieces.chain[after]
+    back = joined & ((step[before] * step[after]).sum(axis=1) < BACK)
+    return float(pieces.length[back].sum() / way[-1]) if len(way) else 0.0
 
 
 def _unevenness(chains: list[Chain], area: strategies.Area, planned: np.ndarray) -> float:

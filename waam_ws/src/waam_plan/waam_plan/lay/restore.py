@@ -17,7 +17,7 @@ from waam_plan.fill import contour, strategies
 from waam_plan.fill.linking import arc_starts, near_starts
 from waam_plan.lay import sides
 from waam_plan.lay.layer import LayerTask, lay
-from waam_plan.lay.layout import most_even
+from waam_plan.lay.layout import cost, most_even
 from waam_plan.lay.schedule import Schedule, choose_schedule, layer_count
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
 from waam_plan.settings import PlanSettings
@@ -61,7 +61,7 @@ def plan_restoration(
     )
     below = np.zeros((0, 2)) if below is None else below
     with collector_paused():
-        planned = _layers(job, total, use, below)
+        planned, filled = _layers(job, total, use, below)
     region = np.any([p.footprint for p in planned], axis=0) if planned else count > 0
     res = nominal.spec.resolution
     _warn(wanted - found, count, planned, use == total, settings, nominal, warnings)
@@ -77,7 +77,7 @@ def plan_restoration(
         safe_z,
         settings,
         warnings=warnings,
-        remarks=[schedule.reason(settings)] if planned else [],
+        remarks=_remarks(schedule, filled, settings),
     )
     check_reach([s for layer in planned for s in layer.segments], settings)
     return plan
@@ -126,16 +126,31 @@ class _Restoration:
     settings: PlanSettings
 
 
-def _layers(job: _Restoration, total: int, use: int, below: np.ndarray) -> list[PlannedLayer]:
+def _layers(
+    job: _Restoration, total: int, use: int, below: np.ndarray
+) -> tuple[list[PlannedLayer], list[str]]:
+    """The layers from the bottom, and the strategy that each is filled with."""
     planned: list[PlannedLayer] = []
+    filled: list[str] = []
     for number in range(1, use + 1):
-        planned.append(_layer(job, number, total - number + 1, below))
-        below = arc_starts(planned[-1].segments)
-    return planned
+        layer, strategy = _layer(job, number, total - number + 1, below)
+        planned.append(layer)
+        filled.append(strategy)
+        below = arc_starts(layer.segments)
+    return planned, filled
 
 
-def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> PlannedLayer:
-    """Layer `number`, k-th from the top, on the cells that have at least k layers.
+def _remarks(schedule: Schedule, filled: list[str], settings: PlanSettings) -> list[str]:
+    """What was chosen; filled: the strategy of every layer."""
+    told = [schedule.reason(settings)] if filled else []
+    if hatched := [str(i) for i, name in enumerate(filled, 1) if name != settings.strategy]:
+        layers = f'layer{"s" if len(hatched) > 1 else ""} {", ".join(hatched)}'
+        told.append(f'{layers} in parallel beads: rings would lie less evenly there')
+    return told
+
+
+def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> tuple[PlannedLayer, str]:
+    """Layer `number`, k-th from the top, on the cells that have at least k layers, and the strategy that fills it.
 
     below: arc starts of the layer before, (n, 2) m.
     """
@@ -162,11 +177,37 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> Planned
         thickest=schedule.thickest,
         inside=None if settings.strategy in ('shell', 'zigzag') else outline(on, spec),
     )
+    laid = [
+        (_laid(task, cover, below, job.safe_z, spec, filling), filling.strategy)
+        for filling in _fillings(settings, cover)
+    ]
+    if len(laid) == 1:
+        return laid[0]
+    return min(laid, key=lambda found: cost(found[0], spec, settings))
+
+
+def _laid(
+    task: LayerTask,
+    cover: sides.Cover,
+    below: np.ndarray,
+    safe_z: float,
+    spec: GridSpec,
+    settings: PlanSettings,
+) -> PlannedLayer:
+    """The layer, filled as the settings say; `below` as of `_layer`."""
     settings = _with_edges(settings, cover)
-    within = sides.settings_within(settings) if (cover.mask & ~on).any() else settings
-    area = strategies.Area(cover.polygons, cover.mask, spec, within, turn)
+    beyond = (cover.mask & ~task.footprint).any()
+    within = sides.settings_within(settings) if beyond else settings
+    area = strategies.Area(cover.polygons, cover.mask, spec, within, task.turn)
     chains = most_even(area, masks.spread(task.planned, task.footprint, cover.mask))
-    return lay(task, chains, below, spec=spec, safe_z=job.safe_z, settings=settings)
+    return lay(task, chains, below, spec=spec, safe_z=safe_z, settings=settings)
+
+
+def _fillings(settings: PlanSettings, cover: sides.Cover) -> list[PlanSettings]:
+    """Settings of the strategies that a layer may be filled with."""
+    if settings.strategy != 'solid' or all(contour.is_wall(p, settings) for p in cover.polygons):
+        return [settings]
+    return [settings, replace(settings, strategy='zigzag')]
 
 
 def _with_edges(settings: PlanSettings, cover: sides.Cover) -> PlanSettings:
