@@ -130,8 +130,8 @@ class Corrector:
 
 
 def warm_up(params: CorrectionParams) -> None:
-    """Answers for one imagined layer, so that the first of a job does not wait until loops and network are loaded: 0.4 s
-    of a core, seconds of a busy one, and no heartbeat meanwhile."""
+    """Answers for one imagined layer: loops and network are loaded now, not in the first answer of a job. It takes
+    0.4 s of a core, seconds on a busy one, and a node gives no heartbeat meanwhile."""
     width, resolution = 6e-3, 0.5e-3
     flat = np.zeros((48, 48))
     planned = np.zeros_like(flat)
