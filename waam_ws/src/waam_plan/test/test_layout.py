@@ -146,10 +146,12 @@ def test_a_way_that_turns_back_beside_itself_is_told_from_a_corner():
     assert 1e-3 / 64e-3 < hairpin <= 8e-3 / 64e-3
 
 
-def test_what_nothing_is_planned_for_costs_nothing():
+def test_a_layer_without_metal_is_never_taken():
+    """What misses the same everywhere is even."""
     plan = plan_restoration(*hollow(RING, 3e-3), PlanSettings())
-    bare = replace(plan.layers[-1], planned=np.zeros(SPEC.shape))
-    assert layout.cost(bare, SPEC, PlanSettings()) == 0.0
+    assert layout.cost(plan.layers[-1], SPEC, PlanSettings()) < 0.2
+    bare = replace(plan.layers[-1], segments=[])
+    assert layout.cost(bare, SPEC, PlanSettings()) == np.inf
 
 
 def test_a_build_lays_rings_around_a_hole_and_parallel_beads_elsewhere():

@@ -193,7 +193,7 @@ def _layers(
 def _same(a: Section, b: Section, settings: PlanSettings) -> bool:
     """Whether two sections differ by at most growth_step and are filled alike.
 
-    Layers with closed lines (whose seam moves), as around holes, or a turning angle never repeat.
+    Layers with closed lines (whose seam moves), as around a hole, or a turning angle never repeat.
     """
     if settings.strategy not in ('solid', 'zigzag', 'shell') or settings.alternation == 'turn':
         return False
@@ -201,7 +201,7 @@ def _same(a: Section, b: Section, settings: PlanSettings) -> bool:
         return False
     if (a.number <= settings.base_layers) != (b.number <= settings.base_layers):
         return False
-    if any(p.interiors or contour.is_wall(p, settings) for p in b.polygons):
+    if any(len(p.interiors) == 1 or contour.is_wall(p, settings) for p in b.polygons):
         return False
     pairs = zip(a.polygons, b.polygons, strict=True)
     return all(p.boundary.hausdorff_distance(q.boundary) <= settings.growth_step for p, q in pairs)

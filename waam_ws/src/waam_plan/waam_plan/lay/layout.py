@@ -8,6 +8,7 @@ pool does where the torch turns back beside it is not in that model, so turns ba
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -50,7 +51,10 @@ def _most_even(polygon: Polygon, area: strategies.Area, planned: np.ndarray) -> 
 
 def cost(layer: PlannedLayer, spec: GridSpec, settings: PlanSettings) -> float:
     """By how much a layer is expected to miss what it should become, in its mean thickness: RMS of the waves that its
-    judged area keeps if the process model is right, and a charge for the places where the torch turns back."""
+    judged area keeps if the process model is right, and a charge for the places where the torch turns back. Infinite
+    for a layer without metal."""
+    if not layer.deposits:
+        return math.inf
     resolution = spec.resolution
     on = layer.planned > 0
     seen = masks.judged(on, settings.judged_rim / resolution, settings.bead_width / resolution)
@@ -74,7 +78,7 @@ def turning_back(pieces: Pieces, width: float) -> float:
     after = np.minimum(np.searchsorted(way, way + width / 2), len(way) - 1)
     joined = pieces.chain[before] == pieces.chain[after]
     back = joined & ((step[before] * step[after]).sum(axis=1) < BACK)
-    return float(pieces.length[back].sum() / way[-1]) if len(way) else 0.0
+    return float(pieces.length[back].sum() / way[-1])
 
 
 def _unevenness(chains: list[Chain], area: strategies.Area, planned: np.ndarray) -> float:
