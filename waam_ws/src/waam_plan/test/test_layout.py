@@ -130,7 +130,9 @@ def test_rings_or_parallel_beads_whichever_costs_less(shape, hatched, other):
     plan = plan_restoration(*hollow(shape, 3e-3), settings)
     worse = plan_restoration(*hollow(shape, 3e-3), replace(settings, strategy=other))
     for layer, another in zip(plan.layers, worse.layers, strict=True):
-        assert layout.cost(layer, SPEC, settings) < layout.cost(another, SPEC, settings)
+        costs = [layout.cost(x, layer.footprint, SPEC, settings) for x in (layer, another)]
+        assert costs[0] < costs[1]
+        assert layout.best([another, layer], SPEC, settings) == 1
     assert any('parallel beads' in text for text in plan.remarks) == hatched
 
 
@@ -149,9 +151,11 @@ def test_a_way_that_turns_back_beside_itself_is_told_from_a_corner():
 def test_a_layer_without_metal_is_never_taken():
     """What misses the same everywhere is even."""
     plan = plan_restoration(*hollow(RING, 3e-3), PlanSettings())
-    assert layout.cost(plan.layers[-1], SPEC, PlanSettings()) < 0.2
-    bare = replace(plan.layers[-1], segments=[])
-    assert layout.cost(bare, SPEC, PlanSettings()) == np.inf
+    layer = plan.layers[-1]
+    bare = replace(layer, segments=[])
+    assert layout.cost(layer, layer.footprint, SPEC, PlanSettings()) < 0.2
+    assert layout.cost(bare, layer.footprint, SPEC, PlanSettings()) == np.inf
+    assert layout.best([bare, layer], SPEC, PlanSettings()) == 1
 
 
 def test_a_build_lays_rings_around_a_hole_and_parallel_beads_elsewhere():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from shapely import LineString, Polygon, maximum_inscribed_circle
 from shapely.ops import substring
@@ -15,8 +17,10 @@ from waam_plan.slice.section import pieces
 LONG = 6.0  # outline over thickness: shorter pieces are spots, not walls
 
 
+@lru_cache(maxsize=64)
 def wall_width(polygon: Polygon) -> float:
-    """Greatest thickness of a polygon, m: diameter of the largest circle that fits in."""
+    """Greatest thickness of a polygon, m: diameter of the largest circle that fits in. The newest are kept: a layer is
+    laid out in several ways."""
     return 2 * float(maximum_inscribed_circle(polygon, tolerance=2e-5).length)
 
 

@@ -9,6 +9,7 @@ pool does where the torch turns back beside it is not in that model, so turns ba
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -42,25 +43,33 @@ def most_even(area: strategies.Area, planned: np.ndarray) -> list[Chain]:
 
 
 def _most_even(polygon: Polygon, area: strategies.Area, planned: np.ndarray) -> list[Chain]:
-    own = area.part([polygon])
+    own = area if len(area.polygons) == 1 else area.part([polygon])
     shared = area.settings.strategy != 'spiral' and band_lines(polygon, area.settings)
     choices = WHOLE if shared else MORE
     tried = [strategies.restored(replace(own, more=more)) for more in choices]
     return min(tried, key=lambda chains: _unevenness(chains, own, planned))
 
 
-def cost(layer: PlannedLayer, spec: GridSpec, settings: PlanSettings) -> float:
-    """By how much a layer is expected to miss what it should become, in its mean thickness: RMS of the waves that its
-    judged area keeps if the process model is right, and a charge for the places where the torch turns back. Infinite
-    for a layer without metal."""
+def best(layers: Sequence[PlannedLayer], spec: GridSpec, settings: PlanSettings) -> int:
+    """Which of several ways to lay one layer costs least."""
+    if len(layers) == 1:
+        return 0
+    resolution = spec.resolution
+    rim, bead = settings.judged_rim / resolution, settings.bead_width / resolution
+    seen = masks.judged(layers[0].planned > 0, rim, bead)
+    return int(np.argmin([cost(layer, seen, spec, settings) for layer in layers]))
+
+
+def cost(layer: PlannedLayer, seen: np.ndarray, spec: GridSpec, settings: PlanSettings) -> float:
+    """By how much a layer is expected to miss what it should become, in its mean thickness: RMS of the waves that it
+    keeps on the cells `seen` (rows, cols) if the process model is right, and a charge for the places where the torch
+    turns back. Infinite for a layer without metal."""
     if not layer.deposits:
         return math.inf
-    resolution = spec.resolution
-    on = layer.planned > 0
-    seen = masks.judged(on, settings.judged_rim / resolution, settings.bead_width / resolution)
     if not seen.any():
         return 0.0
-    blur = SEEN * settings.bead_width / resolution
+    on = layer.planned > 0
+    blur = SEEN * settings.bead_width / spec.resolution
     beside, near = (
         gaussian_filter(a, blur)
         for a in ((growth(layer, spec, settings) - layer.planned) * on, on * 1.0)

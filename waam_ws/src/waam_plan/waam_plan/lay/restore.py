@@ -17,7 +17,7 @@ from waam_plan.fill import contour, strategies
 from waam_plan.fill.linking import arc_starts, near_starts
 from waam_plan.lay import sides
 from waam_plan.lay.layer import LayerTask, lay
-from waam_plan.lay.layout import cost, most_even
+from waam_plan.lay.layout import best, most_even
 from waam_plan.lay.schedule import Schedule, choose_schedule, layer_count
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
 from waam_plan.settings import PlanSettings
@@ -177,13 +177,10 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> tuple[P
         thickest=schedule.thickest,
         inside=None if settings.strategy in ('shell', 'zigzag') else outline(on, spec),
     )
-    laid = [
-        (_laid(task, cover, below, job.safe_z, spec, filling), filling.strategy)
-        for filling in _fillings(settings, cover)
-    ]
-    if len(laid) == 1:
-        return laid[0]
-    return min(laid, key=lambda found: cost(found[0], spec, settings))
+    fillings = _fillings(settings, cover)
+    laid = [_laid(task, cover, below, job.safe_z, spec, f) for f in fillings]
+    chosen = best(laid, spec, settings)
+    return laid[chosen], fillings[chosen].strategy
 
 
 def _laid(
