@@ -11,37 +11,28 @@ from diagnostic_msgs.msg import DiagnosticArray
 HANG_S = 4.0
 
 
-@pytest.fixture(scope='module')
-def bench(tmp_path_factory, part, graph_in):
-    """One graph: what has gone on without one node loses the next."""
-    folder = tmp_path_factory.mktemp('graph')
-    settings = {'hang_timeout': HANG_S, 'without': ('dashboard', 'panel')}
-    with graph_in(folder, part, **settings) as found:
-        yield found
-
-
 @pytest.mark.parametrize('node', ['bridge', 'job_sequencer'])
-def test_a_job_is_done_after_a_node_has_hung_and_was_started_again(bench, node):
-    heard: set[str] = set()
-    bench.client.node.create_subscription(
-        DiagnosticArray,
-        '/diagnostics',
-        lambda m: heard.update(s.hardware_id for s in m.status),
-        10,
-    )
-    # a sign of life goes out beside each of them; before its first one a node counts as starting
-    bench.wait(lambda: node in heard, 30.0, f'a sign of life of {node}')
-    before = bench.state().nodes
-    restarts = before[node].restarts + 1
-    bench.client.machine = bench.client.job = None
-    os.kill(before[node].pid, signal.SIGSTOP)
-    bench.wait(lambda: bench.state().nodes[node].restarts == restarts, 60.0, f'restart of {node}')
-    after = bench.state()
-    assert f'{node} gave no sign of life' in after.nodes[node].reason == after.message
-    assert {n for n in after.nodes if after.nodes[n].pid != before[n].pid} == {node}
-    told = (lambda: bench.client.machine) if node == 'bridge' else (lambda: bench.client.job)
-    bench.wait(told, 30.0, f'first word of the new {node}')
-    bench.wait(lambda: bench.state().alive and not bench.state().dead_nodes, 1.0, 'all up')
-    result = bench.job(layers=1)
-    assert result.error_code == 0, result.message
-    assert result.layers == 1
+def test_a_job_is_done_after_a_node_has_hung_and_was_started_again(make_graph, node):
+    with make_graph(hang_timeout=HANG_S, without=('dashboard', 'panel')) as bench:
+        heard: set[str] = set()
+        bench.client.node.create_subscription(
+            DiagnosticArray,
+            '/diagnostics',
+            lambda m: heard.update(s.hardware_id for s in m.status),
+            10,
+        )
+        # a sign of life goes out beside each of them; before its first one a node counts as starting
+        bench.wait(lambda: node in heard, 30.0, f'a sign of life of {node}')
+        before = bench.state().nodes
+        bench.client.machine = bench.client.job = None
+        os.kill(before[node].pid, signal.SIGSTOP)
+        bench.wait(lambda: bench.state().nodes[node].restarts == 1, 60.0, f'restart of {node}')
+        after = bench.state()
+        assert f'{node} gave no sign of life' in after.nodes[node].reason == after.message
+        assert {n for n in after.nodes if after.nodes[n].pid != before[n].pid} == {node}
+        told = (lambda: bench.client.machine) if node == 'bridge' else (lambda: bench.client.job)
+        bench.wait(told, 30.0, f'first word of the new {node}')
+        bench.wait(lambda: bench.state().alive and not bench.state().dead_nodes, 1.0, 'all up')
+        result = bench.job(layers=1)
+        assert result.error_code == 0, result.message
+        assert result.layers == 1

@@ -78,9 +78,14 @@ def unevenness(
     laid = (footprints(pieces, coarse, settings) @ volume).reshape(coarse.shape)
     on = wanted > 0
     blur = SEEN * settings.bead_width / coarse.resolution
-    beside, near = (ndimage.gaussian_filter(a, blur) for a in ((laid - wanted) * on, on * 1.0))
-    off = beside[on] / near[on]
+    off = waves(laid - wanted, on, blur)[on]
     return float(np.std(off) / wanted[on].mean()) if on.any() else 0.0
+
+
+def waves(off: np.ndarray, on: np.ndarray, blur: float) -> np.ndarray:
+    """Gaussian means (`blur` cells) of `off` (rows, cols) over the cells `on` (bool); 0 away from them."""
+    beside, near = (ndimage.gaussian_filter(a, blur) for a in (off * on, on * 1.0))
+    return np.divide(beside, near, out=np.zeros_like(beside), where=on)
 
 
 def edge_surplus(

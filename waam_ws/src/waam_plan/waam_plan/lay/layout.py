@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 from shapely import Polygon
 
 from waam_plan import masks
@@ -21,7 +20,7 @@ from waam_plan.fill import path, strategies
 from waam_plan.fill.band import band_lines
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.path import Pieces
-from waam_plan.lay.allocate import SEEN, metal_heights, unevenness
+from waam_plan.lay.allocate import SEEN, metal_heights, unevenness, waves
 from waam_plan.lay.forecast import growth, pieces_of
 from waam_plan.plan import PlannedLayer
 from waam_plan.settings import PlanSettings
@@ -70,11 +69,8 @@ def cost(layer: PlannedLayer, seen: np.ndarray, spec: GridSpec, settings: PlanSe
         return 0.0
     on = layer.planned > 0
     blur = SEEN * settings.bead_width / spec.resolution
-    beside, near = (
-        gaussian_filter(a, blur)
-        for a in ((growth(layer, spec, settings) - layer.planned) * on, on * 1.0)
-    )
-    uneven = np.std(beside[seen] / near[seen]) / layer.planned[seen].mean()
+    off = waves(growth(layer, spec, settings) - layer.planned, on, blur)
+    uneven = np.std(off[seen]) / layer.planned[seen].mean()
     return float(uneven) + TURN_BACK * turning_back(pieces_of(layer), settings.bead_width)
 
 
