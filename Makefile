@@ -8,10 +8,10 @@ setup:
 demo: setup
 	@$(RUN) waam demo
 test:
-	@bash scripts/setup.sh --test --train
+	@bash scripts/setup.sh --test --train --robot
 	@$(RUN) ruff check . && bash scripts/test.sh
 bench:
-	@bash scripts/setup.sh --test
+	@bash scripts/setup.sh --test --robot
 	@$(RUN) python3 bench/run.py $(ONLY)
 lint:
 	@bash scripts/setup.sh --test

@@ -2,6 +2,7 @@
 # Makes the working tree ready: virtual environment, pinned wheels, colcon workspace. Idempotent; the second run takes
 # about a second. Without an option it installs and builds what running needs.
 # --test:  also what tests, checks and benchmarks need (requirements-test.txt, the firmware's test programs).
+# --robot: also what benchmarks and some tests of robots need (requirements-robot.txt).
 # --train: also what `waam train` and its tests need (requirements-train.txt: torch, about 5 GB).
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -10,12 +11,13 @@ unset PYTHONDONTWRITEBYTECODE  # as in env.sh
 say() { printf '\033[1m[setup]\033[0m %s\n' "$*" >&2; }
 die() { printf '\033[31m[setup] %s\033[0m\n' "$*" >&2; exit 1; }
 
-test=no train=no
+test=no train=no robot=no
 for option in "$@"; do
     case $option in
         --test) test=yes ;;
         --train) train=yes ;;
-        *) die "unknown option '$option'; known are --test and --train" ;;
+        --robot) robot=yes ;;
+        *) die "unknown option '$option'; known are --test, --train and --robot" ;;
     esac
 done
 
@@ -82,6 +84,15 @@ if [ $test = yes ] && ! cmp -s requirements-test.txt .venv/.waam_test; then
         || say "printrun could not be installed: the tests with a stock sender will be skipped"
     cp requirements-test.txt .venv/.waam_test
     say "wheels of the tests $(seconds "$t") s"
+fi
+if [ $robot = yes ] && ! cmp -s requirements-robot.txt .venv/.waam_robot; then
+    t=$(now)
+    if install -r requirements.txt -r requirements-robot.txt; then
+        cp requirements-robot.txt .venv/.waam_robot
+        say "wheels of robots $(seconds "$t") s"
+    else
+        say "requirements-robot.txt could not be installed: benchmarks of robots have no baseline, some tests will be skipped"
+    fi
 fi
 if [ $train = yes ] && ! cmp -s requirements-train.txt .venv/.waam_train; then
     say "torch, for waam train and its tests (5 GB) ..."

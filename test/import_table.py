@@ -26,6 +26,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_record': {'waam_node', 'waam_process'},
     'waam_scan': {'waam_node', 'waam_process', 'waam_record'},
     'waam_plan': {'waam_process'},
+    'waam_robot': set(),
     'waam_adapt': {'waam_node', 'waam_process', 'waam_record'},
     'waam_job': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},
     'waam_lab': {
@@ -37,7 +38,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_panel': {'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_view'},
     'waam_bringup': {'waam_job', 'waam_node', 'waam_panel', 'waam_process', 'waam_record', 'waam_view'},
 }  # fmt: skip
-NO_MESSAGES = {'waam_process', 'waam_plan'}  # whole packages without ROS
+NO_MESSAGES = {'waam_process', 'waam_plan', 'waam_robot'}  # whole packages without ROS
 EDGES = re.compile(
     r"""
     (\w+_node|node_\w+|ros_\w+|conversions|answers|cli|cli_\w+)\.py$  # nodes, messages, commands

@@ -36,6 +36,7 @@ PACKAGES = (
     'waam_record',
     'waam_replay',
     'waam_view',
+    'waam_robot',
 )
 
 

@@ -1,0 +1,76 @@
+"""Robot arm and positioner: kinematics and motion split.
+
+robot.ik_error_m: largest deviation of the wire-tip pose over 10^5 random poses and all their branches (positions in m,
+unit axes beside them); baseline: asked for.
+robot.ik_us: processor time per pose for all eight branches; baseline: Pinocchio's iterative inverse called from Python
+as its documentation does, one solution from a start 0.3 rad away. Its share of solved poses goes to stderr.
+robot.table_deg: largest deviation from table 2.2 of source 003 in degrees; robot.table_mm: from its forward values and
+table 3.4; baselines: asked for.
+robot.oval_error_ratio: oval of 500 mm with 5 % ovality, largest miss of the wire tip, split over robot alone, mean of
+20 machines with errors in every axis (waam_robot/accuracy.py), program taught at its first point; baseline: the
+source's 0.16 / 0.36 mm. robot.oval_untaught_ratio: the same without teaching, where the split cannot help.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from lib.emit import emit
+from lib.seeds import seeds
+
+POSES, SOME = 100_000, 1000
+WANTED = 0.001
+
+
+def inverse() -> None:
+    """All branches of many poses; some of them by Pinocchio."""
+    from lib.robot_cases import analytic, iterative
+
+    error, taken = analytic(POSES)
+    emit('robot.ik_error_m', error * 1e9, 'nm', 'asked for', 1.0)
+    try:
+        slow, share = iterative(SOME)
+    except ImportError as e:
+        print(
+            f'robot.ik_us: no baseline ({e}); scripts/setup.sh --robot installs it', file=sys.stderr
+        )
+        emit('robot.ik_us', taken, 'us', 'Pinocchio is not installed', None)
+        return
+    print(f'Pinocchio solved {share:.1%} of {SOME} poses', file=sys.stderr)
+    emit('robot.ik_us', taken, 'us', "Pinocchio's iterative inverse", slow)
+
+
+def tables() -> None:
+    """The printed values of the source."""
+    from lib.robot_cases import table_errors
+
+    found = table_errors()
+    emit('robot.table_deg', found['table_2_2_deg'], 'deg', 'asked for', WANTED)
+    emit(
+        'robot.table_mm', max(found['forward_mm'], found['table_3_4_mm']), 'mm', 'asked for', WANTED
+    )
+
+
+def ovals() -> None:
+    """Twenty machines."""
+    from lib.robot_cases import oval
+
+    found = oval(seeds(tuple(range(1, 21))))
+    for taught, name in ((True, 'robot.oval_error_ratio'), (False, 'robot.oval_untaught_ratio')):
+        alone, both = found[taught].mean(axis=0)
+        worst = (found[taught][:, 1] / found[taught][:, 0]).max()
+        print(
+            f'{name}: {alone * 1e3:.3f} mm alone, {both * 1e3:.3f} mm split, worst machine {worst:.2f}',
+            file=sys.stderr,
+        )
+        emit(name, both / alone, '1', 'source 003: 0.16 / 0.36 mm', 0.16 / 0.36)
+
+
+FIGURES = {
+    'robot.ik_error_m': inverse,
+    'robot.ik_us': inverse,
+    'robot.table_deg': tables,
+    'robot.table_mm': tables,
+    'robot.oval_error_ratio': ovals,
+    'robot.oval_untaught_ratio': ovals,
+}
