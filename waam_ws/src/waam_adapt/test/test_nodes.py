@@ -10,6 +10,7 @@ import pytest
 import yaml
 from adapt_graph import Graph
 from ament_index_python.packages import get_package_share_directory
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point32, Polygon
 from sensor_msgs.msg import Temperature
 
@@ -23,6 +24,7 @@ from waam_msgs.msg import (
     HeatFactor,
     JobStatus,
     LayerReport,
+    NextLayer,
     ProcessEstimate,
     Segment,
 )
@@ -192,6 +194,36 @@ def test_beads_reach_the_law_from_the_corner_of_the_map(graph):
     corner = np.array([SPEC.origin_x, SPEC.origin_y])
     (path,) = correction_input(r, SPEC, 0.3, 0.3).paths
     assert path + corner == pytest.approx(np.array([[0.01, 0.02], [0.03, 0.02]]))
+
+
+def test_an_announced_layer_is_prepared_and_a_wrong_one_does_no_harm(graph, correct):
+    """Announced: the same answer. Announced without its metal: the request itself is still answered."""
+    counts, job = [], f'announced{time.monotonic_ns()}'
+
+    def on_diagnostics(array: DiagnosticArray) -> None:
+        for status in array.status:
+            counts.extend(int(v.value) for v in status.values if v.key == 'prepared')
+
+    graph.node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, qos.EVENTS)
+    publisher = graph.node.create_publisher(NextLayer, 'next_layer', qos.LATCHED)
+    r = request_with_hollow(graph, job=job)
+    r.beads = [Polygon(points=[Point32(x=0.01, y=0.02), Point32(x=0.05, y=0.02)])]
+    unknown = correct(r)
+    coming = NextLayer(
+        job_id=job, layer=1, grid=r.map.grid, planned_height=r.planned_height,
+        bead_width=r.bead_width, direction=r.direction, beads=r.beads,
+    )  # fmt: skip
+    graph.wait(lambda: publisher.get_subscription_count() and counts, what='server')
+    before = counts[-1]
+    publisher.publish(coming)
+    graph.wait(lambda: counts[-1] == before + 1, what='the layer is prepared')
+    prepared = correct(r)
+    assert prepared.error_code == ComputeCorrection.Response.OK
+    assert any(prepared.correction.psi)
+    assert list(prepared.correction.psi) == list(unknown.correction.psi)
+    coming.planned_height = floats(np.zeros(7))
+    publisher.publish(coming)
+    assert correct(r).error_code == ComputeCorrection.Response.OK
 
 
 @pytest.mark.parametrize('points', [[], [(0.0, 0.0)], [(0.0, 0.0), (math.nan, 0.0)]])

@@ -20,6 +20,7 @@ from waam_msgs.msg import (
     JobStatus,
     LayerReport,
     MachineState,
+    NextLayer,
 )
 from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node import job_folder
@@ -35,6 +36,7 @@ from waam_node.conversions import (
 from waam_process.grid import HeightGrid
 from waam_process.names import CONTROLLER_STATES, SEVERITIES
 
+from .model import cell
 from .model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Scan
 from .model.goal import JobGoal
 from .model.records import AnomalyRecord, LayerRecord, Status
@@ -256,9 +258,28 @@ def correction_request(job_id: str, r: CorrectionRequest, stamp: Time) -> Comput
     request.bead_width, request.temperature = float(r.bead_width), float(r.temperature)
     request.k_gain, request.heat_factor = float(r.k_gain), float(r.heat_factor)
     request.learned = r.learned
-    request.direction = Vector3(x=float(r.direction[0]), y=float(r.direction[1]), z=0.0)
-    request.beads = [Polygon(points=[Point32(x=x, y=y) for x, y in b.tolist()]) for b in r.beads]
+    request.direction, request.beads = direction_to_msg(r.direction), beads_to_msg(r.beads)
     return request
+
+
+def next_layer_to_msg(job_id: str, coming: cell.NextLayer, stamp: Time) -> NextLayer:
+    """What the correction server can prepare by."""
+    message = NextLayer(job_id=job_id, layer=coming.layer, bead_width=float(coming.bead_width))
+    message.header.stamp, message.header.frame_id = stamp, 'work'
+    message.grid, message.planned_height = grid_to_msg(coming.spec), floats(coming.planned)
+    message.direction = direction_to_msg(coming.direction)
+    message.beads = beads_to_msg(coming.beads)
+    return message
+
+
+def direction_to_msg(direction: tuple[float, float]) -> Vector3:
+    """In the plane of the layer."""
+    return Vector3(x=float(direction[0]), y=float(direction[1]), z=0.0)
+
+
+def beads_to_msg(beads: tuple[np.ndarray, ...]) -> list[Polygon]:
+    """beads: each (n, 2) m."""
+    return [Polygon(points=[Point32(x=x, y=y) for x, y in b.tolist()]) for b in beads]
 
 
 def feed_request(job_id: str, r: FeedRequest) -> ComputeFeed.Request:
