@@ -64,7 +64,7 @@ class Server:
         self.next_layer.publish(
             NextLayer(
                 job_id=r.job_id, layer=r.layer, grid=r.map.grid, planned_height=r.planned_height,
-                bead_width=r.bead_width, direction=r.direction, beads=r.beads,
+                bead_width=r.bead_width, direction=r.direction, paths=r.paths,
             )
         )  # fmt: skip
         time.sleep(PREPARATION_S)
@@ -91,10 +91,8 @@ class Server:
 
 def request(node, number: int, size: int = SIZE):
     """A pad of 28 x 28 beads' widths with an uneven surface, another one for every number, and its beads."""
-    from geometry_msgs.msg import Point32, Polygon
-
     from waam_msgs.srv import ComputeCorrection
-    from waam_node.conversions import floats, grid_to_msg
+    from waam_node.conversions import floats, grid_to_msg, paths_to_msg
     from waam_process.grid import GridSpec
 
     spec = GridSpec(0.0, 0.0, 0.7e-3, size, size)
@@ -115,7 +113,7 @@ def request(node, number: int, size: int = SIZE):
     r.target = floats(np.where(inside, 0.0, np.nan))
     r.planned_height = floats(np.where(inside, 2e-3, 0.0))
     r.k_gain, r.direction.x = math.nan, 1.0
-    r.beads = [Polygon(points=[Point32(x=x, y=y) for x, y in b]) for b in zigzag(spec, number)]
+    r.paths = paths_to_msg([np.array(b) for b in zigzag(spec, number)])
     return r
 
 

@@ -17,7 +17,14 @@ from waam_msgs.msg import (
     Segment,
 )
 from waam_msgs.srv import ComputeCorrection
-from waam_node.conversions import floats, grid_from_msg, grid_to_msg, map_from_msg, seconds
+from waam_node.conversions import (
+    floats,
+    grid_from_msg,
+    grid_to_msg,
+    map_from_msg,
+    paths_from_msg,
+    seconds,
+)
 from waam_process.grid import GridSpec
 from waam_process.heat import ArcPass
 from waam_process.learned import Learned, LearnedError, parse
@@ -104,15 +111,24 @@ def next_layer_input(msg: NextLayer, k_gain: float) -> CorrectionInput:
 def bead_paths(
     request: ComputeCorrection.Request | NextLayer, spec: GridSpec
 ) -> tuple[np.ndarray, ...]:
-    """(n, 2) m from the corner of cell (0, 0), one per stretch with the arc on; CorrectionError names the bead."""
+    """(n, 2) m from the corner of cell (0, 0), one per stretch with the arc on; CorrectionError names the path."""
     corner = np.array([spec.origin_x, spec.origin_y])
     paths = []
-    for i, bead in enumerate(request.beads):
-        path = np.array([(p.x, p.y) for p in bead.points]).reshape(-1, 2)
+    for i, path in enumerate(_told_paths(request)):
         if len(path) < 2 or not np.isfinite(path).all():
-            raise CorrectionError(f'beads[{i}] must have at least two finite points')
+            raise CorrectionError(f'paths[{i}] must have at least two finite points')
         paths.append(path - corner)
     return tuple(paths)
+
+
+def _told_paths(request: ComputeCorrection.Request | NextLayer) -> list[np.ndarray]:
+    """Records from before 0.3 tell `beads`, a polygon for each path."""
+    if hasattr(request, 'beads'):
+        return [np.array([(p.x, p.y) for p in b.points]).reshape(-1, 2) for b in request.beads]
+    try:
+        return paths_from_msg(request.paths)
+    except ValueError as e:
+        raise CorrectionError(f'paths: {e}') from None
 
 
 def heat_factor(request: ComputeCorrection.Request) -> float:
