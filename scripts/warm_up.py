@@ -21,10 +21,12 @@ def scan() -> None:
 
 
 def adapt() -> None:
-    """Metal along the beads of a layer."""
+    """Metal along the beads of a layer, and the correction network."""
     import waam_adapt.beads.kernels
+    import waam_adapt.laws.convolution
 
     waam_adapt.beads.kernels.warm_up()
+    waam_adapt.laws.convolution.warm_up()
 
 
 def main(names: list[str]) -> None:

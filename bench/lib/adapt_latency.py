@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 SIZE = 256
+PREPARATION_S = 0.5  # of wall time, as while the layer before is laid; a job has minutes
 
 
 class Server:
@@ -22,7 +23,9 @@ class Server:
         from ament_index_python.packages import get_package_prefix
         from rclpy.executors import SingleThreadedExecutor
 
+        from waam_msgs.msg import NextLayer
         from waam_msgs.srv import ComputeCorrection
+        from waam_node import qos
         from waam_node.testing import fresh_domain
 
         domain = fresh_domain()
@@ -40,6 +43,7 @@ class Server:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.client = self.node.create_client(ComputeCorrection, 'correction_server/compute')
+        self.next_layer = self.node.create_publisher(NextLayer, 'next_layer', qos.LATCHED)
         if not self.client.wait_for_service(timeout_sec=60):
             self.close()
             raise RuntimeError('correction_server does not answer')
@@ -52,6 +56,18 @@ class Server:
         while not future.done() and time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.05)
         return future.result() if future.done() else None
+
+    def announce(self, r) -> None:
+        """Tells the layer of a request and gives the time to prepare it."""
+        from waam_msgs.msg import NextLayer
+
+        self.next_layer.publish(
+            NextLayer(
+                job_id=r.job_id, layer=r.layer, grid=r.map.grid, planned_height=r.planned_height,
+                bead_width=r.bead_width, direction=r.direction, paths=r.paths,
+            )
+        )  # fmt: skip
+        time.sleep(PREPARATION_S)
 
     def memory_mb(self) -> float:
         """Largest resident memory of the server so far."""
@@ -75,10 +91,8 @@ class Server:
 
 def request(node, number: int, size: int = SIZE):
     """A pad of 28 x 28 beads' widths with an uneven surface, another one for every number, and its beads."""
-    from geometry_msgs.msg import Point32, Polygon
-
     from waam_msgs.srv import ComputeCorrection
-    from waam_node.conversions import floats, grid_to_msg
+    from waam_node.conversions import floats, grid_to_msg, paths_to_msg
     from waam_process.grid import GridSpec
 
     spec = GridSpec(0.0, 0.0, 0.7e-3, size, size)
@@ -99,7 +113,7 @@ def request(node, number: int, size: int = SIZE):
     r.target = floats(np.where(inside, 0.0, np.nan))
     r.planned_height = floats(np.where(inside, 2e-3, 0.0))
     r.k_gain, r.direction.x = math.nan, 1.0
-    r.beads = [Polygon(points=[Point32(x=x, y=y) for x, y in b]) for b in zigzag(spec, number)]
+    r.paths = paths_to_msg([np.array(b) for b in zigzag(spec, number)])
     return r
 
 
@@ -114,8 +128,9 @@ def zigzag(spec, turn: int) -> list[list[tuple[float, float]]]:
     ]
 
 
-def measure(law: str, calls: int) -> dict[str, float]:
-    """p50, p99 and largest round trip in ms as the client sees it, the server's own p99, its memory, fallbacks."""
+def measure(law: str, calls: int, announced: bool = True) -> dict[str, float]:
+    """p50, p99 and largest round trip in ms as the client sees it, the server's own p99, its memory, fallbacks.
+    announced: every layer is told before it is asked for, as a job does."""
     server = Server(law)
     try:
         while server.call(request(server.node, 0), 5.0) is None:
@@ -123,6 +138,8 @@ def measure(law: str, calls: int) -> dict[str, float]:
         trips, inside, fallbacks = [], [], 0
         for n in range(calls + 3):
             r = request(server.node, n)
+            if announced:
+                server.announce(r)
             begin = time.perf_counter()
             answer = server.call(r)
             if n >= 3:  # the first ones warm caches

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from net_weights import random_weights
 
-from waam_adapt.beads import plan_geometry
+from waam_adapt.beads import bead_path, model, plan_geometry
 from waam_adapt.beads.bead_path import beads_of, nearest_of
 from waam_adapt.beads.model import SPREAD, bead_model
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
@@ -154,6 +154,31 @@ def test_same_input_same_bits(law):
     one, two = law.correct(request()), law.correct(request())
     assert one.psi.tobytes() == two.psi.tobytes()
     assert one.residual_height.tobytes() == two.residual_height.tobytes()
+
+
+def test_a_prepared_layer_is_answered_alike_without_computing_its_geometry_again(tmp_path):
+    """What an announcement prepares: everything that the surface has no part in."""
+    kept = plan_geometry._ways, bead_path.nearest_of, model._cached
+    params = CorrectionParams(model=str(weights_file(tmp_path / 'g.npz')))
+    origin = MapOrigin(0.0, 'job', 'job', 1, 1, plausible=True)
+    rough = np.random.default_rng(1).normal(0, 1e-4, SHAPE)
+    asked = request((zigzag() + (1e-5, 0),), z=rough)
+
+    def computed() -> list[int]:
+        return [f.cache_info().misses for f in kept]
+
+    before = computed()
+    plain = Corrector(params).answer(2, asked, origin, LastLayer()).correction
+    assert [b - a for a, b in zip(before, computed(), strict=True)] == [1, 1, 1]
+    for f in kept:
+        f.cache_clear()
+    corrector = Corrector(params)
+    corrector.prepare(replace(asked, z=np.zeros(SHAPE), temperature=np.nan))
+    before = computed()
+    prepared = corrector.answer(2, asked, origin, LastLayer()).correction
+    assert computed() == before
+    assert not plain.fallback and plain.psi.any()
+    assert prepared.psi.tobytes() == plain.psi.tobytes()
 
 
 def test_less_is_laid_where_more_will_grow():

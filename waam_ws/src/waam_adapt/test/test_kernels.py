@@ -7,8 +7,10 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.ndimage import correlate
 
 from waam_adapt.beads import kernels
+from waam_adapt.laws.convolution import conv3x3
 
 ROWS, COLS, REACH, ALONG, ACROSS, TINY = 14, 11, 3, 0.8, 1.3, 5e-3
 
@@ -52,6 +54,19 @@ def test_pieces_off_the_grid_give_nothing():
     assert not kernels.neighbours(place, step, step, nearest, 5.0, 1.0, 2.0, 1.5, 8.0).any()
 
 
+@pytest.mark.parametrize(('inputs', 'outputs'), [(3, 4), (1, 5), (7, 11)])
+def test_a_convolution_sees_zeros_around_and_gives_nothing_below_zero(inputs, outputs):
+    rng = np.random.default_rng(outputs)
+    x = rng.standard_normal((inputs, ROWS, COLS)).astype(np.float32)
+    weight = rng.standard_normal((outputs, inputs, 3, 3)).astype(np.float32)
+    bias = rng.standard_normal(outputs).astype(np.float32)
+    wanted = [
+        sum(correlate(a, w, mode='constant') for a, w in zip(x, some, strict=True)) + b
+        for some, b in zip(weight, bias, strict=True)
+    ]
+    assert conv3x3(x, weight, bias) == pytest.approx(np.maximum(wanted, 0.0), abs=1e-4)
+
+
 def test_the_server_has_loaded_all_that_it_needs_before_the_first_layer():
     """A node that loads compiled loops or modules in its first answer gives no heartbeat for seconds on a busy core."""
     code = """
@@ -59,8 +74,9 @@ import sys
 import rclpy
 from waam_adapt.beads import kernels
 from waam_adapt.correction_server_node import CorrectionServer
+from waam_adapt.laws import convolution
 from waam_adapt.laws.corrector import warm_up
-loops = kernels.shares, kernels.neighbours
+loops = kernels.shares, kernels.neighbours, convolution._conv3x3
 assert not any(loop.signatures for loop in loops)
 rclpy.init()
 server = CorrectionServer()

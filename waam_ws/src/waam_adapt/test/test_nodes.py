@@ -4,16 +4,17 @@ import dataclasses
 import math
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 from adapt_graph import Graph
 from ament_index_python.packages import get_package_share_directory
-from geometry_msgs.msg import Point32, Polygon
+from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Temperature
 
-from waam_adapt.conversions import correction_input
+from waam_adapt.conversions import bead_paths, correction_input
 from waam_adapt.feed.params import FeedParams
 from waam_adapt.hold.params import HoldParams
 from waam_adapt.laws.corrector import CorrectionParams
@@ -23,12 +24,13 @@ from waam_msgs.msg import (
     HeatFactor,
     JobStatus,
     LayerReport,
+    NextLayer,
     ProcessEstimate,
     Segment,
 )
 from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node import qos
-from waam_node.conversions import floats, grid_to_msg, map_from_msg, time_to_msg
+from waam_node.conversions import floats, grid_to_msg, map_from_msg, paths_to_msg, time_to_msg
 from waam_node.params import markdown
 from waam_process.grid import GridSpec
 from waam_process.learned import nothing, parse
@@ -188,20 +190,65 @@ def test_bad_request_is_refused_naming_the_field(graph, correct, field, value):
 
 def test_beads_reach_the_law_from_the_corner_of_the_map(graph):
     r = request_with_hollow(graph)
-    r.beads = [Polygon(points=[Point32(x=0.01, y=0.02), Point32(x=0.03, y=0.02)])]
+    r.paths = paths_to_msg([np.array([[0.01, 0.02], [0.03, 0.02]])])
     corner = np.array([SPEC.origin_x, SPEC.origin_y])
     (path,) = correction_input(r, SPEC, 0.3, 0.3).paths
     assert path + corner == pytest.approx(np.array([[0.01, 0.02], [0.03, 0.02]]))
 
 
+def test_an_announced_layer_is_prepared_and_a_wrong_one_does_no_harm(graph, correct):
+    """Announced: the same answer. Announced without its metal: the request itself is still answered."""
+    counts, job = [], f'announced{time.monotonic_ns()}'
+
+    def on_diagnostics(array: DiagnosticArray) -> None:
+        for status in array.status:
+            counts.extend(int(v.value) for v in status.values if v.key == 'prepared')
+
+    graph.node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, qos.EVENTS)
+    publisher = graph.node.create_publisher(NextLayer, 'next_layer', qos.LATCHED)
+    r = request_with_hollow(graph, job=job)
+    r.paths = paths_to_msg([np.array([[0.01, 0.02], [0.05, 0.02]])])
+    unknown = correct(r)
+    coming = NextLayer(
+        job_id=job, layer=1, grid=r.map.grid, planned_height=r.planned_height,
+        bead_width=r.bead_width, direction=r.direction, paths=r.paths,
+    )  # fmt: skip
+    graph.wait(lambda: publisher.get_subscription_count() and counts, what='server')
+    before = counts[-1]
+    publisher.publish(coming)
+    graph.wait(lambda: counts[-1] == before + 1, what='the layer is prepared')
+    prepared = correct(r)
+    assert prepared.error_code == ComputeCorrection.Response.OK
+    assert any(prepared.correction.psi)
+    assert list(prepared.correction.psi) == list(unknown.correction.psi)
+    coming.planned_height = floats(np.zeros(7))
+    publisher.publish(coming)
+    assert correct(r).error_code == ComputeCorrection.Response.OK
+
+
+def test_paths_whose_lengths_do_not_fit_are_refused(graph, correct):
+    r = request_with_hollow(graph)
+    r.paths = paths_to_msg([np.array([[0.01, 0.02], [0.03, 0.02]])])
+    r.paths.points[0] = 3
+    answer = correct(r)
+    assert answer.error_code == ComputeCorrection.Response.BAD_INPUT
+    assert answer.message == 'paths: 2 x and 2 y for paths of 3 points'
+
+
+def test_a_record_of_before_tells_a_polygon_for_each_bead():
+    points = [SimpleNamespace(x=0.01, y=0.02), SimpleNamespace(x=0.03, y=0.02)]
+    old = SimpleNamespace(beads=[SimpleNamespace(points=points)])
+    (path,) = bead_paths(old, SPEC)
+    assert path.tolist() == [[0.01, 0.02], [0.03, 0.02]]
+
+
 @pytest.mark.parametrize('points', [[], [(0.0, 0.0)], [(0.0, 0.0), (math.nan, 0.0)]])
 def test_a_bead_that_is_no_line_is_refused_by_its_number(graph, correct, points):
     r = request_with_hollow(graph)
-    r.beads = [Polygon(points=[Point32(), Point32(x=0.01)])]
-    r.beads.append(Polygon(points=[Point32(x=x, y=y) for x, y in points]))
+    r.paths = paths_to_msg([np.array([[0.0, 0.0], [0.01, 0.0]]), np.reshape(points, (-1, 2))])
     answer = correct(r)
     assert answer.error_code == ComputeCorrection.Response.BAD_INPUT
-    assert 'beads[1]' in answer.message
+    assert 'paths[1]' in answer.message
 
 
 def test_correction_and_feed_together_lay_what_is_missing(graph, correct, feed):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from waam_msgs.msg import CorrectionMap, JobStatus, LayerReport
+from waam_msgs.msg import CorrectionMap, JobStatus, LayerReport, NextLayer
 from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node.conversions import grid_from_msg
 from waam_process import materials
@@ -42,6 +42,11 @@ def correct(
     msg = convert.correction_to_msg(answer.correction, request, spec, answer.flow_factor)
     msg.error_rms, msg.error_max = error_figures(core)
     return msg, answer.estimate, answer.learned.text() if answer.learned else ''
+
+
+def prepare(corrector: Corrector, msg: NextLayer) -> None:
+    """Computes what the plan of a layer alone decides. ValueError names the field that cannot be used."""
+    corrector.prepare(convert.next_layer_input(msg, corrector.params.k_gain))
 
 
 def set_feed(p: FeedParams, request: ComputeFeed.Request) -> Setpoints:

@@ -8,9 +8,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sensor_msgs.msg import Temperature
 
-from waam_msgs.msg import CorrectionMap, HeatFactor, LayerReport, ProcessEstimate, Segment
+from waam_msgs.msg import (
+    CorrectionMap,
+    HeatFactor,
+    LayerReport,
+    NextLayer,
+    ProcessEstimate,
+    Segment,
+)
 from waam_msgs.srv import ComputeCorrection
-from waam_node.conversions import floats, grid_from_msg, grid_to_msg, map_from_msg, seconds
+from waam_node.conversions import (
+    floats,
+    grid_from_msg,
+    grid_to_msg,
+    map_from_msg,
+    paths_from_msg,
+    seconds,
+)
 from waam_process.grid import GridSpec
 from waam_process.heat import ArcPass
 from waam_process.learned import Learned, LearnedError, parse
@@ -78,16 +92,43 @@ def correction_input(
     )
 
 
-def bead_paths(request: ComputeCorrection.Request, spec: GridSpec) -> tuple[np.ndarray, ...]:
-    """(n, 2) m from the corner of cell (0, 0), one per stretch with the arc on; CorrectionError names the bead."""
+def next_layer_input(msg: NextLayer, k_gain: float) -> CorrectionInput:
+    """The announced layer on a surface that lies as it should. CorrectionError or GridError names the field."""
+    spec = grid_from_msg(msg.grid)
+    flat = np.zeros(spec.shape)
+    return CorrectionInput(
+        z=flat,
+        target=flat,
+        planned=named_map('planned_height', msg.planned_height, spec),
+        resolution=spec.resolution,
+        bead_width=number('bead_width', msg.bead_width, 5e-4, 0.05),
+        k_gain=k_gain,
+        direction=(msg.direction.x, msg.direction.y),
+        paths=bead_paths(msg, spec),
+    )
+
+
+def bead_paths(
+    request: ComputeCorrection.Request | NextLayer, spec: GridSpec
+) -> tuple[np.ndarray, ...]:
+    """(n, 2) m from the corner of cell (0, 0), one per stretch with the arc on; CorrectionError names the path."""
     corner = np.array([spec.origin_x, spec.origin_y])
     paths = []
-    for i, bead in enumerate(request.beads):
-        path = np.array([(p.x, p.y) for p in bead.points]).reshape(-1, 2)
+    for i, path in enumerate(_told_paths(request)):
         if len(path) < 2 or not np.isfinite(path).all():
-            raise CorrectionError(f'beads[{i}] must have at least two finite points')
+            raise CorrectionError(f'paths[{i}] must have at least two finite points')
         paths.append(path - corner)
     return tuple(paths)
+
+
+def _told_paths(request: ComputeCorrection.Request | NextLayer) -> list[np.ndarray]:
+    """Records from before 0.3 tell `beads`, a polygon for each path."""
+    if hasattr(request, 'beads'):
+        return [np.array([(p.x, p.y) for p in b.points]).reshape(-1, 2) for b in request.beads]
+    try:
+        return paths_from_msg(request.paths)
+    except ValueError as e:
+        raise CorrectionError(f'paths: {e}') from None
 
 
 def heat_factor(request: ComputeCorrection.Request) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TypeAlias
 
-from waam_msgs.msg import CorrectionMap, ProcessEstimate
+from waam_msgs.msg import CorrectionMap, NextLayer, ProcessEstimate
 from waam_msgs.srv import ComputeCorrection
 from waam_node import node, qos
 
@@ -30,8 +30,9 @@ class CorrectionServer(node.WaamNode):
         self.estimate_publisher = self.create_publisher(
             ProcessEstimate, 'process_estimate', qos.LATCHED
         )
+        self.create_subscription(NextLayer, 'next_layer', self.on_next_layer, qos.LATCHED)
         self.create_service(ComputeCorrection, '~/compute', self.on_compute)
-        self.counts = {'computed': 0, 'fallbacks': 0, 'refused': 0}
+        self.counts = {'computed': 0, 'prepared': 0, 'fallbacks': 0, 'refused': 0}
 
     def on_compute(self, request: ComputeCorrection.Request, response: Response) -> Response:
         """The service: BAD_INPUT with a text that names the field when the request cannot be used."""
@@ -47,6 +48,16 @@ class CorrectionServer(node.WaamNode):
         self.map_publisher.publish(response.correction)
         self.show(response.correction)
         return response
+
+    def on_next_layer(self, msg: NextLayer) -> None:
+        """Prepares the layer that will be asked for next; one that cannot be used will be refused when it is."""
+        try:
+            answers.prepare(self.corrector, msg)
+        except ValueError as e:
+            self.get_logger().warning(f'layer {msg.layer} cannot be prepared: {e}')
+        else:
+            self.counts['prepared'] += 1
+            self.values = {**self.values, **self.counts}
 
     def compute(self, request: ComputeCorrection.Request) -> tuple[CorrectionMap, str]:
         """The correction of a request and what was learned; ValueError names the field that is wrong."""

@@ -13,13 +13,13 @@ from __future__ import annotations
 import contextlib
 import random
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from bridge_cable import Cable
 from controller_lib import ControllerLib
 
-from waam_bridge import commands, program
+from waam_bridge import commands, frames, program
 from waam_bridge.commands import Command
 from waam_bridge.core import Bridge
 from waam_bridge.frames import ALARM, HOLD, HOMED, IDLE, RUN
@@ -92,14 +92,23 @@ def steps(segment: Segment) -> tuple[int, ...]:
 
 
 class Campaign:
-    """`rate`: probability per byte, each way, of each fault. `rough`: cables are pulled and the host stalls."""
+    """`rate`: probability per byte, each way, of each fault. `rough`: cables are pulled and the host stalls. `settings`
+    of the controller, as `$C` takes them."""
 
     def __init__(
-        self, segments: int, seed: int = 1, rate: float = 1e-4, rough: bool = True
+        self,
+        segments: int,
+        seed: int = 1,
+        rate: float = 1e-4,
+        rough: bool = True,
+        settings: Iterable[str] = (),
     ) -> None:
         self.total, self.rough = segments, rough
         self.dice = random.Random(seed)
         self.controller = ControllerLib(boot=seed)
+        for setting in settings:
+            self.controller.feed(frames.immediate('C', setting, 0, frames.CRC16))
+            assert b'$C ok' in (answer := self.controller.take()), answer
         self.up, self.down = Cable(self.dice, 0.0), Cable(self.dice, 0.0, 1 << 17)
         self.bridge = Bridge(BridgeParams(arc_speed_max=0.1, queue_size=10 * AHEAD))
         self.path = Path(seed)

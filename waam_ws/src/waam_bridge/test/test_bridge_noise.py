@@ -48,11 +48,15 @@ def test_over_a_good_cable_nothing_is_sent_twice():
     assert report.resends == report.bad_frames == 0 and report.holds == {}
 
 
+SHAPER = ('shape_x_hz 25', 'shape_y_hz 40', 'shape_x 5', 'shape_y 3')  # 2HUMP_EI, MZV
+
+
 @pytest.mark.parametrize(
-    ('rate', 'segments', 'seed'), [(1e-4, 4000, 3), (1e-3, 1500, 4), (3e-3, 600, 5)]
+    ('rate', 'segments', 'seed', 'settings'),
+    [(1e-4, 4000, 3, ()), (1e-3, 1500, 4, ()), (3e-3, 600, 5, ()), (1e-3, 1000, 6, SHAPER)],
 )
-def test_there_is_no_third_outcome(rate, segments, seed):
-    report = Campaign(segments, seed, rate).run()
+def test_there_is_no_third_outcome(rate, segments, seed, settings):
+    report = Campaign(segments, seed, rate, settings=settings).run()
     assert report.third == []
     assert report.segments == segments
     assert report.bad_frames > 0 and report.resends > 0 and min(report.faults.values()) > 0

@@ -288,7 +288,7 @@ static void require_motion(const int64_t before[WAAM_AXES])
     for (int i = 0; i < WAAM_AXES; i++) {
         double most = bench.config.max_speed_mm_s[i] * 1e-6 * TICK_US * bench.config.steps_per_mm + 2.0;
         REQUIRE(fabs((double)bench.outputs.pulses[i] - (double)before[i]) <= most, "no axis jumps");
-        double at = (double)c->motion.steps[i] / bench.config.steps_per_mm, step = 1.5 / bench.config.steps_per_mm;
+        double at = (double)(c->motion.steps[i] + c->lag[i]) / bench.config.steps_per_mm, step = 1.5 / bench.config.steps_per_mm;
         REQUIRE(!c->homed || (at >= bench.config.limit_min_mm[i] - step && at <= bench.config.limit_max_mm[i] + step),
                 "inside the soft limits");
     }
@@ -398,11 +398,13 @@ static waam_config_t small_machine(void)
     return c;
 }
 
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+static void run_script(const char *text, size_t size, waam_shaper_type_t shaper)
 {
-    const char *text = (const char *)data;
     bench = (bench_t){.config = small_machine(), .announced = WAAM_ALARM, .announced_code = WAAM_E_POWER_UP};
+    for (int i = 0; i < WAAM_SHAPED_AXES; i++)
+        bench.config.shaper.axis[i] = (waam_shaper_axis_t){.type = shaper, .hz = 80.0f + 40.0f * (float)i, .damping = 0.1f};
     waam_core_init(&bench.core, &bench.config, on_line, NULL);
+    REQUIRE(bench.core.shaper.on == (shaper != WAAM_SHAPER_NONE), "the shaper is on");
     bench.inputs.process = WAAM_PROCESS_OK;
     bench.fed_us = bench.core.now_us;
     move_plant();
@@ -415,5 +417,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     for (int i = 0; i < 30; i++) /* what the last record started */
         tick();
+}
+
+/* Every script without an input shaper and with one. */
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    run_script((const char *)data, size, WAAM_SHAPER_NONE);
+    run_script((const char *)data, size, (waam_shaper_type_t)(1 + size % (WAAM_SHAPER_TYPES - 1)));
     return 0;
 }

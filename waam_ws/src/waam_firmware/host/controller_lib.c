@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define LEFT 512
 #define EXCHANGE_US 10000u /* between two answers of the cell */
 
 struct controller_lib {
@@ -11,6 +12,8 @@ struct controller_lib {
     size_t tx_used;
     controller_lib_done_t done[CONTROLLER_LIB_DONE];
     size_t done_count;
+    controller_lib_done_t left[LEFT]; /* their block has left the queue, their motion is not at its end yet */
+    size_t left_count;
     uint32_t last_line;
     uint64_t arc_off_us, arc_off_lease_us;
 };
@@ -80,13 +83,24 @@ void controller_lib_hang_up(controller_lib_t *lib)
 
 static void note(controller_lib_t *t, const waam_block_t *block)
 {
-    if (block->line <= t->last_line || block->line > t->harness.core.executed || t->done_count == CONTROLLER_LIB_DONE)
+    if (block->line <= t->last_line || block->line > t->harness.core.planned || t->left_count == LEFT)
         return;
-    controller_lib_done_t *d = &t->done[t->done_count++];
+    controller_lib_done_t *d = &t->left[t->left_count++];
     *d = (controller_lib_done_t){.line = block->line, .kind = block->kind, .wire_mm_s = (float)block->wire_mm_s,
                        .voltage_v = (float)block->voltage_v};
     memcpy(d->end, block->end, sizeof d->end);
     t->last_line = block->line;
+}
+
+static void note_executed(controller_lib_t *t)
+{
+    size_t count = 0;
+    while (count < t->left_count && t->left[count].line <= t->harness.core.executed)
+        count++;
+    for (size_t i = 0; i < count && t->done_count < CONTROLLER_LIB_DONE; i++)
+        t->done[t->done_count++] = t->left[i];
+    t->left_count = t->harness.core.state == WAAM_ALARM ? 0 : t->left_count - count;
+    memmove(t->left, t->left + count, t->left_count * sizeof t->left[0]);
 }
 
 /* Blocks that left the queue in this tick still stand in its ring. */
@@ -99,6 +113,7 @@ static void tick(controller_lib_t *t)
     host_harness_tick(&t->harness);
     for (size_t i = 0; i < WAAM_BLOCKS && (head + i) % WAAM_BLOCKS != planner->head; i++)
         note(t, &planner->block[(head + i) % WAAM_BLOCKS]);
+    note_executed(t);
     if (arc && !t->harness.outputs.arc) {
         t->arc_off_us = t->harness.core.now_us;
         t->arc_off_lease_us = lease_us;

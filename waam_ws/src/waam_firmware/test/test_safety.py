@@ -251,6 +251,7 @@ def test_starts_faulted_and_only_a_reset_with_the_stop_released_leads_to_idle(st
         'safety_properties',  # other reactions, the fast cut, watchdog and temperature
         'counter_properties',  # counters at the end of their range
         'limit_properties',  # never further into a limit switch
+        'shaper_properties',  # random programs with an input shaper: exact steps, nothing early
     ],
 )
 def test_properties_of_the_core(controller_path, name):

@@ -47,6 +47,7 @@ class FakeCell:
         self.record_calls: list = []
         self.warnings: list = []
         self.node_parameters: dict = {}
+        self.announced: list = []  # (layers reported by then, layer that comes next)
         self.told_learned: list = []  # what every request told of former jobs
         self.tracks_taken = 0
         self.wire, self.arc_time = 0.0, 0.0  # m and s since the last sums
@@ -215,6 +216,9 @@ class FakeCell:
         return 'ok'
 
     def plan(self, job_id, layer, segments) -> None: ...
+
+    def next_layer(self, job_id, coming) -> None:
+        self.announced.append((len(self.reports), coming))
 
     def take_sums(self) -> Sums:
         """Frames of one second."""

@@ -56,6 +56,27 @@ def test_closed_loop_beats_open_loop_and_the_folder_is_complete(make_cell, make_
     assert figures['closed_loop'] < 0.75 * figures['open_loop']
 
 
+def test_every_layer_but_the_first_is_announced_while_the_one_before_is_laid(
+    make_cell, make_runner
+):
+    cell = make_cell()
+    runner = make_runner(cell)[0]
+    status = runner.run()
+    laid = [r.layer for r in cell.reports if not r.final]
+    assert status.layers == len(laid) > 1
+    assert [(told, coming.layer) for told, coming in cell.announced] == [
+        (number - 1, number + 1) for number in laid[:-1]
+    ]
+    for _, coming in cell.announced:
+        layer = runner.context.program.layer(coming.layer)
+        assert coming.spec == cell.surface.spec
+        assert (coming.planned == layer.planned).all()
+        assert len(coming.beads) == len(layer.arc_paths)
+    blind = make_cell()
+    make_runner(blind, profile='open_loop')[0].run()
+    assert not blind.announced
+
+
 def test_monitor_computes_but_does_not_apply(make_cell, make_runner):
     runner, _, folder = make_runner(make_cell(efficiency=0.8), profile='monitor')
     runner.run()

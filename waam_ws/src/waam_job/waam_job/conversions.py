@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Point32, PointStamped, Polygon, Vector3
+from geometry_msgs.msg import Point, PointStamped, Vector3
 
 from waam_msgs.action import RunJob
 from waam_msgs.msg import (
@@ -20,6 +20,7 @@ from waam_msgs.msg import (
     JobStatus,
     LayerReport,
     MachineState,
+    NextLayer,
 )
 from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node import job_folder
@@ -28,6 +29,7 @@ from waam_node.conversions import (
     grid_from_msg,
     grid_to_msg,
     map_from_msg,
+    paths_to_msg,
     seconds,
     segment_to_msg,
     time_to_msg,
@@ -35,6 +37,7 @@ from waam_node.conversions import (
 from waam_process.grid import HeightGrid
 from waam_process.names import CONTROLLER_STATES, SEVERITIES
 
+from .model import cell
 from .model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Scan
 from .model.goal import JobGoal
 from .model.records import AnomalyRecord, LayerRecord, Status
@@ -256,9 +259,25 @@ def correction_request(job_id: str, r: CorrectionRequest, stamp: Time) -> Comput
     request.bead_width, request.temperature = float(r.bead_width), float(r.temperature)
     request.k_gain, request.heat_factor = float(r.k_gain), float(r.heat_factor)
     request.learned = r.learned
-    request.direction = Vector3(x=float(r.direction[0]), y=float(r.direction[1]), z=0.0)
-    request.beads = [Polygon(points=[Point32(x=x, y=y) for x, y in b.tolist()]) for b in r.beads]
+    request.direction, request.paths = direction_to_msg(r.direction), paths_to_msg(r.beads)
     return request
+
+
+def next_layer_to_msg(job_id: str, coming: cell.NextLayer, stamp: Time) -> NextLayer:
+    """What the correction server can prepare by."""
+    message = NextLayer(job_id=job_id, layer=coming.layer, bead_width=float(coming.bead_width))
+    message.header.stamp, message.header.frame_id = stamp, 'work'
+    message.grid, message.planned_height = grid_to_msg(coming.spec), floats(coming.planned)
+    message.direction, message.paths = (
+        direction_to_msg(coming.direction),
+        paths_to_msg(coming.beads),
+    )
+    return message
+
+
+def direction_to_msg(direction: tuple[float, float]) -> Vector3:
+    """In the plane of the layer."""
+    return Vector3(x=float(direction[0]), y=float(direction[1]), z=0.0)
 
 
 def feed_request(job_id: str, r: FeedRequest) -> ComputeFeed.Request:

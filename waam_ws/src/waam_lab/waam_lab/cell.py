@@ -20,7 +20,15 @@ from waam_bridge import conversions as bridge_convert
 from waam_bridge.frames import ARC_ENABLED, ARC_ESTABLISHED, Telemetry
 from waam_bridge.outbox import WARNING, Outbox
 from waam_job import conversions as convert
-from waam_job.model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Scan, Sums
+from waam_job.model.cell import (
+    Correction,
+    CorrectionRequest,
+    FeedRequest,
+    Heat,
+    NextLayer,
+    Scan,
+    Sums,
+)
 from waam_job.model.cell import Machine as MachineView
 from waam_job.model.geometry import aim_point
 from waam_job.model.goal import Code, JobError
@@ -252,6 +260,9 @@ class LabCell:
             offset, zero = self.machine().work_offset, self.device.plant.params.work_zero
             x, y = (p + o - z for p, o, z in zip(point[:2], offset, zero, strict=False))
             self.device.plant.aim(x, y)
+
+    def next_layer(self, job_id: str, coming: NextLayer) -> None:
+        """Nobody waits for an answer here: nothing is prepared."""
 
     def status(self, status: Status) -> None:
         """Tells the compensator; injects the faults of a layer when its deposition begins."""

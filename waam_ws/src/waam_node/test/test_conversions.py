@@ -17,6 +17,8 @@ from waam_node.conversions import (
     image_to_msg,
     map_from_msg,
     nanoseconds,
+    paths_from_msg,
+    paths_to_msg,
     seconds,
     segment_from_msg,
     segment_to_msg,
@@ -82,3 +84,11 @@ def test_time_round_trip(sec, micro):
     stamp = time_to_msg(sec + micro * 1e-6)
     assert abs(nanoseconds(stamp) - (sec * 10**9 + micro * 1000)) < 1000
     assert seconds(stamp) == pytest.approx(sec + micro * 1e-6)
+
+
+@given(st.lists(st.integers(0, 5), max_size=6), st.integers(0, 1000))
+def test_paths_come_back_from_their_message(sizes, seed):
+    rng = np.random.default_rng(seed)
+    paths = [rng.uniform(-1, 1, (n, 2)).astype(np.float32).astype(float) for n in sizes]
+    found = paths_from_msg(paths_to_msg(paths))
+    assert [p.tolist() for p in found] == [p.tolist() for p in paths]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -10,7 +11,7 @@ from geometry_msgs.msg import Point, Pose, Vector3
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
-from waam_msgs.msg import GridInfo
+from waam_msgs.msg import BeadPaths, GridInfo
 from waam_msgs.msg import Segment as SegmentMsg
 from waam_process.grid import GridSpec
 from waam_process.segment import Clamp, Kind, Segment
@@ -41,6 +42,22 @@ def map_from_msg(values: array, spec: GridSpec) -> np.ndarray:
     if a.size != spec.rows * spec.cols:
         raise ValueError(f'{a.size} values for a grid of {spec.rows} x {spec.cols} cells')
     return a.reshape(spec.shape).astype(float)
+
+
+def paths_to_msg(paths: Sequence[np.ndarray]) -> BeadPaths:
+    """paths: each (n, 2) m, x and y."""
+    points = np.concatenate([np.empty((0, 2)), *paths])
+    sizes = array('I', [len(p) for p in paths])
+    return BeadPaths(x=floats(points[:, 0]), y=floats(points[:, 1]), points=sizes)
+
+
+def paths_from_msg(msg: BeadPaths) -> list[np.ndarray]:
+    """Each (n, 2) m float64; ValueError when the lengths do not fit each other."""
+    x, y = (np.asarray(values, np.float32).astype(float) for values in (msg.x, msg.y))
+    sizes = np.asarray(msg.points, np.int64)
+    if not len(x) == len(y) == sizes.sum():
+        raise ValueError(f'{len(x)} x and {len(y)} y for paths of {sizes.sum()} points')
+    return np.split(np.stack([x, y], 1), np.cumsum(sizes)[:-1]) if len(sizes) else []
 
 
 def image_to_msg(z: np.ndarray, header: Header) -> Image:

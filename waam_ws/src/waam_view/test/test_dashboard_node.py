@@ -135,12 +135,18 @@ def play(cell: Cell, folder: Path, frames: int) -> None:
     cell.status(61.0, JobStatus.DONE, str(folder), 1)
 
 
+def all_drawn(g: Graph) -> None:
+    """Waits until the file of a job that has ended is closed."""
+    g.until(lambda: g.value('file'), 60)
+    g.until(lambda: not g.value('file'), 60)
+
+
 def test_a_job_is_drawn_into_its_folder(graph, tmp_path):
     g = graph('grpc_port:=0')
     folder = tmp_path / 'job'
     folder.mkdir()
     play(g.cell, folder, 1000)
-    time.sleep(1.0)
+    all_drawn(g)
     g.process.terminate()
     assert g.process.wait(15) == 0
     found = entities(folder / 'job.rrd')
@@ -305,6 +311,7 @@ def test_viewers_that_hang_change_nothing(graph, tmp_path):
         g.ticks.publish(LeaseTick(controller_us=count))
         g.until(lambda n=count: g.beats and g.beats[-1][1] == n, 60)
     play(g.cell, folder, 100)
+    all_drawn(g)
     g.process.terminate()
     assert g.process.wait(20) == 0
     found = entities(folder / 'job.rrd')

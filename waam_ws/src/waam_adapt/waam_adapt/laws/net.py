@@ -1,4 +1,4 @@
-"""The correction network in numpy: weights with a hash, computed tile by tile. Its file: net_file.py.
+"""The correction network without torch: weights with a hash, computed tile by tile. Its file: net_file.py.
 
 Same input, same bits: nothing is random and the order of the sums is fixed.
 """
@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from .convolution import conv3x3
+
 HEAD_LIMIT = 0.6  # largest change of the relative layer height
 LOG_LIMITS = (-5.0, 1.0)  # of the predicted error in layer heights
 TILE, HALO = 128, 24  # cells; the halo is wider than what an output cell sees: no seams
-ALONE = 250_000  # multiplications of one product that BLAS does in one thread
-STRIP = 16  # rows at a time, so that the columns stay in the cache
 CONVS = (
     'enc1a', 'enc1b', 'enc2a', 'enc2b', 'mida', 'midb', 'dec2a', 'dec2b', 'dec1a', 'dec1b', 'head', 'doubt',
 )  # fmt: skip
@@ -74,32 +74,6 @@ class Network:
     def _point(self, name: str, x: np.ndarray) -> np.ndarray:
         w = self.weights[f'{name}.weight'][0, :, 0, 0]
         return np.tensordot(w, x, 1) + self.weights[f'{name}.bias'][0]
-
-
-def conv3x3(x: np.ndarray, weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
-    """ReLU of a 3x3 convolution with zeros around; x (in, rows, cols), weight (out, in, 3, 3) -> (out, rows, cols)."""
-    n, rows, cols = x.shape
-    padded = np.pad(x, ((0, 0), (1, 1), (1, 1)))
-    flat = weight.reshape(len(weight), -1)
-    out = np.empty((len(weight), rows, cols), np.float32)
-    for r in range(0, rows, STRIP):
-        k = min(STRIP, rows - r)
-        columns = np.empty((n, 9, k, cols), np.float32)
-        for tap in range(9):
-            i, j = divmod(tap, 3)
-            columns[:, tap] = padded[:, r + i : r + i + k, j : j + cols]
-        out[:, r : r + k] = _product(flat, columns.reshape(n * 9, k * cols)).reshape(-1, k, cols)
-    out += bias[:, None, None]
-    return np.maximum(out, 0, out=out)
-
-
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a @ b in pieces so small that BLAS starts no threads: those wait for each other longer than they compute."""
-    out = np.empty((len(a), b.shape[1]), np.float32)
-    step = max(16, ALONE // a.size)
-    for i in range(0, b.shape[1], step):
-        out[:, i : i + step] = a @ b[:, i : i + step]
-    return out
 
 
 def halve(x: np.ndarray) -> np.ndarray:

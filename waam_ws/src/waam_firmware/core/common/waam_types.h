@@ -8,6 +8,7 @@
 #include <stdint.h>
 
 #include "waam_arc_settings.h"
+#include "waam_shaper_settings.h"
 #include "waam_standoff_settings.h"
 
 #define WAAM_AXES 3
@@ -104,6 +105,7 @@ typedef struct {
     waam_regulator_config_t regulator;
     waam_monitor_config_t monitor;
     waam_standoff_config_t standoff; /* $C changes it */
+    waam_shaper_config_t shaper;     /* and this */
     waam_policy_t policy[WAAM_FAULTS];
     double temperature_max_c;   /* of torch or drives */
     bool starts_in_alarm;       /* after power-up (306): nothing but a reset leads to IDLE */

@@ -62,8 +62,7 @@ static void attach(waam_core_t *core, uint32_t line)
         tail->line = line;
         tail->after = core->modal;
     } else {
-        core->executed = line;
-        core->executed_modal = core->modal;
+        waam_core_done(core, line, &core->modal);
     }
 }
 
@@ -187,7 +186,8 @@ static bool set_position(waam_core_t *core, const waam_command_t *command, uint3
 
 bool waam_core_waits(const waam_core_t *core, const waam_command_t *command)
 {
-    return command->action == WAAM_DO_SET_FRAME && core->planner.count > 0 && !core->plan_arc;
+    return command->action == WAAM_DO_SET_FRAME && !core->plan_arc &&
+           (core->planner.count > 0 || !waam_shaper_settled(&core->shaper));
 }
 
 /* Taken only when nothing is planned, so that it changes nothing under a running program. */

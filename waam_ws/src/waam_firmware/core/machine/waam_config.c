@@ -85,6 +85,7 @@ waam_config_t waam_config_default(void)
         .regulator = regulator,
         .monitor = monitor,
         .standoff = waam_standoff_default(),
+        .shaper = waam_shaper_default(),
         .policy = {
             [WAAM_FAULT_NO_ARC] = {WAAM_REACT_HOLD, 0},
             [WAAM_FAULT_ARC_LOST] = {WAAM_REACT_HOLD, 0},

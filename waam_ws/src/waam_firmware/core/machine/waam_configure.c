@@ -1,43 +1,36 @@
-/* Immediate line "$C <name> <value>": one setting of the standoff control. */
+/* Immediate line "$C <name> <value>": one setting of the standoff control or of the input shaper. */
 #include "waam_request.h"
 
-static void refuse_value(waam_request_t *r, const waam_standoff_setting_t *setting)
+typedef struct {
+    const char *text;
+    uint32_t length;
+} name_t;
+
+static void refuse_value(waam_request_t *r, const char *name, bool whole, float lowest, float highest)
 {
     waam_request_refuse(r, WAAM_E_NUMBER, "");
-    waam_text_add(&r->answer, setting->name);
-    waam_text_add(&r->answer, setting->whole ? " must be a whole number within " : " must lie within ");
-    waam_text_fixed(&r->answer, (double)setting->lowest, 5);
+    waam_text_add(&r->answer, name);
+    waam_text_add(&r->answer, whole ? " must be a whole number within " : " must lie within ");
+    waam_text_fixed(&r->answer, (double)lowest, 5);
     waam_text_add(&r->answer, " .. ");
-    waam_text_fixed(&r->answer, (double)setting->highest, 5);
+    waam_text_fixed(&r->answer, (double)highest, 5);
 }
 
-static const waam_standoff_setting_t *named(waam_request_t *r)
+static name_t read_name(waam_request_t *r)
 {
     waam_skip_spaces(&r->args);
     size_t start = r->args.at;
     while (r->args.at < r->args.length && r->args.text[r->args.at] > ' ')
         r->args.at++;
-    return waam_standoff_setting(r->args.text + start, (uint32_t)(r->args.at - start));
+    return (name_t){r->args.text + start, (uint32_t)(r->args.at - start)};
 }
 
-void waam_order_configure(waam_request_t *r)
+static void configure_standoff(waam_request_t *r, const waam_standoff_setting_t *setting, double value)
 {
     waam_core_t *core = r->core;
-    const waam_standoff_setting_t *setting = named(r);
-    double value;
-    if ((core->state != WAAM_IDLE && core->state != WAAM_ALARM) || core->planner.count > 0) {
-        waam_request_refuse(r, WAAM_E_NOT_NOW, "settings only in IDLE or ALARM");
-        return;
-    }
-    if (!setting) {
-        waam_request_refuse(r, WAAM_E_UNKNOWN_WORD, "no setting has this name");
-        return;
-    }
-    if (!waam_request_numbers(r, &value, 1))
-        return;
     waam_standoff_config_t changed = core->config.standoff;
     if (!waam_standoff_set(&changed, setting, value)) {
-        refuse_value(r, setting);
+        refuse_value(r, setting->name, setting->whole, setting->lowest, setting->highest);
         return;
     }
     if (changed.source != WAAM_STANDOFF_OFF && (setting = waam_standoff_check(&changed)) != NULL) {
@@ -48,4 +41,62 @@ void waam_order_configure(waam_request_t *r)
     core->config.standoff = changed;
     waam_standoff_init(&core->standoff);
     waam_request_ok(r);
+}
+
+/* What the shaper in force does to the motion: mean delay, time to its end, and the rounding of a right angle (um per mm/s
+ * of speed in the corner, and um at rest by the acceleration of 500 mm/s^2). */
+static void tell_shaper(waam_request_t *r)
+{
+    const waam_shaper_t *s = &r->core->shaper;
+    const float right_angle = 1.5707963f;
+    waam_text_add(&r->answer, " delay_ms=");
+    waam_text_fixed(&r->answer, (double)s->delay_s * 1e3, 2);
+    waam_text_add(&r->answer, " span_ms=");
+    waam_text_fixed(&r->answer, s->span * r->core->shaper_tick_us * 1e-3, 1);
+    waam_text_add(&r->answer, " corner_um=");
+    waam_text_fixed(&r->answer, (double)waam_shaper_corner_mm(s, 1.0f, 0.0f, right_angle) * 1e3, 2);
+    waam_text_char(&r->answer, ',');
+    waam_text_fixed(&r->answer, (double)waam_shaper_corner_mm(s, 0.0f, 500.0f, right_angle) * 1e3, 2);
+}
+
+static void configure_shaper(waam_request_t *r, const waam_shaper_setting_t *setting, double value)
+{
+    waam_shaper_config_t changed = r->core->config.shaper;
+    if (!waam_shaper_set(&changed, setting, value)) {
+        refuse_value(r, setting->name, setting->whole, setting->lowest, setting->highest);
+        return;
+    }
+    const char *why = waam_core_tune(r->core, &changed);
+    if (why) {
+        waam_request_refuse(r, WAAM_E_CONTRADICTION, setting->name);
+        waam_text_add(&r->answer, ": ");
+        waam_text_add(&r->answer, why);
+        return;
+    }
+    waam_request_ok(r);
+    if (r->core->shaper.on)
+        tell_shaper(r);
+}
+
+void waam_order_configure(waam_request_t *r)
+{
+    waam_core_t *core = r->core;
+    const name_t name = read_name(r);
+    const waam_standoff_setting_t *standoff = waam_standoff_setting(name.text, name.length);
+    const waam_shaper_setting_t *shaper = waam_shaper_setting(name.text, name.length);
+    double value;
+    if ((core->state != WAAM_IDLE && core->state != WAAM_ALARM) || core->planner.count > 0) {
+        waam_request_refuse(r, WAAM_E_NOT_NOW, "settings only in IDLE or ALARM");
+        return;
+    }
+    if (!standoff && !shaper) {
+        waam_request_refuse(r, WAAM_E_UNKNOWN_WORD, "no setting has this name");
+        return;
+    }
+    if (!waam_request_numbers(r, &value, 1))
+        return;
+    if (standoff)
+        configure_standoff(r, standoff, value);
+    else
+        configure_shaper(r, shaper, value);
 }

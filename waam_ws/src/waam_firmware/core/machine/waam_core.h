@@ -23,6 +23,7 @@
 #include "waam_link.h"
 #include "waam_motion.h"
 #include "waam_planner.h"
+#include "waam_shaper.h"
 #include "waam_standoff.h"
 #include "waam_wire.h"
 
@@ -32,6 +33,15 @@ typedef struct {
     char letter;
     waam_code_t code;
 } waam_recent_t;
+
+#define WAAM_TICK_US 1000u /* that the input shaper is tuned for until ticks of another length come */
+#define WAAM_DONE 32 /* lines whose motion is still under way in the shaper; more are told together */
+
+/* A line that is done when the shaped motion gets to its end. */
+typedef struct {
+    uint32_t line, due;         /* due: tick of the shaper */
+    waam_modal_t after;
+} waam_done_t;
 
 typedef struct {
     waam_config_t config;
@@ -58,7 +68,14 @@ typedef struct {
     waam_modal_t modal;         /* of what is planned */
     waam_modal_t executed_modal;/* of what is done */
     waam_planner_t planner;
-    waam_motion_t motion;
+    waam_motion_t motion;       /* the planned one: where the machine is without lag and z_correction */
+    waam_shaper_t shaper;
+    uint32_t shaper_tick_us;    /* that it is tuned for */
+    int32_t lag[WAAM_AXES];     /* shaped less planned steps */
+    int32_t shaped_um_s;        /* speed along the shaped path */
+    waam_done_t done[WAAM_DONE];
+    uint32_t done_first, done_count, shaper_ticks;
+    bool jogged;                /* the last block that was left was a jog */
     waam_arc_t arc;
     waam_fast_t fast;           /* shared with the fast tick */
     waam_trip_t trip;           /* of the fast tick, as this tick has seen it */
@@ -92,6 +109,7 @@ typedef struct {
     uint32_t telemetry_us;      /* between frames */
     uint64_t telemetry_due_us;
     uint32_t telemetry_sequence, executed, underruns;
+    uint32_t planned;           /* last line that the planned motion has left; executed follows it */
 } waam_core_t;
 
 waam_config_t waam_config_default(void);

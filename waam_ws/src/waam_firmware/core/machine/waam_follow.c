@@ -18,10 +18,12 @@ static double resting_speed(const waam_core_t *core)
 }
 
 /* How far ahead to look: what is fed now gets to the arc after the delay, and half of a change then still takes the
- * response of the motor; so the change is centred on the place where it belongs. */
+ * response of the motor; so the change is centred on the place where it belongs. The shaped motion is where the planned one
+ * was the mean delay of the shaper ago. */
 static waam_ahead_t look_ahead(const waam_core_t *core)
 {
-    return waam_motion_ahead(&core->motion, &core->planner, core->config.wire_delay_s + core->config.wire_response_s);
+    double ahead = core->config.wire_delay_s + core->config.wire_response_s;
+    return waam_motion_ahead(&core->motion, &core->planner, core->shaper.on ? ahead - (double)core->shaper.delay_s : ahead);
 }
 
 /* The path is `owed` ahead of the wire when both have got to where they will be a moment later. */
@@ -46,8 +48,9 @@ static void follow_path(waam_core_t *core, const waam_block_t *head, bool burnin
 void waam_core_follow(waam_core_t *core)
 {
     const waam_block_t *head = waam_planner_block(&core->planner, 0);
-    bool burning = core->arc.phase == WAAM_ARC_BURNING, runs = core->state == WAAM_RUN && core->block_started;
-    bool moves = head && runs && head->kind == WAAM_BLOCK_MOVE;
+    bool burning = core->arc.phase == WAAM_ARC_BURNING, arrives = !waam_shaper_settled(&core->shaper);
+    bool runs = core->state == WAAM_RUN && (core->block_started || arrives);
+    bool moves = head && runs && core->block_started && head->kind == WAAM_BLOCK_MOVE;
     bool coupled = head ? head->coupled : core->executed_modal.wire_mode != WAAM_WIRE_VELOCITY;
     core->wire.free_mm_s = 0.0;
     core->wire.override = burning ? core->wire_override : 1.0;

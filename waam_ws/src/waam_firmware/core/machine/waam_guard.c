@@ -52,7 +52,7 @@ void waam_guard_limit(waam_core_t *core, uint32_t dt_us)
     if (!why)
         return;
     for (int i = 0; i < WAAM_AXES; i++)
-        core->motion.steps[i] = (int32_t)(core->limit.pulses[i] + core->motion.datum_steps[i]) -
+        core->motion.steps[i] = (int32_t)(core->limit.pulses[i] + core->motion.datum_steps[i]) - core->lag[i] -
                                 (i == 2 ? core->z_correction : 0);
     waam_core_alarm(core, WAAM_E_LIMIT_SWITCH, why);
 }

@@ -21,7 +21,9 @@ void waam_core_tell(waam_core_t *core, waam_code_t code, const char *text);
 /* The correction of z becomes a part of the position: nothing moves, and it is 0 again. */
 void waam_core_absorb(waam_core_t *core);
 bool waam_core_stands(const waam_core_t *core);
+int32_t waam_core_steps(const waam_core_t *core, int axis); /* where the machine is, shaped and corrected */
 int64_t waam_core_pulses(const waam_core_t *core, int axis); /* since the start */
+double waam_core_speed(const waam_core_t *core); /* along the path, as shaped; mm/s */
 bool waam_core_jogging(const waam_core_t *core);
 
 /* immediate lines (waam_command.c) and queued ones (waam_intake.c) */
@@ -53,6 +55,12 @@ bool waam_core_waits(const waam_core_t *core, const waam_command_t *command);
 /* execution (waam_run.c) and the wire that goes with it (waam_follow.c) */
 void waam_core_run(waam_core_t *core, uint32_t dt_us);
 void waam_core_follow(waam_core_t *core);
+
+/* input shaping (waam_shape.c) */
+void waam_core_done(waam_core_t *core, uint32_t line, const waam_modal_t *after); /* told when the motion is there */
+void waam_core_shape(waam_core_t *core, uint32_t dt_us);
+/* Takes the settings over; NULL, or why not. The machine stands. */
+const char *waam_core_tune(waam_core_t *core, const waam_shaper_config_t *settings);
 
 /* standoff (waam_track.c) */
 bool waam_core_at_distance(waam_core_t *core); /* asked by a strike: may it begin? */

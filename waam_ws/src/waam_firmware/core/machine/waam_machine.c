@@ -14,6 +14,11 @@ void waam_core_init(waam_core_t *core, const waam_config_t *config, waam_tx_t se
     if (waam_standoff_check(&config->standoff))
         core->config.standoff.source = WAAM_STANDOFF_OFF;
     waam_standoff_init(&core->standoff);
+    core->shaper_tick_us = WAAM_TICK_US;
+    if (waam_core_tune(core, &config->shaper)) {
+        const waam_shaper_config_t none = {.axis = {{.type = WAAM_SHAPER_NONE}}};
+        waam_core_tune(core, &none);
+    }
     waam_scheduler_start(&core->scheduler);
     core->arc.unchecked = true; /* the power may have gone with the wire in the pool */
     if (config->starts_in_alarm) {
@@ -38,6 +43,7 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
     waam_guard_link(core);
     waam_guard_armed(core);
     waam_core_run(core, dt_us);
+    waam_core_shape(core, dt_us);
     waam_core_track(core, dt_us);
     waam_guard_limit(core, dt_us);
     waam_guard_arc(core, dt_us);

@@ -62,7 +62,7 @@ static void position(waam_core_t *core)
     static const char *const names[] = {"ok X:", " Y:", " Z:"};
     waam_text_t text = {.length = 0};
     for (int i = 0; i < WAAM_AXES; i++) {
-        double machine_mm = (double)core->motion.steps[i] / core->config.steps_per_mm;
+        double machine_mm = (double)waam_core_steps(core, i) / core->config.steps_per_mm;
         waam_text_add(&text, names[i]);
         waam_text_fixed(&text, machine_mm - waam_core_zero_mm(core, &core->executed_modal, i), 3);
     }

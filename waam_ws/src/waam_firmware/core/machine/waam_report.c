@@ -16,14 +16,13 @@ static uint32_t flags(const waam_core_t *core)
 
 static int64_t work_um(const waam_core_t *core, int axis)
 {
-    int32_t steps = core->motion.steps[axis] + (axis == 2 ? core->z_correction : 0);
-    double machine_mm = (double)steps / core->config.steps_per_mm;
+    double machine_mm = (double)waam_core_steps(core, axis) / core->config.steps_per_mm;
     return llround((machine_mm - waam_core_zero_mm(core, &core->executed_modal, axis)) * 1000.0);
 }
 
 static double speed(const waam_core_t *core)
 {
-    return core->home.active ? fabs(core->home.speed_mm_s) : core->motion.speed_mm_s;
+    return core->home.active ? fabs(core->home.speed_mm_s) : waam_core_speed(core);
 }
 
 static void send_fields(waam_core_t *core, const char *name, const int64_t *fields, size_t count)

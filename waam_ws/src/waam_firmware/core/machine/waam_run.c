@@ -44,10 +44,9 @@ static void finish_block(waam_core_t *core, const waam_block_t *block)
     waam_block_kind_t kind = block->kind;
     if (kind == WAAM_BLOCK_ARC_END)
         set_gas(core, block->gas);
-    if (block->line) {
-        core->executed = block->line;
-        core->executed_modal = block->after;
-    }
+    if (block->line)
+        waam_core_done(core, block->line, &block->after);
+    core->jogged = block->jog;
     waam_planner_pop(&core->planner);
     core->block_started = false;
     if (kind == WAAM_BLOCK_PAUSE)
@@ -92,14 +91,20 @@ static bool home_step(waam_core_t *core, bool hold, double dt_s)
     return result == WAAM_HOME_DONE;
 }
 
+/* Along the block, to be shaped. */
+static double advance(waam_core_t *core, const waam_block_t *block, double limit_mm_s, double dt_s, bool *done)
+{
+    waam_shaper_wake(&core->shaper);
+    return waam_motion_advance(&core->motion, block, limit_mm_s, waam_planner_exit(&core->planner, 0), dt_s, done);
+}
+
 /* Works on the head block for at most dt; returns the time used and whether the block is done. */
 static double work(waam_core_t *core, const waam_block_t *block, double dt_s, bool *done)
 {
     *done = true;
     switch (block->kind) {
     case WAAM_BLOCK_MOVE:
-        return waam_motion_advance(&core->motion, block, waam_block_cruise(block, core->planner.override),
-                                   waam_planner_exit(&core->planner, 0), dt_s, done);
+        return advance(core, block, waam_block_cruise(block, core->planner.override), dt_s, done);
     case WAAM_BLOCK_DWELL: {
         double left = block->dwell_s - (double)core->dwell_us * 1e-6;
         *done = left <= dt_s;
@@ -137,6 +142,8 @@ static void run_queue(waam_core_t *core, double dt_s)
     waam_block_t *block;
     while (dt_s > 1e-9 && core->state == WAAM_RUN && (block = waam_planner_head(&core->planner)) != NULL) {
         bool done = false;
+        if (!core->block_started && block->kind != WAAM_BLOCK_MOVE && !waam_shaper_settled(&core->shaper))
+            return; /* the motion before it is not at its end yet */
         if (needs_arc(core, block) && !arc_burns(core))
             return; /* after a hold: strikes again before motion goes on */
         if (!core->block_started && wire_check(core, block))
@@ -153,7 +160,8 @@ static void run_queue(waam_core_t *core, double dt_s)
 /* Running dry with the arc on. */
 static void check_underrun(waam_core_t *core, uint32_t dt_us)
 {
-    bool dry = core->state == WAAM_RUN && core->planner.count == 0 && core->arc_wanted;
+    bool dry = core->state == WAAM_RUN && core->planner.count == 0 && core->arc_wanted &&
+               waam_shaper_settled(&core->shaper);
     core->dry_us = dry ? core->dry_us + dt_us : 0;
     if (core->dry_us <= core->config.underrun_grace_us)
         return;
@@ -171,7 +179,7 @@ static void slow_down(waam_core_t *core, double dt_s)
         bool done = false;
         if (!core->block_started)
             start_block(core, block);
-        dt_s -= waam_motion_advance(&core->motion, block, 0.0, waam_planner_exit(&core->planner, 0), dt_s, &done);
+        dt_s -= advance(core, block, 0.0, dt_s, &done);
         if (done)
             finish_block(core, block);
     }
@@ -205,7 +213,8 @@ static void tick_running(waam_core_t *core, uint32_t dt_us)
     }
     run_queue(core, dt_us * 1e-6);
     check_underrun(core, dt_us);
-    if (core->state == WAAM_RUN && core->planner.count == 0 && !core->arc_wanted && waam_core_back_on_path(core))
+    if (core->state == WAAM_RUN && core->planner.count == 0 && !core->arc_wanted &&
+        waam_shaper_settled(&core->shaper) && waam_core_back_on_path(core))
         waam_core_state(core, WAAM_IDLE, WAAM_OK, "the queue is empty");
 }
 

@@ -30,6 +30,23 @@ static void field(waam_request_t *r, const char *name, uint64_t value)
     waam_text_uint(&r->answer, value);
 }
 
+static void shaper(waam_request_t *r)
+{
+    const waam_shaper_config_t *c = &r->core->config.shaper;
+    waam_text_add(&r->answer, " shape=");
+    for (int i = 0; i < WAAM_SHAPED_AXES; i++) {
+        if (i)
+            waam_text_char(&r->answer, ',');
+        waam_text_add(&r->answer, waam_shaper_name(c->axis[i].type));
+        if (c->axis[i].type == WAAM_SHAPER_NONE)
+            continue;
+        waam_text_char(&r->answer, ':');
+        waam_text_fixed(&r->answer, (double)c->axis[i].hz, 2);
+        waam_text_char(&r->answer, ':');
+        waam_text_fixed(&r->answer, (double)c->axis[i].damping, 3);
+    }
+}
+
 static void describe(waam_request_t *r)
 {
     waam_core_t *core = r->core;
@@ -44,7 +61,9 @@ static void describe(waam_request_t *r)
     offset(r);
     field(r, " acc=", core->link.accepted);
     field(r, " exe=", core->executed);
-    waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,CRC32,XOR8,G2,G54,G59,G92,E,TOKEN,RATE,STOCK,STANDOFF");
+    waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,CRC32,XOR8,G2,G54,G59,G92,E,TOKEN,RATE,STOCK,STANDOFF,SHAPE");
+    if (core->shaper.on)
+        shaper(r);
 }
 
 /* "$I keep": the host will say by $L which line comes next; until then the last accepted line cannot change.

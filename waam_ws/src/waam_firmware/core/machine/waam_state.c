@@ -54,6 +54,12 @@ void waam_core_absorb(waam_core_t *core)
 {
     core->motion.steps[2] += core->z_correction;
     core->z_correction = 0;
+    for (int i = 0; i < WAAM_AXES; i++) {
+        core->motion.steps[i] += core->lag[i];
+        core->lag[i] = 0;
+    }
+    core->shaped_um_s = 0;
+    waam_shaper_rest(&core->shaper, core->motion.steps);
     core->standoff.correction_mm = core->standoff.speed_mm_s = 0.0f;
 }
 
@@ -72,7 +78,9 @@ static void forget_queue(waam_core_t *core)
     waam_core_absorb(core);
     waam_planner_clear(&core->planner);
     core->motion.done_mm = 0.0;
-    core->block_started = core->stopping = core->resume_asked = core->retrying = false;
+    core->done_count = 0;
+    core->planned = core->executed;
+    core->block_started = core->jogged = core->stopping = core->resume_asked = core->retrying = false;
     core->home.active = false;
     plan_from_here(core);
 }
@@ -110,12 +118,23 @@ bool waam_core_resume(waam_core_t *core)
 
 bool waam_core_stands(const waam_core_t *core)
 {
-    return core->motion.speed_mm_s == 0.0 && core->standoff.speed_mm_s == 0.0f && (!core->home.active || core->home.speed_mm_s == 0.0);
+    return core->motion.speed_mm_s == 0.0 && waam_shaper_settled(&core->shaper) && core->standoff.speed_mm_s == 0.0f &&
+           (!core->home.active || core->home.speed_mm_s == 0.0);
+}
+
+int32_t waam_core_steps(const waam_core_t *core, int axis)
+{
+    return core->motion.steps[axis] + core->lag[axis] + (axis == 2 ? core->z_correction : 0);
 }
 
 int64_t waam_core_pulses(const waam_core_t *core, int axis)
 {
-    return core->motion.steps[axis] - core->motion.datum_steps[axis] + (axis == 2 ? core->z_correction : 0);
+    return waam_core_steps(core, axis) - core->motion.datum_steps[axis];
+}
+
+double waam_core_speed(const waam_core_t *core)
+{
+    return core->shaper.on ? core->shaped_um_s * 1e-3 : core->motion.speed_mm_s;
 }
 
 void waam_core_finish_stopping(waam_core_t *core)
@@ -138,7 +157,7 @@ void waam_core_stop(waam_core_t *core)
 
 bool waam_core_jogging(const waam_core_t *core)
 {
-    if (core->state != WAAM_RUN || core->planner.count == 0)
+    if (core->state != WAAM_RUN || (core->planner.count == 0 && (!core->jogged || waam_shaper_settled(&core->shaper))))
         return false;
     for (size_t i = 0; i < core->planner.count; i++)
         if (!core->planner.block[(core->planner.head + i) % WAAM_BLOCKS].jog)

@@ -50,14 +50,14 @@ static waam_standoff_mode_t mode(const waam_core_t *core)
 
 static float z_mm(const waam_core_t *core)
 {
-    return (float)(core->motion.steps[Z] + core->z_correction) / (float)core->config.steps_per_mm;
+    return (float)waam_core_steps(core, Z) / (float)core->config.steps_per_mm;
 }
 
 /* Way of the axis by the path in this tick. */
 static float path_mm(waam_core_t *core)
 {
-    int32_t steps = core->motion.steps[Z] - core->z_before;
-    core->z_before = core->motion.steps[Z];
+    int32_t now = core->motion.steps[Z] + core->lag[Z], steps = now - core->z_before;
+    core->z_before = now;
     return fabsf((float)steps) / (float)core->config.steps_per_mm;
 }
 
@@ -66,7 +66,7 @@ static bool turned(waam_core_t *core)
 {
     float steps_per_mm = (float)core->config.steps_per_mm, at[2], way[2];
     for (int i = 0; i < 2; i++) {
-        at[i] = (float)core->motion.steps[i] / steps_per_mm;
+        at[i] = (float)waam_core_steps(core, i) / steps_per_mm;
         way[i] = at[i] - core->chord_mm[i];
     }
     float squared = way[0] * way[0] + way[1] * way[1];
@@ -111,11 +111,11 @@ void waam_core_track(waam_core_t *core, uint32_t dt_us)
     float dt_s = (float)dt_us * 1e-6f;
     if (off(core) || core->state == WAAM_ALARM || core->state == WAAM_IDLE) {
         core->approaching = core->approach_asked = false;
-        core->z_before = core->motion.steps[Z];
+        core->z_before = core->motion.steps[Z] + core->lag[Z];
         return;
     }
     if (core->arc.phase == WAAM_ARC_BURNING)
-        core->tracked_mm += (float)core->motion.speed_mm_s * dt_s;
+        core->tracked_mm += (float)waam_core_speed(core) * dt_s;
     core->approaching = core->approaching && (core->approach_asked || core->arc.phase != WAAM_ARC_OFF);
     const waam_standoff_inputs_t in = look(core, dt_s);
     waam_standoff_tick(s, &core->config.standoff, &core->config.regulator.ctwd, &in, dt_s);

@@ -13,7 +13,16 @@ from waam_process.grid import GridSpec
 from waam_process.segment import Point, Segment
 
 from .records import AnomalyRecord, LayerRecord, Status
-from .snapshots import Correction, CorrectionRequest, FeedRequest, Heat, Machine, Scan, Sums
+from .snapshots import (
+    Correction,
+    CorrectionRequest,
+    FeedRequest,
+    Heat,
+    Machine,
+    NextLayer,
+    Scan,
+    Sums,
+)
 
 __all__ = [
     'Cell',
@@ -22,6 +31,7 @@ __all__ = [
     'FeedRequest',
     'Heat',
     'Machine',
+    'NextLayer',
     'Scan',
     'Sums',
 ]
@@ -94,6 +104,9 @@ class Cell(Protocol):
 
     def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None:
         """The path of the layer that is laid next; a pyrometer that can be aimed follows it."""
+
+    def next_layer(self, job_id: str, coming: NextLayer) -> None:
+        """The layer after the one that is being laid, so that its correction can be prepared meanwhile."""
 
     def status(self, status: Status) -> None:
         """Where the job stands."""

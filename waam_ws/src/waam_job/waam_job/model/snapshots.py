@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_process.grid import HeightGrid
+from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Point, Segment
 
 
@@ -105,6 +105,18 @@ class CorrectionRequest:
     beads: tuple[np.ndarray, ...] = ()
     heat_factor: float = 1.0  # eq 2.19: feed of this layer will be multiplied by it
     learned: str = ''  # by former jobs (waam_process.learned), '' = none
+
+
+@dataclass(frozen=True)
+class NextLayer:
+    """What the plan says of the layer that will be asked for next, before its surface is known."""
+
+    layer: int
+    spec: GridSpec  # of planned
+    planned: np.ndarray  # (rows, cols) m, metal of the layer
+    bead_width: float  # m
+    direction: tuple[float, float]  # of travel, unit vector
+    beads: tuple[np.ndarray, ...]  # as in CorrectionRequest
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from waam_msgs.msg import (
     LayerPlan,
     LayerReport,
     MachineState,
+    NextLayer,
     SegmentDone,
     Telemetry,
 )
@@ -46,6 +47,7 @@ from waam_process.grid import GridSpec
 from waam_process.segment import Point, Segment
 
 from .. import conversions as convert
+from ..model import cell as model
 from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Machine, Scan, Sums
 from ..model.geometry import aim_point
 from ..model.goal import Code, JobError
@@ -77,6 +79,7 @@ class RosCell:
         self._report = node.create_publisher(LayerReport, 'layer_report', EVENTS)
         self._anomaly = node.create_publisher(Anomaly, 'anomaly', EVENTS)
         self._plan = node.create_publisher(LayerPlan, 'layer_plan', LATCHED)
+        self._next = node.create_publisher(NextLayer, 'next_layer', LATCHED)
         self._aim = node.create_publisher(PointStamped, 'pyrometer_aim', LATCHED)
         client = node.create_client
         self._command = client(Command, 'bridge/command')
@@ -287,6 +290,10 @@ class RosCell:
         if point is not None:  # a pyrometer that can be aimed follows the metal
             zero = self.machine().work_offset
             self._aim.publish(convert.aim_to_msg(point, zero, message.header.stamp))
+
+    def next_layer(self, job_id: str, coming: model.NextLayer) -> None:
+        """Publishes next_layer."""
+        self._next.publish(convert.next_layer_to_msg(job_id, coming, self._stamp()))
 
     def status(self, status: Status) -> None:
         """Publishes job_status; telemetry is counted to the layer while it is laid."""

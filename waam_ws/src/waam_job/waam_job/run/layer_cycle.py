@@ -10,7 +10,7 @@ from waam_plan.plan import PlannedLayer, renumber
 from waam_process.loop_mode import LoopMode
 from waam_process.segment import Segment
 
-from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Scan
+from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, NextLayer, Scan
 from ..model.geometry import asked_growth, follow
 from ..model.records import LayerRecord, State
 from ..store.journal import Following
@@ -66,6 +66,7 @@ class LayerCycle:
         # otherwise the file holds the surface before the whole layer, which is still valid
         if not resumed:
             self._keep_scan(scan, Following(layer, asked, correction, feed_factor))
+        self._tell_next(layer.number + 1)
         self._deposit(segments, layer, record)
         self.history = History(asked, scan.map.z, feed_factor)
         self.journal.layer(record)
@@ -149,6 +150,21 @@ class LayerCycle:
             heat_factor=heat.factor,
             learned=self.learning.text,
         )
+
+    def _tell_next(self, number: int) -> None:
+        """The correction server prepares layer `number` while the one before it is laid."""
+        plan = self.program.current
+        for layer in self.program.layers:
+            if layer.number == number and self.loop_mode != LoopMode.OPEN_LOOP:
+                coming = NextLayer(
+                    number,
+                    plan.spec,
+                    layer.planned,
+                    plan.settings.bead_width,
+                    layer.direction[:2],
+                    tuple(layer.arc_paths),
+                )
+                self.cell.next_layer(self.run_id, coming)
 
     def _correct(
         self, layer: PlannedLayer, scan: Scan, heat: Heat, record: LayerRecord

@@ -1,0 +1,176 @@
+"""The whole controller with its inert plant in this process (libwaam_controller_lib), line by line, in ticks of 1 ms:
+what the input shaper does to programs, holds and stops. Used by test_shaped_machine.py and bench/bench_motion.py.
+"""
+
+from __future__ import annotations
+
+import binascii
+import ctypes
+import re
+from collections.abc import Iterable
+from functools import cache
+
+import loop_library
+import numpy as np
+
+SAMPLE = np.dtype(
+    [
+        ('table_x', '<f8'),
+        ('table_y', '<f8'),
+        ('tool_z', '<f8'),
+        ('wire_cmd', '<f8'),
+        ('voltage_set', '<f8'),
+        ('outputs', '<u4'),
+        ('pad', '<u4'),
+    ]
+)
+TX_BYTES = 256 * 1024
+STEPS_PER_MM = 320
+QUEUE = 40  # lines that wait for their `executed`
+TYPES = ('none', 'zv', 'zvd', 'mzv', 'ei', '2hump_ei', '3hump_ei')
+FIELDS = (
+    *(
+        'seq',
+        't_us',
+        'state',
+        'flags',
+        'x_um',
+        'y_um',
+        'z_um',
+        'v_um_s',
+        'wire_cmd',
+        'wire',
+        'current',
+        'voltage',
+    ),
+    *('accepted', 'executed', 'free', 'speed', 'wire_permille', 'lease', 'underruns', 'fault'),
+)
+IDLE, RUN, HOLD, ALARM = range(4)
+
+
+@cache
+def library() -> ctypes.CDLL:
+    lib = loop_library.load('controller_lib')
+    handle, text, size = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t
+    lib.controller_lib_new.restype = handle
+    lib.controller_lib_new.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
+    lib.controller_lib_free.argtypes = (handle,)
+    lib.controller_lib_rx.argtypes = (handle, text, size)
+    lib.controller_lib_step.argtypes = (handle, ctypes.c_uint32, handle)
+    lib.controller_lib_take.restype = size
+    lib.controller_lib_take.argtypes = (handle, handle, size)
+    return lib
+
+
+def sealed(text: str) -> bytes:
+    return f'{text}*{binascii.crc_hqx(text.encode(), 0xFFFF):05d}\n'.encode()
+
+
+class Machine:
+    """Homed and at X 0 Y 0 Z 200. `settings`: of the shaper, as `$C` takes them: shape_x='mzv', shape_x_hz=40.0."""
+
+    def __init__(self, home: bool = True, **settings: float | str) -> None:
+        self._lib = library()
+        self._handle = self._lib.controller_lib_new(1, 1_000_000)
+        self._bytes = ctypes.create_string_buffer(TX_BYTES)
+        self._text = ''
+        self.next = 1
+        self.frame: dict[str, int] = {}
+        self.frames: list[dict[str, int]] = []
+        self.lines: list[str] = []
+        self.samples: list[np.ndarray] = []
+        self.ask('$I')
+        self.ask('$T 1000')
+        for name in sorted(settings, key=lambda n: n in ('shape_x', 'shape_y')):  # types last
+            value = settings[name]
+            number = TYPES.index(value) if isinstance(value, str) else value
+            assert ' ok' in (answer := self.ask(f'$C {name} {number:g}')), answer
+        if home:
+            self.run('G28')
+
+    def close(self) -> None:
+        if self._handle:
+            self._lib.controller_lib_free(self._handle)
+            self._handle = None
+
+    def __del__(self) -> None:
+        self.close()
+
+    def _rx(self, data: bytes) -> None:
+        self._lib.controller_lib_rx(self._handle, data, len(data))
+
+    def _read(self) -> None:
+        count = self._lib.controller_lib_take(self._handle, self._bytes, TX_BYTES)
+        *whole, self._text = (self._text + self._bytes[:count].decode()).split('\n')
+        for line in whole:
+            body = line.rpartition('*')[0]
+            if body.startswith('T '):
+                values = map(int, body[2:].split(','))
+                self.frame = dict(zip(FIELDS, values, strict=True))
+                self.frames.append(self.frame)
+            elif not body.startswith('$H'):
+                self.lines.append(re.sub(r' @\d+$', '', body))
+
+    def tick(self, ms: int = 1) -> np.ndarray:
+        """Positions (ms, 3) in steps at the end of each tick. The host stays alive and renews the lease."""
+        out = np.zeros(ms, SAMPLE)
+        for first in range(0, ms, 50):
+            self._rx(sealed(f'$H t {self.frame.get("t_us", 1)}'))
+            part = out[first : first + 50]
+            self._lib.controller_lib_step(self._handle, len(part), part.ctypes.data)
+            self._read()
+        self.samples.append(out)
+        return steps(out)
+
+    def ask(self, line: str) -> str:
+        """An immediate line; its answer, without check and stamp."""
+        self._rx(sealed(line))
+        self._read()
+        return self.lines[-1]
+
+    def send(self, *gcode: str) -> None:
+        """Queued lines, without waiting for their execution."""
+        for line in gcode:
+            while self.next - self.frame.get('executed', 0) > QUEUE:
+                self.tick(5)
+            self._rx(sealed(f'N{self.next} {line}'))
+            self.next += 1
+            self._read()
+            assert not any(x.startswith(('er ', 'rs ')) for x in self.lines[-3:]), self.lines[-3:]
+
+    def until(self, condition, most: int = 200_000) -> None:
+        """Ticks until condition(frame)."""
+        for _ in range(most):
+            self.tick()
+            if condition(self.frame):
+                return
+        raise AssertionError(f'not within {most} ms: {self.frame}, {self.lines[-3:]}')
+
+    def run(self, *gcode: str) -> None:
+        """Until all is executed and the machine is idle."""
+        self.send(*gcode)
+        self.until(lambda f: f['executed'] == self.next - 1 and f['state'] == IDLE)
+
+    def position(self) -> np.ndarray:
+        """Steps (3,) at the end of the last tick."""
+        return steps(self.samples[-1][-1:])[0]
+
+    def track(self) -> np.ndarray:
+        """All positions so far (n, 3), steps."""
+        return steps(np.concatenate(self.samples))
+
+
+def steps(samples: np.ndarray) -> np.ndarray:
+    """Machine coordinates (n, 3) in steps."""
+    axes = (-samples['table_x'], -samples['table_y'], samples['tool_z'])
+    return np.round(np.stack(axes, axis=-1) * 1e3 * STEPS_PER_MM).astype(np.int64)
+
+
+def target(*mm: float) -> list[int]:
+    """Where the controller must stand, steps."""
+    return [round(v * STEPS_PER_MM) for v in mm]
+
+
+def executed_at(frames: Iterable[dict[str, int]], line: int) -> int:
+    """Controller time (us) of the first frame that says so."""
+    return next(f['t_us'] for f in frames if f['executed'] >= line)
