@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from scipy import sparse
 from scipy.ndimage import correlate
 
 from waam_adapt.beads import kernels
@@ -54,6 +55,21 @@ def test_pieces_off_the_grid_give_nothing():
     assert not kernels.neighbours(place, step, step, nearest, 5.0, 1.0, 2.0, 1.5, 8.0).any()
 
 
+def test_gradient_and_curvature_of_the_least_squares():
+    rng = np.random.default_rng(4)
+    a = sparse.random_array((9, 6), density=0.4, rng=rng, format='csr')
+    weight, need, x = rng.uniform(0, 1, 9), rng.normal(size=9), rng.normal(size=6)
+    weight[3] = 0.0
+    entries = a.data, a.indices.astype(np.uint32), a.indptr.astype(np.uint32), weight
+    full = a.toarray()
+    normal = full.T @ np.diag(weight) @ full
+    found = kernels.gradient(*entries, need, x)
+    assert found == pytest.approx(normal @ x - full.T @ (weight * need), abs=1e-12)
+    diagonal, total = kernels.curvature(*entries, 6)
+    assert diagonal == pytest.approx(np.diag(normal), abs=1e-12)
+    assert total == pytest.approx(normal.sum(axis=1), abs=1e-12)
+
+
 @pytest.mark.parametrize(('inputs', 'outputs'), [(3, 4), (1, 5), (7, 11)])
 def test_a_convolution_sees_zeros_around_and_gives_nothing_below_zero(inputs, outputs):
     rng = np.random.default_rng(outputs)
@@ -76,7 +92,7 @@ from waam_adapt.beads import kernels
 from waam_adapt.correction_server_node import CorrectionServer
 from waam_adapt.laws import convolution
 from waam_adapt.laws.corrector import warm_up
-loops = kernels.shares, kernels.neighbours, convolution._conv3x3
+loops = kernels.shares, kernels.neighbours, kernels.curvature, kernels.gradient, convolution._conv3x3
 assert not any(loop.signatures for loop in loops)
 rclpy.init()
 server = CorrectionServer()

@@ -122,7 +122,7 @@ def bead_paths(
 
 
 def _told_paths(request: ComputeCorrection.Request | NextLayer) -> list[np.ndarray]:
-    """Records from before 0.3 tell `beads`, a polygon for each path."""
+    """Each (n, 2) m in the work frame. Records of 0.2 and before tell `beads`, a polygon for each path."""
     if hasattr(request, 'beads'):
         return [np.array([(p.x, p.y) for p in b.points]).reshape(-1, 2) for b in request.beads]
     try:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -122,7 +123,7 @@ class CorrectionInput:
             if p.ndim != 2 or p.shape[1] != 2 or len(p) < 2 or not np.isfinite(p).all():
                 raise CorrectionError(f'paths[{i}] must be finite points of shape (n >= 2, 2)')
 
-    @property
+    @cached_property
     def footprint(self) -> np.ndarray:
         """(rows, cols) bool: where the plan adds metal."""
         return np.nan_to_num(self.planned) > MIN_PLANNED

@@ -90,8 +90,47 @@ def neighbours(place, step, run, nearest, reach, narrow, wide, apart, fade):
     return out
 
 
+@njit(cache=True)
+def curvature(metal, segment, first, weight, segments):
+    """Of A'WA, A (cells, segments) in rows: diagonal and sums of the rows, (segments,) each.
+
+    metal, segment: values and columns of the entries of A; first (cells + 1,): number of the first entry of every cell;
+    weight (cells,): diagonal of W.
+    """
+    diagonal, total = np.zeros(segments), np.zeros(segments)
+    for i in range(len(weight)):
+        row = 0.0
+        for k in range(first[i], first[i + 1]):
+            row += metal[k]
+        for k in range(first[i], first[i + 1]):
+            pull = weight[i] * metal[k]
+            diagonal[segment[k]] += pull * metal[k]
+            total[segment[k]] += pull * row
+    return diagonal, total
+
+
+@njit(cache=True, fastmath={'contract', 'reassoc'})
+def gradient(metal, segment, first, weight, need, x):
+    """A'W(A*x - need) (segments,), in one pass over A; metal, segment, first, weight: as of `curvature`; need (cells,),
+    x (segments,). segment and first without a sign: then no index has to be tested for counting from the end."""
+    out = np.zeros(len(x))
+    for i in range(len(weight)):
+        if weight[i] == 0.0:
+            continue
+        surplus = -need[i]
+        for k in range(first[i], first[i + 1]):
+            surplus += metal[k] * x[segment[k]]
+        surplus *= weight[i]
+        for k in range(first[i], first[i + 1]):
+            out[segment[k]] += metal[k] * surplus
+    return out
+
+
 def warm_up() -> None:
-    """Compiles both for the arrays that the package passes."""
+    """Compiles all of them for the arrays that the package passes."""
     place, step = np.ones((2, 2)), np.ones(2)
+    cells = np.zeros(2, np.uint32), np.arange(3, dtype=np.uint32)
+    curvature(step, *cells, step, 1)
+    gradient(step, *cells, step, step, step[:1])
     shares(place, place, step, 3, 3, 1, 1.0, 1.0, 0.0)
     neighbours(place, step, step, np.zeros((3, 3), np.int64), 1.0, 1.0, 1.0, 1.0, 1.0)

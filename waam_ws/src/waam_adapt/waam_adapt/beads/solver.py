@@ -15,6 +15,7 @@ import numpy as np
 
 from ..grids import Resampler
 from ..types import RATIO_HIGH, RATIO_LOW, BeadDeviation, CorrectionInput
+from . import kernels
 from .model import MARGIN, BeadModel, bead_model, inner_mean
 
 SMALL, SMOOTH = 0.0005, 0.0015  # of the typical diagonal of A'wA
@@ -64,26 +65,25 @@ def solve(
     start (m,): x0, what is asked where nothing is known. lag: m.
     """
     a, w = model.spread @ model.driven(lag) @ model.read, weight.ravel()
-    back = (a.T * w).tocsr()
+    entries = a.data, a.indices.astype(np.uint32), a.indptr.astype(np.uint32), w
     high = np.where(model.to_arc < END_REACH * model.width, END_HIGH, RATIO_HIGH) - 1
     low, x0 = RATIO_LOW - 1, start - 1
-    diagonal = a.power(2).T @ w
+    # sums of the rows are no less than the curvature, for nothing in A'wA is negative
+    diagonal, rows = kernels.curvature(*entries, len(x0))
     typical = float(np.median(diagonal[diagonal > 0])) if diagonal.any() else 1.0
     small, smooth = SMALL * typical, SMOOTH * typical
     joined = (model.first[1:] == model.first[:-1]).astype(float)
-
-    target = back @ need.ravel()
+    wanted = need.ravel()
 
     def gradient(x: np.ndarray) -> np.ndarray:
         d = x - x0
         fall = smooth * joined * np.diff(d)
-        g = back @ (a @ x) - target + small * d
+        g = kernels.gradient(*entries, wanted, x) + small * d
         g[1:] += fall
         g[:-1] -= fall
         return g
 
-    # sums of the rows are no less than the curvature, for nothing in A'wA is negative
-    steepest = back @ a.sum(axis=1) + small + 4 * smooth
+    steepest = rows + small + 4 * smooth
     return 1 + _projected(gradient, np.clip(x0, low, high), low, high, steepest)
 
 

@@ -17,7 +17,10 @@ def conv3x3(x: np.ndarray, weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
     if spare:
         weight = np.pad(weight, ((0, spare), (0, 0), (0, 0), (0, 0)))
         bias = np.pad(bias, (0, spare))
-    out = _conv3x3(np.pad(x, ((0, 0), (1, 1), (1, 1))), weight, bias)
+    rows, cols = x.shape[1:]
+    padded = np.zeros((len(x), rows + 2, cols + 2), np.float32)
+    padded[:, 1:-1, 1:-1] = x
+    out = _conv3x3(padded, weight, bias)
     return out[: len(out) - spare]
 
 
