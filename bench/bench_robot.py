@@ -9,6 +9,11 @@ table 3.4; baselines: asked for.
 robot.oval_error_ratio: oval of 500 mm with 5 % ovality, largest miss of the wire tip, split over robot alone, mean of
 20 machines with errors in every axis (waam_robot/accuracy.py), program taught at its first point; baseline: the
 source's 0.16 / 0.36 mm. robot.oval_untaught_ratio: the same without teaching, where the split cannot help.
+robot.flips_in_bead: beads of 500 random parts of two beads whose joint path changes the side of shoulder, elbow or
+wrist or jumps, judged by the places of the links; parts that were refused go to stderr; baseline: asked for.
+robot.speed_error_pct: six parts at 10 mm/s, how far the torch's speed at the part is off on 99 % of the way, by forward
+kinematics of arm and positioner; the worst part; baseline: asked for. robot.plan_ms_per_point: processor time of their
+joint paths with branches and timing, without collisions, per point (every 0.1 mm of bead); baseline: asked for.
 """
 
 from __future__ import annotations
@@ -66,6 +71,42 @@ def ovals() -> None:
         emit(name, both / alone, '1', 'source 003: 0.16 / 0.36 mm', 0.16 / 0.36)
 
 
+def random_plans() -> None:
+    """500 random parts."""
+    from lib.robot_parts import random_parts
+
+    flipped, planned, refused = random_parts(500)
+    print(f'robot.flips_in_bead: {planned} planned, {len(refused)} refused', file=sys.stderr)
+    for text in refused[:3]:
+        print(f'  {text}', file=sys.stderr)
+    emit('robot.flips_in_bead', float(flipped), '1', 'asked for', 0.0)
+
+
+def plans() -> None:
+    """Six parts."""
+    from lib.robot_parts import PARTS, run
+
+    from waam_robot.joint_path import Machine
+
+    machine, results = Machine(), []
+    try:
+        run(PARTS['pad']()[:1], machine)  # loads toppra
+    except ValueError as e:
+        print(f'robot.speed_error_pct: {e}; scripts/setup.sh --robot does it', file=sys.stderr)
+        return
+    for name, make in PARTS.items():
+        r = run(make(), machine)
+        results.append(r)
+        print(
+            f'{name}: {r.points} points, {r.seconds / r.points * 1e3:.3f} ms each, 99 % of the way within '
+            f'{r.off:.3%}, {r.told:.2%} told to be slower, limits used {r.used:.2f}',
+            file=sys.stderr,
+        )
+    emit('robot.speed_error_pct', 100 * max(r.off for r in results), '%', 'asked for', 1.0)
+    per_point = sum(r.seconds for r in results) / sum(r.points for r in results) * 1e3
+    emit('robot.plan_ms_per_point', per_point, 'ms', 'asked for', 2.0)
+
+
 FIGURES = {
     'robot.ik_error_m': inverse,
     'robot.ik_us': inverse,
@@ -73,4 +114,7 @@ FIGURES = {
     'robot.table_mm': tables,
     'robot.oval_error_ratio': ovals,
     'robot.oval_untaught_ratio': ovals,
+    'robot.flips_in_bead': random_plans,
+    'robot.speed_error_pct': plans,
+    'robot.plan_ms_per_point': plans,
 }

@@ -1,0 +1,297 @@
+"""When the joints are where: the programmed torch speed at the part, under limits of speed, acceleration and jerk.
+
+TOPPRA (Pham H., Pham Q.-C., 2018) finds the fastest motion along a bead's joint path under the limits of speed and
+acceleration, where the way itself is a ninth axis that may not exceed the programmed speed. Its motion along the way is
+then averaged over `blend` seconds, which leaves the path as it is and bounds the change of acceleration. Where the path
+bends so much that the programmed speed alone would exceed a limit of jerk, the torch is slowed down before. What comes
+out is checked: starts and stops become gentler until the limits of jerk hold. A bead begins and ends at rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from .arm import AXES, forward
+from .frames import rotation
+from .joint_path import BeadPath, Machine
+
+TOLD = 0.01  # share of the programmed speed from which a difference is told
+SHARE = 0.9  # of speed and acceleration that TOPPRA gets; averaging needs the rest
+BEND = 0.6  # of jerk that the bends of the path may take at steady speed
+GENTLER = 8  # attempts
+AXIS_NAMES = ('J1', 'J2', 'J3', 'J4', 'J5', 'J6', 'B', 'C')
+
+
+class TimingError(ValueError):
+    """A bead cannot be timed; the text says why."""
+
+
+def _drives(*values: float) -> np.ndarray:
+    return np.radians(np.array(values))
+
+
+@dataclass(frozen=True)
+class Drives:
+    """Limits of the six joints, B and C: speed rad/s, acceleration rad/s^2, jerk rad/s^3; torch: m/s^2 along the way;
+    blend: s. Those here are of the size usual for such machines: put those of your data sheets in their place.
+    """
+
+    speed: np.ndarray = field(
+        default_factory=lambda: _drives(205, 205, 260, 415, 415, 880, 120, 190)
+    )
+    acceleration: np.ndarray = field(
+        default_factory=lambda: _drives(500, 500, 600, 1200, 1200, 2000, 300, 500)
+    )
+    jerk: np.ndarray = field(
+        default_factory=lambda: 10 * _drives(500, 500, 600, 1200, 1200, 2000, 300, 500)
+    )
+    torch: float = 0.25
+    blend: float = 0.04
+
+    def __post_init__(self) -> None:
+        for name in ('speed', 'acceleration', 'jerk'):
+            value = np.asarray(getattr(self, name), float)
+            if value.shape != (AXES + 2,) or not (np.isfinite(value) & (value > 0)).all():
+                raise ValueError(f'{name}: wanted {AXES + 2} positive numbers')
+        if not (self.torch > 0 and self.blend > 0):
+            raise ValueError('torch and blend have to be positive')
+
+
+@dataclass(frozen=True)
+class Slow:
+    """A stretch of a bead where the torch is slower than programmed: begin, end (m along the bead); speed: the least,
+    m/s; axis: what holds it up: a drive, 'start', 'end' or 'bends of the path'; place: (3,) m of the part."""
+
+    begin: float
+    end: float
+    speed: float
+    axis: str
+    place: np.ndarray
+
+
+@dataclass(frozen=True)
+class Timed:
+    """time (T,) s; way (T,) m and speed (T,) m/s of the torch along the bead; joints, rates (T, 8) rad, rad/s;
+    used: (3, 8) largest speed, acceleration and jerk over their limits; slow: where it is slower
+    than programmed.
+    """
+
+    time: np.ndarray
+    way: np.ndarray
+    speed: np.ndarray
+    joints: np.ndarray
+    rates: np.ndarray
+    used: np.ndarray
+    slow: tuple[Slow, ...]
+
+
+def time_bead(
+    path: BeadPath, speed: float, drives: Drives | None = None, dt: float = 1e-3
+) -> Timed:
+    """The bead at the programmed travel speed (m/s), sampled every dt (s); longer where that gives over 10^6 samples.
+
+    TimingError without toppra, for a speed that is none, and where TOPPRA finds no motion.
+    """
+    drives = drives or Drives()
+    if not (np.isfinite(speed) and speed > 0):
+        raise TimingError(f'travel speed {speed} m/s: wanted a positive number')
+    curve = _curve(path, speed)
+    torch, worst, slowed = drives.torch, np.inf, ''
+    for attempt in range(GENTLER):
+        pace = _fastest(curve, path, speed, replace(drives, torch=torch))
+        motion = _averaged(pace, drives.blend, dt)
+        if attempt == GENTLER - 1:  # what is left is no matter of starts and stops
+            motion = motion.slower(1.02 * worst)
+            slowed = 'jerk, the whole bead is slowed down'
+        timed, worst = _sampled(curve, path, speed, drives, motion, slowed)
+        if worst <= 1.0:
+            return timed
+        torch *= 0.6
+    raise TimingError(f'a limit is exceeded {worst:.2f} times even after slowing down')
+
+
+def _toppra() -> Any:
+    try:
+        import toppra
+        import toppra.algorithm
+        import toppra.constraint
+    except ImportError:
+        raise TimingError(
+            'timing of joint paths needs toppra: pip install -r requirements-robot.txt'
+        ) from None
+    import logging
+
+    logging.getLogger('toppra').setLevel(logging.ERROR)
+    return toppra
+
+
+def _curve(path: BeadPath, speed: float) -> Any:
+    """Cubic spline (scipy) of the eight axes over u, the time at programmed speed."""
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(path.bead.way / speed, path.joints)
+
+
+def _fastest(curve: Any, path: BeadPath, speed: float, drives: Drives) -> _Pace:
+    """du/dt over u, by TOPPRA."""
+    ta = _toppra()
+    u = path.bead.way / speed
+    spline = ta.SplineInterpolator(u, np.column_stack([path.joints, u]))
+    cap, steady = _bend_cap(curve, u, drives), SHARE * drives.speed
+
+    def speeds(at: float) -> np.ndarray:
+        limit = np.append(steady, np.interp(at, u, cap))
+        return np.column_stack([-limit, limit])
+
+    push = SHARE * np.array([*drives.acceleration, drives.torch / speed])
+    constraints = [
+        ta.constraint.JointVelocityConstraintVarying(speeds),
+        ta.constraint.JointAccelerationConstraint(np.column_stack([-push, push])),
+    ]
+    solver = ta.algorithm.TOPPRA(constraints, spline, gridpoints=_grid(u), solver_wrapper='seidel')
+    _, pace, *_ = solver.compute_parameterization(0.0, 0.0)
+    if pace is None or not np.isfinite(pace).all():
+        raise TimingError(f'TOPPRA finds no motion along a bead of {path.bead.length * 1e3:.1f} mm')
+    return _Pace(np.asarray(solver.problem_data.gridpoints), np.asarray(pace).ravel())
+
+
+def _bend_cap(curve: Any, u: np.ndarray, drives: Drives) -> np.ndarray:
+    """(N,): share of the programmed speed that the jerk at steady speed allows at u, with its neighbours' least."""
+    jerk = np.abs(curve(u, 3))
+    jerk = np.maximum(jerk, np.abs(curve(np.append(u[1:], u[-1]) - 1e-9, 3)))
+    with np.errstate(divide='ignore'):
+        cap = np.minimum(np.cbrt(BEND * drives.jerk / np.maximum(jerk, 1e-12)).min(axis=1), 1.0)
+    wide = np.pad(cap, 4, mode='edge')
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(wide, 9).min(axis=1))
+
+
+def _grid(u: np.ndarray) -> np.ndarray:
+    """The samples, and finer ones near both ends, where the torch starts and stops."""
+    ends = np.geomspace(1e-4, 1.0, 25) * min(0.1, u[-1] / 4)
+    return np.unique(np.concatenate([u, ends, u[-1] - ends]))
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """du/dt at u: its square is linear between the points."""
+
+    u: np.ndarray
+    rate: np.ndarray
+
+    def times(self) -> np.ndarray:
+        """(N,) s."""
+        mean = (self.rate[1:] + self.rate[:-1]) / 2
+        return np.concatenate([[0.0], np.cumsum(np.diff(self.u) / np.maximum(mean, 1e-12))])
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """u over time t (T,), evenly sampled."""
+
+    t: np.ndarray
+    u: np.ndarray
+
+    def slower(self, factor: float) -> _Motion:
+        return _Motion(self.t * factor, self.u)
+
+
+def _averaged(pace: _Pace, blend: float, dt: float) -> _Motion:
+    """u(t) of the pace, averaged twice over half of `blend` each: the acceleration along the way becomes continuous."""
+    t = pace.times()
+    dt = max(dt, t[-1] / 1e6)
+    half = max(int(round(blend / 2 / dt)), 1)
+    even = np.arange(-2 * half, int(np.ceil(t[-1] / dt)) + 2 * half + 1) * dt
+    # between two points the acceleration is constant: u is a parabola
+    u = np.interp(even, t, pace.u)
+    at = np.clip(np.searchsorted(t, even) - 1, 0, len(t) - 2)
+    inside = (even > t[0]) & (even < t[-1])
+    since = even - t[at]
+    push = (pace.rate[at + 1] - pace.rate[at]) / np.maximum(t[at + 1] - t[at], 1e-12)
+    u = np.where(inside, pace.u[at] + pace.rate[at] * since + push * since**2 / 2, u)
+    box = np.ones(half) / half
+    for _ in range(2):
+        padded = np.concatenate([np.full(half, u[0]), u, np.full(half, u[-1])])
+        u = np.convolve(padded, box, 'same')[half:-half]
+    u = np.clip(np.maximum.accumulate(u), pace.u[0], pace.u[-1])
+    return _Motion(even - even[0], u)
+
+
+def _sampled(
+    curve: Any, path: BeadPath, speed: float, drives: Drives, motion: _Motion, slowed: str
+) -> tuple[Timed, float]:
+    """The motion with its derivatives, and the largest share of a limit that it uses."""
+    h = float(motion.t[1] - motion.t[0])
+    joints = curve(motion.u)
+    pace = np.gradient(motion.u, h)
+    rates = np.gradient(joints, h, axis=0)
+    push = np.gradient(rates, h, axis=0)
+    jerk = np.gradient(push, h, axis=0)
+    limits = (drives.speed, drives.acceleration, drives.jerk)
+    used = np.array(
+        [
+            np.abs(v).max(axis=0) / limit
+            for v, limit in zip((rates, push, jerk), limits, strict=True)
+        ]
+    )
+    worst = max(float(used[n].max()) ** (1 / (n + 1)) for n in range(3))
+    way = motion.u * speed
+    slow = _slow(
+        path, motion, pace * speed, speed, lambda u: slowed or _what_holds(u, drives, curve)
+    )
+    return Timed(motion.t, way, pace * speed, joints, rates, used, slow), worst
+
+
+def _slow(
+    path: BeadPath,
+    motion: _Motion,
+    rate: np.ndarray,
+    speed: float,
+    holds: Callable[[np.ndarray], str],
+) -> tuple[Slow, ...]:
+    """Stretches with less than the programmed speed; rate: (T,) m/s."""
+    late = rate < (1 - TOLD) * speed
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], late, [0]])))
+    found = []
+    for a, b in edges.reshape(-1, 2):
+        least = a + int(np.argmin(rate[a:b]))
+        usual = 'start' if a == 0 else 'end' if b == len(late) else 'bends of the path'
+        begin, end, there = (float(motion.u[n] * speed) for n in (a, b - 1, least))
+        at = [np.interp(there, path.bead.way, path.bead.points[:, n]) for n in range(3)]
+        found.append(
+            Slow(begin, end, float(rate[least]), holds(motion.u[a:b]) or usual, np.array(at))
+        )
+    return tuple(found)
+
+
+def _what_holds(u: np.ndarray, drives: Drives, curve: Any) -> str:
+    """The axis whose speed limit the programmed speed would exceed most; empty where none is exceeded."""
+    wanted = np.abs(curve(u, 1)).max(axis=0) / (SHARE * drives.speed)
+    n = int(np.argmax(wanted))
+    return f'speed of {AXIS_NAMES[n]}' if wanted[n] > 1 else ''
+
+
+def torch_speed(timed: Timed, machine: Machine) -> np.ndarray:
+    """(T,) m/s: speed of the wire tip against the part, by forward kinematics of arm and positioner: a second way."""
+    tip = part_pose(timed.joints, machine)[:, :3, 3]
+    step = np.linalg.norm(np.diff(tip, axis=0), axis=1)
+    rate = step / np.diff(timed.time)
+    return np.concatenate([rate[:1], (rate[1:] + rate[:-1]) / 2, rate[-1:]])
+
+
+def part_pose(joints: np.ndarray, machine: Machine) -> np.ndarray:
+    """(..., 4, 4): the torch on the part for (..., 8) axes; z out of the part."""
+    tip = forward(machine.arm, joints[..., :AXES]) @ rotation(0, np.pi)
+    return machine.positioner.to_part(tip, joints[..., AXES], joints[..., AXES + 1])
+
+
+def slow_text(slow: Slow, bead: int) -> str:
+    """One line for people."""
+    x, y, z = slow.place * 1e3
+    return (
+        f'bead {bead}, {slow.begin * 1e3:.1f} to {slow.end * 1e3:.1f} mm: {slow.speed * 1e3:.2f} mm/s at the least, '
+        f'at ({x:.1f}, {y:.1f}, {z:.1f}) mm: {slow.axis}'
+    )
