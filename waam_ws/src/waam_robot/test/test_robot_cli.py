@@ -11,6 +11,7 @@ from waam_robot import cli
 from waam_robot.arm import M20IB25, forward
 from waam_robot.config_xml import to_file
 from waam_robot.points import pose_lines
+from waam_robot.urdf_text import check_urdf
 
 
 @pytest.fixture
@@ -80,6 +81,11 @@ def test_split_prints_table_2_2(waam, tmp_path):
         '99.804; 5.455; 0.003; 19.975; 0.000; 273.129; -19.975; 273.129; 1; 0.1248'
     )
     assert '0 of 1 moves by the robot alone; r_crit 6.03 mm' in lines[3]
+
+
+def test_the_machine_as_a_urdf(waam):
+    status, out, _ = waam('urdf')
+    assert status == 0 and check_urdf(out) == out and '<joint name="turn"' in out
 
 
 @pytest.mark.parametrize(

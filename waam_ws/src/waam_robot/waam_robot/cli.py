@@ -23,6 +23,7 @@ examples:
   waam robot fk 0 0 0 0 0 0 --zero vertical --coupled     counted as the pendant does
   waam robot ik 1211.277 299.969 853.587 -90.8 -35.6 -28  a pose -> all branches, and which limits they break
   waam robot xml -o robot.xml                             the arm of the source as its own XML
+  waam robot urdf -o cell.urdf                            arm and tilt-turn positioner for other programs
   waam robot fk -c robot.xml -i f_input.txt -o f_output.txt     the source's files: angles -> poses
   waam robot ik -c robot.xml -i i_input.txt -o i_output.txt     poses -> angles, branch nearest to the state before
   waam robot split points.txt -o split.txt --speed 20     a path divided between robot and positioner
@@ -50,6 +51,9 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     xml = verbs.add_parser('xml', help="write the source's arm as its XML")
     _add_output(xml)
     xml.set_defaults(run_command=_guarded, verb=write_xml)
+    urdf = verbs.add_parser('urdf', help='write the arm with a tilt-turn positioner as a URDF')
+    _add_output(urdf)
+    urdf.set_defaults(run_command=_guarded, verb=write_urdf_verb)
 
 
 def _register_kinematics(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -124,6 +128,15 @@ def write_xml(_args: argparse.Namespace) -> str:
     from .arm import M20IB25
 
     return config_xml.write(config_xml.chain_of(M20IB25))
+
+
+def write_urdf_verb(_args: argparse.Namespace) -> str:
+    """Arm and positioner, drawn as plain cylinders."""
+    from .joint_path import Machine
+    from .timing import Drives
+    from .urdf_text import write_urdf
+
+    return write_urdf(Machine(), Drives().speed)
 
 
 def forward_verb(args: argparse.Namespace) -> str:

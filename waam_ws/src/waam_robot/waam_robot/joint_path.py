@@ -296,7 +296,7 @@ def _check_positioner(number: int, bead: Bead, turn: _Turn, positioner: Position
 
 
 def _place(number: int, bead: Bead, at: int) -> str:
-    x, y, z = bead.points[at] * 1e3
+    x, y, z = np.round(bead.points[at] * 1e3, 1) + 0.0
     return f'bead {number}, {bead.way[at] * 1e3:.1f} mm from its start, at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the part'
 
 
