@@ -178,13 +178,22 @@ def test_a_restored_strip_is_one_ring_whose_ends_are_turns(thickness, number):
     apart = shapely.distance(strip.exterior, shapely.points(away))
     np.testing.assert_allclose(apart, thickness / 4, atol=0.1 * thickness)
     assert curve.length > 1.8 * 0.07
-    # a wall that is too thin for two beads, and one that has no ends, are not
-    for other in (
-        strip.buffer(-0.3 * thickness),
-        Point(0.04, 0.03).buffer(0.02).boundary.buffer(2e-3),
-    ):
-        area = strategies.Area([other], raster([other], SPEC), SPEC, s, number)
-        assert len(strategies.restored(area)) > 1 or len(strategies.restored(area)[0]) > 1
+    # a wall that is too thin for two beads is not
+    other = strip.buffer(-0.3 * thickness)
+    area = strategies.Area([other], raster([other], SPEC), SPEC, s, number)
+    assert len(strategies.restored(area)) > 1 or len(strategies.restored(area)[0]) > 1
+
+
+@pytest.mark.parametrize('thickness', [3.4e-3, 5e-3, 7.5e-3])
+def test_a_restored_band_around_a_hole_is_two_rings_along_its_sides(thickness):
+    middle = Point(0.04, 0.03).buffer(0.02, 64)
+    band = middle.buffer(thickness / 2).difference(middle.buffer(-thickness / 2))
+    area = strategies.Area([band], raster([band], SPEC), SPEC, PlanSettings(), 1)
+    rings = [shapely.LineString(line) for chain in strategies.restored(area) for line in chain]
+    outer, inner = sorted((r for r in rings if r.length > 0.08), key=lambda r: -r.length)
+    for ring, side in ((outer, band.exterior), (inner, band.interiors[0])):
+        apart = shapely.distance(side, shapely.points(ring.segmentize(0.5e-3).coords))
+        np.testing.assert_allclose(np.median(apart), thickness / 4, atol=0.1 * thickness)
 
 
 @pytest.mark.parametrize('island', np.arange(16e-3, 20e-3, 0.25e-3))

@@ -22,6 +22,9 @@ from .shortfall import Shortfall
 # Relative, of a whole layer, before any is known: what one layer is off all over is mostly gone in the next.
 LAYER_NOISE = 0.02
 NOISE_LAYERS = 4  # layers that this first belief in the noise counts for
+MOST_STEP = (
+    0.04  # of the ratio, by one layer once it has settled: wire and heat drift, they do not jump
+)
 LOW, HIGH = 0.7, 1.3  # efficiency ratios beyond this are a fault, not a property of the wire
 # per layer: the exponent is a property of geometry and wire, not of one layer
 SLOPE_FORGETTING = 0.95
@@ -74,7 +77,7 @@ def update(
 
     drift_alarm: the layer lies further from the prediction than `alarm_sigmas` of its uncertainty
     and 5 %, once the estimate has settled (two layers), or the ratio leaves 0.7 .. 1.3. An evident
-    outlier moves the estimate no further than that distance.
+    outlier counts as that distance, and no layer moves a settled estimate by more than MOST_STEP.
     """
     prior = estimate.efficiency_sigma**2 / (forgetting if estimate.updates else 1.0)
     noise = evidence.ratio_sigma**2 + estimate.layer_noise**2
@@ -83,9 +86,10 @@ def update(
     gain = prior / (prior + noise)
     settled = estimate.updates >= 2
     step = max(-limit, min(limit, difference)) if settled else difference
+    moved = max(-MOST_STEP, min(MOST_STEP, gain * step)) if settled else gain * step
     return replace(
         estimate,
-        efficiency_ratio=min(max(estimate.efficiency_ratio + gain * step, LOW), HIGH),
+        efficiency_ratio=min(max(estimate.efficiency_ratio + moved, LOW), HIGH),
         efficiency_sigma=max(math.sqrt((1 - gain) * prior), 2e-3),
         spread=evidence.spread,
         innovation=difference * evidence.commanded,

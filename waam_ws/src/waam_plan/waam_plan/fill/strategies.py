@@ -98,9 +98,10 @@ def contours(area: Area) -> list[Chain]:
 
 
 def rings_or_hatch(area: Area) -> list[Chain]:
-    """Of a restored layer: strips for two beads as one ring, other walls under two beads as parallel beads, `contours`
-    elsewhere."""
-    walls, rest = _walls_and_rest(area)
+    """Of a restored layer: strips and closed walls for two beads as one ring or two, other walls under two beads as
+    parallel beads, `contours` elsewhere."""
+    walls = [p for p in area.polygons if is_narrow(p, area.settings)]
+    rest = [p for p in area.polygons if p not in walls]
     strips = [p for p in walls if _is_strip(p, area.settings)]
     others = [p for p in walls if p not in strips]
     chains = zigzag(area.part(others)) if others else []
@@ -110,16 +111,22 @@ def rings_or_hatch(area: Area) -> list[Chain]:
     return chains + (contours(area.part(rest)) if rest else [])
 
 
+def is_narrow(polygon: Polygon, s: PlanSettings) -> bool:
+    """Whether a restored polygon is too narrow for `contours`: under two beads, around a hole under two pitches."""
+    return contour.is_wall(polygon, s) and (not polygon.interiors or _is_strip(polygon, s))
+
+
 def _is_strip(polygon: Polygon, s: PlanSettings) -> bool:
-    """Whether two beads beside each other fill a wall that has ends, with enough metal for both."""
+    """Whether two beads beside each other fill a wall with ends or around a hole, with enough metal for both."""
     return (
-        not polygon.interiors
+        len(polygon.interiors) <= 1
         and STRIP[0] * s.bead_width <= contour.mean_width(polygon) <= STRIP[1] * s.pitch
     )
 
 
 def _hairpin(polygon: Polygon, s: PlanSettings) -> list[Chain]:
-    """A ring a quarter of the width inside: the ends of the strip are turns, and only one place has an arc start."""
+    """A ring a quarter of the width inside: the ends of the strip are turns, and only one place has an arc start.
+    Around a hole it is two rings, one along each side."""
     inset = contour.mean_width(polygon) / 4
     return _filled(polygon, contour.outlines(polygon, inset), s)
 
@@ -191,7 +198,7 @@ def _each(area: Area, runs_of: Callable[[Polygon], list[Chain]]) -> list[Chain]:
     near = s.first_ring < s.bead_width / 2  # the edge, beside which the surface goes on
     chains: list[Chain] = []
     for p in area.polygons:
-        runs = _wall(p, s) if contour.is_wall(p, s) else runs_of(p)
+        runs = _wall(p, s) if is_narrow(p, s) else runs_of(p)
         chains += linked(runs, p, s.pitch, area.number, open_first=near)
     return chains
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waam_plan import masks
-from waam_plan.fill import contour, strategies
+from waam_plan.fill import strategies
 from waam_plan.fill.linking import arc_starts, near_starts
 from waam_plan.lay import sides
 from waam_plan.lay.layer import LayerTask, lay
@@ -202,15 +202,19 @@ def _laid(
 
 def _fillings(settings: PlanSettings, cover: sides.Cover) -> list[PlanSettings]:
     """Settings of the strategies that a layer may be filled with."""
-    if settings.strategy != 'solid' or all(contour.is_wall(p, settings) for p in cover.polygons):
+    if settings.strategy != 'solid' or _narrow(settings, cover):
         return [settings]
     return [settings, replace(settings, strategy='zigzag')]
 
 
+def _narrow(settings: PlanSettings, cover: sides.Cover) -> bool:
+    """Whether no place of a layer is wide enough for rings."""
+    return all(strategies.is_narrow(p, settings) for p in cover.polygons)
+
+
 def _with_edges(settings: PlanSettings, cover: sides.Cover) -> PlanSettings:
     """Settings with what the strategy needs along the edge of a layer, where nothing was set."""
-    walls = all(contour.is_wall(p, settings) for p in cover.polygons)
-    hatched = settings.strategy == 'solid' and walls
+    hatched = settings.strategy == 'solid' and _narrow(settings, cover)
     strategy = strategies.REGISTRY['zigzag' if hatched else settings.strategy]
     return replace(
         settings,
