@@ -19,7 +19,8 @@ FIRST = datetime(2026, 1, 5, 8, tzinfo=UTC)
 
 
 def make_job(
-    jobs: Path, number: int = 1, *, rms: float = 0.1e-3, layers: int = 2, part: str = 'roller.stl', operator: str = 'Ada',
+    jobs: Path, number: int = 1, *, rms: float = 0.1e-3, layers: int = 2, part: str = 'roller.stl',
+    operator: str = 'Ada',
     wire_lot: str = '4711', verdict: str = 'in tolerance', job_id: str = '', arrays: bool = True, beads: int = BEADS,
     message: str = '2 layers', created: datetime | None = None,
 ) -> Path:  # fmt: skip

@@ -60,10 +60,8 @@ class Archive:
         return db
 
     def _files(self, catalog: Catalog, table: str) -> list[tuple[int, str]]:
-        if table in BULK:
-            found = [(0, name) for name in catalog.bulk_files(table)]
-        else:
-            found = catalog.small_files(table)
+        bulk = [(0, name) for name in catalog.bulk_files(table)] if table in BULK else []
+        found = bulk or catalog.small_files(table)
         return [(n, str((self.store.root / f).resolve())) for n, f in found]
 
     @staticmethod
@@ -144,7 +142,8 @@ class Archive:
               UNION ALL SELECT job, 'report', '' FROM reports
                 WHERE contains(lower(concat_ws(' ', report, asked)), lower($1))),
             best AS (SELECT job, min_by(place, rank) AS place, min_by(said, rank) AS said, count(*) AS hits FROM
-              (SELECT *, CASE place WHEN 'anomaly' THEN 1 WHEN 'report' THEN 2 ELSE 0 END AS rank FROM hits) GROUP BY job)
+              (SELECT *,
+              CASE place WHEN 'anomaly' THEN 1 WHEN 'report' THEN 2 ELSE 0 END AS rank FROM hits) GROUP BY job)
             SELECT best.job, created, verdict, place, said, hits FROM best JOIN jobs USING (job)
             WHERE {_numbered(where, 2)} ORDER BY created DESC NULLS LAST, best.job"""
         return self.rows(('jobs', 'anomalies', 'reports'), query, [text, *values])
@@ -152,7 +151,8 @@ class Archive:
     # ---- a user's own SQL ------------------------------------------------------------------------
 
     def sql(self, query: str, limit: int = 0) -> tuple[list[str], list[tuple]]:
-        """Columns and rows of one SELECT of a user. It can read the tables of this archive and nothing else. SqlError."""
+        """Columns and rows of one SELECT of a user, which can read the tables of this archive and nothing else.
+        SqlError."""
         db = self.connect(tuple(TABLES))
         try:
             self._lock(db)

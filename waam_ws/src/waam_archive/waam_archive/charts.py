@@ -1,5 +1,5 @@
-"""Control charts (Shewhart): mean and range of subgroups, or single values with their moving range; the rules of Western
-Electric and of Nelson, which name a drift before a limit is passed; the capability index Cpk. Pure."""
+"""Control charts (Shewhart): mean and range of subgroups, or single values with their moving range; the rules of
+Western Electric and of Nelson, which name a drift before a limit is passed; the capability index Cpk. Pure."""
 
 from __future__ import annotations
 

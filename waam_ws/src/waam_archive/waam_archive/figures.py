@@ -4,7 +4,6 @@ coefficient of table 5.3 of source 003), cost by a price file. Pure."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -12,10 +11,7 @@ from .values import mapping, number, ratio
 
 Row = dict[str, Any]
 JOULE_PER_KWH = 3.6e6
-GROUPS: dict[str, Callable[[Row], str]] = {
-    **{k: (lambda r, k=k: str(r.get(k) or '-')) for k in ('part', 'material', 'wire_lot', 'operator', 'cell', 'profile')},  # type: ignore[misc]
-    'month': lambda r: f'{r["created"]:%Y-%m}' if r.get('created') else '-',
-}  # fmt: skip
+GROUPS = ('part', 'material', 'wire_lot', 'operator', 'cell', 'profile', 'month')
 
 
 class PriceError(ValueError):
@@ -106,8 +102,14 @@ def grouped(jobs: list[Row], by: str, prices: Prices | None = None) -> dict[str,
     """Key figures by one of GROUPS, in the order of its values."""
     groups: dict[str, list[Row]] = {}
     for job in jobs:
-        groups.setdefault(GROUPS[by](job), []).append(job)
+        groups.setdefault(_group(job, by), []).append(job)
     return {name: key_figures(groups[name], prices) for name in sorted(groups)}
+
+
+def _group(job: Row, by: str) -> str:
+    if by == 'month':
+        return f'{job["created"]:%Y-%m}' if job.get('created') else '-'
+    return str(job.get(by) or '-')
 
 
 def _known(jobs: list[Row], *names: str) -> list[list[float]]:

@@ -8,8 +8,9 @@ from typing import Any
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
 table { border-collapse: collapse; margin: .5rem 0 1rem } th, td { text-align: left; padding: .2rem .8rem .2rem 0;
-vertical-align: top; border-bottom: 1px solid #ddd } th { font-weight: 600; white-space: nowrap } h2 { margin-top: 2.5rem }
-.missing { color: #a40000 } code { font-size: .85em; overflow-wrap: anywhere } @media print { h2 { break-before: page } }
+vertical-align: top; border-bottom: 1px solid #ddd } th { font-weight: 600; white-space: nowrap }
+h2 { margin-top: 2.5rem } .missing { color: #a40000 } code { font-size: .85em; overflow-wrap: anywhere }
+@media print { h2 { break-before: page } }
 """
 SECTIONS = (
     ('feedstock', 'Feedstock'), ('equipment', 'Equipment'), ('software', 'Software'), ('calibration', 'Calibration'),

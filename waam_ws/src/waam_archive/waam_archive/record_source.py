@@ -1,4 +1,5 @@
-"""Reads a recording (MCAP) that has no job folder around it. What only the report knows, the verdict for one, is NULL."""
+"""Reads a recording (MCAP) that has no job folder around it. What only the report knows, the verdict for one,
+is NULL."""
 
 from __future__ import annotations
 

@@ -78,11 +78,13 @@ _LAYERS = [
     *_columns(
         'float',
         duration_s='deposition', wait_s='waited for the interpass limit', temperature_C='before the layer',
-        current_A='mean, arc on', voltage_V='mean, arc on', wire_feed_m_s='mean, arc on', travel_speed_m_s='mean, arc on',
+        current_A='mean, arc on', voltage_V='mean, arc on', wire_feed_m_s='mean, arc on',
+        travel_speed_m_s='mean, arc on',
         heat_input_J_m='before arc efficiency', energy_J='arc energy', wire_m='wire fed', arc_on_s='burning arc',
         height_error_rms_m='surface before the layer (final: after the last) against its target',
         height_error_max_m='largest', height_error_mean_m='mean', coverage='seen share of the region, 0..1',
-        psi_mean='mean correction, -1..1', k_gain='authority of the correction', heat_factor='of the wire feed (eq 2.19)',
+        psi_mean='mean correction, -1..1', k_gain='authority of the correction',
+        heat_factor='of the wire feed (eq 2.19)',
         flow_factor='of the wire feed, identified', cost='J of eq 2.4',
     ),
     *_columns('text', law='correction law that answered'),
@@ -99,7 +101,8 @@ _BEADS = [
     *_columns('int', layer='from 1', bead='from 1 within the layer'),
     *_columns(
         'float',
-        start_s='since the first telemetry of the job', arc_on_s='burning arc', length_m='way of the torch with the arc on',
+        start_s='since the first telemetry of the job', arc_on_s='burning arc',
+        length_m='way of the torch with the arc on',
         x_m='begin, work frame', y_m='begin', z_m='begin', current_A='mean', voltage_V='mean', wire_feed_m_s='mean',
         travel_speed_m_s='mean', heat_input_J_m='mean of current times voltage over speed', energy_J='arc energy',
         wire_m='wire fed', temperature_C='at its begin',
@@ -145,8 +148,10 @@ _TELEMETRY = [
     JOB,
     *_columns(
         'float',
-        t_s='ROS time; ten rows per second', x_m='wire tip, work frame', y_m='wire tip', z_m='wire tip', current_A='arc current',
-        voltage_V='arc voltage', wire_feed_m_s='measured', wire_feed_commanded_m_s='asked for', speed_m_s='travel speed',
+        t_s='ROS time; ten rows per second', x_m='wire tip, work frame', y_m='wire tip', z_m='wire tip',
+        current_A='arc current',
+        voltage_V='arc voltage', wire_feed_m_s='measured', wire_feed_commanded_m_s='asked for',
+        speed_m_s='travel speed',
         temperature_C='pyrometer',
     ),
     *_columns('bool', arc='current flows'),
@@ -157,7 +162,8 @@ _MAPS = [
     *_columns('int', layer='taken after this layer; 0 = as found'),
     *_columns('text', name='z, sigma, target, nominal, psi, region ... (docs/job_folder.md)'),
     *_columns('int', rows='along y', cols='along x'),
-    *_columns('float', origin_x_m='corner of cell (0, 0)', origin_y_m='corner of cell (0, 0)', resolution_m='size of a cell'),
+    *_columns('float', origin_x_m='corner of cell (0, 0)', origin_y_m='corner of cell (0, 0)',
+    resolution_m='size of a cell'),
     *_columns('floats', data='rows * cols values, row by row; NaN = unknown; masks are 0 and 1'),
 ]  # fmt: skip
 

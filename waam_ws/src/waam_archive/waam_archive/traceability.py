@@ -14,7 +14,8 @@ WANTED = {  # what a record of a job must name -> column of `jobs`
     'hash of the part': 'part_sha256', 'software': 'software', 'controller': 'controller', 'cell': 'cell',
 }  # fmt: skip
 RESULTS = (
-    'verdict', 'rms_mm', 'max_mm', 'share_in_tolerance', 'tolerance_mm', 'layers', 'beads', 'wire_m', 'metal_kg', 'energy_J',
+    'verdict', 'rms_mm', 'max_mm', 'share_in_tolerance', 'tolerance_mm', 'layers', 'beads', 'wire_m', 'metal_kg',
+    'energy_J',
     'duration_s', 'temperature_max_C',
 )  # fmt: skip
 

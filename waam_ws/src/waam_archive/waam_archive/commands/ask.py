@@ -176,7 +176,8 @@ def _trace(args: argparse.Namespace) -> int:
 def _print_record(record: dict[str, Any], page: Path | None) -> None:
     columns = ['created', 'job', 'operator', 'wire lot', 'verdict', 'not told']
     rows = [
-        [e['created'], e['job'], e['operator'], e['feedstock']['wire_lot'], e['results']['verdict'], ', '.join(e['not_told']) or None]
+        [e['created'], e['job'], e['operator'], e['feedstock']['wire_lot'], e['results']['verdict'],
+        ', '.join(e['not_told']) or None]
         for e in record['jobs']
     ]  # fmt: skip
     print_table(columns, rows)
