@@ -109,6 +109,8 @@ def ingest(
             if len(batch) >= BATCH_JOBS or sum(c.size for c in batch) >= BATCH_BYTES:
                 _commit(writer, batch, outcome)
         _commit(writer, batch, outcome)
+        if outcome.updated:
+            writer.tidy()
         tick(len(waiting), len(waiting))
     return outcome
 

@@ -170,6 +170,13 @@ class Writer:
         while numbers := self.catalog.to_merge(FAN):
             self.rewrite(numbers, lambda job, entry: entry)
 
+    def tidy(self) -> None:
+        """Removes rows and files of jobs that were taken in again."""
+        stale = sorted({number for number, _ in self.catalog.stale()})
+        if stale:
+            self.rewrite(stale, lambda job, entry: entry)
+        self.sweep()
+
     def change(self, jobs: set[str], change: Change) -> None:
         """Rewrites the segments that hold rows of these jobs, stale ones included."""
         numbers = [n for n, s in self.catalog.segments.items() if jobs & set(s.jobs)]
