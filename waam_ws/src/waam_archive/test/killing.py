@@ -18,7 +18,7 @@ from waam_archive.verify import verify
 def ingest_in_child(
     archive: Path, jobs: Path, kill_after: float, batch: int = 1, fan: int = 3
 ) -> bool:
-    """Takes in the jobs in a process of its own, in small steps with many merges. True: it was killed before its end."""
+    """Takes in the jobs in a process of its own, in small steps with many merges. True: it was killed."""
     child = os.fork()
     if child == 0:
         code = 1
