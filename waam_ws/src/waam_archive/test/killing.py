@@ -47,24 +47,21 @@ def troubles(archive: Path, expected: dict[str, Counter]) -> list[str]:
         return []
     found = list(verify(Archive(archive).store).problems)
     there = set(Archive(archive).store.catalog().home)
-    for table in TABLES:
-        query = f'SELECT job, count(*) AS n FROM "{table}" GROUP BY job'
-        rows = {r['job']: r['n'] for r in Archive(archive).rows((table,), query)}
-        wanted = {j: n for j, n in expected[table].items() if j in there}
-        found += [f'{table}: {rows} instead of {wanted}'] if rows != wanted else []
-    return found
+    wanted = {
+        t: Counter({j: n for j, n in rows.items() if j in there}) for t, rows in expected.items()
+    }
+    have = counted(archive)
+    return found + [
+        f'{t}: {have[t]} instead of {wanted[t]}' for t in TABLES if have[t] != wanted[t]
+    ]
 
 
 def counted(archive: Path) -> dict[str, Counter]:
     """Rows per job of every table."""
-    return {
-        table: Counter(
-            {
-                r['job']: r['n']
-                for r in Archive(archive).rows(
-                    (table,), f'SELECT job, count(*) AS n FROM "{table}" GROUP BY job'
-                )
-            }
-        )
-        for table in TABLES
-    }
+    query = ' UNION ALL '.join(
+        f"SELECT '{t}' AS name, job, count(*) AS n FROM \"{t}\" GROUP BY job" for t in TABLES
+    )
+    found: dict[str, Counter] = {t: Counter() for t in TABLES}
+    for row in Archive(archive).rows(tuple(TABLES), query):
+        found[row['name']][row['job']] = row['n']
+    return found

@@ -125,22 +125,22 @@ def test_a_deleted_job_comes_back_only_when_it_is_named(jobs, archive):
 def test_many_segments_become_few(jobs, archive, monkeypatch):
     monkeypatch.setattr(ingesting, 'BATCH_JOBS', 1)
     monkeypatch.setattr(storing, 'FAN', 3)
-    for n in range(1, 15):
+    for n in range(1, 11):
         make_job(jobs, n, arrays=False)
     ingest(archive.store, [jobs])
-    assert len(ids(archive)) == len(set(ids(archive))) == 14
+    assert len(ids(archive)) == len(set(ids(archive))) == 10
     assert len(archive.store.marker_numbers()) <= 6
     assert verify(archive.store, sources=True).sound
 
 
-def test_ten_kills_lose_and_double_nothing(jobs, tmp_path):
-    for n in range(1, 6):
+def test_six_kills_lose_and_double_nothing(jobs, tmp_path):
+    for n in range(1, 5):
         make_job(jobs, n, layers=1)
     assert not ingest_in_child(tmp_path / 'whole', jobs, 60.0)
     expected, rng, killed = counted(tmp_path / 'whole'), random.Random(1), 0
-    for trial in range(10):
+    for trial in range(6):
         place = tmp_path / f'a{trial}'
-        killed += ingest_in_child(place, jobs, rng.uniform(0.0, 0.25))
+        killed += ingest_in_child(place, jobs, rng.uniform(0.0, 0.2))
         assert not troubles(place, expected)
         ingest(Archive(place).store, [jobs])
         assert counted(place) == expected and verify(Archive(place).store).sound
