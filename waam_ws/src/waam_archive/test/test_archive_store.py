@@ -125,10 +125,10 @@ def test_a_deleted_job_comes_back_only_when_it_is_named(jobs, archive):
 def test_many_segments_become_few(jobs, archive, monkeypatch):
     monkeypatch.setattr(ingesting, 'BATCH_JOBS', 1)
     monkeypatch.setattr(storing, 'FAN', 3)
-    for n in range(1, 11):
+    for n in range(1, 8):
         make_job(jobs, n, arrays=False)
     ingest(archive.store, [jobs])
-    assert len(ids(archive)) == len(set(ids(archive))) == 10
+    assert len(ids(archive)) == len(set(ids(archive))) == 7
     assert len(archive.store.marker_numbers()) <= 6
     assert verify(archive.store, sources=True).sound
 
