@@ -51,7 +51,7 @@ def messages(job: str, seconds: int, profiles: int) -> Iterator[tuple[str, float
     yield 'layer_plan', T0, pack(stamped(LayerPlan(), T0, job_id=job, layer=1, segments=segments))
     yield 'height_map', T0, pack(height_map(job, 0, 0.0))
     yield 'temperature', T0, pack(stamped(Temperature(), T0, temperature=150.0))
-    points = np.zeros(profiles, np.float32)
+    points = np.random.default_rng(1).normal(size=profiles).astype(np.float32)
     batch = (
         pack(ProfileBatch(profile_count=1, points_per_profile=profiles, x=points, z=points))
         if profiles

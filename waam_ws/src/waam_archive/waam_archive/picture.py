@@ -6,6 +6,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 
 from .charts import Chart
 from .metrics import Metric
@@ -38,7 +39,7 @@ def draw(found: Chart, metric: Metric, labels: list[str], file: Path) -> None:
         pyplot.close(figure)
 
 
-def _panel(axes: pyplot.Axes, values: np.ndarray, limits: tuple[float, float, float]) -> None:
+def _panel(axes: Axes, values: np.ndarray, limits: tuple[float, float, float]) -> None:
     axes.plot(values, '.-', color='#1f5fa8', linewidth=1, markersize=5)
     for value, style in zip(limits, ('--', '-', '--'), strict=True):
         axes.axhline(value, color='#777777', linestyle=style, linewidth=1)
@@ -52,7 +53,7 @@ def _panel(axes: pyplot.Axes, values: np.ndarray, limits: tuple[float, float, fl
     axes.grid(alpha=0.2)
 
 
-def _marks(axes: pyplot.Axes, found: Chart) -> None:
+def _marks(axes: Axes, found: Chart) -> None:
     for signal in found.signals:
         at = list(signal.points)
         axes.plot(

@@ -227,7 +227,7 @@ def _held(t: np.ndarray, values: list[tuple[float, float]], before: float) -> np
 
 
 def _paths(found: _Found) -> Paths:
-    segments = {}
+    segments: dict[tuple[int, int], Any] = {}
     for _, plan in found.messages['layer_plan']:
         segments |= {(s.layer, s.index): s for s in plan.segments if s.kind == DEPOSIT}
     if not segments:

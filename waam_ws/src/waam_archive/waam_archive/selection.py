@@ -33,7 +33,8 @@ class Selection:
 
     def where(self) -> tuple[str, list[Any]]:
         """Condition on the columns of `jobs`, and its parameters."""
-        terms, values = ['true'], []
+        terms = ['true']
+        values: list[Any] = []
         for name in TEXTS:
             asked = getattr(self, name)
             if asked == NONE:

@@ -161,7 +161,7 @@ class Writer:
 
         name = bulk_name(table, c.job, c.sha256)
         new = self.root / f'{name}.new'
-        facts = arrow.write(new, found)  # type: ignore[arg-type]
+        facts = arrow.write(new, found)
         os.replace(new, self.root / name)
         return File(name=name, **facts)  # type: ignore[arg-type]
 

@@ -49,7 +49,9 @@ def verify(
             verdict.markers.append(number)
             verdict.problems.append(str(e))
     catalog = Catalog.of(readable)
-    files = [(n, None, f) for n, s in catalog.segments.items() for f in s.files.values()]
+    files: list[tuple[int, tuple[str, str] | None, File]] = [
+        (n, None, f) for n, s in catalog.segments.items() for f in s.files.values()
+    ]
     files += [(0, (j, t), f) for j, e in catalog.entries().items() for t, f in e.bulk.items()]
     for done, (number, of_job, file) in enumerate(files):
         tick(done, len(files))
