@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -51,17 +52,12 @@ def messages(job: str, seconds: int, profiles: int) -> Iterator[tuple[str, float
     yield 'layer_plan', T0, pack(stamped(LayerPlan(), T0, job_id=job, layer=1, segments=segments))
     yield 'height_map', T0, pack(height_map(job, 0, 0.0))
     yield 'temperature', T0, pack(stamped(Temperature(), T0, temperature=150.0))
-    points = np.random.default_rng(1).normal(size=profiles).astype(np.float32)
-    batch = (
-        pack(ProfileBatch(profile_count=1, points_per_profile=profiles, x=points, z=points))
-        if profiles
-        else b''
-    )
+    rng = np.random.default_rng(1)
     for n in range(seconds * 100):
         t = T0 + 0.01 * n
         yield 'telemetry', t, frame(n, t, seconds)
-        if batch and n % 10 == 0:
-            yield 'profiles', t, batch
+        if profiles and n % 10 == 0:
+            yield 'profiles', t, batch(rng, profiles)
     end = T0 + seconds
     report = {
         'layer': 1,
@@ -87,6 +83,14 @@ def messages(job: str, seconds: int, profiles: int) -> Iterator[tuple[str, float
 
 
 pack = serialize_message
+
+
+def batch(rng: np.random.Generator, points: int) -> bytes:
+    """Profiles that do not compress, like those of a real scanner."""
+    x, z = rng.normal(size=(2, points)).astype(np.float32)
+    return pack(
+        ProfileBatch(profile_count=1, points_per_profile=points, x=array('f', x), z=array('f', z))
+    )
 
 
 def segment(bead: int) -> Segment:

@@ -7,6 +7,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +90,6 @@ def read(path: Path) -> Content:
 def _read_file(file: Path, found: _Found) -> None:
     schemas: dict[int, Schema] = {}
     take: dict[int, Callable[[Message], None]] = {}
-    decoder = Decoder()
     seen: set[tuple[int, int, int]] = set()
     for item in records(file):
         if isinstance(item, Message):
@@ -99,7 +99,7 @@ def _read_file(file: Path, found: _Found) -> None:
         elif isinstance(item, Schema):
             schemas[item.id] = item
         elif isinstance(item, Channel):
-            _channel(item, schemas, take, decoder, found, seen)
+            _channel(item, schemas, take, found, seen)
         elif isinstance(item, Damage):
             found.notes.append(f'{file}: {item}')
 
@@ -108,7 +108,6 @@ def _channel(
     channel: Channel,
     schemas: dict[int, Schema],
     take: dict[int, Callable[[Message], None]],
-    decoder: Decoder,
     found: _Found,
     seen: set[tuple[int, int, int]],
 ) -> None:
@@ -125,12 +124,20 @@ def _channel(
                 return
             seen.add(key)
             try:
-                decoder.add(schema.name, schema.data.decode())
+                decoder = _decoder(schema.name, schema.data)
                 found.messages[topic].append((m.publish_time, decoder.message(schema.name, m.data)))
             except (DecodeError, UnicodeDecodeError) as e:
                 found.notes.append(f'{topic}: a message was left out ({e})')
 
         take[channel.id] = decode
+
+
+@lru_cache(maxsize=64)
+def _decoder(name: str, definition: bytes) -> Decoder:
+    """Of one type by one definition: reading a definition takes longer than reading a thousand messages."""
+    decoder = Decoder()
+    decoder.add(name, definition.decode())
+    return decoder
 
 
 def _job_id(found: _Found, custom: dict[str, str]) -> str:
