@@ -42,12 +42,30 @@ class Archive:
 
     def __init__(self, root: Path) -> None:
         self.store = Store(root)
+        self._db: duckdb.DuckDBPyConnection | None = None
+        self._seen: tuple[Any, ...] = ()  # what `_db` has views of
 
     # ---- connections -----------------------------------------------------------------------------
 
-    def connect(self, tables: tuple[str, ...]) -> duckdb.DuckDBPyConnection:
-        """A database in memory with these tables as views. Close it."""
+    def _connection(self, tables: tuple[str, ...]) -> duckdb.DuckDBPyConnection:
+        """That of the last question when the archive is the same and the tables are, else a new one."""
         catalog = self.store.catalog()
+        seen = (tables, *catalog.segments)
+        if self._db is None or seen != self._seen:
+            self._forget()
+            self._db, self._seen = self.connect(tables, catalog), seen
+        return self._db
+
+    def _forget(self) -> None:
+        if self._db is not None:
+            self._db.close()
+        self._db = None
+
+    def connect(
+        self, tables: tuple[str, ...], catalog: Catalog | None = None
+    ) -> duckdb.DuckDBPyConnection:
+        """A new database in memory with these tables as views. Close it."""
+        catalog = catalog or self.store.catalog()
         db = duckdb.connect(config={'temp_directory': ''})
         stale = catalog.stale()
         db.execute('CREATE TEMP TABLE stale (file VARCHAR, job VARCHAR)')
@@ -82,9 +100,9 @@ class Archive:
         """Answer of a question to a connection. ArchiveError names a damaged file."""
         for last in (False, True):
             try:
-                with self.connect(tables) as db:
-                    return question(db)
+                return question(self._connection(tables))
             except (duckdb.IOException, duckdb.InvalidInputException, FileNotFoundError) as e:
+                self._forget()
                 if last:
                     raise ArchiveError(
                         f'{self.store.root}: a file is missing or damaged ({_first_line(e)}); '

@@ -18,6 +18,7 @@ from typing import Any
 from .schema import BULK, SMALL, VERSION
 
 FORMAT = 'waam archive segment'
+_HEAD = re.compile(r'\{"crc32": (\d{1,10}),')
 
 
 class ArchiveError(ValueError):
@@ -56,23 +57,21 @@ class Segment:
     files: dict[str, File]
 
     def text(self) -> str:
-        """JSON with a CRC-32 over the rest; `parse` reads it."""
+        """JSON; its first line is a CRC-32 over the bytes of the others. `parse` reads it."""
         data = {'format': FORMAT, 'schema': VERSION, **asdict(self)}
-        data['replaces'] = list(self.replaces)
-        return json.dumps({**data, 'crc32': _crc(data)}, indent=0)
-
-
-def _crc(data: dict[str, Any]) -> int:
-    return zlib.crc32(json.dumps(data, sort_keys=True).encode())
+        body = json.dumps(data, indent=0)[1:]
+        return f'{{"crc32": {zlib.crc32(body.encode())},{body}'
 
 
 def parse(content: str, name: str) -> Segment:
     """ArchiveError when the text is torn, changed, of another kind, or of a newer version."""
     try:
-        data = json.loads(content)
-        crc = data.pop('crc32')
-        if data.pop('format') != FORMAT or crc != _crc({'format': FORMAT, **data}):
+        head = _HEAD.match(content)
+        if head is None or int(head.group(1)) != zlib.crc32(content[head.end() :].encode()):
             raise ValueError('the check sum does not fit')
+        data = json.loads(content)
+        if data['format'] != FORMAT:
+            raise ValueError('another kind of file')
         schema = data.pop('schema')
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as e:
         why = e if type(e) is ValueError else type(e).__name__

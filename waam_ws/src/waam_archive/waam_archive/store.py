@@ -47,6 +47,9 @@ class Store:
 
     def __init__(self, root: Path) -> None:
         self.root = Path(root)
+        self._known: dict[
+            int, tuple[tuple[int, int], Segment]
+        ] = {}  # markers that were read, with their stamps
 
     @property
     def exists(self) -> bool:
@@ -91,13 +94,19 @@ class Store:
         """ArchiveError when the marker is damaged."""
         file = self.root / marker_name(number)
         try:
+            found = file.stat()
+            stamp = found.st_mtime_ns, found.st_size
+            before = self._known.get(number)
+            if before is not None and before[0] == stamp:
+                return before[1]
             content = file.read_text(encoding='utf-8')
         except (OSError, UnicodeDecodeError) as e:
             raise ArchiveError(f'{file}: damaged ({e}); waam jobs verify --repair') from None
-        found = parse(content, str(file))
-        if found.number != number:
-            raise ArchiveError(f'{file}: damaged (it is the marker of {found.number})')
-        return found
+        segment = parse(content, str(file))
+        if segment.number != number:
+            raise ArchiveError(f'{file}: damaged (it is the marker of {segment.number})')
+        self._known[number] = stamp, segment
+        return segment
 
     @contextmanager
     def writing(self) -> Iterator[Writer]:
