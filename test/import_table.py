@@ -28,6 +28,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_plan': {'waam_process'},
     'waam_robot': set(),
     'waam_adapt': {'waam_node', 'waam_process', 'waam_record'},
+    'waam_archive': {'waam_node', 'waam_process', 'waam_record'},
     'waam_job': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},
     'waam_lab': {
         'waam_adapt', 'waam_bridge', 'waam_job', 'waam_node', 'waam_plan', 'waam_process', 'waam_scan',
@@ -71,6 +72,9 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_replay/waam_replay/transport.py': 'keyboard and socket of the player',
     'waam_replay/waam_replay/tune.py': 'tells how fast it computed',
     'waam_job/waam_job/store/.*': 'job folders on disk',
+    'waam_archive/waam_archive/(arrow|export|store|verify).py': 'the files of the archive',
+    'waam_archive/waam_archive/folder_source.py': 'reads job folders',
+    'waam_archive/waam_archive/(ingest|record_source).py': 'look for job folders and recordings',
     'waam_lab/waam_lab/growth_data.py': 'writes layers to train on',
     'waam_lab/waam_lab/laboratory.py': 'job folders of a run, and how long it took',
     'waam_lab/waam_lab/params.py': 'reads the parameter files of the nodes',

@@ -16,6 +16,7 @@ from waam_process.loop_mode import LOOP_MODES, LoopMode
 from . import panel
 from .cli_common import add_run, run_and_domain
 from .cli_job import register_job
+from .paths import jobs_dir
 
 EPILOG = """\
 first steps:
@@ -37,7 +38,20 @@ PACKAGES = (
     'waam_replay',
     'waam_view',
     'waam_robot',
+    'waam_archive',
 )
+
+
+def _recorded_requests(folder: Path) -> list[Any]:
+    """Requests of the correction server in a recorded job, for `waam train --from`."""
+    return importlib.import_module('waam_replay.corrections').requests_of(folder)
+
+
+# what a package needs of another one that it must not know
+OPTIONS: dict[str, dict[str, Any]] = {
+    'waam_adapt': {'read_requests': _recorded_requests},
+    'waam_archive': {'jobs_dir': jobs_dir},
+}
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -55,14 +69,8 @@ def build_parser() -> argparse.ArgumentParser:
     panel.register(commands)
     importlib.import_module('waam_plan.cli').register(commands, _draw_plan)
     for package in PACKAGES:
-        options = {'read_requests': _recorded_requests} if package == 'waam_adapt' else {}
-        importlib.import_module(f'{package}.cli').register(commands, **options)
+        importlib.import_module(f'{package}.cli').register(commands, **OPTIONS.get(package, {}))
     return parser
-
-
-def _recorded_requests(folder: Path) -> list[Any]:
-    """Requests of the correction server in a recorded job, for `waam train --from`."""
-    return importlib.import_module('waam_replay.corrections').requests_of(folder)
 
 
 def _draw_plan(stored: Path, target: Path) -> None:

@@ -141,3 +141,17 @@ def test_noise_is_read_or_refused(noise):
                 read(data)
             except ValueError as e:
                 assert str(e)
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(STAMPS, FIELDS), max_size=5))
+def test_many_frames_are_read_as_they_were_packed(frames):
+    stamps, fields = cdr.read_frames([cdr.pack_telemetry(ns, f) for ns, f in frames])
+    assert stamps.tolist() == [ns for ns, _ in frames]
+    assert [cdr.TelemetryFields(*f) for f in fields.tolist()] == [f for _, f in frames]
+
+
+@pytest.mark.parametrize('cut', [0, 15, 40, 150])
+def test_many_frames_that_are_cut_off_are_refused(cut):
+    with pytest.raises(ValueError, match='telemetry'):
+        cdr.read_frames([cdr.pack_telemetry(1, SOME)[:cut]])

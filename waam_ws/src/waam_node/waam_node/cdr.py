@@ -60,6 +60,30 @@ class TelemetryFields(NamedTuple):
     fault: int
 
 
+_FORMATS = [
+    '<u8',
+    '<u4',
+    '<u4',
+    'u1',
+    *['<f8'] * 8,
+    *['?'] * 3,
+    '<u4',
+    '<u4',
+    '<u2',
+    *['<f4'] * 3,
+    *['<u4'] * 2,
+]
+_OFFSETS = [0, 8, 12, 16, *range(24, 88, 8), 88, 89, 90, 92, 96, 100, 104, 108, 112, 116, 120]
+_FRAME = np.dtype(
+    {
+        'names': list(TelemetryFields._fields),
+        'formats': _FORMATS,
+        'offsets': _OFFSETS,
+        'itemsize': _TELEMETRY.size,
+    }
+)  # the layout of _TELEMETRY
+
+
 class BatchFields(NamedTuple):
     """What a waam_msgs/ProfileBatch holds. The arrays are flat read-only views of its bytes; their lengths are not
     checked against the counts yet."""
@@ -113,6 +137,23 @@ def read_poses(frames: list[bytes]) -> tuple[np.ndarray, np.ndarray]:
     at = _position_at(int(raw[0, 8:12].copy().view('<u4')[0]))
     xyz = raw[:, at : at + _POSITION.size].copy().view('<f8')
     return seconds.astype(np.int64) * NANO + nanos, xyz
+
+
+def read_frames(frames: list[bytes]) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps (n,) int64 ns and all fields of serialised waam_msgs/Telemetry as a structured array (n,) with the names
+    of `TelemetryFields`. ValueError: the frames are cut off, or their frame_ids are of different length."""
+    if not frames:
+        return np.empty(0, np.int64), np.empty(0, _FRAME)
+    size = len(frames[0])
+    if size < HEAD + 12 or any(len(f) != size for f in frames):
+        raise ValueError('telemetry frames of different length, or too short for a header')
+    raw = np.frombuffer(b''.join(frames), np.uint8).reshape(len(frames), size)[:, HEAD:]
+    seconds, nanos = (raw[:, i : i + 4].copy().view('<u4')[:, 0] for i in (0, 4))
+    at = _aligned(12 + int(raw[0, 8:12].copy().view('<u4')[0]), 8)
+    if size - HEAD < at + _TELEMETRY.size:
+        raise ValueError(f'telemetry of {size} bytes is cut off')
+    fields = raw[:, at : at + _TELEMETRY.size].copy().view(_FRAME)[:, 0]
+    return seconds.astype(np.int64) * NANO + nanos, fields
 
 
 def read_batch(data: bytes) -> BatchFields:

@@ -1,0 +1,142 @@
+"""The archive of jobs: how fast a recording is taken in and a trend over many jobs answered, and what kills do.
+
+archive.ingest_mb_per_s: an MCAP recording becomes a job, MB of the file per second (baseline: reading the recording
+alone, every message, in the same run; 120 s of job, 180 MB, the median of five);
+archive.query_ms: p99 of a trend over 10^4 jobs with 10^6 beads, asked by a program that holds the archive open; figures
+of the job and of its beads, each twenty times; opening is printed beside it (baseline: the slowest of three times that
+the RMS trend is read from the job folders);
+archive.lost: SIGKILL at 200 random moments of an ingest: jobs that were lost (no longer whole, or not there after the
+next ingest), and jobs that were there twice, together (baseline: 0, which is asked for).
+
+WAAM_BENCH_ARCHIVE_JOBS (10000), WAAM_BENCH_ARCHIVE_BEADS per job (100), WAAM_BENCH_ARCHIVE_KILLS (200) shrink them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lib.emit import emit
+from lib.seeds import seeds
+
+JOBS = int(os.environ.get('WAAM_BENCH_ARCHIVE_JOBS', '10000'))
+BEADS = int(os.environ.get('WAAM_BENCH_ARCHIVE_BEADS', '100'))
+KILLS = int(os.environ.get('WAAM_BENCH_ARCHIVE_KILLS', '200'))
+ASKED = ('rms', 'deposition', 'strikes', 'current', 'bead_energy')
+QUESTIONS = 100
+
+
+def timed(action: Callable[[], Any]) -> float:
+    """s of wall time."""
+    started = time.perf_counter()
+    action()
+    return time.perf_counter() - started
+
+
+def ingest_rate() -> None:
+    from lib.archive_jobs import recording
+
+    from waam_archive.archive import Archive
+    from waam_archive.ingest import ingest
+    from waam_record.bag_reader import bag_files
+    from waam_record.salvage import records
+
+    with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
+        record = recording(Path(scratch) / 'record', 120, 20_000)
+        files = bag_files(record)
+        size = sum(f.stat().st_size for f in files) / 1e6
+        read, taken = [], []
+        for n in range(5):
+            read.append(timed(lambda: [sum(1 for _ in records(f)) for f in files]))
+            place = Archive(Path(scratch) / f'archive{n}')
+            taken.append(timed(lambda place=place: ingest(place.store, [record])))
+        alone, whole = size / float(np.median(read)), size / float(np.median(taken))
+        print(f'{size:.0f} MB, ingest {taken} s, reading {read} s', file=sys.stderr)
+    emit('archive.ingest_mb_per_s', whole, 'MB/s', 'reading the MCAP alone', alone)
+
+
+def from_folders(jobs: Path) -> list[tuple[str, float]]:
+    """The RMS trend as somebody without an archive reads it: from every report."""
+    found = []
+    for file in jobs.glob('*/report.json'):
+        report = json.loads(file.read_text())
+        run = next(report[p] for p in ('closed_loop', 'monitor', 'open_loop') if p in report)
+        found.append((report['created'], run['rms_mm']))
+    return sorted(found)
+
+
+def query_time() -> None:
+    from lib.archive_jobs import many_jobs
+
+    from waam_archive.archive import Archive
+    from waam_archive.commands.ask import values_of
+    from waam_archive.ingest import ingest
+    from waam_archive.selection import Selection
+
+    with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
+        jobs = Path(scratch) / 'jobs'
+        many_jobs(jobs, JOBS, BEADS, seeds((1,))[0])
+        place = jobs / 'archive'
+        spent = timed(lambda: ingest(Archive(place).store, [jobs]))
+        beads = Archive(place).rows(('beads',), 'SELECT count(*) AS n FROM beads')[0]['n']
+        print(f'{JOBS} jobs, {beads} beads taken in within {spent:.0f} s', file=sys.stderr)
+        took: dict[str, list[float]] = {name: [] for name in ASKED}
+        cold = [timed(lambda: values_of(Archive(place), 'rms', Selection())) for _ in range(5)]
+        print(f'with opening the archive: {np.median(cold) * 1e3:.1f} ms', file=sys.stderr)
+        held = Archive(place)
+        for name in ASKED:
+            values_of(held, name, Selection())
+            for _ in range(QUESTIONS // len(ASKED)):
+                took[name].append(timed(lambda m=name: values_of(held, m, Selection())))
+        plain = [timed(lambda: from_folders(jobs)) for _ in range(3)]
+    for name, times in took.items():
+        print(
+            f'{name}: p50 {np.median(times) * 1e3:.1f} ms, max {max(times) * 1e3:.1f} ms',
+            file=sys.stderr,
+        )
+    every = [t for times in took.values() for t in times]
+    p99 = float(np.quantile(every, 0.99)) * 1e3
+    emit('archive.query_ms', p99, 'ms', 'the RMS trend from job folders', max(plain) * 1e3)
+
+
+def lost() -> None:
+    from lib.archive_jobs import make_job
+
+    from waam_archive.archive import Archive
+    from waam_archive.ingest import ingest
+
+    from killing import counted, ingest_in_child, troubles  # isort: skip
+
+    rng = random.Random(seeds((1,))[0])
+    with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
+        jobs = Path(scratch) / 'jobs'
+        for n in range(1, 7):
+            make_job(jobs, n, layers=1)
+        spent = timed(lambda: ingest_in_child(Path(scratch) / 'whole', jobs, 60.0))
+        expected, wrong, killed = counted(Path(scratch) / 'whole'), 0, 0
+        for n in range(KILLS):
+            place = Path(scratch) / f'a{n}'
+            killed += ingest_in_child(place, jobs, rng.uniform(0.0, spent))
+            found = troubles(place, expected)
+            ingest(Archive(place).store, [jobs])
+            found += ['lost or doubled'] * (counted(place) != expected)
+            for line in found:
+                print(f'kill {n}: {line}', file=sys.stderr)
+            wrong += bool(found)
+        print(f'{killed} of {KILLS} were killed before their end', file=sys.stderr)
+    emit('archive.lost', wrong, 'kills with a job lost or doubled', 'asked for', 0)
+
+
+FIGURES = {
+    'archive.ingest_mb_per_s': ingest_rate,
+    'archive.query_ms': query_time,
+    'archive.lost': lost,
+}

@@ -1,0 +1,169 @@
+"""What is in the archive: the markers of its segments, and which of them count. Pure.
+
+A segment holds the small tables of one or many jobs. It is there from the moment that its marker is: the marker is
+written last, in one step. A marker may replace other segments; those do not count any more. Of a job that several
+segments hold, the segment with the highest number counts.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import zlib
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from .schema import BULK, SMALL, VERSION
+
+FORMAT = 'waam archive segment'
+_HEAD = re.compile(r'\{"crc32": (\d{1,10}),')
+
+
+class ArchiveError(ValueError):
+    """The archive, or a part of it, cannot be used; the text names the file."""
+
+
+@dataclass(frozen=True)
+class File:
+    """A Parquet file: name below the archive, hash, size, rows."""
+
+    name: str
+    sha256: str
+    bytes: int
+    rows: int
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A job in a segment. sha256, stamp and source as of `Content`; bulk: table -> file, without what a policy has
+    dropped."""
+
+    sha256: str
+    source: str
+    stamp: str
+    has_report: bool
+    bulk: dict[str, File] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One marker. files: small table -> file."""
+
+    number: int
+    replaces: tuple[int, ...]
+    jobs: dict[str, Entry]
+    files: dict[str, File]
+
+    def text(self) -> str:
+        """JSON; its first line is a CRC-32 over the bytes of the others. `parse` reads it."""
+        data = {'format': FORMAT, 'schema': VERSION, **asdict(self)}
+        body = json.dumps(data, indent=0)[1:]
+        return f'{{"crc32": {zlib.crc32(body.encode())},{body}'
+
+
+def parse(content: str, name: str) -> Segment:
+    """ArchiveError when the text is torn, changed, of another kind, or of a newer version."""
+    try:
+        head = _HEAD.match(content)
+        if head is None or int(head.group(1)) != zlib.crc32(content[head.end() :].encode()):
+            raise ValueError('the check sum does not fit')
+        data = json.loads(content)
+        if data['format'] != FORMAT:
+            raise ValueError('another kind of file')
+        schema = data.pop('schema')
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as e:
+        why = e if type(e) is ValueError else type(e).__name__
+        raise ArchiveError(f'{name}: damaged ({why}); waam jobs verify --repair') from None
+    if schema != VERSION:
+        raise ArchiveError(f'{name}: schema {schema}; this software knows schema {VERSION}')
+    jobs = {j: Entry(**{**e, 'bulk': _files(e['bulk'])}) for j, e in data['jobs'].items()}
+    return Segment(data['number'], tuple(data['replaces']), jobs, _files(data['files']))
+
+
+def _files(data: dict[str, dict[str, Any]]) -> dict[str, File]:
+    return {table: File(**f) for table, f in data.items()}
+
+
+@dataclass
+class Catalog:
+    """The segments that count, and where every job is."""
+
+    segments: dict[int, Segment] = field(default_factory=dict)
+    home: dict[str, int] = field(default_factory=dict)  # job -> segment
+    replaced: set[int] = field(default_factory=set)  # on disk still, but do not count
+
+    @classmethod
+    def of(cls, segments: Iterable[Segment]) -> Catalog:
+        """From all markers on disk, in any order."""
+        found = {s.number: s for s in segments}
+        replaced = {n for s in found.values() for n in s.replaces} & set(found)
+        live = {n: found[n] for n in sorted(found) if n not in replaced}
+        home = {job: n for n, s in live.items() for job in s.jobs}
+        return cls(live, home, replaced)
+
+    def entry(self, job: str) -> Entry | None:
+        """None when the archive does not have the job."""
+        number = self.home.get(job)
+        return None if number is None else self.segments[number].jobs[job]
+
+    def entries(self) -> dict[str, Entry]:
+        """All jobs."""
+        return {job: self.segments[n].jobs[job] for job, n in self.home.items()}
+
+    def stale(self) -> list[tuple[int, str]]:
+        """(segment, job) whose rows do not count, because a newer segment has the job."""
+        return [(n, j) for n, s in self.segments.items() for j in s.jobs if self.home[j] != n]
+
+    def small_files(self, table: str) -> list[tuple[int, str]]:
+        """(segment, file) of a small table."""
+        found = ((n, s.files.get(table)) for n, s in self.segments.items())
+        return [(n, f.name) for n, f in found if f is not None and f.rows]
+
+    def bulk_files(self, table: str) -> list[str]:
+        """Files of a bulk table."""
+        found = (e.bulk.get(table) for e in self.entries().values())
+        return [f.name for f in found if f is not None and f.rows]
+
+    def all_files(self) -> dict[str, File]:
+        """Every file that counts, by name."""
+        small = {f.name: f for s in self.segments.values() for f in s.files.values()}
+        return small | {f.name: f for e in self.entries().values() for f in e.bulk.values()}
+
+    def to_merge(self, fan: int) -> list[int]:
+        """Segments of one order of size, when there are `fan` of them: merged they become one of the next order."""
+        classes: dict[int, list[int]] = {}
+        for number, segment in self.segments.items():
+            classes.setdefault(_order(len(segment.jobs), fan), []).append(number)
+        full = [numbers for _, numbers in sorted(classes.items()) if len(numbers) >= fan]
+        return full[0] if full else []
+
+
+def _order(jobs: int, fan: int) -> int:
+    order = 0
+    while jobs >= fan:
+        jobs //= fan
+        order += 1
+    return order
+
+
+def bulk_name(table: str, job: str, sha256: str) -> str:
+    """Name of a job's file of a bulk table below the archive. Any text is a job; the name is safe."""
+    if table not in BULK:
+        raise ValueError(f'{table} is not one of {", ".join(BULK)}')
+    plain = re.sub(r'[^A-Za-z0-9._-]+', '-', job)[:60].strip('.')
+    mark = hashlib.sha256(f'{job}\0{sha256}'.encode('utf-8', 'surrogatepass')).hexdigest()[:16]
+    return f'{table}/{plain}-{mark}.parquet'
+
+
+def small_name(number: int, table: str) -> str:
+    """Name of a segment's file of a small table below the archive."""
+    if table not in SMALL:
+        raise ValueError(f'{table} is not one of {", ".join(SMALL)}')
+    return f'segments/{number:08d}/{table}.parquet'
+
+
+def marker_name(number: int) -> str:
+    """Name of the marker of a segment below the archive."""
+    return f'segments/{number:08d}.json'

@@ -1,0 +1,1 @@
+"""The verbs of `waam jobs`, by what they do."""

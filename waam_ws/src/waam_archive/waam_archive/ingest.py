@@ -1,0 +1,161 @@
+"""Job folders and recordings go into the archive: what is new or changed, each as a whole, again after a kill."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from . import folder_source, record_source
+from .catalog import Catalog
+from .content import Content
+from .folder_source import NotFinished, SourceError
+from .store import HEAD, Store, Writer
+
+BATCH_JOBS, BATCH_BYTES = 16, 32 << 20  # jobs and bytes of arrays that are committed together
+DEPTH = 3  # folders below the one that was named
+
+
+@dataclass
+class Outcome:
+    """Ids of the jobs by what became of them, and every refusal and remark in words."""
+
+    added: list[str] = field(default_factory=list)
+    updated: list[str] = field(default_factory=list)
+    unchanged: list[str] = field(default_factory=list)
+    running: list[str] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def changed(self) -> bool:
+        """Something was written."""
+        return bool(self.added or self.updated)
+
+
+def sources(path: Path, depth: int = DEPTH) -> Iterator[Path]:
+    """Job folders and recordings at or below a path. SourceError when there is no such path."""
+    if not path.exists():
+        raise SourceError(f'{path}: no such file or folder')
+    if path.is_file() and path.suffix != '.mcap':
+        raise SourceError(f'{path}: neither a job folder nor an MCAP recording')
+    if path.is_file() or folder_source.is_job(path) or record_source.is_record(path):
+        yield _whole(path)
+        return
+    if depth and not (path / HEAD).is_file():
+        for below in sorted(path.iterdir()):
+            if below.is_dir() and not below.is_symlink() and not below.name.startswith('.'):
+                yield from sources(below, depth - 1)
+
+
+def _whole(path: Path) -> Path:
+    """Of a recording inside a job folder, the folder: it knows more."""
+    around = path.resolve().parents
+    inside = [p for p in around[:2] if not folder_source.is_job(path) and folder_source.is_job(p)]
+    return inside[0] if inside else path
+
+
+def stamp_of(source: Path) -> str:
+    """By which an unchanged source is known without reading it."""
+    if folder_source.is_job(source):
+        return folder_source.stamp_of(source)
+    return record_source.stamp_of(source)
+
+
+def read(source: Path) -> Content:
+    """A job as a whole. SourceError."""
+    is_job = folder_source.is_job(source)
+    return folder_source.read(source) if is_job else record_source.read(source)
+
+
+def pending(store: Store, paths: Iterable[Path], outcome: Outcome, named: bool) -> list[Path]:
+    """Sources that are new or changed. named: somebody asked for them; jobs that were deleted come back only then."""
+    known = {e.source: (job, e.stamp) for job, e in store.catalog().entries().items()}
+    gone = {} if named else store.deleted()
+    found = []
+    for path in paths:
+        for source in sources(path):
+            place, stamp = str(source.resolve()), stamp_of(source)
+            job, before = known.get(place, ('', ''))
+            if before == stamp:
+                outcome.unchanged.append(job)
+            elif gone.get(place) != stamp:
+                found.append(source)
+    return found
+
+
+def ingest(
+    store: Store,
+    paths: Iterable[Path],
+    tick: Callable[[int, int], None] = lambda done, of: None,
+    named: bool = True,
+    replace: bool = False,
+) -> Outcome:
+    """All jobs at or below the paths. A source that cannot be taken is refused by name; the others go on.
+
+    tick(done, of) reports progress. replace: a job of the same id from another folder takes the place of the old one.
+    """
+    outcome = Outcome()
+    waiting = pending(store, paths, outcome, named)
+    if not waiting:
+        return outcome
+    with store.writing() as writer:
+        batch: list[Content] = []
+        for done, source in enumerate(waiting):
+            tick(done, len(waiting))
+            content = _taken(source, writer.catalog, outcome, replace, batch)
+            if content is not None:
+                batch.append(content)
+            if len(batch) >= BATCH_JOBS or sum(c.size for c in batch) >= BATCH_BYTES:
+                _commit(writer, batch, outcome)
+        _commit(writer, batch, outcome)
+        if outcome.updated:
+            writer.tidy()
+        tick(len(waiting), len(waiting))
+    return outcome
+
+
+def _commit(writer: Writer, batch: list[Content], outcome: Outcome) -> None:
+    if not batch:
+        return
+    for content in batch:
+        known = content.job in writer.catalog.home
+        (outcome.updated if known else outcome.added).append(content.job)
+    writer.add(batch)
+    writer.merge()
+    batch.clear()
+
+
+def _taken(
+    source: Path, catalog: Catalog, outcome: Outcome, replace: bool, batch: list[Content]
+) -> Content | None:
+    try:
+        content = read(source)
+    except NotFinished as e:
+        outcome.running.append(str(e))
+        return None
+    except (SourceError, OSError) as e:
+        outcome.refused.append(str(e))
+        return None
+    outcome.notes += content.notes
+    if any(c.job == content.job for c in batch):
+        outcome.refused.append(_twice(content, 'another folder of the same call'))
+        return None
+    before = catalog.entry(content.job)
+    if before is None:
+        return content
+    if before.sha256 == content.sha256:
+        outcome.unchanged.append(content.job)
+        return None
+    old = Path(before.source)
+    if before.source != content.source and folder_source.is_job(old) and not replace:
+        outcome.refused.append(_twice(content, str(old)))
+        return None
+    return content
+
+
+def _twice(content: Content, other: str) -> str:
+    return (
+        f'{content.source}: a different job of the same id ({content.job}) is there from {other}; '
+        '--replace takes this one'
+    )

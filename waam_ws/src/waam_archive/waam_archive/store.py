@@ -1,0 +1,271 @@
+"""The archive on disk: one writer at a time, any number of readers, and no moment at which a job is half there."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import duckdb
+
+from waam_node.files import write_atomically
+
+from .catalog import (
+    ArchiveError,
+    Catalog,
+    Entry,
+    File,
+    Segment,
+    bulk_name,
+    marker_name,
+    parse,
+    small_name,
+)
+from .content import Content
+from .schema import BULK, SMALL, VERSION, names
+
+DELETED = 'deleted.json'  # sources of jobs that somebody deleted -> their stamps
+HEAD = 'archive.json'  # what the folder is, and the version of its schema
+_MARKER = re.compile(r'(\d{8})\.json')
+_NUMBERED = re.compile(r'(?:new-)?(\d{8})\b.*')
+FAN = 12  # segments of one order of size that are merged into one
+Change = Callable[[str, Entry], Entry | None]  # None: the job goes
+
+
+def literal(value: str) -> str:
+    """A text as SQL literal, for the places where SQL takes no parameter."""
+    return "'" + value.replace("'", "''") + "'"
+
+
+class Store:
+    """An archive folder. Reading makes nothing; the first writing makes the folder."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = Path(root)
+        self._known: dict[
+            int, tuple[tuple[int, int], Segment]
+        ] = {}  # markers that were read, with their stamps
+
+    @property
+    def exists(self) -> bool:
+        """Whether there is an archive."""
+        return (self.root / HEAD).is_file()
+
+    def check_version(self) -> None:
+        """ArchiveError when another kind of folder, or one of another version, lies here."""
+        try:
+            data = json.loads((self.root / HEAD).read_text(encoding='utf-8'))
+            version = data['schema']
+        except (OSError, ValueError, KeyError, TypeError) as e:
+            raise ArchiveError(f'{self.root / HEAD}: not the head of an archive ({e})') from None
+        if version != VERSION:
+            raise ArchiveError(
+                f'{self.root}: schema {version}; this software knows schema {VERSION}'
+            )
+
+    def catalog(self) -> Catalog:
+        """What counts now. ArchiveError when a marker is damaged; an empty one when there is no archive."""
+        if not self.exists:
+            return Catalog()
+        self.check_version()
+        return Catalog.of(self.segment(n) for n in self.marker_numbers())
+
+    def deleted(self) -> dict[str, str]:
+        """Sources of jobs that were deleted, with their stamps: they come back only when somebody names them."""
+        try:
+            data = json.loads((self.root / DELETED).read_text(encoding='utf-8'))
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError) as e:
+            raise ArchiveError(f'{self.root / DELETED}: damaged ({e})') from None
+        return data if isinstance(data, dict) else {}
+
+    def marker_numbers(self) -> list[int]:
+        """Of all markers on disk."""
+        found = (_MARKER.fullmatch(f.name) for f in (self.root / 'segments').iterdir())
+        return sorted(int(m.group(1)) for m in found if m)
+
+    def segment(self, number: int) -> Segment:
+        """ArchiveError when the marker is damaged."""
+        file = self.root / marker_name(number)
+        try:
+            found = file.stat()
+            stamp = found.st_mtime_ns, found.st_size
+            before = self._known.get(number)
+            if before is not None and before[0] == stamp:
+                return before[1]
+            content = file.read_text(encoding='utf-8')
+        except (OSError, UnicodeDecodeError) as e:
+            raise ArchiveError(f'{file}: damaged ({e}); waam jobs verify --repair') from None
+        segment = parse(content, str(file))
+        if segment.number != number:
+            raise ArchiveError(f'{file}: damaged (it is the marker of {segment.number})')
+        self._known[number] = stamp, segment
+        return segment
+
+    @contextmanager
+    def writing(self) -> Iterator[Writer]:
+        """One writer at a time; another one waits. What a killed writer has left is removed first."""
+        for folder in ('segments', *BULK):
+            (self.root / folder).mkdir(parents=True, exist_ok=True)
+        with open(self.root / '.lock', 'w') as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not self.exists:
+                write_atomically(self.root / HEAD, json.dumps({'schema': VERSION}))
+            writer = Writer(self, self.catalog())
+            writer.sweep()
+            yield writer
+
+
+class Writer:
+    """Writes into a store that is locked; `catalog` is always what is on disk."""
+
+    def __init__(self, store: Store, catalog: Catalog) -> None:
+        self.store, self.root, self.catalog = store, store.root, catalog
+
+    def sweep(self) -> None:
+        """Removes what no marker counts: the remains of killed writers and of merged segments."""
+        wanted = self.catalog.all_files()
+        for number in self.catalog.replaced:
+            (self.root / marker_name(number)).unlink(missing_ok=True)
+        self.catalog.replaced.clear()
+        for entry in (self.root / 'segments').iterdir():
+            known = entry.name.isdigit() and int(entry.name) in self.catalog.segments
+            if entry.is_dir() and not known and not entry.name.endswith('.bad'):
+                shutil.rmtree(entry)
+            elif entry.suffix == '.new':
+                entry.unlink()
+        for table in BULK:
+            for file in (self.root / table).iterdir():
+                if f'{table}/{file.name}' not in wanted and not file.name.endswith('.bad'):
+                    file.unlink()
+
+    def add(self, contents: list[Content]) -> None:
+        """All of these jobs, or none of them, are in the archive when this returns or is killed."""
+        from . import arrow
+
+        number = self._next_number()
+        jobs: dict[str, Entry] = {}
+        for c in contents:
+            bulk = {
+                'telemetry': self._bulk('telemetry', c, arrow.telemetry(c.job, c.telemetry)),
+                'maps': self._bulk('maps', c, arrow.maps(c.job, c.surfaces)),
+            }
+            jobs[c.job] = Entry(c.sha256, c.source, c.stamp, c.has_report, bulk)
+        new = self._new_folder(number)
+        files = {}
+        for table in SMALL:
+            rows = [row for c in contents for row in c.rows[table]]
+            facts = arrow.write(new / f'{table}.parquet', arrow.table(table, rows))
+            files[table] = File(name=small_name(number, table), **facts)  # type: ignore[arg-type]
+        self._commit(Segment(number, (), jobs, files), new)
+
+    def _bulk(self, table: str, c: Content, found: object) -> File:
+        from . import arrow
+
+        name = bulk_name(table, c.job, c.sha256)
+        new = self.root / f'{name}.new'
+        facts = arrow.write(new, found)
+        os.replace(new, self.root / name)
+        return File(name=name, **facts)  # type: ignore[arg-type]
+
+    def merge(self) -> None:
+        """Keeps the number of segments small, so that a query opens few files."""
+        while numbers := self.catalog.to_merge(FAN):
+            self.rewrite(numbers, lambda job, entry: entry)
+
+    def tidy(self) -> None:
+        """Removes rows and files of jobs that were taken in again."""
+        stale = sorted({number for number, _ in self.catalog.stale()})
+        if stale:
+            self.rewrite(stale, lambda job, entry: entry)
+        self.sweep()
+
+    def change(self, jobs: set[str], change: Change) -> None:
+        """Rewrites the segments that hold rows of these jobs, stale ones included."""
+        numbers = [n for n, s in self.catalog.segments.items() if jobs & set(s.jobs)]
+        self.rewrite(numbers, lambda job, e: change(job, e) if job in jobs else e)
+        self.sweep()
+
+    def delete(self, jobs: set[str]) -> None:
+        """These jobs leave the archive with all their rows and files."""
+        entries = self.catalog.entries()
+        gone = {entries[j].source: entries[j].stamp for j in jobs if j in entries}
+        listed = {**self.store.deleted(), **gone}
+        write_atomically(self.root / DELETED, json.dumps(listed, indent=1))
+        self.change(jobs, lambda job, entry: None)
+
+    def rewrite(self, numbers: list[int], change: Change) -> None:
+        """These segments become one, with the jobs that `change` leaves."""
+        number = self._next_number()
+        kept = {n: self._kept(n, change) for n in numbers}
+        jobs = {job: entry for entries in kept.values() for job, entry in entries.items()}
+        new = self._new_folder(number)
+        files = {t: self._merged(t, kept, new, number) for t in SMALL}
+        old = [self.catalog.segments[n] for n in numbers]
+        self._commit(Segment(number, tuple(s.number for s in old), jobs, files), new)
+        for s in old:
+            (self.root / marker_name(s.number)).unlink(missing_ok=True)
+            shutil.rmtree(self.root / Path(small_name(s.number, 'jobs')).parent)
+
+    def _kept(self, number: int, change: Change) -> dict[str, Entry]:
+        entries = self.catalog.segments[number].jobs
+        mine = {j: e for j, e in entries.items() if self.catalog.home[j] == number}
+        return {j: c for j, e in mine.items() if (c := change(j, e)) is not None}
+
+    def _merged(
+        self, table: str, kept: dict[int, dict[str, Entry]], new: Path, number: int
+    ) -> File:
+        """Rows of the jobs that are kept, copied by DuckDB, which never holds all of them."""
+        from . import arrow
+
+        target = new / f'{table}.parquet'
+        columns = ', '.join(f'"{n}"' for n in names(table))
+        parts: list[str] = []
+        parameters: list[list[str]] = []
+        for n, jobs in kept.items():
+            file = literal(str(self.root / self.catalog.segments[n].files[table].name))
+            part = f'SELECT {columns} FROM read_parquet({file})'
+            if len(jobs) < len(self.catalog.segments[n].jobs):
+                part += ' WHERE job IN (SELECT unnest(?::VARCHAR[]))'
+                parameters.append(list(jobs))
+            parts.append(part)
+        with duckdb.connect() as db:
+            query = f'COPY ({" UNION ALL ".join(parts)}) TO {literal(str(target))} (FORMAT parquet, CODEC zstd)'
+            (rows,) = db.execute(query, parameters).fetchone() or (0,)
+        return File(name=small_name(number, table), **arrow.sealed(target), rows=rows)  # type: ignore[arg-type]
+
+    def _next_number(self) -> int:
+        found = (_NUMBERED.fullmatch(f.name) for f in (self.root / 'segments').iterdir())
+        return max((int(m.group(1)) for m in found if m), default=0) + 1
+
+    def _new_folder(self, number: int) -> Path:
+        folder = self.root / 'segments' / f'new-{number:08d}'
+        folder.mkdir()
+        return folder
+
+    def _commit(self, segment: Segment, new: Path) -> None:
+        """The files first, then, in one step, the marker that makes them count."""
+        _sync(new)
+        for table in BULK:
+            _sync(self.root / table)
+        os.replace(new, new.with_name(f'{segment.number:08d}'))
+        _sync(new.parent)
+        write_atomically(self.root / marker_name(segment.number), segment.text())
+        _sync(new.parent)
+        live = [s for n, s in self.catalog.segments.items() if n not in segment.replaces]
+        self.catalog = Catalog.of([*live, segment])
+
+
+def _sync(folder: Path) -> None:
+    """The names in a folder are on the disk."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
