@@ -15,6 +15,7 @@ from .metal import MetalParams
 from .placement import PlacementParams
 from .plant import PlantParams
 from .pyrometer import PyrometerParams
+from .robot import RobotParams
 from .scanner import ScannerParams
 
 GROUPS = {
@@ -25,6 +26,7 @@ GROUPS = {
     'pyrometer': PyrometerParams,
     'part': PlacementParams,
     'distance': DistanceParams,
+    'robot': RobotParams,
 }
 
 
