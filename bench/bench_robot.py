@@ -16,11 +16,11 @@ kinematics of arm and positioner; the worst part; baseline: asked for. robot.pla
 joint paths with branches and timing, without collisions, per point (every 0.1 mm of bead); baseline: asked for.
 
 On the simulated robot cell of the laboratory, with its servos, latency and errors:
-robot.cell_speed_error_pct: six beads at 10 mm/s, how far the true speed of the torch is off on 99 % of the way while the
-arc burns; the worst bead; baseline: the same on the gantry. robot.rms_ratio: RMS height error of the demo's jaw, mean of
-five seeds; baseline: the gantry on the same seeds. robot.arc_off_max_ms: a required node, the bridge or the robot's
-driver dies at a random moment of a bead: how long the arc burns on at most; baseline: asked for. `WAAM_BENCH_TRIALS=30`
-makes fewer than 200 kills.
+robot.cell_speed_error_pct: six beads at 10 mm/s, how far the true speed of the torch is off on 99 % of the way that
+the arc burns; the worst bead; baseline: the same on the gantry. robot.rms_ratio: RMS height error of the demo's jaw,
+mean of five seeds; baseline: the gantry on the same seeds. robot.arc_off_max_ms: a required node, the bridge or the
+robot's driver dies at a random moment of a bead, how long the arc burns on at most; baseline: asked for.
+`WAAM_BENCH_TRIALS=30` makes fewer than 200 kills.
 """
 
 from __future__ import annotations

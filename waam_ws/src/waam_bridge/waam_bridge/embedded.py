@@ -1,5 +1,5 @@
-"""The controller core in this process (libwaam_controller_lib of waam_firmware): bytes and sensor readings in, bytes and
-outputs out, and time as fast as the caller asks."""
+"""The controller core in this process (libwaam_controller_lib of waam_firmware): bytes and sensor readings in, bytes
+and outputs out, and time as fast as the caller asks."""
 
 from __future__ import annotations
 

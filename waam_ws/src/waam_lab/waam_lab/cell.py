@@ -42,8 +42,8 @@ from waam_sim.plant import Plant
 from .contact import ContactTrace
 from .job import Fault
 from .machine import Machine
-from .metal_trace import MetalTrace
 from .machines import GANTRY
+from .metal_trace import MetalTrace
 from .params import LabParams
 from .process import LabControl, ProcessTrace
 from .robot_machine import RobotMachine

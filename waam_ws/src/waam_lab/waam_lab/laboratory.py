@@ -130,7 +130,12 @@ def _begin(jobs: Path, job: LabJob, checked: Checked, known: params.LabParams) -
     asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(job.goal).items()}
     facts = {'job_id': folder.job_id, 'goal': asked, 'material': asdict(checked.material)}
     own = {'parameters': nodes.pop('job_sequencer'), 'nodes': nodes}
-    made = {'part_sha256': checked.part.sha256, 'laboratory': True, 'seed': job.seed, 'machine': job.machine}
+    made = {
+        'part_sha256': checked.part.sha256,
+        'laboratory': True,
+        'seed': job.seed,
+        'machine': job.machine,
+    }
     folder.write_yaml('job.yaml', {**facts, **own, **made})
     return folder
 

@@ -42,6 +42,7 @@ NODES: dict[str, tuple[str, type]] = {  # node: its package, its parameters
     'job_sequencer': ('waam_job', JobParams),
 }
 
+
 @dataclass(frozen=True)
 class LabParams:
     """The parameters of every node, filled."""

@@ -41,9 +41,7 @@ class RobotMachine(Machine):
     def __init__(self, params: RobotParams, plant: Plant) -> None:
         station = Station(params.place())
         start, taught = np.array(PARK), np.array(plant.params.work_zero)
-        self.robot = SimRobot(
-            station, plant.params.robot, plant.seed, start, taught, EPOCH_US
-        )
+        self.robot = SimRobot(station, plant.params.robot, plant.seed, start, taught, EPOCH_US)
         self.driver = LabDriver(self.robot)
         self._params, self._station = params, station
         self._unheard = 0  # ms since the welding device heard of the bridge

@@ -1,4 +1,4 @@
-"""Where the cell's box stands before the robot: torch positions in machine coordinates <-> joints of arm and positioner.
+"""Where the cell's box stands before the robot: torch positions in machine coordinates <-> joints of all eight axes.
 
 The torch is upright and the positioner stands still, so one branch of the arm and one spin of the torch serve the whole
 box. Both are chosen once, with a joint path around the box (`joint_path.plan`): away from limits and
@@ -8,10 +8,11 @@ singularities. Inside the box nothing can flip then.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
-from .arm import AXES, DEG, M20IB25, Arm, forward, in_limits, limit_text
+from .arm import AXES, DEG, M20IB25, Arm, Link, in_limits, limit_text, step
 from .bead import make_bead
 from .frames import inverse
 from .inverse import Solutions, nearest_turns, solve, unreachable_text
@@ -23,7 +24,14 @@ JOINTS = AXES + 2
 GRID = 25e-3  # m between the places of the box that are looked at
 AROUND = 5e-3  # m between the points of the path around the box
 NEVER = 1e9  # m: nearer to the turn axis than this the positioner does not follow
-CIRCLE = np.diag([1.0, -1.0, -1.0, 1.0])  # half a turn about x: the tool's z points to the part
+KEPT = 8  # turns of the positioner whose matrices are kept
+OVER = np.diag([1.0, -1.0, -1.0, 1.0])  # half a turn about x: the tool's z points to the part
+
+
+@cache
+def _row(arm_links: tuple[Link, ...]) -> Link:
+    """All links as one, with arrays (6,)."""
+    return Link(*(np.array([getattr(k, n) for k in arm_links]) for n in ('d', 'a', 'alpha')))
 
 
 class StationError(ValueError):
@@ -58,9 +66,9 @@ class Station:
         c, s = np.cos(path.spin), np.sin(path.spin)
         spun = np.eye(4)
         spun[:2, :2] = [[c, -s], [s, c]]
-        self._tool = spun @ CIRCLE
-        self._untool = inverse(self._tool)
-        self._kept: tuple[tuple[float, float], np.ndarray] = ((np.nan, np.nan), np.eye(4))
+        self._tool = spun @ OVER
+        self._flange_to_torch = p.arm.tool @ inverse(self._tool)
+        self._kept: dict[tuple[float, float], np.ndarray] = {}
         self._middle = path.joints.mean(axis=0)[:AXES]
         self._check_inside()
 
@@ -93,7 +101,9 @@ class Station:
         if bad.any():
             n = int(np.argmax(bad))
             where = ', '.join(f'{v * 1e3:.0f}' for v in grid[n])
-            raise StationError(f'the robot does not reach ({where}) mm of its box: ' + self._why(found, theta, n))
+            raise StationError(
+                f'the robot does not reach ({where}) mm of its box: ' + self._why(found, theta, n)
+            )
 
     def _why(self, found: Solutions, theta: np.ndarray, n: int) -> str:
         if not found.reachable[n, self.branch]:
@@ -125,20 +135,27 @@ class Station:
         """(N, 4, 4): the torch in machine coordinates (its x, y, z axes those of the machine where the arm is exact)
         for joints (N, 8). arm: another one than that of the place, for what errors of its links do."""
         joints = np.asarray(joints, float)
-        tool = forward(arm or self.place.arm, joints[:, :AXES])
-        return np.asarray(self._to_machine(joints[:, AXES:]) @ tool @ self._untool)
+        links = step(_row((arm or self.place.arm).links), joints[:, :AXES])  # all six at once
+        tool = links[:, 0]
+        for n in range(1, AXES):
+            tool = tool @ links[:, n]
+        tool = tool @ self._flange_to_torch
+        return np.asarray(self._to_machine(joints[:, AXES:]) @ tool)
 
     def _to_machine(self, turned: np.ndarray) -> np.ndarray:
-        """(4, 4) or (N, 4, 4): from the robot's base to machine coordinates; one that is asked for again is kept."""
-        same = bool((turned == turned[0]).all())
+        """(4, 4) or (N, 4, 4): from the robot's base to machine coordinates, for B and C (N, 2)."""
         key = (float(turned[0, 0]), float(turned[0, 1]))
-        if same and key == self._kept[0]:
-            return self._kept[1]
-        b, c = (turned[0, 0], turned[0, 1]) if same else (turned[:, 0], turned[:, 1])
+        if len(turned) > 1 and (turned != turned[0]).any():
+            return self._of_turns(turned[:, 0], turned[:, 1])
+        if key not in self._kept:
+            if len(self._kept) >= KEPT:
+                self._kept.clear()
+            self._kept[key] = self._of_turns(*key)
+        return self._kept[key]
+
+    def _of_turns(self, b: np.ndarray | float, c: np.ndarray | float) -> np.ndarray:
         found = inverse(self.place.positioner.to_robot(np.eye(4), b, c))
         found[..., :3, 3] -= self._origin
-        if same:
-            self._kept = (key, found)
         return found
 
     def tips(self, joints: np.ndarray) -> np.ndarray:

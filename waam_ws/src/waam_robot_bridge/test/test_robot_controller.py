@@ -172,7 +172,7 @@ def test_too_fast_joints_give_no_goal(station):
     st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40),
 )
 def test_outputs_come_late_but_end_at_once(steps, orders):
-    """orders: (arc wanted, the machine runs); the arc never acts where it is not wanted and the machine does not run."""
+    """orders: (arc wanted, the machine runs)."""
     delayed, told = Delayed(steps), []
     for n, (arc, runs) in enumerate(orders):
         samples = np.zeros(2, SAMPLE)

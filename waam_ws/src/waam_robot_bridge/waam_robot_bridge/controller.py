@@ -1,7 +1,7 @@
 """The controller of a robot cell: the controller core of the gantry, in this process, in front of a robot.
 
-Queue, look-ahead, arc sequence, faults and lease are those of the core (`waam_bridge.embedded.Controller`): one piece of
-code for both machines. What the core commands every millisecond goes to the robot as goals (`goals`); the welding
+Queue, look-ahead, arc sequence, faults and lease are those of the core (`waam_bridge.embedded.Controller`): one piece
+of code for both machines. What the core commands every millisecond goes to the robot as goals (`goals`); the welding
 outputs follow when the torch is there (`weld`); telemetry tells where the robot is, not where it should be. When the
 robot's driver is late, lost or off the path, the arc goes out at once and the core is held.
 """
@@ -16,10 +16,10 @@ import numpy as np
 
 from waam_bridge import frames
 from waam_bridge.embedded import Controller, Reading
+from waam_robot.station import Station
 
 from .goals import Goal, GoalError, Preview, make, tips_of
 from .params import RobotParams
-from waam_robot.station import Station
 from .weld import Delayed
 
 APART = 5e-6  # m: the core does something else than the goal shows
@@ -149,9 +149,7 @@ class RobotController:
         past = self._tips[-self._delay - 1 :]
         near, limit = state.joints, self._fastest
         try:
-            goal = make(
-                self.station, past, self._ahead, self._every, self.now_us, near, limit
-            )
+            goal = make(self.station, past, self._ahead, self._every, self.now_us, near, limit)
         except GoalError as e:
             self._fail(f'the robot cannot follow: {e}')
             return

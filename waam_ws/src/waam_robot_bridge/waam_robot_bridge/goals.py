@@ -1,7 +1,7 @@
 """What the robot is to do next, as one goal for its trajectory controller: from what was commanded last to standstill.
 
-The goal comes from a copy of the controller that is run ahead: `horizon` seconds as if nothing intervened, then held, so
-that it slows down as the controller itself would. A goal that is not replaced in time therefore ends at rest. The
+The goal comes from a copy of the controller that is run ahead: `horizon` seconds as if nothing intervened, then held,
+so that it slows down as the controller itself would. A goal that is not replaced in time therefore ends at rest. The
 robot follows the controller `delay` seconds late; the goal begins with what was commanded in that time, so one that
 replaces another goes on where the other one was.
 """
@@ -14,7 +14,6 @@ import numpy as np
 
 from waam_bridge.embedded import SAMPLE, Controller
 from waam_bridge.frames import HOLD_NOW
-
 from waam_robot.station import Station, StationError
 
 STOPPING = 0.4  # s at most that slowing down may take: 0.2 m/s at 0.5 m/s^2

@@ -57,7 +57,9 @@ class RobotParams(BridgeParams):
         if not all(v > 0 for v in self.joint_speed_max):
             raise ParameterError("parameter 'joint_speed_max' has a value that is not above 0")
         if self.period >= self.horizon:
-            text = f"parameter 'period' is {self.period:g}, must be below 'horizon' {self.horizon:g}"
+            text = (
+                f"parameter 'period' is {self.period:g}, must be below 'horizon' {self.horizon:g}"
+            )
             raise ParameterError(text)
 
     def place(self) -> Place:

@@ -1,30 +1,16 @@
-"""The welding interface: two digital and two analogue outputs, in step with the robot that follows late. Pure.
+"""The welding outputs, in step with a robot that follows late: arc, gas (digital), wire and voltage (analogue). Pure.
 
-Outputs are sent with every step, and the device behind them drops the arc when none come for `watchdog` seconds: that
-is the lease's last part, which holds when the bridge itself has died.
+They are handed out with every step. The device behind them has to drop the arc when none come any more (a field bus
+does, by its watchdog): that is the last part of the arc lease, which holds when the bridge itself has died.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
-ARC, GAS = 1, 2
-
-
-@dataclass(frozen=True)
-class Weld:
-    """arc, gas: on; wire: m/s; voltage: V."""
-
-    arc: bool = False
-    gas: bool = False
-    wire: float = 0.0
-    voltage: float = 0.0
-
-
-OFF = Weld()
+ARC, GAS = 1, 2  # bits of the outputs
 
 
 class Delayed:

@@ -10,9 +10,7 @@ from waam_sim.robot import RobotParams, SimRobot
 
 STATION = Station()
 START, TAUGHT = np.array([0.06, 0.05, 0.15]), np.array([0.1, 0.08, 0.02])
-EXACT = RobotParams(
-    joint_offset=0.0, gear_wave=0.0, axis_offset=0.0, link_length=0.0, backlash=0.0
-)
+EXACT = RobotParams(joint_offset=0.0, gear_wave=0.0, axis_offset=0.0, link_length=0.0, backlash=0.0)
 
 
 def robot(params: RobotParams, start: np.ndarray = START) -> SimRobot:

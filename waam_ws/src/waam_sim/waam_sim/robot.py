@@ -1,8 +1,8 @@
 """The robot of a simulated cell: a trajectory controller with latency, servos that lag, and a geometry with errors.
 
-Goals are followed as stock trajectory controllers do: by cubics between points with given speeds. The servo of each axis
-lags as a first-order low-pass; behind it, the gear has backlash. The driver sees the motors. The torch is where the
-links, the offsets and the waves of the gears put it. Work zero and scanner are taught at one place: there torch and
+Goals are followed as stock trajectory controllers do: by cubics between points with given speeds. The servo of each
+axis lags as a first-order low-pass; behind it, the gear has backlash. The driver sees the motors. The torch is where
+the links, the offsets and the waves of the gears put it. Work zero and scanner are taught at one place: there torch and
 scanner are where they should be, and everywhere else they are off by how much the errors differ from those there.
 """
 
