@@ -4,12 +4,12 @@ and outputs out, and time as fast as the caller asks."""
 from __future__ import annotations
 
 import ctypes
+import os
 from functools import cache
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from ament_index_python.packages import get_package_prefix
 
 TX_BYTES = 256 * 1024
 LIBRARY = 'libwaam_controller_lib.so'
@@ -58,11 +58,21 @@ class View(ctypes.Structure):
     ]
 
 
+def _find() -> Path:
+    """Where `ros2 run` would look: <prefix>/lib/waam_firmware of the prefixes that are sourced."""
+    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':'):
+        candidate = Path(prefix) / 'lib' / 'waam_firmware' / LIBRARY
+        if prefix and candidate.exists():
+            return candidate
+    raise OSError(
+        f'{LIBRARY} of waam_firmware is not installed: is the workspace built and sourced?'
+    )
+
+
 @cache
 def _library() -> ctypes.CDLL:
     """The installed library. OSError when the workspace is not built."""
-    folder = Path(get_package_prefix('waam_firmware')) / 'lib' / 'waam_firmware'
-    lib = ctypes.CDLL(str(folder / LIBRARY))
+    lib = ctypes.CDLL(str(_find()))
     handle, text, size = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t
     lib.controller_lib_with_cell.restype = handle
     lib.controller_lib_with_cell.argtypes = (ctypes.c_uint32, ctypes.c_uint64)

@@ -66,9 +66,9 @@ class LabParams:
 def defaults(node: str) -> dict[str, Any]:
     """What the graph starts this node with."""
     package, _ = NODES[node]
-    return read_file(Path(get_package_share_directory(package)) / 'config' / f'{node}.yaml').get(
-        node, {}
-    )
+    name = 'bridge' if node in BRIDGES.values() else node  # every machine's node is called so
+    file = Path(get_package_share_directory(package)) / 'config' / f'{name}.yaml'
+    return read_file(file).get(name, {})
 
 
 def read_file(path: Path) -> dict[str, dict[str, Any]]:

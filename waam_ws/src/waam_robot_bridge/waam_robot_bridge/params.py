@@ -15,8 +15,9 @@ NAMES = ('joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6', 'tilt
 
 @dataclass(frozen=True)
 class RobotParams(BridgeParams):
-    """Defaults fit the simulated robot cell. `port`, `baud` and `window` mean nothing here: there is no cable."""
+    """Defaults fit the simulated robot cell. `baud` and `window` mean nothing here: there is no cable."""
 
+    port: str = param('robot', 'what machine_state shows as its port')
     positioner: tuple = param(
         (1.2, 0.35, 0.15),
         "from the robot's base to the tilt axis along x and z, and up to the faceplate",
@@ -25,6 +26,9 @@ class RobotParams(BridgeParams):
     origin: tuple = param((-0.2, -0.15, 0.0), 'machine zero on the faceplate', 'm')
     work_low: tuple = param((0.0, 0.0, 0.0), 'lower corner of the box that the torch may use', 'm')
     work_high: tuple = param((0.4, 0.3, 0.2), 'upper corner; HOME goes to (0, 0, 0.2)', 'm')
+    trajectory_action: str = param(
+        'joint_trajectory_controller/follow_joint_trajectory', "action of the robot's driver"
+    )
     joint_names: tuple = param(NAMES, 'as the driver names them: six of the arm, tilt, turn')
     joint_speed_max: tuple = param(
         (3.5, 3.5, 4.5, 7.2, 7.2, 15.0, 2.0, 3.3), 'fastest that each may turn', 'rad/s'
