@@ -99,8 +99,8 @@ def _add_up(p: argparse.ArgumentParser) -> None:
         '--machine',
         choices=('gantry', 'robot'),
         default='gantry',
-        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner; its simulated cell keeps '
-        'step with the wall clock',
+        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner, whose simulated cell '
+        'keeps step with the wall clock',
     )
     p.add_argument(
         '--rate',

@@ -31,7 +31,8 @@ OVER = np.diag([1.0, -1.0, -1.0, 1.0])  # half a turn about x: the tool's z poin
 @cache
 def _row(arm_links: tuple[Link, ...]) -> Link:
     """All links as one, with arrays (6,)."""
-    return Link(*(np.array([getattr(k, n) for k in arm_links]) for n in ('d', 'a', 'alpha')))
+    d, a, alpha = (np.array([getattr(k, n) for k in arm_links]) for n in ('d', 'a', 'alpha'))
+    return Link(d, a, alpha)  # type: ignore[arg-type]
 
 
 class StationError(ValueError):

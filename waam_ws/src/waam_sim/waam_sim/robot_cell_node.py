@@ -1,7 +1,8 @@
 """The simulated cell with a robot: the same metal, arc and scanner, moved by a trajectory controller over ROS.
 
-The node is called `cell` as well. Its topics and services are those of the other one, with `joint_states`, `weld_state`, `weld_command` and the action
-FollowJointTrajectory in place of the plant port. Time keeps step with the wall clock (`pace`).
+The node is called `cell` as well. Its topics and services are those of the other one, with `joint_states`,
+`weld_state`, `weld_command` and the action FollowJointTrajectory in place of the plant port. Time keeps step with the
+wall clock (`pace`).
 """
 
 from __future__ import annotations
