@@ -30,7 +30,7 @@ class LabDriver:
         self.goals += 1
         self.arm.follow(goal.start_us, goal.time, goal.joints, goal.rates)
 
-    def state(self) -> JointState:
+    def state(self, now_us: int) -> JointState:
         """As the robot last told it."""
         return JointState(*self.arm.state())
 

@@ -38,7 +38,7 @@ class PerfectDriver:
     def follow(self, goal) -> None:
         self.goals.append(goal)
 
-    def state(self) -> JointState:
+    def state(self, now_us: int) -> JointState:
         return self._state
 
     def advance(self, now_us: int) -> None:

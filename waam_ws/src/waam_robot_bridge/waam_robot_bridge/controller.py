@@ -50,8 +50,8 @@ class Driver(Protocol):
     def follow(self, goal: Goal) -> None:
         """Replaces the goal."""
 
-    def state(self) -> JointState | None:
-        """The newest joint state; None before the first."""
+    def state(self, now_us: int) -> JointState | None:
+        """The newest joint state that is not later than controller time now_us; None before the first."""
 
     @property
     def problem(self) -> str:
@@ -142,7 +142,7 @@ class RobotController:
         )
 
     def _send(self) -> None:
-        state = self.driver.state()
+        state = self.driver.state(self.now_us)
         if state is None:
             return
         self._ahead, self._since = self._preview.run(self._core), 0
@@ -166,7 +166,7 @@ class RobotController:
     def _wrong(self) -> str:
         if self.driver.problem:
             return self.driver.problem
-        state = self.driver.state()
+        state = self.driver.state(self.now_us)
         if state is None:
             return 'the driver has told no joint states'
         age = (self.now_us - state.time_us) * 1e-6
@@ -180,8 +180,8 @@ class RobotController:
     def _off(self, state: JointState) -> float:
         """m: how far the torch is from the path of the time in which it may be."""
         late = round(self.params.weld_delay * 1e6)
-        at = (self.now_us - state.time_us + late) // 1000
-        window = self._tips[max(len(self._tips) - 1 - at - 50, 0) : len(self._tips) - at + 30]
+        last = len(self._tips) - 1 - max(self.now_us - state.time_us + late, 0) // 1000
+        window = self._tips[max(last - 50, 0) : max(last, 0) + 31]
         return float(np.linalg.norm(window - self._seen(state).tip, axis=1).min(initial=np.inf))
 
     def _seen(self, state: JointState) -> Seen:
@@ -210,7 +210,7 @@ class RobotController:
 
     def _measured(self, line: bytes) -> bytes:
         """A T line with the measured position and speed in place of the commanded ones."""
-        state = self.driver.state()
+        state = self.driver.state(self.now_us)
         if state is None:
             return line
         payload, digits = frames.unseal(line)

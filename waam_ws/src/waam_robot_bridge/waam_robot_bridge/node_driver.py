@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +22,7 @@ from .goals import Goal
 from .params import RobotParams
 
 GOOD = (FollowJointTrajectory.Result.SUCCESSFUL,)
+KEPT = 200  # joint states
 SILENT = 0.3  # s of the steady clock
 
 
@@ -32,7 +34,7 @@ class RosDriver:
         self._node, self._action = node, params.trajectory_action
         self._client = ActionClient(node, FollowJointTrajectory, params.trajectory_action)
         self._known: dict[str, tuple[int, float, float]] = {}
-        self._state: JointState | None = None
+        self._states: deque[JointState] = deque(maxlen=KEPT)
         self._next: Goal | None = None
         self._number = 0  # of the newest goal
         self._refused = ''
@@ -55,9 +57,16 @@ class RosDriver:
         future = self._client.send_goal_async(convert.goal_to_msg(goal, self._names))
         future.add_done_callback(lambda f: self._on_answer(number, f))
 
-    def state(self) -> JointState | None:
-        """The newest complete one."""
-        return self._state
+    def state(self, now_us: int) -> JointState | None:
+        """The newest complete one that is not later than now_us, else the oldest that is known."""
+        known = list(self._states)
+        found = next((s for s in reversed(known) if s.time_us <= now_us), None)
+        return found or (known[0] if known else None)
+
+    @property
+    def newest_us(self) -> int:
+        """Time of the newest complete joint state, 0 = none."""
+        return self._states[-1].time_us if self._states else 0
 
     @property
     def problem(self) -> str:
@@ -68,7 +77,7 @@ class RosDriver:
         """Why the robot cannot be used at all, '' = it can."""
         if self._odd:
             return self._odd
-        if self._state is None:
+        if not self._states:
             return "no joint states on topic 'joint_states': is the robot's driver running?"
         if not self._client.server_is_ready():
             return f"no action server '{self._action}': is the trajectory controller running?"
@@ -110,7 +119,7 @@ class RosDriver:
             return
         self._odd = ''
         oldest = min(self._known[n][0] for n in self._names)
-        self._state = JointState(oldest, values[:, 0], values[:, 1])
+        self._states.append(JointState(oldest, values[:, 0], values[:, 1]))
         self._on_news()
 
 

@@ -103,10 +103,11 @@ class RobotTransport:
 
     def _make(self) -> RobotController:
         """A controller that was just switched on, its torch where the robot has it."""
-        state = self.driver.state()
+        now_us = self._now_us()
+        state = self.driver.state(now_us)
         assert state is not None  # of a robot that is there
         boot = int(time.time() * 10) % BOOTS
-        made = RobotController(self._now_us(), self._params, self.station, self.driver, boot)
+        made = RobotController(now_us, self._params, self.station, self.driver, boot)
         made.place(self.station.tips(state.joints[None])[0])
         made.on_problem = self._on_problem
         return made
@@ -114,8 +115,7 @@ class RobotTransport:
     def _now_us(self) -> int:
         """ROS time; joint states may be ahead of a simulated clock."""
         clock = self._node.get_clock().now().nanoseconds // 1000
-        state = self.driver.state()
-        return max(clock, state.time_us if state else 0)
+        return max(clock, self.driver.newest_us)
 
     def _catch_up(self, controller: RobotController, rest: bytes) -> bytes:
         """Steps until ROS time is reached; hands the controller's lines over and returns the incomplete one."""

@@ -95,10 +95,19 @@ class Welder:
     def __init__(self, node: Node, now_us: Callable[[], int]) -> None:
         self._node, self._now_us = node, now_us
         self._outputs, self._heard_us = (0, 0.0, 0.0), -WATCHDOG_US
+        self._told_us = 0  # time of the newest command, 0 = nobody tells any
         self._out = node.create_publisher(DynamicInterfaceGroupValues, 'weld_state', qos.BEAT)
         node.create_subscription(
             DynamicInterfaceGroupValues, 'weld_command', self._on_command, qos.BEAT
         )
+
+    def behind_us(self) -> int:
+        """How far the newest command is behind the cell; 0 where there is none."""
+        return self._now_us() - self._told_us if self._told_us else 0
+
+    def give_up(self) -> None:
+        """Nobody waits for commands until the next one comes."""
+        self._told_us = 0
 
     def outputs(self) -> tuple[int, float, float]:
         """Bits, wire (m/s) and voltage (V) that act now."""
@@ -127,3 +136,4 @@ class Welder:
             self._node.get_logger().error(text, throttle_duration_sec=5.0)
             return
         self._heard_us = self._now_us()
+        self._told_us = msg.header.stamp.sec * 1_000_000 + msg.header.stamp.nanosec // 1000

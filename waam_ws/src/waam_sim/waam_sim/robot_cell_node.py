@@ -2,7 +2,7 @@
 
 The node is called `cell` as well. Its topics and services are those of the other one, with `joint_states`,
 `weld_state`, `weld_command` and the action FollowJointTrajectory in place of the plant port. Time keeps step with the
-wall clock (`pace`).
+wall clock (`pace`) and with the bridge.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from .robot import SimRobot
 
 STEP_MS = 10
 PARK = np.array([0.060, 0.050, 0.150])  # m, where the torch is when the cell is switched on
+AHEAD_US = 20_000  # us that the cell may be ahead of its bridge
+PATIENCE = 0.3  # s
 LATE = 0.2  # s behind the wall clock from which on time is not made up for
 
 
@@ -51,11 +53,21 @@ class RobotCell(Cell):
                 if not self.context.ok():
                     return
                 raise
+            self._wait_for(welder)
             due += STEP_MS * 1e-3 / self.params.pace
             left = due - time.monotonic()
             if left < -LATE:
                 due = time.monotonic()
             self._stop.wait(max(left, 0.0))
+
+    def _wait_for(self, welder: Welder) -> None:
+        """Time waits for a bridge that is late, but not for one that is silent."""
+        end = time.monotonic() + PATIENCE
+        while welder.behind_us() > AHEAD_US and not self._stop.is_set():
+            if time.monotonic() > end:
+                welder.give_up()
+                return
+            self._stop.wait(0.001)
 
     def _step(self, robot: SimRobot, controller: TrajectoryController, welder: Welder) -> None:
         start = time.perf_counter()
