@@ -137,6 +137,11 @@ def test_a_silent_driver_cuts_the_arc_and_holds(rig):
     stopped = rig.controller.commanded(rig.controller.now_us)
     rig.run(0.5)
     assert np.array_equal(stopped, rig.controller.commanded(rig.controller.now_us))
+    rig.say('R')  # resumed too early: held again, told no second time
+    rig.run(0.3)
+    went = rig.controller.commanded(rig.controller.now_us) - stopped
+    assert np.abs(went).max() < 5e-4
+    assert len(rig.problems) == 1
     rig.driver.silent = False
     rig.run(0.1)
     assert rig.controller.problem == ''

@@ -194,17 +194,18 @@ class RobotController:
         return self._last
 
     def _fail(self, text: str) -> None:
-        """Cuts the arc and holds the core; told once."""
-        if not self.problem:
+        """Cuts the arc and holds the core, as often as it is resumed; told once."""
+        if not self.problem or self._core.look().state == frames.RUN:
             self._core.feed(frames.HOLD_NOW)
+        if not self.problem:
             self.on_problem(text)
         self.problem = text
 
     def _outputs(self, samples: np.ndarray) -> None:
         if self._weld is None:
             self._weld = Delayed(round(self.params.weld_delay * 1e3 / len(samples)))
-        running = self._core.look().state == frames.RUN
-        self._weld.next(samples, not running, bool(self.problem))
+        ending = self._core.look().state in (frames.HOLD, frames.ALARM)
+        self._weld.next(samples, ending, bool(self.problem))
 
     # ---- telemetry
 

@@ -23,6 +23,7 @@ from .params import RobotParams
 
 GOOD = (FollowJointTrajectory.Result.SUCCESSFUL,)
 KEPT = 200  # joint states
+HELD = 1.0  # s after a refused goal until the machine may be resumed
 SILENT = 0.3  # s of the steady clock
 
 
@@ -37,7 +38,7 @@ class RosDriver:
         self._states: deque[JointState] = deque(maxlen=KEPT)
         self._next: Goal | None = None
         self._number = 0  # of the newest goal
-        self._refused = ''
+        self._refused, self._when = '', 0.0  # why the newest goal is not followed; s, steady clock
         self._odd = ''  # why the joint states cannot be used
         self.device = ''  # what is wrong with the welding device
         node.create_subscription(JointStateMsg, 'joint_states', self._on_state, qos.SENSOR)
@@ -71,7 +72,8 @@ class RosDriver:
     @property
     def problem(self) -> str:
         """Why it follows no goal."""
-        return self._refused or self._odd or self.device
+        refused = self._refused if time.monotonic() - self._when < HELD else ''
+        return refused or self._odd or self.device
 
     def absent(self) -> str:
         """Why the robot cannot be used at all, '' = it can."""
@@ -87,7 +89,7 @@ class RosDriver:
         handle = future.result()
         if not handle.accepted:
             if number == self._number:
-                self._refused = f"the driver refused a goal of '{self._action}': joint names?"
+                self._refuse(f"the driver refused a goal of '{self._action}': joint names?")
             return
         handle.get_result_async().add_done_callback(lambda f: self._on_result(number, f))
 
@@ -95,7 +97,10 @@ class RosDriver:
         result = future.result().result
         if number == self._number and result.error_code not in GOOD:
             text = result.error_string or f'code {result.error_code}'
-            self._refused = f'the driver gave the goal up: {text}'
+            self._refuse(f'the driver gave the goal up: {text}')
+
+    def _refuse(self, text: str) -> None:
+        self._refused, self._when = text, time.monotonic()
 
     def _on_state(self, msg: JointStateMsg) -> None:
         """Joints may come in several messages, as arm and positioner have drivers of their own."""

@@ -21,7 +21,7 @@ class Delayed:
 
     def next(self, samples: np.ndarray, at_once: bool, cut: bool) -> None:
         """Puts the outputs that act now into samples (n,). at_once: those of this moment act, and those that waited
-        are forgotten, as when the arc has to end. cut: no arc and no wire."""
+        are forgotten: the arc has to end. cut: no arc and no wire."""
         outputs = samples[['wire_cmd', 'voltage_set', 'outputs']].copy()
         if at_once or not self._late:
             self._late.clear()
