@@ -16,6 +16,7 @@ from ament_index_python.packages import get_package_prefix
 from control_msgs.msg import DynamicInterfaceGroupValues
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
+from sensor_msgs.msg import JointState
 
 from waam_msgs.msg import MachineState, SegmentDone, Telemetry
 from waam_msgs.srv import Command, Enqueue
@@ -23,6 +24,7 @@ from waam_node import qos
 from waam_node.conversions import segment_to_msg
 from waam_node.testing import fresh_domain
 from waam_process.segment import Kind, Segment
+from waam_robot_bridge.params import NAMES
 
 TOP = 0.025  # m, of the plate on the table
 ZERO = (0.100, 0.080, 0.020)
@@ -42,7 +44,7 @@ def until(condition, timeout=60.0, what='condition'):
 class Graph:
     """Two processes and a client in a domain of their own. `weld`: (s of controller time, A) as the device tells."""
 
-    def __init__(self, logs: Path, **bridge_params: str) -> None:
+    def __init__(self, logs: Path, cell: bool = True, **bridge_params: str) -> None:
         self.domain, self.logs = fresh_domain(), logs
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=self.domain)
@@ -62,10 +64,14 @@ class Graph:
         self._executor.add_node(self.node)
         self._stop = threading.Event()
         threading.Thread(target=self._spin, daemon=True).start()
-        self.cell = self._start('waam_sim', 'robot_cell', use_sim_time='false', pace='2.0')
+        sim = str(cell).lower()
         self.bridge = self._start(
-            'waam_robot_bridge', 'robot_bridge', use_sim_time='true', **bridge_params
+            'waam_robot_bridge', 'robot_bridge', use_sim_time=sim, **bridge_params
         )
+        self.processes = [self.bridge]
+        if cell:
+            made = self._start('waam_sim', 'robot_cell', use_sim_time='false', pace='2.0')
+            self.processes.append(made)
 
     def _start(self, package: str, name: str, **params: str) -> subprocess.Popen:
         args = [a for key, value in params.items() for a in ('-p', f'{key}:={value}')]
@@ -118,10 +124,10 @@ class Graph:
         return (self.logs / f'{name}.log').read_text()
 
     def close(self) -> None:
-        for process in (self.bridge, self.cell):
+        for process in self.processes:
             if process.poll() is None:
                 process.send_signal(signal.SIGTERM)
-        for process in (self.bridge, self.cell):
+        for process in self.processes:
             process.wait(15.0)
         self._stop.set()
         self._executor.shutdown()
@@ -170,7 +176,10 @@ def test_a_bead_on_the_robot_and_an_arc_that_ends_with_the_bridge(graph):
 
 def test_wrong_joint_names_are_named_before_anything_moves(tmp_path):
     names = '[joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,tilt,rotate]'
-    graph = Graph(tmp_path, joint_names=names)
+    graph = Graph(tmp_path, cell=False, joint_names=names)
+    joints = graph.node.create_publisher(JointState, 'joint_states', qos.BEAT)
+    message = JointState(name=list(NAMES), position=[0.0] * 8)
+    graph.node.create_timer(0.05, lambda: joints.publish(message))
     try:
         until(lambda: "joint_states has no 'rotate'" in graph.state.message, what='the error')
         assert not graph.state.connected
