@@ -14,6 +14,13 @@ wrist or jumps, judged by the places of the links; parts that were refused go to
 robot.speed_error_pct: six parts at 10 mm/s, how far the torch's speed at the part is off on 99 % of the way, by forward
 kinematics of arm and positioner; the worst part; baseline: asked for. robot.plan_ms_per_point: processor time of their
 joint paths with branches and timing, without collisions, per point (every 0.1 mm of bead); baseline: asked for.
+
+On the simulated robot cell of the laboratory, with its servos, latency and errors:
+robot.cell_speed_error_pct: six beads at 10 mm/s, how far the true speed of the torch is off on 99 % of the way that
+the arc burns; the worst bead; baseline: the same on the gantry. robot.rms_ratio: RMS height error of the demo's jaw,
+mean of five seeds; baseline: the gantry on the same seeds. robot.arc_off_max_ms: a required node, the bridge or the
+robot's driver dies at a random moment of a bead, how long the arc burns on at most; baseline: asked for.
+`WAAM_BENCH_TRIALS=30` makes fewer than 200 kills.
 """
 
 from __future__ import annotations
@@ -107,6 +114,57 @@ def plans() -> None:
     emit('robot.plan_ms_per_point', per_point, 'ms', 'asked for', 2.0)
 
 
+def cell_speed() -> None:
+    """Six beads, two machines."""
+    from lib.robot_cell import PARTS, speed_off
+
+    seed = seeds((3,))[0]
+    off = {
+        kind: {name: speed_off(kind, make(), seed) for name, make in PARTS.items()}
+        for kind in ('gantry', 'robot')
+    }
+    for name in PARTS:
+        said = ', '.join(f'{kind} {off[kind][name]:.3%}' for kind in off)
+        print(f'robot.cell_speed_error_pct, {name}: {said}', file=sys.stderr)
+    worst = {kind: 100 * max(found.values()) for kind, found in off.items()}
+    emit('robot.cell_speed_error_pct', worst['robot'], '%', 'gantry', worst['gantry'])
+
+
+def cell_rms() -> None:
+    """The jaw on both machines."""
+    import numpy as np
+
+    from waam_bringup.paths import share
+    from waam_lab import over_seeds, restore, run_many
+
+    parts, wanted, rms = share('waam_bringup') / 'parts', seeds((1, 2, 3, 7, 11)), {}
+    for kind in ('gantry', 'robot'):
+        job = restore(parts / 'jaw_nominal.stl', parts / 'jaw_worn.stl', machine=kind)
+        found = run_many(over_seeds(job, list(wanted)))
+        for r in found:
+            said = r.message if r.failed else f'{r.rms * 1e3:.4f} mm, {r.share_in_tolerance:.3f}'
+            print(f'robot.rms_ratio, {kind}, seed {r.seed}: {said}', file=sys.stderr)
+        rms[kind] = float(np.mean([r.rms for r in found])) * 1e3
+    emit('robot.rms_ratio', rms['robot'] / rms['gantry'], '1', 'gantry', 1.0)
+
+
+def cell_kills() -> None:
+    """Kills at random moments."""
+    import os
+
+    import numpy as np
+    from lib.robot_cell import KINDS, kill
+
+    count = int(os.environ.get('WAAM_BENCH_TRIALS', '200'))
+    rng = np.random.default_rng(seeds((5,))[0])
+    found = [kill(KINDS[n % 3], rng.uniform(0.0, 12.0), 100 + n) for n in range(count)]
+    for what in KINDS:
+        off = [k.off * 1e3 for k in found if k.what == what] or [float('nan')]
+        said = f'{np.median(off):.0f} ms in the middle, {max(off):.0f} at most'
+        print(f'robot.arc_off_max_ms, {what}: {len(off)} kills, {said}', file=sys.stderr)
+    emit('robot.arc_off_max_ms', 1e3 * max(k.off for k in found), 'ms', 'asked for', 500.0)
+
+
 FIGURES = {
     'robot.ik_error_m': inverse,
     'robot.ik_us': inverse,
@@ -117,4 +175,7 @@ FIGURES = {
     'robot.flips_in_bead': random_plans,
     'robot.speed_error_pct': plans,
     'robot.plan_ms_per_point': plans,
+    'robot.cell_speed_error_pct': cell_speed,
+    'robot.rms_ratio': cell_rms,
+    'robot.arc_off_max_ms': cell_kills,
 }

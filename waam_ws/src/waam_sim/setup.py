@@ -10,7 +10,12 @@ setup(
         ('share/waam_sim/config', ['config/cell.yaml']),
     ],
     install_requires=['setuptools'],
-    entry_points={'console_scripts': ['cell = waam_sim.cell_node:main']},
+    entry_points={
+        'console_scripts': [
+            'cell = waam_sim.cell_node:main',
+            'robot_cell = waam_sim.robot_cell_node:main',
+        ]
+    },
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='The simulated cell: metal, heat, arc, wire, line scanner, pyrometer and their faults',

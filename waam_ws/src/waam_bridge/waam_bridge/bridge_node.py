@@ -25,17 +25,17 @@ from .csv_log import CsvLog
 from .node_publishers import Publishers
 from .node_services import Services
 from .params import BridgeParams
-from .transport import SerialTransport
+from .transport import SerialTransport, Transport
 
 ALIGN = 5e-5  # s that reading both clocks may take
 SWITCH_INTERVAL = 0.001  # s: a long callback may keep the link's thread from running for so long
 
 
 class BridgeNode(WaamNode):
-    """Host end of the link; see docs/interfaces.md."""
+    """Host end of the link; see docs/interfaces.md. Other machines put another transport behind it."""
 
-    def __init__(self) -> None:
-        super().__init__('bridge', BridgeParams)
+    def __init__(self, params: type[BridgeParams] = BridgeParams) -> None:
+        super().__init__('bridge', params)
         sys.setswitchinterval(SWITCH_INTERVAL)
         p = self.params
         self.core = Bridge(p)
@@ -45,10 +45,14 @@ class BridgeNode(WaamNode):
         self._out = Publishers(self, self.core, p.port, self._open_csv(p.csv_log, p.csv_rate))
         self._create_inputs()
         self.create_timer(1.0, self._on_second, clock=self.steady)
-        self.transport = SerialTransport(p.port, p.baud, self, p.reconnect_period)
+        self.transport = self._make_transport()
         self.transport.start()
         if p.require_controller:
             self._await_controller()
+
+    def _make_transport(self) -> Transport:
+        p = self.params
+        return SerialTransport(p.port, p.baud, self, p.reconnect_period)
 
     def _create_inputs(self) -> None:
         beats = QoSProfile(depth=100, reliability=qos.BEAT.reliability)

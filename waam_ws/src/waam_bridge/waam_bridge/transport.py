@@ -42,6 +42,22 @@ class Owner(Protocol):
         """A defect has ended the thread."""
 
 
+class Transport(Protocol):
+    """What a bridge needs of the way to its controller."""
+
+    def start(self) -> None:
+        """Starts the thread that opens it and calls the owner."""
+
+    def close(self) -> None:
+        """Ends the thread."""
+
+    def reopen(self, reason: str) -> None:
+        """Closes it and tries again, because of `reason`."""
+
+    def write(self, data: bytes) -> None:
+        """Never blocks; thread safe; without effect while it is closed."""
+
+
 class SerialTransport:
     """A port (tty, USB-CDC, pseudo-terminal) with one thread that reads, hands lines over and reopens it.
 

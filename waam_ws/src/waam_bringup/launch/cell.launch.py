@@ -15,7 +15,8 @@ from waam_bringup.paths import run_dir
 
 
 def _start(context):
-    value = {k: LaunchConfiguration(k).perform(context) for k in ('port', 'rate', 'seed', 'run')}
+    names = ('port', 'rate', 'seed', 'run', 'machine')
+    value = {k: LaunchConfiguration(k).perform(context) for k in names}
     run = Path(value['run'])
     run.mkdir(parents=True, exist_ok=True)
     settings = Settings(
@@ -24,6 +25,7 @@ def _start(context):
         rate=float(value['rate']),
         seed=int(value['seed']),
         epoch_us=int(time.time()) * 1_000_000,
+        machine=value['machine'],
     )
     return [
         ExecuteProcess(cmd=p.command, name=p.name, output='screen', additional_env=p.environment)
@@ -45,6 +47,12 @@ def generate_launch_description():
             ),
             DeclareLaunchArgument(
                 'run', default_value=str(run_dir()), description='sockets and state'
+            ),
+            DeclareLaunchArgument(
+                'machine',
+                default_value='gantry',
+                description='or robot',
+                choices=['gantry', 'robot'],
             ),
             OpaqueFunction(function=_start),
         ]

@@ -33,6 +33,23 @@ def test_simulated_graph_has_controller_and_cell_and_real_one_has_not(tmp_path):
     assert 'use_sim_time:=false' in ' '.join(real['bridge'].command)
 
 
+def test_a_robot_stands_in_for_the_gantry_under_the_same_names(tmp_path):
+    gantry = {p.name: p for p in processes(settings(tmp_path))}
+    robot = {p.name: p for p in processes(settings(tmp_path, machine='robot'))}
+    assert set(gantry) - set(robot) == {'virtual_controller'} and not set(robot) - set(gantry)
+    assert (robot['bridge'].package, robot['bridge'].executable) == (
+        'waam_robot_bridge',
+        'robot_bridge',
+    )
+    assert robot['cell'].executable == 'robot_cell' and not robot['cell'].restart
+    assert 'pace:=1.0' in robot['cell'].command
+    fast = {p.name: p for p in processes(settings(tmp_path, machine='robot', rate=3.0))}
+    assert 'pace:=3.0' in fast['cell'].command
+    assert asks_for_real_time(settings(tmp_path, machine='robot')) >= {'cell', 'bridge'}
+    real = {p.name for p in processes(settings(tmp_path, machine='robot', port='x'))}
+    assert 'cell' not in real and 'bridge' in real
+
+
 def test_every_ros_node_but_those_that_only_show_is_in_the_lease(tmp_path):
     specs = processes(settings(tmp_path))
     job = next(p for p in specs if p.name == 'job_sequencer')

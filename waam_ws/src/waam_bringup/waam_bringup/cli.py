@@ -104,6 +104,13 @@ def _add_up(p: argparse.ArgumentParser) -> None:
         help='serial port of a real controller; without it the cell is simulated',
     )
     p.add_argument(
+        '--machine',
+        choices=('gantry', 'robot'),
+        default='gantry',
+        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner, whose simulated cell '
+        'keeps step with the wall clock',
+    )
+    p.add_argument(
         '--rate',
         type=float,
         default=0.0,
@@ -199,6 +206,7 @@ def cmd_up(args: argparse.Namespace) -> int:
         hang_timeout=args.hang_timeout,
         params_files=tuple(f.resolve() for f in args.params_file),
         without=tuple(args.without),
+        machine=args.machine,
     )
     for file in settings.params_files:
         if not file.exists():

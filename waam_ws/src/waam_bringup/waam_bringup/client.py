@@ -76,7 +76,11 @@ class GraphClient:
         return True
 
     def wait_ready(
-        self, nodes: set[str], timeout: float, dead: Callable[[], dict[str, str]]
+        self,
+        nodes: set[str],
+        timeout: float,
+        dead: Callable[[], dict[str, str]],
+        patience: float = NO_CONTROLLER_S,
     ) -> None:
         """Until the controller answers and every node has repeated a tick. `dead` names processes that ended.
 
@@ -89,7 +93,7 @@ class GraphClient:
 
         beats = self.node.create_subscription(Heartbeat, 'heartbeat', beat, BEAT)
         try:
-            self._until_ready(nodes, beating, timeout, dead)
+            self._until_ready(nodes, beating, timeout, dead, patience)
         finally:
             self.node.destroy_subscription(beats)
 
@@ -99,11 +103,12 @@ class GraphClient:
         beating: set[str],
         timeout: float,
         dead: Callable[[], dict[str, str]],
+        patience: float,
     ) -> None:
         end = time.monotonic() + timeout
         refused_since: float | None = None
         while True:
-            refused_since = self._refused(refused_since)
+            refused_since = self._refused(refused_since, patience)
             if gone := dead():
                 raise ClientError('; '.join(f'{n} {how}' for n, how in gone.items()))
             missing = nodes - beating
@@ -115,12 +120,12 @@ class GraphClient:
                 raise ClientError(f'not ready after {timeout:.0f} s: {who} does not answer. {text}')
             self.executor.spin_once(timeout_sec=0.1)
 
-    def _refused(self, since: float | None) -> float | None:
-        """ClientError once the bridge has said for some seconds that there is no controller at its port."""
+    def _refused(self, since: float | None, patience: float) -> float | None:
+        """ClientError once the bridge has said for `patience` s that there is no controller at its port."""
         if self.machine is None or self.machine.connected or not self.machine.message:
             return None
         since = since or time.monotonic()
-        if time.monotonic() - since > NO_CONTROLLER_S:
+        if time.monotonic() - since > patience:
             raise ClientError(f'no controller: {self.machine.message}')
         return since
 

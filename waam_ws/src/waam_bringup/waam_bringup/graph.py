@@ -36,6 +36,7 @@ class Settings:
     hang_timeout: float = 15.0
     params_files: tuple[Path, ...] = ()
     without: tuple[str, ...] = ()
+    machine: str = 'gantry'  # or 'robot'
 
     @property
     def simulated(self) -> bool:
@@ -45,7 +46,12 @@ class Settings:
     @property
     def paced(self) -> bool:
         """Whether the graph keeps step with the wall clock, so that a late answer is late in the cell as well."""
-        return not self.simulated or 0 < self.rate <= 1
+        return not self.simulated or 0 < self.pace <= 1
+
+    @property
+    def pace(self) -> float:
+        """Simulated seconds per second; 0 = as fast as it goes, which a robot's cell cannot."""
+        return self.rate or (1.0 if self.machine == 'robot' else 0.0)
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,7 @@ class Process:
 
 KEYS = {
     'package', 'executable', 'only', 'ros', 'lease', 'realtime', 'arguments', 'parameters', 'use_sim_time', 'restart',
+    'machine', 'name',
 }  # fmt: skip
 
 
@@ -102,6 +109,7 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
         'run': str(settings.run),
         'port': settings.port or str(settings.run / 'controller'),
         'rate': settings.rate,
+        'pace': settings.pace,
         'seed': settings.seed,
         'epoch_us': settings.epoch_us,
         'grpc_port': settings.grpc_port,
@@ -132,9 +140,11 @@ def processes(settings: Settings, description: dict | None = None) -> list[Proce
         if name not in description:
             raise GraphError(f"--without {name}: no such node; known are {', '.join(description)}")
     chosen = {
-        n: d
+        d.get('name', n): {'executable': n, **d}
         for n, d in description.items()
-        if n not in settings.without and (settings.simulated or d.get('only') != 'sim')
+        if n not in settings.without
+        and (settings.simulated or d.get('only') != 'sim')
+        and d.get('machine', settings.machine) == settings.machine
     }
     lease_nodes = [n for n, d in chosen.items() if d.get('ros', True) and d.get('lease', True)]
     return [_process(n, d, settings, lease_nodes) for n, d in chosen.items()]

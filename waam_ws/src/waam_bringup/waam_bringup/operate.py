@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from . import run_state, shared_memory
-from .client import ClientError, GraphClient
+from .client import NO_CONTROLLER_S, ClientError, GraphClient
 from .graph import Settings, processes
 from .run_state import RunState, describe_exit
 
@@ -74,7 +74,9 @@ def up(
         )
     try:
         with GraphClient(domain) as client:
-            client.wait_ready(names, timeout, lambda: _dead(settings.run, supervisor))
+            # a robot's driver begins after its bridge
+            patience = timeout if settings.machine == 'robot' else NO_CONTROLLER_S
+            client.wait_ready(names, timeout, lambda: _dead(settings.run, supervisor), patience)
     except BaseException as e:
         stop(settings.run)
         if isinstance(e, ClientError):

@@ -67,6 +67,20 @@ controller_lib_t *controller_lib_with_cell(uint32_t boot_id, uint64_t start_us)
     return t;
 }
 
+void controller_lib_place(controller_lib_t *lib, double x, double y, double z)
+{
+    const double start_mm[WAAM_AXES] = {x, y, z};
+    memcpy(lib->harness.start_mm, start_mm, sizeof start_mm);
+}
+
+void controller_lib_copy(controller_lib_t *to, const controller_lib_t *from)
+{
+    to->harness = from->harness;
+    to->harness.core.context = to;
+    to->tx_used = to->done_count = to->left_count = 0;
+    to->last_line = from->last_line;
+}
+
 void controller_lib_free(controller_lib_t *lib) { free(lib); }
 
 void controller_lib_rx(controller_lib_t *lib, const char *bytes, size_t count)

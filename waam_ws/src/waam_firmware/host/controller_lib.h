@@ -37,6 +37,10 @@ void controller_lib_step(controller_lib_t *lib, uint32_t milliseconds, host_samp
 void controller_lib_answer(controller_lib_t *lib, uint32_t inputs, double current, double voltage, double wire_speed);
 /* ... and its distance sensor: number and value of the newest reading (mm, or counts; NaN = no echo). After the answer. */
 void controller_lib_distance(controller_lib_t *lib, uint32_t reading, double value);
+/* Where the axes stand before anything has moved, mm, machine. The core does not know it until it is homed. */
+void controller_lib_place(controller_lib_t *lib, double x, double y, double z);
+/* `to` becomes what `from` is now, without the bytes that wait: running `to` shows what would come if nothing intervened. */
+void controller_lib_copy(controller_lib_t *to, const controller_lib_t *from);
 void controller_lib_free(controller_lib_t *lib);
 void controller_lib_rx(controller_lib_t *lib, const char *bytes, size_t count);
 void controller_lib_hang_up(controller_lib_t *lib);

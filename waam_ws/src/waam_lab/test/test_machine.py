@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from waam_bridge import commands
+from waam_bridge.embedded import Controller
 from waam_bridge.frames import ALARM, HOMED, IDLE
 from waam_bridge.params import BridgeParams
-from waam_lab.controller import Controller
 from waam_lab.machine import EPOCH_US, Machine
 from waam_sim import part
 from waam_sim.plant import SAMPLE, Plant

@@ -14,8 +14,9 @@ from waam_node.params import ParameterError
 def test_defaults_are_those_that_the_graph_starts_its_nodes_with():
     graph = Path(__file__).parents[2]
     for node, (package, _) in params.NODES.items():
-        file = graph / package / 'config' / f'{node}.yaml'
-        assert params.defaults(node) == yaml.safe_load(file.read_text())[node]['ros__parameters']
+        name = node.removeprefix('robot_')  # a robot's bridge is the node `bridge` as well
+        file = graph / package / 'config' / f'{name}.yaml'
+        assert params.defaults(node) == yaml.safe_load(file.read_text())[name]['ros__parameters']
     made = params.make()
     law = yaml.safe_load((graph / 'waam_adapt/config/correction_server.yaml').read_text())
     assert made.correction_server.law == law['correction_server']['ros__parameters']['law']

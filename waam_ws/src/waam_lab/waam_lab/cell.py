@@ -42,13 +42,21 @@ from waam_sim.plant import Plant
 from .contact import ContactTrace
 from .job import Fault
 from .machine import Machine
+from .machines import GANTRY
 from .metal_trace import MetalTrace
 from .params import LabParams
 from .process import LabControl, ProcessTrace
+from .robot_machine import RobotMachine
 from .scanning import ScanError, Scanning
 from .watch import LayerWatch
 
 PACE = 15.0  # simulated seconds in a second that the job waits: about the rate of the graph
+
+
+def _device(machine: str, params: LabParams, plant: Plant) -> Machine:
+    if machine == GANTRY:
+        return Machine(params.bridge, plant)
+    return RobotMachine(params.robot_bridge, plant)
 
 
 class LabCell:
@@ -61,9 +69,10 @@ class LabCell:
         faults: tuple[Fault, ...] = (),
         trace: MetalTrace | None = None,
         watch: LayerWatch | None = None,
+        machine: str = GANTRY,
     ) -> None:
         self.params, self._faults = params, list(faults)
-        self.device = Machine(params.bridge, plant)
+        self.device = _device(machine, params, plant)
         self.scanning = Scanning(params.scan_fusion, self.device)
         self.thermal = Compensator(params.thermal_compensator)
         self.corrector = Corrector(params.correction_server)
@@ -72,7 +81,7 @@ class LabCell:
         self._stats = TelemetryStats()
         self._view = MachineView()
         self._warnings: list[AnomalyRecord] = []
-        self._parameters = params.by_node()
+        self._parameters = params.by_node(machine)
         self._parameters.pop('job_sequencer')
         d = self.device
         d.on_frame, d.on_outbox = self._on_frame, self._on_outbox

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 
+from .machines import GANTRY, MACHINES
+
 EXAMPLES = """\
 examples:
   waam lab jaw_nominal.stl --as-found jaw_worn.stl                     20 simulated cells, all cores
@@ -16,6 +18,7 @@ examples:
   waam lab part.stl --as-found worn.stl --layer-height 1.2 --set correction_server.law=unet
   waam lab part.stl --as-found worn.stl --set cell.metal_transfer=0.88 --set plan.levels=adaptive
   waam lab part.stl --as-found worn.stl --cell-file mycell.yaml        a cell with other physics
+  waam lab part.stl --as-found worn.stl --machine robot                the same job on a robot
   waam lab part.stl --as-found worn.stl --account                      where the metal of the last layer came from
 
 --set takes parameters of the nodes (their READMEs list them) and, as plan.NAME, settings of the planner in SI.
@@ -84,6 +87,13 @@ def _add_process(p: argparse.ArgumentParser) -> None:
         "'simulated', or --set job_sequencer.cell=NAME",
     )
     p.add_argument('--cell-file', type=Path, help='parameters of the simulated cell (YAML)')
+    p.add_argument(
+        '--machine',
+        choices=MACHINES,
+        default=GANTRY,
+        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner, with the servos, the '
+        'latency and the errors of cell.robot_*',
+    )
 
 
 def _add_campaign(p: argparse.ArgumentParser) -> None:

@@ -90,7 +90,14 @@ def job_of(args: argparse.Namespace, out: Path) -> LabJob:
         repair=args.repair,
     )
     as_found = args.as_found.resolve() if args.as_found else None
-    job = LabJob(goal, as_found, overrides=overrides, keep=args.keep_jobs, learned=args.learned)
+    job = LabJob(
+        goal,
+        as_found,
+        overrides=overrides,
+        machine=args.machine,
+        keep=args.keep_jobs,
+        learned=args.learned,
+    )
     _check(job, args)
     return job
 

@@ -14,6 +14,7 @@ from waam_job.model.goal import JobGoal
 from waam_process.grid import GridSpec
 from waam_sim.plant import PlantParams
 
+from .machines import GANTRY
 from .params import Overrides
 
 
@@ -37,6 +38,7 @@ class LabJob:
     overrides: Overrides = field(default_factory=dict)
     plant: PlantParams | None = None  # physics of the cell; None = as parameters of node `cell`
     faults: tuple[Fault, ...] = ()
+    machine: str = GANTRY  # or 'robot': six axes and a positioner (waam_robot_bridge)
     # the job folder stays in goal.jobs_dir; otherwise it is deleted once the result is read
     keep: bool = False
     learned: Path | None = None  # folder of what jobs have taught; None = the job starts fresh
@@ -45,7 +47,7 @@ class LabJob:
 
 
 # of LabJob, beside those of its goal
-OWN = ('overrides', 'plant', 'faults', 'keep', 'learned', 'keep_learned')
+OWN = ('overrides', 'plant', 'faults', 'machine', 'keep', 'learned', 'keep_learned')
 
 
 def restore(part: Path, as_found: Path, seed: int = 1, **options: Any) -> LabJob:

@@ -26,6 +26,7 @@ from waam_sim.plant import Plant, PlantParams
 from . import params, results
 from .cell import LabCell
 from .job import LabJob, LabResult
+from .machines import MACHINES
 from .metal_trace import MetalTrace
 from .watch import LayerWatch
 
@@ -44,7 +45,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
     checked = check(replace(job.goal, learned_dir=job.learned))
     physics = physics_of(job, known)
     plant = Plant(on_table(job, physics), physics, job.seed)
-    cell = LabCell(known, plant, job.faults, trace, watch)
+    cell = LabCell(known, plant, job.faults, trace, watch, job.machine)
     try:
         with _folder(job, checked, known) as folder:
             began, cpu = cell.now(), time.process_time()
@@ -71,6 +72,8 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
 
 def _check_cell(job: LabJob) -> None:
     """Raises ValueError for faults that would otherwise show only in the middle of a job, or never."""
+    if job.machine not in MACHINES:
+        raise ValueError(f"machine is '{job.machine}', known are {', '.join(MACHINES)}")
     if job.seed < 0:
         raise ValueError(f'seed is {job.seed}, must not be negative')
     own = [f'{group}_' for group in GROUPS]
@@ -123,11 +126,16 @@ def _folder(job: LabJob, checked: Checked, known: params.LabParams) -> Iterator[
 
 def _begin(jobs: Path, job: LabJob, checked: Checked, known: params.LabParams) -> JobFolder:
     folder = JobFolder.create(jobs, job.goal.name or f'{job.goal.title}_seed_{job.seed}')
-    nodes = known.by_node()
+    nodes = known.by_node(job.machine)
     asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(job.goal).items()}
     facts = {'job_id': folder.job_id, 'goal': asked, 'material': asdict(checked.material)}
     own = {'parameters': nodes.pop('job_sequencer'), 'nodes': nodes}
-    made = {'part_sha256': checked.part.sha256, 'laboratory': True, 'seed': job.seed}
+    made = {
+        'part_sha256': checked.part.sha256,
+        'laboratory': True,
+        'seed': job.seed,
+        'machine': job.machine,
+    }
     folder.write_yaml('job.yaml', {**facts, **own, **made})
     return folder
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from waam_bridge import commands, requests
 from waam_bridge.core import Bridge
+from waam_bridge.embedded import Controller
 from waam_bridge.frames import Telemetry
 from waam_bridge.outbox import Outbox
 from waam_bridge.params import BridgeParams
+from waam_robot_bridge.controller import RobotController
 from waam_sim.plant import SAMPLE, Plant, Profiles
-
-from .controller import Controller
 
 # where every simulated clock starts: figures must not depend on today
 EPOCH_US = 1_750_000_000_000_000
@@ -32,7 +32,7 @@ class Machine:
 
     def __init__(self, params: BridgeParams, plant: Plant) -> None:
         self.bridge, self.plant = Bridge(params), plant
-        self.controller = Controller(EPOCH_US)
+        self.controller = self._make_controller()
         self.time_us = EPOCH_US
         self.on_frame: Callable[[Telemetry], None] = lambda frame: None
         self.on_outbox: Callable[[Outbox], None] = lambda box: None
@@ -43,6 +43,9 @@ class Machine:
         self._step_us = 1000 * EXCHANGE_MS
         self._pyro_us = round(1e6 / plant.params.pyrometer.rate)
         self._rest = b''  # of a line that is not complete
+
+    def _make_controller(self) -> Controller | RobotController:
+        return Controller(EPOCH_US)
 
     def close(self) -> None:
         """Frees the controller."""
@@ -92,18 +95,25 @@ class Machine:
             self.bridge.link.wrote(self.now)
         self.controller.step(self._samples)
         self.time_us += self._step_us
-        self.controller.answer(self.plant.step(self._samples, self.time_us))
+        self._live()
         self.on_exchange(self._samples, self.plant)
         self._sense()
         self._listen()
         self._publish()
+
+    def _live(self) -> None:
+        """The cell lives through what the outputs did; its readings are the controller's next inputs."""
+        self.controller.answer(self.plant.step(self._samples, self.time_us))
+
+    def _profiles(self) -> Profiles | None:
+        return self.plant.profiles(self._samples)
 
     def _sense(self) -> None:
         """Pyrometer and scanner, when they are due."""
         if self.time_us % self._pyro_us < self._step_us:
             self.on_temperature(self.time_us, self.plant.temperature(self._pyro_us * 1e-6))
         if self.plant.scanning:
-            profiles = self.plant.profiles(self._samples)
+            profiles = self._profiles()
             if profiles is not None:
                 self.on_profiles(profiles)
 

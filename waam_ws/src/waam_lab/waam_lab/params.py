@@ -22,14 +22,18 @@ from waam_adapt.thermal.params import ThermalParams
 from waam_bridge.params import BridgeParams
 from waam_job.ros.job_params import JobParams
 from waam_node.params import ParameterError, from_dict
+from waam_robot_bridge.params import RobotParams
 from waam_scan.fusion_params import FusionParams
 from waam_sim.config import CellParams
+
+from .machines import BRIDGES, GANTRY, ROBOT
 
 Overrides = Mapping[str, Mapping[str, Any]]
 
 NODES: dict[str, tuple[str, type]] = {  # node: its package, its parameters
     'cell': ('waam_sim', CellParams),
     'bridge': ('waam_bridge', BridgeParams),
+    'robot_bridge': ('waam_robot_bridge', RobotParams),
     'scan_fusion': ('waam_scan', FusionParams),
     'correction_server': ('waam_adapt', CorrectionParams),
     'feed_forward': ('waam_adapt', FeedParams),
@@ -45,6 +49,7 @@ class LabParams:
 
     cell: Any  # waam_sim.config.CellParams, which is made of the parameters of the physics
     bridge: BridgeParams
+    robot_bridge: RobotParams
     scan_fusion: FusionParams
     correction_server: CorrectionParams
     feed_forward: FeedParams
@@ -52,17 +57,18 @@ class LabParams:
     process_control: HoldParams
     job_sequencer: JobParams
 
-    def by_node(self) -> dict[str, dict[str, Any]]:
-        """As the job keeps them in job.yaml."""
-        return {node: dataclasses.asdict(getattr(self, node)) for node in NODES}
+    def by_node(self, machine: str = GANTRY) -> dict[str, dict[str, Any]]:
+        """As the job keeps them in job.yaml; of the two bridges that of the machine."""
+        other = BRIDGES[ROBOT if machine == GANTRY else GANTRY]
+        return {node: dataclasses.asdict(getattr(self, node)) for node in NODES if node != other}
 
 
 def defaults(node: str) -> dict[str, Any]:
     """What the graph starts this node with."""
     package, _ = NODES[node]
-    return read_file(Path(get_package_share_directory(package)) / 'config' / f'{node}.yaml').get(
-        node, {}
-    )
+    name = 'bridge' if node in BRIDGES.values() else node  # every machine's node is called so
+    file = Path(get_package_share_directory(package)) / 'config' / f'{name}.yaml'
+    return read_file(file).get(name, {})
 
 
 def read_file(path: Path) -> dict[str, dict[str, Any]]:

@@ -15,6 +15,7 @@ from .metal import MetalParams
 from .placement import PlacementParams
 from .plant import PlantParams
 from .pyrometer import PyrometerParams
+from .robot import RobotParams
 from .scanner import ScannerParams
 
 GROUPS = {
@@ -25,6 +26,7 @@ GROUPS = {
     'pyrometer': PyrometerParams,
     'part': PlacementParams,
     'distance': DistanceParams,
+    'robot': RobotParams,
 }
 
 
@@ -46,6 +48,7 @@ class NodeParams:
     table_file: str = param(
         '', 'file that keeps what lies on the table when the cell ends; empty = nothing is kept'
     )
+    pace: float = param(1.0, 'of a cell with a robot: simulated seconds per second', '', 0.01, 20.0)
     clock_period: float = param(0.05, 'of /clock in controller time', 's', 0.01, 1.0)
 
 

@@ -24,6 +24,7 @@ from .heat import Heat, HeatParams
 from .metal import Metal, MetalParams
 from .placement import Placement, PlacementParams
 from .pyrometer import Pyrometer, PyrometerParams
+from .robot import RobotParams
 from .scanner import Scanner, ScannerParams
 from .step import live, scan
 from .table import keep
@@ -55,6 +56,7 @@ class PlantParams:
     pyrometer: PyrometerParams = field(default_factory=PyrometerParams)
     part: PlacementParams = field(default_factory=PlacementParams)
     distance: DistanceParams = field(default_factory=DistanceParams)
+    robot: RobotParams = field(default_factory=RobotParams)
     work_zero: tuple[float, float, float] = (0.100, 0.080, 0.020)
 
 

@@ -1,0 +1,139 @@
+"""The controller core in this process (libwaam_controller_lib of waam_firmware): bytes and sensor readings in, bytes
+and outputs out, and time as fast as the caller asks."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from functools import cache
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+TX_BYTES = 256 * 1024
+LIBRARY = 'libwaam_controller_lib.so'
+SAMPLE = np.dtype(
+    [
+        ('table_x', '<f8'),
+        ('table_y', '<f8'),
+        ('tool_z', '<f8'),
+        ('wire_cmd', '<f8'),
+        ('voltage_set', '<f8'),
+        ('outputs', '<u4'),
+        ('pad', '<u4'),
+    ]
+)  # 1 ms of the outputs, as the plant port has it (docs/link_protocol.md): m, machine coordinates; m/s; V; bits
+
+
+class Reading(Protocol):
+    """What the inputs see: bits as of the plant port, A, V, m/s; newest reading of a distance sensor."""
+
+    @property
+    def inputs(self) -> int: ...
+    @property
+    def current(self) -> float: ...
+    @property
+    def voltage(self) -> float: ...
+    @property
+    def wire_speed(self) -> float: ...
+    @property
+    def distance(self) -> float: ...
+    @property
+    def distance_reading(self) -> int: ...
+
+
+class View(ctypes.Structure):
+    """What a look from outside shows (controller_lib_view_t)."""
+
+    _fields_ = [
+        ('now_us', ctypes.c_uint64),
+        ('arc_off_us', ctypes.c_uint64),
+        ('arc_off_lease_us', ctypes.c_uint64),
+        ('state', ctypes.c_int32),
+        ('fault', ctypes.c_int32),
+        ('arc', ctypes.c_int32),
+        ('homed', ctypes.c_int32),
+        ('queued', ctypes.c_int32),
+    ]
+
+
+def _find() -> Path:
+    """Where `ros2 run` would look: <prefix>/lib/waam_firmware of the prefixes that are sourced."""
+    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':'):
+        candidate = Path(prefix) / 'lib' / 'waam_firmware' / LIBRARY
+        if prefix and candidate.exists():
+            return candidate
+    raise OSError(
+        f'{LIBRARY} of waam_firmware is not installed: is the workspace built and sourced?'
+    )
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    """The installed library. OSError when the workspace is not built."""
+    lib = ctypes.CDLL(str(_find()))
+    handle, text, size = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t
+    lib.controller_lib_with_cell.restype = handle
+    lib.controller_lib_with_cell.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
+    lib.controller_lib_place.argtypes = (handle, *(3 * (ctypes.c_double,)))
+    lib.controller_lib_copy.argtypes = (handle, handle)
+    lib.controller_lib_free.argtypes = (handle,)
+    lib.controller_lib_rx.argtypes = (handle, text, size)
+    lib.controller_lib_step.argtypes = (handle, ctypes.c_uint32, handle)
+    lib.controller_lib_answer.argtypes = (handle, ctypes.c_uint32, *(3 * (ctypes.c_double,)))
+    lib.controller_lib_distance.argtypes = (handle, ctypes.c_uint32, ctypes.c_double)
+    lib.controller_lib_take.restype = size
+    lib.controller_lib_take.argtypes = (handle, handle, size)
+    lib.controller_lib_look.argtypes = (handle, ctypes.POINTER(View))
+    return lib
+
+
+class Controller:
+    """One controller that was just switched on: in ALARM until it is reset. Its clock starts at `start_us`."""
+
+    def __init__(self, start_us: int, boot: int = 1) -> None:
+        self._lib = _library()
+        self._handle = self._lib.controller_lib_with_cell(boot, start_us)
+        self._bytes = ctypes.create_string_buffer(TX_BYTES)
+        self._view = View()
+
+    def close(self) -> None:
+        """Frees the core; may be called twice, nothing else may be called afterwards."""
+        if self._handle:
+            self._lib.controller_lib_free(self._handle)
+            self._handle = None
+
+    def place(self, x: float, y: float, z: float) -> None:
+        """Says where the axes stand (m, machine coordinates) before anything has moved."""
+        self._lib.controller_lib_place(self._handle, x * 1e3, y * 1e3, z * 1e3)
+
+    def copy(self, other: Controller) -> None:
+        """Becomes what the other one is now; what is run afterwards does not touch the other one."""
+        self._lib.controller_lib_copy(self._handle, other._handle)
+
+    def feed(self, data: bytes) -> None:
+        """Bytes from the host."""
+        self._lib.controller_lib_rx(self._handle, data, len(data))
+
+    def step(self, samples: np.ndarray) -> None:
+        """Runs len(samples) ms; samples (n,) of SAMPLE takes what the outputs did."""
+        if samples.dtype != SAMPLE or not samples.flags.c_contiguous:
+            raise ValueError('samples must be a contiguous array of waam_bridge.embedded.SAMPLE')
+        self._lib.controller_lib_step(self._handle, len(samples), samples.ctypes.data)
+
+    def answer(self, reading: Reading) -> None:
+        """Sets what the inputs read from now on."""
+        r = reading
+        self._lib.controller_lib_answer(self._handle, r.inputs, r.current, r.voltage, r.wire_speed)
+        self._lib.controller_lib_distance(self._handle, r.distance_reading, r.distance)
+
+    def take(self) -> bytes:
+        """Bytes sent to the host since the last call."""
+        count = self._lib.controller_lib_take(self._handle, self._bytes, TX_BYTES)
+        return ctypes.string_at(self._bytes, count)
+
+    def look(self) -> View:
+        """State, fault and outputs as they are now; the next look overwrites it."""
+        self._lib.controller_lib_look(self._handle, ctypes.byref(self._view))
+        return self._view

@@ -1,0 +1,102 @@
+"""The same job on a robot, and an arc that ends whatever dies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from waam_bridge import commands, program
+from waam_bridge.frames import ALARM, ARC_ESTABLISHED, HOLD, HOMED, IDLE
+from waam_lab import restore, run
+from waam_lab.robot_machine import RobotMachine
+from waam_process.segment import Kind, Segment
+from waam_robot_bridge.params import RobotParams
+from waam_sim import part
+from waam_sim.plant import Plant
+
+TOP = 0.010  # m, of the plate
+
+
+def test_a_job_runs_on_a_robot(parts):
+    nominal, worn = parts
+    result = run(restore(nominal, worn, seed=2, layers=1, machine='robot'))
+    assert not result.failed, result.message
+    assert result.arcs_lost == 0
+    assert result.layers == 1
+    assert np.isfinite(result.rms) and result.contact_rms < 1.5e-3
+
+
+def test_an_unknown_machine_is_refused(parts):
+    with pytest.raises(ValueError, match="'crane', known are gantry, robot"):
+        run(restore(*parts, machine='crane'))
+
+
+@pytest.fixture
+def machine():
+    """Homed and armed while 'node' answers; `machine.alive` = it does."""
+    made = RobotMachine(RobotParams(), Plant(part.plate(0.1, 0.03, TOP, 8e-4, 5e-3), seed=1))
+    made.alive = True
+
+    def beat(frame):
+        if made.alive:
+            made.bridge.beat('node', frame.t_us, made.bridge.link.boot, made.now)
+
+    made.on_frame = beat
+    made.connect()
+    for command in (commands.RESET, commands.HOME):
+        assert made.command(commands.Command(command))[0] == 0
+    made.until(lambda: made.bridge.flags & HOMED != 0 and made.bridge.state == IDLE, 60.0)
+    zero = commands.Command(commands.SET_ZERO, vector=made.plant.params.work_zero)
+    assert made.command(zero)[0] == 0
+    assert made.command(commands.Command(commands.ARM, text='job', names=('node',)))[0] == 0
+    yield made
+    made.close()
+
+
+def enqueue(made: RobotMachine, *points: tuple[float, float, float]) -> None:
+    """Idle moves to all points but the last, and a bead from there."""
+    start = made.bridge.position
+    segments = []
+    for n, end in enumerate(points):
+        last = n == len(points) - 1
+        source = {'arc': True, 'wire_feed_speed': 0.1, 'voltage': 22.0} if last else {}
+        kind, speed = (Kind.DEPOSIT, 0.01) if last else (Kind.IDLE, 0.08)
+        segments.append(Segment(n, kind, start, end, speed, **source))
+        start = end
+    permit = made.bridge.permit('job', segments)
+    made.bridge.commit(permit, program.prepare(permit, segments, True))
+
+
+@pytest.mark.parametrize('dies', ['node', 'bridge', 'driver'])
+def test_the_arc_ends_within_the_lease(machine, dies):
+    enqueue(machine, (0.01, 0.015, 0.05), (0.01, 0.015, TOP), (0.09, 0.015, TOP))
+    assert machine.until(lambda: machine.bridge.flags & ARC_ESTABLISHED != 0, 30.0)
+    machine.advance(1.0)
+    assert machine.plant.arc_on
+    began, tip = machine.now, machine.robot.tip
+    machine.alive = dies != 'node'
+    machine.bridge_dead = dies == 'bridge'
+    machine.robot.dead = dies == 'driver'
+    assert machine.until(lambda: not machine.plant.arc_on, 1.0)
+    assert machine.now - began <= 0.5
+    machine.advance(1.0)
+    assert np.linalg.norm(machine.robot.tip - tip) < 0.01  # it has come to rest
+    if dies == 'driver':
+        assert machine.bridge.state == HOLD
+    if dies == 'node':
+        assert machine.bridge.silent == ['node']
+
+
+def test_a_place_outside_the_box_is_refused_before_the_arc(machine):
+    with pytest.raises(program.Refusal, match=r'segment 0: end.x is 500.000 mm in machine'):
+        enqueue(machine, (0.4, 0.0, 0.05), (0.41, 0.0, 0.05))
+
+
+def test_a_driver_that_refuses_goals_is_told_and_holds(machine):
+    notices = []
+    machine.on_outbox = lambda box: notices.extend(box.notices)
+    machine.driver.problem = "the driver knows no joint 'joint_9'"
+    enqueue(machine, (0.01, 0.015, 0.05), (0.02, 0.015, 0.05))
+    machine.advance(0.5)
+    assert any("joint_9" in n.text and 'the arc is cut' in n.text for n in notices)
+    assert machine.bridge.state in (HOLD, ALARM)

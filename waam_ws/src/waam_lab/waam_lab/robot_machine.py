@@ -1,0 +1,87 @@
+"""The machine of a robot cell, behind the interface of `Machine`: the same job runs on it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from waam_bridge.outbox import FAULT
+from waam_robot.station import Station
+from waam_robot_bridge.controller import JointState, RobotController
+from waam_robot_bridge.goals import Goal
+from waam_robot_bridge.params import RobotParams
+from waam_sim.plant import SAMPLE, Plant, Profiles
+from waam_sim.robot import SimRobot
+
+from .machine import EPOCH_US, EXCHANGE_MS, Machine
+
+PARK = (0.060, 0.050, 0.150)  # m, where the torch is when the cell is switched on
+WATCHDOG = 0.1  # s without outputs after which the welding device drops the arc by itself
+
+
+class LabDriver:
+    """The driver of the simulated robot (`waam_robot_bridge.controller.Driver`). `problem`: why it refuses goals."""
+
+    def __init__(self, arm: SimRobot) -> None:
+        self.arm, self.problem = arm, ''
+        self.goals = 0
+
+    def follow(self, goal: Goal) -> None:
+        """Hands a goal over."""
+        self.goals += 1
+        self.arm.follow(goal.start_us, goal.time, goal.joints, goal.rates)
+
+    def state(self, now_us: int) -> JointState:
+        """As the robot last told it."""
+        return JointState(*self.arm.state())
+
+
+class RobotMachine(Machine):
+    """`bridge_dead`: the process of the bridge is gone: nobody sends goals, outputs or anything else."""
+
+    def __init__(self, params: RobotParams, plant: Plant) -> None:
+        station = Station(params.place())
+        start, taught = np.array(PARK), np.array(plant.params.work_zero)
+        self.robot = SimRobot(station, plant.params.robot, plant.seed, start, taught, EPOCH_US)
+        self.driver = LabDriver(self.robot)
+        self._params, self._station = params, station
+        self._unheard = 0  # ms since the welding device heard of the bridge
+        self._seen = np.zeros(EXCHANGE_MS, SAMPLE)  # the scanner in the place of the torch
+        self.bridge_dead = False
+        super().__init__(params, plant)
+
+    def _make_controller(self) -> RobotController:
+        made = RobotController(EPOCH_US, self._params, self._station, self.driver)
+        made.place(np.array(PARK))
+        made.on_problem = self._on_problem
+        return made
+
+    def _on_problem(self, text: str) -> None:
+        self.bridge.notice(FAULT, 'link', f'robot: {text}; the arc is cut', 'hold')
+
+    def step(self) -> None:
+        """One exchange; without the bridge, robot and welding device are alone."""
+        if not self.bridge_dead:
+            super().step()
+            return
+        self._samples['outputs'] &= np.uint32(3)
+        self.time_us += self._step_us
+        self._live()
+
+    def _live(self) -> None:
+        """The robot moves on; the plant sees the torch where it truly is."""
+        self._unheard = self._unheard + EXCHANGE_MS if self.bridge_dead else 0
+        if self._unheard > WATCHDOG * 1e3:
+            self._samples['outputs'], self._samples['wire_cmd'] = 0, 0.0
+        tips, scanner = self.robot.advance(EXCHANGE_MS)
+        _put(self._samples, tips)
+        self._seen[:] = self._samples
+        _put(self._seen, tips + scanner)
+        self.controller.answer(self.plant.step(self._samples, self.time_us))
+
+    def _profiles(self) -> Profiles | None:
+        return self.plant.profiles(self._seen)
+
+
+def _put(samples: np.ndarray, tips: np.ndarray) -> None:
+    """Torch positions (n, 3), m, machine coordinates, into samples (n,)."""
+    samples['table_x'], samples['table_y'], samples['tool_z'] = -tips[:, 0], -tips[:, 1], tips[:, 2]

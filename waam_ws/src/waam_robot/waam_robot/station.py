@@ -1,0 +1,164 @@
+"""Where the cell's box stands before the robot: torch positions in machine coordinates <-> joints of all eight axes.
+
+The torch is upright and the positioner stands still, so one branch of the arm and one spin of the torch serve the whole
+box. Both are chosen once, with a joint path around the box (`joint_path.plan`): away from limits and
+singularities. Inside the box nothing can flip then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+
+from .arm import AXES, DEG, M20IB25, Arm, Link, in_limits, limit_text, step
+from .bead import make_bead
+from .frames import inverse
+from .inverse import Solutions, nearest_turns, solve, unreachable_text
+from .joint_path import ELBOW, WRIST, BeadPath, Machine, PlanError, plan
+from .positioner import Positioner
+from .split import SplitLimits
+
+JOINTS = AXES + 2
+GRID = 25e-3  # m between the places of the box that are looked at
+AROUND = 5e-3  # m between the points of the path around the box
+NEVER = 1e9  # m: nearer to the turn axis than this the positioner does not follow
+KEPT = 8  # turns of the positioner whose matrices are kept
+OVER = np.diag([1.0, -1.0, -1.0, 1.0])  # half a turn about x: the tool's z points to the part
+
+
+@cache
+def _row(arm_links: tuple[Link, ...]) -> Link:
+    """All links as one, with arrays (6,)."""
+    d, a, alpha = (np.array([getattr(k, n) for k in arm_links]) for n in ('d', 'a', 'alpha'))
+    return Link(d, a, alpha)  # type: ignore[arg-type]
+
+
+class StationError(ValueError):
+    """The robot cannot work in this box; the text says where and why."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """arm and positioner; origin: (3,) m, machine zero on the faceplate (its frame, B = 0, C such that the axes are
+    those of the robot's base); low, high: (3,) m, the box in machine coordinates."""
+
+    arm: Arm = M20IB25
+    positioner: Positioner = field(default_factory=lambda: Positioner(a_b=1.2, d_b=0.35, d_c=0.15))
+    origin: tuple[float, float, float] = (-0.2, -0.15, 0.0)
+    low: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    high: tuple[float, float, float] = (0.4, 0.3, 0.2)
+
+
+class Station:
+    """`spin` (rad) and `branch` serve the whole box. StationError names the place that the arm does not reach."""
+
+    def __init__(self, place: Place | None = None) -> None:
+        self.place = place or Place()
+        p = self.place
+        if not all(a < b for a, b in zip(p.low, p.high, strict=True)):
+            raise StationError(f'the box from {p.low} to {p.high} m is empty')
+        self._origin = np.array(p.origin, float)
+        self.hold = np.array([0.0, -p.positioner.turn_zero])  # B, C
+        self._base = p.positioner.to_robot(np.eye(4), *self.hold)
+        path = self._around()
+        self.branch, self.spin = path.branch, path.spin
+        c, s = np.cos(path.spin), np.sin(path.spin)
+        spun = np.eye(4)
+        spun[:2, :2] = [[c, -s], [s, c]]
+        self._tool = spun @ OVER
+        self._flange_to_torch = p.arm.tool @ inverse(self._tool)
+        self._kept: dict[tuple[float, float], np.ndarray] = {}
+        self._middle = path.joints.mean(axis=0)[:AXES]
+        self._check_inside()
+
+    def _around(self) -> BeadPath:
+        """The joint path around the lower and the upper face of the box."""
+        low, high = (np.array(v) + self._origin for v in (self.place.low, self.place.high))
+        start = [max(high[0], 1e-3), 0.0]
+        corners = [(high[0], high[1]), (low[0], high[1]), (low[0], low[1]), (high[0], low[1])]
+        flat = np.array([start, *corners, start])
+        points = [np.column_stack([flat, np.full(len(flat), z)]) for z in (low[2], high[2])]
+        bead = make_bead(np.concatenate(points), step=AROUND, corner=0.0)
+        machine = Machine(self.place.arm, self.place.positioner, split=SplitLimits(r_crit=NEVER))
+        try:
+            return plan([bead], machine)[0]
+        except PlanError as e:
+            raise StationError(f'the robot does not reach all of its box: {e}') from None
+
+    def _check_inside(self) -> None:
+        low, high = self.place.low, self.place.high
+        axes = [
+            np.linspace(a, b, int(np.ceil((b - a) / GRID)) + 1)
+            for a, b in zip(low, high, strict=True)
+        ]
+        grid = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1).reshape(-1, 3)
+        found = solve(self.place.arm, self.poses(grid))
+        theta = nearest_turns(self.place.arm, found.theta[:, self.branch], self._middle)
+        near = np.abs(np.sin(theta[:, 4])) < np.sin(WRIST)
+        near |= np.abs(found.stretch[:, self.branch // 4]) > ELBOW
+        bad = ~found.reachable[:, self.branch] | near | ~in_limits(self.place.arm, theta)
+        if bad.any():
+            n = int(np.argmax(bad))
+            where = ', '.join(f'{v * 1e3:.0f}' for v in grid[n])
+            raise StationError(
+                f'the robot does not reach ({where}) mm of its box: ' + self._why(found, theta, n)
+            )
+
+    def _why(self, found: Solutions, theta: np.ndarray, n: int) -> str:
+        if not found.reachable[n, self.branch]:
+            return unreachable_text(self.place.arm, found, n)
+        said = limit_text(self.place.arm, theta[n])
+        return said or f'too near to a singularity (theta5 = {theta[n, 4] / DEG:.1f} deg)'
+
+    def poses(self, tips: np.ndarray) -> np.ndarray:
+        """(N, 4, 4) of the tool in the robot's base frame for torch positions (N, 3), m, machine coordinates."""
+        held = np.broadcast_to(np.eye(4), (len(tips), 4, 4)).copy()
+        held[:, :3, 3] = np.asarray(tips, float) + self._origin
+        return self._base @ held @ self._tool
+
+    def joints(self, tips: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+        """(N, 8) rad, the six DH angles, B and C, for torch positions (N, 3), m, machine coordinates.
+
+        near: (6,) or (8,) rad, where the arm is: whole turns are chosen by it. StationError beside the arm's reach.
+        """
+        found = solve(self.place.arm, self.poses(tips))
+        theta = found.theta[:, self.branch]
+        if np.isnan(theta).any():
+            n = int(np.argmax(np.isnan(theta).any(axis=1)))
+            raise StationError(unreachable_text(self.place.arm, found, n))
+        reference = self._middle if near is None else np.asarray(near)[:AXES]
+        theta = nearest_turns(self.place.arm, theta, reference)
+        return np.column_stack([theta, np.broadcast_to(self.hold, (len(theta), 2))])
+
+    def frames(self, joints: np.ndarray, arm: Arm | None = None) -> np.ndarray:
+        """(N, 4, 4): the torch in machine coordinates (its x, y, z axes those of the machine where the arm is exact)
+        for joints (N, 8). arm: another one than that of the place, for what errors of its links do."""
+        joints = np.asarray(joints, float)
+        links = step(_row((arm or self.place.arm).links), joints[:, :AXES])  # all six at once
+        tool = links[:, 0]
+        for n in range(1, AXES):
+            tool = tool @ links[:, n]
+        tool = tool @ self._flange_to_torch
+        return np.asarray(self._to_machine(joints[:, AXES:]) @ tool)
+
+    def _to_machine(self, turned: np.ndarray) -> np.ndarray:
+        """(4, 4) or (N, 4, 4): from the robot's base to machine coordinates, for B and C (N, 2)."""
+        key = (float(turned[0, 0]), float(turned[0, 1]))
+        if len(turned) > 1 and (turned != turned[0]).any():
+            return self._of_turns(turned[:, 0], turned[:, 1])
+        if key not in self._kept:
+            if len(self._kept) >= KEPT:
+                self._kept.clear()
+            self._kept[key] = self._of_turns(*key)
+        return self._kept[key]
+
+    def _of_turns(self, b: np.ndarray | float, c: np.ndarray | float) -> np.ndarray:
+        found = inverse(self.place.positioner.to_robot(np.eye(4), b, c))
+        found[..., :3, 3] -= self._origin
+        return found
+
+    def tips(self, joints: np.ndarray) -> np.ndarray:
+        """(N, 3) m: the torch in machine coordinates for joints (N, 8)."""
+        return self.frames(joints)[:, :3, 3]

@@ -1,0 +1,187 @@
+"""The bridge and the simulated robot cell as two processes, over real DDS; both with their own messages."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from control_msgs.msg import DynamicInterfaceGroupValues
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from sensor_msgs.msg import JointState
+
+from waam_msgs.msg import MachineState, SegmentDone, Telemetry
+from waam_msgs.srv import Command, Enqueue
+from waam_node import qos
+from waam_node.conversions import segment_to_msg
+from waam_node.testing import fresh_domain
+from waam_process.segment import Kind, Segment
+from waam_robot_bridge.params import NAMES
+
+TOP = 0.025  # m, of the plate on the table
+ZERO = (0.100, 0.080, 0.020)
+
+
+def executable(package: str, name: str) -> str:
+    return str(Path(get_package_prefix(package)) / 'lib' / package / name)
+
+
+def until(condition, timeout=60.0, what='condition'):
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, f'{what}: not reached within {timeout} s'
+        time.sleep(0.01)
+
+
+class Graph:
+    """Two processes and a client in a domain of their own. `weld`: (s of controller time, A) as the device tells."""
+
+    def __init__(self, logs: Path, cell: bool = True, **bridge_params: str) -> None:
+        self.domain, self.logs = fresh_domain(), logs
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=self.domain)
+        self.node = rclpy.create_node('robot_test', context=self.context)
+        self.telemetry: list[Telemetry] = []
+        self.states: list[MachineState] = []
+        self.done: list[int] = []
+        self.weld: list[tuple[float, float]] = []
+        subscribe = self.node.create_subscription
+        subscribe(Telemetry, 'telemetry', self.telemetry.append, qos.TELEMETRY)
+        subscribe(MachineState, 'machine_state', self.states.append, qos.LATCHED)
+        subscribe(SegmentDone, 'segment_done', lambda m: self.done.append(m.index), qos.EVENTS)
+        subscribe(DynamicInterfaceGroupValues, 'weld_state', self._on_weld, qos.BEAT)
+        self._command = self.node.create_client(Command, 'bridge/command')
+        self._enqueue = self.node.create_client(Enqueue, 'bridge/enqueue')
+        self._executor = EventsExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._stop = threading.Event()
+        threading.Thread(target=self._spin, daemon=True).start()
+        sim = str(cell).lower()
+        self.bridge = self._start(
+            'waam_robot_bridge', 'robot_bridge', use_sim_time=sim, **bridge_params
+        )
+        self.processes = [self.bridge]
+        if cell:
+            made = self._start('waam_sim', 'robot_cell', use_sim_time='false', pace='2.0')
+            self.processes.append(made)
+
+    def _start(self, package: str, name: str, **params: str) -> subprocess.Popen:
+        args = [a for key, value in params.items() for a in ('-p', f'{key}:={value}')]
+        env = {**os.environ, 'ROS_DOMAIN_ID': str(self.domain)}
+        env.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        with open(self.logs / f'{name}.log', 'w') as log:
+            return subprocess.Popen(
+                [executable(package, name), '--ros-args', *args], env=env, stdout=log, stderr=log
+            )
+
+    def _spin(self) -> None:
+        with contextlib.suppress(ExternalShutdownException):
+            while not self._stop.is_set():
+                self._executor.spin_once(timeout_sec=0.05)
+
+    def _on_weld(self, msg: DynamicInterfaceGroupValues) -> None:
+        group = msg.interface_values[0]
+        found = dict(zip(group.interface_names, group.values, strict=True))
+        stamp = msg.header.stamp
+        self.weld.append((stamp.sec + 1e-9 * stamp.nanosec, found['current']))
+
+    @property
+    def state(self) -> MachineState:
+        return self.states[-1] if self.states else MachineState()
+
+    @property
+    def burns(self) -> bool:
+        return bool(self.weld) and self.weld[-1][1] > 30.0
+
+    def call(self, client, request):
+        until(client.service_is_ready, what='service')
+        future = client.call_async(request)
+        until(future.done, what='answer')
+        return future.result()
+
+    def command(self, code: int, **values) -> None:
+        vector = values.pop('vector', None)
+        request = Command.Request(code=code, **values)
+        if vector:
+            request.vector.x, request.vector.y, request.vector.z = vector
+        answer = self.call(self._command, request)
+        assert answer.error_code == 0, answer.message
+
+    def enqueue(self, segments: list[Segment]) -> Enqueue.Response:
+        request = Enqueue.Request(job_id='job', last=True)
+        request.segments = [segment_to_msg(s) for s in segments]
+        return self.call(self._enqueue, request)
+
+    def log(self, name: str) -> str:
+        return (self.logs / f'{name}.log').read_text()
+
+    def close(self) -> None:
+        for process in self.processes:
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+        for process in self.processes:
+            process.wait(15.0)
+        self._stop.set()
+        self._executor.shutdown()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def graph(tmp_path):
+    made = Graph(tmp_path)
+    yield made
+    made.close()
+
+
+def test_a_bead_on_the_robot_and_an_arc_that_ends_with_the_bridge(graph):
+    until(lambda: graph.state.connected, what='connection')
+    assert graph.state.limit_max.x == pytest.approx(0.4)
+    graph.command(Command.Request.RESET)
+    graph.command(Command.Request.HOME)
+    until(lambda: graph.state.homed and graph.telemetry[-1].state == 0, what='homing')
+    graph.command(Command.Request.SET_ZERO, vector=ZERO)
+    graph.command(Command.Request.ARM, text='job', names=['bridge'])
+    time.sleep(0.3)
+    here = graph.telemetry[-1].position
+    over, first, end = (0.03, 0.03, TOP + 0.02), (0.03, 0.03, TOP), (0.10, 0.03, TOP)
+    start = (here.x, here.y, here.z)
+    source = {'arc': True, 'wire_feed_speed': 0.1, 'voltage': 22.0}
+    segments = [
+        Segment(0, Kind.IDLE, start, over, 0.15),
+        Segment(1, Kind.IDLE, over, first, 0.05),
+        Segment(2, Kind.DEPOSIT, first, (0.04, 0.03, TOP), 0.01, **source),
+        Segment(3, Kind.DEPOSIT, (0.04, 0.03, TOP), end, 0.01, **source),
+    ]
+    answer = graph.enqueue(segments)
+    assert (answer.error_code, answer.accepted) == (0, 4), answer.message
+    assert graph.enqueue(segments).duplicates == 4
+    until(lambda: graph.done == [0, 1, 2], what='the first three segments')
+    assert graph.burns
+    p = graph.telemetry[-1].position
+    assert p.x == pytest.approx(0.04, abs=3e-3) and p.y == pytest.approx(0.03, abs=1e-4)
+    graph.bridge.kill()
+    killed = graph.weld[-1][0]
+    until(lambda: not graph.burns, what='the arc to end')
+    assert graph.weld[-1][0] - killed <= 0.5
+    assert 'Traceback' not in graph.log('robot_cell') + graph.log('robot_bridge')
+
+
+def test_wrong_joint_names_are_named_before_anything_moves(tmp_path):
+    names = '[joint_1,joint_2,joint_3,joint_4,joint_5,joint_6,tilt,rotate]'
+    graph = Graph(tmp_path, cell=False, joint_names=names)
+    joints = graph.node.create_publisher(JointState, 'joint_states', qos.BEAT)
+    message = JointState(name=list(NAMES), position=[0.0] * 8)
+    graph.node.create_timer(0.05, lambda: joints.publish(message))
+    try:
+        until(lambda: "joint_states has no 'rotate'" in graph.state.message, what='the error')
+        assert not graph.state.connected
+    finally:
+        graph.close()

@@ -1,0 +1,200 @@
+"""The controller core in front of a robot: goals, welding outputs, telemetry, and a driver that fails."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from waam_bridge import frames
+from waam_bridge.embedded import SAMPLE
+from waam_bridge.frames import ARC_ENABLED
+from waam_bridge.parsing import parse
+from waam_robot.station import Station
+from waam_robot_bridge.controller import JointState, RobotController
+from waam_robot_bridge.goals import GoalError, make
+from waam_robot_bridge.params import RobotParams
+from waam_robot_bridge.weld import ARC, Delayed
+
+START_US = 1_000_000
+PARK = np.array([0.06, 0.05, 0.15])
+
+
+@pytest.fixture(scope='module')
+def station():
+    return Station()
+
+
+class PerfectDriver:
+    """Is where the goal says, at once. `silent`: tells no joint states any more."""
+
+    def __init__(self, station: Station) -> None:
+        self.problem = ''
+        self.silent = False
+        self.goals: list = []
+        self._state = JointState(START_US, station.joints(PARK[None])[0], np.zeros(8))
+
+    def follow(self, goal) -> None:
+        self.goals.append(goal)
+
+    def state(self, now_us: int) -> JointState:
+        return self._state
+
+    def advance(self, now_us: int) -> None:
+        if self.silent or not self.goals:
+            if not self.silent:
+                self._state = JointState(now_us, self._state.joints, self._state.rates)
+            return
+        goal = self.goals[-1]
+        t = (now_us - goal.start_us) * 1e-6
+        joints = np.array([np.interp(t, goal.time, goal.joints[:, n]) for n in range(8)])
+        self._state = JointState(now_us, joints, np.zeros(8))
+
+
+class Rig:
+    """Controller and driver in steps of 10 ms; speaks the link protocol."""
+
+    def __init__(self, station: Station) -> None:
+        self.driver = PerfectDriver(station)
+        self.controller = RobotController(START_US, RobotParams(), station, self.driver)
+        self.controller.place(PARK)
+        self.problems: list[str] = []
+        self.controller.on_problem = self.problems.append
+        self.samples = np.zeros(10, SAMPLE)
+        self.telemetry: list[frames.Telemetry] = []
+        self.tips: list[np.ndarray] = []
+
+    def say(self, letter: str, args: str = '') -> None:
+        self.controller.feed(frames.immediate(letter, args))
+
+    def run(self, seconds: float) -> None:
+        for n in range(round(seconds * 100)):
+            if n % 10 == 0:
+                self.controller.feed(frames.heartbeat(0, 0))
+            self.controller.step(self.samples)
+            self.driver.advance(self.controller.now_us)
+            self.tips.append(self.controller.commanded(self.controller.now_us))
+            for line in self.controller.take().split(b'\n'):
+                if line[:2] == b'T ':
+                    self.telemetry.append(parse(line))
+
+    def close(self) -> None:
+        self.controller.close()
+
+
+@pytest.fixture
+def rig(station):
+    made = Rig(station)
+    made.run(0.05)
+    made.say('X')
+    made.run(0.05)
+    yield made
+    made.close()
+
+
+def test_goals_agree_where_they_overlap_and_end_at_rest(rig):
+    rig.say('J', '40 20 -30 1500')
+    rig.run(2.5)
+    moving = [g for g in rig.driver.goals if len(g.time) > 5]
+    assert len(moving) > 10
+    for a, b in zip(moving[2:-3], moving[3:-2], strict=False):
+        t = b.time[b.time < 0.2] + (b.start_us - a.start_us) * 1e-6
+        for axis in range(8):
+            then = np.interp(t, a.time, a.joints[:, axis])
+            assert np.abs(then - b.joints[: len(t), axis]).max() < 2e-5
+        assert np.abs(np.diff(a.tips[-2:], axis=0)).max() == 0.0
+        assert (a.rates[-1] == 0.0).all()
+
+
+def test_a_standing_machine_needs_no_goals(rig):
+    rig.run(0.5)
+    before = len(rig.driver.goals)
+    rig.run(2.0)
+    assert len(rig.driver.goals) <= before + 1
+
+
+def test_telemetry_tells_where_the_robot_is(rig):
+    rig.say('J', '40 0 0 1200')
+    rig.run(1.5)
+    steady = rig.telemetry[-60:]
+    zero = rig.telemetry[0].x_um * 1e-6 - PARK[0]  # not homed: the core counts from where it was
+    lag = [t.x_um * 1e-6 - zero - rig.controller.commanded(t.t_us)[0] for t in steady]
+    # 20 mm/s for the 40 ms by which goals are late
+    assert np.median(lag) == pytest.approx(-20e-3 * 0.04, abs=1e-4)
+    assert np.median([t.v_um_s for t in steady]) == pytest.approx(20_000, rel=0.02)
+
+
+def test_a_silent_driver_cuts_the_arc_and_holds(rig):
+    rig.say('J', '60 0 0 600')
+    rig.run(0.5)
+    rig.driver.silent = True
+    rig.run(0.12)
+    assert not rig.problems
+    rig.run(0.18)
+    assert len(rig.problems) == 1 and 'joint states' in rig.problems[0]
+    assert not (rig.samples['outputs'] & ARC).any()
+    stopped = rig.controller.commanded(rig.controller.now_us)
+    rig.run(0.5)
+    assert np.array_equal(stopped, rig.controller.commanded(rig.controller.now_us))
+    rig.say('R')  # resumed too early: held again, told no second time
+    rig.run(0.3)
+    went = rig.controller.commanded(rig.controller.now_us) - stopped
+    assert np.abs(went).max() < 5e-4
+    assert len(rig.problems) == 1
+    rig.driver.silent = False
+    rig.run(0.1)
+    assert rig.controller.problem == ''
+
+
+def test_a_driver_that_refuses_is_quoted(rig):
+    rig.driver.problem = "the driver refused a goal: it knows no joint 'joint_9'"
+    rig.run(0.05)
+    assert rig.problems == [rig.driver.problem]
+
+
+def test_a_robot_off_its_path_is_noticed(rig):
+    rig.driver.silent = True
+    state = rig.driver._state
+    rig.driver._state = JointState(rig.controller.now_us + 10_000, state.joints + 0.01, state.rates)
+    rig.run(0.02)
+    assert 'mm from where it should be' in rig.problems[0]
+
+
+def test_too_fast_joints_give_no_goal(station):
+    far = np.linspace([0.05, 0.05, 0.1], [0.35, 0.05, 0.1], 41)
+    joints = station.joints(far[:1])[0]
+    fast = np.array(RobotParams().joint_speed_max)
+    with pytest.raises(GoalError, match=r'axis \d .* times its fastest'):
+        make(station, far[:1], far[1:], 10, 0, joints, fast)
+    with pytest.raises(GoalError, match='out of reach'):
+        make(station, far[:1], far[1:] + [3.0, 0.0, 0.0], 10, 0, joints, fast)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 8),
+    st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40),
+)
+def test_outputs_come_late_but_end_at_once(steps, orders):
+    """orders: (arc wanted, the machine runs)."""
+    delayed, told = Delayed(steps), []
+    for n, (arc, runs) in enumerate(orders):
+        samples = np.zeros(2, SAMPLE)
+        samples['outputs'] = ARC if arc else 0
+        samples['wire_cmd'] = n
+        delayed.next(samples, not runs, False)
+        told.append((int(samples['wire_cmd'][0]), bool(samples['outputs'][0] & ARC)))
+        if not runs:
+            assert told[-1] == (n, arc)
+        assert told[-1][1] == orders[told[-1][0]][0]
+        assert n - told[-1][0] <= steps
+    shown = [n for n, _ in told]
+    assert shown == sorted(shown)
+
+
+def test_cut_leaves_gas_alone():
+    samples = np.zeros(3, SAMPLE)
+    samples['outputs'], samples['wire_cmd'] = ARC_ENABLED | 2, 0.1
+    Delayed(0).next(samples, False, True)
+    assert (samples['outputs'] == 2).all() and (samples['wire_cmd'] == 0).all()

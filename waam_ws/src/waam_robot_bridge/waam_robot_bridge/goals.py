@@ -1,0 +1,104 @@
+"""What the robot is to do next, as one goal for its trajectory controller: from what was commanded last to standstill.
+
+The goal comes from a copy of the controller that is run ahead: `horizon` seconds as if nothing intervened, then held,
+so that it slows down as the controller itself would. A goal that is not replaced in time therefore ends at rest. The
+robot follows the controller `delay` seconds late; the goal begins with what was commanded in that time, so one that
+replaces another goes on where the other one was.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from waam_bridge.embedded import SAMPLE, Controller
+from waam_bridge.frames import HOLD_NOW
+from waam_robot.station import Station, StationError
+
+STOPPING = 0.4  # s at most that slowing down may take: 0.2 m/s at 0.5 m/s^2
+
+
+class GoalError(ValueError):
+    """There is no goal that the robot can follow; the text says why."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """start_us: controller time of time 0; time: (N,) s, rising from 0; tips: (N, 3) m, machine coordinates; joints,
+    rates: (N, 8) rad, rad/s, the last rate is 0."""
+
+    start_us: int
+    time: np.ndarray
+    tips: np.ndarray
+    joints: np.ndarray
+    rates: np.ndarray
+
+
+def tips_of(samples: np.ndarray) -> np.ndarray:
+    """(n, 3) m: the torch in machine coordinates by samples (n,) of SAMPLE."""
+    return np.column_stack([-samples['table_x'], -samples['table_y'], samples['tool_z']])
+
+
+class Preview:
+    """Runs a copy of the controller ahead. horizon: s; every: ms between the points of a goal."""
+
+    def __init__(self, horizon: float, every: int) -> None:
+        self._copy = Controller(0)
+        self._ahead = np.zeros(_whole(horizon, every), SAMPLE)
+        self._stop = np.zeros(_whole(STOPPING, every), SAMPLE)
+
+    def close(self) -> None:
+        """Frees the copy."""
+        self._copy.close()
+
+    def run(self, controller: Controller) -> np.ndarray:
+        """(n, 3) m: where the controller will command the torch in every ms to come; at the end it stands."""
+        self._copy.copy(controller)
+        self._copy.step(self._ahead)
+        self._copy.feed(HOLD_NOW)
+        self._copy.step(self._stop)
+        return np.concatenate([tips_of(self._ahead), tips_of(self._stop)])
+
+
+def _whole(seconds: float, every: int) -> int:
+    """ms, a multiple of `every`."""
+    return every * max(1, round(seconds * 1e3 / every))
+
+
+def make(
+    station: Station,
+    past: np.ndarray,
+    ahead: np.ndarray,
+    every: int,
+    now_us: int,
+    near: np.ndarray,
+    fastest: np.ndarray,
+) -> Goal:
+    """past (m + 1, 3), ahead (n, 3): torch positions of every ms, commanded and to come; m, n multiples of `every` ms.
+
+    now_us: controller time of the end of `past`, when the goal begins. near: (8,) joints as they are; fastest: (8,)
+    rad/s. GoalError where the arm does not reach or a joint would have to be too fast.
+    """
+    tips = np.concatenate([past, ahead])[::every]
+    tips = _ended(tips)
+    try:
+        joints = station.joints(tips, near)
+    except StationError as e:
+        raise GoalError(str(e)) from None
+    dt = every * 1e-3
+    time = np.arange(len(tips)) * dt
+    rates = np.gradient(joints, dt, axis=0)
+    rates[-1] = 0.0
+    over = np.abs(rates).max(axis=0) / fastest
+    if over.max() > 1:
+        n = int(np.argmax(over))
+        raise GoalError(f'axis {n + 1} would have to turn at {over.max():.2f} times its fastest')
+    return Goal(now_us, time, tips, joints, rates)
+
+
+def _ended(tips: np.ndarray) -> np.ndarray:
+    """Without the points at the end where the torch stands, but the first two of them."""
+    moves = np.flatnonzero(np.abs(np.diff(tips, axis=0)).max(axis=1) > 0)
+    last = int(moves[-1]) + 1 if len(moves) else 0
+    return tips[: max(last + 2, 3)]

@@ -1,0 +1,160 @@
+"""The robot's driver over ROS: action FollowJointTrajectory and topic joint_states; and the welding device."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import DynamicInterfaceGroupValues
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from sensor_msgs.msg import JointState as JointStateMsg
+
+from waam_node import qos
+
+from . import conversions as convert
+from .controller import JointState
+from .goals import Goal
+from .params import RobotParams
+
+GOOD = (FollowJointTrajectory.Result.SUCCESSFUL,)
+KEPT = 200  # joint states
+HELD = 1.0  # s after a refused goal until the machine may be resumed
+SILENT = 0.3  # s of the steady clock
+
+
+class RosDriver:
+    """`waam_robot_bridge.controller.Driver`. on_state is called with every complete joint state."""
+
+    def __init__(self, node: Node, params: RobotParams, on_state: Callable[[], None]) -> None:
+        self._names, self._on_news = params.joint_names, on_state
+        self._node, self._action = node, params.trajectory_action
+        self._client = ActionClient(node, FollowJointTrajectory, params.trajectory_action)
+        self._known: dict[str, tuple[int, float, float]] = {}
+        self._states: deque[JointState] = deque(maxlen=KEPT)
+        self._next: Goal | None = None
+        self._number = 0  # of the newest goal
+        self._refused, self._when = '', 0.0  # why the newest goal is not followed; s, steady clock
+        self._odd = ''  # why the joint states cannot be used
+        self.device = ''  # what is wrong with the welding device
+        node.create_subscription(JointStateMsg, 'joint_states', self._on_state, qos.SENSOR)
+
+    def follow(self, goal: Goal) -> None:
+        """Sends a goal, which replaces the one before, with the next joint state: in the executor, for an answer that
+        came to it before this thread waits for one would be lost."""
+        self._next = goal
+
+    def _send(self) -> None:
+        goal, self._next = self._next, None
+        if goal is None:
+            return
+        self._number += 1
+        number = self._number
+        self._refused = ''
+        future = self._client.send_goal_async(convert.goal_to_msg(goal, self._names))
+        future.add_done_callback(lambda f: self._on_answer(number, f))
+
+    def state(self, now_us: int) -> JointState | None:
+        """The newest complete one that is not later than now_us, else the oldest that is known."""
+        known = list(self._states)
+        found = next((s for s in reversed(known) if s.time_us <= now_us), None)
+        return found or (known[0] if known else None)
+
+    @property
+    def newest_us(self) -> int:
+        """Time of the newest complete joint state, 0 = none."""
+        return self._states[-1].time_us if self._states else 0
+
+    @property
+    def problem(self) -> str:
+        """Why it follows no goal."""
+        refused = self._refused if time.monotonic() - self._when < HELD else ''
+        return refused or self._odd or self.device
+
+    def absent(self) -> str:
+        """Why the robot cannot be used at all, '' = it can."""
+        if self._odd:
+            return self._odd
+        if not self._states:
+            return "no joint states on topic 'joint_states': is the robot's driver running?"
+        if not self._client.server_is_ready():
+            return f"no action server '{self._action}': is the trajectory controller running?"
+        return ''
+
+    def _on_answer(self, number: int, future: Any) -> None:
+        handle = future.result()
+        if not handle.accepted:
+            if number == self._number:
+                self._refuse(f"the driver refused a goal of '{self._action}': joint names?")
+            return
+        handle.get_result_async().add_done_callback(lambda f: self._on_result(number, f))
+
+    def _on_result(self, number: int, future: Any) -> None:
+        result = future.result().result
+        if number == self._number and result.error_code not in GOOD:
+            text = result.error_string or f'code {result.error_code}'
+            self._refuse(f'the driver gave the goal up: {text}')
+
+    def _refuse(self, text: str) -> None:
+        self._refused, self._when = text, time.monotonic()
+
+    def _on_state(self, msg: JointStateMsg) -> None:
+        """Joints may come in several messages, as arm and positioner have drivers of their own."""
+        self._send()
+        stamp = (
+            convert.us_from_time(msg.header.stamp)
+            or self._node.get_clock().now().nanoseconds // 1000
+        )
+        rates = msg.velocity if len(msg.velocity) == len(msg.name) else [0.0] * len(msg.name)
+        for name, at, rate in zip(msg.name, msg.position, rates, strict=False):
+            self._known[name] = (stamp, at, rate if np.isfinite(rate) else 0.0)
+        missing = [n for n in self._names if n not in self._known]
+        if missing:
+            self._odd = (
+                f"joint_states has no '{missing[0]}', it has {', '.join(sorted(self._known))}"
+            )
+            return
+        values = np.array([self._known[n][1:] for n in self._names])
+        if not np.isfinite(values).all():
+            self._odd = 'joint_states holds a value that is not finite'
+            return
+        self._odd = ''
+        oldest = min(self._known[n][0] for n in self._names)
+        self._states.append(JointState(oldest, values[:, 0], values[:, 1]))
+        self._on_news()
+
+
+class RosWelder:
+    """The welding device: outputs go out on weld_command, what it measures comes in on weld_state."""
+
+    def __init__(self, node: Node) -> None:
+        self.reading = convert.WeldReading()
+        self._heard = 0.0  # s, steady clock
+        self._node = node
+        self._out = node.create_publisher(DynamicInterfaceGroupValues, 'weld_command', qos.BEAT)
+        node.create_subscription(
+            DynamicInterfaceGroupValues, 'weld_state', self._on_state, qos.SENSOR
+        )
+
+    def command(self, sample: np.void, time_us: int) -> None:
+        """Publishes the outputs; the device needs them again and again."""
+        self._out.publish(convert.outputs_to_msg(sample, time_us))
+
+    def problem(self) -> str:
+        """Why there must be no arc, '' = nothing."""
+        if not self._heard:
+            return "nothing on topic 'weld_state': is the welding device running?"
+        age = time.monotonic() - self._heard
+        return f'the welding device is silent for {age:.2f} s' if age > SILENT else ''
+
+    def _on_state(self, msg: DynamicInterfaceGroupValues) -> None:
+        try:
+            self.reading = convert.inputs_from_msg(msg)
+        except ValueError as e:
+            self._node.get_logger().error(f'weld_state: {e}', throttle_duration_sec=5.0)
+            return
+        self._heard = time.monotonic()

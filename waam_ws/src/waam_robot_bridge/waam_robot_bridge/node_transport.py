@@ -1,0 +1,135 @@
+"""The controller of the robot cell in a thread of the node, behind the interface of a serial port."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+from rclpy.node import Node
+
+from waam_bridge.embedded import SAMPLE
+from waam_bridge.transport import Owner
+from waam_robot.station import Station
+
+from .controller import RobotController
+from .node_driver import RosDriver, RosWelder
+from .params import RobotParams
+
+STEP_MS = 10
+MOST_STEPS = 100  # that are made up for at once
+IDLE = 0.02  # s
+BOOTS = 2**31
+RETRY = 0.3  # s
+
+
+class RobotTransport:
+    """Opens when the robot is there; then the controller runs with ROS time. on_problem is told when the arc is cut."""
+
+    def __init__(
+        self, node: Node, params: RobotParams, owner: Owner, on_problem: Callable[[str], None]
+    ) -> None:
+        self._node, self._params, self._owner = node, params, owner
+        self._on_problem = on_problem
+        self._news = threading.Event()
+        self._stop = threading.Event()
+        self._lock = threading.Lock()
+        self._waiting = bytearray()  # bytes for the controller
+        self._reason = ''
+        self.driver = RosDriver(node, params, self._news.set)
+        self.welder = RosWelder(node)
+        self.station = Station(params.place())  # ValueError where the robot does not reach its box
+        self._samples = np.zeros(STEP_MS, SAMPLE)
+        self._thread = threading.Thread(target=self._run, name='link', daemon=True)
+
+    def start(self) -> None:
+        """Starts the thread."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the thread; the welding device is told that nothing is on."""
+        self._stop.set()
+        self._news.set()
+        if self._thread.is_alive():
+            self._thread.join(2.0)
+
+    def reopen(self, reason: str) -> None:
+        """Begins anew, because of `reason`."""
+        self._reason = reason
+        self._news.set()
+
+    def write(self, data: bytes) -> None:
+        """Bytes for the controller; they act in its next step."""
+        with self._lock:
+            self._waiting += data
+
+    # ---- the thread
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                absent = self.driver.absent() or self.welder.problem()
+                if absent:
+                    self._owner.on_close(f'robot: {absent}')
+                    self._stop.wait(RETRY)
+                    continue
+                self._serve()
+        except (
+            Exception
+        ) as e:  # a defect: the node ends, the welding device's watchdog ends the arc
+            self._owner.on_crash(e)
+
+    def _serve(self) -> None:
+        controller = self._make()
+        self._reason = ''
+        self._waiting.clear()
+        self._owner.on_open()
+        rest = b''
+        try:
+            while not self._stop.is_set() and not self._reason:
+                self._news.wait(IDLE)
+                self._news.clear()
+                self.driver.device = self.welder.problem()
+                rest = self._catch_up(controller, rest)
+                self._owner.on_idle()
+        finally:
+            self._samples[:] = 0
+            if self._node.context.ok():
+                self.welder.command(self._samples[-1], controller.now_us)
+            controller.close()
+        if not self._stop.is_set():
+            self._owner.on_close(f'robot: {self._reason}')
+
+    def _make(self) -> RobotController:
+        """A controller that was just switched on, its torch where the robot has it."""
+        now_us = self._now_us()
+        state = self.driver.state(now_us)
+        assert state is not None  # of a robot that is there
+        boot = int(time.time() * 10) % BOOTS
+        made = RobotController(now_us, self._params, self.station, self.driver, boot)
+        made.place(self.station.tips(state.joints[None])[0])
+        made.on_problem = self._on_problem
+        return made
+
+    def _now_us(self) -> int:
+        """ROS time; joint states may be ahead of a simulated clock."""
+        clock = self._node.get_clock().now().nanoseconds // 1000
+        return max(clock, self.driver.newest_us)
+
+    def _catch_up(self, controller: RobotController, rest: bytes) -> bytes:
+        """Steps until ROS time is reached; hands the controller's lines over and returns the incomplete one."""
+        for _ in range(MOST_STEPS):
+            if controller.now_us + 1000 * STEP_MS > self._now_us():
+                break
+            with self._lock:
+                data = bytes(self._waiting)
+                self._waiting.clear()
+            controller.feed(data)
+            controller.answer(self.welder.reading)
+            controller.step(self._samples)
+            self.welder.command(self._samples[-1], controller.now_us)
+            *lines, rest = (rest + controller.take()).split(b'\n')
+            if lines:
+                self._owner.on_lines(lines, time.monotonic())
+        return rest

@@ -1,0 +1,87 @@
+"""Parameters of the robot bridge: those of the bridge and those of the robot, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from waam_bridge.params import BridgeParams
+from waam_bridge.program import Limits
+from waam_node.params import ParameterError, param
+from waam_robot.positioner import Positioner
+from waam_robot.station import JOINTS, Place
+
+NAMES = ('joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6', 'tilt', 'turn')
+
+
+@dataclass(frozen=True)
+class RobotParams(BridgeParams):
+    """Defaults fit the simulated robot cell. `baud` and `window` mean nothing here: there is no cable."""
+
+    port: str = param('robot', 'what machine_state shows as its port')
+    positioner: tuple = param(
+        (1.2, 0.35, 0.15),
+        "from the robot's base to the tilt axis along x and z, and up to the faceplate",
+        'm',
+    )
+    origin: tuple = param((-0.2, -0.15, 0.0), 'machine zero on the faceplate', 'm')
+    work_low: tuple = param((0.0, 0.0, 0.0), 'lower corner of the box that the torch may use', 'm')
+    work_high: tuple = param((0.4, 0.3, 0.2), 'upper corner; HOME goes to (0, 0, 0.2)', 'm')
+    trajectory_action: str = param(
+        'joint_trajectory_controller/follow_joint_trajectory', "action of the robot's driver"
+    )
+    joint_names: tuple = param(NAMES, 'as the driver names them: six of the arm, tilt, turn')
+    joint_speed_max: tuple = param(
+        (3.5, 3.5, 4.5, 7.2, 7.2, 15.0, 2.0, 3.3), 'fastest that each may turn', 'rad/s'
+    )
+    horizon: float = param(0.3, 'of a goal, then it slows down', 's', 0.1, 2.0)
+    period: float = param(0.1, 'between goals while the torch moves', 's', 0.02, 1.0)
+    point_step: float = param(0.01, 'between the points of a goal', 's', 0.002, 0.1)
+    delay: float = param(
+        0.04, 'between command and goal: longer than a goal takes to the driver', 's', 0.0, 0.5
+    )
+    weld_delay: float = param(
+        0.06, 'of the welding outputs: `delay` and the lag of the servos', 's', 0.0, 0.5
+    )
+    state_timeout: float = param(0.15, 'joint states older than this cut the arc', 's', 0.03, 0.4)
+    follow_max: float = param(
+        0.003, 'distance of the torch from the commanded path that cuts the arc', 'm', 1e-4, 0.05
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, count in (
+            ('positioner', 3), ('origin', 3), ('work_low', 3), ('work_high', 3),
+            ('joint_names', JOINTS), ('joint_speed_max', JOINTS),
+        ):  # fmt: skip
+            got = len(getattr(self, name))
+            if got != count:
+                raise ParameterError(f"parameter '{name}' has {got} values, needs {count}")
+        if len(set(self.joint_names)) != JOINTS:
+            raise ParameterError(f"parameter 'joint_names' names one twice: {self.joint_names}")
+        if not all(v > 0 for v in self.joint_speed_max):
+            raise ParameterError("parameter 'joint_speed_max' has a value that is not above 0")
+        if self.period >= self.horizon:
+            text = (
+                f"parameter 'period' is {self.period:g}, must be below 'horizon' {self.horizon:g}"
+            )
+            raise ParameterError(text)
+
+    def place(self) -> Place:
+        """For a Station."""
+        a_b, d_b, d_c = (float(v) for v in self.positioner)
+        low, high, origin = (
+            tuple(float(v) for v in values)
+            for values in (self.work_low, self.work_high, self.origin)
+        )
+        return Place(
+            positioner=Positioner(a_b=a_b, d_b=d_b, d_c=d_c),
+            origin=origin, low=low, high=high,  # type: ignore[arg-type]
+        )  # fmt: skip
+
+    def limits(self, box_mm: tuple[float, ...]) -> Limits:
+        """Those of the bridge, inside the box of the robot."""
+        usual = super().limits(box_mm)
+        low = tuple(map(max, usual.low, self.work_low))
+        high = tuple(map(min, usual.high, self.work_high))
+        fields = {**usual.__dict__, 'low': low, 'high': high}
+        return Limits(**fields)

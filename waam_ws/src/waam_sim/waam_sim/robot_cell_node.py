@@ -1,0 +1,97 @@
+"""The simulated cell with a robot: the same metal, arc and scanner, moved by a trajectory controller over ROS.
+
+The node is called `cell` as well. Its topics and services are those of the other one, with `joint_states`,
+`weld_state`, `weld_command` and the action FollowJointTrajectory in place of the plant port. Time keeps step with the
+wall clock (`pace`) and with the bridge.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from rclpy._rclpy_pybind11 import RCLError
+
+from waam_node.node import OK
+from waam_node.node import main as run_node
+from waam_robot.station import Station
+
+from .cell_node import Cell
+from .node_robot import TrajectoryController, Welder
+from .plant import SAMPLE
+from .robot import SimRobot
+
+STEP_MS = 10
+PARK = np.array([0.060, 0.050, 0.150])  # m, where the torch is when the cell is switched on
+AHEAD_US = 20_000  # us that the cell may be ahead of its bridge
+PATIENCE = 0.3  # s
+LATE = 0.2  # s behind the wall clock from which on time is not made up for
+
+
+class RobotCell(Cell):
+    """Serves the robot in the thread of Cell."""
+
+    def __init__(self) -> None:
+        self._time_us = time.time_ns() // 10_000_000 * 10_000
+        super().__init__()
+
+    def _connect(self) -> None:
+        """The thread's work: time goes on, 10 ms by 10 ms."""
+        plant = self._plant
+        taught = np.array(plant.params.work_zero)
+        robot = SimRobot(
+            Station(), plant.params.robot, self.params.seed, PARK, taught, self._time_us
+        )
+        controller = TrajectoryController(self, self._lock, robot.follow)
+        welder = Welder(self, lambda: self._time_us)
+        self.level, self.message = OK, 'running'
+        due = time.monotonic()
+        while not self._stop.is_set():
+            try:
+                self._step(robot, controller, welder)
+            except RCLError:  # the context ends before this thread does
+                if not self.context.ok():
+                    return
+                raise
+            self._wait_for(welder)
+            due += STEP_MS * 1e-3 / self.params.pace
+            left = due - time.monotonic()
+            if left < -LATE:
+                due = time.monotonic()
+            self._stop.wait(max(left, 0.0))
+
+    def _wait_for(self, welder: Welder) -> None:
+        """Time waits for a bridge that is late, but not for one that is silent."""
+        end = time.monotonic() + PATIENCE
+        while welder.behind_us() > AHEAD_US and not self._stop.is_set():
+            if time.monotonic() > end:
+                welder.give_up()
+                return
+            self._stop.wait(0.001)
+
+    def _step(self, robot: SimRobot, controller: TrajectoryController, welder: Welder) -> None:
+        start = time.perf_counter()
+        samples = np.zeros(STEP_MS, SAMPLE)
+        bits, wire, voltage = welder.outputs()
+        with self._lock:
+            tips, scanner = robot.advance(STEP_MS)
+            samples['outputs'], samples['wire_cmd'], samples['voltage_set'] = bits, wire, voltage
+            _put(samples, tips)
+            self._time_us += 1000 * STEP_MS
+            reading = self._plant.step(samples, self._time_us)
+            _put(samples, tips + scanner)
+            self._publish(samples, self._time_us)
+            state = robot.state()
+        controller.tell(*state)
+        welder.tell(reading, self._time_us)
+        self._busy += time.perf_counter() - start
+        self._steps += 1
+
+
+def _put(samples: np.ndarray, tips: np.ndarray) -> None:
+    """Torch positions (n, 3), m, machine coordinates, into samples (n,)."""
+    samples['table_x'], samples['table_y'], samples['tool_z'] = -tips[:, 0], -tips[:, 1], tips[:, 2]
+
+
+def main() -> None:
+    run_node(RobotCell)
