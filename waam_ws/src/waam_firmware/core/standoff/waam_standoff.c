@@ -219,8 +219,9 @@ static bool at_limit(waam_standoff_t *s, const waam_standoff_config_t *c, bool a
  * says the same as the sensor, it stays above; the alarm is told. */
 static void stop_at_limit(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m, float z_mm)
 {
-    bool above = s->correction_mm > 0.0f;
-    if (above && s->held)
+    bool above = s->correction_mm > 0.0f, sensor = c->source != WAAM_STANDOFF_ARC;
+    bool asked = above && sensor && !s->arc_learned && s->limit_s <= c->limit_s + LEARN_S; /* about to be compared */
+    if ((above && s->held) || asked)
         return;
     raise_alarm(s, WAAM_STANDOFF_LIMIT);
     s->held = above && watched(s, c) && !differs(s, c, m, z_mm);
