@@ -44,9 +44,7 @@ def correct(
         answer.correction, request, spec, answer.flow_factor, answer.width_ratio
     )
     msg.error_rms, msg.error_max = error_figures(core)
-    estimate = convert.estimate_to_msg(
-        answer.estimate, answer.width, request.job_id, request.layer
-    )
+    estimate = convert.estimate_to_msg(answer.estimate, answer.width, request.job_id, request.layer)
     return msg, estimate, answer.learned.text() if answer.learned else ''
 
 

@@ -164,9 +164,11 @@ def test_the_arc_alone_finds_the_distance():
         assert np.sqrt(np.mean((np.array(gaps[5000:]) - loop.CONTACT) ** 2)) < 0.5
 
 
-def at_the_limit(metal: list[float], lie: float = 0.0, first: float = 0.0) -> tuple[np.ndarray, int]:
-    """Corrections (mm), one per ms, and the alarm. metal: heights (mm), 5 s each, after 3 s at `first`; lie: mm that the
-    laser reads too little after that."""
+def at_the_limit(
+    metal: list[float], lie: float = 0.0, first: float = 0.0
+) -> tuple[np.ndarray, int]:
+    """Corrections (mm), one per ms, and the alarm. metal: heights (mm), 5 s each, after 3 s at `first`; lie: mm that
+    the laser reads too little after that."""
     loop.start(source=loop.LASER)
     lib, answer, found = loop.library(), loop.Answer(), []
     lib.standoff_loop_path(loop.FOLLOW, 0.0, 0.0, 22.0)

@@ -371,9 +371,10 @@ def test_the_end_of_tracking_has_the_line_of_its_code():
 
 def test_what_the_process_control_says_is_shown_with_its_unit():
     from waam_msgs.msg import ProcessControl
+    from waam_panel.conversions import CONVERT
 
     said = ProcessControl(
-        value=ProcessControl.VALUE_HEAT_INPUT, reference=255e3, measured=math.nan, speed_factor=1.04,
+        value=ProcessControl.VALUE_HEAT_INPUT, reference=255e3, measured=np.nan, speed_factor=1.04,
         wire_factor=1.0, operator_speed_factor=0.9, operator_wire_factor=1.0, frozen=True, reason='no arc',
     )  # fmt: skip
     shown = CONVERT['process'](said)
@@ -392,6 +393,7 @@ def test_what_the_process_control_says_is_shown_with_its_unit():
 def test_the_bead_width_of_the_newest_scan_that_shows_one_is_shown():
     from waam_msgs.msg import HeightMap
     from waam_node.conversions import floats, grid_to_msg
+    from waam_panel.conversions import CONVERT
 
     spec = GridSpec(0.0, 0.0, 1e-3, 3, 4)
     said = HeightMap(layer=2, grid=grid_to_msg(spec), z=floats(np.zeros(spec.shape)))

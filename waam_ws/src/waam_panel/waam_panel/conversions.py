@@ -132,7 +132,7 @@ PROCESS_VALUES = {  # name, unit on the page, factor to it
 
 
 def process(m: ProcessControl) -> dict[str, Any]:
-    """The value that is held, in its unit; factors of travel speed and wire; why they stay as they are, '' = they move."""
+    """The value that is held, in its unit; factors of travel speed and wire; frozen: why they stay, '' = they move."""
     name, unit, factor = PROCESS_VALUES.get(m.value, (f'value {m.value}', '', 1.0))
     return {
         'value': name, 'unit': unit, 'set': number(m.reference, factor, 1), 'measured': number(m.measured, factor, 1),

@@ -18,13 +18,18 @@ from waam_process.grid import GridSpec, HeightGrid
 STEP = 1e-3  # m of path between sections
 BLOCK = 10e-3  # m of path over which sections go together
 ENDS = 10e-3  # m of every stretch that do not count at either end: start hump, crater
-STRAIGHT = (6e-3, 0.998)  # m to either side within which the path must not turn, and cosine of what is no turn
+STRAIGHT = (
+    6e-3,
+    0.998,
+)  # m to either side within which the path must not turn, and cosine of what is no turn
 REACH = 1.5  # bead widths to either side that a section covers
 FOOT = 0.8  # bead widths from the path beyond which a free side shows no growth
 CAP = 0.25  # share of the crown's height above which cells belong to the section
 LOWEST = 0.3e-3  # m: lower crowns are no bead
 BESIDE = 0.12  # share of the crown's height that may have grown beside a free side
-UNEVEN = 0.5  # share of the crown's height by which the metal below may rise or fall towards the foot
+UNEVEN = (
+    0.5  # share of the crown's height by which the metal below may rise or fall towards the foot
+)
 MISFIT = 0.15  # share of the crown's height that the section may differ from its parabola, RMS
 FEWEST = 5  # cells of a section
 SECTIONS, BLOCKS = 5, 2  # that a width needs
@@ -74,7 +79,7 @@ def bead_width(
 def sections(
     paths: Sequence[np.ndarray], expected: Sequence[np.ndarray], resolution: float
 ) -> Sections | None:
-    """Sections of the straight parts of the paths, `resolution` (m) between the points of each; None = there are none."""
+    """Of the straight parts of the paths, `resolution` (m) between the points of each section; None = there are none."""
     found = [_stations(p, w, i) for i, (p, w) in enumerate(zip(paths, expected, strict=True))]
     rows = np.concatenate([np.empty((0, 6)), *found])
     if not len(rows):
@@ -109,7 +114,10 @@ def _stations(path: np.ndarray, expected: np.ndarray, number: int) -> np.ndarray
     for aside in np.linspace(-reach, reach, 9):
         straight &= (units[piece(s + aside)] * unit).sum(axis=1) >= cosine
     at = path[0] + np.stack(
-        [np.interp(s, np.append(0.0, ends), np.append(0.0, np.cumsum(steps[:, i]))) for i in (0, 1)],
+        [
+            np.interp(s, np.append(0.0, ends), np.append(0.0, np.cumsum(steps[:, i])))
+            for i in (0, 1)
+        ],
         axis=1,
     )
     block = 10_000 * number + np.floor(s / BLOCK)
@@ -150,27 +158,38 @@ def _even(share: np.ndarray, below: np.ndarray, top: np.ndarray) -> np.ndarray:
     """(n,) bool: the metal below goes on, from the middle of the bead to beyond its foot."""
     there = (share > -0.1) & (share < FOOT)
     seen = there & np.isfinite(below)
-    low, high = np.where(seen, below, np.inf).min(axis=1), np.where(seen, below, -np.inf).max(axis=1)
+    low, high = (
+        np.where(seen, below, np.inf).min(axis=1),
+        np.where(seen, below, -np.inf).max(axis=1),
+    )
     return (seen.sum(axis=1) >= FEWEST) & (high - low <= UNEVEN * top)
 
 
-def _two_sides(across: np.ndarray, grown: np.ndarray, use: np.ndarray, top: np.ndarray) -> np.ndarray:
+def _two_sides(
+    across: np.ndarray, grown: np.ndarray, use: np.ndarray, top: np.ndarray
+) -> np.ndarray:
     """Distance of the zeros of a x^2 + b x + c through the cells in use, (n,) m."""
     scale = 1e-3
     powers = np.stack([np.ones_like(across), across / scale, (across / scale) ** 2], axis=1)
     c, b, a = _fit(powers, grown, use, top)
     square = b * b - 4 * a * c
     good = (a < 0) & (square > 0)
-    return np.where(good, scale * np.sqrt(np.where(good, square, 1.0)) / -np.where(good, a, -1), np.nan)
+    return np.where(
+        good, scale * np.sqrt(np.where(good, square, 1.0)) / -np.where(good, a, -1), np.nan
+    )
 
 
-def _one_side(across: np.ndarray, grown: np.ndarray, use: np.ndarray, top: np.ndarray) -> np.ndarray:
+def _one_side(
+    across: np.ndarray, grown: np.ndarray, use: np.ndarray, top: np.ndarray
+) -> np.ndarray:
     """Twice the distance from the path to the zero of a x^2 + c, (n,) m: the bead lies in the middle of its path."""
     scale = 1e-3
     powers = np.stack([np.ones_like(across), (across / scale) ** 2], axis=1)
     c, a = _fit(powers, grown, use, top)
     good = (a < 0) & (c > 0)
-    return np.where(good, 2 * scale * np.sqrt(np.where(good, c / -np.where(good, a, -1), 1.0)), np.nan)
+    return np.where(
+        good, 2 * scale * np.sqrt(np.where(good, c / -np.where(good, a, -1), 1.0)), np.nan
+    )
 
 
 def _fit(powers: np.ndarray, grown: np.ndarray, use: np.ndarray, top: np.ndarray) -> np.ndarray:

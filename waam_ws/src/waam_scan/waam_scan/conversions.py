@@ -77,9 +77,7 @@ def laid_beads(request: BeginScan.Request) -> LaidBeads:
     return LaidBeads(tuple(paths), tuple(split))
 
 
-def map_to_msg(
-    session: Session, fused: FusedMap, doubts: list[str], width: BeadWidth
-) -> HeightMap:
+def map_to_msg(session: Session, fused: FusedMap, doubts: list[str], width: BeadWidth) -> HeightMap:
     """The map of a scan, stamped with its newest used profile; plausible when there are no `doubts`."""
     stamp_ns = session.assembler.newest_used_ns or 0
     header = Header(frame_id='work')

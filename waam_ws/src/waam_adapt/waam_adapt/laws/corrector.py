@@ -103,9 +103,7 @@ class Corrector:
         learned: what the job starts with, the same for all of its layers. seen: bead width in the map.
         """
         reasons = reasons_against(origin, request, self.limits)
-        width = self.widths.add(
-            origin.expected_job_id, layer, SeenWidth() if reasons else seen
-        )
+        width = self.widths.add(origin.expected_job_id, layer, SeenWidth() if reasons else seen)
         self.identifier.start(origin.expected_job_id, layer, start_of(learned, self.network))
         if not reasons and last.before is not None and last.growth is not None:
             self.identifier.add(

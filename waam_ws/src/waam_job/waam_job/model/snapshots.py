@@ -65,7 +65,7 @@ class Scan:
     points_used: int = 0
     points_rejected: int = 0
     stamp: float = float('nan')  # s, ROS time of the last profile; NaN = not known
-    # of the beads laid last, where they stand free, m: mean, its standard uncertainty, and what was expected; NaN = none
+    # of the beads laid last where they stand free, m: mean, its standard uncertainty, what was expected; NaN = none
     bead_width: float = float('nan')
     bead_width_u: float = float('nan')
     bead_width_expected: float = float('nan')
@@ -74,8 +74,8 @@ class Scan:
 
 @dataclass(frozen=True)
 class LaidBeads:
-    """The beads that were laid last, for the measurement of their width: of each stretch from arc on to arc off the path
-    (n, 2) m and, of each point, the width (n,) m that the material table expects of the piece that ends there."""
+    """The beads that were laid last, for the measurement of their width. Of each stretch from arc on to arc off: the
+    path (n, 2) m and, for each point, the width (n,) m that the material table expects of the piece that ends there."""
 
     paths: tuple[np.ndarray, ...] = ()
     widths: tuple[np.ndarray, ...] = ()

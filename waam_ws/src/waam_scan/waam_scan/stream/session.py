@@ -53,7 +53,11 @@ class Surfaces:
     def below(self, job_id: str, layer: int, spec: GridSpec) -> np.ndarray | None:
         """Surface under `layer`, (rows, cols) m; None when it is not known on these cells in this job."""
         for found in (self.last, self._below):
-            if found is not None and (found.job_id, found.layer, found.spec) == (job_id, layer - 1, spec):
+            if found is not None and (found.job_id, found.layer, found.spec) == (
+                job_id,
+                layer - 1,
+                spec,
+            ):
                 return found.z
         return None
 
