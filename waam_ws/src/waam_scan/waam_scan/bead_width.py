@@ -79,7 +79,7 @@ def bead_width(
 def sections(
     paths: Sequence[np.ndarray], expected: Sequence[np.ndarray], resolution: float
 ) -> Sections | None:
-    """Of the straight parts of the paths, `resolution` (m) between the points of each section; None = there are none."""
+    """Of the straight parts of the paths, `resolution` (m) between the points of each; None = there are none."""
     found = [_stations(p, w, i) for i, (p, w) in enumerate(zip(paths, expected, strict=True))]
     rows = np.concatenate([np.empty((0, 6)), *found])
     if not len(rows):
