@@ -169,19 +169,28 @@ static float pid(waam_standoff_t *s, const waam_standoff_config_t *c, float erro
 /* The arc can be asked whether the sensor is right. */
 static bool watched(const waam_standoff_t *s, const waam_standoff_config_t *c)
 {
-    return c->source != WAAM_STANDOFF_ARC && c->cross_mm > 0.0f && s->arc_learned && s->arc_known;
+    return c->source != WAAM_STANDOFF_ARC && c->cross_mm > 0.0f && s->arc_known;
 }
 
-/* ... and says another distance. */
-static bool differs(const waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m, float z_mm)
+/* By how much the torch is too high by the arc, mm. */
+static float high_by_arc(const waam_standoff_t *s, const waam_ctwd_model_t *m, float z_mm)
 {
-    return fabsf(s->arc_mm + z_mm - s->arc_bias_mm - m->ctwd_mm - (s->measured_mm - c->set_mm)) > c->cross_mm;
+    return s->arc_mm + z_mm - s->arc_bias_mm - m->ctwd_mm;
 }
 
 static bool apart(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m, float z_mm, float dt_s)
 {
-    s->apart_s = watched(s, c) && differs(s, c, m, z_mm) ? s->apart_s + dt_s : 0.0f;
+    float off = high_by_arc(s, m, z_mm) - (s->measured_mm - c->set_mm);
+    s->apart_s = watched(s, c) && s->arc_learned && fabsf(off) > c->cross_mm ? s->apart_s + dt_s : 0.0f;
     return s->apart_s > APART_S;
+}
+
+/* Either the sensor is right, or it lies and the program was: then the torch is too high by its correction. The arc says which
+ * of the two is nearer the truth; a bias of some millimetres that nobody has learned yet does not matter for that. */
+static bool arc_agrees(const waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m, float z_mm)
+{
+    float high = high_by_arc(s, m, z_mm);
+    return watched(s, c) && fabsf(high - (s->measured_mm - c->set_mm)) < fabsf(high - s->correction_mm);
 }
 
 /* An error above ASK_MM must have gone when the correction has moved by as much and answer_mm more. */
@@ -216,15 +225,14 @@ static bool at_limit(waam_standoff_t *s, const waam_standoff_config_t *c, bool a
 }
 
 /* At the upper limit the metal is higher than the program may be corrected: the way back would lead into it. Where the arc
- * says the same as the sensor, it stays above; the alarm is told. */
+ * agrees with the sensor, the torch stays above; the alarm is told. */
 static void stop_at_limit(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m, float z_mm)
 {
-    bool above = s->correction_mm > 0.0f, sensor = c->source != WAAM_STANDOFF_ARC;
-    bool asked = above && sensor && !s->arc_learned && s->limit_s <= c->limit_s + LEARN_S; /* about to be compared */
-    if ((above && s->held) || asked)
+    bool above = s->correction_mm > 0.0f;
+    if (above && s->held)
         return;
     raise_alarm(s, WAAM_STANDOFF_LIMIT);
-    s->held = above && watched(s, c) && !differs(s, c, m, z_mm);
+    s->held = above && arc_agrees(s, c, m, z_mm);
 }
 
 static void supervise(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m,
