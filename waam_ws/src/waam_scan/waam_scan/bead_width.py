@@ -22,8 +22,8 @@ STRAIGHT = (
     6e-3,
     0.998,
 )  # m to either side within which the path must not turn, and cosine of what is no turn
-REACH = 1.5  # bead widths to either side that a section covers
-FOOT = 0.8  # bead widths from the path beyond which a free side shows no growth
+REACH = 1.05  # bead widths to either side that a section covers
+FOOT = 0.75  # bead widths from the path beyond which a free side shows no growth
 CAP = 0.25  # share of the crown's height above which cells belong to the section
 LOWEST = 0.3e-3  # m: lower crowns are no bead
 BESIDE = 0.12  # share of the crown's height that may have grown beside a free side
@@ -151,7 +151,7 @@ def _free(share: np.ndarray, known: np.ndarray, grown: np.ndarray, top: np.ndarr
     there = (share > FOOT) & (share < REACH)
     seen = (there & known).sum(axis=1)
     much = (there & known & (np.abs(grown) > BESIDE * top[:, None])).sum(axis=1)
-    return (seen >= 0.7 * there.sum(axis=1)) & (seen > 0) & (much <= 0.2 * seen)
+    return (seen >= 0.5 * there.sum(axis=1)) & (seen > 0) & (much <= 0.2 * seen)
 
 
 def _even(share: np.ndarray, below: np.ndarray, top: np.ndarray) -> np.ndarray:
