@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from waam_msgs.msg import CorrectionMap, JobStatus, LayerReport, NextLayer
+from waam_msgs.msg import CorrectionMap, JobStatus, LayerReport, NextLayer, ProcessEstimate
 from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node.conversions import grid_from_msg
 from waam_process import materials
@@ -22,15 +22,15 @@ from .laws.checks import error_figures
 from .thermal.compensator import Compensator
 
 if TYPE_CHECKING:  # the nodes that identify nothing start without SciPy
-    from .identify.identification import Estimate
     from .laws.corrector import Corrector
 
 
 def correct(
     corrector: Corrector, request: ComputeCorrection.Request, now: float
-) -> tuple[CorrectionMap, Estimate, str]:
-    """Psi of the next layer, what is believed of the process, and what was learned by now (`waam_process.learned`, ''
-    when the request told nothing of former jobs). now: ROS time in s. ValueError names the field that cannot be used.
+) -> tuple[CorrectionMap, ProcessEstimate, str]:
+    """Psi of the next layer, what is believed of the process (without a header), and what was learned by now
+    (`waam_process.learned`, '' when the request told nothing of former jobs). now: ROS time in s. ValueError names the
+    field that cannot be used.
     """
     p = corrector.params
     spec = grid_from_msg(request.map.grid)
@@ -38,10 +38,14 @@ def correct(
     last = convert.last_layer(request, spec)
     origin = convert.map_origin(request, now)
     learned = convert.learned_of(request)
-    answer = corrector.answer(request.layer, core, origin, last, learned)
-    msg = convert.correction_to_msg(answer.correction, request, spec, answer.flow_factor)
+    seen = convert.seen_width(request)
+    answer = corrector.answer(request.layer, core, origin, last, learned, seen)
+    msg = convert.correction_to_msg(
+        answer.correction, request, spec, answer.flow_factor, answer.width_ratio
+    )
     msg.error_rms, msg.error_max = error_figures(core)
-    return msg, answer.estimate, answer.learned.text() if answer.learned else ''
+    estimate = convert.estimate_to_msg(answer.estimate, answer.width, request.job_id, request.layer)
+    return msg, estimate, answer.learned.text() if answer.learned else ''
 
 
 def prepare(corrector: Corrector, msg: NextLayer) -> None:

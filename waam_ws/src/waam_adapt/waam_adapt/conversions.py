@@ -30,6 +30,7 @@ from waam_process.heat import ArcPass
 from waam_process.learned import Learned, LearnedError, parse
 
 from .feed.feed_forward import Field, Path, Setpoints
+from .hold.width import SeenWidth, WidthEstimate
 from .laws.checks import MapOrigin
 from .thermal.interpass import Heat
 from .thermal.response import LaidLayer
@@ -162,6 +163,12 @@ def learned_of(request: ComputeCorrection.Request) -> Learned | None:
         raise CorrectionError(f'learned: {e}') from None
 
 
+def seen_width(request: ComputeCorrection.Request) -> SeenWidth:
+    """Bead width in the map, NaN where none is; older records do not have the fields."""
+    names = ('bead_width', 'bead_width_u', 'bead_width_expected')
+    return SeenWidth(*(float(getattr(request.map, name, np.nan)) for name in names))
+
+
 def map_origin(request: ComputeCorrection.Request, now: float) -> MapOrigin:
     """now: ROS time in s."""
     m = request.map
@@ -177,7 +184,11 @@ def map_origin(request: ComputeCorrection.Request, now: float) -> MapOrigin:
 
 
 def correction_to_msg(
-    result: Correction, request: ComputeCorrection.Request, spec: GridSpec, flow_factor: float
+    result: Correction,
+    request: ComputeCorrection.Request,
+    spec: GridSpec,
+    flow_factor: float,
+    width_ratio: float = 0.0,
 ) -> CorrectionMap:
     """The answer to a request: maps (rows, cols) of `spec`, metres and ratios as in CorrectionMap."""
     msg = CorrectionMap(header=request.map.header, job_id=request.job_id, layer=request.layer)
@@ -188,11 +199,13 @@ def correction_to_msg(
     msg.k_gain, msg.flow_factor = float(result.k_gain), float(flow_factor)
     msg.law, msg.model_hash = result.law, result.model_hash
     msg.fallback, msg.reasons = result.fallback, list(result.reasons)
-    msg.saturated_cells = result.saturated_cells
+    msg.saturated_cells, msg.width_ratio = result.saturated_cells, float(width_ratio)
     return msg
 
 
-def estimate_to_msg(estimate: Estimate, job_id: str, layer: int) -> ProcessEstimate:
+def estimate_to_msg(
+    estimate: Estimate, width: WidthEstimate, job_id: str, layer: int
+) -> ProcessEstimate:
     """What is believed of the process after `layer`, without a header."""
     return ProcessEstimate(
         job_id=job_id,
@@ -204,6 +217,8 @@ def estimate_to_msg(estimate: Estimate, job_id: str, layer: int) -> ProcessEstim
         spread=estimate.spread,
         innovation=estimate.innovation,
         drift_alarm=estimate.drift_alarm,
+        width_ratio=width.ratio if width.layers else np.nan,
+        width_ratio_sigma=width.sigma if width.layers else np.nan,
     )
 
 
@@ -220,6 +235,7 @@ def field_from_msg(msg: CorrectionMap) -> Field | None:
         named_map('correction.residual_height', msg.residual_height, spec),
         msg.k_gain,
         msg.flow_factor,
+        getattr(msg, 'width_ratio', 0.0),
     )
 
 

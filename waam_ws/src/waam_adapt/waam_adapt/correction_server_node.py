@@ -10,8 +10,6 @@ from waam_msgs.srv import ComputeCorrection
 from waam_node import node, qos
 
 from . import answers
-from . import conversions as convert
-from .identify.identification import Estimate
 from .laws.corrector import CorrectionParams, Corrector, warm_up
 
 Response: TypeAlias = ComputeCorrection.Response
@@ -62,17 +60,16 @@ class CorrectionServer(node.WaamNode):
     def compute(self, request: ComputeCorrection.Request) -> tuple[CorrectionMap, str]:
         """The correction of a request and what was learned; ValueError names the field that is wrong."""
         msg, estimate, learned = answers.correct(self.corrector, request, self.now_s())
-        self.publish_estimate(request, estimate)
+        estimate.header = request.map.header
+        self.publish_estimate(estimate)
         return msg, learned
 
-    def publish_estimate(self, request: ComputeCorrection.Request, estimate: Estimate) -> None:
+    def publish_estimate(self, estimate: ProcessEstimate) -> None:
         """What is believed of the process by now, with a line in the log when it has drifted."""
-        msg = convert.estimate_to_msg(estimate, request.job_id, request.layer)
-        msg.header = request.map.header
-        self.estimate_publisher.publish(msg)
+        self.estimate_publisher.publish(estimate)
         if estimate.drift_alarm:
             self.get_logger().warning(
-                f'layer {request.layer}: drift: growth is {estimate.innovation * 1e3:.2f} mm off '
+                f'layer {estimate.layer}: drift: growth is {estimate.innovation * 1e3:.2f} mm off '
                 f'the prediction (efficiency ratio {estimate.efficiency_ratio:.3f})'
             )
 

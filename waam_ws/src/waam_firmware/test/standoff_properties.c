@@ -198,6 +198,27 @@ static void test_a_strike_waits_for_the_distance(void)
     CHECK(ms > 500 && ms < 2500 && fabs(pulses_mm() - 3.0) < 0.3);
 }
 
+/* 7 mm of metal more than the map knows, 6 mm of correction: the program lies in the metal. */
+static void test_above_metal_that_is_too_high_the_torch_stays_above(void)
+{
+    weld(WAAM_STANDOFF_LASER);
+    metal_mm = 5.0;
+    run(4000);
+    metal_mm = 7.0;
+    for (int i = 0; i < 6000; i++) {
+        run(1);
+        CHECK(i < 2000 || fabs(pulses_mm() - 6.0) < 0.05);
+    }
+    CHECK(heard("! RUN E212 the correction stays at its limit") && core.arc.phase == WAAM_ARC_BURNING);
+    metal_mm = 2.0; /* and follows the metal when that falls again */
+    run(5000);
+    CHECK(fabs(pulses_mm() - 2.0) < 0.1 && core.standoff.alarms == 1);
+    send_line("M5");
+    send_line("G1 Z25 F3000");
+    run(30000);
+    CHECK(core.state == WAAM_IDLE && core.z_correction == 0 && out.pulses[2] == (int64_t)(5.0 * SPMM));
+}
+
 static void test_no_sensor_means_the_programmed_z_and_an_alarm_and_the_bead_goes_on(void)
 {
     weld(WAAM_STANDOFF_LASER);
@@ -293,11 +314,12 @@ int main(void)
     test_it_stays_where_it_is_in_a_hold_and_goes_on_after_it();
     test_after_a_stop_or_an_alarm_the_position_is_where_the_pulses_are();
     test_a_strike_waits_for_the_distance();
+    test_above_metal_that_is_too_high_the_torch_stays_above();
     test_no_sensor_means_the_programmed_z_and_an_alarm_and_the_bead_goes_on();
     test_the_correction_stays_inside_the_soft_limits();
     test_arc_sensing_follows_and_goes_home();
     test_settings_are_checked();
     test_a_configuration_that_makes_no_sense_is_switched_off();
-    printf("standoff: ten properties hold\n");
+    printf("standoff: eleven properties hold\n");
     return 0;
 }

@@ -162,3 +162,48 @@ def test_the_arc_alone_finds_the_distance():
             gaps.append(gap)
         assert answer.alarm == loop.WELL
         assert np.sqrt(np.mean((np.array(gaps[5000:]) - loop.CONTACT) ** 2)) < 0.5
+
+
+def at_the_limit(
+    metal: list[float], lie: float = 0.0, first: float = 0.0, model: float = 138.0
+) -> tuple[np.ndarray, int]:
+    """Corrections (mm), one per ms, and the alarm. metal: heights (mm), 5 s each, after 3 s at `first`; lie: mm that
+    the laser reads too little after that; model: A at 15 mm."""
+    loop.start(source=loop.LASER)
+    lib, answer, found = loop.library(), loop.Answer(), []
+    lib.standoff_loop_path(loop.FOLLOW, 0.0, 0.0, 22.0)
+    heights = np.repeat([first, *metal], [3000, *(5000,) * len(metal)])
+    for ms, height in enumerate(heights):
+        gap = answer.correction - height  # less 15 mm
+        read = 100.0 + gap - (lie if ms >= 3000 else 0.0) + 0.01 * (ms % 3)
+        lib.standoff_loop_step(ms + 1, read, model * (1 - 0.024 * gap), 22.0, 110.0, answer)
+        found.append(answer.correction)
+    return np.array(found), answer.alarm
+
+
+def test_at_the_upper_limit_the_torch_stays_above_where_the_arc_agrees():
+    found, alarm = at_the_limit([7.0, 8.0, 3.0])
+    assert alarm == loop.LIMIT
+    assert np.abs(found[6000:13_000] - 6.0).max() < 0.05
+    assert abs(found[-1] - 3.0) < 0.05  # and follows the metal down again
+
+
+def test_at_the_upper_limit_a_sensor_that_the_arc_contradicts_is_not_believed():
+    found, alarm = at_the_limit([0.0, 0.0], lie=8.0)
+    assert alarm in (loop.CONTRADICTION, loop.NO_ANSWER, loop.LOST)
+    assert abs(found[-1]) < 0.01
+
+
+def test_at_the_lower_limit_the_torch_goes_back_up():
+    found, alarm = at_the_limit([-6.0, -6.0])
+    assert alarm == loop.LIMIT
+    assert found.min() > -4.01 and abs(found[-1]) < 0.01
+
+
+def test_metal_that_is_too_high_from_the_first_arc_on_keeps_the_torch_above_too():
+    """The arc was not compared with the sensor yet, and its current is 5 % off the model: 2 mm."""
+    for error in (0.3, 1.0):
+        for model in (131.0, 145.0):
+            found, alarm = at_the_limit([6.0 + error], first=6.0 + error, model=model)
+            assert alarm == loop.LIMIT
+            assert np.abs(found[4000:] - 6.0).max() < 0.05

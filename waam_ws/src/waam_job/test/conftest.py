@@ -32,6 +32,7 @@ class FakeCell:
             connected=True, age=0.0, position=(0.0, 0.0, 0.1), limit_max=(0.4, 0.3, 0.2)
         )
         self.queue: list = []
+        self.laid: list = []  # layer, beads told with every scan
         self.pool = None
         self.statuses, self.reports, self.anomalies, self.commands, self.executed = (
             [],
@@ -147,8 +148,9 @@ class FakeCell:
         self.queue.extend(segments)
         self.machine_state = replace(self.machine_state, state='RUN')
 
-    def begin_scan(self, job_id, layer, spec: GridSpec) -> int:
+    def begin_scan(self, job_id, layer, spec: GridSpec, laid) -> int:
         assert spec == self.surface.spec
+        self.laid.append((layer, laid))
         return layer
 
     def finish_scan(self, scan_id, until) -> Scan:

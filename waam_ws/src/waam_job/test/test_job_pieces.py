@@ -10,11 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from builtin_interfaces.msg import Time
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waam_job.conversions import goal_from_job, goal_from_msg
-from waam_job.model.geometry import asked_growth, deviation, follow
+from waam_job.conversions import (
+    begin_request,
+    goal_from_job,
+    goal_from_msg,
+    scan_from_msg,
+    scan_to_msg,
+)
+from waam_job.model.cell import Scan
+from waam_job.model.geometry import asked_growth, deviation, follow, laid_beads
 from waam_job.model.goal import Code, JobError, JobGoal, check
 from waam_job.model.limits import K_GAIN_MAX
 from waam_job.model.records import LayerRecord
@@ -268,3 +276,40 @@ def test_the_limit_of_k_gain_is_the_same_everywhere():
     ):
         line = next(x for x in (interfaces / file).read_text().splitlines() if x.startswith(field))
         assert f'0..{K_GAIN_MAX:g}' in line
+
+
+def test_beads_that_were_laid_are_told_with_the_width_that_the_table_expects():
+    steel = get('er70s-6')
+    feed, speed, volts = steel.wire_feed, steel.speed, steel.voltage
+
+    def bead(i, a, b, **more):
+        return Segment(i, Kind.DEPOSIT, (*a, 0.0), (*b, 0.0), speed, arc=True, **more)
+
+    first = bead(0, (0, 0), (0.02, 0), wire_feed_speed=feed, voltage=volts, width=5e-3)
+    second = bead(1, (0.02, 0), (0.02, 0.02), wire_feed_speed=feed, voltage=1.3 * volts)
+    away = Segment(2, Kind.IDLE, (0.02, 0.02, 0), (0, 0.05, 0), 0.05)
+    third = bead(3, (0, 0.05), (0.01, 0.05), width=4e-3)  # without setpoints: as planned
+    laid = laid_beads([first, second, away, third], steel)
+    assert [p.tolist() for p in laid.paths] == [
+        [[0, 0], [0.02, 0], [0.02, 0.02]], [[0, 0.05], [0.01, 0.05]],
+    ]  # fmt: skip
+    assert laid.widths[0] == pytest.approx([6e-3, 6e-3, 6e-3 * 1.3**0.4])
+    assert laid.widths[1] == pytest.approx([4e-3, 4e-3])
+    request = begin_request('job', 3, GridSpec(0, 0, 1e-3, 20, 20), laid)
+    assert list(request.laid.points) == [3, 2] and len(request.laid_width) == 5
+    assert laid_beads([away], steel).paths == ()
+
+
+def test_the_width_of_a_scan_stands_in_the_record_and_goes_to_the_correction_also_from_the_folder():
+    spec = GridSpec(0, 0, 1e-3, 4, 5)
+    scan = Scan(
+        HeightGrid.full(spec, 0.0), np.ones(spec.shape, np.uint16), 1.0, True,
+        bead_width=6.4e-3, bead_width_u=0.1e-3, bead_width_expected=6.1e-3,
+    )  # fmt: skip
+    record = LayerRecord()
+    record.add_scan(scan)
+    assert (record.bead_width, record.bead_width_u, record.bead_width_expected) == (
+        6.4e-3, 0.1e-3, 6.1e-3,
+    )  # fmt: skip
+    again = scan_from_msg(scan_to_msg(scan, 'job', 1, Time()))
+    assert again.bead_width == pytest.approx(6.4e-3) and again.bead_width_u == pytest.approx(1e-4)

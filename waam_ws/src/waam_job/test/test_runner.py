@@ -275,3 +275,19 @@ def test_any_other_alarm_is_left_to_a_person(make_cell, make_runner, fault):
     status = make_runner(cell)[0].run()
     assert status.error_code == Code.MACHINE_NOT_READY and 'ALARM: as told' in status.message
     assert 'RESET' not in cell.commands
+
+
+def test_every_scan_is_told_the_beads_that_were_laid_before_it(make_cell, make_runner):
+    cell = make_cell()
+    runner, _, folder = make_runner(cell)
+    status = runner.run()
+    assert status.state == State.DONE, status.message
+    layers = {p.number: p for p in runner.context.program.layers}
+    assert [layer for layer, _ in cell.laid] == list(range(status.layers + 1))
+    assert cell.laid[0][1].paths == ()
+    for layer, laid in cell.laid[1:]:
+        assert len(laid.paths) == layers[layer].arc_starts
+        points = np.concatenate(laid.paths)
+        assert np.allclose(points, np.concatenate(layers[layer].arc_paths), atol=1e-6)
+    stored = np.load(folder.path / 'layers' / 'scan_001.npz')['bead_width']
+    assert stored.shape == (3,) and np.isnan(stored).all()  # this cell measures none

@@ -22,7 +22,7 @@ from waam_msgs.msg import (
     MachineState,
     NextLayer,
 )
-from waam_msgs.srv import ComputeCorrection, ComputeFeed
+from waam_msgs.srv import BeginScan, ComputeCorrection, ComputeFeed
 from waam_node import job_folder
 from waam_node.conversions import (
     floats,
@@ -34,7 +34,7 @@ from waam_node.conversions import (
     segment_to_msg,
     time_to_msg,
 )
-from waam_process.grid import HeightGrid
+from waam_process.grid import GridSpec, HeightGrid
 from waam_process.names import CONTROLLER_STATES, SEVERITIES
 
 from .model import cell
@@ -213,8 +213,21 @@ def scan_from_msg(msg: HeightMap) -> Scan:
         points_used=msg.points_used,
         points_rejected=msg.points_rejected,
         stamp=seconds(msg.header.stamp),
+        bead_width=msg.bead_width,
+        bead_width_u=msg.bead_width_u,
+        bead_width_expected=msg.bead_width_expected,
         handle=msg,
     )
+
+
+def begin_request(
+    job_id: str, layer: int, spec: GridSpec, laid: cell.LaidBeads
+) -> BeginScan.Request:
+    """A new map after `layer` layers; laid: beads whose width it is to tell."""
+    request = BeginScan.Request(job_id=job_id, layer=layer, grid=grid_to_msg(spec))
+    request.laid = paths_to_msg(laid.paths)
+    request.laid_width = floats(np.concatenate([np.empty(0), *laid.widths]))
+    return request
 
 
 def scan_to_msg(scan: Scan, job_id: str, layer: int, stamp: Time) -> HeightMap:
@@ -225,6 +238,8 @@ def scan_to_msg(scan: Scan, job_id: str, layer: int, stamp: Time) -> HeightMap:
     msg.sigma = floats(scan.map.z * np.nan if scan.map.sigma is None else scan.map.sigma)
     msg.count = array('H', np.ascontiguousarray(scan.count, np.uint16).tobytes())
     msg.coverage, msg.plausible, msg.reasons = scan.coverage, scan.plausible, list(scan.reasons)
+    msg.bead_width, msg.bead_width_u = scan.bead_width, scan.bead_width_u
+    msg.bead_width_expected = scan.bead_width_expected
     return msg
 
 
@@ -243,6 +258,7 @@ def correction_from_msg(msg: CorrectionMap, learned: str = '') -> Correction:
         saturated_cells=msg.saturated_cells,
         model_hash=msg.model_hash,
         learned=learned,
+        width_ratio=msg.width_ratio,
         handle=msg,
     )
 

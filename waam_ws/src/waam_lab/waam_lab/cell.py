@@ -25,6 +25,7 @@ from waam_job.model.cell import (
     CorrectionRequest,
     FeedRequest,
     Heat,
+    LaidBeads,
     NextLayer,
     Scan,
     Sums,
@@ -37,6 +38,7 @@ from waam_job.model.telemetry import TelemetryStats
 from waam_node.conversions import segment_from_msg, time_to_msg
 from waam_process.grid import GridError, GridSpec
 from waam_process.segment import Point, Segment
+from waam_scan import conversions as scan_convert
 from waam_sim.plant import Plant
 
 from .contact import ContactTrace
@@ -219,10 +221,11 @@ class LabCell:
             text = f'bridge/enqueue: {e} (error {e.code})'
             raise JobError(Code.DEPOSITION_FAILED, text) from None
 
-    def begin_scan(self, job_id: str, layer: int, spec: GridSpec) -> int:
+    def begin_scan(self, job_id: str, layer: int, spec: GridSpec, laid: LaidBeads) -> int:
         """JobError SCAN_FAILED when the grid is too large."""
+        request = convert.begin_request(job_id, layer, spec, laid)
         try:
-            return self.scanning.begin(job_id, layer, spec)
+            return self.scanning.begin(job_id, layer, spec, scan_convert.laid_beads(request))
         except GridError as e:
             raise JobError(Code.SCAN_FAILED, f'scan_fusion/begin: {e}') from None
 
@@ -277,7 +280,7 @@ class LabCell:
         """Tells the compensator; injects the faults of a layer when its deposition begins."""
         answers.follow_job(self.thermal, convert.status_to_msg(status, time_to_msg(self.now())))
         deposits = status.state == State.DEPOSITING
-        self._stats.layer = status.layer if deposits else 0
+        self._stats.layer = self.process.layer = status.layer if deposits else 0
         if self._trace is not None:
             self._trace.on_layer(self._stats.layer, self.device.plant)
         for fault in [f for f in self._faults if deposits and f.layer == status.layer]:

@@ -113,6 +113,8 @@ class LabResult:
     # 0.5 s and of single values every 10 ms
     process_variance: Mapping[str, float] = field(default_factory=dict)
     process_variance_raw: Mapping[str, float] = field(default_factory=dict)
+    # m, by layer: mean true width of the pool in steady travel
+    bead_widths: Mapping[int, float] = field(default_factory=dict)
     arcs_lost: int = 0  # arcs that went out although they were wanted
     folder: Path | None = None  # of the job, when it was kept
     cpu: float = math.nan  # s of processor time that the job took

@@ -65,6 +65,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
                 arcs_lost=seen.lost,
                 process_variance=cell.process.variance(),
                 process_variance_raw=cell.process.variance(1),
+                bead_widths=cell.process.widths,
             )
     finally:
         cell.close()

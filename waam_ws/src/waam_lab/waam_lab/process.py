@@ -56,6 +56,8 @@ class ProcessTrace:
         self.runs: list[
             list[tuple[float, float, float]]
         ] = []  # current A, voltage V, travel speed m/s
+        self.layer = 0  # that is laid, 0 = none
+        self._widths: dict[int, list[float]] = {}  # m, of the pool, by layer
         self._ways: list[np.ndarray] = []  # m/s, since the strike
         self._steady = False
 
@@ -81,6 +83,7 @@ class ProcessTrace:
             if not self._steady:
                 self.runs.append([])
             self.runs[-1].append((float(arc['current']), float(arc['voltage']), speed))
+            self._widths.setdefault(self.layer, []).append(float(plant.metal.state['width'][0]))
         self._steady = steady
 
     def values(self, mean_over: int = 1) -> dict[str, np.ndarray]:
@@ -93,6 +96,11 @@ class ProcessTrace:
         current, voltage, speed = np.concatenate([np.empty((0, 3)), *blocks]).T
         power = current * voltage
         return {'current': current, 'power': power, 'heat_input': power / speed}
+
+    @property
+    def widths(self) -> dict[int, float]:
+        """Mean width of the pool in m of every layer that has steady travel."""
+        return {layer: float(np.mean(w)) for layer, w in self._widths.items() if layer}
 
     def variance(self, mean_over: int = POOL) -> dict[str, float]:
         """Of every value over the square of its mean; NaN when nothing is judged."""

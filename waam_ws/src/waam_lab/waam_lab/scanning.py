@@ -13,7 +13,7 @@ from waam_scan.fusion_params import FusionParams
 from waam_scan.stream.assembler import Assembler
 from waam_scan.stream.poses import PoseTrack
 from waam_scan.stream.profiles import ProfileBlock
-from waam_scan.stream.session import PreviousMap, Session
+from waam_scan.stream.session import LaidBeads, PreviousMap, Session, Surfaces
 from waam_sim.plant import Profiles
 
 from .machine import Machine
@@ -34,7 +34,7 @@ class Scanning:
         self.warnings: list[str] = []
         self._lateral = np.asarray(self.plant.scanner.lateral, np.float32)
         self._session: Session | None = None
-        self._before: PreviousMap | None = None
+        self._surfaces = Surfaces()
         self._last: tuple[str, int] = ('', -1)
         self._waiting: list[Profiles] = []
         self._batches = 0
@@ -50,7 +50,7 @@ class Scanning:
         if sum(len(p.time_us) for p in self._waiting) >= BATCH:
             self._hand_over()
 
-    def begin(self, job_id: str, layer: int, spec: GridSpec) -> int:
+    def begin(self, job_id: str, layer: int, spec: GridSpec, laid: LaidBeads) -> int:
         """Number of the scan. GridError when the grid is larger than allowed."""
         p = self.params
         job, last = self._last
@@ -58,7 +58,7 @@ class Scanning:
         fusion = Fusion(spec, p.mounting, p.fusion, 1)
         gap, earliest = round(p.max_gap * 1e9), self.machine.time_us * 1000
         assembler = Assembler(fusion, self.track, gap, p.max_waiting, earliest, p.intensity)
-        self._session = Session(job_id, layer, scan_id, assembler, self.machine.now)
+        self._session = Session(job_id, layer, scan_id, assembler, laid, self.machine.now)
         self._last = (job_id, scan_id)
         self.plant.scanning = True
         return scan_id
@@ -95,10 +95,12 @@ class Scanning:
         fused = session.close()
         if fused.points_used == 0:
             raise ScanError(f'empty map: {session.assembler.why_empty()}')
-        doubts = session.doubts(fused, self._before, self.params.plausibility)
+        doubts = session.doubts(fused, self._surfaces.last, self.params.plausibility)
+        width = session.width(fused, self._surfaces)
         if doubts:
             text = f'map {session.scan_id} is not plausible: {"; ".join(doubts)}'
             self.warnings.append(text)
         else:
-            self._before = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
-        return map_to_msg(session, fused, doubts)
+            seen = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
+            self._surfaces.add(seen)
+        return map_to_msg(session, fused, doubts, width)

@@ -364,3 +364,45 @@ def test_the_end_of_tracking_has_the_line_of_its_code():
     assert (shown['kind'], shown['code'], shown['title']) == (
         'controller', '212', 'Torch distance not held',
     )  # fmt: skip
+
+
+# ---- process control and bead width
+
+
+def test_what_the_process_control_says_is_shown_with_its_unit():
+    from waam_msgs.msg import ProcessControl
+    from waam_panel.conversions import CONVERT
+
+    said = ProcessControl(
+        value=ProcessControl.VALUE_HEAT_INPUT, reference=255e3, measured=np.nan, speed_factor=1.04,
+        wire_factor=1.0, operator_speed_factor=0.9, operator_wire_factor=1.0, frozen=True, reason='no arc',
+    )  # fmt: skip
+    shown = CONVERT['process'](said)
+    assert (shown['value'], shown['unit'], shown['set'], shown['measured']) == (
+        'heat input', 'J/mm', 255.0, None,
+    )  # fmt: skip
+    assert (shown['speed'], shown['operator_speed'], shown['frozen']) == (1.04, 0.9, 'no arc')
+    said.frozen, said.limited = False, True
+    assert CONVERT['process'](said) == shown | {'frozen': '', 'limited': True}
+    state = PanelState(10)
+    state.apply('process', shown, 5.0, 1.0)
+    assert state.sections['process'] == shown
+    assert 'process' not in state.stale(8.0) and 'process' in state.stale(10.0)
+
+
+def test_the_bead_width_of_the_newest_scan_that_shows_one_is_shown():
+    from waam_msgs.msg import HeightMap
+    from waam_node.conversions import floats, grid_to_msg
+    from waam_panel.conversions import CONVERT
+
+    spec = GridSpec(0.0, 0.0, 1e-3, 3, 4)
+    said = HeightMap(layer=2, grid=grid_to_msg(spec), z=floats(np.zeros(spec.shape)))
+    said.bead_width, said.bead_width_u, said.bead_width_expected = 6.42e-3, 0.07e-3, 6.1e-3
+    said.bead_width_sections = 40
+    state = PanelState(10)
+    state.apply('height', CONVERT['height'](said), 0.0, 0.0)
+    shown = {'layer': 2, 'width_mm': 6.42, 'u_mm': 0.07, 'expected_mm': 6.1, 'sections': 40}
+    assert state.sections['width'] == shown
+    said.layer, said.bead_width_sections = 3, 0
+    state.apply('height', CONVERT['height'](said), 0.0, 0.0)
+    assert state.sections['width'] == shown

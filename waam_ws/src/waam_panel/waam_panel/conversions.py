@@ -21,6 +21,7 @@ from waam_msgs.msg import (
     LayerPlan,
     LinkStatus,
     MachineState,
+    ProcessControl,
     Segment,
     Standoff,
     Telemetry,
@@ -124,6 +125,33 @@ def standoff(m: Standoff) -> dict[str, Any]:
     }  # fmt: skip
 
 
+PROCESS_VALUES = {  # name, unit on the page, factor to it
+    ProcessControl.VALUE_CURRENT: ('current', 'A', 1.0), ProcessControl.VALUE_POWER: ('power', 'W', 1.0),
+    ProcessControl.VALUE_HEAT_INPUT: ('heat input', 'J/mm', 1e-3),
+}  # fmt: skip
+
+
+def process(m: ProcessControl) -> dict[str, Any]:
+    """The value that is held, in its unit; factors of travel speed and wire; frozen: why they stay, '' = they move."""
+    name, unit, factor = PROCESS_VALUES.get(m.value, (f'value {m.value}', '', 1.0))
+    return {
+        'value': name, 'unit': unit, 'set': number(m.reference, factor, 1), 'measured': number(m.measured, factor, 1),
+        'speed': number(m.speed_factor), 'wire': number(m.wire_factor),
+        'operator_speed': number(m.operator_speed_factor), 'operator_wire': number(m.operator_wire_factor),
+        'limited': m.limited, 'frozen': m.reason if m.frozen else '',
+    }  # fmt: skip
+
+
+def width(m: HeightMap) -> dict[str, Any] | None:
+    """Bead width in mm as the scan shows it; None where no bead stands free."""
+    if not m.bead_width_sections:
+        return None
+    return {
+        'layer': m.layer, 'width_mm': number(m.bead_width, 1e3, 2), 'u_mm': number(m.bead_width_u, 1e3, 2),
+        'expected_mm': number(m.bead_width_expected, 1e3, 2), 'sections': m.bead_width_sections,
+    }  # fmt: skip
+
+
 def temperature(m: Temperature) -> dict[str, Any]:
     """degC; None while the sensor gives none."""
     return {'value': number(m.temperature, 1, 1)}
@@ -159,6 +187,7 @@ def height(m: HeightMap) -> dict[str, Any]:
     return {
         'picture': pictures.height_map(spec, z) | {'title': title}, 'job_id': m.job_id,
         'scan_id': m.scan_id, 'layer': m.layer, 'spec': spec, 'z': z, 'time': seconds(m.header.stamp),
+        'width': width(m),
     }  # fmt: skip
 
 
@@ -168,7 +197,10 @@ def correction(m: CorrectionMap) -> dict[str, Any]:
     spec = grid_from_msg(m.grid)
     title = f'for layer {m.layer}, {m.law}' + (', fallback' if m.fallback else '')
     psi = pictures.encode_map(spec, map_from_msg(m.psi, spec), -1.0, 1.0, 1e4)
-    return {'psi': psi | {'title': title}, 'reasons': list(m.reasons), 'fallback': m.fallback}
+    return {
+        'psi': psi | {'title': title}, 'reasons': list(m.reasons), 'fallback': m.fallback,
+        'width_ratio': number(m.width_ratio),
+    }  # fmt: skip
 
 
 def plan(m: LayerPlan) -> dict[str, Any]:
@@ -189,7 +221,7 @@ def plan(m: LayerPlan) -> dict[str, Any]:
 CONVERT: dict[str, Callable[[Any], Any]] = {
     'telemetry': sample, 'machine': machine, 'link': link, 'job': job, 'heat': heat, 'plan': plan,
     'temperature': temperature, 'diagnostics': diagnostics, 'anomaly': anomaly, 'height': height,
-    'correction': correction, 'standoff': standoff,
+    'correction': correction, 'standoff': standoff, 'process': process,
 }  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from waam_msgs.msg import (
     LayerPlan,
     LinkStatus,
     MachineState,
+    ProcessControl,
     Standoff,
     Telemetry,
 )
@@ -75,6 +76,7 @@ TOPICS = (  # name of the section, type, topic, quality of service, newest only
     ('temperature', Temperature, 'temperature', BEAT, True),
     ('plan', LayerPlan, 'layer_plan', LATCHED, True),
     ('standoff', Standoff, 'standoff', TELEMETRY, True),
+    ('process', ProcessControl, 'process_control', TELEMETRY, True),
     ('height', HeightMap, 'height_map', LATCHED, True),
     ('correction', CorrectionMap, 'correction_map', LATCHED, True),
     ('anomaly', Anomaly, 'anomaly', EVENTS, False),

@@ -21,6 +21,7 @@ STALE_S = {
     'temperature': 4.0,
     'heat': 10.0,
     'standoff': 4.0,
+    'process': 4.0,
 }
 SILENT_S = 1.5  # a node that is late for a moment is no alarm
 PAUSED = 200  # controller code of a hold that was asked for: a state, no alarm
@@ -167,9 +168,12 @@ class PanelState:
 
     def _on_height(self, h: dict[str, Any], _utc: float) -> None:
         self.scan = h
+        if h['width']:
+            self.sections['width'] = h['width']
         self.put_map('height', h['picture'])
 
     def _on_correction(self, c: dict[str, Any], _utc: float) -> None:
+        self.sections['width_ratio'] = c['width_ratio']
         self.put_map('psi', c['psi'])
 
     def put_map(self, name: str, picture: dict[str, Any]) -> None:

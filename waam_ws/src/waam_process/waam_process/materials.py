@@ -22,6 +22,8 @@ from . import bead
 DEFAULT = 'er70s-6'
 # d ln(current) / d ln(wire feed) of a short arc at constant contact distance
 CURRENT_EXPONENT = 0.65
+# d ln(width) of a single bead by eq 2.13 of source 000: / d ln(current), / d ln(voltage), / d ln(travel speed)
+WIDTH_EXPONENTS = (0.35, 0.4, -0.5)
 TABLE = Path(__file__).with_name('materials.yaml')
 
 
@@ -117,6 +119,23 @@ class Material:
         if not (self.arc_current and self.arc_current_feed):
             return 0.0
         return self.arc_current * (feed / self.arc_current_feed) ** CURRENT_EXPONENT
+
+    def width(self, feed: float, speed: float, voltage: float) -> float:
+        """Width of a single bead in m by eq 2.13, from that of the default regime: its misprinted constant does not
+        matter. feed, speed m/s; voltage V."""
+        by_current, by_voltage, by_speed = WIDTH_EXPONENTS
+        return float(
+            self.bead_width
+            * (feed / self.wire_feed) ** (CURRENT_EXPONENT * by_current)
+            * (voltage / self.voltage) ** by_voltage
+            * (speed / self.speed) ** by_speed
+        )
+
+    def voltage_for(self, width: float, feed: float, speed: float) -> float:
+        """Voltage in V at which `width` gives this width (m); its limits are not looked at."""
+        return self.voltage * (width / self.width(feed, speed, self.voltage)) ** (
+            1 / WIDTH_EXPONENTS[1]
+        )
 
     @property
     def wire_feed(self) -> float:

@@ -26,6 +26,7 @@ from waam_process.grid import GridSpec
 from waam_process.learned import Taught, nothing
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.definitions import ament_prefixes, full_text
+from waam_scan.bead_width import BeadWidth
 from waam_scan.conversions import block_from_msg, map_to_msg
 from waam_scan.fusion.height_map import Fusion
 from waam_scan.fusion_params import FusionParams
@@ -170,7 +171,7 @@ class Job:
         doubts = session.doubts(fused, self.before, self.params.plausibility)
         assert not doubts
         self.before = PreviousMap(JOB, session.layer, SPEC, fused.z)
-        sent = serialize_message(map_to_msg(session, fused, doubts))
+        sent = serialize_message(map_to_msg(session, fused, doubts, BeadWidth()))
         return deserialize_message(sent, HeightMap)
 
     def _layer(self, number: int, before: tuple | None) -> tuple:

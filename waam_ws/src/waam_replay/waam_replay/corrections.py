@@ -34,6 +34,7 @@ class PsiAgain:
     result: Correction
     flow_factor: float
     estimate: Estimate
+    width_ratio: float = 0.0
 
     @property
     def layer(self) -> int:
@@ -53,7 +54,11 @@ class PsiAgain:
             np.asarray(a, np.float32).tobytes() == np.asarray(b, np.float32).tobytes()
             for a, b in maps
         )
-        numbers = ((m.k_gain, r.k_gain), (m.flow_factor, self.flow_factor))
+        numbers = (
+            (m.k_gain, r.k_gain),
+            (m.flow_factor, self.flow_factor),
+            (getattr(m, 'width_ratio', 0.0), self.width_ratio),  # older records do not have it
+        )
         return same and all(np.float32(a) == np.float32(b) for a, b in numbers)
 
     @property
@@ -90,7 +95,14 @@ class Corrections:
             origin = replace(origin, plausible=surface.plausible, reasons=surface.reasons)
         last = convert.last_layer(request, spec)
         learned = convert.learned_of(request)
-        a = self._corrector.answer(request.layer, core, origin, last, learned)
+        seen = convert.seen_width(request)
+        a = self._corrector.answer(request.layer, core, origin, last, learned, seen)
         return PsiAgain(
-            call.response.correction, spec, core, a.correction, a.flow_factor, a.estimate
+            call.response.correction,
+            spec,
+            core,
+            a.correction,
+            a.flow_factor,
+            a.estimate,
+            a.width_ratio,
         )

@@ -56,7 +56,8 @@ def field_of(again: PsiAgain) -> Field:
 
     r = again.result
     k_gain, flow = float(np.float32(r.k_gain)), float(np.float32(again.flow_factor))
-    return Field(again.spec, rounded(r.psi), rounded(r.residual_height), k_gain, flow)
+    ratio = float(np.float32(again.width_ratio))
+    return Field(again.spec, rounded(r.psi), rounded(r.residual_height), k_gain, flow, ratio)
 
 
 def one(call: Exchange, again: PsiAgain | None, params: FeedParams, job: JobParams) -> FeedAgain:

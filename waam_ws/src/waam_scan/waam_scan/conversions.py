@@ -11,13 +11,14 @@ from std_msgs.msg import Header
 
 from waam_msgs.msg import GridInfo, HeightMap, ProfileBatch
 from waam_msgs.srv import BeginScan, FinishScan
-from waam_node.conversions import floats, grid_from_msg, grid_to_msg, nanoseconds
+from waam_node.conversions import floats, grid_from_msg, grid_to_msg, nanoseconds, paths_from_msg
 from waam_process.grid import GridError, GridSpec
 
+from .bead_width import BeadWidth
 from .fusion.height_map import FusedMap
 from .stream.point_fields import CloudLayout, profiles_of
 from .stream.profiles import ProfileBlock, block_of
-from .stream.session import Session
+from .stream.session import LaidBeads, Session
 
 Response = TypeVar('Response', BeginScan.Response, FinishScan.Response)
 
@@ -59,7 +60,24 @@ def checked_grid(msg: GridInfo, max_cells: int) -> GridSpec:
     return spec
 
 
-def map_to_msg(session: Session, fused: FusedMap, doubts: list[str]) -> HeightMap:
+def laid_beads(request: BeginScan.Request) -> LaidBeads:
+    """The beads that were laid last; older records tell none. GridError says what does not fit."""
+    if not hasattr(request, 'laid'):
+        return LaidBeads()
+    try:
+        paths = paths_from_msg(request.laid)
+    except ValueError as e:
+        raise GridError(f'laid: {e}') from None
+    widths = np.asarray(request.laid_width, np.float32).astype(float)
+    if len(widths) != sum(len(p) for p in paths):
+        raise GridError(f'laid_width has {len(widths)} values for {sum(map(len, paths))} points')
+    if not all(np.isfinite(p).all() for p in paths) or not ((widths > 0) & (widths < 0.1)).all():
+        raise GridError('laid must be finite, laid_width must be above 0 and below 0.1 m')
+    split = np.split(widths, np.cumsum([len(p) for p in paths])[:-1]) if paths else []
+    return LaidBeads(tuple(paths), tuple(split))
+
+
+def map_to_msg(session: Session, fused: FusedMap, doubts: list[str], width: BeadWidth) -> HeightMap:
     """The map of a scan, stamped with its newest used profile; plausible when there are no `doubts`."""
     stamp_ns = session.assembler.newest_used_ns or 0
     header = Header(frame_id='work')
@@ -75,6 +93,8 @@ def map_to_msg(session: Session, fused: FusedMap, doubts: list[str]) -> HeightMa
     msg.plausible, msg.reasons = not doubts, doubts + session.notes()
     msg.profiles_used, msg.profiles_rejected = counts.used, counts.rejected
     msg.points_used, msg.points_rejected = fused.points_used, fused.points_rejected
+    msg.bead_width, msg.bead_width_u = width.width, width.u
+    msg.bead_width_expected, msg.bead_width_sections = width.expected, width.sections
     return msg
 
 

@@ -21,7 +21,7 @@ from waam_node.node import WaamNode
 from waam_node.qos import LATCHED, TELEMETRY
 from waam_process.grid import GridError
 
-from .conversions import answer, checked_grid, map_to_msg
+from .conversions import answer, checked_grid, laid_beads, map_to_msg
 from .fusion import height_map as fusion
 from .fusion_params import FusionParams
 from .node_input import Make, ProfileInput
@@ -30,7 +30,7 @@ from .node_scanner import ScannerSwitch
 from .node_waiting import Event, after, first, start
 from .stream.assembler import Assembler
 from .stream.poses import PoseTrack
-from .stream.session import EndWatch, PreviousMap, Session
+from .stream.session import EndWatch, PreviousMap, Session, Surfaces
 
 RAW_KEPT = 500  # telemetry frames that are kept unread while no scan runs
 CLOCK_GRAIN_NS = 100_000_000  # /clock comes at 20 Hz of simulated time
@@ -47,7 +47,7 @@ class ScanFusion(WaamNode):
         self._raw: deque[bytes] = deque(maxlen=RAW_KEPT)
         self._session: Session | None = None  # the scan that runs
         self._kept: Session | None = None  # the last one that gave a map
-        self._before: PreviousMap | None = None  # the last map that was plausible
+        self._surfaces = Surfaces()  # of the last maps that were plausible
         self._beginning = False
         self._complete = Event()
         self._last_scan: tuple[str, int] = ('', -1)
@@ -157,7 +157,8 @@ class ScanFusion(WaamNode):
         assembler = Assembler(surface, self._track, gap, p.max_waiting, earliest, p.intensity)
         job, last = self._last_scan
         scan_id = last + 1 if job == request.job_id else 0
-        return Session(request.job_id, request.layer, scan_id, assembler, time.monotonic())
+        laid = laid_beads(request)
+        return Session(request.job_id, request.layer, scan_id, assembler, laid, time.monotonic())
 
     async def _finish(
         self, request: FinishScan.Request, response: FinishScan.Response
@@ -208,14 +209,15 @@ class ScanFusion(WaamNode):
             text = f'empty map: {session.assembler.why_empty()}'
             self._monitor.no_map(text, session)
             return answer(response, FinishScan.Response.EMPTY, text)
-        doubts = session.doubts(fused, self._before, self.params.plausibility)
-        msg = map_to_msg(session, fused, doubts)
+        doubts = session.doubts(fused, self._surfaces.last, self.params.plausibility)
+        msg = map_to_msg(session, fused, doubts, session.width(fused, self._surfaces))
         self._maps.publish(msg)
         self._images.publish(image_to_msg(fused.z, msg.header))
         self._monitor.new_map(session, fused, doubts, time.monotonic() - self._last_batch)
         self._kept = session
         if not doubts:
-            self._before = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
+            seen = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
+            self._surfaces.add(seen)
         response.map = msg
         return answer(response, FinishScan.Response.OK, '; '.join(msg.reasons))
 

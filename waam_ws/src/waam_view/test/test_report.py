@@ -102,6 +102,7 @@ def test_how_it_was_laid_is_told_in_words(job, tmp_path):
     for x in layers:
         x |= {'law': 'growth_net', 'correction_applied': True, 'fallback': False}
     layers[0]['fallback'] = True
+    layers[1] |= {'bead_width': 6.41e-3, 'bead_width_u': 0.07e-3, 'width_ratio': 1.05}
     passes = [{'pass_number': 1, 'schedule': '3 finishing layers of <1.00> mm'}]
     learned = {'jobs': 2, 'sha256': 'fedcba9876543210', 'sha256_after': 'abcdef0123456789'}
     trace = {'models': {'0123456789abcdef': [1]}, 'learned': learned}
@@ -119,6 +120,8 @@ def test_how_it_was_laid_is_told_in_words(job, tmp_path):
     assert 'former jobs of this cell: 2 jobs (fedcba987654).' in section
     assert 'Kept for the next one: abcdef012345.' in section
     assert f'{layers[-1]["flow_factor"]:.3f} at the last' in section
+    assert 'Bead width: 6.41 mm where beads stood free' in section
+    assert 'held by the voltage in 1 layer.' in section
     # a report of several runs tells it per run
     several = {**told, 'trace': {}, 'closed_loop': {**told['closed_loop'], 'trace': trace}}
     (tmp_path / 'report.json').write_text(json.dumps(several))

@@ -25,6 +25,8 @@ _GEOMETRY = [
     ('max, mm', 'height_error_max', 1e3, 2),
     ('mean, mm', 'height_error_mean', 1e3, 3),
     ('seen, %', 'coverage', 100, 1),
+    ('bead width, mm', 'bead_width', 1e3, 2),
+    ('u, mm', 'bead_width_u', 1e3, 2),
 ]
 _CORRECTION = [
     ('ψ min', 'psi_min', 1, 2),
@@ -33,6 +35,7 @@ _CORRECTION = [
     ('k_gain', 'k_gain', 1, 2),
     ('K heat', 'heat_factor', 1, 3),
     ('K flow', 'flow_factor', 1, 3),
+    ('K width', 'width_ratio', 1, 3),
 ]
 
 
@@ -67,8 +70,9 @@ def layers_section(job: Job) -> str:
     )
     out.append(
         '<p class=soft>Second table: the surface before each layer against its target, and the correction '
-        'made from it; clamps: segments with limited speed, feed, voltage, ψ. Shaded: a fault was met, or '
-        'the correction fell back.</p>'
+        'made from it; clamps: segments with limited speed, feed, voltage, ψ. Bead width: of the layer before, '
+        'where its beads stand free, with its standard uncertainty u; K width: by which the voltage holds it, '
+        '0 = not held. Shaded: a fault was met, or the correction fell back.</p>'
     )
     return '\n'.join(out)
 

@@ -17,7 +17,7 @@ def loop_summary(job: Job) -> str:
     laid = [x for x in job.layers if not x.get('final')]
     if not laid:
         return ''
-    said = [*_schedule(job), _corrections(job, laid), _flow(laid), _former_jobs(job)]
+    said = [*_schedule(job), _corrections(job, laid), _flow(laid), _width(job), _former_jobs(job)]
     items = ''.join(f'<li>{escape(text)}</li>' for text in said if text)
     return f'<h2>How it was laid</h2><ul>{items}</ul>'
 
@@ -80,3 +80,17 @@ def _flow(laid: list[dict]) -> str:
         f'Wire: factor for the metal that the cell loses {flow[0]:.3f} at the first layer, '
         f'{flow[-1]:.3f} at the last; learned from the scans.'
     )
+
+
+def _width(job: Job) -> str:
+    """What the scans showed of the bead width, and whether the voltage held it; '' where no bead stood free."""
+    seen = [x for x in job.layers if number(x.get('bead_width')) > 0]
+    if not seen:
+        return ''
+    widths = [1e3 * number(x.get('bead_width')) for x in seen]
+    span = f'{widths[0]:.2f}' if len(widths) == 1 else f'{min(widths):.2f} to {max(widths):.2f}'
+    u = max(1e3 * number(x.get('bead_width_u')) for x in seen)
+    held = sum(number(x.get('width_ratio')) > 0 for x in job.layers)
+    plural = '' if held == 1 else 's'
+    by = f'held by the voltage in {held} layer{plural}' if held else 'constant voltage'
+    return f'Bead width: {span} mm where beads stood free (± {u:.2f} mm or less, {len(seen)} scans); {by}.'

@@ -106,8 +106,13 @@ class Field:
     residual_height: np.ndarray
     k_gain: float
     flow_factor: float = 1.0
+    width_ratio: float = 0.0  # measured over expected bead width; 0 = the voltage stays as planned
 
     def __post_init__(self) -> None:
+        if not (self.width_ratio == 0 or 0.3 <= self.width_ratio <= 3.0):
+            raise SetpointError(
+                f'correction: width_ratio is {self.width_ratio}, must be 0 or 0.3 .. 3'
+            )
         if not np.isfinite(self.psi).all() or np.abs(self.psi).max() > 1 + 1e-6:
             raise SetpointError('correction: psi must be finite and inside -1 .. 1')
         if not np.isfinite(self.residual_height).all() or np.abs(self.residual_height).max() > 0.02:
@@ -214,6 +219,10 @@ def compute(
     feed, more = _clamp(feed * ahead, limits.feed, Clamp.FEED_LOW, Clamp.FEED_HIGH)
     clamps |= more
     planned_voltage = none + voltage
+    if apply and correction is not None and correction.width_ratio > 0:
+        planned_voltage[deposit] = width_voltage(
+            path, speed, feed, material, correction.width_ratio
+        )
     volts, bits = _clamp(planned_voltage, limits.voltage, Clamp.VOLTAGE, Clamp.VOLTAGE)
     clamps = np.where(deposit, clamps | bits | np.where(saturated, int(Clamp.PSI), 0), 0)
     return Setpoints(
@@ -230,6 +239,24 @@ def compute(
         lead_factor=ahead,
         clamps=clamps,
     )
+
+
+def width_voltage(
+    path: Path, speed: np.ndarray, feed: np.ndarray, material: Material, width_ratio: float
+) -> float:
+    """Voltage of a layer, V, limits aside: by eq 2.13 its beads have the planned width on average.
+
+    speed, feed: (n,) m/s that will be driven. One voltage for the layer: within it speed and wire belong to the height.
+    """
+    laid = path.kind == Kind.DEPOSIT
+    if not laid.any():
+        return material.voltage
+    length = np.linalg.norm(path.end - path.start, axis=1)[laid]
+
+    def mean(values: np.ndarray) -> float:
+        return float(np.average(values[laid], weights=length + 1e-12))
+
+    return material.voltage_for(mean(path.width) / width_ratio, mean(feed), mean(speed))
 
 
 def _speed_and_feed(

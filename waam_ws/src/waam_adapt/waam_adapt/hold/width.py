@@ -1,65 +1,70 @@
-"""Bead width held by the voltage of the source, from bead to bead.
+"""Bead width held by the voltage of the source, from layer to layer: what the beads of a job are wider than expected.
 
-B ~ U^0.4 (eq 2.13 of source 000; the exponent of the voltage alone is used, so its misprinted constant does not
-matter). Speed and wire stay with the height (docs/interfaces.md).
+Expected is the width of the material table's default regime, carried to the setpoints of the layer by eq 2.13 of source
+000 (`waam_process.materials.Material.width`). The ratio of measured to expected width is identified here; the voltage
+that gives the planned width with it is set by the feed-forward, once per layer (docs/interfaces.md).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-EXPONENT = 0.4  # d ln(width) / d ln(voltage)
+UNKNOWN = 0.10  # relative standard uncertainty of the table's width
+DRIFT = 0.012  # by which the ratio changes from layer to layer
+SCATTER = 0.015  # of the mean widths of layers laid alike, and of how they are measured
+LOW, HIGH = 0.6, 1.6  # ratios beyond this are a fault of the measurement
 
 
 @dataclass(frozen=True)
-class WidthSettings:
-    """SI."""
+class SeenWidth:
+    """What the last scan showed. Lengths m; NaN where no bead stood free."""
 
-    width: float  # m, wanted
-    voltage: float  # V, to begin with
-    low: float  # V
-    high: float  # V
-    unknown: float = 0.5e-3  # m, standard uncertainty of the width that the first voltage gives
-    drift: float = 0.08e-3  # m, by which that changes from bead to bead
-    scatter: float = 0.10e-3  # m, of the mean widths of beads with the same voltage
-
-    def __post_init__(self) -> None:
-        if not (self.width > 0 and 0 < self.low <= self.voltage <= self.high):
-            raise ValueError(
-                f'width is {self.width:g} m, voltage {self.voltage:g} V, limits {self.low:g} .. {self.high:g} V: '
-                'the width must be above 0 and the voltage within its limits'
-            )
+    width: float = math.nan
+    u: float = math.nan  # standard uncertainty of it
+    expected: float = math.nan
 
 
-class WidthControl:
-    """`voltage` is that of the next bead.
+@dataclass(frozen=True)
+class WidthEstimate:
+    """Measured over expected width, with its standard uncertainty. `layers`: that showed a width."""
 
-    How much of an error is taken away is the gain of a scalar Kalman filter: nearly all of the first one, then less,
-    for beads scatter.
-    """
+    ratio: float = 1.0
+    sigma: float = UNKNOWN
+    layers: int = 0
 
-    def __init__(self, settings: WidthSettings) -> None:
-        self.settings, self.voltage = settings, settings.voltage
-        self._variance = settings.unknown**2  # m2, of what the voltage makes of the width
+    def after(self, seen: SeenWidth) -> WidthEstimate:
+        """With one more layer, by a scalar Kalman filter on the logarithm; what showed no width only grows old.
 
-    @property
-    def limited(self) -> bool:
-        """The voltage is at one of its limits."""
-        return not self.settings.low < self.voltage < self.settings.high
-
-    def add(self, width: float, u: float) -> float:
-        """Mean width of the last bead (m) and its standard uncertainty; returns the voltage of the next one.
-
-        What is no number or no width changes nothing: a bead that was not seen is not judged.
+        How much of a difference is believed is its gain: nearly all of the first one, then less, for layers scatter.
         """
-        s = self.settings
-        sound = math.isfinite(width) and math.isfinite(u) and width > 0 and u >= 0
-        self._variance += s.drift**2
-        if not sound:
-            return self.voltage
-        gain = self._variance / (self._variance + u**2 + s.scatter**2)
-        self._variance *= 1 - gain
-        step = gain * math.log(s.width / width) / EXPONENT
-        self.voltage = min(max(self.voltage * math.exp(step), s.low), s.high)
-        return self.voltage
+        variance = self.sigma**2 + (DRIFT**2 if self.layers else 0.0)
+        ratio = seen.width / seen.expected if seen.expected > 0 else math.nan
+        if not (LOW <= ratio <= HIGH and seen.u >= 0 and math.isfinite(seen.u)):
+            return replace(self, sigma=min(math.sqrt(variance), UNKNOWN))
+        noise = (seen.u / seen.width) ** 2 + SCATTER**2
+        gain = variance / (variance + noise)
+        step = gain * math.log(ratio / self.ratio)
+        return WidthEstimate(
+            self.ratio * math.exp(step), math.sqrt((1 - gain) * variance), self.layers + 1
+        )
+
+
+@dataclass
+class WidthIdentifier:
+    """Follows the widths of one job; asking twice for the same layer does not count its evidence twice."""
+
+    job_id: str = ''
+    layer: int = 0
+    estimate: WidthEstimate = WidthEstimate()
+    _before: WidthEstimate = WidthEstimate()
+
+    def add(self, job_id: str, layer: int, seen: SeenWidth) -> WidthEstimate:
+        """What is believed before `layer`, from the scan before it. Another job begins anew."""
+        if job_id != self.job_id or layer < self.layer:
+            self._before = WidthEstimate()
+        elif layer > self.layer:
+            self._before = self.estimate
+        self.job_id, self.layer = job_id, layer
+        self.estimate = self._before.after(seen)
+        return self.estimate

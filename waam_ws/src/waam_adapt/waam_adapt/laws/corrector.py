@@ -12,6 +12,7 @@ import numpy as np
 from waam_node.params import param
 from waam_process.learned import Learned
 
+from ..hold.width import SeenWidth, WidthEstimate, WidthIdentifier
 from ..identify.evidence import Layer
 from ..identify.experience import start_of, taught_by
 from ..identify.identification import Estimate, Identifier
@@ -60,6 +61,9 @@ class CorrectionParams:
         0.0,
         1.0,
     )
+    hold_width: bool = param(
+        False, 'hold the planned bead width by the voltage, from the widths that the scans show'
+    )
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,8 @@ class Answer:
     estimate: Estimate  # what is believed of the process
     # by former jobs and this one; None = nothing was told of former ones
     learned: Learned | None = None
+    width: WidthEstimate = WidthEstimate()  # measured over expected bead width
+    width_ratio: float = 0.0  # of it, for the voltage; 0 = the voltage stays as programmed
 
 
 class Corrector:
@@ -81,6 +87,7 @@ class Corrector:
         self.law = make_law(p.law, p.gain, p.regularisation, p.model)
         self.limits = MapLimits(p.max_age, p.min_coverage, p.max_sigma, p.max_error)
         self.identifier = Identifier(p.forgetting, p.learning, watch_beads=p.law in BEAD_LAWS)
+        self.widths = WidthIdentifier()
 
     def answer(
         self,
@@ -89,12 +96,14 @@ class Corrector:
         origin: MapOrigin,
         last: LastLayer,
         learned: Learned | None = None,
+        seen: SeenWidth = SeenWidth(),
     ) -> Answer:
         """A map that is not to be trusted removes the correction and teaches nothing; the reasons are in the answer.
 
-        learned: what the job starts with, the same for all of its layers.
+        learned: what the job starts with, the same for all of its layers. seen: bead width in the map.
         """
         reasons = reasons_against(origin, request, self.limits)
+        width = self.widths.add(origin.expected_job_id, layer, SeenWidth() if reasons else seen)
         self.identifier.start(origin.expected_job_id, layer, start_of(learned, self.network))
         if not reasons and last.before is not None and last.growth is not None:
             self.identifier.add(
@@ -113,7 +122,14 @@ class Corrector:
             flow = self.identifier.flow_factor(request)
             expected = self.identifier.prepare(request)
         correction = safe_correct(self.law, expected, reasons)
-        return Answer(correction, flow, self.identifier.estimate, self._after(learned, origin))
+        return Answer(
+            correction,
+            flow,
+            self.identifier.estimate,
+            self._after(learned, origin),
+            width,
+            width.ratio if self.params.hold_width and width.layers else 0.0,
+        )
 
     def prepare(self, request: CorrectionInput) -> None:
         """Answers for a layer whose surface is not known yet and forgets the answer: what its plan alone decides is

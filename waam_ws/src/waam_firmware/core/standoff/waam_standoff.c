@@ -26,7 +26,7 @@ void waam_standoff_init(waam_standoff_t *s)
 void waam_standoff_arm(waam_standoff_t *s)
 {
     s->alarm = WAAM_STANDOFF_WELL;
-    s->told = s->known = s->has_before = s->asking = s->arc_known = false;
+    s->held = s->told = s->known = s->has_before = s->asking = s->arc_known = false;
     s->integral_mm_s = s->wanted_mm_s = 0.0f;
     s->following_s = s->waited_s = s->limit_s = s->apart_s = s->packet_s = 0.0f;
     s->ahead_first = s->ahead_count = 0;
@@ -58,7 +58,7 @@ static void raise_alarm(waam_standoff_t *s, waam_standoff_alarm_t alarm)
     if (s->alarm == WAAM_STANDOFF_WELL)
         s->alarms++;
     s->alarm = alarm;
-    s->told = false;
+    s->held = s->told = false;
     s->wanted_mm_s = s->integral_mm_s = 0.0f;
 }
 
@@ -166,12 +166,31 @@ static float pid(waam_standoff_t *s, const waam_standoff_config_t *c, float erro
 
 /* ---- what must not be followed ---- */
 
+/* The arc can be asked whether the sensor is right. */
+static bool watched(const waam_standoff_t *s, const waam_standoff_config_t *c)
+{
+    return c->source != WAAM_STANDOFF_ARC && c->cross_mm > 0.0f && s->arc_known;
+}
+
+/* By how much the torch is too high by the arc, mm. */
+static float high_by_arc(const waam_standoff_t *s, const waam_ctwd_model_t *m, float z_mm)
+{
+    return s->arc_mm + z_mm - s->arc_bias_mm - m->ctwd_mm;
+}
+
 static bool apart(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m, float z_mm, float dt_s)
 {
-    bool watched = c->source != WAAM_STANDOFF_ARC && c->cross_mm > 0.0f && s->arc_learned && s->arc_known;
-    float off = s->arc_mm + z_mm - s->arc_bias_mm - m->ctwd_mm - (s->measured_mm - c->set_mm);
-    s->apart_s = watched && fabsf(off) > c->cross_mm ? s->apart_s + dt_s : 0.0f;
+    float off = high_by_arc(s, m, z_mm) - (s->measured_mm - c->set_mm);
+    s->apart_s = watched(s, c) && s->arc_learned && fabsf(off) > c->cross_mm ? s->apart_s + dt_s : 0.0f;
     return s->apart_s > APART_S;
+}
+
+/* Either the sensor is right, or it lies and the program was: then the torch is too high by its correction. The arc says which
+ * of the two is nearer the truth; a bias of some millimetres that nobody has learned yet does not matter for that. */
+static bool arc_agrees(const waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m, float z_mm)
+{
+    float high = high_by_arc(s, m, z_mm);
+    return watched(s, c) && fabsf(high - (s->measured_mm - c->set_mm)) < fabsf(high - s->correction_mm);
 }
 
 /* An error above ASK_MM must have gone when the correction has moved by as much and answer_mm more. */
@@ -194,14 +213,26 @@ static bool does_not_answer(waam_standoff_t *s, const waam_standoff_config_t *c,
     return fabsf(s->correction_mm - s->asked_from_mm) > s->asked_mm + c->answer_mm;
 }
 
-static bool at_limit(waam_standoff_t *s, const waam_standoff_config_t *c, float dt_s)
+/* A torch that waits above for its strike does so for approach_s at most: no arc can say yet who is right. */
+static bool at_limit(waam_standoff_t *s, const waam_standoff_config_t *c, bool approaches, float dt_s)
 {
     if (!s->known)
         return s->limit_s > c->limit_s; /* a gap in the readings does not take it from the limit */
     bool up = s->correction_mm > c->up_mm - AT_LIMIT_MM && s->wanted_mm_s > 0.0f;
     bool down = s->correction_mm < AT_LIMIT_MM - c->down_mm && s->wanted_mm_s < 0.0f;
-    s->limit_s = up || down ? s->limit_s + dt_s : 0.0f;
+    s->limit_s = (up && !approaches) || down ? s->limit_s + dt_s : 0.0f;
     return s->limit_s > c->limit_s;
+}
+
+/* At the upper limit the metal is higher than the program may be corrected: the way back would lead into it. Where the arc
+ * agrees with the sensor, the torch stays above; the alarm is told. */
+static void stop_at_limit(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m, float z_mm)
+{
+    bool above = s->correction_mm > 0.0f;
+    if (above && s->held)
+        return;
+    raise_alarm(s, WAAM_STANDOFF_LIMIT);
+    s->held = above && arc_agrees(s, c, m, z_mm);
 }
 
 static void supervise(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m,
@@ -217,8 +248,8 @@ static void supervise(waam_standoff_t *s, const waam_standoff_config_t *c, const
         raise_alarm(s, WAAM_STANDOFF_NO_ANSWER);
     else if (apart(s, c, m, in->z_mm, dt_s))
         raise_alarm(s, WAAM_STANDOFF_CONTRADICTION);
-    else if (at_limit(s, c, dt_s))
-        raise_alarm(s, WAAM_STANDOFF_LIMIT);
+    else if (at_limit(s, c, in->mode == WAAM_STANDOFF_APPROACH, dt_s))
+        stop_at_limit(s, c, m, in->z_mm);
 }
 
 /* The arc's current differs from the model by wear, wire and calibration. What it is where the distance is right, by the
@@ -259,7 +290,7 @@ static void follow(waam_standoff_t *s, const waam_standoff_config_t *c, const wa
     measure(s, c, in);
     float error = c->set_mm - s->measured_mm;
     bool follows = in->mode == WAAM_STANDOFF_FOLLOW, approaches = in->mode == WAAM_STANDOFF_APPROACH;
-    if (s->alarm != WAAM_STANDOFF_WELL || !(follows || approaches)) {
+    if ((s->alarm != WAAM_STANDOFF_WELL && !s->held) || !(follows || approaches)) {
         s->has_before = s->asking = false;
         s->wanted_mm_s = s->distance.bad_s = 0.0f; /* glare while the arc strikes is no fault of the sensor */
         return;
@@ -304,7 +335,8 @@ void waam_standoff_tick(waam_standoff_t *s, const waam_standoff_config_t *c, con
     if (in->turned && c->lead_mm > 0.0f)
         look_elsewhere(s);
     follow(s, c, arc, in, dt_s);
-    bool home = in->mode == WAAM_STANDOFF_RETURN || (s->alarm != WAAM_STANDOFF_WELL && in->mode != WAAM_STANDOFF_STAY);
+    bool ended = s->alarm != WAAM_STANDOFF_WELL && !s->held;
+    bool home = in->mode == WAAM_STANDOFF_RETURN || (ended && in->mode != WAAM_STANDOFF_STAY);
     float before = s->correction_mm;
     move(s, c, in, home ? homeward(s, c) : in->mode == WAAM_STANDOFF_STAY ? 0.0f : s->wanted_mm_s, dt_s);
     if (home && (before * s->correction_mm <= 0.0f || fabsf(s->correction_mm) < 1e-3f))

@@ -41,8 +41,9 @@ typedef struct {
     float wanted_mm_s;          /* by the law, until the next packet */
     float measured_mm;          /* filtered, at the arc */
     bool known;                 /* there is a measured distance */
-    waam_standoff_alarm_t alarm;/* stands until the next arc */
+    waam_standoff_alarm_t alarm;/* stands until the next arc; the torch goes back to its program, unless `held` */
     bool told;                  /* the alarm, to the host */
+    bool held;                  /* the alarm is the upper limit, and the arc agrees that the metal is so high: no way back */
     uint32_t alarms;            /* since the start */
     float packet_s;
     waam_distance_t distance;

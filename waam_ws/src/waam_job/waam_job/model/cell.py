@@ -18,6 +18,7 @@ from .snapshots import (
     CorrectionRequest,
     FeedRequest,
     Heat,
+    LaidBeads,
     Machine,
     NextLayer,
     Scan,
@@ -30,6 +31,7 @@ __all__ = [
     'CorrectionRequest',
     'FeedRequest',
     'Heat',
+    'LaidBeads',
     'Machine',
     'NextLayer',
     'Scan',
@@ -85,8 +87,11 @@ class Cell(Protocol):
     def enqueue(self, job_id: str, segments: list[Segment], last: bool) -> None:
         """Hands segments to the bridge, all or none; last: the queue may run empty after them."""
 
-    def begin_scan(self, job_id: str, layer: int, spec: GridSpec) -> int:
-        """Switches the scanner on and begins a map after `layer` layers. Returns the number of the scan."""
+    def begin_scan(self, job_id: str, layer: int, spec: GridSpec, laid: LaidBeads) -> int:
+        """Switches the scanner on and begins a map after `layer` layers. Returns the number of the scan.
+
+        laid: what is new since the map before, so that the map tells its bead width.
+        """
 
     def finish_scan(self, scan_id: int, until: float) -> Scan:
         """The map of all profiles up to ROS time `until`, s."""

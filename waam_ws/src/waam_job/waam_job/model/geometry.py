@@ -10,7 +10,10 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from waam_process.grid import GridSpec, HeightGrid
+from waam_process.materials import Material
 from waam_process.segment import Kind, Point, Segment
+
+from .snapshots import LaidBeads
 
 FOLLOWED = 3e-3  # m; the torch does not follow ground farther than this from its planned height
 
@@ -137,3 +140,27 @@ def aim_point(segments: list[Segment]) -> Point | None:
         middle = points[nearest]
     x, y, z = (float(v) for v in middle)
     return x, y, z
+
+
+def laid_beads(segments: list[Segment], material: Material) -> LaidBeads:
+    """Stretches from arc on to arc off, with the bead width that the material table expects of every piece."""
+    paths: list[list[tuple[float, float]]] = []
+    widths: list[list[float]] = []
+    burning = False
+    for s in segments:
+        if s.arc:
+            width = _expected_width(s, material)
+            if not burning:
+                paths.append([s.start[:2]])
+                widths.append([width])
+            paths[-1].append(s.end[:2])
+            widths[-1].append(width)
+        burning = s.arc
+    return LaidBeads(tuple(map(np.array, paths)), tuple(map(np.array, widths)))
+
+
+def _expected_width(s: Segment, material: Material) -> float:
+    """m, by the setpoints of a segment; the planned one where it has none."""
+    if not (s.wire_feed_speed > 0 and s.speed > 0):
+        return s.width
+    return material.width(s.wire_feed_speed, s.speed, s.voltage or material.voltage)

@@ -131,6 +131,10 @@ class LayerRecord:
     telemetry_lost: int = 0
     faults: int = 0
     cost: float = 0.0  # J of eq 2.4, see `add_height_cost`
+    bead_width: float = math.nan
+    bead_width_u: float = math.nan
+    bead_width_expected: float = math.nan
+    width_ratio: float = 0.0
 
     @classmethod
     def from_json(cls, data: dict) -> LayerRecord:
@@ -146,10 +150,12 @@ class LayerRecord:
             self.height_error_mean = float(known.mean())
 
     def add_scan(self, scan: Scan) -> None:
-        """Coverage and rejected points and profiles of the scan before this layer (or after the last)."""
+        """Coverage, rejected points and profiles, and bead width, of the scan before this layer (or after the last)."""
         self.coverage = scan.coverage
         self.points_dropped = scan.points_rejected
         self.profiles_rejected = scan.profiles_rejected
+        self.bead_width, self.bead_width_u = scan.bead_width, scan.bead_width_u
+        self.bead_width_expected = scan.bead_width_expected
 
     def add_correction(
         self, correction: Correction | None, footprint: np.ndarray, applied: bool
@@ -165,6 +171,7 @@ class LayerRecord:
         self.k_gain, self.law = correction.k_gain, correction.law
         self.fallback = correction.fallback
         self.reasons += list(correction.reasons)
+        self.width_ratio = correction.width_ratio if applied else 0.0
 
     def add_segments(self, segments: list[Segment]) -> None:
         """Counts what was limited and keeps the factors that were really used."""

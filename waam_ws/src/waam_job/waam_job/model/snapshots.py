@@ -65,7 +65,20 @@ class Scan:
     points_used: int = 0
     points_rejected: int = 0
     stamp: float = float('nan')  # s, ROS time of the last profile; NaN = not known
+    # of the beads laid last where they stand free, m: mean, its standard uncertainty, what was expected; NaN = none
+    bead_width: float = float('nan')
+    bead_width_u: float = float('nan')
+    bead_width_expected: float = float('nan')
     handle: object = None  # the message, handed on to the correction server
+
+
+@dataclass(frozen=True)
+class LaidBeads:
+    """The beads that were laid last, for the measurement of their width. Of each stretch from arc on to arc off: the
+    path (n, 2) m and, for each point, the width (n,) m that the material table expects of the piece that ends there."""
+
+    paths: tuple[np.ndarray, ...] = ()
+    widths: tuple[np.ndarray, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -82,6 +95,7 @@ class Correction:
     reasons: tuple[str, ...]  # for the fallback, and remarks
     saturated_cells: int  # grid cells where psi is at its limit
     model_hash: str = ''  # of the weights, '' for explicit laws
+    width_ratio: float = 0.0  # measured over expected bead width; 0 = the voltage is not moved
     learned: str = ''  # by former jobs and this one (waam_process.learned), '' = none
     handle: object = None
 

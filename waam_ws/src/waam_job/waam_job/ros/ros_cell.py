@@ -35,7 +35,6 @@ from waam_msgs.srv import (
     Record,
 )
 from waam_node.conversions import (
-    grid_to_msg,
     seconds,
     segment_from_msg,
     segment_to_msg,
@@ -238,9 +237,9 @@ class RosCell:
             request.last = last and i + ENQUEUE_CHUNK >= len(segments)
             self._call(self._enqueue, request, Code.DEPOSITION_FAILED)
 
-    def begin_scan(self, job_id: str, layer: int, spec: GridSpec) -> int:
+    def begin_scan(self, job_id: str, layer: int, spec: GridSpec, laid: model.LaidBeads) -> int:
         """JobError SCAN_FAILED when the grid or the scanner is refused, NODE_LOST without an answer."""
-        request = BeginScan.Request(job_id=job_id, layer=layer, grid=grid_to_msg(spec))
+        request = convert.begin_request(job_id, layer, spec, laid)
         return self._call(self._begin, request, Code.SCAN_FAILED).scan_id
 
     def finish_scan(self, scan_id: int, until: float) -> Scan:

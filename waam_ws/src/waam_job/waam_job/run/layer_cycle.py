@@ -11,7 +11,7 @@ from waam_process.loop_mode import LoopMode
 from waam_process.segment import Segment
 
 from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, NextLayer, Scan
-from ..model.geometry import asked_growth, follow
+from ..model.geometry import asked_growth, follow, laid_beads
 from ..model.records import LayerRecord, State
 from ..store.journal import Following
 from .context import JobContext
@@ -226,6 +226,7 @@ class LayerCycle:
         self.journal.checkpoint(
             0, progress.beads_before, placed[0].index - 1, progress.segments_before
         )
+        self.scanner.laid(layer.number, laid_beads(segments, self.context.checked.material))
         self.motion.execute(placed, progress.on_done)
         last = placed[-1].index
         self.journal.checkpoint(0, progress.beads_before + layer.beads, last, progress.laid(last))

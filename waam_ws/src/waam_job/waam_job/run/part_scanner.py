@@ -9,7 +9,7 @@ from waam_plan.settings import PlanSettings
 from waam_process.loop_mode import LoopMode
 from waam_process.segment import Kind, Point, Segment
 
-from ..model.cell import Scan
+from ..model.cell import LaidBeads, Scan
 from ..model.geometry import part_grid
 from ..model.goal import Code, JobError
 from ..model.program import deviation_of
@@ -27,6 +27,11 @@ class PartScanner:
         bounds = context.checked.part.bounds
         self.size = bounds[1] - bounds[0]
         self.spec = part_grid(bounds, self.settings.resolution, self.settings.margin)
+        self._laid: tuple[int, LaidBeads] = (0, LaidBeads())
+
+    def laid(self, layer: int, beads: LaidBeads) -> None:
+        """The beads of `layer`, which the scan after it tells the width of."""
+        self._laid = layer, beads
 
     def scan_after(self, layer: int, required: bool = False) -> Scan:
         """The surface after `layer` layers, with its deviation in the status. See `scan`."""
@@ -70,7 +75,9 @@ class PartScanner:
         first = next(i for i, s in enumerate(segments) if s.kind == Kind.SCAN)
         if first:  # approach with the laser off: profiles from far above would only be empty
             self.motion.execute(segments[:first])
-        scan_id = self.cell.begin_scan(self.context.run_id, layer, self.spec)
+        number, beads = self._laid
+        laid = beads if number == layer else LaidBeads()
+        scan_id = self.cell.begin_scan(self.context.run_id, layer, self.spec, laid)
         self.motion.execute(segments[first:])
         return self.cell.finish_scan(scan_id, self.cell.now())
 

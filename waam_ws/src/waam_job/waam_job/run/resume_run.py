@@ -170,11 +170,15 @@ class ResumeRun:
     def _stored_scan(self, number: int) -> Scan:
         stored = self._map(number)
         z, sigma = (stored[n].astype(float) for n in ('z', 'sigma'))
+        width, u, expected = (float(v) for v in stored.get('bead_width', np.full(3, np.nan)))
         return Scan(
             map=HeightGrid(self.scanner.spec, z, sigma),
             count=stored['count'],
             coverage=float(np.isfinite(z).mean()),
             plausible=True,
+            bead_width=width,
+            bead_width_u=u,
+            bead_width_expected=expected,
         )
 
     def _asked(self, layer: PlannedLayer) -> np.ndarray:

@@ -246,6 +246,7 @@ class Journal:
             'region': plan.region,
             'interior': plan.interior,
             'layer': np.array(number),
+            'bead_width': np.array([scan.bead_width, scan.bead_width_u, scan.bead_width_expected]),
         }
         if following and following.correction is not None:
             for name in ('psi', 'confidence', 'residual_height'):

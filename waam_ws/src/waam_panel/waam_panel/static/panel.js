@@ -101,6 +101,27 @@ function showStandoff(s) {
     ['correction of the programmed Z, mm', signed(s.correction_mm)], ['state', s.alarm ? `! ${s.alarm}: programmed Z until the next arc` : 'ok']]);
 }
 
+const percent = (v) => (v === null ? '–' : `${fixed(100 * v, 1)} %`);
+
+function showProcess(p) {
+  $('process-value').hidden = $('process-box').hidden = !p;
+  if (!p) return;
+  text('v-process-name', `held ${p.value}`); text('v-process-unit', p.unit);
+  text('v-process', fixed(p.measured, 0)); text('v-process-set', fixed(p.set, 0));
+  text('v-process-factor', p.limited ? 'at its limit' : '');
+  $('process-value').classList.toggle('bad', Boolean(p.limited));
+  rows($('process-facts'), [[`held: ${p.value}, set, ${p.unit}`, fixed(p.set, 1)], [`measured, ${p.unit}`, fixed(p.measured, 1)],
+    ['correction: travel, wire', `${percent(p.speed)}, ${percent(p.wire)}`], ['operator: travel, wire', `${percent(p.operator_speed)}, ${percent(p.operator_wire)}`],
+    ['state', p.frozen ? `stays: ${p.frozen}` : p.limited ? '! at its limit' : 'acts']]);
+}
+
+function showWidth(w, ratio) {
+  $('width-box').hidden = !w;
+  if (!w) return;
+  rows($('width-facts'), [['planned setpoints give, mm', fixed(w.expected_mm, 2)], [`measured after layer ${w.layer}, mm`, `${fixed(w.width_mm, 2)} ± ${fixed(w.u_mm, 2)} (${w.sections} sections)`],
+    ['held by the voltage', ratio ? `yes, beads ${fixed(ratio, 3)} times as wide as the table says` : 'no']]);
+}
+
 function showMachine(m, t) {
   const state = m && !m.connected ? 'NOT CONNECTED' : t ? t.state : m ? m.state : '–';
   text('machine-state', state);
@@ -168,7 +189,7 @@ function onFrame(frame) {
   setJob(s.job && s.job.id);
   addSamples(frame.samples);
   document.querySelectorAll('[data-from]').forEach((e) => e.classList.toggle('stale', frame.stale.includes(e.dataset.from)));
-  showValues(s.telemetry, s.heat, s.temperature); showStandoff(s.standoff); showMachine(s.machine, s.telemetry); showJob(s.job, s.setup);
+  showValues(s.telemetry, s.heat, s.temperature); showStandoff(s.standoff); showProcess(s.process); showWidth(s.width, s.width_ratio); showMachine(s.machine, s.telemetry); showJob(s.job, s.setup);
   showButtons(s.machine, s.telemetry, s.job, s.setup); showViewer(s.viewer);
   if (page === 'machine') showFacts(s);
   moveTorch(s.telemetry); refresh(frame.maps);

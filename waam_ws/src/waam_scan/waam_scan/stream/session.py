@@ -8,6 +8,7 @@ import numpy as np
 
 from waam_process.grid import GridSpec
 
+from ..bead_width import BeadWidth, bead_width
 from ..fusion.height_map import FusedMap
 from ..fusion.plausibility import PlausibilityLimits, jump_reasons, map_reasons, stream_reasons
 from .assembler import Assembler
@@ -25,6 +26,40 @@ class PreviousMap:
     layer: int
     spec: GridSpec
     z: np.ndarray
+
+
+@dataclass(frozen=True)
+class LaidBeads:
+    """Beads of the layer that was laid last: paths, each (n, 2) m in the work frame from arc on to arc off, and of each
+    point (n,) m the width that is expected of the piece that ends there."""
+
+    paths: tuple[np.ndarray, ...] = ()
+    widths: tuple[np.ndarray, ...] = ()
+
+
+@dataclass
+class Surfaces:
+    """The last maps that were believed: the newest one, and the one of the layer below it."""
+
+    last: PreviousMap | None = None
+    _below: PreviousMap | None = None
+
+    def add(self, new: PreviousMap) -> None:
+        """A scan that was believed. One of a layer that was scanned before takes the place of that one."""
+        if self.last is not None and self.last.layer != new.layer:
+            self._below = self.last
+        self.last = new
+
+    def below(self, job_id: str, layer: int, spec: GridSpec) -> np.ndarray | None:
+        """Surface under `layer`, (rows, cols) m; None when it is not known on these cells in this job."""
+        for found in (self.last, self._below):
+            if found is not None and (found.job_id, found.layer, found.spec) == (
+                job_id,
+                layer - 1,
+                spec,
+            ):
+                return found.z
+        return None
 
 
 @dataclass
@@ -60,6 +95,7 @@ class Session:
     layer: int
     scan_id: int
     assembler: Assembler
+    laid: LaidBeads = LaidBeads()
     began: float = 0.0  # s, steady clock of the caller
     batches: int = 0
     refused: int = 0
@@ -132,6 +168,13 @@ class Session:
         if before:
             reasons += jump_reasons(fused, before.z, self.layer - before.layer, limits)
         return reasons
+
+    def width(self, fused: FusedMap, surfaces: Surfaces) -> BeadWidth:
+        """Of the beads that were laid last, where they stand free and the surface below them is known."""
+        below = surfaces.below(self.job_id, self.layer, fused.spec)
+        if below is None or not self.laid.paths:
+            return BeadWidth()
+        return bead_width(below, fused.z, fused.spec, self.laid.paths, self.laid.widths)
 
     def notes(self) -> list[str]:
         """Remarks that do not make a map implausible."""
