@@ -16,6 +16,7 @@ from waam_job.ros.job_params import settings_of
 from waam_job.run.control import Control
 from waam_job.run.runner import JobRunner
 from waam_job.store.folder import JobFolder
+from waam_job.store.program import keep_program
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.operating import BUILD_PLATE
 from waam_sim import part as parts
@@ -127,7 +128,11 @@ def _begin(jobs: Path, job: LabJob, checked: Checked, known: params.LabParams) -
     asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(job.goal).items()}
     facts = {'job_id': folder.job_id, 'goal': asked, 'material': asdict(checked.material)}
     own = {'parameters': nodes.pop('job_sequencer'), 'nodes': nodes}
-    made = {'part_sha256': checked.part.sha256, 'laboratory': True, 'seed': job.seed}
+    hashes = {
+        'part_sha256': checked.part_sha256,
+        'program_sha256': keep_program(job.goal, folder),
+    }
+    made = {**hashes, 'laboratory': True, 'seed': job.seed}
     folder.write_yaml('job.yaml', {**facts, **own, **made})
     return folder
 

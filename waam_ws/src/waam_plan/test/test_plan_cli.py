@@ -12,7 +12,7 @@ from waam_plan.lay.build import plan_build
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import PlanError
 from waam_plan.post.fanuc import read_ls
-from waam_plan.post.gcode import read_gcode
+from waam_plan.read.files import load_program
 from waam_plan.post.store import load_plan, save_plan
 from waam_plan.settings import PlanSettings
 from waam_plan.show.preview import estimates, table
@@ -39,7 +39,7 @@ def test_build_writes_everything(box_file, tmp_path, capsys):
         'preview.png',
         'preview.html',
     }
-    assert len(read_gcode((out / 'program.gcode').read_text())) > 100
+    assert len(load_program(out / 'program.gcode').motions) > 100
     assert (out / 'preview.png').read_bytes()[:4] == b'\x89PNG'
     printed = capsys.readouterr().out
     assert len(re.findall(r'^ +[12] .*\d\.\d%$', printed, re.M)) == 2

@@ -163,7 +163,8 @@ def test_picture_of_a_relative_program_is_that_of_the_absolute_one(points):
 @pytest.mark.parametrize(
     ('text', 'what'),
     [
-        ('G0 X0 Y0\nG2 X1 Y1 I1 J0', 'line 2'),
+        ('G0 X0 Y0 Z1\nG2 X1 Y1 I7 J0', 'line 2: radius mismatch'),
+        ('G0 X0 Y0\nG2 X1 Y1 I1', 'line 2: the arc begins'),
         ('G0 X1', 'depends on Y'),
         ('G92 X0', 'G92'),
         ('G0 X0 Y0\nG1 X1e-05', 'line 2: X: an exponent'),
