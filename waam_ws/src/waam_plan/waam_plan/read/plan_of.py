@@ -49,7 +49,10 @@ def plan_program(
     spec, base = found.spec, targets.found_surface(found, settings, mode)
     with collector_paused():
         runs = [[_run(b, layer.number, program, settings) for b in layer.beads] for layer in kept]
-        covers = [targets.cover_of(_points(r, spec), spec, settings.bead_width) for r in runs]
+        covers = [
+            targets.cover_of(_points(r, spec), spec, reach)
+            for r, reach in zip(runs, _reaches(kept, runs, settings), strict=True)
+        ]
         _check_ground(covers, kept, base)
         wanted = targets.targets_of(
             covers,
@@ -63,9 +66,10 @@ def plan_program(
             _with_metal(r, t, spec) for r, t in zip(runs, wanted, strict=True)
         ]
         planned = _layers(kept, runs, wanted, program, base, spec, settings)
-    region = np.any([p.footprint for p in planned], axis=0)
+    region = targets.judged_region(wanted, None if nominal is None else nominal.z)
     if not region.any():
-        raise PlanError(f'{program.name}: nothing is missing where it lays metal')
+        what = 'nothing is missing' if nominal is None else 'the nominal part does not end'
+        raise PlanError(f'{program.name}: {what} where it lays metal')
     plan = _assembled(program, planned, found, base, nominal, region, settings, mode)
     check_reach([s for layer in planned for s in layer.segments], settings)
     return plan
@@ -135,6 +139,23 @@ def _points(runs: list[list[Segment]], spec: GridSpec) -> np.ndarray:
     """(n, 3) along the beads of a layer, half a cell apart."""
     ends = [(s.start, s.end) for run in runs for s in run if s.kind == Kind.DEPOSIT]
     return np.vstack([_divided(np.array(e), spec.resolution / 2) for e in ends])
+
+
+def _reaches(
+    layers: list[Layer], runs: list[list[list[Segment]]], settings: PlanSettings
+) -> list[float]:
+    """How far the metal of each layer lies beside its path (m), so that it is as thick as the layer: between a quarter
+    and half of a bead."""
+    z = [layer.z for layer in layers]
+    steps = [b - a for a, b in zip(z, z[1:], strict=False)]
+    out = []
+    for step, beads in zip([*steps, steps[-1] if steps else 0.0], runs, strict=True):
+        deposits = [s for run in beads for s in run if s.kind == Kind.DEPOSIT]
+        metal = sum(AREA_FACTOR * s.width * s.height * s.length for s in deposits)
+        section = metal / sum(s.length for s in deposits)
+        wide = section / (2 * step) if section > 0 and step > 0 else 0.5 * settings.pitch
+        out.append(float(np.clip(wide, 0.25 * settings.bead_width, 0.5 * settings.bead_width)))
+    return out
 
 
 def _last(

@@ -33,8 +33,8 @@ class Target:
     after: np.ndarray
 
 
-def cover_of(points: np.ndarray, spec: GridSpec, width: float) -> Cover:
-    """points: (n, 3) m along the path, closer than a cell; width of a bead, m."""
+def cover_of(points: np.ndarray, spec: GridSpec, reach: float) -> Cover:
+    """points: (n, 3) m along the path, closer than a cell; reach: m that the metal lies to each side of it."""
     row, col = spec.cell(points[:, 0], points[:, 1])
     on = spec.contains(points[:, 0], points[:, 1])
     z = np.full(spec.shape, np.nan)
@@ -42,9 +42,10 @@ def cover_of(points: np.ndarray, spec: GridSpec, width: float) -> Cover:
     if not on.any():
         return Cover(np.zeros(spec.shape, bool), z)
     away, nearest = ndimage.distance_transform_edt(np.isnan(z), return_indices=True)
-    footprint = masks.close_gaps(away <= width / 2 / spec.resolution, 0.25 * width / spec.resolution)
+    cells = reach / spec.resolution
+    footprint = masks.close_gaps(away <= cells, 0.5 * cells)
     ground = z[nearest[0], nearest[1]]
-    smooth = masks.blur(ground, footprint, 0.25 * width / spec.resolution)
+    smooth = masks.blur(ground, footprint, 0.5 * cells)
     return Cover(footprint, np.where(footprint, smooth, np.nan))
 
 
@@ -55,13 +56,11 @@ def targets_of(
     settings: PlanSettings,
     last: float,
 ) -> list[Target]:
-    """The surface after a layer is what the next one there is laid on, at last the nominal part. Beads that reach over
-    the side of the nominal part count up to its edge.
+    """The surface after a layer is what the next one there is laid on, at last the nominal part.
 
-    found, nominal: (rows, cols) m; without a nominal part the last layer has the thickness `last` (m).
+    found, nominal: (rows, cols) m. Where the nominal part is farther from the top of the last layer than that can be
+    thick or thin, and beside the part, the last layer has its own thickness, at the top of all `last` (m).
     """
-    if nominal is not None:
-        covers = [_within(c, nominal) for c in covers]
     thick = [thickness(a, b) for a, b in zip(covers, covers[1:], strict=False)] + [last]
     after = np.full(found.shape, np.nan)
     tops: list[np.ndarray] = []
@@ -69,16 +68,20 @@ def targets_of(
         own = cover.ground + height
         if nominal is not None:
             most = cover.ground + settings.max_layer_ratio * height
-            own = np.where(nominal <= most, nominal, own)
+            own = np.where((nominal <= most) & (nominal >= cover.ground + LEAST), nominal, own)
         after = np.where(cover.footprint & ~np.isfinite(after), own, after)
         tops.append(np.where(cover.footprint, after, np.nan))
         after = np.where(cover.footprint, cover.ground, after)
     return _from_below(covers, tops[::-1], found)
 
 
-def _within(cover: Cover, nominal: np.ndarray) -> Cover:
-    footprint = cover.footprint & (nominal >= cover.ground + LEAST)
-    return Cover(footprint, np.where(footprint, cover.ground, np.nan))
+def judged_region(targets: list[Target], nominal: np.ndarray | None) -> np.ndarray:
+    """bool (rows, cols): where metal is laid, of a nominal part where the last layer ends at it."""
+    top = np.full(targets[0].after.shape, np.nan)
+    for t in targets:
+        top = np.where(t.footprint, t.after, top)
+    laid = np.isfinite(top)
+    return laid if nominal is None else laid & (np.abs(top - nominal) < 1e-6)
 
 
 def thickness(lower: Cover, upper: Cover) -> float:
