@@ -15,7 +15,8 @@ import numpy as np
 PLANES = {'XY': (0, 1, 2), 'XZ': (2, 0, 1), 'YZ': (1, 2, 0)}
 SHORTEST = 5.5e-4  # mm; below its four decimals rs274 may leave a move out
 # words of printers and welders that rs274 does not know; they move nothing
-FOREIGN = re.compile(r'\b[MTESW]\s*-?[\d.]+|\bG(?:28|29|10|11|92(?=\s*$))\b.*', re.IGNORECASE)
+FOREIGN = re.compile(r'[MTESW]\s*-?[\d.]+|\bG(?:28|29|10|11)\b.*', re.IGNORECASE)
+ALONE = re.compile(r'^\s*(N\d+)?\s*G92\s*$', re.IGNORECASE)  # once its E is gone
 
 
 def available() -> bool:
@@ -55,7 +56,7 @@ class Judged:
 def judged(text: str) -> list[Judged]:
     """Motions of a program; what is not RS274/NGC is left out first. Raises RuntimeError with what rs274 says."""
     lines = [FOREIGN.sub('', re.sub(r'\([^)]*\)|;.*|\*\d+\s*$', '', x)) for x in text.splitlines()]
-    plain = '\n'.join(x for x in lines if x.strip() != '%')
+    plain = '\n'.join(x for x in lines if x.strip() != '%' and not ALONE.match(x))
     with tempfile.TemporaryDirectory(prefix='waam_rs274_') as scratch:
         for name in ('tool.tbl', 'rs274.var'):
             (Path(scratch) / name).touch()
