@@ -110,7 +110,9 @@ class _Reader:
         if np.hypot(end[p] - self.at[p], end[q] - self.at[q]) < 5e-5:
             sweep = 0.0
         sign, more = (1 if turns > 0 else -1), abs(turns) - (0 if sweep == 0.0 else 1)
-        self._to(Judged(self.at, end, axes, (centre[p], centre[q]), sweep + sign * more * 2 * math.pi))
+        self._to(
+            Judged(self.at, end, axes, (centre[p], centre[q]), sweep + sign * more * 2 * math.pi)
+        )
 
 
 def off_um(text: str, dialect: str) -> tuple[float, int]:

@@ -12,6 +12,7 @@ from waam_plan.cli_program import add_program as add_program
 from waam_process.loop_mode import LoopMode
 from waam_process.segment import Point
 
+
 @dataclass(frozen=True)
 class Asked:
     """What is laid and how, in the words of JobGoal."""
@@ -48,8 +49,12 @@ def asked_of(args: argparse.Namespace, default_mode: str = 'restore') -> Asked:
             dialect = str(Path(dialect).resolve())
         mode = args.mode or ('restore' if worn else 'build')
         profile = args.profile or (LoopMode.CLOSED_LOOP if nominal else LoopMode.MONITOR).value
-        return Asked(nominal, args.part, dialect, (x * 1e-3, y * 1e-3, z * 1e-3), mode, str(profile))
+        return Asked(
+            nominal, args.part, dialect, (x * 1e-3, y * 1e-3, z * 1e-3), mode, str(profile)
+        )
     if nominal or dialect or any((x, y, z)):
-        raise ValueError(f'--nominal, --dialect and --shift belong to a program, not to {args.part}')
+        raise ValueError(
+            f'--nominal, --dialect and --shift belong to a program, not to {args.part}'
+        )
     profile = args.profile or LoopMode.CLOSED_LOOP.value
     return Asked(args.part, None, '', (0.0, 0.0, 0.0), args.mode or default_mode, str(profile))

@@ -76,10 +76,7 @@ def test_helix_whole_turns_and_other_planes():
     assert helix.round.sweep == pytest.approx(6 * math.pi)
     assert helix.length == pytest.approx(math.hypot(6 * math.pi * 0.005, 0.006))
     (upright,) = laid(f'{LIT}G18 G2 X10 Z0 I5 K0 F600\nM5')
-    # from the end of +Y, clockwise in ZX goes over +Z or below: the sense is that of RS274/NGC
-    assert upright.round.at(np.array([0.5]))[0] == pytest.approx((0.005, 0, -0.005), abs=1e-12) or (
-        upright.round.at(np.array([0.5]))[0] == pytest.approx((0.005, 0, 0.005), abs=1e-12)
-    )
+    assert upright.round.at(np.array([0.5]))[0] == pytest.approx((0.005, 0, -0.005), abs=1e-12)
     (side,) = laid(f'{LIT}G19 G3 Y10 Z0 J5 K0 F600\nM5')
     assert side.round.at(np.array([0.5]))[0] == pytest.approx((0, 0.005, -0.005), abs=1e-12)
 
@@ -310,19 +307,24 @@ def test_dialects_are_files_or_names(tmp_path):
 
 # ---- fuzzing ----
 
-WORDS = st.sampled_from(
-    'G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G28 G53 G54 G80 G90 G91 G90.1 G91.1 G92 G92.1 M2 M3 M5 M7 M30 X1 X-5 Y2 Z3 I4 '
-    'J5 K6 R7 P1 P2 F600 W6000 S22 E5 N10 % / ( ) ; * #1 [2] M82 M83 T0 *57'.split()
+VOCABULARY = '''
+G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G28 G53 G54 G80 G90 G91 G90.1 G91.1 G92 G92.1 M2 M3 M5 M7 M30 X1
+X-5 Y2 Z3 I4 J5 K6 R7 P1 P2 F600 W6000 S22 E5 N10 % / ( ) ; * #1 [2] M82 M83 T0 *57
+'''
+WORDS = st.sampled_from(VOCABULARY.split())
+VALUES = st.builds(
+    '{}{}'.format, st.sampled_from('GMXYZIJKRPFWSENQTO'), st.floats(width=32).map(repr)
 )
-VALUES = st.builds('{}{}'.format, st.sampled_from('GMXYZIJKRPFWSENQTO'), st.floats(width=32).map(repr))
 
 
 @given(
-    st.lists(st.lists(st.one_of(WORDS, VALUES), max_size=6).map(' '.join), max_size=12).map('\n'.join),
+    st.lists(st.lists(st.one_of(WORDS, VALUES), max_size=6).map(' '.join), max_size=12).map(
+        '\n'.join
+    ),
     st.sampled_from([OURS, SLICER, WELDER]),
 )
 @example('G0 X0 Y0 Z0\nW1 M3\nG2 X10000 R1000000 F1\nM5', OURS)
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 def test_any_words_are_read_or_refused_with_their_line(text, dialect):
     check(text, dialect)
 
@@ -334,7 +336,7 @@ def test_any_bytes_are_read_or_refused_with_their_line(data, dialect):
 
 
 @given(st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_a_damaged_program_is_read_or_refused(programs, data):
     text = program_text(programs / 'cura_pad.gcode')
     cut = data.draw(st.integers(0, len(text)))

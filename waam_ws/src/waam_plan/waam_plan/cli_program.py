@@ -42,7 +42,9 @@ def is_program(args: argparse.Namespace) -> bool:
     if is_program(args.part):
         return True
     if args.nominal or args.dialect or any(args.shift):
-        raise ValueError(f'--nominal, --dialect and --shift belong to a program, not to {args.part}')
+        raise ValueError(
+            f'--nominal, --dialect and --shift belong to a program, not to {args.part}'
+        )
     return False
 
 

@@ -192,7 +192,9 @@ def _program_problems(goal: JobGoal) -> list[str]:
         return alone
     wrong = []
     if goal.strategy or goal.allowance or goal.passes > 1:
-        wrong.append('strategy, allowance and passes belong to a part that is planned, not to a program')
+        wrong.append(
+            'strategy, allowance and passes belong to a part that is planned, not to a program'
+        )
     if goal.profile == LoopMode.CLOSED_LOOP.value and not goal.has_part:
         wrong.append('profile closed_loop needs a nominal part (--nominal); without it: monitor')
     if not all(math.isfinite(v) and abs(v) <= 1.0 for v in goal.program_shift):
@@ -236,7 +238,7 @@ class Checked:
 
 
 def check(goal: JobGoal) -> Checked:
-    """Reads part, program and material. Raises JobError that names everything that is wrong, not only the first thing."""
+    """Reads part, program and material. Raises JobError that names everything that is wrong."""
     problems = [(Code.BAD_GOAL, p) for p in field_problems(goal)]
     part = program = material = None
     try:

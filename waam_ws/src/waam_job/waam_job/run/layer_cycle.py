@@ -192,8 +192,8 @@ class LayerCycle:
         heat_factor: float,
         record: LayerRecord,
     ) -> list[Segment]:
-        """Speed, feed and voltage of every segment; in closed loop the torch also follows the measured surface, but that
-        of a program of others keeps its path."""
+        """Speed, feed and voltage of every segment; in closed loop the torch also follows the measured surface, but a
+        program of others keeps its path."""
         closed = self.loop_mode == LoopMode.CLOSED_LOOP
         segments = layer.segments
         if closed and scan.plausible and self.context.checked.program is None:

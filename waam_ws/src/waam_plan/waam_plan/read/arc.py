@@ -64,9 +64,7 @@ class Arc:
     def moved(self, by: Point) -> Arc:
         """The same arc elsewhere."""
         p, q, _ = PLANES[self.plane]
-        start, end = (
-            (e[0] + by[0], e[1] + by[1], e[2] + by[2]) for e in (self.start, self.end)
-        )
+        start, end = ((e[0] + by[0], e[1] + by[1], e[2] + by[2]) for e in (self.start, self.end))
         centre = (self.centre[0] + by[p], self.centre[1] + by[q])
         return Arc(self.plane, start, end, centre, self.sweep)
 
@@ -94,7 +92,9 @@ def by_centre(
         raise ArcError(f'the radius is {r0 * 1e3:.6g} mm')
     off = abs(r1 - r0)
     if off > WORST_MISMATCH or off > max(MISMATCH, MISMATCH_SHARE * r0):
-        raise ArcError(f'radius mismatch: {r0 * 1e3:.4f} mm at the start, {r1 * 1e3:.4f} at the end')
+        raise ArcError(
+            f'radius mismatch: {r0 * 1e3:.4f} mm at the start, {r1 * 1e3:.4f} at the end'
+        )
     return arc
 
 

@@ -142,7 +142,9 @@ def _lowered(layers: list[Layer]) -> list[Layer]:
 
 
 def _moved_bead(bead: Bead, by: Point) -> Bead:
-    return Bead([moved_motion(m, by) for m in bead.motions], [moved_motion(m, by) for m in bead.way])
+    return Bead(
+        [moved_motion(m, by) for m in bead.motions], [moved_motion(m, by) for m in bead.way]
+    )
 
 
 def moved_motion(motion: Motion, by: Point) -> Motion:

@@ -37,4 +37,8 @@ def part_offset(bounds: np.ndarray, box: np.ndarray) -> tuple[Point, str]:
             return (x, y, low), f'the nominal part lies {how}'
     x, y = (float(v) for v in ((box[0] + box[1]) / 2 - (bounds[0] + bounds[1]) / 2)[:2])
     there = math.hypot(x, y)
-    return (x, y, low), f'the middle of the nominal part was put to that of the path, {there * 1e3:.1f} mm'
+    return (
+        x,
+        y,
+        low,
+    ), f'the middle of the nominal part was put to that of the path, {there * 1e3:.1f} mm'

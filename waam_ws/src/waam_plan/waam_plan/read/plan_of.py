@@ -62,9 +62,7 @@ def plan_program(
             _last(covers, runs, spec, settings),
         )
         settings = _fitted(settings, wanted)
-        runs = [
-            _with_metal(r, t, spec) for r, t in zip(runs, wanted, strict=True)
-        ]
+        runs = [_with_metal(r, t, spec) for r, t in zip(runs, wanted, strict=True)]
         planned = _layers(kept, runs, wanted, program, base, spec, settings)
     region = targets.judged_region(wanted, None if nominal is None else nominal.z)
     if not region.any():

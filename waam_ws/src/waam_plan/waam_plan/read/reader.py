@@ -344,7 +344,9 @@ class _Reader:
         if math.isnan(self.speed) and not rapid:
             raise refuse(words.number, word, 'no feed (F) has been given')
         if lit and rapid:
-            raise refuse(words.number, word, f'a rapid (G0) with the arc on, lit in line {self.lit_in}')
+            raise refuse(
+                words.number, word, f'a rapid (G0) with the arc on, lit in line {self.lit_in}'
+            )
         move = self._motion(words.number, start, end, lit, rapid=rapid, round_=round_, fed=fed)
         self._check_lit(move, words, word)
         self._add(move)
@@ -380,9 +382,7 @@ class _Reader:
         elif isinstance(self.dialect.wire, Setting) and self.dialect.wire.per_path:
             wire = self.wire * speed
         volts = 0.0 if math.isnan(self.voltage) else self.voltage
-        return Motion(
-            number, start, end, speed, rapid, lit, wire, volts, dwell, round_, self.mark
-        )
+        return Motion(number, start, end, speed, rapid, lit, wire, volts, dwell, round_, self.mark)
 
     def _add(self, motion: Motion) -> None:
         if len(self.motions) >= MOST_MOTIONS:

@@ -84,14 +84,17 @@ def _check(bead: Bead, metal: Metal, settings: PlanSettings) -> None:
     ends = np.array([moves[0].start, moves[-1].end])[:, :2]
     for m in moves:
         points = np.vstack(
-            [_along(np.array(e), metal.spec) for e in zip(m.corners(), m.corners()[1:], strict=False)]
+            [
+                _along(np.array(e), metal.spec)
+                for e in zip(m.corners(), m.corners()[1:], strict=False)
+            ]
         )
         near = np.linalg.norm(points[:, None, :2] - ends[None], axis=2).min(axis=1)
         high = metal.above(points)[near > settings.bead_width]
         if high.size and float(high.max()) > -MARGIN:
             depth = float(high.max()) * 1e3
-            how = f'{depth:.1f} mm deep in metal' if depth > 0 else f'{-depth:.1f} mm over metal'
+            how = f'{depth:.1f} mm deep in metal' if depth > 0.05 else 'along the metal'
             raise PlanError(
-                f'line {m.line}: the way to the bead of line {bead.line} runs {how} that is laid by then; let the '
+                f'line {m.line}: the way to the bead of line {bead.line} runs {how} that lies there by then; let the '
                 'slicer lift there, or lift by the dialect (idle: lift)'
             )

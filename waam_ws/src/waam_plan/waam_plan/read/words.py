@@ -85,7 +85,8 @@ def _line(number: int, raw: str, delete: bool) -> Line:
 
 def _uncommented(number: int, raw: str) -> tuple[str, tuple[str, ...]]:
     """The line without its comments, which are '(...)' and all after ';'."""
-    body, comments, rest = '', [], raw
+    comments: list[str] = []
+    body, rest = '', raw
     while found := re.search(r'[(;]', rest):
         body += rest[: found.start()] + ' '
         if found[0] == ';':
