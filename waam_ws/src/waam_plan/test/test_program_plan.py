@@ -137,15 +137,14 @@ def test_a_way_through_metal_is_refused_with_its_line():
         PlanError, match=r'line 8: the way to the bead of line 13 runs along the metal'
     ):
         plan_program(read_program(text, OURS), S, PLATE)
-    with pytest.raises(PlanError, match='line 11: the way .* mm deep in metal'):
-        plan_program(
-            read_program(text.replace('G0 Y20', 'G0 Z5\nG0 Y4\nG0 X20\nG0 Z1\nG0 Y-8'), OURS),
-            S,
-            PLATE,
-        )
+    low = text.replace('G0 Y20', 'G0 Z5\nG0 Y4\nG0 X20\nG0 Z1').replace('G0 X0\nM3', 'G0 X0 Z0\nM3')
+    with pytest.raises(PlanError, match=r'line 13: the way .* \d\.\d mm deep in metal'):
+        plan_program(read_program(low, OURS), S, PLATE)
     with pytest.raises(PlanError, match='outside the machine.*y = -90'):
         plan_program(
-            read_program(text.replace('G0 Y20\nG0 X20\nG0 Y-8', 'G0 Z5\nG0 Y-90'), OURS),
+            read_program(
+                text.replace('G0 Y20\nG0 X20\nG0 Y-8', 'G0 Z5\nG0 Y-90\nG0 Y-8 Z5\nG0 Z0'), OURS
+            ),
             S,
             HeightGrid.full(GridSpec.covering(-0.01, -0.1, 0.06, 0.04, 1e-3), 0.0),
         )
