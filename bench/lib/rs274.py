@@ -135,3 +135,24 @@ def off_um(text: str, dialect: str) -> tuple[float, int]:
         between = np.linalg.norm(middles - judge.at(0.5 * (shares[1:] + shares[:-1])), axis=1)
         worst = max(worst, float(off), float(between.max()))
     return worst * 1e3, len(known)
+
+
+def exact_off_um(text: str, dialect: str) -> tuple[float, int]:
+    """Where there is no judge: largest distance (um) of the chords from the circles about the arcs' centres, and how
+    many arcs there are."""
+    from waam_plan.read.arc import PLANES as AXES
+    from waam_plan.read.files import load_dialect
+    from waam_plan.read.reader import read_program
+
+    arcs = [m for m in read_program(text, load_dialect(dialect)).motions if m.round]
+    worst = 0.0
+    for m in arcs:
+        p, q, _ = AXES[m.round.plane]
+        corners = m.corners()
+        shares = np.linspace(0.0, 1.0, 2 * len(corners) - 1)
+        points = np.empty((len(shares), 3))
+        points[::2], points[1::2] = corners, 0.5 * (corners[1:] + corners[:-1])
+        away = np.hypot(points[:, p] - m.round.centre[0], points[:, q] - m.round.centre[1])
+        r0, r1 = away[0], away[-1]
+        worst = max(worst, float(np.abs(away - r0 - shares * (r1 - r0)).max()))
+    return worst * 1e6, len(arcs)

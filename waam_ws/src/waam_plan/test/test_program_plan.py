@@ -140,14 +140,10 @@ def test_a_way_through_metal_is_refused_with_its_line():
     low = text.replace('G0 Y20', 'G0 Z5\nG0 Y4\nG0 X20\nG0 Z1').replace('G0 X0\nM3', 'G0 X0 Z0\nM3')
     with pytest.raises(PlanError, match=r'line 13: the way .* \d\.\d mm deep in metal'):
         plan_program(read_program(low, OURS), S, PLATE)
+    far = text.replace('G0 Y20\nG0 X20\nG0 Y-8\nG0 X0', 'G0 Z5\nG0 Y-90\nG0 X0 Y4\nG0 Z0')
+    spec = GridSpec.covering(-0.01, -0.1, 0.06, 0.04, 1e-3)
     with pytest.raises(PlanError, match='outside the machine.*y = -90'):
-        plan_program(
-            read_program(
-                text.replace('G0 Y20\nG0 X20\nG0 Y-8', 'G0 Z5\nG0 Y-90\nG0 Y-8 Z5\nG0 Z0'), OURS
-            ),
-            S,
-            HeightGrid.full(GridSpec.covering(-0.01, -0.1, 0.06, 0.04, 1e-3), 0.0),
-        )
+        plan_program(read_program(far, OURS), S, HeightGrid.full(spec, 0.0))
 
 
 def test_a_first_layer_in_the_air_is_refused():
