@@ -176,6 +176,23 @@ def test_what_cannot_be_corrected_is_named(text, what):
         correct_gcode(text, AxisErrors(y_to_x=0.01).correction())
 
 
+@pytest.mark.parametrize('frame', ['', 'G91 ', 'G20 ', 'G90.1 '])
+def test_an_arc_becomes_lines_that_a_skewed_machine_drives_as_the_arc(frame):
+    unit = 25.4 if 'G20' in frame else 1.0
+    start = 'G0 Z2\nG0 X30 Y20\n'
+    centre = 'I40 J20' if '90.1' in frame else 'I10'
+    end = 'X20 Y0' if 'G91' in frame else 'X50 Y20'  # the same place
+    text = f'{start}N5 {frame}G3 {end} {centre} E7 F600 ; half\nG90 G1 X0 Y0 Z2'
+    corrected = correct_gcode(text, LEANING.correction())
+    lines = corrected.split('\n')[2:]
+    assert lines[0].startswith('N5') and 'F600' in lines[0] and lines[0].endswith('; half')
+    assert all('G1 X' in line and 'I' not in line for line in lines)
+    real = machine(LEANING, points_of(corrected))[1:-1]
+    middle = np.array([40, 20])
+    assert np.abs(np.linalg.norm(real[:, :2] - middle, axis=1) - 10).max() * unit < 2e-2
+    assert real[-1] == pytest.approx((50, 20, 2), abs=2e-2)
+
+
 @pytest.mark.parametrize('kind', ['scale_x', 'y_to_x'])
 def test_nonsense_calibration_is_refused(kind):
     with pytest.raises(SkewError, match=kind):
