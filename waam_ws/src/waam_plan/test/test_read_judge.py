@@ -21,7 +21,7 @@ def test_path_equals_that_of_linuxcnc(programs):
     for file in programs.glob('*.gcode'):
         off, moves = off_um(file.read_text(), 'slicer')
         assert off < 1.0 and moves > 50, file.name
-    for _ in range(25):
+    for _ in range(8):
         text = random_program(rng)
         assert off_um(text, 'waam')[0] < 1.0, text
 

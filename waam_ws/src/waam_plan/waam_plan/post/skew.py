@@ -315,7 +315,8 @@ def points_of(text: str) -> np.ndarray:
 
     Absolute moves count from where X, Y and Z are known; relative ones (G91) from an unknown place count from 0.
     """
-    place, out = _Place(), []
+    place = _Place()
+    out: list[np.ndarray] = []
     for number, raw in enumerate(text.split('\n'), 1):
         codes, given = place.read(raw)
         if 92 in codes or not set(given) & set('XYZIJKR'):
