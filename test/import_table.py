@@ -64,6 +64,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_scan/waam_scan/registration/clouds.py': 'reads and writes clouds and meshes',
     'waam_plan/waam_plan/mesh/(clouds|part|threemf).py': 'read meshes and clouds',
     'waam_plan/waam_plan/post/store.py': 'plans on disk',
+    'waam_plan/waam_plan/read/files.py': 'programs and dialects on disk',
     'waam_plan/waam_plan/show/page.py': 'writes the HTML page of a plan',
     'waam_record/waam_record/bag_(copy|reader|writer).py': 'recordings on disk',
     'waam_record/waam_record/(recording|salvage|import_csv|import_pyrometer).py': 'recordings on disk',

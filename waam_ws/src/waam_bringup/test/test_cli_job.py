@@ -10,7 +10,12 @@ import trimesh
 
 from waam_bringup import cli_job, demo, jobs
 from waam_bringup.cli import build_parser
+from waam_job.conversions import goal_from_msg
+from waam_job.model.goal import JobError, check
 from waam_job.model.limits import K_GAIN_MAX
+from waam_job.ros.node_requests import new_folder, recheck, reopen
+from waam_msgs.action import RunJob
+from waam_node import job_folder
 from waam_plan.mesh.part import FORMATS
 
 
@@ -87,3 +92,51 @@ def test_the_recording_of_a_plan_is_drawn_by_the_viewer(tmp_path):
     args = build_parser().parse_args(words)
     assert args.run_command(args) == 0
     assert (tmp_path / 'out' / 'preview.rrd').read_bytes()[:4] == b'RRF2'
+
+
+@pytest.fixture
+def program(tmp_path) -> Path:
+    file = tmp_path / 'wall.gcode'
+    file.write_text('G0 Z9\nG0 X0 Y0\nG1 Z0 F600\nW5000 S22\nM3\nG1 X40 F600\nM5\n')
+    return file
+
+
+def test_a_program_reaches_the_goal_and_comes_back(parse, program, box, tmp_path):
+    args = parse('run', program, '--nominal', box, '--shift', 10, 5, -2, '--dialect', 'welder')
+    sent = jobs.make_goal(args, tmp_path)
+    goal = goal_from_msg(sent, 'jobs')
+    assert (goal.program, goal.part, goal.dialect) == (program, box, 'welder')
+    assert goal.program_shift == pytest.approx((0.01, 0.005, -0.002))
+    assert (goal.mode, goal.profile) == ('build', 'closed_loop')
+    assert goal.title == 'wall'
+
+
+def test_a_program_without_a_nominal_part_is_watched(parse, program, tmp_path):
+    args = parse('run', program)
+    jobs.check_arguments(args)
+    goal = goal_from_msg(jobs.make_goal(args, tmp_path), 'jobs')
+    assert (goal.profile, goal.has_part, goal.mode) == ('monitor', False, 'build')
+    with pytest.raises(ValueError, match='closed_loop needs a nominal part'):
+        jobs.check_arguments(parse('run', program, '--profile', 'closed_loop'))
+    program.write_text('G77')
+    with pytest.raises(ValueError, match='line 1: G77'):
+        jobs.check_arguments(args)
+
+
+def test_options_of_a_program_are_refused_for_a_part(parse, box):
+    for option in (('--nominal', box), ('--dialect', 'waam'), ('--shift', 1, 0, 0)):
+        with pytest.raises(ValueError, match='belong to a program'):
+            jobs.check_arguments(parse('run', box, *option))
+
+
+def test_a_job_goes_on_with_its_own_copy_of_the_program(parse, program, tmp_path):
+    sent = jobs.make_goal(parse('run', program), tmp_path / 'jobs')
+    goal = goal_from_msg(sent, 'jobs')
+    folder = new_folder(goal, check(goal), {})
+    program.unlink()
+    resumed, found = reopen(RunJob.Goal(resume_dir=str(folder.path)))
+    assert found.program == folder.path / job_folder.PROGRAM_GIVEN
+    assert recheck(found, resumed).program is not None
+    found.program.write_text(found.program.read_text().replace('X40', 'X41'))
+    with pytest.raises(JobError, match='was changed since the job began'):
+        recheck(found, resumed)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from waam_job.cli_program import PART_HELP, add_program
 from waam_job.model.limits import K_GAIN_MAX
-from waam_process.loop_mode import LOOP_MODES, LoopMode
+from waam_process.loop_mode import LOOP_MODES
 from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
 
 from .cli_common import add_run, run_and_domain
@@ -41,7 +42,9 @@ def _register_run(job: argparse._SubParsersAction) -> None:
         epilog='examples:\n'
         '  waam job run jaw_nominal.stl --as-found jaw_worn.stl --material er70s-6\n'
         '  waam job run vase.stl --mode build --layers 3 --profile monitor\n'
-        '  waam job run bracket.3mf --mode build --repair --set levels=adaptive --set overhang=flag\n\n'
+        '  waam job run bracket.3mf --mode build --repair --set levels=adaptive --set overhang=flag\n'
+        '  waam job run vase.gcode --dialect slicer --nominal vase.stl     the path of another slicer, corrected\n'
+        '  waam job run wall.nc --dialect mywelder.yaml                    without a nominal part: monitor\n\n'
         'exit status: 0 done, 1 the job failed, 2 it was refused, 130 cancelled with Ctrl-C',
     )
     add_run(p)
@@ -52,15 +55,16 @@ def _register_run(job: argparse._SubParsersAction) -> None:
 
 
 def _add_part(p: argparse.ArgumentParser) -> None:
-    p.add_argument('part', type=Path, help='nominal part: STL, PLY, 3MF, OBJ or OFF')
+    p.add_argument('part', type=Path, help=PART_HELP)
+    add_program(p)
     p.add_argument(
         '--as-found', type=Path, help='simulated cell: mesh of the worn part that lies on the table'
     )
     p.add_argument(
         '--mode',
         choices=('restore', 'build'),
-        default='restore',
-        help='restore: nominal minus scan; build: onto a flat plate',
+        help='restore: nominal minus scan (default for a part); build: onto a flat plate (default for a program '
+        'without --as-found)',
     )
     p.add_argument(
         '--scale',
@@ -105,7 +109,11 @@ def _add_process(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--material', default='er70s-6', help='key of the material table (default er70s-6)'
     )
-    p.add_argument('--profile', choices=LOOP_MODES, default=LoopMode.CLOSED_LOOP)
+    p.add_argument(
+        '--profile',
+        choices=LOOP_MODES,
+        help='default: closed_loop; for a program without --nominal monitor',
+    )
     p.add_argument('--layer-height', type=float, default=0.0, metavar='MM')
     p.add_argument('--bead-width', type=float, default=0.0, metavar='MM')
     p.add_argument(

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from waam_job.cli_program import asked_of
 from waam_msgs.action import RunJob
 from waam_msgs.srv import AdjustJob
 from waam_node import job_folder
@@ -22,6 +23,7 @@ from .progress import JobProgress
 _R = RunJob.Result
 REFUSED = (
     _R.BUSY, _R.BAD_GOAL, _R.BAD_PART, _R.UNKNOWN_MATERIAL, _R.PLAN_FAILED, _R.BAD_RESUME,
+    _R.BAD_PROGRAM,
 )  # fmt: skip
 
 
@@ -29,9 +31,7 @@ def _goal_fields(args: argparse.Namespace) -> dict[str, Any]:
     """Fields of the goal that the command line gives, in SI; named as in RunJob.Goal and in JobGoal."""
     return {
         'name': args.name,
-        'mode': args.mode,
         'material': args.material,
-        'profile': args.profile,
         'layers': args.layers,
         'layer_height': args.layer_height * 1e-3,
         'bead_width': args.bead_width * 1e-3,
@@ -53,8 +53,12 @@ def _goal_fields(args: argparse.Namespace) -> dict[str, Any]:
 def make_goal(args: argparse.Namespace, jobs: Path, learned: Path | None = None) -> RunJob.Goal:
     """The goal of `waam job run` (mm on the command line, m in the goal). learned: folder of what jobs have taught,
     None = that in `jobs`."""
-    goal = RunJob.Goal(part=str(args.part.resolve()), jobs_dir=str(jobs), **_goal_fields(args))
-    goal.learned_dir = str(learned or '')
+    fields, asked = _goal_fields(args), asked_of(args).goal_fields()
+    program, shift = asked.pop('program'), asked.pop('program_shift')
+    asked['part'] = str(asked['part']) if asked['part'].name else ''
+    goal = RunJob.Goal(jobs_dir=str(jobs), **fields, **asked)
+    goal.learned_dir, goal.program = str(learned or ''), str(program or '')
+    goal.program_shift.x, goal.program_shift.y, goal.program_shift.z = shift
     return goal
 
 
@@ -62,7 +66,7 @@ def check_arguments(args: argparse.Namespace) -> None:
     """Refuses what can be refused without a graph."""
     from waam_job.model.goal import JobError, JobGoal, check
 
-    goal = JobGoal(part=args.part, jobs_dir=Path('.'), **_goal_fields(args))
+    goal = JobGoal(jobs_dir=Path('.'), **_goal_fields(args), **asked_of(args).goal_fields())
     for name in ('layers', 'passes'):
         if getattr(args, name) < 0:
             raise ValueError(f'--{name} is {getattr(args, name)}, must not be negative')
@@ -139,7 +143,7 @@ def place_part(client: GraphClient, args: argparse.Namespace) -> None:
         raise ClientError(
             f'a job is running already: {running.job_id} (waam status, waam job abort)'
         )
-    if args.mode == 'build':
+    if asked_of(args).mode == 'build':
         client.load_part('', BUILD_PLATE, -1)
         return
     if not args.as_found:

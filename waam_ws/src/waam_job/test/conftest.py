@@ -266,7 +266,7 @@ def make_cell(parts):
 
     def make(**options) -> FakeCell:
         worn = load_part(parts[1], 1e-3)
-        spec = part_grid(worn.bounds, 0.5e-3, 5e-3)
+        spec = part_grid(worn.bounds - worn.bounds[0], 0.5e-3, 5e-3)
         return FakeCell(top_surface(worn.mesh, spec), **options)
 
     return make

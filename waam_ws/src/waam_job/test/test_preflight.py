@@ -35,7 +35,7 @@ def make_build(tmp_path, cell_class):
         mesh.export(file)
         fields = {'mode': 'build', **fields}
         checked = check(JobGoal(file, 'er70s-6', tmp_path, **fields))
-        cell = cell_class(HeightGrid.full(part_grid(checked.part.bounds, 0.5e-3, 5e-3), 0.0))
+        cell = cell_class(HeightGrid.full(part_grid(checked.bounds, 0.5e-3, 5e-3), 0.0))
         change(cell)
         folder = JobFolder.create(tmp_path, 'test')
         settings = Settings(lease_nodes=('bridge',))

@@ -75,6 +75,9 @@ def goal_from_msg(msg: RunJob.Goal, default_jobs_dir: str) -> JobGoal:
         repair=msg.repair,
         learned_dir=Path(msg.learned_dir or jobs / job_folder.LEARNED_DIR),
         fresh=msg.fresh,
+        program=Path(msg.program) if msg.program else None,
+        dialect=msg.dialect,
+        program_shift=(msg.program_shift.x, msg.program_shift.y, msg.program_shift.z),
     )
 
 
@@ -90,8 +93,10 @@ def goal_from_job(job: dict, resumed: RunJob.Goal) -> JobGoal:
         raise ValueError('job.yaml holds no goal') from None
     for name in ('part', 'jobs_dir'):
         known[name] = Path(known[name])
-    if known.get('learned_dir') is not None:
-        known['learned_dir'] = Path(known['learned_dir'])
+    for name in ('learned_dir', 'program'):
+        if known.get(name) is not None:
+            known[name] = Path(known[name])
+    known['program_shift'] = tuple(known.get('program_shift', (0.0, 0.0, 0.0)))
     known['k_gain'] = math.nan if known.get('k_gain') is None else known['k_gain']
     known['notes'] = (*known.get('notes', ()), *resumed.notes)
     known['plan_settings'] = tuple(known.get('plan_settings', ()))

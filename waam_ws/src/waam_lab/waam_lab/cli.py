@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from waam_process.loop_mode import LOOP_MODES, LoopMode
+from waam_job.cli_program import PART_HELP, add_program
+from waam_process.loop_mode import LOOP_MODES
 
 from .machines import GANTRY, MACHINES
 
@@ -19,6 +20,7 @@ examples:
   waam lab part.stl --as-found worn.stl --set cell.metal_transfer=0.88 --set plan.levels=adaptive
   waam lab part.stl --as-found worn.stl --cell-file mycell.yaml        a cell with other physics
   waam lab part.stl --as-found worn.stl --machine robot                the same job on a robot
+  waam lab pad.gcode --dialect slicer --nominal pad.stl                what a program of another slicer will give
   waam lab part.stl --as-found worn.stl --account                      where the metal of the last layer came from
 
 --set takes parameters of the nodes (their READMEs list them) and, as plan.NAME, settings of the planner in SI.
@@ -48,7 +50,8 @@ def register(commands: argparse._SubParsersAction) -> None:
 
 
 def _add_part(p: argparse.ArgumentParser) -> None:
-    p.add_argument('part', type=Path, help='nominal part: STL, PLY, 3MF, OBJ or OFF')
+    p.add_argument('part', type=Path, help=PART_HELP)
+    add_program(p)
     p.add_argument('--as-found', type=Path, help='STL (mm) of the worn part that lies on the table')
     p.add_argument(
         '--mode', choices=('restore', 'build'), help='default: restore with --as-found, else build'
@@ -60,7 +63,11 @@ def _add_part(p: argparse.ArgumentParser) -> None:
 
 
 def _add_process(p: argparse.ArgumentParser) -> None:
-    p.add_argument('--profile', choices=LOOP_MODES, default=LoopMode.CLOSED_LOOP.value)
+    p.add_argument(
+        '--profile',
+        choices=LOOP_MODES,
+        help='default: closed_loop; for a program without --nominal monitor',
+    )
     p.add_argument('--tolerance', type=float, default=0.2, metavar='MM', help='default 0.2')
     p.add_argument('--layer-height', type=float, default=0.0, metavar='MM')
     p.add_argument('--bead-width', type=float, default=0.0, metavar='MM')

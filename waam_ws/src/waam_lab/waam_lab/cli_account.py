@@ -42,7 +42,7 @@ def run_account(args: argparse.Namespace) -> int:
     rows = table(found, places(layer.segments, layer.bead_width), radius)
     whole = found.within(found.wanted == found.wanted)
     told = {
-        'part': job.goal.part.name,
+        'part': job.goal.file.name,
         'seed': job.seed,
         'layer': number,
         'window_radius_mm': radius * 1e3,
@@ -53,7 +53,7 @@ def run_account(args: argparse.Namespace) -> int:
     out.mkdir(parents=True, exist_ok=True)
     write_atomically(out / 'account.json', json.dumps(told, indent=1))
     (out / 'account.png').write_bytes(pictures.account_maps(found, layer))
-    title = f'{job.goal.part.name}, seed {job.seed}, layer {number}: mm3 in a circle of {radius * 1e3:.1f} mm'
+    title = f'{job.goal.file.name}, seed {job.seed}, layer {number}: mm3 in a circle of {radius * 1e3:.1f} mm'
     show(rows, title, console)
     console.print(f'{outcome(result)}; picture: {os.path.relpath(out / "account.png")}')
     return 0

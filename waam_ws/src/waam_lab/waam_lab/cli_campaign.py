@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from waam_job.cli_program import asked_of
 from waam_job.model.goal import JobError, JobGoal, check
 from waam_job.store.folder import make_job_id
 
@@ -72,11 +73,8 @@ def job_of(args: argparse.Namespace, out: Path) -> LabJob:
     """The job of the command line, checked as far as possible before it runs. Raises ValueError."""
     overrides, plan = settings_of(args.set, args.cell_file)
     goal = JobGoal(
-        part=args.part.resolve(),
         material=args.material,
         jobs_dir=(out / 'jobs').resolve(),
-        mode=args.mode or ('restore' if args.as_found else 'build'),
-        profile=args.profile,
         layers=args.layers,
         layer_height=args.layer_height * 1e-3,
         bead_width=args.bead_width * 1e-3,
@@ -88,6 +86,7 @@ def job_of(args: argparse.Namespace, out: Path) -> LabJob:
         passes=args.passes,
         plan_settings=plan,
         repair=args.repair,
+        **asked_of(args, 'restore' if args.as_found else 'build').goal_fields(),
     )
     as_found = args.as_found.resolve() if args.as_found else None
     job = LabJob(
@@ -185,7 +184,7 @@ def outcome(r: LabResult) -> str:
 def show(campaign: report.Campaign, console: Console) -> None:
     """The bands as a table, and what failed."""
     goal, share = campaign.job.goal, in_tolerance(campaign.results)
-    table = Table(title=f'{goal.part.name}, tolerance ±{goal.tolerance * 1e3:g} mm')
+    table = Table(title=f'{goal.file.name}, tolerance ±{goal.tolerance * 1e3:g} mm')
     for name in ('', 'mean', 'next part, 95 %', 'best', 'worst', 'seed'):
         table.add_column(name, justify='left' if not name else 'right')
     for row, band in campaign.rows():

@@ -16,6 +16,7 @@ from waam_job.ros.job_params import settings_of
 from waam_job.run.control import Control
 from waam_job.run.runner import JobRunner
 from waam_job.store.folder import JobFolder
+from waam_job.store.program import keep_program
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.operating import BUILD_PLATE
 from waam_sim import part as parts
@@ -132,7 +133,8 @@ def _begin(jobs: Path, job: LabJob, checked: Checked, known: params.LabParams) -
     facts = {'job_id': folder.job_id, 'goal': asked, 'material': asdict(checked.material)}
     own = {'parameters': nodes.pop('job_sequencer'), 'nodes': nodes}
     made = {
-        'part_sha256': checked.part.sha256,
+        'part_sha256': checked.part_sha256,
+        'program_sha256': keep_program(job.goal, folder),
         'laboratory': True,
         'seed': job.seed,
         'machine': job.machine,

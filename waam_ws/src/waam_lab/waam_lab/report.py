@@ -87,7 +87,7 @@ def facts(c: Campaign) -> dict[str, Any]:
     """report.json; figures in the units of their names, NaN is null."""
     goal, share = c.job.goal, bands.in_tolerance(c.results)
     return {
-        'part': goal.part.name,
+        'part': goal.file.name,
         'as_found': c.job.as_found.name if c.job.as_found else None,
         'mode': goal.mode,
         'material': goal.material,
@@ -163,7 +163,7 @@ def html(c: Campaign, maps: bands.Maps | None) -> str:
 def _subtitle(c: Campaign) -> str:
     goal = c.job.goal
     facts = [
-        f'part {goal.part.name}',
+        f'part {goal.file.name}',
         f'as found {c.job.as_found.name}' if c.job.as_found else 'on a flat plate',
         goal.material,
         goal.profile.replace('_', ' '),

@@ -47,3 +47,9 @@ def box_file(tmp_path):
         return path
 
     return write
+
+
+@pytest.fixture(scope='session')
+def programs() -> Path:
+    """Folder of programs that slicers have written."""
+    return Path(__file__).parent / 'programs'

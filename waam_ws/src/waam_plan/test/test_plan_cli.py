@@ -12,8 +12,8 @@ from waam_plan.lay.build import plan_build
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import PlanError
 from waam_plan.post.fanuc import read_ls
-from waam_plan.post.gcode import read_gcode
 from waam_plan.post.store import load_plan, save_plan
+from waam_plan.read.files import load_program
 from waam_plan.settings import PlanSettings
 from waam_plan.show.preview import estimates, table
 
@@ -39,7 +39,7 @@ def test_build_writes_everything(box_file, tmp_path, capsys):
         'preview.png',
         'preview.html',
     }
-    assert len(read_gcode((out / 'program.gcode').read_text())) > 100
+    assert len(load_program(out / 'program.gcode').motions) > 100
     assert (out / 'preview.png').read_bytes()[:4] == b'\x89PNG'
     printed = capsys.readouterr().out
     assert len(re.findall(r'^ +[12] .*\d\.\d%$', printed, re.M)) == 2
@@ -155,3 +155,16 @@ def test_estimates_add_up(box_file):
     assert sum(e.duration for e in found) == pytest.approx(plan.duration)
     assert all(e.mass_share == pytest.approx(1.0, abs=0.02) for e in found)
     assert len(table(plan).splitlines()) == len(found) + 2
+
+
+def test_a_program_of_a_slicer_is_checked_and_shown(programs, tmp_path, capsys):
+    out = tmp_path / 'out'
+    file = programs / 'cura_pad.gcode'
+    assert waam(file, '--dialect', 'slicer', '--out', out) == 0
+    assert 'cura_pad.gcode: 4 layers, 32 beads; its path stays' in capsys.readouterr().out
+    assert len(load_plan(out / 'plan.npz').layers) == 4
+    assert (out / 'preview.html').stat().st_size > 10_000
+    assert waam(file) == 2  # another dialect
+    assert 'line 13: M104: means nothing in dialect waam' in capsys.readouterr().err
+    assert waam(tmp_path / 'part.stl', '--dialect', 'slicer') == 2
+    assert 'belong to a program' in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import re
 from dataclasses import replace
 
@@ -13,17 +14,23 @@ from hypothesis import strategies as st
 from waam_plan.lay.restore import plan_restoration
 from waam_plan.plan import base_feed, hop, numbered
 from waam_plan.post.gcode import (
-    ProgramError,
     compact_gcode,
     gcode,
-    read_gcode,
     to_csv,
     with_base_feed,
 )
+from waam_plan.read.files import load_dialect
+from waam_plan.read.motion import Motion
+from waam_plan.read.reader import read_program
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Kind, Segment
 
 S = PlanSettings()
+OURS = load_dialect('waam')
+
+
+def read(text: str) -> list[Motion]:
+    return read_program(text, OURS).motions
 
 
 @pytest.fixture(scope='module')
@@ -34,15 +41,14 @@ def plan(worn_block):
 
 def test_read_back_is_the_path_within_a_micrometre(plan):
     segments = [s for p in plan.layers for s in p.segments]
-    points = read_gcode(gcode(plan))
-    moves = [p for p in points if np.isfinite(p.position).all()]
+    moves = [m for m in read(gcode(plan)) if np.isfinite(m.end).all()]
     ends = np.array([s.end for s in segments])
-    read = np.array([p.position for p in moves])
+    points = np.array([m.end for m in moves])
     at = 0
     for i, end in enumerate(ends):
-        while np.linalg.norm(read[at] - end) > 1e-6:
+        while np.linalg.norm(points[at] - end) > 1e-6:
             at += 1
-            assert at < len(read), f'segment {i} is not in the program'
+            assert at < len(points), f'segment {i} is not in the program'
         assert moves[at].arc == segments[i].arc
         assert moves[at].speed == pytest.approx(segments[i].speed, abs=2e-6)
         at += 1
@@ -57,9 +63,11 @@ def test_any_chain_reads_back(points):
         )
         for i, (a, b) in enumerate(zip(points, points[1:], strict=False))
     ]
-    read = [p for p in read_gcode(gcode(segments)) if p.arc]
-    assert len(read) == len(segments)
-    np.testing.assert_allclose([p.position for p in read], [s.end for s in segments], atol=0.51e-6)
+    moves = [m for m in read(gcode(segments)) if m.arc]
+    ends = [s.end for s in segments if math.dist(s.start, s.end) > 1e-5]
+    moves = [m for m in moves if m.length > 0.9e-5]
+    assert len(moves) == len(ends)
+    np.testing.assert_allclose([m.end for m in moves], ends, atol=0.51e-6)
 
 
 def test_arc_goes_on_after_setpoints_and_off_before_idle_moves(plan):
@@ -152,8 +160,9 @@ def test_compact_program_has_arcs_with_their_centre_from_the_start(plan, word, t
     assert [w[0] for w in move] == list('GXYZIJF')
     numbers = [float(w[1:]) for w in move[1:]]
     assert numbers == pytest.approx([*points[-1], *-points[0][:2], 600.0], abs=1e-3)
-    with pytest.raises(ProgramError, match=word):
-        read_gcode(text)
+    (arc,) = (m for m in read(text) if m.arc)
+    assert arc.round is not None and np.sign(arc.round.sweep) == turn
+    assert arc.length == pytest.approx(0.05 * 2.7, rel=1e-4)
 
 
 def test_a_start_elsewhere_is_approached_height_first():
@@ -167,32 +176,13 @@ def test_dwell_is_written_in_seconds():
     assert 'G4 P2.500' in gcode([wait])
 
 
-@pytest.mark.parametrize(
-    ('text', 'word'),
-    [
-        ('G1 X1 Q2', 'line 1'),
-        ('G21\nG1 X', 'line 2'),
-        ('G91', 'G91'),
-        ('hello', 'line 1'),
-        ('G2 X1 I3', 'G2'),
-        ('G92 X0', 'G92'),
-        ('% G1', 'line 1'),
-    ],
-)
-def test_what_cannot_be_read_is_refused_with_its_line(text, word):
-    with pytest.raises(ProgramError, match=word):
-        read_gcode(text)
-
-
 def test_words_around_a_program_are_read_as_the_controller_does():
-    plain = 'G21 G90\nG0 Z5\nG0 X1 Y2\nG1 X3 F600\n'
+    plain = 'G21 G90\nG0 Z5\nG0 X1 Y2\nW5000 S22\nM3\nG1 X3 F600\nM5\n'
     framed = (
         '%\nG90 G94 G17 G21 G40 G49 G80\nG64 P0.01 Q0.02\nG0 Z5\n'
-        '/G0 X1 Y2 M8\nG1 X3.0000000000000000000000 F600 M9\nM30\n%\n'
+        '/G0 X1 Y2 M8\nW5000 S22\nM3\nG1 X3.0000000000000000000000 F600 M9\nM5\nM30\n%\n'
     )
-    assert [p.position for p in read_gcode(framed)[1:]] == [
-        p.position for p in read_gcode(plain)[1:]
-    ]
+    assert [m.end for m in read(framed)[1:]] == [m.end for m in read(plain)[1:]]
 
 
 def test_csv_has_one_line_per_segment(plan):

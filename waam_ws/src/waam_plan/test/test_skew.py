@@ -163,7 +163,8 @@ def test_picture_of_a_relative_program_is_that_of_the_absolute_one(points):
 @pytest.mark.parametrize(
     ('text', 'what'),
     [
-        ('G0 X0 Y0\nG2 X1 Y1 I1 J0', 'line 2'),
+        ('G0 X0 Y0 Z1\nG2 X1 Y1 I7 J0', 'line 2: radius mismatch'),
+        ('G0 X0 Y0\nG2 X1 Y1 I1', 'line 2: the arc begins'),
         ('G0 X1', 'depends on Y'),
         ('G92 X0', 'G92'),
         ('G0 X0 Y0\nG1 X1e-05', 'line 2: X: an exponent'),
@@ -173,6 +174,23 @@ def test_picture_of_a_relative_program_is_that_of_the_absolute_one(points):
 def test_what_cannot_be_corrected_is_named(text, what):
     with pytest.raises(SkewError, match=what):
         correct_gcode(text, AxisErrors(y_to_x=0.01).correction())
+
+
+@pytest.mark.parametrize('frame', ['', 'G91 ', 'G20 ', 'G90.1 '])
+def test_an_arc_becomes_lines_that_a_skewed_machine_drives_as_the_arc(frame):
+    unit = 25.4 if 'G20' in frame else 1.0
+    start = 'G0 Z2\nG0 X30 Y20\n'
+    centre = 'I40 J20' if '90.1' in frame else 'I10'
+    end = 'X20 Y0' if 'G91' in frame else 'X50 Y20'  # the same place
+    text = f'{start}N5 {frame}G3 {end} {centre} E7 F600 ; half\nG90 G1 X0 Y0 Z2'
+    corrected = correct_gcode(text, LEANING.correction())
+    lines = corrected.split('\n')[2:]
+    assert lines[0].startswith('N5') and 'F600' in lines[0] and lines[0].endswith('; half')
+    assert all('G1 X' in line and 'I' not in line for line in lines)
+    real = machine(LEANING, points_of(corrected))[1:-1]
+    middle = np.array([40, 20])
+    assert np.abs(np.linalg.norm(real[:, :2] - middle, axis=1) - 10).max() * unit < 2e-2
+    assert real[-1] == pytest.approx((50, 20, 2), abs=2e-2)
 
 
 @pytest.mark.parametrize('kind', ['scale_x', 'y_to_x'])

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import cli_correct
+from . import cli_correct, cli_program
 from .settings import ALTERNATIONS, STRATEGIES
 
 if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
@@ -27,6 +27,7 @@ examples:
   waam plan vase.stl --mode build --strategy shell       one bead along the surface; open meshes are accepted
   waam plan vase.stl --repair                            close its holes first; what was changed is printed
   waam plan part.stl --mode build --scale 1              a file in metres (default 0.001: mm)
+  waam plan part.gcode --dialect slicer --nominal part.stl --preview   another slicer's program: layers, beads, checks
 
 --set of what a program without the closed loop needs:
   bead_time=60         wait when a bead took less than so many seconds (a job waits for the temperature instead)
@@ -92,8 +93,9 @@ def _add_inputs(p: argparse.ArgumentParser) -> None:
         'part',
         type=Path,
         metavar='PART',
-        help='mesh (STL, PLY, 3MF, OBJ, OFF) or cloud (PCD, PLY, XYZ, NPY)',
+        help='mesh (STL, PLY, 3MF, OBJ, OFF), cloud (PCD, PLY, XYZ, NPY) or a program (G-code) to look at and to check',
     )
+    cli_program.add_program(p)
     p.add_argument(
         '--mode', choices=('build', 'restore'), help='default: restore with --as-found, else build'
     )
@@ -209,6 +211,8 @@ def make_plan(args: argparse.Namespace) -> Plan:
     from waam_plan.mesh.part import load_part
 
     settings = settings_from(args)
+    if cli_program.is_program(args):
+        return cli_program.program_plan(args, settings)
     if is_cloud(args.part):
         return _flat(args, settings)
     if args.level is not None:

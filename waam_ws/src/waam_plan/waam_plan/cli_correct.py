@@ -20,6 +20,7 @@ examples:
 The zero of the calibration is the work zero. Until a line has named X, Y and Z, a rapid (G0) moves only the axes it
 names: the first `G0 Z16` of a program lifts, the `G0 X Y` that follows puts the torch right. So begin with Z where it
 leans, as the programs of `waam plan` do; everything else before the place is known is refused, with its line.
+Arcs (G2, G3) become lines within 0.002 mm of their image, for on leaning axes that is an ellipse.
 A picture of both programs on the calibrated axes is written beside the output.
 """
 
@@ -37,7 +38,7 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         'program',
         type=Path,
         metavar='PROGRAM',
-        help='G-code, straight moves; begins with G0 Z, then G0 X Y',
+        help='G-code; begins with G0 Z, then G0 X Y',
     )
     for name, text in (
         ('y-to-x', 'the y axis leans towards +x (alpha)'),

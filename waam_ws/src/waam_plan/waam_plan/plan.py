@@ -256,9 +256,12 @@ def renumber(
 
 def check_reach(segments: list[Segment], settings: PlanSettings) -> None:
     """Raises PlanError when the torch would leave the machine; names axis, place and limit."""
-    if not segments:
-        return
-    points = np.array([s.start for s in segments] + [s.end for s in segments])
+    if segments:
+        check_points(np.array([s.start for s in segments] + [s.end for s in segments]), settings)
+
+
+def check_points(points: np.ndarray, settings: PlanSettings) -> None:
+    """The same for points (n, 3) m."""
     for axis, name in enumerate('xyz'):
         low, high = settings.machine_min[axis], settings.machine_max[axis]
         for value, bad, limit in (

@@ -19,9 +19,9 @@ FOLLOWED = 3e-3  # m; the torch does not follow ground farther than this from it
 
 
 def part_grid(bounds: np.ndarray, resolution: float, margin: float) -> GridSpec:
-    """Grid over the part's bounding box plus margin (m); the box's lower corner is the work zero."""
-    size = bounds[1] - bounds[0]
-    return GridSpec.covering(-margin, -margin, size[0] + margin, size[1] + margin, resolution)
+    """Grid over a box (2, 3) in the work frame plus margin (m)."""
+    (x0, y0), (x1, y1) = bounds[:, :2]
+    return GridSpec.covering(x0 - margin, y0 - margin, x1 + margin, y1 + margin, resolution)
 
 
 @dataclass(frozen=True)

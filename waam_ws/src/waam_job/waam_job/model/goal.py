@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from waam_plan.mesh.part import Part, PartError, load_part
+from waam_plan.read import place
+from waam_plan.read.dialect import DialectError
+from waam_plan.read.files import load_program
+from waam_plan.read.layers import layers_of, moved
+from waam_plan.read.motion import Program
+from waam_plan.read.regime import regime_problems
+from waam_plan.read.words import ProgramError
 from waam_plan.settings import STRATEGIES, PlanSettings, SettingsError, assigned
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.materials import Material, MaterialError, get
+from waam_process.segment import Point
 
 from .limits import K_GAIN_MAX
 
@@ -34,6 +44,7 @@ class Code(IntEnum):
     ABORTED = 111
     TIMEOUT = 112
     BAD_RESUME = 113
+    BAD_PROGRAM = 114
 
 
 class JobError(RuntimeError):
@@ -62,7 +73,7 @@ GIVEN = {
 class JobGoal:
     """The goal of run_job in SI, with its defaults. Fields are named as in the message and in job.yaml."""
 
-    part: Path  # mesh of the nominal part
+    part: Path  # mesh of the nominal part; with a program it may be missing: Path('')
     material: str  # key of the material table
     jobs_dir: Path  # where the job's folder is made
     name: str = ''  # short name; '' = that of the part
@@ -86,6 +97,9 @@ class JobGoal:
     learned_dir: Path | None = None
     fresh: bool = False  # starts without what former jobs have taught, and teaches nothing
     new_spool: bool = False  # wire_left was entered for this run, not for the first one
+    program: Path | None = None  # G-code that is laid as it is; None = the part is planned
+    dialect: str = ''  # what its codes mean: a shipped name or a YAML file; '' = our own programs
+    program_shift: Point = (0.0, 0.0, 0.0)  # m, added to its coordinates
 
     @property
     def loop_mode(self) -> LoopMode:
@@ -94,8 +108,18 @@ class JobGoal:
 
     @property
     def title(self) -> str:
-        """The name that was given, or that of the part's file."""
-        return self.name or self.part.stem
+        """The name that was given, or that of the file that is laid."""
+        return self.name or self.file.stem
+
+    @property
+    def file(self) -> Path:
+        """What is laid: the program, else the part."""
+        return self.program or self.part
+
+    @property
+    def has_part(self) -> bool:
+        """Whether there is a nominal part; only a program can do without."""
+        return bool(self.part.name)
 
 
 def planner_fields(goal: JobGoal, material: Material) -> dict[str, Any]:
@@ -151,11 +175,31 @@ def field_problems(goal: JobGoal) -> list[str]:
     for note in goal.notes:
         if '=' not in note:
             problems.append(f"note '{note}' is not of the form key=value")
+    problems += _program_problems(goal)
     try:
         assigned(goal.plan_settings, GIVEN)
     except SettingsError as e:
         problems.append(str(e))
     return [p for p in problems if p]
+
+
+def _program_problems(goal: JobGoal) -> list[str]:
+    """Fields that do not go together with a program, or only with one."""
+    if goal.program is None:
+        alone = [] if goal.has_part else ['part: no file is given']
+        if goal.dialect or any(goal.program_shift):
+            alone.append('dialect and program_shift belong to a program')
+        return alone
+    wrong = []
+    if goal.strategy or goal.allowance or goal.passes > 1:
+        wrong.append(
+            'strategy, allowance and passes belong to a part that is planned, not to a program'
+        )
+    if goal.profile == LoopMode.CLOSED_LOOP.value and not goal.has_part:
+        wrong.append('profile closed_loop needs a nominal part (--nominal); without it: monitor')
+    if not all(math.isfinite(v) and abs(v) <= 1.0 for v in goal.program_shift):
+        wrong.append(f'program_shift is {goal.program_shift} m, must be within 1 m')
+    return wrong
 
 
 def _contradictions(goal: JobGoal, material: Material) -> list[str]:
@@ -169,28 +213,81 @@ def _contradictions(goal: JobGoal, material: Material) -> list[str]:
 
 @dataclass(frozen=True)
 class Checked:
-    """A goal that passed the check, with the part and the material that were read for it."""
+    """A goal that passed the check, with what was read for it."""
 
     goal: JobGoal
-    part: Part
+    part: Part | None  # None only with a program
     material: Material
+    program: Program | None = None  # already shifted; None = the part is planned
+    offset: Point = (0.0, 0.0, 0.0)  # added to the part's coordinates, m
+    box: np.ndarray | None = None  # (2, 3) m, work frame: what is scanned
+    remarks: tuple[str, ...] = ()  # of program and part
+
+    @property
+    def part_sha256(self) -> str:
+        """Of the mesh; '' without one."""
+        return self.part.sha256 if self.part else ''
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(2, 3) m, work frame: the box that is scanned, for a planned part its own with the lower corner at zero."""
+        if self.box is not None:
+            return self.box
+        assert self.part is not None  # of a job that plans
+        return self.part.bounds - self.part.bounds[0]
 
 
 def check(goal: JobGoal) -> Checked:
-    """Reads part and material. Raises JobError that names everything that is wrong, not only the first thing."""
+    """Reads part, program and material. Raises JobError that names everything that is wrong."""
     problems = [(Code.BAD_GOAL, p) for p in field_problems(goal)]
-    part, material = None, None
+    part = program = material = None
     try:
-        closed = goal.mode == 'build' and goal.strategy != 'shell'
-        part = load_part(goal.part, goal.scale, closed, goal.repair, look_for_crossings=True)
+        if goal.has_part:
+            closed = goal.mode == 'build' and goal.strategy != 'shell' and goal.program is None
+            part = load_part(goal.part, goal.scale, closed, goal.repair, look_for_crossings=True)
     except PartError as e:
         problems.append((Code.BAD_PART, str(e)))
     try:
         material = get(goal.material)
     except MaterialError as e:
         problems.append((Code.UNKNOWN_MATERIAL, str(e)))
+    try:
+        program = _program(goal)
+    except (ProgramError, DialectError) as e:
+        problems.append((Code.BAD_PROGRAM, str(e)))
+    if material and program:
+        problems += [(Code.BAD_PROGRAM, p) for p in regime_problems(program, material)]
     if material and not problems:
         problems += [(Code.BAD_GOAL, p) for p in _contradictions(goal, material)]
-    if problems or part is None or material is None:
+    if problems or material is None:
         raise JobError(problems[0][0], '; '.join(text for _, text in problems))
-    return Checked(goal, part, material)
+    return _placed(Checked(goal, part, material, program))
+
+
+def _program(goal: JobGoal) -> Program | None:
+    """Read, shifted, and with layers that can be told apart. Raises ProgramError or DialectError."""
+    if goal.program is None:
+        return None
+    program = moved(load_program(goal.program, goal.dialect), goal.program_shift)
+    layers_of(program)
+    return program
+
+
+def _placed(checked: Checked) -> Checked:
+    """With the places of part and program in the work frame."""
+    part, program, goal = checked.part, checked.program, checked.goal
+    if program is None:
+        assert part is not None
+        x, y, z = (-float(v) for v in part.bounds[0])
+        return replace(checked, offset=(x, y, z))
+    path = place.path_box(program)
+    half = planner_fields(goal, checked.material)['bead_width'] / 2
+    box = path + [[-half, -half, 0.0], [half, half, 0.0]]
+    box[0, 2] = 0.0
+    if part is None:
+        return replace(checked, box=box)
+    offset, how = place.part_offset(part.bounds, path)
+    lies = part.bounds + offset
+    if goal.mode == 'restore':
+        box = np.array([np.minimum(box[0], lies[0]), np.maximum(box[1], lies[1])])
+    return replace(checked, offset=offset, box=box, remarks=(how,))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,9 @@ from ..model.limits import K_GAIN_MAX
 from ..model.records import State, Status
 from ..run.control import Control
 from ..store.folder import JobFolder
+from ..store.program import keep_program
 from ..store.provenance import provenance
+from ..store.trace import sha256_of
 from .ros_cell import RosCell
 
 
@@ -48,6 +50,9 @@ def reopen(request: RunJob.Goal) -> tuple[JobFolder, JobGoal]:
         goal = convert.goal_from_job(folder.read_yaml(job_folder.JOB), request)
     except ValueError as e:
         raise JobError(Code.BAD_RESUME, str(e)) from None
+    if goal.program is not None:  # the job's own copies: the files may have gone meanwhile
+        own = path / job_folder.PROGRAM_DIALECT
+        goal = replace(goal, program=path / job_folder.PROGRAM_GIVEN, dialect=str(own))
     status = folder.read_json(job_folder.STATUS) or {}
     if status.get('state') == State.DONE.name:
         raise JobError(Code.BAD_RESUME, f'{path.name} is finished; there is nothing to go on with')
@@ -57,12 +62,19 @@ def reopen(request: RunJob.Goal) -> tuple[JobFolder, JobGoal]:
 def recheck(goal: JobGoal, folder: JobFolder) -> Checked:
     """Part and material as at the start of the job; a mesh that was changed since then is refused."""
     checked = check(goal)
-    before = folder.read_yaml(job_folder.JOB).get('part_sha256')
-    if before != checked.part.sha256:
-        raise JobError(
-            Code.BAD_RESUME, f'{goal.part} was changed since the job began (its hash is another)'
-        )
+    before = folder.read_yaml(job_folder.JOB)
+    for file, known, now in (
+        (goal.part, before.get('part_sha256'), checked.part_sha256),
+        (goal.program, before.get('program_sha256', ''), _program_sha256(goal)),
+    ):
+        if known != now:
+            text = f'{file} was changed since the job began (its hash is another)'
+            raise JobError(Code.BAD_RESUME, text)
     return checked
+
+
+def _program_sha256(goal: JobGoal) -> str:
+    return sha256_of(goal.program) if goal.program else ''
 
 
 def new_folder(goal: JobGoal, checked: Checked, kept: dict) -> JobFolder:
@@ -70,7 +82,8 @@ def new_folder(goal: JobGoal, checked: Checked, kept: dict) -> JobFolder:
     folder = JobFolder.create(goal.jobs_dir.resolve(), goal.title)
     asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(goal).items()}
     facts = {'job_id': folder.job_id, 'goal': asked, 'material': asdict(checked.material), **kept}
-    folder.write_yaml(job_folder.JOB, {**facts, **provenance(checked.part.sha256)})
+    made = provenance(checked.part_sha256, keep_program(goal, folder))
+    folder.write_yaml(job_folder.JOB, {**facts, **made})
     return folder
 
 
@@ -78,7 +91,8 @@ def keep_resume(folder: JobFolder, goal: JobGoal, checked: Checked, kept: dict) 
     """Records who resumes the job, and with what. Returns the number of the run."""
     run = folder.next_run()
     facts = {'operator_name': goal.operator_name, 'notes': list(goal.notes), **kept}
-    folder.write_yaml(job_folder.resume(run), {**facts, **provenance(checked.part.sha256)})
+    made = provenance(checked.part_sha256, _program_sha256(goal))
+    folder.write_yaml(job_folder.resume(run), {**facts, **made})
     return run
 
 

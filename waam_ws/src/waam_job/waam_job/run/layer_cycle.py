@@ -192,10 +192,11 @@ class LayerCycle:
         heat_factor: float,
         record: LayerRecord,
     ) -> list[Segment]:
-        """Speed, feed and voltage of every segment; in closed loop the torch also follows the measured surface."""
+        """Speed, feed and voltage of every segment; in closed loop the torch also follows the measured surface, but a
+        program of others keeps its path."""
         closed = self.loop_mode == LoopMode.CLOSED_LOOP
         segments = layer.segments
-        if closed and scan.plausible:
+        if closed and scan.plausible and self.context.checked.program is None:
             segments = follow(segments, scan.map, self.settings.follow_reach)
         request = FeedRequest(
             material=self.goal.material,

@@ -24,9 +24,8 @@ class PartScanner:
         self.context = context
         self.cell, self.motion, self.journal = context.cell, context.motion, context.journal
         self.program, self.goal, self.settings = context.program, context.goal, context.settings
-        bounds = context.checked.part.bounds
-        self.size = bounds[1] - bounds[0]
-        self.spec = part_grid(bounds, self.settings.resolution, self.settings.margin)
+        self.bounds = context.checked.bounds
+        self.spec = part_grid(self.bounds, self.settings.resolution, self.settings.margin)
         self._laid: tuple[int, LaidBeads] = (0, LaidBeads())
 
     def laid(self, layer: int, beads: LaidBeads) -> None:
@@ -61,8 +60,9 @@ class PartScanner:
     def path(self, top: float, settings: PlanSettings, start: Point) -> list[Segment]:
         """The pass over the part from `start`, `top` as of `scan`. JobError when it leaves the machine."""
         m = self.settings.margin
-        rectangle = (-m, -m, float(self.size[0]) + m, float(self.size[1]) + m)
-        highest = float(self.size[2]) if self.goal.mode == 'restore' else top
+        (x0, y0, _), (x1, y1, z1) = self.bounds.tolist()
+        rectangle = (x0 - m, y0 - m, x1 + m, y1 + m)
+        highest = z1 if self.goal.mode == 'restore' else top
         try:
             return scan_segments(rectangle, highest, settings, start)
         except ValueError as e:

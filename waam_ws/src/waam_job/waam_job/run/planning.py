@@ -11,6 +11,7 @@ from waam_plan.lay.build import plan_build
 from waam_plan.lay.restore import plan_restoration
 from waam_plan.mesh.surface import top_surface
 from waam_plan.plan import Plan, PlannedLayer
+from waam_plan.read.plan_of import plan_program
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 
@@ -30,10 +31,15 @@ def make_plan(
     """
     part, goal = checked.part, checked.goal
     try:
+        if checked.program is not None:
+            nominal = top_surface(part.mesh, found.spec, checked.offset) if part else None
+            return plan_program(
+                checked.program, settings, found, nominal, layers=goal.layers, mode=goal.mode
+            )
+        assert part is not None  # a job without a program has one
         if goal.mode == 'build':
             return plan_build(part, settings, goal.layers, found.spec)
-        x, y, z = (-float(v) for v in part.bounds[0])
-        nominal = top_surface(part.mesh, found.spec, (x, y, z))
+        nominal = top_surface(part.mesh, found.spec, checked.offset)
         wanted = max(1, goal.layers - laid) if goal.layers else 0
         return plan_restoration(found, nominal, settings, wanted, laid, below)
     except ValueError as e:
@@ -50,7 +56,7 @@ def build_ahead(
     try:
         plan = make_plan(checked, settings, HeightGrid.full(spec, 0.0))
     except JobError as e:
-        volume = checked.part.report.volume
+        volume = checked.part.report.volume if checked.part else math.nan
         known = math.isfinite(volume) and not checked.goal.layers
         return None, [e, *wire_problems(wire_of_volume(volume, settings) if known else 0.0, spool)]
     return plan, wire_problems(plan.wire, spool)

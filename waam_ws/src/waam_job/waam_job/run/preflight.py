@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from waam_plan.mesh.part import PartError, check_fits
-from waam_plan.plan import Plan
+from waam_plan.plan import Plan, PlanError, check_points
+from waam_plan.read.place import path_box
 from waam_plan.settings import PlanSettings
 from waam_process.loop_mode import LoopMode
 
@@ -56,9 +57,13 @@ class Preflight:
         return [JobError(Code.BAD_GOAL, text)]
 
     def _fits(self, settings: PlanSettings) -> list[JobError]:
+        part, program = self.checked.part, self.checked.program
         try:
-            check_fits(self.checked.part, settings)
-        except PartError as e:
+            if program is not None:
+                check_points(path_box(program), settings)
+            elif part is not None:
+                check_fits(part, settings)
+        except (PartError, PlanError) as e:
             return [JobError(Code.PLAN_FAILED, str(e))]
         return []
 

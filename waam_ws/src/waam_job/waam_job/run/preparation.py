@@ -78,7 +78,9 @@ class Preparation:
             said.append('the scanner has no calibration file: its age was not checked')
         if not goal.wire_left and not self.settings.simulated:
             said.append('nobody said how much wire is left: it was not checked against the plan')
-        report = self.checked.part.report
-        said += [f'part repaired: {text}' for text in report.repairs]
-        said += [f'part: {report.crossing}'] if report.crossing else []
+        said += self.checked.remarks
+        if self.checked.part is not None:
+            report = self.checked.part.report
+            said += [f'part repaired: {text}' for text in report.repairs]
+            said += [f'part: {report.crossing}'] if report.crossing else []
         return said

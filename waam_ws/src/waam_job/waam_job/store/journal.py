@@ -281,7 +281,7 @@ class Journal:
             {
                 'job_id': self.folder.job_id,
                 'name': goal.title,
-                'part': goal.part.name,
+                'part': goal.part.name or goal.file.name,
                 'material': goal.material,
                 'created': datetime.now(UTC).isoformat(timespec='seconds'),
                 'tolerance_mm': goal.tolerance * 1e3,

@@ -30,10 +30,11 @@ def version_of(package: str) -> str:
         return 'not installed'
 
 
-def provenance(part_sha256: str) -> dict:
-    """For job.yaml."""
+def provenance(part_sha256: str, program_sha256: str = '') -> dict:
+    """For job.yaml. program_sha256: of the program of others that is laid; '' = the part is planned."""
     return {
         'part_sha256': part_sha256,
+        'program_sha256': program_sha256,
         'software': software_revision(),
         'python': platform.python_version(),
         'system': platform.platform(),

@@ -5,9 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,22 +20,6 @@ CSV_COLUMNS = (
     *('x0_mm', 'y0_mm', 'z0_mm', 'x1_mm', 'y1_mm', 'z1_mm'),
     *('speed_mm_s', 'height_mm', 'width_mm', 'wire_feed_m_min', 'voltage_v', 'dwell_s'),
 )
-
-
-class ProgramError(ValueError):
-    """G-code that cannot be read; the text names line and word."""
-
-
-@dataclass(frozen=True)
-class GcodePoint:
-    """End of one move as read from G-code. SI."""
-
-    position: Point
-    speed: float  # m/s
-    arc: bool
-    wire_feed_speed: float  # m/s
-    voltage: float  # V
-    line: int  # from 1
 
 
 def with_base_feed(segments: list[Segment], settings: PlanSettings) -> list[Segment]:
@@ -163,53 +145,6 @@ def _arc(s: Segment, via: Point) -> tuple[str, str]:
     i, j = (circle(a, m, b)[0] - a)[:2] * 1e3
     word = 'G3' if np.cross(m - a, b - a)[2] > 0 else 'G2'
     return word, f' I{i:.4f} J{j:.4f}'
-
-
-_WORD = re.compile(r'([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))')
-
-
-# What a program of this dialect says: moves, dwell, homing, and the modes that it always has.
-_READ = {0, 1, 4, 17, 21, 28, 40, 49, 54, 61, 64, 80, 90, 94}
-
-
-def read_gcode(text: str) -> list[GcodePoint]:
-    """Ends of all moves of a program in this dialect (absolute, mm). Raises ProgramError naming the line.
-
-    As in the controller, '%' alone is passed over and a line that begins with '/' is read.
-    """
-    points: list[GcodePoint] = []
-    place = {'X': math.nan, 'Y': math.nan, 'Z': math.nan}
-    state = {'F': math.nan, 'W': 0.0, 'S': 0.0}
-    arc, moving = False, False
-    for number, raw in enumerate(text.splitlines(), 1):
-        line = re.sub(r'\([^)]*\)', '', raw.split(';')[0]).strip().upper()
-        line = '' if line == '%' else line.removeprefix('/')
-        words = _WORD.findall(line)
-        if _WORD.sub('', line).strip():
-            raise ProgramError(f'line {number}: cannot read {raw.strip()!r}')
-        seen = False
-        for letter, value in words:
-            v = float(value)
-            if letter == 'G':
-                if v not in _READ:
-                    raise ProgramError(f'line {number}: G{v:g} is not part of these programs')
-                moving = v in (0, 1) if v in (0, 1, 4, 28, 80) else moving
-            elif letter == 'M':
-                arc = v == 3 if v in (3, 5) else arc
-            elif letter in place:
-                place[letter], seen = v, True
-            elif letter in state:
-                state[letter] = v
-            elif not (letter in 'NP' or (letter == 'Q' and 'G64' in line)):
-                raise ProgramError(f'line {number}: unknown word {letter}{value}')
-        if seen and moving:
-            points.append(_point(place, state, arc, number))
-    return points
-
-
-def _point(place: dict[str, float], state: dict[str, float], arc: bool, line: int) -> GcodePoint:
-    position = (place['X'] * 1e-3, place['Y'] * 1e-3, place['Z'] * 1e-3)
-    return GcodePoint(position, state['F'] / 60e3, arc, state['W'] / 60e3, state['S'], line)
 
 
 def to_csv(program: Plan | list[Segment]) -> str:

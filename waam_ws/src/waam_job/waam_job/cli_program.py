@@ -1,0 +1,60 @@
+"""What the command line says of part and program, the same for `waam job run` and `waam lab`."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from waam_plan.cli_program import PART_HELP as PART_HELP
+from waam_plan.cli_program import add_program as add_program
+from waam_process.loop_mode import LoopMode
+from waam_process.segment import Point
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is laid and how, in the words of JobGoal."""
+
+    part: Path | None  # None: a program without a nominal part
+    program: Path | None
+    dialect: str
+    shift: Point  # m
+    mode: str
+    profile: str
+
+    def goal_fields(self) -> dict[str, Any]:
+        """For JobGoal, with whole paths."""
+        return {
+            'part': self.part.resolve() if self.part else Path(''),
+            'program': self.program.resolve() if self.program else None,
+            'dialect': self.dialect,
+            'program_shift': self.shift,
+            'mode': self.mode,
+            'profile': self.profile,
+        }
+
+
+def asked_of(args: argparse.Namespace, default_mode: str = 'restore') -> Asked:
+    """A program is told from a part by the name of its file. It is built on a plate unless a worn part is there, and
+    without a nominal part it is only watched. ValueError for options that belong to the other."""
+    from waam_plan.read.files import is_program, shipped
+
+    nominal, dialect = getattr(args, 'nominal', None), getattr(args, 'dialect', '')
+    x, y, z = getattr(args, 'shift', (0.0, 0.0, 0.0))
+    worn = getattr(args, 'as_found', None)
+    if is_program(args.part):
+        if dialect and dialect not in shipped():
+            dialect = str(Path(dialect).resolve())
+        mode = args.mode or ('restore' if worn else 'build')
+        profile = args.profile or (LoopMode.CLOSED_LOOP if nominal else LoopMode.MONITOR).value
+        return Asked(
+            nominal, args.part, dialect, (x * 1e-3, y * 1e-3, z * 1e-3), mode, str(profile)
+        )
+    if nominal or dialect or any((x, y, z)):
+        raise ValueError(
+            f'--nominal, --dialect and --shift belong to a program, not to {args.part}'
+        )
+    profile = args.profile or LoopMode.CLOSED_LOOP.value
+    return Asked(args.part, None, '', (0.0, 0.0, 0.0), args.mode or default_mode, str(profile))

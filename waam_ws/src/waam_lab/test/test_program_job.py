@@ -1,0 +1,103 @@
+"""A small program of others through a whole job in the laboratory: its path stays, its setpoints are corrected."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from waam_job.model.goal import Code, JobError, JobGoal, check
+from waam_lab import run
+from waam_lab.job import LabJob
+from waam_lab.metal_trace import MetalTrace
+from waam_node import job_folder
+from waam_plan.post.store import load_plan
+from waam_process.segment import Kind
+
+
+def pad(layers: int = 2) -> str:
+    """Five beads of 24 mm, 4 mm apart, to and fro, in the manner of a printer's slicer."""
+    text = ['G21', 'G90', 'M83', 'G28', 'M104 S0']
+    for k in range(layers):
+        text += ['; a comment', ';LAYER_CHANGE', f'G1 Z{2 * (k + 1)} F3000', 'G1 X40 Y40 F3000']
+        text += ['G1 F600']
+        for i in range(5):
+            x = 64 if i % 2 == 0 else 40
+            text += [f'G1 X{x} Y{40 + 4 * i} E{24 * 7.6:.4f}']
+            text += [f'G1 X{x} Y{44 + 4 * i} E{4 * 7.6:.4f}'] if i < 4 else []
+    return '\n'.join([*text, 'M107', 'M84'])
+
+
+@pytest.fixture
+def goal(tmp_path) -> JobGoal:
+    program, part = tmp_path / 'pad.gcode', tmp_path / 'pad.stl'
+    program.write_text(pad())
+    box = trimesh.creation.box(extents=(22, 16, 4))
+    box.apply_translation((52, 48, 2))
+    box.export(part)
+    return JobGoal(
+        part=part,
+        material='er70s-6',
+        jobs_dir=tmp_path / 'jobs',
+        mode='build',
+        program=program,
+        dialect='slicer',
+    )
+
+
+def test_a_program_is_laid_in_closed_loop_and_its_path_stays(goal):
+    trace = MetalTrace()
+    result = run(LabJob(goal, seed=3, keep=True), trace)
+    assert result.error_code == 0, result.message
+    assert result.layers == 2 and result.fallbacks == 0
+    plan = load_plan(result.folder / job_folder.plan())
+    for layer in plan.layers:
+        sent = [s for s in trace.layers[layer.number].segments if s.kind == Kind.DEPOSIT]
+        assert [(s.start, s.end) for s in sent] == [(s.start, s.end) for s in layer.deposits]
+    second = [s for s in trace.layers[2].segments if s.kind == Kind.DEPOSIT]
+    assert any(abs(s.speed - 0.01) > 1e-4 for s in second)  # corrected
+    assert {round(s.speed_programmed, 6) for s in second} == {0.01}
+    kept = result.folder / job_folder.PROGRAM_GIVEN
+    assert kept.read_text() == goal.program.read_text()
+    facts = yaml.safe_load((result.folder / job_folder.JOB).read_text())
+    assert len(facts['program_sha256']) == 64 and facts['goal']['dialect'] == 'slicer'
+    assert (result.folder / job_folder.PROGRAM_DIALECT).read_text().startswith('# Programs of')
+    assert abs(result.layer_means[-1]) < 0.3e-3
+
+
+def test_without_a_nominal_part_a_program_is_watched_only(goal):
+    bare = replace(goal, part=Path(''), profile='monitor', layers=1)
+    trace = MetalTrace()
+    result = run(LabJob(bare, seed=3), trace)
+    assert result.error_code == 0, result.message
+    sent = [s for s in trace.layers[1].segments if s.kind == Kind.DEPOSIT]
+    assert {round(s.speed, 6) for s in sent} == {0.01}
+    feed = 7.6 * 0.01  # of the file, within what the lead of the wire at corners takes and gives
+    assert np.median([s.wire_feed_speed for s in sent]) == pytest.approx(feed, rel=0.02)
+
+
+def test_what_does_not_go_with_a_program_is_refused(goal):
+    for wrong, what in (
+        ({'part': Path('')}, 'closed_loop needs a nominal part'),
+        ({'passes': 2, 'mode': 'restore'}, 'strategy, allowance and passes belong to a part'),
+        ({'program': None}, 'dialect and program_shift belong to a program'),
+        ({'program_shift': (5.0, 0.0, 0.0)}, 'program_shift is'),
+    ):
+        with pytest.raises(JobError, match=what) as refused:
+            check(replace(goal, **wrong))
+        assert refused.value.code == Code.BAD_GOAL
+    for text, what in (('G77', 'line 1: G77'), (pad().replace('F600', 'F6000'), 'travel speed')):
+        goal.program.write_text(text)
+        with pytest.raises(JobError, match=what) as refused:
+            check(goal)
+        assert refused.value.code == Code.BAD_PROGRAM
+
+
+def test_a_program_beyond_the_machine_is_refused_before_anything_moves(goal):
+    result = run(LabJob(replace(goal, program_shift=(0.3, 0.0, 0.0)), seed=3))
+    assert result.failed and result.error_code == Code.PLAN_FAILED
+    assert 'outside the machine' in result.message

@@ -1,0 +1,431 @@
+"""The reader of G-code: words to motions, modal state as RS274/NGC has it, wire and arc as a dialect says.
+
+The order within a line is that of RS274/NGC: modes, feed, wire and arc, dwell, motion, end. So M3 and M5 act before
+the move of their line. With the wire as an axis (E) the rules are those of printers: G0 moves like G1, G90 and G91
+count for E too until M82 or M83 says otherwise, the P of G4 is in ms.
+"""
+
+from __future__ import annotations
+
+import math
+
+from waam_plan.read import arc as arcs
+from waam_plan.read.dialect import Dialect, Setting
+from waam_plan.read.motion import Motion, Program
+from waam_plan.read.words import Line, ProgramError, Word, read_lines, refuse
+from waam_process.segment import Point
+
+INCH = 0.0254
+FARTHEST = 10.0  # m, of a coordinate
+LONGEST_DWELL = 3600.0  # s
+MOST_TURNS = 1000
+MOST_MOTIONS = 5_000_000
+AXES = 'XYZ'
+UNKNOWN = (math.nan, math.nan, math.nan)
+MOVES = ('G0', 'G1', 'G2', 'G3')
+# modal groups, of each at most one code in a line
+GROUPS = (
+    (*MOVES, 'G80'),
+    ('G17', 'G18', 'G19'),
+    ('G20', 'G21'),
+    ('G90', 'G91'),
+    ('G90.1', 'G91.1'),
+    ('M3', 'M4', 'M5'),
+)
+# modes that every program here has, and what the machine decides for itself
+QUIET = {'G40', 'G49', 'G50', 'G54', 'G61', 'G61.1', 'G64', 'G94', 'G97'}
+WHY_NOT = {
+    'G5': 'splines are not read, let the CAM system write arcs or lines',
+    'G41': 'cutter compensation belongs into the CAM system',
+    'G42': 'cutter compensation belongs into the CAM system',
+    'G43': 'there is one tool; a dialect may ignore the code',
+    'G55': 'there is one work zero (G54)',
+    'G93': 'write speeds as units per minute (G94)',
+    'G95': 'write speeds as units per minute (G94)',
+    'G10': 'a program does not move the work zero',
+    'M0': 'a job does not stop in the middle of a layer; a dialect may ignore the code',
+    'M1': 'a job does not stop in the middle of a layer; a dialect may ignore the code',
+}
+
+
+def read_program(text: str, dialect: Dialect, name: str = 'program') -> Program:
+    """Raises ProgramError, which names line and word, for everything that has no meaning here."""
+    reader = _Reader(dialect)
+    for line in read_lines(text, dialect.block_delete):
+        if reader.ended:
+            break
+        reader.line(line)
+    reader.finish()
+    if not any(m.arc for m in reader.motions):
+        raise ProgramError(
+            f'{name}: the arc is never lit by the codes of dialect {dialect.name}; choose another one'
+        )
+    diameter = dialect.extruder.diameter if dialect.extruder else 0.0
+    return Program(
+        name, reader.motions, diameter, dialect.idle, dialect.height, list(reader.remarks.values())
+    )
+
+
+class _Words:
+    """The words of a line; whoever understands one takes it."""
+
+    def __init__(self, line: Line) -> None:
+        self.number = line.number
+        self.codes = [w for w in line.words if w.letter in 'GMT']
+        self.values: dict[str, Word] = {}
+        for w in line.words:
+            if w.letter in 'GMT':
+                continue
+            if w.letter in self.values:
+                raise refuse(line.number, w.text, f'{w.letter} stands twice in the line')
+            self.values[w.letter] = w
+        self.taken: set[str] = set()
+
+    def has(self, letters: str) -> bool:
+        """Whether one of these letters is there."""
+        return any(letter in self.values for letter in letters)
+
+    def take(self, letter: str) -> float | None:
+        """The value, which is understood now; None where there is none."""
+        if letter not in self.values:
+            return None
+        self.taken.add(letter)
+        return self.values[letter].value
+
+    def text(self, letter: str) -> str:
+        """As written."""
+        return self.values[letter].text
+
+    def check_all_taken(self) -> None:
+        """ProgramError for a word that nobody understood."""
+        for letter, word in self.values.items():
+            if letter not in self.taken:
+                raise refuse(self.number, word.text, 'has no meaning in this line')
+
+
+class _Reader:
+    """Modal state, and the motions so far."""
+
+    def __init__(self, dialect: Dialect) -> None:
+        self.dialect = dialect
+        self.motions: list[Motion] = []
+        self.remarks: dict[str, str] = {}
+        self.unit, self.plane, self.motion = 1e-3, 17, ''
+        self.relative = self.wire_relative = self.centre_absolute = False
+        self.place: list[float] = list(UNKNOWN)
+        self.offset = [0.0, 0.0, 0.0]  # of G92: work = program + offset
+        self.speed, self.fed = math.nan, 0.0  # fed: position of the extruder, m
+        self.burning, self.lit_in, self.mark, self.ended = False, 0, 0, False
+        wire, volts = dialect.wire, dialect.voltage
+        self.wire = wire.start if isinstance(wire, Setting) else math.nan
+        self.voltage = volts.start if volts else math.nan
+
+    def line(self, line: Line) -> None:
+        """One line, in the order of RS274/NGC."""
+        for comment in line.comments:
+            self.mark += any(p.search(comment) for p in self.dialect.layer)
+        words = _Words(line)
+        if not line.words or (words.codes and words.codes[0].code in self.dialect.skip):
+            return
+        self._check_groups(words)
+        names = [w.code for w in words.codes]
+        self._modes(names)
+        self._feed(words)
+        self._setpoints(words, line)
+        home = self._codes(words, line)
+        self._dwell(words, names)
+        if home or 'G53' in names:
+            self._leave(words)
+        elif 'G92' in names:
+            self._shift(words)
+        else:
+            self._move(words, names)
+        words.check_all_taken()
+        if self.ended and self.burning:
+            raise refuse(line.number, line.words[0].text, f'the arc of line {self.lit_in} burns')
+
+    def finish(self) -> None:
+        """ProgramError when the arc is never put out."""
+        if self.burning:
+            raise ProgramError(
+                f'line {self.lit_in}: the arc that is lit here is never put out '
+                f'({", ".join(c.name for c in self.dialect.arc_off)})'
+            )
+
+    @staticmethod
+    def _check_groups(words: _Words) -> None:
+        for group in GROUPS:
+            held = [w for w in words.codes if w.code in group]
+            if len(held) > 1:
+                raise refuse(words.number, held[1].text, f'contradicts {held[0].text} beside it')
+
+    # ---- modes and setpoints -------------------------------------------------------------------
+
+    def _modes(self, names: list[str]) -> None:
+        for name in names:
+            if name in ('G20', 'G21'):
+                self.unit = INCH if name == 'G20' else 1e-3
+            elif name in ('G17', 'G18', 'G19'):
+                self.plane = int(name[1:])
+            elif name in ('G90', 'G91'):
+                self.relative = self.wire_relative = name == 'G91'
+            elif name in ('G90.1', 'G91.1'):
+                self.centre_absolute = name == 'G90.1'
+            elif name in ('M82', 'M83') and self.dialect.extruder:
+                self.wire_relative = name == 'M83'
+            elif name == 'G92.1':
+                self.offset = [0.0, 0.0, 0.0]
+
+    def _feed(self, words: _Words) -> None:
+        value = words.take('F')
+        if value is None:
+            return
+        if not value > 0:
+            raise refuse(words.number, words.text('F'), 'a feed must be above 0')
+        self.speed = value * self.unit / 60
+
+    def _setpoints(self, words: _Words, line: Line) -> None:
+        d = self.dialect
+        if isinstance(d.wire, Setting):
+            self.wire = self._set(d.wire, self.wire, words, line)
+        if d.voltage:
+            self.voltage = self._set(d.voltage, self.voltage, words, line)
+
+    @staticmethod
+    def _set(setting: Setting, now: float, words: _Words, line: Line) -> float:
+        if not setting.letter or (setting.code and not setting.code.of(line.words)):
+            return now
+        if setting.code:
+            for letter, _ in setting.code.beside:
+                words.take(letter)
+        value = words.take(setting.letter)
+        if value is None:
+            return now
+        if value < 0:
+            raise refuse(words.number, words.text(setting.letter), 'must not be negative')
+        return value * setting.factor
+
+    def _codes(self, words: _Words, line: Line) -> bool:
+        """Arc, gas, end; every code must mean something. True for a move to the machine's own zero."""
+        home = False
+        for word in words.codes:
+            name = word.code
+            known = self._arc_code(word, words, line) or name in self.dialect.ignore
+            known |= any(c.name == name for c in self.dialect.gas)
+            known |= name in QUIET or any(name in group for group in GROUPS[:5])
+            known |= name in ('G4', 'G92', 'G92.1', 'G53') or self._sets(name)
+            known |= bool(self.dialect.extruder) and name in ('M82', 'M83')
+            if name == 'G64':
+                words.take('P'), words.take('Q')
+            if name in ('G28', 'G30'):
+                home = known = True
+            if name in ('M2', 'M30'):
+                self.ended = known = True
+            if not known:
+                why = WHY_NOT.get(name, f'means nothing in dialect {self.dialect.name}')
+                raise refuse(words.number, word.text, why)
+        return home
+
+    def _sets(self, name: str) -> bool:
+        settings = (self.dialect.wire, self.dialect.voltage)
+        return any(isinstance(s, Setting) and s.code and s.code.name == name for s in settings)
+
+    def _arc_code(self, word: Word, words: _Words, line: Line) -> bool:
+        for codes, on in ((self.dialect.arc_on, True), (self.dialect.arc_off, False)):
+            for code in codes:
+                if code.name == word.code and code.of(line.words):
+                    for letter, _ in code.beside:
+                        words.take(letter)
+                    if on and not self.burning:
+                        self.lit_in = words.number
+                    self.burning = on
+                    return True
+        return False
+
+    # ---- where the torch is --------------------------------------------------------------------
+
+    def _leave(self, words: _Words) -> None:
+        """To a place in the machine's own coordinates: the job does that by itself, the place is unknown then."""
+        word = next(w for w in words.codes if w.code in ('G28', 'G30', 'G53'))
+        if self.burning:
+            raise refuse(words.number, word.text, 'moves in machine coordinates with the arc on')
+        named = [i for i, a in enumerate(AXES) if words.take(a) is not None]
+        for i in named or range(3):
+            self.place[i] = math.nan
+        self.remarks.setdefault(
+            word.code, f'{word.code} is left to the job (first in line {words.number})'
+        )
+
+    def _shift(self, words: _Words) -> None:
+        """G92: the place is called so from here on."""
+        number = next(w for w in words.codes if w.code == 'G92')
+        letter = self.dialect.extruder.letter if self.dialect.extruder else ''
+        if not words.has(AXES + letter):
+            raise refuse(words.number, number.text, 'says no axis')
+        if letter and (fed := words.take(letter)) is not None:
+            self.fed = fed * self.unit
+        for i, axis in enumerate(AXES):
+            value = words.take(axis)
+            if value is None:
+                continue
+            if math.isnan(self.place[i]):
+                raise refuse(words.number, words.text(axis), f'where {axis} is, is not known yet')
+            self.offset[i] = self.place[i] - value * self.unit
+
+    def _target(self, words: _Words) -> Point:
+        out = list(self.place)
+        for i, axis in enumerate(AXES):
+            value = words.take(axis)
+            if value is None:
+                continue
+            value *= self.unit
+            out[i] = out[i] + value if self.relative else value + self.offset[i]
+            if abs(out[i]) > FARTHEST:
+                raise refuse(words.number, words.text(axis), f'{out[i]:.3g} m away')
+        return out[0], out[1], out[2]
+
+    # ---- motion --------------------------------------------------------------------------------
+
+    def _dwell(self, words: _Words, names: list[str]) -> None:
+        if 'G4' not in names:
+            return
+        scale = 1e-3 if self.dialect.extruder else 1.0
+        value = words.take('P')
+        seconds = value * scale if value is not None else None
+        if self.dialect.extruder and words.has('S'):
+            seconds = words.take('S')
+        if seconds is None:
+            raise refuse(words.number, 'G4', 'says no time (P)')
+        if not 0 <= seconds <= LONGEST_DWELL:
+            raise refuse(words.number, 'G4', f'{seconds:g} s, must be 0 to {LONGEST_DWELL:g} s')
+        if seconds:
+            here = self._here()
+            lit = self.burning and not self.dialect.extruder
+            wait = self._motion(words.number, here, here, lit, dwell=seconds)
+            self._check_lit(wait, words, 'G4')
+            self._add(wait)
+
+    def _here(self) -> Point:
+        return self.place[0], self.place[1], self.place[2]
+
+    def _move(self, words: _Words, names: list[str]) -> None:
+        for name in names:
+            if name in (*MOVES, 'G80'):
+                self.motion = name if name in MOVES else ''
+        letter = self.dialect.extruder.letter if self.dialect.extruder else ''
+        centre = 'IJKR' if self.motion in ('G2', 'G3') else ''
+        if not words.has(AXES + letter + centre):
+            return
+        if not self.motion:
+            word = next(w for w in words.values.values() if w.letter in AXES + letter)
+            raise refuse(words.number, word.text, 'no G0, G1, G2 or G3 says how to go there')
+        start, end = self._here(), self._target(words)
+        round_ = self._round(words, start, end) if centre else None
+        fed = self._advance(words, letter)
+        self.place = list(end)
+        if start != end or round_:
+            self._go(words, start, end, round_, fed)
+
+    def _advance(self, words: _Words, letter: str) -> float:
+        """m of wire that the extruder feeds in this move."""
+        value = words.take(letter) if letter else None
+        if value is None:
+            return 0.0
+        at = value * self.unit + (self.fed if self.wire_relative else 0.0)
+        fed, self.fed = at - self.fed, at
+        return fed
+
+    def _go(
+        self, words: _Words, start: Point, end: Point, round_: arcs.Arc | None, fed: float
+    ) -> None:
+        rapid = self.motion == 'G0' and not self.dialect.extruder
+        lit = fed > 0 if self.dialect.extruder else self.burning
+        word = next(w.text for w in words.values.values() if w.letter in (*AXES, *'IJKR'))
+        if math.isnan(self.speed) and not rapid:
+            raise refuse(words.number, word, 'no feed (F) has been given')
+        if lit and rapid:
+            raise refuse(
+                words.number, word, f'a rapid (G0) with the arc on, lit in line {self.lit_in}'
+            )
+        move = self._motion(words.number, start, end, lit, rapid=rapid, round_=round_, fed=fed)
+        self._check_lit(move, words, word)
+        self._add(move)
+
+    def _check_lit(self, motion: Motion, words: _Words, word: str) -> None:
+        """ProgramError for an arc at an unknown place or without wire."""
+        if not motion.arc:
+            return
+        for axis, *values in zip(AXES, motion.start, motion.end, strict=True):
+            if any(map(math.isnan, values)):
+                why = f'the arc is on, but where {axis} is, is not known yet'
+                raise refuse(words.number, word, why)
+        if self.dialect.wire is not None and not motion.wire > 0:
+            raise refuse(words.number, word, 'the arc is on, but no wire is fed')
+
+    def _motion(
+        self,
+        number: int,
+        start: Point,
+        end: Point,
+        lit: bool,
+        *,
+        rapid: bool = False,
+        round_: arcs.Arc | None = None,
+        fed: float = 0.0,
+        dwell: float = 0.0,
+    ) -> Motion:
+        speed = math.nan if rapid else self.speed
+        length = round_.length if round_ else math.dist(start, end)
+        wire = self.wire
+        if self.dialect.extruder:
+            wire = fed * speed / length if lit else 0.0
+        elif isinstance(self.dialect.wire, Setting) and self.dialect.wire.per_path:
+            wire = self.wire * speed
+        volts = 0.0 if math.isnan(self.voltage) else self.voltage
+        return Motion(number, start, end, speed, rapid, lit, wire, volts, dwell, round_, self.mark)
+
+    def _add(self, motion: Motion) -> None:
+        if len(self.motions) >= MOST_MOTIONS:
+            raise ProgramError(f'line {motion.line}: more than {MOST_MOTIONS} moves')
+        self.motions.append(motion)
+
+    def _round(self, words: _Words, start: Point, end: Point) -> arcs.Arc:
+        code = self.motion
+        if any(math.isnan(v) for v in start):
+            raise refuse(words.number, code, 'an arc from a place that is not known yet')
+        turns = self._turns(words)
+        p, q, r = arcs.PLANES[self.plane]
+        letters = arcs.CENTRE_LETTERS
+        radius = words.take('R')
+        given = [words.take(letters[i]) for i in (p, q)]
+        try:
+            if radius is not None:
+                if any(g is not None for g in given):
+                    raise arcs.ArcError('R and a centre at once')
+                return arcs.by_radius(
+                    self.plane, start, end, radius * self.unit, code == 'G3', turns
+                )
+            centre = self._centre(given, start, (p, q))
+            return arcs.by_centre(self.plane, start, end, centre, code == 'G3', turns)
+        except arcs.ArcError as e:
+            raise refuse(words.number, code, str(e)) from None
+
+    def _centre(
+        self, given: list[float | None], start: Point, axes: tuple[int, int]
+    ) -> tuple[float, float]:
+        names = [arcs.CENTRE_LETTERS[i] for i in axes]
+        if given == [None, None] or (self.centre_absolute and None in given):
+            raise arcs.ArcError(f'an arc needs {" and ".join(names)}, or R')
+        a, b = ((g or 0.0) * self.unit for g in given)
+        if self.centre_absolute:
+            return a + self.offset[axes[0]], b + self.offset[axes[1]]
+        return start[axes[0]] + a, start[axes[1]] + b
+
+    @staticmethod
+    def _turns(words: _Words) -> int:
+        value = words.take('P')
+        if value is None:
+            return 1
+        if not (value == int(value) and 1 <= value <= MOST_TURNS):
+            raise refuse(words.number, words.text('P'), f'whole turns, 1 to {MOST_TURNS}')
+        return int(value)

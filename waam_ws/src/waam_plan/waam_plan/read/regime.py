@@ -1,0 +1,49 @@
+"""What the process can do, against what a program asks for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from waam_plan.read.motion import Motion, Program
+from waam_process.materials import Material
+from waam_process.units import to_m_min
+
+SLACK = 1e-3  # share of a limit that rounding may cost
+
+
+def regime_problems(program: Program, material: Material) -> list[str]:
+    """The first line beyond each limit of the material: speed, wire, voltage. Empty when there is none."""
+    m, ratio = material, 1.0
+    if program.wire_diameter:
+        ratio = (program.wire_diameter / material.wire_diameter) ** 2
+    found = (
+        _first(program, m.name, 'travel speed', lambda s: s.speed, (m.speed_min, m.speed_max), 1e3, 'mm/s'),
+        _first(program, m.name, 'wire', lambda s: s.wire * ratio, (m.feed_min, m.feed_max), to_m_min(1.0), 'm/min'),
+        _first(program, m.name, 'voltage', _volts, (m.voltage_min, m.voltage_max), 1.0, 'V'),
+    )  # fmt: skip
+    return [text for text in found if text]
+
+
+def _volts(motion: Motion) -> float:
+    return motion.voltage or math.nan
+
+
+def _first(
+    program: Program,
+    name: str,
+    what: str,
+    value: Callable[[Motion], float],
+    limits: tuple[float, float],
+    factor: float,
+    unit: str,
+) -> str:
+    low, high = limits
+    for m in program.burning:
+        v = value(m)
+        if v < low * (1 - SLACK) or v > high * (1 + SLACK):
+            return (
+                f'line {m.line}: {what} {v * factor:.3g} {unit}, {name} takes {low * factor:g} to '
+                f'{high * factor:g} {unit}'
+            )
+    return ''
