@@ -10,6 +10,7 @@ from waam_node.params import param
 
 from .arc import ArcParams
 from .distance import DistanceParams
+from .gantry import GantryParams
 from .heat import HeatParams
 from .metal import MetalParams
 from .placement import PlacementParams
@@ -25,6 +26,7 @@ GROUPS = {
     'pyrometer': PyrometerParams,
     'part': PlacementParams,
     'distance': DistanceParams,
+    'gantry': GantryParams,
 }
 
 
