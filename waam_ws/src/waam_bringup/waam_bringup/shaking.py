@@ -10,7 +10,7 @@ from std_srvs.srv import SetBool
 from waam_calibrate.graph import Settings
 from waam_calibrate.resonance import SEGMENT, Samples
 from waam_calibrate.sweep import Sweep
-from waam_msgs.msg import AccelerationBatch, MachineState, SegmentDone, Telemetry
+from waam_msgs.msg import AccelerationBatch, SegmentDone, Telemetry
 from waam_msgs.srv import Command, Enqueue
 from waam_node.conversions import segment_to_msg
 from waam_node.qos import EVENTS, PROFILES, TELEMETRY
@@ -77,7 +77,7 @@ class Shaking(GraphClient):
         self.until(lambda: self.machine is not None, 10.0)
         if self.machine is None or not self.machine.connected:
             raise ClientError('the controller does not answer (waam status)')
-        if self.machine.state == MachineState.STATE_ALARM:
+        if self.machine.state == Telemetry.STATE_ALARM:
             self.command(Command.Request.RESET)
         if not self.machine.homed:
             self.command(Command.Request.HOME)
@@ -86,7 +86,7 @@ class Shaking(GraphClient):
 
     def _rests(self) -> bool:
         m = self.machine
-        return m is not None and m.homed and m.state == MachineState.STATE_IDLE
+        return m is not None and m.homed and m.state == Telemetry.STATE_IDLE
 
     def listen(self, on: bool) -> None:
         """Switches the accelerometer. ClientError with what it says when it refuses."""

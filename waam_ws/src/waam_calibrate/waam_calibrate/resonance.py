@@ -16,7 +16,8 @@ from scipy.signal import welch
 
 from . import shapers
 from .evidence import EvidenceError
-from .sweep import AXES, TICK, Sweep
+from .execution import TICK
+from .sweep import AXES, Sweep
 
 SEGMENT = 2.0  # s of a piece of the Welch estimate: bins of 0.5 Hz
 BAND = (5.0, 134.0)  # Hz that is looked at

@@ -24,6 +24,7 @@ LOWEST_HZ = {  # below it the controller refuses the shaper: its mean delay is b
     'zv': 5.2, 'zvd': 9.6, 'mzv': 7.4, 'ei': 9.6, '2hump_ei': 14.0, '3hump_ei': 17.0,
 }  # fmt: skip
 HIGHEST_HZ, STEP_HZ = 134.0, 0.2  # of the search
+SLACK = 0.01  # share of the vibration that is no difference
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,8 @@ def left(shaper: Impulses, hz: np.ndarray, psd: np.ndarray, damping: float) -> f
 
 
 def best_of(kind: str, hz: np.ndarray, psd: np.ndarray, damping: float = DAMPING) -> Candidate:
-    """The best frequency for one type: of those that leave at most a tenth more than the least, the lowest score."""
+    """The best frequency for one type: of those that leave at most a tenth or a hundredth of the whole more than the
+    least, the one with the lowest score."""
     tried = np.arange(LOWEST_HZ[kind], HIGHEST_HZ + STEP_HZ / 2, STEP_HZ)
     found = []
     for tuned in tried:
@@ -141,7 +143,7 @@ def best_of(kind: str, hz: np.ndarray, psd: np.ndarray, damping: float = DAMPING
         worst = max(left(shaper, hz, psd, damping * spread) for spread in DAMPING_SPREAD)
         found.append((worst, score(smoothing(shaper), worst), float(tuned)))
     least = min(v for v, _, _ in found)
-    chosen = min((f for f in found if f[0] <= 1.1 * least), key=lambda f: f[1])
+    chosen = min((f for f in found if f[0] <= max(1.1 * least, least + SLACK)), key=lambda f: f[1])
     return candidate(kind, round(chosen[2], 1), chosen[0], damping)
 
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from waam_process.segment import Kind, Point, Segment
 
+from .execution import TICK, positions
+
 AXES = ('x', 'y')
-TICK = 1e-3  # s, of the controller
 
 
 @dataclass(frozen=True)
@@ -86,24 +87,11 @@ class Sweep:
         return found
 
     def commanded(self) -> np.ndarray:
-        """Acceleration (n,) m/s^2 of the axis in every tick, in whole steps as the motors go."""
-        lengths = np.array([(s if k % 2 == 0 else 0) for k, (s, _, _) in enumerate(self.moves)])
-        ends = np.cumsum([d for _, _, d in self.moves])
-        t = np.arange(1, int(ends[-1] / TICK)) * TICK
-        k = np.searchsorted(ends, t)
-        speeds = np.array([v for _, v, _ in self.moves])[k]
-        begins, lasting = np.concatenate([[0.0], ends[:-1]])[k], np.diff(ends, prepend=0.0)[k]
-        before = np.concatenate([[0], lengths[:-1]])[k]
-        way = _trapezoid(t - begins, speeds, lasting, self.acceleration)
-        total = np.abs(lengths[k] - before) * self.step
-        place = before * self.step + np.sign(lengths[k] - before) * np.minimum(way, total)
-        stepped = np.round(place / self.step) * self.step
-        return np.diff(stepped, n=2, prepend=[0.0, 0.0]) / TICK**2
-
-
-def _trapezoid(t: np.ndarray, v: np.ndarray, lasting: np.ndarray, a: float) -> np.ndarray:
-    """Way (m) after t of a move from rest to rest with the speed v."""
-    up = np.minimum(t, v / a)
-    flat = np.clip(t - v / a, 0.0, np.maximum(lasting - 2 * v / a, 0.0))
-    down = np.clip(t - lasting + v / a, 0.0, v / a)
-    return 0.5 * a * up**2 + v * flat + v * down - 0.5 * a * down**2
+        """Acceleration (n,) m/s^2 of the axis in every tick, in whole steps as the controller executes them."""
+        stops = [
+            round(1e3 * s * self.step, 4) if k % 2 == 0 else 0.0
+            for k, (s, _, _) in enumerate(self.moves)
+        ]
+        speeds = [1e3 * v for _, v, _ in self.moves]
+        steps = positions(stops, speeds, 1e3 * self.acceleration, 1e-3 / self.step)
+        return np.diff(steps * self.step, n=2, prepend=[0.0, 0.0]) / TICK**2
