@@ -39,7 +39,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_panel': {'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_view'},
     'waam_bringup': {'waam_calibrate', 'waam_job', 'waam_node', 'waam_panel', 'waam_process', 'waam_record', 'waam_view'},
 }  # fmt: skip
-NO_MESSAGES = {'waam_process', 'waam_plan', 'waam_robot', 'waam_calibrate'}  # whole packages without ROS
+NO_MESSAGES = {
+    'waam_process',
+    'waam_plan',
+    'waam_robot',
+    'waam_calibrate',
+}  # whole packages without ROS
 EDGES = re.compile(
     r"""
     (\w+_node|node_\w+|ros_\w+|conversions|answers|cli|cli_\w+)\.py$  # nodes, messages, commands

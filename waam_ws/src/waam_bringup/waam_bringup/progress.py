@@ -39,7 +39,11 @@ def clock(seconds: float) -> str:
 def bar(title: str, total: int) -> Iterator[Callable[[int], None]]:
     """A progress bar; call what it gives with how much is done. Nothing is drawn when the output is no terminal."""
     console = Console(stderr=True)
-    columns = (TextColumn('{task.description}'), BarColumn(30), TextColumn('{task.percentage:3.0f} %'))
+    columns = (
+        TextColumn('{task.description}'),
+        BarColumn(30),
+        TextColumn('{task.percentage:3.0f} %'),
+    )
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         task = progress.add_task(title, total=total)
         yield lambda done: progress.update(task, completed=done)

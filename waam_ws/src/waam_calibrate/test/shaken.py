@@ -55,7 +55,9 @@ class Shaker:
         """Tells the controller; returns its last answer."""
         said = ''
         for name, value in settings:
-            code, said = self.machine.command(commands.Command(commands.CONFIGURE, name, (), (0, 0, 0), value))
+            code, said = self.machine.command(
+                commands.Command(commands.CONFIGURE, name, (), (0, 0, 0), value)
+            )
             assert code == 0, said
         return said
 
@@ -71,7 +73,9 @@ class Shaker:
         bridge = self.machine.bridge
         for k in range(0, len(moves), 1000):
             batch = moves[k : k + 1000]
-            bridge.commit(permit := bridge.permit('shake', batch), program.prepare(permit, batch, False))
+            bridge.commit(
+                permit := bridge.permit('shake', batch), program.prepare(permit, batch, False)
+            )
         last = moves[-1].index
         self._index, self._at = last + 1, moves[-1].end
         assert self.machine.until(lambda: bridge.done >= last, 600.0), bridge.message

@@ -1,8 +1,8 @@
 """From samples of an accelerometer to the modes of an axis and the shaper for it. Pure. Frequencies Hz, m/s^2.
 
 The spectrum of what was measured, less that of the sensor at rest, is divided by the spectrum of the commanded motion.
-What remains is the gain of the axis: 1 where it is rigid, and a peak at every mode. The shaper is chosen on that gain;
-frequency and damping come from a mode fitted to its highest peak.
+What remains is the gain of the axis: 1 where it is rigid, and a peak at every mode. The shaper is chosen on that gain,
+above the mode on the displacement that belongs to it; frequency and damping come from a mode fitted to its highest peak.
 """
 
 from __future__ import annotations
@@ -104,7 +104,9 @@ def analyse(samples: Samples, sweep: Sweep, axis: str) -> Resonance:
     hz = hz[:n][inside]
     _check_peak(hz, gain, measured[:n][inside][:, AXES.index(axis)], noise)
     mode = fit(hz, gain)
-    found = shapers.propose(hz, total, min(max(mode.damping, 0.01), 0.2))
+    # above the mode by displacement, which is what a bead shows: power falls with the fourth power of the frequency
+    weight = np.minimum(1.0, (mode.hz / hz) ** 4)
+    found = shapers.propose(hz, total * weight, min(max(mode.damping, 0.01), 0.2))
     return Resonance(axis, hz, gain, total, measured[:n][inside], mode, found)
 
 

@@ -116,7 +116,9 @@ class Gantry:
         """The samples of the step that ended at `time_us`; None when there are none."""
         if not self._count:
             return None
-        ago = self._count / self.params.sensor_rate - float(self._state['due'][0])  # due: the next one
+        ago = self._count / self.params.sensor_rate - float(
+            self._state['due'][0]
+        )  # due: the next one
         first = time_us * 1000 - round(ago * 1e9)
         return Accelerations(first, self._values[: self._count].copy())
 
