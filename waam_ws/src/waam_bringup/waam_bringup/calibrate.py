@@ -1,4 +1,4 @@
-"""`waam calibrate`: the graph behind it. Shakes an axis, listens to the accelerometer, tells the controller settings."""
+"""`waam calibrate`: the graph behind it. Shakes an axis, listens to it, tells the controller settings."""
 
 from __future__ import annotations
 

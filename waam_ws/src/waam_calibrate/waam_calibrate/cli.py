@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # numpy and scipy are loaded only when a verb runs
 
 EPILOG = """\
 examples:
-  waam calibrate resonance --axis x                     shakes x where the torch is, chooses the shaper, tells the controller
+  waam calibrate resonance --axis x                     shakes x, chooses the shaper, tells the controller
   waam calibrate resonance --axis y --point 200 150 100 --dry-run
   waam calibrate steps --axis x --commanded 50 150 250 --measured 49.98 149.91 249.87
   waam calibrate skew --side-x 200 --rising 283.1 --falling 282.6 --gauge 0.02
@@ -93,14 +93,19 @@ def _add_resonance(
 def _add_lengths(verbs: argparse._SubParsersAction[argparse.ArgumentParser], graph: Graph) -> None:
     p = _verb(verbs, 'steps', 'steps per mm of an axis, from travels that were measured', graph)
     p.add_argument('--axis', choices=('x', 'y', 'z'), required=True)
-    for name, text in (('commanded', 'travels, mm, all in one direction'), ('measured', 'by gauge, mm, in the same order')):  # fmt: skip
+    lengths = {
+        'commanded': 'travels, mm, all in one direction',
+        'measured': 'by gauge, mm, same order',
+    }
+    for name, text in lengths.items():
         p.add_argument(f'--{name}', nargs='+', type=float, required=True, metavar='MM', help=text)
     p.add_argument(
         '--steps-per-mm', type=float, default=320.0, help='of the controller now (default 320)'
     )
     p.set_defaults(run_command=lambda args: steps(args, graph))
     p = _verb(verbs, 'skew', 'angle between x and y, from a frame that was measured', graph)
-    for name, text in (('side-x', 'along x'), ('rising', 'diagonal from the origin'), ('falling', 'the other diagonal')):  # fmt: skip
+    sides = {'side-x': 'along x', 'rising': 'diagonal from the origin', 'falling': 'the other one'}
+    for name, text in sides.items():
         p.add_argument(f'--{name}', type=float, required=True, metavar='MM', help=text)
     p.add_argument('--side-y', type=float, metavar='MM', help='along y, to check the others')
     p.add_argument(

@@ -31,7 +31,8 @@ def of_resonance(found: Resonance, sweep: Sweep, now: datetime) -> Result:
         values[f'{other.type}_hz'] = other.hz
         values[f'{other.type}_vibration_pct'] = 100 * other.vibration
     evidence = {'peak_gain': float(found.gain.max()) ** 0.5, 'sweep_s': sweep.duration}
-    text = f'mode {mode.hz:.2f} Hz, damping {mode.damping:.3f}; {c.type} at {c.hz:.1f} Hz leaves {100 * c.vibration:.1f} %'
+    shaper = f'{c.type} at {c.hz:.1f} Hz leaves {100 * c.vibration:.1f} %'
+    text = f'mode {mode.hz:.2f} Hz, damping {mode.damping:.3f}; {shaper}'
     settings = found.settings()
     return Result('resonance', found.axis, stamp(now), text, values, evidence, settings)
 

@@ -2,7 +2,8 @@
 
 The spectrum of what was measured, less that of the sensor at rest, is divided by the spectrum of the commanded motion.
 What remains is the gain of the axis: 1 where it is rigid, and a peak at every mode. The shaper is chosen on that gain,
-above the mode on the displacement that belongs to it; frequency and damping come from a mode fitted to its highest peak.
+above the mode on the displacement that belongs to it; frequency and damping come from a mode fitted to the highest
+peak.
 """
 
 from __future__ import annotations
