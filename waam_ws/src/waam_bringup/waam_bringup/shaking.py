@@ -39,6 +39,9 @@ class Shaking(GraphClient):
         node.create_subscription(SegmentDone, 'segment_done', self._on_done, EVENTS)
         node.create_subscription(AccelerationBatch, 'acceleration', self.blocks.append, PROFILES)
 
+    def __enter__(self) -> Shaking:
+        return self
+
     def _on_telemetry(self, message: Telemetry) -> None:
         self.telemetry = message
 

@@ -106,7 +106,7 @@ def test_status_tells_what_counts_and_what_a_job_refuses() -> None:
     )
     assert results.refusals([some()]) and '+1.00 % off' in results.refusals([some()])[0]
     assert not results.refusals([true, some()]), 'the newer one counts'
-    text = '\n'.join(results.table([some()], now=NOW + timedelta(days=400)))
+    text = '\n'.join(results.table([some()], [], NOW + timedelta(days=400)))
     assert 'more than a year ago' in text and 'a job will refuse: steps_x' in text
     assert 'skew         not calibrated' in text
 

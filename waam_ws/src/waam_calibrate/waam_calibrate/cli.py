@@ -210,7 +210,7 @@ def show_status(args: argparse.Namespace, graph: Graph) -> int:
     from . import results, store
 
     kept = store.load_all(_folder(args, graph))
-    print('\n'.join(results.table(kept.results, kept.damaged)))
+    print('\n'.join(results.table(kept.results, kept.damaged, datetime.now(UTC))))
     return 1 if results.refusals(kept.results, kept.damaged) else 0
 
 

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import Any
 
 VERSION = 1
@@ -120,11 +120,9 @@ def refusals(results: Iterable[Result], damaged: Iterable[str] = ()) -> list[str
     return found + [f'{name}: {r.refuses}' for name, r in sorted(last.items()) if r.refuses]
 
 
-def table(
-    results: Iterable[Result], damaged: Iterable[str] = (), now: datetime | None = None
-) -> list[str]:
+def table(results: Iterable[Result], damaged: Iterable[str], now: datetime) -> list[str]:
     """What `waam calibrate status` prints: every calibration, when, what, and what a job will refuse."""
-    last, now = newest(results), now or datetime.now(UTC)
+    last = newest(results)
     lines = []
     for kind, axes in KINDS.items():
         for axis in axes:

@@ -92,7 +92,7 @@ class AccelerationBatcher:
         msg = AccelerationBatch(header=header, sensor_id='simulated', sequence=self._sequence)
         msg.sample_rate, msg.range = self._params.sensor_rate, self._params.sensor_range
         values = np.concatenate([p.values for p in self._parts])
-        msg.x, msg.y, msg.z = (floats(np.float32(v)) for v in values.T)
+        msg.x, msg.y, msg.z = (floats(v) for v in values.T)
         self._sequence += 1
         self._parts, self._count = [], 0
         return msg
