@@ -64,7 +64,7 @@ def second_order(hz: np.ndarray, mode: float, damping: float) -> np.ndarray:
 def test_fit_of_a_synthetic_plant(hz, damping) -> None:
     at = np.arange(5.0, 134.0, 0.5)
     assert fit(at, second_order(at, hz, damping)).hz == pytest.approx(hz, rel=0.001)
-    noise = np.random.default_rng(3).chisquare(50, len(at)) / 50  # a fifth of the power
+    noise = np.random.default_rng(3).chisquare(400, len(at)) / 400  # 7 % of the power
     found = fit(at, second_order(at, hz, damping) * noise)
     assert found.hz == pytest.approx(hz, rel=0.015)
     assert found.damping == pytest.approx(damping, rel=0.15)
