@@ -28,6 +28,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_plan': {'waam_process'},
     'waam_robot': set(),
     'waam_robot_bridge': {'waam_bridge', 'waam_node', 'waam_process', 'waam_robot'},
+    'waam_calibrate': {'waam_plan', 'waam_process'},
     'waam_adapt': {'waam_node', 'waam_process', 'waam_record'},
     'waam_archive': {'waam_node', 'waam_process', 'waam_record'},
     'waam_job': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},
@@ -38,9 +39,16 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_replay': {'waam_adapt', 'waam_node', 'waam_process', 'waam_record', 'waam_scan'},
     'waam_view': {'waam_node', 'waam_process', 'waam_record'},
     'waam_panel': {'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_view'},
-    'waam_bringup': {'waam_job', 'waam_node', 'waam_panel', 'waam_process', 'waam_record', 'waam_view'},
+    'waam_bringup': {
+        'waam_calibrate', 'waam_job', 'waam_node', 'waam_panel', 'waam_process', 'waam_record', 'waam_view',
+    },
 }  # fmt: skip
-NO_MESSAGES = {'waam_process', 'waam_plan', 'waam_robot'}  # whole packages without ROS
+NO_MESSAGES = {
+    'waam_process',
+    'waam_plan',
+    'waam_robot',
+    'waam_calibrate',
+}  # whole packages without ROS
 EDGES = re.compile(
     r"""
     (\w+_node|node_\w+|ros_\w+|conversions|answers|cli|cli_\w+)\.py$  # nodes, messages, commands
@@ -62,6 +70,8 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_scan/waam_scan/calibration/pass_file.py': 'recorded passes on disk',
     'waam_scan/waam_scan/recordings/files.py': 'reads laser and robot logs',
     'waam_scan/waam_scan/registration/clouds.py': 'reads and writes clouds and meshes',
+    'waam_calibrate/waam_calibrate/store.py': 'results of calibrations on disk',
+    'waam_calibrate/waam_calibrate/cli.py': 'a command: its results have the date of today',
     'waam_plan/waam_plan/mesh/(clouds|part|threemf).py': 'read meshes and clouds',
     'waam_plan/waam_plan/post/store.py': 'plans on disk',
     'waam_plan/waam_plan/read/files.py': 'programs and dialects on disk',

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 from waam_process.names import CONTROLLER_STATES
@@ -12,6 +13,7 @@ from . import frames, requests
 from .core import Bridge
 from .pending import Reply
 from .program import number
+from .standoff import OF_SOURCE
 
 (
     ARM,
@@ -26,7 +28,8 @@ from .program import number
     SET_ZERO,
     UNLOCK_ESTOP,
     CLEAR_QUEUE,
-) = range(1, 13)  # waam_msgs/srv/Command
+    CONFIGURE,
+) = range(1, 14)  # waam_msgs/srv/Command
 
 
 @dataclass(frozen=True)
@@ -190,6 +193,22 @@ def _clear_queue(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
     _stop(bridge, c, reply, now, 'queue cleared by host')
 
 
+SETTING = re.compile('[a-z][a-z0-9_]{0,31}')
+STANDOFF_NAMES = {name for values in OF_SOURCE.values() for name in values} | {
+    'source', 'law', 'up_mm', 'down_mm', 'rate_mm_s',
+}  # fmt: skip
+
+
+def _configure(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
+    if not SETTING.fullmatch(c.text):
+        raise CommandError(requests.BAD_ARGUMENT, f"CONFIGURE: '{c.text}' is no name of a setting")
+    if c.text in STANDOFF_NAMES:
+        text = f"CONFIGURE: '{c.text}' belongs to the standoff control: set the parameters standoff_* of the bridge"
+        raise CommandError(requests.BAD_ARGUMENT, text)
+    _need_rest(bridge, 'CONFIGURE')
+    bridge.ask('C', f'{c.text} {number(c.value, 5)}', reply, now)
+
+
 _COMMANDS = {
     ARM: ('ARM', _arm),
     DISARM: ('DISARM', _disarm),
@@ -203,4 +222,5 @@ _COMMANDS = {
     SET_ZERO: ('SET_ZERO', _set_zero),
     UNLOCK_ESTOP: ('UNLOCK_ESTOP', _unlock_estop),
     CLEAR_QUEUE: ('CLEAR_QUEUE', _clear_queue),
+    CONFIGURE: ('CONFIGURE', _configure),
 }

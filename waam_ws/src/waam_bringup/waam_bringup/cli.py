@@ -13,7 +13,7 @@ from typing import Any
 
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 
-from . import panel
+from . import calibrate, panel
 from .cli_common import add_run, run_and_domain
 from .cli_job import register_job
 from .paths import jobs_dir
@@ -67,6 +67,7 @@ def build_parser() -> argparse.ArgumentParser:
     register_job(commands)
     _register_demo(commands)
     panel.register(commands)
+    calibrate.register(commands)
     importlib.import_module('waam_plan.cli').register(commands, _draw_plan)
     for package in PACKAGES:
         importlib.import_module(f'{package}.cli').register(commands, **OPTIONS.get(package, {}))

@@ -142,6 +142,11 @@ def _add_bookkeeping(p: argparse.ArgumentParser) -> None:
         help='start without what former jobs of this cell have taught, and keep nothing of this one',
     )
     p.add_argument(
+        '--ignore-calibration',
+        action='store_true',
+        help='run although a calibration result refuses it (waam calibrate status)',
+    )
+    p.add_argument(
         '--note',
         action='append',
         default=[],

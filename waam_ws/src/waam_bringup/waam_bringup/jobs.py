@@ -15,6 +15,7 @@ from waam_msgs.srv import AdjustJob
 from waam_node import job_folder
 from waam_process.operating import BUILD_PLATE, SPEED_FACTOR, WIRE_FACTOR
 
+from . import calibrate
 from .client import ClientError, GraphClient
 from .operate import graph_watch, require_up
 from .paths import jobs_dir
@@ -76,6 +77,9 @@ def check_arguments(args: argparse.Namespace) -> None:
         raise ValueError(str(e)) from None
     if args.as_found and not args.as_found.exists():
         raise ValueError(f'--as-found {args.as_found}: no such file')
+    reasons = [] if getattr(args, 'ignore_calibration', False) else calibrate.check()
+    if reasons:
+        raise ValueError(f'{"; ".join(reasons)} (waam calibrate status; --ignore-calibration)')
 
 
 def run_job(args: argparse.Namespace, run: Path, domain: int) -> int:

@@ -25,6 +25,11 @@ def jobs_dir() -> Path:
     return Path(os.environ.get('WAAM_JOBS', root() / 'jobs')).resolve()
 
 
+def calibrations_dir() -> Path:
+    """Folder of calibration results: WAAM_CALIBRATIONS, or `calibrations` in the working tree."""
+    return Path(os.environ.get('WAAM_CALIBRATIONS', root() / 'calibrations')).resolve()
+
+
 def run_dir() -> Path:
     """Folder of the running graph: sockets, logs, state. One graph per folder."""
     default = jobs_dir() / '.run'

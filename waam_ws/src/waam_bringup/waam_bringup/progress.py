@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 
 from rich.console import Console
@@ -31,6 +33,20 @@ def clock(seconds: float) -> str:
     return (
         f'{int(seconds) // 60:02d}:{int(seconds) % 60:02d}' if math.isfinite(seconds) else '--:--'
     )
+
+
+@contextmanager
+def bar(title: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A progress bar; call what it gives with how much is done. Nothing is drawn when the output is no terminal."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn('{task.description}'),
+        BarColumn(30),
+        TextColumn('{task.percentage:3.0f} %'),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        task = progress.add_task(title, total=total)
+        yield lambda done: progress.update(task, completed=done)
 
 
 class JobProgress:

@@ -20,7 +20,7 @@ from waam_sim.port import PlantPort, PortError
 PACKAGE = Path(__file__).parents[1]
 PURE = [
     'arc', 'compiled', 'config', 'disturbance', 'drive', 'faults', 'heat', 'metal', 'part', 'plant', 'port',
-    'pyrometer', 'scanner', 'distance', 'placement',
+    'pyrometer', 'scanner', 'distance', 'placement', 'gantry',
 ]  # fmt: skip
 
 

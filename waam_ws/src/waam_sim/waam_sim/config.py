@@ -10,6 +10,7 @@ from waam_node.params import param
 
 from .arc import ArcParams
 from .distance import DistanceParams
+from .gantry import GantryParams
 from .heat import HeatParams
 from .metal import MetalParams
 from .placement import PlacementParams
@@ -27,6 +28,7 @@ GROUPS = {
     'part': PlacementParams,
     'distance': DistanceParams,
     'robot': RobotParams,
+    'gantry': GantryParams,
 }
 
 

@@ -56,6 +56,11 @@ def centre(part: HeightGrid) -> tuple[float, float]:
     )
 
 
+def volume(part: HeightGrid) -> float:
+    """Metal above the table, m^3."""
+    return float(part.z.sum()) * part.spec.resolution**2
+
+
 def _around(size_x: float, size_y: float, cell: float, margin: float) -> GridSpec:
     rim = math.ceil(margin / cell) * cell
     return GridSpec.covering(-rim, -rim, size_x + rim, size_y + rim, cell)

@@ -20,6 +20,7 @@ from .compiled import random_state
 from .distance import Distance, DistanceParams, Wrong
 from .disturbance import lattice
 from .faults import Faults
+from .gantry import Accelerations, Gantry, GantryParams
 from .heat import Heat, HeatParams
 from .metal import Metal, MetalParams
 from .placement import Placement, PlacementParams
@@ -57,6 +58,7 @@ class PlantParams:
     part: PlacementParams = field(default_factory=PlacementParams)
     distance: DistanceParams = field(default_factory=DistanceParams)
     robot: RobotParams = field(default_factory=RobotParams)
+    gantry: GantryParams = field(default_factory=GantryParams)
     work_zero: tuple[float, float, float] = (0.100, 0.080, 0.020)
 
 
@@ -88,8 +90,9 @@ class Plant:
     def __init__(self, part: HeightGrid, params: PlantParams | None = None, seed: int = 1) -> None:
         self.params = params or PlantParams()
         self.faults = Faults()
-        self.scanning = False
+        self.scanning = self.sensing = False
         self.time_us = 0
+        self._lived = np.zeros(0, SAMPLE)
         self._last = np.full(3, np.nan)
         self._before = self._last.copy()
         self._next_profile_us = 0
@@ -107,6 +110,7 @@ class Plant:
         self.scanner = Scanner.of(p.scanner, random_state(seed, 2))
         self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
         self.distance = Distance(p.distance, random_state(seed, 4))
+        self.gantry = Gantry(p.gantry, random_state(seed, 6), parts.volume(part))
         self._scanned = False
         self._lattice = lattice(seed)
         middle = parts.centre(part)
@@ -136,6 +140,9 @@ class Plant:
         """Simulates samples (n,) of SAMPLE, 1 ms each, the last at time_us."""
         metal, heat, arc, faults, placed = self.metal, self.heat, self.arc, self.faults, self.placed
         now = time_us * 1e-6
+        if self.params.gantry.on:
+            samples = self.gantry.move(samples, metal.deposited, self.sensing)
+        self._lived = samples
         blocked = gas_out = False
         slip = 0.0
         if faults.active:
@@ -200,8 +207,14 @@ class Plant:
         spec = self.metal.spec
         return HeightGrid(spec, self.placed.over(spec, self.metal.z))
 
+    def accelerations(self) -> Accelerations | None:
+        """What the accelerometer saw in the step just simulated; None when it is off or the axes are rigid."""
+        return self.gantry.accelerations(self.time_us) if self.params.gantry.on else None
+
     def profiles(self, samples: np.ndarray) -> Profiles | None:
         """The profiles exposed during the step just simulated; None when there is none."""
+        if self.params.gantry.on:
+            samples = self._lived
         period = round(1e6 / self.params.scanner.rate)
         first_us = self.time_us - SAMPLE_US * (len(samples) - 1)
         if not self.scanning or self.faults.on('scanner_dead', self.now):

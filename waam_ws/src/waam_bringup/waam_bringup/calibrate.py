@@ -1,0 +1,53 @@
+"""`waam calibrate`: the graph behind it. Shakes an axis, listens to it, tells the controller settings."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from . import paths
+from .cli_common import add_run, run_and_domain
+
+if TYPE_CHECKING:  # ROS and numpy are loaded only when a verb runs
+    from waam_calibrate.graph import Settings
+    from waam_calibrate.resonance import Samples
+    from waam_calibrate.sweep import Sweep
+    from waam_process.segment import Point
+
+
+def register(commands: argparse._SubParsersAction) -> None:
+    """Adds the verb, with this graph."""
+    from waam_calibrate import cli
+    from waam_calibrate.graph import Graph
+
+    cli.register(commands, Graph(paths.calibrations_dir, add_run, measure, send))
+
+
+def measure(args: argparse.Namespace, sweep: Sweep, axis: str, point: Point | None) -> Samples:
+    """Samples of a sweep on the graph that is up. ClientError when something does not answer or refuses."""
+    from .operate import require_up
+    from .shaking import shake
+
+    run, domain = run_and_domain(args)
+    require_up(run)
+    return shake(domain, sweep, axis, point)
+
+
+def send(args: argparse.Namespace, settings: Settings) -> str:
+    """Tells the controller; returns what it said to the last setting. ClientError when it refuses one."""
+    from .operate import require_up
+    from .shaking import Shaking
+
+    run, domain = run_and_domain(args)
+    require_up(run)
+    with Shaking(domain) as graph:
+        return graph.configure(settings)
+
+
+def check(folder: Path | None = None) -> list[str]:
+    """Why no job may run, one reason each (waam calibrate status)."""
+    from waam_calibrate import results, store
+
+    kept = store.load_all(folder or paths.calibrations_dir())
+    return results.refusals(kept.results, kept.damaged)

@@ -1,0 +1,110 @@
+"""From samples to a mode: the sweep on the real controller core against the simulated axes, and poor evidence."""
+
+from __future__ import annotations
+
+import dataclasses
+from datetime import UTC, datetime
+from functools import cache
+
+import numpy as np
+import pytest
+from shaken import Shaker
+
+from waam_calibrate.evidence import EvidenceError
+from waam_calibrate.outcome import of_resonance
+from waam_calibrate.pictures import measured, spectra
+from waam_calibrate.resonance import Samples, analyse, fit
+from waam_calibrate.sweep import Sweep
+from waam_sim.gantry import GantryParams
+
+SWEEP = Sweep(low=5.0, rate=4.0)
+
+
+@cache
+def shaken() -> tuple[Samples, float]:
+    """Samples of a sweep of x, and the true frequency."""
+    with Shaker(GantryParams(on=True)) as shaker:
+        return shaker.sweep(SWEEP, 'x'), shaker.plant.gantry.hz(0, 0.2)
+
+
+def test_mode_and_shaper_of_the_simulated_axis() -> None:
+    samples, true = shaken()
+    found = analyse(samples, SWEEP, 'x')
+    assert found.mode.hz == pytest.approx(true, rel=0.01)
+    assert found.mode.damping == pytest.approx(0.05, abs=0.01)
+    assert found.chosen.vibration < 0.05
+    names = [name for name, _ in found.settings()]
+    assert names == ['shape_x', 'shape_x_hz', 'shape_x_damping', 'shape_x']
+    assert all(p.startswith(b'\x89PNG') for p in (spectra(found), measured(found)))
+    result = of_resonance(found, SWEEP, datetime.now(UTC))
+    assert result.values['mode_hz'] == found.mode.hz and not result.refuses
+
+
+def test_the_commanded_motion_is_that_of_the_controller() -> None:
+    """Within two steps at the begin, one tick in a thousand at the end."""
+    with Shaker(GantryParams(on=True)) as shaker:
+        shaker.go(((0.2, 0.15, 0.1), 0.1))
+        table: list[np.ndarray] = []
+        shaker.machine.on_exchange = lambda samples, plant: table.append(-samples['table_x'])
+        sweep = Sweep(low=20.0, high=80.0, rate=10.0)
+        shaker.run(sweep.segments('x', (0.2, 0.15, 0.1), 1))
+        real = np.round((np.concatenate(table) - 0.2) * 320e3)
+    told = np.round(np.cumsum(np.cumsum(sweep.commanded())) * 1e-6 * 320e3)
+    real, told = real[np.argmax(real != 0) :], told[np.argmax(told != 0) :]
+    assert abs(real[:500] - told[:500]).max() <= 2
+    assert np.flatnonzero(real)[-1] == pytest.approx(np.flatnonzero(told)[-1], rel=1e-3)
+
+
+def second_order(hz: np.ndarray, mode: float, damping: float) -> np.ndarray:
+    r = hz / mode
+    return (1 + (2 * damping * r) ** 2) / ((1 - r**2) ** 2 + (2 * damping * r) ** 2)
+
+
+@pytest.mark.parametrize(('hz', 'damping'), [(22.0, 0.1), (41.3, 0.05), (88.0, 0.03)])
+def test_fit_of_a_synthetic_plant(hz, damping) -> None:
+    at = np.arange(5.0, 134.0, 0.5)
+    assert fit(at, second_order(at, hz, damping)).hz == pytest.approx(hz, rel=0.001)
+    noise = np.random.default_rng(3).chisquare(400, len(at)) / 400  # 7 % of the power
+    found = fit(at, second_order(at, hz, damping) * noise)
+    assert found.hz == pytest.approx(hz, rel=0.015)
+    assert found.damping == pytest.approx(damping, rel=0.15)
+
+
+def changed(**fields: object) -> Samples:
+    return dataclasses.replace(shaken()[0], **fields)
+
+
+def test_poor_evidence_is_refused_with_the_reason() -> None:
+    samples, _ = shaken()
+    rng = np.random.default_rng(1)
+    for text, bad in (
+        ('too few samples', changed(values=samples.values[:1000])),
+        ('too few samples at rest', changed(rest=samples.rest[:100])),
+        ('clipped', changed(values=np.clip(samples.values, -1.0, 1.0), range=1.0)),
+        ('no motion', changed(values=rng.normal(0, 0.04, samples.values.shape))),
+        ('lost on the way', changed(lost=10**6)),
+        ('not a finite', changed(values=np.full_like(samples.values, np.nan))),
+        ('are too few for', changed(rate=100.0)),
+    ):
+        with pytest.raises(EvidenceError, match=text):
+            analyse(bad, SWEEP, 'x')
+
+
+def test_a_rigid_axis_needs_no_shaper() -> None:
+    """Flat: what was measured is what was commanded."""
+    samples, _ = shaken()
+    at = np.arange(len(samples.values)) / samples.rate
+    commanded = SWEEP.commanded()
+    # as an accelerometer with 3200 samples/s sees it: each push is one sample
+    values = np.random.default_rng(2).normal(0, 0.01, samples.values.shape)
+    ticks = np.minimum((at * 1000).astype(int), len(commanded) - 1)
+    values[:, 0] += np.where(np.diff(ticks, prepend=-1) > 0, commanded[ticks] * 3.2, 0.0)
+    rigid = changed(values=values, rest=np.random.default_rng(4).normal(0, 0.01, (9000, 3)))
+    with pytest.raises(EvidenceError, match='flat|edge of the band'):
+        analyse(rigid, SWEEP, 'x')
+
+
+def test_a_sweep_out_of_range_is_refused() -> None:
+    for bad in ({'low': 0.1}, {'high': 1.0}, {'rate': 0.0}, {'acceleration': 0.0}):
+        with pytest.raises(ValueError, match='sweep|must be'):
+            Sweep(**bad)

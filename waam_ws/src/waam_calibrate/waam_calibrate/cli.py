@@ -1,0 +1,230 @@
+"""`waam calibrate`: measures, judges, keeps the result with its date, and tells the controller."""
+
+from __future__ import annotations
+
+import argparse
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # numpy and scipy are loaded only when a verb runs
+    from .graph import Graph
+    from .results import Result
+
+EPILOG = """\
+examples:
+  waam calibrate resonance --axis x                     shakes x, chooses the shaper, tells the controller
+  waam calibrate resonance --axis y --point 200 150 100 --dry-run
+  waam calibrate steps --axis x --commanded 50 150 250 --measured 49.98 149.91 249.87
+  waam calibrate skew --side-x 200 --rising 283.1 --falling 282.6 --gauge 0.02
+  waam calibrate tcp --width 0.10 0.12 0.11 --slope 30 --wire 1.2
+  waam calibrate status                                 what is calibrated, when, and what a job will refuse
+  waam calibrate apply                                  tells a controller that lost its power what was found
+
+Results lie in calibrations/ (or $WAAM_CALIBRATIONS), one YAML file with its hash and one report each. Poor evidence is
+refused with the reason and exit status 2; then nothing is kept and nothing is told to the controller.
+"""
+RESONANCE = """\
+The torch goes to the probe point. The axis is moved there and back by at most 2 mm, ever faster, from 1 Hz up, by moves
+that the controller executes as those of any program; the arc stays off. An accelerometer on the moving axes listens.
+The shaper of the axis is switched off for it. Needs a graph that is up (waam up) with an accelerometer; the simulated
+cell has one when its parameter gantry_on is true. The machine must be free to move by 2 mm around the point.
+"""
+
+
+def register(commands: argparse._SubParsersAction[argparse.ArgumentParser], graph: Graph) -> None:
+    """Adds the verb to the waam command."""
+    p = commands.add_parser(
+        'calibrate',
+        help='resonance and input shaper, steps per mm, skew, tool centre point; what is calibrated',
+        description='Calibration of the machine. Every result is kept with its date and judged.',
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verbs = p.add_subparsers(dest='calibrate_command', metavar='VERB', required=True)
+    _add_resonance(verbs, graph)
+    _add_lengths(verbs, graph)
+    status = _verb(verbs, 'status', 'what is calibrated, when, and what a job will refuse', graph)
+    status.set_defaults(run_command=lambda args: show_status(args, graph))
+    apply = _verb(verbs, 'apply', 'tell the controller the settings of all results again', graph)
+    graph.add_options(apply)
+    apply.set_defaults(run_command=lambda args: send_all(args, graph))
+
+
+def _verb(
+    verbs: argparse._SubParsersAction[argparse.ArgumentParser], name: str, text: str, graph: Graph
+) -> argparse.ArgumentParser:
+    p = verbs.add_parser(
+        name, help=text, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    p.add_argument(
+        '--calibrations',
+        type=Path,
+        metavar='DIR',
+        help='where results lie (default: calibrations/ or $WAAM_CALIBRATIONS)',
+    )
+    return p
+
+
+def _add_resonance(
+    verbs: argparse._SubParsersAction[argparse.ArgumentParser], graph: Graph
+) -> None:
+    p = _verb(verbs, 'resonance', 'shake an axis and choose its input shaper', graph)
+    p.epilog = RESONANCE
+    p.add_argument('--axis', choices=('x', 'y'), required=True)
+    p.add_argument(
+        '--point', nargs=3, type=float, metavar=('X', 'Y', 'Z'),
+        help='probe point, work frame, mm (default: where the torch is)',
+    )  # fmt: skip
+    p.add_argument('--from-hz', type=float, default=1.0, metavar='HZ', help='default 1')
+    p.add_argument('--to-hz', type=float, default=134.0, metavar='HZ', help='default 134')
+    p.add_argument('--rate', type=float, default=2.0, metavar='HZ/S', help='Hz per second, 2')
+    p.add_argument(
+        '--samples', type=Path, metavar='FILE',
+        help='samples of an earlier sweep (.npz beside its result) instead of a machine',
+    )  # fmt: skip
+    p.add_argument(
+        '--dry-run', action='store_true', help='tell the controller nothing and keep nothing'
+    )
+    graph.add_options(p)
+    p.set_defaults(run_command=lambda args: resonance(args, graph))
+
+
+def _add_lengths(verbs: argparse._SubParsersAction[argparse.ArgumentParser], graph: Graph) -> None:
+    p = _verb(verbs, 'steps', 'steps per mm of an axis, from travels that were measured', graph)
+    p.add_argument('--axis', choices=('x', 'y', 'z'), required=True)
+    lengths = {
+        'commanded': 'travels, mm, all in one direction',
+        'measured': 'by gauge, mm, same order',
+    }
+    for name, text in lengths.items():
+        p.add_argument(f'--{name}', nargs='+', type=float, required=True, metavar='MM', help=text)
+    p.add_argument(
+        '--steps-per-mm', type=float, default=320.0, help='of the controller now (default 320)'
+    )
+    p.set_defaults(run_command=lambda args: steps(args, graph))
+    p = _verb(verbs, 'skew', 'angle between x and y, from a frame that was measured', graph)
+    sides = {'side-x': 'along x', 'rising': 'diagonal from the origin', 'falling': 'the other one'}
+    for name, text in sides.items():
+        p.add_argument(f'--{name}', type=float, required=True, metavar='MM', help=text)
+    p.add_argument('--side-y', type=float, metavar='MM', help='along y, to check the others')
+    p.add_argument(
+        '--gauge', type=float, default=0.05, metavar='MM', help='uncertainty of a length (0.05)'
+    )
+    p.set_defaults(run_command=lambda args: skew(args, graph))
+    p = _verb(verbs, 'tcp', 'tool centre point, from the steps of a bead on a flank', graph)
+    p.add_argument('--width', nargs='+', type=float, required=True, metavar='MM', help='of a step')
+    p.add_argument('--slope', type=float, required=True, metavar='DEG', help='of the flank')
+    p.add_argument(
+        '--wire', type=float, required=True, metavar='MM', help='diameter of wire or beam'
+    )
+    p.set_defaults(run_command=lambda args: tool_point(args, graph))
+
+
+# ---- verbs
+
+
+def _folder(args: argparse.Namespace, graph: Graph) -> Path:
+    return (args.calibrations or graph.folder()).resolve()
+
+
+def _keep(args: argparse.Namespace, graph: Graph, result: Result, note: str) -> Path:
+    """Stores a result with its report, prints both."""
+    from . import report, store
+
+    path = store.save(_folder(args, graph), result, report.page(result, (), [note]))
+    print(result.text)
+    print(note)
+    if result.refuses:
+        print(f'a job will refuse: {result.refuses}')
+    print(f'kept: {path}, report: {path.with_suffix(".html")}')
+    return path
+
+
+def resonance(args: argparse.Namespace, graph: Graph) -> int:
+    """Shakes, judges, keeps, tells the controller. EvidenceError when the samples do not show a mode."""
+    from . import outcome, pictures, report, store
+    from .resonance import analyse
+    from .sweep import Sweep
+
+    sweep = Sweep(low=args.from_hz, high=args.to_hz, rate=args.rate)
+    if args.samples:
+        samples = store.load_samples(args.samples)
+    else:
+        x, y, z = (v * 1e-3 for v in args.point) if args.point else (0.0, 0.0, 0.0)
+        samples = graph.measure(args, sweep, args.axis, (x, y, z) if args.point else None)
+    found = analyse(samples, sweep, args.axis)
+    result = outcome.of_resonance(found, sweep, datetime.now(UTC))
+    lines = report.log_lines(found.candidates, found.chosen)
+    print('\n'.join([*lines, result.text]))
+    if args.dry_run:
+        return 0
+    page = report.page(result, [pictures.spectra(found), pictures.measured(found)], lines)
+    path = store.save(_folder(args, graph), result, page)
+    store.save_samples(path.with_suffix('.npz'), samples)
+    print(f'kept: {path}, report: {path.with_suffix(".html")}')
+    if not args.samples:
+        print(f'controller: {graph.send(args, result.settings) or "told"}')
+    return 0
+
+
+def steps(args: argparse.Namespace, graph: Graph) -> int:
+    """Steps per mm; the controller has them built in, programs are corrected by the scale."""
+    from . import measures, outcome
+
+    found = measures.steps(args.commanded, args.measured, args.steps_per_mm)
+    result = outcome.of_steps(found, args.axis, len(args.commanded), datetime.now(UTC))
+    note = f'until the controller has it: waam correct PROGRAM --scale-{args.axis} {found.scale:.6f} --out FILE'
+    _keep(args, graph, result, note)
+    return 0
+
+
+def skew(args: argparse.Namespace, graph: Graph) -> int:
+    """The angle that `waam correct` takes."""
+    from . import measures, outcome
+
+    found = measures.skew(args.side_x, args.rising, args.falling, args.side_y, args.gauge)
+    result = outcome.of_skew(found, datetime.now(UTC))
+    note = f'programs are made true by: waam correct PROGRAM --y-to-x {found.y_to_x:.4f} --out FILE'
+    _keep(args, graph, result, note)
+    return 0
+
+
+def tool_point(args: argparse.Namespace, graph: Graph) -> int:
+    """Offset of the wire tip and its limit."""
+    from . import measures, outcome
+
+    found = measures.tool_point(args.width, args.slope, args.wire)
+    result = outcome.of_tool_point(found, len(args.width), datetime.now(UTC))
+    note = (
+        'the tool centre point can stay'
+        if found.within
+        else 'calibrate the tool centre point anew and measure again'
+    )
+    _keep(args, graph, result, note)
+    return 0
+
+
+def show_status(args: argparse.Namespace, graph: Graph) -> int:
+    """Exit status 1 when a job would be refused."""
+    from . import results, store
+
+    kept = store.load_all(_folder(args, graph))
+    print('\n'.join(results.table(kept.results, kept.damaged, datetime.now(UTC))))
+    return 1 if results.refusals(kept.results, kept.damaged) else 0
+
+
+def send_all(args: argparse.Namespace, graph: Graph) -> int:
+    """Tells the controller the settings of the last results. ValueError when there are none."""
+    from . import results, store
+
+    kept = store.load_all(_folder(args, graph))
+    if kept.damaged:
+        raise ValueError('; '.join(kept.damaged))
+    last = [r for r in results.newest(kept.results).values() if r.settings]
+    if not last:
+        raise ValueError(f'{_folder(args, graph)}: no result has settings for the controller')
+    for result in last:
+        said = graph.send(args, result.settings)
+        print(f'{result.name}: {result.text}; controller: {said or "told"}')
+    return 0

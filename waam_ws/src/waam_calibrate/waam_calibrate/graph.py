@@ -1,0 +1,26 @@
+"""What the verbs need of the graph; the command line gives it (waam_bringup.calibrate). Pure: types only."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from waam_process.segment import Point
+
+from .resonance import Samples
+from .sweep import Sweep
+
+Settings = list[tuple[str, float]]
+
+
+@dataclass(frozen=True)
+class Graph:
+    """folder: of the results when none is given. add_options: those that name a graph. measure: shakes an axis at a
+    place (m, work frame; None = where the torch is). send: settings of the controller; returns what it said last."""
+
+    folder: Callable[[], Path]
+    add_options: Callable[[argparse.ArgumentParser], None]
+    measure: Callable[[argparse.Namespace, Sweep, str, Point | None], Samples]
+    send: Callable[[argparse.Namespace, Settings], str]

@@ -1,0 +1,155 @@
+"""What follows from lengths that somebody measured: steps per mm, skew, tool centre point. Pure. mm and degrees, as
+gauges tell them. EvidenceError when the measurements do not tell enough; the text says why and what to do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from waam_plan.post.skew import SkewError, angles_from_diagonals
+
+from .evidence import EvidenceError
+
+LEAST_MEASURED = 3  # measurements of one thing
+SHORTEST = 50.0  # mm of travel, or of the longest side of a frame
+SCALE_SURE = 5e-4  # standard uncertainty of a scale
+SCALE_MOST = 0.05  # a larger error is a typing error or the wrong motor setting
+SKEW_SURE = 0.03  # deg, standard uncertainty
+SIDES = (0.2, 5.0)  # ratio of the sides of a frame
+SLOPES = (5.0, 85.0)  # deg
+TCP_SURE = 0.5  # standard uncertainty over the limit
+
+
+@dataclass(frozen=True)
+class Steps:
+    """scale: real over commanded length; offset: play and zero of the gauge, mm; sigma: standard uncertainty of the
+    scale; steps_per_mm: what the controller should have."""
+
+    scale: float
+    offset: float
+    sigma: float
+    steps_per_mm: float
+
+
+@dataclass(frozen=True)
+class Skew:
+    """y_to_x: by how much the y axis leans towards +x, deg, with its standard uncertainty; side_y: mm, measured or
+    from the other three."""
+
+    y_to_x: float
+    sigma: float
+    side_y: float
+
+
+@dataclass(frozen=True)
+class ToolPoint:
+    """offset: distance of the wire tip from the tool centre point, mm; limit: how far it may be off, mm."""
+
+    offset: float
+    sigma: float
+    limit: float
+
+    @property
+    def within(self) -> bool:
+        """Whether the tool centre point can stay as it is."""
+        return self.offset <= self.limit
+
+
+def _numbers(name: str, values: Sequence[float], least: int) -> np.ndarray:
+    found = np.asarray(values, float)
+    if len(found) < least:
+        raise EvidenceError(f'{name}: {len(found)} measured, at least {least} are needed')
+    for v in found:
+        if not (math.isfinite(v) and v > 0):
+            raise EvidenceError(f'{name}: {v:g} mm is no length')
+    return found
+
+
+def steps(commanded: Sequence[float], measured: Sequence[float], steps_per_mm: float) -> Steps:
+    """commanded, measured (n,) mm: travels of one axis, always in the same direction. With more than one length, play
+    and zero of the gauge cancel out; steps_per_mm: of the controller now."""
+    x = _numbers('commanded', commanded, LEAST_MEASURED)
+    y = _numbers('measured', measured, LEAST_MEASURED)
+    if len(x) != len(y):
+        raise EvidenceError(f'{len(x)} commanded and {len(y)} measured lengths: one for each')
+    if x.max() < SHORTEST:
+        raise EvidenceError(
+            f'the longest travel is {x.max():g} mm, at least {SHORTEST:g} are needed'
+        )
+    several = np.ptp(x) > 0.3 * x.max()
+    columns = np.stack([x, np.ones_like(x)], axis=1) if several else x[:, None]
+    if len(x) <= columns.shape[1]:
+        raise EvidenceError(f'{len(x)} lengths: {columns.shape[1] + 1} at least are needed')
+    found, *_ = np.linalg.lstsq(columns, y, rcond=None)
+    rest = y - columns @ found
+    variance = float(rest @ rest) / (len(x) - columns.shape[1])
+    sigma = math.sqrt(variance * float(np.linalg.inv(columns.T @ columns)[0, 0]))
+    scale = float(found[0])
+    if abs(scale - 1) > SCALE_MOST:
+        raise EvidenceError(
+            f'{100 * (scale - 1):+.1f} % off: a typing error, or the wrong motor setting'
+        )
+    if sigma > SCALE_SURE:
+        text = f'the lengths scatter too much: {100 * sigma:.3f} % standard uncertainty'
+        raise EvidenceError(
+            f'{text}, at most {100 * SCALE_SURE:g} %: a longer travel, or measure again'
+        )
+    return Steps(scale, float(found[1]) if several else 0.0, sigma, steps_per_mm / scale)
+
+
+def skew(
+    side_x: float, rising: float, falling: float, side_y: float | None = None, gauge: float = 0.05
+) -> Skew:
+    """A frame that the machine drew or milled: the side along x and both diagonals, mm; `rising` from the corner at the
+    origin. The side along y follows (2 x^2 + 2 y^2 = rising^2 + falling^2), or is given and checked. gauge: standard
+    uncertainty of a length."""
+    lengths = [side_x, rising, falling] + ([] if side_y is None else [side_y])
+    x, up, down = _numbers('lengths of the frame', lengths, 3)[:3]
+    square = 0.5 * (up**2 + down**2) - x**2
+    if not square > 0:
+        raise EvidenceError(
+            f'no parallelogram with a side of {x:g} has diagonals of {up:g} and {down:g} mm'
+        )
+    y = math.sqrt(square) if side_y is None else float(side_y)
+    if not SIDES[0] <= y / x <= SIDES[1]:
+        raise EvidenceError(
+            f'the frame would be {x:g} x {y:.1f} mm: was a diagonal taken for a side?'
+        )
+    if max(x, y) < SHORTEST:
+        raise EvidenceError(f'a frame of {x:g} x {y:.1f} mm is too small, {SHORTEST:g} mm at least')
+    try:
+        angle = angles_from_diagonals(float(x), y, float(up), float(down))
+    except SkewError as e:
+        raise EvidenceError(str(e)) from None
+    sigma = math.degrees(math.hypot(up, down) * gauge / (2 * x * y * math.cos(angle)))
+    if sigma > SKEW_SURE:
+        text = f'a gauge of {gauge:g} mm tells this frame to {sigma:.3f} deg, {SKEW_SURE:g} deg are needed'
+        raise EvidenceError(f'{text}: a larger frame or a better gauge')
+    return Skew(math.degrees(angle), sigma, y)
+
+
+def tool_point(widths: Sequence[float], slope: float, wire: float) -> ToolPoint:
+    """Steps that a bead shows on a flank: their widths (n,) mm, slope of the flank in degrees, diameter of wire or beam
+    in mm. delta = t / sin(phi), at most D / (4 sin(phi))."""
+    if not SLOPES[0] <= slope <= SLOPES[1]:
+        raise EvidenceError(
+            f'a slope of {slope:g} deg does not show the step: {SLOPES[0]:g} to {SLOPES[1]:g} deg'
+        )
+    if not 0.1 <= wire <= 20.0:
+        raise EvidenceError(f'a diameter of {wire:g} mm: 0.1 to 20 mm')
+    t = np.asarray(widths, float)
+    if len(t) < LEAST_MEASURED:
+        raise EvidenceError(f'{len(t)} step widths, at least {LEAST_MEASURED} are needed')
+    if not (np.isfinite(t).all() and (t >= 0).all()):
+        raise EvidenceError('a step width is negative or no number')
+    sine = math.sin(math.radians(slope))
+    offset, limit = float(t.mean()) / sine, wire / (4 * sine)
+    sigma = float(t.std(ddof=1)) / math.sqrt(len(t)) / sine
+    if sigma > TCP_SURE * limit:
+        text = f'the widths scatter: {sigma:.3f} mm standard uncertainty, at most half the limit of {limit:.3f} mm'
+        raise EvidenceError(f'{text}: measure again at more places')
+    return ToolPoint(offset, sigma, limit)

@@ -1,0 +1,141 @@
+"""Results of calibrations: what one says, and what the last ones mean for a job. Pure."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from datetime import datetime, timedelta
+from typing import Any
+
+VERSION = 1
+KINDS = {'resonance': ('x', 'y'), 'steps': ('x', 'y', 'z'), 'skew': ('',), 'tcp': ('',)}
+OLD = timedelta(days=365)
+LARGEST_SCALE = 0.005  # real over commanded length less 1
+LARGEST_SKEW = 0.25  # deg
+
+
+class ResultError(ValueError):
+    """A stored result that cannot be used; the text says why."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One calibration. values: what was found, units in the names; settings: what the controller is told, in order;
+    refuses: why no job may run with what was found, '' = it may; text: the outcome in a line."""
+
+    kind: str
+    axis: str
+    date: str  # ISO 8601, UTC
+    text: str
+    values: dict[str, float]
+    evidence: dict[str, float] = field(default_factory=dict)
+    settings: list[tuple[str, float]] = field(default_factory=list)
+    refuses: str = ''
+
+    @property
+    def name(self) -> str:
+        """Such as 'steps_x', 'skew'."""
+        return f'{self.kind}_{self.axis}' if self.axis else self.kind
+
+    @property
+    def when(self) -> datetime:
+        """UTC"""
+        return datetime.fromisoformat(self.date)
+
+
+def digest(data: dict[str, Any]) -> str:
+    """sha256 of the content, whatever its order."""
+    text = json.dumps({k: v for k, v in data.items() if k != 'sha256'}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def to_data(result: Result) -> dict[str, Any]:
+    """What the file says, its hash included."""
+    data = {'waam_calibration_result': VERSION, **asdict(result)}
+    data['settings'] = [[n, float(v)] for n, v in result.settings]
+    data['sha256'] = digest(data)
+    return data
+
+
+def from_data(data: Any) -> Result:
+    """ResultError when it is none, or was changed."""
+    if not isinstance(data, dict) or data.get('waam_calibration_result') != VERSION:
+        raise ResultError(f'not a calibration result of version {VERSION}')
+    try:
+        if data.get('sha256') != digest(data):
+            raise ResultError('was changed by hand (its hash does not fit); calibrate again')
+        result = Result(
+            kind=_text(data, 'kind'),
+            axis=_text(data, 'axis'),
+            date=_text(data, 'date'),
+            text=_text(data, 'text'),
+            values=_numbers(data['values']),
+            evidence=_numbers(data['evidence']),
+            settings=[(str(n), _number(v)) for n, v in data['settings']],
+            refuses=_text(data, 'refuses'),
+        )
+        if result.when.tzinfo is None:
+            raise ResultError(f"its date '{result.date}' has no time zone")
+    except ResultError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError) as e:
+        raise ResultError(f'field missing or wrong: {e}') from None
+    if result.axis not in KINDS.get(result.kind, ()):
+        raise ResultError(f"unknown calibration '{result.name}'")
+    return result
+
+
+def _text(data: dict[str, Any], name: str) -> str:
+    if not isinstance(value := data[name], str):
+        raise ResultError(f"field '{name}' is no text")
+    return value
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ResultError(f'{value!r} is no number')
+    return float(value)
+
+
+def _numbers(values: Any) -> dict[str, float]:
+    return {str(k): _number(v) for k, v in values.items()}
+
+
+def newest(results: Iterable[Result]) -> dict[str, Result]:
+    """The last result of each name."""
+    found: dict[str, Result] = {}
+    for result in sorted(results, key=lambda r: r.when):
+        found[result.name] = result
+    return found
+
+
+def refusals(results: Iterable[Result], damaged: Iterable[str] = ()) -> list[str]:
+    """Why a job must not run, one reason each. damaged: what is wrong with files that cannot be read. What was never
+    calibrated refuses nothing."""
+    found = [f'{text}' for text in damaged]
+    last = newest(results)
+    return found + [f'{name}: {r.refuses}' for name, r in sorted(last.items()) if r.refuses]
+
+
+def table(results: Iterable[Result], damaged: Iterable[str], now: datetime) -> list[str]:
+    """What `waam calibrate status` prints: every calibration, when, what, and what a job will refuse."""
+    last = newest(results)
+    lines = []
+    for kind, axes in KINDS.items():
+        for axis in axes:
+            name = f'{kind}_{axis}' if axis else kind
+            lines.append(f'{name:12s} {_line(last.get(name), now)}')
+    reasons = refusals(last.values(), damaged)
+    lines.append('')
+    lines += [f'a job will refuse: {reason}' for reason in reasons]
+    return lines if reasons else [*lines, 'a job will refuse nothing of this']
+
+
+def _line(result: Result | None, now: datetime) -> str:
+    if result is None:
+        return 'not calibrated'
+    old = ' (more than a year ago)' if now - result.when > OLD else ''
+    return f'{result.when:%Y-%m-%d %H:%M}{old}  {result.text}'

@@ -1,0 +1,82 @@
+"""Results on disk: one folder, one YAML file and one report per calibration, the raw samples beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from .evidence import EvidenceError
+from .resonance import Samples
+from .results import Result, ResultError, from_data, to_data
+
+HEAD = '# Made by `waam calibrate`; the hash tells whether it was changed. `waam calibrate status` lists what counts.\n'
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What lies in a folder; damaged: files that cannot be used, and why."""
+
+    results: list[Result]
+    damaged: list[str]
+
+
+def path_of(folder: Path, result: Result) -> Path:
+    """Its YAML file; the report has the same name."""
+    return folder / f'{result.name}_{result.when:%Y%m%dT%H%M%SZ}.yaml'
+
+
+def save(folder: Path, result: Result, report: str) -> Path:
+    """Writes result and report; returns the path of the result."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = path_of(folder, result)
+    path.with_suffix('.html').write_text(report)
+    text = yaml.safe_dump(to_data(result), sort_keys=False, allow_unicode=True)
+    path.write_text(HEAD + text)
+    return path
+
+
+def load(path: Path) -> Result:
+    """ResultError names the file and what is wrong with it."""
+    try:
+        return from_data(yaml.safe_load(path.read_text()))
+    except ResultError as e:
+        raise ResultError(f'{path}: {e}') from None
+    except (OSError, UnicodeDecodeError, ValueError, yaml.YAMLError) as e:
+        raise ResultError(f'{path}: cannot be read: {e}') from None
+
+
+def load_all(folder: Path) -> Stored:
+    """All results of a folder; none when there is no folder."""
+    found = Stored([], [])
+    for path in sorted(folder.glob('*.yaml')):
+        try:
+            found.results.append(load(path))
+        except ResultError as e:
+            found.damaged.append(str(e))
+    return found
+
+
+def save_samples(path: Path, samples: Samples) -> None:
+    """As .npz: values (n, 3) and rest (m, 3) m/s^2, rate, range, lost."""
+    np.savez_compressed(
+        path,
+        values=samples.values.astype(np.float32),
+        rest=samples.rest.astype(np.float32),
+        rate=samples.rate,
+        range=samples.range,
+        lost=samples.lost,
+    )
+
+
+def load_samples(path: Path) -> Samples:
+    """EvidenceError when the file holds no samples."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            values, rest = (np.asarray(data[n], float) for n in ('values', 'rest'))
+            rate, limit = float(data['rate']), float(data['range'])
+            return Samples(values, rest, rate, limit, int(data['lost']))
+    except (OSError, KeyError, ValueError, TypeError, EOFError) as e:
+        raise EvidenceError(f'{path} holds no samples of an accelerometer: {e}') from None
