@@ -22,6 +22,7 @@ SETTINGS = st.builds(
     PlanSettings,
     tolerance=st.sampled_from([0.0, 0.1e-3, 0.2e-3, 0.3e-3, 1e-3]),
     finish_layers=st.integers(0, 5),
+    finish_growth=st.sampled_from([1.0, 1.2, 1.5]),
     layer_height=st.floats(1e-3, 3e-3),
 )
 
@@ -42,6 +43,14 @@ def test_without_tolerance_or_with_a_wide_one_all_layers_are_alike():
         assert schedule.finishing == 0 and schedule.below == pytest.approx(2e-3, rel=0.15)
 
 
+def test_finishing_layers_grow_downwards_as_asked():
+    s = PlanSettings(tolerance=0.2e-3, finish_layers=4, finish_growth=1.2, finish_height=1e-3)
+    schedule = choose_schedule(np.full(9, 0.012), s)
+    assert schedule.tops == pytest.approx([1e-3, 1.2e-3, 1.44e-3, 1.728e-3])
+    assert schedule.offset(5) == pytest.approx(5.368e-3)
+    assert '4 finishing layers of 1.73 to 1.00 mm' in schedule.reason(s)
+
+
 def test_a_height_that_is_set_wins_and_a_hopeless_tolerance_is_bounded():
     assert finish_height(PlanSettings(tolerance=0.2e-3, finish_height=1.5e-3)) == 1.5e-3
     assert finish_height(PlanSettings(tolerance=0.01e-3)) == pytest.approx(0.4 * 2e-3)
@@ -59,7 +68,7 @@ def test_every_place_gets_layers_whose_lowest_one_takes_what_is_left(depth, s):
         assert (
             -1e-9
             < lowest
-            <= max(schedule.thickest, schedule.top + s.min_layer * schedule.below) + 1e-9
+            <= max(schedule.thickest, max(schedule.tops, default=0.0) + s.min_layer * schedule.below) + 1e-9
         )
     assert (np.diff(count[np.argsort(depth)]) >= 0).all()
 

@@ -34,6 +34,7 @@ _LIMITS: dict[str, Pair] = {
     'tolerance': (0.0, 5e-3),
     'finish_height': (0.0, 5e-3),
     'finish_layers': (0, 5),
+    'finish_growth': (1.0, 2.0),
     'allowance': (-5e-3, 10e-3),
     'smoothing': (0.0, 2.0),
     'edge_inset': (0.0, 1.0),
@@ -109,6 +110,7 @@ class PlanSettings:
     tolerance: float = 0.0  # allowed deviation of a restored surface; 0 = no finishing layers
     finish_height: float = 0.0  # of the finishing layers of a restoration; 0 = from the tolerance
     finish_layers: int = 3  # number of finishing layers, 0 = none
+    finish_growth: float = 1.0  # thickness of a finishing layer over that of the one above it
     max_layer_ratio: float = 1.4  # thickest layer over layer_height
     allowance: float = 0.0  # metal wanted above nominal, for machining
     smoothing: float = 0.5  # window over which the as-found surface is smoothed, in bead widths

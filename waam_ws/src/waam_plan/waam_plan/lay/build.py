@@ -14,7 +14,7 @@ from waam_plan.fill.linking import arc_starts, near_starts
 from waam_plan.lay import sides
 from waam_plan.lay.coverage import Point3, Section, check_overhang, cut_sections
 from waam_plan.lay.layer import LayerTask, lay
-from waam_plan.lay.schedule import finish_height
+from waam_plan.lay.schedule import finishing_layers
 from waam_plan.lay.travel import Ceiling, relaid
 from waam_plan.mesh.part import Part, PartError, check_fits
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused
@@ -97,12 +97,15 @@ def _kept(wrong: list[ValueError]) -> Iterator[None]:
 def _levels(placed: Part, settings: PlanSettings) -> list[Level]:
     if settings.levels == 'adaptive':
         return adaptive_levels(np.asarray(placed.mesh.triangles), settings)
-    height, top = float(placed.bounds[1, 2]), finish_height(settings)
-    below = height - settings.finish_layers * top
-    if not top or below < settings.layer_height:
+    height, tops = float(placed.bounds[1, 2]), finishing_layers(settings)
+    below = height - sum(tops)
+    if not tops or below < settings.layer_height:
         return equal_levels(height, settings)
-    thin = [Level(below + i * top, top) for i in range(settings.finish_layers)]
-    return equal_levels(below, settings) + thin
+    levels = equal_levels(below, settings)
+    for thickness in reversed(tops):
+        levels.append(Level(below, thickness))
+        below += thickness
+    return levels
 
 
 def _check_mesh(part: Part, settings: PlanSettings) -> None:

@@ -30,19 +30,23 @@ ROUGHING = 1.2  # layers below finishing layers, over layer_height
 class Schedule:
     """Thickness of the layers, counted from the final surface down."""
 
-    top: float  # m, of each finishing layer
-    finishing: int  # number of finishing layers
+    tops: tuple[float, ...]  # m, of the finishing layers from the top down
     below: float  # m, of every layer under them; the lowest one at each place takes what is left
     thickest: float  # m, that the lowest layer may have
+
+    @property
+    def finishing(self) -> int:
+        """Number of finishing layers."""
+        return len(self.tops)
 
     def offset(self, k: int) -> float:
         """Depth (m) below the final surface of the upper face of the k-th layer from the top; 0 for k = 1."""
         thin = min(k - 1, self.finishing)
-        return thin * self.top + (k - 1 - thin) * self.below
+        return sum(self.tops[:thin]) + (k - 1 - thin) * self.below
 
     def thickness(self, k: int) -> float:
         """Of the k-th layer from the top (m), where it is not the lowest."""
-        return self.top if k <= self.finishing else self.below
+        return self.tops[k - 1] if k <= self.finishing else self.below
 
     def reason(self, settings: PlanSettings) -> str:
         """What was chosen and why, as a sentence."""
@@ -54,14 +58,23 @@ class Schedule:
             if not settings.finish_height
             else 'as set'
         )
+        first, last = self.tops[0] * 1e3, self.tops[-1] * 1e3
+        thick = f'{first:.2f}' if last == first else f'{last:.2f} to {first:.2f}'
         return (
-            f'{self.finishing} finishing layers of {self.top * 1e3:.2f} mm {why}, '
+            f'{self.finishing} finishing layers of {thick} mm {why}, '
             f'layers of {self.below * 1e3:.2f} mm below'
         )
 
 
+def finishing_layers(settings: PlanSettings) -> tuple[float, ...]:
+    """Thickness (m) of the finishing layers from the top down; empty where none are needed or wanted."""
+    top = finish_height(settings)
+    count = settings.finish_layers if top else 0
+    return tuple(top * settings.finish_growth**i for i in range(count))
+
+
 def finish_height(settings: PlanSettings) -> float:
-    """Thickness (m) of the finishing layers: as set, or such that their scatter leaves 95 % of the surface within
+    """Thickness (m) of the last layer: as set, or such that their scatter leaves 95 % of the surface within
     LAYER_SHARE of the tolerance. 0: no finishing layers are needed or wanted."""
     if settings.finish_height:
         return settings.finish_height
@@ -79,14 +92,13 @@ def choose_schedule(depth: np.ndarray, settings: PlanSettings) -> Schedule:
     The common thickness of the layers below the finishing ones minimises the mean square of
     (lowest layer / thickness - 1), with a slight pull to the wanted one.
     """
-    top = finish_height(settings)
-    finishing = settings.finish_layers if top else 0
-    h = settings.layer_height * (ROUGHING if finishing else 1.0)
+    tops = finishing_layers(settings)
+    h = settings.layer_height * (ROUGHING if tops else 1.0)
     thickest = settings.max_layer_ratio * h
-    d = depth[np.isfinite(depth)] - finishing * top
+    d = depth[np.isfinite(depth)] - sum(tops)
     d = d[d >= settings.min_layer * h]
     if d.size == 0:
-        return Schedule(top, finishing, h, thickest)
+        return Schedule(tops, h, thickest)
     d = d[:: max(1, d.size // 20_000)]
     candidates = h * np.linspace(1 - ADAPT, 1 + ADAPT, 61)
     cost = [
@@ -94,7 +106,7 @@ def choose_schedule(depth: np.ndarray, settings: PlanSettings) -> Schedule:
         + 0.5 * (t / h - 1) ** 2
         for t in candidates
     ]
-    return Schedule(top, finishing, float(candidates[int(np.argmin(cost))]), thickest)
+    return Schedule(tops, float(candidates[int(np.argmin(cost))]), thickest)
 
 
 def _equal(
@@ -113,10 +125,11 @@ def ideal_count(depth: np.ndarray, schedule: Schedule, settings: PlanSettings) -
         least = settings.min_layer * settings.layer_height
         count = _equal(depth, s.below, s.thickest, settings)
     else:
-        least = settings.min_layer * s.top
-        under = depth - s.finishing * s.top
-        few = np.ceil(depth / s.top - settings.min_layer - 1e-9)
-        few = np.clip(few, 1, s.finishing)
+        least = settings.min_layer * s.tops[0]
+        under = depth - sum(s.tops)
+        few = np.ones(np.shape(depth))
+        for k in range(2, s.finishing + 1):
+            few += depth > s.offset(k) + settings.min_layer * s.thickness(k) + 1e-9
         rough = under >= settings.min_layer * s.below
         count = np.where(rough, s.finishing + _equal(under, s.below, s.thickest, settings), few)
     return np.where(depth < least, 0, count).astype(int)
@@ -136,7 +149,7 @@ def layer_count(
     count = np.zeros_like(ideal)
     allowed = np.isfinite(depth)
     for k in range(1, int(ideal.max(initial=0)) + 1):
-        thickness = schedule.top if schedule.finishing else settings.layer_height
+        thickness = schedule.tops[0] if schedule.finishing else settings.layer_height
         enough = d >= schedule.offset(k) + 0.5 * settings.min_layer * thickness
         level = masks.close_gaps(ideal >= k, bead / 4) & enough & allowed
         level = masks.drop_slivers(level, SLIVER / 2 * bead)
