@@ -103,8 +103,8 @@ def segment(bead: int) -> Segment:
 def height_map(job: str, layer: int, z: float) -> HeightMap:
     m = stamped(HeightMap(), T0, job_id=job, layer=layer, scan_id=layer)
     m.grid.rows, m.grid.cols, m.grid.resolution = 3, 4, 1e-3
-    m.z = m.sigma = np.full(12, z, np.float32)
-    m.count = np.ones(12, np.uint16)
+    m.z = m.sigma = array('f', [z] * 12)
+    m.count = array('H', [1] * 12)
     return m
 
 

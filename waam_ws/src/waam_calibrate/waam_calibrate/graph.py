@@ -6,11 +6,13 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from waam_process.segment import Point
+if TYPE_CHECKING:  # the command line loads this at every call; numpy it does not need
+    from waam_process.segment import Point
 
-from .resonance import Samples
-from .sweep import Sweep
+    from .resonance import Samples
+    from .sweep import Sweep
 
 Settings = list[tuple[str, float]]
 

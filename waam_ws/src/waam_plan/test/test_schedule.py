@@ -68,7 +68,10 @@ def test_every_place_gets_layers_whose_lowest_one_takes_what_is_left(depth, s):
         assert (
             -1e-9
             < lowest
-            <= max(schedule.thickest, max(schedule.tops, default=0.0) + s.min_layer * schedule.below) + 1e-9
+            <= max(
+                schedule.thickest, max(schedule.tops, default=0.0) + s.min_layer * schedule.below
+            )
+            + 1e-9
         )
     assert (np.diff(count[np.argsort(depth)]) >= 0).all()
 

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import yaml
+from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -79,6 +80,7 @@ def height_map(store, k):
     msg = t[MAP](
         header(store, k), 'job', k, k, t['waam_msgs/msg/GridInfo'](5e-4, 3, 4, pose), z, z * 0.1,
         np.arange(12, dtype=np.uint16), 0.9, True, ['good', 'seen'], 1, 2, 3, 4, 5e-5,
+        6e-3, 2e-4, 6.2e-3, 12,
     )  # fmt: skip
     return bytes(store.serialize_cdr(msg, MAP))
 
@@ -229,8 +231,10 @@ def test_flipped_byte_in_a_chunk_is_found(tmp_path, store):
     write(tmp_path / 'record', store)
     assert check(tmp_path / 'record').sound
     file = tmp_path / 'record/record_0.mcap'
+    with file.open('rb') as f:
+        chunk = make_reader(f).get_summary().chunk_indexes[0]
     data = bytearray(file.read_bytes())
-    data[len(data) // 3] ^= 0xFF
+    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0xFF
     file.write_bytes(data)
     assert not check(tmp_path / 'record').sound
 
