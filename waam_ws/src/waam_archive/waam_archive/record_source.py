@@ -16,6 +16,7 @@ import yaml
 from mcap.records import Channel, Message, Schema
 
 from waam_node import cdr, job_folder
+from waam_process.names import JOB_STATES
 from waam_record.bag_reader import bag_files, info
 from waam_record.bag_writer import BagError
 from waam_record.decode import DecodeError, Decoder
@@ -28,10 +29,6 @@ from .rows import Told, all_rows
 from .surfaces import add_counts
 from .values import mapping, text
 
-STATES = (
-    'IDLE', 'VALIDATING', 'PREPARING', 'COOLING', 'SCANNING', 'CORRECTING', 'DEPOSITING', 'PAUSED', 'FINISHING', 'DONE',
-    'FAILED', 'ABORTED',
-)  # fmt: skip
 DECODED = (
     'job_status', 'layer_report', 'anomaly', 'layer_plan', 'height_map', 'correction_map', 'temperature',
 )  # fmt: skip
@@ -164,7 +161,7 @@ def _told(found: _Found, custom: dict[str, str]) -> Told:
         asked = {}
     status = _plain(found.messages['job_status'][-1][1]) if found.messages['job_status'] else {}
     code = int(status.get('state', 0))
-    status['state'] = STATES[code] if 0 <= code < len(STATES) else None
+    status['state'] = JOB_STATES[code] if 0 <= code < len(JOB_STATES) else None
     goal = {
         **{k: status[k] for k in ('profile', 'material') if k in status},
         **mapping(asked.get('goal')),

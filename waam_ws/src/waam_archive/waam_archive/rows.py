@@ -9,11 +9,11 @@ from pathlib import PurePath
 from typing import Any
 
 from waam_process.loop_mode import LOOP_MODES
+from waam_process.names import SEVERITIES
 
 from .content import Row
 from .values import dicts, integer, mapping, moment, number, numbers, ratio, text, truth
 
-SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')
 LAYER_NAMES = {  # column -> field of a LayerReport; all others have the same name
     'duration_s': 'duration', 'wait_s': 'wait', 'temperature_C': 'temperature', 'current_A': 'current_mean',
     'voltage_V': 'voltage_mean', 'wire_feed_m_s': 'wire_feed_mean', 'travel_speed_m_s': 'travel_speed_mean',

@@ -116,7 +116,7 @@ _ANOMALIES = [
     *_columns('float', time_s='ROS time', x_m='work frame', y_m='work frame', z_m='work frame'),
     *_columns(
         'text',
-        severity='`INFO`, `WARNING`, `FAULT`, `ALARM`', class_name='arc, wire, gas, height, temperature, link ...',
+        severity='`INFO`, `WARNING`, `FAULT`, `ALARM`', **{'class_name': 'arc, wire, gas, height, temperature, link ...'},
         text='what was found', reaction='what the system did',
     ),
 ]  # fmt: skip
