@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from waam_process.names import ANOMALY_CLASSES
+
 VERSION = 1  # of the tables below; an archive says with which one it was written
 SQL_TYPES = {
     'text': 'VARCHAR', 'int': 'BIGINT', 'float': 'DOUBLE', 'bool': 'BOOLEAN', 'time': 'TIMESTAMP', 'floats': 'FLOAT[]',
@@ -116,7 +118,7 @@ _ANOMALIES = [
     *_columns('float', time_s='ROS time', x_m='work frame', y_m='work frame', z_m='work frame'),
     *_columns(
         'text',
-        severity='`INFO`, `WARNING`, `FAULT`, `ALARM`', **{'class_name': 'arc, wire, gas, height, temperature, link ...'},
+        severity='`INFO`, `WARNING`, `FAULT`, `ALARM`', class_name=', '.join(ANOMALY_CLASSES),
         text='what was found', reaction='what the system did',
     ),
 ]  # fmt: skip
