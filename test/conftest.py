@@ -18,13 +18,14 @@ import pytest
 
 from waam_bringup import run_state
 from waam_bringup.client import ClientError, GraphClient
-from waam_bringup.graph import Settings
+from waam_bringup.graph import Settings, load
 from waam_bringup.jobs import make_goal
 from waam_bringup.operate import graph, graph_watch
 from waam_node.stl import write_worn_block
 from waam_node.testing import fresh_domain
 
 sys.path.insert(0, str(Path(__file__).parent))  # for import_graph and import_table
+WITHOUT_ROS = {name for name, d in load().items() if not d.get('ros', True)}
 
 
 @pytest.fixture(scope='session')
@@ -104,9 +105,9 @@ def running_graph(folder: Path, part, **settings) -> Iterator[Bench]:
 
 
 def dump_stacks(run: Path) -> None:
-    """Has every node that lives write into its log where its threads are."""
-    for node in run_state.load(run).nodes.values():
-        if node.exit_code is None:
+    """Has every node that lives write into its log where its threads are. Others would die of the signal."""
+    for name, node in run_state.load(run).nodes.items():
+        if node.exit_code is None and name not in WITHOUT_ROS:
             with suppress(ProcessLookupError):
                 os.kill(node.pid, signal.SIGUSR1)
     time.sleep(0.5)

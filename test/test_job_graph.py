@@ -260,11 +260,11 @@ def test_every_verb_of_waam_job_steers_the_running_job(bench, background, capfd)
     assert waam('feed', '--speed', '0.9') == 0 and 'travel speed x 0.9' in capfd.readouterr().out
     assert waam('gain', '0.9') == 2 and 'must be 0 to 0.5' in capfd.readouterr().err
     assert waam('feed', '--wire', '9') == 2 and '0.5 to 1.5' in capfd.readouterr().err
-    assert waam('feed', '--speed', '1') == 0
     assert waam('resume') == 0
     bench.wait(lambda: bench.client.job.state != JobStatus.PAUSED, 30, 'resumed')
     assert waam('pause') == 0
     bench.wait(lambda: bench.client.job.state == JobStatus.PAUSED, 30, 'pause by the verb')
+    assert waam('feed', '--speed', '1') == 0
     assert waam('resume') == 0
     result = job.join()
     assert result.error_code == 0, result.message
