@@ -11,19 +11,10 @@ from typing import Protocol
 
 import numpy as np
 
+from waam_process.plant_port import SAMPLE
+
 TX_BYTES = 256 * 1024
 LIBRARY = 'libwaam_controller_lib.so'
-SAMPLE = np.dtype(
-    [
-        ('table_x', '<f8'),
-        ('table_y', '<f8'),
-        ('tool_z', '<f8'),
-        ('wire_cmd', '<f8'),
-        ('voltage_set', '<f8'),
-        ('outputs', '<u4'),
-        ('pad', '<u4'),
-    ]
-)  # 1 ms of the outputs, as the plant port has it (docs/link_protocol.md): m, machine coordinates; m/s; V; bits
 
 
 class Reading(Protocol):
@@ -119,7 +110,7 @@ class Controller:
     def step(self, samples: np.ndarray) -> None:
         """Runs len(samples) ms; samples (n,) of SAMPLE takes what the outputs did."""
         if samples.dtype != SAMPLE or not samples.flags.c_contiguous:
-            raise ValueError('samples must be a contiguous array of waam_bridge.embedded.SAMPLE')
+            raise ValueError('samples must be a contiguous array of waam_process.plant_port.SAMPLE')
         self._lib.controller_lib_step(self._handle, len(samples), samples.ctypes.data)
 
     def answer(self, reading: Reading) -> None:

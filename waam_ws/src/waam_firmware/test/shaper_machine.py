@@ -13,17 +13,8 @@ from functools import cache
 import loop_library
 import numpy as np
 
-SAMPLE = np.dtype(
-    [
-        ('table_x', '<f8'),
-        ('table_y', '<f8'),
-        ('tool_z', '<f8'),
-        ('wire_cmd', '<f8'),
-        ('voltage_set', '<f8'),
-        ('outputs', '<u4'),
-        ('pad', '<u4'),
-    ]
-)
+from waam_process.plant_port import SAMPLE
+
 TX_BYTES = 256 * 1024
 STEPS_PER_MM = 320
 QUEUE = 40  # lines that wait for their `executed`

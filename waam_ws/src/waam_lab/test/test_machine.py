@@ -10,8 +10,9 @@ from waam_bridge.embedded import Controller
 from waam_bridge.frames import ALARM, HOMED, IDLE
 from waam_bridge.params import BridgeParams
 from waam_lab.machine import EPOCH_US, Machine
+from waam_process.plant_port import SAMPLE
 from waam_sim import part
-from waam_sim.plant import SAMPLE, Plant
+from waam_sim.plant import Plant
 
 
 @pytest.fixture

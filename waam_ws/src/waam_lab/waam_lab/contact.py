@@ -21,7 +21,7 @@ class ContactTrace:
         self.lost = 0
 
     def on_exchange(self, samples: np.ndarray, plant: Plant) -> None:
-        """samples (n,) of waam_sim.plant.SAMPLE that the plant has just lived through."""
+        """samples (n,) of waam_process.plant_port.SAMPLE that the plant has just lived through."""
         arc = plant.arc.state[0]
         lit = bool(arc['lit'] > 0.0)
         wanted = bool(samples['outputs'][-1] & OUTPUT_ARC)

@@ -16,8 +16,9 @@ from waam_bridge.embedded import Controller
 from waam_bridge.frames import Telemetry
 from waam_bridge.outbox import Outbox
 from waam_bridge.params import BridgeParams
+from waam_process.plant_port import SAMPLE
 from waam_robot_bridge.controller import RobotController
-from waam_sim.plant import SAMPLE, Plant, Profiles
+from waam_sim.plant import Plant, Profiles
 
 # where every simulated clock starts: figures must not depend on today
 EPOCH_US = 1_750_000_000_000_000

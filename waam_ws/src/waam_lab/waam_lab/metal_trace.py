@@ -64,7 +64,7 @@ class MetalTrace:
         self._number = number
 
     def on_exchange(self, samples: np.ndarray, plant: Plant) -> None:
-        """samples (n,) of waam_sim.plant.SAMPLE that the plant has just lived through."""
+        """samples (n,) of waam_process.plant_port.SAMPLE that the plant has just lived through."""
         if not self._number:
             return
         metal, zero = plant.metal.state[0], plant.params.work_zero

@@ -62,7 +62,7 @@ class ProcessTrace:
         self._steady = False
 
     def on_exchange(self, samples: np.ndarray, plant: Plant) -> None:
-        """samples (n,) of waam_sim.plant.SAMPLE that the plant has just lived through."""
+        """samples (n,) of waam_process.plant_port.SAMPLE that the plant has just lived through."""
         arc = plant.arc.state[0]
         if not arc['lit'] > 0.0:
             self._ways.clear()

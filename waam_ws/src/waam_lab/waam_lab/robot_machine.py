@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from waam_bridge.outbox import FAULT
+from waam_process.plant_port import SAMPLE
 from waam_robot.station import Station
 from waam_robot_bridge.controller import JointState, RobotController
 from waam_robot_bridge.goals import Goal
 from waam_robot_bridge.params import RobotParams
-from waam_sim.plant import SAMPLE, Plant, Profiles
+from waam_sim.plant import Plant, Profiles
 from waam_sim.robot import SimRobot
 
 from .machine import EPOCH_US, EXCHANGE_MS, Machine

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_bridge import frames
-from waam_bridge.embedded import SAMPLE
 from waam_bridge.frames import ARC_ENABLED
 from waam_bridge.parsing import parse
+from waam_process.plant_port import SAMPLE
 from waam_robot.station import Station
 from waam_robot_bridge.controller import JointState, RobotController
 from waam_robot_bridge.goals import GoalError, make

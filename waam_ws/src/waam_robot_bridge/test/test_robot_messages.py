@@ -9,7 +9,7 @@ from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_bridge.embedded import SAMPLE
+from waam_process.plant_port import SAMPLE
 from waam_robot_bridge import conversions as convert
 from waam_robot_bridge.goals import Goal
 from waam_robot_bridge.params import NAMES

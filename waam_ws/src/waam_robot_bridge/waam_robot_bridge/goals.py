@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_bridge.embedded import SAMPLE, Controller
+from waam_bridge.embedded import Controller
 from waam_bridge.frames import HOLD_NOW
+from waam_process.plant_port import SAMPLE
 from waam_robot.station import Station, StationError
 
 STOPPING = 0.4  # s at most that slowing down may take: 0.2 m/s at 0.5 m/s^2

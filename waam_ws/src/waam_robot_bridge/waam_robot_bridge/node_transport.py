@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 from rclpy.node import Node
 
-from waam_bridge.embedded import SAMPLE
 from waam_bridge.transport import Owner
+from waam_process.plant_port import SAMPLE
 from waam_robot.station import Station
 
 from .controller import RobotController

@@ -8,9 +8,10 @@ import struct
 import numpy as np
 import pytest
 
+from waam_process.plant_port import SAMPLE
 from waam_sim import part
 from waam_sim.metal import MetalParams
-from waam_sim.plant import SAMPLE, Plant, PlantParams, warm_up
+from waam_sim.plant import Plant, PlantParams, warm_up
 
 STEP, ANSWER = struct.Struct('<IIQ'), struct.Struct('<IIddddII')
 

@@ -7,9 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from waam_process.plant_port import SAMPLE
 from waam_sim.arc import ArcParams, steady_current
 from waam_sim.drive import Drive
-from waam_sim.plant import INPUT_GAS_OK, OUTPUT_ARC, OUTPUT_GAS, SAMPLE
+from waam_sim.plant import INPUT_GAS_OK, OUTPUT_ARC, OUTPUT_GAS
 
 ON = OUTPUT_ARC | OUTPUT_GAS
 WIRE = 5 / 60

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from waam_process.plant_port import SAMPLE
 from waam_sim import part
 from waam_sim.compiled import random_state
 from waam_sim.gantry import GRAVITY, GantryParams
-from waam_sim.plant import SAMPLE, Plant, PlantParams
+from waam_sim.plant import Plant, PlantParams
 
 ALONE = {'second_share': 0.0, 'coupling': 0.0, 'hz_per_m': 0.0, 'sensor_noise': 0.0}
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from waam_process.plant_port import SAMPLE
 from waam_sim.drive import Drive
-from waam_sim.plant import SAMPLE
 from waam_sim.scanner import ScannerParams
 
 CLEAN = ScannerParams(noise=0.0, outliers=0.0, dropout=0.0, steep_dropout=0.0)

@@ -6,7 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .plant import OUTPUT_ARC, OUTPUT_GAS, SAMPLE, SAMPLE_US, Plant, Reading
+from waam_process.plant_port import SAMPLE
+
+from .plant import OUTPUT_ARC, OUTPUT_GAS, SAMPLE_US, Plant, Reading
 
 STEP = 10
 Point = tuple[float, float, float]

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from waam_process.grid import HeightGrid
+from waam_process.plant_port import SAMPLE
 
 from . import part as parts
 from .arc import Arc, ArcParams, wire_reading
@@ -30,17 +31,6 @@ from .scanner import Scanner, ScannerParams
 from .step import live, scan
 from .table import keep
 
-SAMPLE = np.dtype(
-    [
-        ('table_x', '<f8'),
-        ('table_y', '<f8'),
-        ('tool_z', '<f8'),
-        ('wire_cmd', '<f8'),
-        ('voltage_set', '<f8'),
-        ('outputs', '<u4'),
-        ('pad', '<u4'),
-    ]
-)
 OUTPUT_ARC, OUTPUT_GAS = 1, 2
 INPUT_GAS_OK = 2
 SAMPLE_US = 1000

@@ -7,7 +7,9 @@ import struct
 
 import numpy as np
 
-from .plant import SAMPLE, Reading
+from waam_process.plant_port import SAMPLE
+
+from .plant import Reading
 
 STEP_MAGIC, ANSWER_MAGIC = 0x57414D53, 0x57414D41
 HEADER = struct.Struct('<IIQ')

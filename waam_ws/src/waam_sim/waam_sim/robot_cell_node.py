@@ -14,11 +14,11 @@ from rclpy._rclpy_pybind11 import RCLError
 
 from waam_node.node import OK
 from waam_node.node import main as run_node
+from waam_process.plant_port import SAMPLE
 from waam_robot.station import Station
 
 from .cell_node import Cell
 from .node_robot import TrajectoryController, Welder
-from .plant import SAMPLE
 from .robot import SimRobot
 
 STEP_MS = 10

@@ -10,7 +10,9 @@ from __future__ import annotations
 import math
 
 from waam_plan.read import arc as arcs
+from waam_plan.read.codes import GROUPS, MOVES, QUIET, WHY_NOT
 from waam_plan.read.dialect import Dialect, Setting
+from waam_plan.read.line_words import LineWords
 from waam_plan.read.motion import Motion, Program
 from waam_plan.read.words import Line, ProgramError, Word, read_lines, refuse
 from waam_process.segment import Point
@@ -18,34 +20,9 @@ from waam_process.segment import Point
 INCH = 0.0254
 FARTHEST = 10.0  # m, of a coordinate
 LONGEST_DWELL = 3600.0  # s
-MOST_TURNS = 1000
 MOST_MOTIONS = 5_000_000
 AXES = 'XYZ'
 UNKNOWN = (math.nan, math.nan, math.nan)
-MOVES = ('G0', 'G1', 'G2', 'G3')
-# modal groups, of each at most one code in a line
-GROUPS = (
-    (*MOVES, 'G80'),
-    ('G17', 'G18', 'G19'),
-    ('G20', 'G21'),
-    ('G90', 'G91'),
-    ('G90.1', 'G91.1'),
-    ('M3', 'M4', 'M5'),
-)
-# modes that every program here has, and what the machine decides for itself
-QUIET = {'G40', 'G49', 'G50', 'G54', 'G61', 'G61.1', 'G64', 'G94', 'G97'}
-WHY_NOT = {
-    'G5': 'splines are not read, let the CAM system write arcs or lines',
-    'G41': 'cutter compensation belongs into the CAM system',
-    'G42': 'cutter compensation belongs into the CAM system',
-    'G43': 'there is one tool; a dialect may ignore the code',
-    'G55': 'there is one work zero (G54)',
-    'G93': 'write speeds as units per minute (G94)',
-    'G95': 'write speeds as units per minute (G94)',
-    'G10': 'a program does not move the work zero',
-    'M0': 'a job does not stop in the middle of a layer; a dialect may ignore the code',
-    'M1': 'a job does not stop in the middle of a layer; a dialect may ignore the code',
-}
 
 
 def read_program(text: str, dialect: Dialect, name: str = 'program') -> Program:
@@ -64,43 +41,6 @@ def read_program(text: str, dialect: Dialect, name: str = 'program') -> Program:
     return Program(
         name, reader.motions, diameter, dialect.idle, dialect.height, list(reader.remarks.values())
     )
-
-
-class _Words:
-    """The words of a line; whoever understands one takes it."""
-
-    def __init__(self, line: Line) -> None:
-        self.number = line.number
-        self.codes = [w for w in line.words if w.letter in 'GMT']
-        self.values: dict[str, Word] = {}
-        for w in line.words:
-            if w.letter in 'GMT':
-                continue
-            if w.letter in self.values:
-                raise refuse(line.number, w.text, f'{w.letter} stands twice in the line')
-            self.values[w.letter] = w
-        self.taken: set[str] = set()
-
-    def has(self, letters: str) -> bool:
-        """Whether one of these letters is there."""
-        return any(letter in self.values for letter in letters)
-
-    def take(self, letter: str) -> float | None:
-        """The value, which is understood now; None where there is none."""
-        if letter not in self.values:
-            return None
-        self.taken.add(letter)
-        return self.values[letter].value
-
-    def text(self, letter: str) -> str:
-        """As written."""
-        return self.values[letter].text
-
-    def check_all_taken(self) -> None:
-        """ProgramError for a word that nobody understood."""
-        for letter, word in self.values.items():
-            if letter not in self.taken:
-                raise refuse(self.number, word.text, 'has no meaning in this line')
 
 
 class _Reader:
@@ -124,14 +64,14 @@ class _Reader:
         """One line, in the order of RS274/NGC."""
         for comment in line.comments:
             self.mark += any(p.search(comment) for p in self.dialect.layer)
-        words = _Words(line)
+        words = LineWords(line)
         if not line.words or (words.codes and words.codes[0].code in self.dialect.skip):
             return
-        self._check_groups(words)
+        words.check_groups()
         names = [w.code for w in words.codes]
         self._modes(names)
         self._feed(words)
-        self._setpoints(words, line)
+        self._setpoints(words)
         home = self._codes(words, line)
         self._dwell(words, names)
         if home or 'G53' in names:
@@ -152,13 +92,6 @@ class _Reader:
                 f'({", ".join(c.name for c in self.dialect.arc_off)})'
             )
 
-    @staticmethod
-    def _check_groups(words: _Words) -> None:
-        for group in GROUPS:
-            held = [w for w in words.codes if w.code in group]
-            if len(held) > 1:
-                raise refuse(words.number, held[1].text, f'contradicts {held[0].text} beside it')
-
     # ---- modes and setpoints -------------------------------------------------------------------
 
     def _modes(self, names: list[str]) -> None:
@@ -176,7 +109,7 @@ class _Reader:
             elif name == 'G92.1':
                 self.offset = [0.0, 0.0, 0.0]
 
-    def _feed(self, words: _Words) -> None:
+    def _feed(self, words: LineWords) -> None:
         value = words.take('F')
         if value is None:
             return
@@ -184,28 +117,14 @@ class _Reader:
             raise refuse(words.number, words.text('F'), 'a feed must be above 0')
         self.speed = value * self.unit / 60
 
-    def _setpoints(self, words: _Words, line: Line) -> None:
+    def _setpoints(self, words: LineWords) -> None:
         d = self.dialect
         if isinstance(d.wire, Setting):
-            self.wire = self._set(d.wire, self.wire, words, line)
+            self.wire = words.setting(d.wire, self.wire)
         if d.voltage:
-            self.voltage = self._set(d.voltage, self.voltage, words, line)
+            self.voltage = words.setting(d.voltage, self.voltage)
 
-    @staticmethod
-    def _set(setting: Setting, now: float, words: _Words, line: Line) -> float:
-        if not setting.letter or (setting.code and not setting.code.of(line.words)):
-            return now
-        if setting.code:
-            for letter, _ in setting.code.beside:
-                words.take(letter)
-        value = words.take(setting.letter)
-        if value is None:
-            return now
-        if value < 0:
-            raise refuse(words.number, words.text(setting.letter), 'must not be negative')
-        return value * setting.factor
-
-    def _codes(self, words: _Words, line: Line) -> bool:
+    def _codes(self, words: LineWords, line: Line) -> bool:
         """Arc, gas, end; every code must mean something. True for a move to the machine's own zero."""
         home = False
         for word in words.codes:
@@ -230,7 +149,7 @@ class _Reader:
         settings = (self.dialect.wire, self.dialect.voltage)
         return any(isinstance(s, Setting) and s.code and s.code.name == name for s in settings)
 
-    def _arc_code(self, word: Word, words: _Words, line: Line) -> bool:
+    def _arc_code(self, word: Word, words: LineWords, line: Line) -> bool:
         for codes, on in ((self.dialect.arc_on, True), (self.dialect.arc_off, False)):
             for code in codes:
                 if code.name == word.code and code.of(line.words):
@@ -244,7 +163,7 @@ class _Reader:
 
     # ---- where the torch is --------------------------------------------------------------------
 
-    def _leave(self, words: _Words) -> None:
+    def _leave(self, words: LineWords) -> None:
         """To a place in the machine's own coordinates: the job does that by itself, the place is unknown then."""
         word = next(w for w in words.codes if w.code in ('G28', 'G30', 'G53'))
         if self.burning:
@@ -256,7 +175,7 @@ class _Reader:
             word.code, f'{word.code} is left to the job (first in line {words.number})'
         )
 
-    def _shift(self, words: _Words) -> None:
+    def _shift(self, words: LineWords) -> None:
         """G92: the place is called so from here on."""
         number = next(w for w in words.codes if w.code == 'G92')
         letter = self.dialect.extruder.letter if self.dialect.extruder else ''
@@ -272,7 +191,7 @@ class _Reader:
                 raise refuse(words.number, words.text(axis), f'where {axis} is, is not known yet')
             self.offset[i] = self.place[i] - value * self.unit
 
-    def _target(self, words: _Words) -> Point:
+    def _target(self, words: LineWords) -> Point:
         out = list(self.place)
         for i, axis in enumerate(AXES):
             value = words.take(axis)
@@ -286,7 +205,7 @@ class _Reader:
 
     # ---- motion --------------------------------------------------------------------------------
 
-    def _dwell(self, words: _Words, names: list[str]) -> None:
+    def _dwell(self, words: LineWords, names: list[str]) -> None:
         if 'G4' not in names:
             return
         scale = 1e-3 if self.dialect.extruder else 1.0
@@ -308,7 +227,7 @@ class _Reader:
     def _here(self) -> Point:
         return self.place[0], self.place[1], self.place[2]
 
-    def _move(self, words: _Words, names: list[str]) -> None:
+    def _move(self, words: LineWords, names: list[str]) -> None:
         for name in names:
             if name in (*MOVES, 'G80'):
                 self.motion = name if name in MOVES else ''
@@ -326,7 +245,7 @@ class _Reader:
         if start != end or round_:
             self._go(words, start, end, round_, fed)
 
-    def _advance(self, words: _Words, letter: str) -> float:
+    def _advance(self, words: LineWords, letter: str) -> float:
         """m of wire that the extruder feeds in this move."""
         value = words.take(letter) if letter else None
         if value is None:
@@ -336,7 +255,7 @@ class _Reader:
         return fed
 
     def _go(
-        self, words: _Words, start: Point, end: Point, round_: arcs.Arc | None, fed: float
+        self, words: LineWords, start: Point, end: Point, round_: arcs.Arc | None, fed: float
     ) -> None:
         rapid = self.motion == 'G0' and not self.dialect.extruder
         lit = fed > 0 if self.dialect.extruder else self.burning
@@ -351,7 +270,7 @@ class _Reader:
         self._check_lit(move, words, word)
         self._add(move)
 
-    def _check_lit(self, motion: Motion, words: _Words, word: str) -> None:
+    def _check_lit(self, motion: Motion, words: LineWords, word: str) -> None:
         """ProgramError for an arc at an unknown place or without wire."""
         if not motion.arc:
             return
@@ -389,11 +308,11 @@ class _Reader:
             raise ProgramError(f'line {motion.line}: more than {MOST_MOTIONS} moves')
         self.motions.append(motion)
 
-    def _round(self, words: _Words, start: Point, end: Point) -> arcs.Arc:
+    def _round(self, words: LineWords, start: Point, end: Point) -> arcs.Arc:
         code = self.motion
         if any(math.isnan(v) for v in start):
             raise refuse(words.number, code, 'an arc from a place that is not known yet')
-        turns = self._turns(words)
+        turns = words.turns()
         p, q, r = arcs.PLANES[self.plane]
         letters = arcs.CENTRE_LETTERS
         radius = words.take('R')
@@ -420,12 +339,3 @@ class _Reader:
         if self.centre_absolute:
             return a + self.offset[axes[0]], b + self.offset[axes[1]]
         return start[axes[0]] + a, start[axes[1]] + b
-
-    @staticmethod
-    def _turns(words: _Words) -> int:
-        value = words.take('P')
-        if value is None:
-            return 1
-        if not (value == int(value) and 1 <= value <= MOST_TURNS):
-            raise refuse(words.number, words.text('P'), f'whole turns, 1 to {MOST_TURNS}')
-        return int(value)

@@ -1,0 +1,26 @@
+"""Codes of RS274/NGC that the reader knows by their name: moves, modal groups, what is passed over or refused."""
+
+MOVES = ('G0', 'G1', 'G2', 'G3')
+# modal groups, of each at most one code in a line
+GROUPS = (
+    (*MOVES, 'G80'),
+    ('G17', 'G18', 'G19'),
+    ('G20', 'G21'),
+    ('G90', 'G91'),
+    ('G90.1', 'G91.1'),
+    ('M3', 'M4', 'M5'),
+)
+# modes that every program here has, and what the machine decides for itself
+QUIET = {'G40', 'G49', 'G50', 'G54', 'G61', 'G61.1', 'G64', 'G94', 'G97'}
+WHY_NOT = {
+    'G5': 'splines are not read, let the CAM system write arcs or lines',
+    'G41': 'cutter compensation belongs into the CAM system',
+    'G42': 'cutter compensation belongs into the CAM system',
+    'G43': 'there is one tool; a dialect may ignore the code',
+    'G55': 'there is one work zero (G54)',
+    'G93': 'write speeds as units per minute (G94)',
+    'G95': 'write speeds as units per minute (G94)',
+    'G10': 'a program does not move the work zero',
+    'M0': 'a job does not stop in the middle of a layer; a dialect may ignore the code',
+    'M1': 'a job does not stop in the middle of a layer; a dialect may ignore the code',
+}
