@@ -19,6 +19,7 @@ examples:
   waam lab part.stl --as-found worn.stl --layer-height 1.2 --set correction_server.law=unet
   waam lab part.stl --as-found worn.stl --set cell.metal_transfer=0.88 --set plan.levels=adaptive
   waam lab part.stl --as-found worn.stl --cell-file mycell.yaml        a cell with other physics
+  waam lab part.stl --as-found worn.stl --choose                       which layout of the beads suits this part
   waam lab part.stl --as-found worn.stl --machine robot                the same job on a robot
   waam lab pad.gcode --dialect slicer --nominal pad.stl                what a program of another slicer will give
   waam lab part.stl --as-found worn.stl --account                      where the metal of the last layer came from
@@ -110,6 +111,15 @@ def _add_campaign(p: argparse.ArgumentParser) -> None:
     p.add_argument('--workers', type=int, default=0, help='processes; 0 = one per core')
     p.add_argument(
         '--out', type=Path, help='folder of the report (default: jobs/<time>_lab-<part>)'
+    )
+    p.add_argument(
+        '--choose',
+        type=int,
+        nargs='?',
+        const=2,
+        metavar='CELLS',
+        help='first try the part with narrower beads and with finishing layers that grow downwards, each on so many '
+        'cells of different physics (default: 2), and take what comes out best; the report then is on other cells',
     )
     p.add_argument(
         '--account',

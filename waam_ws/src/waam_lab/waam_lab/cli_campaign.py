@@ -22,8 +22,11 @@ from waam_job.store.folder import make_job_id
 
 from . import params, report
 from .bands import in_tolerance
+from .cli_choose import choose
+from .cli_choose import show as show_trials
 from .job import LabJob, LabResult
 from .laboratory import on_table, over_seeds, physics_of
+from .layouts import laid
 from .many import run_many, workers_for
 
 MOST_SEEDS = 10_000
@@ -123,14 +126,21 @@ def run_campaign(args: argparse.Namespace) -> int:
     jobs_dir = Path(os.environ.get('WAAM_JOBS', 'jobs'))
     out = args.out or jobs_dir / make_job_id(f'lab-{args.part.stem}')
     job = job_of(args, out)
+    console = Console(highlight=False)
+    trials, taken = [], None
+    if args.choose is not None:
+        trials = choose(job, args.choose, args.workers)
+        taken = show_trials(job, trials, console)
+        job = laid(job, taken.layout)
     workers = workers_for(args.workers, len(seeds))
     started = time.monotonic()
     with Advance(len(seeds), job.goal.title) as advance:
         results = run_many(over_seeds(job, seeds), workers, advance)
     told = shlex.join(['waam', *sys.argv[1:]])
-    campaign = report.Campaign(job, results, time.monotonic() - started, workers, told)
+    wall = time.monotonic() - started
+    campaign = report.Campaign(job, results, wall, workers, told, tuple(trials), taken)
     page = report.write(out, campaign)
-    show(campaign, Console(highlight=False))
+    show(campaign, console)
     print(f'report: {os.path.relpath(page)}')
     return 1 if campaign.failed else 0
 

@@ -11,19 +11,18 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from waam_adapt.training import samples
-from waam_sim.plant import PlantParams
 
 from .cli_campaign import parse_seeds
 from .job import LabJob, build, restore
 from .laboratory import run
 from .parts import random_build, random_part, random_wall
+from .plants import random_plant
 from .watch import LayerWatch
 
 KINDS = {'part': 0.65, 'wall': 0.15, 'build': 0.2}
@@ -62,21 +61,6 @@ def random_job(folder: Path, seed: int) -> LabJob:
         return build(part, **options)
     chosen = strategy if kind == 'part' else ''
     return restore(part, as_found, strategy=chosen, **options)
-
-
-def random_plant(rng: np.random.Generator) -> PlantParams:
-    """A simulated cell whose metal differs from the usual one as cells and processes differ."""
-    usual = PlantParams()
-    metal = replace(
-        usual.metal,
-        pool_lag=float(np.clip(rng.normal(0.45, 0.15), 0.1, 0.9)),
-        levelling=float(np.clip(rng.normal(0.55, 0.12), 0.25, 0.85)),
-        width_ref=float(rng.normal(7e-3, 0.3e-3)),
-        crater_depth=float(rng.uniform(0.15, 0.6)),
-        transfer=float(rng.uniform(0.8, 0.96)),
-        area_noise_layer=float(rng.uniform(0.02, 0.06)),
-    )
-    return replace(usual, metal=metal)
 
 
 def make(folder: Path, seed: int) -> int:

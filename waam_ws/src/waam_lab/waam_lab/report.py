@@ -15,7 +15,7 @@ from waam_job.store.folder import clean
 from waam_node.files import write_atomically
 from waam_view.html import cards, duration, escape, fmt, page, picture, table
 
-from . import bands, pictures
+from . import bands, layouts, pictures
 from .job import LabJob, LabResult
 
 
@@ -53,6 +53,8 @@ class Campaign:
     wall: float  # s that all of them took
     workers: int
     told: str = ''  # the command line, or ''
+    trials: tuple[layouts.Trial, ...] = ()  # layouts that were tried before, on other cells
+    taken: layouts.Trial | None = None  # the one of them that the results belong to
 
     @property
     def speed(self) -> float:
@@ -95,6 +97,7 @@ def facts(c: Campaign) -> dict[str, Any]:
         'tolerance_mm': goal.tolerance * 1e3,
         'overrides': {node: dict(values) for node, values in c.job.overrides.items()},
         'command': c.told,
+        'layouts': [_trial(t, t is c.taken) for t in c.trials],
         'in_tolerance': {**asdict(share), 'value': share.value},
         'failed': len(c.failed),
         'figures': {row.name: _scaled(row, band) for row, band in c.rows()},
@@ -103,6 +106,19 @@ def facts(c: Campaign) -> dict[str, Any]:
         'speed': c.speed,
         'wall_s': c.wall,
         'workers': c.workers,
+    }
+
+
+def _trial(t: layouts.Trial, taken: bool) -> dict[str, Any]:
+    return {
+        'layout': t.layout.name,
+        'taken': taken,
+        'rms_mm': t.mean('rms') * 1e3,
+        'share_in_tolerance': t.mean('share_in_tolerance'),
+        'in_tolerance': t.in_tolerance,
+        'time_s': t.mean('time'),
+        'seeds': [r.seed for r in t.results],
+        'failed': next((r.message for r in t.results if r.failed), ''),
     }
 
 
@@ -153,6 +169,7 @@ def html(c: Campaign, maps: bands.Maps | None) -> str:
         _verdict(c),
         _cards(c),
         '<h2>Over all cells</h2>' + _bands(c),
+        _layouts(c),
         _pictures(c, maps),
         '<h2>Job by job</h2>' + _jobs(c),
         _about(c),
@@ -213,6 +230,25 @@ def cells(row: Row, b: bands.Band) -> list[str]:
     )
     interval = f'{low} … {high}' if math.isfinite(b.low) else '–'
     return [f'{mean} {row.unit}', interval, best, worst, str(b.worst_seed)]
+
+
+def _layouts(c: Campaign) -> str:
+    if not c.trials:
+        return ''
+    head = ['layout', 'RMS, mm', 'within tolerance, %', 'jobs in tolerance', 'machine time, s', '']
+    rows = [
+        [
+            t.layout.name,
+            fmt(t.mean('rms') * 1e3, 3),
+            fmt(t.mean('share_in_tolerance') * 100, 1),
+            f'{t.in_tolerance} of {len(t.results)}',
+            fmt(t.mean('time'), 0),
+            'taken' if t is c.taken else next((r.message for r in t.results if r.failed), ''),
+        ]
+        for t in c.trials
+    ]
+    said = 'Tried on cells of different physics, which are not those of the figures above.'
+    return f'<h2>Layouts</h2>{table(head, rows, {0, 5})}<p class="soft">{said}</p>'
 
 
 def _pictures(c: Campaign, maps: bands.Maps | None) -> str:

@@ -1,0 +1,56 @@
+"""`waam lab --choose`: tries layouts of a job before it foretells what the best one gives."""
+
+from __future__ import annotations
+
+import shlex
+
+from rich.console import Console
+from rich.table import Table
+
+from . import layouts
+from .job import LabJob
+from .many import run_many, workers_for
+
+
+def choose(job: LabJob, cells: int, workers: int) -> list[layouts.Trial]:
+    """Every layout on the same cells. Raises ValueError."""
+    from .cli_campaign import Advance
+
+    if job.goal.program is not None:
+        raise ValueError('--choose: a program has its path; only parts can be laid in other ways')
+    on_cells = {one: layouts.on_cells(layouts.laid(job, one), cells) for one in layouts.LAYOUTS}
+    jobs = [j for found in on_cells.values() for j in found]
+    with Advance(len(jobs), 'layouts') as advance:
+        results = run_many(jobs, workers_for(workers, len(jobs)), advance)
+    return [
+        layouts.Trial(one, tuple(results[i * cells : (i + 1) * cells]))
+        for i, one in enumerate(on_cells)
+    ]
+
+
+def show(job: LabJob, trials: list[layouts.Trial], console: Console) -> layouts.Trial:
+    """The trials as a table; returns the one to take."""
+    taken = layouts.best(trials)
+    table = Table(title=f'layouts, {len(trials[0].results)} cells each')
+    for name in ('', 'RMS, mm', 'within tolerance', 'jobs in tolerance', 'machine time, s'):
+        table.add_column(name, justify='left' if not name else 'right')
+    for trial in trials:
+        table.add_row(*cells_of(trial), style='bold green' if trial is taken else '')
+    console.print(table)
+    words = shlex.join(layouts.options(job, taken.layout))
+    console.print(f'taken: [bold]{taken.layout.name}[/]' + (f' ({words})' if words else ''))
+    return taken
+
+
+def cells_of(trial: layouts.Trial) -> list[str]:
+    """Name, RMS, share, jobs in tolerance and time as text."""
+    failed = next((r.message for r in trial.results if r.failed), '')
+    if failed:
+        return [trial.layout.name, f'failed: {failed}', '–', '–', '–']
+    return [
+        trial.layout.name,
+        f'{trial.mean("rms") * 1e3:.3f}',
+        f'{trial.mean("share_in_tolerance") * 100:.1f} %',
+        f'{trial.in_tolerance} of {len(trial.results)}',
+        f'{trial.mean("time"):.0f}',
+    ]
