@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from waam_lab import layouts, restore
 from waam_lab.job import LabResult
 from waam_lab.layouts import LAYOUTS, Trial, best, laid, on_cells, options
