@@ -34,9 +34,15 @@ def scan_lanes(y0: float, y1: float, settings: PlanSettings) -> np.ndarray:
 
 
 def scan_segments(
-    spec_region: Rectangle, top_z: float, settings: PlanSettings, start: Point
+    spec_region: Rectangle,
+    top_z: float,
+    settings: PlanSettings,
+    start: Point,
+    beside: float | None = None,
 ) -> list[Segment]:
     """SCAN passes along +x and -x over the rectangle (x0, y0, x1, y1; m, work frame) plus margin, from `start`.
+
+    beside: m of that margin on the sides along the passes, which need no run-in; None = as at their ends.
 
     top_z: highest point that the torch may pass over (m). Segment points are those of torch_tcp; the scanner
     sits scanner_offset beside it. Idle moves lift first, travel at scanning height and connect the passes.
@@ -50,7 +56,8 @@ def scan_segments(
     left, right = x0 - settings.margin - dx, x1 + settings.margin - dx
     out: list[Segment] = []
     here = start
-    for i, lane in enumerate(scan_lanes(y0 - settings.margin, y1 + settings.margin, settings)):
+    side = settings.margin if beside is None else beside
+    for i, lane in enumerate(scan_lanes(y0 - side, y1 + side, settings)):
         ends = (left, right) if i % 2 == 0 else (right, left)
         a, b = ((float(x), float(lane - dy), z) for x in ends)
         out.extend(hop(here, a, z, settings))
