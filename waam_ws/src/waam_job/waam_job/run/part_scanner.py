@@ -111,7 +111,7 @@ class PartScanner:
             if spec is None or spec == self.spec:
                 return scan_segments(rectangle, highest, settings, start)
             x0, x1, y0, y1 = spec.extent
-            return scan_segments((x0, y0, x1, y1), highest, settings, start, beside=0.0)
+            return scan_segments((x0, y0, x1, y1), highest, settings, start, window=True)
         except ValueError as e:
             raise JobError(Code.PLAN_FAILED, f'the part cannot be scanned: {e}') from None
 
