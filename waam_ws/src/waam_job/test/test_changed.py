@@ -1,4 +1,4 @@
-"""Passes over what a layer has changed: where they look, how their map joins the one before, and what speaks against."""
+"""Passes over what a layer has changed: where they look, how their map joins the one before, what speaks against."""
 
 from __future__ import annotations
 

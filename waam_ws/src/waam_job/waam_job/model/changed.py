@@ -16,7 +16,7 @@ from waam_process.grid import GridSpec, HeightGrid
 from .snapshots import Scan
 
 BEYOND = 3e-3  # m around the metal of a layer that is scanned with it
-SPREAD = 1.5e-3  # m beyond its planned footprint that metal may flow: no witness of the surface before
+SPREAD = 1.5e-3  # m beyond its planned footprint that metal may flow: no witness of what was there
 WITNESSES = 50  # cells that must tell whether the surface beside the layer is still where it was
 MOVED = 0.1e-3  # m, median change of those cells; a part that was touched or sank differs by more
 
@@ -58,16 +58,28 @@ def window_of(spec: GridSpec, planned: np.ndarray) -> Window | None:
     return Window(*spans)
 
 
+def beside(before: HeightGrid, window: Window, planned: np.ndarray) -> np.ndarray:
+    """Heights (m, shape of the window) before a layer where it laid nothing near, NaN elsewhere: the witnesses.
+    planned: (rows, cols) m."""
+    flow = int(np.ceil(SPREAD / before.spec.resolution - 1e-9))
+    laid = binary_dilation(np.nan_to_num(planned) > 0, iterations=flow)
+    return np.where(laid, np.nan, before.z)[window.cells]
+
+
+def unwitnessed(heights: np.ndarray) -> str:
+    """Why heights (m, NaN = unknown) beside a layer cannot tell whether it moved, in words; '' when they can."""
+    known = int(np.isfinite(heights).sum())
+    return '' if known >= WITNESSES else f'only {known} cells beside the layer are known'
+
+
 def against(before: Scan, seen: Scan, window: Window, planned: np.ndarray) -> str:
     """Why the map of a window does not fit to the one before, in words; '' when it does. planned: (rows, cols) m."""
     if not seen.plausible:
         return '; '.join(seen.reasons) or 'its map is not plausible'
-    flow = int(np.ceil(SPREAD / seen.map.spec.resolution - 1e-9))
-    laid = binary_dilation(np.nan_to_num(planned) > 0, iterations=flow)
-    change = (seen.map.z - before.map.z[window.cells])[~laid[window.cells]]
+    change = seen.map.z - beside(before.map, window, planned)
+    if reason := unwitnessed(change):
+        return reason
     known = change[np.isfinite(change)]
-    if known.size < WITNESSES:
-        return f'only {known.size} cells beside the layer are known before and after it'
     moved = float(np.median(known))
     if abs(moved) > MOVED:
         return f'the surface beside the layer has moved by {moved * 1e3:+.2f} mm'

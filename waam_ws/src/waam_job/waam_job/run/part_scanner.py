@@ -21,6 +21,8 @@ from ..model.program import deviation_of
 from ..model.records import State
 from .context import JobContext
 
+WHOLE = 'whole part scanned: '  # before the reason, in the report
+
 
 class PartScanner:
     """Knows the part's box and grid."""
@@ -49,15 +51,17 @@ class PartScanner:
         if not self.settings.scan_changed_only:
             return self.scan_after(layer.number)
         window = changed.window_of(self.spec, layer.planned)
-        reason = self._whole_because(before)
-        if window is None or reason:
-            return replace(self.scan_after(layer.number), extent=_whole(reason))
+        if window is None:
+            return self.scan_after(layer.number)
+        witnesses = changed.beside(before.map, window, layer.planned)
+        if reason := self._whole_because(before) or changed.unwitnessed(witnesses):
+            return replace(self.scan_after(layer.number), extent=WHOLE + reason)
         top = self.program.built_height(layer.number)
         self.journal.state(State.SCANNING, f'scanning what layer {layer.number} has changed')
         seen = self._once(layer.number, top, window.spec(self.spec))
         if reason := changed.against(before, seen, window, layer.planned):
             self.journal.note('WARNING', 'scan', reason, 'the whole part is scanned')
-            return replace(self.scan_after(layer.number), extent=_whole(reason))
+            return replace(self.scan_after(layer.number), extent=WHOLE + reason)
         self._kept_since = self._kept_since or before.stamp
         share = window.size / before.map.z.size
         text = f'{share:.0%} of the map scanned, what the layer has changed'
@@ -101,8 +105,8 @@ class PartScanner:
     def path(
         self, top: float, settings: PlanSettings, start: Point, spec: GridSpec | None = None
     ) -> list[Segment]:
-        """The pass over the part from `start`, or over a window of its grid, `top` as of `scan`. JobError when it leaves
-        the machine."""
+        """The pass over the part from `start`, or over a window of its grid, `top` as of `scan`. JobError when it
+        leaves the machine."""
         m = self.settings.margin
         (x0, y0, _), (x1, y1, z1) = self.bounds.tolist()
         rectangle = (x0 - m, y0 - m, x1 + m, y1 + m)
@@ -150,7 +154,3 @@ class PartScanner:
             'the next layer corrects it' if closed else 'none',
             (float(spec.x[col]), float(spec.y[row]), float(scan.map.z[row, col])),
         )
-
-
-def _whole(reason: str) -> str:
-    return f'whole part scanned: {reason}' if reason else ''
