@@ -149,14 +149,19 @@ class FakeCell:
         self.machine_state = replace(self.machine_state, state='RUN')
 
     def begin_scan(self, job_id, layer, spec: GridSpec, laid) -> int:
-        assert spec == self.surface.spec
+        whole = self.surface.spec
+        row, col = whole.cell(spec.x[0], spec.y[0])
+        self.window = np.s_[int(row) : int(row) + spec.rows, int(col) : int(col) + spec.cols]
+        x, y = whole.x[self.window[1]], whole.y[self.window[0]]
+        np.testing.assert_allclose(np.r_[x, y], np.r_[spec.x, spec.y], atol=1e-12)
+        self.scan_spec = spec
         self.laid.append((layer, laid))
         return layer
 
     def finish_scan(self, scan_id, until) -> Scan:
         coverage = self.scan_coverage.pop(0)
-        z = self.surface.z.copy()
-        grid = HeightGrid(self.surface.spec, z, np.full(z.shape, 1e-5))
+        z = self.surface.z[self.window].copy()
+        grid = HeightGrid(self.scan_spec, z, np.full(z.shape, 1e-5))
         return Scan(
             grid,
             np.ones(z.shape, np.uint16),

@@ -113,6 +113,24 @@ def test_resumed_job_ends_like_an_undisturbed_one(
     assert any('resumed' in a['text'] for a in report['closed_loop']['anomalies'])
 
 
+def test_after_the_rest_of_a_layer_the_whole_part_is_scanned(make_cell, make_runner):
+    """What the run before has laid of the layer may lie outside of the rest, whatever the settings say."""
+
+    def stamped(**options):
+        cell = make_cell(**options)
+        inner = cell.finish_scan
+        cell.finish_scan = lambda *a: replace(inner(*a), stamp=cell.now())
+        return cell
+
+    only = {'scan_changed_only': True}
+    runner, folder, cell = cut_off(stamped, make_runner, 40, settings=only)
+    again, fresh, status = go_on(stamped, runner, folder, cell)
+    assert status.state == State.DONE, status.message
+    windows = [(r.layer, r.final) for r in fresh.reports if 'of the map scanned' in str(r.reasons)]
+    later = [(n, False) for n in range(3, status.layers + 1)]
+    assert windows == [*later, (status.layers, True)]
+
+
 def test_a_full_middle_does_not_hide_a_bare_place_before_it():
     """Shares along the inner rings of a spiral in the simulated cell; the arc went out before segment 6. The middle (14
     to 16) is full of its neighbours' metal: the fit alone took all up to it for laid; 20 mm of bead were missing."""

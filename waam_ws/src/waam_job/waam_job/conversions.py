@@ -269,7 +269,10 @@ def correction_from_msg(msg: CorrectionMap, learned: str = '') -> Correction:
 
 
 def correction_request(job_id: str, r: CorrectionRequest, stamp: Time) -> ComputeCorrection.Request:
-    """A scan without its message (read from the folder) gets one with `stamp`."""
+    """A scan without its message (read from the folder, or joined from two) gets one; `stamp` is its time when its own
+    is not known."""
+    if math.isfinite(r.scan.stamp):
+        stamp = time_to_msg(r.scan.stamp)
     measured = r.scan.handle or scan_to_msg(r.scan, job_id, r.layer - 1, stamp)
     request = ComputeCorrection.Request(job_id=job_id, layer=r.layer, map=measured)
     request.target, request.planned_height = floats(r.target), floats(r.planned)

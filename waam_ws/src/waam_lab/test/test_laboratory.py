@@ -42,6 +42,7 @@ def test_a_worn_block_is_restored(repaired):
     assert r.rms_edges >= 0.8 * r.rms
     assert 1.0 < r.wire < 30.0
     assert r.time > 60.0
+    assert 10.0 < r.scan_time < 0.5 * r.time
 
 
 def test_the_next_job_starts_with_what_it_taught(parts, repaired, taught):

@@ -62,7 +62,8 @@ def _device(machine: str, params: LabParams, plant: Plant) -> Machine:
 
 
 class LabCell:
-    """Implements waam_job.model.cell.Cell. `reports`, `anomalies`: what the job published."""
+    """Implements waam_job.model.cell.Cell. `reports`, `anomalies`: what the job published; `spent`: s of simulated time
+    that it was in a state."""
 
     def __init__(
         self,
@@ -80,6 +81,8 @@ class LabCell:
         self.corrector = Corrector(params.correction_server)
         self.reports: list[LayerRecord] = []
         self.anomalies: list[AnomalyRecord] = []
+        self.spent: dict[State, float] = {}
+        self._since: tuple[State, float] = (State.IDLE, 0.0)
         self._stats = TelemetryStats()
         self._view = MachineView()
         self._warnings: list[AnomalyRecord] = []
@@ -278,6 +281,7 @@ class LabCell:
 
     def status(self, status: Status) -> None:
         """Tells the compensator; injects the faults of a layer when its deposition begins."""
+        self._account(status.state)
         answers.follow_job(self.thermal, convert.status_to_msg(status, time_to_msg(self.now())))
         deposits = status.state == State.DEPOSITING
         self._stats.layer = self.process.layer = status.layer if deposits else 0
@@ -286,6 +290,11 @@ class LabCell:
         for fault in [f for f in self._faults if deposits and f.layer == status.layer]:
             self._faults.remove(fault)
             self.device.plant.faults.inject(fault.name, fault.value, self.device.plant.now)
+
+    def _account(self, state: State) -> None:
+        before, since = self._since
+        self._since = state, self.now()
+        self.spent[before] = self.spent.get(before, 0.0) + self.now() - since
 
     def layer_report(self, report: LayerRecord) -> None:
         """Tells the compensator; kept in `reports`."""

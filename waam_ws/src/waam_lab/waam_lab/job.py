@@ -100,6 +100,7 @@ class LabResult:
     layers: int = 0
     fallbacks: int = 0  # layers without the correction law that was asked for
     time: float = math.nan  # s of machine time
+    scan_time: float = math.nan  # s of it in which the job was scanning, ways to the scans included
     wire: float = math.nan  # m
     # one per layer and one for the last scan (docs/job_folder.md)
     reports: tuple[Mapping[str, Any], ...] = ()

@@ -12,6 +12,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from waam_job.model.goal import Checked, check
+from waam_job.model.records import State
 from waam_job.ros.job_params import settings_of
 from waam_job.run.control import Control
 from waam_job.run.runner import JobRunner
@@ -67,6 +68,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
                 process_variance=cell.process.variance(),
                 process_variance_raw=cell.process.variance(1),
                 bead_widths=cell.process.widths,
+                scan_time=cell.spent.get(State.SCANNING, 0.0),
             )
     finally:
         cell.close()

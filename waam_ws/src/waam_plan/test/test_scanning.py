@@ -79,3 +79,27 @@ def test_a_rectangle_beyond_the_machine_is_refused():
 def test_nonsense_is_refused(rectangle, top):
     with pytest.raises(PlanError, match='scan'):
         scan_segments(rectangle, top, S, (0, 0, 0.05))
+
+
+@given(
+    st.floats(0, 0.1),
+    st.floats(0.02, 0.05),
+    st.floats(0.005, 0.12),
+    st.floats(0.005, 0.1),
+    st.floats(0.0, 0.2),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_window_is_seen_from_the_nearer_end_on_without_a_margin_beside_the_passes(
+    x0, y0, width, depth, from_x
+):
+    start = (from_x, 0.05, 0.05)
+    out = scan_segments((x0, y0, x0 + width, y0 + depth), 0.02, S, start, window=True)
+    check_chain(out)
+    x, y = np.meshgrid(
+        np.linspace(x0 - S.margin, x0 + width + S.margin, 40), np.linspace(y0, y0 + depth, 40)
+    )
+    assert seen(out, x, y).all()
+    passes = [s for s in out if s.kind == Kind.SCAN]
+    assert len(passes) == len(scan_lanes(y0, y0 + depth, S))
+    ends = passes[0].start[0], passes[0].end[0]
+    assert abs(from_x - ends[0]) <= abs(from_x - ends[1]) + 1e-12

@@ -150,7 +150,9 @@ class LayerRecord:
             self.height_error_mean = float(known.mean())
 
     def add_scan(self, scan: Scan) -> None:
-        """Coverage, rejected points and profiles, and bead width, of the scan before this layer (or after the last)."""
+        """Coverage, rejected points and profiles, bead width, and what the pass covered, of the scan before this layer
+        (or after the last)."""
+        self.reasons += [scan.extent] if scan.extent else []
         self.coverage = scan.coverage
         self.points_dropped = scan.points_rejected
         self.profiles_rejected = scan.profiles_rejected

@@ -69,6 +69,7 @@ class Scan:
     bead_width: float = float('nan')
     bead_width_u: float = float('nan')
     bead_width_expected: float = float('nan')
+    extent: str = ''  # what the pass covered and why, in words; '' = the whole part, as always
     handle: object = None  # the message, handed on to the correction server
 
 

@@ -39,6 +39,11 @@ class JobParams:
     scan_max_age: float = param(
         900.0, 'a layer is not laid on an older map: it is scanned again; 0 = any age', 's', 0.0
     )
+    scan_changed_only: bool = param(
+        False,
+        'the pass after a layer covers only what it has changed, as long as the surface beside it stays where it '
+        'was; the rest of the map is kept',
+    )
     height_warning: float = param(
         1.0e-3, 'height error after a layer that is noted as an anomaly, with its place', 'm', 1e-5
     )
@@ -92,6 +97,7 @@ def settings_of(p: JobParams, simulated: bool) -> Settings:
         follow_reach=p.follow_reach,
         cooling_timeout=p.cooling_timeout,
         scan_max_age=p.scan_max_age,
+        scan_changed_only=p.scan_changed_only,
         height_warning=p.height_warning,
         cold_metal=p.cold_metal,
         restart_metal=p.restart_metal,

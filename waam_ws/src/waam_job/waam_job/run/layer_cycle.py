@@ -70,7 +70,9 @@ class LayerCycle:
         self._deposit(segments, layer, record)
         self.history = History(asked, scan.map.z, feed_factor)
         self.journal.layer(record)
-        return self.scanner.scan_after(layer.number)
+        if resumed:  # what lies there is not what was planned on one map
+            return self.scanner.scan_after(layer.number)
+        return self.scanner.scan_after_layer(layer, scan)
 
     def found(self, layer: PlannedLayer, before: Scan) -> Scan:
         """For a layer that was cut off after its last segment: its record, and the scan after it."""

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from waam_plan.lay.scanning import scan_segments
+from waam_plan.plan import PlannedLayer
 from waam_plan.settings import PlanSettings
+from waam_process.grid import GridSpec
 from waam_process.loop_mode import LoopMode
 from waam_process.segment import Kind, Point, Segment
 
+from ..model import changed
 from ..model.cell import LaidBeads, Scan
 from ..model.geometry import part_grid
 from ..model.goal import Code, JobError
 from ..model.program import deviation_of
 from ..model.records import State
 from .context import JobContext
+
+WHOLE = 'whole part scanned: '  # before the reason, in the report
 
 
 class PartScanner:
@@ -27,6 +34,7 @@ class PartScanner:
         self.bounds = context.checked.bounds
         self.spec = part_grid(self.bounds, self.settings.resolution, self.settings.margin)
         self._laid: tuple[int, LaidBeads] = (0, LaidBeads())
+        self._kept_since = 0.0  # s, stamp of the last scan of the whole part; 0 = the last one was
 
     def laid(self, layer: int, beads: LaidBeads) -> None:
         """The beads of `layer`, which the scan after it tells the width of."""
@@ -35,7 +43,43 @@ class PartScanner:
     def scan_after(self, layer: int, required: bool = False) -> Scan:
         """The surface after `layer` layers, with its deviation in the status. See `scan`."""
         top = self.program.built_height(layer) if self.program.planned else 0.0
-        scan = self.scan(layer, top, required)
+        return self._compared(layer, self.scan(layer, top, required))
+
+    def scan_after_layer(self, layer: PlannedLayer, before: Scan) -> Scan:
+        """The surface after `layer`, which was laid on that of `before`: only what it has changed is scanned, if the
+        settings say so and nothing speaks against it; the scan says which (`extent`)."""
+        if not self.settings.scan_changed_only:
+            return self.scan_after(layer.number)
+        window = changed.window_of(self.spec, layer.planned)
+        if window is None:
+            return self.scan_after(layer.number)
+        witnesses = changed.beside(before.map, window, layer.planned)
+        if reason := self._whole_because(before) or changed.unwitnessed(witnesses):
+            return replace(self.scan_after(layer.number), extent=WHOLE + reason)
+        top = self.program.built_height(layer.number)
+        self.journal.state(State.SCANNING, f'scanning what layer {layer.number} has changed')
+        seen = self._once(layer.number, top, window.spec(self.spec))
+        if reason := changed.against(before, seen, window, layer.planned):
+            self.journal.note('WARNING', 'scan', reason, 'the whole part is scanned')
+            return replace(self.scan_after(layer.number), extent=WHOLE + reason)
+        self._kept_since = self._kept_since or before.stamp
+        share = window.size / before.map.z.size
+        text = f'{share:.0%} of the map scanned, what the layer has changed'
+        found = replace(changed.joined(before, seen, window), extent=text)
+        return self._compared(layer.number, found)
+
+    def _whole_because(self, before: Scan) -> str:
+        """Why the whole part must be scanned; '' when it need not be."""
+        if not before.plausible:
+            return 'the map before is not plausible'
+        limit = self.settings.scan_max_age
+        if limit and not self.cell.now() - (self._kept_since or before.stamp) <= limit:
+            return f'parts of the map are older than {limit:.0f} s'
+        if self.cell.parameters().get('correction_server', {}).get('hold_width'):
+            return 'the bead width is held, and measured against the whole map'
+        return ''
+
+    def _compared(self, layer: int, scan: Scan) -> Scan:
         if self.program.planned:
             self._compare(layer, scan)
         return scan
@@ -47,8 +91,9 @@ class PartScanner:
         """
         for attempt in (1, 2):
             self.journal.state(State.SCANNING, 'scanning' if attempt == 1 else 'scanning again')
-            scan = self._once(layer, top)
+            scan = self._once(layer, top, self.spec)
             if scan.plausible:
+                self._kept_since = 0.0
                 return scan
             text = f'map after layer {layer}: {"; ".join(scan.reasons)}'
             reaction = 'scanned again' if attempt == 1 else 'correction removed'
@@ -57,19 +102,25 @@ class PartScanner:
             raise JobError(Code.SCAN_FAILED, f'the surface could not be measured: {text}')
         return scan
 
-    def path(self, top: float, settings: PlanSettings, start: Point) -> list[Segment]:
-        """The pass over the part from `start`, `top` as of `scan`. JobError when it leaves the machine."""
+    def path(
+        self, top: float, settings: PlanSettings, start: Point, spec: GridSpec | None = None
+    ) -> list[Segment]:
+        """The pass over the part from `start`, or over a window of its grid, `top` as of `scan`. JobError when it
+        leaves the machine."""
         m = self.settings.margin
         (x0, y0, _), (x1, y1, z1) = self.bounds.tolist()
         rectangle = (x0 - m, y0 - m, x1 + m, y1 + m)
         highest = z1 if self.goal.mode == 'restore' else top
         try:
-            return scan_segments(rectangle, highest, settings, start)
+            if spec is None or spec == self.spec:
+                return scan_segments(rectangle, highest, settings, start)
+            x0, x1, y0, y1 = spec.extent
+            return scan_segments((x0, y0, x1, y1), highest, settings, start, window=True)
         except ValueError as e:
             raise JobError(Code.PLAN_FAILED, f'the part cannot be scanned: {e}') from None
 
-    def _once(self, layer: int, top: float) -> Scan:
-        segments = self.path(top, self.context.plan_settings(), self.motion.position)
+    def _once(self, layer: int, top: float, spec: GridSpec) -> Scan:
+        segments = self.path(top, self.context.plan_settings(), self.motion.position, spec)
         shift = self.motion.next_index - segments[0].index
         segments = [s.at(index=s.index + shift, layer=layer) for s in segments]
         first = next(i for i, s in enumerate(segments) if s.kind == Kind.SCAN)
@@ -77,7 +128,7 @@ class PartScanner:
             self.motion.execute(segments[:first])
         number, beads = self._laid
         laid = beads if number == layer else LaidBeads()
-        scan_id = self.cell.begin_scan(self.context.run_id, layer, self.spec, laid)
+        scan_id = self.cell.begin_scan(self.context.run_id, layer, spec, laid)
         self.motion.execute(segments[first:])
         return self.cell.finish_scan(scan_id, self.cell.now())
 

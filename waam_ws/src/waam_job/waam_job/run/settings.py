@@ -23,6 +23,8 @@ class Settings:
     pyrometer_patience: float = 30.0  # s without a plausible temperature
     home_timeout: float = 120.0  # s
     scan_max_age: float = 900.0  # s, an older map is scanned again; 0 = any age
+    # the pass after a layer covers only what it has changed (model/changed.py)
+    scan_changed_only: bool = False
     height_warning: float = 1.0e-3  # m, height error after a layer that is noted
     cold_metal: float = 2e-4  # 1/K, less metal on a part that has cooled since an interruption
     restart_metal: float = 0.8  # share of its metal that an interrupted path gets after its restart

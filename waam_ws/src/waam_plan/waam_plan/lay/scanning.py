@@ -34,9 +34,16 @@ def scan_lanes(y0: float, y1: float, settings: PlanSettings) -> np.ndarray:
 
 
 def scan_segments(
-    spec_region: Rectangle, top_z: float, settings: PlanSettings, start: Point
+    spec_region: Rectangle,
+    top_z: float,
+    settings: PlanSettings,
+    start: Point,
+    window: bool = False,
 ) -> list[Segment]:
     """SCAN passes along +x and -x over the rectangle (x0, y0, x1, y1; m, work frame) plus margin, from `start`.
+
+    window: the rectangle is a part of what lies there. Then no margin is needed along the passes, where there is no
+    run-in, and they begin at the end that is nearer to `start`.
 
     top_z: highest point that the torch may pass over (m). Segment points are those of torch_tcp; the scanner
     sits scanner_offset beside it. Idle moves lift first, travel at scanning height and connect the passes.
@@ -50,13 +57,16 @@ def scan_segments(
     left, right = x0 - settings.margin - dx, x1 + settings.margin - dx
     out: list[Segment] = []
     here = start
-    for i, lane in enumerate(scan_lanes(y0 - settings.margin, y1 + settings.margin, settings)):
-        ends = (left, right) if i % 2 == 0 else (right, left)
+    side = 0.0 if window else settings.margin
+    ends = (left, right)
+    if window and abs(start[0] - right) < abs(start[0] - left):
+        ends = (right, left)
+    for lane in scan_lanes(y0 - side, y1 + side, settings):
         a, b = ((float(x), float(lane - dy), z) for x in ends)
         out.extend(hop(here, a, z, settings))
         out.append(
             Segment(0, Kind.SCAN, a, b, settings.scan_speed, speed_programmed=settings.scan_speed)
         )
-        here = b
+        here, ends = b, ends[::-1]
     check_reach(out, settings)
     return numbered(out)

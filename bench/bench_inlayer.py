@@ -1,0 +1,123 @@
+"""What can be gained while a layer is laid and right after it: jobs of the demo's jaw in the laboratory.
+
+inlayer.scan_time_ratio: time in state SCANNING, ways to the scans included, with passes over what a layer has changed
+(`scan_changed_only`) over that with passes over the whole part; the same for inlayer.job_time_ratio (whole job) and
+inlayer.scan_rms_ratio (RMS at the end), all paired over seeds. 95 % intervals on stderr.
+inlayer.bound_rms_ratio: RMS at the end of cells whose metal has no disturbance over that of the same cells with it.
+Nobody who sees the beads of a layer one by one can know more of the disturbance than that there is none.
+inlayer.seen_pct: share of a layer that the scanner beside the torch sees finished while the arc burns, largest over the
+moments at which looking begins; mean over the layers, of the worst seed. Finished: no bead of the layer comes nearer
+than REACH any more. Whole footprints would be 100.
+
+Settings were chosen on seeds 101 to 104. `WAAM_BENCH_SEEDS=1,2` chooses others, `WAAM_BENCH_WORKERS` the number of
+processes (2). A job takes 12 to 20 s of a core.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from bench_shape import jaw_jobs
+from lib.emit import emit
+from lib.seeds import seeds
+
+from waam_plan.post.store import load_plan
+from waam_process.grid import GridSpec
+from waam_process.segment import Kind, Segment
+
+SEEDS = tuple(range(1, 21))
+CALM = dict.fromkeys(('metal_area_noise_fixed', 'metal_area_noise_layer', 'metal_width_noise'), 0.0)
+REACH = 4.5e-3  # m from its path that a bead changes the surface
+STEP = 1e-3  # m between the points of a path
+ONLY = {'job_sequencer': {'scan_changed_only': True}}
+
+
+def told(name: str, ratios: np.ndarray) -> float:
+    """The mean ratio; its 95 % interval goes to stderr."""
+    from scipy import stats
+
+    n = len(ratios)
+    half = stats.t.ppf(0.975, n - 1) * ratios.std(ddof=1) / np.sqrt(n) if n > 1 else np.nan
+    print(f'{name}: {ratios.mean():.4f} +- {half:.4f} ({n} seeds)', file=sys.stderr)
+    return float(ratios.mean())
+
+
+def ratios(new: list, old: list, name: str) -> np.ndarray:
+    """One ratio per seed of a figure of the results."""
+    return np.array([getattr(a, name) / getattr(b, name) for a, b in zip(new, old, strict=True)])
+
+
+def changed_only() -> None:
+    usual, only = jaw_jobs(seeds(SEEDS)), jaw_jobs(seeds(SEEDS), overrides=ONLY)
+    for figure, name in (
+        ('inlayer.scan_time_ratio', 'scan_time'),
+        ('inlayer.job_time_ratio', 'time'),
+        ('inlayer.scan_rms_ratio', 'rms'),
+    ):
+        emit(figure, told(figure, ratios(only, usual, name)), '', 'passes over the whole part', 1.0)
+
+
+def bound() -> None:
+    usual, calm = jaw_jobs(seeds(SEEDS)), jaw_jobs(seeds(SEEDS), overrides={'cell': CALM})
+    name = 'inlayer.bound_rms_ratio'
+    emit(name, told(name, ratios(calm, usual, 'rms')), '', 'wanted of in-layer correction', 0.75)
+
+
+def last_touch(deposits: list[Segment], spec: GridSpec) -> np.ndarray:
+    """(rows, cols) number of the last segment whose bead changes a cell; -1 = none does."""
+    points, numbers = [], []
+    for k, s in enumerate(deposits):
+        n = max(1, int(np.ceil(s.length / STEP)))
+        a, b = np.array(s.start[:2]), np.array(s.end[:2])
+        points.append(a + (np.arange(n) + 0.5)[:, None] / n * (b - a))
+        numbers += [k] * n
+    row, col = spec.cell(*np.concatenate(points).T)
+    out, reach = np.full(spec.shape, -1), int(REACH / spec.resolution)
+    for i in range(-reach, reach + 1):
+        for j in range(-reach, reach + 1):
+            r, c = row + i, col + j
+            ok = (np.hypot(i, j) <= reach) & (r >= 0) & (r < spec.rows)
+            ok &= (c >= 0) & (c < spec.cols)
+            np.maximum.at(out, (r[ok], c[ok]), np.array(numbers)[ok])
+    return out
+
+
+def seen_share(deposits: list[Segment], spec: GridSpec, offset: float, fan: float) -> float:
+    """Share of the cells of a layer that are seen after their last bead, by the best begin of the look."""
+    touched, seen = last_touch(deposits, spec), np.zeros(spec.shape, bool)
+    x, y = spec.x[None], spec.y[:, None]
+    best = 0.0
+    for k in range(len(deposits) - 1, -1, -1):
+        s = deposits[k]
+        low, high = sorted((s.start[0] + offset, s.end[0] + offset))
+        half = spec.resolution / 2
+        seen |= (x >= low - half) & (x <= high + half) & (abs(y - s.midpoint[1]) <= fan / 2)
+        best = max(best, float((seen & (touched >= 0) & (touched < k)).sum()))
+    return best / max(int((touched >= 0).sum()), 1)
+
+
+def in_view() -> None:
+    shares = []
+    with tempfile.TemporaryDirectory() as folder:
+        for result in jaw_jobs(seeds((1, 2, 3)), keep=True, jobs_dir=Path(folder)):
+            plan = load_plan(next(Path(result.folder).glob('plan*.npz')))
+            offset, fan = plan.settings.scanner_offset[0], plan.settings.scanner_fov
+            layers = [
+                [s for s in layer.segments if s.kind == Kind.DEPOSIT] for layer in plan.layers
+            ]
+            found = [seen_share(deposits, plan.spec, offset, fan) for deposits in layers]
+            print(f'seed {result.seed}:', [f'{100 * v:.1f} %' for v in found], file=sys.stderr)
+            shares.append(100 * float(np.mean(found)))
+    emit('inlayer.seen_pct', min(shares), '%', 'wanted by the correction server', 90.0)
+
+
+FIGURES = {
+    'inlayer.scan_time_ratio': changed_only,
+    'inlayer.job_time_ratio': changed_only,
+    'inlayer.scan_rms_ratio': changed_only,
+    'inlayer.bound_rms_ratio': bound,
+    'inlayer.seen_pct': in_view,
+}
