@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-TICK = 5e-4  # s, of the step response
+TICK = 1e-4  # s, of the step response
 MARGIN = 30.0  # deg, asked for by source 000
 
 
@@ -66,23 +66,23 @@ def simulate(plant: Plant, output: np.ndarray, step: float) -> np.ndarray:
     return np.asarray(plant.gain * lfilter([1 - keep], [1, -keep], late, zi=[keep * late[0]])[0])
 
 
-def experiment(
-    plant: Plant, amplitude: float = 2.0, noise: float = 0.05, hysteresis: float = 0.15, seed: int = 1
-) -> Swing:
-    """A relay around 22 V on a plant, 10 kHz, 25 swings; noise: of a voltage reading, V."""
-    dt, middle = 1e-4, 22.0
-    n = round(25 * 4.2 * plant.delay / dt)
+def experiment(plant: Plant, amplitude: float = 2.0, noise: float = 0.05, seed: int = 1) -> Swing:
+    """A rehearsal, 10 kHz: 0.3 s at 22 V, then a relay of +-amplitude with its setpoint 0.3 amplitudes higher, 25 swings.
+    noise: of a voltage reading, V; the relay has a hysteresis of three times that."""
+    dt, middle, target = 1e-4, 22.0, 0.3 * amplitude * plant.gain
+    begin = round(0.3 / dt)
+    n = begin + round(25 * 5 * plant.delay / dt)
     readings = noise * np.random.default_rng(seed).standard_normal(n)
     keep, late = math.exp(-dt / plant.lag), max(1, round(plant.delay / dt))
     out, v = np.zeros(n + late), np.zeros(n)
     now, side = 0.0, 1.0
     for k in range(n):
-        now += (1 - keep) * (plant.gain * out[k] - now)
+        now += (1 - keep) * (plant.gain * (out[k - late] if k >= late else 0.0) - now)
         v[k] = now + readings[k]
-        if abs(v[k]) > hysteresis:
-            side = -math.copysign(1.0, v[k])
-        out[k + late] = side * amplitude
-    return Swing(dt * np.arange(n), middle + out[late:], middle + v)
+        if abs(v[k] - target) > 3 * noise:
+            side = -math.copysign(1.0, v[k] - target)
+        out[k] = side * amplitude if k >= begin else 0.0
+    return Swing(dt * np.arange(n), middle + out[:n], middle + v)
 
 
 def margin(gains: Gains, plant: Plant) -> float:

@@ -1,8 +1,9 @@
 """Arc regulator by relay experiment: ultimate gain and period, and the plant behind them. Pure. V, s.
 
 A relay of +-d around the working point makes the arc voltage swing (Astrom, Hagglund 1984). Its period is the ultimate
-one Tu, and Ku = 4 d / (pi a) with a the amplitude of the swing. The plant is gain e^(-delay s) / (lag s + 1) as in
-source 000, by least squares on the whole record.
+one Tu, and Ku the first harmonic of the relay, 4 d / pi sin(pi share), over that of the voltage. The plant is gain
+e^(-delay s) / (lag s + 1) as in source 000, by least squares on the whole record. Swings alone tell gain over lag only;
+so the record begins at rest, and the relay's setpoint lies off the working point.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from .evidence import EvidenceError
 from .regulator import Gains, Plant, Swing, simulate, ziegler_nichols
 
 LEAST_PERIODS = 5
+LEAST_REST = 50  # samples
 SAMPLES_PER_PERIOD = 20
 ALIKE = 0.1  # scatter of the periods, of their mean
-OVER_NOISE = 3.0  # amplitude of the swing over the noise
+OVER_NOISE = 2.0  # amplitude of the swing over the noise of a reading
 MISFIT = 0.35  # rms of what the plant leaves over that of the swing
 SETTLE = 2  # periods at the begin that do not count
 
@@ -46,30 +48,56 @@ class Relay:
 def analyse(swing: Swing) -> Relay:
     """EvidenceError when the record is no relay experiment, or does not show the plant."""
     step = _check(swing)
-    out, level = swing.output, float(np.median(swing.voltage))
-    high, low = float(np.percentile(out, 95)), float(np.percentile(out, 5))
+    out, volts = swing.output, swing.voltage
+    begin = _rest(out)
+    high, low = (float(np.percentile(out[begin:], p)) for p in (90, 10))
     amplitude = 0.5 * (high - low)
-    if not amplitude > 0:
-        raise EvidenceError('the output never changes: this is no relay experiment')
-    middle = 0.5 * (high + low)
-    near = np.minimum(np.abs(out - high), np.abs(out - low))
+    near = np.minimum(np.abs(out - high), np.abs(out - low))[begin:]
     if np.mean(near > 0.2 * amplitude) > 0.1:
         raise EvidenceError('the output has more than two levels: this is no relay experiment')
-    rises = np.flatnonzero(np.diff((out > middle).astype(int)) == 1)
+    rises = begin + _rises(out[begin:] - 0.5 * (high + low), amplitude)
     periods = np.diff(swing.time[rises])[SETTLE:]
     _check_periods(periods, step)
     tu = float(periods.mean())
-    first, last = rises[SETTLE], rises[-1]
-    own = _harmonic(swing, tu, first, last)
-    noise = _noise(swing.voltage[first:last])
-    if own < OVER_NOISE * noise / math.sqrt(0.5 * (last - first)) or own < 0.5 * noise:
+    first, last = int(rises[SETTLE]), int(rises[-1])
+    own, noise = _harmonic(swing, tu, first, last), _noise(volts[first:last])
+    if own < OVER_NOISE * noise:
         raise EvidenceError(
             f'the arc swings by {own:.2f} V, its noise is {noise:.2f} V: a larger relay is needed'
         )
-    ku = 4 * amplitude / (math.pi * own)
-    plant, modelled, misfit = _fit(swing, middle, level, tu, first, last, noise)
-    picture = Swing(swing.time[first:last], out[first:last], swing.voltage[first:last])
-    return Relay(ku, tu, len(periods), misfit, plant, picture, modelled)
+    ku = 4 * amplitude / (math.pi * own) * math.sin(math.pi * _share(out[first:last] > 0.5 * (high + low)))
+    plant, modelled, misfit = _fit(swing, begin, tu, last, noise)
+    picture = Swing(swing.time[first:last], out[first:last], volts[first:last])
+    return Relay(ku, tu, len(periods), misfit, plant, picture, modelled[first:last])
+
+
+def _rest(output: np.ndarray) -> int:
+    """Samples before the relay begins."""
+    span = float(np.ptp(output))
+    if not span > 0:
+        raise EvidenceError('the output never changes: this is no relay experiment')
+    begin = int(np.argmax(np.abs(output - output[0]) > 0.1 * span))
+    if begin < LEAST_REST:
+        raise EvidenceError(
+            f'{begin} samples before the relay begins, {LEAST_REST} at least: they tell the working point'
+        )
+    return begin
+
+
+def _rises(output: np.ndarray, amplitude: float) -> np.ndarray:
+    """Samples where the relay goes up; its chatter on noise counts once."""
+    power = np.abs(np.fft.rfft(output - output.mean()))
+    period = len(output) / max(1, int(np.argmax(power)))
+    width = max(1, round(period / 8))
+    smooth = np.convolve(output, np.ones(width) / width, mode='same')
+    side = np.where(smooth > 0.3 * amplitude, 1, np.where(smooth < -0.3 * amplitude, -1, 0))
+    known = np.flatnonzero(side)
+    return known[np.flatnonzero(np.diff(side[known]) > 0) + 1]
+
+
+def _share(high: np.ndarray) -> float:
+    """Of the time that the relay is up; the first harmonic of its output goes with the sine of it."""
+    return float(np.clip(high.mean(), 0.05, 0.95))
 
 
 def _check(swing: Swing) -> float:
@@ -113,25 +141,25 @@ def _noise(voltage: np.ndarray) -> float:
 
 
 def _fit(
-    swing: Swing, middle: float, level: float, tu: float, first: int, last: int, noise: float
+    swing: Swing, begin: int, tu: float, last: int, noise: float
 ) -> tuple[Plant, np.ndarray, float]:
+    """The plant, the voltage that it makes of the output (n,), and the share of the swing that it leaves."""
     step = float(np.median(np.diff(swing.time)))
-    out, v = swing.output - middle, swing.voltage - level
+    level = float(swing.voltage[:begin].mean())
+    out, v = (swing.output - swing.output[:begin].mean())[:last], (swing.voltage - level)[:last]
 
     def modelled(p: np.ndarray) -> np.ndarray:
-        plant = Plant(math.exp(p[0]), math.exp(p[1]), math.exp(p[2]))
-        return (simulate(plant, out, step) + p[3])[first:last]
+        return simulate(Plant(*np.exp(p).tolist()), out, step)
 
-    start = [0.0, math.log(tu), math.log(tu / 5), 0.0]
+    start = [0.0, math.log(tu), math.log(tu / 5)]
     bounds = (
-        [-4.6, math.log(step), math.log(0.01 * tu), -20.0],
-        [4.6, math.log(50 * tu), math.log(0.5 * tu), 20.0],
+        [-4.6, math.log(step), math.log(0.01 * tu)],
+        [4.6, math.log(50 * tu), math.log(0.5 * tu)],
     )
-    found = least_squares(lambda p: modelled(p) - v[first:last], start, bounds=bounds)
+    found = least_squares(lambda p: modelled(p) - v, start, bounds=bounds)
     rest = math.sqrt(max(float(np.mean(found.fun**2)) - noise**2, 0.0))
-    misfit = rest / float(np.std(modelled(found.x)))
+    misfit = rest / float(np.std(modelled(found.x)[begin:]))
     if misfit > MISFIT:
         text = f'a gain, a lag and a delay leave {100 * misfit:.0f} % of the swing'
         raise EvidenceError(f'{text}, at most {100 * MISFIT:g} %: did the arc burn all the time?')
-    gain, lag, delay = (math.exp(v) for v in found.x[:3])
-    return Plant(gain, lag, delay), modelled(found.x) + level, misfit
+    return Plant(*np.exp(found.x).tolist()), modelled(found.x) + level, misfit
