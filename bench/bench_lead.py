@@ -1,5 +1,5 @@
-"""Lead of the wire, calibrated by `waam calibrate lead` from a recorded bead: the real controller core and the simulated
-cell, whose wire drive has a delay of 10 to 90 ms and a lag of 30 to 180 ms (drawn with the seed).
+"""Lead of the wire, calibrated by `waam calibrate lead` from a recorded bead: the real controller core and the
+simulated cell, whose wire drive has a delay of 10 to 90 ms and a lag of 30 to 180 ms (drawn with the seed).
 
 lead.metal_error_pct: wire per mm of path in windows of one bead width (6 mm) around steps of speed by half and right
 angles, largest error, the worst of ten drives (seeds 201-210); baseline: the same drives with the lead that the
@@ -59,7 +59,9 @@ def measured() -> list[dict[str, tuple[float, float]]]:
         }
         off = [1e3 * abs(a + b - delay - lag) for a, b in ((lead.delay, lead.lag), BUILT_IN)]
         row['lead.delay_error_ms'] = (off[0], off[1])
-        print(f'lead: seed {seed}: {1e3 * delay:.0f} and {1e3 * lag:.0f} ms: {row}', file=sys.stderr)
+        print(
+            f'lead: seed {seed}: {1e3 * delay:.0f} and {1e3 * lag:.0f} ms: {row}', file=sys.stderr
+        )
         found.append(row)
     return found
 

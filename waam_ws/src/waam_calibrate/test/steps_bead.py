@@ -1,4 +1,4 @@
-"""A bead with steps of speed and a corner on the real controller core and the simulated cell: for tests and benchmarks."""
+"""A bead with steps of speed on the real controller core and the simulated cell: for tests and benchmarks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,11 @@ class Layer:
     that really ran (m/s), metal laid (m3), whether the arc burns."""
 
     def __init__(
-        self, arc: ArcParams, seed: int = 1, gantry: GantryParams = GantryParams(), size: float = 0.2
+        self,
+        arc: ArcParams,
+        seed: int = 1,
+        gantry: GantryParams = GantryParams(),
+        size: float = 0.2,
     ) -> None:
         physics = PlantParams(arc=arc, gantry=gantry)
         plate = part.plate(size, 0.06, THICK, physics.metal.cell, 1e-3)
@@ -122,12 +126,22 @@ class Layer:
         seen, self.frames = self.frames, self.frames[-1:]
         rows, self.rows = np.array(self.rows), []
         found = np.array(
-            [(t.t_us * 1e-6, t.wire_cmd_um_s * 1e-6, t.wire_um_s * 1e-6, t.flags & ARC_ESTABLISHED) for t in seen]
+            [
+                (
+                    t.t_us * 1e-6,
+                    t.wire_cmd_um_s * 1e-6,
+                    t.wire_um_s * 1e-6,
+                    t.flags & ARC_ESTABLISHED,
+                )
+                for t in seen
+            ]
         )
         return WireRecord(*found[:, :3].T, found[:, 3] > 0), rows
 
 
-def staircase(pieces: int, length: float = 12e-3, factor: float = 1.5) -> tuple[list[Point], list[float]]:
+def staircase(
+    pieces: int, length: float = 12e-3, factor: float = 1.5
+) -> tuple[list[Point], list[float]]:
     """Corners along x and speeds: every second piece is faster."""
     corners: list[Point] = [(10e-3 + length * k, 30e-3, THICK) for k in range(pieces + 1)]
     return corners, [SPEED * (factor if k % 2 else 1.0) for k in range(pieces)]
@@ -140,7 +154,9 @@ def metal_errors(rows: np.ndarray, corners: list[Point], window: float) -> np.nd
     burnt = rows[lit[0] : lit[-1] + 1]
     way = np.cumsum(np.hypot(*np.diff(burnt[:, :2], axis=0, prepend=burnt[:1, :2]).T))
     places, last = np.unique(np.round(way[::-1], 9), return_index=True)
-    wire = np.cumsum(0.01 * burnt[:, 2])[len(way) - 1 - last]  # that has come when the torch leaves a place
+    wire = np.cumsum(0.01 * burnt[:, 2])[
+        len(way) - 1 - last
+    ]  # that has come when the torch leaves a place
     at = np.arange(0.5 * window, way[-1] - 0.5 * window, 1e-4)
     laid = np.interp(at + 0.5 * window, places, wire) - np.interp(at - 0.5 * window, places, wire)
     ends = np.cumsum(np.linalg.norm(np.diff(np.array(corners), axis=0), axis=1))

@@ -69,7 +69,8 @@ def test_any_plant_is_found(gain, lag, share) -> None:
     assert found.plant.lag == pytest.approx(lag, rel=0.05)
     assert found.plant.delay == pytest.approx(plant.delay, rel=0.05)
     ku, tu = ultimate(plant)
-    assert found.ku == pytest.approx(ku, rel=0.2) and found.tu == pytest.approx(tu, rel=0.2)
+    # the hysteresis against noise slows the swing
+    assert found.ku == pytest.approx(ku, rel=0.35) and found.tu == pytest.approx(tu, rel=0.35)
 
 
 def test_rules_and_what_they_do() -> None:
@@ -106,7 +107,10 @@ def test_records_that_are_no_experiment_are_refused() -> None:
         ('100 at least', Swing(*(c[:50] for c in (swing.time, swing.output, swing.voltage)))),
         ('not a finite', replace(swing, voltage=np.full(n, np.nan))),
         ('never changes', replace(swing, output=np.full(n, 22.0))),
-        ('before the relay begins', Swing(*(c[3100:] for c in (swing.time, swing.output, swing.voltage)))),
+        (
+            'before the relay begins',
+            Swing(*(c[3100:] for c in (swing.time, swing.output, swing.voltage))),
+        ),
         ('more than two levels', replace(swing, output=ramp)),
         ('whole periods', Swing(*(c[:4000] for c in (swing.time, swing.output, swing.voltage)))),
         ('evenly spaced', replace(swing, time=swing.time**2)),

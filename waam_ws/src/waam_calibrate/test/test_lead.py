@@ -64,7 +64,10 @@ def test_poor_records_are_refused_with_the_reason() -> None:
     good = made_up(0.05, 0.1)
     n = len(good.time)
     for text, bad in (
-        ('no bead', WireRecord(*(c[:50] for c in (good.time, good.commanded, good.measured, good.burns)))),
+        (
+            'no bead',
+            WireRecord(*(c[:50] for c in (good.time, good.commanded, good.measured, good.burns))),
+        ),
         ('steps of the wire', made_up(0.05, 0.1, high=1.02)),
         ('never burns', replace(good, burns=np.zeros(n, bool))),
         ('not a finite', replace(good, measured=np.full(n, np.nan))),

@@ -55,7 +55,7 @@ def test_the_commanded_motion_is_that_of_the_controller() -> None:
     assert np.flatnonzero(real)[-1] == pytest.approx(np.flatnonzero(told)[-1], rel=1e-3)
 
 
-@pytest.mark.parametrize(('before', 'behind'), [(0.3, 0.0), (0.0, 1.6), (0.7, 0.9)])
+@pytest.mark.parametrize(('before', 'behind'), [(0.3, 0.0), (0.7, 1.6)])
 def test_rest_around_the_sweep_changes_nothing(before, behind) -> None:
     """In the graph the record begins and ends somewhere at rest. The end of the sweep must not look like a mode."""
     samples, true = shaken()

@@ -59,9 +59,7 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser], grap
     apply.set_defaults(run_command=lambda args: send_all(args, graph))
 
 
-def _add_resonance(
-    verbs: Verbs, graph: Graph
-) -> None:
+def _add_resonance(verbs: Verbs, graph: Graph) -> None:
     p = verb(verbs, 'resonance', 'shake an axis and choose its input shaper', graph)
     p.epilog = RESONANCE
     p.add_argument('--axis', choices=('x', 'y'), required=True)

@@ -34,9 +34,7 @@ def folder(args: argparse.Namespace, graph: Graph) -> Path:
     return found.resolve()
 
 
-def keep(
-    where: Path, result: Result, notes: Sequence[str], pictures: Sequence[bytes] = ()
-) -> Path:
+def keep(where: Path, result: Result, notes: Sequence[str], pictures: Sequence[bytes] = ()) -> Path:
     """Stores a result with its report, prints both. Returns the path of the result."""
     from . import report, store
 

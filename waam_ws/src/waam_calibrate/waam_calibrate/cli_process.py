@@ -36,7 +36,9 @@ def register(verbs: Verbs, graph: Graph) -> None:
 
 
 def _add_wire(verbs: Verbs, graph: Graph) -> None:
-    p = verb(verbs, 'wire', 'counts of the wire wheel per mm, and the threshold of underfeed', graph)
+    p = verb(
+        verbs, 'wire', 'counts of the wire wheel per mm, and the threshold of underfeed', graph
+    )
     p.add_argument('--diameter', type=float, default=35.0, metavar='MM', help='of the wheel, 35')
     p.add_argument(
         '--counts-per-turn', type=int, required=True, metavar='N',
@@ -63,7 +65,9 @@ def _add_wire(verbs: Verbs, graph: Graph) -> None:
 
 
 def _add_lead(verbs: Verbs, graph: Graph) -> None:
-    p = verb(verbs, 'lead', 'delay and lag of the wire drive, from a bead with steps of speed', graph)
+    p = verb(
+        verbs, 'lead', 'delay and lag of the wire drive, from a bead with steps of speed', graph
+    )
     p.epilog = LEAD
     what = p.add_mutually_exclusive_group(required=True)
     what.add_argument('--record', type=Path, help='job folder, recording or .mcap file of the bead')

@@ -21,8 +21,8 @@ Settings = list[tuple[str, float]]
 @dataclass(frozen=True)
 class Graph:
     """folder: of the results when none is given. add_options: those that name a graph. measure: shakes an axis at a
-    place (m, work frame; None = where the torch is). send: settings of the controller; returns what it said last. wire: telemetry of a recording (job folder, folder or
-    file)."""
+    place (m, work frame; None = where the torch is). send: settings of the controller; returns what it said last.
+    wire: telemetry of a recording (job folder, folder or file)."""
 
     folder: Callable[[], Path]
     add_options: Callable[[argparse.ArgumentParser], None]

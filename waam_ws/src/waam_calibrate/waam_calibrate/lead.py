@@ -1,8 +1,8 @@
 """Lead of the wire: from a recorded bead with steps of speed to the delay and the lag of the wire drive. Pure. SI.
 
 The drive is taken as a delay and a first-order lag behind the commanded wire speed, the encoder as a factor on it:
-measured(t) = ratio * x(t), lag * dx/dt = commanded(t - delay) - x. The controller makes up for both, when it knows them:
-it asks for the speed of a moment later, and leads the lag down to its `response` (waam_wire.h).
+measured(t) = ratio * x(t), lag * dx/dt = commanded(t - delay) - x. The controller makes up for both when it knows
+them: it asks for the speed of a moment later, and leads the lag down to its `response` (waam_wire.h).
 """
 
 from __future__ import annotations

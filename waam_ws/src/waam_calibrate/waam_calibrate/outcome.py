@@ -126,7 +126,8 @@ def of_lead(found: Lead, now: datetime) -> Result:
     refuses = ''
     if found.delay > LONGEST[0] or found.lag > LONGEST[1]:
         most = f'{1e3 * LONGEST[0]:.0f} and {1e3 * LONGEST[1]:.0f} ms'
-        refuses = f'delay {1e3 * found.delay:.0f} and lag {1e3 * found.lag:.0f} ms of the wire, the controller leads at most {most}'
+        own = f'{1e3 * found.delay:.0f} and {1e3 * found.lag:.0f} ms'
+        refuses = f'delay and lag of the wire are {own}, the controller leads at most {most}'
     text = (
         f'wire delay {1e3 * found.delay:.1f} +- {1e3 * found.delay_sigma:.1f} ms, '
         f'lag {1e3 * found.lag:.1f} +- {1e3 * found.lag_sigma:.1f} ms'

@@ -93,7 +93,9 @@ def relay_swing(found: Relay) -> bytes:
     above.set(xlabel='time, ms', ylabel='V', title='relay experiment')
     for name, gains in gains_of(found).items():
         response = np.clip(regulator.step_response(gains, found.plant), -1, 3)
-        below.plot(1e3 * regulator.TICK * np.arange(len(response)), response, label=name.replace('_', ' '))
+        below.plot(
+            1e3 * regulator.TICK * np.arange(len(response)), response, label=name.replace('_', ' ')
+        )
     below.set(xlabel='time, ms', ylabel='voltage over its step')
     for axis in (above, below):
         axis.legend(fontsize=8)

@@ -67,7 +67,7 @@ def simulate(plant: Plant, output: np.ndarray, step: float) -> np.ndarray:
 
 
 def experiment(plant: Plant, amplitude: float = 2.0, noise: float = 0.05, seed: int = 1) -> Swing:
-    """A rehearsal, 10 kHz: 0.3 s at 22 V, then a relay of +-amplitude with its setpoint 0.3 amplitudes higher, 25 swings.
+    """A rehearsal, 10 kHz: 0.3 s at 22 V, then a relay of +-amplitude with its setpoint 0.3 amplitudes higher.
     noise: of a voltage reading, V; the relay has a hysteresis of three times that."""
     dt, middle, target = 1e-4, 22.0, 0.3 * amplitude * plant.gain
     begin = round(0.3 / dt)

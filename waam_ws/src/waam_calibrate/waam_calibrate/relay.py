@@ -18,7 +18,6 @@ from .evidence import EvidenceError
 from .regulator import Gains, Plant, Swing, simulate, ziegler_nichols
 
 LEAST_PERIODS = 5
-LEAST_REST = 50  # samples
 SAMPLES_PER_PERIOD = 20
 ALIKE = 0.1  # scatter of the periods, of their mean
 OVER_NOISE = 2.0  # amplitude of the swing over the noise of a reading
@@ -59,13 +58,21 @@ def analyse(swing: Swing) -> Relay:
     periods = np.diff(swing.time[rises])[SETTLE:]
     _check_periods(periods, step)
     tu = float(periods.mean())
+    if begin * step < tu:
+        text = f'{1e3 * begin * step:.0f} ms before the relay begins'
+        raise EvidenceError(f'{text}, {1e3 * tu:.0f} ms at least: they tell the working point')
     first, last = int(rises[SETTLE]), int(rises[-1])
     own, noise = _harmonic(swing, tu, first, last), _noise(volts[first:last])
     if own < OVER_NOISE * noise:
         raise EvidenceError(
             f'the arc swings by {own:.2f} V, its noise is {noise:.2f} V: a larger relay is needed'
         )
-    ku = 4 * amplitude / (math.pi * own) * math.sin(math.pi * _share(out[first:last] > 0.5 * (high + low)))
+    ku = (
+        4
+        * amplitude
+        / (math.pi * own)
+        * math.sin(math.pi * _share(out[first:last] > 0.5 * (high + low)))
+    )
     plant, modelled, misfit = _fit(swing, begin, tu, last, noise)
     picture = Swing(swing.time[first:last], out[first:last], volts[first:last])
     return Relay(ku, tu, len(periods), misfit, plant, picture, modelled[first:last])
@@ -76,12 +83,7 @@ def _rest(output: np.ndarray) -> int:
     span = float(np.ptp(output))
     if not span > 0:
         raise EvidenceError('the output never changes: this is no relay experiment')
-    begin = int(np.argmax(np.abs(output - output[0]) > 0.1 * span))
-    if begin < LEAST_REST:
-        raise EvidenceError(
-            f'{begin} samples before the relay begins, {LEAST_REST} at least: they tell the working point'
-        )
-    return begin
+    return int(np.argmax(np.abs(output - output[0]) > 0.1 * span))
 
 
 def _rises(output: np.ndarray, amplitude: float) -> np.ndarray:

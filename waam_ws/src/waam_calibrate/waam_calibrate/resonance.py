@@ -89,8 +89,8 @@ def psd(values: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def energy(values: np.ndarray, rate: float, mean: np.ndarray | float) -> np.ndarray:
-    """Energy spectrum (k, ...) of values (n, ...) less their mean, at the frequencies of `psd`. A piece of nothing before
-    and behind them lets their ends count in full, wherever the motion begins and ends in the record."""
+    """Energy spectrum (k, ...) of values (n, ...) less their mean, at the frequencies of `psd`. A piece of nothing
+    before and behind them lets their ends count in full, wherever the motion begins and ends in the record."""
     piece = round(SEGMENT * rate)
     whole = np.zeros((len(values) + 2 * piece, *values.shape[1:]))
     whole[piece:-piece] = values - mean

@@ -87,10 +87,11 @@ def load_swing(path: Path) -> Swing:
     """A relay experiment from a text file: time (s), output (V), arc voltage (V) in each line, commas between; a first
     line with names is allowed. EvidenceError names the file."""
     try:
-        with path.open() as text:
-            first = text.readline()
-        named = any(c.isalpha() for c in first.replace('e', '').replace('E', ''))
-        rows = np.loadtxt(path, delimiter=',', skiprows=int(named), ndmin=2)
+        lines = [line for line in path.read_text().splitlines() if line.strip()]
+        named = bool(lines) and any(c.isalpha() for c in lines[0].replace('e', '').replace('E', ''))
+        if not lines[named:]:
+            raise ValueError('it is empty')
+        rows = np.loadtxt(lines[named:], delimiter=',', ndmin=2, comments=None)
     except (OSError, ValueError) as e:
         raise EvidenceError(f'{path} holds no relay experiment: {e}') from None
     if rows.shape[1] != 3:

@@ -149,7 +149,12 @@ def normal_feed(record: WireRecord) -> Feed:
         if last >= end:
             break
         told, lit = record.commanded[first:last], record.burns[first:last]
-        if len(told) >= 10 and lit.all() and told.min() > 0 and np.ptp(told) < SETTLED * told.mean():
+        if (
+            len(told) >= 10
+            and lit.all()
+            and told.min() > 0
+            and np.ptp(told) < SETTLED * told.mean()
+        ):
             ratios.append(float(record.measured[first:last].mean() / told.mean()))
         first = last
     if len(ratios) < LEAST_WINDOWS:
