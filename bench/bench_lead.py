@@ -36,6 +36,7 @@ def measured() -> list[dict[str, tuple[float, float]]]:
     """Per drive: name -> value and baseline."""
     from waam_calibrate.lead import identify
     from waam_sim.arc import ArcParams
+    from waam_sim.plant import PlantParams
 
     steps, found = bead(), []
     for seed in seeds(SEEDS):
@@ -43,7 +44,7 @@ def measured() -> list[dict[str, tuple[float, float]]]:
         delay, lag = rng.uniform(0.01, 0.09), rng.uniform(0.03, 0.18)
         corners, speeds = steps.cornered()
         aside = [(x, y - 20e-3, z) for x, y, z in corners]
-        with steps.Layer(ArcParams(wire_delay=delay, wire_lag=lag), seed) as layer:
+        with steps.Layer(PlantParams(arc=ArcParams(wire_delay=delay, wire_lag=lag)), seed) as layer:
             layer.bead(corners, speeds)
             record, before = layer.take()
             lead = identify(record, reading=0.01)

@@ -13,8 +13,6 @@ from waam_calibrate.lead import WireRecord
 from waam_lab.machine import Machine
 from waam_process.segment import Kind, Point, Segment
 from waam_sim import part
-from waam_sim.arc import ArcParams
-from waam_sim.gantry import GantryParams
 from waam_sim.plant import Plant, PlantParams
 
 FEED = 0.08  # m/s of wire at SPEED
@@ -27,14 +25,7 @@ class Layer:
     """A homed machine over a plate. Use as a context manager. `rows`: per exchange (10 ms) torch x, y (m, work), wire
     that really ran (m/s), metal laid (m3), whether the arc burns."""
 
-    def __init__(
-        self,
-        arc: ArcParams,
-        seed: int = 1,
-        gantry: GantryParams = GantryParams(),
-        size: float = 0.2,
-    ) -> None:
-        physics = PlantParams(arc=arc, gantry=gantry)
+    def __init__(self, physics: PlantParams, seed: int = 1, size: float = 0.2) -> None:
         plate = part.plate(size, 0.06, THICK, physics.metal.cell, 1e-3)
         self.plant = Plant(plate, physics, seed)
         self.machine = Machine(BridgeParams(), self.plant)

@@ -17,6 +17,7 @@ from waam_calibrate.lead import WireRecord, follow, identify, program
 from waam_plan.read.files import load_dialect
 from waam_plan.read.reader import read_program
 from waam_sim.arc import ArcParams
+from waam_sim.plant import PlantParams
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 TRUE = (0.07, 0.14)
@@ -25,7 +26,7 @@ TRUE = (0.07, 0.14)
 def test_calibrated_lead_lays_even_metal() -> None:
     corners, speeds = cornered()
     aside = [(x, y - 20e-3, z) for x, y, z in corners]
-    with Layer(ArcParams(wire_delay=TRUE[0], wire_lag=TRUE[1])) as layer:
+    with Layer(PlantParams(arc=ArcParams(wire_delay=TRUE[0], wire_lag=TRUE[1]))) as layer:
         layer.bead(corners, speeds)
         record, before = layer.take()
         found = identify(record, reading=0.01)
