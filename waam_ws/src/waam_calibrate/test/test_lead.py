@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from steps_bead import Layer, cornered, metal_errors
 
+from waam_bridge import commands
 from waam_calibrate import outcome, pictures
 from waam_calibrate.evidence import EvidenceError
 from waam_calibrate.lead import WireRecord, follow, identify, program
@@ -41,6 +42,24 @@ def test_calibrated_lead_lays_even_metal() -> None:
     result = outcome.of_lead(found, NOW)
     assert [n for n, _ in result.settings] == ['wire_response_s', 'wire_delay_s', 'wire_lag_s']
     assert not result.refuses and pictures.wire_steps(found).startswith(b'\x89PNG')
+
+
+def test_the_controller_refuses_a_lead_that_makes_no_sense() -> None:
+    with Layer(PlantParams()) as layer:
+
+        def told(name: str, value: float) -> tuple[int, str]:
+            order = commands.Command(commands.CONFIGURE, name, (), (0, 0, 0), value)
+            return layer.machine.command(order)
+
+        for name, value in (('wire_delay_s', 0.3), ('wire_lag_s', -0.1), ('wire_response_s', 0.0)):
+            code, said = told(name, value)
+            assert code != 0 and name in said and 'must lie within' in said
+        layer.configure([('shape_x_hz', 20.0), ('shape_x', 1.0)])  # a mean delay of 12.5 ms
+        code, said = told('wire_delay_s', 0.0)
+        assert code == 0, said  # the response of 20 ms is enough
+        code, said = told('wire_response_s', 0.01)
+        assert code != 0 and 'slower than the lead' in said
+        assert told('wire_delay_s', 0.05)[0] == 0 and told('wire_response_s', 0.01)[0] == 0
 
 
 def made_up(delay: float, lag: float, noise: float = 0.0, high: float = 1.5) -> WireRecord:

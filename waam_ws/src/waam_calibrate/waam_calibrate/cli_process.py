@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # numpy and scipy are loaded only when a verb runs
     from .cli_common import Verbs
     from .graph import Graph
 
-UNDERFEED = ''  # name of the controller's threshold
+UNDERFEED = 'wire_underfeed_ratio'  # the controller's threshold
 LEAD = """\
 A bead with steps of speed is laid, wire and travel together (--program writes one; waam job run FILE --dialect waam).
 From its recording (waam record, or the job folder) follow the delay and the lag of the wire drive. waam calibrate apply
@@ -111,7 +111,8 @@ def wire(args: argparse.Namespace, graph: Graph) -> int:
     result = outcome.of_wire(found, args.controller, UNDERFEED, datetime.now(UTC))
     turn = f'{wheel.per_turn:.2f} mm per turn, {wheel.per_count:.4g} mm per count by the wheel'
     note = f'{turn}; the controller is built with ENCODER_PER_MM {args.controller:g} (waam_firmware/stm32)'
-    keep(folder(args, graph), result, [note], [pictures.wire_lengths(found)])
+    notes = [note, 'waam calibrate apply tells the controller the threshold']
+    keep(folder(args, graph), result, notes, [pictures.wire_lengths(found)])
     return 0
 
 
