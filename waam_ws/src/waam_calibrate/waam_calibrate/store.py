@@ -90,7 +90,7 @@ def load_swing(path: Path) -> Swing:
         lines = [line for line in path.read_text().splitlines() if line.strip()]
         named = bool(lines) and any(c.isalpha() for c in lines[0].replace('e', '').replace('E', ''))
         if not lines[named:]:
-            raise ValueError('it is empty')
+            raise ValueError('no line of numbers')
         rows = np.loadtxt(lines[named:], delimiter=',', ndmin=2, comments=None)
     except (OSError, ValueError) as e:
         raise EvidenceError(f'{path} holds no relay experiment: {e}') from None
