@@ -11,6 +11,7 @@ from .cli_common import add_run, run_and_domain
 
 if TYPE_CHECKING:  # ROS and numpy are loaded only when a verb runs
     from waam_calibrate.graph import Settings
+    from waam_calibrate.lead import WireRecord
     from waam_calibrate.resonance import Samples
     from waam_calibrate.sweep import Sweep
     from waam_process.segment import Point
@@ -21,7 +22,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     from waam_calibrate import cli
     from waam_calibrate.graph import Graph
 
-    cli.register(commands, Graph(paths.calibrations_dir, add_run, measure, send))
+    cli.register(commands, Graph(paths.calibrations_dir, add_run, measure, send, wire))
 
 
 def measure(args: argparse.Namespace, sweep: Sweep, axis: str, point: Point | None) -> Samples:
@@ -43,6 +44,50 @@ def send(args: argparse.Namespace, settings: Settings) -> str:
     require_up(run)
     with Shaking(domain) as graph:
         return graph.configure(settings)
+
+
+def wire(path: Path) -> WireRecord:
+    """Wire speed in the telemetry of a job folder, a recording or one .mcap file. EvidenceError when there is none."""
+    import numpy as np
+
+    from waam_calibrate.evidence import EvidenceError
+    from waam_calibrate.lead import WireRecord
+    from waam_node import cdr
+    from waam_record.bag_writer import BagError
+    from waam_record.read_record import ReplayError, record_folder
+
+    try:
+        frames = _telemetry(path if path.is_file() else record_folder(path))
+        _, rows = cdr.read_frames(frames)
+    except (BagError, ReplayError, OSError, ValueError) as e:
+        raise EvidenceError(f'{path}: {e}') from None
+    if not frames:
+        raise EvidenceError(f'{path}: no telemetry is recorded there')
+    rows = rows[rows['boot_id'] == rows['boot_id'][-1]]
+    _, first = np.unique(rows['controller_us'], return_index=True)  # each frame once, in order
+    rows = rows[first]
+    return WireRecord(
+        rows['controller_us'] * 1e-6, rows['wire_feed_commanded'], rows['wire_feed_speed'],
+        rows['arc_established'].astype(bool),
+    )  # fmt: skip
+
+
+def _telemetry(path: Path) -> list[bytes]:
+    """Serialised frames of a recording, as far as it can be read."""
+    from mcap.records import Channel, Message
+
+    from waam_record.bag_reader import bag_files
+    from waam_record.salvage import records
+
+    found: list[bytes] = []
+    for file in bag_files(path):
+        channels: set[int] = set()
+        for item in records(file):
+            if isinstance(item, Channel) and item.topic.rpartition('/')[2] == 'telemetry':
+                channels.add(item.id)
+            elif isinstance(item, Message) and item.channel_id in channels:
+                found.append(item.data)
+    return found
 
 
 def check(folder: Path | None = None) -> list[str]:

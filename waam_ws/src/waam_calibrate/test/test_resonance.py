@@ -55,6 +55,19 @@ def test_the_commanded_motion_is_that_of_the_controller() -> None:
     assert np.flatnonzero(real)[-1] == pytest.approx(np.flatnonzero(told)[-1], rel=1e-3)
 
 
+@pytest.mark.parametrize(('before', 'behind'), [(0.3, 0.0), (0.7, 1.6)])
+def test_rest_around_the_sweep_changes_nothing(before, behind) -> None:
+    """In the graph the record begins and ends somewhere at rest. The end of the sweep must not look like a mode."""
+    samples, true = shaken()
+    rest = np.concatenate([samples.rest, samples.rest])
+    values = np.concatenate(
+        [rest[: round(before * samples.rate)], samples.values, rest[: round(behind * samples.rate)]]
+    )
+    found = analyse(changed(values=values), SWEEP, 'x')
+    assert found.mode.hz == pytest.approx(true, rel=0.01)
+    assert found.gain[found.hz > 90].max() < 0.1 * found.gain.max()
+
+
 def second_order(hz: np.ndarray, mode: float, damping: float) -> np.ndarray:
     r = hz / mode
     return (1 + (2 * damping * r) ** 2) / ((1 - r**2) ** 2 + (2 * damping * r) ** 2)

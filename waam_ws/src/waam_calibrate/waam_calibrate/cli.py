@@ -7,9 +7,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from . import cli_process
+from .cli_common import folder, keep, verb
+
 if TYPE_CHECKING:  # numpy and scipy are loaded only when a verb runs
+    from .cli_common import Verbs
     from .graph import Graph
-    from .results import Result
 
 EPILOG = """\
 examples:
@@ -18,6 +21,10 @@ examples:
   waam calibrate steps --axis x --commanded 50 150 250 --measured 49.98 149.91 249.87
   waam calibrate skew --side-x 200 --rising 283.1 --falling 282.6 --gauge 0.02
   waam calibrate tcp --width 0.10 0.12 0.11 --slope 30 --wire 1.2
+  waam calibrate wire --counts-per-turn 4096 --length 500 500 500 --counted 18624 18619 18630 --controller 37.25
+  waam calibrate lead --program steps.gcode             writes a bead with steps of speed
+  waam calibrate lead --record jobs/latest              delay and lag of the wire drive, from that bead
+  waam calibrate arc --samples relay.csv                gains of the arc regulator, from a relay experiment
   waam calibrate status                                 what is calibrated, when, and what a job will refuse
   waam calibrate apply                                  tells a controller that lost its power what was found
 
@@ -36,7 +43,7 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser], grap
     """Adds the verb to the waam command."""
     p = commands.add_parser(
         'calibrate',
-        help='resonance and input shaper, steps per mm, skew, tool centre point; what is calibrated',
+        help='resonance, steps per mm, skew, tool centre point, wire, arc; what is calibrated',
         description='Calibration of the machine. Every result is kept with its date and judged.',
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -44,32 +51,16 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser], grap
     verbs = p.add_subparsers(dest='calibrate_command', metavar='VERB', required=True)
     _add_resonance(verbs, graph)
     _add_lengths(verbs, graph)
-    status = _verb(verbs, 'status', 'what is calibrated, when, and what a job will refuse', graph)
+    cli_process.register(verbs, graph)
+    status = verb(verbs, 'status', 'what is calibrated, when, and what a job will refuse', graph)
     status.set_defaults(run_command=lambda args: show_status(args, graph))
-    apply = _verb(verbs, 'apply', 'tell the controller the settings of all results again', graph)
+    apply = verb(verbs, 'apply', 'tell the controller the settings of all results again', graph)
     graph.add_options(apply)
     apply.set_defaults(run_command=lambda args: send_all(args, graph))
 
 
-def _verb(
-    verbs: argparse._SubParsersAction[argparse.ArgumentParser], name: str, text: str, graph: Graph
-) -> argparse.ArgumentParser:
-    p = verbs.add_parser(
-        name, help=text, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    p.add_argument(
-        '--calibrations',
-        type=Path,
-        metavar='DIR',
-        help='where results lie (default: calibrations/ or $WAAM_CALIBRATIONS)',
-    )
-    return p
-
-
-def _add_resonance(
-    verbs: argparse._SubParsersAction[argparse.ArgumentParser], graph: Graph
-) -> None:
-    p = _verb(verbs, 'resonance', 'shake an axis and choose its input shaper', graph)
+def _add_resonance(verbs: Verbs, graph: Graph) -> None:
+    p = verb(verbs, 'resonance', 'shake an axis and choose its input shaper', graph)
     p.epilog = RESONANCE
     p.add_argument('--axis', choices=('x', 'y'), required=True)
     p.add_argument(
@@ -90,8 +81,8 @@ def _add_resonance(
     p.set_defaults(run_command=lambda args: resonance(args, graph))
 
 
-def _add_lengths(verbs: argparse._SubParsersAction[argparse.ArgumentParser], graph: Graph) -> None:
-    p = _verb(verbs, 'steps', 'steps per mm of an axis, from travels that were measured', graph)
+def _add_lengths(verbs: Verbs, graph: Graph) -> None:
+    p = verb(verbs, 'steps', 'steps per mm of an axis, from travels that were measured', graph)
     p.add_argument('--axis', choices=('x', 'y', 'z'), required=True)
     lengths = {
         'commanded': 'travels, mm, all in one direction',
@@ -103,7 +94,7 @@ def _add_lengths(verbs: argparse._SubParsersAction[argparse.ArgumentParser], gra
         '--steps-per-mm', type=float, default=320.0, help='of the controller now (default 320)'
     )
     p.set_defaults(run_command=lambda args: steps(args, graph))
-    p = _verb(verbs, 'skew', 'angle between x and y, from a frame that was measured', graph)
+    p = verb(verbs, 'skew', 'angle between x and y, from a frame that was measured', graph)
     sides = {'side-x': 'along x', 'rising': 'diagonal from the origin', 'falling': 'the other one'}
     for name, text in sides.items():
         p.add_argument(f'--{name}', type=float, required=True, metavar='MM', help=text)
@@ -112,7 +103,7 @@ def _add_lengths(verbs: argparse._SubParsersAction[argparse.ArgumentParser], gra
         '--gauge', type=float, default=0.05, metavar='MM', help='uncertainty of a length (0.05)'
     )
     p.set_defaults(run_command=lambda args: skew(args, graph))
-    p = _verb(verbs, 'tcp', 'tool centre point, from the steps of a bead on a flank', graph)
+    p = verb(verbs, 'tcp', 'tool centre point, from the steps of a bead on a flank', graph)
     p.add_argument('--width', nargs='+', type=float, required=True, metavar='MM', help='of a step')
     p.add_argument('--slope', type=float, required=True, metavar='DEG', help='of the flank')
     p.add_argument(
@@ -122,23 +113,6 @@ def _add_lengths(verbs: argparse._SubParsersAction[argparse.ArgumentParser], gra
 
 
 # ---- verbs
-
-
-def _folder(args: argparse.Namespace, graph: Graph) -> Path:
-    return (args.calibrations or graph.folder()).resolve()
-
-
-def _keep(args: argparse.Namespace, graph: Graph, result: Result, note: str) -> Path:
-    """Stores a result with its report, prints both."""
-    from . import report, store
-
-    path = store.save(_folder(args, graph), result, report.page(result, (), [note]))
-    print(result.text)
-    print(note)
-    if result.refuses:
-        print(f'a job will refuse: {result.refuses}')
-    print(f'kept: {path}, report: {path.with_suffix(".html")}')
-    return path
 
 
 def resonance(args: argparse.Namespace, graph: Graph) -> int:
@@ -160,7 +134,7 @@ def resonance(args: argparse.Namespace, graph: Graph) -> int:
     if args.dry_run:
         return 0
     page = report.page(result, [pictures.spectra(found), pictures.measured(found)], lines)
-    path = store.save(_folder(args, graph), result, page)
+    path = store.save(folder(args, graph), result, page)
     store.save_samples(path.with_suffix('.npz'), samples)
     print(f'kept: {path}, report: {path.with_suffix(".html")}')
     if not args.samples:
@@ -175,7 +149,7 @@ def steps(args: argparse.Namespace, graph: Graph) -> int:
     found = measures.steps(args.commanded, args.measured, args.steps_per_mm)
     result = outcome.of_steps(found, args.axis, len(args.commanded), datetime.now(UTC))
     note = f'until the controller has it: waam correct PROGRAM --scale-{args.axis} {found.scale:.6f} --out FILE'
-    _keep(args, graph, result, note)
+    keep(folder(args, graph), result, [note])
     return 0
 
 
@@ -186,7 +160,7 @@ def skew(args: argparse.Namespace, graph: Graph) -> int:
     found = measures.skew(args.side_x, args.rising, args.falling, args.side_y, args.gauge)
     result = outcome.of_skew(found, datetime.now(UTC))
     note = f'programs are made true by: waam correct PROGRAM --y-to-x {found.y_to_x:.4f} --out FILE'
-    _keep(args, graph, result, note)
+    keep(folder(args, graph), result, [note])
     return 0
 
 
@@ -201,7 +175,7 @@ def tool_point(args: argparse.Namespace, graph: Graph) -> int:
         if found.within
         else 'calibrate the tool centre point anew and measure again'
     )
-    _keep(args, graph, result, note)
+    keep(folder(args, graph), result, [note])
     return 0
 
 
@@ -209,7 +183,7 @@ def show_status(args: argparse.Namespace, graph: Graph) -> int:
     """Exit status 1 when a job would be refused."""
     from . import results, store
 
-    kept = store.load_all(_folder(args, graph))
+    kept = store.load_all(folder(args, graph))
     print('\n'.join(results.table(kept.results, kept.damaged, datetime.now(UTC))))
     return 1 if results.refusals(kept.results, kept.damaged) else 0
 
@@ -218,12 +192,12 @@ def send_all(args: argparse.Namespace, graph: Graph) -> int:
     """Tells the controller the settings of the last results. ValueError when there are none."""
     from . import results, store
 
-    kept = store.load_all(_folder(args, graph))
+    kept = store.load_all(folder(args, graph))
     if kept.damaged:
         raise ValueError('; '.join(kept.damaged))
     last = [r for r in results.newest(kept.results).values() if r.settings]
     if not last:
-        raise ValueError(f'{_folder(args, graph)}: no result has settings for the controller')
+        raise ValueError(f'{folder(args, graph)}: no result has settings for the controller')
     for result in last:
         said = graph.send(args, result.settings)
         print(f'{result.name}: {result.text}; controller: {said or "told"}')

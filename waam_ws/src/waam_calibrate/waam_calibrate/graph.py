@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # the command line loads this at every call; numpy it does not need
     from waam_process.segment import Point
 
+    from .lead import WireRecord
     from .resonance import Samples
     from .sweep import Sweep
 
@@ -20,9 +21,11 @@ Settings = list[tuple[str, float]]
 @dataclass(frozen=True)
 class Graph:
     """folder: of the results when none is given. add_options: those that name a graph. measure: shakes an axis at a
-    place (m, work frame; None = where the torch is). send: settings of the controller; returns what it said last."""
+    place (m, work frame; None = where the torch is). send: settings of the controller; returns what it said last.
+    wire: telemetry of a recording (job folder, folder or file)."""
 
     folder: Callable[[], Path]
     add_options: Callable[[argparse.ArgumentParser], None]
     measure: Callable[[argparse.Namespace, Sweep, str, Point | None], Samples]
     send: Callable[[argparse.Namespace, Settings], str]
+    wire: Callable[[Path], WireRecord]

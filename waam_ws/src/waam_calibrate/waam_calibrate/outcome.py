@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from . import measures, results
+from . import measures, regulator, results
+from .lead import LONGEST, Lead
+from .relay import Relay
 from .resonance import Resonance
 from .results import Result
 from .sweep import Sweep
+from .wire import WireWheel
 
 
 def stamp(now: datetime) -> str:
@@ -75,3 +78,94 @@ def of_tool_point(found: measures.ToolPoint, widths: int, now: datetime) -> Resu
     text = f'wire tip {found.offset:.3f} +- {found.sigma:.3f} mm off, limit {found.limit:.3f} mm'
     evidence = {'standard_uncertainty_mm': found.sigma, 'widths': float(widths)}
     return Result('tcp', '', stamp(now), text, values, evidence, [], refuses)
+
+
+def of_wire(found: WireWheel, known: float, setting: str, now: datetime) -> Result:
+    """known: counts per mm that the controller has; setting: its name of the threshold."""
+    off = found.per_mm / known - 1
+    values = {
+        'counts_per_mm': found.per_mm,
+        'mm_per_count': 1 / found.per_mm,
+        'counts_per_mm_by_wheel': found.by_wheel,
+        'threshold': found.threshold,
+    }
+    evidence = {
+        'standard_uncertainty': found.sigma,
+        'lengths': float(len(found.lengths)),
+        'resolution_at_slowest_feed': found.resolution,
+    }
+    if found.feed is not None:
+        values |= {'normal_feed': found.feed.mean, 'normal_feed_sigma': found.feed.sigma}
+        evidence['windows_of_normal_feed'] = float(len(found.feed.ratios))
+    refuses = ''
+    if abs(off) > results.LARGEST_WIRE:
+        most = 100 * results.LARGEST_WIRE
+        refuses = f'the wire feed reads {100 * off:+.1f} % wrong, at most {most:g} %'
+    text = (
+        f'{found.per_mm:.4f} counts/mm ({100 * off:+.2f} % +- {100 * found.sigma:.2f} % against the controller), '
+        f'underfeed below {found.threshold:g}'
+    )
+    told = [(setting, found.threshold)] if setting else []
+    return Result('wire', '', stamp(now), text, values, evidence, told, refuses)
+
+
+def of_lead(found: Lead, now: datetime) -> Result:
+    """Delay and lag, for the controller."""
+    values = {
+        'delay_s': found.delay,
+        'lag_s': found.lag,
+        'response_s': found.response,
+        'encoder_ratio': found.ratio,
+    }
+    evidence = {
+        'delay_uncertainty_s': found.delay_sigma,
+        'lag_uncertainty_s': found.lag_sigma,
+        'steps': float(found.steps),
+        'misfit': found.misfit,
+    }
+    refuses = ''
+    if found.delay > LONGEST[0] or found.lag > LONGEST[1]:
+        most = f'{1e3 * LONGEST[0]:.0f} and {1e3 * LONGEST[1]:.0f} ms'
+        own = f'{1e3 * found.delay:.0f} and {1e3 * found.lag:.0f} ms'
+        refuses = f'delay and lag of the wire are {own}, the controller leads at most {most}'
+    text = (
+        f'wire delay {1e3 * found.delay:.1f} +- {1e3 * found.delay_sigma:.1f} ms, '
+        f'lag {1e3 * found.lag:.1f} +- {1e3 * found.lag_sigma:.1f} ms'
+    )
+    return Result('lead', '', stamp(now), text, values, evidence, found.settings(), refuses)
+
+
+def of_arc(found: Relay, now: datetime) -> Result:
+    """Gains by both rules; what is judged are the fixed gains that the controller has."""
+    plant = found.plant
+    values = {
+        'ku': found.ku, 'tu_s': found.tu, 'gain': plant.gain, 'lag_s': plant.lag, 'delay_s': plant.delay,
+    }  # fmt: skip
+    for name, gains in gains_of(found).items():
+        response = regulator.step_response(gains, plant)
+        values |= {
+            f'{name}_kp': gains.kp,
+            f'{name}_ki': gains.ki,
+            f'{name}_kd': gains.kd,
+            f'{name}_margin_deg': regulator.margin(gains, plant),
+            f'{name}_overshoot_pct': min(100 * regulator.overshoot(response), 1e3),
+        }
+    margin = values['shipped_margin_deg']
+    refuses = ''
+    if margin < regulator.MARGIN:
+        refuses = f'the arc regulator has a phase margin of {margin:.0f} deg, at least {regulator.MARGIN:g}'
+    evidence = {'periods': float(found.periods), 'misfit': found.misfit}
+    text = (
+        f'Ku {found.ku:.2f}, Tu {1e3 * found.tu:.1f} ms; gain {plant.gain:.2f}, lag {1e3 * plant.lag:.1f} ms, '
+        f'delay {1e3 * plant.delay:.1f} ms; shipped gains: margin {margin:.0f} deg'
+    )
+    return Result('arc', '', stamp(now), text, values, evidence, [], refuses)
+
+
+def gains_of(found: Relay) -> dict[str, regulator.Gains]:
+    """By name: those of the controller, after Ziegler and Nichols, analytic."""
+    return {
+        'shipped': regulator.SHIPPED,
+        'ziegler_nichols': found.ziegler_nichols,
+        'analytic': regulator.analytic(found.plant),
+    }

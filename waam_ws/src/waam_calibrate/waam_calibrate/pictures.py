@@ -1,4 +1,4 @@
-"""Pictures of a resonance: the spectrum without and with each shaper, and what was measured. PNG bytes."""
+"""Pictures of calibrations: what was measured beside what was made of it. PNG bytes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import shapers
+from . import regulator, shapers
+from .lead import Lead
+from .outcome import gains_of
+from .relay import Relay
 from .resonance import Resonance
+from .wire import WireWheel
 
 if TYPE_CHECKING:  # matplotlib is loaded only when something is drawn
     from matplotlib.figure import Figure
@@ -42,6 +46,59 @@ def measured(found: Resonance) -> bytes:
         axis.semilogy(found.hz, np.maximum(found.raw[:, i], 1e-12), lw=1, label=name)
     axis.set(xlabel='frequency, Hz', ylabel='PSD, m²/s³', title='acceleration as measured')
     axis.legend(fontsize=8)
+    return _png(figure)
+
+
+def wire_lengths(found: WireWheel) -> bytes:
+    """Counts over lengths, and the normal feed where a record was given."""
+    figure = _figure(3.4)
+    panels = figure.subplots(1, 2 if found.feed else 1, squeeze=False)[0]
+    top = 1.05 * found.lengths.max()
+    panels[0].plot(found.lengths, found.counts, 'o', label='measured')
+    panels[0].plot([0, top], [0, top * found.per_mm], label=f'{found.per_mm:.4g} counts/mm')
+    panels[0].plot([0, top], [0, top * found.by_wheel], ':', label='by the wheel')
+    panels[0].set(xlabel='wire, mm', ylabel='counts')
+    panels[0].legend(fontsize=8)
+    if found.feed:
+        panels[1].plot(found.feed.ratios, '.', label='normal feed')
+        panels[1].axhline(found.threshold, color='r', label='underfeed')
+        panels[1].set(xlabel='window of 0.5 s', ylabel='measured over commanded')
+        panels[1].legend(fontsize=8)
+    return _png(figure)
+
+
+def wire_steps(found: Lead) -> bytes:
+    """Wire speed as measured, and as delay and lag make it of the command; the first 20 s of it."""
+    figure = _figure(3.8)
+    axis = figure.subplots()
+    at = found.time - found.time[0]
+    seen = at < 20.0
+    axis.plot(at[seen], 1e3 * found.measured[seen], '.', ms=3, label='encoder')
+    axis.plot(at[seen], 1e3 * found.modelled[seen], lw=1, label='command after delay and lag')
+    axis.set(xlabel='time, s', ylabel='wire, mm/s', title='wire behind the steps of speed')
+    axis.legend(fontsize=8)
+    return _png(figure)
+
+
+def relay_swing(found: Relay) -> bytes:
+    """The experiment, and a step of the setpoint with each set of gains."""
+    figure = _figure(6.0)
+    above, below = figure.subplots(2, 1)
+    swing = found.swing
+    at = 1e3 * (swing.time - swing.time[0])
+    seen = at < 6e3 * found.tu
+    above.plot(at[seen], swing.voltage[seen], lw=1, label='arc voltage')
+    above.plot(at[seen], found.modelled[seen], lw=1, label='plant')
+    above.plot(at[seen], swing.output[seen], lw=0.7, color='0.6', label='output of the relay')
+    above.set(xlabel='time, ms', ylabel='V', title='relay experiment')
+    for name, gains in gains_of(found).items():
+        response = np.clip(regulator.step_response(gains, found.plant), -1, 3)
+        below.plot(
+            1e3 * regulator.TICK * np.arange(len(response)), response, label=name.replace('_', ' ')
+        )
+    below.set(xlabel='time, ms', ylabel='voltage over its step')
+    for axis in (above, below):
+        axis.legend(fontsize=8)
     return _png(figure)
 
 

@@ -82,9 +82,19 @@ class Resonance:
 
 
 def psd(values: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (k,) and one-sided power spectral density (k, ...) of values (n, ...) by Welch's method."""
+    """Frequencies (k,) and one-sided power spectral density (k, ...) of values (n, ...) by Welch's method. Pieces
+    overlap by three quarters: so every sample has the same weight."""
     piece = round(SEGMENT * rate)
-    return welch(values, rate, nperseg=piece, noverlap=piece // 2, axis=0, detrend='constant')
+    return welch(values, rate, nperseg=piece, noverlap=3 * piece // 4, axis=0, detrend='constant')
+
+
+def energy(values: np.ndarray, rate: float, mean: np.ndarray | float) -> np.ndarray:
+    """Energy spectrum (k, ...) of values (n, ...) less their mean, at the frequencies of `psd`. A piece of nothing
+    before and behind them lets their ends count in full, wherever the motion begins and ends in the record."""
+    piece = round(SEGMENT * rate)
+    whole = np.zeros((len(values) + 2 * piece, *values.shape[1:]))
+    whole[piece:-piece] = values - mean
+    return psd(whole, rate)[1] * len(whole) / rate
 
 
 def analyse(samples: Samples, sweep: Sweep, axis: str) -> Resonance:
@@ -92,13 +102,13 @@ def analyse(samples: Samples, sweep: Sweep, axis: str) -> Resonance:
     _check(samples, sweep)
     hz, measured = psd(samples.values, samples.rate)
     _, rest = psd(samples.rest, samples.rate)
-    known, driven = psd(sweep.commanded(), 1.0 / TICK)
-    n = min(len(hz), len(known))
+    driven = energy(sweep.commanded(), 1.0 / TICK, 0.0)
+    heard = energy(samples.values, samples.rate, samples.rest.mean(axis=0))
+    heard -= rest * len(samples.values) / samples.rate
+    n = min(len(hz), len(driven))
     inside = (hz[:n] >= BAND[0]) & (hz[:n] <= min(BAND[1], sweep.high))
     inside &= driven[:n] > WEAK * driven[:n].max()
-    # the spectra of whole records are means over time: the record may be longer than the motion
-    longer = len(samples.values) / samples.rate / sweep.duration
-    clean = np.maximum(measured[:n] - rest[:n], 0.0)[inside] * longer
+    clean = np.maximum(heard[:n], 0.0)[inside]
     total = (clean[:, 0] + clean[:, 1]) / driven[:n][inside]
     gain = clean[:, AXES.index(axis)] / driven[:n][inside]
     noise = rest[:n][inside].mean(axis=0)[AXES.index(axis)]

@@ -11,10 +11,14 @@ from datetime import datetime, timedelta
 from typing import Any
 
 VERSION = 1
-KINDS = {'resonance': ('x', 'y'), 'steps': ('x', 'y', 'z'), 'skew': ('',), 'tcp': ('',)}
+KINDS = {
+    'resonance': ('x', 'y'), 'steps': ('x', 'y', 'z'), 'skew': ('',), 'tcp': ('',), 'wire': ('',), 'lead': ('',),
+    'arc': ('',),
+}  # fmt: skip
 OLD = timedelta(days=365)
 LARGEST_SCALE = 0.005  # real over commanded length less 1
 LARGEST_SKEW = 0.25  # deg
+LARGEST_WIRE = 0.05  # counts per mm over those of the controller less 1
 
 
 class ResultError(ValueError):

@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 
 from .evidence import EvidenceError
+from .regulator import Swing
 from .resonance import Samples
 from .results import Result, ResultError, from_data, to_data
 
@@ -80,3 +81,19 @@ def load_samples(path: Path) -> Samples:
             return Samples(values, rest, rate, limit, int(data['lost']))
     except (OSError, KeyError, ValueError, TypeError, EOFError) as e:
         raise EvidenceError(f'{path} holds no samples of an accelerometer: {e}') from None
+
+
+def load_swing(path: Path) -> Swing:
+    """A relay experiment from a text file: time (s), output (V), arc voltage (V) in each line, commas between; a first
+    line with names is allowed. EvidenceError names the file."""
+    try:
+        lines = [line for line in path.read_text().splitlines() if line.strip()]
+        named = bool(lines) and any(c.isalpha() for c in lines[0].replace('e', '').replace('E', ''))
+        if not lines[named:]:
+            raise ValueError('no line of numbers')
+        rows = np.loadtxt(lines[named:], delimiter=',', ndmin=2, comments=None)
+    except (OSError, ValueError) as e:
+        raise EvidenceError(f'{path} holds no relay experiment: {e}') from None
+    if rows.shape[1] != 3:
+        raise EvidenceError(f'{path}: {rows.shape[1]} columns, wanted are time, output and voltage')
+    return Swing(rows[:, 0], rows[:, 1], rows[:, 2])

@@ -17,6 +17,7 @@ from ..beads.skill import Skill, beside_model
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import BeadDeviation, CorrectionInput, with_side
 from .evidence import MIN_GROWTH, BlockAverages, Layer, LayerEvidence, layer_evidence, response
+from .kinds import Kinds
 from .shortfall import Shortfall
 
 # Relative, of a whole layer, before any is known: what one layer is off all over is mostly gone in the next.
@@ -158,19 +159,23 @@ class Identifier:
     # growth that the network told of the same, unweighed
     predicted: dict[int, np.ndarray] = field(default_factory=dict)
     seen: dict[int, LayerEvidence] = field(default_factory=dict)  # of all layers of the job
-    _before: tuple = (Estimate(), Shortfall(), (None, None), BeadBias(), Skill())
+    kinds: Kinds = Kinds()  # of layers, by the pattern of their paths
+    _before: tuple = (Estimate(), Shortfall(), (None, None), BeadBias(), Skill(), Kinds())
 
     def start(self, job_id: str, layer: int, first: Start | None = None) -> None:
         """Call before every layer: forgets another job's process, repeats a layer from where it began. first: what a
         job begins with, None = as one of which nothing is known."""
         if job_id != self.job_id or layer < self.layer:
             began = first or Start()
-            self._before = began.estimate, Shortfall(), (None, None), began.beads, began.skill
+            nothing = Shortfall(), (None, None)
+            self._before = began.estimate, *nothing, began.beads, began.skill, Kinds()
             self.seen = {}
         elif layer > self.layer:
-            self._before = self.estimate, self.shortfall, self.averages, self.beads, self.skill
+            learned = self.estimate, self.shortfall, self.averages
+            self._before = *learned, self.beads, self.skill, self.kinds
         self.job_id, self.layer = job_id, layer
-        self.estimate, self.shortfall, self.averages, self.beads, self.skill = self._before
+        self.estimate, self.shortfall, self.averages = self._before[:3]
+        self.beads, self.skill, self.kinds = self._before[3:]
 
     def add(self, layer: Layer) -> None:
         """Learns from the layer that was laid last, if enough of it can be seen."""
@@ -188,6 +193,8 @@ class Identifier:
         # The median says what most blocks do; the mean is right for the level, and has the rim of the layer in it.
         if level is not None:
             seen = replace(evidence, ratio=0.5 * (evidence.ratio + level))
+        before = self._of_kind(number)
+        seen = self._without_kind(number, seen)
         self.estimate = update(self.estimate, seen, self.forgetting)
         side = number % 2
         average = self.averages[side]
@@ -195,7 +202,7 @@ class Identifier:
             self.estimate = update_slope(self.estimate, *average.slope(evidence))
         after = BlockAverages.after(average, evidence)
         self.averages = with_side(self.averages, side, after)
-        ratio = before.efficiency_ratio + self.estimate.innovation / evidence.commanded
+        ratio = seen.ratio
         self.seen[number] = replace(evidence, ratio=ratio)  # as the estimate was told
         if self.learning > 0:
             laid = np.where(np.nan_to_num(layer.commanded) > MIN_GROWTH, layer.commanded, np.nan)
@@ -206,6 +213,19 @@ class Identifier:
             self.shortfall = self.shortfall.learn(number, missing, self.learning, smooth)
             if self.watch_beads and model is not None:
                 self._learn_beads(number, model, layer, laid, plan, before)
+
+    def _of_kind(self, number: int) -> Estimate:
+        """What is believed of a layer with the pattern of layer `number`."""
+        share = 1 + self.kinds.offset(self.paths.get(number, ()))
+        return replace(self.estimate, efficiency_ratio=self.estimate.efficiency_ratio * share)
+
+    def _without_kind(self, number: int, seen: LayerEvidence) -> LayerEvidence:
+        """Evidence of the process alone: what is due to the pattern of the layer is learned and taken off."""
+        paths, believed = self.paths.get(number, ()), self.estimate
+        expected = self._of_kind(number).efficiency_ratio
+        variance = believed.efficiency_sigma**2 + seen.ratio_sigma**2 + believed.layer_noise**2
+        self.kinds = self.kinds.learn(paths, seen.ratio / expected - 1, variance)
+        return replace(seen, ratio=seen.ratio / (1 + self.kinds.offset(paths)))
 
     def _level(self, number: int, model: BeadModel, layer: Layer) -> float | None:
         """Efficiency ratio that would have given layer `number` its height on average, up to `LEVEL_MARGIN` from its
@@ -310,7 +330,7 @@ class Identifier:
         """Of the layer that the request is for. What eq 2.19 will take off its feed is put back: how high the beads
         come out is decided by what the scans show."""
         slope = self.slope_of(self.model_of(request))
-        return self.estimate.flow_factor(slope) / request.heat_factor
+        return self._of_kind(self.layer).flow_factor(slope) / request.heat_factor
 
     def model_of(self, request: CorrectionInput) -> BeadModel | None:
         """Of the layer that the request is for; None when its beads are not told."""

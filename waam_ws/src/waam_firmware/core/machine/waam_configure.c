@@ -1,5 +1,6 @@
-/* Immediate line "$C <name> <value>": one setting of the standoff control or of the input shaper. */
+/* Immediate line "$C <name> <value>": one setting of the standoff control, of the input shaper or of the wire. */
 #include "waam_request.h"
+#include "waam_wire_settings.h"
 
 typedef struct {
     const char *text;
@@ -84,12 +85,13 @@ void waam_order_configure(waam_request_t *r)
     const name_t name = read_name(r);
     const waam_standoff_setting_t *standoff = waam_standoff_setting(name.text, name.length);
     const waam_shaper_setting_t *shaper = waam_shaper_setting(name.text, name.length);
+    const waam_wire_setting_t *wire = waam_wire_setting(name.text, name.length);
     double value;
     if ((core->state != WAAM_IDLE && core->state != WAAM_ALARM) || core->planner.count > 0) {
         waam_request_refuse(r, WAAM_E_NOT_NOW, "settings only in IDLE or ALARM");
         return;
     }
-    if (!standoff && !shaper) {
+    if (!standoff && !shaper && !wire) {
         waam_request_refuse(r, WAAM_E_UNKNOWN_WORD, "no setting has this name");
         return;
     }
@@ -97,6 +99,8 @@ void waam_order_configure(waam_request_t *r)
         return;
     if (standoff)
         configure_standoff(r, standoff, value);
+    else if (wire)
+        waam_configure_wire(r, wire, value);
     else
         configure_shaper(r, shaper, value);
 }

@@ -1,0 +1,79 @@
+"""The verbs wire, lead and arc as a user calls them: what is kept, told and refused."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_lead import made_up
+
+from waam_calibrate import cli
+from waam_calibrate.evidence import EvidenceError
+from waam_calibrate.graph import Graph
+from waam_calibrate.regulator import Plant, experiment
+
+WIRE = 'wire --counts-per-turn 4096 --length 500 500 500 --counted 18624 18619 18630 --controller'
+
+
+@pytest.fixture
+def told() -> list[tuple[str, float]]:
+    return []
+
+
+@pytest.fixture
+def waam(tmp_path: Path, told):
+    def send(args: argparse.Namespace, settings: list[tuple[str, float]]) -> str:
+        told.extend(settings)
+        return '$C ok'
+
+    def measure(*_: object) -> None:
+        raise AssertionError('nothing is shaken here')
+
+    graph = Graph(
+        lambda: tmp_path / 'kept', lambda p: None, measure, send, lambda path: made_up(0.05, 0.12)
+    )
+    parser = argparse.ArgumentParser()
+    cli.register(parser.add_subparsers(), graph)
+
+    def run(line: str) -> int:
+        args = parser.parse_args(['calibrate', *line.split()])
+        return int(args.run_command(args))
+
+    return run
+
+
+def test_wire_lead_and_arc_are_kept_shown_and_told(waam, told, tmp_path, capsys) -> None:
+    swing = experiment(Plant(1.0, 0.05, 0.01))
+    columns = np.c_[swing.time, swing.output, swing.voltage]
+    np.savetxt(tmp_path / 'relay.csv', columns, delimiter=',', header='time,output,voltage')
+    assert waam(f'{WIRE} 37.25') == 0
+    assert waam('lead --record somewhere --reading 0') == 0
+    assert waam(f'arc --samples {tmp_path}/relay.csv') == 0
+    assert sorted(p.name.split('_')[0] for p in (tmp_path / 'kept').glob('*.html')) == [
+        'arc', 'lead', 'wire',
+    ]  # fmt: skip
+    capsys.readouterr()
+    assert waam('status') == 0
+    said = capsys.readouterr().out
+    assert 'wire delay 50.' in said and 'counts/mm' in said and 'Ku ' in said
+    assert waam('apply') == 0
+    names = [name for name, _ in told]
+    assert names == ['wire_underfeed_ratio', 'wire_response_s', 'wire_delay_s', 'wire_lag_s']
+    assert dict(told)['wire_lag_s'] == pytest.approx(0.12, abs=2e-3)
+
+
+def test_a_wheel_that_reads_wrong_stops_jobs(waam, capsys) -> None:
+    assert waam(f'{WIRE} 40') == 0
+    assert waam('status') == 1
+    assert 'a job will refuse: wire: the wire feed reads -6.9 % wrong' in capsys.readouterr().out
+
+
+def test_what_writes_no_result(waam, tmp_path, capsys) -> None:
+    with pytest.raises(EvidenceError, match='counts 3'):
+        waam('wire --counts-per-turn 20 --length 500 500 500 --counted 91 91 91')
+    assert waam('arc --rehearse 1 0.05 0.01') == 0
+    assert waam(f'lead --program {tmp_path}/steps.gcode') == 0
+    assert 'M3' in (tmp_path / 'steps.gcode').read_text()
+    assert 'nothing is kept' in capsys.readouterr().out and not (tmp_path / 'kept').exists()
