@@ -16,6 +16,7 @@ from waam_bridge.embedded import SAMPLE, Controller
 from waam_bridge.frames import HOLD_NOW
 from waam_robot.station import Station, StationError
 
+STANDS = 1e-9  # m between two points
 STOPPING = 0.4  # s at most that slowing down may take: 0.2 m/s at 0.5 m/s^2
 
 
@@ -74,11 +75,12 @@ def make(
     now_us: int,
     near: np.ndarray,
     fastest: np.ndarray,
+    lag: float = 0.0,
 ) -> Goal:
     """past (m + 1, 3), ahead (n, 3): torch positions of every ms, commanded and to come; m, n multiples of `every` ms.
 
     now_us: controller time of the end of `past`, when the goal begins. near: (8,) joints as they are; fastest: (8,)
-    rad/s. GoalError where the arm does not reach or a joint would have to be too fast.
+    rad/s; lag: s, time constant of the servos, made up for by joints that lead by it. GoalError where the arm does not reach or a joint would have to be too fast.
     """
     tips = np.concatenate([past, ahead])[::every]
     tips = _ended(tips)
@@ -88,6 +90,8 @@ def make(
         raise GoalError(str(e)) from None
     dt = every * 1e-3
     time = np.arange(len(tips)) * dt
+    joints = joints + lag * np.gradient(joints, dt, axis=0)
+    joints[-1] = joints[-2]
     rates = np.gradient(joints, dt, axis=0)
     rates[-1] = 0.0
     over = np.abs(rates).max(axis=0) / fastest
@@ -98,7 +102,8 @@ def make(
 
 
 def _ended(tips: np.ndarray) -> np.ndarray:
-    """Without the points at the end where the torch stands, but the first two of them."""
-    moves = np.flatnonzero(np.abs(np.diff(tips, axis=0)).max(axis=1) > 0)
+    """Without the points at the end where the torch stands, but the first three of them."""
+    moves = np.flatnonzero(np.abs(np.diff(tips, axis=0)).max(axis=1) > STANDS)
     last = int(moves[-1]) + 1 if len(moves) else 0
-    return tips[: max(last + 2, 3)]
+    end = min(last + 3, len(tips))
+    return np.concatenate([tips[: last + 1], np.tile(tips[last], (max(end - last - 1, 2), 1))])
