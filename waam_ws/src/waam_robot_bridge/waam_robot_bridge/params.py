@@ -40,7 +40,11 @@ class RobotParams(BridgeParams):
         0.04, 'between command and goal: longer than a goal takes to the driver', 's', 0.0, 0.5
     )
     weld_delay: float = param(
-        0.04, 'of the welding outputs: `delay`, and what `servo_lag` leaves of the lag', 's', 0.0, 0.5
+        0.04,
+        'of the welding outputs: `delay`, and what `servo_lag` leaves of the lag',
+        's',
+        0.0,
+        0.5,
     )
     servo_lag: float = param(
         0.02, 'time constant of the servos, which goals make up for; 0 = not', 's', 0.0, 0.2
