@@ -1,4 +1,4 @@
-"""Corners of a commanded path: the speed is kept, the path is left by no more than is allowed, elsewhere nothing bends."""
+"""Corners of a commanded path: the speed and the tolerance are kept, elsewhere nothing bends."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from waam_bridge.embedded import Controller, Reading
 from waam_robot.station import Station
 
 from .blend import blended
-from .goals import Goal, GoalError, Preview, make, tips_of
+from .goals import Goal, GoalError, Preview, led, make, tips_of
 from .params import RobotParams
 from .weld import Delayed
 
@@ -148,11 +148,12 @@ class RobotController:
             return
         self._ahead, self._since = self._preview.run(self._core), 0
         path = blended(np.concatenate([self._tips, self._ahead]), self.params.corner)
+        path = led(path, self.params.servo_lag)
         now = len(self._tips)
         past, ahead = path[now - self._delay - 1 : now], path[now:]
-        near, limit, lag = state.joints, self._fastest, self.params.servo_lag
+        near, limit = state.joints, self._fastest
         try:
-            goal = make(self.station, past, ahead, self._every, self.now_us, near, limit, lag)
+            goal = make(self.station, past, ahead, self._every, self.now_us, near, limit)
         except GoalError as e:
             self._fail(f'the robot cannot follow: {e}')
             return

@@ -75,12 +75,11 @@ def make(
     now_us: int,
     near: np.ndarray,
     fastest: np.ndarray,
-    lag: float = 0.0,
 ) -> Goal:
     """past (m + 1, 3), ahead (n, 3): torch positions of every ms, commanded and to come; m, n multiples of `every` ms.
 
     now_us: controller time of the end of `past`, when the goal begins. near: (8,) joints as they are; fastest: (8,)
-    rad/s; lag: s, time constant of the servos, made up for by joints that lead by it. GoalError where the arm does not reach or a joint would have to be too fast.
+    rad/s. GoalError where the arm does not reach or a joint would have to be too fast.
     """
     tips = np.concatenate([past, ahead])[::every]
     tips = _ended(tips)
@@ -90,15 +89,25 @@ def make(
         raise GoalError(str(e)) from None
     dt = every * 1e-3
     time = np.arange(len(tips)) * dt
-    joints = joints + lag * np.gradient(joints, dt, axis=0)
-    joints[-1] = joints[-2]
-    rates = np.gradient(joints, dt, axis=0)
-    rates[-1] = 0.0
+    rates = _rates(joints, dt)
     over = np.abs(rates).max(axis=0) / fastest
     if over.max() > 1:
         n = int(np.argmax(over))
         raise GoalError(f'axis {n + 1} would have to turn at {over.max():.2f} times its fastest')
     return Goal(now_us, time, tips, joints, rates)
+
+
+def led(path: np.ndarray, lag: float) -> np.ndarray:
+    """(n, 3) m: what servos with the time constant `lag` (s) make (n, 3), the positions of every ms, of."""
+    return np.asarray(path + lag * np.gradient(path, 1e-3, axis=0)) if lag else path
+
+
+def _rates(joints: np.ndarray, dt: float) -> np.ndarray:
+    """(N, 8) rad/s: differences of fourth order inside, 0 at the end."""
+    rates = np.asarray(np.gradient(joints, dt, axis=0))
+    rates[1:-1] -= np.diff(rates, 2, axis=0) / 6
+    rates[-1] = 0.0
+    return rates
 
 
 def _ended(tips: np.ndarray) -> np.ndarray:
