@@ -14,7 +14,6 @@ from .job_data import Scan
 
 DISC = 0.3  # m, half the width of the faceplate as drawn
 COLUMN = 0.06  # m, half the width of the positioner's column as drawn
-ROOM = 4.0  # mm around the part
 
 
 def robot_picture(scans: list[Scan], work_zero: np.ndarray) -> bytes:
