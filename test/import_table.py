@@ -37,7 +37,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         'waam_robot_bridge', 'waam_scan', 'waam_sim', 'waam_view',
     },
     'waam_replay': {'waam_adapt', 'waam_node', 'waam_process', 'waam_record', 'waam_scan'},
-    'waam_view': {'waam_node', 'waam_process', 'waam_record'},
+    'waam_view': {'waam_node', 'waam_process', 'waam_record', 'waam_robot'},
     'waam_panel': {'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_view'},
     'waam_bringup': {
         'waam_calibrate', 'waam_job', 'waam_node', 'waam_panel', 'waam_process', 'waam_record', 'waam_view',

@@ -24,10 +24,11 @@ NODE = 'node'
 WINDOW = 5  # exchanges of 10 ms
 
 
-def machine(kind: str, seed: int = 1) -> Machine:
+def machine(kind: str, seed: int = 1, params: RobotParams | None = None) -> Machine:
     """A cell with a plate, homed and armed."""
     plant = Plant(part.plate(0.16, 0.13, HEIGHT, 8e-4, 5e-3), seed=seed)
-    made = RobotMachine(RobotParams(), plant) if kind == 'robot' else Machine(BridgeParams(), plant)
+    robot = kind == 'robot'
+    made = RobotMachine(params or RobotParams(), plant) if robot else Machine(BridgeParams(), plant)
     made.connect()
     asked = commands.Command
     for command in (asked(commands.RESET), asked(commands.HOME)):
@@ -103,9 +104,9 @@ PARTS = {
 }
 
 
-def speed_off(kind: str, points: np.ndarray, seed: int) -> float:
+def speed_off(kind: str, points: np.ndarray, seed: int, params: RobotParams | None = None) -> float:
     """How far the true torch speed is off on 99 % of the way that the arc burns."""
-    made = machine(kind, seed)
+    made = machine(kind, seed, params)
     tips: list[np.ndarray] = []
 
     def see(samples, plant):

@@ -166,6 +166,13 @@ def _register_demo(commands: argparse._SubParsersAction) -> None:
         help='restore a worn part open loop and closed loop on the simulated cell, and compare',
     )
     p.add_argument('--seed', type=int, default=7)
+    p.add_argument(
+        '--machine',
+        choices=('gantry', 'robot'),
+        default='gantry',
+        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner; the robot keeps step '
+        'with the wall clock, so both runs take half an hour (--rate 4 asks for four times as fast)',
+    )
     p.add_argument('--jobs', type=Path, help='where the folder goes (default: jobs/)')
     p.add_argument(
         '--layers', type=int, default=0, help='at most so many layers; 0 = as many as needed'

@@ -39,10 +39,20 @@ def run_demo(args: argparse.Namespace) -> int:
         f'Restoring {PART} ({WORN} lies on the simulated table), seed {args.seed}. Starting the graph ...'
     )
     # a demo needs no operator's page, and two cores are few
-    settings = Settings(run=folder / '.run', rate=args.rate, seed=args.seed, without=('panel',))
+    settings = Settings(
+        run=folder / '.run',
+        rate=args.rate,
+        seed=args.seed,
+        without=('panel',),
+        machine=args.machine,
+    )
+    zero = None
     with graph(settings, default_domain(folder)) as (_, client):
         results = {p: _one(client, args, folder, p, settings.run) for p in args.profiles}
-    report = combine(folder, results)
+        if client.machine is not None:
+            offset = client.machine.work_offset
+            zero = (offset.x, offset.y, offset.z)
+    report = combine(folder, results, args.machine, zero)
     point_latest(jobs, folder.name)
     page = _page(folder)
     show(report, console, time.monotonic() - started)
@@ -91,8 +101,13 @@ def _one(
     return Path(result.job_dir)
 
 
-def combine(folder: Path, results: dict[str, Path]) -> dict:
-    """The demo's report.json: both runs and their ratio (docs/job_folder.md)."""
+def combine(
+    folder: Path,
+    results: dict[str, Path],
+    machine: str = 'gantry',
+    work_zero: tuple[float, float, float] | None = None,
+) -> dict:
+    """The demo's report.json: both runs, their ratio and the machine (docs/job_folder.md). work_zero: m."""
     runs, last = {}, {}
     for profile, path in results.items():
         last = json.loads((path / job_folder.REPORT).read_text())
@@ -106,6 +121,8 @@ def combine(folder: Path, results: dict[str, Path]) -> dict:
         'tolerance_mm': last['tolerance_mm'],
         'verdict': last['verdict'],
         'verdict_with_rim': last['verdict_with_rim'],
+        'machine': machine,
+        'work_zero_m': work_zero,
         **runs,
     }
     if (

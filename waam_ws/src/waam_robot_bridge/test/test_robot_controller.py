@@ -57,7 +57,9 @@ class Rig:
 
     def __init__(self, station: Station) -> None:
         self.driver = PerfectDriver(station)
-        self.controller = RobotController(START_US, RobotParams(), station, self.driver)
+        self.controller = RobotController(
+            START_US, RobotParams(servo_lag=0.0), station, self.driver
+        )
         self.controller.place(PARK)
         self.problems: list[str] = []
         self.controller.on_problem = self.problems.append

@@ -18,7 +18,8 @@ from waam_bridge import frames
 from waam_bridge.embedded import Controller, Reading
 from waam_robot.station import Station
 
-from .goals import Goal, GoalError, Preview, make, tips_of
+from .blend import blended
+from .goals import Goal, GoalError, Preview, led, make, tips_of
 from .params import RobotParams
 from .weld import Delayed
 
@@ -146,10 +147,13 @@ class RobotController:
         if state is None:
             return
         self._ahead, self._since = self._preview.run(self._core), 0
-        past = self._tips[-self._delay - 1 :]
+        path = blended(np.concatenate([self._tips, self._ahead]), self.params.corner)
+        path = led(path, self.params.servo_lag)
+        now = len(self._tips)
+        past, ahead = path[now - self._delay - 1 : now], path[now:]
         near, limit = state.joints, self._fastest
         try:
-            goal = make(self.station, past, self._ahead, self._every, self.now_us, near, limit)
+            goal = make(self.station, past, ahead, self._every, self.now_us, near, limit)
         except GoalError as e:
             self._fail(f'the robot cannot follow: {e}')
             return

@@ -17,6 +17,7 @@ from waam_bridge.frames import HOLD_NOW
 from waam_process.plant_port import SAMPLE
 from waam_robot.station import Station, StationError
 
+STANDS = 1e-9  # m between two points
 STOPPING = 0.4  # s at most that slowing down may take: 0.2 m/s at 0.5 m/s^2
 
 
@@ -89,8 +90,7 @@ def make(
         raise GoalError(str(e)) from None
     dt = every * 1e-3
     time = np.arange(len(tips)) * dt
-    rates = np.gradient(joints, dt, axis=0)
-    rates[-1] = 0.0
+    rates = _rates(joints, dt)
     over = np.abs(rates).max(axis=0) / fastest
     if over.max() > 1:
         n = int(np.argmax(over))
@@ -98,8 +98,22 @@ def make(
     return Goal(now_us, time, tips, joints, rates)
 
 
+def led(path: np.ndarray, lag: float) -> np.ndarray:
+    """(n, 3) m: what servos with the time constant `lag` (s) make (n, 3), the positions of every ms, of."""
+    return np.asarray(path + lag * np.gradient(path, 1e-3, axis=0)) if lag else path
+
+
+def _rates(joints: np.ndarray, dt: float) -> np.ndarray:
+    """(N, 8) rad/s: differences of fourth order inside, 0 at the end."""
+    rates = np.asarray(np.gradient(joints, dt, axis=0))
+    rates[1:-1] -= np.diff(rates, 2, axis=0) / 6
+    rates[-1] = 0.0
+    return rates
+
+
 def _ended(tips: np.ndarray) -> np.ndarray:
-    """Without the points at the end where the torch stands, but the first two of them."""
-    moves = np.flatnonzero(np.abs(np.diff(tips, axis=0)).max(axis=1) > 0)
+    """Without the points at the end where the torch stands, but the first three of them."""
+    moves = np.flatnonzero(np.abs(np.diff(tips, axis=0)).max(axis=1) > STANDS)
     last = int(moves[-1]) + 1 if len(moves) else 0
-    return tips[: max(last + 2, 3)]
+    end = min(last + 3, len(tips))
+    return np.concatenate([tips[: last + 1], np.tile(tips[last], (max(end - last - 1, 2), 1))])

@@ -40,7 +40,17 @@ class RobotParams(BridgeParams):
         0.04, 'between command and goal: longer than a goal takes to the driver', 's', 0.0, 0.5
     )
     weld_delay: float = param(
-        0.06, 'of the welding outputs: `delay` and the lag of the servos', 's', 0.0, 0.5
+        0.04,
+        'of the welding outputs: `delay`, and what `servo_lag` leaves of the lag',
+        's',
+        0.0,
+        0.5,
+    )
+    servo_lag: float = param(
+        0.02, 'time constant of the servos, which goals make up for; 0 = not', 's', 0.0, 0.2
+    )
+    corner: float = param(
+        2e-4, 'the torch may leave the path at a corner, to keep its speed; 0 = not', 'm', 0.0, 2e-3
     )
     state_timeout: float = param(0.15, 'joint states older than this cut the arc', 's', 0.03, 0.4)
     follow_max: float = param(

@@ -17,10 +17,12 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from synthetic_job import write_demo, write_job  # noqa: E402
 
+from waam_robot.station import Station  # noqa: E402
 from waam_view import canvas, figures  # noqa: E402
 from waam_view.html import STYLE  # noqa: E402
 from waam_view.job_data import JobError, load_job, read_report  # noqa: E402
 from waam_view.report import cost_label, main, write_all, write_report  # noqa: E402
+from waam_view.robot_picture import joints_over  # noqa: E402
 
 SECTIONS = [
     'Height error', 'Layers', 'Arc and heat', 'Corrections', 'Limits, drop-outs and faults',
@@ -249,6 +251,27 @@ def test_demo_compares_both_runs(tmp_path):
             assert f'{layer["height_error_rms"] * 1e3:.3f}' in text
     assert f'{whole["ratio"]:.3f}' in text
     assert len(pictures(text)) == 4
+
+
+def test_a_demo_on_a_robot_shows_the_robot(tmp_path):
+    whole = write_demo(tmp_path)
+    whole |= {'machine': 'robot', 'work_zero_m': [0.1, 0.08, 0.02]}
+    (tmp_path / 'report.json').write_text(json.dumps(whole))
+    text = write_report(tmp_path).read_text()
+    assert '<h2>Robot</h2><figure>' in text and len(pictures(text)) == 5
+    (tmp_path / 'report.json').write_text(json.dumps(whole | {'work_zero_m': [5.0, 0.0, 0.0]}))
+    assert 'No picture' in write_report(tmp_path).read_text()
+
+
+def test_the_drawn_arm_holds_the_torch_on_the_part():
+    station = Station()
+    surface = np.array([[0.1, 0.1, 0.02], [0.12, 0.1, 0.021], [0.14, 0.1, 0.02]])
+    joints, arm = joints_over(station, surface)
+    assert np.allclose(station.tips(joints[None])[0], surface[1], atol=1e-9)
+    assert np.allclose(arm[0], 0.0) and np.allclose(arm[-1], station.poses(surface[1:2])[0, :3, 3])
+    reach = np.linalg.norm(np.diff(arm[:-1], axis=0), axis=1)
+    wanted = [np.hypot(link.a, link.d) for link in station.place.arm.links]
+    assert np.allclose(reach, wanted, atol=1e-9)
 
 
 def test_print_rules_are_for_what_the_pages_hold(job, tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 from waam_node import job_folder
 from waam_process.loop_mode import LoopMode
 
-from . import figures
+from . import figures, robot_picture
 from .html import cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, number
 from .loop_summary import loop_summary
@@ -29,6 +29,7 @@ def comparison_page(folder: Path, jobs: list[Job]) -> str:
         _cards(report, jobs),
         *(loop_summary(j) for j in jobs if j.profile == LoopMode.CLOSED_LOOP),
         _maps(jobs),
+        _machine(report, jobs),
         _table_of_runs(jobs),
         _rms_by_layer(jobs),
         _links(folder, jobs),
@@ -91,6 +92,23 @@ def _maps(jobs: list[Job]) -> str:
     ]
     out.append(f'<div class=pair>{"".join(pair)}</div>')
     return '\n'.join(out)
+
+
+def _machine(report: dict, jobs: list[Job]) -> str:
+    """The robot with the part of the last run; nothing for a gantry."""
+    shown = [j for j in jobs if j.scans]
+    zero = np.array([number(v) for v in report.get('work_zero_m') or [0.0]])
+    if report.get('machine') != 'robot' or not shown or zero.shape != (3,):
+        return ''
+    job = shown[-1]
+    caption = (
+        'The simulated robot cell from the side, the torch over the middle of the part after the last layer, and the '
+        f'part along its longest line after every layer ({job.profile.replace("_", " ")}).'
+    )
+    try:
+        return '<h2>Robot</h2>' + picture(robot_picture.robot_picture(job.scans, zero), caption)
+    except ValueError as e:
+        return f'<h2>Robot</h2><p>No picture: {escape(str(e))}</p>'
 
 
 _ROWS = [
