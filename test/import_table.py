@@ -91,6 +91,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_lab/waam_lab/laboratory.py': 'job folders of a run, and how long it took',
     'waam_lab/waam_lab/params.py': 'reads the parameter files of the nodes',
     'waam_lab/waam_lab/parts.py': 'writes the meshes of its parts',
+    'waam_lab/waam_lab/pieces.py': 'results of an unfinished campaign on disk',
     'waam_lab/waam_lab/report.py': 'writes the report of a campaign',
     'waam_view/waam_view/(job_data|plan_file|plan_scene|report_writer).py': 'job folders, plans, reports',
     'waam_view/waam_view/(drawing|viewer|web_viewer).py': 'start viewers and write their files',

@@ -19,12 +19,14 @@ from rich.table import Table
 from waam_job.cli_program import asked_of
 from waam_job.model.goal import JobError, JobGoal, check
 from waam_job.store.folder import make_job_id
+from waam_job.store.provenance import software_revision
 
 from . import params, report
 from .bands import in_tolerance
 from .job import LabJob, LabResult
 from .laboratory import on_table, over_seeds, physics_of
 from .many import run_many, workers_for
+from .pieces import Pieces
 
 MOST_SEEDS = 10_000
 
@@ -125,11 +127,17 @@ def run_campaign(args: argparse.Namespace) -> int:
     job = job_of(args, out)
     workers = workers_for(args.workers, len(seeds))
     started = time.monotonic()
+    pieces = Pieces(out / 'pieces', software_revision())
     with Advance(len(seeds), job.goal.title) as advance:
-        results = run_many(over_seeds(job, seeds), workers, advance)
+        try:
+            results = run_many(over_seeds(job, seeds), workers, advance, args.cluster, pieces)
+        except KeyboardInterrupt:
+            print(f'{advance.done} of {len(seeds)} jobs are done; go on with --out {out}', file=sys.stderr)
+            raise
     told = shlex.join(['waam', *sys.argv[1:]])
     campaign = report.Campaign(job, results, time.monotonic() - started, workers, told)
     page = report.write(out, campaign)
+    pieces.clear()
     show(campaign, Console(highlight=False))
     print(f'report: {os.path.relpath(page)}')
     return 1 if campaign.failed else 0
