@@ -126,7 +126,10 @@ def query_time() -> None:
             values_of(held, name, Selection())
             for _ in range(QUESTIONS // len(ASKED)):
                 took[name].append(timed(lambda m=name: values_of(held, m, Selection())))
-        plain = {q: [timed(lambda q=q: q(jobs)) for _ in range(3)] for q in (from_reports, from_telemetry)}
+        plain = {
+            q: [timed(lambda q=q: q(jobs)) for _ in range(3)]
+            for q in (from_reports, from_telemetry)
+        }
     slow = {q: float(np.median(t)) * 1e3 * JOBS / FOLDERS for q, t in plain.items()}
     for name, times in took.items():
         folders = slow[from_telemetry if METRICS[name].of_beads else from_reports]

@@ -139,7 +139,9 @@ def _taken(
         return None
     outcome.notes += content.notes
     twin = next((c for c in batch if c.job == content.job), None)
-    if twin is not None and twin.sha256 == content.sha256:  # a copy of the folder, such as jobs/latest may be
+    if (
+        twin is not None and twin.sha256 == content.sha256
+    ):  # a copy of the folder, such as jobs/latest may be
         outcome.unchanged.append(content.job)
         return None
     if twin is not None:

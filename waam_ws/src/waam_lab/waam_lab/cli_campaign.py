@@ -132,7 +132,10 @@ def run_campaign(args: argparse.Namespace) -> int:
         try:
             results = run_many(over_seeds(job, seeds), workers, advance, args.cluster, pieces)
         except KeyboardInterrupt:
-            print(f'{advance.done} of {len(seeds)} jobs are done; go on with --out {out}', file=sys.stderr)
+            print(
+                f'{advance.done} of {len(seeds)} jobs are done; go on with --out {out}',
+                file=sys.stderr,
+            )
             raise
     told = shlex.join(['waam', *sys.argv[1:]])
     campaign = report.Campaign(job, results, time.monotonic() - started, workers, told)

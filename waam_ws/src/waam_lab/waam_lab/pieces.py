@@ -12,8 +12,8 @@ from .job import LabJob, LabResult
 
 
 class Pieces:
-    """A folder of this software's own pickles, one per job that has run. A job is known by everything that it was given:
-    with another seed, parameter, mesh or software revision it runs again."""
+    """A folder of this software's own pickles, one per job that has run. A job is known by everything that it was
+    given: with another seed, parameter, mesh or software revision it runs again."""
 
     def __init__(self, folder: Path, software: str) -> None:
         """software: its revision, of which the results are."""
@@ -23,7 +23,15 @@ class Pieces:
         """None: not there, torn, or of another job."""
         try:
             known, result = pickle.loads(self._file(job).read_bytes())
-        except (OSError, pickle.UnpicklingError, EOFError, ValueError, AttributeError, TypeError, ImportError):
+        except (
+            OSError,
+            pickle.UnpicklingError,
+            EOFError,
+            ValueError,
+            AttributeError,
+            TypeError,
+            ImportError,
+        ):
             return None
         return result if known == self._key(job) and isinstance(result, LabResult) else None
 

@@ -26,7 +26,8 @@ def results(
 ) -> Iterator[tuple[int, LabResult]]:
     """Results as they come. Every machine needs this software and the files of the jobs under the same paths.
 
-    attempt: runs one job in a worker. one_thread: variables that give every worker one thread. Ends what is under way when the caller stops.
+    attempt: runs one job in a worker. one_thread: variables that give every worker one thread. What is under way ends
+    when the caller stops.
     """
     ray = connected(address, one_thread)
     try:
@@ -51,7 +52,9 @@ def connected(address: str, one_thread: tuple[str, ...]) -> Any:
         raise ClusterError(
             '--cluster: Ray is not installed (pip install -r requirements-cluster.txt)'
         ) from None
-    variables = dict.fromkeys(one_thread, '1') | {'PYTHONPATH': os.pathsep.join(p for p in sys.path if p)}
+    variables = dict.fromkeys(one_thread, '1') | {
+        'PYTHONPATH': os.pathsep.join(p for p in sys.path if p)
+    }
     try:
         ray.init(address=address, runtime_env={'env_vars': variables}, log_to_driver=False)
     except (ConnectionError, ValueError, RuntimeError) as e:

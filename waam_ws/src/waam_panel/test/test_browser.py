@@ -432,7 +432,9 @@ def test_all_jobs_are_charted_and_filtered(panel, browser, made_jobs, size):
     s.page.fill('#a-operator', 'kim')
     s.page.keyboard.press('Enter')
     s.shows('#archive-note', '^6 jobs')
-    s.shows('#archive-list tr:nth-child(2) td:nth-child(6)', r'^<b>Kim</b>, 4711$')  # text, not markup
+    s.shows(
+        '#archive-list tr:nth-child(2) td:nth-child(6)', r'^<b>Kim</b>, 4711$'
+    )  # text, not markup
     s.page.select_option('#a-figure', 'deposition')
     s.shows('#archive-note', '^6 jobs.*No rule is broken')
     s.page.fill('#a-operator', "'; DROP TABLE jobs; --")
