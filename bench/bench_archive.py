@@ -3,9 +3,9 @@
 archive.ingest_mb_per_s: an MCAP recording becomes a job, MB of the file per second (baseline: reading the recording
 alone, every message, in the same run; 120 s of job, 180 MB, the median of five);
 archive.query_ms: p99 of a trend over 10^4 jobs with 10^6 beads, asked by a program that holds the archive open; figures
-of the job and of its beads, each twenty times; opening is printed beside it. 500 jobs are folders that are taken in; the
-others are rows of the same kind that go through the archive's own writer, because ten thousand folders take minutes to
-make (baseline: the same trends read from reports and telemetry of the folders, the slower of both, median of three,
+of the job and of its beads, each twenty times; opening is printed beside it. 500 jobs are folders that are taken in;
+the others are rows of the same kind that go through the archive's own writer, because ten thousand folders take minutes
+to make (baseline: the same trends read from reports and telemetry of the folders, the slower of both, median of three,
 times jobs per folder; the ratio of every figure is printed);
 archive.lost: SIGKILL at 200 random moments of an ingest: jobs that were lost (no longer whole, or not there after the
 next ingest), and jobs that were there twice, together (baseline: 0, which is asked for).

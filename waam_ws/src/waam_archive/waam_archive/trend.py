@@ -10,7 +10,7 @@ from .selection import Selection
 
 
 def values_of(archive: Archive, metric: str, chosen: Selection) -> tuple[list[Row], np.ndarray]:
-    """Jobs (job, created, value) that have a value of the metric (key of METRICS), oldest first, and the values (n,)."""
+    """Jobs (job, created, value) with a value of the metric (key of METRICS), oldest first, and the values (n,)."""
     where, bound = chosen.where()
     m = METRICS[metric]
     tables = ('jobs', 'beads') if m.of_beads else ('jobs',)
