@@ -38,7 +38,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     'waam_replay': {'waam_adapt', 'waam_node', 'waam_process', 'waam_record', 'waam_scan'},
     'waam_view': {'waam_node', 'waam_process', 'waam_record', 'waam_robot'},
-    'waam_panel': {'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_view'},
+    'waam_panel': {'waam_archive', 'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_view'},
     'waam_bringup': {
         'waam_calibrate', 'waam_job', 'waam_node', 'waam_panel', 'waam_process', 'waam_record', 'waam_view',
     },
@@ -91,10 +91,12 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_lab/waam_lab/laboratory.py': 'job folders of a run, and how long it took',
     'waam_lab/waam_lab/params.py': 'reads the parameter files of the nodes',
     'waam_lab/waam_lab/parts.py': 'writes the meshes of its parts',
+    'waam_lab/waam_lab/pieces.py': 'results of an unfinished campaign on disk',
     'waam_lab/waam_lab/report.py': 'writes the report of a campaign',
     'waam_view/waam_view/(job_data|plan_file|plan_scene|report_writer).py': 'job folders, plans, reports',
     'waam_view/waam_view/(drawing|viewer|web_viewer).py': 'start viewers and write their files',
     'waam_panel/waam_panel/(alarms|history|parts).py': 'read tables and job folders',
+    'waam_panel/waam_panel/archive_page.py': 'asks the archive of jobs; ages are told from today',
     'waam_panel/waam_panel/(api|cell|security|stream|web).py': 'the web server',
 }  # fmt: skip
 DECODES_MESSAGES = {

@@ -42,6 +42,25 @@ def many_jobs(folder: Path, count: int, beads: int, seed: int = 1) -> None:
         (here / 'plan.npz').write_bytes(plan)
 
 
+def without_folders(contents: list, count: int, seed: int = 1) -> list:
+    """So many jobs more as the archive takes them (`Content`), like those that were read from folders; no telemetry."""
+    rng = np.random.default_rng(seed + 1)
+    made = []
+    for n in range(count):
+        old = contents[n % len(contents)]
+        job = f'{old.job}_again{n}'
+        rows = {t: [row | {'job': job} for row in old.rows[t]] for t in old.rows}
+        when = FIRST + timedelta(minutes=10 * (len(contents) + n))
+        own = {'created': when.replace(tzinfo=None), 'rms_mm': 0.09 + 0.01 * rng.standard_normal()}
+        rows['jobs'] = [row | own for row in rows['jobs']]
+        current = rng.normal(180.0, 3.0, len(rows['beads']))
+        rows['beads'] = [
+            row | {'current_A': float(a)} for row, a in zip(rows['beads'], current, strict=True)
+        ]
+        made.append(type(old)(job, f'{old.sha256}-{n}', f'{old.source}-{n}', old.stamp, rows))
+    return made
+
+
 def recording(folder: Path, seconds: int, points: int) -> Path:
     """A recording with telemetry at 100 Hz and ten batches of so many profile points per second."""
     return make_record(folder, seconds=seconds, profiles=points)

@@ -241,3 +241,22 @@ def test_names_of_files_are_safe_whatever_a_job_is_called(job, other):
     assert Path(name).parts[0] == 'maps' and len(Path(name).parts) == 2 and len(name) < 120
     assert name.isascii() and '..' not in name.split('/')[1][:2]
     assert (name == bulk_name('maps', other, 'ab')) == (job == other)
+
+
+def test_a_copy_of_a_folder_in_the_same_call_is_the_same_job(jobs, archive):
+    folder = make_job(jobs)
+    shutil.copytree(folder, jobs / 'latest')
+    found = ingest(archive.store, [jobs])
+    assert (found.added, found.unchanged, found.refused) == ([folder.name], [folder.name], [])
+    status = jobs / 'latest' / 'status.json'
+    status.write_text('{"state": "ABORTED"}')
+    other = Archive(jobs.parent / 'other')
+    assert len(ingest(other.store, [jobs]).refused) == 1  # the same id, another content
+
+
+def test_a_job_that_learned_nothing_has_the_cell_of_the_others(jobs, archive):
+    folder = make_job(jobs, arrays=False)
+    asked = (folder / 'job.yaml').read_text().replace('cell: cell1', "cell: ''")
+    (folder / 'job.yaml').write_text(asked + 'nodes:\n  bridge:\n    use_sim_time: true\n')
+    ingest(archive.store, [jobs])
+    assert archive.jobs(Selection())[0]['cell'] == 'simulated'

@@ -138,8 +138,14 @@ def _taken(
         outcome.refused.append(str(e))
         return None
     outcome.notes += content.notes
-    if any(c.job == content.job for c in batch):
-        outcome.refused.append(_twice(content, 'another folder of the same call'))
+    twin = next((c for c in batch if c.job == content.job), None)
+    if (
+        twin is not None and twin.sha256 == content.sha256
+    ):  # a copy of the folder, such as jobs/latest may be
+        outcome.unchanged.append(content.job)
+        return None
+    if twin is not None:
+        outcome.refused.append(_twice(content, twin.source))
         return None
     before = catalog.entry(content.job)
     if before is None:

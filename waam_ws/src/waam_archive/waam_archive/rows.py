@@ -169,11 +169,14 @@ def _who(told: Told) -> Row:
 
 
 def _cell(told: Told) -> str | None:
+    """As the job itself names it for what it learns: also a job that learned nothing."""
     named = text(mapping(told.asked.get('parameters')).get('cell'))
     learned = text(mapping(told.trace.get('learned')).get('file'))
     folder = PurePath(learned).parent.name if learned else ''
+    nodes = mapping(told.asked.get('nodes')).values()
+    simulated = any(mapping(n).get('use_sim_time') is True for n in nodes)
     identity = text(mapping(told.trace.get('controller')).get('identity'))
-    return named or text(folder) or identity
+    return named or text(folder) or ('simulated' if simulated else identity)
 
 
 def _verdict(told: Told) -> Row:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from typing import Any
 
 LARGEST = 2**63 - 1
@@ -74,3 +74,18 @@ def dicts(value: Any) -> list[dict]:
 def ratio(above: float | None, below: float | None) -> float | None:
     """None when one is unknown or there is nothing to divide by."""
     return above / below if above is not None and below else None
+
+
+def plain(value: Any) -> Any:
+    """For JSON: numbers that it has not become null, times ISO 8601, arrays lists."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, datetime | date):
+        return value.isoformat()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    return plain(value.tolist()) if hasattr(value, 'tolist') else str(value)

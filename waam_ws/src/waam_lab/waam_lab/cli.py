@@ -22,6 +22,7 @@ examples:
   waam lab part.stl --as-found worn.stl --choose                       which layout of the beads suits this part
   waam lab part.stl --as-found worn.stl --machine robot                the same job on a robot
   waam lab pad.gcode --dialect slicer --nominal pad.stl                what a program of another slicer will give
+  waam lab part.stl --as-found worn.stl --seeds 500 --cluster auto     on all machines of a Ray cluster
   waam lab part.stl --as-found worn.stl --account                      where the metal of the last layer came from
 
 --set takes parameters of the nodes (their READMEs list them) and, as plan.NAME, settings of the planner in SI.
@@ -29,7 +30,9 @@ examples:
 
 Written to --out: report.html (open it in a browser), report.json, maps.npz; with --keep-jobs the job folders, for
 waam report and waam replay. --account writes account.png and account.json instead.
-The same seed gives the same figures, whatever the number of workers.
+The same seed gives the same figures, whatever the number of workers and machines. A worker that is lost costs the job
+that it was at. A campaign that was ended (Ctrl-C, power) goes on with the same command and its --out: jobs that are
+done are not run again.
 
 exit status: 0 all jobs ran, 1 at least one job failed, 2 refused, 130 ended with Ctrl-C
 """
@@ -109,6 +112,12 @@ def _add_campaign(p: argparse.ArgumentParser) -> None:
         '--seeds', default='20', help='N for 1 .. N (default 20), or a list such as 3-6,11'
     )
     p.add_argument('--workers', type=int, default=0, help='processes; 0 = one per core')
+    p.add_argument(
+        '--cluster',
+        default='',
+        metavar='ADDRESS',
+        help="an existing Ray cluster does the work: HOST:PORT, ray://HOST:PORT, or 'auto' for the one of this machine",
+    )
     p.add_argument(
         '--out', type=Path, help='folder of the report (default: jobs/<time>_lab-<part>)'
     )

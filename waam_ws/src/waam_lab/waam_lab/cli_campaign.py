@@ -19,6 +19,7 @@ from rich.table import Table
 from waam_job.cli_program import asked_of
 from waam_job.model.goal import JobError, JobGoal, check
 from waam_job.store.folder import make_job_id
+from waam_job.store.provenance import software_revision
 
 from . import params, report
 from .bands import in_tolerance
@@ -28,6 +29,7 @@ from .job import LabJob, LabResult
 from .laboratory import on_table, over_seeds, physics_of
 from .layouts import laid
 from .many import run_many, workers_for
+from .pieces import Pieces
 
 MOST_SEEDS = 10_000
 
@@ -127,19 +129,28 @@ def run_campaign(args: argparse.Namespace) -> int:
     out = args.out or jobs_dir / make_job_id(f'lab-{args.part.stem}')
     job = job_of(args, out)
     console = Console(highlight=False)
+    pieces = Pieces(out / 'pieces', software_revision())
     trials, taken = [], None
     if args.choose is not None:
-        trials = choose(job, args.choose, args.workers)
+        trials = choose(job, args.choose, args.workers, args.cluster, pieces)
         taken = show_trials(job, trials, console)
         job = laid(job, taken.layout)
     workers = workers_for(args.workers, len(seeds))
     started = time.monotonic()
     with Advance(len(seeds), job.goal.title) as advance:
-        results = run_many(over_seeds(job, seeds), workers, advance)
+        try:
+            results = run_many(over_seeds(job, seeds), workers, advance, args.cluster, pieces)
+        except KeyboardInterrupt:
+            print(
+                f'{advance.done} of {len(seeds)} jobs are done; go on with --out {out}',
+                file=sys.stderr,
+            )
+            raise
     told = shlex.join(['waam', *sys.argv[1:]])
     wall = time.monotonic() - started
     campaign = report.Campaign(job, results, wall, workers, told, tuple(trials), taken)
     page = report.write(out, campaign)
+    pieces.clear()
     show(campaign, console)
     print(f'report: {os.path.relpath(page)}')
     return 1 if campaign.failed else 0

@@ -10,10 +10,13 @@ from rich.table import Table
 from . import layouts
 from .job import LabJob
 from .many import run_many, workers_for
+from .pieces import Pieces
 
 
-def choose(job: LabJob, cells: int, workers: int) -> list[layouts.Trial]:
-    """Every layout on the same cells. Raises ValueError."""
+def choose(
+    job: LabJob, cells: int, workers: int, cluster: str = '', pieces: Pieces | None = None
+) -> list[layouts.Trial]:
+    """Every layout on the same cells; cluster and pieces as of run_many. Raises ValueError."""
     from .cli_campaign import Advance
 
     if job.goal.program is not None:
@@ -21,7 +24,7 @@ def choose(job: LabJob, cells: int, workers: int) -> list[layouts.Trial]:
     on_cells = {one: layouts.on_cells(layouts.laid(job, one), cells) for one in layouts.LAYOUTS}
     jobs = [j for found in on_cells.values() for j in found]
     with Advance(len(jobs), 'layouts') as advance:
-        results = run_many(jobs, workers_for(workers, len(jobs)), advance)
+        results = run_many(jobs, workers_for(workers, len(jobs)), advance, cluster, pieces)
     return [
         layouts.Trial(one, tuple(results[i * cells : (i + 1) * cells]))
         for i, one in enumerate(on_cells)

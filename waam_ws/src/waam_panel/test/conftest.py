@@ -128,3 +128,13 @@ def make_panel(tmp_path) -> Iterator:
 @pytest.fixture
 def panel(make_panel) -> Panel:
     return make_panel()
+
+
+@pytest.fixture
+def made_jobs(tmp_path, monkeypatch):
+    """made_jobs(number, ...): a finished job in the panel's folder of jobs, without running one."""
+    archive = Path(__file__).parents[2] / 'waam_archive' / 'test'
+    monkeypatch.syspath_prepend(str(archive))
+    from made_jobs import make_job
+
+    return lambda number, **of: make_job(tmp_path / 'jobs', number, **of)

@@ -413,3 +413,36 @@ def test_a_page_of_another_origin_reaches_nothing(make_panel, browser):
         s.page.goto(place)
         assert s.page.evaluate(ATTACK, target.url) == {'read': 'refused', 'stream': 'refused'}
     assert target.operations.asked == []
+
+
+@pytest.mark.parametrize('size', (SIZES['desk'], SIZES['small_phone']), ids=('desk', 'small_phone'))
+def test_all_jobs_are_charted_and_filtered(panel, browser, made_jobs, size):
+    rms = [0.09, 0.1, 0.11, 0.1, 0.09, 0.11, 0.1, 0.09, 0.1, 0.11, 0.1, 0.6]
+    for n, value in enumerate(rms, 1):
+        made_jobs(n, rms=value * 1e-3, operator='Ada' if n % 2 else '<b>Kim</b>', arrays=False)
+    s = Screen(browser, *size, has_touch=True)
+    s.page.goto(panel.url)
+    s.page.tap('nav [data-page=jobs]')
+    s.page.tap('#jobs-all')
+    s.shows('#archive-note', r'^12 jobs\..*nelson 1: a point beyond')
+    assert s.page.locator('#archive-list tr').count() == 13
+    assert [s.page.evaluate(check) for check in (STOP_IS_WHOLE, LAYOUT, LABELS)] == [[], [], []]
+    if size == SIZES['desk']:
+        s.picture('jobs_all')
+    s.page.fill('#a-operator', 'kim')
+    s.page.keyboard.press('Enter')
+    s.shows('#archive-note', '^6 jobs')
+    s.shows(
+        '#archive-list tr:nth-child(2) td:nth-child(6)', r'^<b>Kim</b>, 4711$'
+    )  # text, not markup
+    s.page.select_option('#a-figure', 'deposition')
+    s.shows('#archive-note', '^6 jobs.*No rule is broken')
+    s.page.fill('#a-operator', "'; DROP TABLE jobs; --")
+    s.page.keyboard.press('Enter')
+    s.shows('#archive-note', '^0 jobs')
+    s.page.fill('#a-operator', '')
+    s.page.keyboard.press('Enter')
+    s.shows('#archive-note', '^12 jobs')
+    link = s.page.get_attribute('#archive-list tr:nth-child(2) a', 'href')
+    assert link.startswith('/jobs/') and link.endswith('_12/report.html')
+    assert s.said == []

@@ -260,3 +260,40 @@ def test_a_message_that_cannot_be_read_is_reported_and_the_next_one_is_shown(pan
     panel.cell.mailbox.put(('machine', 'no message'))
     tell(panel, 'link', {'rate': 100})
     assert 'machine' in panel.cell.problem
+
+
+def test_all_jobs_answer_with_rows_and_a_chart_and_link_what_the_panel_has(panel, made_jobs):
+    for n, operator in ((1, 'Ada'), (2, 'Kim'), (3, 'Ada')):
+        made_jobs(n, rms=n * 1e-4, operator=operator, arrays=False)
+    status, body = get(panel, '/api/archive?operator=ada')
+    found = json.loads(body)
+    assert status == 200 and found['count'] == 2
+    assert [j['operator'] for j in found['jobs']] == ['Ada', 'Ada']
+    assert found['chart']['means'] == pytest.approx([0.1, 0.3])
+    assert found['jobs'][0]['report'] == f'/jobs/{found["jobs"][0]["job"]}/report.html'
+
+
+def test_new_jobs_are_not_taken_in_beside_a_running_one(panel, made_jobs):
+    made_jobs(1, arrays=False)
+    assert json.loads(get(panel, '/api/archive')[1])['count'] == 1
+    made_jobs(2, arrays=False)
+    asked = panel.cell.archive.answer
+    assert asked({}, look=False)['count'] == 1
+    assert asked({}, look=True)['count'] == 2
+
+
+@pytest.mark.parametrize(
+    'query', ['figure=rms;DROP', 'figure=%00', 'since=yesterday', f'part={"x" * 81}']
+)
+def test_questions_that_mean_nothing_are_refused(panel, query):
+    status, body = get(panel, f'/api/archive?{query}')
+    assert status == 400 and json.loads(body)['message']
+
+
+@pytest.mark.parametrize('text', ["' OR 1=1 --", '[a', '../../etc/passwd', '%', '\\'])
+def test_no_filter_becomes_sql_or_a_path(panel, made_jobs, text):
+    from urllib.parse import quote
+
+    made_jobs(1, arrays=False)
+    status, body = get(panel, f'/api/archive?part={quote(text)}')
+    assert status == 200 and json.loads(body)['count'] == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 from collections.abc import Awaitable, Callable
@@ -12,6 +13,7 @@ from aiohttp import web
 from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
 
 from . import alarms, history
+from .archive_page import QuestionError
 from .cell import CELL, Cell
 from .operations import Refused
 from .parts import PartsError
@@ -272,6 +274,21 @@ def _listing(read: Callable[[Cell], Any]) -> Callable[[web.Request], Awaitable[w
     return handler
 
 
+async def _archive(request: web.Request) -> web.Response:
+    """All jobs: rows, and the chart of a figure. New jobs are taken in first, but never beside a running one."""
+    from waam_archive.catalog import ArchiveError
+
+    cell: Cell = request.app[CELL]
+    look = not cell.state.job_running
+    try:
+        found = await asyncio.to_thread(cell.archive.answer, dict(request.query), look)
+    except QuestionError as e:
+        return web.json_response({'ok': False, 'message': str(e)}, status=400)
+    except (ArchiveError, OSError) as e:
+        return web.json_response({'ok': False, 'message': f'the archive: {e}'}, status=500)
+    return web.json_response({'ok': True, **found})
+
+
 def _choices(cell: Cell) -> dict[str, Any]:
     return {
         'parts': cell.parts.listing(), 'materials': cell.materials, 'steps_mm': STEPS_MM,
@@ -302,5 +319,5 @@ def add_commands(app: web.Application) -> None:
         web.post('/api/stop', _stop), web.post('/api/parts', _upload), web.get('/api/map/{name}', _map),
         web.get('/api/preview.png', _preview), web.get('/api/choices', _listing(_choices)),
         web.get('/api/jobs', _listing(lambda cell: history.jobs(cell.jobs_dir))),
-        web.post('/api/{name}', _command),
+        web.get('/api/archive', _archive), web.post('/api/{name}', _command),
     ])  # fmt: skip

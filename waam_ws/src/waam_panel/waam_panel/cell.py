@@ -21,6 +21,7 @@ from waam_view.job_data import error_after
 from waam_view.mailbox import Mailbox
 
 from . import history, pictures
+from .archive_page import ArchivePage
 from .operations import Operations
 from .parts import PartFolders
 from .security import Guard
@@ -53,6 +54,7 @@ class Cell:
     pages: int = 0  # open streams
 
     def __post_init__(self) -> None:
+        self.archive = ArchivePage(self.jobs_dir)
         self.login_lock, self.work_lock = asyncio.Lock(), asyncio.Lock()
         self._workers = ThreadPoolExecutor(4, 'command')
         self._stoppers = ThreadPoolExecutor(4, 'stop')  # never behind a slow command

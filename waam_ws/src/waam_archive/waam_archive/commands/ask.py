@@ -9,15 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..figures import GROUPS, Prices, grouped, key_figures
-from ..metrics import METRICS, query
+from ..metrics import METRICS
 from .common import Row, Verbs, add_filters, add_verb, opened, print_json, print_table, selection
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from ..archive import Archive
     from ..charts import Chart
-    from ..selection import Selection
 
 
 def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
@@ -69,19 +65,9 @@ def _register_trend(verbs: Verbs, common: argparse.ArgumentParser) -> None:
     add_filters(p)
 
 
-def values_of(archive: Archive, metric: str, chosen: Selection) -> tuple[list[Row], np.ndarray]:
-    """Jobs (job, created) with a value of the metric in the order of time, and the values (n,)."""
-    import numpy as np
-
-    where, bound = chosen.where()
-    m = METRICS[metric]
-    tables = ('jobs', 'beads') if m.of_beads else ('jobs',)
-    rows = archive.rows(tables, query(m, where), bound)
-    return rows, np.array([r['value'] for r in rows], float)
-
-
 def _trend(args: argparse.Namespace) -> int:
     from ..charts import chart
+    from ..trend import values_of
 
     rows, values = values_of(opened(args), args.metric, selection(args))
     spec = (args.lower, args.upper)

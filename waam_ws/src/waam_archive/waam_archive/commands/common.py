@@ -8,11 +8,12 @@ import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..selection import TEXTS, Selection, moment
+from ..values import plain
 
 if TYPE_CHECKING:
     from ..archive import Archive
@@ -112,21 +113,6 @@ def progress(text: str) -> Iterator[Callable[[int, int], None]]:
 def print_json(value: Any) -> None:
     """Numbers that JSON has not become null, times ISO 8601."""
     print(json.dumps(plain(value), indent=1, ensure_ascii=False))
-
-
-def plain(value: Any) -> Any:
-    """For JSON."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, datetime | date):
-        return value.isoformat()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    return value.tolist() if hasattr(value, 'tolist') else str(value)
 
 
 def shown(value: Any) -> str:

@@ -1,6 +1,7 @@
 // The page: binds buttons and keys, shows every frame of the stream.
 import { $, duration, element, fixed, get, post, text, toast } from './api.js';
 import { acknowledgeTop, bindAlarms, makeTable, showAlarms } from './alarms.js';
+import { bindArchive, drawChart } from './archive.js';
 import { bindJog, jogKey, makeSteps } from './jog.js';
 import { bindMap, draw as drawMap, hasMap, moveTorch, refresh, show as showMap } from './map.js';
 import { addSamples, makePlots, setJob } from './plots.js';
@@ -42,7 +43,7 @@ function bind() {
   document.addEventListener('keydown', key);
   window.addEventListener('resize', redraw);
   $('map-tabs').addEventListener('click', redraw);
-  bindAlarms(open); bindJog(); bindMap(); bindSetup();
+  bindAlarms(open); bindArchive(); bindJog(); bindMap(); bindSetup();
 }
 
 function key(e) {
@@ -68,7 +69,7 @@ function open(name) {
 function theme(dark) {
   document.documentElement.classList.toggle('dark', dark);
   text('theme', dark ? 'Light' : 'Dark');
-  redraw();
+  redraw(); drawChart();
   try { localStorage.setItem('theme', dark ? 'dark' : 'light'); } catch { /* private window: not kept */ }
 }
 

@@ -1,0 +1,63 @@
+"""Jobs on an existing Ray cluster. Ray schedules, moves data and starts lost work again; it is not installed with this
+software (requirements-cluster.txt)."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from .job import LabJob, LabResult
+from .laboratory import failed
+
+RETRIES = 3  # of a job whose worker or machine was lost
+
+
+class ClusterError(ValueError):
+    """There is no Ray here, or no cluster at that address; the text says what to do."""
+
+
+def results(
+    jobs: dict[int, LabJob],
+    address: str,
+    attempt: Callable[[LabJob], LabResult],
+    one_thread: tuple[str, ...],
+) -> Iterator[tuple[int, LabResult]]:
+    """Results as they come. Every machine needs this software and the files of the jobs under the same paths.
+
+    attempt: runs one job in a worker. one_thread: variables that give every worker one thread. What is under way ends
+    when the caller stops.
+    """
+    ray = connected(address, one_thread)
+    try:
+        remote = ray.remote(num_cpus=1, max_retries=RETRIES)(attempt)
+        tasks = {remote.remote(job): i for i, job in jobs.items()}
+        while tasks:
+            (task,), _ = ray.wait(list(tasks), num_returns=1)
+            i = tasks.pop(task)
+            try:
+                yield i, ray.get(task)
+            except ray.exceptions.RayError as e:
+                yield i, failed(jobs[i], e)
+    finally:
+        ray.shutdown()  # a driver that leaves takes its tasks with it
+
+
+def connected(address: str, one_thread: tuple[str, ...]) -> Any:
+    """The module ray, connected. ClusterError."""
+    try:
+        import ray
+    except ImportError:
+        raise ClusterError(
+            '--cluster: Ray is not installed (pip install -r requirements-cluster.txt)'
+        ) from None
+    variables = dict.fromkeys(one_thread, '1') | {
+        'PYTHONPATH': os.pathsep.join(p for p in sys.path if p)
+    }
+    try:
+        ray.init(address=address, runtime_env={'env_vars': variables}, log_to_driver=False)
+    except (ConnectionError, ValueError, RuntimeError) as e:
+        text = ' '.join(str(e).split())
+        raise ClusterError(f'--cluster {address}: no Ray cluster answers there ({text})') from None
+    return ray
