@@ -1,8 +1,8 @@
 """Laboratory jobs spread over workers and machines: what is gained, and whether the figures stay the same.
 
 fleet.efficiency: 40 short jobs (one layer, open loop) on two workers: time on one worker over twice the time on two,
-start of the workers included (baseline: 1, nothing lost). The same on two local Ray nodes of one core each, where Ray is
-installed, is printed beside it (its nodes are up, its workers are not);
+start of the workers included (baseline: 1, nothing lost). The same on two local Ray nodes of one core each, where Ray
+is installed, is printed beside it (its nodes are up, its workers are not);
 fleet.identical: share of jobs whose every figure and last map are the same to the bit as on one worker: two workers,
 four workers, two workers of which one is killed after the first result, two Ray nodes (baseline: 1, all of them).
 
