@@ -138,7 +138,9 @@ def run_campaign(args: argparse.Namespace) -> int:
             )
             raise
     told = shlex.join(['waam', *sys.argv[1:]])
-    campaign = report.Campaign(job, results, time.monotonic() - started, workers, told)
+    campaign = report.Campaign(
+        job, results, time.monotonic() - started, workers, told, args.cluster
+    )
     page = report.write(out, campaign)
     pieces.clear()
     show(campaign, Console(highlight=False))
@@ -213,6 +215,6 @@ def show(campaign: report.Campaign, console: Console) -> None:
     if len(failed) > 5:
         console.print(f'... and {len(failed) - 5} more; report.json names them')
     console.print(
-        f'{len(campaign.results)} jobs in {campaign.wall:.0f} s with {campaign.workers} workers, '
+        f'{len(campaign.results)} jobs in {campaign.wall:.0f} s {campaign.by}, '
         f'{campaign.speed:.0f} s of machine time per second and core'
     )
