@@ -148,7 +148,9 @@ def run_campaign(args: argparse.Namespace) -> int:
             raise
     told = shlex.join(['waam', *sys.argv[1:]])
     wall = time.monotonic() - started
-    campaign = report.Campaign(job, results, wall, workers, told, tuple(trials), taken)
+    campaign = report.Campaign(
+        job, results, wall, workers, told, args.cluster, tuple(trials), taken
+    )
     page = report.write(out, campaign)
     pieces.clear()
     show(campaign, console)
@@ -223,6 +225,6 @@ def show(campaign: report.Campaign, console: Console) -> None:
     if len(failed) > 5:
         console.print(f'... and {len(failed) - 5} more; report.json names them')
     console.print(
-        f'{len(campaign.results)} jobs in {campaign.wall:.0f} s with {campaign.workers} workers, '
+        f'{len(campaign.results)} jobs in {campaign.wall:.0f} s {campaign.by}, '
         f'{campaign.speed:.0f} s of machine time per second and core'
     )

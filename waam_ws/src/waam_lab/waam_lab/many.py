@@ -1,7 +1,7 @@
 """Many jobs on all cores, or on a Ray cluster. Results come in the order of the jobs and are the same, whatever the
 number of workers and machines.
 
-A worker that is lost costs the job that it was at: that job, and those that had not begun, are done again.
+A worker that is lost costs the jobs that were under way, which are done again; on a cluster its own job only.
 """
 
 from __future__ import annotations

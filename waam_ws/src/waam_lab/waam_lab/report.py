@@ -53,8 +53,14 @@ class Campaign:
     wall: float  # s that all of them took
     workers: int
     told: str = ''  # the command line, or ''
+    cluster: str = ''  # address of the cluster that did the work; '' = workers of this machine
     trials: tuple[layouts.Trial, ...] = ()  # layouts that were tried before, on other cells
     taken: layouts.Trial | None = None  # the one of them that the results belong to
+
+    @property
+    def by(self) -> str:
+        """Who did the work, in words."""
+        return f'on the cluster {self.cluster}' if self.cluster else f'with {self.workers} workers'
 
     @property
     def speed(self) -> float:
@@ -106,6 +112,7 @@ def facts(c: Campaign) -> dict[str, Any]:
         'speed': c.speed,
         'wall_s': c.wall,
         'workers': c.workers,
+        'cluster': c.cluster,
     }
 
 
@@ -283,7 +290,7 @@ def _jobs(c: Campaign) -> str:
 def _about(c: Campaign) -> str:
     changed = [f'{n}.{k} = {v}' for n, values in c.job.overrides.items() for k, v in values.items()]
     lines = [
-        f'{len(c.results)} jobs in {duration(c.wall)} with {c.workers} workers, '
+        f'{len(c.results)} jobs in {duration(c.wall)} {c.by}, '
         f'{fmt(c.speed, 0)} s of machine time per second and core.',
         'Each job runs on a simulated cell of its own, which differs in everything that is random: efficiency of beads '
         'over the place, arc, scanner, pyrometer. A real cell differs from the simulated one as well.',

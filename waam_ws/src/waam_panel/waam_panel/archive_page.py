@@ -106,4 +106,4 @@ def selection(asked: Mapping[str, str]) -> Selection:
         begin = moment(since, datetime.now(UTC).replace(tzinfo=None)) if since else None
     except SelectionError as e:
         raise QuestionError(str(e)) from None
-    return Selection(**texts, since=begin)
+    return Selection(**texts, since=begin, until=None)
