@@ -8,7 +8,7 @@ without a shaper, RMS over five moves, mean of five gantries (seeds 201-205): at
 the shaper 15 % off it, the worse side. Baseline: without a shaper, um.
 motion.corner_error_mm, motion.corner_error_fast_mm: distance of the commanded path from a right angle at 10 and 50 mm/s
 with that shaper, the worst of the five. Baseline: without a shaper.
-motion.idle_jerk_ratio: greatest jerk of an idle move of 100 mm in 50 pieces by the harmonic law over that of one move
+motion.idle_jerk_ratio: greatest jerk of an idle move of 100 mm in 200 pieces by the harmonic law over that of one move
 (trapezoid) with the same highest speed and acceleration, at the steps, smoothed over 20 ms. Baseline: trapezoid, m/s^3.
 """
 
@@ -24,6 +24,7 @@ from lib.paths import SOURCES
 FOUND, USED = range(101, 121), range(201, 206)
 ACCELERATION, SPEED = 0.5, 0.05  # m/s^2, m/s
 SMOOTHED = 20  # ms
+PIECES = 200  # of the idle move: with fewer the speed is a stair whose steps are what is measured
 
 
 def shaken():
@@ -169,7 +170,7 @@ def idle() -> None:
 
     x, y, z = shaken().POINT
     start, length = x - 0.05, 0.1
-    at, speeds = HarmonicLaw.within(length, SPEED, ACCELERATION).pieces(50)
+    at, speeds = HarmonicLaw.within(length, SPEED, ACCELERATION).pieces(PIECES)
     moves = {
         'trapezoid': [((start + length, y, z), SPEED)],
         'harmonic': [
