@@ -12,7 +12,7 @@ motion.bead_ripple_ratio: a bead along x and, round a right angle, along y at 10
 distance from the second leg of the line that the wire is laid on, from 1 to 6 mm behind the corner, with the shaper
 that was calibrated over that without, mean of five gantries (seeds 301-305). Baseline: without a shaper, um. The crown
 of the bead shows none of it: a pool of 6 mm averages waves of 0.3 mm.
-motion.idle_jerk_ratio: greatest jerk of an idle move of 100 mm in 50 pieces by the harmonic law over that of one move
+motion.idle_jerk_ratio: greatest jerk of an idle move of 100 mm in 200 pieces by the harmonic law over that of one move
 (trapezoid) with the same highest speed and acceleration, at the steps, smoothed over 20 ms. Baseline: trapezoid, m/s^3.
 """
 
@@ -28,6 +28,7 @@ from lib.paths import SOURCES
 FOUND, USED, LAID = range(101, 121), range(201, 206), range(301, 306)
 ACCELERATION, SPEED = 0.5, 0.05  # m/s^2, m/s
 SMOOTHED = 20  # ms
+PIECES = 200  # of the idle move: with fewer the speed is a stair whose steps are what is measured
 
 
 def shaken():
@@ -220,7 +221,7 @@ def idle() -> None:
 
     x, y, z = shaken().POINT
     start, length = x - 0.05, 0.1
-    at, speeds = HarmonicLaw.within(length, SPEED, ACCELERATION).pieces(50)
+    at, speeds = HarmonicLaw.within(length, SPEED, ACCELERATION).pieces(PIECES)
     moves = {
         'trapezoid': [((start + length, y, z), SPEED)],
         'harmonic': [

@@ -80,11 +80,13 @@ _Static_assert(sizeof(host_sample_t) == 48, "the layout of the plant port");
 host_sample_t host_harness_sample(const host_harness_t *harness)
 {
     const waam_outputs_t *out = &harness->outputs;
-    int64_t at[WAAM_AXES];
-    double per_m = harness->config.steps_per_mm * 1e3;
-    host_harness_steps(harness, at);
+    int64_t pulses[WAAM_AXES];
+    double per_m = harness->config.steps_per_mm * 1e3, at[WAAM_AXES];
+    host_harness_steps(harness, pulses);
+    for (int i = 0; i < WAAM_AXES; i++)
+        at[i] = (double)pulses[i] + (double)out->part[i] / WAAM_PARTS;
     return (host_sample_t){
-        .table_x = -(double)at[0] / per_m, .table_y = -(double)at[1] / per_m, .tool_z = (double)at[2] / per_m,
+        .table_x = -at[0] / per_m, .table_y = -at[1] / per_m, .tool_z = at[2] / per_m,
         .wire_cmd = out->wire_mm_s * 1e-3, .voltage_set = out->voltage_v,
         .outputs = (out->arc ? 1u : 0u) | (out->gas ? 2u : 0u),
     };

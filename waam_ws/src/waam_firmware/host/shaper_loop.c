@@ -59,12 +59,13 @@ uint32_t shaper_loop_taps(uint32_t channel, uint32_t ago[WAAM_SHAPER_TAPS], int3
 
 void shaper_loop_run(const int32_t *planned, uint32_t ticks, int32_t *shaped)
 {
-    int32_t before[WAAM_AXES] = {0}, lag[WAAM_AXES], speed;
+    const int32_t whole[WAAM_AXES] = {0};
+    int32_t before[WAAM_AXES] = {0}, lag[WAAM_AXES], part[WAAM_AXES], speed;
     for (uint32_t k = 0; k < ticks; k++, planned += WAAM_AXES, shaped += WAAM_AXES) {
         if (memcmp(before, planned, sizeof before) != 0)
             waam_shaper_wake(&shaper);
         memcpy(before, planned, sizeof before);
-        waam_shaper_tick(&shaper, planned, 0, lag, &speed);
+        waam_shaper_tick(&shaper, (waam_place_t){planned, whole}, 0, lag, part, &speed);
         for (int i = 0; i < WAAM_AXES; i++)
             shaped[i] = planned[i] + (shaper.on ? lag[i] : 0);
     }

@@ -60,14 +60,17 @@ void TIM2_IRQHandler(void)
 static void push_steps(void)
 {
     int64_t target[STEP_AXES];
-    for (unsigned i = 0; i < WAAM_AXES; i++)
+    int32_t part[STEP_AXES] = {0};
+    for (unsigned i = 0; i < WAAM_AXES; i++) {
         target[i] = outputs.pulses[i];
+        part[i] = outputs.part[i];
+    }
     wire_part += (float)outputs.wire_mm_s * (WIRE_STEPS_PER_MM * TICK_US * 1e-6f);
     int32_t whole = (int32_t)wire_part;
     wire_part -= (float)whole;
     wire_steps += whole;
     target[WAAM_AXES] = wire_steps;
-    steps_push(target);
+    steps_push(target, part);
 }
 
 static void take_bytes(void)

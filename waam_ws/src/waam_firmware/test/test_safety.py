@@ -9,7 +9,7 @@ import pytest
 from plant_cell import CONTACT, ESTOP, HOT, Cell
 
 IDLE, RUN, HOLD, ALARM = range(4)
-ARC, ESTABLISHED, HOMED, ARMED = 1, 2, 8, 16
+ARC, ESTABLISHED, HOMED, ARMED, UNDERFEED = 1, 2, 8, 16, 256
 
 
 @pytest.fixture
@@ -114,6 +114,24 @@ def test_wire_jam_is_found_by_the_encoder_at_nine_tenths(port):
     assert runs_with_arc(client)
     cell.wire = 0.88 * 5 / 60
     assert client.wait_line('^! HOLD').startswith('! HOLD E206 ')
+
+
+def test_the_threshold_of_underfeed_is_a_setting_and_telemetry_says_so_before_the_fault(port):
+    _, cell, client = port
+    assert client.ask('$C wire_underfeed_ratio 0.49').startswith('$C error E104 ')
+    assert client.ask('$C wire_underfeed_ratio 1').startswith('$C error E104 ')
+    assert client.ask('$C wire_underfeed_rati 0.8').startswith('$C error E103 ')
+    assert client.ask('$C wire_underfeed_ratio 0.8').startswith('$C ok')
+    weld(client)
+    client.wait(lambda: client.frame['wire_um_s'] == client.frame['wire_cmd_um_s'] > 80_000)
+    cell.wire = 0.85 * 5 / 60  # an underfeed of the shipped setting
+    after = client.frame['t_us'] + 1_000_000
+    client.wait(lambda: client.frame['t_us'] > after)
+    assert runs_with_arc(client) and not client.frame['flags'] & UNDERFEED
+    cell.wire = 0.78 * 5 / 60
+    client.wait_line('^! HOLD E206 ')
+    begin = next(f for f in client.frames if f['flags'] & UNDERFEED)
+    assert begin['state'] == RUN and begin['flags'] & ARC
 
 
 def test_wire_frozen_in_the_bead_is_burnt_off_by_a_pulse(port):

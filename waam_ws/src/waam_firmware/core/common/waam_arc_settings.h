@@ -78,7 +78,8 @@ typedef struct {
     uint32_t burn_back_us;      /* wire stops, source still on, so that the wire does not freeze in the bead */
     uint32_t post_flow_us;
     uint32_t gas_missing_us;
-    double wire_fault_ratio;    /* encoder below this share of the command ... */
+    double wire_fault_ratio;    /* encoder below this share of the command ... ($C wire_underfeed_ratio) */
+    uint32_t wire_underfeed_us; /* ... for so long: "underfeed" in telemetry */
     uint32_t wire_fault_us;     /* ... for this long is a wire fault */
     uint32_t sense_us;          /* stick check: longest look at the sense voltage */
     uint32_t free_us;           /* ... which must be above free_v for this long */

@@ -12,6 +12,7 @@
 #include "waam_standoff_settings.h"
 
 #define WAAM_AXES 3
+#define WAAM_PARTS 128          /* of a step, in which places are told between two steps */
 #define WAAM_LINE_MAX 160      /* bytes of one line, end of line excluded */
 #define WAAM_RING_BYTES 2048   /* receive buffer for checked lines that wait for a free block */
 #define WAAM_BLOCKS 64         /* planner queue */
@@ -134,6 +135,8 @@ typedef struct {
 
 typedef struct {
     int64_t pulses[WAAM_AXES];  /* pulses since the start, at the end of this tick; the shell spreads the new ones over it */
+    int32_t part[WAAM_AXES];    /* where the axis should be beyond the last pulse, in 1 / WAAM_PARTS of a step, at most a half:
+                                 * so the shell knows when the pulses are due, and not only in which tick */
     bool arc, gas;
     bool drives;                /* enable the axes' drives: torque */
     bool sense;                 /* low sense voltage between wire and work instead of the source: stick check */

@@ -75,6 +75,7 @@ waam_config_t waam_config_default(void)
             .post_flow_us = 1000000,
             .gas_missing_us = 500000,
             .wire_fault_ratio = 0.9,
+            .wire_underfeed_us = 200000,
             .wire_fault_us = 500000,
             .sense_us = 40000,
             .free_us = 5000,

@@ -79,6 +79,28 @@ static void configure_shaper(waam_request_t *r, const waam_shaper_setting_t *set
         tell_shaper(r);
 }
 
+#define UNDERFEED "wire_underfeed_ratio"
+#define UNDERFEED_LOWEST 0.5f
+#define UNDERFEED_HIGHEST 0.99f
+
+static bool names_underfeed(name_t name)
+{
+    uint32_t k = 0;
+    while (k < name.length && UNDERFEED[k] && UNDERFEED[k] == name.text[k])
+        k++;
+    return k == name.length && !UNDERFEED[k];
+}
+
+static void configure_underfeed(waam_request_t *r, double value)
+{
+    if (!(value >= (double)UNDERFEED_LOWEST && value <= (double)UNDERFEED_HIGHEST)) {
+        refuse_value(r, UNDERFEED, false, UNDERFEED_LOWEST, UNDERFEED_HIGHEST);
+        return;
+    }
+    r->core->config.arc.wire_fault_ratio = value;
+    waam_request_ok(r);
+}
+
 void waam_order_configure(waam_request_t *r)
 {
     waam_core_t *core = r->core;
@@ -91,13 +113,16 @@ void waam_order_configure(waam_request_t *r)
         waam_request_refuse(r, WAAM_E_NOT_NOW, "settings only in IDLE or ALARM");
         return;
     }
-    if (!standoff && !shaper && !wire) {
+    bool underfeed = names_underfeed(name);
+    if (!standoff && !shaper && !wire && !underfeed) {
         waam_request_refuse(r, WAAM_E_UNKNOWN_WORD, "no setting has this name");
         return;
     }
     if (!waam_request_numbers(r, &value, 1))
         return;
-    if (standoff)
+    if (underfeed)
+        configure_underfeed(r, value);
+    else if (standoff)
         configure_standoff(r, standoff, value);
     else if (wire)
         waam_configure_wire(r, wire, value);

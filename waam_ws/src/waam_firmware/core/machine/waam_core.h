@@ -72,6 +72,7 @@ typedef struct {
     waam_shaper_t shaper;
     uint32_t shaper_tick_us;    /* that it is tuned for */
     int32_t lag[WAAM_AXES];     /* shaped less planned steps */
+    int32_t part[WAAM_AXES];    /* of the shaped place, between two steps, 1 / WAAM_PARTS */
     int32_t shaped_um_s;        /* speed along the shaped path */
     waam_done_t done[WAAM_DONE];
     uint32_t done_first, done_count, shaper_ticks;

@@ -20,6 +20,7 @@ void waam_core_finish_stopping(waam_core_t *core); /* once it stands: forgets th
 void waam_core_tell(waam_core_t *core, waam_code_t code, const char *text);
 /* The correction of z becomes a part of the position: nothing moves, and it is 0 again. */
 void waam_core_absorb(waam_core_t *core);
+waam_place_t waam_core_place(const waam_core_t *core); /* the planned one */
 bool waam_core_stands(const waam_core_t *core);
 int32_t waam_core_steps(const waam_core_t *core, int axis); /* where the machine is, shaped and corrected */
 int64_t waam_core_pulses(const waam_core_t *core, int axis); /* since the start */

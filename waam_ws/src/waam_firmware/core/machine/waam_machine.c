@@ -48,8 +48,10 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
     waam_guard_limit(core, dt_us);
     waam_guard_arc(core, dt_us);
     waam_guard_lease(core);
-    for (int i = 0; i < WAAM_AXES; i++)
+    for (int i = 0; i < WAAM_AXES; i++) {
         outputs->pulses[i] = waam_core_pulses(core, i);
+        outputs->part[i] = core->part[i];
+    }
     outputs->arc = waam_arc_output(&core->arc);
     outputs->gas = core->arc.gas;
     outputs->wire_mm_s = core->wire.speed_mm_s;

@@ -4,14 +4,20 @@
 #include "waam_internal.h"
 
 enum { FLAG_ARC = 1, FLAG_ESTABLISHED = 2, FLAG_GAS = 4, FLAG_HOMED = 8, FLAG_ARMED = 16, FLAG_EMPTY = 32,
-       FLAG_ESTOP = 64, FLAG_WIRE_JOG = 128 };
+       FLAG_ESTOP = 64, FLAG_WIRE_JOG = 128, FLAG_UNDERFEED = 256 };
+
+/* The wheel on the wire turns slower than the feeder is told; without a wheel nothing can be said. */
+static bool underfeed(const waam_core_t *core)
+{
+    return core->inputs.process == WAAM_PROCESS_OK && core->arc.slow_wire_us >= core->config.arc.wire_underfeed_us;
+}
 
 static uint32_t flags(const waam_core_t *core)
 {
     return (waam_arc_output(&core->arc) ? FLAG_ARC : 0) | (core->arc.established ? FLAG_ESTABLISHED : 0) |
            (core->arc.gas ? FLAG_GAS : 0) | (core->homed ? FLAG_HOMED : 0) | (core->armed ? FLAG_ARMED : 0) |
            (core->planner.count == 0 ? FLAG_EMPTY : 0) | (core->inputs.estop ? FLAG_ESTOP : 0) |
-           (waam_wire_jogging(&core->wire) ? FLAG_WIRE_JOG : 0);
+           (waam_wire_jogging(&core->wire) ? FLAG_WIRE_JOG : 0) | (underfeed(core) ? FLAG_UNDERFEED : 0);
 }
 
 static int64_t work_um(const waam_core_t *core, int axis)

@@ -20,7 +20,7 @@ const char *waam_core_tune(waam_core_t *core, const waam_shaper_config_t *settin
                          wire_lead_s(&core->config));
     else
         core->config.shaper = *settings;
-    waam_shaper_rest(&core->shaper, core->motion.steps);
+    waam_shaper_rest(&core->shaper, waam_core_place(core));
     return why;
 }
 
@@ -59,16 +59,18 @@ static void retune(waam_core_t *core, uint32_t dt_us)
 void waam_core_shape(waam_core_t *core, uint32_t dt_us)
 {
     waam_shaper_t *shaper = &core->shaper;
+    for (int i = 0; i < WAAM_AXES; i++)
+        core->part[i] = core->motion.part[i];
     if (!shaper->on)
         return;
     if (waam_shaper_settled(shaper)) {
         if (dt_us != core->shaper_tick_us)
             retune(core, dt_us);
-        waam_shaper_rest(shaper, core->motion.steps);
+        waam_shaper_rest(shaper, waam_core_place(core));
         return;
     }
-    waam_shaper_tick(shaper, core->motion.steps, (int32_t)lround(core->motion.speed_mm_s * 1000.0), core->lag,
-                     &core->shaped_um_s);
+    waam_shaper_tick(shaper, waam_core_place(core), (int32_t)lround(core->motion.speed_mm_s * 1000.0), core->lag,
+                     core->part, &core->shaped_um_s);
     bool settled = waam_shaper_settled(shaper);
     while (core->done_count && (settled || (int32_t)(core->shaper_ticks - core->done[core->done_first].due) >= 0))
         tell(core);

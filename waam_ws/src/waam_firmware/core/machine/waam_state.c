@@ -50,16 +50,21 @@ void waam_core_state(waam_core_t *core, waam_state_t state, waam_code_t code, co
     waam_core_tell(core, code, reason);
 }
 
+waam_place_t waam_core_place(const waam_core_t *core)
+{
+    return (waam_place_t){core->motion.steps, core->motion.part};
+}
+
 void waam_core_absorb(waam_core_t *core)
 {
     core->motion.steps[2] += core->z_correction;
     core->z_correction = 0;
     for (int i = 0; i < WAAM_AXES; i++) {
         core->motion.steps[i] += core->lag[i];
-        core->lag[i] = 0;
+        core->lag[i] = core->motion.part[i] = core->part[i] = 0;
     }
     core->shaped_um_s = 0;
-    waam_shaper_rest(&core->shaper, core->motion.steps);
+    waam_shaper_rest(&core->shaper, waam_core_place(core));
     core->standoff.correction_mm = core->standoff.speed_mm_s = 0.0f;
 }
 

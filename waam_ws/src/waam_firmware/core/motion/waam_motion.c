@@ -6,6 +6,7 @@ void waam_motion_declare(waam_motion_t *motion, int axis, int32_t steps)
 {
     motion->datum_steps[axis] += (int64_t)steps - motion->steps[axis];
     motion->steps[axis] = steps;
+    motion->part[axis] = 0;
 }
 
 static double between(double value, double lowest, double highest)
@@ -32,14 +33,19 @@ static void place(waam_motion_t *motion, const waam_block_t *block)
 {
     double at_mm[WAAM_AXES];
     waam_path_point(&block->path, motion->done_mm / block->path.length_mm, at_mm);
-    for (int i = 0; i < WAAM_AXES; i++)
-        motion->steps[i] = (int32_t)lround(at_mm[i] * motion->steps_per_mm);
+    for (int i = 0; i < WAAM_AXES; i++) {
+        double at = at_mm[i] * motion->steps_per_mm;
+        motion->steps[i] = (int32_t)lround(at);
+        motion->part[i] = (int32_t)lround((at - motion->steps[i]) * (WAAM_PARTS - 2)); /* below a half on either side */
+    }
 }
 
 static double finish(waam_motion_t *motion, const waam_block_t *block, double speed, double time_s, bool *finished)
 {
-    for (int i = 0; i < WAAM_AXES; i++)
+    for (int i = 0; i < WAAM_AXES; i++) {
         motion->steps[i] = block->end[i];
+        motion->part[i] = 0;
+    }
     motion->wire_mm += block->wire_per_mm * (block->path.length_mm - motion->done_mm);
     motion->done_mm = 0.0;
     motion->speed_mm_s = speed;

@@ -7,6 +7,7 @@
 typedef struct {
     int32_t steps_per_mm;
     int32_t steps[WAAM_AXES]; /* where the machine is */
+    int32_t part[WAAM_AXES];  /* place between two steps, 1 / WAAM_PARTS; 0 at the end of a block */
     int64_t datum_steps[WAAM_AXES]; /* steps less pulses given out; homing shifts it */
     double speed_mm_s;        /* along the path */
     double done_mm;           /* of the head block */

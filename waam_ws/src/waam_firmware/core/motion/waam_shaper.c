@@ -212,41 +212,52 @@ void waam_shaper_wake(waam_shaper_t *shaper) { shaper->still = 0; }
 
 bool waam_shaper_settled(const waam_shaper_t *shaper) { return !shaper->on || shaper->still > shaper->span; }
 
-void waam_shaper_rest(waam_shaper_t *shaper, const int32_t steps[WAAM_AXES])
+/* Modulo 2^32, for only differences are used. */
+static uint32_t fine(waam_place_t place, int axis)
+{
+    return (uint32_t)place.steps[axis] * WAAM_PARTS + (uint32_t)place.part[axis];
+}
+
+void waam_shaper_rest(waam_shaper_t *shaper, waam_place_t planned)
 {
     bool same = waam_shaper_settled(shaper);
     for (int i = 0; i < WAAM_AXES; i++)
-        same = same && shaper->past[i][shaper->at] == steps[i];
+        same = same && shaper->past[i][shaper->at] == fine(planned, i);
     shaper->still = WAAM_SHAPER_PAST;
     if (!shaper->on || same)
         return;
     for (int i = 0; i < WAAM_SHAPER_CHANNELS; i++)
         for (uint32_t k = 0; k < WAAM_SHAPER_PAST; k++)
-            shaper->past[i][k] = i < WAAM_AXES ? steps[i] : 0;
+            shaper->past[i][k] = i < WAAM_AXES ? fine(planned, i) : 0;
 }
+
+static int32_t floored(int64_t value, int64_t by) { return (int32_t)(value >= 0 ? value / by : -((by - 1 - value) / by)); }
 
 /* Differences from the newest sample, so that any number of steps fits. */
 static int32_t filtered(const waam_shaper_t *shaper, int channel)
 {
     const waam_taps_t *taps = &shaper->taps[channel];
-    const int32_t *past = shaper->past[channel], now = past[shaper->at];
+    const uint32_t *past = shaper->past[channel], now = past[shaper->at];
     int64_t sum = WAAM_SHAPER_ONE / 2;
     for (uint32_t i = 0; i < taps->count; i++) {
-        int32_t change = past[(shaper->at - taps->ago[i]) % WAAM_SHAPER_PAST] - now;
+        int32_t change = (int32_t)(past[(shaper->at - taps->ago[i]) % WAAM_SHAPER_PAST] - now);
         sum += (int64_t)change * taps->weight[i];
     }
-    return (int32_t)(sum >= 0 ? sum / WAAM_SHAPER_ONE : -((-sum + WAAM_SHAPER_ONE - 1) / WAAM_SHAPER_ONE));
+    return floored(sum, WAAM_SHAPER_ONE);
 }
 
-void waam_shaper_tick(waam_shaper_t *shaper, const int32_t steps[WAAM_AXES], int32_t speed_um_s, int32_t lag[WAAM_AXES],
-                      int32_t *shaped_um_s)
+void waam_shaper_tick(waam_shaper_t *shaper, waam_place_t planned, int32_t speed_um_s, int32_t lag[WAAM_AXES],
+                      int32_t part[WAAM_AXES], int32_t *shaped_um_s)
 {
     shaper->at = (shaper->at + 1) % WAAM_SHAPER_PAST;
     for (int i = 0; i < WAAM_AXES; i++)
-        shaper->past[i][shaper->at] = steps[i];
-    shaper->past[SPEED][shaper->at] = speed_um_s;
-    for (int i = 0; i < WAAM_AXES; i++)
-        lag[i] = filtered(shaper, i);
+        shaper->past[i][shaper->at] = fine(planned, i);
+    shaper->past[SPEED][shaper->at] = (uint32_t)speed_um_s;
+    for (int i = 0; i < WAAM_AXES; i++) {
+        int32_t beyond = planned.part[i] + filtered(shaper, i);
+        lag[i] = floored(beyond + WAAM_PARTS / 2, WAAM_PARTS);
+        part[i] = beyond - lag[i] * WAAM_PARTS;
+    }
     *shaped_um_s = speed_um_s + filtered(shaper, SPEED);
     shaper->still += shaper->still < WAAM_SHAPER_PAST;
 }

@@ -1,9 +1,9 @@
 /* Input shaping: the planned motion of X and Y, repeated after set times with set weights, leaves a mode of the machine at
  * rest. doc/input_shaping.md has the reasons and the formulas.
  *
- * Works on whole steps at the end of every tick: place = sum of weight * planned place some ticks ago. The weights are whole
- * numbers that sum up to 2^30, so a machine that stands is exactly where it was told. All axes have the same mean delay, so a
- * straight line stays straight. */
+ * Works on parts of a step at the end of every tick: place = sum of weight * planned place some ticks ago. Rounded to whole
+ * steps in every tick the motion would shake the mode anew. The weights are whole numbers that sum up to 2^30, so a machine
+ * that stands is exactly where it was told. All axes have the same mean delay, so a straight line stays straight. */
 #ifndef WAAM_SHAPER_H
 #define WAAM_SHAPER_H
 
@@ -34,7 +34,7 @@ typedef struct {
     uint32_t span;              /* ticks after which the shaped motion is where the planned one was */
     float delay_s;              /* mean delay of all axes */
     float corner_s, corner_s2;  /* how far a corner is rounded, see waam_shaper_corner_mm */
-    int32_t past[WAAM_SHAPER_CHANNELS][WAAM_SHAPER_PAST];
+    uint32_t past[WAAM_SHAPER_CHANNELS][WAAM_SHAPER_PAST]; /* places in 1 / WAAM_PARTS of a step, modulo 2^32 */
     uint32_t at;                /* of the newest sample */
     uint32_t still;             /* ticks without motion, up to WAAM_SHAPER_PAST */
 } waam_shaper_t;
@@ -65,10 +65,15 @@ float waam_shaper_corner_mm(const waam_shaper_t *shaper, float speed_mm_s, float
 void waam_shaper_wake(waam_shaper_t *shaper);
 /* The machine stands where it was told to, and nothing of the past is under way. Always, where the shaper is off. */
 bool waam_shaper_settled(const waam_shaper_t *shaper);
-/* The machine stands at these steps from now on. */
-void waam_shaper_rest(waam_shaper_t *shaper, const int32_t steps[WAAM_AXES]);
-/* At the end of a tick: the planned steps and path speed (um/s) in, how far the shaped steps are from the planned ones out. */
-void waam_shaper_tick(waam_shaper_t *shaper, const int32_t steps[WAAM_AXES], int32_t speed_um_s, int32_t lag[WAAM_AXES],
-                      int32_t *shaped_um_s);
+/* Where the axes are planned to be: whole steps, and what is beyond them in 1 / WAAM_PARTS. */
+typedef struct {
+    const int32_t *steps, *part; /* WAAM_AXES */
+} waam_place_t;
+/* The machine stands there from now on. */
+void waam_shaper_rest(waam_shaper_t *shaper, waam_place_t planned);
+/* At the end of a tick: planned place and path speed (um/s) in; out: how far the shaped steps are from the planned ones, and
+ * what the shaped place has beyond them. */
+void waam_shaper_tick(waam_shaper_t *shaper, waam_place_t planned, int32_t speed_um_s, int32_t lag[WAAM_AXES],
+                      int32_t part[WAAM_AXES], int32_t *shaped_um_s);
 
 #endif
