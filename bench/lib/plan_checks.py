@@ -115,7 +115,8 @@ def crowded(path: list[np.ndarray], x, y, on, width: float) -> np.ndarray:
 def field(plan, cell: float = CELL, z=None):
     """An empty simulated work-piece around the plan; z: (rows, cols) m to begin with, default the plan's as-found."""
     from waam_process.grid import GridSpec, HeightGrid
-    from waam_sim.metal import Metal, MetalParams
+    from waam_sim.metal import Metal
+    from waam_sim.metal_params import MetalParams
 
     x0, x1, y0, y1 = plan.spec.extent
     spec = GridSpec.covering(x0, y0, x1, y1, cell)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import cli_correct, cli_program
+from . import cli_correct, cli_files, cli_program
 from .settings import ALTERNATIONS, STRATEGIES
 
 if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
@@ -197,7 +197,7 @@ def run(args: argparse.Namespace) -> int:
     """Plans, prints a table, writes the files. 0, or 2 with one line of error."""
     try:
         plan = make_plan(args)
-        _write(plan, args)
+        cli_files.write(plan, args)
     except (ValueError, OSError) as error:
         print(f'waam plan: {error}', file=sys.stderr)
         return 2
@@ -282,70 +282,3 @@ def settings_from(args: argparse.Namespace) -> PlanSettings:
         if getattr(args, k)
     }
     return PlanSettings(**given | assigned(args.set))
-
-
-def _write(plan: Plan, args: argparse.Namespace) -> None:
-    from waam_plan.post.gcode import gcode, to_csv
-    from waam_plan.post.store import save_plan
-    from waam_plan.show.page import write_page
-    from waam_plan.show.preview import draw, table
-
-    print(table(plan))
-    for text in plan.remarks:
-        print(text)
-    for text in plan.warnings:
-        print(f'warning: {text}')
-    if not plan.layers:
-        raise ValueError('nothing to deposit')
-    if args.out:
-        args.out.mkdir(parents=True, exist_ok=True)
-        (args.out / 'program.gcode').write_text(gcode(plan))
-        (args.out / 'segments.csv').write_text(to_csv(plan))
-        if args.post == 'gcode-compact':
-            _write_compact(plan, args.out, args.tolerance * 1e-3)
-        if args.post == 'fanuc':
-            _write_fanuc(plan, args.out, args.tolerance * 1e-3)
-        save_plan(plan, args.out / 'plan.npz')
-    if args.preview or args.out:
-        folder = args.out or Path('.')
-        draw(plan, folder / 'preview.png')
-        write_page(plan, folder / 'preview.html')
-    if args.rerun:
-        _write_recording(plan, args.out or Path('.'), args.write_recording)
-    if args.out:
-        print(f'written: {args.out}')
-
-
-def _write_recording(
-    plan: Plan, folder: Path, write_recording: Callable[[Path, Path], None] | None
-) -> None:
-    """The viewer draws the plan as it is stored."""
-    import tempfile
-
-    from waam_plan.post.store import save_plan
-
-    if write_recording is None:
-        raise ValueError('--rerun needs the viewer: call it as `waam plan --rerun`')
-    with tempfile.TemporaryDirectory(prefix='waam_plan_') as scratch:
-        stored = Path(scratch) / 'plan.npz'
-        save_plan(plan, stored)
-        write_recording(stored, folder / 'preview.rrd')
-
-
-def _write_compact(plan: Plan, folder: Path, tolerance: float) -> None:
-    from waam_plan.post.gcode import compact_gcode
-
-    text, s = compact_gcode(plan, tolerance)
-    (folder / 'compact.gcode').write_text(text)
-    print(f'compact.gcode: {s.after} moves instead of {s.before}, {s.share:.0%} saved')
-
-
-def _write_fanuc(plan: Plan, folder: Path, tolerance: float) -> None:
-    from waam_plan.post.compact import fragments, saving
-    from waam_plan.post.fanuc import write_ls
-
-    files = write_ls(plan, tolerance=tolerance)
-    for name, text in files.items():
-        (folder / name).write_text(text)
-    s = saving(plan, fragments(plan, tolerance))
-    print(f'{len(files)} .LS files; {s.after} points instead of {s.before}, {s.share:.0%} saved')

@@ -10,7 +10,7 @@ import pytest
 
 from waam_process.plant_port import SAMPLE
 from waam_sim import part
-from waam_sim.metal import MetalParams
+from waam_sim.metal_params import MetalParams
 from waam_sim.plant import Plant, PlantParams, warm_up
 
 STEP, ANSWER = struct.Struct('<IIQ'), struct.Struct('<IIddddII')

@@ -12,7 +12,7 @@ from .arc import ArcParams
 from .distance import DistanceParams
 from .gantry import GantryParams
 from .heat import HeatParams
-from .metal import MetalParams
+from .metal_params import MetalParams
 from .placement import PlacementParams
 from .plant import PlantParams
 from .pyrometer import PyrometerParams

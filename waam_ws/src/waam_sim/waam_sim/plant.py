@@ -23,7 +23,8 @@ from .disturbance import lattice
 from .faults import Faults
 from .gantry import Accelerations, Gantry, GantryParams
 from .heat import Heat, HeatParams
-from .metal import Metal, MetalParams
+from .metal import Metal
+from .metal_params import MetalParams
 from .placement import Placement, PlacementParams
 from .pyrometer import Pyrometer, PyrometerParams
 from .robot import RobotParams

@@ -301,7 +301,19 @@ class _Reader:
         elif isinstance(self.dialect.wire, Setting) and self.dialect.wire.per_path:
             wire = self.wire * speed
         volts = 0.0 if math.isnan(self.voltage) else self.voltage
-        return Motion(number, start, end, speed, rapid, lit, wire, volts, dwell, round_, self.mark)
+        return Motion(
+            line=number,
+            start=start,
+            end=end,
+            speed=speed,
+            rapid=rapid,
+            arc=lit,
+            wire=wire,
+            voltage=volts,
+            dwell=dwell,
+            round=round_,
+            mark=self.mark,
+        )
 
     def _add(self, motion: Motion) -> None:
         if len(self.motions) >= MOST_MOTIONS:
