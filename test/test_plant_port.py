@@ -1,4 +1,7 @@
-"""The layout of the plant sample stands once in Python, and it is that of the controller core in C."""
+"""The layout of the plant sample stands once in Python, and it is that of the controller core in C.
+
+The cell of the firmware's tests reads it a second time, on purpose: it is written from docs/link_protocol.md alone.
+"""
 
 import re
 from pathlib import Path
@@ -6,6 +9,7 @@ from pathlib import Path
 from waam_process.plant_port import SAMPLE
 
 SOURCE = Path(__file__).parents[1] / 'waam_ws' / 'src'
+FOREIGN = SOURCE / 'waam_firmware' / 'test' / 'plant_cell.py'
 HEADER = SOURCE / 'waam_firmware' / 'host' / 'host_harness.h'
 SIZES = {'double': 8, 'uint32_t': 4}
 
@@ -36,3 +40,12 @@ def test_no_other_module_lays_it_out_again() -> None:
         if re.search(r"""['"]table_x['"],\s*['"]<f8['"]""", path.read_text())
     ]
     assert copies == ['waam_process/waam_process/plant_port.py']
+    layout = re.compile(r"""['"]<5dI(?:4x|I)['"]""")
+    packed = [path for path in SOURCE.rglob('*.py') if layout.search(path.read_text())]
+    assert packed == [FOREIGN]
+    assert 'plant_port' not in ' '.join(imports(FOREIGN)), 'it is to stay a reading of its own'
+
+
+def imports(file: Path) -> list[str]:
+    """The lines of a file that import."""
+    return re.findall(r'^\s*(?:from|import) .*', file.read_text(), re.MULTILINE)

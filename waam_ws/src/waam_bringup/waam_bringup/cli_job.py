@@ -8,7 +8,7 @@ from pathlib import Path
 from waam_job.cli_program import PART_HELP, add_program
 from waam_job.model.limits import K_GAIN_MAX
 from waam_process.loop_mode import LOOP_MODES
-from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
+from waam_process.operating import DEFAULT_MATERIAL, SPEED_FACTOR, WIRE_FACTOR
 
 from .cli_common import add_run, run_and_domain
 
@@ -107,7 +107,9 @@ def _add_part(p: argparse.ArgumentParser) -> None:
 
 def _add_process(p: argparse.ArgumentParser) -> None:
     p.add_argument(
-        '--material', default='er70s-6', help='key of the material table (default er70s-6)'
+        '--material',
+        default=DEFAULT_MATERIAL,
+        help='key of the material table (default %(default)s)',
     )
     p.add_argument(
         '--profile',

@@ -17,6 +17,7 @@ from waam_job.store.folder import make_job_id, point_latest
 from waam_node import job_folder
 from waam_node.files import write_atomically
 from waam_process.loop_mode import LOOP_MODES, LoopMode
+from waam_process.operating import DEFAULT_MATERIAL
 
 from .client import ClientError, GraphClient
 from .graph import Settings
@@ -71,7 +72,7 @@ def _one(
             name=profile,
             part=parts / PART,
             mode='restore',
-            material='er70s-6',
+            material=DEFAULT_MATERIAL,
             profile=profile,
             layers=args.layers,
             layer_height=0.0,

@@ -211,6 +211,14 @@ def test_image_fits_and_starts_where_the_processor_looks(images):
     assert all(a & 1 and 0x0800_0000 < a < 0x0800_0000 + flash for a in (reset, *handlers))
 
 
+def test_pins_are_switched_by_the_set_and_reset_register_alone():
+    """Reading and writing the whole port (ODR ^= ...) loses what an interrupt switches off in between: the arc."""
+    sources = {f.name: f.read_text() for f in sorted((PACKAGE / 'stm32').glob('*.c'))}
+    assert 'BSRR = ' in sources['board_stm32.c']
+    assert {name for name, text in sources.items() if re.search(r'\bODR\b', text)} == set()
+    assert not re.search(r'BSRR\s*[|&^]=', ''.join(sources.values()))
+
+
 def test_interrupts_use_no_double_precision(images):
     """The processor has no double unit: a call of the emulation has no place in what runs 80 000 times per second."""
     listing = subprocess.run(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from waam_job.conversions import (
 )
 from waam_job.model.cell import Scan
 from waam_job.model.geometry import asked_growth, deviation, follow, laid_beads
-from waam_job.model.goal import Code, JobError, JobGoal, check
+from waam_job.model.goal import Code, JobError, JobGoal, check, planner_fields
 from waam_job.model.limits import K_GAIN_MAX
 from waam_job.model.records import LayerRecord
 from waam_job.model.telemetry import TelemetryStats
@@ -54,6 +55,15 @@ def test_goal_fields_have_limits(tmp_path, parts, field, value):
     goal = JobGoal(parts[0], 'er70s-6', tmp_path, **{field: value})
     with pytest.raises(JobError, match='x' if field == 'notes' else field):
         check(goal)
+
+
+def test_the_overlap_of_the_material_is_the_pitch_of_the_plan(tmp_path, parts):
+    """Not the planner's own default, which is that of the packaged materials; the operator has the last word."""
+    material = replace(get('er70s-6'), overlap=0.6)
+    goal = JobGoal(parts[0], 'er70s-6', tmp_path)
+    assert planner_fields(goal, material)['pitch_ratio'] == 0.6
+    told = replace(goal, plan_settings=('pitch_ratio=0.7',))
+    assert planner_fields(told, material)['pitch_ratio'] == 0.7
 
 
 def test_two_jobs_in_one_second_get_two_folders(tmp_path):

@@ -36,6 +36,7 @@ from waam_node.conversions import (
 )
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.names import CONTROLLER_STATES, SEVERITIES
+from waam_process.operating import DEFAULT_MATERIAL
 
 from .model import cell
 from .model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Scan
@@ -54,17 +55,17 @@ def goal_from_msg(msg: RunJob.Goal, default_jobs_dir: str) -> JobGoal:
     jobs = Path(msg.jobs_dir or default_jobs_dir)
     return JobGoal(
         part=Path(msg.part),
-        material=msg.material or 'er70s-6',
+        material=msg.material or DEFAULT_MATERIAL,
         jobs_dir=jobs,
         name=msg.name,
-        mode=msg.mode or 'restore',
-        profile=msg.profile or 'closed_loop',
+        mode=msg.mode or JobGoal.mode,
+        profile=msg.profile or JobGoal.profile,
         layers=msg.layers,
         layer_height=number(msg.layer_height, 0.0),
         bead_width=number(msg.bead_width, 0.0),
         k_gain=msg.k_gain,
-        tolerance=number(msg.tolerance, 0.2e-3),
-        scale=number(msg.scale, 1e-3),
+        tolerance=number(msg.tolerance, JobGoal.tolerance),
+        scale=number(msg.scale, JobGoal.scale),
         operator_name=msg.operator_name,
         notes=tuple(msg.notes),
         strategy=msg.strategy,

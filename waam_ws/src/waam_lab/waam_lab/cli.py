@@ -7,6 +7,7 @@ from pathlib import Path
 
 from waam_job.cli_program import PART_HELP, add_program
 from waam_process.loop_mode import LOOP_MODES
+from waam_process.operating import DEFAULT_MATERIAL
 
 from .machines import GANTRY, MACHINES
 
@@ -60,7 +61,7 @@ def _add_part(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--mode', choices=('restore', 'build'), help='default: restore with --as-found, else build'
     )
-    p.add_argument('--material', default='er70s-6', help='key of the material table')
+    p.add_argument('--material', default=DEFAULT_MATERIAL, help='key of the material table')
     p.add_argument('--scale', type=float, default=1e-3, help='metres per unit of the part file')
     p.add_argument('--repair', action='store_true', help='close holes of the mesh')
     p.add_argument('--allowance', type=float, default=0.0, metavar='MM', help='left for machining')

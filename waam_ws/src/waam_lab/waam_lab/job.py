@@ -12,6 +12,7 @@ import numpy as np
 
 from waam_job.model.goal import JobGoal
 from waam_process.grid import GridSpec
+from waam_process.operating import DEFAULT_MATERIAL
 from waam_sim.plant import PlantParams
 
 from .machines import GANTRY
@@ -62,7 +63,7 @@ def build(part: Path, seed: int = 1, **options: Any) -> LabJob:
 
 def _job(part: Path, as_found: Path | None, seed: int, mode: str, options: dict) -> LabJob:
     own = {k: options.pop(k) for k in OWN if k in options}
-    fields = {'material': 'er70s-6', 'jobs_dir': Path('jobs'), 'mode': mode, **options}
+    fields = {'material': DEFAULT_MATERIAL, 'jobs_dir': Path('jobs'), 'mode': mode, **options}
     return LabJob(JobGoal(part=Path(part), **fields), as_found, seed, **own)
 
 

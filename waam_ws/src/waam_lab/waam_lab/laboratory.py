@@ -18,6 +18,7 @@ from waam_job.run.control import Control
 from waam_job.run.runner import JobRunner
 from waam_job.store.folder import JobFolder
 from waam_job.store.program import keep_program
+from waam_node import job_folder
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.operating import BUILD_PLATE
 from waam_sim import part as parts
@@ -141,7 +142,7 @@ def _begin(jobs: Path, job: LabJob, checked: Checked, known: params.LabParams) -
         'seed': job.seed,
         'machine': job.machine,
     }
-    folder.write_yaml('job.yaml', {**facts, **own, **made})
+    folder.write_yaml(job_folder.JOB, {**facts, **own, **made})
     return folder
 
 

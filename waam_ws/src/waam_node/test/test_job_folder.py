@@ -45,7 +45,10 @@ def test_nobody_else_writes_down_these_names():
              job_folder.REPORT, job_folder.REPORT_PAGE, job_folder.CHECKPOINT, job_folder.TELEMETRY))  # fmt: skip
     names = re.compile(rf"""['"]({files})['"]|/scan_\{{""")
     packages = Path(job_folder.__file__).resolve().parents[2]
-    for package in ('job', 'panel', 'view', 'bringup', 'record'):
+    campaign = packages / 'waam_lab/waam_lab/report.py'  # its report.json is no job's
+    for package in ('job', 'panel', 'view', 'bringup', 'record', 'archive', 'lab'):
         for file in (packages / f'waam_{package}' / f'waam_{package}').glob('**/*.py'):
+            if file == campaign:
+                continue
             found = names.search(file.read_text())
             assert not found, f'{file}: {found.group(0)}'

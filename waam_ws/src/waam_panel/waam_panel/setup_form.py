@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from waam_process.loop_mode import LOOP_MODES, LoopMode
+from waam_process.operating import DEFAULT_MATERIAL
 
 MODES = ('restore', 'build')
 LOOP_MODE_LABELS = {
@@ -29,7 +30,7 @@ class JobSetup:
     part: str = ''
     as_found: str = ''
     mode: str = 'restore'
-    material: str = 'er70s-6'
+    material: str = DEFAULT_MATERIAL
     profile: str = LoopMode.CLOSED_LOOP.value
     layers: int = 0
     layer_height_mm: float = 0.0

@@ -10,6 +10,7 @@ import pytest
 
 from waam_process import names
 from waam_process.loop_mode import LOOP_MODES
+from waam_process.operating import DEFAULT_MATERIAL
 
 SOURCES = Path(__file__).parents[2]
 MESSAGES = SOURCES / 'waam_msgs' / 'msg'
@@ -53,6 +54,7 @@ LISTS = (
     names.SEVERITIES,
     names.ANOMALY_CLASSES,
     LOOP_MODES,
+    names.FAULTS,
 )
 
 
@@ -62,6 +64,9 @@ def lists_in(source: str) -> set[frozenset[str]]:
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Tuple | ast.List | ast.Set):
             found.add(frozenset(text for e in node.elts for text in strings(e)))
+        if isinstance(node, ast.Dict):  # a table from or to their numbers
+            found.add(frozenset(text for e in node.keys if e for text in strings(e)))
+            found.add(frozenset(text for e in node.values for text in strings(e)))
     return found
 
 
@@ -73,6 +78,31 @@ def test_no_other_module_writes_these_lists_out_again():
         if f.name != 'names.py' and lists_in(f.read_text()) & wanted
     }
     assert again == set()
+
+
+@pytest.mark.parametrize(
+    'source',
+    [
+        "STATES = ['IDLE', 'RUN', 'HOLD', 'ALARM']",
+        "STATES = {0: 'IDLE', 1: 'RUN', 2: 'HOLD', 3: 'ALARM'}",
+        "NUMBER = {'ALARM': 3, 'HOLD': 2, 'RUN': 1, 'IDLE': 0}",
+    ],
+)
+def test_a_list_that_is_written_out_again_is_found(source):
+    assert frozenset(names.CONTROLLER_STATES) in lists_in(source)
+
+
+@pytest.mark.parametrize(
+    'words,home', [(LOOP_MODES, 'loop_mode'), ((DEFAULT_MATERIAL,), 'operating')]
+)
+def test_no_other_module_spells_these_words(words, home):
+    spelled = {
+        str(f.relative_to(SOURCES))
+        for f in SOURCES.glob('waam_*/waam_*/**/*.py')
+        for node in ast.walk(ast.parse(f.read_text()))
+        if set(strings(node)) & set(words)
+    }
+    assert spelled == {f'waam_process/waam_process/{home}.py'}
 
 
 def strings(node: ast.AST) -> list[str]:

@@ -17,9 +17,9 @@ from typing import Any
 
 import yaml
 
-from . import bead
+from . import bead, operating
 
-DEFAULT = 'er70s-6'
+DEFAULT = operating.DEFAULT_MATERIAL
 # d ln(current) / d ln(wire feed) of a short arc at constant contact distance
 CURRENT_EXPONENT = 0.65
 # d ln(width) of a single bead by eq 2.13 of source 000: / d ln(current), / d ln(voltage), / d ln(travel speed)

@@ -18,6 +18,7 @@ INTERRUPTED = 'INTERRUPTED'  # in status.json only, written by the supervisor
 JOB_RUNNING = tuple(s for s in JOB_STATES if s not in ('IDLE', *JOB_ENDED))
 
 SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')  # of an anomaly; the index is its number
+FAULTS = ('FAULT', 'ALARM')  # those that count as faults
 
 # what an anomaly is about: `class_name` of Anomaly.msg
 ANOMALY_CLASSES = (

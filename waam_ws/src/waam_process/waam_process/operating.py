@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+DEFAULT_MATERIAL = 'er70s-6'  # key of the material table, where a job names none
+
 # range of an operator's factor on the programmed value (Override.msg; the controller checks it again)
 SPEED_FACTOR = (0.1, 2.0)  # travel speed
 WIRE_FACTOR = (0.5, 1.5)  # wire feed

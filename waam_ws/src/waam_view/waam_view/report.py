@@ -195,7 +195,7 @@ def _corrections(job: Job) -> str:
     grids = figures.grids(scans, masked, 1.0, 'ψ (V = V_prog (1 + k ψ))', titles)
     note = {
         LoopMode.OPEN_LOOP: ' Open loop: no correction is applied.',
-        'monitor': ' Monitor: computed and shown, not applied.',
+        LoopMode.MONITOR: ' Monitor: computed and shown, not applied.',
     }.get(job.profile, '')
     caption = f'Travel-speed correction ψ: blue = slower, more metal; red = faster.{note}'
     return '<h2>Corrections</h2>' + '\n'.join(_pictures(grids, caption))
@@ -234,7 +234,7 @@ def _anomalies(job: Job) -> str:
         said = [a.get(k, '') for k in ('class', 'text', 'reaction', 'layer', 'bead')]
         time = fmt(number(a.get('time')) - start, 1)
         rows.append([time, severity.lower(), *said, _position(a.get('position'))])
-        if severity in ('FAULT', 'ALARM'):
+        if severity in names.FAULTS:
             flagged.add(i)
     head = ['time, s', 'severity', 'class', 'what', 'reaction', 'layer', 'bead', 'at x, y, z, mm']
     return '<h2>Anomalies</h2>' + table(head, rows, {1, 2, 3, 4, 7}, flagged)

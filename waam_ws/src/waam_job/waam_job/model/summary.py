@@ -7,6 +7,7 @@ from typing import Any
 
 from waam_process.bead import deposition_rate
 from waam_process.materials import Material
+from waam_process.names import FAULTS
 
 from .geometry import NOTHING_SEEN
 from .program import PassRecord
@@ -50,7 +51,7 @@ def run_summary(
         'points_dropped': total('points_dropped'),
         'profiles_rejected': total('profiles_rejected'),
         'telemetry_lost': total('telemetry_lost'),
-        'faults': sum(a.severity in ('FAULT', 'ALARM') for a in anomalies),
+        'faults': sum(a.severity in FAULTS for a in anomalies),
         'wire_m': total('wire_used'),
         'energy_J': total('energy'),
         'arc_on_s': total('arc_on_time'),

@@ -14,6 +14,7 @@ from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.post.gcode import gcode
 from waam_plan.post.store import save_plan
 from waam_process.materials import Material
+from waam_process.names import FAULTS
 from waam_process.segment import Point
 
 from ..model.cell import Cell, Correction, Scan
@@ -144,11 +145,11 @@ class Journal:
     def faulted(self) -> bool:
         """A fault was noted in this run."""
         mine = self.anomalies[self._anomalies_before :]
-        return any(a.severity in ('FAULT', 'ALARM') for a in mine)
+        return any(a.severity in FAULTS for a in mine)
 
     def faults_in(self, layer: int) -> int:
         """Faults and alarms while the layer was laid."""
-        return sum(a.layer == layer and a.severity in ('FAULT', 'ALARM') for a in self.anomalies)
+        return sum(a.layer == layer and a.severity in FAULTS for a in self.anomalies)
 
     def layer(self, record: LayerRecord) -> None:
         """Stores a finished layer; a crash loses nothing of it. A layer that is laid again replaces its record."""
