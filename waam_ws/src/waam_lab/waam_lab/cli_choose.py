@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from . import layouts
+from .advance import Advance
 from .job import LabJob
 from .many import run_many, workers_for
 from .pieces import Pieces
@@ -17,8 +18,6 @@ def choose(
     job: LabJob, cells: int, workers: int, cluster: str = '', pieces: Pieces | None = None
 ) -> list[layouts.Trial]:
     """Every layout on the same cells; cluster and pieces as of run_many. Raises ValueError."""
-    from .cli_campaign import Advance
-
     if job.goal.program is not None:
         raise ValueError('--choose: a program has its path; only parts can be laid in other ways')
     on_cells = {one: layouts.on_cells(layouts.laid(job, one), cells) for one in layouts.LAYOUTS}

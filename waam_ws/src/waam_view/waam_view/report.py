@@ -193,10 +193,11 @@ def _corrections(job: Job) -> str:
     masked = [np.where(s.region, s.maps['psi'], np.nan) for s in scans]
     titles = [f'for layer {s.layer + 1}' for s in scans]
     grids = figures.grids(scans, masked, 1.0, 'ψ (V = V_prog (1 + k ψ))', titles)
-    note = {
+    notes: dict[str, str] = {
         LoopMode.OPEN_LOOP: ' Open loop: no correction is applied.',
         LoopMode.MONITOR: ' Monitor: computed and shown, not applied.',
-    }.get(job.profile, '')
+    }
+    note = notes.get(job.profile, '')
     caption = f'Travel-speed correction ψ: blue = slower, more metal; red = faster.{note}'
     return '<h2>Corrections</h2>' + '\n'.join(_pictures(grids, caption))
 
