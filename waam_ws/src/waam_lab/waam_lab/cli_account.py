@@ -15,7 +15,8 @@ from waam_job.store.folder import make_job_id
 from waam_node.files import write_atomically
 
 from . import pictures
-from .cli_campaign import job_of, outcome, parse_seeds
+from .advance import outcome
+from .cli_campaign import job_of, parse_seeds
 from .laboratory import over_seeds, run
 from .metal_account import PARTS, Row, account, table
 from .metal_trace import LayerTrace, MetalTrace
