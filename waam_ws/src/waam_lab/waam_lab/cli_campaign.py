@@ -24,7 +24,7 @@ from .advance import Advance
 from .bands import in_tolerance
 from .cli_choose import choose
 from .cli_choose import show as show_trials
-from .job import LabJob, LabResult
+from .job import LabJob
 from .laboratory import on_table, over_seeds, physics_of
 from .layouts import laid
 from .many import run_many, workers_for
