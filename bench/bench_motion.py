@@ -13,7 +13,8 @@ distance from the second leg of the line that the wire is laid on, from 1 to 6 m
 that was calibrated over that without, mean of five gantries (seeds 301-305). Baseline: without a shaper, um. The crown
 of the bead shows none of it: a pool of 6 mm averages waves of 0.3 mm.
 motion.idle_jerk_ratio: greatest jerk of an idle move of 100 mm in 200 pieces by the harmonic law over that of one move
-(trapezoid) with the same highest speed and acceleration, at the steps, smoothed over 20 ms. Baseline: trapezoid, m/s^3.
+(trapezoid) with the same highest speed and acceleration, at the steps, smoothed over 20 ms. Plans have 8 pieces unless
+`idle_pieces` says otherwise; a model without steps gives 0.75 for them. Baseline: trapezoid, m/s^3.
 """
 
 from __future__ import annotations
