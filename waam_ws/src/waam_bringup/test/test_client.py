@@ -8,8 +8,10 @@ import sys
 from contextlib import contextmanager
 
 import pytest
+from rclpy.action import ActionClient
+from rclpy.task import Future
 
-from waam_bringup.client import ClientError, GraphClient
+from waam_bringup.client import SENDINGS, ClientError, GraphClient
 from waam_msgs.action import RunJob
 from waam_node.testing import fresh_domain
 
@@ -114,3 +116,23 @@ def test_a_sequencer_that_is_found_late_does_not_pass_for_one_without_a_job(asks
     """`waam job resume` on a busy machine took a paused job for none, and looked for an interrupted one."""
     with process(LATE) as (_, env), GraphClient(int(env['ROS_DOMAIN_ID'])) as client:
         assert getattr(client, asks)()
+
+
+@pytest.mark.parametrize('lost', [1, 2, 9])
+def test_a_goal_that_never_reached_its_server_is_sent_again(server, monkeypatch, lost):
+    """A sequencer that has just been restarted can be found before it hears."""
+    monkeypatch.setattr('waam_bringup.client.ANSWER_S', 0.5)
+    really, sent = ActionClient.send_goal_async, []
+
+    def send(self, goal, **options):
+        sent.append(goal)
+        return Future() if len(sent) <= lost else really(self, goal, **options)
+
+    monkeypatch.setattr(ActionClient, 'send_goal_async', send)
+    with GraphClient(int(server['ROS_DOMAIN_ID'])) as client:
+        if lost < SENDINGS:
+            assert client.run_job(RunJob.Goal(name='one'), lambda _: None).job_dir == 'one'
+        else:
+            with pytest.raises(ClientError, match='did not answer the goal'):
+                client.run_job(RunJob.Goal(), lambda _: None)
+    assert len(sent) == min(lost + 1, SENDINGS)

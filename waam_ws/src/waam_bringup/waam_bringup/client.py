@@ -27,6 +27,7 @@ MATCHED_S = 8.0  # at most, for the readers of an override; then it goes to thos
 REPEAT_S = 4.0
 SERVER_S = 15.0  # at most, for a server to be found: on a busy machine discovery takes seconds
 ANSWER_S = 10.0
+SENDINGS = 3  # of a goal that did not reach its server
 ALIVE_S = 0.5  # between two looks whether the graph is still there
 NO_CONTROLLER_S = 6.0  # the virtual controller may come up after the bridge
 
@@ -227,7 +228,17 @@ class GraphClient:
         if not self.until(action.server_is_ready, SERVER_S):
             raise ClientError('job_sequencer is not there; is the graph up? (waam up)')
         self.until(lambda: False, MATCHING_S)
-        handle = self._send_goal(action, goal, lambda f: on_status(f.feedback.status))
+        for _ in range(SENDINGS):
+            handle, answered = self._send_goal(action, goal, lambda f: on_status(f.feedback.status))
+            result = self._result(handle, alive)
+            if result.status != GoalStatus.STATUS_UNKNOWN:
+                return result.result
+            if answered:
+                break
+        raise ClientError('job_sequencer did not answer the goal')
+
+    def _result(self, handle: ClientGoalHandle, alive: Callable[[], str]) -> Any:
+        """The answer of the server: status and result. Ctrl-C cancels the job."""
         result = handle.get_result_async()
         try:
             self._await_result(result, alive)
@@ -235,30 +246,27 @@ class GraphClient:
             handle.cancel_goal_async()
             if not self.until(result.done, 30.0):
                 raise ClientError('cancelled, but the job did not end within 30 s') from None
-        if result.result().status == GoalStatus.STATUS_UNKNOWN:
-            raise ClientError('job_sequencer did not answer the goal')
-        return result.result().result
+        return result.result()
 
     def _send_goal(
         self, action: ActionClient, goal: RunJob.Goal, feedback: Callable[[Any], None]
-    ) -> ClientGoalHandle:
-        """ClientError when the goal is refused.
+    ) -> tuple[ClientGoalHandle, bool]:
+        """The goal, and whether its server has answered. ClientError when the goal is refused.
 
         The answer to a new client may be lost while the job runs already: its result is then requested by the goal's
-        id, and a server that does not know the id says so.
+        id. A server that does not know the id never got the goal, as happens just after a restart; it is sent again.
         """
         name = UUID(uuid=list(uuid4().bytes))
         sent = action.send_goal_async(goal, feedback_callback=feedback, goal_uuid=name)
         if not self.until(sent.done, ANSWER_S):
-            return ClientGoalHandle(
-                action, name, RunJob.Impl.SendGoalService.Response(accepted=True)
-            )
+            assumed = RunJob.Impl.SendGoalService.Response(accepted=True)
+            return ClientGoalHandle(action, name, assumed), False
         handle = sent.result()
         if not handle.accepted:
             raise ClientError(
                 'a job is running already; the goal was refused (waam status, waam job abort)'
             )
-        return handle
+        return handle, True
 
     def _await_result(self, result: Any, alive: Callable[[], str]) -> None:
         """`alive` reads files: it is called twice a second, not at every message."""
