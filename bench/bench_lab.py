@@ -30,7 +30,13 @@ def in_graph(seed: int) -> tuple[dict, float]:
 
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
         args = SimpleNamespace(
-            seed=seed, jobs=Path(scratch), layers=0, profiles=['closed_loop'], rate=0.0, fresh=True
+            seed=seed,
+            machine='gantry',
+            jobs=Path(scratch),
+            layers=0,
+            profiles=['closed_loop'],
+            rate=0.0,
+            fresh=True,
         )
         started = time.monotonic()
         stdout, sys.stdout = sys.stdout, sys.stderr

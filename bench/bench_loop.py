@@ -26,7 +26,13 @@ def demo() -> None:
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
         profiles = ['open_loop', 'closed_loop']
         args = SimpleNamespace(
-            seed=7, jobs=Path(scratch), layers=0, profiles=profiles, rate=0.0, fresh=True
+            seed=7,
+            machine='gantry',
+            jobs=Path(scratch),
+            layers=0,
+            profiles=profiles,
+            rate=0.0,
+            fresh=True,
         )
         started = time.monotonic()
         stdout, sys.stdout = sys.stdout, sys.stderr

@@ -30,7 +30,9 @@ def make_job(scratch: Path) -> Path:
     from waam_bringup.demo import run_demo
     from waam_node import job_folder
 
-    args = SimpleNamespace(seed=7, jobs=scratch, layers=2, profiles=['closed_loop'], rate=0.0)
+    args = SimpleNamespace(
+        seed=7, machine='gantry', jobs=scratch, layers=2, profiles=['closed_loop'], rate=0.0
+    )
     stdout, sys.stdout = sys.stdout, sys.stderr
     try:
         with within(JOB_S, 'the job that is recorded'):
