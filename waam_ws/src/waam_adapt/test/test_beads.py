@@ -14,7 +14,8 @@ from waam_adapt.beads.bead_bias import BeadBias
 from waam_adapt.beads.model import bead_model, inner_mean
 from waam_adapt.feed import feed_forward as ff
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
-from waam_adapt.identify.identification import Identifier, Layer
+from waam_adapt.identify.evidence import Layer
+from waam_adapt.identify.identification import Identifier
 from waam_adapt.laws import explicit as laws
 from waam_adapt.laws.registry import make_law
 from waam_adapt.types import RATIO_HIGH, RATIO_LOW, BeadDeviation, CorrectionInput

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_adapt.beads.bead_bias import BeadBias
+from waam_adapt.identify.estimate import Estimate, update, update_slope
 from waam_adapt.identify.evidence import BlockAverages, Layer, LayerEvidence, layer_evidence
-from waam_adapt.identify.identification import Estimate, Identifier, update, update_slope
+from waam_adapt.identify.identification import Identifier
 from waam_adapt.identify.shortfall import Shortfall
 from waam_adapt.types import CorrectionInput
 

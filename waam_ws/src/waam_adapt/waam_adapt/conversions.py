@@ -37,7 +37,7 @@ from .thermal.response import LaidLayer
 from .types import Correction, CorrectionError, CorrectionInput, LastLayer
 
 if TYPE_CHECKING:
-    from .identify.identification import Estimate
+    from .identify.estimate import Estimate
 
 
 def optional_map(name: str, values: array, spec: GridSpec) -> np.ndarray | None:

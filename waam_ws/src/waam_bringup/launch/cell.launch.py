@@ -12,6 +12,7 @@ from launch.substitutions import LaunchConfiguration
 from launch import LaunchDescription
 from waam_bringup.graph import Settings, processes
 from waam_bringup.paths import run_dir
+from waam_process.operating import GANTRY, MACHINES
 
 
 def _start(context):
@@ -50,9 +51,9 @@ def generate_launch_description():
             ),
             DeclareLaunchArgument(
                 'machine',
-                default_value='gantry',
-                description='or robot',
-                choices=['gantry', 'robot'],
+                default_value=GANTRY,
+                description='what moves the torch',
+                choices=list(MACHINES),
             ),
             OpaqueFunction(function=_start),
         ]

@@ -53,11 +53,12 @@ def wire(path: Path) -> WireRecord:
     from waam_calibrate.evidence import EvidenceError
     from waam_calibrate.lead import WireRecord
     from waam_node import cdr
+    from waam_record.bag_reader import messages_of
     from waam_record.bag_writer import BagError
     from waam_record.read_record import ReplayError, record_folder
 
     try:
-        frames = _telemetry(path if path.is_file() else record_folder(path))
+        frames = messages_of(path if path.is_file() else record_folder(path), 'telemetry')
         _, rows = cdr.read_frames(frames)
     except (BagError, ReplayError, OSError, ValueError) as e:
         raise EvidenceError(f'{path}: {e}') from None
@@ -70,24 +71,6 @@ def wire(path: Path) -> WireRecord:
         rows['controller_us'] * 1e-6, rows['wire_feed_commanded'], rows['wire_feed_speed'],
         rows['arc_established'].astype(bool),
     )  # fmt: skip
-
-
-def _telemetry(path: Path) -> list[bytes]:
-    """Serialised frames of a recording, as far as it can be read."""
-    from mcap.records import Channel, Message
-
-    from waam_record.bag_reader import bag_files
-    from waam_record.salvage import records
-
-    found: list[bytes] = []
-    for file in bag_files(path):
-        channels: set[int] = set()
-        for item in records(file):
-            if isinstance(item, Channel) and item.topic.rpartition('/')[2] == 'telemetry':
-                channels.add(item.id)
-            elif isinstance(item, Message) and item.channel_id in channels:
-                found.append(item.data)
-    return found
 
 
 def check(folder: Path | None = None) -> list[str]:

@@ -12,6 +12,7 @@ from types import FrameType
 from typing import Any
 
 from waam_process.loop_mode import LOOP_MODES, LoopMode
+from waam_process.operating import GANTRY, MACHINES
 
 from . import calibrate, panel
 from .cli_common import add_run, run_and_domain
@@ -106,8 +107,8 @@ def _add_up(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument(
         '--machine',
-        choices=('gantry', 'robot'),
-        default='gantry',
+        choices=MACHINES,
+        default=GANTRY,
         help='what moves the torch: the gantry (default), or a six-axis arm before a positioner, whose simulated cell '
         'keeps step with the wall clock',
     )
@@ -168,8 +169,8 @@ def _register_demo(commands: argparse._SubParsersAction) -> None:
     p.add_argument('--seed', type=int, default=7)
     p.add_argument(
         '--machine',
-        choices=('gantry', 'robot'),
-        default='gantry',
+        choices=MACHINES,
+        default=GANTRY,
         help='what moves the torch: the gantry (default), or a six-axis arm before a positioner; the robot keeps step '
         'with the wall clock, so both runs take half an hour (--rate 4 asks for four times as fast)',
     )

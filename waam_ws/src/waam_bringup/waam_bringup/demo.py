@@ -17,7 +17,7 @@ from waam_job.store.folder import make_job_id, point_latest
 from waam_node import job_folder
 from waam_node.files import write_atomically
 from waam_process.loop_mode import LOOP_MODES, LoopMode
-from waam_process.operating import DEFAULT_MATERIAL
+from waam_process.operating import DEFAULT_MATERIAL, GANTRY
 
 from .client import ClientError, GraphClient
 from .graph import Settings
@@ -105,7 +105,7 @@ def _one(
 def combine(
     folder: Path,
     results: dict[str, Path],
-    machine: str = 'gantry',
+    machine: str = GANTRY,
     work_zero: tuple[float, float, float] | None = None,
 ) -> dict:
     """The demo's report.json: both runs, their ratio and the machine (docs/job_folder.md). work_zero: m."""

@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from waam_node import priority
+from waam_process.operating import GANTRY, ROBOT
 
 from .paths import jobs_dir, share
 
@@ -36,7 +37,7 @@ class Settings:
     hang_timeout: float = 15.0
     params_files: tuple[Path, ...] = ()
     without: tuple[str, ...] = ()
-    machine: str = 'gantry'  # or 'robot'
+    machine: str = GANTRY  # or another of MACHINES
 
     @property
     def simulated(self) -> bool:
@@ -51,7 +52,7 @@ class Settings:
     @property
     def pace(self) -> float:
         """Simulated seconds per second; 0 = as fast as it goes, which a robot's cell cannot."""
-        return self.rate or (1.0 if self.machine == 'robot' else 0.0)
+        return self.rate or (1.0 if self.machine == ROBOT else 0.0)
 
 
 @dataclass(frozen=True)

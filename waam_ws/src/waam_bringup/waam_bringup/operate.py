@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from waam_process.operating import ROBOT
+
 from . import run_state, shared_memory
 from .client import NO_CONTROLLER_S, ClientError, GraphClient
 from .graph import Settings, processes
@@ -75,7 +77,7 @@ def up(
     try:
         with GraphClient(domain) as client:
             # a robot's driver begins after its bridge
-            patience = timeout if settings.machine == 'robot' else NO_CONTROLLER_S
+            patience = timeout if settings.machine == ROBOT else NO_CONTROLLER_S
             client.wait_ready(names, timeout, lambda: _dead(settings.run, supervisor), patience)
     except BaseException as e:
         stop(settings.run)

@@ -51,9 +51,16 @@ def test_the_controller_refuses_a_lead_that_makes_no_sense() -> None:
             order = commands.Command(commands.CONFIGURE, name, (), (0, 0, 0), value)
             return layer.machine.command(order)
 
-        for name, value in (('wire_delay_s', 0.3), ('wire_lag_s', -0.1), ('wire_response_s', 0.0)):
+        absurd = {
+            'wire_delay_s': 0.3,
+            'wire_lag_s': -0.1,
+            'wire_response_s': 0.0,
+            'wire_underfeed_ratio': 1.0,
+        }
+        for name, value in absurd.items():
             code, said = told(name, value)
             assert code != 0 and name in said and 'must lie within' in said
+        assert told('wire_underfeed_ratio', 0.8)[0] == 0
         layer.configure([('shape_x_hz', 20.0), ('shape_x', 1.0)])  # a mean delay of 12.5 ms
         code, said = told('wire_delay_s', 0.0)
         assert code == 0, said  # the response of 20 ms is enough

@@ -31,8 +31,8 @@ void shaper_loop_start(void) { config = waam_shaper_default(); }
 
 const char *shaper_loop_set(const char *name, double value)
 {
-    const waam_shaper_setting_t *setting = waam_shaper_setting(name, (uint32_t)strlen(name));
-    return !setting ? "unknown" : waam_shaper_set(&config, setting, value) ? NULL : "out of range";
+    const waam_setting_t *setting = waam_shaper_setting(name, strlen(name));
+    return !setting ? "unknown" : waam_setting_put(setting, &config, value) ? NULL : "out of range";
 }
 
 const char *shaper_loop_tune(float tick_s, float delay_most_s, shaper_loop_figures_t *figures)

@@ -48,13 +48,13 @@ void standoff_loop_start(void)
 
 const char *standoff_loop_set(const char *name, double value)
 {
-    const waam_standoff_setting_t *setting = waam_standoff_setting(name, (uint32_t)strlen(name));
-    return !setting ? "unknown" : waam_standoff_set(&config, setting, value) ? NULL : "out of range";
+    const waam_setting_t *setting = waam_standoff_setting(name, strlen(name));
+    return !setting ? "unknown" : waam_setting_put(setting, &config, value) ? NULL : "out of range";
 }
 
 const char *standoff_loop_check(void)
 {
-    const waam_standoff_setting_t *wrong = waam_standoff_check(&config);
+    const waam_setting_t *wrong = waam_standoff_check(&config);
     return wrong ? wrong->name : NULL;
 }
 

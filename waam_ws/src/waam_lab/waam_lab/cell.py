@@ -37,6 +37,7 @@ from waam_job.model.records import AnomalyRecord, LayerRecord, State, Status
 from waam_job.model.telemetry import TelemetryStats
 from waam_node.conversions import segment_from_msg, time_to_msg
 from waam_process.grid import GridError, GridSpec
+from waam_process.operating import GANTRY
 from waam_process.segment import Point, Segment
 from waam_scan import conversions as scan_convert
 from waam_sim.plant import Plant
@@ -44,7 +45,6 @@ from waam_sim.plant import Plant
 from .contact import ContactTrace
 from .job import Fault
 from .machine import Machine
-from .machines import GANTRY
 from .metal_trace import MetalTrace
 from .params import LabParams
 from .process import LabControl, ProcessTrace

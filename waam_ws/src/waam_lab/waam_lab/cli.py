@@ -7,9 +7,7 @@ from pathlib import Path
 
 from waam_job.cli_program import PART_HELP, add_program
 from waam_process.loop_mode import LOOP_MODES
-from waam_process.operating import DEFAULT_MATERIAL
-
-from .machines import GANTRY, MACHINES
+from waam_process.operating import DEFAULT_MATERIAL, GANTRY, MACHINES
 
 EXAMPLES = """\
 examples:

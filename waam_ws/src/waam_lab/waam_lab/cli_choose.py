@@ -34,25 +34,11 @@ def show(job: LabJob, trials: list[layouts.Trial], console: Console) -> layouts.
     """The trials as a table; returns the one to take."""
     taken = layouts.best(trials)
     table = Table(title=f'layouts, {len(trials[0].results)} cells each')
-    for name in ('', 'RMS, mm', 'within tolerance', 'jobs in tolerance', 'machine time, s'):
-        table.add_column(name, justify='left' if not name else 'right')
+    for name in layouts.HEAD:
+        table.add_column(name, justify='left' if name in ('layout', '') else 'right')
     for trial in trials:
-        table.add_row(*cells_of(trial), style='bold green' if trial is taken else '')
+        table.add_row(*layouts.row(trial, taken), style='bold green' if trial is taken else '')
     console.print(table)
     words = shlex.join(layouts.options(job, taken.layout))
     console.print(f'taken: [bold]{taken.layout.name}[/]' + (f' ({words})' if words else ''))
     return taken
-
-
-def cells_of(trial: layouts.Trial) -> list[str]:
-    """Name, RMS, share, jobs in tolerance and time as text."""
-    failed = next((r.message for r in trial.results if r.failed), '')
-    if failed:
-        return [trial.layout.name, f'failed: {failed}', '–', '–', '–']
-    return [
-        trial.layout.name,
-        f'{trial.mean("rms") * 1e3:.3f}',
-        f'{trial.mean("share_in_tolerance") * 100:.1f} %',
-        f'{trial.in_tolerance} of {len(trial.results)}',
-        f'{trial.mean("time"):.0f}',
-    ]

@@ -12,10 +12,9 @@ import numpy as np
 
 from waam_job.model.goal import JobGoal
 from waam_process.grid import GridSpec
-from waam_process.operating import DEFAULT_MATERIAL
+from waam_process.operating import DEFAULT_MATERIAL, GANTRY
 from waam_sim.plant import PlantParams
 
-from .machines import GANTRY
 from .params import Overrides
 
 
@@ -39,7 +38,7 @@ class LabJob:
     overrides: Overrides = field(default_factory=dict)
     plant: PlantParams | None = None  # physics of the cell; None = as parameters of node `cell`
     faults: tuple[Fault, ...] = ()
-    machine: str = GANTRY  # or 'robot': six axes and a positioner (waam_robot_bridge)
+    machine: str = GANTRY  # of MACHINES; a robot has six axes and a positioner (waam_robot_bridge)
     # the job folder stays in goal.jobs_dir; otherwise it is deleted once the result is read
     keep: bool = False
     learned: Path | None = None  # folder of what jobs have taught; None = the job starts fresh

@@ -20,7 +20,7 @@ from waam_job.store.folder import JobFolder
 from waam_job.store.program import keep_program
 from waam_node import job_folder
 from waam_process.grid import GridSpec, HeightGrid
-from waam_process.operating import BUILD_PLATE
+from waam_process.operating import BUILD_PLATE, MACHINES
 from waam_sim import part as parts
 from waam_sim.config import GROUPS, plant_params
 from waam_sim.faults import Faults
@@ -29,7 +29,6 @@ from waam_sim.plant import Plant, PlantParams
 from . import params, results
 from .cell import LabCell
 from .job import LabJob, LabResult
-from .machines import MACHINES
 from .metal_trace import MetalTrace
 from .watch import LayerWatch
 

@@ -80,6 +80,24 @@ class Trial:
         return sum(r.in_tolerance for r in self.results)
 
 
+HEAD = ('layout', 'RMS, mm', 'within tolerance', 'jobs in tolerance', 'machine time, s', '')
+
+
+def row(trial: Trial, taken: Trial | None) -> list[str]:
+    """The figures of a trial as text, under HEAD; what is said of it last: taken, or why a job failed."""
+    failed = next((r.message for r in trial.results if r.failed), '')
+    if failed:
+        return [trial.layout.name, '–', '–', '–', '–', failed]
+    return [
+        trial.layout.name,
+        f'{trial.mean("rms") * 1e3:.3f}',
+        f'{trial.mean("share_in_tolerance") * 100:.1f} %',
+        f'{trial.in_tolerance} of {len(trial.results)}',
+        f'{trial.mean("time"):.0f}',
+        'taken' if trial is taken else '',
+    ]
+
+
 def best(trials: Sequence[Trial]) -> Trial:
     """The trial to take. The first one is the layout that was asked for.
 

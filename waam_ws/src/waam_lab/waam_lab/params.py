@@ -22,11 +22,10 @@ from waam_adapt.thermal.params import ThermalParams
 from waam_bridge.params import BridgeParams
 from waam_job.ros.job_params import JobParams
 from waam_node.params import ParameterError, from_dict
+from waam_process.operating import GANTRY, ROBOT
 from waam_robot_bridge.params import RobotParams
 from waam_scan.fusion_params import FusionParams
 from waam_sim.config import CellParams
-
-from .machines import BRIDGES, GANTRY, ROBOT
 
 Overrides = Mapping[str, Mapping[str, Any]]
 
@@ -41,6 +40,7 @@ NODES: dict[str, tuple[str, type]] = {  # node: its package, its parameters
     'process_control': ('waam_adapt', HoldParams),
     'job_sequencer': ('waam_job', JobParams),
 }
+BRIDGES = {GANTRY: 'bridge', ROBOT: 'robot_bridge'}  # node whose parameters count
 
 
 @dataclass(frozen=True)

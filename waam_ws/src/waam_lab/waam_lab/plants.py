@@ -9,9 +9,9 @@ import numpy as np
 from waam_sim.plant import PlantParams
 
 
-def random_plant(rng: np.random.Generator, usual: PlantParams | None = None) -> PlantParams:
-    """A cell whose metal differs from `usual` (default: the packaged parameters of waam_sim)."""
-    usual = usual or PlantParams()
+def random_plant(rng: np.random.Generator) -> PlantParams:
+    """A cell whose metal differs from that of the packaged parameters of waam_sim."""
+    usual = PlantParams()
     metal = replace(
         usual.metal,
         pool_lag=float(np.clip(rng.normal(0.45, 0.15), 0.1, 0.9)),

@@ -242,20 +242,9 @@ def cells(row: Row, b: bands.Band) -> list[str]:
 def _layouts(c: Campaign) -> str:
     if not c.trials:
         return ''
-    head = ['layout', 'RMS, mm', 'within tolerance, %', 'jobs in tolerance', 'machine time, s', '']
-    rows = [
-        [
-            t.layout.name,
-            fmt(t.mean('rms') * 1e3, 3),
-            fmt(t.mean('share_in_tolerance') * 100, 1),
-            f'{t.in_tolerance} of {len(t.results)}',
-            fmt(t.mean('time'), 0),
-            'taken' if t is c.taken else next((r.message for r in t.results if r.failed), ''),
-        ]
-        for t in c.trials
-    ]
+    rows = [layouts.row(t, c.taken) for t in c.trials]
     said = 'Tried on cells of different physics, which are not those of the figures above.'
-    return f'<h2>Layouts</h2>{table(head, rows, {0, 5})}<p class="soft">{said}</p>'
+    return f'<h2>Layouts</h2>{table(list(layouts.HEAD), rows, {0, 5})}<p class="soft">{said}</p>'
 
 
 def _pictures(c: Campaign, maps: bands.Maps | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 DEFAULT_MATERIAL = 'er70s-6'  # key of the material table, where a job names none
+GANTRY, ROBOT = MACHINES = ('gantry', 'robot')  # what may move the torch
 
 # range of an operator's factor on the programmed value (Override.msg; the controller checks it again)
 SPEED_FACTOR = (0.1, 2.0)  # travel speed

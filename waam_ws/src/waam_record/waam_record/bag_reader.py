@@ -76,6 +76,20 @@ def bag_files(path: Path) -> list[Path]:
     return files
 
 
+def messages_of(path: Path, name: str) -> list[bytes]:
+    """Serialised messages of the topic with that last part of its name, in the order of the file; what is damaged is
+    left out. Raises BagError when there is no recording."""
+    found: list[bytes] = []
+    for file in bag_files(path):
+        channels: set[int] = set()
+        for item in records(file):
+            if isinstance(item, Channel) and item.topic.rpartition('/')[2] == name:
+                channels.add(item.id)
+            elif isinstance(item, Message) and item.channel_id in channels:
+                found.append(item.data)
+    return found
+
+
 def info(path: Path) -> Info:
     """Counts and times. Uses the index of sound files and reads broken ones through to their
     damage."""

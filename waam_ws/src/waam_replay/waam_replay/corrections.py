@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from waam_adapt import conversions as convert
-from waam_adapt.identify.identification import Estimate
+from waam_adapt.identify.estimate import Estimate
 from waam_adapt.laws.corrector import CorrectionParams, Corrector
 from waam_adapt.types import Correction, CorrectionInput
 from waam_node.conversions import grid_from_msg

@@ -8,6 +8,7 @@ import numpy as np
 
 from waam_node import job_folder
 from waam_process.loop_mode import LoopMode
+from waam_process.operating import ROBOT
 
 from . import figures, robot_picture
 from .html import cards, duration, escape, fmt, page, picture, table
@@ -98,7 +99,7 @@ def _machine(report: dict, jobs: list[Job]) -> str:
     """The robot with the part of the last run; nothing for a gantry."""
     shown = [j for j in jobs if j.scans]
     zero = np.array([number(v) for v in report.get('work_zero_m') or [0.0]])
-    if report.get('machine') != 'robot' or not shown or zero.shape != (3,):
+    if report.get('machine') != ROBOT or not shown or zero.shape != (3,):
         return ''
     job = shown[-1]
     caption = (

@@ -14,7 +14,8 @@ from waam_process.learned import Learned, Taught
 
 from ..beads.bead_bias import BeadBias
 from ..beads.skill import Skill
-from .identification import Estimate, Identifier, Start
+from .estimate import Estimate
+from .identification import Identifier, Start
 
 NOISE_LAYERS = 4  # of a job, from which on it says how its layers scatter
 

@@ -1,13 +1,12 @@
 """What the layers teach about the process: efficiency, exponent of height on metal, spread, what is always missing.
 
-A scalar Kalman filter follows the efficiency ratio from layer to layer, another one the exponent; `evidence` says what
-one layer is worth, `shortfall` learns what layers miss at the same place again and again.
+`estimate` follows efficiency and exponent from layer to layer, `evidence` says what one layer is worth, `shortfall`
+learns what layers miss at the same place again and again, `kinds` what is due to the pattern of a layer.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -16,118 +15,13 @@ from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
 from ..beads.skill import Skill, beside_model
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import BeadDeviation, CorrectionInput, with_side
+from .estimate import Estimate, update, update_slope
 from .evidence import MIN_GROWTH, BlockAverages, Layer, LayerEvidence, layer_evidence, response
 from .kinds import Kinds
 from .shortfall import Shortfall
 
-# Relative, of a whole layer, before any is known: what one layer is off all over is mostly gone in the next.
-LAYER_NOISE = 0.02
-NOISE_LAYERS = 4  # layers that this first belief in the noise counts for
-MOST_STEP = (
-    0.04  # of the ratio, by one layer once it has settled: wire and heat drift, they do not jump
-)
-LOW, HIGH = 0.7, 1.3  # efficiency ratios beyond this are a fault, not a property of the wire
-# per layer: the exponent is a property of geometry and wire, not of one layer
-SLOPE_FORGETTING = 0.95
-SLOPE_LOW, SLOPE_HIGH = 0.2, 1.3  # of growth on metal; beyond this the scan is wrong
-
 LEVEL_MARGIN = 1 / 6  # bead widths from the edge of a layer, of the mean that says its level
 MAX_ODD = 0.1  # layer heights that a cell may lie off the median ratio in that mean
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What is believed about the process. Ratio and slope start at 1 with the uncertainty of a wire
-    that was never used.
-    """
-
-    efficiency_ratio: float = 1.0
-    efficiency_sigma: float = 0.15
-    slope: float = 1.0
-    slope_sigma: float = 0.3
-    spread: float = math.nan
-    innovation: float = math.nan
-    drift_alarm: bool = False
-    updates: int = 0
-    # standard deviation of a layer's ratio about the process, identified
-    layer_noise: float = LAYER_NOISE
-    # 0..1, of the growth network in the next layer (`beads.skill`); NaN: the law has none or predicted no layer
-    network_weight: float = math.nan
-
-    def flow_factor(self, slope: float | None = None) -> float:
-        """Multiplies the wire feed so that the planned height arrives: efficiency_ratio^(-1/slope), bounded. slope: of
-        growth on metal; None = as estimated, 1 at most."""
-        ratio = min(max(self.efficiency_ratio, LOW), HIGH)
-        slope = min(self.slope if slope is None else slope, 1.0)
-        return min(max(ratio ** (-1 / slope), 1 / HIGH), 1 / LOW)
-
-    @property
-    def height_exponent(self) -> float:
-        """d ln(height)/d ln(speed): -slope, because the command varies as 1/speed (mass balance)."""
-        return -self.slope
-
-
-def update(
-    estimate: Estimate, evidence: LayerEvidence, forgetting: float, alarm_sigmas: float = 3.0
-) -> Estimate:
-    """The next estimate. forgetting 0..1 (exclusive): how fast old layers lose weight; 0.5
-    remembers about two layers.
-
-    How much a layer scatters about the process is identified from the innovations: what they exceed the uncertainty of
-    estimate and evidence by is noise of the layers (Mehra 1970, IEEE Trans. Autom. Control 15(2), 175-184).
-
-    drift_alarm: the layer lies further from the prediction than `alarm_sigmas` of its uncertainty
-    and 5 %, once the estimate has settled (two layers), or the ratio leaves 0.7 .. 1.3. An evident
-    outlier counts as that distance, and no layer moves a settled estimate by more than MOST_STEP.
-    """
-    prior = estimate.efficiency_sigma**2 / (forgetting if estimate.updates else 1.0)
-    noise = evidence.ratio_sigma**2 + estimate.layer_noise**2
-    difference = evidence.ratio - estimate.efficiency_ratio
-    limit = max(alarm_sigmas * math.sqrt(prior + noise), 0.05)
-    gain = prior / (prior + noise)
-    settled = estimate.updates >= 2
-    step = max(-limit, min(limit, difference)) if settled else difference
-    moved = max(-MOST_STEP, min(MOST_STEP, gain * step)) if settled else gain * step
-    return replace(
-        estimate,
-        efficiency_ratio=min(max(estimate.efficiency_ratio + moved, LOW), HIGH),
-        efficiency_sigma=max(math.sqrt((1 - gain) * prior), 2e-3),
-        spread=evidence.spread,
-        innovation=difference * evidence.commanded,
-        drift_alarm=not LOW <= evidence.ratio <= HIGH or (settled and abs(difference) > limit),
-        updates=estimate.updates + 1,
-        layer_noise=_layer_noise(estimate, limit, difference, prior + evidence.ratio_sigma**2),
-    )
-
-
-def _layer_noise(estimate: Estimate, limit: float, difference: float, known: float) -> float:
-    """The layer noise with one more innovation, `difference`, no larger than `limit`. known: variance that estimate and
-    evidence account for. The first layers say what the wire is, not how it scatters."""
-    if estimate.updates < 2:
-        return estimate.layer_noise
-    seen = max(min(abs(difference), limit) ** 2 - known, 0.0)
-    count = NOISE_LAYERS + min(estimate.updates - 2, 2 * NOISE_LAYERS)
-    return math.sqrt((count * estimate.layer_noise**2 + seen) / (count + 1))
-
-
-def update_slope(
-    estimate: Estimate, slope: float, sigma: float, forgetting: float = SLOPE_FORGETTING
-) -> Estimate:
-    """With the slope of one more pair of layers, inside `SLOPE_LOW` .. `SLOPE_HIGH`; sigma inf changes nothing.
-
-    A slope further than three sigmas from the estimate counts as three sigmas: one odd layer does not turn it round.
-    """
-    if not math.isfinite(sigma):
-        return estimate
-    prior, noise = estimate.slope_sigma**2 / forgetting, max(sigma, 0.03) ** 2
-    limit = 3 * math.sqrt(prior + noise)
-    gain = prior / (prior + noise)
-    step = max(-limit, min(limit, slope - estimate.slope))
-    return replace(
-        estimate,
-        slope=min(max(estimate.slope + gain * step, SLOPE_LOW), SLOPE_HIGH),
-        slope_sigma=max(math.sqrt((1 - gain) * prior), 0.01),
-    )
 
 
 @dataclass(frozen=True)
@@ -137,6 +31,16 @@ class Start:
     estimate: Estimate = Estimate()
     beads: BeadBias = BeadBias()
     skill: Skill = Skill()
+
+
+@dataclass(frozen=True)
+class Learned(Start):
+    """What the layers of a job have taught."""
+
+    shortfall: Shortfall = Shortfall()
+    # of even and odd layers
+    averages: tuple[BlockAverages | None, BlockAverages | None] = (None, None)
+    kinds: Kinds = Kinds()  # of layers, by the pattern of their paths
 
 
 @dataclass
@@ -160,22 +64,19 @@ class Identifier:
     predicted: dict[int, np.ndarray] = field(default_factory=dict)
     seen: dict[int, LayerEvidence] = field(default_factory=dict)  # of all layers of the job
     kinds: Kinds = Kinds()  # of layers, by the pattern of their paths
-    _before: tuple = (Estimate(), Shortfall(), (None, None), BeadBias(), Skill(), Kinds())
+    _before: Learned = Learned()  # as of the begin of this layer
 
     def start(self, job_id: str, layer: int, first: Start | None = None) -> None:
         """Call before every layer: forgets another job's process, repeats a layer from where it began. first: what a
         job begins with, None = as one of which nothing is known."""
         if job_id != self.job_id or layer < self.layer:
-            began = first or Start()
-            nothing = Shortfall(), (None, None)
-            self._before = began.estimate, *nothing, began.beads, began.skill, Kinds()
+            self._before = Learned(**vars(first or Start()))
             self.seen = {}
         elif layer > self.layer:
-            learned = self.estimate, self.shortfall, self.averages
-            self._before = *learned, self.beads, self.skill, self.kinds
+            self._before = Learned(**{f.name: getattr(self, f.name) for f in fields(Learned)})
         self.job_id, self.layer = job_id, layer
-        self.estimate, self.shortfall, self.averages = self._before[:3]
-        self.beads, self.skill, self.kinds = self._before[3:]
+        for f in fields(Learned):
+            setattr(self, f.name, getattr(self._before, f.name))
 
     def add(self, layer: Layer) -> None:
         """Learns from the layer that was laid last, if enough of it can be seen."""
@@ -202,8 +103,7 @@ class Identifier:
             self.estimate = update_slope(self.estimate, *average.slope(evidence))
         after = BlockAverages.after(average, evidence)
         self.averages = with_side(self.averages, side, after)
-        ratio = seen.ratio
-        self.seen[number] = replace(evidence, ratio=ratio)  # as the estimate was told
+        self.seen[number] = replace(evidence, ratio=seen.ratio)  # as the estimate was told
         if self.learning > 0:
             laid = np.where(np.nan_to_num(layer.commanded) > MIN_GROWTH, layer.commanded, np.nan)
             plan = laid if layer.planned is None else layer.planned

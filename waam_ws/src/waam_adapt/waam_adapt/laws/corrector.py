@@ -13,9 +13,10 @@ from waam_node.params import param
 from waam_process.learned import Learned
 
 from ..hold.width import SeenWidth, WidthEstimate, WidthIdentifier
+from ..identify.estimate import Estimate
 from ..identify.evidence import Layer
 from ..identify.experience import start_of, taught_by
-from ..identify.identification import Estimate, Identifier
+from ..identify.identification import Identifier
 from ..types import Correction, CorrectionInput, LastLayer
 from .checks import MapLimits, MapOrigin, reasons_against, safe_correct
 from .growth_law import GrowthLaw

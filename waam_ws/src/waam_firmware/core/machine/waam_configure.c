@@ -7,14 +7,22 @@ typedef struct {
     uint32_t length;
 } name_t;
 
-static void refuse_value(waam_request_t *r, const char *name, bool whole, float lowest, float highest)
+static void refuse_value(waam_request_t *r, const waam_setting_t *setting)
 {
+    bool whole = setting->type == WAAM_SETTING_WHOLE;
     waam_request_refuse(r, WAAM_E_NUMBER, "");
-    waam_text_add(&r->answer, name);
+    waam_text_add(&r->answer, setting->name);
     waam_text_add(&r->answer, whole ? " must be a whole number within " : " must lie within ");
-    waam_text_fixed(&r->answer, (double)lowest, 5);
+    waam_text_fixed(&r->answer, (double)setting->lowest, 5);
     waam_text_add(&r->answer, " .. ");
-    waam_text_fixed(&r->answer, (double)highest, 5);
+    waam_text_fixed(&r->answer, (double)setting->highest, 5);
+}
+
+static void refuse_because(waam_request_t *r, const char *name, const char *why)
+{
+    waam_request_refuse(r, WAAM_E_CONTRADICTION, name);
+    waam_text_add(&r->answer, ": ");
+    waam_text_add(&r->answer, why);
 }
 
 static name_t read_name(waam_request_t *r)
@@ -26,12 +34,12 @@ static name_t read_name(waam_request_t *r)
     return (name_t){r->args.text + start, (uint32_t)(r->args.at - start)};
 }
 
-static void configure_standoff(waam_request_t *r, const waam_standoff_setting_t *setting, double value)
+static void configure_standoff(waam_request_t *r, const waam_setting_t *setting, double value)
 {
     waam_core_t *core = r->core;
     waam_standoff_config_t changed = core->config.standoff;
-    if (!waam_standoff_set(&changed, setting, value)) {
-        refuse_value(r, setting->name, setting->whole, setting->lowest, setting->highest);
+    if (!waam_setting_put(setting, &changed, value)) {
+        refuse_value(r, setting);
         return;
     }
     if (changed.source != WAAM_STANDOFF_OFF && (setting = waam_standoff_check(&changed)) != NULL) {
@@ -60,18 +68,16 @@ static void tell_shaper(waam_request_t *r)
     waam_text_fixed(&r->answer, (double)waam_shaper_corner_mm(s, 0.0f, 500.0f, right_angle) * 1e3, 2);
 }
 
-static void configure_shaper(waam_request_t *r, const waam_shaper_setting_t *setting, double value)
+static void configure_shaper(waam_request_t *r, const waam_setting_t *setting, double value)
 {
     waam_shaper_config_t changed = r->core->config.shaper;
-    if (!waam_shaper_set(&changed, setting, value)) {
-        refuse_value(r, setting->name, setting->whole, setting->lowest, setting->highest);
+    if (!waam_setting_put(setting, &changed, value)) {
+        refuse_value(r, setting);
         return;
     }
     const char *why = waam_core_tune(r->core, &changed);
     if (why) {
-        waam_request_refuse(r, WAAM_E_CONTRADICTION, setting->name);
-        waam_text_add(&r->answer, ": ");
-        waam_text_add(&r->answer, why);
+        refuse_because(r, setting->name, why);
         return;
     }
     waam_request_ok(r);
@@ -79,25 +85,23 @@ static void configure_shaper(waam_request_t *r, const waam_shaper_setting_t *set
         tell_shaper(r);
 }
 
-#define UNDERFEED "wire_underfeed_ratio"
-#define UNDERFEED_LOWEST 0.5f
-#define UNDERFEED_HIGHEST 0.99f
-
-static bool names_underfeed(name_t name)
+/* The shaper in force must still fit into the lead of the wire. */
+static void configure_wire(waam_request_t *r, const waam_setting_t *setting, double value)
 {
-    uint32_t k = 0;
-    while (k < name.length && UNDERFEED[k] && UNDERFEED[k] == name.text[k])
-        k++;
-    return k == name.length && !UNDERFEED[k];
-}
-
-static void configure_underfeed(waam_request_t *r, double value)
-{
-    if (!(value >= (double)UNDERFEED_LOWEST && value <= (double)UNDERFEED_HIGHEST)) {
-        refuse_value(r, UNDERFEED, false, UNDERFEED_LOWEST, UNDERFEED_HIGHEST);
+    waam_config_t *config = &r->core->config;
+    const waam_shaper_config_t shaper = config->shaper;
+    double before = waam_setting_get(setting, config);
+    if (!waam_setting_put(setting, config, value)) {
+        refuse_value(r, setting);
         return;
     }
-    r->core->config.arc.wire_fault_ratio = value;
+    const char *why = waam_core_tune(r->core, &shaper);
+    if (why) {
+        waam_setting_put(setting, config, before);
+        waam_core_tune(r->core, &shaper);
+        refuse_because(r, setting->name, why);
+        return;
+    }
     waam_request_ok(r);
 }
 
@@ -105,27 +109,24 @@ void waam_order_configure(waam_request_t *r)
 {
     waam_core_t *core = r->core;
     const name_t name = read_name(r);
-    const waam_standoff_setting_t *standoff = waam_standoff_setting(name.text, name.length);
-    const waam_shaper_setting_t *shaper = waam_shaper_setting(name.text, name.length);
-    const waam_wire_setting_t *wire = waam_wire_setting(name.text, name.length);
+    const waam_setting_t *standoff = waam_standoff_setting(name.text, name.length);
+    const waam_setting_t *shaper = waam_shaper_setting(name.text, name.length);
+    const waam_setting_t *wire = waam_wire_setting(name.text, name.length);
     double value;
     if ((core->state != WAAM_IDLE && core->state != WAAM_ALARM) || core->planner.count > 0) {
         waam_request_refuse(r, WAAM_E_NOT_NOW, "settings only in IDLE or ALARM");
         return;
     }
-    bool underfeed = names_underfeed(name);
-    if (!standoff && !shaper && !wire && !underfeed) {
+    if (!standoff && !shaper && !wire) {
         waam_request_refuse(r, WAAM_E_UNKNOWN_WORD, "no setting has this name");
         return;
     }
     if (!waam_request_numbers(r, &value, 1))
         return;
-    if (underfeed)
-        configure_underfeed(r, value);
-    else if (standoff)
+    if (standoff)
         configure_standoff(r, standoff, value);
     else if (wire)
-        waam_configure_wire(r, wire, value);
+        configure_wire(r, wire, value);
     else
         configure_shaper(r, shaper, value);
 }

@@ -7,6 +7,7 @@
 #ifndef WAAM_SHAPER_H
 #define WAAM_SHAPER_H
 
+#include "waam_setting.h"
 #include "waam_types.h"
 
 #define WAAM_SHAPER_IMPULSES 5
@@ -39,17 +40,8 @@ typedef struct {
     uint32_t still;             /* ticks without motion, up to WAAM_SHAPER_PAST */
 } waam_shaper_t;
 
-/* One setting. */
-typedef struct {
-    const char *name;
-    float lowest, highest;
-    bool whole;
-} waam_shaper_setting_t;
-
 /* By name: shape_x, shape_x_hz, shape_x_damping and those of y; NULL = no such setting. */
-const waam_shaper_setting_t *waam_shaper_setting(const char *name, uint32_t length);
-/* False: out of range. */
-bool waam_shaper_set(waam_shaper_config_t *config, const waam_shaper_setting_t *setting, double value);
+const waam_setting_t *waam_shaper_setting(const char *name, size_t length);
 waam_shaper_config_t waam_shaper_default(void);
 const char *waam_shaper_name(uint32_t type);
 

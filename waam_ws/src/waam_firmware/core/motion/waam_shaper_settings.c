@@ -1,15 +1,11 @@
 /* Settings of the input shaper: names and ranges. */
-#include <stddef.h>
-
 #include "waam_shaper.h"
 
-#define TYPE(name, axis) {{name, 0.0f, (float)(WAAM_SHAPER_TYPES - 1), true}, offsetof(waam_shaper_config_t, axis.type)}
-#define NUMBER(name, field, low, high) {{name, low, high, false}, offsetof(waam_shaper_config_t, field)}
+#define AT(field) offsetof(waam_shaper_config_t, field)
+#define TYPE(name, axis) {name, 0.0f, (float)(WAAM_SHAPER_TYPES - 1), WAAM_SETTING_WHOLE, AT(axis.type)}
+#define NUMBER(name, field, low, high) {name, low, high, WAAM_SETTING_FLOAT, AT(field)}
 
-static const struct {
-    waam_shaper_setting_t setting;
-    size_t at;
-} list[] = {
+static const waam_setting_t list[] = {
     TYPE("shape_x", axis[0]),
     NUMBER("shape_x_hz", axis[0].hz, 5.0f, 200.0f),
     NUMBER("shape_x_damping", axis[0].damping, 0.0f, 0.2f),
@@ -18,35 +14,9 @@ static const struct {
     NUMBER("shape_y_damping", axis[1].damping, 0.0f, 0.2f),
 };
 
-const waam_shaper_setting_t *waam_shaper_setting(const char *name, uint32_t length)
+const waam_setting_t *waam_shaper_setting(const char *name, size_t length)
 {
-    for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
-        uint32_t k = 0;
-        while (k < length && list[i].setting.name[k] == name[k] && name[k])
-            k++;
-        if (k == length && list[i].setting.name[k] == '\0')
-            return &list[i].setting;
-    }
-    return NULL;
-}
-
-bool waam_shaper_set(waam_shaper_config_t *config, const waam_shaper_setting_t *setting, double value)
-{
-    size_t i = 0;
-    while (&list[i].setting != setting)
-        i++;
-    char *at = (char *)config + list[i].at;
-    if (!(value >= (double)setting->lowest && value <= (double)setting->highest))
-        return false;
-    if (!setting->whole) {
-        *(float *)(void *)at = (float)value;
-        return true;
-    }
-    uint32_t whole = (uint32_t)value;
-    if ((double)whole != value)
-        return false;
-    *(uint32_t *)(void *)at = whole;
-    return true;
+    return waam_setting_find(list, sizeof list / sizeof list[0], name, length);
 }
 
 waam_shaper_config_t waam_shaper_default(void)

@@ -8,6 +8,7 @@
 
 #include "waam_arc_settings.h"
 #include "waam_distance.h"
+#include "waam_setting.h"
 
 #define WAAM_STANDOFF_PREVIEW 32u      /* heights ahead of the arc that are remembered */
 #define WAAM_STANDOFF_PREVIEW_MM 0.5f  /* of path between two of them */
@@ -80,20 +81,11 @@ const char *waam_standoff_text(waam_standoff_alarm_t alarm);
 /* ---- settings (waam_standoff_settings.c) ---- */
 
 waam_standoff_config_t waam_standoff_default(void);
-typedef struct {
-    const char *name;
-    float lowest, highest;
-    bool whole;                 /* a whole number */
-} waam_standoff_setting_t;
 
 #define WAAM_STANDOFF_SETTINGS 29
 /* By its name; NULL = there is none. */
-const waam_standoff_setting_t *waam_standoff_setting(const char *name, uint32_t length);
+const waam_setting_t *waam_standoff_setting(const char *name, size_t length);
 /* NULL, or the setting that is out of its range or does not fit the source. */
-const waam_standoff_setting_t *waam_standoff_check(const waam_standoff_config_t *c);
-/* Sets one; false: out of its range. */
-bool waam_standoff_set(waam_standoff_config_t *c, const waam_standoff_setting_t *setting, double value);
-/* Its value, also of a whole number. */
-float waam_standoff_get(const waam_standoff_config_t *c, const waam_standoff_setting_t *setting);
+const waam_setting_t *waam_standoff_check(const waam_standoff_config_t *c);
 
 #endif

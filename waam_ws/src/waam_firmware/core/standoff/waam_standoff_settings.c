@@ -1,85 +1,44 @@
-#include <stddef.h>
-
 #include "waam_standoff.h"
 
-#define NUMBER(name, low, high) {#name, low, high, false}, offsetof(waam_standoff_config_t, name)
-#define WHOLE(name, low, high) {#name, low, high, true}, offsetof(waam_standoff_config_t, name)
+#define AT(name) offsetof(waam_standoff_config_t, name)
+#define NUMBER(name, low, high) {#name, low, high, WAAM_SETTING_FLOAT, AT(name)}
+#define WHOLE(name, low, high) {#name, low, high, WAAM_SETTING_WHOLE, AT(name)}
 
-static const struct {
-    waam_standoff_setting_t setting;
-    size_t at;
-} list[WAAM_STANDOFF_SETTINGS] = {
-    {WHOLE(source, 0.0f, 3.0f)},
-    {WHOLE(law, 0.0f, 1.0f)},
-    {NUMBER(set_mm, 5.0f, 400.0f)},
-    {NUMBER(dead_mm, 0.0f, 2.0f)},
-    {NUMBER(up_mm, 0.0f, 20.0f)},
-    {NUMBER(down_mm, 0.0f, 20.0f)},
-    {NUMBER(rate_mm_s, 0.05f, 20.0f)},
-    {NUMBER(accel_mm_s2, 1.0f, 10000.0f)},
-    {NUMBER(rc_s, 0.0f, 1.0f)},
-    {WHOLE(average, 1.0f, (float)WAAM_STANDOFF_AVERAGE)},
-    {NUMBER(packet_s, 0.001f, 0.1f)},
-    {NUMBER(pulse_mm, 1e-5f, 0.02f)},
-    {NUMBER(kp, 0.0f, 50.0f)},
-    {NUMBER(ki, 0.0f, 200.0f)},
-    {NUMBER(kd, 0.0f, 2.0f)},
-    {NUMBER(lead_mm, 0.0f, 15.0f)},
-    {NUMBER(window_mm, 0.5f, 50.0f)},
-    {NUMBER(jump_mm, 0.05f, 50.0f)},
-    {NUMBER(confirm_s, 0.0f, 1.0f)},
-    {NUMBER(lost_s, 0.02f, 5.0f)},
-    {NUMBER(stuck_s, 0.0f, 60.0f)},
-    {NUMBER(settle_s, 0.0f, 10.0f)},
-    {NUMBER(approach_s, 0.0f, 10.0f)},
-    {NUMBER(answer_mm, 0.2f, 20.0f)},
-    {NUMBER(limit_s, 0.1f, 60.0f)},
-    {NUMBER(cross_mm, 0.0f, 20.0f)},
-    {NUMBER(arc_average_s, 0.01f, 5.0f)},
-    {NUMBER(arc_bend, -0.5f, 0.5f)},
-    {NUMBER(arc_fall_a_per_v, 0.0f, 50.0f)},
+static const waam_setting_t list[WAAM_STANDOFF_SETTINGS] = {
+    WHOLE(source, 0.0f, 3.0f),
+    WHOLE(law, 0.0f, 1.0f),
+    NUMBER(set_mm, 5.0f, 400.0f),
+    NUMBER(dead_mm, 0.0f, 2.0f),
+    NUMBER(up_mm, 0.0f, 20.0f),
+    NUMBER(down_mm, 0.0f, 20.0f),
+    NUMBER(rate_mm_s, 0.05f, 20.0f),
+    NUMBER(accel_mm_s2, 1.0f, 10000.0f),
+    NUMBER(rc_s, 0.0f, 1.0f),
+    WHOLE(average, 1.0f, (float)WAAM_STANDOFF_AVERAGE),
+    NUMBER(packet_s, 0.001f, 0.1f),
+    NUMBER(pulse_mm, 1e-5f, 0.02f),
+    NUMBER(kp, 0.0f, 50.0f),
+    NUMBER(ki, 0.0f, 200.0f),
+    NUMBER(kd, 0.0f, 2.0f),
+    NUMBER(lead_mm, 0.0f, 15.0f),
+    NUMBER(window_mm, 0.5f, 50.0f),
+    NUMBER(jump_mm, 0.05f, 50.0f),
+    NUMBER(confirm_s, 0.0f, 1.0f),
+    NUMBER(lost_s, 0.02f, 5.0f),
+    NUMBER(stuck_s, 0.0f, 60.0f),
+    NUMBER(settle_s, 0.0f, 10.0f),
+    NUMBER(approach_s, 0.0f, 10.0f),
+    NUMBER(answer_mm, 0.2f, 20.0f),
+    NUMBER(limit_s, 0.1f, 60.0f),
+    NUMBER(cross_mm, 0.0f, 20.0f),
+    NUMBER(arc_average_s, 0.01f, 5.0f),
+    NUMBER(arc_bend, -0.5f, 0.5f),
+    NUMBER(arc_fall_a_per_v, 0.0f, 50.0f),
 };
 
-static size_t offset(const waam_standoff_setting_t *setting)
+const waam_setting_t *waam_standoff_setting(const char *name, size_t length)
 {
-    size_t i = 0;
-    while (&list[i].setting != setting)
-        i++;
-    return list[i].at;
-}
-
-const waam_standoff_setting_t *waam_standoff_setting(const char *name, uint32_t length)
-{
-    for (size_t i = 0; i < WAAM_STANDOFF_SETTINGS; i++) {
-        uint32_t k = 0;
-        while (k < length && list[i].setting.name[k] == name[k] && name[k])
-            k++;
-        if (k == length && list[i].setting.name[k] == '\0')
-            return &list[i].setting;
-    }
-    return NULL;
-}
-
-bool waam_standoff_set(waam_standoff_config_t *c, const waam_standoff_setting_t *setting, double value)
-{
-    char *at = (char *)c + offset(setting);
-    if (!(value >= (double)setting->lowest && value <= (double)setting->highest))
-        return false;
-    if (!setting->whole) {
-        *(float *)(void *)at = (float)value;
-        return true;
-    }
-    uint32_t whole = (uint32_t)value;
-    if ((double)whole != value)
-        return false;
-    *(uint32_t *)(void *)at = whole;
-    return true;
-}
-
-float waam_standoff_get(const waam_standoff_config_t *c, const waam_standoff_setting_t *setting)
-{
-    const char *at = (const char *)c + offset(setting);
-    return setting->whole ? (float)*(const uint32_t *)(const void *)at : *(const float *)(const void *)at;
+    return waam_setting_find(list, WAAM_STANDOFF_SETTINGS, name, length);
 }
 
 /* The values for a laser of 0.01 mm; those of the others are in the README. */
@@ -118,12 +77,12 @@ waam_standoff_config_t waam_standoff_default(void)
     };
 }
 
-const waam_standoff_setting_t *waam_standoff_check(const waam_standoff_config_t *c)
+const waam_setting_t *waam_standoff_check(const waam_standoff_config_t *c)
 {
     for (size_t i = 0; i < WAAM_STANDOFF_SETTINGS; i++) {
-        const waam_standoff_setting_t *setting = &list[i].setting;
-        float value = waam_standoff_get(c, setting);
-        if (!(value >= setting->lowest && value <= setting->highest))
+        const waam_setting_t *setting = &list[i];
+        double value = waam_setting_get(setting, c);
+        if (!(value >= (double)setting->lowest && value <= (double)setting->highest))
             return setting;
     }
     if (c->source == WAAM_STANDOFF_INFRARED && c->set_mm < 35.0f)

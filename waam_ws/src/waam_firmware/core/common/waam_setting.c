@@ -1,0 +1,43 @@
+#include "waam_setting.h"
+
+#include <stdint.h>
+
+static bool is(const char *bytes, size_t count, const char *name)
+{
+    size_t k = 0;
+    while (k < count && name[k] && name[k] == bytes[k])
+        k++;
+    return k == count && !name[k];
+}
+
+const waam_setting_t *waam_setting_find(const waam_setting_t *list, size_t count, const char *name, size_t length)
+{
+    for (size_t i = 0; i < count; i++)
+        if (is(name, length, list[i].name))
+            return &list[i];
+    return NULL;
+}
+
+bool waam_setting_put(const waam_setting_t *setting, void *into, double value)
+{
+    void *at = (char *)into + setting->at;
+    if (!(value >= (double)setting->lowest && value <= (double)setting->highest))
+        return false;
+    if (setting->type == WAAM_SETTING_FLOAT)
+        *(float *)at = (float)value;
+    else if (setting->type == WAAM_SETTING_DOUBLE)
+        *(double *)at = value;
+    else if ((double)(uint32_t)value != value)
+        return false;
+    else
+        *(uint32_t *)at = (uint32_t)value;
+    return true;
+}
+
+double waam_setting_get(const waam_setting_t *setting, const void *from)
+{
+    const void *at = (const char *)from + setting->at;
+    if (setting->type == WAAM_SETTING_FLOAT)
+        return (double)*(const float *)at;
+    return setting->type == WAAM_SETTING_DOUBLE ? *(const double *)at : (double)*(const uint32_t *)at;
+}
