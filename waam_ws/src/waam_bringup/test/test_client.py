@@ -63,6 +63,37 @@ for name in ('one', 'two', 'three'):
     print(len(os.listdir('/proc/self/task')))
 """
 
+# The controller takes every override; the process control hears only the second one.
+DEAF = """
+import rclpy
+from waam_msgs.msg import Override, ProcessControl, Telemetry
+from waam_node.qos import NEWEST, TELEMETRY
+
+rclpy.init()
+node = rclpy.create_node('job_sequencer')
+orders, operator = [], [1.0]
+frames = node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
+factors = node.create_publisher(Override, 'process_override', NEWEST)
+status = node.create_publisher(ProcessControl, 'process_control', TELEMETRY)
+
+def hear(msg):
+    orders.append(msg.wire_factor)
+    if len(orders) > 1:
+        operator[0] = msg.wire_factor
+    print(len(orders), flush=True)
+
+def tell():
+    factor = orders[-1] if orders else 1.0
+    factors.publish(Override(speed_factor=1.0, wire_factor=1.1))
+    status.publish(ProcessControl(speed_factor=1.0, wire_factor=1.1, operator_speed_factor=1.0,
+                                  operator_wire_factor=operator[0]))
+    frames.publish(Telemetry(speed_override=1.0, wire_override=1.1 * factor))
+
+node.create_subscription(Override, 'override', hear, NEWEST)
+node.create_timer(0.02, tell)
+rclpy.spin(node)
+"""
+
 
 @contextmanager
 def process(code: str):
@@ -136,3 +167,12 @@ def test_a_goal_that_never_reached_its_server_is_sent_again(server, monkeypatch,
             with pytest.raises(ClientError, match='did not answer the goal'):
                 client.run_job(RunJob.Goal(), lambda _: None)
     assert len(sent) == min(lost + 1, SENDINGS)
+
+
+def test_an_override_that_the_process_control_has_not_heard_is_said_again():
+    """It would take the operator's factor for an error, and take it back."""
+    with process(DEAF) as (child, env), GraphClient(int(env['ROS_DOMAIN_ID'])) as client:
+        speed, wire = client.override(1.0, 0.9, 'test')
+        assert (speed, wire) == pytest.approx((1.0, 0.99))
+        child.kill()
+        assert child.stdout.read().split()[:2] == [b'1', b'2']

@@ -18,7 +18,14 @@ from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
 from waam_msgs.action import RunJob
-from waam_msgs.msg import Heartbeat, JobStatus, MachineState, Override, Telemetry
+from waam_msgs.msg import (
+    Heartbeat,
+    JobStatus,
+    MachineState,
+    Override,
+    ProcessControl,
+    Telemetry,
+)
 from waam_msgs.srv import LoadPart
 from waam_node.qos import BEAT, LATCHED, NEWEST, TELEMETRY
 
@@ -169,12 +176,12 @@ class GraphClient:
 
     def override(self, speed: float, wire: float, source: str) -> tuple[float, float]:
         """Factors (NaN = as it is), asked for until telemetry shows them; ClientError when it never does. A process
-        control multiplies them by its own."""
+        control multiplies them by its own, and must have heard them, or it would take them back."""
         seen: list[Telemetry] = []
-        control: list[Override] = []
+        control: list[ProcessControl] = []
         listening = self.node.create_subscription(Telemetry, 'telemetry', seen.append, TELEMETRY)
         controls = self.node.create_subscription(
-            Override, 'process_override', control.append, NEWEST
+            ProcessControl, 'process_control', control.append, TELEMETRY
         )
         publisher = self.node.create_publisher(Override, 'override', NEWEST)
 
@@ -184,8 +191,11 @@ class GraphClient:
                 return False
             t, slack, by_speed, by_wire = seen[-1], 1e-3, 1.0, 1.0
             if control:
-                by_speed, by_wire = control[-1].speed_factor, control[-1].wire_factor
-                slack = 0.02  # a control's factors go on changing
+                c, slack = control[-1], 0.02  # its factors go on changing
+                by_speed, by_wire = c.speed_factor, c.wire_factor
+                heard = [(speed, c.operator_speed_factor), (wire, c.operator_wire_factor)]
+                if any(abs(a - b) > 1e-6 for a, b in heard if not math.isnan(a)):
+                    return False
             pairs = [(speed, by_speed, t.speed_override), (wire, by_wire, t.wire_override)]
             return all(math.isnan(a) or abs(a * by - b) < slack for a, by, b in pairs)
 
