@@ -10,12 +10,19 @@ again=(--reruns 1 -r R)
 # A file runs in one process; the files that take longest come first, so that none is left alone at the end. The tests of
 # the packages wait a third of their time; two graphs are what two cores bear.
 files=(--dist loadfile --no-loadscope-reorder --durations=25 "${again[@]}")
-code=0
+logs=$(mktemp -d)
+checker=
+trap '[ -z "$checker" ] || kill $checker 2>/dev/null || true; rm -rf "$logs"' EXIT
+failed=()
 # beside the first tests: on a fresh machine it computes for a minute
-types=$(mktemp) && trap 'kill "${checker:-}" 2>/dev/null || true; rm -f "$types"' EXIT
-nice mypy > "$types" 2>&1 & checker=$!
-python3 -m pytest -n 3 "${files[@]}" waam_ws/src/waam_{view,lab}/test waam_ws/src/*/test || code=$?
-wait $checker || code=$?
-cat "$types"
-python3 -m pytest -n 2 "${files[@]}" test/test_{kill,resume_graph,job_graph}.py test || code=$?
-exit $code
+nice mypy > "$logs/types" 2>&1 & checker=$!
+python3 -m pytest -n 3 "${files[@]}" waam_ws/src/waam_{view,lab}/test waam_ws/src/*/test | tee "$logs/packages" || failed+=(packages)
+wait $checker || failed+=(types)
+checker=
+cat "$logs/types"
+python3 -m pytest -n 2 "${files[@]}" test/test_{kill,resume_graph,job_graph}.py test | tee "$logs/graph" || failed+=(graph)
+# Whoever sees only the end of this output sees here what failed and what was run twice.
+for part in packages types graph; do
+  grep -E '^(FAILED|ERROR|RERUN) |error:|^=+ .*(passed|failed|error).* =+$' "$logs/$part" | cut -c -300 | sed "s/^/$part: /" || true
+done
+[ ${#failed[@]} -eq 0 ] || { echo "failed: ${failed[*]}"; exit 1; }
