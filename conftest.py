@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
+from hypothesis import HealthCheck, settings
+
+# `make test` tries the same examples everywhere, so that it fails where its change is at fault. WAAM_EXAMPLES=random
+# looks for new ones (and keeps those that fail).
+_ANYWHERE = {'deadline': None, 'suppress_health_check': [HealthCheck.too_slow]}
+settings.register_profile('same', derandomize=True, database=None, **_ANYWHERE)
+settings.register_profile('random', **_ANYWHERE)
+settings.load_profile(os.environ.get('WAAM_EXAMPLES', 'same'))
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
