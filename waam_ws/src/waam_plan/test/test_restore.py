@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import binary_dilation
 
@@ -54,6 +54,10 @@ OPTIONS = st.fixed_dictionaries(
 
 
 @given(WEAR, OPTIONS)
+@example(
+    wear(0.0, [(0.06, 0.0, 0.013907674388933953, 0.003210893950290541)], 0.0, 0),
+    {'alternation': 'none', 'stagger': False, 'direction': 'auto'},
+)
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_properties_of_any_plan(worn_block, depth, options):
     found, nominal = worn_block(depth)
@@ -106,7 +110,9 @@ def check_layer(plan, layer, metal):
         if s.kind == Kind.IDLE and math.dist(s.start[:2], s.end[:2]) > 0:
             assert min(s.start[2], s.end[2]) >= highest(plan, metal, s) + S.clearance - 1e-9
     share, _ = coverage(layer.segments, layer.footprint, plan.spec, S.pitch / 2 + 0.6e-3)
-    assert share >= 0.99
+    # a corner narrower than the wire is left out of a small pit
+    wire = (S.wire_diameter / plan.spec.resolution) ** 2
+    assert (1 - share) * layer.footprint.sum() <= max(0.01 * layer.footprint.sum(), wire)
     inside(plan, layer)
     fine = ~np.isnan(layer.target_before) == layer.footprint
     assert fine.all()
