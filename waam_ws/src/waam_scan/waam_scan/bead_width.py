@@ -33,6 +33,9 @@ UNEVEN = (
 MISFIT = 0.15  # share of the crown's height that the section may differ from its parabola, RMS
 FEWEST = 5  # cells of a section
 SECTIONS, BLOCKS = 5, 2  # that a width needs
+ALIKE = (
+    0.03  # share of the width by which sections may always differ: the scatter of a few says little
+)
 
 
 @dataclass(frozen=True)
@@ -214,7 +217,7 @@ def _mean(widths: np.ndarray, places: Sections) -> BeadWidth:
         return BeadWidth()
     relative = np.where(seen, widths / places.expected, np.nan)
     off = np.abs(relative - np.median(relative[seen]))
-    seen &= off <= 4 * 1.4826 * np.median(off[seen]) + 1e-9
+    seen &= off <= max(4 * 1.4826 * np.median(off[seen]), ALIKE)
     numbers = places.block[seen]
     means = np.array([widths[seen][numbers == b].mean() for b in np.unique(numbers)])
     if seen.sum() < SECTIONS or len(means) < BLOCKS:
