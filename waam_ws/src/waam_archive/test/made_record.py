@@ -42,7 +42,7 @@ def stamped(message: Any, t: float, /, **fields: Any) -> Any:
 
 def messages(job: str, seconds: int, profiles: int) -> Iterator[tuple[str, float, bytes]]:
     """(topic, time, bytes): one layer of two beads along x, the arc on in between; `profiles` points per 0.1 s."""
-    names = {'job_id': job, 'profile': 'closed_loop'}
+    names = {'job_id': job, 'loop_mode': 'closed_loop'}
     yield (
         'job_status',
         T0,
@@ -127,16 +127,18 @@ def make_record(
     seconds: int = 10,
     profiles: int = 0,
     custom: dict | None = None,
+    old_names: bool = False,
 ) -> Path:
-    """A folder with one MCAP file and metadata.yaml. custom: its custom data."""
+    """A folder with one MCAP file and metadata.yaml. custom: its custom data; old_names: fields as of 0.2.0."""
     writer = BagWriter(folder, custom or {})
     known: dict[str, int] = {}
     for n, (topic, t, data) in enumerate(messages(job, seconds, profiles)):
         if topic not in known:
             kind = f'{KINDS[topic].__module__.split(".")[0]}/msg/{KINDS[topic].__name__}'
-            known[topic] = writer.add_topic(
-                Topic(f'/{topic}', kind, full_text(kind, ament_prefixes()), 'RIHS01_', [QOS])
-            )
+            definition = full_text(kind, ament_prefixes())
+            if old_names:
+                definition = definition.replace('string loop_mode', 'string profile')
+            known[topic] = writer.add_topic(Topic(f'/{topic}', kind, definition, 'RIHS01_', [QOS]))
         writer.write(known[topic], int(t * 1e9), int(t * 1e9), n, data)
     writer.close()
     return folder

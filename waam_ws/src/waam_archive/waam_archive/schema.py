@@ -5,11 +5,17 @@ Units stand in the names: `_mm`, `_m`, `_s`, `_A` ... A value that is not known 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
+from waam_process.loop_mode import OLD_FIELD
 from waam_process.names import ANOMALY_CLASSES
 
-VERSION = 1  # of the tables below; an archive says with which one it was written
+VERSION = 2  # of the tables below; every segment of an archive says with which one it was written
+FIRST_VERSION = 1  # the oldest one that can be read
+RENAMED = {
+    ('jobs', 'loop_mode'): (1, OLD_FIELD)
+}  # column -> last version with its old name, old name
 SQL_TYPES = {
     'text': 'VARCHAR', 'int': 'BIGINT', 'float': 'DOUBLE', 'bool': 'BOOLEAN', 'time': 'TIMESTAMP', 'floats': 'FLOAT[]',
 }  # fmt: skip
@@ -41,7 +47,8 @@ _JOBS = [
         'text',
         name='short name', part='file name of the nominal part', part_sha256='hash of that file',
         material='key of the material table', mode='`restore` or `build`',
-        profile='`open_loop`, `monitor` or `closed_loop`', cell='name of the cell', operator='who answered for the job',
+        loop_mode='`open_loop`, `monitor` or `closed_loop`', cell='name of the cell',
+        operator='who answered for the job',
         wire_lot='as the notes of the job say', gas='as the notes of the job say',
         state='state that the job ended in: `DONE`, `FAILED`, `ABORTED`, `INTERRUPTED`',
         verdict='`in tolerance`, `out of tolerance`, `not judged: REASON`, `failed`',
@@ -180,6 +187,23 @@ SMALL = tuple(name for name in TABLES if name not in BULK)  # files of many jobs
 def names(table: str) -> list[str]:
     """Columns of a table, in their order."""
     return [c.name for c in TABLES[table]]
+
+
+def select_list(table: str, version: int = VERSION) -> str:
+    """The columns as SQL, out of files of that version of the schema."""
+    found = []
+    for name in names(table):
+        last, old = RENAMED.get((table, name), (0, ''))
+        found.append(f'"{old}" AS "{name}"' if version <= last else f'"{name}"')
+    return ', '.join(found)
+
+
+def version_of(columns: Iterable[str]) -> int:
+    """Version of the schema whose table `jobs` has these columns."""
+    old = [
+        last for (table, _), (last, name) in RENAMED.items() if table == 'jobs' and name in columns
+    ]
+    return min(old, default=VERSION)
 
 
 def markdown() -> str:
