@@ -39,7 +39,10 @@ def write_job(
         target = np.where(region, k * LAYER, np.nan)
         error = (surface - target)[interior]
         rms.append(float(np.sqrt(np.mean(error**2))))
-        save_scan(folder, k, surface, target, nominal, region, interior, rng, k < layers)
+        save_scan(
+            folder=folder, k=k, surface=surface, target=target, nominal=nominal, region=region, interior=interior,
+            rng=rng, has_next=k < layers,
+        )  # fmt: skip
         ripple = 0.04e-3 * np.cos(2 * np.pi * y / PITCH)
         noise = gaussian_filter(rng.normal(size=surface.shape), 3) * 0.12e-3
         deviation = surface - k * LAYER
