@@ -44,9 +44,10 @@ def test_files_that_talk_to_the_world_do_so(pattern):
 
 def test_no_call_has_more_positional_arguments_than_a_reader_can_count():
     """What needs more says which is which by keywords. Tests, benchmarks and compiled loops as well."""
-    folders = (SRC, ROOT / 'bench', ROOT / 'test', ROOT / 'scripts')
-    files = (f for folder in folders for f in folder.glob('**/*.py'))
-    trees = {str(f.relative_to(ROOT)): ast.parse(f.read_text()) for f in files}
+    trees = {f'{SRC.relative_to(ROOT)}/{m.file}': m.tree for m in WORKSPACE.modules.values()}
+    for folder in (*SRC.glob('*/test'), ROOT / 'bench', ROOT / 'test', ROOT / 'scripts'):
+        for file in folder.glob('**/*.py'):
+            trees[str(file.relative_to(ROOT))] = ast.parse(file.read_text())
     count, where = longest_call(trees)
     assert count <= 8, f'{where}: {count} positional arguments'
 
