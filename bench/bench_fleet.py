@@ -30,7 +30,7 @@ JOBS = int(os.environ.get('WAAM_BENCH_FLEET_JOBS', '40'))
 def short_jobs(folder: Path, count: int) -> list:
     from waam_lab import over_seeds, parts
 
-    job = parts.job(folder, 'block', layers=1, profile='open_loop')
+    job = parts.job(folder, 'block', layers=1, loop_mode='open_loop')
     return over_seeds(job, list(range(1, count + 1)))
 
 

@@ -34,7 +34,7 @@ def in_graph(seed: int) -> tuple[dict, float]:
             machine='gantry',
             jobs=Path(scratch),
             layers=0,
-            profiles=['closed_loop'],
+            loop_modes=['closed_loop'],
             rate=0.0,
             fresh=True,
         )

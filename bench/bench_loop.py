@@ -24,13 +24,13 @@ def demo() -> None:
     from waam_node import job_folder
 
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
-        profiles = ['open_loop', 'closed_loop']
+        modes = ['open_loop', 'closed_loop']
         args = SimpleNamespace(
             seed=7,
             machine='gantry',
             jobs=Path(scratch),
             layers=0,
-            profiles=profiles,
+            loop_modes=modes,
             rate=0.0,
             fresh=True,
         )

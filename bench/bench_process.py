@@ -40,7 +40,7 @@ def in_laboratory(value: str, output: str = 'override') -> list:
 
     overrides = {'cell': WANDERS, 'process_control': {'value': value, 'output': output}}
     with tempfile.TemporaryDirectory() as folder:
-        made = {'layers': 1, 'profile': 'open_loop', 'overrides': overrides}
+        made = {'layers': 1, 'loop_mode': 'open_loop', 'overrides': overrides}
         found = run_many([parts.job(Path(folder), 'block', seed, **made) for seed in SEEDS])
     for r in found:
         if r.failed:

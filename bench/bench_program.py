@@ -85,7 +85,7 @@ def path() -> None:
 
 
 def ratio() -> None:
-    """Both profiles on the same cells."""
+    """Both loop modes on the same cells."""
     import numpy as np
     import trimesh
 
@@ -98,20 +98,20 @@ def ratio() -> None:
         part = Path(scratch) / 'block.stl'
         trimesh.creation.box(extents=(48, 28, 16)).export(part)
         rms = {}
-        for profile in ('open_loop', 'closed_loop'):
+        for loop_mode in ('open_loop', 'closed_loop'):
             goal = JobGoal(
                 part=part,
                 material='er70s-6',
                 jobs_dir=Path(scratch),
                 mode='build',
-                profile=profile,
+                loop_mode=loop_mode,
                 program=BLOCK,
                 dialect='slicer',
             )
             found = run_many(over_seeds(LabJob(goal), list(wanted)), workers=1)
-            rms[profile] = np.array([r.rms for r in found])
-            told = ' '.join(f'{v * 1e3:.3f}' for v in rms[profile])
-            print(f'program.rms_ratio: {profile}, seeds {wanted}: {told} mm', file=sys.stderr)
+            rms[loop_mode] = np.array([r.rms for r in found])
+            told = ' '.join(f'{v * 1e3:.3f}' for v in rms[loop_mode])
+            print(f'program.rms_ratio: {loop_mode}, seeds {wanted}: {told} mm', file=sys.stderr)
     value = float(rms['closed_loop'].mean() / rms['open_loop'].mean())
     emit('program.rms_ratio', value, '1', 'asked for', WANTED_RATIO)
 

@@ -31,7 +31,7 @@ def make_job(scratch: Path) -> Path:
     from waam_node import job_folder
 
     args = SimpleNamespace(
-        seed=7, machine='gantry', jobs=scratch, layers=2, profiles=['closed_loop'], rate=0.0
+        seed=7, machine='gantry', jobs=scratch, layers=2, loop_modes=['closed_loop'], rate=0.0
     )
     stdout, sys.stdout = sys.stdout, sys.stderr
     try:

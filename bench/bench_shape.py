@@ -216,7 +216,7 @@ def plants() -> None:
         plant = replace(usual, metal=replace(usual.metal, **changed))
         closed = jaw_jobs(seeds(FEW), plant=plant)
         told(name, closed)
-        without = jaw_jobs(seeds(FEW)[:1], plant=plant, profile='open_loop')
+        without = jaw_jobs(seeds(FEW)[:1], plant=plant, loop_mode='open_loop')
         figures = tuple(1e3 * float(np.mean([r.rms for r in rs])) for rs in (closed, without))
         worst = max(worst, figures)
     emit('shape.plants_worst_mm', worst[0], 'mm', 'open loop on the same plant', worst[1])

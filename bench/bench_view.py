@@ -37,7 +37,7 @@ SECONDS = float(os.environ.get('WAAM_VIEW_BENCH_S', '40'))
 RUNS = int(os.environ.get('WAAM_VIEW_BENCH_RUNS', '2'))
 START_S = 240.0  # a graph's start, a job's way to its first scan, and the graph's end: at most
 GOAL = {
-    'name': 'view', 'mode': 'restore', 'material': 'er70s-6', 'profile': 'closed_loop', 'layers': 1,
+    'name': 'view', 'mode': 'restore', 'material': 'er70s-6', 'loop_mode': 'closed_loop', 'layers': 1,
     'layer_height': 0.0, 'bead_width': 0.0, 'k_gain': float('nan'), 'tolerance': 0.2, 'scale': 1e-3,
     'note': ['wire_lot=simulated', 'gas=simulated'], 'operator': 'bench',
     'strategy': '', 'allowance': 0.0, 'passes': 1, 'wire_left': 0.0,

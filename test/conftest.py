@@ -55,7 +55,7 @@ class Bench:
 
     def goal(self, **changes):
         values = {
-            'name': 'test', 'part': self.part[0], 'mode': 'restore', 'material': 'er70s-6', 'profile': 'closed_loop',
+            'name': 'test', 'part': self.part[0], 'mode': 'restore', 'material': 'er70s-6', 'loop_mode': 'closed_loop',
             'layers': 0, 'layer_height': 0.0, 'bead_width': 0.0, 'k_gain': float('nan'), 'tolerance': 0.2,
             'scale': 1e-3, 'note': [], 'strategy': '', 'allowance': 0.0, 'passes': 1, 'wire_left': 0.0,
             'operator': 'test', 'fresh': True,

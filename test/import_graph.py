@@ -9,7 +9,7 @@ import ast
 import re
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -231,15 +231,22 @@ def largest_flat_folder(source: Path) -> tuple[int, str]:
     return count, str(folder.relative_to(source))
 
 
-def longest_call(modules: Iterable[Module]) -> tuple[int, str]:
-    """Most positional arguments in a call of something that is written here."""
-    nodes = [(m, node) for m in modules for node in ast.walk(m.tree)]
-    own = {n.name for _, n in nodes if isinstance(n, ast.FunctionDef | ast.ClassDef)}
-    best = (0, '')
-    for m, node in nodes:
-        if isinstance(node, ast.Call) and len(node.args) > best[0] and _called(node) in own:
-            best = (len(node.args), f'{m.file}:{node.lineno} {_called(node)}')
-    return best
+def longest_call(trees: Mapping[str, ast.Module]) -> tuple[int, str]:
+    """Most positional arguments in a call, and where. trees: by the name that is printed.
+
+    Functions of these trees that take any number of arguments (`*words`) do not count.
+    """
+    calls: list[tuple[int, str, int, str]] = []
+    variadic = set()
+    for file, tree in trees.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call):
+                calls.append((len(node.args), file, node.lineno, _called(node)))
+            elif isinstance(node, ast.FunctionDef) and node.args.vararg:
+                variadic.add(node.name)
+    known = (c for c in calls if c[3] not in variadic)
+    count, file, line, name = max(known, key=lambda c: c[0], default=(0, '', 0, ''))
+    return count, f'{file}:{line} {name}'
 
 
 def _called(call: ast.Call) -> str:
@@ -255,7 +262,7 @@ def main() -> None:
             print('   ', ' '.join(circle))
     count, folder = largest_flat_folder(source)
     print(f'largest flat folder: {count} modules in {folder}')
-    count, where = longest_call(workspace.modules.values())
+    count, where = longest_call({m.file: m.tree for m in workspace.modules.values()})
     print(f'longest call: {count} positional arguments in {where}')
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 from pathlib import Path
 
 import pytest
 import yaml
-from import_graph import Workspace, impurities
+from import_graph import Workspace, impurities, longest_call
 from import_table import KNOWN, MAY_IMPORT, TALKS_TO_THE_WORLD, Table
 
 ROOT = Path(__file__).parents[1]
@@ -39,6 +40,16 @@ def test_every_package_is_in_the_table():
 def test_files_that_talk_to_the_world_do_so(pattern):
     files = [m for m in WORKSPACE.modules.values() if re.fullmatch(pattern, m.file)]
     assert any(impurities(m) for m in files), 'strike it from the table'
+
+
+def test_no_call_has_more_positional_arguments_than_a_reader_can_count():
+    """What needs more says which is which by keywords. Tests, benchmarks and compiled loops as well."""
+    trees = {f'{SRC.relative_to(ROOT)}/{m.file}': m.tree for m in WORKSPACE.modules.values()}
+    for folder in (*SRC.glob('*/test'), ROOT / 'bench', ROOT / 'test', ROOT / 'scripts'):
+        for file in folder.glob('**/*.py'):
+            trees[str(file.relative_to(ROOT))] = ast.parse(file.read_text())
+    count, where = longest_call(trees)
+    assert count <= 8, f'{where}: {count} positional arguments'
 
 
 def test_simulator_and_controller_share_no_physics():

@@ -8,6 +8,8 @@ import subprocess
 import pytest
 from code_names import C_NAME, NAME, ROOT, c_exists, exists
 
+from waam_node import job_folder
+
 PAGES = sorted([*(ROOT / 'docs').glob('*.md'), ROOT / 'README.md', ROOT / 'CHANGELOG.md'])
 READMES = sorted((ROOT / 'waam_ws' / 'src').glob('*/README.md'))
 PAST = {'CHANGELOG.md', 'upgrading.md'}  # they name what is no longer there
@@ -106,6 +108,16 @@ def test_what_a_newcomer_asks_is_behind_one_link(question, answer, link):
     words = re.findall(r'`([^`]+)`', answer)
     assert words and any(w in there for w in words)
     assert words[-1] in there
+
+
+def test_the_page_of_the_job_folder_names_every_file():
+    """The first block of the page lists what the code calls its files; numbers and wildcards aside."""
+    listed = (ROOT / 'docs' / 'job_folder.md').read_text().split('```')[1]
+    names = [v for k, v in vars(job_folder).items() if k.isupper() and isinstance(v, str)]
+    made = [job_folder.plan(), job_folder.program(), job_folder.record(), job_folder.resume(2),
+            job_folder.plan(2), job_folder.map_after(0), job_folder.viewer_recording()]  # fmt: skip
+    wanted = [n for n in (*names, *made) if '*' not in n]
+    assert len(wanted) > 18 and not [n for n in wanted if n not in listed]
 
 
 MARKDOWN = [

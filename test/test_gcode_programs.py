@@ -20,7 +20,8 @@ from waam_plan.lay.restore import plan_restoration
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan
 from waam_plan.post.gcode import compact_gcode, gcode, with_base_feed
-from waam_plan.post.skew import AxisErrors, correct_gcode
+from waam_plan.post.skew import AxisErrors
+from waam_plan.post.skew_program import correct_gcode
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment

@@ -24,9 +24,10 @@ def test_a_job_is_done_after_a_node_has_hung_and_was_started_again(make_graph, n
         # a sign of life goes out beside each of them; before its first one a node counts as starting
         bench.wait(lambda: node in heard, 30.0, f'a sign of life of {node}')
         before = bench.state().nodes
-        bench.client.machine = bench.client.job = None
         os.kill(before[node].pid, signal.SIGSTOP)
         bench.wait(lambda: bench.state().nodes[node].restarts == 1, 60.0, f'restart of {node}')
+        # not before: the old one is woken for a moment, to write down where it hung, and speaks
+        bench.client.machine = bench.client.job = None
         after = bench.state()
         assert f'{node} gave no sign of life' in after.nodes[node].reason == after.message
         assert {n for n in after.nodes if after.nodes[n].pid != before[n].pid} == {node}

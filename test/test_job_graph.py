@@ -37,7 +37,7 @@ def learned_file(bench):
 @pytest.fixture(scope='module')
 def done(bench, learned_file):
     """One closed-loop job, the second of its cell; most tests look at what it left."""
-    result = bench.job(profile='closed_loop', note=['wire_lot=4711'], fresh=False)
+    result = bench.job(loop_mode='closed_loop', note=['wire_lot=4711'], fresh=False)
     assert result.error_code == 0, result.message
     return Path(result.job_dir)
 
@@ -281,7 +281,7 @@ def test_every_verb_of_waam_job_steers_the_running_job(bench, background, capfd)
     [
         ({'part': Path('/nowhere/part.stl')}, CODES.BAD_PART, 'part.stl'),
         ({'material': 'unobtainium'}, CODES.UNKNOWN_MATERIAL, 'unobtainium'),
-        ({'profile': 'loop'}, CODES.BAD_GOAL, 'loop'),
+        ({'loop_mode': 'loop'}, CODES.BAD_GOAL, 'loop'),
         ({'tolerance': 50.0}, CODES.BAD_GOAL, 'tolerance'),
     ],
 )

@@ -68,6 +68,7 @@ def _watched_job(bench) -> dict:
         assert client.until(listener.acting, 60.0), 'the control does not act again'
         begin = len(listener.status)
         client.override(1.0, 0.9, 'test')
+        assert job.is_alive(), 'the layer was laid before the override came'
         client.until(lambda: not job.is_alive(), 180.0)
         job.join(60.0)
         seen['after'] = listener.status[begin:]

@@ -11,7 +11,9 @@ from code_names import ROOT, SRC
 
 READMES = sorted(SRC.glob('*/README.md'))
 ORDER = ('Features', 'Design', 'Parameters', 'Topics', 'Tuning')
-IN_ORDER = ('adapt', 'bridge', 'firmware', 'panel', 'replay', 'view')  # where the template is kept
+IN_ORDER = (  # where the template is kept
+    'adapt', 'bridge', 'bringup', 'firmware', 'job', 'lab', 'panel', 'plan', 'replay', 'robot', 'robot_bridge', 'view',
+)  # fmt: skip
 HEAD = '| parameter | default |'
 ANY_NODE = {'/diagnostics', '/clock', 'heartbeat', 'lease_tick'}
 

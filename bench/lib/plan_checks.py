@@ -139,9 +139,9 @@ def lay(metal, segment, clock: float) -> float:
         t = (i + 0.5) / n - trail
         x, y = (a + t * (b - a) for a, b in zip(segment.start[:2], segment.end[:2], strict=True))
         core.lay(
-            metal.z, metal.solid, metal.touched, metal.params[0], metal.state[0], x, y,
-            section * segment.length / n, segment.width, 1.5 * section / segment.width, 150.0,
-            clock + i / n * duration,
+            z=metal.z, solid=metal.solid, touched=metal.touched, p=metal.params[0], s=metal.state[0], x=x, y=y,
+            volume=section * segment.length / n, width=segment.width, height=1.5 * section / segment.width,
+            temperature=150.0, time=clock + i / n * duration,
         )  # fmt: skip
     return clock + duration
 

@@ -27,8 +27,9 @@ def pieces(seed: int, n: int = 30):
 def test_shares_of_a_piece_are_a_gaussian_about_it(seed):
     place, tangent, step = pieces(seed)
     metal, cell, first = kernels.shares(
-        place, tangent, step, ROWS, COLS, REACH, ALONG, ACROSS, TINY
-    )
+        place=place, tangent=tangent, step=step, rows=ROWS, cols=COLS, reach=REACH, along=ALONG, across=ACROSS,
+        tiny=TINY,
+    )  # fmt: skip
     for p in range(len(step)):
         row, col = (np.floor(place[p, i]) + np.arange(-REACH, REACH + 1) for i in (0, 1))
         y, x = np.meshgrid(row + 0.5 - place[p, 0], col + 0.5 - place[p, 1], indexing='ij')
@@ -48,11 +49,14 @@ def test_shares_of_a_piece_are_a_gaussian_about_it(seed):
 def test_pieces_off_the_grid_give_nothing():
     place, tangent, step = np.array([[-40.0, 3.0]]), np.array([[1.0, 0.0]]), np.ones(1)
     metal, cell, first = kernels.shares(
-        place, tangent, step, ROWS, COLS, REACH, ALONG, ACROSS, TINY
-    )
+        place=place, tangent=tangent, step=step, rows=ROWS, cols=COLS, reach=REACH, along=ALONG, across=ACROSS,
+        tiny=TINY,
+    )  # fmt: skip
     assert not len(metal) and not len(cell) and (first == 0).all()
     nearest = np.zeros((ROWS, COLS), np.int64)
-    assert not kernels.neighbours(place, step, step, nearest, 5.0, 1.0, 2.0, 1.5, 8.0).any()
+    assert not kernels.neighbours(
+        place=place, step=step, run=step, nearest=nearest, reach=5.0, narrow=1.0, wide=2.0, apart=1.5, fade=8.0,
+    ).any()  # fmt: skip
 
 
 def test_gradient_and_curvature_of_the_least_squares():

@@ -32,7 +32,7 @@ def make_job(
     folder = JobFolder(path, job_id)
     material = get('er70s-6')
     goal = {
-        'part': f'/parts/{part}', 'name': Path(part).stem, 'mode': 'restore', 'profile': 'closed_loop',
+        'part': f'/parts/{part}', 'name': Path(part).stem, 'mode': 'restore', 'loop_mode': 'closed_loop',
         'material': material.name, 'operator_name': operator, 'notes': [f'wire_lot={wire_lot}', 'gas=M21'],
     }  # fmt: skip
     asked = {'job_id': job_id, 'goal': goal, 'material': asdict(material), 'part_sha256': 'ab' * 32}

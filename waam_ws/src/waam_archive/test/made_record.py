@@ -42,7 +42,7 @@ def stamped(message: Any, t: float, /, **fields: Any) -> Any:
 
 def messages(job: str, seconds: int, profiles: int) -> Iterator[tuple[str, float, bytes]]:
     """(topic, time, bytes): one layer of two beads along x, the arc on in between; `profiles` points per 0.1 s."""
-    names = {'job_id': job, 'profile': 'closed_loop'}
+    names = {'job_id': job, 'loop_mode': 'closed_loop'}
     yield (
         'job_status',
         T0,
@@ -114,9 +114,10 @@ def frame(n: int, t: float, seconds: int) -> bytes:
     phase = n % half / half
     arc = 0.1 < phase < 0.9
     fields = cdr.TelemetryFields(
-        n * 10_000, 1, n, 1, 0.04 * phase, 4e-3 * (2 if n < half else 1), 0.0, 0.01, 0.08, 0.08, 180.0 * arc,
-        22.0 * arc,
-        arc, arc, True, n, n, 10, 1.0, 1.0, 1.0, 0, 0,
+        controller_us=n * 10_000, boot_id=1, sequence=n, state=1, x=0.04 * phase, y=4e-3 * (2 if n < half else 1),
+        z=0.0, travel_speed=0.01, wire_feed_commanded=0.08, wire_feed_speed=0.08, arc_current=180.0 * arc,
+        arc_voltage=22.0 * arc, arc_enabled=arc, arc_established=arc, gas=True, line_accepted=n, line_executed=n,
+        blocks_free=10, speed_override=1.0, wire_override=1.0, lease_left=1.0, underruns=0, fault=0,
     )  # fmt: skip
     return cdr.pack_telemetry(int(t * 1e9), fields)
 
@@ -127,16 +128,18 @@ def make_record(
     seconds: int = 10,
     profiles: int = 0,
     custom: dict | None = None,
+    old_names: bool = False,
 ) -> Path:
-    """A folder with one MCAP file and metadata.yaml. custom: its custom data."""
+    """A folder with one MCAP file and metadata.yaml. custom: its custom data; old_names: fields as of 0.2.0."""
     writer = BagWriter(folder, custom or {})
     known: dict[str, int] = {}
     for n, (topic, t, data) in enumerate(messages(job, seconds, profiles)):
         if topic not in known:
             kind = f'{KINDS[topic].__module__.split(".")[0]}/msg/{KINDS[topic].__name__}'
-            known[topic] = writer.add_topic(
-                Topic(f'/{topic}', kind, full_text(kind, ament_prefixes()), 'RIHS01_', [QOS])
-            )
+            definition = full_text(kind, ament_prefixes())
+            if old_names:
+                definition = definition.replace('string loop_mode', 'string profile')
+            known[topic] = writer.add_topic(Topic(f'/{topic}', kind, definition, 'RIHS01_', [QOS]))
         writer.write(known[topic], int(t * 1e9), int(t * 1e9), n, data)
     writer.close()
     return folder

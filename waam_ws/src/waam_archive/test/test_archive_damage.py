@@ -85,7 +85,8 @@ JSON = (
 )  # fmt: skip
 KNOWN = st.sampled_from(
     ['goal', 'notes', 'layers', 'anomalies', 'trace', 'calibration', 'position', 'severity', 'created', 'rms_mm',
-     'closed_loop', 'profile', 'tolerance_map', 'parameters', 'learned', 'mounting', 'mount_xyz', 'layer', 'verdict']
+     'closed_loop', 'loop_mode', 'profile', 'tolerance_map', 'parameters', 'learned', 'mounting', 'mount_xyz',
+     'layer', 'verdict']
 )  # fmt: skip
 FLAT = st.dictionaries(KNOWN, JSON, max_size=4)
 RUN = st.dictionaries(KNOWN, FLAT | st.lists(FLAT, max_size=2) | JSON, max_size=5)

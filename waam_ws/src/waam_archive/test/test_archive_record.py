@@ -54,6 +54,20 @@ def test_a_recording_alone_becomes_a_job(record, tmp_path):
     assert (anomaly['severity'], anomaly['text']) == ('WARNING', 'lit twice')
 
 
+def test_a_recording_of_before_tells_its_loop_mode_by_the_old_name(tmp_path):
+    """The layout of the message is the same; its definition, which the recording carries, names the field otherwise."""
+    asked = {'job_id': JOB, 'goal': {'part': '/p/jaw.stl', 'profile': 'monitor'}}
+    old = make_record(tmp_path / 'old', old_names=True)
+    told = make_record(
+        tmp_path / 'told', old_names=True, custom={'job.yaml': yaml.safe_dump(asked)}
+    )
+    for record, expected in ((old, 'closed_loop'), (told, 'monitor')):
+        archive = Archive(tmp_path / f'{record.name}_archive')
+        outcome = ingest(archive.store, [record])
+        assert outcome.added == [JOB] and not outcome.notes
+        assert archive.of_job('jobs', JOB)[0]['loop_mode'] == expected
+
+
 def test_its_telemetry_is_thinned_and_its_beads_are_those_of_the_plan(record, tmp_path):
     archive = Archive(tmp_path / 'archive')
     ingest(archive.store, [record])

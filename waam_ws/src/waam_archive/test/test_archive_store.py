@@ -10,10 +10,12 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from waam_archive import arrow
 from waam_archive import ingest as ingesting
 from waam_archive import store as storing
 from waam_archive.archive import Archive
@@ -21,7 +23,7 @@ from waam_archive.catalog import ArchiveError, Catalog, Entry, File, Segment, bu
 from waam_archive.ingest import ingest
 from waam_archive.schema import SMALL, TABLES
 from waam_archive.selection import Selection
-from waam_archive.verify import verify
+from waam_archive.verify import repair, verify
 
 sys.path.insert(0, str(Path(__file__).parent))
 from killing import counted, ingest_in_child, troubles  # noqa: E402
@@ -63,6 +65,65 @@ def test_only_what_is_new_is_read(jobs, archive, monkeypatch):
     )
     ingest(archive.store, [jobs])
     assert read == [new]
+
+
+def written_by_schema_1(root: Path) -> None:
+    """Turns an archive into one of the software that called the loop mode `profile`."""
+    for marker in sorted((root / 'segments').glob('*.json')):
+        segment = parse(marker.read_text(), str(marker))
+        file = root / segment.files['jobs'].name
+        found = pq.read_table(file)
+        found = found.rename_columns(
+            ['profile' if n == 'loop_mode' else n for n in found.column_names]
+        )
+        old = File(name=segment.files['jobs'].name, **arrow.write(file, found))
+        files = {**segment.files, 'jobs': old}
+        marker.write_text(replace(segment, files=files, schema=1).text())
+    (root / 'archive.json').write_text('{"schema": 1}')
+
+
+def test_an_archive_of_the_schema_before_is_read_and_written_on(jobs, archive):
+    first, second = make_job(jobs, 1), make_job(jobs, 2)
+    ingest(archive.store, [first])
+    root = archive.store.root
+    written_by_schema_1(root)
+    archive = Archive(root)
+    assert [r['loop_mode'] for r in archive.jobs(Selection(loop_mode='closed*'))] == ['closed_loop']
+    assert archive.store.check_version() == 1  # reading changes nothing
+    ingest(archive.store, [second])
+    assert archive.store.check_version() == 2 and verify(archive.store).sound
+    assert [r['loop_mode'] for r in archive.jobs(Selection())] == ['closed_loop'] * 2
+    assert archive.sql('SELECT count(loop_mode) FROM jobs')[1] == [(2,)]
+    with archive.store.writing() as writer:
+        writer.rewrite(list(writer.catalog.segments), lambda job, entry: entry)
+    (segment,) = archive.store.catalog().segments.values()
+    assert segment.schema == 2 and ids(archive) == [first.name, second.name]
+    assert {r['loop_mode'] for r in archive.jobs(Selection())} == {'closed_loop'}
+
+
+def test_stale_rows_of_the_schema_before_do_not_count(jobs, archive):
+    folder = make_job(jobs, rms=1e-4)
+    make_job(jobs, 2)
+    ingest(archive.store, [jobs])
+    written_by_schema_1(archive.store.root)
+    shutil.rmtree(folder)
+    make_job(jobs, rms=3e-4)
+    with Archive(archive.store.root).store.writing() as writer:
+        writer.add([ingesting.read(folder)])  # without tidying up, as after a kill
+    rows = {r['job']: r['rms_mm'] for r in Archive(archive.store.root).jobs(Selection())}
+    assert len(rows) == 2 and rows[folder.name] == pytest.approx(0.3)
+
+
+def test_a_marker_of_the_schema_before_is_made_again_from_its_files(jobs, archive):
+    job = make_job(jobs)
+    ingest(archive.store, [jobs])
+    written_by_schema_1(archive.store.root)
+    (marker,) = (archive.store.root / 'segments').glob('*.json')
+    marker.write_text('torn')
+    archive = Archive(archive.store.root)
+    assert repair(archive.store, verify(archive.store))
+    assert archive.store.segment(1).schema == 1 and verify(archive.store).sound
+    assert archive.of_job('jobs', job.name)[0]['loop_mode'] == 'closed_loop'
 
 
 def test_a_job_that_changed_takes_the_place_of_what_was_there(jobs, archive):

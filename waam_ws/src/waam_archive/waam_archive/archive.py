@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import duckdb
 
 from .catalog import ArchiveError, Catalog
-from .schema import BULK, SQL_TYPES, TABLES, names
+from .schema import BULK, SQL_TYPES, TABLES, VERSION, select_list
 from .selection import Selection
 from .store import Store, literal
 
@@ -71,7 +71,7 @@ class Archive:
         db.execute('CREATE TEMP TABLE stale (file VARCHAR, job VARCHAR)')
         for table in tables:
             files = self._files(catalog, table)
-            db.execute(f'CREATE VIEW "{table}" AS {self._view(table, files, bool(stale))}')
+            db.execute(f'CREATE VIEW "{table}" AS {self._view(table, catalog, files, bool(stale))}')
             of_stale = [(f, job) for n, f in files for number, job in stale if n == number]
             if of_stale:
                 db.executemany('INSERT INTO stale VALUES (?, ?)', of_stale)
@@ -83,18 +83,19 @@ class Archive:
         return [(n, str((self.store.root / f).resolve())) for n, f in found]
 
     @staticmethod
-    def _view(table: str, files: list[tuple[int, str]], stale: bool) -> str:
+    def _view(table: str, catalog: Catalog, files: list[tuple[int, str]], stale: bool) -> str:
         if not files:
             nothing = (f'NULL::{SQL_TYPES[c.kind]} AS "{c.name}"' for c in TABLES[table])
             return f'SELECT {", ".join(nothing)} WHERE false'
-        columns = ', '.join(f'"{n}"' for n in names(table))
-        listed = ', '.join(literal(f) for _, f in files)
-        if not stale or table in BULK:
-            return f'SELECT {columns} FROM read_parquet([{listed}])'
-        return (
-            f'SELECT {columns} FROM read_parquet([{listed}], filename=true) p WHERE NOT EXISTS '
-            '(SELECT 1 FROM stale s WHERE s.file = p.filename AND s.job = p.job)'
-        )
+        by_version: dict[
+            int, list[str]
+        ] = {}  # bulk files, which are of no segment, have changed in none
+        for n, file in files:
+            version = catalog.segments[n].schema if n else VERSION
+            by_version.setdefault(version, []).append(literal(file))
+        check = stale and table not in BULK
+        parts = (_select(table, v, ', '.join(f), check) for v, f in sorted(by_version.items()))
+        return ' UNION ALL '.join(parts)
 
     def ask(self, tables: tuple[str, ...], question: Callable[[Any], Answer]) -> Answer:
         """Answer of a question to a connection. ArchiveError names a damaged file."""
@@ -192,6 +193,17 @@ class Archive:
         db.execute('SET enable_external_access = false')
         db.execute("SET autoinstall_known_extensions = false")
         db.execute('SET lock_configuration = true')
+
+
+def _select(table: str, version: int, listed: str, stale: bool) -> str:
+    """Rows of files of one version of the schema, without those of stale jobs."""
+    columns = select_list(table, version)
+    if not stale:
+        return f'SELECT {columns} FROM read_parquet([{listed}])'
+    return (
+        f'SELECT {columns} FROM read_parquet([{listed}], filename=true) p WHERE NOT EXISTS '
+        '(SELECT 1 FROM stale s WHERE s.file = p.filename AND s.job = p.job)'
+    )
 
 
 def as_rows(result: duckdb.DuckDBPyConnection) -> list[Row]:

@@ -85,6 +85,11 @@ def rows_of(path: Path) -> int:
     return pq.read_metadata(path).num_rows
 
 
+def names_of(path: Path) -> list[str]:
+    """Names of the columns. OSError or ValueError when the file is damaged."""
+    return list(pq.read_schema(path).names)
+
+
 def columns_of(path: Path, columns: tuple[str, ...]) -> list[Row]:
     """These columns, row by row. OSError or ValueError when the file is damaged."""
     return pq.read_table(path, columns=list(columns)).to_pylist()

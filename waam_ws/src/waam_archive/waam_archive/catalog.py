@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from .schema import BULK, SMALL, VERSION
+from .schema import BULK, FIRST_VERSION, SMALL, VERSION
 
 FORMAT = 'waam archive segment'
 _HEAD = re.compile(r'\{"crc32": (\d{1,10}),')
@@ -49,16 +49,17 @@ class Entry:
 
 @dataclass(frozen=True)
 class Segment:
-    """One marker. files: small table -> file."""
+    """One marker. files: small table -> file; schema: version of their tables."""
 
     number: int
     replaces: tuple[int, ...]
     jobs: dict[str, Entry]
     files: dict[str, File]
+    schema: int = VERSION
 
     def text(self) -> str:
         """JSON; its first line is a CRC-32 over the bytes of the others. `parse` reads it."""
-        data = {'format': FORMAT, 'schema': VERSION, **asdict(self)}
+        data = {'format': FORMAT, **asdict(self)}
         body = json.dumps(data, indent=0)[1:]
         return f'{{"crc32": {zlib.crc32(body.encode())},{body}'
 
@@ -76,10 +77,16 @@ def parse(content: str, name: str) -> Segment:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as e:
         why = e if type(e) is ValueError else type(e).__name__
         raise ArchiveError(f'{name}: damaged ({why}); waam jobs verify --repair') from None
-    if schema != VERSION:
-        raise ArchiveError(f'{name}: schema {schema}; this software knows schema {VERSION}')
+    check_version(schema, name)
     jobs = {j: Entry(**{**e, 'bulk': _files(e['bulk'])}) for j, e in data['jobs'].items()}
-    return Segment(data['number'], tuple(data['replaces']), jobs, _files(data['files']))
+    return Segment(data['number'], tuple(data['replaces']), jobs, _files(data['files']), schema)
+
+
+def check_version(schema: Any, name: str) -> None:
+    """ArchiveError for a version of the schema that cannot be read."""
+    if schema not in range(FIRST_VERSION, VERSION + 1):
+        known = f'{FIRST_VERSION} to {VERSION}'
+        raise ArchiveError(f'{name}: schema {schema}; this software reads schemas {known}')
 
 
 def _files(data: dict[str, dict[str, Any]]) -> dict[str, File]:

@@ -80,9 +80,10 @@ def chart(
     sigma = typical / D2[max(group, 2)]
     reach = A2[group] * typical if group > 1 else 3 * sigma
     return Chart(
-        group, means, ranges, center, center - reach, center + reach, typical,
-        D3[max(group, 2)] * typical, D4[max(group, 2)] * typical, sigma, cpk(center, sigma, spec),
-        len(values) - count * group, signals(means, center, sigma / math.sqrt(group), rules),
+        group=group, means=means, ranges=ranges, center=center, lower=center - reach, upper=center + reach,
+        range_center=typical, range_lower=D3[max(group, 2)] * typical, range_upper=D4[max(group, 2)] * typical,
+        sigma=sigma, cpk=cpk(center, sigma, spec), left_over=len(values) - count * group,
+        signals=signals(means, center, sigma / math.sqrt(group), rules),
     )  # fmt: skip
 
 

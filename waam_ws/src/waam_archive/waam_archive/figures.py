@@ -11,7 +11,7 @@ from .values import mapping, number, ratio
 
 Row = dict[str, Any]
 JOULE_PER_KWH = 3.6e6
-GROUPS = ('part', 'material', 'wire_lot', 'operator', 'cell', 'profile', 'month')
+GROUPS = ('part', 'material', 'wire_lot', 'operator', 'cell', 'loop_mode', 'month')
 
 
 class PriceError(ValueError):

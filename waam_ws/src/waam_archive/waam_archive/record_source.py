@@ -16,6 +16,7 @@ import yaml
 from mcap.records import Channel, Message, Schema
 
 from waam_node import cdr, job_folder
+from waam_process.loop_mode import with_loop_mode
 from waam_process.names import JOB_STATES
 from waam_record.bag_reader import bag_files, info
 from waam_record.bag_writer import BagError
@@ -159,12 +160,13 @@ def _told(found: _Found, custom: dict[str, str]) -> Told:
         asked = mapping(yaml.safe_load(asked_text))
     except yaml.YAMLError:
         asked = {}
-    status = _plain(found.messages['job_status'][-1][1]) if found.messages['job_status'] else {}
+    last = found.messages['job_status'][-1:]
+    status = with_loop_mode(_plain(last[0][1])) if last else {}
     code = int(status.get('state', 0))
     status['state'] = JOB_STATES[code] if 0 <= code < len(JOB_STATES) else None
     goal = {
-        **{k: status[k] for k in ('profile', 'material') if k in status},
-        **mapping(asked.get('goal')),
+        **{k: status[k] for k in ('loop_mode', 'material') if k in status},
+        **with_loop_mode(mapping(asked.get('goal'))),
     }
     layers = {(m.layer, m.final): _plain(m) for _, m in found.messages['layer_report']}
     anomalies = [_anomaly(m) for _, m in found.messages['anomaly']]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any
 
-from waam_process.loop_mode import LOOP_MODES
+from waam_process.loop_mode import LOOP_MODES, with_loop_mode
 from waam_process.names import SEVERITIES
 
 from .content import Row
@@ -45,16 +45,17 @@ class Told:
         return mapping(self.asked.get('goal'))
 
     @property
-    def profile(self) -> str:
+    def loop_mode(self) -> str:
         """Of LOOP_MODES, '' when nothing says it."""
-        found = text(self.goal.get('profile')) or text(self.status.get('profile')) or ''
+        told = (with_loop_mode(fields).get('loop_mode') for fields in (self.goal, self.status))
+        found = next((t for t in map(text, told) if t), '')
         of_report = [p for p in LOOP_MODES if isinstance(mapping(self.report).get(p), dict)]
         return found if found in of_report or not of_report else of_report[0]
 
     @property
     def run(self) -> dict[str, Any]:
         """Figures of the run: from the report, or what records.json of an unfinished job has."""
-        return mapping(mapping(self.report).get(self.profile)) or self.records
+        return mapping(mapping(self.report).get(self.loop_mode)) or self.records
 
     @property
     def trace(self) -> dict[str, Any]:
@@ -159,7 +160,7 @@ def _who(told: Told) -> Row:
         'created': moment(report.get('created')), 'name': text(report.get('name')) or text(goal.get('name')),
         'part': PurePath(part).name if part else None,
         'part_sha256': text(trace.get('part_sha256')) or text(told.asked.get('part_sha256')),
-        'material': material, 'mode': text(goal.get('mode')), 'profile': text(told.profile), 'cell': _cell(told),
+        'material': material, 'mode': text(goal.get('mode')), 'loop_mode': text(told.loop_mode), 'cell': _cell(told),
         'operator': text(trace.get('operator')) or text(goal.get('operator_name')),
         'wire_lot': text(trace.get('wire_lot')) or text(notes.get('wire_lot')),
         'gas': text(trace.get('gas')) or text(notes.get('gas')),

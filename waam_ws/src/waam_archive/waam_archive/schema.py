@@ -5,11 +5,17 @@ Units stand in the names: `_mm`, `_m`, `_s`, `_A` ... A value that is not known 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
+from waam_process.loop_mode import OLD_FIELD
 from waam_process.names import ANOMALY_CLASSES
 
-VERSION = 1  # of the tables below; an archive says with which one it was written
+VERSION = 2  # of the tables below; every segment of an archive says with which one it was written
+FIRST_VERSION = 1  # the oldest one that can be read
+RENAMED = {
+    ('jobs', 'loop_mode'): (1, OLD_FIELD)
+}  # column -> last version with its old name, old name
 SQL_TYPES = {
     'text': 'VARCHAR', 'int': 'BIGINT', 'float': 'DOUBLE', 'bool': 'BOOLEAN', 'time': 'TIMESTAMP', 'floats': 'FLOAT[]',
 }  # fmt: skip
@@ -41,7 +47,8 @@ _JOBS = [
         'text',
         name='short name', part='file name of the nominal part', part_sha256='hash of that file',
         material='key of the material table', mode='`restore` or `build`',
-        profile='`open_loop`, `monitor` or `closed_loop`', cell='name of the cell', operator='who answered for the job',
+        loop_mode='`open_loop`, `monitor` or `closed_loop`', cell='name of the cell',
+        operator='who answered for the job',
         wire_lot='as the notes of the job say', gas='as the notes of the job say',
         state='state that the job ended in: `DONE`, `FAILED`, `ABORTED`, `INTERRUPTED`',
         verdict='`in tolerance`, `out of tolerance`, `not judged: REASON`, `failed`',
@@ -105,9 +112,9 @@ _BEADS = [
         'float',
         start_s='since the first telemetry of the job', arc_on_s='burning arc',
         length_m='way of the torch with the arc on',
-        x_m='begin, work frame', y_m='begin', z_m='begin', current_A='mean', voltage_V='mean', wire_feed_m_s='mean',
+        x_m='start, work frame', y_m='start', z_m='start', current_A='mean', voltage_V='mean', wire_feed_m_s='mean',
         travel_speed_m_s='mean', heat_input_J_m='mean of current times voltage over speed', energy_J='arc energy',
-        wire_m='wire fed', temperature_C='at its begin',
+        wire_m='wire fed', temperature_C='at its start',
     ),
     *_columns('int', strikes='strikes seen at 10 Hz; 0 = it went on from the bead before'),
     *_columns('text', numbered='where the number is from: `plan`, or `arc` (arcs counted per layer)'),
@@ -180,6 +187,23 @@ SMALL = tuple(name for name in TABLES if name not in BULK)  # files of many jobs
 def names(table: str) -> list[str]:
     """Columns of a table, in their order."""
     return [c.name for c in TABLES[table]]
+
+
+def select_list(table: str, version: int = VERSION) -> str:
+    """The columns as SQL, out of files of that version of the schema."""
+    found = []
+    for name in names(table):
+        last, old = RENAMED.get((table, name), (0, ''))
+        found.append(f'"{old}" AS "{name}"' if version <= last else f'"{name}"')
+    return ', '.join(found)
+
+
+def version_of(columns: Iterable[str]) -> int:
+    """Version of the schema whose table `jobs` has these columns."""
+    old = [
+        last for (table, _), (last, name) in RENAMED.items() if table == 'jobs' and name in columns
+    ]
+    return min(old, default=VERSION)
 
 
 def markdown() -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-TEXTS = ('job', 'part', 'material', 'wire_lot', 'operator', 'verdict', 'profile', 'cell', 'state')
+TEXTS = ('job', 'part', 'material', 'wire_lot', 'operator', 'verdict', 'loop_mode', 'cell', 'state')
 NONE = '-'  # a filter of this value finds the jobs that have none
 
 
@@ -25,7 +25,7 @@ class Selection:
     wire_lot: str = ''
     operator: str = ''
     verdict: str = ''
-    profile: str = ''
+    loop_mode: str = ''
     cell: str = ''
     state: str = ''
     since: datetime | None = None

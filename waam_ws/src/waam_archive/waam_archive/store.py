@@ -22,12 +22,13 @@ from .catalog import (
     File,
     Segment,
     bulk_name,
+    check_version,
     marker_name,
     parse,
     small_name,
 )
 from .content import Content
-from .schema import BULK, SMALL, VERSION, names
+from .schema import BULK, SMALL, VERSION, select_list
 
 DELETED = 'deleted.json'  # sources of jobs that somebody deleted -> their stamps
 HEAD = 'archive.json'  # what the folder is, and the version of its schema
@@ -56,17 +57,15 @@ class Store:
         """Whether there is an archive."""
         return (self.root / HEAD).is_file()
 
-    def check_version(self) -> None:
-        """ArchiveError when another kind of folder, or one of another version, lies here."""
+    def check_version(self) -> int:
+        """Version of the schema. ArchiveError when another kind of folder, or one of a newer version, lies here."""
         try:
             data = json.loads((self.root / HEAD).read_text(encoding='utf-8'))
-            version = data['schema']
+            version: int = data['schema']
         except (OSError, ValueError, KeyError, TypeError) as e:
             raise ArchiveError(f'{self.root / HEAD}: not the head of an archive ({e})') from None
-        if version != VERSION:
-            raise ArchiveError(
-                f'{self.root}: schema {version}; this software knows schema {VERSION}'
-            )
+        check_version(version, str(self.root))
+        return version
 
     def catalog(self) -> Catalog:
         """What counts now. ArchiveError when a marker is damaged; an empty one when there is no archive."""
@@ -115,9 +114,10 @@ class Store:
             (self.root / folder).mkdir(parents=True, exist_ok=True)
         with open(self.root / '.lock', 'w') as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            if not self.exists:
+            catalog = self.catalog()
+            if not self.exists or self.check_version() < VERSION:
                 write_atomically(self.root / HEAD, json.dumps({'schema': VERSION}))
-            writer = Writer(self, self.catalog())
+            writer = Writer(self, catalog)
             writer.sweep()
             yield writer
 
@@ -225,13 +225,13 @@ class Writer:
         from . import arrow
 
         target = new / f'{table}.parquet'
-        columns = ', '.join(f'"{n}"' for n in names(table))
         parts: list[str] = []
         parameters: list[list[str]] = []
         for n, jobs in kept.items():
-            file = literal(str(self.root / self.catalog.segments[n].files[table].name))
-            part = f'SELECT {columns} FROM read_parquet({file})'
-            if len(jobs) < len(self.catalog.segments[n].jobs):
+            segment = self.catalog.segments[n]
+            file = literal(str(self.root / segment.files[table].name))
+            part = f'SELECT {select_list(table, segment.schema)} FROM read_parquet({file})'
+            if len(jobs) < len(segment.jobs):
                 part += ' WHERE job IN (SELECT unnest(?::VARCHAR[]))'
                 parameters.append(list(jobs))
             parts.append(part)

@@ -9,7 +9,7 @@ from pathlib import Path
 from . import folder_source, record_source
 from .catalog import ArchiveError, Catalog, Entry, File, Segment, bulk_name, marker_name, small_name
 from .ingest import ingest
-from .schema import BULK, SMALL
+from .schema import BULK, SMALL, version_of
 from .store import Store
 
 
@@ -143,7 +143,8 @@ def _from_files(store: Store, number: int) -> Segment:
         names = {t: bulk_name(t, row['job'], row['sha256']) for t in BULK}
         bulk = {t: facts(n) for t, n in names.items() if (store.root / n).is_file()}
         jobs[row['job']] = Entry(row['sha256'], row['source'], '', bool(row['has_report']), bulk)
-    return Segment(number, (), jobs, files)
+    schema = version_of(arrow.names_of(store.root / files['jobs'].name))
+    return Segment(number, (), jobs, files, schema)
 
 
 def _set_aside(store: Store, number: int) -> dict[str, str]:

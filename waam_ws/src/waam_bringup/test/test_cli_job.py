@@ -107,7 +107,7 @@ def test_a_program_reaches_the_goal_and_comes_back(parse, program, box, tmp_path
     goal = goal_from_msg(sent, 'jobs')
     assert (goal.program, goal.part, goal.dialect) == (program, box, 'welder')
     assert goal.program_shift == pytest.approx((0.01, 0.005, -0.002))
-    assert (goal.mode, goal.profile) == ('build', 'closed_loop')
+    assert (goal.mode, goal.loop_mode) == ('build', 'closed_loop')
     assert goal.title == 'wall'
 
 
@@ -115,9 +115,11 @@ def test_a_program_without_a_nominal_part_is_watched(parse, program, tmp_path):
     args = parse('run', program)
     jobs.check_arguments(args)
     goal = goal_from_msg(jobs.make_goal(args, tmp_path), 'jobs')
-    assert (goal.profile, goal.has_part, goal.mode) == ('monitor', False, 'build')
+    assert (goal.loop_mode, goal.has_part, goal.mode) == ('monitor', False, 'build')
     with pytest.raises(ValueError, match='closed_loop needs a nominal part'):
-        jobs.check_arguments(parse('run', program, '--profile', 'closed_loop'))
+        jobs.check_arguments(parse('run', program, '--loop-mode', 'closed_loop'))
+    with pytest.raises(ValueError, match='closed_loop needs a nominal part'):
+        jobs.check_arguments(parse('run', program, '--profile', 'closed_loop'))  # the old name
     program.write_text('G77')
     with pytest.raises(ValueError, match='line 1: G77'):
         jobs.check_arguments(args)

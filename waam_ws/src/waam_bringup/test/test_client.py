@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
+from itertools import count
+from types import SimpleNamespace
 
 import pytest
 from rclpy.action import ActionClient
 from rclpy.task import Future
 
-from waam_bringup.client import SENDINGS, ClientError, GraphClient
+from waam_bringup.client import ASKINGS, SENDINGS, ClientError, GraphClient
 from waam_msgs.action import RunJob
 from waam_node.testing import fresh_domain
 
@@ -176,3 +179,42 @@ def test_an_override_that_the_process_control_has_not_heard_is_said_again():
         assert (speed, wire) == pytest.approx((1.0, 0.99))
         child.kill()
         assert child.stdout.read().split()[:2] == [b'1', b'2']
+
+
+class Handle:
+    """Of a goal whose result comes with the `answer`th request for it; 0 = never."""
+
+    def __init__(self, answer: int) -> None:
+        self.answer, self.asked = answer, 0
+
+    def get_result_async(self) -> Future:
+        self.asked += 1
+        future = Future()
+        if self.asked == self.answer:
+            future.set_result('done')
+        return future
+
+
+@pytest.fixture
+def deaf(monkeypatch) -> GraphClient:
+    """A client that hears nothing, in a hurry."""
+    for name, seconds in (('ANSWER_S', 0.02), ('ALIVE_S', 0.005)):
+        monkeypatch.setattr(f'waam_bringup.client.{name}', seconds)
+    client = GraphClient.__new__(GraphClient)
+    client.executor = SimpleNamespace(spin_once=lambda timeout_sec: time.sleep(0.001))
+    return client
+
+
+def test_the_result_of_a_goal_that_was_not_answered_is_requested_again(deaf):
+    """Goal and first request may both have gone to a server that had just died."""
+    handle = Handle(answer=3)
+    assert deaf._result(handle, False, lambda: '') == 'done'
+    assert handle.asked == 3
+
+
+@pytest.mark.parametrize('answered,asked', [(True, 1), (False, ASKINGS)])
+def test_the_result_is_requested_a_bounded_number_of_times(deaf, answered, asked):
+    handle, looks = Handle(answer=0), count()
+    with pytest.raises(ClientError, match='gone'):
+        deaf._result(handle, answered, lambda: 'gone' if next(looks) > 100 else '')
+    assert handle.asked == asked

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from waam_process.cli_renamed import keep_old_name
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import GANTRY, MACHINES
 
@@ -178,12 +179,14 @@ def _register_demo(commands: argparse._SubParsersAction) -> None:
     p.add_argument(
         '--layers', type=int, default=0, help='at most so many layers; 0 = as many as needed'
     )
-    p.add_argument(
-        '--profiles',
+    modes = p.add_argument(
+        '--loop-modes',
         nargs='+',
         default=[LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP],
         choices=LOOP_MODES,
+        help='one run of each (default: open_loop closed_loop)',
     )
+    keep_old_name(p, '--profiles', modes)
     p.add_argument('--rate', type=float, default=0.0)
     p.add_argument(
         '--fresh',

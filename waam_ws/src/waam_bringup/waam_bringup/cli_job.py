@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from waam_job.cli_program import PART_HELP, add_program
+from waam_job.cli_program import PART_HELP, add_loop_mode, add_program
 from waam_job.model.limits import K_GAIN_MAX
-from waam_process.loop_mode import LOOP_MODES
 from waam_process.operating import DEFAULT_MATERIAL, SPEED_FACTOR, WIRE_FACTOR
 
 from .cli_common import add_run, run_and_domain
@@ -41,7 +40,7 @@ def _register_run(job: argparse._SubParsersAction) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog='examples:\n'
         '  waam job run jaw_nominal.stl --as-found jaw_worn.stl --material er70s-6\n'
-        '  waam job run vase.stl --mode build --layers 3 --profile monitor\n'
+        '  waam job run vase.stl --mode build --layers 3 --loop-mode monitor\n'
         '  waam job run bracket.3mf --mode build --repair --set levels=adaptive --set overhang=flag\n'
         '  waam job run vase.gcode --dialect slicer --nominal vase.stl     the path of another slicer, corrected\n'
         '  waam job run wall.nc --dialect mywelder.yaml                    without a nominal part: monitor\n\n'
@@ -111,11 +110,7 @@ def _add_process(p: argparse.ArgumentParser) -> None:
         default=DEFAULT_MATERIAL,
         help='key of the material table (default %(default)s)',
     )
-    p.add_argument(
-        '--profile',
-        choices=LOOP_MODES,
-        help='default: closed_loop; for a program without --nominal monitor',
-    )
+    add_loop_mode(p)
     p.add_argument('--layer-height', type=float, default=0.0, metavar='MM')
     p.add_argument('--bead-width', type=float, default=0.0, metavar='MM')
     p.add_argument(

@@ -14,6 +14,7 @@ from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.experimental import EventsExecutor
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
@@ -35,6 +36,7 @@ REPEAT_S = 4.0
 SERVER_S = 15.0  # at most, for a server to be found: on a busy machine discovery takes seconds
 ANSWER_S = 10.0
 SENDINGS = 3  # of a goal that did not reach its server
+ASKINGS = 6  # for the result of a goal that was not answered
 ALIVE_S = 0.5  # between two looks whether the graph is still there
 NO_CONTROLLER_S = 6.0  # the virtual controller may come up after the bridge
 
@@ -240,23 +242,23 @@ class GraphClient:
         self.until(lambda: False, MATCHING_S)
         for _ in range(SENDINGS):
             handle, answered = self._send_goal(action, goal, lambda f: on_status(f.feedback.status))
-            result = self._result(handle, alive)
+            result = self._result(handle, answered, alive)
             if result.status != GoalStatus.STATUS_UNKNOWN:
                 return result.result
             if answered:
                 break
         raise ClientError('job_sequencer did not answer the goal')
 
-    def _result(self, handle: ClientGoalHandle, alive: Callable[[], str]) -> Any:
+    def _result(self, handle: ClientGoalHandle, answered: bool, alive: Callable[[], str]) -> Any:
         """The answer of the server: status and result. Ctrl-C cancels the job."""
-        result = handle.get_result_async()
+        asked = [handle.get_result_async()]
         try:
-            self._await_result(result, alive)
+            self._await_result(handle, asked, answered, alive)
         except KeyboardInterrupt:
             handle.cancel_goal_async()
-            if not self.until(result.done, 30.0):
+            if not self.until(lambda: _done(asked), 30.0):
                 raise ClientError('cancelled, but the job did not end within 30 s') from None
-        return result.result()
+        return _done(asked)[0].result()
 
     def _send_goal(
         self, action: ActionClient, goal: RunJob.Goal, feedback: Callable[[Any], None]
@@ -278,10 +280,29 @@ class GraphClient:
             )
         return handle, True
 
-    def _await_result(self, result: Any, alive: Callable[[], str]) -> None:
-        """`alive` reads files: it is called twice a second, not at every message."""
-        while not self.until(result.done, ALIVE_S):
+    def _await_result(
+        self,
+        handle: ClientGoalHandle,
+        asked: list[Future],
+        answered: bool,
+        alive: Callable[[], str],
+    ) -> None:
+        """Until one of the requests `asked` is answered. A goal that was not answered may have gone to a server that
+        has just died, and so may the first requests for its result: they are repeated.
+
+        `alive` reads files: it is called twice a second, not at every message.
+        """
+        again = time.monotonic() + ANSWER_S
+        while not self.until(lambda: _done(asked), ALIVE_S):
             if reason := alive():
-                if self.until(result.done, 1.0):
+                if self.until(lambda: _done(asked), 1.0):
                     return
                 raise ClientError(reason)
+            if not answered and len(asked) < ASKINGS and time.monotonic() > again:
+                asked.append(handle.get_result_async())
+                again += ANSWER_S
+
+
+def _done(asked: list[Future]) -> list[Future]:
+    """Those that have a result."""
+    return [f for f in asked if f.done()]

@@ -49,7 +49,7 @@ def run_demo(args: argparse.Namespace) -> int:
     )
     zero = None
     with graph(settings, default_domain(folder)) as (_, client):
-        results = {p: _one(client, args, folder, p, settings.run) for p in args.profiles}
+        results = {p: _one(client, args, folder, p, settings.run) for p in args.loop_modes}
         if client.machine is not None:
             offset = client.machine.work_offset
             zero = (offset.x, offset.y, offset.z)
@@ -58,22 +58,22 @@ def run_demo(args: argparse.Namespace) -> int:
     page = _page(folder)
     show(report, console, time.monotonic() - started)
     print(f'folder: {os.path.relpath(folder)}\nreport: {os.path.relpath(page)}')
-    failed = [p for p in args.profiles if report[p]['error_code']]
+    failed = [p for p in args.loop_modes if report[p]['error_code']]
     return 1 if failed else 0
 
 
 def _one(
-    client: GraphClient, args: argparse.Namespace, folder: Path, profile: str, run: Path
+    client: GraphClient, args: argparse.Namespace, folder: Path, loop_mode: str, run: Path
 ) -> Path:
     parts = share('waam_bringup') / 'parts'
     client.load_part(str((parts / WORN).resolve()), (0.0, 0.0, 0.0), args.seed)
     goal = make_goal(
         argparse.Namespace(
-            name=profile,
+            name=loop_mode,
             part=parts / PART,
             mode='restore',
             material=DEFAULT_MATERIAL,
-            profile=profile,
+            loop_mode=loop_mode,
             layers=args.layers,
             layer_height=0.0,
             bead_width=0.0,
@@ -92,10 +92,10 @@ def _one(
         folder,
         folder.parent / job_folder.LEARNED_DIR,
     )
-    with JobProgress(profile.replace('_', ' ')) as progress:
+    with JobProgress(loop_mode.replace('_', ' ')) as progress:
         result = client.run_job(goal, progress, graph_watch(run))
     if not result.job_dir:
-        raise ClientError(f'{profile}: {result.message}')
+        raise ClientError(f'{loop_mode}: {result.message}')
     from waam_view.report import write_report
 
     write_report(Path(result.job_dir))
@@ -110,9 +110,9 @@ def combine(
 ) -> dict:
     """The demo's report.json: both runs, their ratio and the machine (docs/job_folder.md). work_zero: m."""
     runs, last = {}, {}
-    for profile, path in results.items():
+    for loop_mode, path in results.items():
         last = json.loads((path / job_folder.REPORT).read_text())
-        runs[profile] = {**last[profile], 'folder': path.name, 'trace': last.get('trace')}
+        runs[loop_mode] = {**last[loop_mode], 'folder': path.name, 'trace': last.get('trace')}
     report = {
         'job_id': folder.name,
         'name': 'demo',

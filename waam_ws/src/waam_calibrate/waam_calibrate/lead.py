@@ -102,8 +102,8 @@ def identify(record: WireRecord, reading: float = 0.0) -> Lead:
     sigma = _sigma(best.jac, best.fun)
     _judge(ratio, misfit, sigma)
     return Lead(
-        delay, lag, sigma[0], sigma[1], ratio, count, misfit,
-        record.time[used], measured[used], modelled(best.x)[used],
+        delay=delay, lag=lag, delay_sigma=sigma[0], lag_sigma=sigma[1], ratio=ratio, steps=count, misfit=misfit,
+        time=record.time[used], measured=measured[used], modelled=modelled(best.x)[used],
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from target_debugger import XPSR, TargetDebugger
 
 PACKAGE = Path(__file__).parents[1]
 IDLE, RUN, HOLD, ALARM = range(4)
@@ -412,3 +413,52 @@ def test_hanging_main_loop_is_reset_and_says_that_it_is_new(board):
     frame = client.next_frame()
     assert (frame['state'], frame['fault']) == (ALARM, 307)
     assert not frame['flags'] & (HOMED | ARC) and frame['v_um_s'] == 0
+
+
+# ---- the supply detector, on the image of the real board ----
+
+
+@pytest.fixture
+def debugger(images, tmp_path) -> Iterator[TargetDebugger]:
+    """The image of the real board, which QEMU has no machine for, at the begin of its main loop."""
+    need_emulator()
+    debugger = TargetDebugger(images / 'waam_stm32f407.elf', tmp_path)
+    debugger.run_to('clock_init')
+    debugger.return_with(0)  # there is no crystal to wait for
+    debugger.run_to('board_start_timers')
+    debugger.return_with(0)  # those of QEMU have a clock of their own
+    debugger.run_to('port_serve')
+    yield debugger
+    debugger.close()
+
+
+EXTI_IMR, EXTI_RTSR = 0x4001_3C00, 0x4001_3C08
+NVIC_ISER, NVIC_ISPR, NVIC_IPR = 0xE000_E100, 0xE000_E200, 0xE000_E400
+TIM3_CCER, TIM4_CCR1, TIM4_CCR2 = 0x4000_0420, 0x4000_0834, 0x4000_0838
+IRQ_PVD, PVD_LINE, GPIOE_BSRR = 1, 1 << 16, 0x18
+ARC_GAS_DRIVES_SENSE = 1 << 2 | 1 << 3 | 1 << 8 | 1 << 12  # pins of port E
+
+
+def test_supply_detector_is_armed_at_its_highest_level(debugger):
+    """RM0090: PWR_CR has the level in bits 7:5 (111 = 2.9 V) and the enable in bit 4; its output is EXTI line 16."""
+    assert debugger.written('PWR', 0)[-1] & 0xF0 == 0xF0
+    assert debugger.read(EXTI_IMR) & PVD_LINE and debugger.read(EXTI_RTSR) & PVD_LINE
+    assert debugger.read(NVIC_ISER) & 1 << IRQ_PVD
+    assert debugger.read(NVIC_IPR) >> 8 * IRQ_PVD & 0xFF == 0  # nothing is more urgent
+
+
+def test_brown_out_switches_everything_off_and_waits_for_the_watchdog(debugger):
+    """QEMU's supply never falls, so the interrupt is made pending by hand; all that follows is the board's code."""
+    free = debugger.symbols['_stack_bottom']  # the stack does not reach down to there
+    running = {TIM3_CCER: 0x1111, TIM4_CCR1: 1000, TIM4_CCR2: 1500}  # step pulses, wire, voltage
+    for register, value in running.items():
+        debugger.store(register, value, free)
+        assert debugger.read(register) == value
+    before = len(debugger.written('GPIOE', GPIOE_BSRR))
+    debugger.store(NVIC_ISPR, 1 << IRQ_PVD, free)
+    debugger.run_to('fault_handler')
+    assert debugger.register(XPSR) & 0x1FF == 16 + IRQ_PVD
+    loop = debugger.step_to_a_loop()
+    assert loop - debugger.symbols['fault_handler'] in range(64)
+    assert ARC_GAS_DRIVES_SENSE << 16 in debugger.written('GPIOE', GPIOE_BSRR)[before:]
+    assert [debugger.read(r) for r in running] == [0, 0, 0]

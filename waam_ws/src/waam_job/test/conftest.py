@@ -186,15 +186,15 @@ class FakeCell:
         if fallback:
             psi, residual = np.zeros_like(psi), np.zeros_like(psi)
         return Correction(
-            psi,
-            np.ones_like(psi),
-            residual,
-            k_gain,
-            1.0,
-            'test',
-            fallback,
-            ('map refused',) * fallback,
-            0,
+            psi=psi,
+            confidence=np.ones_like(psi),
+            residual_height=residual,
+            k_gain=k_gain,
+            flow_factor=1.0,
+            law='test',
+            fallback=fallback,
+            reasons=('map refused',) * fallback,
+            saturated_cells=0,
             learned=self._learned(job_id, request),
         )
 

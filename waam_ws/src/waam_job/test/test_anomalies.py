@@ -13,8 +13,8 @@ from waam_job.model.records import AnomalyRecord, State
 from waam_process.segment import Kind
 
 
-def anomalies(folder, profile: str = 'closed_loop') -> list[dict]:
-    return json.loads((folder.path / 'report.json').read_text())[profile]['anomalies']
+def anomalies(folder, loop_mode: str = 'closed_loop') -> list[dict]:
+    return json.loads((folder.path / 'report.json').read_text())[loop_mode]['anomalies']
 
 
 def test_warnings_of_other_nodes_are_kept_with_the_job(make_cell, make_runner):
@@ -44,11 +44,11 @@ def test_warnings_of_other_nodes_are_kept_with_the_job(make_cell, make_runner):
 
 
 @pytest.mark.parametrize(
-    'profile,reaction', [('closed_loop', 'the next layer corrects it'), ('open_loop', 'none')]
+    'loop_mode,reaction', [('closed_loop', 'the next layer corrects it'), ('open_loop', 'none')]
 )
-def test_height_error_is_noted_with_its_place(profile, reaction, make_cell, make_runner):
+def test_height_error_is_noted_with_its_place(loop_mode, reaction, make_cell, make_runner):
     cell = make_cell()
-    runner, _, folder = make_runner(cell, profile=profile, layers=2)
+    runner, _, folder = make_runner(cell, loop_mode=loop_mode, layers=2)
     inner, taken = cell.finish_scan, []
 
     def finish(*args):
@@ -63,7 +63,7 @@ def test_height_error_is_noted_with_its_place(profile, reaction, make_cell, make
 
     cell.finish_scan = finish
     assert runner.run().state == State.DONE
-    found = [a for a in anomalies(folder, profile) if a['class'] == 'height' and a['layer'] == 1]
+    found = [a for a in anomalies(folder, loop_mode) if a['class'] == 'height' and a['layer'] == 1]
     assert (
         len(found) == 1 and found[0]['reaction'] == reaction and 'after layer 1' in found[0]['text']
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +39,7 @@ from waam_process.segment import Kind, Segment
 
 def test_all_problems_are_said_at_once(tmp_path):
     goal = JobGoal(
-        tmp_path / 'none.stl', 'unobtainium', tmp_path, profile='loop', layer_height=9e-3
+        tmp_path / 'none.stl', 'unobtainium', tmp_path, loop_mode='loop', layer_height=9e-3
     )
     with pytest.raises(JobError) as e:
         check(goal)
@@ -204,7 +204,7 @@ def test_sequence_wraps_without_a_loss():
 def test_settings_of_the_planner_are_checked_with_the_goal(tmp_path, parts):
     wrong = ('speed=fast', 'layer_height=0.001', 'nonsense=1', 'edge_metal=9')
     with pytest.raises(JobError) as e:
-        check(JobGoal(parts[0], 'er70s-6', tmp_path, profile='loop', plan_settings=wrong))
+        check(JobGoal(parts[0], 'er70s-6', tmp_path, loop_mode='loop', plan_settings=wrong))
     for word in (
         'loop',
         "'fast'",
@@ -274,8 +274,16 @@ def test_goal_goes_through_message_and_job_file(tmp_path, parts):
     old = folder.read_yaml('job.yaml')
     for name in ('plan_settings', 'repair', 'new_spool', 'learned_dir', 'fresh'):
         del old['goal'][name]  # of a job that began before there were any
+    old['goal']['profile'] = old['goal'].pop('loop_mode').replace('closed_loop', 'monitor')
     assert goal_from_job(old, RunJob.Goal()).plan_settings == ()
     assert goal_from_job(old, RunJob.Goal()).learned_dir is None
+    assert goal_from_job(old, RunJob.Goal()).loop_mode == 'monitor'  # by its old name
+
+
+def test_layers_that_were_recorded_before_the_loop_mode_had_its_name_are_read():
+    data = asdict(LayerRecord('job', 'open_loop', 3, wire_used=0.5))
+    data['profile'] = data.pop('loop_mode')
+    assert LayerRecord.from_json(data).loop_mode == 'open_loop'
 
 
 def test_the_limit_of_k_gain_is_the_same_everywhere():

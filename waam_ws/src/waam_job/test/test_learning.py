@@ -60,8 +60,8 @@ def test_the_second_job_starts_with_what_the_first_taught(job, tmp_path):
     [
         ({'fresh': True}, False),
         ({'learned_dir': None}, False),
-        ({'profile': 'open_loop'}, None),
-        ({'profile': 'monitor'}, True),
+        ({'loop_mode': 'open_loop'}, None),
+        ({'loop_mode': 'monitor'}, True),
         ({'settings': {'keep_learned': False}}, True),
         ({'abort': True}, True),
     ],

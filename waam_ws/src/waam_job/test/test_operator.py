@@ -94,11 +94,11 @@ def test_gain_nan_means_the_servers_own():
 
 def test_second_pass_is_planned_from_the_scan_after_the_first(make_cell, make_runner):
     once = make_cell(efficiency=0.75)
-    runner, _, folder = make_runner(once, profile='open_loop')
+    runner, _, folder = make_runner(once, loop_mode='open_loop')
     runner.run()
     single = runner.final.rms
     twice = make_cell(efficiency=0.75)
-    runner, _, folder = make_runner(twice, profile='open_loop', passes=2)
+    runner, _, folder = make_runner(twice, loop_mode='open_loop', passes=2)
     assert runner.run().state == State.DONE
     assert runner.final.rms < 0.8 * single
     report = json.loads((folder.path / 'report.json').read_text())['open_loop']
@@ -152,13 +152,13 @@ def test_directions_and_starts_alternate_on_over_the_passes(alternation, make_ce
 
 def test_pass_two_is_checked_against_what_pass_one_has_left_on_the_spool(make_cell, make_runner):
     runner, _, folder = make_runner(
-        make_cell(efficiency=0.7), profile='open_loop', passes=2, plan_settings=EQUAL
+        make_cell(efficiency=0.7), loop_mode='open_loop', passes=2, plan_settings=EQUAL
     )
     assert runner.run().state == State.DONE
     needed = load_plan(folder.path / 'plan.npz').wire
     cell = make_cell(efficiency=0.7)
     runner, _, _ = make_runner(
-        cell, profile='open_loop', passes=2, wire_left=1.01 * needed, plan_settings=EQUAL
+        cell, loop_mode='open_loop', passes=2, wire_left=1.01 * needed, plan_settings=EQUAL
     )
     status = runner.run()
     assert status.error_code == Code.MACHINE_NOT_READY and 'm of wire' in status.message

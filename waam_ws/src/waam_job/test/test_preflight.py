@@ -96,7 +96,7 @@ def test_a_build_is_planned_once_and_laid(make_build, monkeypatch):
     plans, inner = [], planning.plan_build
     monkeypatch.setattr(planning, 'plan_build', lambda *a: plans.append(a) or inner(*a))
     runner, cell = make_build(
-        trimesh.creation.box((30, 20, 4)), profile='open_loop', wire_left=100.0
+        trimesh.creation.box((30, 20, 4)), loop_mode='open_loop', wire_left=100.0
     )
     assert runner.run().state == State.DONE
     assert len(plans) == 1 and np.nanmax(cell.surface.z) > 2e-3
@@ -122,7 +122,7 @@ def test_more_authority_than_the_correction_server_allows_is_refused_first(make_
 def test_settings_of_the_planner_reach_the_plan(make_build):
     asked = ('levels=adaptive', 'overhang=flag', 'base_layers=0', 'lead_on=0.5')
     block = trimesh.creation.box((30, 20, 4))
-    runner, _ = make_build(block, plan_settings=asked, profile='open_loop')
+    runner, _ = make_build(block, plan_settings=asked, loop_mode='open_loop')
     assert runner.run().state == State.DONE
     s = runner.context.plan.settings
     assert (s.levels, s.overhang, s.base_layers, s.lead_on) == ('adaptive', 'flag', 0, 0.5)
@@ -138,7 +138,7 @@ def make_planned(make_build, mesh, asked):
 def test_a_mesh_with_a_hole_is_repaired_when_asked_and_the_report_says_so(make_build):
     block = trimesh.creation.box((30, 20, 4))
     torn = trimesh.Trimesh(block.vertices, block.faces[1:])
-    runner, cell = make_build(torn, repair=True, profile='open_loop')
+    runner, cell = make_build(torn, repair=True, loop_mode='open_loop')
     assert runner.run().state == State.DONE
     assert any('part repaired: hole of 3 edges' in r for r in runner.journal.remarks)
 

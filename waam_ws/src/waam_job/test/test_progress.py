@@ -14,7 +14,7 @@ def told(cell) -> tuple[np.ndarray, np.ndarray, list]:
     return np.array([s.progress for s in seen]), np.array([s.time_left for s in seen]), seen
 
 
-@pytest.mark.parametrize('fields', [{}, {'passes': 2}, {'layers': 1}, {'profile': 'open_loop'}])
+@pytest.mark.parametrize('fields', [{}, {'passes': 2}, {'layers': 1}, {'loop_mode': 'open_loop'}])
 def test_progress_is_the_share_of_arc_time_and_never_goes_back(fields, make_cell, make_runner):
     cell = make_cell(efficiency=0.75)
     cell.pace = 1

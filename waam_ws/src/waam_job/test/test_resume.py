@@ -646,7 +646,10 @@ def test_checkpoint_without_the_number_of_segments_is_read(tmp_path):
     }  # fmt: skip
     crc = zlib.crc32(json.dumps(data, sort_keys=True).encode())
     read = checkpoints.parse(json.dumps({**data, 'crc32': crc}), 'x')
-    assert read == Checkpoint('j', 1, 1, 2, 3, 2, 40, 5.0, None, laid=None)
+    assert read == Checkpoint(
+        job_id='j', run=1, pass_number=1, layer=2, bead=3, beads_done=2, index=40, time=5.0, temperature=None,
+        laid=None,
+    )  # fmt: skip
     with pytest.raises(CheckpointError, match='check sum'):
         checkpoints.parse(json.dumps({**data, 'layer': 3, 'crc32': crc}), 'x')
 

@@ -39,16 +39,16 @@ def first_deposit_after(runner_cell, count: int):
 
 def test_closed_loop_beats_open_loop_and_the_folder_is_complete(make_cell, make_runner):
     figures = {}
-    for profile in ('open_loop', 'closed_loop'):
-        runner, _, folder = make_runner(make_cell(efficiency=0.8), profile=profile)
+    for loop_mode in ('open_loop', 'closed_loop'):
+        runner, _, folder = make_runner(make_cell(efficiency=0.8), loop_mode=loop_mode)
         status = runner.run()
         assert status.state == State.DONE, status.message
-        figures[profile] = report(folder)[profile]['rms_mm']
+        figures[loop_mode] = report(folder)[loop_mode]['rms_mm']
         maps = sorted(p.name for p in (folder.path / 'layers').iterdir())
         assert maps == [f'scan_{i:03d}.npz' for i in range(status.layers + 1)]
         last = np.load(folder.path / 'layers' / maps[-1])
         error = (last['z'] - last['target'])[last['interior']]
-        assert np.sqrt(np.nanmean(error**2)) * 1e3 == pytest.approx(figures[profile], rel=1e-3)
+        assert np.sqrt(np.nanmean(error**2)) * 1e3 == pytest.approx(figures[loop_mode], rel=1e-3)
         assert (folder.path / 'program.gcode').stat().st_size > 100
         pieces = list(np.load(folder.path / 'telemetry.npz')['t'])
         assert pieces == list(range(2, runner.context.cell.tracks_taken + 1))  # 1: before the job
@@ -73,12 +73,12 @@ def test_every_layer_but_the_first_is_announced_while_the_one_before_is_laid(
         assert (coming.planned == layer.planned).all()
         assert len(coming.beads) == len(layer.arc_paths)
     blind = make_cell()
-    make_runner(blind, profile='open_loop')[0].run()
+    make_runner(blind, loop_mode='open_loop')[0].run()
     assert not blind.announced
 
 
 def test_monitor_computes_but_does_not_apply(make_cell, make_runner):
-    runner, _, folder = make_runner(make_cell(efficiency=0.8), profile='monitor')
+    runner, _, folder = make_runner(make_cell(efficiency=0.8), loop_mode='monitor')
     runner.run()
     layers = report(folder)['monitor']['layers']
     assert any(abs(r['psi_mean']) > 0.05 for r in layers)

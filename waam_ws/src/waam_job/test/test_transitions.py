@@ -124,7 +124,7 @@ CASES = {
     'undisturbed': (None, None, {}, f'{START} {LAYER} {END}', 0),
     'two layers': (None, None, {'layers': 2}, f'{START} {LAYER} {LAYER} {END}', 0),
     'open loop': (
-        None, None, {'profile': 'open_loop'}, f'{START} COOLING DEPOSITING SCANNING {END}', 0),
+        None, None, {'loop_mode': 'open_loop'}, f'{START} COOLING DEPOSITING SCANNING {END}', 0),
     'not ready': ('PREPARING', machine(connected=False), {}, 'PREPARING FAILED', Code.MACHINE_NOT_READY),
     'zero refused': ('PREPARING', no_zero, {}, 'PREPARING FAILED', Code.TIMEOUT),
     'aborted at once': ('PREPARING', abort, {}, 'PREPARING ABORTED', Code.ABORTED),
@@ -142,7 +142,7 @@ CASES = {
     'rescan': (
         'COOLING', wish('rescan'), {}, f'{START} COOLING SCANNING CORRECTING DEPOSITING SCANNING {END}', 0),
     'rescan in open loop': (
-        'COOLING', wish('rescan'), {'profile': 'open_loop'},
+        'COOLING', wish('rescan'), {'loop_mode': 'open_loop'},
         f'{START} COOLING SCANNING DEPOSITING SCANNING {END}', 0),
     'first layer skipped': (
         'COOLING', wish('skip_layer'), {'layers': 2}, f'{START} {LAYER} {END}', 0),

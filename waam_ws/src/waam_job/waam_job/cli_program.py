@@ -9,7 +9,8 @@ from typing import Any
 
 from waam_plan.cli_program import PART_HELP as PART_HELP
 from waam_plan.cli_program import add_program as add_program
-from waam_process.loop_mode import LoopMode
+from waam_process.cli_renamed import keep_old_name
+from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.segment import Point
 
 
@@ -22,7 +23,7 @@ class Asked:
     dialect: str
     shift: Point  # m
     mode: str
-    profile: str
+    loop_mode: str
 
     def goal_fields(self) -> dict[str, Any]:
         """For JobGoal, with whole paths."""
@@ -32,8 +33,18 @@ class Asked:
             'dialect': self.dialect,
             'program_shift': self.shift,
             'mode': self.mode,
-            'profile': self.profile,
+            'loop_mode': self.loop_mode,
         }
+
+
+def add_loop_mode(p: argparse.ArgumentParser) -> None:
+    """The option --loop-mode."""
+    option = p.add_argument(
+        '--loop-mode',
+        choices=LOOP_MODES,
+        help='default: closed_loop; for a program without --nominal monitor',
+    )
+    keep_old_name(p, '--profile', option)
 
 
 def asked_of(args: argparse.Namespace, default_mode: str = 'restore') -> Asked:
@@ -48,13 +59,13 @@ def asked_of(args: argparse.Namespace, default_mode: str = 'restore') -> Asked:
         if dialect and dialect not in shipped():
             dialect = str(Path(dialect).resolve())
         mode = args.mode or ('restore' if worn else 'build')
-        profile = args.profile or (LoopMode.CLOSED_LOOP if nominal else LoopMode.MONITOR).value
+        loop_mode = args.loop_mode or (LoopMode.CLOSED_LOOP if nominal else LoopMode.MONITOR)
         return Asked(
-            nominal, args.part, dialect, (x * 1e-3, y * 1e-3, z * 1e-3), mode, str(profile)
+            nominal, args.part, dialect, (x * 1e-3, y * 1e-3, z * 1e-3), mode, str(loop_mode)
         )
     if nominal or dialect or any((x, y, z)):
         raise ValueError(
             f'--nominal, --dialect and --shift belong to a program, not to {args.part}'
         )
-    profile = args.profile or LoopMode.CLOSED_LOOP.value
-    return Asked(args.part, None, '', (0.0, 0.0, 0.0), args.mode or default_mode, str(profile))
+    loop_mode = args.loop_mode or LoopMode.CLOSED_LOOP
+    return Asked(args.part, None, '', (0.0, 0.0, 0.0), args.mode or default_mode, str(loop_mode))

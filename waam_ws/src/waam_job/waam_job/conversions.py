@@ -35,6 +35,7 @@ from waam_node.conversions import (
     time_to_msg,
 )
 from waam_process.grid import GridSpec, HeightGrid
+from waam_process.loop_mode import with_loop_mode
 from waam_process.names import CONTROLLER_STATES, SEVERITIES
 from waam_process.operating import DEFAULT_MATERIAL
 
@@ -59,7 +60,7 @@ def goal_from_msg(msg: RunJob.Goal, default_jobs_dir: str) -> JobGoal:
         jobs_dir=jobs,
         name=msg.name,
         mode=msg.mode or JobGoal.mode,
-        profile=msg.profile or JobGoal.profile,
+        loop_mode=msg.loop_mode or JobGoal.loop_mode,
         layers=msg.layers,
         layer_height=number(msg.layer_height, 0.0),
         bead_width=number(msg.bead_width, 0.0),
@@ -88,7 +89,7 @@ def goal_from_job(job: dict, resumed: RunJob.Goal) -> JobGoal:
     ValueError when the file holds none.
     """
     try:
-        stored = dict(job['goal'])
+        stored = with_loop_mode(job['goal'])
         known = {f.name: stored[f.name] for f in fields(JobGoal) if f.name in stored}
     except (KeyError, TypeError):
         raise ValueError('job.yaml holds no goal') from None

@@ -139,7 +139,7 @@ class JobSequencer(WaamNode):
         return result
 
     def _run(self, handle: ServerGoalHandle, result: RunJob.Result) -> None:
-        self.cell.status(Status(state=State.VALIDATING, profile=handle.request.profile))
+        self.cell.status(Status(state=State.VALIDATING, loop_mode=handle.request.loop_mode))
         try:
             checked, folder, run = self._accept(handle.request)
         except JobError as e:

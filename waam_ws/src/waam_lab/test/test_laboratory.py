@@ -89,10 +89,10 @@ def test_closed_loop_beats_open_loop_where_the_process_is_not_as_the_table_says(
                 strategy='zigzag',
                 layer_height=1.2e-3,
                 overrides=lean,
-                profile=profile,
+                loop_mode=loop_mode,
             )
         )
-        for profile in ('open_loop', 'closed_loop')
+        for loop_mode in ('open_loop', 'closed_loop')
     )
     assert opened.mean < -0.3e-3
     assert closed.rms < 0.8 * opened.rms

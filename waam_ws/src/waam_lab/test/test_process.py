@@ -17,7 +17,7 @@ def laid(tmp_path_factory):
 
     def lay(value: str = 'none', cell: dict = WANDERS, **control):
         overrides = {'cell': cell, 'process_control': {'value': value, **control}}
-        made = {'layers': 1, 'profile': 'open_loop', 'overrides': overrides}
+        made = {'layers': 1, 'loop_mode': 'open_loop', 'overrides': overrides}
         return run(parts.job(folder, 'block', 101, **made))
 
     return lay

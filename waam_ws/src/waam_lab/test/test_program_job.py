@@ -70,7 +70,7 @@ def test_a_program_is_laid_in_closed_loop_and_its_path_stays(goal):
 
 
 def test_without_a_nominal_part_a_program_is_watched_only(goal):
-    bare = replace(goal, part=Path(''), profile='monitor', layers=1)
+    bare = replace(goal, part=Path(''), loop_mode='monitor', layers=1)
     trace = MetalTrace()
     result = run(LabJob(bare, seed=3), trace)
     assert result.error_code == 0, result.message

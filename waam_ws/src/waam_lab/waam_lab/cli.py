@@ -5,15 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from waam_job.cli_program import PART_HELP, add_program
-from waam_process.loop_mode import LOOP_MODES
+from waam_job.cli_program import PART_HELP, add_loop_mode, add_program
 from waam_process.operating import DEFAULT_MATERIAL, GANTRY, MACHINES
 
 EXAMPLES = """\
 examples:
   waam lab jaw_nominal.stl --as-found jaw_worn.stl                     20 simulated cells, all cores
   waam lab part.stl --as-found worn.stl --tolerance 0.15 --seeds 50    a narrower tolerance, more cells
-  waam lab part.stl --as-found worn.stl --profile open_loop            what it would be without correction
+  waam lab part.stl --as-found worn.stl --loop-mode open_loop          what it would be without correction
   waam lab bracket.stl --mode build --layers 8 --seeds 1,7,11          chosen seeds
   waam lab part.stl --as-found worn.stl --layer-height 1.2 --set correction_server.law=unet
   waam lab part.stl --as-found worn.stl --set cell.metal_transfer=0.88 --set plan.levels=adaptive
@@ -66,11 +65,7 @@ def _add_part(p: argparse.ArgumentParser) -> None:
 
 
 def _add_process(p: argparse.ArgumentParser) -> None:
-    p.add_argument(
-        '--profile',
-        choices=LOOP_MODES,
-        help='default: closed_loop; for a program without --nominal monitor',
-    )
+    add_loop_mode(p)
     p.add_argument('--tolerance', type=float, default=0.2, metavar='MM', help='default 0.2')
     p.add_argument('--layer-height', type=float, default=0.0, metavar='MM')
     p.add_argument('--bead-width', type=float, default=0.0, metavar='MM')

@@ -99,7 +99,7 @@ def facts(c: Campaign) -> dict[str, Any]:
         'as_found': c.job.as_found.name if c.job.as_found else None,
         'mode': goal.mode,
         'material': goal.material,
-        'profile': goal.profile,
+        'loop_mode': goal.loop_mode,
         'tolerance_mm': goal.tolerance * 1e3,
         'overrides': {node: dict(values) for node, values in c.job.overrides.items()},
         'command': c.told,
@@ -190,7 +190,7 @@ def _subtitle(c: Campaign) -> str:
         f'part {goal.file.name}',
         f'as found {c.job.as_found.name}' if c.job.as_found else 'on a flat plate',
         goal.material,
-        goal.profile.replace('_', ' '),
+        goal.loop_mode.replace('_', ' '),
         f'tolerance ±{goal.tolerance * 1e3:g} mm',
         f'{len(c.results)} simulated cells',
     ]

@@ -20,7 +20,7 @@ LARGEST_SHARE = 0.995  # share of the judged cells: a part does not fail by sing
 def read(folder: JobFolder, job: LabJob, time: float, cpu: float) -> LabResult:
     """time: s of machine time; cpu: s of processor time."""
     report = folder.read_json(job_folder.REPORT) or {}
-    run: dict[str, Any] = report.get(job.goal.profile, {})
+    run: dict[str, Any] = report.get(job.goal.loop_mode, {})
     maps = [m for m in (folder.read_map(n) for n in range(folder.last_map() + 1)) if m is not None]
     final = _maps(maps) if maps and report.get('verdict', 'failed') != 'failed' else None
     rows = [r for r in run.get('layers', []) if not r.get('final')]

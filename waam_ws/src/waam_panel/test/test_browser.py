@@ -292,8 +292,12 @@ def show_a_job(panel) -> None:
     """Everything that takes room: a long name, an alarm, values with all their digits."""
     put = panel.cell.mailbox.put
     put(('anomaly', {'class': 'scan', 'severity': 1, 'text': 'dirty'}))
-    numbers = (-123.456, 123.456, -99.9), 288.0, 28.8, 0.2, 0.2, 0.055
-    put(('telemetry', Sample(1.0, *numbers, 'RUN', True, True, True, 1.25, 1.25, 0.4)))
+    frame = Sample(
+        t=1.0, position=(-123.456, 123.456, -99.9), current=288.0, voltage=28.8, feed_commanded=0.2, feed=0.2,
+        speed=0.055, state='RUN', arc=True, arc_enabled=True, gas=True, speed_override=1.25, wire_override=1.25,
+        lease_left=0.4,
+    )  # fmt: skip
+    put(('telemetry', frame))
     job = dict.fromkeys(('layer', 'layers', 'bead', 'beads'), 108) | {
         'id': '20260101_jaw_restoration_2',
         'dir': '',

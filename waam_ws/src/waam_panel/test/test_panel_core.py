@@ -275,7 +275,7 @@ def test_history_lists_jobs_newest_first_and_survives_broken_files(tmp_path):
     assert history.jobs(tmp_path / 'none') == []
     for name, files in {
         '20260101T000000Z_a': {'report.json': '{"verdict": "in tolerance", "closed_loop": {"rms_mm": 0.2}}'},
-        '20260102T000000Z_b': {'status.json': '{"state": "FAILED", "message": "arc"}'},
+        '20260102T000000Z_b': {'status.json': '{"state": "FAILED", "message": "arc", "profile": "monitor"}'},
         '20260103T000000Z_c': {'status.json': 'torn', 'report.json': '[1]'},
         'parts': {'x.stl': ''},
         '.run': {'state.json': '{}'},
@@ -292,6 +292,7 @@ def test_history_lists_jobs_newest_first_and_survives_broken_files(tmp_path):
         0.2,
     )
     assert (b['state'], b['message'], b['report']) == ('FAILED', 'arc', False)
+    assert (a['loop_mode'], b['loop_mode']) == ('closed_loop', 'monitor')
     assert c['state'] == 'UNKNOWN'
     assert history.find(tmp_path, a['id']) == tmp_path / a['id']
     for name in ('parts', '.run', '..', '../x', 'latest', '', a['id'] + '/..'):

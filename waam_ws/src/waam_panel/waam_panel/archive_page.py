@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from waam_archive.archive import Archive
     from waam_archive.selection import Selection
 
-FILTERS = ('part', 'material', 'wire_lot', 'operator', 'verdict', 'profile')
+FILTERS = ('part', 'material', 'wire_lot', 'operator', 'verdict', 'loop_mode')
 SHOWN = 60  # rows of the table
 POINTS = 300  # newest points of the chart
 LONGEST = 80  # letters of a filter

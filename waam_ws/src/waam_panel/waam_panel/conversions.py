@@ -88,7 +88,7 @@ def job(m: JobStatus) -> dict[str, Any]:
     """Errors in mm, time left in s."""
     return {
         'id': m.job_id, 'dir': m.job_dir, 'state': job_state(m.state),
-        'profile': m.profile, 'material': m.material, 'k_gain': number(m.k_gain), 'layer': m.layer,
+        'loop_mode': m.loop_mode, 'material': m.material, 'k_gain': number(m.k_gain), 'layer': m.layer,
         'layers': m.layers, 'bead': m.bead, 'beads': m.beads, 'pass': m.pass_number, 'passes': m.passes,
         'progress': number(m.progress, 1, 4), 'time_left': number(m.time_left, 1, 0),
         'rms_mm': number(m.height_error_rms, 1e3), 'max_mm': number(m.height_error_max, 1e3),
@@ -228,7 +228,7 @@ CONVERT: dict[str, Callable[[Any], Any]] = {
 def goal(setup: JobSetup, part: Path, jobs_dir: Path) -> RunJob.Goal:
     """mm of the page to m of the goal."""
     return RunJob.Goal(
-        name=setup.name, part=str(part), mode=setup.mode, material=setup.material, profile=setup.profile,
+        name=setup.name, part=str(part), mode=setup.mode, material=setup.material, loop_mode=setup.loop_mode,
         layers=setup.layers, layer_height=setup.layer_height_mm * 1e-3, bead_width=setup.bead_width_mm * 1e-3,
         k_gain=setup.k_gain, tolerance=setup.tolerance_mm * 1e-3, scale=1e-3, jobs_dir=str(jobs_dir),
         operator_name=setup.operator_name, passes=setup.passes,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from waam_node.job_folder import JOB, REPORT, REPORT_PAGE, STATUS
-from waam_process.loop_mode import LOOP_MODES
+from waam_process.loop_mode import LOOP_MODES, with_loop_mode
 from waam_process.names import INTERRUPTED
 
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]*')
@@ -44,7 +44,7 @@ def _is_job(folder: Path) -> bool:
 
 
 def _row(folder: Path) -> dict[str, Any]:
-    status, report = _read(folder / STATUS), _read(folder / REPORT)
+    status, report = with_loop_mode(_read(folder / STATUS)), _read(folder / REPORT)
     run: dict[str, Any] = next(
         (report[p] for p in SHOWN_FIRST if isinstance(report.get(p), dict)), {}
     )
@@ -55,7 +55,7 @@ def _row(folder: Path) -> dict[str, Any]:
         'message': str(status.get('message') or ''),
         'part': str(report.get('part') or ''),
         'material': str(report.get('material') or ''),
-        'profile': ', '.join(runs) or str(status.get('profile') or ''),
+        'loop_mode': ', '.join(runs) or str(status.get('loop_mode') or ''),
         'verdict': str(report.get('verdict') or ''),
         'rms_mm': _number(run.get('rms_mm')),
         'layers': _number(status.get('layers')),

@@ -31,7 +31,7 @@ class JobSetup:
     as_found: str = ''
     mode: str = 'restore'
     material: str = DEFAULT_MATERIAL
-    profile: str = LoopMode.CLOSED_LOOP.value
+    loop_mode: str = LoopMode.CLOSED_LOOP.value
     layers: int = 0
     layer_height_mm: float = 0.0
     bead_width_mm: float = 0.0
@@ -66,7 +66,7 @@ LIMITS = {  # 0 is allowed besides where 0 means 'default'
     'allowance_mm': (-1.0, 5.0),
 }
 DEFAULTED = ('layer_height_mm', 'bead_width_mm')
-CHOICES = {'mode': MODES, 'profile': LOOP_MODES}
+CHOICES = {'mode': MODES, 'loop_mode': LOOP_MODES}
 LONGEST = 80
 
 

@@ -44,7 +44,7 @@ def test_a_bad_setting_is_refused_by_name(field, value):
 
 
 @pytest.mark.parametrize(
-    'kind, title', [(PlanSettings, '## Settings'), (FanucSettings, '### Fanuc programs')]
+    'kind, title', [(PlanSettings, '## Parameters'), (FanucSettings, '### Fanuc programs')]
 )
 def test_the_readme_lists_every_setting_with_its_default(kind, title):
     text = (Path(__file__).parents[1] / 'README.md').read_text()

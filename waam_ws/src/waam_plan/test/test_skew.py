@@ -13,13 +13,8 @@ from hypothesis import strategies as st
 from waam_plan import cli_correct
 from waam_plan.lay.restore import plan_restoration
 from waam_plan.post.gcode import gcode
-from waam_plan.post.skew import (
-    AxisErrors,
-    SkewError,
-    angles_from_diagonals,
-    correct_gcode,
-    points_of,
-)
+from waam_plan.post.skew import AxisErrors, SkewError, angles_from_diagonals
+from waam_plan.post.skew_program import correct_gcode, points_of
 from waam_plan.settings import PlanSettings
 
 angle = st.floats(-0.05, 0.05)

@@ -74,15 +74,16 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 
 def run(args: argparse.Namespace) -> int:
     """0, or 2 with one line of error."""
-    from .post import skew
+    from .post import skew_program
+    from .show import skew_picture
 
     try:
         errors = errors_from(args)
         before = args.program.read_text()
-        after = skew.correct_gcode(before, errors.correction(args.form))
+        after = skew_program.correct_gcode(before, errors.correction(args.form))
         args.out.write_text(after)
         picture = args.out.with_suffix('.png')
-        skew.draw(before, after, errors, picture)
+        skew_picture.draw(before, after, errors, picture)
     except (ValueError, OSError) as e:
         print(f'waam correct: {e}', file=sys.stderr)
         return 2

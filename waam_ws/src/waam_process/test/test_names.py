@@ -39,7 +39,7 @@ def test_states_are_the_constants_of_the_messages(message, prefix, listed):
     'message,field,listed',
     [
         ('Anomaly', 'class_name', names.ANOMALY_CLASSES),
-        ('JobStatus', 'profile', LOOP_MODES),
+        ('JobStatus', 'loop_mode', LOOP_MODES),
     ],
 )
 def test_words_are_those_that_the_message_lists(message, field, listed):

@@ -64,8 +64,10 @@ def header(store, t):
 def telemetry(store, i):
     point = store.types['geometry_msgs/msg/Point'](0.1, 0.2, i * 1e-3)
     msg = store.types[TELEMETRY](
-        header(store, i * 10**7), i * 10_000, 3, i, 1, point, 0.01, 0.08, 0.081, 180.0 + i, 22.0,
-        True, True, True, i, i, 40, 1.0, 1.0, 0.4, 0, 0,
+        header=header(store, i * 10**7), controller_us=i * 10_000, boot_id=3, sequence=i, state=1, position=point,
+        travel_speed=0.01, wire_feed_commanded=0.08, wire_feed_speed=0.081, arc_current=180.0 + i, arc_voltage=22.0,
+        arc_enabled=True, arc_established=True, gas=True, line_accepted=i, line_executed=i, blocks_free=40,
+        speed_override=1.0, wire_override=1.0, lease_left=0.4, underruns=0, fault=0,
     )  # fmt: skip
     return bytes(store.serialize_cdr(msg, TELEMETRY))
 
@@ -78,9 +80,11 @@ def height_map(store, k):
     z = np.linspace(0, k, 12, dtype=np.float32)
     z[3] = np.nan
     msg = t[MAP](
-        header(store, k), 'job', k, k, t['waam_msgs/msg/GridInfo'](5e-4, 3, 4, pose), z, z * 0.1,
-        np.arange(12, dtype=np.uint16), 0.9, True, ['good', 'seen'], 1, 2, 3, 4, 5e-5,
-        6e-3, 2e-4, 6.2e-3, 12,
+        header=header(store, k), job_id='job', scan_id=k, layer=k,
+        grid=t['waam_msgs/msg/GridInfo'](5e-4, 3, 4, pose), z=z, sigma=z * 0.1,
+        count=np.arange(12, dtype=np.uint16), coverage=0.9, plausible=True, reasons=['good', 'seen'],
+        profiles_used=1, profiles_rejected=2, points_used=3, points_rejected=4, residual=5e-5,
+        bead_width=6e-3, bead_width_u=2e-4, bead_width_expected=6.2e-3, bead_width_sections=12,
     )  # fmt: skip
     return bytes(store.serialize_cdr(msg, MAP))
 

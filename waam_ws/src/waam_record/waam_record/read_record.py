@@ -13,6 +13,7 @@ import numpy as np
 from mcap.records import Channel, Message, Schema
 
 from waam_node import cdr, job_folder
+from waam_process.loop_mode import with_loop_mode
 
 from .bag_reader import bag_files, info
 from .decode import Decoder
@@ -54,7 +55,7 @@ class Record:
     calls: dict[str, list[Exchange]] = field(default_factory=lambda: {k: [] for k in SERVICES})
     estimates: list[Any] = field(default_factory=list)
     parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
-    profile: str = ''
+    loop_mode: str = ''
     first_ns: int = 0  # of all messages
     last_ns: int = 0  # of all messages
     damage: list[str] = field(default_factory=list)
@@ -85,7 +86,7 @@ def load(path: Path, tick: Callable[[int], None] = lambda n: None) -> Record:
         reader.read(file)
     reader.finish()
     custom = info(folder).custom_data
-    record.profile = custom.get('profile', '')
+    record.loop_mode = with_loop_mode(custom).get('loop_mode', '')
     for key, text in custom.items():
         kind, _, node = key.partition('.')
         if kind == 'parameters':

@@ -85,7 +85,7 @@ class Job:
     def __init__(self, folder: Path, late: bool = True) -> None:
         self.params = FusionParams()
         custom = {
-            'profile': 'closed_loop',
+            'loop_mode': 'closed_loop',
             'job_id': JOB,
             'parameters.scan_fusion': '{"noise": 5e-05}',
         }

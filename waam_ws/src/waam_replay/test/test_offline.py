@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -39,6 +40,15 @@ def test_profiles_that_came_after_the_map_are_left_out(job):
     record = load(job)
     assert len(record.batches) == 3 * (58 + 1)
     assert tune(job).identical['maps'] == (3, 3)
+
+
+def test_the_loop_mode_is_read_by_its_old_name_too(job, tmp_path):
+    copy = shutil.copytree(job / 'record', tmp_path / 'record')
+    file = copy / 'metadata.yaml'
+    text = file.read_text()
+    assert text.count('loop_mode: closed_loop') == 1
+    file.write_text(text.replace('loop_mode: closed_loop', 'profile: monitor'))
+    assert (load(job).loop_mode, load(copy).loop_mode) == ('closed_loop', 'monitor')
 
 
 def test_less_gain_gives_less_correction(job):

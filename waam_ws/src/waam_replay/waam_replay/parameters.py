@@ -71,7 +71,7 @@ def _near(name: str, known: list[str]) -> str:
 
 
 def effective(
-    recorded: dict[str, dict[str, Any]], settings: list[str], profile: str = ''
+    recorded: dict[str, dict[str, Any]], settings: list[str], loop_mode: str = ''
 ) -> Parameters:
     """Recorded parameters (by node), changed by `settings`. ParameterError names what is unknown or out of range."""
     wanted = parse(settings)
@@ -80,7 +80,7 @@ def effective(
     for node, kind in NODES.items():
         base = _recorded(node, kind, recorded, notes)
         if node == 'job':
-            base = {'apply_correction': profile in (LoopMode.CLOSED_LOOP, '')}
+            base = {'apply_correction': loop_mode in (LoopMode.CLOSED_LOOP, '')}
         made[node] = from_dict(kind, {**base, **wanted[node]}, node)
     changed = {f'{n}.{k}': v for n, values in wanted.items() for k, v in values.items()}
     return Parameters(**made, changed=changed, notes=tuple(notes))

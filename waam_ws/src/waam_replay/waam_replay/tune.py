@@ -90,7 +90,7 @@ def tune(
     effective({}, settings or [])  # a misspelt name is found before anything is read
     started = time.perf_counter()
     record = load(path, tick)
-    parameters = effective(record.parameters, settings or [], record.profile)
+    parameters = effective(record.parameters, settings or [], record.loop_mode)
     result = Tuning(record, parameters)
     result.maps = Mapper(record, parameters.scan_fusion).all()
     _corrections(result)

@@ -52,7 +52,7 @@ class PerfectDriver:
         self._state = JointState(now_us, joints, np.zeros(8))
 
 
-class Rig:
+class ControllerHarness:
     """Controller and driver in steps of 10 ms; speaks the link protocol."""
 
     def __init__(self, station: Station) -> None:
@@ -86,8 +86,8 @@ class Rig:
 
 
 @pytest.fixture
-def rig(station):
-    made = Rig(station)
+def harness(station):
+    made = ControllerHarness(station)
     made.run(0.05)
     made.say('X')
     made.run(0.05)
@@ -95,10 +95,10 @@ def rig(station):
     made.close()
 
 
-def test_goals_agree_where_they_overlap_and_end_at_rest(rig):
-    rig.say('J', '40 20 -30 1500')
-    rig.run(2.5)
-    moving = [g for g in rig.driver.goals if len(g.time) > 5]
+def test_goals_agree_where_they_overlap_and_end_at_rest(harness):
+    harness.say('J', '40 20 -30 1500')
+    harness.run(2.5)
+    moving = [g for g in harness.driver.goals if len(g.time) > 5]
     assert len(moving) > 10
     for a, b in zip(moving[2:-3], moving[3:-2], strict=False):
         t = b.time[b.time < 0.2] + (b.start_us - a.start_us) * 1e-6
@@ -109,58 +109,62 @@ def test_goals_agree_where_they_overlap_and_end_at_rest(rig):
         assert (a.rates[-1] == 0.0).all()
 
 
-def test_a_standing_machine_needs_no_goals(rig):
-    rig.run(0.5)
-    before = len(rig.driver.goals)
-    rig.run(2.0)
-    assert len(rig.driver.goals) <= before + 1
+def test_a_standing_machine_needs_no_goals(harness):
+    harness.run(0.5)
+    before = len(harness.driver.goals)
+    harness.run(2.0)
+    assert len(harness.driver.goals) <= before + 1
 
 
-def test_telemetry_tells_where_the_robot_is(rig):
-    rig.say('J', '40 0 0 1200')
-    rig.run(1.5)
-    steady = rig.telemetry[-60:]
-    zero = rig.telemetry[0].x_um * 1e-6 - PARK[0]  # not homed: the core counts from where it was
-    lag = [t.x_um * 1e-6 - zero - rig.controller.commanded(t.t_us)[0] for t in steady]
+def test_telemetry_tells_where_the_robot_is(harness):
+    harness.say('J', '40 0 0 1200')
+    harness.run(1.5)
+    steady = harness.telemetry[-60:]
+    zero = (
+        harness.telemetry[0].x_um * 1e-6 - PARK[0]
+    )  # not homed: the core counts from where it was
+    lag = [t.x_um * 1e-6 - zero - harness.controller.commanded(t.t_us)[0] for t in steady]
     # 20 mm/s for the 40 ms by which goals are late
     assert np.median(lag) == pytest.approx(-20e-3 * 0.04, abs=1e-4)
     assert np.median([t.v_um_s for t in steady]) == pytest.approx(20_000, rel=0.02)
 
 
-def test_a_silent_driver_cuts_the_arc_and_holds(rig):
-    rig.say('J', '60 0 0 600')
-    rig.run(0.5)
-    rig.driver.silent = True
-    rig.run(0.12)
-    assert not rig.problems
-    rig.run(0.18)
-    assert len(rig.problems) == 1 and 'joint states' in rig.problems[0]
-    assert not (rig.samples['outputs'] & ARC).any()
-    stopped = rig.controller.commanded(rig.controller.now_us)
-    rig.run(0.5)
-    assert np.array_equal(stopped, rig.controller.commanded(rig.controller.now_us))
-    rig.say('R')  # resumed too early: held again, told no second time
-    rig.run(0.3)
-    went = rig.controller.commanded(rig.controller.now_us) - stopped
+def test_a_silent_driver_cuts_the_arc_and_holds(harness):
+    harness.say('J', '60 0 0 600')
+    harness.run(0.5)
+    harness.driver.silent = True
+    harness.run(0.12)
+    assert not harness.problems
+    harness.run(0.18)
+    assert len(harness.problems) == 1 and 'joint states' in harness.problems[0]
+    assert not (harness.samples['outputs'] & ARC).any()
+    stopped = harness.controller.commanded(harness.controller.now_us)
+    harness.run(0.5)
+    assert np.array_equal(stopped, harness.controller.commanded(harness.controller.now_us))
+    harness.say('R')  # resumed too early: held again, told no second time
+    harness.run(0.3)
+    went = harness.controller.commanded(harness.controller.now_us) - stopped
     assert np.abs(went).max() < 5e-4
-    assert len(rig.problems) == 1
-    rig.driver.silent = False
-    rig.run(0.1)
-    assert rig.controller.problem == ''
+    assert len(harness.problems) == 1
+    harness.driver.silent = False
+    harness.run(0.1)
+    assert harness.controller.problem == ''
 
 
-def test_a_driver_that_refuses_is_quoted(rig):
-    rig.driver.problem = "the driver refused a goal: it knows no joint 'joint_9'"
-    rig.run(0.05)
-    assert rig.problems == [rig.driver.problem]
+def test_a_driver_that_refuses_is_quoted(harness):
+    harness.driver.problem = "the driver refused a goal: it knows no joint 'joint_9'"
+    harness.run(0.05)
+    assert harness.problems == [harness.driver.problem]
 
 
-def test_a_robot_off_its_path_is_noticed(rig):
-    rig.driver.silent = True
-    state = rig.driver._state
-    rig.driver._state = JointState(rig.controller.now_us + 10_000, state.joints + 0.01, state.rates)
-    rig.run(0.02)
-    assert 'mm from where it should be' in rig.problems[0]
+def test_a_robot_off_its_path_is_noticed(harness):
+    harness.driver.silent = True
+    state = harness.driver._state
+    harness.driver._state = JointState(
+        harness.controller.now_us + 10_000, state.joints + 0.01, state.rates
+    )
+    harness.run(0.02)
+    assert 'mm from where it should be' in harness.problems[0]
 
 
 def test_too_fast_joints_give_no_goal(station):

@@ -20,7 +20,10 @@ def flat(height=0.0, known=1.0, residual=30e-6) -> FusedMap:
     z = np.full(SPEC.shape, height, np.float32)
     z.ravel()[round(known * z.size) :] = np.nan
     coverage = float(np.isfinite(z).mean())
-    return FusedMap(SPEC, z, z * 0, z * 0, z * 0, z * 0, coverage, residual, 1000, 0, 0, 0)
+    return FusedMap(
+        spec=SPEC, z=z, sigma=z * 0, count=z * 0, scatter=z * 0, share=z * 0, coverage=coverage, residual=residual,
+        points_used=1000, dropouts=0, outside=0, spikes=0,
+    )  # fmt: skip
 
 
 def test_a_good_map_gives_no_reason():

@@ -107,8 +107,8 @@ class Gantry:
         if len(self._values) < most:
             self._values = np.empty((most, 3))
         self._count = swing(
-            moved, self._record, self.modes, self._swing, self._state, self._rng,
-            self.load(deposited), sensing, self._values, self.deviation,
+            samples=moved, params=self._record, modes=self.modes, swings=self._swing, states=self._state,
+            rng=self._rng, load=self.load(deposited), sensing=sensing, values=self._values, deviation=self.deviation,
         )  # fmt: skip
         return moved
 

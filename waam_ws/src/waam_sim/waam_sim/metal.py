@@ -192,7 +192,7 @@ def lay(z, solid, touched, p, s, x, y, volume, width, height, temperature, time)
     """Spreads one portion of melt (m^3) over the pool around (x, y) and lets it slump. Outside the field it is lost."""
     radius = 0.5 * width
     r0, r1, c0, c1 = _box(z.shape, p, s, x, y, radius)
-    k = _ellipsoid(p, s, x, y, radius, r0, r1, c0, c1)
+    k = _ellipsoid(p=p, s=s, x=x, y=y, radius=radius, r0=r0, r1=r1, c0=c0, c1=c1)
     if k.size == 0 or k.max() <= 0.0:
         s.lost += volume
         return
@@ -226,7 +226,9 @@ def dig_crater(z, solid, p, s):
         return
     tail_x, tail_y = s.pool_x - 0.9 * s.width * s.head_x, s.pool_y - 0.9 * s.width * s.head_y
     t0, t1, u0, u1 = _box(z.shape, p, s, tail_x, tail_y, 0.6 * s.width)
-    tail = _ellipsoid(p, s, tail_x, tail_y, 0.6 * s.width, t0, t1, u0, u1)
+    tail = _ellipsoid(
+        p=p, s=s, x=tail_x, y=tail_y, radius=0.6 * s.width, r0=t0, r1=t1, c0=u0, c1=u1,
+    )  # fmt: skip
     for i in range(t1 - t0):
         for j in range(u1 - u0):
             tail[i, j] *= (
@@ -237,7 +239,7 @@ def dig_crater(z, solid, p, s):
         return
     x, y = s.pool_x - 0.1 * s.width * s.head_x, s.pool_y - 0.1 * s.width * s.head_y
     r0, r1, c0, c1 = _box(z.shape, p, s, x, y, 0.3 * s.width)
-    bowl = _ellipsoid(p, s, x, y, 0.3 * s.width, r0, r1, c0, c1)
+    bowl = _ellipsoid(p=p, s=s, x=x, y=y, radius=0.3 * s.width, r0=r0, r1=r1, c0=c0, c1=c1)
     moved = 0.0
     for i in range(r1 - r0):
         for j in range(c1 - c0):
@@ -304,7 +306,10 @@ def _lay_carried(z, solid, touched, p, s, values, height_z, temperature, time):
     s.width = max(width, MIN_WIDTH)
     rate = volume / max(s.carry_path, MIN_SPEED * s.carry_time)
     s.height = min(max(1.5 * rate / s.width, 2e-4), 0.7 * s.width)
-    lay(z, solid, touched, p, s, s.pool_x, s.pool_y, volume, s.width, s.height, temperature, time)
+    lay(
+        z=z, solid=solid, touched=touched, p=p, s=s, x=s.pool_x, y=s.pool_y, volume=volume, width=s.width,
+        height=s.height, temperature=temperature, time=time,
+    )  # fmt: skip
     s.portion, s.portion_x, s.portion_y = s.portion + volume, s.pool_x, s.pool_y
     s.volume, s.carry_path, s.carry_time = 0.0, 0.0, 0.0
 
@@ -337,7 +342,9 @@ def advance(
     if not lit:
         if s.active > 0.0:
             if s.volume > 0.0:
-                _lay_carried(z, solid, touched, p, s, values, height_z, temperature, time)
+                _lay_carried(
+                    z, solid, touched, p, s, values=values, height_z=height_z, temperature=temperature, time=time,
+                )  # fmt: skip
             dig_crater(z, solid, p, s)
             s.active = 0.0
         return
@@ -354,4 +361,6 @@ def advance(
     section = 0.25 * math.pi * p.wire_diameter * p.wire_diameter
     s.volume += section * wire_speed * dt * transfer(p, ctwd, temperature, gas)
     if s.carry_path >= p.portion_path or s.carry_time >= p.portion_time:
-        _lay_carried(z, solid, touched, p, s, values, height_z, temperature, time)
+        _lay_carried(
+            z, solid, touched, p, s, values=values, height_z=height_z, temperature=temperature, time=time,
+        )  # fmt: skip

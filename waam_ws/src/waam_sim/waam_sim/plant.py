@@ -142,10 +142,11 @@ class Plant:
         self._note_scan()
         self._before = self._last.copy()
         live(
-            samples, now, self._zero, self._last, metal.z, metal.solid, metal.touched, metal.params,
-            metal.state, heat.skin, heat.bulk, heat.thickness, heat.params, heat.state, arc.params,
-            arc.state, arc.line, arc.rng, self._lattice, placed.hot, placed.kept, placed.params, placed.state,
-            blocked, gas_out, slip,
+            samples=samples, now=now, zero=self._zero, last=self._last, z=metal.z, solid=metal.solid,
+            touched=metal.touched, mp=metal.params, ms=metal.state, skin=heat.skin, bulk=heat.bulk,
+            thickness=heat.thickness, hp=heat.params, hs=heat.state, ap=arc.params, als=arc.state, line=arc.line,
+            rng=arc.rng, values=self._lattice, hot=placed.hot, kept=placed.kept, lp=placed.params, ls=placed.state,
+            blocked=blocked, gas_out=gas_out, slip=slip,
         )  # fmt: skip
         self.time_us = time_us
         self._measure_distance(len(samples) * SAMPLE_US * 1e-6)
@@ -225,10 +226,10 @@ class Plant:
         spec, placed = self.metal.spec, self.placed
         top = float(self.metal.z.max())
         scan(
-            samples, times - first_us, self._zero, self._before, self.metal.z, spec.origin_x, spec.origin_y,
-            spec.resolution, top, placed.hot, placed.kept, placed.params, placed.state, self.scanner.params,
-            self.scanner.lateral, self.scanner.rng,
-            self.faults.share('scanner_dropout'), z, intensity,
+            samples=samples, offsets_us=times - first_us, zero=self._zero, before=self._before, z=self.metal.z,
+            origin_x=spec.origin_x, origin_y=spec.origin_y, cell=spec.resolution, top=top, hot=placed.hot,
+            kept=placed.kept, lp=placed.params, ls=placed.state, sp=self.scanner.params, lateral=self.scanner.lateral,
+            rng=self.scanner.rng, dropout=self.faults.share('scanner_dropout'), out=z, intensity=intensity,
         )  # fmt: skip
         return Profiles(times, z, intensity)
 

@@ -147,7 +147,9 @@ def profile(
         error = p.noise * (1.0 + 0.5 * min(steep, 4.0)) * normal(rng)
         lost_here = z_s < p.range_far or z_s > p.range_near or hidden[j] or u < lost
         eye = heights[j] + 0.5 * cell * slope
-        if lost_here or _camera_blocked(z, origin_x, origin_y, cell, x, y, eye, top, slope):
+        if lost_here or _camera_blocked(
+            z=z, origin_x=origin_x, origin_y=origin_y, cell=cell, x=x, y=y, height=eye, top=top, slope=slope,
+        ):  # fmt: skip
             out[j] = np.nan
         elif u > 1.0 - p.outliers:
             out[j] = z_s + error + p.outlier_size * normal(rng)

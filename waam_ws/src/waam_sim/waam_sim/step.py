@@ -51,7 +51,10 @@ def _make_live(sources: int) -> Callable:
             if on:
                 height -= rise(hot, kept, placed, placed_state, x, y)
             ctwd = REFERENCE_CTWD + height - surface
-            advance_arc(a, astate, rng, on, gas, blocked, samples[i].voltage_set, ctwd, dt)
+            advance_arc(
+                p=a, s=astate, rng=rng, on=on, gas=gas, blocked=blocked, voltage_set=samples[i].voltage_set,
+                ctwd=ctwd, dt=dt,
+            )  # fmt: skip
             lit = astate.lit > 0.0
             power = astate.voltage * astate.current if lit else 0.0
             base = bilinear(
@@ -59,7 +62,8 @@ def _make_live(sources: int) -> Callable:
                 x + AHEAD * mstate.head_x, y + AHEAD * mstate.head_y, h.ambient,
             )  # fmt: skip
             advance_metal(
-                z, solid, touched, m, mstate, values, time, dt, x, y, height, lit, astate.wire, power, base, ctwd, gas,
+                z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
+                height_z=height, lit=lit, wire_speed=astate.wire, power=power, temperature=base, ctwd=ctwd, gas=gas,
             )  # fmt: skip
             if mstate.portion > 0.0:
                 at_x, at_y = mstate.portion_x, mstate.portion_y
@@ -108,8 +112,9 @@ def _make_scan(sources: int) -> Callable:
                 a[:] = b
             a += f * (b - a)
             profile(
-                z, origin_x, origin_y, cell, top, hot, kept, lp[0], ls[0], p, lateral, rng, a[0], a[1], a[2], dropout,
-                out[k], intensity[k],
+                z=z, origin_x=origin_x, origin_y=origin_y, cell=cell, top=top, hot=hot, kept=kept, placed=lp[0],
+                placed_state=ls[0], p=p, lateral=lateral, rng=rng, tcp_x=a[0], tcp_y=a[1], tcp_z=a[2],
+                extra_dropout=dropout, out=out[k], intensity=intensity[k],
             )  # fmt: skip
 
     return scan

@@ -60,7 +60,7 @@ class Cell:
         self.status_.publish(
             JobStatus(
                 header=self.header(t), job_id='demo_job', job_dir=job_dir, state=state, layer=layer,
-                profile='closed_loop', layers=2, beads=8, progress=0.4, time_left=90.0,
+                loop_mode='closed_loop', layers=2, beads=8, progress=0.4, time_left=90.0,
                 height_error_rms=2e-4, height_error_max=9e-4, message='synthetic',
             )
         )  # fmt: skip

@@ -15,14 +15,14 @@ PITCH, LAYER = 4.4e-3, 2.0e-3
 
 
 def write_job(
-    folder: Path, profile: str = 'closed_loop', layers: int = 3, seed: int = 1, name: str = 'anvil',
+    folder: Path, loop_mode: str = 'closed_loop', layers: int = 3, seed: int = 1, name: str = 'anvil',
     failed: bool = False, layer_error: float | None = None,
 ) -> dict:  # fmt: skip
     """Writes the folder and returns the content of its report.json."""
     rng = np.random.default_rng(seed)
     folder = Path(folder)
     (folder / 'layers').mkdir(parents=True)
-    gain = {'closed_loop': 0.25, 'open_loop': 1.0, 'monitor': 1.0}[profile]
+    gain = {'closed_loop': 0.25, 'open_loop': 1.0, 'monitor': 1.0}[loop_mode]
     gain = layer_error if layer_error is not None else gain
     wear = gaussian_filter(rng.normal(size=(ROWS, COLS)), 9)
     wear *= 0.55e-3 / wear.std()
@@ -39,15 +39,18 @@ def write_job(
         target = np.where(region, k * LAYER, np.nan)
         error = (surface - target)[interior]
         rms.append(float(np.sqrt(np.mean(error**2))))
-        save_scan(folder, k, surface, target, nominal, region, interior, rng, k < layers)
+        save_scan(
+            folder=folder, k=k, surface=surface, target=target, nominal=nominal, region=region, interior=interior,
+            rng=rng, has_next=k < layers,
+        )  # fmt: skip
         ripple = 0.04e-3 * np.cos(2 * np.pi * y / PITCH)
         noise = gaussian_filter(rng.normal(size=surface.shape), 3) * 0.12e-3
         deviation = surface - k * LAYER
         surface = np.where(region, (k + 1) * LAYER + gain * deviation + ripple + noise, surface)
-    report = make_report(profile, layers, rms, name, failed)
+    report = make_report(loop_mode, layers, rms, name, failed)
     (folder / 'report.json').write_text(json.dumps(report))
     write_telemetry(folder, layers, rng)
-    (folder / 'job.yaml').write_text(yaml.safe_dump(job_yaml(profile)))
+    (folder / 'job.yaml').write_text(yaml.safe_dump(job_yaml(loop_mode)))
     return report
 
 
@@ -76,7 +79,7 @@ def save_scan(folder, k, surface, target, nominal, region, interior, rng, has_ne
     )
 
 
-def make_report(profile, layers, rms, name, failed) -> dict:
+def make_report(loop_mode, layers, rms, name, failed) -> dict:
     reports = []
     for k in range(layers + 1):
         final = k == layers
@@ -90,7 +93,7 @@ def make_report(profile, layers, rms, name, failed) -> dict:
                 'height_error_mean': 0.1 * rms[k], 'coverage': 0.988, 'psi_min': -1.0,
                 'psi_mean': -0.03, 'psi_max': 0.92, 'k_gain': 0.3, 'heat_factor': 0.97,
                 'flow_factor': 1.02, 'law': 'damped_inverse', 'fallback': k == 1,
-                'correction_applied': profile == 'closed_loop', 'clamps_speed': 4 + k,
+                'correction_applied': loop_mode == 'closed_loop', 'clamps_speed': 4 + k,
                 'reasons': ['map older than the layer'] if k == 1 else [],
                 'clamps_feed': 1, 'clamps_voltage': 0, 'clamps_psi': 17, 'faults': 0,
             }
@@ -120,7 +123,7 @@ def make_report(profile, layers, rms, name, failed) -> dict:
     return {
         'job_id': '20261121T093000_' + name, 'name': name, 'part': 'parts/anvil.stl',
         'material': 'ER70S-6_1.2', 'created': '2026-11-21T09:30:00Z', 'tolerance_mm': 0.2,
-        'verdict': run['verdict'], profile: run,
+        'verdict': run['verdict'], loop_mode: run,
     }  # fmt: skip
 
 
@@ -143,11 +146,11 @@ def write_telemetry(folder: Path, layers: int, rng) -> None:
     )  # fmt: skip
 
 
-def job_yaml(profile: str) -> dict:
+def job_yaml(loop_mode: str) -> dict:
     return {
         'goal': {
             'part': 'parts/anvil.stl',
-            'profile': profile,
+            'loop_mode': loop_mode,
             'layers': 3,
             'operator': 'A & B <x>',
         },
@@ -161,9 +164,9 @@ def write_demo(folder: Path) -> dict:
     """Open and closed loop of one part, and the report.json above them."""
     folder = Path(folder)
     runs = {}
-    for profile in ('open_loop', 'closed_loop'):
-        report = write_job(folder / profile, profile)
-        runs[profile] = report[profile] | {'folder': profile}
+    for loop_mode in ('open_loop', 'closed_loop'):
+        report = write_job(folder / loop_mode, loop_mode)
+        runs[loop_mode] = report[loop_mode] | {'folder': loop_mode}
     whole = {
         k: report[k] for k in ('job_id', 'name', 'part', 'material', 'created', 'tolerance_mm')
     }

@@ -36,7 +36,10 @@ def entities(file: Path) -> set[str]:
 
 def sample(i: int) -> Sample:
     t = 1_800_000_000 * 10**9 + i * 10**8
-    return Sample(t, (0.01 * i, 0.0, 0.0), 0.01, 0.08, 0.08, 180.0 + i, 22.0, 1, True)
+    return Sample(
+        t=t, position=(0.01 * i, 0.0, 0.0), speed=0.01, feed_commanded=0.08, feed=0.08, current=180.0 + i,
+        voltage=22.0, state=1, arc=True,
+    )  # fmt: skip
 
 
 def test_mailbox_keeps_order_bounds_and_counts():

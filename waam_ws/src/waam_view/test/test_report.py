@@ -244,10 +244,10 @@ def test_demo_compares_both_runs(tmp_path):
     written = write_all(tmp_path / 'demo')
     assert [p.parent.name for p in written] == ['closed_loop', 'open_loop', 'demo']
     text = written[-1].read_text()
-    for profile in ('open_loop', 'closed_loop'):
-        assert f'{whole[profile]["rms_mm"]:.3f} mm' in text
-        assert f'href="{profile}/report.html"' in text
-        for layer in whole[profile]['layers']:
+    for loop_mode in ('open_loop', 'closed_loop'):
+        assert f'{whole[loop_mode]["rms_mm"]:.3f} mm' in text
+        assert f'href="{loop_mode}/report.html"' in text
+        for layer in whole[loop_mode]['layers']:
             assert f'{layer["height_error_rms"] * 1e3:.3f}' in text
     assert f'{whole["ratio"]:.3f}' in text
     assert len(pictures(text)) == 4

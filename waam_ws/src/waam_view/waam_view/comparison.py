@@ -1,4 +1,4 @@
-"""The page of a demo: the same part, several profiles, side by side."""
+"""The page of a demo: the same part in several loop modes, side by side."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ def comparison_page(folder: Path, jobs: list[Job]) -> str:
     """`jobs`: the runs of one report.json, same part and tolerance."""
     report = jobs[0].report
     name = report.get('name') or report.get('job_id') or Path(folder).name
-    profiles = ' against '.join(j.profile.replace('_', ' ') for j in jobs)
+    modes = ' against '.join(j.loop_mode.replace('_', ' ') for j in jobs)
     parts = [
         f'<h1>{escape(name)}</h1>',
-        f'<p class=soft>{escape(profiles)} · part: <b>{escape(report.get("part", ""))}</b> · '
+        f'<p class=soft>{escape(modes)} · part: <b>{escape(report.get("part", ""))}</b> · '
         f'material: <b>{escape(report.get("material", ""))}</b> · tolerance: '
         f'<b>±{jobs[0].tolerance_mm:g} mm</b> · {escape(report.get("created", ""))}</p>',
         _verdict(report, jobs),
         _cards(report, jobs),
-        *(loop_summary(j) for j in jobs if j.profile == LoopMode.CLOSED_LOOP),
+        *(loop_summary(j) for j in jobs if j.loop_mode == LoopMode.CLOSED_LOOP),
         _maps(jobs),
         _machine(report, jobs),
         _table_of_runs(jobs),
@@ -41,7 +41,7 @@ def comparison_page(folder: Path, jobs: list[Job]) -> str:
 def ratio(report: dict, jobs: list[Job]) -> float:
     """RMS closed over open loop, NaN when one is missing."""
     stated = number(report.get('ratio'))
-    runs = {j.profile: number(j.run.get('rms_mm')) for j in jobs}
+    runs = {j.loop_mode: number(j.run.get('rms_mm')) for j in jobs}
     if np.isfinite(stated) or not {LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP} <= runs.keys():
         return stated
     return (
@@ -58,7 +58,7 @@ def _verdict(report: dict, jobs: list[Job]) -> str:
         word, 'bad'
     )
     each = '; '.join(
-        f'{j.profile.replace("_", " ")}: {j.run.get("verdict", "unknown")}'
+        f'{j.loop_mode.replace("_", " ")}: {j.run.get("verdict", "unknown")}'
         + (f' ({j.run["message"]})' if j.run.get('message') and j.run.get('error_code') else '')
         for j in jobs
     )
@@ -67,7 +67,7 @@ def _verdict(report: dict, jobs: list[Job]) -> str:
 
 def _cards(report: dict, jobs: list[Job]) -> str:
     items = [
-        (fmt(j.run.get('rms_mm'), 3, 'mm'), f'RMS {j.profile.replace("_", " ")}') for j in jobs
+        (fmt(j.run.get('rms_mm'), 3, 'mm'), f'RMS {j.loop_mode.replace("_", " ")}') for j in jobs
     ]
     value = ratio(report, jobs)
     items.append((fmt(value, 3), 'RMS closed over open loop'))
@@ -88,7 +88,9 @@ def _maps(jobs: list[Job]) -> str:
     )
     out = ['<h2>Final height error</h2>', picture(figures.side_by_side(shown, limit), caption)]
     pair = [
-        picture(figures.histogram(j.scans[-1], j.tolerance_mm, limit), j.profile.replace('_', ' '))
+        picture(
+            figures.histogram(j.scans[-1], j.tolerance_mm, limit), j.loop_mode.replace('_', ' ')
+        )
         for j in shown
     ]
     out.append(f'<div class=pair>{"".join(pair)}</div>')
@@ -104,7 +106,7 @@ def _machine(report: dict, jobs: list[Job]) -> str:
     job = shown[-1]
     caption = (
         'The simulated robot cell from the side, the torch over the middle of the part after the last layer, and the '
-        f'part along its longest line after every layer ({job.profile.replace("_", " ")}).'
+        f'part along its longest line after every layer ({job.loop_mode.replace("_", " ")}).'
     )
     try:
         return '<h2>Robot</h2>' + picture(robot_picture.robot_picture(job.scans, zero), caption)
@@ -144,7 +146,7 @@ def _table_of_runs(jobs: list[Job]) -> str:
     for kind in ('speed', 'feed', 'voltage', 'psi'):
         counts = [(j.run.get('clamps') or {}).get(kind, '–') for j in jobs]
         rows.append([f'segments with limited {kind}', *counts])
-    head = ['', *(j.profile.replace('_', ' ') for j in jobs)]
+    head = ['', *(j.loop_mode.replace('_', ' ') for j in jobs)]
     return '<h2>Runs</h2>' + table(head, rows, {0})
 
 
@@ -158,7 +160,7 @@ def _rms_by_layer(jobs: list[Job]) -> str:
         final = any(x.get('final') for x in layers)
         values = [fmt(number(x.get('height_error_rms')) * 1e3, 3) for x in layers]
         rows.append(['after the last layer' if final else f'before layer {i + 1}', *values])
-    head = ['RMS height error, mm', *(j.profile.replace('_', ' ') for j in jobs)]
+    head = ['RMS height error, mm', *(j.loop_mode.replace('_', ' ') for j in jobs)]
     chart = picture(figures.convergence(jobs), 'RMS height error over the layers')
     listed = table(head, rows, {0})
     return f'<h2>Error by layer</h2><div class=pair>{chart}<figure>{listed}</figure></div>'
@@ -168,7 +170,7 @@ def _links(folder: Path, jobs: list[Job]) -> str:
     out = ['<h2>Reports of the runs</h2>']
     for job in jobs:
         place = str(job.run.get('folder') or '.')
-        name = escape(job.profile.replace('_', ' '))
+        name = escape(job.loop_mode.replace('_', ' '))
         if place != '.' and (job.folder / job_folder.REPORT).is_file():
             out.append(f'<p><a href="{escape(place)}/{job_folder.REPORT_PAGE}">{name}</a></p>')
         else:

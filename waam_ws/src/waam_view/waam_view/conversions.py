@@ -77,7 +77,7 @@ def status_text(msg: JobStatus) -> str:
     )
     rows = [
         ('state', f'**{job_state(msg.state)}**'),
-        ('profile', msg.profile.replace('_', ' ')),
+        ('loop mode', msg.loop_mode.replace('_', ' ')),
         ('layer', f'{msg.layer} of {msg.layers}'),
         ('bead', f'{msg.bead} of {msg.beads}'),
         ('progress', f'{100 * msg.progress:.0f} %'),

@@ -162,7 +162,7 @@ def histogram(scan: Scan, tolerance_mm: float, reach_mm: float = 0.0) -> bytes:
 
 
 def convergence(jobs: list[Job]) -> bytes:
-    """RMS height error before every layer and after the last, one line per profile."""
+    """RMS height error before every layer and after the last, one line per loop mode."""
     figure = new_figure(4.6, 3.0)
     axes = figure.add_subplot()
     tolerance = jobs[0].tolerance_mm
@@ -173,9 +173,9 @@ def convergence(jobs: list[Job]) -> bytes:
         LoopMode.MONITOR: GREY,
     }
     for job in jobs:
-        colour = colours[job.profile]
+        colour = colours[job.loop_mode]
         rms = [number(x.get('height_error_rms')) * 1e3 for x in job.layers]
-        axes.plot(range(len(rms)), rms, 'o-', color=colour, label=job.profile.replace('_', ' '))
+        axes.plot(range(len(rms)), rms, 'o-', color=colour, label=job.loop_mode.replace('_', ' '))
     axes.set_ylim(bottom=0)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     style(axes, 'layers laid (green: tolerance)', 'RMS height error, mm')
@@ -234,7 +234,7 @@ def _cut(
 
 
 def side_by_side(jobs: list[Job], limit_mm: float) -> bytes:
-    """Final error maps of two or three profiles on one colour scale."""
+    """Final error maps of two or three loop modes on one colour scale."""
     scans = [j.scans[-1] for j in jobs]
     wide = _aspect(scans[0]) < 0.45
     rows, columns = (len(jobs), 1) if wide else (1, len(jobs))
@@ -250,7 +250,7 @@ def side_by_side(jobs: list[Job], limit_mm: float) -> bytes:
         _outline(one, scan, beyond, '#111111', linewidths=0.5)
         _outline(one, scan, scan.interior, GREEN, linewidths=1.2, linestyles='--')
         rms = number(job.run.get('rms_mm'))
-        one.set_title(f'{job.profile.replace("_", " ")}: RMS {rms:.3f} mm', fontsize=10)
+        one.set_title(f'{job.loop_mode.replace("_", " ")}: RMS {rms:.3f} mm', fontsize=10)
         one.set_xlabel('x, mm', fontsize=8)
         one.set_ylabel('y, mm', fontsize=8)
     bar = figure.colorbar(image, ax=list(axes), extend='both', fraction=0.05, pad=0.015)

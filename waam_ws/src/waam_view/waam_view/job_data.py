@@ -66,10 +66,10 @@ class Scan:
 
 @dataclass(frozen=True)
 class Job:
-    """One run of one profile."""
+    """One run in one loop mode."""
 
     folder: Path
-    profile: str
+    loop_mode: str
     report: dict[str, Any]
     run: dict[str, Any]
     scans: list[Scan] = field(default_factory=list)
@@ -111,15 +111,15 @@ def read_report(folder: Path) -> dict[str, Any]:
     return report
 
 
-def load_job(folder: Path, report: dict[str, Any], profile: str) -> Job:
-    """The run of one profile with what its folder holds; `notes` says what could not be read."""
-    run = report.get(profile) or {}
+def load_job(folder: Path, report: dict[str, Any], loop_mode: str) -> Job:
+    """The run in one loop mode with what its folder holds; `notes` says what could not be read."""
+    run = report.get(loop_mode) or {}
     place = Path(folder) / str(run.get('folder') or '.')
     notes: list[str] = []
     scans = [s for f in job_folder.map_files(place) if (s := load_scan(f, notes))]
     return Job(
         folder=place,
-        profile=profile,
+        loop_mode=loop_mode,
         report=report,
         run=run,
         scans=scans,

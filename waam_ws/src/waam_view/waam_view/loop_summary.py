@@ -33,7 +33,7 @@ def _of_pass(record: dict, passes: list[dict]) -> str:
 
 
 def _corrections(job: Job, laid: list[dict]) -> str:
-    if job.profile == LoopMode.OPEN_LOOP:
+    if job.loop_mode == LoopMode.OPEN_LOOP:
         return 'Corrections: none; the plan was laid as it was.'
     applied = [x for x in laid if x.get('correction_applied')]
     if not applied:

@@ -34,10 +34,10 @@ def write_report(folder: Path) -> Path:
     report.json."""
     folder = Path(folder)
     report = read_report(folder)
-    profiles = [p for p in LOOP_MODES if isinstance(report.get(p), dict)]
-    if not profiles:
+    modes = [p for p in LOOP_MODES if isinstance(report.get(p), dict)]
+    if not modes:
         raise JobError(f'{folder / job_folder.REPORT}: holds none of {", ".join(LOOP_MODES)}')
-    jobs = [load_job(folder, report, p) for p in profiles]
+    jobs = [load_job(folder, report, p) for p in modes]
     text = job_page(jobs[0]) if len(jobs) == 1 else comparison_page(folder, jobs)
     target = folder / job_folder.REPORT_PAGE
     own = folder / f'.report_{os.getpid()}.html'  # client and dashboard may write at the same time
@@ -82,7 +82,7 @@ def _subtitle(job: Job) -> str:
     facts = [
         ('part', r.get('part')),
         ('material', r.get('material')),
-        ('profile', job.profile.replace('_', ' ')),
+        ('loop mode', job.loop_mode.replace('_', ' ')),
         ('tolerance', f'±{job.tolerance_mm:g} mm'),
         ('job', r.get('job_id')),
         ('created', r.get('created')),
@@ -197,7 +197,7 @@ def _corrections(job: Job) -> str:
         LoopMode.OPEN_LOOP: ' Open loop: no correction is applied.',
         LoopMode.MONITOR: ' Monitor: computed and shown, not applied.',
     }
-    note = notes.get(job.profile, '')
+    note = notes.get(job.loop_mode, '')
     caption = f'Travel-speed correction ψ: blue = slower, more metal; red = faster.{note}'
     return '<h2>Corrections</h2>' + '\n'.join(_pictures(grids, caption))
 

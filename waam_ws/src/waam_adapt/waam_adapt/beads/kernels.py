@@ -132,5 +132,10 @@ def warm_up() -> None:
     cells = np.zeros(2, np.uint32), np.arange(3, dtype=np.uint32)
     curvature(step, *cells, step, 1)
     gradient(step, *cells, step, step, step[:1])
-    shares(place, place, step, 3, 3, 1, 1.0, 1.0, 0.0)
-    neighbours(place, step, step, np.zeros((3, 3), np.int64), 1.0, 1.0, 1.0, 1.0, 1.0)
+    shares(
+        place=place, tangent=place, step=step, rows=3, cols=3, reach=1, along=1.0, across=1.0, tiny=0.0,
+    )  # fmt: skip
+    neighbours(
+        place=place, step=step, run=step, nearest=np.zeros((3, 3), np.int64), reach=1.0, narrow=1.0, wide=1.0,
+        apart=1.0, fade=1.0,
+    )  # fmt: skip

@@ -12,6 +12,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from waam_process.cli_renamed import keep_old_name
+
 from ..selection import TEXTS, Selection, moment
 from ..values import plain
 
@@ -42,9 +44,11 @@ def add_filters(p: argparse.ArgumentParser) -> None:
         'filters', "texts take * and ?, capitals do not count; '-' finds jobs without a value"
     )
     for name in TEXTS:
-        group.add_argument(
+        option = group.add_argument(
             f'--{name.replace("_", "-")}', default='', metavar='TEXT', dest=f'only_{name}'
         )
+        if name == 'loop_mode':
+            keep_old_name(group, '--profile', option)
     group.add_argument(
         '--since', metavar='TIME', help='2026-11-21, 2026-11-21T09:30 (UTC), or an age: 30d, 12h'
     )

@@ -19,7 +19,7 @@ LISTED = (
     'metal_kg',
 )
 COMPARED = (
-    'created', 'part', 'material', 'profile', 'cell', 'operator', 'wire_lot', 'gas', 'verdict', 'rms_mm', 'max_mm',
+    'created', 'part', 'material', 'loop_mode', 'cell', 'operator', 'wire_lot', 'gas', 'verdict', 'rms_mm', 'max_mm',
     'share_in_tolerance', 'layers', 'beads', 'strikes_per_bead', 'anomalies', 'faults', 'wire_m', 'metal_kg',
     'efficiency',
     'material_use', 'energy_J', 'duration_s', 'arc_on_s', 'deposition_kg_h', 'current_A', 'voltage_V', 'temperature_C',

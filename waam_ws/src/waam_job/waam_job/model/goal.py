@@ -78,7 +78,7 @@ class JobGoal:
     jobs_dir: Path  # where the job's folder is made
     name: str = ''  # short name; '' = that of the part
     mode: str = 'restore'  # of MODES
-    profile: str = LoopMode.CLOSED_LOOP.value  # see `loop_mode`
+    loop_mode: str = LoopMode.CLOSED_LOOP.value  # of LOOP_MODES
     layers: int = 0  # at most so many; 0 = as many as needed
     layer_height: float = 0.0  # m; 0 = of the material
     bead_width: float = 0.0  # m; 0 = of the material
@@ -100,11 +100,6 @@ class JobGoal:
     program: Path | None = None  # G-code that is laid as it is; None = the part is planned
     dialect: str = ''  # what its codes mean: a shipped name or a YAML file; '' = our own programs
     program_shift: Point = (0.0, 0.0, 0.0)  # m, added to its coordinates
-
-    @property
-    def loop_mode(self) -> LoopMode:
-        """What the message calls the profile. ValueError for an unknown one."""
-        return LoopMode(self.profile)
 
     @property
     def title(self) -> str:
@@ -153,8 +148,10 @@ def _in_range(
 def field_problems(goal: JobGoal) -> list[str]:
     """Everything that is wrong with the values of a goal."""
     problems: list[str | None] = []
-    if goal.profile not in LOOP_MODES:
-        problems.append(f"profile '{goal.profile}' is unknown; known are {', '.join(LOOP_MODES)}")
+    if goal.loop_mode not in LOOP_MODES:
+        problems.append(
+            f"loop mode '{goal.loop_mode}' is unknown; known are {', '.join(LOOP_MODES)}"
+        )
     if goal.mode not in MODES:
         problems.append(f"mode '{goal.mode}' is unknown; known are {', '.join(MODES)}")
     if goal.layer_height:
@@ -195,8 +192,8 @@ def _program_problems(goal: JobGoal) -> list[str]:
         wrong.append(
             'strategy, allowance and passes belong to a part that is planned, not to a program'
         )
-    if goal.profile == LoopMode.CLOSED_LOOP.value and not goal.has_part:
-        wrong.append('profile closed_loop needs a nominal part (--nominal); without it: monitor')
+    if goal.loop_mode == LoopMode.CLOSED_LOOP.value and not goal.has_part:
+        wrong.append('loop mode closed_loop needs a nominal part (--nominal); without it: monitor')
     if not all(math.isfinite(v) and abs(v) <= 1.0 for v in goal.program_shift):
         wrong.append(f'program_shift is {goal.program_shift} m, must be within 1 m')
     return wrong

@@ -9,6 +9,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from waam_process.loop_mode import with_loop_mode
 from waam_process.segment import Clamp, Kind, Segment
 
 from .snapshots import Correction, Scan, Sums
@@ -40,7 +41,7 @@ class Status:
     job_id: str = ''
     job_dir: str = ''
     state: State = State.IDLE
-    profile: str = ''
+    loop_mode: str = ''
     material: str = ''
     k_gain: float = math.nan
     pass_number: int = 0
@@ -91,7 +92,7 @@ class LayerRecord:
     """waam_msgs/LayerReport without the header; SI."""
 
     job_id: str = ''
-    profile: str = ''
+    loop_mode: str = ''
     layer: int = 0
     pass_number: int = 1
     final: bool = False
@@ -139,7 +140,7 @@ class LayerRecord:
     @classmethod
     def from_json(cls, data: dict) -> LayerRecord:
         """From `dataclasses.asdict` that went through JSON, where NaN is null."""
-        return cls(**_without_nulls(data))
+        return cls(**_without_nulls(with_loop_mode(data)))
 
     def add_errors(self, errors: np.ndarray) -> None:
         """Height errors (m, any shape, NaN ignored) of the surface before this layer (or after the last)."""

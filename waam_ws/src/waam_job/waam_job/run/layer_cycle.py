@@ -85,7 +85,7 @@ class LayerCycle:
         """With what is known before the layer is laid on the surface of `scan`."""
         record = LayerRecord(
             job_id=self.run_id,
-            profile=self.goal.profile,
+            loop_mode=self.goal.loop_mode,
             layer=layer.number,
             pass_number=self.program.pass_number,
         )

@@ -93,7 +93,7 @@ class JobRunner:
         journal.say('; '.join(['arming and homing', *journal.remarks]))
         record = journal.folder.path / job_folder.record(context.run)
         goal = context.goal
-        custom = (f'job_id={context.run_id}', f'profile={goal.profile}', *goal.notes)
+        custom = (f'job_id={context.run_id}', f'loop_mode={goal.loop_mode}', *goal.notes)
         self.preparation.run(str(record), custom)
 
     def _begin(self) -> tuple[Scan, int]:

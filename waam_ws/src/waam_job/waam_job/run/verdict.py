@@ -49,7 +49,7 @@ def _report_last_layer(context: JobContext, scan: Scan, errors: np.ndarray) -> N
     program, journal = context.program, context.journal
     record = LayerRecord(
         job_id=context.run_id,
-        profile=context.goal.profile,
+        loop_mode=context.goal.loop_mode,
         layer=program.layers[-1].number,
         pass_number=program.pass_number,
         final=True,

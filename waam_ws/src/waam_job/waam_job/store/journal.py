@@ -60,7 +60,7 @@ class Journal:
         self.status = Status(
             folder.job_id,
             str(folder.path),
-            profile=goal.profile,
+            loop_mode=goal.loop_mode,
             material=goal.material,
             k_gain=goal.k_gain,
             passes=max(1, goal.passes),
@@ -289,7 +289,7 @@ class Journal:
                 'verdict': verdict.word,
                 'verdict_with_rim': verdict.word_all,
                 'trace': self._trace(),
-                goal.profile: run,
+                goal.loop_mode: run,
             },
         )
 

@@ -206,10 +206,10 @@ async function jobs() {
   clearTimeout(again);
   if (page === 'jobs' && list.length && !list[0].report && !running) again = setTimeout(jobs, 1500); // the job still writes its report
   const table = element('table'), head = element('tr');
-  head.append(...['job', 'state', 'verdict', 'RMS, mm', 'material, profile', 'time', ''].map((h) => element('th', h)));
+  head.append(...['job', 'state', 'verdict', 'RMS, mm', 'material, loop mode', 'time', ''].map((h) => element('th', h)));
   table.append(head, ...list.map((j) => {
     const row = element('tr'), link = element('td');
-    row.append(...[j.id, j.state, j.verdict || '–', fixed(j.rms_mm, 3), `${j.material} ${j.profile}`, duration(j.duration_s)].map((c) => element('td', c)));
+    row.append(...[j.id, j.state, j.verdict || '–', fixed(j.rms_mm, 3), `${j.material} ${j.loop_mode}`, duration(j.duration_s)].map((c) => element('td', c)));
     if (j.report) {
       const a = element('a', 'Report');
       a.href = `/jobs/${encodeURIComponent(j.id)}/report.html`; a.target = '_blank'; a.rel = 'noopener';

@@ -1,7 +1,7 @@
 // Set up: choose or upload a part, load, preview.
 import { $, element, get, post, text, toast, upload } from './api.js';
 
-const FIELDS = ['part', 'as_found', 'mode', 'material', 'profile', 'layers', 'tolerance_mm', 'layer_height_mm', 'bead_width_mm', 'passes', 'allowance_mm', 'operator_name', 'wire_lot', 'gas', 'name'];
+const FIELDS = ['part', 'as_found', 'mode', 'material', 'loop_mode', 'layers', 'tolerance_mm', 'layer_height_mm', 'bead_width_mm', 'passes', 'allowance_mm', 'operator_name', 'wire_lot', 'gas', 'name'];
 let simulated = false;
 
 function fill(select, values, chosen) {
@@ -17,7 +17,7 @@ export async function choices() {
   fill($('f-part'), parts.length ? parts : [['', 'no part yet: upload one']], $('f-part').value);
   const first = simulated ? ['', 'choose what lies on the table'] : ['', 'scanned when the job starts'];
   fill($('f-as_found'), [first, ['(last scan)', 'last scan (for the preview)'], ...parts], $('f-as_found').value);
-  fill($('f-profile'), found.loop_modes, $('f-profile').value);
+  fill($('f-loop_mode'), found.loop_modes, $('f-loop_mode').value);
   fill($('f-material'), found.materials.map((m) => [m, m]), $('f-material').value);
   return found;
 }

@@ -57,8 +57,9 @@ def plan_restoration(
     use = min(layers, total) if layers else total
     safe_z = highest(as_found, HeightGrid(nominal.spec, wanted)) + settings.clearance
     job = _Restoration(
-        nominal.spec, count, schedule, wanted, found, smooth, as_found.z, safe_z, laid, settings
-    )
+        spec=nominal.spec, count=count, schedule=schedule, wanted=wanted, found=found, smooth=smooth,
+        standing=as_found.z, safe_z=safe_z, laid=laid, settings=settings,
+    )  # fmt: skip
     below = np.zeros((0, 2)) if below is None else below
     with collector_paused():
         planned, filled = _layers(job, total, use, below)

@@ -13,16 +13,13 @@ from waam_plan.read import arc as arcs
 from waam_plan.read.codes import GROUPS, MOVES, QUIET, WHY_NOT
 from waam_plan.read.dialect import Dialect, Setting
 from waam_plan.read.line_words import LineWords
+from waam_plan.read.modal import AXES, Modal
 from waam_plan.read.motion import Motion, Program
 from waam_plan.read.words import Line, ProgramError, Word, read_lines, refuse
 from waam_process.segment import Point
 
-INCH = 0.0254
-FARTHEST = 10.0  # m, of a coordinate
 LONGEST_DWELL = 3600.0  # s
 MOST_MOTIONS = 5_000_000
-AXES = 'XYZ'
-UNKNOWN = (math.nan, math.nan, math.nan)
 
 
 def read_program(text: str, dialect: Dialect, name: str = 'program') -> Program:
@@ -44,17 +41,14 @@ def read_program(text: str, dialect: Dialect, name: str = 'program') -> Program:
 
 
 class _Reader:
-    """Modal state, and the motions so far."""
+    """Speed, wire and arc, and the motions so far."""
 
     def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
         self.motions: list[Motion] = []
         self.remarks: dict[str, str] = {}
-        self.unit, self.plane, self.motion = 1e-3, 17, ''
-        self.relative = self.wire_relative = self.centre_absolute = False
-        self.place: list[float] = list(UNKNOWN)
-        self.offset = [0.0, 0.0, 0.0]  # of G92: work = program + offset
-        self.speed, self.fed = math.nan, 0.0  # fed: position of the extruder, m
+        self.modal = Modal(dialect.extruder.letter if dialect.extruder else '')
+        self.speed = math.nan
         self.burning, self.lit_in, self.mark, self.ended = False, 0, 0, False
         wire, volts = dialect.wire, dialect.voltage
         self.wire = wire.start if isinstance(wire, Setting) else math.nan
@@ -69,7 +63,7 @@ class _Reader:
             return
         words.check_groups()
         names = [w.code for w in words.codes]
-        self._modes(names)
+        self.modal.set(names)
         self._feed(words)
         self._setpoints(words)
         home = self._codes(words, line)
@@ -77,7 +71,7 @@ class _Reader:
         if home or 'G53' in names:
             self._leave(words)
         elif 'G92' in names:
-            self._shift(words)
+            self.modal.shift(words)
         else:
             self._move(words, names)
         words.check_all_taken()
@@ -94,28 +88,13 @@ class _Reader:
 
     # ---- modes and setpoints -------------------------------------------------------------------
 
-    def _modes(self, names: list[str]) -> None:
-        for name in names:
-            if name in ('G20', 'G21'):
-                self.unit = INCH if name == 'G20' else 1e-3
-            elif name in ('G17', 'G18', 'G19'):
-                self.plane = int(name[1:])
-            elif name in ('G90', 'G91'):
-                self.relative = self.wire_relative = name == 'G91'
-            elif name in ('G90.1', 'G91.1'):
-                self.centre_absolute = name == 'G90.1'
-            elif name in ('M82', 'M83') and self.dialect.extruder:
-                self.wire_relative = name == 'M83'
-            elif name == 'G92.1':
-                self.offset = [0.0, 0.0, 0.0]
-
     def _feed(self, words: LineWords) -> None:
         value = words.take('F')
         if value is None:
             return
         if not value > 0:
             raise refuse(words.number, words.text('F'), 'a feed must be above 0')
-        self.speed = value * self.unit / 60
+        self.speed = value * self.modal.unit / 60
 
     def _setpoints(self, words: LineWords) -> None:
         d = self.dialect
@@ -168,40 +147,10 @@ class _Reader:
         word = next(w for w in words.codes if w.code in ('G28', 'G30', 'G53'))
         if self.burning:
             raise refuse(words.number, word.text, 'moves in machine coordinates with the arc on')
-        named = [i for i, a in enumerate(AXES) if words.take(a) is not None]
-        for i in named or range(3):
-            self.place[i] = math.nan
+        self.modal.leave(words)
         self.remarks.setdefault(
             word.code, f'{word.code} is left to the job (first in line {words.number})'
         )
-
-    def _shift(self, words: LineWords) -> None:
-        """G92: the place is called so from here on."""
-        number = next(w for w in words.codes if w.code == 'G92')
-        letter = self.dialect.extruder.letter if self.dialect.extruder else ''
-        if not words.has(AXES + letter):
-            raise refuse(words.number, number.text, 'says no axis')
-        if letter and (fed := words.take(letter)) is not None:
-            self.fed = fed * self.unit
-        for i, axis in enumerate(AXES):
-            value = words.take(axis)
-            if value is None:
-                continue
-            if math.isnan(self.place[i]):
-                raise refuse(words.number, words.text(axis), f'where {axis} is, is not known yet')
-            self.offset[i] = self.place[i] - value * self.unit
-
-    def _target(self, words: LineWords) -> Point:
-        out = list(self.place)
-        for i, axis in enumerate(AXES):
-            value = words.take(axis)
-            if value is None:
-                continue
-            value *= self.unit
-            out[i] = out[i] + value if self.relative else value + self.offset[i]
-            if abs(out[i]) > FARTHEST:
-                raise refuse(words.number, words.text(axis), f'{out[i]:.3g} m away')
-        return out[0], out[1], out[2]
 
     # ---- motion --------------------------------------------------------------------------------
 
@@ -218,46 +167,34 @@ class _Reader:
         if not 0 <= seconds <= LONGEST_DWELL:
             raise refuse(words.number, 'G4', f'{seconds:g} s, must be 0 to {LONGEST_DWELL:g} s')
         if seconds:
-            here = self._here()
+            here = self.modal.here
             lit = self.burning and not self.dialect.extruder
             wait = self._motion(words.number, here, here, lit, dwell=seconds)
             self._check_lit(wait, words, 'G4')
             self._add(wait)
 
-    def _here(self) -> Point:
-        return self.place[0], self.place[1], self.place[2]
-
     def _move(self, words: LineWords, names: list[str]) -> None:
+        modal = self.modal
         for name in names:
             if name in (*MOVES, 'G80'):
-                self.motion = name if name in MOVES else ''
-        letter = self.dialect.extruder.letter if self.dialect.extruder else ''
-        centre = 'IJKR' if self.motion in ('G2', 'G3') else ''
-        if not words.has(AXES + letter + centre):
+                modal.motion = name if name in MOVES else ''
+        centre = 'IJKR' if modal.motion in ('G2', 'G3') else ''
+        if not words.has(AXES + modal.extruder + centre):
             return
-        if not self.motion:
-            word = next(w for w in words.values.values() if w.letter in AXES + letter)
+        if not modal.motion:
+            word = next(w for w in words.values.values() if w.letter in AXES + modal.extruder)
             raise refuse(words.number, word.text, 'no G0, G1, G2 or G3 says how to go there')
-        start, end = self._here(), self._target(words)
-        round_ = self._round(words, start, end) if centre else None
-        fed = self._advance(words, letter)
-        self.place = list(end)
+        start, end = modal.here, modal.target(words)
+        round_ = modal.arc(words, end) if centre else None
+        fed = modal.feed(words)
+        modal.place = list(end)
         if start != end or round_:
             self._go(words, start, end, round_, fed)
-
-    def _advance(self, words: LineWords, letter: str) -> float:
-        """m of wire that the extruder feeds in this move."""
-        value = words.take(letter) if letter else None
-        if value is None:
-            return 0.0
-        at = value * self.unit + (self.fed if self.wire_relative else 0.0)
-        fed, self.fed = at - self.fed, at
-        return fed
 
     def _go(
         self, words: LineWords, start: Point, end: Point, round_: arcs.Arc | None, fed: float
     ) -> None:
-        rapid = self.motion == 'G0' and not self.dialect.extruder
+        rapid = self.modal.motion == 'G0' and not self.dialect.extruder
         lit = fed > 0 if self.dialect.extruder else self.burning
         word = next(w.text for w in words.values.values() if w.letter in (*AXES, *'IJKR'))
         if math.isnan(self.speed) and not rapid:
@@ -319,35 +256,3 @@ class _Reader:
         if len(self.motions) >= MOST_MOTIONS:
             raise ProgramError(f'line {motion.line}: more than {MOST_MOTIONS} moves')
         self.motions.append(motion)
-
-    def _round(self, words: LineWords, start: Point, end: Point) -> arcs.Arc:
-        code = self.motion
-        if any(math.isnan(v) for v in start):
-            raise refuse(words.number, code, 'an arc from a place that is not known yet')
-        turns = words.turns()
-        p, q, r = arcs.PLANES[self.plane]
-        letters = arcs.CENTRE_LETTERS
-        radius = words.take('R')
-        given = [words.take(letters[i]) for i in (p, q)]
-        try:
-            if radius is not None:
-                if any(g is not None for g in given):
-                    raise arcs.ArcError('R and a centre at once')
-                return arcs.by_radius(
-                    self.plane, start, end, radius * self.unit, code == 'G3', turns
-                )
-            centre = self._centre(given, start, (p, q))
-            return arcs.by_centre(self.plane, start, end, centre, code == 'G3', turns)
-        except arcs.ArcError as e:
-            raise refuse(words.number, code, str(e)) from None
-
-    def _centre(
-        self, given: list[float | None], start: Point, axes: tuple[int, int]
-    ) -> tuple[float, float]:
-        names = [arcs.CENTRE_LETTERS[i] for i in axes]
-        if given == [None, None] or (self.centre_absolute and None in given):
-            raise arcs.ArcError(f'an arc needs {" and ".join(names)}, or R')
-        a, b = ((g or 0.0) * self.unit for g in given)
-        if self.centre_absolute:
-            return a + self.offset[axes[0]], b + self.offset[axes[1]]
-        return start[axes[0]] + a, start[axes[1]] + b

@@ -53,8 +53,9 @@ class Accumulator:
         steps = (self.stride, 1) if self.turned else (1, self.stride)
         size = (f(spec.cols), f(spec.rows), np.int32(steps[0]), np.int32(steps[1]))
         return kernels.add_profiles(
-            origins, axis, x, z, x.view(np.uint32), z.view(np.uint32), size,
-            self.low, self.high, f(1.0 / self.unit), TABLE, self.words, self.halves, self.rows, self.sums,
+            origins=origins, axis=axis, x=x, z=z, x_bits=x.view(np.uint32), z_bits=z.view(np.uint32), size=size,
+            low=self.low, high=self.high, per_unit=f(1.0 / self.unit), table=TABLE, words=self.words,
+            halves=self.halves, rows=self.rows, sums=self.sums,
         )  # fmt: skip
 
     def in_lines(self, values: np.ndarray) -> np.ndarray:
@@ -86,8 +87,8 @@ class Accumulator:
         """Moves what `other` (same grid, limits and layout) holds of the cells start .. stop in here."""
         mine, theirs = ((a.words, a.halves, a.rows, a.sums) for a in (self, other))
         kernels.merge(
-            start, stop, mine[0], mine[1], mine[2], mine[3],
-            theirs[0], theirs[1], theirs[2], theirs[3],
+            start=start, stop=stop, words=mine[0], halves=mine[1], rows=mine[2], sums=mine[3], words2=theirs[0],
+            halves2=theirs[1], rows2=theirs[2], sums2=theirs[3],
         )  # fmt: skip
 
 

@@ -54,8 +54,8 @@ class CellHeights:
         parts = workers.parts(len(c.words))
         workers.run(
             lambda a, b: ck.levels(
-                a, b, c.words, c.halves, c.rows, c.sums, low, c.unit,
-                self._done, self._median, self._wave, self._mean_u, self._mean_v,
+                start=a, stop=b, words=c.words, halves=c.halves, rows=c.rows, sums=c.sums, low=low, unit=c.unit,
+                done=self._done, median=self._median, wave=self._wave, mean_u=self._mean_u, mean_v=self._mean_v,
             ),
             parts,
         )  # fmt: skip
@@ -69,8 +69,8 @@ class CellHeights:
         )
         workers.run(
             lambda a, b: ck.scatters(
-                a, b, c.words, c.halves, c.rows, low, c.unit,
-                self._gx, self._gy, self._done_slope, self._level, self._scatter,
+                start=a, stop=b, words=c.words, halves=c.halves, rows=c.rows, low=low, unit=c.unit, gx=self._gx,
+                gy=self._gy, done=self._done_slope, level=self._level, scatter=self._scatter,
             ),
             parts,
         )  # fmt: skip
@@ -84,9 +84,10 @@ class CellHeights:
         rough = self._rough(enough, limits.noise)
         workers.run(
             lambda a, b: ck.inliers(
-                a, b, c.halves, c.rows, low, c.unit, best, c.per_line, self._gx, self._gy, self._level,
-                self._scatter, rough, float(limits.spike_factor), float(limits.support),
-                NEEDLE * c.spec.resolution, self._kept, self._mean, self._squares,
+                start=a, stop=b, halves=c.halves, rows=c.rows, low=low, unit=c.unit, height=best, cols=c.per_line,
+                gx=self._gx, gy=self._gy, level=self._level, scatter=self._scatter, pooled=rough,
+                factor=float(limits.spike_factor), support=float(limits.support), needle=NEEDLE * c.spec.resolution,
+                kept=self._kept, mean=self._mean, squares=self._squares,
             ),
             parts,
         )  # fmt: skip
@@ -95,9 +96,9 @@ class CellHeights:
         pull = self._pull(float(c.unit) * UNITS)
         workers.run(
             lambda a, b: ck.heights(
-                a, b, c.words, c.halves, self._wave, self._mean_u, self._mean_v, self._gx, self._gy,
-                self._level, self._kept, self._mean, self._squares, pooled, pull,
-                self._z, self._sigma, self._used,
+                start=a, stop=b, words=c.words, halves=c.halves, wave=self._wave, mean_u=self._mean_u,
+                mean_v=self._mean_v, gx=self._gx, gy=self._gy, level=self._level, kept=self._kept, mean=self._mean,
+                squares=self._squares, pooled=pooled, pull=pull, z=self._z, sigma=self._sigma, used=self._used,
             ),
             parts,
         )  # fmt: skip

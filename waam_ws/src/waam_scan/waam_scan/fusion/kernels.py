@@ -230,12 +230,14 @@ def add_profiles(
             end = min(j + CHUNK, x.shape[1])
             m = end - j
             prepare(
-                origins[i], axis, x[i, j:end], z[i, j:end], x_bits[i, j:end], z_bits[i, j:end],
-                size, low, high, per_unit, cells, keys, heights, places,
+                origin=origins[i], axis=axis, x=x[i, j:end], z=z[i, j:end], x_bits=x_bits[i, j:end],
+                z_bits=z_bits[i, j:end], size=size, low=low, high=high, per_unit=per_unit, cells=cells, keys=keys,
+                heights=heights, places=places,
             )  # fmt: skip
             d, o, waiting = scatter(
-                cells[:m], keys[:m], heights[:m], places[:m], table, words, halves, sums, late
-            )
+                cells=cells[:m], keys=keys[:m], heights=heights[:m], places=places[:m], table=table, words=words,
+                halves=halves, sums=sums, late=late,
+            )  # fmt: skip
             admit(late[:waiting], cells, keys, heights, places, halves, rows, own)
             dropouts += d
             outside += o
