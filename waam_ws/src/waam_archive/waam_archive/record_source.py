@@ -164,7 +164,7 @@ def _told(found: _Found, custom: dict[str, str]) -> Told:
     status = with_loop_mode(_plain(last[0][1])) if last else {}
     code = int(status.get('state', 0))
     status['state'] = JOB_STATES[code] if 0 <= code < len(JOB_STATES) else None
-    goal = {
+    goal: dict[str, Any] = {
         **{k: status[k] for k in ('loop_mode', 'material') if k in status},
         **with_loop_mode(mapping(asked.get('goal'))),
     }

@@ -52,6 +52,7 @@ class TargetDebugger:
                 assert self.process.poll() is None and time.monotonic() < end, 'QEMU did not start'
                 time.sleep(0.02)
         self._got = b''
+        self.ask('qXfer:features:read:target.xml:0,fff')  # before, registers have no numbers
 
     def ask(self, command: str) -> str:
         """A command and its answer."""
