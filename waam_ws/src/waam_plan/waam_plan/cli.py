@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import cli_correct, cli_program
+from . import cli_correct, cli_program, cli_robot
 from .settings import ALTERNATIONS, STRATEGIES
 
 if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
@@ -28,6 +28,7 @@ examples:
   waam plan vase.stl --repair                            close its holes first; what was changed is printed
   waam plan part.stl --mode build --scale 1              a file in metres (default 0.001: mm)
   waam plan part.gcode --dialect slicer --nominal part.stl --preview   another slicer's program: layers, beads, checks
+  waam plan ring.stl --mode build --post kuka --positioner turn --run --out out/   a robot's program, read back and run
 
 --set of what a program without the closed loop needs:
   bead_time=60         wait when a bead took less than so many seconds (a job waits for the temperature instead)
@@ -161,11 +162,12 @@ def _add_outputs(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument(
         '--post',
-        choices=('gcode', 'gcode-compact', 'fanuc'),
+        choices=('gcode', 'gcode-compact', *cli_robot.POSTS),
         default='gcode',
-        help='gcode-compact: also compact.gcode, long lines and arcs (G2, G3) instead of chords; fanuc: also .LS '
-        'fragments and a main program (arcs, equal layers once)',
+        help='gcode-compact: also compact.gcode, long lines and arcs (G2, G3) instead of chords; fanuc (.LS), kuka '
+        '(.src, .dat), abb (.mod): also a program for a robot, fragments with a main program (arcs, equal layers once)',
     )
+    cli_robot.add_robot(p)
     p.add_argument(
         '--tolerance',
         type=float,
@@ -303,8 +305,8 @@ def _write(plan: Plan, args: argparse.Namespace) -> None:
         (args.out / 'segments.csv').write_text(to_csv(plan))
         if args.post == 'gcode-compact':
             _write_compact(plan, args.out, args.tolerance * 1e-3)
-        if args.post == 'fanuc':
-            _write_fanuc(plan, args.out, args.tolerance * 1e-3)
+        if args.post in cli_robot.POSTS:
+            cli_robot.write_robot(plan, args)
         save_plan(plan, args.out / 'plan.npz')
     if args.preview or args.out:
         folder = args.out or Path('.')
@@ -338,14 +340,3 @@ def _write_compact(plan: Plan, folder: Path, tolerance: float) -> None:
     text, s = compact_gcode(plan, tolerance)
     (folder / 'compact.gcode').write_text(text)
     print(f'compact.gcode: {s.after} moves instead of {s.before}, {s.share:.0%} saved')
-
-
-def _write_fanuc(plan: Plan, folder: Path, tolerance: float) -> None:
-    from waam_plan.post.compact import fragments, saving
-    from waam_plan.post.fanuc import write_ls
-
-    files = write_ls(plan, tolerance=tolerance)
-    for name, text in files.items():
-        (folder / name).write_text(text)
-    s = saving(plan, fragments(plan, tolerance))
-    print(f'{len(files)} .LS files; {s.after} points instead of {s.before}, {s.share:.0%} saved')
