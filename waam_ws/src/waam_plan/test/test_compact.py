@@ -18,11 +18,11 @@ from waam_plan.lay.restore import plan_restoration
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan, PlannedLayer, hop
 from waam_plan.post.compact import circle, compact, fragments, saving
+from waam_plan.post.gcode import with_base_feed
 from waam_plan.robot.cell import FanucSettings, RobotCell
 from waam_plan.robot.fanuc import write_ls
 from waam_plan.robot.motion import RobotProgramError, sample
 from waam_plan.robot.read_fanuc import read_ls
-from waam_plan.post.gcode import with_base_feed
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment

@@ -11,9 +11,9 @@ from waam_plan import cli
 from waam_plan.lay.build import plan_build
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import PlanError
-from waam_plan.robot.read_fanuc import read_ls
 from waam_plan.post.store import load_plan, save_plan
 from waam_plan.read.files import load_program
+from waam_plan.robot.read_fanuc import read_ls
 from waam_plan.settings import PlanSettings
 from waam_plan.show.preview import estimates, table
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from waam_plan.robot.cell import AbbSettings, FanucSettings, KukaSettings, RobotCell
+from waam_plan.robot.cell import FanucSettings
 from waam_plan.settings import PlanSettings, SettingsError, assigned
 
 

@@ -121,9 +121,10 @@ def _module(name: str, moves: list[Move], cell: RobotCell) -> list[str]:
     for n, step in enumerate(found):
         _step(module, step, weld[n], weld[n + 1], last)
         last = step.end
+    point = f'DECL stArcDat_T WP={{WdatId[] "WP",Info {{Version {VERSION}}}}}'
     texts = [
         [f'DEF {name}()', *module.source, 'END', ''],
-        [f'DEFDAT {name}', f'DECL stArcDat_T WP={{WdatId[] "WP",Info {{Version {VERSION}}}}}', *module.data, 'ENDDAT', ''],
+        [f'DEFDAT {name}', point, *module.data, 'ENDDAT', ''],
     ]  # fmt: skip
     return ['\n'.join(['&ACCESS RVP', '&REL 1', *lines]) for lines in texts]
 

@@ -20,7 +20,11 @@ class Line:
 
     def __init__(self, file: str, number: int, text: str) -> None:
         self.file, self.number, self.text = file, number, text
-        self._at = 0
+        self._at = self._last = 0
+
+    def again(self) -> Line:
+        """The line with the cursor at its begin."""
+        return Line(self.file, self.number, self.text)
 
     def _skip(self) -> int:
         while self._at < len(self.text) and self.text[self._at].isspace():
@@ -41,7 +45,7 @@ class Line:
         """What stands here, if it fits."""
         match = re.compile(pattern).match(self.text, self._skip())
         if match:
-            self._at = match.end()
+            self._last, self._at = match.start(), match.end()
         return match
 
     def take(self, pattern: str | re.Pattern[str], wanted: str) -> re.Match[str]:
@@ -51,12 +55,8 @@ class Line:
 
     def number_here(self, wanted: str = 'a number') -> float:
         """A finite number."""
-        begin = self._skip()
         value = float(self.take(NUMBER, wanted)[0])
-        if not math.isfinite(value):
-            self._at = begin
-            self.fail(f'{wanted} that is finite')
-        return value
+        return value if math.isfinite(value) else self.refuse(f'{wanted} that is finite')
 
     def count(self, wanted: str = 'a whole number') -> int:
         """A whole number of at most nine digits."""
@@ -67,12 +67,19 @@ class Line:
         if not self.done:
             self.fail('the end of the line')
 
+    def refuse(self, wanted: str) -> NoReturn:
+        """RobotProgramError that names what was taken last."""
+        self._at = self._last
+        self.fail(wanted)
+
     def fail(self, wanted: str) -> NoReturn:
         """RobotProgramError that names the word under the cursor."""
         begin = self._skip()
         word = WORD.match(self.text, begin)
         shown = f"'{word[0][:40]}'" if word else 'end of the line'
-        count = len(self.text[:begin].split()) + 1
+        count = len(WORD.findall(self.text[:begin])) + 1
+        if begin and not self.text[begin - 1].isspace():
+            count -= 1  # the cursor is inside a word
         raise RobotProgramError(
             f'{self.file}, line {self.number}, word {count} ({shown}): wanted {wanted}'
         )

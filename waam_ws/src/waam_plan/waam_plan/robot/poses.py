@@ -209,8 +209,8 @@ def _check_turns(moves: list[Move], turns: list[Turns], cell: RobotCell) -> None
 def _corners(moves: list[Move], cell: RobotCell) -> list[tuple[float, float]]:
     """(zone, bend) at the end of every move: 0 where the robot has to stop.
 
-    A corner that is rounded off by a parabola from `zone` before it to `zone` after it is missed by zone * bend / 4, and
-    by zone^2 / 4 times the curvature of arcs beside it.
+    A corner that is rounded off by a parabola from `zone` before it to `zone` after it is missed by zone * bend / 4,
+    and by zone^2 / 4 times the curvature of arcs beside it.
     """
     ways = [None if m.segment.kind == Kind.DWELL else course(m.start, m) for m in moves]
     out = []

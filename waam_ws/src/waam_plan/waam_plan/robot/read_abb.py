@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Union
+from typing import TypeAlias
 
 from waam_plan.robot.abb import wpr_of
 from waam_plan.robot.cell import RobotCell
@@ -12,7 +12,7 @@ from waam_plan.robot.line import DEEPEST, NAME, TEXT, Line
 from waam_plan.robot.motion import Motion, RobotProgramError
 from waam_plan.robot.poses import Pose
 
-Value = Union[float, str, list['Value']]
+Value: TypeAlias = 'float | str | list[Value]'
 KINDS = ('robtarget', 'speeddata', 'zonedata', 'welddata', 'seamdata', 'wobjdata')
 NO_AXIS = 8e9  # an axis that is not there stands at 9E+09
 
@@ -53,7 +53,7 @@ def read_rapid(
             if part not in modules:
                 modules[part] = _load(files, part)
             for inner in modules[part].lines:
-                _instruction(inner, modules[part], state)
+                _instruction(inner.again(), modules[part], state)
     return state.out
 
 
@@ -63,9 +63,9 @@ def _lift(line: Line) -> float:
     line.end()
     place = value[0] if isinstance(value, list) and len(value) == 2 else None
     if not isinstance(place, list) or len(place) != 3 or place[:2] != [0.0, 0.0]:
-        line.fail('a displacement along Z, [[0,0,Z],[1,0,0,0]], before')
+        line.refuse('a displacement along Z, [[0,0,Z],[1,0,0,0]]')
     z = place[2]
-    return z * 1e-3 if isinstance(z, float) else line.fail('a number for Z before')
+    return z * 1e-3 if isinstance(z, float) else line.refuse('a number for Z')
 
 
 def _load(files: dict[str, str], name: str) -> _Module:
@@ -137,7 +137,7 @@ def _value(line: Line, depth: int) -> Value:
 def _instruction(line: Line, module: _Module, state: _State) -> None:
     if line.maybe('WaitTime '):
         if line.number_here('a time') < 0:
-            line.fail('a time that is not negative')
+            line.refuse('a time that is not negative')
         line.take(';', "';'")
         line.end()
         return
@@ -145,7 +145,7 @@ def _instruction(line: Line, module: _Module, state: _State) -> None:
     kind = line.take(f'({kinds}) ', f'WaitTime or one of {kinds}')[1]
     lays = kind in ('ArcL', 'ArcC', 'ArcLEnd', 'ArcCEnd')
     if lays != state.arc:
-        line.fail('ArcLStart before' if lays else 'ArcLEnd or ArcCEnd before')
+        line.refuse('ArcLStart first' if lays else 'ArcLEnd or ArcCEnd first')
     via = _pose(line, module, state) if kind.startswith('ArcC') else None
     if via:
         line.take(',', "','")
@@ -166,7 +166,7 @@ def _instruction(line: Line, module: _Module, state: _State) -> None:
     line.take(r'\w+\\WObj:=wobjWaam;', 'a tool and \\WObj:=wobjWaam;')
     line.end()
     if not 0 < speed < 10:
-        line.fail('a speed above 0 and below 10000 mm/s before')
+        line.refuse('a speed above 0 and below 10000 mm/s')
     state.out.append(
         Motion(end.place, via.place if via else None, speed, lays, feed, volts, end.wpr, end.external, zone)
     )  # fmt: skip
@@ -178,7 +178,7 @@ def _numbers(line: Line, module: _Module, kind: str, count: int) -> list[float]:
     value = _data(line, module, kind)
     found = [v for v in value[:count] if isinstance(v, float)]
     if len(found) < count:
-        line.fail(f'{count} numbers in the {kind} before')
+        line.refuse(f'{count} numbers in the {kind}')
     return found
 
 
@@ -186,7 +186,7 @@ def _data(line: Line, module: _Module, kind: str) -> list[Value]:
     name = line.take(NAME, f'a {kind}')[0]
     declared, value = module.data.get(name, ('', ''))
     if declared != kind or not isinstance(value, list):
-        line.fail(f'{name} to be a {kind} of this module, before')
+        line.refuse(f'{name} to be a {kind} of this module')
     return value
 
 
@@ -197,7 +197,7 @@ def _zone(line: Line, module: _Module) -> float:
     value = _data(line, module, 'zonedata')
     size = value[1] if len(value) > 1 else None
     if not isinstance(size, float) or not 0 <= size <= 1000:
-        line.fail('a zone of 0 to 1000 mm before')
+        line.refuse('a zone of 0 to 1000 mm')
     return size * 1e-3
 
 
@@ -208,7 +208,7 @@ def _weld(line: Line, module: _Module) -> tuple[float, float, float]:
     numbers = [value[0], *arc[2:4]] if isinstance(arc, list) and len(arc) == 9 else []
     found = [v for v in numbers if isinstance(v, float)]
     if len(found) < 3:
-        line.fail('welddata of four parts with arc data of nine numbers before')
+        line.refuse('welddata of four parts with arc data of nine numbers')
     return found[0] * 1e-3, found[2] * 1e-3, found[1]
 
 
@@ -216,11 +216,11 @@ def _pose(line: Line, module: _Module, state: _State) -> Pose:
     value = _data(line, module, 'robtarget')
     parts = [[v for v in p if isinstance(v, float)] for p in value if isinstance(p, list)]
     if [len(p) for p in parts] != [3, 4, 4, 6]:
-        line.fail('a robtarget of 3, 4, 4 and 6 numbers before')
+        line.refuse('a robtarget of 3, 4, 4 and 6 numbers')
     place, turn, _, outer = parts
     size = math.sqrt(sum(v * v for v in turn)) if max(map(abs, turn)) < 2 else 0.0
     if abs(size - 1) > 1e-3:
-        line.fail('a quaternion of length 1 before')
+        line.refuse('a quaternion of length 1')
     a, b, c, d = (v / size for v in turn)
     x, y, z = (v * 1e-3 for v in place)
     external = tuple(math.radians(v) for v in outer[:2] if v < NO_AXIS)

@@ -91,7 +91,7 @@ def _statement(line: Line, state: _State) -> None:
         if axis == 3:
             state.lift = value * 1e-3
         elif value:
-            line.fail('an offset along Z only')
+            line.refuse('an offset along Z only')
     elif line.maybe(r'R\['):
         register = line.count()
         line.take(r'\]=', "']='")
@@ -109,7 +109,7 @@ def _statement(line: Line, state: _State) -> None:
             state.voltage = value
     elif line.maybe(r'WAIT '):
         if _value(line, state) < 0:
-            line.fail('a time')
+            line.refuse('a time')
         line.maybe(r'\(sec\)')
     elif line.maybe(r'U(FRAME|TOOL)_NUM='):
         line.count()
@@ -133,14 +133,14 @@ def _value(line: Line, state: _State) -> float:
     register = line.count()
     line.take(r'\]', "']'")
     if register not in state.registers:
-        line.fail(f'a value in R[{register}] before')
+        line.refuse(f'a value in R[{register}]')
     return state.registers[register]
 
 
 def _place_of(line: Line, places: dict[int, Pose]) -> Pose:
     number = int(line.take(_PLACE, 'P[number]')[1])
     if number not in places:
-        line.fail(f'a position of P[{number}]')
+        line.refuse(f'a position of P[{number}]')
     return places[number]
 
 
@@ -149,13 +149,13 @@ def _motion(line: Line, places: dict[int, Pose], via: Pose | None, state: _State
     speed = _value(line, state) * 1e-3
     line.take('mm/sec', "'mm/sec'")
     if not 0 < speed < 10:
-        line.fail('a speed above 0 and below 10000 mm/sec')
+        line.refuse('a speed above 0 and below 10000 mm/sec')
     zone = 0.0
     if not line.maybe('FINE'):
         line.take('CNT', "'FINE' or 'CNT'")
         cnt = _value(line, state)
         if not 0 <= cnt <= 100:
-            line.fail('CNT of 0 to 100')
+            line.refuse('CNT of 0 to 100')
         zone = cnt / 100 * speed * state.cell.fanuc.blend_time / 2
     out = _options(line, state)
     motion = Motion(
@@ -180,7 +180,7 @@ def _options(line: Line, state: _State) -> bool:
     while not line.done:
         if line.maybe('COORD'):
             if not state.cell.axes:
-                line.fail('no COORD without a positioner')
+                line.refuse('no COORD without a positioner')
         elif line.maybe(r'Offset,PR\[1\]'):
             pass
         else:
@@ -231,10 +231,10 @@ def _words(line: Line) -> list[tuple[str, float]]:
 def _pose(line: Line, values: dict[str, float]) -> Pose:
     missing = [w for w in 'XYZWPR' if w not in values]
     if missing:
-        line.fail(f'{missing[0]} of the position before')
+        line.refuse(f'{missing[0]} of the position')
     x, y, z = (values[w] * 1e-3 for w in 'XYZ')
     w, p, r = (math.radians(values[word]) for word in 'WPR')
     external = tuple(math.radians(values[j]) for j in ('J1', 'J2') if j in values)
     if len(external) == 1:
-        line.fail('both J1 and J2 of the position before')
+        line.refuse('both J1 and J2 of the position')
     return Pose((x, y, z), (w, p, r), external)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
-from typing import Union
+from typing import TypeAlias
 
 from waam_plan.robot.cell import RobotCell
 from waam_plan.robot.line import DEEPEST, NAME, TEXT, Line
 from waam_plan.robot.motion import Motion, RobotProgramError
 from waam_plan.robot.poses import Pose
 
-Value = Union[float, str, dict[str, 'Value']]
+Value: TypeAlias = 'float | str | dict[str, Value]'
 _RECORDS = ('ARCON', 'ARCSWI', 'ARCOFF')
 _PASSED = re.compile(  # without effect on the path: what ArcTech does at the move, and the frame of a program
     r'TRIGGER WHEN |ArcMainNG\(#\w+,\w+,WP\)$|;ENDFOLD$|BAS\(#INITMOV,0\)$|\$TOOL=TOOL_DATA\[\d+\]$|\$IPO_MODE=#BASE$|'
@@ -95,23 +95,23 @@ def _statement(line: Line, data: dict[str, Value], state: _State) -> None:
         if not state.of_record:
             state.speed = line.number_here('a speed')
             if not 0 < state.speed < 10:
-                line.fail('a speed above 0 and below 10 m/s before')
+                line.refuse('a speed above 0 and below 10 m/s')
         line.end()
     elif line.maybe(r'\$APO\.CDIS='):
         state.blend = line.number_here('a distance') * 1e-3
         if not 0 <= state.blend < 1:
-            line.fail('a distance of 0 to 1000 mm before')
+            line.refuse('a distance of 0 to 1000 mm')
         line.end()
     elif line.maybe('WAIT SEC '):
         if line.number_here('a time') < 0:
-            line.fail('a time that is not negative')
+            line.refuse('a time that is not negative')
         line.end()
     elif line.maybe(';FOLD '):
         kind = line.take('|'.join(_RECORDS), ', '.join(_RECORDS))[0]
         state.record = (kind, line.take(NAME, 'a record')[0])
         line.end()
         if state.record[1] not in data:
-            line.fail(f'{state.record[1]} in the .dat')
+            line.refuse(f'{state.record[1]} in the .dat')
     elif line.maybe('LIN '):
         _motion(line, None, data, state)
     elif line.maybe('CIRC '):
@@ -143,7 +143,7 @@ def _motion(line: Line, via: Pose | None, data: dict[str, Value], state: _State)
         zone,
     )
     if motion.speed <= 0:
-        line.fail('a speed ($VEL.CP) before')
+        line.refuse('a speed ($VEL.CP)')
     state.out.append(motion)
     _after(line, data, state)
 
@@ -177,7 +177,7 @@ def _after(line: Line, data: dict[str, Value], state: _State) -> None:
 def _number(line: Line, values: dict[str, Value], name: str) -> float:
     value = values.get(name)
     if not isinstance(value, float):
-        line.fail(f'a number {name}')
+        line.refuse(f'a number {name}')
     return value
 
 
@@ -185,7 +185,7 @@ def _pose(line: Line, data: dict[str, Value]) -> Pose:
     name = line.take(NAME, 'a position')[0]
     values = data.get(name)
     if not isinstance(values, dict):
-        line.fail(f'the position {name} in the .dat')
+        line.refuse(f'the position {name} in the .dat')
     x, y, z = (_number(line, values, w) * 1e-3 for w in 'XYZ')
     w, p, r = (math.radians(_number(line, values, word)) for word in 'CBA')
     external = tuple(math.radians(_number(line, values, e)) for e in ('E1', 'E2'))

@@ -154,7 +154,8 @@ def _branch(found: Solutions, path: Path, arm: Arm) -> tuple[int, np.ndarray]:
         beyond = ((theta < arm.low) | (theta > arm.high)).any(axis=1) & ~lost
         bent = theta[:, 1] + theta[:, 2]
         beyond |= ~lost & ((bent < arm.forearm[0]) | (bent > arm.forearm[1]))
-        bad = lost | flips | beyond
+        bad = np.asarray(lost | flips | beyond)
+        beyond = np.asarray(beyond)
         if not bad.any():
             return branch, theta
         at = int(np.argmax(bad))
