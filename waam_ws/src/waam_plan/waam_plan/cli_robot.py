@@ -66,7 +66,7 @@ def write_robot(plan: Plan, args: argparse.Namespace) -> None:
     from waam_plan.post.compact import fragments, saving
 
     cell, tolerance = load_cell(args), args.tolerance * 1e-3
-    write, read = _language(args.post)
+    write, read = language(args.post)
     files = write(plan, cell=cell, tolerance=tolerance)
     for name, text in files.items():
         (args.out / name).write_text(text)
@@ -106,7 +106,8 @@ def load_cell(args: argparse.Namespace) -> RobotCell:
     return cell
 
 
-def _language(post: str) -> tuple[Writer, Reader]:
+def language(post: str) -> tuple[Writer, Reader]:
+    """Writer and reader of one of POSTS."""
     from waam_plan.robot.abb import write_rapid
     from waam_plan.robot.fanuc import write_ls
     from waam_plan.robot.kuka import write_krl
