@@ -54,6 +54,38 @@ def test_fanuc_files_are_written_and_their_saving_told(box_file, tmp_path, capsy
     assert re.search(r'\d+ points instead of \d+, \d+% saved', capsys.readouterr().out)
 
 
+@pytest.mark.parametrize('post, suffix', [('kuka', '.src'), ('abb', '.mod'), ('fanuc', '.LS')])
+def test_programs_for_robots_are_written_and_run(post, suffix, box_file, tmp_path, capsys):
+    out, cell = tmp_path / 'out', tmp_path / 'cell.yaml'
+    cell.write_text('origin: [-0.015, -0.01, 0.0]\nfanuc: {lead: 0.2}\n')
+    words = ('--layers', 1, '--post', post, '--out', out, '--cell', cell, '--positioner', 'turn')
+    assert waam(box_file((30, 20, 6)), *words, '--corner', 0.05, '--run') == 0
+    assert (out / f'WAAM{suffix}').exists() and (out / f'WAAM001{suffix}').exists()
+    found = re.search(
+        r'within (\S+) um of the plan, torch within (\S+) deg', capsys.readouterr().out
+    )
+    assert float(found[1]) < 70 and float(found[2]) < 0.01
+
+
+@pytest.mark.parametrize(
+    'text, told', [('corner: 9', 'cell.yaml: corner is 9'), ('a: [', 'cell.yaml: no YAML')]
+)
+def test_a_bad_cell_file_is_told(text, told, box_file, tmp_path, capsys):
+    cell = tmp_path / 'cell.yaml'
+    cell.write_text(text)
+    words = ('--layers', 1, '--post', 'abb', '--out', tmp_path / 'out', '--cell', cell)
+    assert waam(box_file((30, 20, 6)), *words) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_a_robot_that_does_not_reach_is_told(box_file, tmp_path, capsys):
+    cell = tmp_path / 'cell.yaml'
+    cell.write_text('origin: [4.0, 0.0, 0.0]\npositioner: hold')
+    words = ('--layers', 1, '--post', 'kuka', '--out', tmp_path / 'out', '--cell', cell, '--run')
+    assert waam(box_file((30, 20, 6)), *words) == 2
+    assert 'out of reach' in capsys.readouterr().err
+
+
 def test_compact_gcode_is_written_within_the_tolerance_asked_for(tmp_path, capsys):
     part = tmp_path / 'disc.stl'
     trimesh.creation.cylinder(radius=18, height=4, sections=96).export(part)
