@@ -54,7 +54,7 @@ def test_fanuc_files_are_written_and_their_saving_told(box_file, tmp_path, capsy
     assert re.search(r'\d+ points instead of \d+, \d+% saved', capsys.readouterr().out)
 
 
-@pytest.mark.parametrize('post, suffix', [('kuka', '.src'), ('abb', '.mod'), ('fanuc', '.LS')])
+@pytest.mark.parametrize('post, suffix', [('kuka', '.src'), ('abb', '.mod')])
 def test_programs_for_robots_are_written_and_run(post, suffix, box_file, tmp_path, capsys):
     out, cell = tmp_path / 'out', tmp_path / 'cell.yaml'
     cell.write_text('origin: [-0.015, -0.01, 0.0]\nfanuc: {lead: 0.2}\n')

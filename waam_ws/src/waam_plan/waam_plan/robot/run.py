@@ -151,11 +151,11 @@ def _branch(found: Solutions, path: Path, arm: Arm) -> tuple[int, np.ndarray]:
         usable = theta[~lost]
         if len(usable):
             theta = theta + 2 * np.pi * np.round((middle - usable.mean(axis=0)) / (2 * np.pi))
-        beyond = ((theta < arm.low) | (theta > arm.high)).any(axis=1) & ~lost
-        bent = theta[:, 1] + theta[:, 2]
-        beyond |= ~lost & ((bent < arm.forearm[0]) | (bent > arm.forearm[1]))
-        bad = np.asarray(lost | flips | beyond)
-        beyond = np.asarray(beyond)
+        bent = (theta[:, 1] + theta[:, 2])[:, None]
+        reached = np.column_stack([theta, bent])
+        low, high = np.array([*arm.low, arm.forearm[0]]), np.array([*arm.high, arm.forearm[1]])
+        beyond = np.any((reached < low) | (reached > high), axis=1)
+        bad = np.logical_or.reduce([lost, flips, beyond & ~lost])
         if not bad.any():
             return branch, theta
         at = int(np.argmax(bad))
