@@ -51,7 +51,8 @@ def plan_build(
     part, remarks = compensated(part, settings, warping)
     offset = _placing(part, spec, settings, warnings)
     placed = part.moved(offset)
-    offset = (*offset[:2], offset[2] + settings.compensation_height)
+    if settings.compensation_height > 0:
+        offset = (*offset[:2], offset[2] + settings.compensation_height)
     sections = _checked_sections(part, placed, layers, offset, settings, warnings, remarks)
     safe_z = sections[-1].z + sections[-1].thickness + settings.clearance
     spec = spec or _grid(placed, len(sections), settings, warnings)

@@ -17,8 +17,7 @@ from waam_plan.lay.coverage import SMALLEST_OVERHANG, Section
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import merged, pieces
 
-BRIDGES = 0.6  # share of a loose piece between its supports: below it juts out, it is no roof
-TOUCH = 1e-6  # m
+WITHIN = 0.9  # share of a loose piece in a gap, and of a gap under a layer above
 
 
 def base_layers(settings: PlanSettings) -> int:
@@ -64,22 +63,19 @@ def on_compensation(
 def with_teardrops(
     sections: list[Section], settings: PlanSettings, remarks: list[str]
 ) -> list[Section]:
-    """Holes that lie on their side end in a point: their roof is left out where the layer below does not carry it.
+    """Holes that lie on their side end in a point: of their roof is left out what the layer below does not carry.
 
-    S3 table 4.1; the roof leans by overhang_limit_deg. What juts out without being a roof stays as it is.
+    S3 table 4.1; the roof leans by overhang_limit_deg. What juts out without being the roof of a hole stays as it is.
     """
     slope = math.tan(math.radians(settings.overhang_limit_deg))
     least = SMALLEST_OVERHANG * settings.bead_width**2
     out = sections[:1]
     left, tops = 0.0, []
-    for section in sections[1:]:
-        carried = merged(out[-1].polygons).buffer(section.thickness * slope)
-        shape = merged(section.polygons)
-        roofs = [
-            p
-            for p in pieces(shape.difference(carried))
-            if p.area > least and _bridges(p, shape.intersection(carried))
-        ]
+    for n, section in enumerate(sections[1:], 1):
+        below, shape = merged(out[-1].polygons), merged(section.polygons)
+        loose = pieces(shape.difference(below.buffer(section.thickness * slope)))
+        large = [p for p in loose if p.area > least]
+        roofs = _roofs(large, below, sections[n:]) if large else []
         if roofs:
             left += sum(p.area for p in roofs) * section.thickness
             tops.append(section.z + section.thickness)
@@ -94,11 +90,18 @@ def with_teardrops(
     return out
 
 
-def _bridges(piece: Polygon, carried: BaseGeometry) -> bool:
-    """Whether a loose piece lies between what carries it, not beyond."""
-    contact = piece.buffer(TOUCH).intersection(carried)
-    between = contact.convex_hull.intersection(piece).area
-    return bool(between > BRIDGES * piece.area)
+def _roofs(loose: list[Polygon], below: BaseGeometry, above: list[Section]) -> list[Polygon]:
+    """Loose pieces over gaps of the layer below that a layer above covers."""
+    gaps = pieces(below.convex_hull.difference(below))
+    return [
+        p
+        for p in loose
+        if any(g.intersection(p).area > WITHIN * p.area and _covered(g, above) for g in gaps)
+    ]
+
+
+def _covered(gap: Polygon, above: list[Section]) -> bool:
+    return any(gap.difference(merged(s.polygons)).area < (1 - WITHIN) * gap.area for s in above)
 
 
 # ---- stiffeners ----------------------------------------------------------------------------------
