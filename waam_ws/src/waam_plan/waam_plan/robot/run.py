@@ -154,7 +154,7 @@ def _branch(found: Solutions, path: Path, arm: Arm) -> tuple[int, np.ndarray]:
         bent = (theta[:, 1] + theta[:, 2])[:, None]
         reached = np.column_stack([theta, bent])
         low, high = np.array([*arm.low, arm.forearm[0]]), np.array([*arm.high, arm.forearm[1]])
-        beyond = np.any((reached < low) | (reached > high), axis=1)
+        beyond = np.asarray(((reached < low) | (reached > high)).any(axis=1))
         bad = np.logical_or.reduce([lost, flips, beyond & ~lost])
         if not bad.any():
             return branch, theta
