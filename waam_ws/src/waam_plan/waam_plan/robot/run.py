@@ -144,7 +144,7 @@ def _branch(found: Solutions, path: Path, arm: Arm) -> tuple[int, np.ndarray]:
     best, told = -1, ''
     for branch in range(BRANCHES):
         theta = np.unwrap(found.theta[:, branch], axis=0)
-        lost = np.isnan(theta).any(axis=1)
+        lost = np.asarray(np.isnan(theta).any(axis=1))
         step = np.abs(np.diff(np.nan_to_num(theta), axis=0)).max(axis=1)
         flips = np.concatenate([[False], (step > JUMP) & path.arc[1:]])
         middle = (np.array(arm.low) + np.array(arm.high)) / 2
