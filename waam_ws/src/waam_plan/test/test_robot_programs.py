@@ -129,7 +129,7 @@ def test_all_languages_ask_for_the_same(small):
     st.floats(3e-3, 18e-3), st.floats(0.5e-3, 3e-3), st.sampled_from(sorted(LANGUAGES)),
     st.sampled_from(['none', 'hold', 'turn']), st.booleans(),
 )  # fmt: skip
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_any_plan_is_read_back(beads, speed, height, language, positioner, registers):
     write, read = LANGUAGES[language]
     cell = RobotCell(positioner=positioner, fanuc=FanucSettings(registers=registers))
@@ -339,7 +339,7 @@ def test_what_is_wrong_is_named_with_its_place(language, file, old, new, told, s
 
 
 @given(st.data())
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_damaged_programs_are_read_or_refused(data):
     language = data.draw(st.sampled_from(sorted(LANGUAGES)))
     read = LANGUAGES[language][1]
@@ -403,7 +403,7 @@ def test_a_cell_is_read_from_fields():
 
 
 @given(st.floats(0.1, 3.0), st.floats(2e-3, 0.05), st.sampled_from([0.0, 1e-5, 1e-4]))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_corners_are_rounded_off_by_no_more_than_allowed(turn, length, corner):
     end = (0.05 + length * math.cos(turn), 0.01 + length * math.sin(turn))
     plan = plan_of(layer([(0.05 - length, 0.01), (0.05, 0.01), end]))

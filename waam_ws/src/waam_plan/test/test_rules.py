@@ -62,7 +62,7 @@ def extent(plan):
 
 
 @given(st.floats(-0.02, 0.02), st.floats(-0.3, 0.3), st.integers(4, 8))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 def test_what_the_field_moves_a_bent_part_comes_out_as_wanted(stretch, sag, n):
     part = PARTS['bar']
     x, y, z = (v.ravel() for v in np.meshgrid(*[np.linspace(-0.01, 0.11, n)] * 3))
@@ -138,7 +138,7 @@ def test_bad_displacements_are_refused_with_their_line(lines, told):
 @given(
     st.lists(st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=40), max_size=4)
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_any_text_is_a_field_or_refused(lines):
     try:
         assert np.isfinite(displacements(lines, 1e-3, 'f').places).all()
