@@ -15,6 +15,11 @@ robot.speed_error_pct: six parts at 10 mm/s, how far the torch's speed at the pa
 kinematics of arm and positioner; the worst part; baseline: asked for. robot.plan_ms_per_point: processor time of their
 joint paths with branches and timing, without collisions, per point (every 0.1 mm of bead); baseline: asked for.
 
+robot.program_path_um: programs for Fanuc, KUKA and ABB of six planned parts, without positioner and with one that
+turns, read back and run on arm and positioner: largest distance between the path with the arc on and that of the plan;
+tolerance and corners of 4 um; baseline: asked for. robot.program_default_um: the same with the tolerance of 20 um and
+the corners of 200 um that are the defaults; baseline: their sum. Torch and file sizes go to stderr.
+
 On the simulated robot cell of the laboratory, with its servos, latency and errors:
 robot.cell_speed_error_pct: six beads at 10 mm/s, how far the true speed of the torch is off on 99 % of the way that
 the arc burns; the worst bead; baseline: the same on the gantry. robot.rms_ratio: RMS height error of the demo's jaw,
@@ -114,6 +119,32 @@ def plans() -> None:
     emit('robot.plan_ms_per_point', per_point, 'ms', 'asked for', 2.0)
 
 
+def program_paths(name: str, corner: float, tolerance: float, wanted: float) -> None:
+    """Worst of all parts, languages and positioners."""
+    from lib.robot_programs import programs
+
+    found = list(programs(corner, tolerance))
+    for post in sorted({f.post for f in found}):
+        some = [f for f in found if f.post == post]
+        worst = max(some, key=lambda f: f.path_um)
+        print(
+            f'{name}, {post}: {worst.path_um:.2f} um ({worst.part}, positioner {worst.positioner}), torch within '
+            f'{max(f.lean_deg for f in some):.4f} deg, {sum(f.size for f in some) / 1e6:.1f} MB in all',
+            file=sys.stderr,
+        )
+    emit(name, max(f.path_um for f in found), 'um', 'asked for', wanted)
+
+
+def exact_programs() -> None:
+    """Corners that the robot nearly stops in."""
+    program_paths('robot.program_path_um', 4e-6, 4e-6, 10.0)
+
+
+def default_programs() -> None:
+    """Corners as they are rounded off by default."""
+    program_paths('robot.program_default_um', 0.2e-3, 0.02e-3, 220.0)
+
+
 def cell_speed() -> None:
     """Six beads, two machines."""
     from lib.robot_cell import PARTS, speed_off
@@ -175,6 +206,8 @@ FIGURES = {
     'robot.flips_in_bead': random_plans,
     'robot.speed_error_pct': plans,
     'robot.plan_ms_per_point': plans,
+    'robot.program_path_um': exact_programs,
+    'robot.program_default_um': default_programs,
     'robot.cell_speed_error_pct': cell_speed,
     'robot.rms_ratio': cell_rms,
     'robot.arc_off_max_ms': cell_kills,
