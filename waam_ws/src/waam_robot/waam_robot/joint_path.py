@@ -2,11 +2,13 @@
 
 The positioner keeps the bead flat (torch upright) where its two axes can. A torch is round: its spin about its own axis
 is free and is chosen with the branch, constant inside a bead, by dynamic programming over the beads: away from limits
-and singularities, with short ways between beads. Collisions are not looked at, the ways between beads are not planned.
+and singularities, with short ways between beads. The ways between beads are not planned. Collisions are looked at by
+whoever asks for it (`refuse`; `waam_robot.clearance`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,15 +61,55 @@ class BeadPath:
     stretch: float
 
 
-def plan(beads: list[Bead], machine: Machine | None = None) -> list[BeadPath]:
-    """Joint paths of beads in this order. PlanError where a bead cannot be laid in one go."""
+Refuse = Callable[[int, BeadPath], 'Refused | None']
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Why a bead is not laid so: at: m along it; final: with another spin or branch it would be the same."""
+
+    at: float
+    text: str
+    final: bool = False
+
+
+def plan(
+    beads: list[Bead], machine: Machine | None = None, refuse: Refuse | None = None
+) -> list[BeadPath]:
+    """Joint paths of beads in this order. PlanError where a bead cannot be laid in one go.
+
+    refuse: asked for every path that would be taken (number of the bead, path); the next best one is taken for those
+    that it refuses.
+    """
     machine = machine or Machine()
     stages, c = [], None
     for number, bead in enumerate(beads):
         turn = _turn(bead, machine, c)
         c = float(turn.c[-1])
         stages.append(_stage(number, bead, turn, machine))
-    return [stage.path(node) for stage, node in zip(stages, _cheapest(stages), strict=True)]
+    nodes = _cheapest(stages) if refuse is None else _allowed(stages, refuse)
+    return [stage.path(node) for stage, node in zip(stages, nodes, strict=True)]
+
+
+def _allowed(stages: list[_Stage], refuse: Refuse) -> list[int]:
+    """The cheapest nodes of which none is refused."""
+    known: dict[tuple[int, int, int], Refused | None] = {}
+    while True:
+        nodes, good = _cheapest(stages), True
+        for number, (stage, node) in enumerate(zip(stages, nodes, strict=True)):
+            spin, branch = stage.node[node]
+            key = (number, int(spin), int(branch))
+            if key not in known:
+                known[key] = refuse(number, stage.path(node))
+            said = known[key]
+            if said is not None:
+                good = False
+                stage.cost[(stage.node == stage.node[node]).all(axis=1)] = np.inf
+                if said.final or not np.isfinite(stage.cost).any():
+                    at = int(np.searchsorted(stage.bead.way, said.at))
+                    raise PlanError(f'{_place(number, stage.bead, at)}: {said.text}')
+        if good:
+            return nodes
 
 
 # ---- positioner --------------------------------------------------------------------------------

@@ -1,0 +1,176 @@
+"""Where the torch will not have the programmed speed, told before the arc. Pure.
+
+The controller core says where it will have the torch in every millisecond of a bead. What the robot makes of it is known
+too: corners become curves (`blend`), the rest stays. So the speed at the part is known before metal is laid, and so is
+how fast each joint must turn. A joint that would have to turn faster than it can stops the job there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import takewhile
+
+import numpy as np
+
+from waam_robot.station import JOINTS, Station
+from waam_robot.timing import AXIS_NAMES
+
+from .blend import LEAST, MOST, blended
+from .params import RobotParams
+
+TOLD = 0.01  # share of the programmed speed from which a difference is told
+WINDOW = 50  # ms over which the speed is measured
+EVERY = 10  # ms between the joints that are looked at
+SHARP = np.radians(45.0)  # a corner that counts more than a change of speed beside it
+STRAIGHT = np.cos(np.radians(1.0))  # pieces of a leg turn by less
+GAP = 0.5e-3  # m: places nearer to each other are one
+NEAR = 2.0e-3  # m to both sides in which the cause of a place is looked for
+CAUSES = START, END, STEP = ('start', 'end', 'the programmed speed changes')
+
+
+@dataclass(frozen=True)
+class Bead:
+    """corners: (m, 3) m, the programmed path in machine coordinates; speeds: (m - 1,) m/s of its pieces; tips: (n, 3)
+    m, where the core has the torch in every ms; layer, number: as the plan counts them; work_zero: (3,) m."""
+
+    corners: np.ndarray
+    speeds: np.ndarray
+    tips: np.ndarray
+    layer: int = 0
+    number: int = 0
+    work_zero: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A stretch of a bead that is laid too slowly or too fast. begin, end: m from the bead's start; speed, wanted: m/s
+    where the difference is largest; cause: what holds it up; at: (3,) m, work frame, there; stops: the job would end
+    there."""
+
+    layer: int
+    bead: int
+    begin: float
+    end: float
+    speed: float
+    wanted: float
+    cause: str
+    at: np.ndarray
+    stops: bool = False
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        x, y, z = self.at * 1e3
+        said = (
+            f'layer {self.layer}, bead {self.bead}, {self.begin * 1e3:.1f} to {self.end * 1e3:.1f} mm from its start, '
+            f'at ({x:.1f}, {y:.1f}, {z:.1f}) mm: '
+        )
+        if self.stops:
+            return f'{said}{self.cause}: the job would be held there'
+        return f'{said}{self.speed * 1e3:.2f} mm/s instead of {self.wanted * 1e3:.2f}: {self.cause}'
+
+
+def places(bead: Bead, station: Station, params: RobotParams) -> list[Place]:
+    """Where the speed at the part is off by more than TOLD, and where a joint is too slow for it, in order.
+
+    StationError where the arm does not reach.
+    """
+    if len(bead.tips) < 2 * WINDOW:
+        return []
+    path = blended(bead.tips, params.corner)
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(bead.tips, axis=0), axis=1))])
+    given = np.concatenate([[0.0], np.cumsum(_lengths(bead.corners))])
+    half = WINDOW // 2
+    at = np.arange(half, len(path) - half)
+    gone = np.concatenate([[0.0], np.cumsum(_lengths(path))])
+    speed = (gone[at + half] - gone[at - half]) / (WINDOW * 1e-3)
+    piece = np.clip(np.searchsorted(given, way[at], 'right') - 1, 0, len(bead.speeds) - 1)
+    wanted = bead.speeds[piece]
+    ratio = speed / wanted
+    moving = (way[at] > 1e-6) & (way[at] < given[-1] - 1e-6)
+    used, axis = _used(path, station, params)
+    over = np.interp(at, EVERY * np.arange(len(used)), used)
+    wrong = (np.abs(ratio - 1) > TOLD) | (over > 1)
+    found = []
+    for a, b in _stretches(wrong & moving, way[at]):
+        worst = a + int(np.argmax(np.abs(ratio[a:b] - 1)))
+        stops = bool(over[a:b].max() > 1)
+        if stops:
+            worst = a + int(np.argmax(over[a:b]))
+            n = axis[min((at[worst] + EVERY // 2) // EVERY, len(axis) - 1)]
+            cause = f'{AXIS_NAMES[n]} would have to turn at {over[worst]:.2f} times its fastest'
+        else:
+            cause = _cause(bead, given, way[at[a]], way[at[b - 1]])
+        place = path[at[worst]] - bead.work_zero
+        begin, end = float(way[at[a]]), float(way[at[b - 1]])
+        found.append(
+            Place(
+                bead.layer, bead.number, begin, end, float(speed[worst]), float(wanted[worst]), cause, place, stops
+            )
+        )  # fmt: skip
+    return found
+
+
+def _lengths(points: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=1))
+
+
+def _used(path: np.ndarray, station: Station, params: RobotParams) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) largest share of a joint's speed every EVERY ms, and (k,) which joint that is."""
+    joints = station.joints(path[::EVERY])
+    rates = np.abs(np.gradient(joints, EVERY * 1e-3, axis=0)) if len(joints) > 1 else joints * 0
+    share = rates / np.array(params.joint_speed_max)[:JOINTS]
+    return share.max(axis=1), share.argmax(axis=1)
+
+
+def _stretches(wrong: np.ndarray, way: np.ndarray) -> Iterator[tuple[int, int]]:
+    """(first, behind the last) of the runs of `wrong`; runs nearer than GAP to each other are one."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong, [0]])))
+    runs = edges.reshape(-1, 2).tolist()
+    while runs:
+        a, b = runs.pop(0)
+        while runs and way[runs[0][0]] - way[b - 1] < GAP:
+            b = runs.pop(0)[1]
+        yield a, b
+
+
+def _cause(bead: Bead, given: np.ndarray, begin: float, end: float) -> str:
+    """What the path has there."""
+    if begin < NEAR:
+        return START
+    if end > given[-1] - NEAR:
+        return END
+    inner = np.flatnonzero((given[1:-1] > begin - NEAR) & (given[1:-1] < end + NEAR))
+    ways = np.diff(bead.corners, axis=0) / np.maximum(_lengths(bead.corners), 1e-12)[:, None]
+    turns = np.arccos(np.clip(np.einsum('ij,ij->i', ways[:-1], ways[1:]), -1, 1))
+    turn = float(turns[inner].max(initial=0.0))
+    changes = len(inner) and np.ptp(bead.speeds[[*inner, inner[-1] + 1]]) > 0
+    if turn > LEAST and not (changes and turn < SHARP):
+        return _corner(bead, int(inner[np.argmax(turns[inner])]), turn, ways)
+    if changes:
+        return STEP
+    return 'bends of the path'
+
+
+def _corner(bead: Bead, n: int, turn: float, ways: np.ndarray) -> str:
+    """Why the robot takes no curve between the pieces n and n + 1."""
+    said = f'a corner of {np.degrees(turn):.0f} deg'
+    leg = _leg(bead, n, ways)
+    if turn > MOST:
+        return f'{said}: curves turn by {np.degrees(MOST):.0f} deg at most'
+    if np.abs(ways[n : n + 2, 2]).max() > 1e-3:
+        return f'{said} that climbs'
+    if leg < 2 * NEAR:
+        return f'{said} beside a leg of {leg * 1e3:.1f} mm, too short for a curve'
+    return f'{said} into which no curve fits'
+
+
+def _leg(bead: Bead, n: int, ways: np.ndarray) -> float:
+    """m: the shorter one of the straight legs before and behind the corner at the end of piece n."""
+    lengths = _lengths(bead.corners)
+    legs = []
+    for first, pieces in ((n, range(n, -1, -1)), (n + 1, range(n + 1, len(lengths)))):
+        straight = takewhile(lambda k, first=first: ways[k] @ ways[first] > STRAIGHT, pieces)
+        legs.append(sum(float(lengths[k]) for k in straight))
+    return min(legs)
