@@ -11,9 +11,12 @@ robot.oval_error_ratio: oval of 500 mm with 5 % ovality, largest miss of the wir
 source's 0.16 / 0.36 mm. robot.oval_untaught_ratio: the same without teaching, where the split cannot help.
 robot.flips_in_bead: beads of 500 random parts of two beads whose joint path changes the side of shoulder, elbow or
 wrist or jumps, judged by the places of the links; parts that were refused go to stderr; baseline: asked for.
+robot.collisions: 500 random parts of three beads whose joint path is planned without contacts (arm, torch, positioner,
+beads laid before), judged by points, plain distances and Pinocchio's frames: paths in which something touches;
+baseline: asked for. How many were refused and the least distance go to stderr.
 robot.speed_error_pct: six parts at 10 mm/s, how far the torch's speed at the part is off on 99 % of the way, by forward
 kinematics of arm and positioner; the worst part; baseline: asked for. robot.plan_ms_per_point: processor time of their
-joint paths with branches and timing, without collisions, per point (every 0.1 mm of bead); baseline: asked for.
+joint paths with branches, collisions and timing, per point (every 0.1 mm of bead); baseline: asked for.
 
 robot.program_path_um: programs for Fanuc, KUKA and ABB of six planned parts, without positioner and with one that
 turns, read back and run on arm and positioner: largest distance between the path with the arc on and that of the plan;
@@ -92,6 +95,21 @@ def random_plans() -> None:
     for text in refused[:3]:
         print(f'  {text}', file=sys.stderr)
     emit('robot.flips_in_bead', float(flipped), '1', 'asked for', 0.0)
+
+
+def collisions() -> None:
+    """500 random parts, checked by a second method."""
+    from lib.robot_collisions import run
+
+    found = run(500, seeds((17,))[0])
+    print(
+        f'robot.collisions: {found.planned} planned, {found.refused} refused ({found.contacts} for a contact), least '
+        f'distance {found.nearest * 1e3:.2f} mm, {found.seconds / found.points * 1e3:.3f} ms per point',
+        file=sys.stderr,
+    )
+    for text in found.touching[:5]:
+        print(f'  {text}', file=sys.stderr)
+    emit('robot.collisions', float(len(found.touching)), '1', 'asked for', 0.0)
 
 
 def plans() -> None:
@@ -209,6 +227,7 @@ FIGURES = {
     'robot.oval_error_ratio': ovals,
     'robot.oval_untaught_ratio': ovals,
     'robot.flips_in_bead': random_plans,
+    'robot.collisions': collisions,
     'robot.speed_error_pct': plans,
     'robot.plan_ms_per_point': plans,
     'robot.program_path_um': exact_programs,

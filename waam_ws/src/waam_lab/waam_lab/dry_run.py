@@ -101,7 +101,7 @@ def beads(
         for layer in plan.layers:
             here = machine.bridge.position
             assert here is not None  # after homing
-            fed = _clipped(with_base_feed(layer.segments, plan.settings), params)
+            fed = clipped(with_base_feed(layer.segments, plan.settings), params)
             segments = renumber(fed, number, here, plan.settings, plan.safe_z)
             number += len(segments)
             machine.tips.clear()
@@ -113,7 +113,7 @@ def beads(
         machine.close()
 
 
-def _clipped(segments: list[Segment], params: RobotParams) -> list[Segment]:
+def clipped(segments: list[Segment], params: RobotParams) -> list[Segment]:
     """Wire feeds within the limits of the machine, as a job sets them."""
     low, high = params.wire_feed_min, params.wire_feed_max
     return [
@@ -136,7 +136,8 @@ def _laid(
     for (a, b), laid in zip(spans.tolist(), wanted, strict=True):
         corners = np.array([laid[0].start, *(s.end for s in laid)]) + zero
         speeds = np.array([s.speed for s in laid])
-        yield Bead(corners, speeds, tips[max(a - 1, 0) : b], layer.number, laid[0].bead, zero)
+        numbers = np.array([s.bead for s in laid])
+        yield Bead(corners, speeds, tips[max(a - 1, 0) : b], numbers, layer.number, zero)
 
 
 def _stretches(segments: list[Segment]) -> Iterator[list[Segment]]:

@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from waam_process.operating import GANTRY, MACHINES, ROBOT
+
 from . import cli_correct, cli_files, cli_program, cli_robot
 from .settings import ALTERNATIONS, STRATEGIES
 
@@ -29,6 +31,7 @@ examples:
   waam plan vase.stl --repair                            close its holes first; what was changed is printed
   waam plan part.stl --mode build --scale 1              a file in metres (default 0.001: mm)
   waam plan part.gcode --dialect slicer --nominal part.stl --preview   another slicer's program: layers, beads, checks
+  waam plan part.stl --mode build --machine robot       what the robot will make of it: speeds, contacts, reach
   waam plan ring.stl --mode build --post kuka --positioner turn --run --out out/   a robot's program, read back and run
 
 --set of what a program without the closed loop needs:
@@ -74,8 +77,10 @@ class _Help(argparse.Action):
 def register(
     commands: argparse._SubParsersAction[argparse.ArgumentParser],
     write_recording: Callable[[Path, Path], None] | None = None,
+    check_robot: Callable[[Plan], None] | None = None,
 ) -> None:
     # write_recording(stored plan, new .rrd): draws for --rerun; the planner itself knows no viewer
+    # check_robot(plan): of --machine robot, prints and raises ValueError; the planner itself knows no machine
     """Adds the verbs to argparse sub-parsers."""
     cli_correct.register(commands)
     p = commands.add_parser(
@@ -89,7 +94,7 @@ def register(
     _add_inputs(p)
     _add_layers(p)
     _add_outputs(p)
-    p.set_defaults(run_command=run, write_recording=write_recording)
+    p.set_defaults(run_command=run, write_recording=write_recording, check_robot=check_robot)
 
 
 def _add_inputs(p: argparse.ArgumentParser) -> None:
@@ -178,6 +183,13 @@ def _add_outputs(p: argparse.ArgumentParser) -> None:
         help='gcode-compact: also compact.gcode, long lines and arcs (G2, G3) instead of chords; fanuc (.LS), kuka '
         '(.src, .dat), abb (.mod): also a program for a robot, fragments with a main program (arcs, equal layers once)',
     )
+    p.add_argument(
+        '--machine',
+        choices=MACHINES,
+        default=GANTRY,
+        help='robot: also look where the robot of `waam up --machine robot` cannot hold the programmed speed, what would '
+        'touch and what is out of reach; exit status 2 where the plan cannot be run',
+    )
     cli_robot.add_robot(p)
     p.add_argument(
         '--tolerance',
@@ -211,10 +223,18 @@ def run(args: argparse.Namespace) -> int:
     try:
         plan = make_plan(args)
         cli_files.write(plan, args)
+        if args.machine == ROBOT:
+            _check_robot(plan, args)
     except (ValueError, OSError) as error:
         print(f'waam plan: {error}', file=sys.stderr)
         return 2
     return 0
+
+
+def _check_robot(plan: Plan, args: argparse.Namespace) -> None:
+    if args.check_robot is None:
+        raise ValueError('--machine robot needs the robot bridge: call it as `waam plan`')
+    args.check_robot(plan)
 
 
 def make_plan(args: argparse.Namespace) -> Plan:

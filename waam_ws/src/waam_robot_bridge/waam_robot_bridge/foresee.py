@@ -31,14 +31,15 @@ CAUSES = START, END, STEP = ('start', 'end', 'the programmed speed changes')
 
 @dataclass(frozen=True)
 class Bead:
-    """corners: (m, 3) m, the programmed path in machine coordinates; speeds: (m - 1,) m/s of its pieces; tips: (n, 3)
-    m, where the core has the torch in every ms; layer, number: as the plan counts them; work_zero: (3,) m."""
+    """A stretch from arc on to arc off. corners: (m, 3) m, the programmed path in machine coordinates; speeds: (m - 1,)
+    m/s of its pieces; tips: (n, 3) m, where the core has the torch in every ms; numbers: (m - 1,) int, beads that the
+    pieces belong to; layer: as the plan counts it; work_zero: (3,) m."""
 
     corners: np.ndarray
     speeds: np.ndarray
     tips: np.ndarray
+    numbers: np.ndarray
     layer: int = 0
-    number: int = 0
     work_zero: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
@@ -102,13 +103,12 @@ def places(bead: Bead, station: Station, params: RobotParams) -> list[Place]:
             cause = f'{AXIS_NAMES[n]} would have to turn at {over[worst]:.2f} times its fastest'
         else:
             cause = _cause(bead, given, way[at[a]], way[at[b - 1]])
+        number = bead.numbers[piece[a]]
+        since = given[np.argmax(bead.numbers == number)]
+        span = float(way[at[a]] - since), float(way[at[b - 1]] - since)
+        speeds = float(speed[worst]), float(wanted[worst])
         place = path[at[worst]] - bead.work_zero
-        begin, end = float(way[at[a]]), float(way[at[b - 1]])
-        found.append(
-            Place(
-                bead.layer, bead.number, begin, end, float(speed[worst]), float(wanted[worst]), cause, place, stops
-            )
-        )  # fmt: skip
+        found.append(Place(bead.layer, int(number), *span, *speeds, cause, place, stops))
     return found
 
 
