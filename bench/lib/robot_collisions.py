@@ -49,7 +49,9 @@ def random_part(rng: np.random.Generator) -> list[Bead]:
     ]
 
 
-def _walk(rng: np.random.Generator, start: np.ndarray, lean: float) -> tuple[np.ndarray, np.ndarray]:
+def _walk(
+    rng: np.random.Generator, start: np.ndarray, lean: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Corners (5, 3) across a torch axis (3,) that leans anywhere up to `lean` degrees."""
     angle, about = np.radians(rng.uniform(0, lean)), rng.uniform(0, 2 * np.pi)
     axis = np.array([np.sin(angle) * np.cos(about), np.sin(angle) * np.sin(about), np.cos(angle)])

@@ -49,7 +49,9 @@ def test_the_core_lays_what_was_planned(plan):
     assert len(laid) == plan.arc_starts
     for bead in laid:
         way = np.linalg.norm(np.diff(bead.tips, axis=0), axis=1).sum()
-        assert way == pytest.approx(np.linalg.norm(np.diff(bead.corners, axis=0), axis=1).sum(), abs=1e-4)
+        assert way == pytest.approx(
+            np.linalg.norm(np.diff(bead.corners, axis=0), axis=1).sum(), abs=1e-4
+        )
         assert np.abs(bead.tips[-1] - bead.corners[-1]).max() < 1e-5
 
 

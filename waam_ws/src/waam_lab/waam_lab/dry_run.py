@@ -45,7 +45,9 @@ class DryMachine(Machine):
         self.arc.append(arc)
         wire = float(self._samples['wire_cmd'][-1])
         self._ripple = -self._ripple
-        current, voltage = (CURRENT + self._ripple, VOLTAGE + self._ripple) if arc[-1] else (0.0, 0.0)
+        current, voltage = (
+            (CURRENT + self._ripple, VOLTAGE + self._ripple) if arc[-1] else (0.0, 0.0)
+        )
         self.controller.answer(Reading(INPUT_GAS_OK, current, voltage, wire))
 
     def ask(self, command: commands.Command) -> None:
@@ -59,7 +61,9 @@ class DryMachine(Machine):
         self.connect()
         for name in (commands.RESET, commands.HOME):
             self.ask(commands.Command(name))
-        self.until(lambda: bool(self.bridge.flags & HOMED) and self.bridge.state == IDLE, HOME_LIMIT)
+        self.until(
+            lambda: bool(self.bridge.flags & HOMED) and self.bridge.state == IDLE, HOME_LIMIT
+        )
         self.ask(commands.Command(commands.SET_ZERO, vector=zero))
         self.ask(commands.Command(commands.ARM, text=JOB))
         self.advance(0.5)

@@ -55,7 +55,9 @@ class RobotCheck:
         if self.unchecked:
             out.append(f'warning: contacts were not looked for: {self.unchecked}')
         elif not self.contacts:
-            out.append('robot: arm, torch, part and positioner do not touch, ways between beads included')
+            out.append(
+                'robot: arm, torch, part and positioner do not touch, ways between beads included'
+            )
         return out
 
 
@@ -66,9 +68,7 @@ def check(
     length = sum(layer.length for layer in plan.layers)
     try:
         station = Station(params.place())
-        found = [
-            p for bead in beads(plan, params, told) for p in places(bead, station, params)
-        ]
+        found = [p for bead in beads(plan, params, told) for p in places(bead, station, params)]
         contacts, unchecked = _contacts(plan, station)
     except (StationError, DryRunError) as e:
         return RobotCheck(length, problem=str(e))
@@ -115,9 +115,7 @@ def _contacts(plan: Plan, station: Station) -> tuple[list[str], str]:
     return found, ''
 
 
-def _ways(
-    layer: PlannedLayer, here: np.ndarray | None
-) -> Iterator[tuple[str, np.ndarray]]:
+def _ways(layer: PlannedLayer, here: np.ndarray | None) -> Iterator[tuple[str, np.ndarray]]:
     """Name and places (n, 3) m, work frame, of every bead and every way to a bead."""
     for (kind, bead), group in groupby(layer.segments, key=_which):
         points = [s for s in group if s.kind != Kind.DWELL]

@@ -98,7 +98,9 @@ def test_bead_under_what_was_laid_before():
     under = make_bead(np.array([[0.0, -0.05, 0.0], [0.0, 0.05, 0.0]]))
     beside = make_bead(np.array([[-0.05, 0.06, 0.0], [0.05, 0.06, 0.0]]))
     assert len(plan_clear([bridge, beside], Scene(MACHINE))) == 2
-    with pytest.raises(PlanError, match=r'bead 1, .* mm from its start.*: nozzle and part would touch'):
+    with pytest.raises(
+        PlanError, match=r'bead 1, .* mm from its start.*: nozzle and part would touch'
+    ):
         plan_clear([bridge, under], Scene(MACHINE))
     assert len(plan_clear([under, bridge], Scene(MACHINE))) == 2  # the other way round it works
 

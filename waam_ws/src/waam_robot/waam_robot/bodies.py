@@ -122,6 +122,4 @@ def ends(capsules: tuple[Capsule, ...], frames: np.ndarray) -> np.ndarray:
     """(N, K, 2, 3) m: both ends of the capsules' lines in the robot's base, for frames (N, FRAMES, 4, 4)."""
     own = frames[:, [c.frame for c in capsules]]
     points = np.array([(c.a, c.b) for c in capsules])
-    return np.asarray(
-        np.einsum('nkij,kpj->nkpi', own[..., :3, :3], points) + own[..., None, :3, 3]
-    )
+    return np.asarray(np.einsum('nkij,kpj->nkpi', own[..., :3, :3], points) + own[..., None, :3, 3])

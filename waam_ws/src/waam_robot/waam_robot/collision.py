@@ -65,7 +65,9 @@ class Scene:
             raise CollisionError(f'margin is {margin} m, must be positive')
         self.machine, self.margin = machine, margin
         self.bodies = bodies or bodies_of(machine.arm, machine.positioner)
-        self._probes = [self._coal.Capsule(c.radius + margin, _length(c)) for c in self.bodies.capsules]
+        self._probes = [
+            self._coal.Capsule(c.radius + margin, _length(c)) for c in self.bodies.capsules
+        ]
         self._standing = [self._of_capsule(c) for c in self.bodies.capsules]
         self._standing += [self._of_cylinder(n) for n in range(len(self.bodies.cylinders))]
         self._surface: _Solid | None = None
@@ -166,7 +168,10 @@ class Scene:
         """(3,), (3,) m, part's frame: part and faceplate."""
         r = FACEPLATE_RADIUS
         low, high = np.array([-r, -r, -0.1]), np.array([r, r, 0.0])
-        boxes = [*self._boxes, *([(self._surface.low, self._surface.high)] if self._surface else [])]
+        boxes = [
+            *self._boxes,
+            *([(self._surface.low, self._surface.high)] if self._surface else []),
+        ]
         for a, b in boxes:
             low, high = np.minimum(low, a), np.maximum(high, b)
         return low, high

@@ -75,9 +75,7 @@ def test_a_step_of_the_programmed_speed_is_told(station):
 
 def test_a_joint_that_is_too_slow_is_named_and_stops_the_job(station):
     speeds = (3.5, 3.5, 0.002, 7.2, 7.2, 15.0, 2.0, 3.3)
-    found = places(
-        bead([(0, 0, 0), (60, 0, 0)]), station, RobotParams(joint_speed_max=speeds)
-    )
+    found = places(bead([(0, 0, 0), (60, 0, 0)]), station, RobotParams(joint_speed_max=speeds))
     assert any(p.stops and 'J3 would have to turn at' in p.text for p in found)
     assert any('the job would be held there' in p.text for p in found)
 
@@ -85,4 +83,6 @@ def test_a_joint_that_is_too_slow_is_named_and_stops_the_job(station):
 def test_too_short_to_say_anything(station):
     short = bead([(0, 0, 0), (1, 0, 0)])
     tips = short.tips[:50]
-    assert places(Bead(short.corners, short.speeds, tips, short.numbers), station, RobotParams()) == []
+    assert (
+        places(Bead(short.corners, short.speeds, tips, short.numbers), station, RobotParams()) == []
+    )

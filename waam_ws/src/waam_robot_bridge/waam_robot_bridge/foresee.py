@@ -13,7 +13,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from waam_robot.station import JOINTS, Station
+from waam_robot.station import Station
 from waam_robot.timing import AXIS_NAMES
 
 from .blend import LEAST, MOST, blended
@@ -120,7 +120,7 @@ def _used(path: np.ndarray, station: Station, params: RobotParams) -> tuple[np.n
     """(k,) largest share of a joint's speed every EVERY ms, and (k,) which joint that is."""
     joints = station.joints(path[::EVERY])
     rates = np.abs(np.gradient(joints, EVERY * 1e-3, axis=0)) if len(joints) > 1 else joints * 0
-    share = rates / np.array(params.joint_speed_max)[:JOINTS]
+    share = rates / np.array(params.joint_speed_max)
     return share.max(axis=1), share.argmax(axis=1)
 
 
