@@ -25,9 +25,9 @@ the corners of 200 um that are the defaults; baseline: their sum. Torch and file
 
 On the simulated robot cell of the laboratory, with its servos, latency and errors:
 robot.cell_speed_error_pct: six beads at 10 mm/s on three cells each, how far the true speed of the torch is off on 99 %
-of the way that the arc burns; the worst bead; baseline: the same on the gantry. robot.rms_ratio: RMS height error of the demo's jaw,
-mean of five seeds; baseline: the gantry on the same seeds. robot.arc_off_max_ms: a required node, the bridge or the
-robot's driver dies at a random moment of a bead, how long the arc burns on at most; baseline: asked for.
+of the way that the arc burns; the worst bead; baseline: the same on the gantry. robot.rms_ratio: RMS height error of
+the demo's jaw, mean of five seeds; baseline: the gantry on the same seeds. robot.arc_off_max_ms: a required node, the
+bridge or the robot's driver dies at a random moment of a bead, how long the arc burns on at most; baseline: asked for.
 `WAAM_BENCH_TRIALS=30` makes fewer than 200 kills.
 """
 

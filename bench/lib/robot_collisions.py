@@ -1,7 +1,7 @@
-"""Random parts for bench_robot.py, planned without contacts, and a second opinion: points, Pinocchio, plain distances.
+"""Random parts for bench_robot.py, planned without contacts, and judged a second way: points and plain distances.
 
-Nothing of `waam_robot.collision` is used to judge: frames come from Pinocchio by the URDF, bodies are points along their
-middle lines 2 mm apart, beads are points 1 mm apart, and a contact is a distance below the sum of two radii.
+Nothing of `waam_robot.collision` is used to judge: frames come from Pinocchio by the URDF, bodies are points along
+their middle lines 2 mm apart, beads are points 1 mm apart, and a contact is a distance below the sum of two radii.
 """
 
 from __future__ import annotations

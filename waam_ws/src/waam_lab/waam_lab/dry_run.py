@@ -1,4 +1,4 @@
-"""A plan on the controller core alone: where it has the torch in every ms of every bead. No metal, no heat, no noise."""
+"""A plan on the controller core alone: where it has the torch in every ms of every bead. No metal, no heat."""
 
 from __future__ import annotations
 

@@ -47,8 +47,8 @@ class RobotCheck:
             return [f'robot: {self.problem}']
         share = 1 - (self.ends[0] + sum(p.end - p.begin for p in self.off)) / max(self.length, 1e-9)
         out = [
-            f'robot: the torch has the programmed speed within {TOLD:.0%} on {share:.2%} of {self.length:.2f} m; starts '
-            f'and ends take {self.ends[1] * 1e3:.1f} mm at most'
+            f'robot: the torch has the programmed speed within {TOLD:.0%} on {share:.2%} of {self.length:.2f} m; '
+            f'starts and ends take {self.ends[1] * 1e3:.1f} mm at most'
         ]
         out += _some([f'  {p.text}' for p in self.off], 'places')
         out += _some([f'contact: {text}' for text in self.contacts], 'contacts')

@@ -1,4 +1,4 @@
-"""The cell's box before an arm from a URDF: the same arm two ways, a rail, one without a spherical wrist, wrong files."""
+"""The cell's box before an arm from a URDF: the same arm two ways, one without a spherical wrist, wrong files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint paths of whole parts that touch nothing: every bead is checked against what stands when it is laid (needs coal).
+"""Joint paths of whole parts that touch nothing: a bead is checked against what stands when it is laid (needs coal).
 
 The part grows bead by bead, and within a bead too: what was laid more than OWN behind the torch counts.
 """
@@ -20,7 +20,7 @@ ANYWHERE = ('nozzle',)  # turns about its own axis only, so spin and branch do n
 
 
 def plan_clear(beads: list[Bead], scene: Scene, width: float = 6e-3) -> list[BeadPath]:
-    """`joint_path.plan` on the machine of the scene, without contacts. PlanError names bead, place and what would touch.
+    """`joint_path.plan` on the machine of the scene, without contacts. PlanError: bead, place and what would touch.
 
     width: m, of the beads. The ways between beads are not planned, so nothing is said of them.
     """

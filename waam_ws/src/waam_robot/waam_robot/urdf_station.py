@@ -1,8 +1,8 @@
-"""The cell's box before an arm of any kind, from a URDF: torch positions in machine coordinates <-> joints, by Pinocchio.
+"""The cell's box before an arm of any kind, from a URDF: torch positions in machine coordinates <-> joints.
 
-As `station.Station`: the torch is upright on the part, its spin and everything behind the first six joints stand still,
-and one way of reaching serves the whole box. It is found once, from a posture that is given or from random ones, and
-followed from point to point by Newton steps, so nothing can flip where no step is large.
+By Pinocchio, as `station.Station`: the torch is upright on the part, its spin and everything behind the first six
+joints stand still, and one way of reaching serves the whole box. It is found once, from a posture that is given or from
+random ones, and followed from point to point by Newton steps, so nothing can flip where no step is large.
 """
 
 from __future__ import annotations
@@ -23,13 +23,12 @@ LEAST = 0.02  # smallest singular value of the Jacobian, m/rad: nearer to a sing
 SPINS, STARTS = 6, 8
 ENOUGH = 0.3  # share of a half range to every limit at which no other start is tried
 FLIP = 0.6  # rad between neighbouring places of the box
-UPRIGHT = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
 class UrdfPlace:
-    """joint_names: in the order of the driver, six that move first, the others stand still; origin: (3,) m, machine zero
-    in the frame of the link `part`; low, high: (3,) m, the box; posture: (n,) rad or m, joints near which the arm
+    """joint_names: in the order of the driver, six that move first, the others stand still; origin: (3,) m, machine
+    zero in the frame of the link `part`; low, high: (3,) m, the box; posture: (n,) rad or m, joints near which the arm
     works, the torch's spin is as there; empty = one is searched for."""
 
     joint_names: tuple[str, ...]

@@ -1,8 +1,8 @@
 """Where the torch will not have the programmed speed, told before the arc. Pure.
 
-The controller core says where it will have the torch in every millisecond of a bead. What the robot makes of it is known
-too: corners become curves (`blend`), the rest stays. So the speed at the part is known before metal is laid, and so is
-how fast each joint must turn. A joint that would have to turn faster than it can stops the job there.
+The controller core says where it will have the torch in every millisecond of a bead. What the robot makes of it is
+known too: corners become curves (`blend`), the rest stays. So the speed at the part is known before metal is laid, and
+so is how fast each joint must turn. A joint that would have to turn faster than it can stops the job there.
 """
 
 from __future__ import annotations

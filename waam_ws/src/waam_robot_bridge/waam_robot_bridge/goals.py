@@ -81,8 +81,8 @@ def make(
     """past (m + 1, 3), ahead (n, 3): torch positions of every ms, commanded and to come; m, n multiples of `every` ms.
 
     now_us: controller time of the end of `past`, when the goal begins. near: (8,) joints as they are; fastest: (8,)
-    rad/s. GoalError where the arm does not reach, where it stands in another posture than the goal begins with, or where
-    a joint would have to be too fast.
+    rad/s. GoalError where the arm does not reach, where it stands in another posture than the goal begins with, or
+    where a joint would have to be too fast.
     """
     tips = np.concatenate([past, ahead])[::every]
     tips = _ended(tips)

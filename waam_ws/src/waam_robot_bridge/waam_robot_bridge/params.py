@@ -58,7 +58,7 @@ class RobotParams(BridgeParams):
     )
     posture: tuple = param(
         (math.nan,),
-        'with `urdf`: joints near which the arm works, torch upright, in the order of `joint_names`; NaN = one is searched',
+        'with `urdf`: joints near which the arm works, torch upright, as `joint_names`; NaN = one is searched for',
         'rad',
     )
     corner: float = param(
