@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from waam_robot.bead import make_bead
 from waam_robot.bodies import NOZZLE_END, TOOL, bodies_of, ends, frames_of
 from waam_robot.clearance import plan_clear
-from waam_robot.collision import MARGIN, CollisionError, Scene
+from waam_robot.collision import MARGIN, CollisionError, Scene, _spaced
 from waam_robot.joint_path import Machine, PlanError, plan
 from waam_robot.station import Station
 
@@ -90,6 +90,16 @@ def test_what_is_passed_between_two_places_counts():
     assert scene.first(at[:1]) is None and scene.first(at[1:]) is None
     found = scene.first(at)
     assert found is not None and found.at == 0 and 'nozzle and part' in found.text
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.floats(0, 0.03), min_size=1, max_size=30))
+def test_places_are_as_near_to_each_other_as_is_wanted(moved):
+    found = _spaced(np.array(moved), MARGIN)
+    way = np.concatenate([[0.0], np.cumsum(moved)])
+    gone = np.interp(found, np.arange(len(way)), way)
+    assert found[0] == 0 and found[-1] == len(moved)
+    assert (np.diff(found) > 0).all() and np.diff(gone).max() < MARGIN + 1e-9
 
 
 def test_bead_under_what_was_laid_before():

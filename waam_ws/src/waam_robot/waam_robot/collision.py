@@ -133,24 +133,11 @@ class Scene:
         moved = np.concatenate(
             [self._moved(joints[n : n + BLOCK + 1]) for n in range(0, len(joints) - 1, BLOCK)]
         )
-        fine, index = [joints[:1]], [np.zeros(1, int)]
-        gone, last = 0.0, 0
-        for n, step in enumerate(moved):
-            if step > self.margin:  # the given places are too far apart
-                share = np.arange(1, int(np.ceil(step / self.margin)) + 1)[:, None]
-                fine.append(joints[n] + share / share[-1] * (joints[n + 1] - joints[n]))
-                index.append(np.where(share[:, 0] < share[-1], n, n + 1))
-                gone, last = 0.0, n + 1
-                continue
-            if gone + step > self.margin and last != n:
-                fine.append(joints[n : n + 1])
-                index.append(np.array([n]))
-                gone, last = 0.0, n
-            gone += step
-        if last != len(joints) - 1:
-            fine.append(joints[-1:])
-            index.append(np.array([len(joints) - 1]))
-        return np.concatenate(fine), np.concatenate(index)
+        places = _spaced(moved, self.margin)
+        index = np.minimum(places.astype(int), len(joints) - 1)
+        share = (places - index)[:, None]
+        after = np.minimum(index + 1, len(joints) - 1)
+        return joints[index] + share * (joints[after] - joints[index]), index
 
     def _moved(self, joints: np.ndarray) -> np.ndarray:
         """(N - 1,) m: how far anything moves at most from place to place, arm and part against the base."""
@@ -251,6 +238,24 @@ class Scene:
         place[:3, 3] = centre
         shape = self._coal.Cylinder(c.radius, c.high - c.low)
         return _Solid(c.name, c.frame, shape, place, centre - half, centre + half)
+
+
+def _spaced(moved: np.ndarray, most: float) -> np.ndarray:
+    """(k,) places in a path, as the number of a given one and the share of the way to the next; moved: (N - 1,) m from
+    one given place to the next. From each to the next at most `most` m are moved; first and last are given ones."""
+    out, gone, last = [0.0], 0.0, 0
+    for n, step in enumerate(moved.tolist()):
+        if gone + step > most and last != n:
+            out.append(float(n))
+            gone, last = 0.0, n
+        gone += step
+        if step > most:  # the given places are too far apart
+            count = int(np.ceil(step / most))
+            out += [n + k / count for k in range(1, count + 1)]
+            gone, last = 0.0, n + 1
+    if last != len(moved):
+        out.append(float(len(moved)))
+    return np.array(out)
 
 
 def _overlap(box: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -79,37 +79,65 @@ def places(bead: Bead, station: Station, params: RobotParams) -> list[Place]:
     """
     if len(bead.tips) < 2 * WINDOW:
         return []
+    trace = _trace(bead, station, params)
+    off = np.abs(trace.speed / trace.wanted - 1)
+    moving = (trace.way > 1e-6) & (trace.way < trace.given[-1] - 1e-6)
+    wrong = ((off > TOLD) | (trace.used > 1)) & moving
+    return [_place(trace, off, a, b) for a, b in _stretches(wrong, trace.way)]
+
+
+@dataclass(frozen=True)
+class _Trace:
+    """Every ms but the first and last of the window: tips (k, 3) m of the robot, way (k,) m along the bead, piece (k,),
+    speed, wanted (k,) m/s, used (k,) largest share of a joint's speed and axis (k,), which joint; given (m,) m: the
+    way to every corner."""
+
+    bead: Bead
+    given: np.ndarray
+    tips: np.ndarray
+    way: np.ndarray
+    piece: np.ndarray
+    speed: np.ndarray
+    wanted: np.ndarray
+    used: np.ndarray
+    axis: np.ndarray
+
+
+def _trace(bead: Bead, station: Station, params: RobotParams) -> _Trace:
     path = blended(bead.tips, params.corner)
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(bead.tips, axis=0), axis=1))])
-    given = np.concatenate([[0.0], np.cumsum(_lengths(bead.corners))])
     half = WINDOW // 2
     at = np.arange(half, len(path) - half)
-    gone = np.concatenate([[0.0], np.cumsum(_lengths(path))])
+    way, gone, given = (_way(points) for points in (bead.tips, path, bead.corners))
+    piece = np.searchsorted(given, way[at], 'right') - 1
+    piece = np.clip(piece, 0, len(bead.speeds) - 1)
     speed = (gone[at + half] - gone[at - half]) / (WINDOW * 1e-3)
-    piece = np.clip(np.searchsorted(given, way[at], 'right') - 1, 0, len(bead.speeds) - 1)
-    wanted = bead.speeds[piece]
-    ratio = speed / wanted
-    moving = (way[at] > 1e-6) & (way[at] < given[-1] - 1e-6)
     used, axis = _used(path, station, params)
-    over = np.interp(at, EVERY * np.arange(len(used)), used)
-    wrong = (np.abs(ratio - 1) > TOLD) | (over > 1)
-    found = []
-    for a, b in _stretches(wrong & moving, way[at]):
-        worst = a + int(np.argmax(np.abs(ratio[a:b] - 1)))
-        stops = bool(over[a:b].max() > 1)
-        if stops:
-            worst = a + int(np.argmax(over[a:b]))
-            n = axis[min((at[worst] + EVERY // 2) // EVERY, len(axis) - 1)]
-            cause = f'{AXIS_NAMES[n]} would have to turn at {over[worst]:.2f} times its fastest'
-        else:
-            cause = _cause(bead, given, way[at[a]], way[at[b - 1]])
-        number = bead.numbers[piece[a]]
-        since = given[np.argmax(bead.numbers == number)]
-        span = float(way[at[a]] - since), float(way[at[b - 1]] - since)
-        speeds = float(speed[worst]), float(wanted[worst])
-        place = path[at[worst]] - bead.work_zero
-        found.append(Place(bead.layer, int(number), *span, *speeds, cause, place, stops))
-    return found
+    near = np.minimum((at + EVERY // 2) // EVERY, len(axis) - 1)
+    return _Trace(
+        bead, given, path[at], way[at], piece, speed, bead.speeds[piece], used[near], axis[near]
+    )
+
+
+def _place(trace: _Trace, off: np.ndarray, a: int, b: int) -> Place:
+    """The stretch from the a-th to before the b-th ms; off: (k,) share of the programmed speed."""
+    bead, stops = trace.bead, bool(trace.used[a:b].max() > 1)
+    worst = a + int(np.argmax((trace.used if stops else off)[a:b]))
+    begin, end = float(trace.way[a]), float(trace.way[b - 1])
+    if stops:
+        name = AXIS_NAMES[trace.axis[worst]]
+        cause = f'{name} would have to turn at {trace.used[worst]:.2f} times its fastest'
+    else:
+        cause = _cause(bead, trace.given, begin, end)
+    number = int(bead.numbers[trace.piece[a]])
+    since = float(trace.given[np.argmax(bead.numbers == number)])
+    speed, wanted = float(trace.speed[worst]), float(trace.wanted[worst])
+    here = trace.tips[worst] - bead.work_zero
+    return Place(bead.layer, number, begin - since, end - since, speed, wanted, cause, here, stops)
+
+
+def _way(points: np.ndarray) -> np.ndarray:
+    """(n,) m: length from the first of (n, 3)."""
+    return np.concatenate([[0.0], np.cumsum(_lengths(points))])
 
 
 def _lengths(points: np.ndarray) -> np.ndarray:
