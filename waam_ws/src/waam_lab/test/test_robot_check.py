@@ -11,7 +11,7 @@ import trimesh
 from waam_bridge import commands, program
 from waam_bridge.frames import HOMED, IDLE
 from waam_lab.cli_robot_check import check_robot
-from waam_lab.dry_run import DryRunError, beads, clipped, work_zero
+from waam_lab.dry_run import DryRunError, clipped, layers, work_zero
 from waam_lab.robot_check import check
 from waam_lab.robot_machine import RobotMachine
 from waam_plan.lay.build import plan_build
@@ -45,9 +45,9 @@ def found(plan):
 
 
 def test_the_core_lays_what_was_planned(plan):
-    laid = list(beads(plan, RobotParams()))
-    assert len(laid) == plan.arc_starts
-    for bead in laid:
+    (laid,) = layers(plan, RobotParams())
+    assert len(laid.beads) == plan.arc_starts
+    for bead in laid.beads:
         way = np.linalg.norm(np.diff(bead.tips, axis=0), axis=1).sum()
         assert way == pytest.approx(
             np.linalg.norm(np.diff(bead.corners, axis=0), axis=1).sum(), abs=1e-4
@@ -99,7 +99,8 @@ def test_the_robot_does_what_was_told(plan, found):
     told = np.zeros(len(place), bool)
     for p in found.off:
         told |= np.linalg.norm(place[:, :2] - p.at[:2], axis=1) < (p.end - p.begin) + 1.5e-3
-    ends = np.array([(b.corners[0], b.corners[-1]) for b in beads(plan, RobotParams())])
+    (laid,) = layers(plan, RobotParams())
+    ends = np.array([(b.corners[0], b.corners[-1]) for b in laid.beads])
     for point in ends.reshape(-1, 3) - zero:
         told |= np.linalg.norm(place[:, :2] - point[:2], axis=1) < 2e-3
     off = np.abs(speed / wanted - 1)[~told]
@@ -162,12 +163,19 @@ def test_a_robot_that_stands_too_far_away(plan):
 def test_a_plan_beyond_the_box_names_the_segment(plan):
     far = replace(plan, settings=replace(plan.settings, machine_min=(-0.395, -0.08, -0.02)))
     with pytest.raises(DryRunError, match=r'segment \d+: (start|end)\.x is'):
-        list(beads(far, RobotParams()))
+        list(layers(far, RobotParams()))
 
 
 def test_joints_that_are_too_slow_refuse_the_plan(plan):
     slow = check(plan, RobotParams(joint_speed_max=(0.003, *RobotParams().joint_speed_max[1:])))
     assert 'J1 would have to turn at' in slow.refused and 'would be held there' in slow.refused
+
+
+def test_ways_with_the_arc_off_count_too(plan):
+    """Beads are slow enough for this joint, the way to them is not."""
+    usual = RobotParams().joint_speed_max
+    slow = check(plan, RobotParams(joint_speed_max=(0.03, *usual[1:])))
+    assert slow.problem.startswith('layer 1, at (') and 'J1 would have to turn at' in slow.problem
 
 
 def test_the_screen(plan, capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -91,13 +92,20 @@ def work_zero(plan: Plan) -> tuple[float, float, float]:
     return (-x, -y, -z)
 
 
-def beads(
-    plan: Plan, params: RobotParams, told: Callable[[int], None] = lambda layer: None
-) -> Iterator[Bead]:
-    """Every stretch of the plan from arc on to arc off, as the core will lay it. `told` after every layer.
+@dataclass(frozen=True)
+class Laid:
+    """A layer as the core lays it: beads, each from arc on to arc off; tips: (n, 3) m, machine coordinates, where it
+    has the torch in every ms, ways to the beads included."""
 
-    DryRunError where the machine refuses a segment.
-    """
+    number: int
+    beads: tuple[Bead, ...]
+    tips: np.ndarray
+
+
+def layers(
+    plan: Plan, params: RobotParams, told: Callable[[int], None] = lambda layer: None
+) -> Iterator[Laid]:
+    """The plan, layer by layer; `told` after each. DryRunError where the machine refuses a segment."""
     machine, zero = DryMachine(params), work_zero(plan)
     try:
         machine.begin(zero)
@@ -111,7 +119,9 @@ def beads(
             machine.tips.clear()
             machine.arc.clear()
             machine.run(segments)
-            yield from _laid(layer, machine, zero)
+            yield Laid(
+                layer.number, tuple(_laid(layer, machine, zero)), np.concatenate(machine.tips)
+            )
             told(layer.number)
     finally:
         machine.close()

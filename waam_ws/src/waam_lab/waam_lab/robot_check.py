@@ -13,10 +13,10 @@ from waam_process.segment import Kind, Segment
 from waam_robot.collision import CollisionError, Scene
 from waam_robot.joint_path import Machine
 from waam_robot.station import Station, StationError
-from waam_robot_bridge.foresee import END, START, TOLD, Place, places
+from waam_robot_bridge.foresee import END, START, TOLD, Place, places, too_fast
 from waam_robot_bridge.params import RobotParams
 
-from .dry_run import DryRunError, beads, work_zero
+from .dry_run import DryRunError, layers, work_zero
 
 STEP = 1e-3  # m between the places of the torch that are looked at
 MOST_LINES = 20
@@ -66,9 +66,14 @@ def check(
 ) -> RobotCheck:
     """The plan, with its reach as that of the machine, on the robot of the parameters. `told` after every layer."""
     length = sum(layer.length for layer in plan.layers)
+    found: list[Place] = []
     try:
         station = Station(params.place())
-        found = [p for bead in beads(plan, params, told) for p in places(bead, station, params)]
+        for laid in layers(plan, params, told):
+            found += [p for bead in laid.beads for p in places(bead, station, params)]
+            said = too_fast(laid.tips, station, params, work_zero(plan))
+            if said and not any(p.stops for p in found):
+                return RobotCheck(length, problem=f'layer {laid.number}, {said}')
         contacts, unchecked = _contacts(plan, station)
     except (StationError, DryRunError) as e:
         return RobotCheck(length, problem=str(e))

@@ -86,6 +86,23 @@ def places(bead: Bead, station: Station, params: RobotParams) -> list[Place]:
     return [_place(trace, off, a, b) for a, b in _stretches(wrong, trace.way)]
 
 
+def too_fast(
+    tips: np.ndarray, station: Station, params: RobotParams, work_zero: tuple[float, float, float]
+) -> str:
+    """Where a joint would have to turn faster than it can on the way (n, 3) m, every ms, machine coordinates; '' =
+    nowhere. StationError where the arm does not reach."""
+    used, axis = _used(tips, station, params)
+    if not used.max(initial=0.0) > 1:
+        return ''
+    n = int(np.argmax(used > 1))
+    x, y, z = (tips[n * EVERY] - work_zero) * 1e3
+    name = AXIS_NAMES[axis[n]]
+    return (
+        f'at ({x:.1f}, {y:.1f}, {z:.1f}) mm: {name} would have to turn at {used[n]:.2f} times its fastest: the job '
+        'would be held there'
+    )
+
+
 @dataclass(frozen=True)
 class _Trace:
     """Every ms but the first and last of the window: tips (k, 3) m of the robot, way (k,) m along the bead, piece (k,),
