@@ -85,7 +85,7 @@ def run(count: int, seed: int) -> Found:
             paths = plan_clear(part, Scene(machine), WIDTH)
         except PlanError as e:
             out.refused += 1
-            out.contacts += 'would touch' in str(e)
+            out.contacts += ' mm of ' in str(e)
             continue
         out.seconds += time.process_time() - begin
         out.points += sum(len(p.joints) for p in paths)

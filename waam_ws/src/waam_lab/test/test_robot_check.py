@@ -60,7 +60,7 @@ def test_places_are_told_with_bead_way_and_cause(found):
     assert found.off and all('deg' in p.cause or 'speed' in p.cause for p in found.off)
     said = '\n'.join(found.lines())
     assert 'mm from its start, at (' in said and 'mm/s instead of' in said
-    assert 'do not touch' in said
+    assert 'keep their distance' in said
 
 
 def test_the_robot_does_what_was_told(plan, found):
@@ -149,9 +149,11 @@ def test_a_tower_beside_the_bead_is_a_contact_with_its_place(plan):
     layers = [replace(layer, footprint=layer.footprint & ~(z == 0.05)) for layer in plan.layers]
     built = replace(plan, as_found=replace(plan.as_found, z=z), layers=layers)
     found = check(built, RobotParams())
-    assert found.contacts and 'nozzle and part would touch' in found.contacts[0]
+    assert found.contacts and 'nozzle within 2 mm of part' in found.contacts[0]
     assert found.refused == found.contacts[0] and found.refused.startswith('layer 1, ')
-    with pytest.raises(ValueError, match='not on this robot: layer 1, .* nozzle and part'):
+    with pytest.raises(
+        ValueError, match='not on this robot: layer 1, .* nozzle within 2 mm of part'
+    ):
         check_robot(built)
 
 

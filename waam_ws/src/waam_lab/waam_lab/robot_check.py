@@ -56,7 +56,7 @@ class RobotCheck:
             out.append(f'warning: contacts were not looked for: {self.unchecked}')
         elif not self.contacts:
             out.append(
-                'robot: arm, torch, part and positioner do not touch, ways between beads included'
+                'robot: arm, torch, part and positioner keep their distance, ways between beads included'
             )
         return out
 

@@ -188,7 +188,7 @@ def _add_outputs(p: argparse.ArgumentParser) -> None:
         choices=MACHINES,
         default=GANTRY,
         help='robot: also look where the robot of `waam up --machine robot` cannot hold the programmed speed, what '
-        'would touch and what is out of reach; exit status 2 where the plan cannot be run',
+        'comes too near to what and what is out of reach; exit status 2 where the plan cannot be run',
     )
     cli_robot.add_robot(p)
     p.add_argument(

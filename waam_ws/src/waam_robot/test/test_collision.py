@@ -89,7 +89,7 @@ def test_what_is_passed_between_two_places_counts():
     at = STATION.joints(np.array([[0.15, 0.156, 0.02], [0.25, 0.156, 0.02]]))
     assert scene.first(at[:1]) is None and scene.first(at[1:]) is None
     found = scene.first(at)
-    assert found is not None and found.at == 0 and 'nozzle and part' in found.text
+    assert found is not None and found.at == 0 and 'nozzle within 2 mm of part' in found.text
 
 
 @settings(max_examples=100, deadline=None)
@@ -109,7 +109,7 @@ def test_bead_under_what_was_laid_before():
     beside = make_bead(np.array([[-0.05, 0.06, 0.0], [0.05, 0.06, 0.0]]))
     assert len(plan_clear([bridge, beside], Scene(MACHINE))) == 2
     with pytest.raises(
-        PlanError, match=r'bead 1, .* mm from its start.*: nozzle and part would touch'
+        PlanError, match=r'bead 1, .* mm from its start.*: nozzle within 2 mm of part'
     ):
         plan_clear([bridge, under], Scene(MACHINE))
     assert len(plan_clear([under, bridge], Scene(MACHINE))) == 2  # the other way round it works
@@ -118,7 +118,7 @@ def test_bead_under_what_was_laid_before():
 def test_a_bead_that_comes_under_itself():
     a = np.linspace(0, 3 * np.pi, 200)
     down = np.column_stack([0.05 * np.cos(a), 0.05 * np.sin(a), 0.06 - 0.012 * a / np.pi])
-    with pytest.raises(PlanError, match='bead 0, .*: nozzle and part would touch'):
+    with pytest.raises(PlanError, match='bead 0, .*: nozzle within 2 mm of part'):
         plan_clear([make_bead(down)], Scene(MACHINE))
 
 
@@ -138,7 +138,7 @@ def test_another_spin_is_taken_where_the_bracket_would_touch():
 
 def test_the_faceplate_is_in_the_way_of_what_is_below_it():
     low = make_bead(np.array([[0.20, -0.02, -0.03], [0.20, 0.02, -0.03]]), step=1e-3)
-    with pytest.raises(PlanError, match='nozzle and faceplate would touch'):
+    with pytest.raises(PlanError, match='nozzle within 2 mm of faceplate'):
         plan_clear([low], Scene(MACHINE))
 
 

@@ -20,7 +20,7 @@ ANYWHERE = ('nozzle',)  # turns about its own axis only, so spin and branch do n
 
 
 def plan_clear(beads: list[Bead], scene: Scene, width: float = 6e-3) -> list[BeadPath]:
-    """`joint_path.plan` on the machine of the scene, without contacts. PlanError: bead, place and what would touch.
+    """`joint_path.plan` on the machine of the scene, without contacts. PlanError: bead, place and what is too near.
 
     width: m, of the beads. The ways between beads are not planned, so nothing is said of them.
     """

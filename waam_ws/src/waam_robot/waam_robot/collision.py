@@ -15,9 +15,9 @@ from .arm import AXES
 from .bodies import CRADLE, FACEPLATE_RADIUS, PART, Bodies, Capsule, bodies_of, ends, frames_of
 from .joint_path import Machine
 
-MARGIN = 5e-3  # m
+MARGIN = 2e-3  # m
 BLOCK = 2000  # places at once
-FINEST = 2e-3  # m: cells of a surface are not finer for the check
+FINEST = 1e-3  # m: cells of a surface are not finer for the check
 COARSE = 4e-3  # m: pieces of a bead
 THICK = 10e-3  # m: of metal under a surface whose bottom nobody has said
 
@@ -28,17 +28,18 @@ class CollisionError(ValueError):
 
 @dataclass(frozen=True)
 class Contact:
-    """at: number of the place in the joint path, or of the one before it; bodies: which come nearer than `margin`; tip:
-    (3,) m, the wire on the part there."""
+    """at: number of the place in the joint path, or of the one before it; bodies: which come nearer than `margin` (m);
+    tip: (3,) m, the wire on the part there."""
 
     at: int
     bodies: tuple[str, str]
+    margin: float
     tip: np.ndarray
 
     @property
     def text(self) -> str:
         """Without the place, which the caller knows better."""
-        return f'{self.bodies[0]} and {self.bodies[1]} would touch'
+        return f'{self.bodies[0]} within {self.margin * 1e3:g} mm of {self.bodies[1]}'
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class Scene:
                 n, names = found
                 frames = frames_of(self.machine.arm, self.machine.positioner, some[n : n + 1])[0]
                 tip = np.linalg.inv(frames[PART]) @ frames[AXES + 1][:, 3]
-                return Contact(int(index[begin + n]), names, tip[:3])
+                return Contact(int(index[begin + n]), names, self.margin, tip[:3])
         return None
 
     def _closely(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
