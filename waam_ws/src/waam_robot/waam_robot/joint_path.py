@@ -93,23 +93,18 @@ def plan(
 
 def _allowed(stages: list[_Stage], refuse: Refuse) -> list[int]:
     """The cheapest nodes of which none is refused."""
-    known: dict[tuple[int, int, int], Refused | None] = {}
+    good: set[tuple[int, int]] = set()
     while True:
-        nodes, good = _cheapest(stages), True
-        for number, (stage, node) in enumerate(zip(stages, nodes, strict=True)):
-            spin, branch = stage.node[node]
-            key = (number, int(spin), int(branch))
-            if key not in known:
-                known[key] = refuse(number, stage.path(node))
-            said = known[key]
-            if said is not None:
-                good = False
-                stage.cost[(stage.node == stage.node[node]).all(axis=1)] = np.inf
-                if said.final or not np.isfinite(stage.cost).any():
-                    at = int(np.searchsorted(stage.bead.way, said.at))
-                    raise PlanError(f'{_place(number, stage.bead, at)}: {said.text}')
-        if good:
-            return nodes
+        nodes = list(enumerate(_cheapest(stages)))
+        for number, node in nodes:
+            if (number, node) not in good:
+                said = refuse(number, stages[number].path(node))
+                if said is None:
+                    good.add((number, node))
+                else:
+                    stages[number].exclude(number, node, said)
+        if good.issuperset(nodes):
+            return [node for _, node in nodes]
 
 
 # ---- positioner --------------------------------------------------------------------------------
@@ -205,6 +200,13 @@ class _Stage:
         return BeadPath(
             self.bead, joints, int(branch), float(self.spins[spin]), self.turn.mode, off, wrist, k
         )
+
+    def exclude(self, number: int, n: int, said: Refused) -> None:
+        """Takes spin and branch of a node out, whatever its whole turns; PlanError where nothing else is left."""
+        self.cost[(self.node == self.node[n]).all(axis=1)] = np.inf
+        if said.final or not np.isfinite(self.cost).any():
+            at = int(np.searchsorted(self.bead.way, said.at))
+            raise PlanError(f'{_place(number, self.bead, at)}: {said.text}')
 
 
 def _stage(number: int, bead: Bead, turn: _Turn, machine: Machine) -> _Stage:
