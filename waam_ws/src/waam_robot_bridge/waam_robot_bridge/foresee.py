@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import takewhile
 
 import numpy as np
 
@@ -214,8 +213,11 @@ def _corner(bead: Bead, n: int, turn: float, ways: np.ndarray) -> str:
 def _leg(bead: Bead, n: int, ways: np.ndarray) -> float:
     """m: the shorter one of the straight legs before and behind the corner at the end of piece n."""
     lengths = _lengths(bead.corners)
-    legs = []
-    for first, pieces in ((n, range(n, -1, -1)), (n + 1, range(n + 1, len(lengths)))):
-        straight = takewhile(lambda k, first=first: ways[k] @ ways[first] > STRAIGHT, pieces)
-        legs.append(sum(float(lengths[k]) for k in straight))
-    return min(legs)
+    before, behind = lengths[n::-1], lengths[n + 1 :]
+    bent_before = np.flatnonzero(ways[n::-1] @ ways[n] < STRAIGHT)
+    bent_behind = np.flatnonzero(ways[n + 1 :] @ ways[n + 1] < STRAIGHT)
+    legs = [
+        leg[: bent[0]] if len(bent) else leg
+        for leg, bent in ((before, bent_before), (behind, bent_behind))
+    ]
+    return float(min(leg.sum() for leg in legs))
