@@ -125,7 +125,7 @@ def restore_time() -> None:
 def timed(part, settings):
     """(plan, seconds) with the compact program written."""
     from waam_plan.lay.build import plan_build
-    from waam_plan.post.fanuc import write_ls
+    from waam_plan.robot.fanuc import write_ls
 
     start = time.perf_counter()
     plan = plan_build(part, settings)

@@ -10,6 +10,8 @@ import numpy as np
 
 from waam_robot.arm import link_frames
 from waam_robot.bead import Bead, make_bead
+from waam_robot.clearance import plan_clear
+from waam_robot.collision import Scene
 from waam_robot.joint_path import JUMP, BeadPath, Machine, PlanError, plan
 from waam_robot.timing import part_pose, time_bead, torch_speed
 
@@ -110,7 +112,7 @@ class Result:
 def run(beads: list[Bead], machine: Machine) -> Result:
     """Joint paths and timing of a part; its torch speed by forward kinematics."""
     begin = time.perf_counter()
-    paths = plan(beads, machine)
+    paths = plan_clear(beads, Scene(machine))
     timed = [time_bead(path, SPEED) for path in paths]
     seconds = time.perf_counter() - begin
     if flips(paths, machine):

@@ -70,7 +70,7 @@ def build_parser() -> argparse.ArgumentParser:
     _register_demo(commands)
     panel.register(commands)
     calibrate.register(commands)
-    importlib.import_module('waam_plan.cli').register(commands, _draw_plan)
+    importlib.import_module('waam_plan.cli').register(commands, _draw_plan, _check_robot)
     for package in PACKAGES:
         importlib.import_module(f'{package}.cli').register(commands, **OPTIONS.get(package, {}))
     return parser
@@ -83,6 +83,11 @@ def _draw_plan(stored: Path, target: Path) -> None:
     except ImportError as e:
         raise ValueError(f'--rerun needs waam_view and rerun ({e})') from None
     write_recording(stored, target)
+
+
+def _check_robot(plan: Any) -> None:
+    """`waam plan --machine robot`: planner and laboratory meet here. Raises ValueError where the robot cannot."""
+    importlib.import_module('waam_lab.cli_robot_check').check_robot(plan)
 
 
 def _register_graph(commands: argparse._SubParsersAction) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from waam_bridge.outbox import FAULT
+from waam_node.params import ParameterError
 from waam_process.plant_port import SAMPLE
 from waam_robot.station import Station
 from waam_robot_bridge.controller import JointState, RobotController
@@ -40,6 +41,10 @@ class RobotMachine(Machine):
     """`bridge_dead`: the process of the bridge is gone: nobody sends goals, outputs or anything else."""
 
     def __init__(self, params: RobotParams, plant: Plant) -> None:
+        if params.urdf:
+            raise ParameterError(
+                "parameter 'urdf': the laboratory's robot is the M-20iB/25 and no other"
+            )
         station = Station(params.place())
         start, taught = np.array(PARK), np.array(plant.params.work_zero)
         self.robot = SimRobot(station, plant.params.robot, plant.seed, start, taught, EPOCH_US)

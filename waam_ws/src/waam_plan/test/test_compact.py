@@ -18,14 +18,18 @@ from waam_plan.lay.restore import plan_restoration
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan, PlannedLayer, hop
 from waam_plan.post.compact import circle, compact, fragments, saving
-from waam_plan.post.fanuc import FanucError, read_ls, sample, write_ls
 from waam_plan.post.gcode import with_base_feed
+from waam_plan.robot.cell import FanucSettings, RobotCell
+from waam_plan.robot.fanuc import write_ls
+from waam_plan.robot.motion import RobotProgramError, sample
+from waam_plan.robot.read_fanuc import read_ls
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment
 
 S = PlanSettings(machine_max=(0.3, 0.22, 0.18))
 TOLERANCE = 0.02e-3
+PLAIN = RobotCell(fanuc=FanucSettings(registers=False))
 
 
 def chain(points, height=2e-3):
@@ -193,7 +197,7 @@ def test_repeated_layers_are_put_out_once(waiting, tmp_path):
 
 
 def test_repeated_layers_keep_their_dwells(waiting):
-    files = write_ls(waiting)
+    files = write_ls(waiting, cell=PLAIN)
     main = files.pop('WAAM.LS')
     assert len(files) < len(waiting.layers)
     waits = {f: text.count('WAIT   0.50(sec)') for f, text in files.items()}
@@ -203,7 +207,7 @@ def test_repeated_layers_keep_their_dwells(waiting):
 
 
 def test_the_arc_is_lit_with_wire_where_the_robot_stands(waiting):
-    for name, text in write_ls(waiting).items():
+    for name, text in write_ls(waiting, cell=PLAIN).items():
         feed, stands = 0.0, False
         for line in re.findall(r'^ *\d+:(.*?) *;?$', text, re.M):
             if line.startswith('AO[1]='):
@@ -217,7 +221,7 @@ def test_the_arc_is_lit_with_wire_where_the_robot_stands(waiting):
 def test_a_bead_that_ends_with_a_dwell_burns_to_the_end_of_it(prism):
     bead = chain([(0, 0, 0), (0.01, 0, 0)])
     crater = bead[0].at(kind=Kind.DWELL, start=(0.01, 0, 0), end=(0.01, 0, 0), dwell=0.3)
-    text = write_ls(one_layer([*bead, crater]))['WAAM001.LS']
+    text = write_ls(one_layer([*bead, crater]), cell=PLAIN)['WAAM001.LS']
     lines = re.findall(r'^ *\d+:(.*?) *;?$', text, re.M)
     bead_end, *rest = lines[-5:]
     assert rest == ['WAIT   0.30(sec)', 'DO[1]=OFF', 'WAIT   1.00(sec)', 'DO[2]=OFF']
@@ -344,12 +348,12 @@ def test_fragments_hold_at_most_two_thousand_points(prism):
 
 
 def test_bad_names_and_broken_programs_are_named(prism):
-    with pytest.raises(FanucError, match='lower'):
+    with pytest.raises(RobotProgramError, match='lower'):
         write_ls(prism, 'lower')
     files = write_ls(prism)
     missing = {k: v for k, v in files.items() if k != 'WAAM001.LS'}
-    with pytest.raises(FanucError, match='WAAM001.LS is called'):
+    with pytest.raises(RobotProgramError, match='WAAM001.LS is called'):
         read_ls(missing)
     files['WAAM001.LS'] = files['WAAM001.LS'].replace('mm/sec', 'furlongs', 1)
-    with pytest.raises(FanucError, match='WAAM001.LS, line'):
+    with pytest.raises(RobotProgramError, match='WAAM001.LS, line'):
         read_ls(files)

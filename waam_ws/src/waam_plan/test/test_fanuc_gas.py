@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from waam_plan.plan import Plan, PlannedLayer
-from waam_plan.post.fanuc import FanucError, FanucSettings, read_ls, write_ls
+from waam_plan.robot.cell import FanucSettings, RobotCell
+from waam_plan.robot.fanuc import write_ls
+from waam_plan.robot.motion import RobotProgramError
+from waam_plan.robot.read_fanuc import read_ls
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment
@@ -66,6 +69,10 @@ PLANS = {
         leg(A, HIGH),
     ],
 }
+
+
+NUMBERS = FanucSettings(registers=False)
+PLAIN = RobotCell(fanuc=NUMBERS)
 
 
 def plan_of(segments):
@@ -126,7 +133,9 @@ def intervals(found, output):
 @pytest.mark.parametrize('pre, post', [(0.3, 1.0), (0.0, 0.0), (2.0, 0.05), (0.5, 20.0)])
 @pytest.mark.parametrize('name', PLANS)
 def test_gas_flows_before_and_after_every_arc(name, pre, post):
-    files = write_ls(plan_of(PLANS[name]), settings=FanucSettings(pre_flow=pre, post_flow=post))
+    files = write_ls(
+        plan_of(PLANS[name]), cell=RobotCell(pre_flow=pre, post_flow=post, fanuc=NUMBERS)
+    )
     found = switches(files)
     flows = intervals(found, GAS)
     burns = intervals(found, ARC)
@@ -142,14 +151,14 @@ def test_gas_flows_before_and_after_every_arc(name, pre, post):
 
 @pytest.mark.parametrize('name', ['two long legs', 'short last leg', 'wait between'])
 def test_gas_is_off_during_a_long_way(name):
-    found = switches(write_ls(plan_of(PLANS[name])))
+    found = switches(write_ls(plan_of(PLANS[name]), cell=PLAIN))
     (_, end), (start, _) = intervals(found, GAS)
     (_, out), (lit, _) = intervals(found, ARC)
     assert end == pytest.approx(out + 1.0, abs=EPS) and start == pytest.approx(lit - 0.3, abs=EPS)
 
 
 def test_waits_are_those_of_the_plan_where_the_way_is_long_enough():
-    lines = [line for line, _ in program(write_ls(plan_of(PLANS['wait between'])))]
+    lines = [line for line, _ in program(write_ls(plan_of(PLANS['wait between']), cell=PLAIN))]
     waits = [float(line[4:-5]) for line in lines if line.startswith('WAIT')]
     # pre-flow of the first, post-flow of the last
     assert sum(waits) == pytest.approx(60.0 + 0.3 + 0.9, abs=EPS)
@@ -161,7 +170,9 @@ def test_programs_with_gas_are_read_back(name):
     assert sum(m.arc for m in moves) == sum(s.kind == Kind.DEPOSIT for s in PLANS[name])
 
 
-@pytest.mark.parametrize('wrong', [{'pre_flow': -0.1}, {'post_flow': 31.0}, {'lead': math.nan}])
+@pytest.mark.parametrize(
+    'wrong', [{'pre_flow': -0.1}, {'post_flow': 31.0}, {'lead': math.nan}, {'lead': -0.6}]
+)
 def test_times_that_the_controller_does_not_take_are_refused(wrong):
-    with pytest.raises(FanucError, match=next(iter(wrong))):
-        FanucSettings(**wrong)
+    with pytest.raises(RobotProgramError, match=next(iter(wrong))):
+        (FanucSettings if 'lead' in wrong else RobotCell)(**wrong)

@@ -8,10 +8,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import cli_correct, cli_files, cli_program
+from waam_process.operating import GANTRY, MACHINES, ROBOT
+
+from . import cli_correct, cli_files, cli_program, cli_robot
 from .settings import ALTERNATIONS, STRATEGIES
 
 if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
+    from .mesh.deform import Displacements
     from .mesh.inputs import Surfaces
     from .mesh.part import Part
     from .plan import Plan
@@ -28,12 +31,17 @@ examples:
   waam plan vase.stl --repair                            close its holes first; what was changed is printed
   waam plan part.stl --mode build --scale 1              a file in metres (default 0.001: mm)
   waam plan part.gcode --dialect slicer --nominal part.stl --preview   another slicer's program: layers, beads, checks
+  waam plan part.stl --mode build --machine robot       what the robot will make of it: speeds, contacts, reach
+  waam plan ring.stl --mode build --post kuka --positioner turn --run --out out/   a robot's program, read back and run
 
 --set of what a program without the closed loop needs:
   bead_time=60         wait when a bead took less than so many seconds (a job waits for the temperature instead)
   lead_on=0.5 lead_off=0.003 lead_in_metal=0.9           light before moving, put out before the end, less in the hump
   edge_metal=1.25      machining allowance along the edges
   alternation=turn turn_deg=67                           by --alternation turn: every layer at another angle
+
+--set of rules for builds (docs/planning.md): compensation_height=0.012, shrinkage=0.008, teardrop=true,
+  stiffener_spacing=0.06, tangent_in=0.01, tangent_out=0.01, overhang_passes=2, multi_level=true growth_step=0.0003
 
 Written to --out: program.gcode (runs on the controller without correction), segments.csv, plan.npz, preview.png,
 preview.html (3-D, one file: open it in a browser); with --rerun preview.rrd (waam view DIR).
@@ -69,8 +77,10 @@ class _Help(argparse.Action):
 def register(
     commands: argparse._SubParsersAction[argparse.ArgumentParser],
     write_recording: Callable[[Path, Path], None] | None = None,
+    check_robot: Callable[[Plan], None] | None = None,
 ) -> None:
     # write_recording(stored plan, new .rrd): draws for --rerun; the planner itself knows no viewer
+    # check_robot(plan): of --machine robot, prints and raises ValueError; the planner itself knows no machine
     """Adds the verbs to argparse sub-parsers."""
     cli_correct.register(commands)
     p = commands.add_parser(
@@ -84,7 +94,7 @@ def register(
     _add_inputs(p)
     _add_layers(p)
     _add_outputs(p)
-    p.set_defaults(run_command=run, write_recording=write_recording)
+    p.set_defaults(run_command=run, write_recording=write_recording, check_robot=check_robot)
 
 
 def _add_inputs(p: argparse.ArgumentParser) -> None:
@@ -96,6 +106,13 @@ def _add_inputs(p: argparse.ArgumentParser) -> None:
         help='mesh (STL, PLY, 3MF, OBJ, OFF), cloud (PCD, PLY, XYZ, NPY) or a program (G-code) to look at and to check',
     )
     cli_program.add_program(p)
+    p.add_argument(
+        '--warping',
+        type=Path,
+        metavar='CSV',
+        help='of a build: x y z dx dy dz, how the process moves the metal (in units of the part, in its coordinates); '
+        'the part is bent against it',
+    )
     p.add_argument(
         '--mode', choices=('build', 'restore'), help='default: restore with --as-found, else build'
     )
@@ -161,11 +178,19 @@ def _add_outputs(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument(
         '--post',
-        choices=('gcode', 'gcode-compact', 'fanuc'),
+        choices=('gcode', 'gcode-compact', *cli_robot.POSTS),
         default='gcode',
-        help='gcode-compact: also compact.gcode, long lines and arcs (G2, G3) instead of chords; fanuc: also .LS '
-        'fragments and a main program (arcs, equal layers once)',
+        help='gcode-compact: also compact.gcode, long lines and arcs (G2, G3) instead of chords; fanuc (.LS), kuka '
+        '(.src, .dat), abb (.mod): also a program for a robot, fragments with a main program (arcs, equal layers once)',
     )
+    p.add_argument(
+        '--machine',
+        choices=MACHINES,
+        default=GANTRY,
+        help='robot: also look where the robot of `waam up --machine robot` cannot hold the programmed speed, what '
+        'comes too near to what and what is out of reach; exit status 2 where the plan cannot be run',
+    )
+    cli_robot.add_robot(p)
     p.add_argument(
         '--tolerance',
         type=float,
@@ -198,10 +223,18 @@ def run(args: argparse.Namespace) -> int:
     try:
         plan = make_plan(args)
         cli_files.write(plan, args)
+        if args.machine == ROBOT:
+            _check_robot(plan, args)
     except (ValueError, OSError) as error:
         print(f'waam plan: {error}', file=sys.stderr)
         return 2
     return 0
+
+
+def _check_robot(plan: Plan, args: argparse.Namespace) -> None:
+    if args.check_robot is None:
+        raise ValueError('--machine robot needs the robot bridge: call it as `waam plan`')
+    args.check_robot(plan)
 
 
 def make_plan(args: argparse.Namespace) -> Plan:
@@ -231,8 +264,19 @@ def make_plan(args: argparse.Namespace) -> Plan:
     for line in part.report.lines():
         print(line)
     if mode == 'build':
-        return plan_build(part, settings, args.layers)
+        return plan_build(part, settings, args.layers, warping=_warping(args))
+    if args.warping:
+        raise ValueError('--warping belongs to --mode build')
     return _restoration(part, args, settings)
+
+
+def _warping(args: argparse.Namespace) -> Displacements | None:
+    from waam_plan.mesh.deform import displacements
+
+    if not args.warping:
+        return None
+    with args.warping.open(errors='replace') as lines:
+        return displacements(lines, args.scale, str(args.warping))
 
 
 def _restoration(part: Part, args: argparse.Namespace, settings: PlanSettings) -> Plan:

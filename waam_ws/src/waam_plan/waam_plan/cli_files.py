@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from . import cli_robot
+
 if TYPE_CHECKING:  # loaded only when a verb needs it
     import argparse
 
@@ -32,8 +34,8 @@ def write(plan: Plan, args: argparse.Namespace) -> None:
         (args.out / 'segments.csv').write_text(to_csv(plan))
         if args.post == 'gcode-compact':
             _write_compact(plan, args.out, args.tolerance * 1e-3)
-        if args.post == 'fanuc':
-            _write_fanuc(plan, args.out, args.tolerance * 1e-3)
+        if args.post in cli_robot.POSTS:
+            cli_robot.write_robot(plan, args)
         save_plan(plan, args.out / 'plan.npz')
     if args.preview or args.out:
         folder = args.out or Path('.')
@@ -67,14 +69,3 @@ def _write_compact(plan: Plan, folder: Path, tolerance: float) -> None:
     text, s = compact_gcode(plan, tolerance)
     (folder / 'compact.gcode').write_text(text)
     print(f'compact.gcode: {s.after} moves instead of {s.before}, {s.share:.0%} saved')
-
-
-def _write_fanuc(plan: Plan, folder: Path, tolerance: float) -> None:
-    from waam_plan.post.compact import fragments, saving
-    from waam_plan.post.fanuc import write_ls
-
-    files = write_ls(plan, tolerance=tolerance)
-    for name, text in files.items():
-        (folder / name).write_text(text)
-    s = saving(plan, fragments(plan, tolerance))
-    print(f'{len(files)} .LS files; {s.after} points instead of {s.before}, {s.share:.0%} saved')

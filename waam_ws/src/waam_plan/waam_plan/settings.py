@@ -79,6 +79,13 @@ _LIMITS: dict[str, Pair] = {
     'arc_power': (100.0, 50e3),
     'arc_efficiency': (0.1, 1.0),
     'gas_flow': (0.0, 2e-3),
+    'compensation_height': (0.0, 50e-3),
+    'shrinkage': (-0.05, 0.05),
+    'stiffener_spacing': (0.0, 1.0),
+    'stiffener_length': (1e-3, 0.1),
+    'tangent_in': (0.0, 50e-3),
+    'tangent_out': (0.0, 50e-3),
+    'overhang_passes': (1, 5),
 }
 
 
@@ -174,6 +181,17 @@ class PlanSettings:
     arc_power: float = 4.0e3  # W, for the estimate of heat
     arc_efficiency: float = 0.8  # heat in the part over energy of the arc
     gas_flow: float = 2.5e-4  # m3/s of shielding gas while the arc burns (15 l/min)
+    # of a build, metal below the part to be cut off; 0 = none, 10 to 15 mm where substrate and wire differ
+    compensation_height: float = 0.0
+    shrinkage: float = 0.0  # share by which a build shrinks when it cools; it is planned larger
+    teardrop: bool = False  # holes of a build that lie on their side end in a point
+    stiffener_spacing: float = 0.0  # of ribs across the thin walls of a build; 0 = none
+    stiffener_length: float = 10e-3  # of ribs, from the wall outwards
+    tangent_in: float = 0.0  # longest level way to a bead along its direction, arc off
+    tangent_out: float = 0.0  # the same from its end
+    overhang_passes: int = 1  # how often a bead of a build is laid that mostly overhangs
+    # sections of a build within growth_step of the one two below repeat its path, whatever the strategy
+    multi_level: bool = False
 
     def __post_init__(self) -> None:
         wrong = [p for f in fields(self) if (p := _problem(f.name, getattr(self, f.name)))]
@@ -192,6 +210,17 @@ class PlanSettings:
             if low >= high:
                 wrong.append(f'machine_min {axis} is {low:g}, not below machine_max {high:g}')
         return wrong
+
+    def of_builds(self) -> list[str]:
+        """Fields that are set and that only a build knows."""
+        off = {
+            'compensation_height': 0.0,
+            'shrinkage': 0.0,
+            'teardrop': False,
+            'stiffener_spacing': 0.0,
+        }
+        off |= {'overhang_passes': 1, 'multi_level': False}
+        return [name for name, value in off.items() if getattr(self, name) != value]
 
     @property
     def pitch(self) -> float:

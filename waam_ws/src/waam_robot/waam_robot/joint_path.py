@@ -2,11 +2,13 @@
 
 The positioner keeps the bead flat (torch upright) where its two axes can. A torch is round: its spin about its own axis
 is free and is chosen with the branch, constant inside a bead, by dynamic programming over the beads: away from limits
-and singularities, with short ways between beads. Collisions are not looked at, the ways between beads are not planned.
+and singularities, with short ways between beads. The ways between beads are not planned. Collisions are looked at by
+whoever asks for it (`refuse`; `waam_robot.clearance`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,15 +61,50 @@ class BeadPath:
     stretch: float
 
 
-def plan(beads: list[Bead], machine: Machine | None = None) -> list[BeadPath]:
-    """Joint paths of beads in this order. PlanError where a bead cannot be laid in one go."""
+Refuse = Callable[[int, BeadPath], 'Refused | None']
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Why a bead is not laid so: at: m along it; final: with another spin or branch it would be the same."""
+
+    at: float
+    text: str
+    final: bool = False
+
+
+def plan(
+    beads: list[Bead], machine: Machine | None = None, refuse: Refuse | None = None
+) -> list[BeadPath]:
+    """Joint paths of beads in this order. PlanError where a bead cannot be laid in one go.
+
+    refuse: asked for every path that would be taken (number of the bead, path); the next best one is taken for those
+    that it refuses.
+    """
     machine = machine or Machine()
     stages, c = [], None
     for number, bead in enumerate(beads):
         turn = _turn(bead, machine, c)
         c = float(turn.c[-1])
         stages.append(_stage(number, bead, turn, machine))
-    return [stage.path(node) for stage, node in zip(stages, _cheapest(stages), strict=True)]
+    nodes = _cheapest(stages) if refuse is None else _allowed(stages, refuse)
+    return [stage.path(node) for stage, node in zip(stages, nodes, strict=True)]
+
+
+def _allowed(stages: list[_Stage], refuse: Refuse) -> list[int]:
+    """The cheapest nodes of which none is refused."""
+    good: set[tuple[int, int]] = set()
+    while True:
+        nodes = list(enumerate(_cheapest(stages)))
+        for number, node in nodes:
+            if (number, node) not in good:
+                said = refuse(number, stages[number].path(node))
+                if said is None:
+                    good.add((number, node))
+                else:
+                    stages[number].exclude(number, node, said)
+        if good.issuperset(nodes):
+            return [node for _, node in nodes]
 
 
 # ---- positioner --------------------------------------------------------------------------------
@@ -163,6 +200,13 @@ class _Stage:
         return BeadPath(
             self.bead, joints, int(branch), float(self.spins[spin]), self.turn.mode, off, wrist, k
         )
+
+    def exclude(self, number: int, n: int, said: Refused) -> None:
+        """Takes spin and branch of a node out, whatever its whole turns; PlanError where nothing else is left."""
+        self.cost[(self.node == self.node[n]).all(axis=1)] = np.inf
+        if said.final or not np.isfinite(self.cost).any():
+            at = int(np.searchsorted(self.bead.way, said.at))
+            raise PlanError(f'{_place(number, self.bead, at)}: {said.text}')
 
 
 def _stage(number: int, bead: Bead, turn: _Turn, machine: Machine) -> _Stage:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cache
+from typing import Protocol
 
 import numpy as np
 
@@ -37,6 +38,16 @@ def _row(arm_links: tuple[Link, ...]) -> Link:
 
 class StationError(ValueError):
     """The robot cannot work in this box; the text says where and why."""
+
+
+class Reach(Protocol):
+    """What moves a torch in a box: `Station`, or `waam_robot.urdf_station.UrdfStation`."""
+
+    def joints(self, tips: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+        """(N, n) for torch positions (N, 3), m, machine coordinates; near: (n,). StationError beside the reach."""
+
+    def tips(self, joints: np.ndarray) -> np.ndarray:
+        """(N, 3) m: the torch in machine coordinates for joints (N, n)."""
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,15 @@ class UrdfChain:
             raise PlanError(farthest[1])
         return best
 
+    def pose_and_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """((4, 4) torch on the part, z out of it; (6, n) its speed and turn per joint, in the part's frame)."""
+        pose, jacobian, _, _ = self._on_part(q)
+        return pose, jacobian
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """(6, n): m/s above rad/s of the torch on the part per joint speed."""
+        return self._on_part(q)[1]
+
     # ---- one point -----------------------------------------------------------------------------
 
     def _on_part(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -144,7 +153,7 @@ class UrdfChain:
         found: list[np.ndarray] = []
         for q in tries:
             solved = self._solve(q, bead.points[0], bead.axes[0])
-            if solved is None or (start is None and self._beyond(solved)):
+            if solved is None or (start is None and self.beyond(solved)):
                 continue
             if all(np.abs(solved - other).max() > 0.1 for other in found):
                 found.append(solved)
@@ -165,7 +174,7 @@ class UrdfChain:
                     n,
                     f'{_where(bead, n)}: out of reach, or through a singularity',
                 )
-            if said := self._beyond(solved):
+            if said := self.beyond(solved):
                 return np.array(out), n, f'{_where(bead, n)}: {said}'
             if n and np.abs(solved - q).max() > JUMP:
                 name = self.names[int(np.abs(solved - q).argmax())]
@@ -174,7 +183,8 @@ class UrdfChain:
             out.append(q)
         return np.array(out), 0, ''
 
-    def _beyond(self, q: np.ndarray) -> str:
+    def beyond(self, q: np.ndarray) -> str:
+        """Which joint (n,) is beyond its limit; '' = none."""
         out = (q < self.low) | (q > self.high)
         return '; '.join(
             f'{self.names[n]} would be {q[n]:.4f}, its range {self.low[n]:.4f} to {self.high[n]:.4f}'

@@ -3,6 +3,7 @@
 import dataclasses
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -31,6 +32,11 @@ def test_the_readme_has_the_parameter_table():
         ({'period': 0.5}, "'period' is 0.5, must be below 'horizon'"),
         ({'joint_speed_max': (1.0,) * 7 + (0.0,)}, "'joint_speed_max'"),
         ({'joint_names': ('a',) * 8}, "'joint_names'"),
+        (
+            {'urdf': 'arm.urdf', 'joint_names': ('a', 'b')},
+            "'joint_speed_max' has 8 values, needs 2",
+        ),
+        ({'urdf': 'arm.urdf', 'posture': (0.1, 0.2)}, "'posture' has 2 values, needs 8"),
     ],
 )
 def test_impossible_values_are_refused(values, named):
@@ -43,3 +49,45 @@ def test_the_box_of_the_robot_narrows_the_limits():
     limits = params.limits((0.0, 0.0, 0.0, 400.0, 300.0, 200.0))
     assert limits.low == (0.05, 0.0, 0.0)
     assert limits.high == pytest.approx((0.35, 0.3, 0.2))
+
+
+def test_an_arm_of_a_urdf_may_have_other_joints():
+    names, speeds = tuple('abcdefg'), (1.0,) * 7
+    params = RobotParams(urdf='arm.urdf', joint_names=names, joint_speed_max=speeds)
+    assert params.urdf_place().joint_names == names
+    assert params.urdf_place().posture == ()  # NaN: one is searched for
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        (None, 'No such file'),
+        ('<robot name="r"><link name="a"/></robot>', 'arm.urdf: '),
+        ('<!DOCTYPE x><robot/>', 'line 1: document types'),
+    ],
+)
+def test_a_urdf_that_cannot_be_used_is_named(tmp_path, text, said):
+    from waam_robot_bridge.node_transport import station_of
+
+    pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
+    file = tmp_path / 'arm.urdf'
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(ParameterError, match=f"parameter 'urdf': .*{said}"):
+        station_of(RobotParams(urdf=str(file)))
+
+
+def test_the_arm_of_a_urdf_is_taken(tmp_path):
+    from waam_robot.joint_path import Machine
+    from waam_robot.timing import Drives
+    from waam_robot.urdf_text import write_urdf
+    from waam_robot_bridge.node_transport import station_of
+
+    pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
+    usual = station_of(RobotParams())
+    tip = np.array([[0.2, 0.15, 0.1]])
+    (tmp_path / 'arm.urdf').write_text(write_urdf(Machine(), Drives().speed))
+    names = (*(f'joint{n}' for n in range(1, 7)), 'tilt', 'turn')
+    posture = tuple(usual.joints(tip)[0].tolist())
+    params = RobotParams(urdf=str(tmp_path / 'arm.urdf'), joint_names=names, posture=posture)
+    assert np.abs(station_of(params).joints(tip) - usual.joints(tip)).max() < 1e-7

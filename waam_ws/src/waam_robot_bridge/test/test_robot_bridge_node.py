@@ -10,6 +10,7 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import rclpy
 from ament_index_python.packages import get_package_prefix
@@ -24,6 +25,10 @@ from waam_node import qos
 from waam_node.conversions import segment_to_msg
 from waam_node.testing import fresh_domain
 from waam_process.segment import Kind, Segment
+from waam_robot.joint_path import Machine as RobotMachine
+from waam_robot.station import Station
+from waam_robot.timing import Drives
+from waam_robot.urdf_text import write_urdf
 from waam_robot_bridge.params import NAMES
 
 TOP = 0.025  # m, of the plate on the table
@@ -183,5 +188,44 @@ def test_wrong_joint_names_are_named_before_anything_moves(tmp_path):
     try:
         until(lambda: "joint_states has no 'rotate'" in graph.state.message, what='the error')
         assert not graph.state.connected
+    finally:
+        graph.close()
+
+
+def urdf(folder: Path) -> tuple[Path, str]:
+    """The simulated arm as a file with the joint names of the driver, and its joints in the middle of the box."""
+    text = write_urdf(RobotMachine(), Drives().speed)
+    for n in range(1, 7):
+        text = text.replace(f'"joint{n}"', f'"joint_{n}"')
+    file = folder / 'arm.urdf'
+    file.write_text(text)
+    middle = Station().joints(np.array([[0.2, 0.15, 0.1]]))[0]
+    return file, str(middle.tolist())
+
+
+def test_an_arm_of_a_urdf_goes_home(tmp_path):
+    pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
+    file, posture = urdf(tmp_path)
+    graph = Graph(tmp_path, urdf=str(file), posture=posture)
+    try:
+        until(lambda: graph.state.connected, what='connection')
+        graph.command(Command.Request.RESET)
+        graph.command(Command.Request.HOME)
+        until(lambda: graph.state.homed and graph.telemetry[-1].state == 0, what='homing')
+        p = graph.telemetry[-1].position
+        assert (p.x, p.y, p.z) == pytest.approx((0.0, 0.0, 0.2), abs=2e-3)
+    finally:
+        graph.close()
+
+
+def test_a_urdf_that_cannot_be_used_ends_the_bridge_with_the_reason(tmp_path):
+    pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
+    file, posture = urdf(tmp_path)
+    names = '[joint_1,joint_2,joint_3,joint_4,joint_5,joint_9,tilt,turn]'
+    graph = Graph(tmp_path, cell=False, urdf=str(file), posture=posture, joint_names=names)
+    try:
+        assert graph.bridge.wait(30.0) == 2
+        said = f"error: parameter 'urdf': {file}: no joint 'joint_9' that moves; there are joint_1, joint_2, "
+        assert said in graph.log('robot_bridge')
     finally:
         graph.close()

@@ -177,6 +177,21 @@ def test_too_fast_joints_give_no_goal(station):
         make(station, far[:1], far[1:] + [3.0, 0.0, 0.0], 10, 0, joints, fast)
 
 
+def test_an_arm_in_another_posture_is_not_sent_across(station):
+    """The same place of the torch, the wrist turned over: a goal would swing the arm there."""
+    far = np.linspace([0.05, 0.05, 0.1], [0.06, 0.05, 0.1], 41)
+    joints = station.joints(far[:1])[0]
+    other = joints + [0.0, 0.0, 0.0, np.pi, 0.0, np.pi, 0.0, 0.0]
+    other[4] = -joints[4]
+    assert np.abs(station.tips(other[None]) - far[:1]).max() < 1e-9
+    fast = np.array(RobotParams().joint_speed_max)
+    with pytest.raises(
+        GoalError, match=r'axis \d stands at .* rad, the way begins with .*: bring the arm to \['
+    ):
+        make(station, far[:1], far[1:], 10, 0, other, fast)
+    assert make(station, far[:1], far[1:], 10, 0, joints + 0.05, fast).joints.shape[1] == 8
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     st.integers(0, 8),

@@ -16,7 +16,7 @@ import numpy as np
 
 from waam_bridge import frames
 from waam_bridge.embedded import Controller, Reading
-from waam_robot.station import Station
+from waam_robot.station import Reach
 
 from .blend import blended
 from .goals import Goal, GoalError, Preview, led, make, tips_of
@@ -63,7 +63,7 @@ class RobotController:
     """Used as `Controller` is. `on_problem` is told once when the arc is cut, and why. `cut`: it is, now."""
 
     def __init__(
-        self, start_us: int, params: RobotParams, station: Station, driver: Driver, boot: int = 1
+        self, start_us: int, params: RobotParams, station: Reach, driver: Driver, boot: int = 1
     ) -> None:
         self.params, self.station, self.driver = params, station, driver
         self.on_problem: Callable[[str], None] = lambda text: None

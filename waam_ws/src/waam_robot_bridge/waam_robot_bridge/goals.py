@@ -15,9 +15,10 @@ import numpy as np
 from waam_bridge.embedded import Controller
 from waam_bridge.frames import HOLD_NOW
 from waam_process.plant_port import SAMPLE
-from waam_robot.station import Station, StationError
+from waam_robot.station import Reach, StationError
 
 STANDS = 1e-9  # m between two points
+POSTURE = 0.35  # rad (m) that an axis may be from where the goal begins: more is another posture
 STOPPING = 0.4  # s at most that slowing down may take: 0.2 m/s at 0.5 m/s^2
 
 
@@ -69,7 +70,7 @@ def _whole(seconds: float, every: int) -> int:
 
 
 def make(
-    station: Station,
+    station: Reach,
     past: np.ndarray,
     ahead: np.ndarray,
     every: int,
@@ -80,7 +81,8 @@ def make(
     """past (m + 1, 3), ahead (n, 3): torch positions of every ms, commanded and to come; m, n multiples of `every` ms.
 
     now_us: controller time of the end of `past`, when the goal begins. near: (8,) joints as they are; fastest: (8,)
-    rad/s. GoalError where the arm does not reach or a joint would have to be too fast.
+    rad/s. GoalError where the arm does not reach, where it stands in another posture than the goal begins with, or
+    where a joint would have to be too fast.
     """
     tips = np.concatenate([past, ahead])[::every]
     tips = _ended(tips)
@@ -88,6 +90,13 @@ def make(
         joints = station.joints(tips, near)
     except StationError as e:
         raise GoalError(str(e)) from None
+    apart = np.abs(joints[0] - near)
+    if apart.max() > POSTURE:
+        n = int(np.argmax(apart))
+        raise GoalError(
+            f'axis {n + 1} stands at {near[n]:.2f} rad, the way begins with {joints[0, n]:.2f}: bring the arm to '
+            f'{np.round(joints[0], 2).tolist()} first'
+        )
     dt = every * 1e-3
     time = np.arange(len(tips)) * dt
     rates = _rates(joints, dt)

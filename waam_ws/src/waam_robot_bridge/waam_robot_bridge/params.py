@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from waam_bridge.params import BridgeParams
@@ -9,6 +10,7 @@ from waam_bridge.program import Limits
 from waam_node.params import ParameterError, param
 from waam_robot.positioner import Positioner
 from waam_robot.station import JOINTS, Place
+from waam_robot.urdf_station import UrdfPlace
 
 NAMES = ('joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6', 'tilt', 'turn')
 
@@ -49,6 +51,16 @@ class RobotParams(BridgeParams):
     servo_lag: float = param(
         0.02, 'time constant of the servos, which goals make up for; 0 = not', 's', 0.0, 0.2
     )
+    urdf: str = param(
+        '',
+        'URDF of another arm, with links `torch` (z towards the part) and `part`: then `origin` is in the frame of '
+        '`part`, `joint_names` are its joints, and `positioner` means nothing; empty = the M-20iB/25',
+    )
+    posture: tuple = param(
+        (math.nan,),
+        'with `urdf`: joints near which the arm works, torch upright, as `joint_names`; NaN = one is searched for',
+        'rad',
+    )
     corner: float = param(
         2e-4, 'the torch may leave the path at a corner, to keep its speed; 0 = not', 'm', 0.0, 2e-3
     )
@@ -59,14 +71,18 @@ class RobotParams(BridgeParams):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        joints = len(self.joint_names) if self.urdf else JOINTS
         for name, count in (
             ('positioner', 3), ('origin', 3), ('work_low', 3), ('work_high', 3),
-            ('joint_names', JOINTS), ('joint_speed_max', JOINTS),
+            ('joint_names', joints), ('joint_speed_max', joints),
         ):  # fmt: skip
             got = len(getattr(self, name))
             if got != count:
                 raise ParameterError(f"parameter '{name}' has {got} values, needs {count}")
-        if len(set(self.joint_names)) != JOINTS:
+        if self.known_posture and len(self.known_posture) != joints:
+            got = len(self.posture)
+            raise ParameterError(f"parameter 'posture' has {got} values, needs {joints}")
+        if len(set(self.joint_names)) != joints:
             raise ParameterError(f"parameter 'joint_names' names one twice: {self.joint_names}")
         if not all(v > 0 for v in self.joint_speed_max):
             raise ParameterError("parameter 'joint_speed_max' has a value that is not above 0")
@@ -75,6 +91,18 @@ class RobotParams(BridgeParams):
                 f"parameter 'period' is {self.period:g}, must be below 'horizon' {self.horizon:g}"
             )
             raise ParameterError(text)
+
+    @property
+    def known_posture(self) -> tuple[float, ...]:
+        """`posture`, empty where one is to be searched for."""
+        given = tuple(float(v) for v in self.posture)
+        return given if all(map(math.isfinite, given)) else ()
+
+    def urdf_place(self) -> UrdfPlace:
+        """For a UrdfStation."""
+        p = self.place()
+        names = tuple(map(str, self.joint_names))
+        return UrdfPlace(names, p.origin, p.low, p.high, self.known_posture)
 
     def place(self) -> Place:
         """For a Station."""

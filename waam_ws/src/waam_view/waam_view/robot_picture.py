@@ -78,4 +78,4 @@ def _draw_part(axes: Axes, lines: list[tuple[int, np.ndarray]]) -> None:
         )
     axes.margins(y=0.1)
     style(axes, 'x of the machine, mm', 'height of the machine, mm')
-    axes.legend(fontsize=7, ncols=2)
+    axes.legend(fontsize=7, ncols=4, loc='lower center', bbox_to_anchor=(0.5, 1.0))

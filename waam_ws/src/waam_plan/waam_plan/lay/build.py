@@ -11,11 +11,12 @@ import numpy as np
 from waam_plan import masks
 from waam_plan.fill import contour, strategies
 from waam_plan.fill.linking import arc_starts, near_starts
-from waam_plan.lay import sides
+from waam_plan.lay import shapes, sides
 from waam_plan.lay.coverage import Point3, Section, check_overhang, cut_sections
 from waam_plan.lay.layer import LayerTask, lay
 from waam_plan.lay.schedule import finishing_layers
 from waam_plan.lay.travel import Ceiling, relaid
+from waam_plan.mesh.deform import Displacements, compensated
 from waam_plan.mesh.part import Part, PartError, check_fits
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused
 from waam_plan.settings import PlanSettings
@@ -27,13 +28,18 @@ MAP_BUDGET = 24_000_000  # cells times layers that a plan may hold; larger parts
 
 
 def plan_build(
-    part: Part, settings: PlanSettings, layers: int = 0, spec: GridSpec | None = None
+    part: Part,
+    settings: PlanSettings,
+    layers: int = 0,
+    spec: GridSpec | None = None,
+    warping: Displacements | None = None,
 ) -> Plan:
     """Plan a mesh on a flat substrate at z = 0 of the work frame.
 
     The part's lower corner is put to the work zero; where it leaves the machine there, its middle into the middle
     of the machine (Plan.offset says how far it was moved).
     layers: greatest number of layers, from the bottom; 0 = all. spec: grid of the maps, default around the part.
+    warping: how the process moves the metal; the part is bent against it.
     settings.strategy 'shell' lays one bead along the surface and accepts open meshes whose sections are closed.
     Raises PartError or PlanError with everything that is wrong: open mesh, too large, overhang, walls too thin,
     sections that vanish.
@@ -42,15 +48,18 @@ def plan_build(
         raise PlanError(f'layers is {layers}, must be 0 (all) or a positive number')
     _check_mesh(part, settings)
     warnings: list[str] = []
+    part, remarks = compensated(part, settings, warping)
     offset = _placing(part, spec, settings, warnings)
     placed = part.moved(offset)
-    sections = _checked_sections(part, placed, layers, offset, settings, warnings)
+    if settings.compensation_height > 0:
+        offset = (*offset[:2], offset[2] + settings.compensation_height)
+    sections = _checked_sections(part, placed, layers, offset, settings, warnings, remarks)
     safe_z = sections[-1].z + sections[-1].thickness + settings.clearance
     spec = spec or _grid(placed, len(sections), settings, warnings)
     with collector_paused():
         planned = _layers(sections, spec, safe_z, settings)
     warnings += near_starts([arc_starts(p.segments) for p in planned], settings.start_spread)
-    plan = _assemble(part, planned, spec, safe_z, settings, offset, warnings)
+    plan = _assemble(part, planned, spec, safe_z, settings, offset, warnings, remarks)
     check_reach([s for layer in planned for s in layer.segments], settings)
     return plan
 
@@ -62,18 +71,21 @@ def _checked_sections(
     offset: Point3,
     settings: PlanSettings,
     warnings: list[str],
+    remarks: list[str],
 ) -> list[Section]:
     """Sections of the layers. Raises with all that is wrong with size, sections, height and overhang."""
-    levels = _levels(placed, settings)
-    if layers > len(levels):
-        warnings.append(f'{layers} layers were asked for, {len(levels)} are needed')
-    use = min(layers, len(levels)) if layers else len(levels)
+    levels, base = _levels(placed, settings), shapes.base_layers(settings)
+    needed = len(levels) + base
+    if layers > needed:
+        warnings.append(f'{layers} layers were asked for, {needed} are needed')
+    use = min(max(layers - base, 1), len(levels)) if layers else len(levels)
     wrong: list[ValueError] = []
     with _kept(wrong):
         check_fits(part, settings)
     sections: list[Section] = []
     with _kept(wrong):
         sections = cut_sections(placed, levels, use, settings, warnings)
+        sections = shapes.shaped(sections, settings, remarks)[: layers or None]
     if sections:
         top = sections[-1].z + sections[-1].thickness
         with _kept(wrong):
@@ -196,15 +208,19 @@ def _layers(
 def _same(a: Section, b: Section, settings: PlanSettings) -> bool:
     """Whether two sections differ by at most growth_step and are filled alike.
 
-    Layers with closed lines (whose seam moves), as around a hole, or a turning angle never repeat.
+    Layers with closed lines (whose seam moves), as around a hole, repeat with multi_level only: then the seams of
+    neighbouring layers differ still, for a layer repeats the one two below. A turning angle never repeats.
     """
-    if settings.strategy not in ('solid', 'zigzag', 'shell') or settings.alternation == 'turn':
+    if settings.alternation == 'turn' or settings.overhang_passes > 1:
+        return False
+    if settings.strategy not in ('solid', 'zigzag', 'shell') and not settings.multi_level:
         return False
     if len(a.polygons) != len(b.polygons) or abs(a.thickness - b.thickness) > 1e-9:
         return False
     if (a.number <= settings.base_layers) != (b.number <= settings.base_layers):
         return False
-    if any(len(p.interiors) == 1 or contour.is_wall(p, settings) for p in b.polygons):
+    closed = any(len(p.interiors) == 1 or contour.is_wall(p, settings) for p in b.polygons)
+    if closed and not settings.multi_level:
         return False
     pairs = zip(a.polygons, b.polygons, strict=True)
     return all(p.boundary.hausdorff_distance(q.boundary) <= settings.growth_step for p, q in pairs)
@@ -220,7 +236,7 @@ def _repeated(
     settings: PlanSettings,
 ) -> PlannedLayer:
     """The path of a layer at another height."""
-    ceiling = Ceiling.over(spec, metal, settings.torch_radius)
+    ceiling = Ceiling.over(spec, metal, settings.torch_radius, layer.footprint)
     segments = relaid(layer.segments, section.z, section.number, ceiling, safe_z, settings)
     planned, before, after = _surfaces(section, layer.footprint, supported)
     return PlannedLayer(
@@ -267,6 +283,7 @@ def _layer(
         metal=metal,
         inside=section.polygons,
         slower=settings.base_speed if section.number <= settings.base_layers else 1.0,
+        carried=supported if settings.overhang_passes > 1 else None,
     )
     return lay(task, chains, starts, spec=spec, safe_z=safe_z, settings=settings)
 
@@ -288,6 +305,7 @@ def _assemble(
     settings: PlanSettings,
     offset: Point3,
     warnings: list[str],
+    remarks: list[str],
 ) -> Plan:
     region = np.any([p.footprint for p in planned], axis=0)
     top, res = np.full(spec.shape, np.nan), spec.resolution
@@ -306,4 +324,5 @@ def _assemble(
         name=part.name,
         offset=offset,
         warnings=warnings,
+        remarks=remarks,
     )

@@ -44,6 +44,8 @@ def plan_restoration(
     """
     if layers < 0:
         raise PlanError(f'layers is {layers}, must be 0 (all) or a positive number')
+    if only := settings.of_builds():
+        raise PlanError(f'{", ".join(only)}: only a build knows this, a restoration does not')
     warnings: list[str] = []
     wanted = nominal.z + settings.allowance
     found = _known_surface(as_found, nominal, warnings)

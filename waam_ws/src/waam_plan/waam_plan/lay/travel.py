@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from waam_plan.fill.path import Pieces
+from waam_plan.lay.approach import Ground, laid_again, lead_in, lead_out
 from waam_plan.plan import base_feed, hop, leg
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
@@ -23,13 +24,18 @@ class Ceiling:
 
     spec: GridSpec
     z: np.ndarray
+    beside: np.ndarray  # metal beside the layer, not widened, -inf in the layer
 
     @classmethod
-    def over(cls, spec: GridSpec, metal: np.ndarray, radius: float) -> Ceiling:
-        """metal: (rows, cols) m as it stands when the layer is done, NaN = nothing known there."""
+    def over(
+        cls, spec: GridSpec, metal: np.ndarray, radius: float, layer: np.ndarray | None = None
+    ) -> Ceiling:
+        """metal: (rows, cols) m as it stands when the layer is done, NaN = nothing known there; layer: bool, its cells,
+        none by default."""
         z = np.where(np.isfinite(metal), metal, -np.inf)
         size = 2 * math.ceil(radius / spec.resolution) + 1
-        return cls(spec, ndimage.maximum_filter(z, size=size, mode='nearest'))
+        wide = ndimage.maximum_filter(z, size=size, mode='nearest')
+        return cls(spec, wide, z if layer is None else np.where(layer, -np.inf, z))
 
     def above(self, a: Point, b: Point) -> float:
         """Highest metal (m) below the straight way from a to b; -inf outside the grid."""
@@ -49,13 +55,17 @@ def to_segments(
     safe_z: float,
     settings: PlanSettings,
     slower: float = 1.0,
+    carried: np.ndarray | None = None,
 ) -> list[Segment]:
     """Segments of one layer from safe height to safe height, indices from 0.
 
-    height: (n,) m, metal of the pieces. slower: factor of the travel speed; the feed follows it by eq 2.17.
+    height: (n,) m, metal of the pieces. slower: factor of the travel speed; the feed follows it by eq 2.17. carried:
+    (rows, cols) bool, cells with metal below: beads beside them are laid again (overhang_passes).
     """
     speed = slower * programmed_speed(height, settings)
     runs = _runs(pieces, height, speed, layer, settings)
+    if carried is not None:
+        runs = laid_again(runs, carried, ceiling.spec, settings.overhang_passes)
     return connected(runs, layer, ceiling, safe_z, settings)
 
 
@@ -116,12 +126,23 @@ def connected(
 ) -> list[Segment]:
     """All runs with idle moves between them, from safe height to safe height, numbered from 0."""
     out: list[Segment] = []
+    ground = Ground(ceiling.spec, ceiling.beside, settings)
+    leads = settings.tangent_in > 0 or settings.tangent_out > 0
+    into = lead_in(runs[0], ground, settings) if runs else []
     for k, run in enumerate(runs):
-        start, end = run[0].start, run[-1].end
+        start = into[0].start if into else run[0].start
         if k == 0:
             out += leg((*start[:2], safe_z), start, settings, layer)
-        out += _with_leads(run, settings)
-        after = runs[k + 1][0].start if k + 1 < len(runs) else (*end[:2], safe_z)
+        out += [*into, *_with_leads(run, settings)]
+        if leads:
+            ground.lay(run)
+        off = lead_out(run, ground, settings)
+        out += off
+        end = off[-1].end if off else run[-1].end
+        into = lead_in(runs[k + 1], ground, settings) if k + 1 < len(runs) else []
+        after = (*end[:2], safe_z)
+        if k + 1 < len(runs):
+            after = into[0].start if into else runs[k + 1][0].start
         z = ceiling.above(end, after) + settings.clearance if k + 1 < len(runs) else safe_z
         moves = hop(end, after, min(max(z, end[2] + settings.clearance), safe_z), settings, layer)
         out += _rested(moves, run, settings)

@@ -1,0 +1,123 @@
+"""Programs for robots on the command line: their options, files and check."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
+    from .plan import Plan
+    from .robot.cell import RobotCell
+    from .robot.motion import Motion
+
+POSTS = ('fanuc', 'kuka', 'abb')
+MAX_BYTES = 1_000_000
+
+
+class Writer(Protocol):
+    """Plan to files."""
+
+    def __call__(
+        self, plan: Plan, name: str = 'WAAM', cell: RobotCell | None = None, tolerance: float = ...
+    ) -> dict[str, str]: ...
+
+
+class Reader(Protocol):
+    """Files to motions."""
+
+    def __call__(
+        self, files: dict[str, str], name: str = 'WAAM', cell: RobotCell | None = None
+    ) -> list[Motion]: ...
+
+
+def add_robot(p: argparse.ArgumentParser) -> None:
+    """Options that belong to a robot's program."""
+    p.add_argument(
+        '--cell',
+        type=Path,
+        metavar='YAML',
+        help='of a robot: positioner, frames, outputs, arc data (fields in waam_plan/README.md)',
+    )
+    p.add_argument(
+        '--positioner',
+        choices=('none', 'hold', 'turn'),
+        help='of a robot: no external axes (default), axes that stand still, or axes that follow the bead with a level '
+        'torch; overrides the cell file',
+    )
+    p.add_argument(
+        '--corner',
+        type=float,
+        metavar='MM',
+        help='of a robot: how far it may leave the path where two moves meet, default 0.2; less = slower corners',
+    )
+    p.add_argument(
+        '--run',
+        action='store_true',
+        help='of a robot: read the program back, run it on the arm and positioner of waam_robot and tell how far its '
+        'path is from the plan; exit status 2 where the arm cannot go it',
+    )
+
+
+def write_robot(plan: Plan, args: argparse.Namespace) -> None:
+    """Writes the files, tells what was saved and, with --run, how exact the program is. Raises ValueError."""
+    from waam_plan.post.compact import fragments, saving
+
+    cell, tolerance = load_cell(args), args.tolerance * 1e-3
+    write, read = language(args.post)
+    files = write(plan, cell=cell, tolerance=tolerance)
+    for name, text in files.items():
+        (args.out / name).write_text(text)
+    s = saving(plan, fragments(plan, tolerance))
+    kinds = ', '.join(sorted({Path(name).suffix for name in files}))
+    print(
+        f'{len(files)} files ({kinds}); {s.after} points instead of {s.before}, {s.share:.0%} saved'
+    )
+    if args.run:
+        from waam_plan.robot.run import check
+
+        found = check(plan, read(files, cell=cell), cell)
+        print(
+            f'read back and run: with the arc on within {found.path * 1e6:.1f} um of the plan, torch within '
+            f'{math.degrees(found.lean):.3f} deg'
+        )
+
+
+def load_cell(args: argparse.Namespace) -> RobotCell:
+    """The cell of --cell, with what the other options say. Raises RobotProgramError (a ValueError)."""
+    from waam_plan.robot.cell import RobotCell, cell_of
+    from waam_plan.robot.motion import RobotProgramError
+
+    cell = RobotCell()
+    if args.cell:
+        import yaml
+
+        try:
+            data = yaml.safe_load(args.cell.read_bytes()[:MAX_BYTES])
+        except yaml.YAMLError as e:
+            raise RobotProgramError(f'{args.cell}: no YAML ({" ".join(str(e).split())})') from None
+        cell = cell_of(data, str(args.cell))
+    if args.positioner:
+        cell = replace(cell, positioner=args.positioner)
+    if args.corner is not None:
+        cell = replace(cell, corner=args.corner * 1e-3)
+    return cell
+
+
+def language(post: str) -> tuple[Writer, Reader]:
+    """Writer and reader of one of POSTS."""
+    from waam_plan.robot.abb import write_rapid
+    from waam_plan.robot.fanuc import write_ls
+    from waam_plan.robot.kuka import write_krl
+    from waam_plan.robot.read_abb import read_rapid
+    from waam_plan.robot.read_fanuc import read_ls
+    from waam_plan.robot.read_kuka import read_krl
+
+    languages: dict[str, tuple[Writer, Reader]] = {
+        'fanuc': (write_ls, read_ls),
+        'kuka': (write_krl, read_krl),
+        'abb': (write_rapid, read_rapid),
+    }
+    return languages[post]

@@ -1,0 +1,223 @@
+"""Where the torch will not have the programmed speed, told before the arc. Pure.
+
+The controller core says where it will have the torch in every millisecond of a bead. What the robot makes of it is
+known too: corners become curves (`blend`), the rest stays. So the speed at the part is known before metal is laid, and
+so is how fast each joint must turn. A joint that would have to turn faster than it can stops the job there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from waam_robot.station import Station
+from waam_robot.timing import AXIS_NAMES
+
+from .blend import LEAST, MOST, blended
+from .params import RobotParams
+
+TOLD = 0.01  # share of the programmed speed from which a difference is told
+WINDOW = 50  # ms over which the speed is measured
+EVERY = 10  # ms between the joints that are looked at
+SHARP = np.radians(45.0)  # a corner that counts more than a change of speed beside it
+STRAIGHT = np.cos(np.radians(1.0))  # pieces of a leg turn by less
+GAP = 0.5e-3  # m: places nearer to each other are one
+NEAR = 2.0e-3  # m to both sides in which the cause of a place is looked for
+CAUSES = START, END, STEP = ('start', 'end', 'the programmed speed changes')
+
+
+@dataclass(frozen=True)
+class Bead:
+    """A stretch from arc on to arc off. corners: (m, 3) m, the programmed path in machine coordinates; speeds: (m - 1,)
+    m/s of its pieces; tips: (n, 3) m, where the core has the torch in every ms; numbers: (m - 1,) int, beads that the
+    pieces belong to; layer: as the plan counts it; work_zero: (3,) m."""
+
+    corners: np.ndarray
+    speeds: np.ndarray
+    tips: np.ndarray
+    numbers: np.ndarray
+    layer: int = 0
+    work_zero: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A stretch of a bead that is laid too slowly or too fast. begin, end: m from the bead's start; speed, wanted: m/s
+    where the difference is largest; cause: what holds it up; at: (3,) m, work frame, there; stops: the job would end
+    there."""
+
+    layer: int
+    bead: int
+    begin: float
+    end: float
+    speed: float
+    wanted: float
+    cause: str
+    at: np.ndarray
+    stops: bool = False
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        x, y, z = self.at * 1e3
+        said = (
+            f'layer {self.layer}, bead {self.bead}, {self.begin * 1e3:.1f} to {self.end * 1e3:.1f} mm from its start, '
+            f'at ({x:.1f}, {y:.1f}, {z:.1f}) mm: '
+        )
+        if self.stops:
+            return f'{said}{self.cause}: the job would be held there'
+        return f'{said}{self.speed * 1e3:.2f} mm/s instead of {self.wanted * 1e3:.2f}: {self.cause}'
+
+
+def places(bead: Bead, station: Station, params: RobotParams) -> list[Place]:
+    """Where the speed at the part is off by more than TOLD, and where a joint is too slow for it, in order.
+
+    StationError where the arm does not reach.
+    """
+    if len(bead.tips) < 2 * WINDOW:
+        return []
+    trace = _trace(bead, station, params)
+    off = np.abs(trace.speed / trace.wanted - 1)
+    moving = (trace.way > 1e-6) & (trace.way < trace.given[-1] - 1e-6)
+    wrong = ((off > TOLD) | (trace.used > 1)) & moving
+    return [_place(trace, off, a, b) for a, b in _stretches(wrong, trace.way)]
+
+
+def too_fast(
+    tips: np.ndarray, station: Station, params: RobotParams, work_zero: tuple[float, float, float]
+) -> str:
+    """Where a joint would have to turn faster than it can on the way (n, 3) m, every ms, machine coordinates; '' =
+    nowhere. StationError where the arm does not reach."""
+    used, axis = _used(tips, station, params)
+    if not used.max(initial=0.0) > 1:
+        return ''
+    n = int(np.argmax(used > 1))
+    x, y, z = (tips[n * EVERY] - work_zero) * 1e3
+    name = AXIS_NAMES[axis[n]]
+    return (
+        f'at ({x:.1f}, {y:.1f}, {z:.1f}) mm: {name} would have to turn at {used[n]:.2f} times its fastest: the job '
+        'would be held there'
+    )
+
+
+@dataclass(frozen=True)
+class _Trace:
+    """Every ms but the first and last of the window: tips (k, 3) m of the robot, way (k,) m along the bead, piece (k,),
+    speed, wanted (k,) m/s, used (k,) largest share of a joint's speed and axis (k,), which joint; given (m,) m: the
+    way to every corner."""
+
+    bead: Bead
+    given: np.ndarray
+    tips: np.ndarray
+    way: np.ndarray
+    piece: np.ndarray
+    speed: np.ndarray
+    wanted: np.ndarray
+    used: np.ndarray
+    axis: np.ndarray
+
+
+def _trace(bead: Bead, station: Station, params: RobotParams) -> _Trace:
+    path = blended(bead.tips, params.corner)
+    half = WINDOW // 2
+    at = np.arange(half, len(path) - half)
+    way, gone, given = (_way(points) for points in (bead.tips, path, bead.corners))
+    piece = np.searchsorted(given, way[at], 'right') - 1
+    piece = np.clip(piece, 0, len(bead.speeds) - 1)
+    speed = (gone[at + half] - gone[at - half]) / (WINDOW * 1e-3)
+    used, axis = _used(path, station, params)
+    near = np.minimum((at + EVERY // 2) // EVERY, len(axis) - 1)
+    return _Trace(
+        bead, given, path[at], way[at], piece, speed, bead.speeds[piece], used[near], axis[near]
+    )
+
+
+def _place(trace: _Trace, off: np.ndarray, a: int, b: int) -> Place:
+    """The stretch from the a-th to before the b-th ms; off: (k,) share of the programmed speed."""
+    bead, stops = trace.bead, bool(trace.used[a:b].max() > 1)
+    worst = a + int(np.argmax((trace.used if stops else off)[a:b]))
+    begin, end = float(trace.way[a]), float(trace.way[b - 1])
+    if stops:
+        name = AXIS_NAMES[trace.axis[worst]]
+        cause = f'{name} would have to turn at {trace.used[worst]:.2f} times its fastest'
+    else:
+        cause = _cause(bead, trace.given, begin, end)
+    number = int(bead.numbers[trace.piece[a]])
+    since = float(trace.given[np.argmax(bead.numbers == number)])
+    speed, wanted = float(trace.speed[worst]), float(trace.wanted[worst])
+    here = trace.tips[worst] - bead.work_zero
+    return Place(bead.layer, number, begin - since, end - since, speed, wanted, cause, here, stops)
+
+
+def _way(points: np.ndarray) -> np.ndarray:
+    """(n,) m: length from the first of (n, 3)."""
+    return np.concatenate([[0.0], np.cumsum(_lengths(points))])
+
+
+def _lengths(points: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=1))
+
+
+def _used(path: np.ndarray, station: Station, params: RobotParams) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) largest share of a joint's speed every EVERY ms, and (k,) which joint that is."""
+    joints = station.joints(path[::EVERY])
+    rates = np.abs(np.gradient(joints, EVERY * 1e-3, axis=0)) if len(joints) > 1 else joints * 0
+    share = rates / np.array(params.joint_speed_max)
+    return share.max(axis=1), share.argmax(axis=1)
+
+
+def _stretches(wrong: np.ndarray, way: np.ndarray) -> Iterator[tuple[int, int]]:
+    """(first, behind the last) of the runs of `wrong`; runs nearer than GAP to each other are one."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong, [0]])))
+    runs = edges.reshape(-1, 2).tolist()
+    while runs:
+        a, b = runs.pop(0)
+        while runs and way[runs[0][0]] - way[b - 1] < GAP:
+            b = runs.pop(0)[1]
+        yield a, b
+
+
+def _cause(bead: Bead, given: np.ndarray, begin: float, end: float) -> str:
+    """What the path has there."""
+    if begin < NEAR:
+        return START
+    if end > given[-1] - NEAR:
+        return END
+    inner = np.flatnonzero((given[1:-1] > begin - NEAR) & (given[1:-1] < end + NEAR))
+    ways = np.diff(bead.corners, axis=0) / np.maximum(_lengths(bead.corners), 1e-12)[:, None]
+    turns = np.arccos(np.clip(np.einsum('ij,ij->i', ways[:-1], ways[1:]), -1, 1))
+    turn = float(turns[inner].max(initial=0.0))
+    changes = len(inner) and np.ptp(bead.speeds[[*inner, inner[-1] + 1]]) > 0
+    if turn > LEAST and not (changes and turn < SHARP):
+        return _corner(bead, int(inner[np.argmax(turns[inner])]), turn, ways)
+    if changes:
+        return STEP
+    return 'bends of the path'
+
+
+def _corner(bead: Bead, n: int, turn: float, ways: np.ndarray) -> str:
+    """Why the robot takes no curve between the pieces n and n + 1."""
+    said = f'a corner of {np.degrees(turn):.0f} deg'
+    leg = _leg(bead, n, ways)
+    if turn > MOST:
+        return f'{said}: curves turn by {np.degrees(MOST):.0f} deg at most'
+    if np.abs(ways[n : n + 2, 2]).max() > 1e-3:
+        return f'{said} that climbs'
+    if leg < 2 * NEAR:
+        return f'{said} beside a leg of {leg * 1e3:.1f} mm, too short for a curve'
+    return f'{said} into which no curve fits'
+
+
+def _leg(bead: Bead, n: int, ways: np.ndarray) -> float:
+    """m: the shorter one of the straight legs before and behind the corner at the end of piece n."""
+    lengths = _lengths(bead.corners)
+    before, behind = lengths[n::-1], lengths[n + 1 :]
+    bent_before = np.flatnonzero(ways[n::-1] @ ways[n] < STRAIGHT)
+    bent_behind = np.flatnonzero(ways[n + 1 :] @ ways[n + 1] < STRAIGHT)
+    legs = [
+        leg[: bent[0]] if len(bent) else leg
+        for leg, bent in ((before, bent_before), (behind, bent_behind))
+    ]
+    return float(min(leg.sum() for leg in legs))
