@@ -116,7 +116,7 @@ def frame(n: int, t: float, seconds: int) -> bytes:
     fields = cdr.TelemetryFields(
         n * 10_000, 1, n, 1, 0.04 * phase, 4e-3 * (2 if n < half else 1), 0.0, 0.01, 0.08, 0.08, 180.0 * arc,
         22.0 * arc,
-        arc, arc, True, n, n, 10, 1.0, 1.0, 1.0, 0, 0,
+        arc, arc, True, 1, n, n, 10, 1.0, 1.0, 1.0, 0, 0,
     )  # fmt: skip
     return cdr.pack_telemetry(int(t * 1e9), fields)
 

@@ -293,7 +293,7 @@ def show_a_job(panel) -> None:
     put = panel.cell.mailbox.put
     put(('anomaly', {'class': 'scan', 'severity': 1, 'text': 'dirty'}))
     numbers = (-123.456, 123.456, -99.9), 288.0, 28.8, 0.2, 0.2, 0.055
-    put(('telemetry', Sample(1.0, *numbers, 'RUN', True, True, True, 1.25, 1.25, 0.4)))
+    put(('telemetry', Sample(1.0, *numbers, 'RUN', True, True, True, 1.25, 1.25, 0.4, 'underfeed')))
     job = dict.fromkeys(('layer', 'layers', 'bead', 'beads'), 108) | {
         'id': '20260101_jaw_restoration_2',
         'dir': '',
