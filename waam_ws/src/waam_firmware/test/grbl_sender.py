@@ -29,14 +29,15 @@ class View(ctypes.Structure):
 
 
 class Sender:
-    """Speaks to a controller beside the home switches that has not said who it is; `alarm`: as after power-up."""
+    """Speaks to a controller beside the home switches that has not said who it is; `alarm`: as after power-up; `copy`:
+    to a copy of that one's controller."""
 
-    def __init__(self, alarm: bool = False) -> None:
+    def __init__(self, alarm: bool = False, copy: Sender | None = None) -> None:
         lib = self.lib = library()
         handle = ctypes.c_void_p
-        for name in ('controller_lib_with_cell',):
-            getattr(lib, name).restype = handle
-            getattr(lib, name).argtypes = (ctypes.c_uint32, ctypes.c_uint64)
+        lib.controller_lib_with_cell.restype = handle
+        lib.controller_lib_with_cell.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
+        lib.controller_lib_copy.argtypes = (handle, handle)
         lib.controller_lib_place.argtypes = (handle, *[ctypes.c_double] * 3)
         lib.controller_lib_hang_up.argtypes = (handle,)
         lib.controller_lib_look.argtypes = (handle, handle)
@@ -44,6 +45,8 @@ class Sender:
         new = lib.controller_lib_with_cell if alarm else lib.controller_lib_new
         self.handle = new(1, 1_000_000)
         lib.controller_lib_place(self.handle, 0.3, 0.3, 199.7)
+        if copy:
+            lib.controller_lib_copy(self.handle, copy.handle)
         self.lines: list[str] = []
         self.arc_was_on = False
         self._bytes = ctypes.create_string_buffer(256 * 1024)

@@ -33,10 +33,21 @@ def sender():
     s.close()
 
 
+@pytest.fixture(scope='module')
+def has_homed():
+    s = Sender()
+    s.send(RESET)
+    assert s.ask('$H')[-1] == 'ok'
+    yield s
+    s.close()
+
+
 @pytest.fixture
-def homed(sender):
-    assert sender.ask('$H')[-1] == 'ok'
-    return sender
+def homed(has_homed):
+    """A copy of the one that has homed."""
+    s = Sender(copy=has_homed)
+    yield s
+    s.close()
 
 
 @pytest.fixture
@@ -121,7 +132,7 @@ def test_frames_and_help(homed):
 def test_a_program_ends_where_it_should_and_every_line_has_one_answer(homed):
     assert homed.status()['at'] == [0.0, 0.0, 200.0]
     start = len(homed.lines)
-    program = ['G21 G90 (comment ?)', '', '%', 'N10 G0 X20 Y10', 'G1 X30 F3000', 'g2 x40 y20 r10', 'G91', ' X-5 Z-3 ']
+    program = ['G21 G90 (comment ?)', '', '%', 'N10 G0 X20 Y10', 'G1 X30 F3000', 'g2 x40 y20 r10', 'G91', ' G1 X-5 Z-3 ']
     homed.send('\r\n'.join(program).encode() + b'\r\n')
     homed.until(lambda: homed.lines[start:].count('ok') == len(program))
     homed.until(lambda: homed.status()['state'] == 'Idle')
@@ -276,7 +287,7 @@ def test_an_emergency_stop_is_told_and_locks(cell):
 def test_more_than_there_is_room_for_stops_the_machine(homed):
     """A sender that does not count loses lines nowhere: it is told, and nothing moves any more."""
     homed.send(b'G91\nG1 X1 F60\n' + b'G1 X0.01\n' * 400)
-    assert homed.lines[-2] == 'ALARM:3' and 'room' in homed.lines[-1]
+    assert homed.lines.count('ALARM:3') == 1 and any('room for' in x for x in homed.lines)
     homed.tick(300)
     stood = homed.tick()[-1]
     assert homed.tick(500)[-1].tolist() == stood.tolist() and homed.status()['state'] == 'Alarm'

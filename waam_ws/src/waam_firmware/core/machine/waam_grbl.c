@@ -258,6 +258,10 @@ static void jog(waam_core_t *core, const char *line, size_t length, size_t start
         refuse_because(core, WAAM_E_NOT_NOW, "locked: $X or $H first");
         return;
     }
+    if (waam_grbl_arc_word(line, length)) {
+        answer(core, 16);
+        return;
+    }
     before.motion = WAAM_MOTION_LINE;
     before.feed_mm_s = 0.0;
     before.inverse_time = false;
@@ -265,7 +269,7 @@ static void jog(waam_core_t *core, const char *line, size_t length, size_t start
         refuse(core, &error);
         return;
     }
-    if (!is_jog(core, &command) || waam_grbl_arc_word(line, length)) {
+    if (!is_jog(core, &command)) {
         answer(core, 16);
         return;
     }
@@ -377,9 +381,11 @@ static size_t without_blanks(const char **line, size_t length)
 
 static bool take(waam_core_t *core, const char *line, size_t length)
 {
-    if (length && line[0] == WAAM_GRBL_TOO_LONG)
+    if (length == 0)
+        answer(core, 0);
+    else if (line[0] == WAAM_GRBL_TOO_LONG)
         answer(core, 11);
-    else if (length && line[0] == '$')
+    else if (line[0] == '$')
         system_line(core, line, length);
     else
         return program_line(core, line, length);
