@@ -381,7 +381,7 @@ def test_when_its_terminal_closes_the_machine_stops(start):
     assert client.frame['x_um'] < 190_000
 
 
-JOB_LINES = 1500
+JOB_LINES = 500
 
 
 def test_a_stock_library_streams_a_job_without_loss(start):
