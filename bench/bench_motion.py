@@ -85,9 +85,11 @@ def frequency() -> None:
 
 
 def residual(shaker) -> float:
-    """RMS (m) of the swing of X over 0.2 s after five moves have ended."""
+    """RMS (m) of the swing of X over 0.2 s after five moves have ended. They begin at rest, and go along X alone."""
     squares = []
     x, y, z = shaken().POINT
+    shaker.go(((x, y, z), 0.05))
+    shaker.machine.advance(1.0)
     for k, (way, speed) in enumerate(
         ((11e-3, 0.05), (7e-3, 0.03), (13e-3, 0.04), (3e-3, 0.02), (23e-3, 0.06))
     ):

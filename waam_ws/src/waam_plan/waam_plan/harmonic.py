@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 FINEST = 0.2e-3  # m: pieces of a move are no shorter than this on average
-PIECES = 64  # of equal time, at most: with 50 the steps of the speed still show in the jerk
+PIECES = 72  # of equal time, at most: with 50 the steps of the speed still show in the jerk
 # rad of the whole move: below it rounding is larger than what the angle changes
 SMALLEST = 0.01
 
