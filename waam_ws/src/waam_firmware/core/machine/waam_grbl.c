@@ -53,23 +53,6 @@ static void refuse_because(waam_core_t *core, waam_code_t code, const char *why)
     refuse(core, &error);
 }
 
-void waam_grbl_tell(waam_core_t *core, waam_code_t code, const char *reason)
-{
-    waam_text_t text = {.length = 0};
-    if (core->state == WAAM_ALARM)
-        say_number(core, "ALARM:", waam_grbl_alarm(code));
-    if (code == WAAM_OK || code == WAAM_E_HOLD)
-        return;
-    waam_text_add(&text, "[MSG:E");
-    waam_text_uint(&text, code);
-    waam_text_char(&text, ' ');
-    waam_text_add(&text, reason);
-    waam_text_char(&text, ']');
-    waam_grbl_say(core, &text);
-}
-
-bool waam_grbl_locked(const waam_core_t *core) { return core->state == WAAM_ALARM || core->link.blocked; }
-
 static void greet(waam_core_t *core)
 {
     say(core, "Grbl 1.1h ['$' for help]");

@@ -4,12 +4,6 @@
 #include "waam_grbl_dialect.h"
 #include "waam_internal.h"
 
-void waam_grbl_say(waam_core_t *core, waam_text_t *text)
-{
-    waam_text_add(text, "\r\n");
-    core->send(core->context, text->text, text->length, WAAM_TX_ASSURED);
-}
-
 static void say(waam_core_t *core, const char *words)
 {
     waam_text_t text = {.length = 0};
@@ -27,6 +21,8 @@ static void add_axes(waam_text_t *text, const double mm[WAAM_AXES])
 }
 
 /* ---- status ---- */
+
+bool waam_grbl_locked(const waam_core_t *core) { return core->state == WAAM_ALARM || core->link.blocked; }
 
 static const char *state_of(const waam_core_t *core)
 {

@@ -8,6 +8,7 @@ extern const char waam_axis_names[WAAM_AXES + 1];
 
 /* states (waam_state.c) */
 void waam_core_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind); /* adds the check */
+void waam_grbl_say(waam_core_t *core, waam_text_t *text); /* to a GRBL sender; adds the end of the line */
 void waam_core_state(waam_core_t *core, waam_state_t state, waam_code_t code, const char *reason);
 /* Slows down, ends the arc, keeps the queue. `quick` leaves the crater fill out. */
 void waam_core_hold(waam_core_t *core, waam_code_t code, const char *reason, bool quick);
@@ -52,11 +53,9 @@ bool waam_grbl_line(waam_core_t *core, const char *line, size_t length);
 void waam_grbl_hello(waam_core_t *core, const char *line, size_t length); /* the first line, or one while nothing is accepted */
 void waam_grbl_overrun(waam_core_t *core);
 void waam_grbl_homed(waam_core_t *core); /* answers $H when it is done */
-void waam_grbl_tell(waam_core_t *core, waam_code_t code, const char *reason); /* a state that has begun */
-bool waam_grbl_locked(const waam_core_t *core); /* ALARM to such a sender: nothing moves before $X or $H */
 
 /* what they are told (waam_grbl_report.c) */
-void waam_grbl_say(waam_core_t *core, waam_text_t *text); /* adds the end of the line */
+bool waam_grbl_locked(const waam_core_t *core); /* ALARM to such a sender: nothing moves before $X or $H */
 void waam_grbl_status(waam_core_t *core);                 /* if it was asked for */
 bool waam_grbl_report(waam_core_t *core, char question);  /* $ $$ $# $G $I $N by the character after '$', 0 for none */
 bool waam_grbl_setting(const waam_core_t *core, unsigned number, double *value); /* of $$; false: there is none */

@@ -1,4 +1,5 @@
 /* States and their changes: hold, alarm, resume, stop. Everything else in this room may call these; they call none of it. */
+#include "waam_grbl_dialect.h"
 #include "waam_internal.h"
 #include "waam_marlin_dialect.h"
 
@@ -33,11 +34,37 @@ void waam_core_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind)
     core->send(core->context, text->text, text->length, kind);
 }
 
+void waam_grbl_say(waam_core_t *core, waam_text_t *text)
+{
+    waam_text_add(text, "\r\n");
+    core->send(core->context, text->text, text->length, WAAM_TX_ASSURED);
+}
+
+/* GRBL has a number for ALARM and none for other states; a fault is told in words as well. */
+static void tell_grbl(waam_core_t *core, waam_code_t code, const char *reason)
+{
+    waam_text_t text = {.length = 0};
+    if (core->state == WAAM_ALARM) {
+        waam_text_add(&text, "ALARM:");
+        waam_text_uint(&text, waam_grbl_alarm(code));
+        waam_grbl_say(core, &text);
+        waam_text_clear(&text);
+    }
+    if (code == WAAM_OK || code == WAAM_E_HOLD)
+        return;
+    waam_text_add(&text, "[MSG:E");
+    waam_text_uint(&text, code);
+    waam_text_char(&text, ' ');
+    waam_text_add(&text, reason);
+    waam_text_char(&text, ']');
+    waam_grbl_say(core, &text);
+}
+
 void waam_core_tell(waam_core_t *core, waam_code_t code, const char *reason)
 {
     waam_text_t text = {.length = 0};
     if (core->link.dialect == WAAM_DIALECT_GRBL) {
-        waam_grbl_tell(core, code, reason);
+        tell_grbl(core, code, reason);
         return;
     }
     waam_text_add(&text, "! ");
