@@ -132,7 +132,16 @@ def test_frames_and_help(homed):
 def test_a_program_ends_where_it_should_and_every_line_has_one_answer(homed):
     assert homed.status()['at'] == [0.0, 0.0, 200.0]
     start = len(homed.lines)
-    program = ['G21 G90 (comment ?)', '', '%', 'N10 G0 X20 Y10', 'G1 X30 F3000', 'g2 x40 y20 r10', 'G91', ' G1 X-5 Z-3 ']
+    program = [
+        'G21 G90 (comment ?)',
+        '',
+        '%',
+        'N10 G0 X20 Y10',
+        'G1 X30 F3000',
+        'g2 x40 y20 r10',
+        'G91',
+        ' G1 X-5 Z-3 ',
+    ]
     homed.send('\r\n'.join(program).encode() + b'\r\n')
     homed.until(lambda: homed.lines[start:].count('ok') == len(program))
     homed.until(lambda: homed.status()['state'] == 'Idle')
@@ -336,7 +345,7 @@ def test_a_machine_at_work_is_not_handed_over():
 
 TEXT = st.lists(
     st.one_of(
-        st.sampled_from(['G91', 'G1', 'X1', 'Y-.5', 'F600', 'M3', 'S22', '$J=', '$$', '$G', '$X', '(', ')', ';', '%', '*']),
+        st.sampled_from('G91 G1 X1 Y-.5 F600 M3 S22 $J= $$ $G $X ( ) ; % *'.split()),
         st.text(st.characters(min_codepoint=32, max_codepoint=125, exclude_characters='?!'), max_size=8),
     ),
     max_size=12,

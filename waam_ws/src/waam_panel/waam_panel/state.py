@@ -29,7 +29,7 @@ PAUSED = 200  # controller code of a hold that was asked for: a state, no alarm
 
 @dataclass(frozen=True)
 class Sample:
-    """One telemetry frame; t in s of ROS time, the rest SI. wire_feed: what the wheel on the wire says, '' = nothing."""
+    """One telemetry frame; t in s of ROS time, the rest SI. wire_feed: what the wheel on it says, '' = nothing."""
 
     t: float
     position: tuple[float, float, float]
