@@ -138,9 +138,11 @@ void waam_order_work_offset(waam_request_t *r)
     waam_request_ok(r);
 }
 
+/* Not with a homing that waits: what is planned behind it knows the limits, and this makes it forget them. */
 waam_code_t waam_core_reset(waam_core_t *core, const char **text)
 {
-    if (core->state != WAAM_ALARM && core->state != WAAM_IDLE) {
+    bool idle = core->state == WAAM_IDLE && core->planner.count == 0;
+    if (core->state != WAAM_ALARM && !idle) {
         *text = "only in ALARM or IDLE: stop first";
         return WAAM_E_NOT_NOW;
     }
