@@ -59,7 +59,9 @@ class HarmonicLaw:
     def pieces(self, most: int = PIECES) -> tuple[np.ndarray, np.ndarray]:
         """Places (n + 1,) m and mean speeds (n,) m/s of pieces of equal time, n at most `most`. Those at the ends are
         joined until they are as long as END, for the coordinates of a program are rounded to micrometres."""
-        n = int(np.clip(self.length / FINEST, 1, most))
+        n = int(
+            np.clip(round(self.length / FINEST, 3), 1, most)
+        )  # equal legs have equal pieces in every layer
         t = np.linspace(0, self.duration, n + 1)
         at = self.position(t)
         kept = (at >= END) & (at <= self.length - END)
