@@ -12,9 +12,9 @@ motion.bead_ripple_ratio: a bead along x and, round a right angle, along y at 10
 distance from the second leg of the line that the wire is laid on, from 1 to 6 mm behind the corner, with the shaper
 that was calibrated over that without, mean of five gantries (seeds 301-305). Baseline: without a shaper, um. The crown
 of the bead shows none of it: a pool of 6 mm averages waves of 0.3 mm.
-motion.idle_jerk_ratio: greatest jerk of an idle move of 100 mm in 200 pieces by the harmonic law over that of one move
-(trapezoid) with the same highest speed and acceleration, at the steps, smoothed over 20 ms. Plans have 8 pieces unless
-`idle_pieces` says otherwise; a model without steps gives 0.75 for them. Baseline: trapezoid, m/s^3.
+motion.idle_jerk_ratio: greatest jerk of an idle leg as plans have it over that of one move (trapezoid) with the same
+highest speed and acceleration, at the steps, smoothed over 20 ms: the worst of legs of 14, 50 and 100 mm. Baseline:
+trapezoid, m/s^3.
 """
 
 from __future__ import annotations
@@ -27,9 +27,8 @@ from lib.emit import emit
 from lib.paths import SOURCES
 
 FOUND, USED, LAID = range(101, 121), range(201, 206), range(301, 306)
-ACCELERATION, SPEED = 0.5, 0.05  # m/s^2, m/s
 SMOOTHED = 20  # ms
-PIECES = 200  # of the idle move: with fewer the speed is a stair whose steps are what is measured
+LEGS = (0.014, 0.05, 0.1)  # m, of idle moves
 
 
 def shaken():
@@ -86,9 +85,11 @@ def frequency() -> None:
 
 
 def residual(shaker) -> float:
-    """RMS (m) of the swing of X over 0.2 s after five moves have ended."""
+    """RMS (m) of the swing of X over 0.2 s after five moves have ended. They begin at rest, and go along X alone."""
     squares = []
     x, y, z = shaken().POINT
+    shaker.go(((x, y, z), 0.05))
+    shaker.machine.advance(1.0)
     for k, (way, speed) in enumerate(
         ((11e-3, 0.05), (7e-3, 0.03), (13e-3, 0.04), (3e-3, 0.02), (23e-3, 0.06))
     ):
@@ -216,31 +217,33 @@ def jerk(place: np.ndarray) -> float:
     return float(abs(place).max())
 
 
+def idle_jerk(shaker, length: float, law: str) -> float:
+    """Greatest jerk (m/s^3) of an idle leg along x as the planner makes it."""
+    from waam_plan.plan import leg
+    from waam_plan.settings import PlanSettings
+
+    settings = PlanSettings(idle_law=law)
+    x, y, z = shaken().POINT
+    start, end = (x - length / 2, y, z), (x + length / 2, y, z)
+    shaker.go((start, settings.idle_speed))
+    path: list[np.ndarray] = []
+    shaker.machine.on_exchange = lambda samples, plant: path.append(-samples['table_x'])
+    shaker.go(*((s.end, s.speed) for s in leg(start, end, settings)))
+    return jerk(np.concatenate(path))
+
+
 def idle() -> None:
-    from waam_plan.harmonic import HarmonicLaw
     from waam_sim.gantry import GantryParams
 
-    x, y, z = shaken().POINT
-    start, length = x - 0.05, 0.1
-    at, speeds = HarmonicLaw.within(length, SPEED, ACCELERATION).pieces(PIECES)
-    moves = {
-        'trapezoid': [((start + length, y, z), SPEED)],
-        'harmonic': [
-            ((start + float(a), y, z), float(v)) for a, v in zip(at[1:], speeds, strict=True)
-        ],
-    }
     found = {}
     with shaken().Shaker(GantryParams()) as shaker:
-        for name, points in moves.items():
-            shaker.go(((start, y, z), SPEED))
-            path: list[np.ndarray] = []
-            shaker.machine.on_exchange = lambda samples, plant, path=path: path.append(
-                -samples['table_x']
-            )
-            shaker.go(*points)
-            found[name] = jerk(np.concatenate(path))
-    ratio = found['harmonic'] / found['trapezoid']
-    emit('motion.idle_jerk_ratio', ratio, '', 'trapezoid, m/s^3', found['trapezoid'])
+        for length in LEGS:
+            plain = idle_jerk(shaker, length, 'plain')
+            found[length] = idle_jerk(shaker, length, 'harmonic') / plain, plain
+    each = ', '.join(f'{1e3 * k:g} mm {v:.3f}' for k, (v, _) in found.items())
+    print(f'motion: idle legs: {each}', file=sys.stderr)
+    ratio, plain = max(found.values())
+    emit('motion.idle_jerk_ratio', ratio, '', 'trapezoid, m/s^3', plain)
 
 
 FIGURES = {

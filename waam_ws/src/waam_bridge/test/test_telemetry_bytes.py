@@ -14,7 +14,7 @@ U16, U32, I32 = (
 )
 FRAMES = st.builds(
     frames.Telemetry,
-    seq=U32, t_us=st.integers(0, 2**63 - 1), state=st.integers(0, 3), flags=st.integers(0, 255),
+    seq=U32, t_us=st.integers(0, 2**63 - 1), state=st.integers(0, 3), flags=st.integers(0, 511),
     x_um=I32, y_um=I32, z_um=I32, v_um_s=I32, wire_cmd_um_s=I32, wire_um_s=I32, current_ma=I32,
     voltage_mv=I32, line_accepted=U32, line_executed=U32, free_blocks=U16, speed_permille=U32,
     wire_permille=U32, lease_left_ms=I32, underruns=U32, fault=U32,
@@ -35,6 +35,10 @@ def message_of(t, ros_ns, boot):
     msg.arc_enabled = flags & frames.ARC_ENABLED != 0
     msg.arc_established = flags & frames.ARC_ESTABLISHED != 0
     msg.gas = flags & frames.GAS != 0
+    if flags & frames.UNDERFEED:
+        msg.wire_feed = Telemetry.WIRE_FEED_UNDERFEED
+    elif t.wire_cmd_um_s > 0 and t.wire_um_s > 0:
+        msg.wire_feed = Telemetry.WIRE_FEED_NORMAL
     msg.line_accepted, msg.line_executed, msg.blocks_free = (
         t.line_accepted,
         t.line_executed,

@@ -9,19 +9,24 @@ from geometry_msgs.msg import Point
 from sensor_msgs.msg import Range
 from std_msgs.msg import Header
 
-from waam_msgs.msg import Anomaly, LinkStatus, MachineState, SegmentDone, Standoff
+from waam_msgs.msg import Anomaly, LinkStatus, MachineState, SegmentDone, Standoff, Telemetry
 from waam_node import cdr
 from waam_process.names import CONTROLLER_STATES
 from waam_process.units import mm
 
 from . import frames
 from .core import Bridge
-from .frames import ARC_ENABLED, ARC_ESTABLISHED, GAS
+from .frames import ARC_ENABLED, ARC_ESTABLISHED, GAS, UNDERFEED
 from .outbox import Notice
 from .program import Mark
 
 NAN = float('nan')
 LASER, INFRARED = 1, 2
+UNKNOWN, NORMAL, UNDERFED = (
+    Telemetry.WIRE_FEED_UNKNOWN,
+    Telemetry.WIRE_FEED_NORMAL,
+    Telemetry.WIRE_FEED_UNDERFEED,
+)
 SENSOR_RANGE = {
     LASER: (0.005, 0.4),
     INFRARED: (0.035, 0.4),
@@ -39,6 +44,13 @@ def _point(values: Sequence[float] | None) -> Point:
     return Point(x=x, y=y, z=z)
 
 
+def wire_feed(flags: int, commanded_um_s: int, measured_um_s: int) -> int:
+    """WIRE_FEED_* of a frame. A wheel that stands still is no sign of a normal feed: there may be none."""
+    if flags & UNDERFEED:
+        return UNDERFED
+    return NORMAL if commanded_um_s > 0 and measured_um_s > 0 else UNKNOWN
+
+
 def telemetry_bytes(t: frames.Telemetry, ros_ns: int, boot: int) -> bytes:
     """A serialised waam_msgs/Telemetry with the stamp ros_ns. At 1 kHz the time counts: the frame is taken apart at
     once, and the values are a plain tuple in the order of cdr.TelemetryFields."""
@@ -52,7 +64,7 @@ def telemetry_bytes(t: frames.Telemetry, ros_ns: int, boot: int) -> bytes:
         v_um_s * 1e-6, wire_cmd_um_s * 1e-6, wire_um_s * 1e-6,
         current_ma * 1e-3, voltage_mv * 1e-3,
         flags & ARC_ENABLED != 0, flags & ARC_ESTABLISHED != 0, flags & GAS != 0,
-        line_accepted, line_executed, free_blocks,
+        wire_feed(flags, wire_cmd_um_s, wire_um_s), line_accepted, line_executed, free_blocks,
         speed_permille * 1e-3, wire_permille * 1e-3, lease_left_ms * 1e-3,
         underruns, fault,
     )  # fmt: skip

@@ -18,8 +18,8 @@ IDLE, RUN, HOLD, ALARM = range(4)
 STATES = {name.encode(): number for number, name in enumerate(CONTROLLER_STATES)}
 
 # flags of telemetry
-ARC_ENABLED, ARC_ESTABLISHED, GAS, HOMED, ARMED, QUEUE_EMPTY, ESTOP, WIRE_JOG = (
-    1, 2, 4, 8, 16, 32, 64, 128,
+ARC_ENABLED, ARC_ESTABLISHED, GAS, HOMED, ARMED, QUEUE_EMPTY, ESTOP, WIRE_JOG, UNDERFEED = (
+    1, 2, 4, 8, 16, 32, 64, 128, 256,
 )  # fmt: skip
 
 CODES = {

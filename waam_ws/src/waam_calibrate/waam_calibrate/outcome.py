@@ -33,6 +33,8 @@ def of_resonance(found: Resonance, sweep: Sweep, now: datetime) -> Result:
     for other in found.candidates:
         values[f'{other.type}_hz'] = other.hz
         values[f'{other.type}_vibration_pct'] = 100 * other.vibration
+        if other.vibration_off is not None:
+            values[f'{other.type}_vibration_off_pct'] = 100 * other.vibration_off
     evidence = {'peak_gain': float(found.gain.max()) ** 0.5, 'sweep_s': sweep.duration}
     shaper = f'{c.type} at {c.hz:.1f} Hz leaves {100 * c.vibration:.1f} %'
     text = f'mode {mode.hz:.2f} Hz, damping {mode.damping:.3f}; {shaper}'

@@ -42,12 +42,14 @@ def _rows(title: str, rows: Sequence[tuple[str, str]]) -> str:
 
 
 def log_lines(candidates: Sequence[Candidate], chosen: Candidate) -> list[str]:
-    """The log of the source: shaper, frequency, vibration, smoothing, acceleration."""
+    """The log of the source: shaper, frequency, vibration, smoothing, acceleration; and the vibration that remains with
+    the modes elsewhere than where they were measured."""
     lines = []
     for c in candidates:
         mark = '   <- taken' if c is chosen else ''
+        uncertain = '' if c.vibration_off is None else f'15 % off {100 * c.vibration_off:5.1f} %   '
         lines.append(
-            f'{c.type:9s} {c.hz:6.1f} Hz   vibration {100 * c.vibration:5.1f} %   '
+            f'{c.type:9s} {c.hz:6.1f} Hz   vibration {100 * c.vibration:5.1f} %   {uncertain}'
             f'smoothing {c.smoothing:.3f} mm   acceleration <= {c.acceleration:.0f} mm/s^2{mark}'
         )
     return lines

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,10 @@ LOWEST_HZ = {  # below it the controller refuses the shaper: its mean delay is b
     'zv': 5.2, 'zvd': 9.6, 'mzv': 7.4, 'ei': 9.6, '2hump_ei': 14.0, '3hump_ei': 17.0,
 }  # fmt: skip
 HIGHEST_HZ, STEP_HZ = 134.0, 0.2  # of the search
+UNCERTAIN = 0.15  # relative: by so much the modes may be elsewhere than where they were measured
+RATIOS = np.arange(
+    0.0, 32.0, 0.004
+)  # frequency over the tuned one, at which what a shaper leaves is tabulated
 SLACK = 0.01  # share of the vibration that is no difference
 
 
@@ -37,7 +41,8 @@ class Impulses:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A shaper as the source's log tells it. vibration: share that remains; smoothing mm; acceleration mm/s^2."""
+    """A shaper as the source's log tells it. vibration: share that remains; smoothing mm; acceleration mm/s^2;
+    vibration_off: what remains when the modes are UNCERTAIN off, the worse side; None = not known."""
 
     type: str
     hz: float
@@ -45,11 +50,12 @@ class Candidate:
     smoothing: float
     acceleration: float
     damping: float = DAMPING
+    vibration_off: float | None = None
 
     @property
     def score(self) -> float:
-        """The lower the better."""
-        return score(self.smoothing, self.vibration)
+        """The lower the better; by the vibration that remains with uncertain modes, where that is known."""
+        return score(self.smoothing, max(self.vibration, self.vibration_off or 0.0))
 
 
 def _amplitudes(kind: str, k: float) -> tuple[Sequence[float], Sequence[float]]:
@@ -128,23 +134,35 @@ def candidate(kind: str, hz: float, vibration: float, damping: float = DAMPING) 
 
 def left(shaper: Impulses, hz: np.ndarray, psd: np.ndarray, damping: float) -> float:
     """Share of the vibration above the floor that remains; psd (n,) at hz (n,), any unit."""
+    return _share(residual(shaper, hz, damping), psd)
+
+
+def _share(rest: np.ndarray, psd: np.ndarray) -> float:
+    """The same for the residual (n,) of every frequency."""
     floor = FLOOR * float(psd.max())
-    shaped = np.maximum(residual(shaper, hz, damping) * psd - floor, 0.0).sum()
+    shaped = np.maximum(rest * psd - floor, 0.0).sum()
     return float(shaped / np.maximum(psd - floor, 0.0).sum())
 
 
 def best_of(kind: str, hz: np.ndarray, psd: np.ndarray, damping: float = DAMPING) -> Candidate:
-    """The best frequency for one type: of those that leave at most a tenth or a hundredth of the whole more than the
-    least, the one with the lowest score."""
-    tried = np.arange(LOWEST_HZ[kind], HIGHEST_HZ + STEP_HZ / 2, STEP_HZ)
+    """The best frequency for one type, for modes that may be UNCERTAIN off: of those that leave at most a tenth or a
+    hundredth of the whole more than the least, the one with the lowest score."""
+    one = impulses(kind, 1.0, damping)
+    rests = [residual(one, RATIOS, damping * spread) for spread in DAMPING_SPREAD]
+
+    def worst(tuned: float) -> float:
+        return max(_share(np.interp(hz / tuned, RATIOS, rest), psd) for rest in rests)
+
     found = []
-    for tuned in tried:
-        shaper = impulses(kind, float(tuned), damping)
-        worst = max(left(shaper, hz, psd, damping * spread) for spread in DAMPING_SPREAD)
-        found.append((worst, score(smoothing(shaper), worst), float(tuned)))
+    for tuned in np.arange(LOWEST_HZ[kind], HIGHEST_HZ + STEP_HZ / 2, STEP_HZ).tolist():
+        off = max(worst(tuned * f) for f in (1 - UNCERTAIN, 1.0, 1 + UNCERTAIN))
+        found.append((off, score(smoothing(impulses(kind, tuned, damping)), off), tuned))
     least = min(v for v, _, _ in found)
-    chosen = min((f for f in found if f[0] <= max(1.1 * least, least + SLACK)), key=lambda f: f[1])
-    return candidate(kind, round(chosen[2], 1), chosen[0], damping)
+    off, _, tuned = min(
+        (f for f in found if f[0] <= max(1.1 * least, least + SLACK)), key=lambda f: f[1]
+    )
+    best = candidate(kind, round(tuned, 1), worst(tuned), damping)
+    return replace(best, vibration_off=off)
 
 
 def choose(candidates: Sequence[Candidate]) -> Candidate:

@@ -39,6 +39,8 @@ typedef struct {
     bool unsure;                 /* such a line has been sent since the last hang-up */
     bool native;                 /* a line with a good check has been sent since the last hang-up */
     bool marlin;                 /* the controller has said "start" to a Marlin sender */
+    bool grbl;                   /* ... or "Grbl" to a GRBL sender */
+    unsigned asked, answered;    /* lines of the GRBL sender since it said hello, and answers to them */
 } bench_t;
 
 static bench_t bench;
@@ -78,24 +80,54 @@ static void on_state(const char *line)
     REQUIRE(false, "a known state");
 }
 
+static void require_stock(void)
+{
+    REQUIRE(!bench.native || bench.unsure, "a host that has sent a checked line is not taken for a stock sender");
+}
+
+/* A GRBL sender is told no state but ALARM; it has to ask. */
+static void on_grbl_line(const char *text)
+{
+    static const char *const known[] = {"ok", "error:", "ALARM:", "<", "[", "$", "Grbl 1.1"};
+    size_t i = 0;
+    while (i < sizeof known / sizeof known[0] && strncmp(text, known[i], strlen(known[i])) != 0)
+        i++;
+    REQUIRE(i < sizeof known / sizeof known[0], "a line that such a sender knows");
+    if (i == 6) {
+        require_stock();
+        bench.grbl = true;
+    }
+    bench.answered += i < 2;
+    REQUIRE(bench.answered <= bench.asked + 1, "one answer for each line");
+    if (i == 2 && bench.core.state == WAAM_ALARM)
+        bench.announced = WAAM_ALARM;
+    REQUIRE(i != 2 || bench.core.state == WAAM_ALARM || bench.core.link.blocked, "ALARM is a lock");
+    REQUIRE(i != 3 || strstr(text, "|MPos:"), "a status has a position");
+}
+
 static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_t kind)
 {
     char text[512];
     size_t content;
     (void)context;
+    bool grbl = bench.core.link.dialect == WAAM_DIALECT_GRBL && line[bytes - 2] == '\r';
     bool marlin = bench.core.link.dialect == WAAM_DIALECT_MARLIN;
     REQUIRE(bytes > 2 && bytes <= 400 && line[bytes - 1] == '\n', "length of a sent line");
-    content = bytes - 1;
-    REQUIRE(marlin || waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
+    content = bytes - 1 - grbl;
+    REQUIRE(grbl || marlin || waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
     for (size_t i = 0; i < content; i++)
         REQUIRE(line[i] >= ' ' && (uint8_t)line[i] <= '~', "a sent line is printable");
     memcpy(text, line, content);
     text[content] = '\0';
+    if (grbl) {
+        on_grbl_line(text);
+        return;
+    }
     if (marlin) {
         if (strncmp(text, "echo:! ", 7) == 0)
             on_state(text + 5);
         if (strcmp(text, "start") == 0) {
-            REQUIRE(!bench.native || bench.unsure, "a host that has sent a checked line is not taken for a Marlin sender");
+            require_stock();
             bench.marlin = true;
         }
         return;
@@ -141,10 +173,10 @@ static bool identification(size_t content)
 static void sent_checked(size_t content)
 {
     bool identifies = identification(content);
-    if (identifies || (!bench.marlin && !numbered_m110()))
+    if (identifies || (!bench.marlin && !bench.grbl && !numbered_m110()))
         bench.native = true;
     if (identifies)
-        bench.marlin = false;
+        bench.marlin = bench.grbl = false;
 }
 
 /* Before the controller has seen the end of the line. A line with real-time bytes may be another one to the controller, which
@@ -160,6 +192,7 @@ static void sent(char byte)
     }
     if (bench.line_length && bench.line[bench.line_length - 1] == '\r')
         bench.line_length--;
+    bench.asked += bench.core.link.dialect == WAAM_DIALECT_GRBL;
     bool checked = bench.line_length <= WAAM_LINE_MAX && waam_check_line(bench.line, bench.line_length, &content);
     if (checked || bench.real_time)
         bench.fed_us = bench.core.now_us;
@@ -170,20 +203,51 @@ static void sent(char byte)
     bench.real_time = false;
 }
 
+/* Bytes that a GRBL sender's controller takes out of the lines. */
+static bool grbl_real_time(uint8_t byte)
+{
+    return byte == '?' || byte == '!' || byte == '~' || byte == 0x18 || byte == 0x84 || byte == 0x85 ||
+           (byte >= 0x90 && byte <= 0x9F);
+}
+
+/* It is not told of states but ALARM: whoever comes after it knows them. */
+static void follow_state(void)
+{
+    if (bench.core.state == WAAM_ALARM)
+        REQUIRE(bench.announced == WAAM_ALARM, "ALARM was told");
+    bench.announced = bench.core.state;
+    bench.announced_code = bench.core.fault;
+}
+
+static void feed_byte(char byte)
+{
+    const waam_link_t *link = &bench.core.link;
+    waam_dialect_t before = link->dialect;
+    bool taken = before == WAAM_DIALECT_GRBL && grbl_real_time((uint8_t)byte);
+    if (!taken)
+        sent(byte);
+    waam_core_rx(&bench.core, (uint8_t)byte);
+    if (link->dialect != WAAM_DIALECT_GRBL)
+        return;
+    if (before == WAAM_DIALECT_OPEN)
+        bench.asked = bench.answered = 0;
+    if ((before == WAAM_DIALECT_OPEN && byte != '\n') || (taken && byte == 0x18))
+        bench.line_length = 0;
+    follow_state();
+}
+
 static void feed(const char *bytes, size_t count)
 {
-    for (size_t i = 0; i < count; i++) {
-        sent(bytes[i]);
-        waam_core_rx(&bench.core, (uint8_t)bytes[i]);
-    }
+    for (size_t i = 0; i < count; i++)
+        feed_byte(bytes[i]);
 }
 
 static void hang_up(void)
 {
     waam_core_hang_up(&bench.core);
-    if (bench.marlin) /* the machine brakes: from here on it has as long as after a last line */
+    if (bench.marlin || bench.grbl) /* the machine brakes: from here on it has as long as after a last line */
         bench.fed_us = bench.core.now_us;
-    bench.native = bench.marlin = bench.real_time = bench.unsure = false;
+    bench.native = bench.marlin = bench.grbl = bench.real_time = bench.unsure = false;
     bench.line_length = 0;
 }
 
@@ -299,12 +363,14 @@ static void require_motion(const int64_t before[WAAM_AXES])
 static void require_state(bool limit_before)
 {
     const waam_core_t *c = &bench.core;
+    if (c->link.dialect == WAAM_DIALECT_GRBL)
+        follow_state();
     REQUIRE(c->state == bench.announced && (unsigned)c->fault == bench.announced_code, "every state was announced");
     REQUIRE(!bench.inputs.estop || c->state == WAAM_ALARM, "emergency stop");
     REQUIRE(!(bench.inputs.limit_switch && !limit_before) || c->state == WAAM_ALARM, "limit switch");
-    REQUIRE(c->state != WAAM_RUN || bench.marlin || c->now_us - bench.fed_us <= bench.config.link_timeout_us,
-            "no RUN without a host, but a Marlin sender's");
-    REQUIRE(!bench.marlin || bench.unsure || (!bench.outputs.arc && !c->armed), "no arc for a Marlin sender");
+    REQUIRE(c->state != WAAM_RUN || bench.marlin || bench.grbl || c->now_us - bench.fed_us <= bench.config.link_timeout_us,
+            "no RUN without a host, but a stock sender's");
+    REQUIRE(!(bench.marlin || bench.grbl) || bench.unsure || (!bench.outputs.arc && !c->armed), "no arc for a stock sender");
     REQUIRE(c->state != WAAM_ALARM || (!bench.outputs.arc && bench.outputs.wire_mm_s == 0.0 && !c->homed && !c->armed),
             "ALARM blocks all outputs");
     REQUIRE(c->planner.count <= WAAM_BLOCKS && c->link.ring_used <= WAAM_RING_BYTES, "queues");

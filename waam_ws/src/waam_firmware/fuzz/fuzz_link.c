@@ -50,7 +50,7 @@ static void feed_byte(uint8_t byte)
     waam_rx_t result = waam_link_byte(&bench.link, byte);
     if (result == WAAM_RX_QUEUED)
         queued(before);
-    if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_MARLIN)
+    if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_MARLIN || result == WAAM_RX_GRBL)
         bench.link.length = 0;
     require_link(before, result);
 }

@@ -8,48 +8,15 @@ from __future__ import annotations
 import os
 import random
 import re
-import select
 import time
-import tty
 from functools import reduce
 
 import pytest
+from plain_terminal import Plain, until
 
 
 def xored(text: str) -> bytes:
     return f'{text}*{reduce(lambda a, b: a ^ b, text.encode())}\n'.encode()
-
-
-class Plain:
-    """A terminal that reads lines without checks."""
-
-    def __init__(self, path) -> None:
-        self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
-        tty.setraw(self.fd)
-        self.lines: list[str] = []
-        self.rest = b''
-
-    def send(self, data: bytes) -> None:
-        os.write(self.fd, data)
-
-    def wait(self, pattern: str, start: int = 0, timeout: float = 20.0) -> str:
-        end = time.monotonic() + timeout
-        while True:
-            for line in self.lines[start:]:
-                if re.search(pattern, line):
-                    return line
-            assert time.monotonic() < end, f'no {pattern!r} in {self.lines[-10:]}'
-            if select.select([self.fd], [], [], 0.1)[0]:
-                *lines, self.rest = (self.rest + os.read(self.fd, 65536)).split(b'\n')
-                self.lines += [x.decode() for x in lines]
-
-    def ask(self, data: bytes, pattern: str = '^ok') -> str:
-        start = len(self.lines)
-        self.send(data)
-        return self.wait(pattern, start)
-
-    def close(self) -> None:
-        os.close(self.fd)
 
 
 @pytest.fixture
@@ -156,7 +123,7 @@ def test_a_host_that_has_sent_a_checked_line_keeps_its_watchdog(plain, hello):
     terminal.send(xored('N1 G28'))
     beat_until_idle(controller, terminal)
     terminal.send(xored('N2 G1 X300 F3000'))
-    wait(lambda: any('HOLD E201' in what for _, what in controller.events()), 20)
+    until(lambda: any('HOLD E201' in what for _, what in controller.events()), 20)
     assert 'start' not in terminal.lines
 
 
@@ -168,7 +135,7 @@ def test_what_it_says_is_no_sign_of_life_of_a_native_host(plain):
     terminal.send(xored('N1 G28'))
     beat_until_idle(controller, terminal)
     terminal.send(xored('N2 G1 X300 F3000'))
-    wait(lambda: controller.events()[-1][1].startswith('state RUN'), 20)
+    until(lambda: controller.events()[-1][1].startswith('state RUN'), 20)
     os.close(terminal.fd)
     terminal.fd = os.open(controller.link, os.O_RDWR | os.O_NOCTTY)
     end = time.monotonic() + 20
@@ -186,7 +153,7 @@ def test_when_its_terminal_closes_the_machine_stops(marlin):
         assert time.monotonic() < end
     idle = idle_events(controller)
     os.close(plain.fd)
-    wait(lambda: idle_events(controller) > idle, 20)
+    until(lambda: idle_events(controller) > idle, 20)
     client = controller.connect()
     plain.fd = os.dup(client.fd)
     client.wait(lambda: client.frame and client.frame['state'] == 0)
@@ -214,9 +181,9 @@ def test_printcore_streams_a_job_without_loss(start):
     core.recvcb = received.append
     core.connect(str(controller.link), 115200)
     try:
-        wait(lambda: core.online, 60)
+        until(lambda: core.online, 60)
         assert core.startprint(gcoder.LightGCode(job))
-        wait(lambda: not core.printing, 240)
+        until(lambda: not core.printing, 240)
         x, y = (sum(m[i] for m in moves) for i in (0, 1))
 
         def arrived() -> bool:
@@ -224,7 +191,7 @@ def test_printcore_streams_a_job_without_loss(start):
             time.sleep(0.1)
             return any(place(line, x, y) for line in received[-5:])
 
-        wait(arrived, 120)
+        until(arrived, 120)
     finally:
         core.disconnect()
     resends = sum(line.startswith('Resend') for line in received)
@@ -236,10 +203,3 @@ def place(line: str, x: float, y: float) -> bool:
     """Is this the answer to M114 of a machine that stands at x, y (mm)?"""
     match = re.match(r'ok X:([\d.]+) Y:([\d.]+) Z:200 ', line)
     return bool(match) and abs(float(match[1]) - x) < 0.003 and abs(float(match[2]) - y) < 0.003
-
-
-def wait(condition, timeout: float) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end, 'not reached'
-        time.sleep(0.02)

@@ -16,14 +16,14 @@ FLOAT, FLOAT32 = st.floats(allow_nan=False), st.floats(-(2.0**127), 2.0**127, wi
 STAMPS = st.integers(0, 2**31 * cdr.NANO - 1)
 TEXT = st.text(st.characters(codec='utf-8', exclude_characters='\0'), max_size=9)
 UNSIGNED = {
-    'controller_us': U64, 'state': U8, 'blocks_free': U16,
+    'controller_us': U64, 'state': U8, 'wire_feed': U8, 'blocks_free': U16,
     **dict.fromkeys(('boot_id', 'sequence', 'line_accepted', 'line_executed', 'underruns', 'fault'), U32),
 }  # fmt: skip
 SINGLE = dict.fromkeys(('speed_override', 'wire_override', 'lease_left'), FLOAT32)
 FLAGS = dict.fromkeys(('arc_enabled', 'arc_established', 'gas'), st.booleans())
 KINDS = {**dict.fromkeys(cdr.TelemetryFields._fields, FLOAT), **UNSIGNED, **SINGLE, **FLAGS}
 FIELDS = st.builds(cdr.TelemetryFields, **KINDS)
-SOME = cdr.TelemetryFields(*[1] * 4, *[1.0] * 8, *[True] * 3, *[1] * 3, *[1.0] * 3, *[1] * 2)
+SOME = cdr.TelemetryFields(*[1] * 4, *[1.0] * 8, *[True] * 3, *[1] * 4, *[1.0] * 3, *[1] * 2)
 
 
 def stamped(msg, ns, frame_id='work'):

@@ -27,7 +27,7 @@ _TELEMETRY_HEAD = struct.Struct('<4siI9s7x')  # header, sec, nanosec, frame_id
 _TELEMETRY = struct.Struct(
     '<QIIB7x'  # controller_us, boot_id, sequence, state
     '8d'  # position, speeds, current, voltage
-    '???xII'  # arc_enabled, arc_established, gas; line_accepted, line_executed
+    '???BII'  # arc_enabled, arc_established, gas; wire_feed; line_accepted, line_executed
     'H2x3f2I'  # blocks_free; overrides, lease_left; underruns, fault
 )
 
@@ -50,6 +50,7 @@ class TelemetryFields(NamedTuple):
     arc_enabled: bool
     arc_established: bool
     gas: bool
+    wire_feed: int
     line_accepted: int
     line_executed: int
     blocks_free: int
@@ -67,13 +68,14 @@ _FORMATS = [
     'u1',
     *['<f8'] * 8,
     *['?'] * 3,
+    'u1',
     '<u4',
     '<u4',
     '<u2',
     *['<f4'] * 3,
     *['<u4'] * 2,
 ]
-_OFFSETS = [0, 8, 12, 16, *range(24, 88, 8), 88, 89, 90, 92, 96, 100, 104, 108, 112, 116, 120]
+_OFFSETS = [0, 8, 12, 16, *range(24, 88, 8), 88, 89, 90, 91, 92, 96, 100, 104, 108, 112, 116, 120]
 _FRAME = np.dtype(
     {
         'names': list(TelemetryFields._fields),

@@ -295,7 +295,7 @@ def show_a_job(panel) -> None:
     frame = Sample(
         t=1.0, position=(-123.456, 123.456, -99.9), current=288.0, voltage=28.8, feed_commanded=0.2, feed=0.2,
         speed=0.055, state='RUN', arc=True, arc_enabled=True, gas=True, speed_override=1.25, wire_override=1.25,
-        lease_left=0.4,
+        lease_left=0.4, wire_feed='underfeed',
     )  # fmt: skip
     put(('telemetry', frame))
     job = dict.fromkeys(('layer', 'layers', 'bead', 'beads'), 108) | {

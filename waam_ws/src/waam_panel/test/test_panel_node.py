@@ -174,6 +174,7 @@ def test_what_the_cell_says_is_on_the_page_and_goes_stale(cell):
     state = MachineState(connected=True, identity='WAAM_CONTROLLER_V1', homed=True, fault=204)
     state.state, state.fault_text = MachineState().state + 2, 'arc lost'
     frame = Telemetry(arc_current=181.0, wire_feed_speed=0.1, arc_established=True, state=2)
+    frame.wire_feed = Telemetry.WIRE_FEED_UNDERFEED
     frame.header.stamp.sec = 5
     over = threading.Event()
 
@@ -193,6 +194,7 @@ def test_what_the_cell_says_is_on_the_page_and_goes_stale(cell):
         speaker.join()
     assert shown['sections']['telemetry']['current'] == 181.0
     assert shown['sections']['telemetry']['feed'] == pytest.approx(6.0)
+    assert shown['sections']['telemetry']['wire_feed'] == 'underfeed'
     assert shown['sections']['machine']['identity'] == 'WAAM_CONTROLLER_V1'
     assert shown['alarms'][0]['code'] == '204' and shown['alarms'][0]['action']
     assert 'telemetry' in cell.frame(lambda f: 'telemetry' in f['stale'])['stale']

@@ -43,6 +43,9 @@ def _mm(point: Any) -> list[float | None]:
     return [number(v, 1e3, 3) for v in (point.x, point.y, point.z)]
 
 
+WIRE_FEEDS = {Telemetry.WIRE_FEED_NORMAL: 'feed normal', Telemetry.WIRE_FEED_UNDERFEED: 'underfeed'}
+
+
 def sample(m: Telemetry) -> Sample:
     """One telemetry frame."""
     p = m.position
@@ -61,6 +64,7 @@ def sample(m: Telemetry) -> Sample:
         speed_override=m.speed_override,
         wire_override=m.wire_override,
         lease_left=m.lease_left,
+        wire_feed=WIRE_FEEDS.get(m.wire_feed, ''),
     )
 
 

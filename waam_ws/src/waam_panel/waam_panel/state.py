@@ -29,7 +29,7 @@ PAUSED = 200  # controller code of a hold that was asked for: a state, no alarm
 
 @dataclass(frozen=True)
 class Sample:
-    """One telemetry frame; t in s of ROS time, the rest SI."""
+    """One telemetry frame; t in s of ROS time, the rest SI. wire_feed: what the wheel on it says, '' = nothing."""
 
     t: float
     position: tuple[float, float, float]
@@ -45,6 +45,7 @@ class Sample:
     speed_override: float
     wire_override: float
     lease_left: float
+    wire_feed: str = ''
 
 
 def rounded(value: float, digits: int) -> float | None:
@@ -94,6 +95,7 @@ class PanelState:
             'feed': rounded(s.feed * 60, 2), 'feed_commanded': rounded(s.feed_commanded * 60, 2),
             'speed': rounded(s.speed * 1e3, 2), 'speed_commanded': commanded, 'lease_left': rounded(s.lease_left, 2),
             'speed_override': rounded(s.speed_override, 3), 'wire_override': rounded(s.wire_override, 3),
+            'wire_feed': s.wire_feed,
         }  # fmt: skip
 
     def _commanded_speed(self, s: Sample) -> float | None:

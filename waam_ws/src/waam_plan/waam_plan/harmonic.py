@@ -20,8 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-FINEST = 0.5e-3  # m: pieces of a move are no shorter than this on average
-PIECES = 8  # of equal time, at most
+FINEST = 0.2e-3  # m: pieces of a move are no shorter than this on average
+END = 2e-6  # m: the least length of a piece at either end
+PIECES = 72  # of equal time, at most: with 50 the steps of the speed still show in the jerk
 # rad of the whole move: below it rounding is larger than what the angle changes
 SMALLEST = 0.01
 
@@ -56,10 +57,16 @@ class HarmonicLaw:
         return 2 * np.pi * self.length / self.duration**2 * np.sin(2 * np.pi * u)
 
     def pieces(self, most: int = PIECES) -> tuple[np.ndarray, np.ndarray]:
-        """Places (n + 1,) m and mean speeds (n,) m/s of pieces of equal time, n at most `most`."""
-        n = int(np.clip(self.length / FINEST, 1, most))
-        at = self.position(np.linspace(0, self.duration, n + 1))
-        return at, np.diff(at) * n / self.duration
+        """Places (n + 1,) m and mean speeds (n,) m/s of pieces of equal time, n at most `most`. Those at the ends are
+        joined until they are as long as END, for the coordinates of a program are rounded to micrometres."""
+        n = int(
+            np.clip(round(self.length / FINEST, 3), 1, most)
+        )  # equal legs have equal pieces in every layer
+        t = np.linspace(0, self.duration, n + 1)
+        at = self.position(t)
+        kept = (at >= END) & (at <= self.length - END)
+        kept[[0, -1]] = True
+        return at[kept], np.diff(at[kept]) / np.diff(t[kept])
 
 
 class JoinError(ValueError):

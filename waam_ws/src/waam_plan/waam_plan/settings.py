@@ -151,7 +151,7 @@ class PlanSettings:
     base_speed: float = 0.8  # of the nominal travel, in the base layers; the feed follows
     idle_law: str = 'harmonic'  # speeds of idle moves: harmonic, or plain = one speed
     # of a straight idle leg; more = the motion follows the law more closely, and longer programs
-    idle_pieces: int = 8
+    idle_pieces: int = 72
     idle_speed: float = 0.050  # fastest travel with the arc off
     idle_acceleration: float = 0.5  # m/s2, highest with the arc off
     # no metal higher than the clearance allows within this of an idle move

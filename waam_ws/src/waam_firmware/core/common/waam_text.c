@@ -41,16 +41,33 @@ void waam_text_int(waam_text_t *t, int64_t value)
     waam_text_uint(t, value < 0 ? 0 - (uint64_t)value : (uint64_t)value);
 }
 
-void waam_text_fixed(waam_text_t *t, double value, unsigned decimals)
+/* Sign and whole part; what is left is the fraction, in 1 / scale. */
+static uint64_t whole_part(waam_text_t *t, double value, unsigned decimals, uint64_t *scale)
 {
-    uint64_t scale = 1;
+    *scale = 1;
     for (unsigned i = 0; i < decimals; i++)
-        scale *= 10;
-    uint64_t scaled = (uint64_t)((value < 0 ? -value : value) * (double)scale + 0.5);
+        *scale *= 10;
+    uint64_t scaled = (uint64_t)((value < 0 ? -value : value) * (double)*scale + 0.5);
     if (value < 0 && scaled)
         waam_text_char(t, '-');
-    waam_text_uint(t, scaled / scale);
-    uint64_t fraction = scaled % scale;
+    waam_text_uint(t, scaled / *scale);
+    return scaled % *scale;
+}
+
+void waam_text_places(waam_text_t *t, double value, unsigned decimals)
+{
+    uint64_t scale, fraction = whole_part(t, value, decimals, &scale);
+    if (decimals)
+        waam_text_char(t, '.');
+    while (scale > 1) {
+        scale /= 10;
+        waam_text_char(t, (char)('0' + fraction / scale % 10));
+    }
+}
+
+void waam_text_fixed(waam_text_t *t, double value, unsigned decimals)
+{
+    uint64_t scale, fraction = whole_part(t, value, decimals, &scale);
     if (!fraction)
         return;
     waam_text_char(t, '.');

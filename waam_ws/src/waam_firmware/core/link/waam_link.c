@@ -1,8 +1,14 @@
 #include "waam_link.h"
 
+#include "waam_grbl_dialect.h"
 #include "waam_marlin_dialect.h"
 
 void waam_link_init(waam_link_t *link) { *link = (waam_link_t){0}; }
+
+bool waam_link_stock(const waam_link_t *link)
+{
+    return link->dialect == WAAM_DIALECT_MARLIN || link->dialect == WAAM_DIALECT_GRBL;
+}
 
 size_t waam_link_free_bytes(const waam_link_t *link) { return WAAM_RING_BYTES - link->ring_used; }
 
@@ -44,6 +50,16 @@ static waam_rx_t refused_while_blocked(waam_link_t *link)
     return told ? WAAM_RX_NONE : WAAM_RX_BLOCKED;
 }
 
+/* The line waits; there is room for it. */
+static void store(waam_link_t *link)
+{
+    ring_put(link, (uint8_t)link->length);
+    for (size_t i = 0; i < link->length; i++)
+        ring_put(link, (uint8_t)link->line[i]);
+    link->received++;
+    link->gap_last = 0;
+}
+
 static waam_rx_t numbered(waam_link_t *link, uint32_t sequence)
 {
     if (link->blocked)
@@ -54,11 +70,7 @@ static waam_rx_t numbered(waam_link_t *link, uint32_t sequence)
         return gap(link, sequence);
     if (waam_link_free_bytes(link) < link->length + 1)
         return resend(link, WAAM_E_NOT_NOW, sequence);
-    ring_put(link, (uint8_t)link->length);
-    for (size_t i = 0; i < link->length; i++)
-        ring_put(link, (uint8_t)link->line[i]);
-    link->received = sequence;
-    link->gap_last = 0;
+    store(link);
     return WAAM_RX_QUEUED;
 }
 
@@ -92,15 +104,49 @@ static bool greets_in_marlin(const waam_link_t *link)
     return waam_marlin_number(link->line, link->length, &number) && waam_marlin_renumbers(link->line, link->length);
 }
 
+/* "$I" with a CRC: the host that the machine belongs to is back. */
+static bool identifies(waam_link_t *link)
+{
+    size_t content;
+    unsigned digits = waam_check_line(link->line, link->length, &content);
+    if (digits < 5 || content < 2 || link->line[0] != '$' || link->line[1] != 'I')
+        return false;
+    link->check_digits = digits;
+    link->length = content;
+    return true;
+}
+
+/* Every line gets an answer, an empty one too, and in the order in which they came: so they all wait in the ring. */
+static waam_rx_t unchecked(waam_link_t *link)
+{
+    bool too_long = link->overlong || link->length > WAAM_LINE_MAX;
+    if (!too_long && identifies(link))
+        return WAAM_RX_IMMEDIATE;
+    if (too_long || link->length == 0) {
+        link->line[0] = too_long ? WAAM_GRBL_TOO_LONG : ' ';
+        link->length = 1;
+    }
+    if (link->blocked)
+        return WAAM_RX_GRBL;
+    if (waam_link_free_bytes(link) < link->length + 1)
+        return WAAM_RX_OVERRUN;
+    store(link);
+    return WAAM_RX_QUEUED;
+}
+
 static waam_rx_t complete(waam_link_t *link)
 {
     size_t content;
     if (link->length && link->line[link->length - 1] == '\r')
         link->length--;
+    if (link->dialect == WAAM_DIALECT_GRBL)
+        return unchecked(link);
     if (link->overlong || link->length > WAAM_LINE_MAX)
         return failed(link, WAAM_E_TOO_LONG);
     if (link->length == 0)
         return WAAM_RX_NONE;
+    if (link->dialect == WAAM_DIALECT_OPEN && waam_grbl_asks(link->line, link->length))
+        return WAAM_RX_GRBL;
     if (link->dialect != WAAM_DIALECT_NATIVE &&
         waam_marlin_unnumbered(link->line, link->length, link->dialect == WAAM_DIALECT_MARLIN))
         return WAAM_RX_MARLIN;
@@ -117,7 +163,7 @@ waam_rx_t waam_link_byte(waam_link_t *link, uint8_t byte)
 {
     if (byte == '\n') {
         waam_rx_t result = complete(link);
-        if (result != WAAM_RX_IMMEDIATE && result != WAAM_RX_MARLIN)
+        if (result != WAAM_RX_IMMEDIATE && result != WAAM_RX_MARLIN && result != WAAM_RX_GRBL)
             link->length = 0;
         link->overlong = false;
         return result;

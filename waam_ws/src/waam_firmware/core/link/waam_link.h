@@ -11,12 +11,14 @@ typedef enum {
     WAAM_RX_DUPLICATE, /* acknowledge again */
     WAAM_RX_RESEND,    /* ask for link.resend_code */
     WAAM_RX_BLOCKED,   /* the first line that came while nothing is accepted: say so, once */
-    WAAM_RX_MARLIN      /* link.line holds a line of a Marlin sender for waam_marlin.c: no number, or M110 */
+    WAAM_RX_MARLIN,     /* link.line holds a line of a Marlin sender for waam_marlin.c: no number, or M110 */
+    WAAM_RX_GRBL,       /* link.line holds a line of a GRBL sender: its first, or one that comes while nothing is accepted */
+    WAAM_RX_OVERRUN     /* a GRBL sender has more under way than there is room for */
 } waam_rx_t;
 
 /* Which host is at the other end. OPEN: nobody has said yet; the first line decides. A line with a good check makes it
  * NATIVE (a numbered M110 excepted): the heartbeat that such a host owes is not lost by a line without a check. */
-typedef enum { WAAM_DIALECT_OPEN, WAAM_DIALECT_NATIVE, WAAM_DIALECT_MARLIN } waam_dialect_t;
+typedef enum { WAAM_DIALECT_OPEN, WAAM_DIALECT_NATIVE, WAAM_DIALECT_MARLIN, WAAM_DIALECT_GRBL } waam_dialect_t;
 
 typedef struct {
     char line[WAAM_LINE_MAX + 2];
@@ -50,6 +52,8 @@ void waam_link_accept(waam_link_t *link);
 void waam_link_block(waam_link_t *link, bool told);
 /* Takes lines again, the next one being `next_line`; those that wait are forgotten. */
 void waam_link_resync(waam_link_t *link, uint32_t next_line);
+/* A stock sender: it has no heartbeat, and no arc. */
+bool waam_link_stock(const waam_link_t *link);
 /* Of the ring of waiting lines. */
 size_t waam_link_free_bytes(const waam_link_t *link);
 

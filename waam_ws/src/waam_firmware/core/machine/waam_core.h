@@ -63,6 +63,8 @@ typedef struct {
     waam_link_t link;
     waam_recent_t recent[WAAM_RECENT]; /* immediate lines with a token that were done */
     uint32_t recent_count;
+    bool status_asked, homing_asked; /* by a GRBL sender, not answered yet */
+    uint64_t listing_us;        /* not before then: the next answer of many lines to it */
     uint8_t burst_byte;         /* last byte from the host, and how many of it in a row, when it is a real-time byte */
     unsigned burst;
     waam_modal_t modal;         /* of what is planned */

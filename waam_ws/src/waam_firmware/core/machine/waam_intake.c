@@ -59,6 +59,17 @@ static size_t after_number(const char *line, size_t length)
     return at;
 }
 
+/* Right or wrong, the line is dealt with: such a sender goes on with the next one. */
+static bool take_grbl(waam_core_t *core, const char *line, size_t length)
+{
+    if (!waam_grbl_line(core, line, length)) {
+        waam_link_put_back(&core->link, length);
+        return false;
+    }
+    waam_link_accept(&core->link);
+    return true;
+}
+
 static bool take_line(waam_core_t *core)
 {
     char line[WAAM_LINE_MAX];
@@ -68,6 +79,8 @@ static bool take_line(waam_core_t *core)
     waam_error_t error;
     if (length == 0)
         return false;
+    if (core->link.dialect == WAAM_DIALECT_GRBL)
+        return take_grbl(core, line, length);
     if (marlin(core) && waam_marlin_query(core, line, length, after_number(line, length))) {
         waam_link_accept(&core->link);
         return true;
@@ -90,6 +103,7 @@ static bool take_line(waam_core_t *core)
 
 void waam_core_take_lines(waam_core_t *core)
 {
+    waam_grbl_homed(core);
     while (!core->stopping && waam_planner_free(&core->planner) > 0 && take_line(core)) {
     }
 }
@@ -131,16 +145,18 @@ static void line_byte(waam_core_t *core, uint8_t byte)
         ask_resend(core);
         return;
     }
-    if (result != WAAM_RX_MARLIN) /* a line without a check is no sign of life of a native host */
+    if (result != WAAM_RX_MARLIN && result != WAAM_RX_GRBL) /* without a check: no sign of life of a native host */
         core->heard_us = core->now_us;
     switch (result) {
     case WAAM_RX_IMMEDIATE: waam_core_immediate(core, link->line, link->length); break;
     case WAAM_RX_MARLIN: waam_marlin_line(core, link->line, link->length); break;
+    case WAAM_RX_GRBL: waam_grbl_hello(core, link->line, link->length); break;
+    case WAAM_RX_OVERRUN: waam_grbl_overrun(core); break;
     case WAAM_RX_DUPLICATE: acknowledge(core); break;
     case WAAM_RX_BLOCKED: report_blocked(core); break;
     default: waam_core_take_lines(core); break;
     }
-    if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_MARLIN)
+    if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_MARLIN || result == WAAM_RX_GRBL)
         link->length = 0;
 }
 
@@ -148,6 +164,8 @@ static void line_byte(waam_core_t *core, uint8_t byte)
  * single one belongs to its line and spoils it. */
 void waam_core_rx(waam_core_t *core, uint8_t byte)
 {
+    if (waam_grbl_real_time(core, byte))
+        return;
     bool special = byte >= WAAM_BYTE_HOLD && byte <= WAAM_BYTE_STOP;
     if (core->burst && byte == core->burst_byte) {
         core->burst = core->burst < 3 ? core->burst + 1 : 3;
@@ -166,12 +184,13 @@ void waam_core_rx(waam_core_t *core, uint8_t byte)
 void waam_core_hang_up(waam_core_t *core)
 {
     waam_link_t *link = &core->link;
-    bool was_marlin = marlin(core);
+    bool was_stock = waam_link_stock(link);
     link->length = 0;
     link->overlong = link->strong = false;
     core->burst = 0;
+    core->status_asked = core->homing_asked = false;
     link->dialect = WAAM_DIALECT_OPEN;
-    if (!was_marlin)
+    if (!was_stock)
         return;
     link->base = 0;
     if (core->state != WAAM_ALARM)

@@ -85,24 +85,13 @@ bool waam_marlin_query(waam_core_t *core, const char *line, size_t length, size_
 
 /* ---- what it may do ---- */
 
-/* A machine that waits for the host it knows is not handed to another one. */
 static bool enter(waam_core_t *core)
 {
-    if (core->link.dialect == WAAM_DIALECT_MARLIN)
-        return true;
-    bool idle = core->state == WAAM_IDLE && core->planner.count == 0;
-    if (!idle && core->state != WAAM_ALARM)
+    bool entered = core->link.dialect == WAAM_DIALECT_MARLIN;
+    if (!waam_core_hand_over(core, WAAM_DIALECT_MARLIN))
         return false;
-    core->link.dialect = WAAM_DIALECT_MARLIN;
-    core->link.base = core->link.accepted;
-    core->link.strong = false;
-    core->heard_us = core->now_us;
-    waam_wire_stop_jog(&core->wire); /* no heartbeat will end it */
-    core->armed = false;
-    core->lease_us = 0;
-    waam_core_new_program(core);
-    waam_link_resync(&core->link, core->link.accepted + 1);
-    say(core, "start");
+    if (!entered)
+        say(core, "start");
     return true;
 }
 

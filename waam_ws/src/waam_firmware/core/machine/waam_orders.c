@@ -28,40 +28,38 @@ void waam_order_disarm(waam_request_t *r)
     waam_request_ok(r);
 }
 
-static void refuse_limit(waam_request_t *r, int axis)
+static bool fail_limit(const waam_core_t *core, int axis, waam_error_t *error)
 {
-    int way = r->core->limit.out[axis];
-    waam_request_refuse(r, WAAM_E_LIMIT_SWITCH, "the limit switch is pressed: ");
-    waam_text_char(&r->answer, waam_axis_names[axis]);
-    waam_text_add(&r->answer, way > 0 ? " may only go up" : way < 0 ? " may only go down" : " may not move");
+    int way = core->limit.out[axis];
+    waam_fail(error, WAAM_E_LIMIT_SWITCH, 1, "the limit switch is pressed: ");
+    waam_text_char(&error->text, waam_axis_names[axis]);
+    waam_text_add(&error->text, way > 0 ? " may only go up" : way < 0 ? " may only go down" : " may not move");
+    return false;
+}
+
+bool waam_core_jog(waam_core_t *core, const double delta_mm[WAAM_AXES], double speed_mm_s, waam_error_t *error)
+{
+    if (core->state != WAAM_IDLE && !waam_core_jogging(core))
+        return waam_fail(error, WAAM_E_NOT_NOW, 1, "jog only in IDLE");
+    if (waam_planner_free(&core->planner) == 0)
+        return waam_fail(error, WAAM_E_NOT_NOW, 1, "the queue is full");
+    for (int i = 0; i < WAAM_AXES; i++)
+        if (!waam_limit_allows(&core->limit, i, delta_mm[i]))
+            return fail_limit(core, i, error);
+    return waam_core_plan_jog(core, delta_mm, speed_mm_s, error);
 }
 
 void waam_order_jog(waam_request_t *r)
 {
-    waam_core_t *core = r->core;
     double v[4];
     waam_error_t error;
-    if (core->state != WAAM_IDLE && !waam_core_jogging(core)) {
-        waam_request_refuse(r, WAAM_E_NOT_NOW, "jog only in IDLE");
-        return;
-    }
     if (!waam_request_numbers(r, v, 4))
         return;
     if (v[3] <= 0.0) {
         waam_request_refuse(r, WAAM_E_NUMBER, "the jog speed must be above 0 mm/min");
         return;
     }
-    if (waam_planner_free(&core->planner) == 0) {
-        waam_request_refuse(r, WAAM_E_NOT_NOW, "the queue is full");
-        return;
-    }
-    for (int i = 0; i < WAAM_AXES; i++) {
-        if (!waam_limit_allows(&core->limit, i, v[i])) {
-            refuse_limit(r, i);
-            return;
-        }
-    }
-    if (waam_core_plan_jog(core, v, v[3] / 60.0, &error)) {
+    if (waam_core_jog(r->core, v, v[3] / 60.0, &error)) {
         waam_request_ok(r);
         return;
     }
@@ -140,9 +138,11 @@ void waam_order_work_offset(waam_request_t *r)
     waam_request_ok(r);
 }
 
+/* Not with a homing that waits: what is planned behind it knows the limits, and this makes it forget them. */
 waam_code_t waam_core_reset(waam_core_t *core, const char **text)
 {
-    if (core->state != WAAM_ALARM && core->state != WAAM_IDLE) {
+    bool idle = core->state == WAAM_IDLE && core->planner.count == 0;
+    if (core->state != WAAM_ALARM && !idle) {
         *text = "only in ALARM or IDLE: stop first";
         return WAAM_E_NOT_NOW;
     }

@@ -58,6 +58,10 @@ void waam_core_standoff_telemetry(waam_core_t *core)
 void waam_core_telemetry(waam_core_t *core)
 {
     const waam_inputs_t *in = &core->inputs;
+    if (core->link.dialect == WAAM_DIALECT_GRBL) {
+        waam_grbl_status(core);
+        return;
+    }
     bool measured = in->process == WAAM_PROCESS_OK && waam_guard_plausible(core);
     const int64_t fields[] = {
         core->telemetry_sequence++, (int64_t)core->now_us, core->state, flags(core),

@@ -78,6 +78,7 @@ function theme(dark) {
 function showValues(t, heat, temperature) {
   text('v-current', fixed(t && t.current, 0)); text('v-voltage', fixed(t && t.voltage, 1));
   text('v-feed', fixed(t && t.feed, 1)); text('v-feed-set', fixed(t && t.feed_commanded, 1));
+  text('v-feed-state', t ? t.wire_feed : ''); $('feed-value').classList.toggle('bad', Boolean(t && t.wire_feed === 'underfeed'));
   text('v-speed', fixed(t && t.speed, 1)); text('v-speed-set', fixed(t && t.speed_commanded, 1));
   text('v-temperature', fixed(temperature && temperature.value, 0)); text('v-limit', fixed(heat && heat.limit, 0));
   const ready = !heat ? '' : !heat.plausible ? 'not believed' : heat.ready ? 'ready' : `wait ${heat.wait === null ? '' : duration(heat.wait)}`;

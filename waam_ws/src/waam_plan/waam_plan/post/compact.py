@@ -18,6 +18,7 @@ SAME = 0.03  # setpoints that differ by less than this share are one
 LONGEST_RADIUS = 5.0  # m; flatter arcs are lines
 WIDEST = math.radians(300)  # an arc ends before its ends meet
 EQUAL = 1e-6  # m, between the paths of two layers that are written once
+STRAIGHT = 0.9999  # cosine of the turn between two pieces of one leg
 
 
 @dataclass(frozen=True)
@@ -91,12 +92,18 @@ def _joins(first: Segment, last: Segment, s: Segment, legs: bool) -> bool:
     if not same or math.dist(last.end, s.start) > EQUAL:
         return False
     if s.kind != Kind.DEPOSIT:
-        return legs and s.kind == Kind.IDLE
+        return legs and s.kind == Kind.IDLE and _straight(last, s)
     values = (
         (getattr(first, k), getattr(s, k))
         for k in ('speed', 'height', 'wire_feed_speed', 'voltage')
     )
     return all(abs(a - b) <= SAME * max(abs(a), abs(b)) for a, b in values)
+
+
+def _straight(before: Segment, after: Segment) -> bool:
+    """One goes on in the direction of the other, so that the end of a leg stays where it is."""
+    a, b = np.subtract(before.end, before.start), np.subtract(after.end, after.start)
+    return float(a @ b) > STRAIGHT * float(np.linalg.norm(a) * np.linalg.norm(b))
 
 
 def _fit(run: list[Segment], tolerance: float) -> list[Move]:
@@ -216,11 +223,14 @@ def _low(fragment: Fragment, layer: PlannedLayer, clearance: float) -> Fragment:
 
 
 def _shape(layer: PlannedLayer) -> np.ndarray:
-    """(n, 10): ends relative to the layer's height, metal, speed, dwell, arc; idle moves count in plan view."""
+    """(n, 10): ends relative to the layer's height, metal, speed, dwell, arc; idle moves count in plan view, so upright
+    ones do not: they have more pieces the longer they are."""
     deposits = layer.deposits
     low = deposits[0].start[2] if deposits else 0.0
     rows = []
     for s in layer.segments:
+        if s.kind == Kind.IDLE and math.dist(s.start[:2], s.end[:2]) <= EQUAL:
+            continue
         z = (s.start[2] - low, s.end[2] - low) if s.kind == Kind.DEPOSIT else (0.0, 0.0)
         rows.append((*s.start[:2], z[0], *s.end[:2], z[1], s.height, s.speed, s.dwell, s.arc))
     return np.array(rows).reshape(-1, 10)
