@@ -117,8 +117,8 @@ def frame(n: int, t: float, seconds: int) -> bytes:
         controller_us=n * 10_000, boot_id=1, sequence=n, state=1, x=0.04 * phase, y=4e-3 * (2 if n < half else 1),
         z=0.0, travel_speed=0.01, wire_feed_commanded=0.08, wire_feed_speed=0.08, arc_current=180.0 * arc,
         arc_voltage=22.0 * arc, arc_enabled=arc, arc_established=arc, gas=True, wire_feed=1,
-        line_accepted=n, line_executed=n, blocks_free=10, speed_override=1.0, wire_override=1.0, lease_left=1.0, underruns=0,
-        fault=0,
+        line_accepted=n, line_executed=n, blocks_free=10, speed_override=1.0, wire_override=1.0, lease_left=1.0,
+        underruns=0, fault=0,
     )  # fmt: skip
     return cdr.pack_telemetry(int(t * 1e9), fields)
 

@@ -57,7 +57,9 @@ def test_read_back_is_the_path_within_a_micrometre(plan):
 @given(st.lists(st.tuples(*[st.floats(-0.3, 0.3)] * 3), min_size=2, max_size=20, unique=True))
 @settings(max_examples=50, deadline=None)
 def test_any_chain_reads_back(points):
-    assume(math.dist(points[0], points[1]) > 1e-5)  # else a program of one bead never lights its arc
+    assume(
+        math.dist(points[0], points[1]) > 1e-5
+    )  # else a program of one bead never lights its arc
     segments = [
         Segment(
             i, Kind.DEPOSIT, a, b, 0.01, arc=True, height=0.002, width=0.006, speed_programmed=0.01

@@ -130,7 +130,15 @@ def _trace(bead: Bead, station: Station, params: RobotParams) -> _Trace:
     used, axis = _used(path, station, params)
     near = np.minimum((at + EVERY // 2) // EVERY, len(axis) - 1)
     return _Trace(
-        bead, given, path[at], way[at], piece, speed, bead.speeds[piece], used[near], axis[near]
+        bead=bead,
+        given=given,
+        tips=path[at],
+        way=way[at],
+        piece=piece,
+        speed=speed,
+        wanted=bead.speeds[piece],
+        used=used[near],
+        axis=axis[near],
     )
 
 
@@ -146,9 +154,17 @@ def _place(trace: _Trace, off: np.ndarray, a: int, b: int) -> Place:
         cause = _cause(bead, trace.given, begin, end)
     number = int(bead.numbers[trace.piece[a]])
     since = float(trace.given[np.argmax(bead.numbers == number)])
-    speed, wanted = float(trace.speed[worst]), float(trace.wanted[worst])
-    here = trace.tips[worst] - bead.work_zero
-    return Place(bead.layer, number, begin - since, end - since, speed, wanted, cause, here, stops)
+    return Place(
+        layer=bead.layer,
+        bead=number,
+        begin=begin - since,
+        end=end - since,
+        speed=float(trace.speed[worst]),
+        wanted=float(trace.wanted[worst]),
+        cause=cause,
+        at=trace.tips[worst] - bead.work_zero,
+        stops=stops,
+    )
 
 
 def _way(points: np.ndarray) -> np.ndarray:

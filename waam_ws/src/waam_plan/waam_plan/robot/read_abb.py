@@ -168,7 +168,10 @@ def _instruction(line: Line, module: _Module, state: _State) -> None:
     if not 0 < speed < 10:
         line.refuse('a speed above 0 and below 10000 mm/s')
     state.out.append(
-        Motion(end.place, via.place if via else None, speed, lays, feed, volts, end.wpr, end.external, zone)
+        Motion(
+            end.place, via.place if via else None, speed, lays, feed, volts,
+            wpr=end.wpr, external=end.external, zone=zone,
+        )
     )  # fmt: skip
     state.arc = kind in ('ArcLStart', 'ArcL', 'ArcC')
 

@@ -165,9 +165,9 @@ def _motion(line: Line, places: dict[int, Pose], via: Pose | None, state: _State
         state.arc,
         state.feed if state.arc else 0.0,
         state.voltage if state.arc else 0.0,
-        end.wpr,
-        end.external,
-        zone,
+        wpr=end.wpr,
+        external=end.external,
+        zone=zone,
     )
     state.out.append(motion)
     if out:

@@ -138,9 +138,9 @@ def _motion(line: Line, via: Pose | None, data: dict[str, Value], state: _State)
         arc,
         feed,
         voltage,
-        end.wpr,
-        end.external if state.cell.axes else (),
-        zone,
+        wpr=end.wpr,
+        external=end.external if state.cell.axes else (),
+        zone=zone,
     )
     if motion.speed <= 0:
         line.refuse('a speed ($VEL.CP)')
