@@ -64,7 +64,7 @@ def alike(printed: str, value) -> bool:
         number = float(printed)
         return number == value or (math.isnan(number) and math.isnan(value))
     except (ValueError, TypeError):
-        return yaml.safe_load(printed or "''") == value
+        return printed == str(value) or yaml.safe_load(printed or "''") == value
 
 
 WITH_TABLES = [r for r in READMES if HEAD in r.read_text()]
