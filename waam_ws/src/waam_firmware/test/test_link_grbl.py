@@ -410,7 +410,9 @@ def test_a_stock_library_streams_a_job_without_loss(start):
         assert host.stream(job, total=len(job), completion_timeout=120, stop_on_error=True)
         host.sync()
         at = np.array([float(v) for v in host.last_status['raw'].split('|')[1][5:].split(',')])
-        assert not host.stream(['G1 X1', 'M3 S1000'], stop_on_error=True) and errors == ['error:20']
+        assert not host.stream(['G1 X1', 'M3 S1000'], stop_on_error=True)
+        until(lambda: errors, 30)  # it tells them from a thread of its own
+        assert errors == ['error:20']
     finally:
         host.disconnect()
     wanted = [*np.sum(moves, axis=0), 200.0]

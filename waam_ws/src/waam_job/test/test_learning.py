@@ -7,6 +7,7 @@ import pytest
 from waam_job.model.records import State
 from waam_job.store.learned import LearnedFile, file_name
 from waam_process.learned import nothing, parse
+from waam_process.segment import Kind
 
 
 @pytest.fixture
@@ -18,10 +19,22 @@ def job(make_cell, make_runner, tmp_path):
         goal = {'layers': 1, 'learned_dir': tmp_path / 'learned', **fields}
         runner, control, folder = make_runner(cell, settings, **goal)
         if abort:
-            cell.script[30] = lambda _: control.abort('enough')
+            in_a_bead(cell, lambda: control.abort('enough'))
         return cell, folder, runner.run()
 
     return run
+
+
+def in_a_bead(cell, action):
+    """`action` once a piece of the first bead has been laid."""
+    inner = cell.enqueue
+
+    def enqueue(job_id, segments, last):
+        beads = [s.index for s in segments if s.kind == Kind.DEPOSIT]
+        cell.script |= {i: lambda _: action() for i in beads[:1]}
+        inner(job_id, segments, last)
+
+    cell.enqueue = enqueue
 
 
 def learned_file(tmp_path, cell='simulated'):

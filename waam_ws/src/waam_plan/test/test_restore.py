@@ -328,8 +328,9 @@ def test_renumber_connects_from_anywhere_without_collision(worn_block):
 def test_renumber_of_a_layer_resumed_in_the_middle(worn_block):
     found, nominal = worn_block(0.004)
     plan = plan_restoration(found, nominal, S)
-    rest = plan.layers[0].segments[40:]
-    assert rest[0].kind == Kind.DEPOSIT
+    segments = plan.layers[0].segments
+    beads = [i for i, s in enumerate(segments) if s.kind == Kind.DEPOSIT]
+    rest = segments[beads[10] :]
     for out in (
         renumber(rest, 3, (0.0, 0.0, 0.0), S),
         renumber(rest, 3, rest[0].start, S, plan.safe_z),

@@ -66,8 +66,8 @@ def telemetry(store, i):
     msg = store.types[TELEMETRY](
         header=header(store, i * 10**7), controller_us=i * 10_000, boot_id=3, sequence=i, state=1, position=point,
         travel_speed=0.01, wire_feed_commanded=0.08, wire_feed_speed=0.081, arc_current=180.0 + i, arc_voltage=22.0,
-        arc_enabled=True, arc_established=True, gas=True, line_accepted=i, line_executed=i, blocks_free=40,
-        speed_override=1.0, wire_override=1.0, lease_left=0.4, underruns=0, fault=0,
+        arc_enabled=True, arc_established=True, gas=True, wire_feed=1, line_accepted=i, line_executed=i,
+        blocks_free=40, speed_override=1.0, wire_override=1.0, lease_left=0.4, underruns=0, fault=0,
     )  # fmt: skip
     return bytes(store.serialize_cdr(msg, TELEMETRY))
 
