@@ -55,7 +55,7 @@ def make_bead(
 
 
 def _even(points: np.ndarray, axes: np.ndarray, step: float, corner: float) -> Bead:
-    given = _way(points)
+    given = way_along(points)
     if not given[-1] > 1e-6:
         raise ValueError(f'a bead of {given[-1] * 1e3:.4f} mm')
     if given[-1] / min(step, FINE) > MOST_POINTS:
@@ -64,23 +64,24 @@ def _even(points: np.ndarray, axes: np.ndarray, step: float, corner: float) -> B
         )
     keep = np.concatenate([[True], np.diff(given) > 0])
     fine = np.linspace(0, given[-1], max(int(np.ceil(given[-1] / FINE)), 2) + 1)
-    dense, turned = _at(given[keep], points[keep], fine), _at(given[keep], axes[keep], fine)
+    dense, turned = at_ways(given[keep], points[keep], fine), at_ways(given[keep], axes[keep], fine)
     half = int(corner / FINE)
     smooth = _rounded(dense, half)
-    way = _way(smooth)
+    way = way_along(smooth)
     even = np.linspace(0, way[-1], max(int(np.ceil(way[-1] / step)), 3) + 1)
-    axis = _at(way, _rounded(turned, half), even)
+    axis = at_ways(way, _rounded(turned, half), even)
     axis /= np.linalg.norm(axis, axis=1)[:, None]
     off = float(np.linalg.norm(smooth - dense, axis=1).max())
-    return Bead(_at(way, smooth, even), axis, even, off)
+    return Bead(at_ways(way, smooth, even), axis, even, off)
 
 
-def _way(points: np.ndarray) -> np.ndarray:
-    """(N,): length from the first point."""
+def way_along(points: np.ndarray) -> np.ndarray:
+    """(N,) m: length from the first of points (N, 3) m."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
-def _at(way: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def at_ways(way: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """(k, 3): values (N, 3) at the lengths `wanted` (k,), between those at `way` (N,), rising."""
     return np.stack([np.interp(wanted, way, values[:, n]) for n in range(3)], axis=1)
 
 

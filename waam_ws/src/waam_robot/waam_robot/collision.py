@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .arm import AXES
+from .bead import at_ways, way_along
 from .bodies import CRADLE, FACEPLATE_RADIUS, PART, Bodies, Capsule, bodies_of, ends, frames_of
 from .joint_path import Machine
 
@@ -101,9 +102,9 @@ class Scene:
         """A bead along points (N, 3) m of the part's frame becomes part of it, `width` m thick all around. Returns how
         many pieces the part has now."""
         points = np.asarray(points, float)
-        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        way = way_along(points)
         marks = np.linspace(0, way[-1], max(int(np.ceil(way[-1] / COARSE)), 1) + 1)
-        even = np.column_stack([np.interp(marks, way, points[:, n]) for n in range(3)])
+        even = at_ways(way, points, marks)
         for a, b in zip(even, even[1:], strict=False):
             piece = Capsule('part', PART, tuple(a), tuple(b), width / 2, AXES)
             self._pieces.append(self._of_capsule(piece))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from .arm import AXES
 from .station import StationError
@@ -177,7 +178,12 @@ class UrdfStation:
         q[self._order[AXES:]] = self._hold[self._order[AXES:]]
         for _ in range(STEPS):
             pose, jacobian = self._chain.pose_and_jacobian(q)
-            off = np.concatenate([wanted - pose[:3, 3], _turned(self._turn @ pose[:3, :3].T)])
+            off = np.concatenate(
+                [
+                    wanted - pose[:3, 3],
+                    Rotation.from_matrix(self._turn @ pose[:3, :3].T).as_rotvec(),
+                ]
+            )
             if np.abs(off).max() < CLOSE:
                 return q
             j = jacobian[:, self._moving]
@@ -204,21 +210,6 @@ def _spun(angle: float) -> np.ndarray:
     """(3, 3): the torch's axes on the part (z out of it), its x at an angle to the part's."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _turned(rotation: np.ndarray) -> np.ndarray:
-    """(3,) rad: the turn of a rotation matrix as a vector."""
-    axis = np.array(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
-    sine, cosine = float(np.linalg.norm(axis)) / 2, float((np.trace(rotation) - 1) / 2)
-    if sine < 1e-12:
-        return axis / 2 if cosine > 0 else np.array([np.pi, 0.0, 0.0])
-    return np.asarray(axis * (np.arctan2(sine, cosine) / (2 * sine)))
 
 
 def _where(tip: np.ndarray) -> str:

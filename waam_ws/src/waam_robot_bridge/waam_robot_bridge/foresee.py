@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from waam_robot.bead import way_along
 from waam_robot.station import Station
 from waam_robot.timing import AXIS_NAMES
 
@@ -123,7 +124,7 @@ def _trace(bead: Bead, station: Station, params: RobotParams) -> _Trace:
     path = blended(bead.tips, params.corner)
     half = WINDOW // 2
     at = np.arange(half, len(path) - half)
-    way, gone, given = (_way(points) for points in (bead.tips, path, bead.corners))
+    way, gone, given = (way_along(points) for points in (bead.tips, path, bead.corners))
     piece = np.searchsorted(given, way[at], 'right') - 1
     piece = np.clip(piece, 0, len(bead.speeds) - 1)
     speed = (gone[at + half] - gone[at - half]) / (WINDOW * 1e-3)
@@ -165,11 +166,6 @@ def _place(trace: _Trace, off: np.ndarray, a: int, b: int) -> Place:
         at=trace.tips[worst] - bead.work_zero,
         stops=stops,
     )
-
-
-def _way(points: np.ndarray) -> np.ndarray:
-    """(n,) m: length from the first of (n, 3)."""
-    return np.concatenate([[0.0], np.cumsum(_lengths(points))])
 
 
 def _lengths(points: np.ndarray) -> np.ndarray:
