@@ -11,6 +11,14 @@ Pair = tuple[float, float]
 
 DIRECTIONS = ('auto', 'x', 'y')
 ALTERNATIONS = ('none', 'reverse', 'cross', 'turn')
+OF_BUILDS = (
+    'compensation_height',
+    'shrinkage',
+    'teardrop',
+    'stiffener_spacing',
+    'overhang_passes',
+    'multi_level',
+)
 STRATEGIES = ('solid', 'shell', 'zigzag', 'contour', 'spiral', 'combined', 'medial')
 LEVELS = ('equal', 'adaptive')
 OVERHANGS = ('refuse', 'flag')
@@ -213,14 +221,7 @@ class PlanSettings:
 
     def of_builds(self) -> list[str]:
         """Fields that are set and that only a build knows."""
-        off = {
-            'compensation_height': 0.0,
-            'shrinkage': 0.0,
-            'teardrop': False,
-            'stiffener_spacing': 0.0,
-        }
-        off |= {'overhang_passes': 1, 'multi_level': False}
-        return [name for name, value in off.items() if getattr(self, name) != value]
+        return [n for n in OF_BUILDS if getattr(self, n) != getattr(PlanSettings, n)]
 
     @property
     def pitch(self) -> float:

@@ -8,13 +8,6 @@
 
 /* ---- answers ---- */
 
-static void say(waam_core_t *core, const char *words)
-{
-    waam_text_t text = {.length = 0};
-    waam_text_add(&text, words);
-    waam_grbl_say(core, &text);
-}
-
 static void say_number(waam_core_t *core, const char *words, unsigned number)
 {
     waam_text_t text = {.length = 0};
@@ -28,7 +21,7 @@ static void answer(waam_core_t *core, unsigned error)
     if (error)
         say_number(core, "error:", error);
     else
-        say(core, "ok");
+        waam_grbl_tell(core, "ok");
 }
 
 /* In words before the number that GRBL has for it. */
@@ -55,9 +48,9 @@ static void refuse_because(waam_core_t *core, waam_code_t code, const char *why)
 
 static void greet(waam_core_t *core)
 {
-    say(core, "Grbl 1.1h ['$' for help]");
+    waam_grbl_tell(core, "Grbl 1.1h ['$' for help]");
     if (waam_grbl_locked(core))
-        say(core, "[MSG:'$H'|'$X' to unlock]");
+        waam_grbl_tell(core, "[MSG:'$H'|'$X' to unlock]");
 }
 
 /* ---- real-time bytes ---- */
@@ -160,7 +153,7 @@ void waam_grbl_overrun(waam_core_t *core)
 {
     waam_core_stop(core);
     say_number(core, "ALARM:", waam_grbl_alarm(WAAM_OK));
-    say(core, "[MSG:more bytes were under way than $I says there is room for]");
+    waam_grbl_tell(core, "[MSG:more bytes were under way than $I says there is room for]");
 }
 
 /* ---- unlocking and homing ---- */
@@ -191,7 +184,7 @@ static void unlock_only(waam_core_t *core)
     if (!unlock(core))
         return;
     if (locked)
-        say(core, "[MSG:Caution: Unlocked]");
+        waam_grbl_tell(core, "[MSG:Caution: Unlocked]");
     answer(core, 0);
 }
 
@@ -287,7 +280,7 @@ static void write_setting(waam_core_t *core, const char *line, size_t length)
         return;
     }
     if (known)
-        say(core, "[MSG:the settings of this controller are fixed]");
+        waam_grbl_tell(core, "[MSG:the settings of this controller are fixed]");
     answer(core, 3);
 }
 

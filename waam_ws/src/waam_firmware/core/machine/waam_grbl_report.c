@@ -4,13 +4,6 @@
 #include "waam_grbl_dialect.h"
 #include "waam_internal.h"
 
-static void say(waam_core_t *core, const char *words)
-{
-    waam_text_t text = {.length = 0};
-    waam_text_add(&text, words);
-    waam_grbl_say(core, &text);
-}
-
 static void add_axes(waam_text_t *text, const double mm[WAAM_AXES])
 {
     for (int i = 0; i < WAAM_AXES; i++) {
@@ -189,15 +182,15 @@ static void frames(waam_core_t *core)
     frame(core, "[G28", 0, zero);
     frame(core, "[G30", 0, zero);
     frame(core, "[G92", 0, core->modal.g92_mm);
-    say(core, "[TLO:0.000]");
-    say(core, "[PRB:0.000,0.000,0.000:0]");
+    waam_grbl_tell(core, "[TLO:0.000]");
+    waam_grbl_tell(core, "[PRB:0.000,0.000,0.000:0]");
 }
 
 /* The version is that of the protocol. Options: coolant mist, zero where it homes, no resets of settings, no build line. */
 static void build(waam_core_t *core)
 {
     waam_text_t text = {.length = 0};
-    say(core, "[VER:1.1h.20190830:WAAM_CONTROLLER_V1 " WAAM_FIRMWARE_VERSION "]");
+    waam_grbl_tell(core, "[VER:1.1h.20190830:WAAM_CONTROLLER_V1 " WAAM_FIRMWARE_VERSION "]");
     waam_text_add(&text, "[OPT:MZ*$#I,");
     waam_text_uint(&text, WAAM_BLOCKS);
     waam_text_char(&text, ',');
@@ -209,14 +202,14 @@ static void build(waam_core_t *core)
 bool waam_grbl_report(waam_core_t *core, char question)
 {
     switch (question) {
-    case '\0': say(core, "[HLP:$$ $# $G $I $N $x=val $J=line $X $H ~ ! ? ctrl-x]"); return true;
+    case '\0': waam_grbl_tell(core, "[HLP:$$ $# $G $I $N $x=val $J=line $X $H ~ ! ? ctrl-x]"); return true;
     case '$': settings(core); return true;
     case '#': frames(core); return true;
     case 'G': modes(core); return true;
     case 'I': build(core); return true;
     case 'N':
-        say(core, "$N0=");
-        say(core, "$N1=");
+        waam_grbl_tell(core, "$N0=");
+        waam_grbl_tell(core, "$N1=");
         return true;
     default: return false;
     }

@@ -9,6 +9,7 @@ extern const char waam_axis_names[WAAM_AXES + 1];
 /* states (waam_state.c) */
 void waam_core_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind); /* adds the check */
 void waam_grbl_say(waam_core_t *core, waam_text_t *text); /* to a GRBL sender; adds the end of the line */
+void waam_grbl_tell(waam_core_t *core, const char *words); /* the same of one text */
 void waam_core_state(waam_core_t *core, waam_state_t state, waam_code_t code, const char *reason);
 /* Slows down, ends the arc, keeps the queue. `quick` leaves the crater fill out. */
 void waam_core_hold(waam_core_t *core, waam_code_t code, const char *reason, bool quick);

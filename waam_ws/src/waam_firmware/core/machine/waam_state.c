@@ -40,6 +40,13 @@ void waam_grbl_say(waam_core_t *core, waam_text_t *text)
     core->send(core->context, text->text, text->length, WAAM_TX_ASSURED);
 }
 
+void waam_grbl_tell(waam_core_t *core, const char *words)
+{
+    waam_text_t text = {.length = 0};
+    waam_text_add(&text, words);
+    waam_grbl_say(core, &text);
+}
+
 /* GRBL has a number for ALARM and none for other states; a fault is told in words as well. */
 static void tell_grbl(waam_core_t *core, waam_code_t code, const char *reason)
 {
