@@ -10,7 +10,7 @@ from waam_bridge import commands, program
 from waam_bridge.frames import ARC_ESTABLISHED, HOMED, IDLE
 from waam_bridge.params import BridgeParams
 from waam_lab.machine import Machine
-from waam_lab.robot_machine import RobotMachine
+from waam_lab.robot.robot_machine import RobotMachine
 from waam_process.segment import Kind, Segment
 from waam_robot_bridge.params import RobotParams
 from waam_sim import part

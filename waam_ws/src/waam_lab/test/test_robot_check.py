@@ -11,9 +11,9 @@ import trimesh
 from waam_bridge import commands, program
 from waam_bridge.frames import HOMED, IDLE
 from waam_lab.cli_robot_check import check_robot
-from waam_lab.dry_run import DryRunError, clipped, layers, work_zero
-from waam_lab.robot_check import check
-from waam_lab.robot_machine import RobotMachine
+from waam_lab.robot.dry_run import DryRunError, clipped, layers, work_zero
+from waam_lab.robot.robot_check import check
+from waam_lab.robot.robot_machine import RobotMachine
 from waam_plan.lay.build import plan_build
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan, renumber

@@ -8,7 +8,7 @@ import pytest
 from waam_bridge import commands, program
 from waam_bridge.frames import ALARM, ARC_ESTABLISHED, HOLD, HOMED, IDLE
 from waam_lab import restore, run
-from waam_lab.robot_machine import RobotMachine
+from waam_lab.robot.robot_machine import RobotMachine
 from waam_process.segment import Kind, Segment
 from waam_robot_bridge.params import RobotParams
 from waam_sim import part

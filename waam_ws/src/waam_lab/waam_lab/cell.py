@@ -48,7 +48,7 @@ from .machine import Machine
 from .metal_trace import MetalTrace
 from .params import LabParams
 from .process import LabControl, ProcessTrace
-from .robot_machine import RobotMachine
+from .robot.robot_machine import RobotMachine
 from .scanning import ScanError, Scanning
 from .watch import LayerWatch
 

@@ -9,7 +9,7 @@ from waam_plan.plan import Plan
 from waam_robot_bridge.params import RobotParams
 
 from . import params
-from .robot_check import check
+from .robot.robot_check import check
 
 
 def check_robot(plan: Plan) -> None:

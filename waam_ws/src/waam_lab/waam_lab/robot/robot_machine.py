@@ -14,7 +14,7 @@ from waam_robot_bridge.params import RobotParams
 from waam_sim.plant import Plant, Profiles
 from waam_sim.robot import SimRobot
 
-from .machine import EPOCH_US, EXCHANGE_MS, Machine
+from ..machine import EPOCH_US, EXCHANGE_MS, Machine
 
 PARK = (0.060, 0.050, 0.150)  # m, where the torch is when the cell is switched on
 WATCHDOG = 0.1  # s without outputs after which the welding device drops the arc by itself

@@ -18,7 +18,7 @@ from waam_robot_bridge.params import RobotParams
 from waam_sim import part
 from waam_sim.plant import INPUT_GAS_OK, OUTPUT_ARC, Plant, Reading
 
-from .machine import Machine
+from ..machine import Machine
 
 JOB = 'dry run'
 HOME_LIMIT = 60.0  # s
