@@ -45,7 +45,7 @@ TEACHER, OTHER_NOISE = 'pockets', 1000
 STRATEGIES = ('zigzag', 'contour', 'spiral', 'combined')
 RANDOM_PARTS = (21, 22, 23, 24, 25, 26)  # of waam_lab.parts.random_part
 CHOOSING = (101, 102, 103, 104, 105)
-PITCHES = (0.66, 0.73)  # of the bead width: the material table's, and that of version 0.1
+PITCHES = (0.60, 0.73)  # of the bead width: the material table's, and that of version 0.1
 OLD = 'version 0.1, five seeds'
 OLD_TIME = 700.0  # s
 PLANTS = {  # fields of MetalParams
@@ -143,7 +143,7 @@ def pitches() -> None:
             print(f'  with the rim {edges:.3f} mm, 99.5 % within {largest:.3f} mm', file=sys.stderr)
             rms += [r.rms for r in found]
         means[pitch] = 1e3 * float(np.mean(rms))
-    emit('shape.pitch_rms_mm', means[0.66], 'mm', 'pitch 0.73', means[0.73])
+    emit('shape.pitch_rms_mm', means[PITCHES[0]], 'mm', 'pitch 0.73', means[0.73])
 
 
 def law(name: str) -> dict:

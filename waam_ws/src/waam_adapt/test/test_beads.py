@@ -187,7 +187,7 @@ def test_the_flank_is_not_filled_but_what_lies_inside_of_it_is():
 
 def test_same_answer_on_a_finer_map_and_for_beads_of_another_size():
     rng = np.random.default_rng(5)
-    coarse = pad(0.75e-3, error=2e-4 * rng.standard_normal(pad(0.75e-3).z.shape))
+    coarse = pad(0.75e-3, error=4e-4 * rng.standard_normal(pad(0.75e-3).z.shape))
     names = ('z', 'target', 'planned', 'sigma')
     fine = replace(
         coarse, resolution=0.375e-3,

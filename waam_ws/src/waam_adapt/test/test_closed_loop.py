@@ -71,8 +71,11 @@ def test_closed_loop_ends_far_below_a_fifth_of_the_open_loop(plant):
 
 
 def test_efficiency_is_identified_and_stays():
-    closed = run(Plant(), laws.DampedInverse())
-    assert np.array(closed.ratio[2:]) == pytest.approx(0.85, abs=0.03)
+    """What the layer needs on average: its edge is in the mean, so it lies below the 0.85 of the plant."""
+    plant = Plant()
+    closed = run(plant, laws.DampedInverse())
+    assert np.array(closed.ratio[2:]) == pytest.approx(0.83, abs=0.03)
+    assert abs(closed.error[plant.interior].mean()) < 0.03e-3
 
 
 def test_error_does_not_oscillate_or_grow():

@@ -105,7 +105,7 @@ def test_resumed_job_ends_like_an_undisturbed_one(
     again, fresh, status = go_on(make_cell, runner, folder, cell)
     assert status.state == State.DONE, status.message
     rest = sum(s.kind == Kind.DEPOSIT for s in fresh.executed)
-    assert abs(laid + rest - total) <= (10 if fields else 3)  # segments
+    assert abs(laid + rest - total) <= (10 if fields else 5)  # segments
     assert again.final.rms < 1.1 * rms
     report = json.loads((folder.path / 'report.json').read_text())
     layers = [r['layer'] for r in report['closed_loop']['layers'] if not r['final']]

@@ -35,7 +35,7 @@ def plan(tmp_path_factory) -> Plan:
     wedge = trimesh.convex.convex_hull(points)
     file = tmp_path_factory.mktemp('parts') / 'wedge.stl'
     wedge.export(file)
-    return plan_build(load_part(file), PlanSettings(edge_metal=1.0), 1)
+    return plan_build(load_part(file), PlanSettings(edge_metal=1.0, pitch_ratio=0.66), 1)
 
 
 @pytest.fixture(scope='module')

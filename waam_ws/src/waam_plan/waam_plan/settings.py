@@ -117,7 +117,7 @@ class PlanSettings:
 
     layer_height: float = 2.0e-3  # nominal thickness of a layer
     bead_width: float = 6.0e-3  # width of one bead
-    pitch_ratio: float = 0.66  # distance of neighbouring beads over bead width
+    pitch_ratio: float = 0.60  # distance of neighbouring beads over bead width
     speed: float = 0.010  # travel speed of the nominal layer
     speed_max: float = 0.018  # fastest programmed travel with the arc on; leaves room to correct
     segment_length: float = 2.0e-3  # longest segment with the arc on

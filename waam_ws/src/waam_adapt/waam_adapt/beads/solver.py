@@ -18,7 +18,9 @@ from ..types import RATIO_HIGH, RATIO_LOW, BeadDeviation, CorrectionInput
 from . import kernels
 from .model import MARGIN, BeadModel, bead_model, inner_mean
 
-SMALL, SMOOTH = 0.0005, 0.0015  # of the typical diagonal of A'wA
+# of the typical diagonal of A'wA. SMOOTH is large: a solution that follows the nominal model closely alternates from
+# segment to segment, and a cell whose beads are not quite the model's answers otherwise (docs/adaptation.md).
+SMALL, SMOOTH = 0.0005, 0.15
 END_HIGH = 4.0  # relative layer height up to which the end of a bead may be filled (crater filling)
 END_REACH = 0.4  # bead widths from arc on or off to the middle of a segment that counts as its end
 STEPS = 30

@@ -91,9 +91,9 @@ class Identifier:
         before = self.estimate
         level = self._level(number, model, layer) if self.watch_beads and model else None
         seen = evidence
-        # The median says what most blocks do; the mean is right for the level, and has the rim of the layer in it.
+        # Where the beads are known, the mean alone: the median says what most blocks do, and leaves the level off.
         if level is not None:
-            seen = replace(evidence, ratio=0.5 * (evidence.ratio + level))
+            seen = replace(evidence, ratio=level)
         before = self._of_kind(number)
         seen = self._without_kind(number, seen)
         self.estimate = update(self.estimate, seen, self.forgetting)

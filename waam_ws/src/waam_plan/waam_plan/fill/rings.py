@@ -78,12 +78,15 @@ def _cores(ring: Ring, step: float, settings: PlanSettings) -> list[np.ndarray]:
         left = left.difference(merged([r.polygon for r in ring.inner]).buffer(1.02 * step))
     own: list[np.ndarray] = []
     for band in pieces(left):
-        if band.buffer(-0.5 * CORE * step).is_empty:
+        room = band.buffer(-0.5 * CORE * step)
+        if room.is_empty:
             continue
         if band.interiors:
             own += _closed_middle(band)
-        else:
-            own += medial_lines(band, settings.bead_width / 3)
+        else:  # where it narrows, a middle line would run on the rings beside it
+            wide = room.buffer(0.5 * CORE * step).intersection(band)
+            for place in pieces(wide):
+                own += medial_lines(place, settings.bead_width / 3)
     return own + [x for r in ring.inner for x in _cores(r, step, settings)]
 
 

@@ -14,6 +14,7 @@ from waam_plan.plan import PlanError
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.levels import Level
 from waam_plan.slice.section import merged, pieces, section_polygons
+from waam_process.bead import AREA_FACTOR
 
 THINNEST = 0.6  # of a bead: no wall thinner than this can be built
 TIP = 1.5  # bead widths of height that a part may lose where its tip is thinner than a bead
@@ -85,7 +86,8 @@ def _cut(placed: Part, i: int, level: Level, settings: PlanSettings) -> list[Pol
             'the mesh has a hole or a gap there, repair it'
         )
     if settings.strategy == 'shell':
-        return pieces(merged([p.boundary.buffer(settings.pitch / 2) for p in found]))
+        wall = AREA_FACTOR * settings.bead_width / 2  # one bead of the layer's height fills it
+        return pieces(merged([p.boundary.buffer(wall) for p in found]))
     return found
 
 
