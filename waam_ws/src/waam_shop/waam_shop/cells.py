@@ -32,7 +32,6 @@ class CellStatus:
     utc: float = 0.0
     host: str = ''
     domain: int = 0
-    namespace: str = ''
     page: str = ''
     simulated: bool = True
     down: bool = False

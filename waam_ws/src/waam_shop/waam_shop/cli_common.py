@@ -9,12 +9,14 @@ from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from .cells import check_name
 from .shop_folder import Places, Shop
 
 
 def add_name(p: argparse.ArgumentParser) -> None:
-    """Option --name: the cell that is meant."""
-    p.add_argument('--name', metavar='CELL', help='name of the cell (default: $WAAM_CELL, or cell)')
+    """Option --name or --cell: the cell that is meant."""
+    text = 'name of the cell (default: $WAAM_CELL, or cell)'
+    p.add_argument('--name', '--cell', dest='cell', metavar='CELL', help=text)
 
 
 def add_json(p: argparse.ArgumentParser) -> None:
@@ -24,7 +26,7 @@ def add_json(p: argparse.ArgumentParser) -> None:
 
 def shop_and_cell(args: argparse.Namespace, places: Places) -> tuple[Shop, str]:
     """The shop, and the name of the cell that is meant."""
-    return Shop(places.shop()), args.name or places.cell()
+    return Shop(places.shop()), check_name(args.cell or places.cell())
 
 
 def user() -> str:
