@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -48,4 +47,4 @@ def _values(args: argparse.Namespace) -> dict[str, Any]:
         k: v for k, v in vars(args).items() if k not in LEFT_OUT and v not in (None, '', [], False)
     }
     plain = {k: v for k, v in given.items() if not callable(v)}
-    return {k: os.path.basename(v) if isinstance(v, Path) else v for k, v in plain.items()}
+    return {k.removeprefix('form_'): v.name if isinstance(v, Path) else v for k, v in plain.items()}

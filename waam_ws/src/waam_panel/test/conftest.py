@@ -120,6 +120,7 @@ def make_panel(tmp_path) -> Iterator:
                     materials=('er70s-6', '316l'),
                     upload_bytes=1 << 20,
                     wrong_token_s=0.01,
+                    shop_turns=2,
                     shop=ShopLink(shop, Place(name), Notifier(NotifySettings(), name)),
                 )
             )

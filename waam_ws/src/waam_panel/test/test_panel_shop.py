@@ -189,7 +189,7 @@ def test_a_released_item_starts_once_and_follows_its_job(ready):
     visit = Visit(ready)
     assert visit.post('queue_add', **SETUP)[1] == 'item 1 waits'
     assert visit.post('queue_add', **SETUP | {'material': 'lead'})[0] == 409
-    time.sleep(1.2)
+    time.sleep(0.5)
     assert ready.operations.asked == [] and item(ready).state == 'waiting'
     assert visit.post('queue_release', id=1)[0] == 200
     until(lambda: item(ready) and any(a[0] == 'start' for a in ready.operations.asked), 'start')

@@ -54,6 +54,7 @@ class Cell:
     problem: str = ''
     pages: int = 0  # open streams
     shop: InShop | None = None  # queue, audit log, messages; None: without
+    shop_turns: int = 10  # of the pump, for one look of the shop
 
     def __post_init__(self) -> None:
         self.archive = ArchivePage(self.jobs_dir)
@@ -96,7 +97,7 @@ class Cell:
                 except (ValueError, IndexError, TypeError) as e:
                     self.problem = f'{name}: {type(e).__name__}: {e}'
             await self._judge()
-            if turn % 10 == 5 and self.shop:
+            if turn % self.shop_turns == 0 and self.shop:
                 await self.shop.tick(self)
             await asyncio.sleep(PUMP_S)
 
