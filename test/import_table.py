@@ -38,9 +38,13 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     'waam_replay': {'waam_adapt', 'waam_node', 'waam_process', 'waam_record', 'waam_scan'},
     'waam_view': {'waam_node', 'waam_process', 'waam_record', 'waam_robot'},
-    'waam_panel': {'waam_archive', 'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_view'},
+    'waam_shop': {'waam_process'},
+    'waam_panel': {
+        'waam_archive', 'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_shop', 'waam_view',
+    },
     'waam_bringup': {
-        'waam_calibrate', 'waam_job', 'waam_node', 'waam_panel', 'waam_process', 'waam_record', 'waam_view',
+        'waam_calibrate', 'waam_job', 'waam_node', 'waam_panel', 'waam_process', 'waam_record', 'waam_shop',
+        'waam_view',
     },
 }  # fmt: skip
 NO_MESSAGES = {
@@ -48,6 +52,7 @@ NO_MESSAGES = {
     'waam_plan',
     'waam_robot',
     'waam_calibrate',
+    'waam_shop',
 }  # whole packages without ROS
 EDGES = re.compile(
     r"""
@@ -95,9 +100,13 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_lab/waam_lab/report.py': 'writes the report of a campaign',
     'waam_view/waam_view/(job_data|plan_file|plan_scene|report_writer).py': 'job folders, plans, reports',
     'waam_view/waam_view/(drawing|viewer|web_viewer).py': 'start viewers and write their files',
+    'waam_shop/waam_shop/(audit_file|durable|queue_file|shop_folder|token_file).py': 'the files of a shop',
+    'waam_shop/waam_shop/(cli|cli_common|cli_access|cli_cells|cli_notify|cli_queue).py': 'commands: files, ages',
+    'waam_shop/waam_shop/notifier.py': 'a thread that sends messages',
     'waam_panel/waam_panel/(alarms|history|parts).py': 'read tables and job folders',
     'waam_panel/waam_panel/archive_page.py': 'asks the archive of jobs; ages are told from today',
-    'waam_panel/waam_panel/(api|cell|security|stream|web).py': 'the web server',
+    'waam_panel/waam_panel/(api|auditing|cell|routes|security|shop_api|stream|web).py': 'the web server',
+    'waam_panel/waam_panel/(people|shop_link).py': 'the files of the shop and of jobs, once a second',
 }  # fmt: skip
 DECODES_MESSAGES = {
     'waam_lab',

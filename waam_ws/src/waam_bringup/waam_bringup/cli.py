@@ -15,10 +15,11 @@ from waam_process.cli_renamed import keep_old_name
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import GANTRY, MACHINES
 
-from . import calibrate, panel
+from . import audited, calibrate, panel
 from .cli_common import add_run, run_and_domain
 from .cli_job import register_job
 from .paths import jobs_dir
+from .shop import places
 
 EPILOG = """\
 first steps:
@@ -41,6 +42,7 @@ PACKAGES = (
     'waam_view',
     'waam_robot',
     'waam_archive',
+    'waam_shop',
 )
 
 
@@ -53,6 +55,7 @@ def _recorded_requests(folder: Path) -> list[Any]:
 OPTIONS: dict[str, dict[str, Any]] = {
     'waam_adapt': {'read_requests': _recorded_requests},
     'waam_archive': {'jobs_dir': jobs_dir},
+    'waam_shop': {'places': places()},
 }
 
 
@@ -92,16 +95,16 @@ def _check_robot(plan: Any) -> None:
 
 def _register_graph(commands: argparse._SubParsersAction) -> None:
     p = commands.add_parser('up', help='start the graph and return when every node answers')
-    add_run(p)
+    add_run(p, '--name')
     _add_up(p)
     p.set_defaults(run_command=cmd_up)
     p = commands.add_parser(
         'stop', help='stop the graph; a running job is aborted with a safe end of the arc'
     )
-    add_run(p)
+    add_run(p, '--name')
     p.set_defaults(run_command=cmd_stop)
     p = commands.add_parser('status', help='what is up, what the machine and the job do')
-    add_run(p)
+    add_run(p, '--name')
     p.set_defaults(run_command=cmd_status)
 
 
@@ -281,6 +284,7 @@ def main(argv: list[str] | None = None) -> int:
     args = build_parser().parse_args(argv)
     signal.signal(signal.SIGTERM, _terminated)
     try:
+        audited.record(args)
         return args.run_command(args)
     except (ValueError, OSError, ClientError) as e:
         print(f'waam: error: {e}', file=sys.stderr)

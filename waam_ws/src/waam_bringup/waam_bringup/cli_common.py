@@ -3,11 +3,33 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 
 
-def add_run(p: argparse.ArgumentParser) -> None:
-    """Options --run and --domain, which name a graph."""
+class CellName(argparse.Action):
+    """--name (or --cell): what follows is about this cell. ValueError for a name that is none."""
+
+    def __call__(self, parser, namespace, value, option=None) -> None:  # type: ignore[no-untyped-def]
+        """Puts the name where `paths` and every process that is started looks."""
+        from waam_shop.cells import check_name
+
+        try:
+            os.environ['WAAM_CELL'] = check_name(value)
+        except ValueError as e:
+            parser.error(f'{option}: {e}')
+        setattr(namespace, self.dest, value)
+
+
+def add_cell(p: argparse.ArgumentParser, *options: str) -> None:
+    """The option that names a cell: --cell, and whatever else it is called."""
+    text = 'name of the cell (default: $WAAM_CELL, or cell)'
+    p.add_argument('--cell', *options, dest='cell', action=CellName, metavar='CELL', help=text)
+
+
+def add_run(p: argparse.ArgumentParser, *more: str) -> None:
+    """Options --cell, --run and --domain, which name a graph. more: other names of --cell."""
+    add_cell(p, *more)
     p.add_argument(
         '--run', type=Path, help='folder of the running graph (default: jobs/.run or $WAAM_RUN)'
     )
@@ -21,9 +43,10 @@ def run_and_domain(args: argparse.Namespace) -> tuple[Path, int]:
     from .operate import default_domain
     from .paths import run_dir
     from .run_state import load
+    from .shop import domain_of
 
     run = (args.run or run_dir()).resolve()
     state = load(run)
     if args.domain is not None:
         return run, args.domain
-    return run, state.domain if state and state.alive else default_domain(run)
+    return run, state.domain if state and state.alive else domain_of(run, default_domain(run))

@@ -8,18 +8,20 @@ import os
 import sys
 from pathlib import Path
 
+from .cli_common import add_cell
 from .run_state import RunState
 
 _EXAMPLES = """examples:
   waam panel                    prints the address of the page of the graph that is up
   waam panel --open             and opens it in the browser
+  waam panel --name cell2       that of another cell; all cells at a glance: /cells
   waam panel --port 8700        serves another one (also when the panel of the graph has died)
-  waam panel --bind 0.0.0.0 --port 8600 --token-file ~/.waam_token --host cell-3.local
-                                for a tablet: behind a token, asked for as http://cell-3.local:8600/
+  waam token create "tablet at cell 3" --role operate
+  waam panel --bind 0.0.0.0 --port 8600 --host cell-3.local --tls-cert cell-3.pem --tls-key cell-3.key
+                                for a tablet: behind tokens and TLS, asked for as https://cell-3.local:8600/
 
-The page is served on this machine only unless --bind says otherwise; then --token-file is required, with a file that
-only you can read:  (umask 077; openssl rand -hex 24 > ~/.waam_token)
-Traffic is not encrypted: across anything but a cable of your own put a TLS proxy in front."""
+The page is served on this machine only unless --bind says otherwise; then it needs tokens (waam token create) and a
+certificate: that of your site, or one of your own (docs/cells.md). With --token-file it asks for tokens here, too."""
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -28,11 +30,20 @@ def register(commands: argparse._SubParsersAction) -> None:
         'panel', help="the operator's page: where it is, or serve one",
         epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
+    add_cell(p, '--name')
     p.add_argument('--run', type=Path, help='folder of the running graph (default: jobs/.run)')
     p.add_argument('--open', action='store_true', help='open the page in the browser')
     p.add_argument('--port', type=int, default=0, help='serve one here, until Ctrl-C')
     p.add_argument('--bind', default='127.0.0.1', help='address to listen on (default 127.0.0.1)')
-    p.add_argument('--token-file', type=Path, help='needed for any other --bind')
+    p.add_argument(
+        '--token-file',
+        type=Path,
+        help='file of tokens (default: none on this machine, that of waam token create for any other --bind)',
+    )
+    p.add_argument(
+        '--tls-cert', type=Path, help='certificate with its chain, PEM; needed for any other --bind'
+    )
+    p.add_argument('--tls-key', type=Path, help='its key, PEM, readable by you only')
     p.add_argument(
         '--host', action='append', default=[], help='name of this machine in the address'
     )
@@ -43,15 +54,16 @@ def _panel(args: argparse.Namespace) -> int:
     from .operate import require_up
     from .paths import run_dir
 
+    access = _access(args)
     run = (args.run or run_dir()).resolve()
     state = require_up(run)
     alive = 'panel' in state.nodes and 'panel' not in state.dead_nodes
-    asked = args.port or args.bind != '127.0.0.1' or args.token_file
+    asked = args.port or args.bind != '127.0.0.1' or args.token_file or args.tls_cert
     if alive and state.panel_url and not asked:
         print(state.panel_url)
         _open(args, state.panel_url)
         return 0
-    return _serve(args, state)
+    return _serve(args, state, access)
 
 
 def _open(args: argparse.Namespace, url: str) -> None:
@@ -61,12 +73,29 @@ def _open(args: argparse.Namespace, url: str) -> None:
         webbrowser.open(url)
 
 
-def _serve(args: argparse.Namespace, state: RunState) -> int:
+def _access(args: argparse.Namespace) -> dict[str, str]:
+    """Parameters of tokens and TLS, checked before ROS is loaded. ValueError that says what is missing."""
+    from waam_panel.security import is_local, open_tokens, tls_context
+    from waam_shop.shop_folder import TOKENS
+
+    from .paths import shop_dir
+
+    tokens = args.token_file
+    if not tokens and not is_local(args.bind) and (shop_dir() / TOKENS).is_file():
+        tokens = shop_dir() / TOKENS
+    files = {'token_file': tokens, 'tls_cert': args.tls_cert, 'tls_key': args.tls_key}
+    texts = {k: str(Path(v).resolve()) if v else '' for k, v in files.items()}
+    tls = tls_context(texts['tls_cert'], texts['tls_key'])
+    open_tokens(texts['token_file'], args.bind, tls is not None)
+    return texts
+
+
+def _serve(args: argparse.Namespace, state: RunState, access: dict[str, str]) -> int:
     """Runs the node in this process, on the domain of the graph."""
     from waam_panel.panel_node import main
 
     from .operate import panel_port
-    from .paths import jobs_dir, share
+    from .paths import cell_name, jobs_dir, share, shop_dir
 
     port = args.port or panel_port()
     os.environ['ROS_DOMAIN_ID'] = str(state.domain)
@@ -74,14 +103,15 @@ def _serve(args: argparse.Namespace, state: RunState) -> int:
     folders = [str(jobs_dir() / 'parts'), str(share('waam_bringup') / 'parts')]
     values = {
         'bind': args.bind, 'port': port, 'jobs_dir': str(jobs_dir()), 'part_folders': folders,
-        'token_file': str(args.token_file.resolve()) if args.token_file else '', 'use_sim_time': state.simulated,
+        'shop_dir': str(shop_dir()), 'cell': cell_name(), 'use_sim_time': state.simulated, **access,
     }  # fmt: skip
     if args.host:
         values['allowed_hosts'] = ','.join(args.host)
     parameters = [x for k, v in values.items() for x in ('-p', f'{k}:={json.dumps(v)}')]
     sys.argv = ['panel', '--ros-args', '-r', '__node:=panel_2', *parameters]
     name = args.host[0] if args.host else '127.0.0.1'
-    print(f'http://{name}:{port}/\nCtrl-C ends.', flush=True)
-    _open(args, f'http://127.0.0.1:{port}/')
+    scheme = 'https' if args.tls_cert else 'http'
+    print(f'{scheme}://{name}:{port}/\nCtrl-C ends.', flush=True)
+    _open(args, f'{scheme}://127.0.0.1:{port}/')
     main()
     return 0

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from waam_shop.cells import FIRST, check_name
+
 
 def share(package: str) -> Path:
     """<prefix>/share/<package> from AMENT_PREFIX_PATH."""
@@ -20,17 +22,37 @@ def root() -> Path:
     return Path(os.environ.get('WAAM_ROOT', '.')).resolve()
 
 
-def jobs_dir() -> Path:
-    """Folder of the jobs: WAAM_JOBS, or `jobs` in the working tree."""
+def cell_name() -> str:
+    """Name of the cell that is meant: WAAM_CELL, or that of the first cell. ValueError for a name that is none."""
+    return check_name(os.environ.get('WAAM_CELL') or FIRST)
+
+
+def shop_jobs_dir() -> Path:
+    """Folder of the jobs of the first cell, which holds those of all others: WAAM_JOBS, or `jobs` in the tree."""
     return Path(os.environ.get('WAAM_JOBS', root() / 'jobs')).resolve()
 
 
+def jobs_dir() -> Path:
+    """Folder of the jobs of this cell; of a named one `cells/<name>` below that of the first."""
+    return _of_cell(shop_jobs_dir())
+
+
+def shop_dir() -> Path:
+    """What all cells share (queues, tokens, logs): WAAM_SHOP, or `.shop` in the folder of the jobs."""
+    return Path(os.environ.get('WAAM_SHOP', shop_jobs_dir() / '.shop')).resolve()
+
+
 def calibrations_dir() -> Path:
-    """Folder of calibration results: WAAM_CALIBRATIONS, or `calibrations` in the working tree."""
-    return Path(os.environ.get('WAAM_CALIBRATIONS', root() / 'calibrations')).resolve()
+    """Folder of calibration results: WAAM_CALIBRATIONS, or `calibrations` in the working tree; of each cell its own."""
+    return _of_cell(Path(os.environ.get('WAAM_CALIBRATIONS', root() / 'calibrations')).resolve())
 
 
 def run_dir() -> Path:
     """Folder of the running graph: sockets, logs, state. One graph per folder."""
     default = jobs_dir() / '.run'
     return Path(os.environ.get('WAAM_RUN', default)).resolve()
+
+
+def _of_cell(folder: Path) -> Path:
+    name = cell_name()
+    return folder if name == FIRST else folder / 'cells' / name

@@ -13,11 +13,17 @@ import pytest
 from waam_node.stl import write_worn_block
 from waam_node.testing import fresh_domain
 from waam_panel.cell import Cell
+from waam_panel.in_shop import Place
 from waam_panel.operations import Refused
 from waam_panel.parts import PartFolders
 from waam_panel.security import Guard
+from waam_panel.shop_link import ShopLink
 from waam_panel.state import PanelState
 from waam_panel.web import WebServer
+from waam_shop.notifier import Notifier
+from waam_shop.notify_settings import NotifySettings
+from waam_shop.roles import ROLES, role_of
+from waam_shop.shop_folder import Shop
 from waam_view.mailbox import Mailbox
 
 
@@ -79,6 +85,7 @@ class Panel:
     cell: Cell
     operations: FakeOperations
     folder: Path
+    tokens: dict[str, str] = field(default_factory=dict)  # role -> token, of a panel with tokens
 
     @property
     def url(self) -> str:
@@ -91,16 +98,19 @@ class Panel:
 
 @pytest.fixture
 def make_panel(tmp_path) -> Iterator:
-    """make_panel(token='', hosts=()) -> Panel."""
+    """make_panel(tokens=False, hosts=(), name='cell', tls=None) -> Panel; all of a test are of one shop."""
     made: list[Panel] = []
 
-    def make(token: str = '', hosts: tuple[str, ...] = (), boot: str = '') -> Panel:
-        operations, cells = FakeOperations(), []
+    def make(
+        tokens: bool = False, hosts: tuple[str, ...] = (), name: str = 'cell', tls=None
+    ) -> Panel:
+        operations, cells, shop = FakeOperations(), [], Shop(tmp_path / 'shop')
+        given = {r: shop.tokens().create(f'{r} {len(made)}', role_of(r)) for r in ROLES if tokens}
 
         def cell(port: int) -> Cell:
             cells.append(
                 Cell(
-                    guard=Guard.create(token, '127.0.0.1', port, hosts),
+                    guard=Guard.create(shop.tokens() if tokens else None, '127.0.0.1', port, hosts),
                     state=PanelState(100),
                     operations=operations,
                     mailbox=Mailbox(),
@@ -110,13 +120,15 @@ def make_panel(tmp_path) -> Iterator:
                     materials=('er70s-6', '316l'),
                     upload_bytes=1 << 20,
                     wrong_token_s=0.01,
+                    shop_turns=2,
+                    shop=ShopLink(shop, Place(name), Notifier(NotifySettings(), name)),
                 )
             )
             return cells[0]
 
-        server = WebServer(cell, '127.0.0.1', 0)
+        server = WebServer(cell, '127.0.0.1', 0, tls)
         assert not server.problem, server.problem
-        made.append(Panel(server, cells[0], operations, tmp_path))
+        made.append(Panel(server, cells[0], operations, tmp_path, given))
         return made[-1]
 
     yield make

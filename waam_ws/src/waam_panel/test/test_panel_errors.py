@@ -43,7 +43,7 @@ def cell(tmp_path: Path):
                  layer=layer, resolution=SPEC.resolution,
                  origin=np.array([SPEC.origin_x, SPEC.origin_y]))  # fmt: skip
     made = Cell(
-        guard=Guard.create('', '127.0.0.1', 0, ()), state=PanelState(60), operations=None,
+        guard=Guard.create(None, '127.0.0.1', 0, ()), state=PanelState(60), operations=None,
         mailbox=Mailbox(), convert=lambda _, m: m, parts=PartFolders((tmp_path,)), jobs_dir=tmp_path,
         materials=(), error_range=REACH,
     )  # fmt: skip

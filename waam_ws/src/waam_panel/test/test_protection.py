@@ -6,6 +6,9 @@ import asyncio
 import http.client
 import json
 import re
+import shutil
+import ssl
+import subprocess
 from pathlib import Path
 
 import aiohttp
@@ -14,9 +17,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waam_panel.api import COMMANDS
-from waam_panel.security import Denied, Guard, read_token
+from waam_panel.security import Denied, Guard, open_tokens, tls_context
+from waam_shop.roles import Role
+from waam_shop.token_file import TokenFile
 
-TOKEN = 'a long token for tests'
 JSON = 'application/json'
 
 
@@ -157,10 +161,11 @@ def test_the_stream_opens_for_our_own_page_only(panel):
 
 @pytest.fixture
 def locked(make_panel):
-    return make_panel(token=TOKEN, hosts=('cell-3.local',))
+    return make_panel(tokens=True, hosts=('cell-3.local',))
 
 
-def sign_in(panel, token: str = TOKEN, **headers: str):
+def sign_in(panel, token: str = '', **headers: str):
+    token = token or panel.tokens['operate']
     kind = 'application/x-www-form-urlencoded'
     headers = {'Origin': panel.url, 'Content_Type': kind, **headers}
     return ask(panel, 'POST', '/api/login', f'token={token.replace(" ", "+")}'.encode(), **headers)
@@ -197,41 +202,113 @@ def test_the_token_opens_and_its_cookie_is_kept_from_scripts_and_other_sites(loc
     assert command(locked, 'home', Cookie=session, X_Waam_Csrf=csrf, **named)[0] == 200
 
 
-def test_sessions_survive_a_restart_and_run_out(monkeypatch):
-    first = Guard.create(TOKEN, '127.0.0.1', 1)
-    cookie = first.login(TOKEN)
-    again = Guard.create(TOKEN, '127.0.0.1', 2)
-    assert again.session_valid(cookie) and again.csrf(cookie) == first.csrf(cookie)
-    assert not Guard.create('another token of tests', '127.0.0.1', 1).session_valid(cookie)
-    ends, signature = cookie.split('.')
-    assert not again.session_valid(f'{int(ends) + 1}.{signature}')
-    monkeypatch.setattr('time.time', lambda: int(ends) + 1.0)
-    assert not again.session_valid(cookie)
+@pytest.fixture
+def tokens(tmp_path) -> TokenFile:
+    return TokenFile(tmp_path / 'tokens.json')
 
 
-@given(st.text(max_size=80))
-def test_no_made_up_cookie_or_token_opens(text):
-    guard = Guard.create(TOKEN, '127.0.0.1', 1)
-    assert not guard.session_valid(text)
-    if text != TOKEN:
-        with pytest.raises(Denied):
-            guard.login(text)
+def test_sessions_survive_a_restart_run_out_and_end_with_their_token(tokens, monkeypatch):
+    token = tokens.create('tablet', Role.OPERATE)
+    first = Guard.create(tokens, '127.0.0.1', 1)
+    cookie, who = first.login(token)
+    assert (who.who, who.role) == ('tablet', Role.OPERATE)
+    again = Guard.create(TokenFile(tokens.path), '127.0.0.1', 2)
+    assert again.visitor(cookie) == who and again.csrf(cookie) == first.csrf(cookie)
+    id, ends, signature = cookie.split('.')
+    for forged in (
+        f'{id}.{int(ends) + 1}.{signature}',
+        f'00000000.{ends}.{signature}',
+        cookie[:-1],
+    ):
+        assert again.visitor(forged) is None
+    with monkeypatch.context() as later:
+        later.setattr('time.time', lambda: int(ends) + 1.0)
+        assert again.visitor(cookie) is None
+    tokens.create('other', Role.VIEW)
+    TokenFile(tokens.path).revoke('tablet')
+    assert again.visitor(cookie) is None and first.visitor(cookie) is None
 
 
-def test_other_addresses_need_a_token_that_only_its_owner_can_read(tmp_path: Path):
-    assert read_token('', '127.0.0.1') == '' and read_token('', '::1') == ''
+@given(text=st.text(max_size=80))
+def test_no_made_up_cookie_or_token_opens(made_tokens, text):
+    guard = Guard.create(made_tokens, '127.0.0.1', 1)
+    assert guard.visitor(text) is None
+    with pytest.raises(Denied):
+        guard.login(text)
+
+
+@pytest.fixture(scope='module')
+def made_tokens(tmp_path_factory) -> TokenFile:
+    tokens = TokenFile(tmp_path_factory.mktemp('tokens') / 'tokens.json')
+    tokens.create('tablet', Role.MAINTAIN)
+    return tokens
+
+
+def test_other_addresses_need_tokens_and_tls(tokens):
+    assert open_tokens('', '127.0.0.1', False) is None and open_tokens('', '::1', False) is None
+    file = str(tokens.path)
+    with pytest.raises(ValueError, match='holds no token'):
+        open_tokens(file, '127.0.0.1', False)
+    tokens.create('tablet', Role.VIEW)
     for bind in ('0.0.0.0', '192.168.1.5', '::', 'cell-3.local'):
-        with pytest.raises(ValueError, match='token_file'):
-            read_token('', bind)
-    file = tmp_path / 'token'
-    file.write_text('short\n')
-    file.chmod(0o600)
-    with pytest.raises(ValueError, match='5 characters'):
-        read_token(str(file), '0.0.0.0')
-    file.write_text(f'{TOKEN}\n')
-    assert read_token(str(file), '0.0.0.0') == TOKEN
-    file.chmod(0o644)
+        with pytest.raises(ValueError, match="'token_file' .* and 'tls_cert'"):
+            open_tokens('', bind, True)
+        with pytest.raises(ValueError, match="'tls_cert' and 'tls_key'"):
+            open_tokens(file, bind, False)
+        assert open_tokens(file, bind, True)
+    tokens.path.chmod(0o644)
     with pytest.raises(ValueError, match='chmod 600'):
-        read_token(str(file), '0.0.0.0')
-    with pytest.raises(ValueError, match='No such file'):
-        read_token(str(tmp_path / 'none'), '0.0.0.0')
+        open_tokens(file, '0.0.0.0', True)
+    tokens.path.chmod(0o600)
+    tokens.path.write_text('the token of an earlier version')
+    with pytest.raises(ValueError, match='waam token create'):
+        open_tokens(file, '0.0.0.0', True)
+
+
+@pytest.fixture(scope='module')
+def certificate(tmp_path_factory) -> tuple[str, str]:
+    """Certificate of 127.0.0.1 and its key, made for this run."""
+    openssl = shutil.which('openssl')
+    if not openssl:
+        pytest.skip('openssl is not installed')
+    folder = tmp_path_factory.mktemp('tls')
+    cert, key = folder / 'cert.pem', folder / 'key.pem'
+    subprocess.run(
+        [openssl, 'req', '-x509', '-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:prime256v1', '-nodes', '-days', '1',
+         '-keyout', str(key), '-out', str(cert), '-subj', '/CN=cell', '-addext', 'subjectAltName=IP:127.0.0.1'],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    key.chmod(0o600)
+    return str(cert), str(key)
+
+
+def test_with_certificate_files_everything_is_encrypted(make_panel, certificate):
+    panel = make_panel(tokens=True, tls=tls_context(*certificate))
+    port = panel.server.port
+    trusted = ssl.create_default_context(cafile=certificate[0])
+    connection = http.client.HTTPSConnection('127.0.0.1', port, timeout=20, context=trusted)
+    body, kind = f'token={panel.tokens["view"]}', 'application/x-www-form-urlencoded'
+    origin = f'https://127.0.0.1:{port}'
+    connection.request('POST', '/api/login', body, {'Origin': origin, 'Content-Type': kind})
+    answer = connection.getresponse()
+    assert answer.status == 303 and 'Secure' in answer.headers['Set-Cookie']
+    with pytest.raises((http.client.HTTPException, OSError)):
+        ask(panel, 'GET', '/')
+    old = ssl.create_default_context(cafile=certificate[0])
+    old.maximum_version = ssl.TLSVersion.TLSv1_1
+    with pytest.raises(OSError):
+        http.client.HTTPSConnection('127.0.0.1', port, timeout=20, context=old).request('GET', '/')
+
+
+def test_certificate_files_that_cannot_be_used_are_named(certificate, tmp_path):
+    cert, key = certificate
+    assert tls_context('', '') is None
+    open_key = tmp_path / 'open.pem'
+    open_key.write_bytes(Path(key).read_bytes())
+    open_key.chmod(0o644)
+    for pair, word in (
+        ((cert, ''), 'belong together'), ((cert, str(tmp_path / 'no')), 'tls_key.*no such file'),
+        ((key, key), 'tls_cert'), ((cert, str(open_key)), 'chmod 600'),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=word):
+            tls_context(*pair)

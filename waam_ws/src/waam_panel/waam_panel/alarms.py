@@ -152,3 +152,8 @@ class AlarmLog:
     def listing(self) -> list[dict[str, Any]]:
         """Newest first."""
         return [a.as_dict() for a in self]
+
+    def worst(self) -> dict[str, Any] | None:
+        """Of those that nobody has acknowledged: the most severe, the newest of several. None: there is none."""
+        waiting = [a for a in self if not a.acknowledged]
+        return max(waiting, key=lambda a: a.severity).as_dict() if waiting else None

@@ -11,12 +11,16 @@ from typing import Any
 from aiohttp import web
 
 from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
+from waam_shop.job_queue import QueueError
+from waam_shop.roles import Role
 
 from . import alarms, history
 from .archive_page import QuestionError
+from .auditing import AuditFailure, asked, stopped, went_wrong
 from .cell import CELL, Cell
 from .operations import Refused
 from .parts import PartsError
+from .routes import Handler, Route
 from .security import COOKIE, CSRF_HEADER
 from .setup_form import LAST_SCAN, LOOP_MODE_LABELS, FormError, parse
 from .worker import WorkError
@@ -29,7 +33,7 @@ HOLD_S = 0.25
 WIRE_MM = 50.0  # longest wire jog of one request
 FACTORS = {'speed': SPEED_FACTOR, 'wire': WIRE_FACTOR}
 BODY = 64 << 10
-KNOWN = (Refused, FormError, PartsError, WorkError, history.HistoryError)
+KNOWN = (Refused, FormError, PartsError, WorkError, history.HistoryError, QueueError)
 Run = Callable[[Cell, dict[str, Any]], Awaitable[Any]]
 
 
@@ -49,7 +53,9 @@ def number(data: dict[str, Any], name: str, low: float, high: float) -> float:
 
 
 async def stop(cell: Cell, _: dict[str, Any]) -> str:
-    """Ends the job and stops the machine; Refused only when neither answers."""
+    """Ends the job and stops the machine; Refused only when neither answers. A release is withdrawn."""
+    if cell.shop:
+        cell.shop.stop_pressed()
     return await cell.do(cell.operations.stop)
 
 
@@ -227,27 +233,51 @@ def _session(request: web.Request) -> str:
     return request.cookies.get(COOKIE, '')
 
 
-async def _command(request: web.Request) -> web.Response:
+def check_command(request: web.Request) -> Cell:
+    """The cell, once the sender of a command is our own page. Raises Denied."""
     cell: Cell = request.app[CELL]
     csrf = request.headers.get(CSRF_HEADER, '')
     cell.guard.check_command(request.headers, _session(request), csrf)
-    run = COMMANDS.get(request.match_info['name'])
-    if run is None:
-        raise web.HTTPNotFound
-    try:
-        data = await _json(request)
-    except BadRequest as e:
-        return web.json_response({'ok': False, 'message': str(e)}, status=400)
-    return await _answer(run, cell, data)
+    return cell
+
+
+def command(name: str, run: Run) -> Handler:
+    """The handler of POST /api/<name>: checks, reads the JSON, writes the audit log, runs."""
+
+    async def handler(request: web.Request) -> web.Response:
+        cell = check_command(request)
+        try:
+            data = await _json(request)
+            return await audited(request, name, data, lambda: _answer(run, cell, data))
+        except (BadRequest, AuditFailure) as e:
+            status = 400 if isinstance(e, BadRequest) else 503
+            return web.json_response({'ok': False, 'message': str(e)}, status=status)
+
+    return handler
+
+
+async def audited(
+    request: web.Request,
+    name: str,
+    data: dict[str, Any],
+    run: Callable[[], Awaitable[web.Response]],
+) -> web.Response:
+    """Runs a command whose entry is in the log before; what went wrong follows. Raises AuditFailure: nothing ran."""
+    await asked(request, name, data)
+    answer = await run()
+    if answer.status >= 400:
+        await went_wrong(request, name, answer.text or '')
+    return answer
 
 
 async def _stop(request: web.Request) -> web.Response:
-    """Works from a script (JSON answer) and as a plain form without any script (back to the page)."""
+    """Works from a script (JSON answer) and as a plain form without any script (back to the page). The log waits."""
     cell: Cell = request.app[CELL]
     form = await request.post() if request.content_type.endswith('form-urlencoded') else {}
     csrf = request.headers.get(CSRF_HEADER, '') or str(form.get('csrf', ''))
     cell.guard.check_stop(request.headers, _session(request), csrf)
     answer = await _answer(stop, cell, {})
+    await stopped(request, answer.status == 200)
     if form:
         raise web.HTTPSeeOther('/')
     return answer
@@ -255,16 +285,18 @@ async def _stop(request: web.Request) -> web.Response:
 
 async def _upload(request: web.Request) -> web.Response:
     """The file is the body, its name a query parameter."""
-    cell: Cell = request.app[CELL]
-    csrf = request.headers.get(CSRF_HEADER, '')
-    cell.guard.check_command(request.headers, _session(request), csrf)
-    data = await request.read()
+    cell = check_command(request)
+    data, name = await request.read(), request.query.get('name', '')
 
     async def run(cell: Cell, _: dict[str, Any]) -> dict[str, Any]:
-        name = cell.parts.save(request.query.get('name', ''), data)
-        return {'message': f'{name} is stored', 'name': name}
+        stored = cell.parts.save(name, data)
+        return {'message': f'{stored} is stored', 'name': stored}
 
-    return await _answer(run, cell, {})
+    try:
+        told = {'name': name, 'bytes': len(data)}
+        return await audited(request, 'upload', told, lambda: _answer(run, cell, {}))
+    except AuditFailure as e:
+        return web.json_response({'ok': False, 'message': str(e)}, status=503)
 
 
 def _listing(read: Callable[[Cell], Any]) -> Callable[[web.Request], Awaitable[web.Response]]:
@@ -313,11 +345,21 @@ async def _preview(request: web.Request) -> web.Response:
     return web.Response(body=file.read_bytes(), content_type='image/png')
 
 
-def add_commands(app: web.Application) -> None:
-    """Routes of commands, lists, pictures."""
-    app.add_routes([
-        web.post('/api/stop', _stop), web.post('/api/parts', _upload), web.get('/api/map/{name}', _map),
-        web.get('/api/preview.png', _preview), web.get('/api/choices', _listing(_choices)),
-        web.get('/api/jobs', _listing(lambda cell: history.jobs(cell.jobs_dir))),
-        web.get('/api/archive', _archive), web.post('/api/{name}', _command),
-    ])  # fmt: skip
+def command_routes(commands: dict[str, Run], role: Role) -> tuple[Route, ...]:
+    """POST /api/<name> for every command of a table."""
+    return tuple(Route('POST', f'/api/{n}', role, command(n, run)) for n, run in commands.items())
+
+
+def read_route(path: str, read: Callable[[Cell], Any]) -> Route:
+    """GET of something that everybody who is in may see, as JSON."""
+    return Route('GET', path, Role.VIEW, _listing(read))
+
+
+ROUTES = (
+    # whoever sees the page may stop
+    Route('POST', '/api/stop', Role.VIEW, _stop), Route('POST', '/api/parts', Role.OPERATE, _upload),
+    Route('GET', '/api/map/{name}', Role.VIEW, _map), Route('GET', '/api/preview.png', Role.VIEW, _preview),
+    Route('GET', '/api/archive', Role.VIEW, _archive), read_route('/api/choices', _choices),
+    read_route('/api/jobs', lambda cell: history.jobs(cell.jobs_dir)),
+    *command_routes(COMMANDS, Role.OPERATE),
+)  # fmt: skip

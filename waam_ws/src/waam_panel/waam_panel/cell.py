@@ -22,6 +22,7 @@ from waam_view.mailbox import Mailbox
 
 from . import history, pictures
 from .archive_page import ArchivePage
+from .in_shop import InShop
 from .operations import Operations
 from .parts import PartFolders
 from .security import Guard
@@ -52,6 +53,8 @@ class Cell:
     going_on: Path | None = None  # an interrupted job to resume, instead of a setup
     problem: str = ''
     pages: int = 0  # open streams
+    shop: InShop | None = None  # queue, audit log, messages; None: without
+    shop_turns: int = 10  # of the pump, for one look of the shop
 
     def __post_init__(self) -> None:
         self.archive = ArchivePage(self.jobs_dir)
@@ -64,6 +67,8 @@ class Cell:
 
     def close(self) -> None:
         """Ends the worker threads without waiting for what they do, and removes the scratch folder."""
+        if self.shop:
+            self.shop.close()
         self._workers.shutdown(wait=False, cancel_futures=True)
         self._stoppers.shutdown(wait=False, cancel_futures=True)
         self._scratch.cleanup()
@@ -92,6 +97,8 @@ class Cell:
                 except (ValueError, IndexError, TypeError) as e:
                     self.problem = f'{name}: {type(e).__name__}: {e}'
             await self._judge()
+            if turn % self.shop_turns == 0 and self.shop:
+                await self.shop.tick(self)
             await asyncio.sleep(PUMP_S)
 
     async def _judge(self) -> None:

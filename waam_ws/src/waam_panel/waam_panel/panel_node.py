@@ -28,14 +28,19 @@ from waam_node.node import main as run_main
 from waam_node.params import param
 from waam_node.qos import BEAT, EVENTS, LATCHED, TELEMETRY
 from waam_process.materials import load as materials
+from waam_shop.notifier import Notifier, load
+from waam_shop.notify_settings import NotifyError, NotifySettings
+from waam_shop.shop_folder import Shop
 from waam_view.mailbox import Mailbox
 from waam_view.node_tap import TelemetryTap
 
 from .cell import Cell
 from .conversions import CONVERT
+from .in_shop import Place
 from .node_operations import RosOperations
 from .parts import PartFolders
-from .security import Guard, is_local, read_token
+from .security import Guard, is_local, open_tokens, tls_context
+from .shop_link import ShopLink
 from .state import PanelState
 from .web import WebServer
 
@@ -45,12 +50,17 @@ class PanelParams:
     """Parameters of the node, with default, meaning, unit and limits."""
 
     bind: str = param(
-        '127.0.0.1', 'address to listen on; anything but this machine needs token_file'
+        '127.0.0.1',
+        'address to listen on; anything but this machine needs token_file, tls_cert and tls_key',
     )
     port: int = param(8600, 'port of the page; 0 = any free one', '', 0, 65535)
-    token_file: str = param(
-        '', 'file with the token (at least 16 characters, chmod 600); empty = none'
+    token_file: str = param('', 'file of tokens (waam token create); empty = nobody signs in')
+    tls_cert: str = param('', 'certificate with its chain, PEM; empty = no TLS')
+    tls_key: str = param('', 'key of the certificate, PEM, chmod 600')
+    shop_dir: str = param(
+        '', 'folder of the shop: queues, audit logs, messages; empty = .shop in jobs_dir'
     )
+    cell: str = param('cell', 'name of this cell in the shop')
     allowed_hosts: str = param(
         '',
         'further names of this machine that the page may be asked for by, separated by commas; with or without port',
@@ -90,7 +100,10 @@ class Panel(WaamNode):
     def __init__(self) -> None:
         super().__init__('panel', PanelParams)
         p = self.params
-        self._token = read_token(p.token_file, p.bind)
+        self._tls = tls_context(p.tls_cert, p.tls_key)
+        self._tokens = open_tokens(p.token_file, p.bind, self._tls is not None)
+        self._shop = Shop(Path(p.shop_dir or Path(p.jobs_dir) / '.shop'))
+        self._shop.folder(p.cell)  # refuses a name that is none
         if not p.part_folders:
             raise ValueError("panel: parameter 'part_folders' names no folder")
         self._mailbox = Mailbox()
@@ -101,7 +114,7 @@ class Panel(WaamNode):
         self.create_timer(p.sample_period, self._on_sample, clock=self.steady)
         self.create_timer(1.0, self._report, clock=self.steady)
         self._cell: Cell | None = None
-        self._server = WebServer(self._make_cell, p.bind, p.port)
+        self._server = WebServer(self._make_cell, p.bind, p.port, self._tls)
         if self._server.problem:
             self.get_logger().error(f'no page: {self._server.problem}')
         else:
@@ -110,13 +123,28 @@ class Panel(WaamNode):
     @property
     def url(self) -> str:
         """Address for a browser on this machine, or on the network of `bind`; '' while the server does not run."""
-        host = '127.0.0.1' if is_local(self.params.bind) else self.params.bind
-        return '' if self._server.problem else f'http://{host}:{self._server.port}/'
+        return '' if self._server.problem else self._url(self._server.port)
+
+    def _url(self, port: int) -> str:
+        p = self.params
+        named = p.allowed_hosts.split(',')[0].strip()
+        host = '127.0.0.1' if is_local(p.bind) else named or p.bind
+        return f'{"https" if self._tls else "http"}://{host.partition(":")[0]}:{port}/'
+
+    def _shop_link(self, port: int) -> ShopLink:
+        try:
+            settings = load(self._shop.path)
+        except NotifyError as e:
+            self.get_logger().error(f'nobody is told of anything: {e}')
+            settings = NotifySettings()
+        domain = self.context.get_domain_id()
+        place = Place(self.params.cell, domain, self._url(port))
+        return ShopLink(self._shop, place, Notifier(settings, self.params.cell))
 
     def _make_cell(self, port: int) -> Cell:
         p = self.params
         self._cell = Cell(
-            guard=Guard.create(self._token, p.bind, port, tuple(p.allowed_hosts.split(','))),
+            guard=Guard.create(self._tokens, p.bind, port, tuple(p.allowed_hosts.split(','))),
             state=PanelState(round(FRAMES * p.history / p.sample_period)),
             operations=self._operations,
             mailbox=self._mailbox,
@@ -126,6 +154,7 @@ class Panel(WaamNode):
             materials=tuple(materials()),
             error_range=p.error_range,
             upload_bytes=p.upload_mb << 20,
+            shop=self._shop_link(port),
         )
         return self._cell
 

@@ -1,9 +1,10 @@
-"""Who may ask for what: host, origin, session and anti-forgery checks. No ROS, no web framework.
+"""Who may ask for what: host, origin, session, role and anti-forgery checks. No ROS, no web framework.
 
-Local (no token): only requests whose Host is this machine's loopback name and this port (a page of another site that
+Local (no tokens): only requests whose Host is this machine's loopback name and this port (a page of another site that
 rebinds its name to 127.0.0.1 has the wrong Host), commands only with the anti-forgery value that our own page carries.
-With a token: besides, a session cookie that is handed out for the token. Sessions are signed, not stored, so a page
-that is open keeps its rights when the panel starts again.
+With tokens: besides, a session cookie that is handed out for one of them. Sessions are signed, not stored, so a page
+that is open keeps its rights when the panel starts again; the token behind one is looked up with every request, so a
+token that is revoked is out at once.
 """
 
 from __future__ import annotations
@@ -11,17 +12,24 @@ from __future__ import annotations
 import hashlib
 import hmac
 import ipaddress
+import re
 import secrets
+import ssl
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from waam_shop.roles import Role
+from waam_shop.token_file import TokenFile
+from waam_shop.tokens import TokenBook, TokenError
+
 SESSION_S = 12 * 3600  # one shift
 COOKIE = 'waam_session'
 CSRF_HEADER = 'X-Waam-Csrf'
-MIN_TOKEN = 16
+LOCAL = 'local'  # who asks without a token, on this machine
+_COOKIE = re.compile(r'([0-9a-f]{8})\.([0-9]{1,12})\.([0-9a-f]{64})')
 LOCAL_NAMES = ('127.0.0.1', 'localhost', '[::1]')
 
 
@@ -43,28 +51,54 @@ def is_local(bind: str) -> bool:
         return False
 
 
-def read_token(file: str, bind: str) -> str:
-    """The token, '' for none. Raises ValueError: missing where needed, too short, or readable by others."""
-    if not file:
-        if not is_local(bind):
-            raise ValueError(
-                f"parameter 'bind' is {bind}: anything but this machine needs 'token_file' "
-                f'(a file with at least {MIN_TOKEN} characters that only you can read)'
-            )
-        return ''
-    path = Path(file)
-    try:
-        token = path.read_text(encoding='utf-8').strip()
-        readable = path.stat().st_mode & 0o077
-    except (OSError, UnicodeDecodeError) as e:
-        raise ValueError(f"parameter 'token_file': {file}: {e}") from None
-    if readable:
-        raise ValueError(f"parameter 'token_file': {file} can be read by others (chmod 600)")
-    if len(token) < MIN_TOKEN:
+@dataclass(frozen=True)
+class Visitor:
+    """who: name of the token, or LOCAL."""
+
+    who: str
+    role: Role
+
+
+def open_tokens(file: str, bind: str, tls: bool) -> TokenFile | None:
+    """The tokens that let people in; None: local use without any. Raises ValueError: missing where they are needed
+    (any address but this machine's needs tokens and TLS), damaged, or readable by others."""
+    away = f"parameter 'bind' is {bind}: anything but this machine needs"
+    if not is_local(bind) and not file:
+        raise ValueError(f"{away} 'token_file' (waam token create) and 'tls_cert' with 'tls_key'")
+    if not is_local(bind) and not tls:
         raise ValueError(
-            f"parameter 'token_file': {file} holds {len(token)} characters, at least {MIN_TOKEN}"
+            f"{away} 'tls_cert' and 'tls_key': without TLS tokens can be read on the network"
         )
-    return token
+    if not file:
+        return None
+    tokens = TokenFile(Path(file))
+    try:
+        if not tokens.book().tokens:
+            raise TokenError(f'{file} holds no token (waam token create)')
+    except TokenError as e:
+        raise ValueError(f"parameter 'token_file': {e}") from None
+    return tokens
+
+
+def tls_context(cert: str, key: str) -> ssl.SSLContext | None:
+    """TLS 1.2 or newer from a certificate (with its chain) and its key; None without. Raises ValueError."""
+    if not cert and not key:
+        return None
+    if not cert or not key:
+        raise ValueError("parameters 'tls_cert' and 'tls_key' belong together")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    for name, file in (('tls_cert', cert), ('tls_key', key)):
+        if not Path(file).is_file():
+            raise ValueError(f"parameter '{name}': {file}: no such file")
+    if Path(key).stat().st_mode & 0o077:
+        raise ValueError(f"parameter 'tls_key': {key} can be read by others (chmod 600)")
+    try:
+        # a key with a passphrase would wait for one at a terminal that nobody sees
+        context.load_cert_chain(cert, key, password=lambda: '')
+    except (ssl.SSLError, OSError) as e:
+        raise ValueError(f"parameters 'tls_cert', 'tls_key': {cert}, {key}: {e}") from None
+    return context
 
 
 def _digest(key: bytes, text: str) -> str:
@@ -73,44 +107,62 @@ def _digest(key: bytes, text: str) -> str:
 
 @dataclass(frozen=True)
 class Guard:
-    """Checks every request. token '' = local use; hosts: names (with port) under which the page may be asked for."""
+    """Checks every request. tokens None = local use; hosts: names (with port) under which the page may be asked for;
+    key: signs sessions."""
 
-    token: str
+    tokens: TokenFile | None
     hosts: frozenset[str]
     key: bytes
 
     @classmethod
-    def create(cls, token: str, bind: str, port: int, more_hosts: tuple[str, ...] = ()) -> Guard:
+    def create(
+        cls, tokens: TokenFile | None, bind: str, port: int, more_hosts: tuple[str, ...] = ()
+    ) -> Guard:
         """more_hosts: names of this machine for other binds, with or without port."""
         names = {f'{n}:{port}' for n in LOCAL_NAMES}
         more = (n.strip() for n in more_hosts if n.strip())
         names |= {n if n.rpartition(':')[2].isdigit() else f'{n}:{port}' for n in more}
         if not is_local(bind) and bind not in ('0.0.0.0', '::'):
             names.add(f'[{bind}]:{port}' if ':' in bind else f'{bind}:{port}')
-        key = hashlib.sha256(b'waam panel' + token.encode()).digest()
-        key = key if token else secrets.token_bytes(32)
-        return cls(token, frozenset(n.lower() for n in names), key)
+        key = tokens.key() if tokens else secrets.token_bytes(32)
+        return cls(tokens, frozenset(n.lower() for n in names), key)
 
     # ---- sessions
 
-    def login(self, token: str) -> str:
-        """The value of the session cookie. Raises Denied 401 for a wrong token."""
-        if not self.token or not hmac.compare_digest(token.encode(), self.token.encode()):
+    def login(self, token: str) -> tuple[str, Visitor]:
+        """The value of the session cookie, and whose it is. Raises Denied 401 for a wrong token."""
+        now = time.time()
+        found = self._book().check(token, now) if self.tokens else None
+        if found is None:
             raise Denied(401, 'wrong token')
-        ends = str(int(time.time()) + SESSION_S)
-        return f'{ends}.{_digest(self.key, "session" + ends)}'
+        ends = f'{found.id}.{int(now) + SESSION_S}'
+        return f'{ends}.{_digest(self.key, "session" + ends)}', Visitor(found.name, found.rights)
 
-    def session_valid(self, cookie: str) -> bool:
-        """A signature of ours that has not run out. Without a token everybody on this machine is in."""
-        if not self.token:
-            return True
-        ends, _, signature = cookie.partition('.')
-        good = hmac.compare_digest(signature.encode(), _digest(self.key, 'session' + ends).encode())
-        return good and ends.isascii() and ends.isdigit() and int(ends) > time.time()
+    def visitor(self, cookie: str) -> Visitor | None:
+        """Whose session it is: a signature of ours that has not run out, of a token that is still good. None: nobody's.
+        Without tokens everybody on this machine is in, with every right. Raises Denied 503: the tokens are damaged."""
+        if not self.tokens:
+            return Visitor(LOCAL, Role.MAINTAIN)
+        parts = _COOKIE.fullmatch(cookie)
+        if not parts:
+            return None
+        id, ends, signature = parts.groups()
+        now = time.time()
+        if not hmac.compare_digest(signature, _digest(self.key, f'session{id}.{ends}')):
+            return None
+        token = self._book().find(id, now) if int(ends) > now else None
+        return Visitor(token.name, token.rights) if token else None
+
+    def _book(self) -> TokenBook:
+        assert self.tokens
+        try:
+            return self.tokens.book()
+        except TokenError:
+            raise Denied(503, 'the file of tokens cannot be read (see waam token list)') from None
 
     def csrf(self, cookie: str) -> str:
         """The anti-forgery value of a session; it stands in our page, where no other site can read it."""
-        return _digest(self.key, 'csrf' + (cookie if self.token else ''))
+        return _digest(self.key, 'csrf' + (cookie if self.tokens else ''))
 
     # ---- requests
 
@@ -128,11 +180,17 @@ class Guard:
             and origin.netloc.lower() == headers.get('Host', '').lower()
         )
 
-    def check_read(self, headers: Mapping[str, str], cookie: str) -> None:
-        """Pictures, lists, the stream's start. Raises Denied."""
+    def check_read(
+        self, headers: Mapping[str, str], cookie: str, role: Role = Role.VIEW
+    ) -> Visitor:
+        """Pictures, lists, the stream's start. Returns who asks. Raises Denied: 401 not signed in, 403 another role."""
         self.check_host(headers)
-        if not self.session_valid(cookie):
+        visitor = self.visitor(cookie)
+        if visitor is None:
             raise Denied(401, 'sign in first')
+        if visitor.role < role:
+            raise Denied(403, f'this needs the role {role.label}; yours is {visitor.role.label}')
+        return visitor
 
     def check_stream(self, headers: Mapping[str, str], cookie: str) -> None:
         """WebSocket: browsers allow them across origins, so the origin must be there and be ours."""

@@ -12,7 +12,10 @@ import time
 
 from aiohttp import WSMsgType, web
 
+from waam_shop.roles import Role
+
 from .cell import CELL, Cell
+from .routes import Route
 from .security import COOKIE, Denied
 
 FRAME_S = 0.2
@@ -43,7 +46,7 @@ async def _stream(request: web.Request) -> web.WebSocketResponse:
 
 async def _send(cell: Cell, socket: web.WebSocketResponse, request: web.Request) -> None:
     taken, alarms = 0, -1
-    while not socket.closed:
+    while not socket.closed and cell.guard.visitor(request.cookies.get(COOKIE, '')):
         frame = cell.state.frame(time.monotonic(), taken, alarms)
         taken, alarms = cell.state.taken, cell.state.alarms.version
         text = json.dumps({'boot': cell.boot, 'utc': time.time(), **frame}, separators=(',', ':'))
@@ -54,8 +57,7 @@ async def _send(cell: Cell, socket: web.WebSocketResponse, request: web.Request)
                 request.transport.abort()  # closing politely would wait for the page again
             return
         await asyncio.sleep(FRAME_S)
+    await socket.close()  # signed out: the session has run out, or its token was revoked
 
 
-def add_stream(app: web.Application) -> None:
-    """Adds the route /stream."""
-    app.add_routes([web.get('/stream', _stream)])
+ROUTES = (Route('GET', '/stream', Role.VIEW, _stream),)

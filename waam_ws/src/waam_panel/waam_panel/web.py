@@ -9,24 +9,26 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
+import ssl
 import threading
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from pathlib import Path
 
 from aiohttp import web
 
-from . import history
-from .api import add_commands
+from waam_shop.roles import Role
+
+from . import api, history, routes, shop_api, stream
+from .auditing import denied, signed_in
 from .cell import CELL, Cell
+from .routes import VISITOR, WHO, Handler, Route
 from .security import COOKIE, Denied
-from .stream import add_stream
 from .worker import WorkError
 
 STATIC = Path(__file__).parent / 'static'
 FILES = {
     '.html': 'text/html', '.css': 'text/css', '.js': 'text/javascript', '.svg': 'image/svg+xml',
 }  # fmt: skip
-OPEN = ('/login', '/api/login', '/static/panel.css')  # may be asked for without a session
 _POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; connect-src 'self'; object-src 'none'; base-uri 'none'; "
     "form-action 'self'; frame-ancestors 'none'; frame-src 'self' http://127.0.0.1:*"
@@ -35,7 +37,23 @@ _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
     'sandbox allow-popups allow-same-origin'
 )
-Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+async def _admit(cell: Cell, request: web.Request) -> None:
+    """Host, session and role. Raises Denied; a role that is too low goes into the audit log."""
+    cell.guard.check_host(request.headers)
+    role = routes.role_of(request)
+    if role is None:
+        return
+    cookie = request.cookies.get(COOKIE, '')
+    try:
+        visitor = cell.guard.check_read(request.headers, cookie, role)
+    except Denied as e:
+        if e.status == 403:
+            await denied(cell, request, str(e))
+        raise
+    request[VISITOR] = visitor
+    WHO.set(visitor.who)
 
 
 @web.middleware
@@ -43,9 +61,7 @@ async def _checks(request: web.Request, handler: Handler) -> web.StreamResponse:
     """Host and session before anything else; headers that keep other sites out of every answer."""
     cell: Cell = request.app[CELL]
     try:
-        cell.guard.check_host(request.headers)
-        if request.path not in OPEN:
-            cell.guard.check_read(request.headers, request.cookies.get(COOKIE, ''))
+        await _admit(cell, request)
         response = await handler(request)
     except Denied as e:
         if e.status == 401 and request.method == 'GET' and request.path == '/':
@@ -91,14 +107,23 @@ async def _login(request: web.Request) -> web.Response:
     form = await request.post()
     async with cell.login_lock:
         try:
-            value = cell.guard.login(str(form.get('token', '')))
-        except Denied:
+            value, visitor = cell.guard.login(str(form.get('token', '')))
+        except Denied as e:
+            await denied(cell, request, str(e))
             await asyncio.sleep(cell.wrong_token_s)
             raise
+    await signed_in(cell, visitor)
     response = web.HTTPSeeOther('/')
-    secure = request.headers.get('Origin', '').startswith('https')
+    secure = request.secure or request.headers.get('Origin', '').startswith('https')
     response.set_cookie(COOKIE, value, httponly=True, samesite='Strict', secure=secure, path='/')
     raise response
+
+
+async def _style(_request: web.Request) -> web.Response:
+    """What the door looks like; all else needs a session."""
+    return web.Response(
+        body=(STATIC / 'panel.css').read_bytes(), content_type='text/css', charset='utf-8'
+    )
 
 
 async def _static(request: web.Request) -> web.Response:
@@ -124,25 +149,41 @@ async def _report(request: web.Request) -> web.StreamResponse:
     )
 
 
+async def _cells(request: web.Request) -> web.Response:
+    cell: Cell = request.app[CELL]
+    return _page('cells.html', csrf=cell.guard.csrf(request.cookies.get(COOKIE, '')))
+
+
+ROUTES = (
+    Route('GET', '/', Role.VIEW, _index), Route('GET', '/cells', Role.VIEW, _cells),
+    Route('GET', '/login', None, _login_page), Route('POST', '/api/login', None, _login),
+    Route('GET', '/static/panel.css', None, _style), Route('GET', '/static/{name}', Role.VIEW, _static),
+    Route('GET', '/jobs/{id}/report.html', Role.VIEW, _report),
+    Route('GET', '/jobs/{id}/{inner}/report.html', Role.VIEW, _report),
+)  # fmt: skip
+ALL_ROUTES = (*ROUTES, *api.ROUTES, *shop_api.ROUTES, *stream.ROUTES)
+
+
 def make_app(cell: Cell) -> web.Application:
     """All routes."""
     app = web.Application(middlewares=[_checks], client_max_size=cell.upload_bytes + 65536)
     app[CELL] = cell
-    app.add_routes([
-        web.get('/', _index), web.get('/login', _login_page), web.post('/api/login', _login),
-        web.get('/static/{name}', _static), web.get('/jobs/{id}/report.html', _report),
-        web.get('/jobs/{id}/{inner}/report.html', _report),
-    ])  # fmt: skip
-    add_commands(app)
-    add_stream(app)
+    routes.add(app, ALL_ROUTES)
     return app
 
 
 class WebServer:
     """Serves in a thread of its own. `problem` says why it does not; `port` is what it got (0 = any)."""
 
-    def __init__(self, make_cell: Callable[[int], Cell], bind: str, port: int) -> None:
+    def __init__(
+        self,
+        make_cell: Callable[[int], Cell],
+        bind: str,
+        port: int,
+        tls: ssl.SSLContext | None = None,
+    ) -> None:
         self.problem, self.port = '', port
+        self._tls = tls
         self._make_cell, self._bind = make_cell, bind
         self._loop = asyncio.new_event_loop()
         self._ready, self._stop = threading.Event(), asyncio.Event()
@@ -171,7 +212,7 @@ class WebServer:
         cell = self._make_cell(self.port)
         runner = web.AppRunner(make_app(cell), access_log=None, shutdown_timeout=1.0)
         await runner.setup()
-        await web.SockSite(runner, listener).start()
+        await web.SockSite(runner, listener, ssl_context=self._tls).start()
         pump = self._loop.create_task(cell.pump())
         self._ready.set()
         stop = self._loop.create_task(self._stop.wait())

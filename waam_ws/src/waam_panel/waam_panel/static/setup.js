@@ -53,6 +53,7 @@ async function preview() {
 export function bindSetup() {
   $('load').addEventListener('click', load);
   $('preview').addEventListener('click', preview);
+  $('enqueue').addEventListener('click', () => post('queue_add', form()));
   $('setup-form').addEventListener('submit', (e) => { e.preventDefault(); load(); });
   $('f-upload').addEventListener('change', async (e) => {
     const file = e.target.files[0];

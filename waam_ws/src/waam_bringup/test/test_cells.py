@@ -1,0 +1,115 @@
+"""Cells side by side: folders, domains and names apart; commands of the command line are in the audit log."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from waam_bringup import audited, paths, shop
+from waam_bringup.cli import build_parser, main
+from waam_bringup.run_state import RunState
+from waam_shop.shop_folder import Shop
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    for name in ('WAAM_CELL', 'WAAM_RUN', 'WAAM_SHOP', 'WAAM_CALIBRATIONS', 'ROS_DOMAIN_ID'):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv('WAAM_JOBS', str(tmp_path / 'jobs'))
+    return tmp_path
+
+
+def up(name: str, domain: int, alive: bool = True) -> None:
+    """As the supervisor of this cell would have written it."""
+    Shop(paths.shop_dir()).audit(name).write('up', 'test', 'cli')
+    with shop.cell(name):
+        paths.run_dir().mkdir(parents=True)
+        phase = 'up' if alive else 'down'
+        RunState(os.getpid(), phase, domain, True, '').save(paths.run_dir())
+
+
+def test_a_named_cell_has_folders_of_its_own_and_shares_the_shop(here, monkeypatch):
+    first = paths.jobs_dir(), paths.run_dir(), paths.calibrations_dir()
+    monkeypatch.setenv('WAAM_CELL', 'cell2')
+    second = paths.jobs_dir(), paths.run_dir(), paths.calibrations_dir()
+    assert first[0] == here / 'jobs' and second[0] == here / 'jobs/cells/cell2'
+    assert not set(first) & set(second)
+    assert paths.shop_dir() == here / 'jobs/.shop'
+    monkeypatch.setenv('WAAM_CELL', '../cell')
+    with pytest.raises(ValueError, match='name of a cell'):
+        paths.jobs_dir()
+
+
+def test_the_option_names_the_cell_for_everything_that_follows(capsys):
+    for line in (
+        'up --name cell2',
+        'stop --name cell2',
+        'job pause --cell cell2',
+        'panel --name cell2',
+    ):
+        os.environ.pop('WAAM_CELL', None)
+        build_parser().parse_args(line.split())
+        assert os.environ['WAAM_CELL'] == 'cell2', line
+    with pytest.raises(SystemExit):
+        build_parser().parse_args(['up', '--name', 'Cell 2'])
+    assert 'is no name of a cell' in capsys.readouterr().err
+
+
+def test_no_two_cells_that_are_up_have_one_domain(here):
+    up('cell', 7)
+    up('cell2', 8)
+    up('cell3', 9, alive=False)
+    with shop.cell('cell4'):
+        mine = paths.run_dir()
+    assert shop.domain_of(mine, 7) == 9
+    assert shop.domain_of(mine, 50) == 50
+    up('cell5', 99)
+    assert shop.domain_of(mine, 99) == 1
+
+
+def test_a_part_goes_where_the_panel_of_its_cell_looks(here):
+    part = here / 'jaw.stl'
+    part.write_bytes(b'solid')
+    assert shop.store_part('cell2', part) == 'jaw.stl'
+    assert (here / 'jobs/cells/cell2/parts/jaw.stl').read_bytes() == b'solid'
+    checked = shop.check_setup({'part': 'jaw.stl', 'layers': 3})
+    assert checked['material'] and checked['layers'] == 3
+    with pytest.raises(ValueError, match='tolerance_mm'):
+        shop.check_setup({'part': 'jaw.stl', 'tolerance_mm': 99.0})
+
+
+def test_commands_are_in_the_log_before_they_fail_and_questions_are_not(here, capsys):
+    assert main(['job', 'pause', '--cell', 'cell2']) == 2
+    assert main(['queue', 'release', '3', '--name', 'cell2']) == 2
+    assert main(['queue', 'list', '--name', 'cell2']) == 0
+    entries = Shop(paths.shop_dir()).audit('cell2').last(9)
+    assert [(e.what, e.data) for e in entries] == [('job pause', {}), ('queue release', {'id': 3})]
+    assert all(e.who.startswith('cli:') for e in entries)
+
+
+def test_without_the_log_only_what_makes_safe_is_done(monkeypatch, capsys):
+    def full(*_, **__):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr('waam_shop.audit_file.AuditLog.write', full)
+    parse = build_parser().parse_args
+    audited.record(parse(['stop']))
+    audited.record(parse(['job', 'abort']))
+    assert 'going on' in capsys.readouterr().err
+    with pytest.raises(ValueError, match='No space left'):
+        audited.record(parse(['queue', 'release', '1']))
+
+
+def test_a_page_for_others_without_tokens_or_tls_is_refused_clearly(here):
+    def panel(*options: str) -> str:
+        command = [sys.executable, '-m', 'waam_bringup.cli', 'panel', '--bind', '0.0.0.0', *options]
+        ran = subprocess.run(command, capture_output=True, text=True)
+        assert ran.returncode == 2
+        return ran.stderr
+
+    assert "needs 'token_file' (waam token create) and 'tls_cert' with 'tls_key'" in panel()
+    main(['token', 'create', 'tablet', '--role', 'view'])
+    assert "needs 'tls_cert' and 'tls_key'" in panel()

@@ -1,0 +1,117 @@
+"""The page of all cells in a real browser: two cells, queue, release, roles, lost connection. No ROS.
+
+WAAM_SCREENSHOTS=docs/panel keeps a picture there.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import time
+
+import pytest
+
+CHROMIUM = shutil.which('chromium') or shutil.which('google-chrome')
+pytest.importorskip('playwright', reason='playwright is not installed (pip install playwright)')
+pytestmark = pytest.mark.skipif(not CHROMIUM, reason='chromium is not installed (apt-get)')
+PICTURES = os.environ.get('WAAM_SCREENSHOTS', '')
+MACHINE = {
+    'connected': True, 'silent': [], 'state': 'IDLE', 'fault': 0, 'fault_text': '', 'message': '', 'armed': False,
+}  # fmt: skip
+JOB = {
+    'id': '', 'state': 'IDLE', 'dir': '', 'error_code': 0, 'message': '', 'progress': 0.0, 'time_left': None,
+    'layer': 0, 'layers': 0,
+}  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as p:
+        made = p.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+        yield made
+        made.close()
+
+
+def shows(page, selector: str, pattern: str) -> None:
+    from playwright.sync_api import expect
+
+    expect(page.locator(selector).first).to_contain_text(re.compile(pattern), timeout=20_000)
+
+
+def open_page(browser, panel, role: str = ''):
+    """The page of cells, and what its console says."""
+    page, said = browser.new_page(viewport={'width': 1280, 'height': 800}), []
+    page.on('pageerror', lambda e: said.append(str(e)))
+    page.on('dialog', lambda d: d.accept())
+    page.goto(panel.url)
+    if role:
+        page.fill('[name=token]', panel.tokens[role])
+        page.click('button')
+        page.wait_for_url(f'{panel.url}/')
+    page.goto(f'{panel.url}/cells')
+    return page, said
+
+
+def tell(panel, **job) -> None:
+    panel.cell.mailbox.put(('machine', MACHINE))
+    panel.cell.mailbox.put(('job', JOB | job))
+
+
+def test_an_operator_sees_all_cells_and_steers_the_queue_of_one(make_panel, browser, write_part):
+    here, there = make_panel(tokens=True), make_panel(tokens=True, name='cell2')
+    write_part(here.folder / 'parts')
+    setup = {'part': 'block.stl', 'as_found': 'block_worn.stl', 'material': 'er70s-6'}
+    for _ in range(3):
+        here.cell.shop.queue.change(lambda q: q.add(setup, '<b>Ada</b>', time.time()))
+    tell(here)
+    tell(
+        there,
+        id='20260101T000000Z_anvil',
+        state='DEPOSITING',
+        layer=2,
+        layers=5,
+        progress=0.3,
+        time_left=480.0,
+    )
+    there.cell.mailbox.put(('anomaly', {'class': 'wire', 'severity': 2, 'text': 'slips'}))
+    page, said = open_page(browser, here, 'operate')
+    shows(page, '#me', '^operate 0: operate$')
+    shows(page, '.card:nth-child(1)', 'cell.*up.*queue: 3 waiting')
+    shows(page, '.card:nth-child(2)', 'DEPOSITING 2/5, 30 %, left 8 min.*! Wire')
+    assert 'bad' in page.get_attribute('.card:nth-child(2)', 'class')
+    shows(page, '#queue tr:nth-child(1) td:nth-child(4)', '^<b>Ada</b>$')  # text, not markup
+    if PICTURES:
+        page.screenshot(path=f'{PICTURES}/cells.png')
+    page.click('#queue tr:nth-child(3) button:text("Up")')
+    shows(page, '#queue tr:nth-child(2) td:nth-child(1)', '^3$')
+    page.click('#queue tr:nth-child(1) button:text("Remove")')
+    shows(page, '#queue tr:nth-child(1) td:nth-child(1)', '^3$')
+    tell(here)
+    page.click('#queue tr:nth-child(1) button:text("Release")')
+    shows(page, '#queue tr:nth-child(1)', 'running.*released by operate 0')
+    assert [a[0] for a in here.operations.asked] == ['load', 'start']
+    assert page.locator('#log-box').is_hidden() and said == []
+    there.server.close()
+    shows(page, '.card:nth-child(2)', 'down')
+    here.server.close()
+    page.wait_for_selector('#gone', state='visible')
+
+
+def test_who_may_only_look_has_dead_keys_and_who_maintains_sees_the_log(make_panel, browser):
+    panel = make_panel(tokens=True)
+    panel.cell.shop.queue.change(lambda q: q.add({'part': 'block.stl'}, 'Ada', 1.0))
+    page, _ = open_page(browser, panel, 'view')
+    shows(page, '#me', 'view$')
+    shows(page, '#queue tr', 'block.stl')
+    assert page.locator('#queue button:enabled').count() == 0
+    page.evaluate("""() => fetch('/api/queue_release', {method: 'POST', body: '{"id": 1}', headers: {
+        'Content-Type': 'application/json', 'X-Waam-Csrf': document.querySelector('meta[name=csrf]').content}})""")
+    assert panel.cell.shop.queue.read().item(1).state == 'waiting'
+    page.context.clear_cookies()
+    page, said = open_page(browser, panel, 'maintain')
+    shows(page, '#log-verdict', r'^\d+ entries, unbroken$')
+    shows(page, '#log', 'queue_release.*denied|denied')
+    assert said == []

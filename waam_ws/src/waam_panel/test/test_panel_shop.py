@@ -1,0 +1,264 @@
+"""Roles on every route, the audit log of every command, the queue on the page and what starts from it. No ROS."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import time
+
+import pytest
+from aiohttp.test_utils import TestClient, TestServer
+
+from waam_panel.routes import ROLES, Route, add
+from waam_panel.shop_link import STOPPED
+from waam_panel.web import ALL_ROUTES, make_app
+from waam_shop.roles import Role
+
+MACHINE = {
+    'connected': True, 'silent': [], 'state': 'IDLE', 'fault': 0, 'fault_text': '', 'message': '', 'armed': False,
+}  # fmt: skip
+IDLE = {'id': '', 'state': 'IDLE', 'dir': '', 'error_code': 0, 'message': ''}
+SETUP = {'part': 'block.stl', 'as_found': 'block_worn.stl'}
+
+
+class Visit:
+    """One who has signed in at a panel."""
+
+    def __init__(self, panel, token: str = '') -> None:
+        self.panel, self.cookie = panel, ''
+        if token:
+            kind = 'application/x-www-form-urlencoded'
+            answer = self.ask('POST', '/api/login', f'token={token}', kind)
+            assert answer[0] == 303
+            self.cookie = answer[1]['Set-Cookie'].split(';')[0]
+
+    def ask(self, method: str, path: str, body: str = '', kind: str = 'application/json'):
+        cookie = self.cookie.partition('=')[2]
+        headers = {
+            'Origin': self.panel.url, 'Content-Type': kind, 'Cookie': self.cookie,
+            'X-Waam-Csrf': self.panel.cell.guard.csrf(cookie),
+        }  # fmt: skip
+        connection = http.client.HTTPConnection('127.0.0.1', self.panel.server.port, timeout=20)
+        connection.request(method, path, body, headers)
+        answer = connection.getresponse()
+        found = answer.status, dict(answer.getheaders()), answer.read()
+        connection.close()
+        return found
+
+    def post(self, name: str, **data) -> tuple[int, str]:
+        status, _, body = self.ask('POST', f'/api/{name}', json.dumps(data))
+        return status, json.loads(body)['message']
+
+    def get(self, path: str):
+        return json.loads(self.ask('GET', path)[2])
+
+
+def path_of(route: Route) -> str:
+    return route.path.replace('{name}', 'height').replace('{id}', 'x').replace('{inner}', 'y')
+
+
+def until(condition, what: str, timeout: float = 20.0) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, what
+        time.sleep(0.02)
+
+
+# ---- roles
+
+
+def test_every_route_of_the_server_declares_its_role(panel):
+    app = make_app(panel.cell)
+    served = {
+        (r.method, r.resource.canonical) for r in app.router.routes() if r.resource is not None
+    }
+    assert served == set(app[ROLES]) == {(r.method, r.path) for r in ALL_ROUTES}
+    open_to_all = {r.path for r in ALL_ROUTES if r.role is None}
+    assert open_to_all == {'/login', '/api/login', '/static/panel.css'}
+    assert all(r.role and r.role >= Role.OPERATE for r in ALL_ROUTES
+               if r.method == 'POST' and r.path not in ('/api/login', '/api/stop'))  # fmt: skip
+
+
+def test_each_role_may_do_what_it_may_and_nothing_more(make_panel):
+    """Walks all routes with every role, and with none."""
+    panel = make_panel(tokens=True)
+    visits = {role: Visit(panel, panel.tokens[role.label]) for role in Role}
+    nobody = Visit(panel)
+    for route in ALL_ROUTES:
+        if route.role is None or route.path == '/stream':
+            continue
+        path = path_of(route)
+        assert nobody.ask(route.method, path)[0] == (303 if path == '/' else 401), path
+        for role, visit in visits.items():
+            status, _, body = visit.ask(route.method, path, '{}')
+            refused = status == 403 and b'this needs the role' in body
+            assert refused == (role < route.role), (path, role, status)
+    assert nobody.ask('GET', '/api/nothing')[0] == 401
+    assert visits[Role.VIEW].ask('GET', '/api/nothing')[0] == 404
+
+
+def test_a_route_that_stands_in_no_table_is_refused(panel):
+    async def handler(_):
+        raise AssertionError('must not run')
+
+    async def ask(path: str) -> int:
+        async with TestClient(TestServer(app)) as client:
+            headers = {'Host': f'127.0.0.1:{panel.server.port}'}
+            async with client.get(path, headers=headers) as answer:
+                return answer.status
+
+    app = make_app(panel.cell)
+    with pytest.raises(RuntimeError, match='already registered'):
+        add(app, (Route('GET', '/stream', Role.VIEW, handler),))
+    app.router.add_get('/forgotten', handler)
+    assert asyncio.run(ask('/forgotten')) == 403
+
+
+def test_a_revoked_token_closes_open_pages(make_panel):
+    panel = make_panel(tokens=True)
+    visit = Visit(panel, panel.tokens['operate'])
+    assert visit.post('home')[0] == 200
+    panel.cell.shop.shop.tokens().revoke('operate 0')
+    assert visit.post('home')[0] == 401 and visit.ask('GET', '/api/me')[0] == 401
+
+
+# ---- audit log
+
+
+def test_every_command_is_in_the_log_with_who_and_what_came_of_it(make_panel):
+    panel = make_panel(tokens=True)
+    visit, log = Visit(panel, panel.tokens['operate']), panel.cell.shop.audit
+    visit.post('jog', axis='x', direction=1, step=10)
+    panel.operations.refuse = 'no'
+    visit.post('home')
+    Visit(panel, panel.tokens['view']).post('home')
+    visit.post('stop')
+    told = [(e.who, e.what, e.outcome) for e in log.last(20)]
+    assert told == [
+        ('operate 0', 'sign in', 'ok'), ('operate 0', 'jog', 'asked'), ('operate 0', 'home', 'asked'),
+        ('operate 0', 'home', 'refused'), ('view 0', 'sign in', 'ok'), ('view 0', '/api/home', 'denied'),
+        ('operate 0', 'stop', 'ok'),
+    ]  # fmt: skip
+    assert log.last(20)[1].data == {'axis': 'x', 'direction': 1, 'step': 10} and log.verify().good
+
+
+def test_a_wrong_token_is_logged_without_the_token(make_panel):
+    panel = make_panel(tokens=True)
+    wrong = panel.tokens['view'][:-1] + ('a' if panel.tokens['view'][-1] != 'a' else 'b')
+    kind = 'application/x-www-form-urlencoded'
+    assert Visit(panel).ask('POST', '/api/login', f'token={wrong}', kind)[0] == 401
+    entry = panel.cell.shop.audit.last(1)[0]
+    assert (entry.who, entry.outcome) == ('nobody', 'denied')
+    assert wrong.split('_')[2] not in panel.cell.shop.audit.path.read_text()
+
+
+def test_without_the_log_only_stop_works(panel, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(panel.cell.shop.audit, 'write', full)
+    status, said = Visit(panel).post('home')
+    assert status == 503 and 'No space left' in said and panel.operations.asked == []
+    assert Visit(panel).post('stop')[0] == 200 and panel.operations.asked == [('stop',)]
+
+
+# ---- the queue
+
+
+@pytest.fixture
+def ready(panel, write_part):
+    """A panel whose cell is ready for a job."""
+    write_part(panel.folder / 'parts')
+    panel.cell.mailbox.put(('machine', MACHINE))
+    panel.cell.mailbox.put(('job', IDLE))
+    until(lambda: panel.cell.shop.shop.status('cell'), 'first look at the queue')
+    return panel
+
+
+def keep_fresh(panel) -> None:
+    panel.cell.mailbox.put(('machine', MACHINE))
+
+
+def item(panel, id: int = 1):
+    keep_fresh(panel)
+    return panel.cell.shop.queue.read().item(id)
+
+
+def test_a_released_item_starts_once_and_follows_its_job(ready):
+    visit = Visit(ready)
+    assert visit.post('queue_add', **SETUP)[1] == 'item 1 waits'
+    assert visit.post('queue_add', **SETUP | {'material': 'lead'})[0] == 409
+    time.sleep(0.5)
+    assert ready.operations.asked == [] and item(ready).state == 'waiting'
+    assert visit.post('queue_release', id=1)[0] == 200
+    until(lambda: item(ready) and any(a[0] == 'start' for a in ready.operations.asked), 'start')
+    assert [a[0] for a in ready.operations.asked] == ['load', 'start']
+    running = {**IDLE, 'id': 'j1', 'state': 'DEPOSITING'}
+    ready.cell.mailbox.put(('job', running))
+    until(lambda: item(ready).job == 'j1', 'job seen')
+    assert (
+        visit.post('queue_release', id=1)[0] == 409 and visit.post('queue_remove', id=1)[0] == 409
+    )
+    ready.cell.mailbox.put(('job', {**running, 'state': 'DONE', 'message': 'good'}))
+    until(lambda: item(ready).state == 'done', 'done')
+    assert [a[0] for a in ready.operations.asked] == ['load', 'start']
+    status = ready.cell.shop.shop.status('cell')
+    assert status and status.connected and status.job == 'j1'
+
+
+def test_stop_while_the_part_is_put_on_the_table_starts_nothing(ready):
+    visit = Visit(ready)
+    visit.post('queue_add', **SETUP)
+    ready.operations.hang.clear()  # loading takes a while
+    visit.post('queue_release', id=1)
+    until(lambda: item(ready).state == 'running', 'begun')
+    time.sleep(0.1)
+    assert visit.post('stop')[0] == 200
+    ready.operations.hang.set()
+    until(lambda: item(ready).state == 'waiting', 'back')
+    assert item(ready).note == STOPPED
+    assert 'start' not in [a[0] for a in ready.operations.asked]
+
+
+def test_a_part_that_has_changed_or_a_cell_that_refuses_needs_a_new_release(ready):
+    visit = Visit(ready)
+    visit.post('queue_add', **SETUP)
+    (ready.folder / 'parts/block.stl').write_bytes(b'another part')
+    visit.post('queue_release', id=1)
+    until(lambda: 'has changed' in item(ready).note, 'changed')
+    assert item(ready).state == 'waiting' and ready.operations.asked == []
+    visit.post('queue_add', **SETUP)
+    ready.operations.refuse = 'the table is not empty'
+    visit.post('queue_release', id=2)
+    until(lambda: item(ready, 2).note == 'the table is not empty', 'refused')
+    assert item(ready, 2).state == 'waiting'
+
+
+@pytest.mark.parametrize(
+    'name,data,status',
+    [
+        ('queue_move', {'id': 1, 'place': 0}, 409), ('queue_move', {'id': 1}, 400), ('queue_hold', {'id': True}, 400),
+        ('queue_release', {'id': 9}, 409), ('queue_remove', {'id': '1'}, 400), ('queue_add', {'part': '../x.stl'}, 409),
+        ('queue_add', {'part': "x'; DROP TABLE jobs; --.stl"}, 409), ('queue_hold', {'id': 1}, 409),
+    ],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused_and_changes_nothing(ready, name, data, status):
+    visit = Visit(ready)
+    visit.post('queue_add', **SETUP)
+    before = ready.cell.shop.queue.read()
+    assert visit.post(name, **data)[0] == status
+    assert ready.cell.shop.queue.read() == before
+
+
+def test_the_page_of_cells_shows_all_of_the_shop(make_panel, write_part):
+    first, second = make_panel(name='cell'), make_panel(name='cell2')
+    write_part(first.folder / 'parts')
+    Visit(second).post('queue_add', **SETUP)
+    until(lambda: len(Visit(first).get('/api/cells')['cells']) == 2, 'both cells')
+    until(lambda: Visit(first).get('/api/cells')['cells'][1]['queue'] == {'waiting': 1}, 'queue')
+    found = Visit(first).get('/api/cells')
+    assert found['here'] == 'cell' and found['queue']['count'] == 0
+    assert [(c['name'], c['state']) for c in found['cells']] == [('cell', 'up'), ('cell2', 'up')]
+    second.server.close()
+    assert Visit(first).get('/api/cells')['cells'][1]['state'] == 'down'

@@ -1,0 +1,163 @@
+"""What ties a panel to its shop: once a second the queue is run, the state of the cell told, people are told. No ROS.
+
+Two panels of one cell: only the first one does that, the other one shows.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import socket
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from waam_shop.cells import CellStatus
+from waam_shop.durable import Ownership
+from waam_shop.job_queue import Item, Queue, QueueError
+from waam_shop.notifier import Notifier
+from waam_shop.runner import CellView, Runner
+from waam_shop.shop_folder import Shop
+
+from .cell import Cell
+from .in_shop import Place
+from .operations import Refused
+from .parts import PartsError
+from .people import People
+from .setup_form import FormError, parse
+
+BELIEVED = ('machine',)  # without news of these nothing starts
+STOPPED = 'STOP was pressed: release it again'
+
+
+class ShopLink:
+    """See `in_shop.InShop`. Runs in the web thread; what blocks goes to worker threads."""
+
+    def __init__(self, shop: Shop, place: Place, notifier: Notifier) -> None:
+        self.shop, self.place, self.notifier = shop, place, notifier
+        self.queue, self.audit = shop.queue(place.name), shop.audit(place.name)
+        self._owner = Ownership(shop.folder(place.name) / 'panel.lock')
+        self._runner, self._people = Runner(), People(notifier)
+        self._starting: asyncio.Task[None] | None = None
+        self._stops = self._stops_seen = 0
+        self._counts: dict[str, int] = {}
+        self._next = ''
+
+    def stop_pressed(self) -> None:
+        """What is released or about to start waits for a new release."""
+        self._stops += 1
+
+    async def tick(self, cell: Cell) -> None:
+        """What the disk refuses is reported."""
+        try:
+            if await asyncio.to_thread(self._owner.take):
+                await self._run_queue(cell)
+                await asyncio.to_thread(self.shop.tell, self.status(cell))
+                await asyncio.to_thread(self._people.look, cell.state)
+        except (OSError, QueueError) as e:
+            self._runner = Runner()  # what it decided is perhaps not on the disk: it begins anew
+            cell.problem = f'shop: {e}'
+        if self.notifier.problem:
+            cell.problem = self.notifier.problem
+
+    def close(self) -> None:
+        """Tells that the cell is down."""
+        if self._owner.take():
+            last = self.shop.status(self.place.name)
+            if last:
+                self.shop.tell(replace(last, down=True, utc=time.time()))
+        self.notifier.close()
+        self._owner.give()
+
+    # ---- the queue
+
+    async def _run_queue(self, cell: Cell) -> None:
+        if self._starting is not None and not self._starting.done():
+            return
+        view, stops = view_of(cell), self._stops
+        item = await asyncio.to_thread(self._step, view, stops != self._stops_seen)
+        self._stops_seen = stops
+        self._starting = asyncio.create_task(self._start(cell, item, stops)) if item else None
+
+    def _step(self, view: CellView, stopped: bool) -> Item | None:
+        begun: list[Item | None] = []
+
+        def change(queue: Queue) -> Queue:
+            queue = queue.withdraw(STOPPED) if stopped else queue
+            queue, item = self._runner.step(queue, view, time.monotonic())
+            begun.append(item)
+            return queue
+
+        unfinished = self.queue.change(change).unfinished()
+        states = [i.state for i in unfinished]
+        self._counts = {s: states.count(s) for s in sorted(set(states))}
+        self._next = unfinished[0].part if unfinished else ''
+        return begun[-1]
+
+    async def _start(self, cell: Cell, item: Item, stops: int) -> None:
+        """Puts the part on the table of a simulated cell and starts; what is refused waits for a new release."""
+        try:
+            await self._log(item, 'asked')
+            setup = parse(item.setup, cell.materials)
+            part = cell.parts.find(setup.part)
+            await asyncio.to_thread(_check_part, part, item.sha256)
+            as_found = cell.parts.find(setup.as_found) if setup.as_found else None
+            await cell.do(cell.operations.load, setup, as_found)
+            if self._stops != stops:
+                raise Refused(STOPPED)
+            cell.setup, cell.going_on = setup, None
+            cell.state.sections['setup'] = setup.as_dict()
+            await cell.do(cell.operations.start, setup, part, cell.jobs_dir)
+            self._runner.started(time.monotonic())
+        except (Refused, FormError, PartsError, QueueError, OSError) as e:
+            await self._back(cell, item, str(e))
+
+    async def _back(self, cell: Cell, item: Item, why: str) -> None:
+        try:
+            await asyncio.to_thread(self.queue.change, lambda q: q.back(item.id, why))
+            await self._log(item, 'refused', why)
+        except (OSError, QueueError) as e:
+            cell.problem = f'queue: {e}'
+
+    async def _log(self, item: Item, outcome: str, note: str = '') -> None:
+        data = {'id': item.id, 'part': item.part}
+
+        def write() -> None:
+            who = item.released_by
+            self.audit.write('queue start', who, 'queue', outcome=outcome, data=data, note=note)
+
+        await asyncio.to_thread(write)
+
+    # ---- what others see
+
+    def status(self, cell: Cell) -> CellStatus:
+        """For the list of cells."""
+        machine = cell.state.sections.get('machine') or {}
+        job = cell.state.sections.get('job') or {}
+        alarm = cell.state.alarms.worst()
+        return CellStatus(
+            name=self.place.name, utc=time.time(), host=socket.gethostname(), domain=self.place.domain,
+            page=self.place.page, simulated=bool(cell.operations.simulated),
+            connected=bool(machine.get('connected')), machine=str(machine.get('state', '')),
+            armed=bool(machine.get('armed')), job=str(job.get('id', '')), job_state=str(job.get('state', '')),
+            job_message=str(job.get('message', ''))[:200], progress=float(job.get('progress') or 0.0),
+            time_left=job.get('time_left'), layer=int(job.get('layer') or 0), layers=int(job.get('layers') or 0),
+            alarm=alarm['title'] if alarm else '', severity=alarm['severity'] if alarm else 0,
+            queue=dict(self._counts), next=self._next,
+        )  # fmt: skip
+
+
+def view_of(cell: Cell) -> CellView:
+    """What decides whether a job of the queue may start."""
+    machine, job = cell.state.sections.get('machine') or {}, cell.state.sections.get('job') or {}
+    late = [n for n in cell.state.stale(time.monotonic()) if n in BELIEVED]
+    return CellView(
+        connected=bool(machine.get('connected')), machine=str(machine.get('state', '')),
+        job=str(job.get('id', '')), job_state=str(job.get('state', '')),
+        job_message=str(job.get('message', '')), late=tuple(late),
+    )  # fmt: skip
+
+
+def _check_part(file: Path, sha256: str) -> None:
+    if sha256 and hashlib.sha256(file.read_bytes()).hexdigest() != sha256:
+        raise QueueError(f'{file.name} has changed since it was put into the queue')

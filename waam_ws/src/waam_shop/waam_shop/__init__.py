@@ -1,0 +1,1 @@
+"""Many cells: queue of jobs, roles and tokens, audit log, messages to people. No ROS."""

@@ -1,0 +1,59 @@
+"""What the verbs of a shop share."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+from .cells import check_name
+from .shop_folder import Places, Shop
+
+
+def add_name(p: argparse.ArgumentParser) -> None:
+    """Option --name or --cell: the cell that is meant."""
+    text = 'name of the cell (default: $WAAM_CELL, or cell)'
+    p.add_argument('--name', '--cell', dest='cell', metavar='CELL', help=text)
+
+
+def add_json(p: argparse.ArgumentParser) -> None:
+    """Option --json."""
+    p.add_argument('--json', action='store_true', help='JSON instead of a table, for scripts')
+
+
+def shop_and_cell(args: argparse.Namespace, places: Places) -> tuple[Shop, str]:
+    """The shop, and the name of the cell that is meant."""
+    return Shop(places.shop()), check_name(args.cell or places.cell())
+
+
+def user() -> str:
+    """Who calls: the name of the account."""
+    import getpass
+
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return str(os.getuid())
+
+
+def when(utc: float) -> str:
+    """Local date and time to the second, '' for 0."""
+    if not utc:
+        return ''
+    return datetime.fromtimestamp(utc, UTC).astimezone().strftime('%Y-%m-%d %H:%M:%S')
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Prints columns as wide as they must be."""
+    texts = [list(heads), *([str(c) for c in row] for row in rows)]
+    wide = [max(len(row[i]) for row in texts) for i in range(len(heads))]
+    for row in texts:
+        print('  '.join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip())
+
+
+def show(data: Any) -> None:
+    """Prints JSON."""
+    print(json.dumps(data, indent=1))

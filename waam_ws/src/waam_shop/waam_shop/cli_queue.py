@@ -1,0 +1,147 @@
+"""`waam queue`: the jobs that wait for a cell."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from .cli_common import add_json, add_name, shop_and_cell, show, table, user, when
+from .job_queue import WAITING, Item, Queue
+from .shop_folder import Places
+
+EPILOG = """\
+examples:
+  waam queue add jaw_nominal.stl --as-found jaw_worn.stl --material er70s-6
+  waam queue add bracket.stl --mode build --layers 3 --name cell2
+  waam queue list
+  waam queue move 4 1          item 4 is the next one
+  waam queue release 4         its part lies on the table: it starts as soon as the cell is ready
+  waam queue hold 4            takes the release back, as long as it has not started
+
+Nothing starts by itself. A release is worth one start and belongs to the part that lies on the table now; it is
+withdrawn when the panel starts again or another job is started. The panel of the cell starts the jobs.
+"""
+FORM = {  # option -> field of the setup, what it is, help
+    'as-found': (
+        'as_found',
+        str,
+        'simulated cell: mesh of the worn part that will lie on the table',
+    ),
+    'mode': ('mode', str, 'restore (default) or build'),
+    'material': ('material', str, 'key of the material table'),
+    'loop-mode': ('loop_mode', str, 'open_loop, monitor or closed_loop (default)'),
+    'layers': ('layers', int, 'at most so many; 0 = as many as needed'),
+    'layer-height': ('layer_height_mm', float, 'mm'),
+    'bead-width': ('bead_width_mm', float, 'mm'),
+    'tolerance': ('tolerance_mm', float, 'mm'),
+    'k-gain': ('k_gain', float, 'authority of the correction'),
+    'passes': ('passes', int, 'restore only'),
+    'allowance': ('allowance_mm', float, 'mm, restore only'),
+    'operator': ('operator_name', str, 'who answers for the job'),
+    'wire-lot': ('wire_lot', str, 'from the spool'),
+    'gas': ('gas', str, 'kind, bottle'),
+    'job-name': ('name', str, 'short name in the folder of the job'),
+}
+
+
+def register(commands: argparse._SubParsersAction, places: Places) -> None:
+    """Adds the verb `queue` with its sub-verbs."""
+    p = commands.add_parser(
+        'queue',
+        help='jobs that wait for a cell: add, list, move, remove, release, hold',
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verbs = p.add_subparsers(dest='verb', metavar='VERB', required=True)
+    _register_add(verbs, places)
+    q = verbs.add_parser('list', help='what waits, runs and has ended')
+    add_json(q)
+    _done(q, lambda args: _list(args, places))
+    for verb, text in (
+        ('remove', 'takes an item out'),
+        ('release', 'its part lies on the table: it may start, once'),
+        ('hold', 'takes a release back'),
+        ('move', 'to another place among those that wait'),
+    ):
+        q = verbs.add_parser(verb, help=text)
+        q.add_argument('id', type=int, help='number of the item')
+        if verb == 'move':
+            q.add_argument('place', type=int, help='1 = the next one')
+        _done(q, lambda args: _steer(args, places))
+
+
+def _done(p: argparse.ArgumentParser, run: Any) -> None:
+    add_name(p)
+    p.set_defaults(run_command=run)
+
+
+def _register_add(verbs: argparse._SubParsersAction, places: Places) -> None:
+    q = verbs.add_parser('add', help='a job at the end of the queue')
+    q.add_argument(
+        'part', type=Path, help='mesh of the part (stored beside the uploads of the panel)'
+    )
+    for option, (field, kind, text) in FORM.items():
+        q.add_argument(f'--{option}', dest=f'form_{field}', type=kind, help=text)
+    _done(q, lambda args: _add(args, places))
+
+
+def _add(args: argparse.Namespace, places: Places) -> int:
+    shop, cell = shop_and_cell(args, places)
+    given = {f: getattr(args, f'form_{f}') for f, _, _ in FORM.values()}
+    setup = {k: v for k, v in given.items() if v is not None}
+    if 'as_found' in setup:
+        as_found = Path(setup['as_found'])
+        places.check(setup | {'part': args.part.name, 'as_found': as_found.name})
+        setup['as_found'] = places.store(cell, as_found)
+    content = args.part.read_bytes()
+    checked = places.check(setup | {'part': places.store(cell, args.part)})
+    digest = hashlib.sha256(content).hexdigest()
+    queue = shop.queue(cell).change(lambda q: q.add(checked, f'cli:{user()}', time.time(), digest))
+    print(f'item {queue.last}: {checked["part"]} waits for {cell}; waam queue release {queue.last}')
+    return 0
+
+
+def _steer(args: argparse.Namespace, places: Places) -> int:
+    shop, cell = shop_and_cell(args, places)
+
+    def change(queue: Queue) -> Queue:
+        if args.verb == 'move':
+            return queue.move(args.id, args.place)
+        if args.verb == 'release':
+            return queue.release(args.id, f'cli:{user()}')
+        return queue.remove(args.id) if args.verb == 'remove' else queue.hold(args.id)
+
+    shop.queue(cell).change(change)
+    status = shop.status(cell)
+    print(f'{args.verb}: item {args.id} of {cell}')
+    if args.verb == 'release' and (status is None or status.state(time.time()) != 'up'):
+        print('the panel of the cell does not answer; a release is withdrawn when it starts')
+    return 0
+
+
+def _list(args: argparse.Namespace, places: Places) -> int:
+    shop, cell = shop_and_cell(args, places)
+    items = shop.queue(cell).read().items
+    if args.json:
+        show([asdict(i) for i in items])
+        return 0
+    if not items:
+        print(f'the queue of {cell} is empty')
+        return 0
+    heads = ('id', 'state', 'place', 'part', 'material', 'added', 'by', 'note')
+    waiting = [i.id for i in items if i.state == WAITING]
+    table(heads, (_line(i, waiting) for i in items))
+    return 0
+
+
+def _line(item: Item, waiting: list[int]) -> list[Any]:
+    place = waiting.index(item.id) + 1 if item.id in waiting else ''
+    by = f'{item.by}, released by {item.released_by}' if item.released_by else item.by
+    note = item.note or item.job
+    return [
+        item.id, item.state, place, item.part, item.setup.get('material', ''), when(item.added), by, note,
+    ]  # fmt: skip
