@@ -1,4 +1,4 @@
-"""Setpoints of waiting segments are replaced: none is lost, none comes twice, and each runs with what was last accepted."""
+"""Setpoints of waiting segments are replaced: none is lost, none comes twice, each runs with what was accepted last."""
 
 import random
 import re

@@ -1,5 +1,5 @@
-"""Other setpoints for segments that wait in the bridge: which of them are still here, and how their lines take the place
-of the old ones. Pure.
+"""Other setpoints for segments that wait in the bridge: which of them are still here, and how their lines take the
+place of the old ones. Pure.
 
 A line that was written to the controller once keeps what it says, whatever becomes of it on the way: only segments of
 which no line was ever written are replaced, and all behind them with them. So every number stands for one line, and

@@ -2,8 +2,8 @@
 
 A surface is continuous along a profile and changes little from one profile to the next; what the arc adds is neither.
 Every profile is cut where neighbouring points jump. A piece is kept when most of its points lie where the profiles
-before showed the surface; where these have shown nothing for some time, when it is long enough to be one. All is causal.
-Profiles must come in their order.
+before showed the surface; where these have shown nothing for some time, when it is long enough to be one. All is
+causal. Profiles must come in their order.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class ProfileFilter:
 
 @numba.njit(cache=True, nogil=True)
 def _judge(x, z, place, height, age, gate, least, lost, ok):
-    """Sets ok (n,) of points x, z (n,) in the order of x, place (n,) of each in the remembered height and age; remembers
+    """Sets ok (n,) of points x, z (n,) in the order of x; place (n,): of each in the remembered height and age. Remembers
     the points that are believed."""
     n, first = len(x), 0
     for i in range(1, n + 1):
