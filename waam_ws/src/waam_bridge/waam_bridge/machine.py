@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Protocol
 
 from waam_process.segment import Point
@@ -11,7 +12,7 @@ from .link import Link
 from .outbox import Outbox
 from .params import BridgeParams
 from .pending import Pending
-from .program import Modal
+from .program import Modal, Waiting
 
 
 class Machine(Protocol):
@@ -30,6 +31,7 @@ class Machine(Protocol):
     flags: int
     modal: Modal
     done: int
+    waiting: deque[Waiting]
     generation: int
     broken: str
     dropping: str

@@ -63,6 +63,15 @@ class Modal:
 
 
 @dataclass(frozen=True)
+class Waiting:
+    """A segment that was handed over and is not executed."""
+
+    seq: int  # number of its first line; in a batch counted from 0
+    segment: Segment
+    before: Modal  # what the controller will know when that line comes
+
+
+@dataclass(frozen=True)
 class Permit:
     """What a batch is checked against, taken at one moment; void when the bridge's `generation` has moved on."""
 
@@ -84,6 +93,7 @@ class Batch:
     after: Modal
     accepted: int
     duplicates: int
+    waiting: tuple[Waiting, ...] = ()  # the accepted ones
 
 
 def number(value: float, digits: int) -> str:
@@ -222,11 +232,15 @@ def prepare(permit: Permit, segments: list[Segment], last: bool) -> Batch:
             raise Refusal(WRONG_STATE, 'the machine is moving: its position is not known yet')
         end, tolerance, before = permit.here, START_TOLERANCE, 'the position of the machine'
     writer = Writer(modal)
+    waiting: list[Waiting] = []
     for s in new:
         _check_index(s, index)
         check_segment(s, permit.offset, permit.limits)
         assert end is not None  # of the chain, or where the machine is
         _check_joint(s, end, before, tolerance)
+        words = tuple(writer.words.items())
+        state = Modal(modal.job, index, end, writer.arc, words)
+        waiting.append(Waiting(len(writer.lines), s, state))
         writer.segment(s, modal.job)
         index, end = s.index, s.end
         tolerance, before = CHAIN_TOLERANCE, f'the end of segment {index}'
@@ -234,4 +248,4 @@ def prepare(permit: Permit, segments: list[Segment], last: bool) -> Batch:
         writer.arc_end()
     words = tuple(writer.words.items())
     after = replace(modal, index=index, end=end if new else modal.end, arc=writer.arc, words=words)
-    return Batch(writer.lines, after, len(new), len(segments) - len(new))
+    return Batch(writer.lines, after, len(new), len(segments) - len(new), tuple(waiting))

@@ -9,6 +9,7 @@ from typing import Any
 from waam_node.params import param
 
 from .arc import ArcParams
+from .arclight import ArclightParams
 from .distance import DistanceParams
 from .gantry import GantryParams
 from .heat import HeatParams
@@ -24,6 +25,7 @@ GROUPS = {
     'heat': HeatParams,
     'arc': ArcParams,
     'scanner': ScannerParams,
+    'arclight': ArclightParams,
     'pyrometer': PyrometerParams,
     'part': PlacementParams,
     'distance': DistanceParams,

@@ -17,6 +17,7 @@ from waam_process.plant_port import SAMPLE
 
 from . import part as parts
 from .arc import Arc, ArcParams, wire_reading
+from .arclight import Arclight, ArclightParams
 from .compiled import random_state
 from .distance import Distance, DistanceParams, Wrong
 from .disturbance import lattice
@@ -45,6 +46,7 @@ class PlantParams:
     heat: HeatParams = field(default_factory=HeatParams)
     arc: ArcParams = field(default_factory=ArcParams)
     scanner: ScannerParams = field(default_factory=ScannerParams)
+    arclight: ArclightParams = field(default_factory=ArclightParams)
     pyrometer: PyrometerParams = field(default_factory=PyrometerParams)
     part: PlacementParams = field(default_factory=PlacementParams)
     distance: DistanceParams = field(default_factory=DistanceParams)
@@ -99,6 +101,7 @@ class Plant:
         self.heat = Heat.of(part, p.heat)
         self.arc = Arc.cold(p.arc, random_state(seed, 1))
         self.scanner = Scanner.of(p.scanner, random_state(seed, 2))
+        self.arclight = Arclight.of(p.arclight, seed)
         self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
         self.distance = Distance(p.distance, random_state(seed, 4))
         self.gantry = Gantry(p.gantry, random_state(seed, 6), parts.volume(part))
@@ -231,6 +234,8 @@ class Plant:
             kept=placed.kept, lp=placed.params, ls=placed.state, sp=self.scanner.params, lateral=self.scanner.lateral,
             rng=self.scanner.rng, dropout=self.faults.share('scanner_dropout'), out=z, intensity=intensity,
         )  # fmt: skip
+        if self.arc_on:
+            self.arclight.spoil(times, self.scanner.lateral, z, intensity)
         return Profiles(times, z, intensity)
 
     def temperature(self, dt: float) -> float:

@@ -18,6 +18,9 @@ from .snapshots import Scan
 BEYOND = 3e-3  # m around the metal of a layer that is scanned with it
 SPREAD = 1.5e-3  # m beyond its planned footprint that metal may flow: no witness of what was there
 WITNESSES = 50  # cells that must tell whether the surface beside the layer is still where it was
+WELL_SEEN = 0.95  # of a column or row that was seen beside the arc, for a pass that leaves it out
+LEAST_CUT = 6  # columns or rows at an end that are worth leaving out
+SEEN_SIGMA = 0.05e-3  # m, of what was seen beside the arc, at least
 MOVED = 0.1e-3  # m, median change of those cells; a part that was touched or sank differs by more
 
 
@@ -56,6 +59,35 @@ def window_of(spec: GridSpec, planned: np.ndarray) -> Window | None:
         hit = np.flatnonzero(laid.any(axis=axis))
         spans.append((max(0, int(hit[0]) - more), min(size, int(hit[-1]) + 1 + more)))
     return Window(*spans)
+
+
+def narrowed(window: Window, seen: np.ndarray) -> Window:
+    """The window without the columns and rows at its ends that were seen well enough beside the arc: seen (rows, cols)
+    m, NaN where it was not. An end of less than LEAST_CUT is kept."""
+    known = np.isfinite(seen[window.cells])
+    spans = []
+    for axis, (a, b) in ((1, window.rows), (0, window.cols)):
+        poor = np.flatnonzero(known.mean(axis=axis) < WELL_SEEN)
+        if not len(poor):  # all of it: half a pass is no pass, one end stays
+            poor = np.array([0, b - a - 1])
+        spans.append((a + int(poor[0]), a + int(poor[-1]) + 1))
+    rows, cols = spans
+    return Window(
+        *((a if low - a < LEAST_CUT else low, b if b - high < LEAST_CUT else high)
+          for (a, b), (low, high) in ((window.rows, rows), (window.cols, cols)))
+    )  # fmt: skip
+
+
+def with_seen(before: Scan, seen: np.ndarray, window: Window) -> Scan:
+    """The map before the layer with what was seen beside the arc in the window: seen (rows, cols) m, NaN = nothing."""
+    inside = np.zeros(before.map.spec.shape, bool)
+    inside[window.cells] = True
+    hit = inside & np.isfinite(seen)
+    z = np.where(hit, seen, before.map.z)
+    sigma = before.map.sigma
+    if sigma is not None:
+        sigma = np.where(hit, np.maximum(np.nan_to_num(sigma), SEEN_SIGMA), sigma)
+    return replace(before, map=HeightGrid(before.map.spec, z, sigma))
 
 
 def beside(before: HeightGrid, window: Window, planned: np.ndarray) -> np.ndarray:

@@ -136,6 +136,11 @@ class LayerRecord:
     bead_width_u: float = math.nan
     bead_width_expected: float = math.nan
     width_ratio: float = 0.0
+    in_layer_looks: int = 0
+    in_layer_corrections: int = 0
+    in_layer_segments: int = 0
+    in_layer_change: float = 0.0
+    in_layer_seen: float = 0.0
 
     @classmethod
     def from_json(cls, data: dict) -> LayerRecord:

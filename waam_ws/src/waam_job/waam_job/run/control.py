@@ -15,6 +15,7 @@ class Control:
         self._requests: set[str] = set()
         self._k_gain: float | None = None
         self._remarks: list[str] = []
+        self._metal_factor = 1.0
 
     def pause(self) -> None:
         """From the next place on where the job waits."""
@@ -57,6 +58,17 @@ class Control:
         """Something the operator did elsewhere (an override), to be kept with the job."""
         with self._lock:
             self._remarks.append(text)
+
+    def override(self, speed: float, wire: float) -> None:
+        """Factors of the operator's override, which the bridge acts on."""
+        with self._lock:
+            self._metal_factor = wire / speed if speed > 0 else 1.0
+
+    @property
+    def metal_factor(self) -> float:
+        """By which the operator's override changes the metal per length of path; 1 = not at all."""
+        with self._lock:
+            return self._metal_factor
 
     def take_remarks(self) -> list[str]:
         """Remarks since the last call."""

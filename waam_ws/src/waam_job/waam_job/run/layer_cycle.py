@@ -8,7 +8,7 @@ import numpy as np
 
 from waam_plan.plan import PlannedLayer, renumber
 from waam_process.loop_mode import LoopMode
-from waam_process.segment import Segment
+from waam_process.segment import Kind, Segment
 
 from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, NextLayer, Scan
 from ..model.geometry import asked_growth, follow, laid_beads
@@ -16,6 +16,7 @@ from ..model.records import LayerRecord, State
 from ..store.journal import Following
 from .context import JobContext
 from .cooling import Cooling
+from .in_layer import InLayer
 from .learning import Learning
 from .part_scanner import PartScanner
 from .preparation import Preparation
@@ -67,12 +68,18 @@ class LayerCycle:
         if not resumed:
             self._keep_scan(scan, Following(layer, asked, correction, feed_factor))
         self._tell_next(layer.number + 1)
-        self._deposit(segments, layer, record)
+        self.preparation.check_spark()
+        placed = self._placed(segments)
+        within = self._within(layer, scan, correction, placed, record, resumed)
+        self._deposit(placed, layer, record, within)
+        if within is not None:
+            asked = within.asked
         self.history = History(asked, scan.map.z, feed_factor)
         self.journal.layer(record)
         if resumed:  # what lies there is not what was planned on one map
             return self.scanner.scan_after(layer.number)
-        return self.scanner.scan_after_layer(layer, scan)
+        seen = within.seen.final() if within is not None else None
+        return self.scanner.scan_after_layer(layer, scan, seen)
 
     def found(self, layer: PlannedLayer, before: Scan) -> Scan:
         """For a layer that was cut off after its last segment: its record, and the scan after it."""
@@ -218,27 +225,87 @@ class LayerCycle:
         c = correction
         return asked_growth(layer.planned, c.psi, c.k_gain, c.residual_height)
 
-    def _deposit(self, segments: list[Segment], layer: PlannedLayer, record: LayerRecord) -> None:
-        self.preparation.check_spark()
+    def _within(
+        self,
+        layer: PlannedLayer,
+        scan: Scan,
+        correction: Correction | None,
+        placed: list[Segment],
+        record: LayerRecord,
+        resumed: bool,
+    ) -> InLayer | None:
+        """What corrects the rest of the layer while it is laid; None when nothing does: the record says why."""
+        if not self.settings.in_layer or self.loop_mode != LoopMode.CLOSED_LOOP:
+            return None
+        against = self._against_within(scan, correction, placed, resumed)
+        if against or correction is None:
+            record.reasons.append(f'no in-layer correction: {against}')
+            return None
+        return InLayer(self.context, layer, scan, correction, placed, record)
+
+    @staticmethod
+    def _against_within(
+        scan: Scan, correction: Correction | None, placed: list[Segment], resumed: bool
+    ) -> str:
+        if resumed:
+            return 'the rest of a layer that was cut off is laid as it was set'
+        if not scan.plausible or correction is None or correction.handle is None:
+            return 'the map before the layer is not plausible'
+        return '' if any(s.kind == Kind.DEPOSIT for s in placed) else 'nothing is laid'
+
+    def _deposit(
+        self,
+        placed: list[Segment],
+        layer: PlannedLayer,
+        record: LayerRecord,
+        within: InLayer | None,
+    ) -> None:
         self.journal.state(State.DEPOSITING)
         self.cell.take_sums()
-        placed = self._placed(segments)
         self.cell.plan(self.run_id, layer.number, placed)
         started = self.cell.now()
         progress = BeadProgress(self.context, layer, placed)
         self.journal.checkpoint(
             0, progress.beads_before, placed[0].index - 1, progress.segments_before
         )
-        self.scanner.laid(layer.number, laid_beads(segments, self.context.checked.material))
-        self.motion.execute(placed, progress.on_done)
+        material = self.context.checked.material
+        self.scanner.laid(layer.number, laid_beads(placed, material))
+        if within is None:
+            self.motion.execute(placed, progress.on_done)
+        else:
+            self._execute(placed, progress, within, record)
+            self.scanner.laid(layer.number, laid_beads(within.placed, material))
         last = placed[-1].index
         self.journal.checkpoint(0, progress.beads_before + layer.beads, last, progress.laid(last))
         record.duration = self.cell.now() - started
-        record.add_sums(self.cell.take_sums(), self.context.checked.material.set_current)
+        record.add_sums(self.cell.take_sums(), material.set_current)
         if record.telemetry_lost:
             text = f'{record.telemetry_lost} telemetry frames were lost in this layer'
             self.journal.note('WARNING', 'link', text, 'means over the others')
         record.faults = self.journal.faults_in(layer.number)
+
+    def _execute(
+        self, placed: list[Segment], progress: BeadProgress, within: InLayer, record: LayerRecord
+    ) -> None:
+        """Runs the layer, and what is put into force on the way is what the folder knows of it."""
+        known = 0
+
+        def on_done(segment: Segment) -> None:
+            nonlocal known
+            progress.on_done(segment)
+            within.on_done(segment)
+            if record.in_layer_corrections > known:
+                known = record.in_layer_corrections
+                feed_factor = record.flow_factor * record.heat_factor
+                following = Following(within.layer, within.asked, within.correction, feed_factor)
+                self._keep_scan(within.scan, following)
+
+        within.begin()
+        try:
+            self.motion.execute(placed, on_done)
+        finally:
+            within.end()
+        record.add_segments(within.placed)
 
     def _placed(self, segments: list[Segment]) -> list[Segment]:
         """The segments with the approach from where the torch is, numbered on from the last one laid."""

@@ -45,9 +45,13 @@ class PartScanner:
         top = self.program.built_height(layer) if self.program.planned else 0.0
         return self._compared(layer, self.scan(layer, top, required))
 
-    def scan_after_layer(self, layer: PlannedLayer, before: Scan) -> Scan:
+    def scan_after_layer(
+        self, layer: PlannedLayer, before: Scan, beside_arc: np.ndarray | None = None
+    ) -> Scan:
         """The surface after `layer`, which was laid on that of `before`: only what it has changed is scanned, if the
-        settings say so and nothing speaks against it; the scan says which (`extent`)."""
+        settings say so and nothing speaks against it; the scan says which (`extent`). beside_arc: (rows, cols) m, what
+        was seen well of it while it was laid, NaN elsewhere; the ends of the pass that show only that are left out.
+        """
         if not self.settings.scan_changed_only:
             return self.scan_after(layer.number)
         window = changed.window_of(self.spec, layer.planned)
@@ -56,6 +60,9 @@ class PartScanner:
         witnesses = changed.beside(before.map, window, layer.planned)
         if reason := self._whole_because(before) or changed.unwitnessed(witnesses):
             return replace(self.scan_after(layer.number), extent=WHOLE + reason)
+        whole, words = window, ''
+        if beside_arc is not None:
+            window, words = changed.narrowed(whole, beside_arc), _narrower(whole, beside_arc)
         top = self.program.built_height(layer.number)
         self.journal.state(State.SCANNING, f'scanning what layer {layer.number} has changed')
         seen = self._once(layer.number, top, window.spec(self.spec))
@@ -64,7 +71,9 @@ class PartScanner:
             return replace(self.scan_after(layer.number), extent=WHOLE + reason)
         self._kept_since = self._kept_since or before.stamp
         share = window.size / before.map.z.size
-        text = f'{share:.0%} of the map scanned, what the layer has changed'
+        text = f'{share:.0%} of the map scanned, what the layer has changed{words}'
+        if beside_arc is not None and window != whole:
+            before = changed.with_seen(before, beside_arc, whole)
         found = replace(changed.joined(before, seen, window), extent=text)
         return self._compared(layer.number, found)
 
@@ -154,3 +163,12 @@ class PartScanner:
             'the next layer corrects it' if closed else 'none',
             (float(spec.x[col]), float(spec.y[row]), float(scan.map.z[row, col])),
         )
+
+
+def _narrower(whole: changed.Window, beside_arc: np.ndarray) -> str:
+    """What profiles beside the arc have spared the pass, in words for the report."""
+    well = float(np.isfinite(beside_arc[whole.cells]).mean())
+    left = 1 - changed.narrowed(whole, beside_arc).size / whole.size
+    if left > 0:
+        return f' less {left:.0%} of it that was seen well beside the arc'
+    return f'; beside the arc {well:.0%} of it was seen well, no whole end of it'

@@ -136,6 +136,11 @@ class JobFolder:
         """Replaces the file as a whole. NaN and infinity become null, numpy scalars plain numbers."""
         write_atomically(self.path / name, json.dumps(clean(data), indent=1))
 
+    def append_json(self, name: str, data: dict) -> None:
+        """One more line of a file of JSON lines; a crash leaves at most the last one torn."""
+        with open(self.path / name, 'a', encoding='utf-8') as f:
+            f.write(json.dumps(clean(data)) + '\n')
+
     def write_map(self, number: int, spec: GridSpec, **maps: np.ndarray) -> None:
         """Maps (rows, cols) after layer `number` with their geometry; float maps are stored as float32."""
         small = {
