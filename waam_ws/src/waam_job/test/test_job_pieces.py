@@ -194,6 +194,17 @@ def test_cost_counts_the_final_surface():
     assert cost_of(138.0, error=0.5e-3) == pytest.approx(0.5**2 * 0.5, rel=0.02)
 
 
+def test_the_track_says_to_a_frame_when_the_arc_changed():
+    """Rows come every tenth frame; the length of a bead must be known better."""
+    stats = TelemetryStats()
+    for n in range(1, 41):
+        frame(stats, n, arc=13 <= n < 36)
+    track = stats.take_track()
+    np.testing.assert_allclose(track['t'], [0.1, 0.2, 0.3, 0.4])
+    np.testing.assert_allclose(track['arc_changed'], [np.nan, 0.13, np.nan, 0.36])
+    np.testing.assert_allclose(track['arc'], [0, 1, 1, 0])
+
+
 def test_sequence_wraps_without_a_loss():
     stats = TelemetryStats()
     frame(stats, 0xFFFFFFFF)

@@ -8,6 +8,8 @@ from pathlib import Path
 from waam_job.cli_program import PART_HELP, add_loop_mode, add_program
 from waam_process.operating import DEFAULT_MATERIAL, GANTRY, MACHINES
 
+from .cli_fit import hand_over
+
 EXAMPLES = """\
 examples:
   waam lab jaw_nominal.stl --as-found jaw_worn.stl                     20 simulated cells, all cores
@@ -22,6 +24,7 @@ examples:
   waam lab pad.gcode --dialect slicer --nominal pad.stl                what a program of another slicer will give
   waam lab part.stl --as-found worn.stl --seeds 500 --cluster auto     on all machines of a Ray cluster
   waam lab part.stl --as-found worn.stl --account                      where the metal of the last layer came from
+  waam lab fit jobs                                                    fit the cell to records (waam lab fit --help)
 
 --set takes parameters of the nodes (their READMEs list them) and, as plan.NAME, settings of the planner in SI.
 --cell-file is a ROS parameter file with the keys of waam_sim/config/cell.yaml; what it leaves out stays as it is.
@@ -49,6 +52,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     _add_process(p)
     _add_campaign(p)
     p.set_defaults(run_command=_run)
+    hand_over(p)
 
 
 def _add_part(p: argparse.ArgumentParser) -> None:

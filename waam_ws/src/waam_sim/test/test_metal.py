@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from waam_sim.disturbance import AREA_LAYER, lattice, noise
 from waam_sim.drive import Drive
 from waam_sim.metal import dig_crater
+from waam_sim.plant import OUTPUT_ARC, OUTPUT_GAS
 
 WIRE = 5 / 60
 PITCH = 4.38e-3
@@ -143,6 +144,27 @@ def test_start_hump_and_end_crater_move_metal_only(make_cell):
     assert plant.metal.volume == pytest.approx(
         make_cell().metal.volume + plant.metal.deposited, rel=1e-12
     )
+
+
+def test_a_stop_gives_no_heading(make_cell):
+    """The last steps of single motors, a micrometre sideways, turned the crater at a bead's end by as much as they
+    liked: metal was taken from the bead and put where none was."""
+
+    def end(sideways: float) -> np.ndarray:
+        plant = make_cell()
+        drive = Drive(plant, (0.02, 0.03, 0.02))
+        drive.wait(0.1, outputs=OUTPUT_GAS)
+        burning = {'wire': WIRE, 'voltage': 22.0, 'outputs': OUTPUT_ARC | OUTPUT_GAS}
+        while not plant.arc_on:
+            drive.wait(0.01, **burning)
+        drive.move((0.06, 0.03, 0.02), 0.01, **burning)
+        drive.move((0.06, 0.03 + sideways, 0.02), 1e-4, **burning)
+        drive.wait(0.02, outputs=OUTPUT_GAS)
+        return plant.metal.z
+
+    still, stepped = end(0.0), end(1e-6)
+    assert np.ptp(still) > 1e-3
+    np.testing.assert_allclose(stepped, still, atol=2e-5)
 
 
 @fast

@@ -30,9 +30,11 @@ ARC_REACH = 10e-3  # m below the highest place under it that the arc still burns
 # m beside the wire that an arc can strike to where there is nothing below the wire
 STRIKE_REACH = 1.5e-3
 POOL_TIME = 0.1  # s, in which the pool's size follows power and travel speed
+# m that the torch has to leave behind to have a direction: a stop, with the last steps of single motors, has none
+HEADING_PATH = 5e-5
 
 _STATE = (
-    'origin_x', 'origin_y', 'active', 'x', 'y', 'pool_x', 'pool_y', 'head_x', 'head_y', 'path', 'volume',
+    'origin_x', 'origin_y', 'active', 'x', 'y', 'pool_x', 'pool_y', 'head_x', 'head_y', 'from_x', 'from_y', 'path', 'volume',
     'carry_path', 'carry_time', 'power', 'speed', 'width', 'height', 'surface', 'deposited', 'lost',
     'portion', 'portion_x', 'portion_y',
 )  # fmt: skip
@@ -276,7 +278,18 @@ def under_wire(z, p, s, x, y):
 def _start(z, p, s, x, y):
     s.active, s.path, s.volume, s.carry_path, s.carry_time = 1.0, 0.0, 0.0, 0.0, 0.0
     s.pool_x, s.pool_y, s.head_x, s.head_y = x, y, 0.0, 0.0
+    s.from_x, s.from_y = x, y
     s.surface = under_wire(z, p, s, x, y)
+
+
+@jit
+def _head(s, x, y):
+    """The direction of travel, from places at least HEADING_PATH apart. A torch that stands keeps the last one."""
+    gone_x, gone_y = x - s.from_x, y - s.from_y
+    gone = math.hypot(gone_x, gone_y)
+    if gone >= HEADING_PATH:
+        s.head_x, s.head_y = gone_x / gone, gone_y / gone
+        s.from_x, s.from_y = x, y
 
 
 @jit
@@ -351,8 +364,7 @@ def advance(
     if s.active == 0.0:
         _start(z, p, s, x, y)
         s.power = p.power_ref
-    elif step > 0.0:
-        s.head_x, s.head_y = step_x / step, step_y / step
+    _head(s, x, y)
     s.power += (power - s.power) * min(dt / POOL_TIME, 1.0)
     s.path += step
     s.carry_path += step

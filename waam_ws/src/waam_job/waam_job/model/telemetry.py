@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 
 import numpy as np
@@ -23,6 +24,7 @@ COLUMNS = (
     'temperature',
     'arc',
     'layer',
+    'arc_changed',  # s, when the arc last struck or went out since the row before; NaN = it did not
 )
 
 
@@ -38,6 +40,7 @@ class TelemetryStats:
         self._last_sequence: int | None = None
         self._last_us = 0
         self._arc_before = False
+        self._changed = math.nan
 
     def add(self, sequence: int, controller_us: int, t: float, position: tuple[float, float, float], current: float,
             voltage: float, wire: float, wire_commanded: float, speed: float, arc: bool) -> None:  # fmt: skip
@@ -64,6 +67,8 @@ class TelemetryStats:
             if speed > 1e-4:
                 s.power_per_speed += current * voltage / speed
             s.arc_starts += not self._arc_before
+        if arc != self._arc_before:
+            self._changed = t
         self._arc_before = arc
         if s.frames % self.every == 0:
             self._rows.extend(
@@ -78,8 +83,10 @@ class TelemetryStats:
                     self.temperature,
                     arc,
                     self.layer,
+                    self._changed,
                 )
             )
+            self._changed = math.nan
 
     def take_sums(self) -> Sums:
         """Sums since the last call; the period of the frames is kept."""

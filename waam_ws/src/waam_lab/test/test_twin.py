@@ -1,0 +1,153 @@
+"""`waam lab fit`: parameters found within their intervals, what is not told named, wrong folders refused."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from waam_bringup.cli import main
+from waam_lab import params
+from waam_lab.twin import records, timeline
+from waam_lab.twin.compare import Comparison
+from waam_lab.twin.replay import Replay
+from waam_lab.twin.unknowns import ALL, NEVER, physics
+from waam_sim.config import CellParams, plant_params
+from waam_sim.plant import PlantParams
+
+sys.path.insert(0, str(Path(__file__).parent))
+import twin_record  # noqa: E402
+
+USUAL = PlantParams()
+TRUTH = replace(
+    USUAL,
+    metal=replace(
+        USUAL.metal, transfer=0.82, width_ref=7.5e-3, levelling=0.7, area_noise_layer=0.03
+    ),
+    heat=replace(USUAL.heat, table_conductance=700.0),
+    arc=replace(USUAL.arc, current_ref=150.0),
+)
+
+
+@pytest.fixture(scope='module')
+def job(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('jobs') / 'one'
+    return twin_record.write(folder, twin_record.record(TRUTH))
+
+
+def fit(*arguments) -> int:
+    return main(['lab', 'fit', *map(str, arguments)])
+
+
+def refused(capsys, *arguments) -> str:
+    with pytest.raises(SystemExit) as ended:
+        sys.exit(fit(*arguments))
+    assert ended.value.code == 2
+    return capsys.readouterr().err
+
+
+def test_a_cell_is_found_from_its_records(job, tmp_path, capsys):
+    assert fit(job, '--out', tmp_path / 'cell') == 0
+    facts = json.loads((tmp_path / 'cell/fit.json').read_text())
+    found = facts['parameters']
+    told = {k for k, v in found.items() if v['told']}
+    moved = {
+        'metal_transfer': 0.82, 'metal_levelling': 0.7,
+        'heat_table_conductance': 700.0, 'arc_current_ref': 150.0,
+    }  # fmt: skip
+    assert set(moved) <= told
+    for name, true in moved.items():
+        assert found[name]['low'] <= true <= found[name]['high'], (name, found[name])
+    assert found['metal_transfer']['high'] - found['metal_transfer']['low'] < 0.06
+    assert 'metal_spatter_per_m' not in told, 'all contact distances are nearly the same'
+    (before, after) = facts['jobs'][0]['height']
+    assert after < 0.6 * before
+
+    loaded = params.read_file(tmp_path / 'cell/cell.yaml')
+    cell = plant_params(params.make(loaded).cell)
+    assert set(loaded['cell']) - {'heat_ambient', 'heat_initial'} == told
+    assert cell.metal.transfer == pytest.approx(found['metal_transfer']['value'], rel=1e-3)
+    assert cell.metal.spatter_per_m == USUAL.metal.spatter_per_m
+    page = (tmp_path / 'cell/report.html').read_text()
+    assert page.count('<img') >= 3 and 'arc_wire_ratio' in page
+    said = capsys.readouterr().out
+    assert 'not told' in said and 'metal_spatter_per_m' in said
+
+
+def test_what_the_laboratory_notes_of_its_cell_is_not_read(job):
+    """job.yaml of a simulated job holds the parameters of its cell; a fit that looked there would be a pretence."""
+    without = records.read(job)
+    (job / 'job.yaml').write_text('nodes: {cell: {metal_transfer: 0.5}}')
+    with_it = records.read(job)
+    np.testing.assert_array_equal(without.first, with_it.first)
+    assert without.spots == with_it.spots
+    source = [f.read_text() for f in records.Path(records.__file__).parent.glob('*.py')]
+    assert not any('job_folder.JOB' in text for text in source)
+
+
+def test_the_cell_itself_lays_what_it_laid(job):
+    """With its own parameters, the job laid anew differs by scatter alone; with too little metal it shows."""
+    replay = Replay(records.read(job))
+    comparison = Comparison(replay)
+    own = comparison.volume(replay.run(TRUTH))
+    assert own == pytest.approx(1.0, abs=0.03)
+    less = replay.run(physics(TRUTH, {'metal_transfer': 0.82 * 0.9}))
+    assert comparison.volume(less) == pytest.approx(0.9 * own, abs=0.01)
+
+
+def test_arcs_begin_and_end_where_the_telemetry_says_so():
+    t = np.arange(10) / 10
+    lit = np.array([0, 0, 0, 1, 1, 1, 0, 0, 1, 1.0])
+    changed = np.full(10, np.nan)
+    changed[[3, 6, 8]] = 0.21, 0.58, 0.75
+    np.testing.assert_allclose(
+        timeline.arcs({'t': t, 'arc': lit, 'arc_changed': changed}), [[0.21, 0.58], [0.75, 0.9]]
+    )
+    old = timeline.arcs({'t': t, 'arc': lit})  # of records before that column
+    np.testing.assert_allclose(old, [[0.25, 0.55], [0.75, 0.9]])
+
+
+def test_what_is_looked_for_exists_and_is_believed_possible():
+    fields = CellParams.__dataclass_fields__
+    for k in ALL:
+        assert k.name in fields and k.words and k.doubt < 2 * k.spread or k.log
+        low, high = (float(k.value(u)) for u in (-3, 3))
+        meta = fields[k.name].metadata
+        assert meta['minimum'] <= low < k.usual < high <= meta['maximum'], k.name
+        assert k.standard(float(k.value(0.7))) == pytest.approx(0.7)
+    for names in NEVER:
+        for name in names.split(', '):
+            assert name in fields, name
+            assert name not in {k.name for k in ALL}, name
+
+
+def test_wrong_folders_are_refused_by_name(job, tmp_path, capsys):
+    assert 'no such folder' in refused(capsys, tmp_path / 'nothing')
+    (tmp_path / 'empty').mkdir()
+    assert 'is not a job folder' in refused(capsys, tmp_path / 'empty')
+    (tmp_path / 'blind/layers').mkdir(parents=True)
+    assert 'no height maps' in refused(capsys, tmp_path / 'blind')
+    assert 'JOBS' in refused(capsys)
+    spoiled = twin_record.write(tmp_path / 'torn', records.read(job))
+    (spoiled / 'telemetry.npz').write_bytes(b'PK torn')
+    text = refused(capsys, spoiled)
+    assert 'telemetry.npz' in text and 'cannot be read' in text
+    (spoiled / 'telemetry.npz').unlink()
+    assert 'did not come to its end' in refused(capsys, spoiled)
+    cold = {**records.read(job).telemetry}
+    cold['arc'] = cold['arc'] * 0
+    np.savez(spoiled / 'telemetry.npz', **cold)
+    assert 'never burned' in refused(capsys, spoiled)
+
+
+def test_help_teaches(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(['lab', 'fit', '--help'])
+    assert ended.value.code == 0
+    said = capsys.readouterr().out
+    for word in ('cell.yaml', 'not told', '--cell-file', 'exit status'):
+        assert word in said

@@ -1,0 +1,140 @@
+"""`waam lab fit`: the simulated cell fitted to records of one's own cell."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from waam_job.store.folder import make_job_id
+from waam_sim.config import plant_params
+
+EXAMPLES = """\
+examples:
+  waam lab fit jobs/20260101T080000Z_jaw jobs/20260102T093000Z_ring    two jobs of one cell
+  waam lab fit jobs                                                    every job in a folder
+  waam lab fit jobs --out mycell                                       mycell/cell.yaml, report.html, fit.json
+  waam lab part.stl --as-found worn.stl --cell-file mycell/cell.yaml   what the next job will be on that cell
+  waam up --cell-file mycell/cell.yaml                                 the whole graph on that cell
+
+Every layer is laid once more on the simulated cell: the torch goes where telemetry.npz says that it went, on the
+surface that was scanned before. What grows is compared with the scan after it, the heat with the pyrometer, the current
+with the source. Give jobs of one cell, one wire and one material that were laid with the same scanner; two to five do.
+
+Every parameter comes with a 90 % interval. Where the records say little, the report says "not told" and the cell file
+leaves the parameter as it was. Some are never told by a job, such as the wire's true diameter; the report lists them
+with what would tell. docs/twin.md says how well intervals hold.
+
+exit status: 0 fitted, 2 refused (no jobs, no maps, no arc; the text says which), 130 ended with Ctrl-C
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of `waam lab fit`."""
+    p = argparse.ArgumentParser(
+        prog='waam lab fit',
+        description="Fits the simulated cell (metal, heat, arc, scatter) to records of jobs, with intervals and with "
+        'what the records cannot tell. The result is a cell file.',
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument(
+        'jobs', type=Path, nargs='+', metavar='JOBS', help='job folders, or folders that hold some'
+    )
+    p.add_argument('--out', type=Path, help='folder of the results (default: jobs/<time>_fit)')
+    p.add_argument(
+        '--cell-file',
+        type=Path,
+        help='cell to begin with; what the records do not tell stays as it says',
+    )
+    p.set_defaults(run_command=run_fit)
+    return p
+
+
+def hand_over(lab: argparse.ArgumentParser) -> None:
+    """`waam lab fit ...` goes to `parser`; a part cannot be called so, its file has a suffix."""
+    inner: Any = lab.parse_known_args
+
+    def parse(args: Any = None, namespace: Any = None) -> Any:
+        if args and args[0] == 'fit':
+            return parser().parse_known_args(args[1:], namespace)
+        return inner(args, namespace)
+
+    lab.parse_known_args = parse  # type: ignore[method-assign]
+
+
+def run_fit(args: argparse.Namespace) -> int:
+    """ValueError says what is wrong with the jobs."""
+    from . import params
+    from .cli_campaign import settings_of
+    from .twin import page
+    from .twin.fit import fit
+    from .twin.records import read_all
+
+    overrides, _ = settings_of([], args.cell_file)
+    base = plant_params(params.make(overrides).cell)
+    records = read_all(args.jobs)
+    out = args.out or Path(os.environ.get('WAAM_JOBS', 'jobs')) / make_job_id('fit')
+    with _Bar(f'{len(records)} jobs') as bar:
+        found = fit(records, base, bar.tick)
+    target = page.write(out, found, shlex.join(['waam', *sys.argv[1:]]))
+    show(found, Console(highlight=False))
+    print(f'cell file: {os.path.relpath(out / page.CELL_FILE)}')
+    print(f'report: {os.path.relpath(target)}')
+    return 0
+
+
+def show(found: Any, console: Console) -> None:
+    """What is told as a table, and the names of the rest."""
+    from .twin.page import number
+
+    rows = Table(title='told by these records')
+    for name in ('', 'found', '90 % interval', 'usual', 'unit'):
+        rows.add_column(name, justify='left' if name in ('', 'unit') else 'right')
+    for e in (e for e in found.estimates if e.told):
+        interval = f'{number(e.low)} … {number(e.high)}'
+        rows.add_row(
+            e.unknown.name, number(e.value), interval, number(e.unknown.usual), e.unknown.unit
+        )
+    console.print(rows)
+    silent = [e.unknown.name for e in found.estimates if not e.told]
+    if silent:
+        console.print(f'[yellow]not told, left as usual:[/] {", ".join(silent)}')
+    for m in found.misfits:
+        before, after = (v * 1e3 for v in m.height)
+        console.print(
+            f'{m.job}: growth of its layers off by {before:.3f} mm before, {after:.3f} mm after'
+        )
+
+
+class _Bar:
+    """Jobs laid anew, on a terminal; nothing elsewhere."""
+
+    def __init__(self, title: str) -> None:
+        console = Console(stderr=True)
+        columns = (
+            TextColumn('{task.description}'),
+            BarColumn(30),
+            TaskProgressColumn(),
+            TimeRemainingColumn(),
+        )
+        self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
+        self._task = self._progress.add_task(title, total=None)
+
+    def __enter__(self) -> _Bar:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def tick(self, total: int) -> None:
+        """One of `total` steps is done."""
+        self._progress.update(self._task, total=total, advance=1)
