@@ -10,6 +10,7 @@ import shaper_machine as machine
 from shaper_machine import HOLD, IDLE, Machine, executed_at, target
 
 SHAPED = {'shape_x': 'mzv', 'shape_x_hz': 40.0, 'shape_y': 'ei', 'shape_y_hz': 30.0}
+UNBOUND = SHAPED | {'shape_corner_mm': 1.0}  # corners are passed as without a shaper
 SPAN_MS, DELAY_MS = 34, 14.0  # of both together
 ARC, GAS = 1, 2
 PROGRAM = (
@@ -37,8 +38,9 @@ def shaped():
     m.close()
 
 
-def test_the_end_is_exact_and_the_time_is_longer_by_the_span(plain, shaped):
+def test_the_end_is_exact_and_the_time_is_longer_by_the_span(plain):
     """Every stop of the program waits for the shaped motion, and no line is told before its motion is at its end."""
+    shaped = Machine(**UNBOUND)
     shaped.run(*PROGRAM)
     assert shaped.position().tolist() == plain.position().tolist() == target(25.5, 27, 196)
     late = [
@@ -50,11 +52,33 @@ def test_the_end_is_exact_and_the_time_is_longer_by_the_span(plain, shaped):
 
 
 def test_shaped_path_stays_near_the_path(plain, shaped):
-    """Apart from the delay, less than 0.05 mm from the unshaped path anywhere (corners at 4.9 mm/s)."""
+    """Apart from the delay, nearer than 0.03 mm anywhere to the ticks of the unshaped path, which are 0.05 mm apart."""
     shaped.run(*PROGRAM)
     path, way = plain.track(), shaped.track()[2800::7]
     nearest = [np.linalg.norm(path - p, axis=1).min() for p in way]
-    assert max(nearest) / machine.STEPS_PER_MM <= 0.05
+    assert max(nearest) / machine.STEPS_PER_MM <= 0.03
+
+
+def corner_off(corner_mm: float, speed: float) -> tuple[float, float]:
+    """Nearest distance (mm) from a right angle, and time (s) of the two legs of 20 mm; F in mm/s."""
+    m = Machine(**SHAPED | {'shape_corner_mm': corner_mm})
+    m.run('G0 X20 Y20')
+    begun = len(m.track())
+    m.run(f'G1 X40 F{60 * speed:g}', 'G1 Y40')
+    track = m.track()[begun:]
+    off = np.linalg.norm(track[:, :2] - target(40, 20), axis=1).min() / machine.STEPS_PER_MM
+    assert track[-1].tolist() == target(40, 40, 200)
+    return float(off), len(track) * 1e-3
+
+
+def test_a_corner_is_rounded_by_no_more_than_asked():
+    """At any speed; a corner and the stop after it take less than 0.2 s for it."""
+    for speed in (10.0, 50.0):
+        free, quick = corner_off(1.0, speed)
+        for allowed in (0.005, 0.02):
+            off, time = corner_off(allowed, speed)
+            assert off <= allowed + 1.5 / machine.STEPS_PER_MM < free + 0.01
+            assert off < free and time <= quick + 0.2
 
 
 def test_without_a_shaper_the_answer_says_nothing_of_it():
@@ -65,9 +89,9 @@ def test_without_a_shaper_the_answer_says_nothing_of_it():
 
 def test_settings_show_and_survive_a_reset(shaped):
     """They are refused by name, and changed neither by a refusal nor by a reset."""
-    shown = ' shape=mzv:40:0.1,ei:30:0.1'
+    shown = ' shape=mzv:40:0.1,ei:30:0.1 corner_mm=0.02'
     assert shaped.ask('$I keep').endswith(shown)
-    assert shaped.ask('$C shape_y 4') == '$C ok delay_ms=14.02 span_ms=34 corner_um=6.94,37.25'
+    assert shaped.ask('$C shape_y 4') == '$C ok delay_ms=14.02 span_ms=34 corner_um=6.94,37.25 corner_mm_s=2.88'
     for setting, text in [
         ('shape_x 7', 'E104 shape_x must be a whole number within 0 .. 6'),
         ('shape_x 1.5', 'E104 shape_x must be a whole number within 0 .. 6'),
@@ -75,6 +99,8 @@ def test_settings_show_and_survive_a_reset(shaped):
         ('shape_x_hz 4', 'E104 shape_x_hz must lie within 5 .. 200'),
         ('shape_y_hz 8', 'E105 shape_y_hz: the shaper is slower than the lead of the wire'),
         ('shape_y_damping 0.3', 'E104 shape_y_damping must lie within 0 .. 0.2'),
+        ('shape_corner_mm 0.004', 'E104 shape_corner_mm must lie within 0.005 .. 1'),
+        ('shape_corner_mm 1.1', 'E104 shape_corner_mm must lie within 0.005 .. 1'),
         ('shape_z 1', 'E103 no setting has this name'),
     ]:
         assert shaped.ask(f'$C {setting}') == f'$C error {text}'

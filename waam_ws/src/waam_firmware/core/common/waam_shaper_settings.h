@@ -24,6 +24,7 @@ typedef struct {
 
 typedef struct {
     waam_shaper_axis_t axis[WAAM_SHAPED_AXES];
+    float corner_mm;            /* how far a corner may be rounded by it */
 } waam_shaper_config_t;
 
 #endif

@@ -78,6 +78,8 @@ static void push_move(waam_core_t *core, waam_block_t *block)
 {
     waam_block_complete(block, &core->kinematics);
     waam_planner_push(&core->planner, block, &core->kinematics);
+    if (core->planner.count == 1 && waam_shaper_settled(&core->shaper))
+        waam_planner_tail(&core->planner)->first = (waam_slow_t){.length_mm = 0.0f}; /* nothing before it is under way */
     for (int i = 0; i < WAAM_AXES && !block->wire_only; i++)
         core->plan_mm[i] = core->path_mm[i] = block->path.end_mm[i];
 }

@@ -1,4 +1,6 @@
 /* Immediate line "$C <name> <value>": one setting of the standoff control, of the input shaper or of the wire. */
+#include <math.h>
+
 #include "waam_request.h"
 #include "waam_wire_settings.h"
 
@@ -53,7 +55,7 @@ static void configure_standoff(waam_request_t *r, const waam_setting_t *setting,
 }
 
 /* What the shaper in force does to the motion: mean delay, time to its end, and the rounding of a right angle (um per mm/s
- * of speed in the corner, and um at rest by the acceleration of 500 mm/s^2). */
+ * of speed in the corner, and um at rest by the acceleration of 500 mm/s^2), and the speed at which one is passed. */
 static void tell_shaper(waam_request_t *r)
 {
     const waam_shaper_t *s = &r->core->shaper;
@@ -66,6 +68,8 @@ static void tell_shaper(waam_request_t *r)
     waam_text_fixed(&r->answer, (double)waam_shaper_corner_mm(s, 1.0f, 0.0f, right_angle) * 1e3, 2);
     waam_text_char(&r->answer, ',');
     waam_text_fixed(&r->answer, (double)waam_shaper_corner_mm(s, 0.0f, 500.0f, right_angle) * 1e3, 2);
+    waam_text_add(&r->answer, " corner_mm_s=");
+    waam_text_fixed(&r->answer, (double)waam_rounding_corner(&r->core->planner.rounding, sinf(0.5f * right_angle), 0.0f), 2);
 }
 
 static void configure_shaper(waam_request_t *r, const waam_setting_t *setting, double value)

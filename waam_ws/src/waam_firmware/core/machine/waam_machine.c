@@ -16,7 +16,7 @@ void waam_core_init(waam_core_t *core, const waam_config_t *config, waam_tx_t se
     waam_standoff_init(&core->standoff);
     core->shaper_tick_us = WAAM_TICK_US;
     if (waam_core_tune(core, &config->shaper)) {
-        const waam_shaper_config_t none = {.axis = {{.type = WAAM_SHAPER_NONE}}};
+        const waam_shaper_config_t none = {.axis = {{.type = WAAM_SHAPER_NONE}}, .corner_mm = config->shaper.corner_mm};
         waam_core_tune(core, &none);
     }
     waam_scheduler_start(&core->scheduler);

@@ -66,6 +66,8 @@ static void shaper(waam_request_t *r)
         waam_text_char(&r->answer, ':');
         waam_text_fixed(&r->answer, (double)c->axis[i].damping, 3);
     }
+    waam_text_add(&r->answer, " corner_mm=");
+    waam_text_fixed(&r->answer, (double)c->corner_mm, 3);
 }
 
 static void describe(waam_request_t *r)

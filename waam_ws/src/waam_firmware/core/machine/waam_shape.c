@@ -20,6 +20,7 @@ const char *waam_core_tune(waam_core_t *core, const waam_shaper_config_t *settin
                          wire_lead_s(&core->config));
     else
         core->config.shaper = *settings;
+    core->planner.rounding = waam_rounding(&core->shaper, core->config.shaper.corner_mm);
     waam_shaper_rest(&core->shaper, waam_core_place(core));
     return why;
 }
@@ -50,7 +51,7 @@ void waam_core_done(waam_core_t *core, uint32_t line, const waam_modal_t *after)
 /* Ticks of another length: tuned anew as soon as the machine stands; off where they are too fine. */
 static void retune(waam_core_t *core, uint32_t dt_us)
 {
-    const waam_shaper_config_t settings = core->config.shaper, none = {.axis = {{.type = WAAM_SHAPER_NONE}}};
+    const waam_shaper_config_t settings = core->config.shaper, none = {.axis = {{.type = WAAM_SHAPER_NONE}}, .corner_mm = settings.corner_mm};
     core->shaper_tick_us = dt_us;
     if (waam_core_tune(core, &settings))
         waam_core_tune(core, &none);

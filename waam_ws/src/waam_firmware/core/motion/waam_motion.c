@@ -29,6 +29,20 @@ static bool arrives_braking(double v0, double left_mm, double exit, double accel
     return v0 > exit && 2.0 * left_mm <= (v0 + exit) * dt && v0 * v0 - exit * exit <= 2.02 * accel * left_mm + 1e-6;
 }
 
+/* The limit, less where the stretches beside the corners ask for it. */
+static double beside_corners(const waam_motion_t *motion, const waam_block_t *block, double limit, double dt)
+{
+    double slow = (double)block->last.speed_mm_s;
+    if ((double)block->first.length_mm > motion->done_mm)
+        limit = fmin(limit, (double)block->first.speed_mm_s);
+    if (block->last.length_mm <= 0.0f || limit <= slow)
+        return limit;
+    double before = block->path.length_mm - motion->done_mm - (double)block->last.length_mm;
+    if (before > 0.0)
+        slow = fmax(slow, braking_speed(motion->speed_mm_s, before, slow, block->accel_mm_s2, dt));
+    return fmin(limit, slow);
+}
+
 static void place(waam_motion_t *motion, const waam_block_t *block)
 {
     double at_mm[WAAM_AXES];
@@ -60,6 +74,7 @@ double waam_motion_advance(waam_motion_t *motion, const waam_block_t *block, dou
     *finished = false;
     if (limit_mm_s > 0.0 && arrives_braking(v0, left, exit_mm_s, block->accel_mm_s2, dt_s))
         return finish(motion, block, exit_mm_s, 2.0 * left / (v0 + exit_mm_s), finished);
+    limit_mm_s = beside_corners(motion, block, limit_mm_s, dt_s);
     double v1 = fmin(limit_mm_s, braking_speed(v0, left, exit_mm_s, block->accel_mm_s2, dt_s));
     v1 = fmax(0.0, between(v1, v0 - change, v0 + change));
     double distance = 0.5 * (v0 + v1) * dt_s;
@@ -113,29 +128,69 @@ static double distance_at(const profile_t *p, double accel, double t)
     return up * (p->from + sign * accel * up) + flat * p->peak + down * (p->peak - 0.5 * accel * down);
 }
 
-#define AHEAD_BLOCKS 16 /* the most that is looked through */
+#define AHEAD_PIECES 16 /* the most that is looked through */
+
+/* A move in up to three pieces: beside the corner before it, between, beside the corner after it. */
+typedef struct {
+    double length[3], cruise[3], exit[3];
+} pieces_t;
+
+static bool matters(const waam_slow_t *slow, double cruise)
+{
+    return slow->length_mm > 0.0f && (double)slow->speed_mm_s < cruise;
+}
+
+/* The piece in the middle takes what is left; a piece without length is none. */
+static pieces_t pieces(const waam_block_t *block, double done, double cruise, double exit)
+{
+    double all = block->path.length_mm, first = 0.0, last = 0.0, slow = cruise;
+    pieces_t p = {{0.0, all - done, 0.0}, {cruise, cruise, cruise}, {cruise, exit, exit}};
+    if (matters(&block->first, cruise)) {
+        first = fmax(0.0, fmin(all, (double)block->first.length_mm) - done);
+        p.cruise[0] = (double)block->first.speed_mm_s;
+    }
+    if (matters(&block->last, cruise)) {
+        last = fmin(all - done - first, (double)block->last.length_mm);
+        p.cruise[2] = p.exit[1] = slow = (double)block->last.speed_mm_s;
+    }
+    p.length[0] = first, p.length[2] = last, p.length[1] = all - done - first - last;
+    p.exit[0] = p.length[1] > 0.0 ? p.cruise[0] : last > 0.0 ? fmin(p.cruise[0], slow) : fmin(p.cruise[0], exit);
+    return p;
+}
+
+static bool goes_on(const waam_block_t *next) { return next && next->kind == WAAM_BLOCK_MOVE; }
 
 waam_ahead_t waam_motion_ahead(const waam_motion_t *motion, const waam_planner_t *planner, double ahead_s)
 {
     const waam_block_t *block = waam_planner_block(planner, 0);
-    double v0 = motion->speed_mm_s, left = block ? block->path.length_mm - motion->done_mm : 0.0;
+    double v0 = motion->speed_mm_s, done = motion->done_mm, wire = 0.0;
     if (!block || block->kind != WAAM_BLOCK_MOVE)
         return (waam_ahead_t){.block = block && block->kind == WAAM_BLOCK_DWELL ? block : NULL};
-    double wire = 0.0;
-    for (size_t i = 0; i < AHEAD_BLOCKS; i++) {
-        double exit = waam_planner_exit(planner, i), accel = block->accel_mm_s2;
-        profile_t p = trapezoid(v0, waam_block_cruise(block, planner->override), exit, accel, left);
-        double time = p.up_s + p.flat_s + p.down_s;
+    for (size_t i = 0, looked = 0; looked < AHEAD_PIECES; i++) {
+        double accel = block->accel_mm_s2;
+        pieces_t piece = pieces(block, done, waam_block_cruise(block, planner->override), waam_planner_exit(planner, i));
         const waam_block_t *next = waam_planner_block(planner, i + 1);
-        if (ahead_s <= time || !next || (next->kind != WAAM_BLOCK_MOVE && next->kind != WAAM_BLOCK_DWELL))
-            return (waam_ahead_t){block, speed_at(&p, accel, ahead_s),
-                                  wire + block->wire_per_mm * fmin(left, distance_at(&p, accel, ahead_s))};
-        if (next->kind == WAAM_BLOCK_DWELL)
-            return (waam_ahead_t){.block = next, .wire_mm = wire + block->wire_per_mm * left};
-        ahead_s -= time;
-        wire += block->wire_per_mm * left;
-        v0 = p.exit;
-        left = next->path.length_mm;
+        bool waits = next && next->kind == WAAM_BLOCK_DWELL, ends = !goes_on(next) && !waits;
+        for (int k = 0; k < 3; k++) {
+            double left = piece.length[k];
+            if (left <= 0.0)
+                continue;
+            looked++;
+            profile_t p = trapezoid(v0, piece.cruise[k], piece.exit[k], accel, left);
+            double time = p.up_s + p.flat_s + p.down_s;
+            bool final = ends && piece.length[2] <= 0.0 ? k == 1 : ends && k == 2;
+            if (ahead_s <= time || final)
+                return (waam_ahead_t){block, speed_at(&p, accel, ahead_s),
+                                      wire + block->wire_per_mm * fmin(left, distance_at(&p, accel, ahead_s))};
+            ahead_s -= time;
+            wire += block->wire_per_mm * left;
+            v0 = p.exit;
+        }
+        if (waits)
+            return (waam_ahead_t){.block = next, .wire_mm = wire};
+        if (ends)
+            break;
+        done = 0.0;
         block = next;
     }
     return (waam_ahead_t){block, v0, wire};

@@ -28,7 +28,7 @@ typedef struct {
     double wire_mm;            /* that the path asks for until then (E) */
 } waam_ahead_t;
 
-/* Looks through the profiles of the blocks that follow, 16 at most. */
+/* Looks through the profiles of the blocks that follow; 16 at most, fewer where corners are passed slowly. */
 waam_ahead_t waam_motion_ahead(const waam_motion_t *motion, const waam_planner_t *planner, double ahead_s);
 
 #endif

@@ -50,10 +50,12 @@ void waam_block_complete(waam_block_t *block, const waam_kinematics_t *kinematic
  * is the smaller of the two blocks'. v^2 = a d s / (1 - s), s = sin(half the angle between the blocks).
  * Moves shorter than that circle leave less room: half of each, v^2 = a l / 2 tan(half the angle), so that a curve made
  * of very short moves is not run faster than the same curve as an arc.
- * A wire that is coupled to the path changes its speed by no more than the jump that the feeder can do. */
-static double junction(const waam_block_t *before, const waam_block_t *after, const waam_kinematics_t *k)
+ * A wire that is coupled to the path changes its speed by no more than the jump that the feeder can do.
+ * `half`: sine of half the turn. */
+static double junction(const waam_block_t *before, const waam_block_t *after, const waam_kinematics_t *k, double *half)
 {
     double cosine = 0.0, in[WAAM_AXES], out[WAAM_AXES], limit = INFINITY;
+    *half = 1.0;
     if (before->wire_only || after->wire_only)
         return 0.0;
     double accel = fmin(before->accel_mm_s2, after->accel_mm_s2);
@@ -64,6 +66,7 @@ static double junction(const waam_block_t *before, const waam_block_t *after, co
     for (int i = 0; i < WAAM_AXES; i++)
         cosine -= in[i] * out[i];
     double sine = sqrt(fmax(0.0, 0.5 * (1.0 - cosine)));
+    *half = sqrt(fmax(0.0, 0.5 * (1.0 + cosine)));
     if (sine <= 0.9999999) {
         double room = 0.5 * shorter * sine / sqrt(1.0 - sine * sine);
         limit = sqrt(accel * fmin(k->junction_deviation_mm * sine / (1.0 - sine), room));
@@ -82,10 +85,19 @@ double waam_planner_exit(const waam_planner_t *planner, size_t i)
     return next && next->kind == WAAM_BLOCK_MOVE ? next->entry_mm_s : 0.0;
 }
 
+/* Greatest speed from which a move can slow down to that of its last stretch. */
+static double reached_before(const waam_slow_t *last, const waam_block_t *block)
+{
+    if (last->length_mm <= 0.0f)
+        return INFINITY;
+    float left = fmaxf(0.0f, (float)block->path.length_mm - last->length_mm);
+    return (double)sqrtf(last->speed_mm_s * last->speed_mm_s + 2.0f * (float)block->accel_mm_s2 * left);
+}
+
 static double entry_max(const waam_planner_t *planner, const waam_block_t *before, const waam_block_t *block)
 {
     double limit = fmin(waam_block_cruise(before, planner->override), waam_block_cruise(block, planner->override));
-    return fmin(limit, block->junction_mm_s);
+    return fmin(fmin(limit, block->junction_mm_s), reached_before(&block->last, block));
 }
 
 /* From the last block to the first: no block is entered faster than it can slow down to its own exit. A forward pass is
@@ -108,15 +120,53 @@ static void replan(waam_planner_t *planner, bool all)
     }
 }
 
+/* What comes after the block is not known yet: it may turn back, however soon; and what was before it, where the queue is
+ * empty, may still be under way in the shaper. Nothing is cut off before and after a block that waits for the motion. */
+static void add_stretches(waam_planner_t *planner, waam_block_t *added)
+{
+    const waam_rounding_t *r = &planner->rounding;
+    waam_slow_t slow = waam_rounding_slow(r, waam_rounding_corner(r, 1.0f, 0.0f)), none = {.length_mm = 0.0f};
+    added->first = added->last = none;
+    if (added->kind == WAAM_BLOCK_MOVE && !added->wire_only) {
+        added->last = slow;
+        added->first = planner->count == 1 ? slow : none;
+        if (added->path.arc)
+            added->ceiling_mm_s = fmin(added->ceiling_mm_s, (double)waam_rounding_curve(r, (float)added->path.radius_mm));
+    } else if (added->kind != WAAM_BLOCK_MOVE && planner->count > 1) {
+        at(planner, planner->count - 2)->last = none;
+    }
+}
+
+/* The newest move and the one before it, once their corner is known. */
+static void join(waam_planner_t *planner, waam_block_t *added, double half)
+{
+    const waam_rounding_t *r = &planner->rounding;
+    size_t i = planner->count - 2;
+    waam_block_t *before = at(planner, i);
+    float shorter = (float)fmin(before->path.length_mm, added->path.length_mm);
+    float corner = waam_rounding_corner(r, (float)half, shorter);
+    waam_slow_t slow = waam_rounding_slow(r, corner);
+    if (r->allowed_mm <= 0.0f)
+        return;
+    added->first = added->wire_only ? added->first : slow;
+    before->last = before->wire_only ? before->last : slow;
+    added->junction_mm_s = fmin(added->junction_mm_s, (double)corner);
+    if (i > 0 && before->junction_mm_s > 0.0)
+        before->entry_max_mm_s = entry_max(planner, at(planner, i - 1), before);
+}
+
 void waam_planner_push(waam_planner_t *planner, const waam_block_t *block, const waam_kinematics_t *kinematics)
 {
     const waam_block_t *before = waam_planner_tail(planner);
     waam_block_t *added = at(planner, planner->count++);
     *added = *block;
     added->entry_mm_s = added->entry_max_mm_s = added->junction_mm_s = 0.0;
+    add_stretches(planner, added);
     if (block->kind != WAAM_BLOCK_MOVE || !before || before->kind != WAAM_BLOCK_MOVE)
         return;
-    added->junction_mm_s = junction(before, added, kinematics);
+    double half;
+    added->junction_mm_s = junction(before, added, kinematics, &half);
+    join(planner, added, half);
     added->entry_max_mm_s = entry_max(planner, before, added);
     added->gain_mm2_s2 = 2.0 * added->accel_mm_s2 * added->path.length_mm;
     replan(planner, false);

@@ -3,6 +3,7 @@
 #define WAAM_PLANNER_H
 
 #include "waam_gcode.h"
+#include "waam_rounding.h"
 
 typedef enum {
     WAAM_BLOCK_MOVE,
@@ -36,12 +37,14 @@ typedef struct {
     double entry_max_mm_s;      /* the corner and the speeds of both blocks allow no more, whatever comes after */
     double gain_mm2_s2;         /* by how much the square of the speed can change along the block: 2 a l */
     double entry_mm_s;          /* planned greatest entry speed */
+    waam_slow_t first, last;    /* beside the corners, while the motion is shaped */
 } waam_block_t;
 
 typedef struct {
     waam_block_t block[WAAM_BLOCKS];
     size_t head, count;
     double override;            /* factor on nominal speeds */
+    waam_rounding_t rounding;   /* of corners, by the shaper */
 } waam_planner_t;
 
 void waam_planner_init(waam_planner_t *planner);

@@ -169,9 +169,11 @@ static void measure_corner(waam_shaper_t *shaper, const split_t *split, float de
         float off = (split->ago[i] - delay) * tick_s;
         first += 0.5f * split->weight[i] * fabsf(off);
         second[off > 0.0f] += split->weight[i] * off * off;
+        shaper->reach_s = fmaxf(shaper->reach_s, fabsf(off) + tick_s);
     }
     shaper->corner_s = fmaxf(shaper->corner_s, first);
     shaper->corner_s2 = fmaxf(shaper->corner_s2, fmaxf(second[0], second[1]));
+    shaper->curve_s2 = fmaxf(shaper->curve_s2, second[0] + second[1]);
 }
 
 const char *waam_shaper_tune(waam_shaper_t *shaper, const waam_shaper_config_t *config, float tick_s, float delay_most_s)

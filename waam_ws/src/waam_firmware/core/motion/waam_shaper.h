@@ -35,12 +35,14 @@ typedef struct {
     uint32_t span;              /* ticks after which the shaped motion is where the planned one was */
     float delay_s;              /* mean delay of all axes */
     float corner_s, corner_s2;  /* how far a corner is rounded, see waam_shaper_corner_mm */
+    float curve_s2;             /* sum of weight * time^2 about the mean delay: how far inside a curve the path lies */
+    float reach_s;              /* from the mean delay to the farthest impulse, and a tick */
     uint32_t past[WAAM_SHAPER_CHANNELS][WAAM_SHAPER_PAST]; /* places in 1 / WAAM_PARTS of a step, modulo 2^32 */
     uint32_t at;                /* of the newest sample */
     uint32_t still;             /* ticks without motion, up to WAAM_SHAPER_PAST */
 } waam_shaper_t;
 
-/* By name: shape_x, shape_x_hz, shape_x_damping and those of y; NULL = no such setting. */
+/* By name: shape_x, shape_x_hz, shape_x_damping, those of y, shape_corner_mm; NULL = no such setting. */
 const waam_setting_t *waam_shaper_setting(const char *name, size_t length);
 waam_shaper_config_t waam_shaper_default(void);
 const char *waam_shaper_name(uint32_t type);

@@ -12,6 +12,7 @@ static const waam_setting_t list[] = {
     TYPE("shape_y", axis[1]),
     NUMBER("shape_y_hz", axis[1].hz, 5.0f, 200.0f),
     NUMBER("shape_y_damping", axis[1].damping, 0.0f, 0.2f),
+    NUMBER("shape_corner_mm", corner_mm, 0.005f, 1.0f),
 };
 
 const waam_setting_t *waam_shaper_setting(const char *name, size_t length)
@@ -22,7 +23,7 @@ const waam_setting_t *waam_shaper_setting(const char *name, size_t length)
 waam_shaper_config_t waam_shaper_default(void)
 {
     const waam_shaper_axis_t off = {.type = WAAM_SHAPER_NONE, .hz = 50.0f, .damping = 0.1f};
-    return (waam_shaper_config_t){.axis = {off, off}};
+    return (waam_shaper_config_t){.axis = {off, off}, .corner_mm = 0.02f};
 }
 
 const char *waam_shaper_name(uint32_t type)
