@@ -28,7 +28,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_plan': {'waam_process', 'waam_robot'},
     'waam_robot': set(),
     'waam_robot_bridge': {'waam_bridge', 'waam_node', 'waam_process', 'waam_robot'},
-    'waam_calibrate': {'waam_plan', 'waam_process'},
+    'waam_calibrate': {'waam_plan', 'waam_process', 'waam_robot'},
     'waam_adapt': {'waam_node', 'waam_process', 'waam_record'},
     'waam_archive': {'waam_node', 'waam_process', 'waam_record'},
     'waam_job': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},

@@ -180,3 +180,28 @@ def kill(what: str, after: float, seed: int) -> Kill:
     out = made.until(lambda: not made.plant.arc_on, 2.0)
     made.close()
     return Kill(what, (made.time_us - began) * 1e-6 if out else 2.0)
+
+
+# ---- calibrations
+
+
+def calibrations(numbers: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """(seeds, 4): miss of tip or scanner along x, y, z over the half width of its 95 % interval, and its length in m,
+    for touches and profiles of simulated robots."""
+    from waam_calibrate import robot_evidence, robot_fit
+    from waam_lab.robot import references
+    from waam_robot.station import Station
+
+    robot, nominal = robot_evidence.Robot(), Station().on_flange(references.NOMINAL)
+    out: dict[str, list[list[float]]] = {'touches': [], 'profiles': []}
+    for seed in numbers:
+        made = references.touches(seed)
+        tool = robot_fit.tool(robot_evidence.touches(made.text, robot))
+        off = tool.tip - made.truth[:3, 3]
+        out['touches'].append([*(off / tool.interval), np.linalg.norm(off)])
+        made = references.profiles(seed)
+        seen = robot_evidence.profiles(made.text, robot)
+        eye = robot_fit.hand_eye(seen, references.RADIUS, nominal)
+        off = eye.scanner[:3, 3] - made.truth[:3, 3]
+        out['profiles'].append([*(off / eye.interval[:3]), np.linalg.norm(off)])
+    return {name: np.array(rows) for name, rows in out.items()}

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import cli_process
+from . import cli_process, cli_robot
 from .cli_common import folder, keep, verb
 
 if TYPE_CHECKING:  # numpy and scipy are loaded only when a verb runs
@@ -25,6 +25,9 @@ examples:
   waam calibrate lead --program steps.gcode             writes a bead with steps of speed
   waam calibrate lead --record jobs/latest              delay and lag of the wire drive, from that bead
   waam calibrate arc --samples relay.csv                gains of the arc regulator, from a relay experiment
+  waam calibrate robot-tcp --file touches.csv           tip of a robot's tool, from touches of a fixed point
+  waam calibrate hand-eye --file profiles.csv           scanner on a robot, from profiles of a sphere
+  waam calibrate hand-eye --rehearse 3                  the same on a simulated robot
   waam calibrate status                                 what is calibrated, when, and what a job will refuse
   waam calibrate apply                                  tells a controller that lost its power what was found
 
@@ -43,7 +46,7 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser], grap
     """Adds the verb to the waam command."""
     p = commands.add_parser(
         'calibrate',
-        help='resonance, steps per mm, skew, tool centre point, wire, arc; what is calibrated',
+        help='resonance, steps per mm, skew, tool centre point, wire, arc, robot; what is calibrated',
         description='Calibration of the machine. Every result is kept with its date and judged.',
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -52,6 +55,7 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser], grap
     _add_resonance(verbs, graph)
     _add_lengths(verbs, graph)
     cli_process.register(verbs, graph)
+    cli_robot.register(verbs, graph)
     status = verb(verbs, 'status', 'what is calibrated, when, and what a job will refuse', graph)
     status.set_defaults(run_command=lambda args: show_status(args, graph))
     apply = verb(verbs, 'apply', 'tell the controller the settings of all results again', graph)

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # the command line loads this at every call; numpy it does not need
+    import numpy as np
+
     from waam_process.segment import Point
 
     from .lead import WireRecord
@@ -22,10 +24,12 @@ Settings = list[tuple[str, float]]
 class Graph:
     """folder: of the results when none is given. add_options: those that name a graph. measure: shakes an axis at a
     place (m, work frame; None = where the torch is). send: settings of the controller; returns what it said last.
-    wire: telemetry of a recording (job folder, folder or file)."""
+    wire: telemetry of a recording (job folder, folder or file). rehearse: 'touches' or 'profiles' of a simulated
+    robot by its seed, the text of a file and what it should show (4, 4)."""
 
     folder: Callable[[], Path]
     add_options: Callable[[argparse.ArgumentParser], None]
     measure: Callable[[argparse.Namespace, Sweep, str, Point | None], Samples]
     send: Callable[[argparse.Namespace, Settings], str]
     wire: Callable[[Path], WireRecord]
+    rehearse: Callable[[str, int], tuple[str, np.ndarray]] | None = None

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # matplotlib is loaded only when something is drawn
 
 def spectra(found: Resonance) -> bytes:
     """Gain of the axis, and what each candidate leaves of it."""
-    figure = _figure(4.6)
+    figure = figure_of(4.6)
     axis = figure.subplots()
     psd = found.total
     axis.plot(found.hz, psd, color='0.3', lw=2, label='without a shaper')
@@ -35,23 +35,23 @@ def spectra(found: Resonance) -> bytes:
         ylabel='power over that commanded', title=f'{found.axis} axis: spectrum without and with each shaper',
     )  # fmt: skip
     axis.legend(fontsize=8, loc='upper right')
-    return _png(figure)
+    return png(figure)
 
 
 def measured(found: Resonance) -> bytes:
     """Power spectral density of the three channels as measured."""
-    figure = _figure(3.4)
+    figure = figure_of(3.4)
     axis = figure.subplots()
     for i, name in enumerate('xyz'):
         axis.semilogy(found.hz, np.maximum(found.raw[:, i], 1e-12), lw=1, label=name)
     axis.set(xlabel='frequency, Hz', ylabel='PSD, m²/s³', title='acceleration as measured')
     axis.legend(fontsize=8)
-    return _png(figure)
+    return png(figure)
 
 
 def wire_lengths(found: WireWheel) -> bytes:
     """Counts over lengths, and the normal feed where a record was given."""
-    figure = _figure(3.4)
+    figure = figure_of(3.4)
     panels = figure.subplots(1, 2 if found.feed else 1, squeeze=False)[0]
     top = 1.05 * found.lengths.max()
     panels[0].plot(found.lengths, found.counts, 'o', label='measured')
@@ -64,12 +64,12 @@ def wire_lengths(found: WireWheel) -> bytes:
         panels[1].axhline(found.threshold, color='r', label='underfeed')
         panels[1].set(xlabel='window of 0.5 s', ylabel='measured over commanded')
         panels[1].legend(fontsize=8)
-    return _png(figure)
+    return png(figure)
 
 
 def wire_steps(found: Lead) -> bytes:
     """Wire speed as measured, and as delay and lag make it of the command; the first 20 s of it."""
-    figure = _figure(3.8)
+    figure = figure_of(3.8)
     axis = figure.subplots()
     at = found.time - found.time[0]
     seen = at < 20.0
@@ -77,12 +77,12 @@ def wire_steps(found: Lead) -> bytes:
     axis.plot(at[seen], 1e3 * found.modelled[seen], lw=1, label='command after delay and lag')
     axis.set(xlabel='time, s', ylabel='wire, mm/s', title='wire behind the steps of speed')
     axis.legend(fontsize=8)
-    return _png(figure)
+    return png(figure)
 
 
 def relay_swing(found: Relay) -> bytes:
     """The experiment, and a step of the setpoint with each set of gains."""
-    figure = _figure(6.0)
+    figure = figure_of(6.0)
     above, below = figure.subplots(2, 1)
     swing = found.swing
     at = 1e3 * (swing.time - swing.time[0])
@@ -99,10 +99,11 @@ def relay_swing(found: Relay) -> bytes:
     below.set(xlabel='time, ms', ylabel='voltage over its step')
     for axis in (above, below):
         axis.legend(fontsize=8)
-    return _png(figure)
+    return png(figure)
 
 
-def _figure(height: float) -> Figure:
+def figure_of(height: float) -> Figure:
+    """An empty figure, 9 inches wide; height: inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -111,7 +112,8 @@ def _figure(height: float) -> Figure:
     return figure
 
 
-def _png(figure: Figure) -> bytes:
+def png(figure: Figure) -> bytes:
+    """As a file."""
     out = io.BytesIO()
     figure.savefig(out, dpi=100, format='png')
     return out.getvalue()

@@ -13,11 +13,13 @@ from typing import Any
 VERSION = 1
 KINDS = {
     'resonance': ('x', 'y'), 'steps': ('x', 'y', 'z'), 'skew': ('',), 'tcp': ('',), 'wire': ('',), 'lead': ('',),
-    'arc': ('',),
+    'arc': ('',), 'robot-tcp': ('',), 'hand-eye': ('',),
 }  # fmt: skip
 OLD = timedelta(days=365)
 LARGEST_SCALE = 0.005  # real over commanded length less 1
 LARGEST_SKEW = 0.25  # deg
+LARGEST_TOOL = 1e-3  # m: tip or scanner of a robot from where its programs have it
+LARGEST_TURN = math.radians(0.5)  # of the scanner
 LARGEST_WIRE = 0.05  # counts per mm over those of the controller less 1
 
 

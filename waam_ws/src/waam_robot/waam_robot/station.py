@@ -173,3 +173,12 @@ class Station:
     def tips(self, joints: np.ndarray) -> np.ndarray:
         """(N, 3) m: the torch in machine coordinates for joints (N, 8)."""
         return self.frames(joints)[:, :3, 3]
+
+    def on_torch(self, held: np.ndarray) -> np.ndarray:
+        """(4, 4): something in the frame of the flange (4, 4) as the torch sees it, axes of the machine while it is
+        upright."""
+        return np.asarray(inverse(self._flange_to_torch) @ held)
+
+    def on_flange(self, held: np.ndarray) -> np.ndarray:
+        """(4, 4): the inverse of `on_torch`."""
+        return np.asarray(self._flange_to_torch @ held)

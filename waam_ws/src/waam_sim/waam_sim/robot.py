@@ -14,7 +14,7 @@ import numpy as np
 
 from waam_node.params import param
 from waam_robot.accuracy import AxisErrors
-from waam_robot.arm import Arm, Link
+from waam_robot.arm import AXES, Arm, Link, forward
 from waam_robot.station import JOINTS, Station
 
 SUBSTEP = 2e-3  # s
@@ -114,6 +114,11 @@ class SimRobot:
         if not self.dead:
             self._told = (self.time_us, self._motor.copy(), self._rates.copy())
         return before + share * (self.tip - before), np.tile(self.scanner, (milliseconds, 1))
+
+    def flange(self, theta: np.ndarray) -> np.ndarray:
+        """(4, 4): where the flange truly is in the robot's base for angles (6,) of the gears, rad."""
+        joints = np.concatenate([theta, self.station.hold])
+        return forward(self._arm, theta + self._errors.of(joints)[:AXES], tool=False)
 
     def _arrive(self) -> None:
         while self._coming and self._coming[0][0] <= self.time_us:
