@@ -107,6 +107,9 @@ def test_who_may_only_look_has_dead_keys_and_who_maintains_sees_the_log(make_pan
     shows(page, '#me', 'view$')
     shows(page, '#queue tr', 'block.stl')
     assert page.locator('#queue button:enabled').count() == 0
+    page.click('#stop')  # whoever sees the page may stop
+    shows(page, '#toast', 'stopped')
+    assert panel.operations.asked == [('stop',)]
     page.evaluate("""() => fetch('/api/queue_release', {method: 'POST', body: '{"id": 1}', headers: {
         'Content-Type': 'application/json', 'X-Waam-Csrf': document.querySelector('meta[name=csrf]').content}})""")
     assert panel.cell.shop.queue.read().item(1).state == 'waiting'

@@ -1,5 +1,5 @@
 // All cells at a glance and the queue of this one: asked for once a second, drawn anew where something has changed.
-import { $, duration, element, get, post, text } from './api.js';
+import { $, duration, element, get, post, text, toast } from './api.js';
 
 const WAITING = 'waiting', RELEASED = 'released', RUNNING = 'running';
 const ranks = { view: 1, operate: 2, maintain: 3 };
@@ -65,7 +65,7 @@ async function look() {
   const found = await get('/api/cells');
   $('gone').hidden = Boolean(found);
   if (!found) return;
-  text('here', found.here);
+  text('here', found.here); text('stop-name', found.here);
   text('count', `(${found.queue.count} open)`);
   $('cards').replaceChildren(...found.cells.map((c) => card(c, found.here)));
   const now = JSON.stringify(found.queue) + role;
@@ -92,6 +92,13 @@ async function me() {
   if (role >= ranks.maintain) { await log(); setInterval(log, 10000); }
 }
 
+async function stop() {
+  const answer = await post('stop', {}, { patience: 8000 });
+  if (!answer.ok) toast(`STOP: ${answer.message}. Use the emergency stop button.`, true);
+}
+
+$('stop-form').addEventListener('submit', (e) => { e.preventDefault(); stop(); });
+document.addEventListener('keydown', (e) => { if (e.key === 'Escape' && e.shiftKey) { e.preventDefault(); stop(); } });
 $('notify-test').addEventListener('click', () => post('notify_test', {}, { patience: 60000 }));
 look();
 me().then(look);
