@@ -159,6 +159,9 @@ class InLayer:
         """What the bridge has taken: setpoints, metal asked for, records."""
         k = first - self._first
         self.placed = self.placed[:k] + wanted[len(wanted) - (len(self.placed) - k) :]
+        deposits = [s for s in self.placed[k:] if s.kind == Kind.DEPOSIT]
+        if not deposits:
+            return
         later, before = self.seen.reach.nearest >= first, self.asked
         self.correction = replace(
             self.correction,
@@ -173,7 +176,6 @@ class InLayer:
         )
         planned = np.where(self.layer.planned > 0, self.layer.planned, np.inf)
         most = float(np.abs((self.asked - own) / planned)[later].max(initial=0.0))
-        deposits = [s for s in self.placed[k:] if s.kind == Kind.DEPOSIT]
         record = self.record
         record.in_layer_corrections += 1
         record.in_layer_segments += len(deposits)

@@ -69,8 +69,8 @@ class ProfileFilter:
 
 @numba.njit(cache=True, nogil=True)
 def _judge(x, z, place, height, age, gate, least, lost, ok):
-    """Sets ok (n,) of points x, z (n,) in the order of x; place (n,): of each in the remembered height and age. Remembers
-    the points that are believed."""
+    """Sets ok (n,) of points x, z (n,) in the order of x; place (n,): of each in the remembered height and age.
+    Remembers the points that are believed."""
     n, first = len(x), 0
     for i in range(1, n + 1):
         if i < n and abs(z[i] - z[i - 1]) <= STEP and x[i] - x[i - 1] <= GAP:
