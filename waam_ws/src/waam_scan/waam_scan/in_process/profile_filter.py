@@ -60,7 +60,10 @@ class ProfileFilter:
             good, a, b = good[order], a[order], b[order]
         place = np.rint(a / BIN).astype(np.int32) + len(self._height) // 2
         ok = np.zeros(len(a), np.bool_)
-        _judge(a, b, place, self._height, self._age, limits.gate, limits.least, limits.lost, ok)
+        _judge(
+            x=a, z=b, place=place, height=self._height, age=self._age, gate=limits.gate, least=limits.least,
+            lost=limits.lost, ok=ok,
+        )  # fmt: skip
         keep[good[ok]] = True
         self.kept += int(ok.sum())
         self.refused += int(len(ok) - ok.sum())
