@@ -7,7 +7,9 @@ starts from the correction that the layer began with, and is divided into speed 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +65,7 @@ class InLayer:
         c = self.correction
         return asked_growth(self.layer.planned, c.psi, c.k_gain, c.residual_height)
 
-    def _try(self, action, *args) -> None:  # type: ignore[no-untyped-def]
+    def _try(self, action: Callable[..., None], *args: Any) -> None:
         """A node that cannot answer ends the looking, never the bead."""
         try:
             action(*args)

@@ -71,7 +71,17 @@ class ProfileFilter:
 
 
 @numba.njit(cache=True, nogil=True)
-def _judge(x, z, place, height, age, gate, least, lost, ok):
+def _judge(
+    x: np.ndarray,
+    z: np.ndarray,
+    place: np.ndarray,
+    height: np.ndarray,
+    age: np.ndarray,
+    gate: float,
+    least: int,
+    lost: int,
+    ok: np.ndarray,
+) -> None:
     """Sets ok (n,) of points x, z (n,) in the order of x; place (n,): of each in the remembered height and age.
     Remembers the points that are believed."""
     n, first = len(x), 0
