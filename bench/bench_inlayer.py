@@ -3,6 +3,13 @@
 inlayer.scan_time_ratio: time in state SCANNING, ways to the scans included, with passes over what a layer has changed
 (`scan_changed_only`) over that with passes over the whole part; the same for inlayer.job_time_ratio (whole job) and
 inlayer.scan_rms_ratio (RMS at the end), all paired over seeds. 95 % intervals on stderr.
+inlayer.rms_ratio: RMS at the end with corrections within the layers (`in_layer`) over that without, paired.
+inlayer.within_scan_time_ratio, inlayer.within_scan_rms_ratio: time in state SCANNING and RMS with `in_layer` and
+`scan_changed_only`, whose passes leave out what was seen well beside the arc, over those with neither.
+inlayer.lost, inlayer.doubled: segments that were skipped, and ones that ran twice or with other setpoints than the ones
+accepted last, in the noise campaign (real bridge core, real controller core, bad cable, pulled plugs, stalls) while
+setpoints are replaced all the time; baseline: setpoints replaced. `WAAM_BENCH_NOISE` segments (4000).
+inlayer.renew_ms: a renewal by the correction service without messages' ways, median of 20, grid of the jaw.
 inlayer.bound_rms_ratio: RMS at the end of cells whose metal has no disturbance over that of the same cells with it.
 Nobody who sees the beads of a layer one by one can know more of the disturbance than that there is none.
 inlayer.seen_pct: share of a layer that the scanner beside the torch sees finished while the arc burns, largest over the
@@ -15,13 +22,17 @@ processes (2). A job takes 12 to 20 s of a core.
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
+import time
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from bench_shape import jaw_jobs
 from lib.emit import emit
+from lib.paths import SOURCES
 from lib.seeds import seeds
 
 from waam_plan.post.store import load_plan
@@ -33,6 +44,10 @@ CALM = dict.fromkeys(('metal_area_noise_fixed', 'metal_area_noise_layer', 'metal
 REACH = 4.5e-3  # m from its path that a bead changes the surface
 STEP = 1e-3  # m between the points of a path
 ONLY = {'job_sequencer': {'scan_changed_only': True}}
+WITHIN = {'job_sequencer': {'in_layer': True}}
+BOTH = {'job_sequencer': {'in_layer': True, 'scan_changed_only': True}}
+NOISE = int(os.environ.get('WAAM_BENCH_NOISE', '4000'))
+SERVICE_MS = 60.0  # limit of the correction service
 
 
 def told(name: str, ratios: np.ndarray) -> float:
@@ -51,19 +66,78 @@ def ratios(new: list, old: list, name: str) -> np.ndarray:
 
 
 def changed_only() -> None:
-    usual, only = jaw_jobs(seeds(SEEDS)), jaw_jobs(seeds(SEEDS), overrides=ONLY)
+    only = jaw_jobs(seeds(SEEDS), overrides=ONLY)
     for figure, name in (
         ('inlayer.scan_time_ratio', 'scan_time'),
         ('inlayer.job_time_ratio', 'time'),
         ('inlayer.scan_rms_ratio', 'rms'),
     ):
-        emit(figure, told(figure, ratios(only, usual, name)), '', 'passes over the whole part', 1.0)
+        emit(
+            figure, told(figure, ratios(only, usual(), name)), '', 'passes over the whole part', 1.0
+        )
+
+
+@lru_cache
+def usual() -> list:
+    """Both figures of corrections within the layer are against the same jobs."""
+    return jaw_jobs(seeds(SEEDS))
+
+
+def within() -> None:
+    name = 'inlayer.rms_ratio'
+    found = jaw_jobs(seeds(SEEDS), overrides=WITHIN)
+    corrected = sum(r['in_layer_corrections'] for job in found for r in job.reports)
+    print(f'{corrected} corrections in {len(found)} jobs', file=sys.stderr)
+    emit(name, told(name, ratios(found, usual(), 'rms')), '', 'corrections between layers', 1.0)
+
+
+def within_scan() -> None:
+    both = jaw_jobs(seeds(SEEDS), overrides=BOTH)
+    for figure, name in (
+        ('inlayer.within_scan_time_ratio', 'scan_time'),
+        ('inlayer.within_scan_rms_ratio', 'rms'),
+    ):
+        emit(figure, told(figure, ratios(both, usual(), name)), '', 'whole passes, no looks', 1.0)
+
+
+def replaced() -> None:
+    sys.path.insert(0, str(SOURCES / 'waam_bridge' / 'test'))
+    from bridge_campaign import Campaign
+
+    report = Campaign(NOISE, seed=1, replacing=0.2).run()
+    for text in report.third:
+        print(text, file=sys.stderr)
+    doubled = sum('reported after' in t or 'wire' in t for t in report.third)
+    for name, value in (('lost', len(report.third) - doubled), ('doubled', doubled)):
+        emit(f'inlayer.{name}', value, '', 'setpoints replaced', report.replaced)
+
+
+def renewal() -> None:
+    from waam_adapt import answers
+    from waam_adapt.laws.corrector import CorrectionParams
+    from waam_msgs.msg import CorrectionMap
+    from waam_msgs.srv import RenewCorrection
+    from waam_node.conversions import floats, grid_to_msg
+
+    spec, rng = GridSpec(0.0, 0.0, 0.5e-3, 140, 200), np.random.default_rng(1)
+    flat = np.zeros(spec.shape)
+    msg = CorrectionMap(job_id='j', layer=1, grid=grid_to_msg(spec), k_gain=0.3)
+    msg.psi = msg.residual_height = msg.confidence = floats(flat)
+    asked = RenewCorrection.Request(job_id='j', layer=1, correction=msg, bead_width=6e-3)
+    asked.planned_height, asked.age = floats(flat + 1.5e-3), floats(flat)
+    asked.ground = asked.growth = floats(1e-4 * rng.standard_normal(spec.shape))
+    asked.count, took = floats(flat + 50.0), []
+    for _ in range(20):
+        began = time.perf_counter()
+        answers.renew(CorrectionParams(), asked)
+        took.append(1e3 * (time.perf_counter() - began))
+    emit('inlayer.renew_ms', float(np.median(took)), 'ms', 'limit of the service', SERVICE_MS)
 
 
 def bound() -> None:
-    usual, calm = jaw_jobs(seeds(SEEDS)), jaw_jobs(seeds(SEEDS), overrides={'cell': CALM})
+    calm = jaw_jobs(seeds(SEEDS), overrides={'cell': CALM})
     name = 'inlayer.bound_rms_ratio'
-    emit(name, told(name, ratios(calm, usual, 'rms')), '', 'wanted of in-layer correction', 0.75)
+    emit(name, told(name, ratios(calm, usual(), 'rms')), '', 'wanted of in-layer correction', 0.75)
 
 
 def last_touch(deposits: list[Segment], spec: GridSpec) -> np.ndarray:
@@ -115,6 +189,12 @@ def in_view() -> None:
 
 
 FIGURES = {
+    'inlayer.rms_ratio': within,
+    'inlayer.within_scan_time_ratio': within_scan,
+    'inlayer.within_scan_rms_ratio': within_scan,
+    'inlayer.lost': replaced,
+    'inlayer.doubled': replaced,
+    'inlayer.renew_ms': renewal,
     'inlayer.scan_time_ratio': changed_only,
     'inlayer.job_time_ratio': changed_only,
     'inlayer.scan_rms_ratio': changed_only,

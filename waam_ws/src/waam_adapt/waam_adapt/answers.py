@@ -59,16 +59,21 @@ def renew(
         raise ValueError(
             f"correction is for {was}, not layer {request.layer} of '{request.job_id}'"
         )
+    found = renewal_of(p, request)
+    change = found.change[np.asarray(request.planned_height).reshape(found.change.shape) > 0]
+    rms = float(np.sqrt(np.mean(change**2))) if change.size else 0.0
+    most = float(np.abs(change).max()) if change.size else 0.0
+    return convert.renewed_to_msg(request.correction, found.correction), rms, most
+
+
+def renewal_of(p: CorrectionParams, request: RenewCorrection.Request) -> renewal.Renewal:
+    """What a request to renew comes to. ValueError names the field that cannot be used."""
     spec = grid_from_msg(request.correction.grid)
     planned = convert.named_map('planned_height', request.planned_height, spec)
     width = convert.number('bead_width', request.bead_width, 5e-4, 0.05)
     base = convert.correction_of(request.correction, spec)
     seen = convert.seen_beside_arc(request, spec)
-    found = renewal.renew(base, planned, seen, spec.resolution, width, p.belief)
-    change = found.change[np.nan_to_num(planned) > 0]
-    rms = float(np.sqrt(np.mean(change**2))) if change.size else 0.0
-    most = float(np.abs(change).max()) if change.size else 0.0
-    return convert.renewed_to_msg(request.correction, found.correction), rms, most
+    return renewal.renew(base, planned, seen, spec.resolution, width, p.belief)
 
 
 def prepare(corrector: Corrector, msg: NextLayer) -> None:

@@ -18,8 +18,8 @@ from .machine import Machine
 from .program import Limits, Modal, Permit, Refusal, Waiting
 
 PATH = ('index', 'kind', 'start', 'end', 'layer', 'bead', 'arc', 'dwell', 'tool_axis')
-AHEAD = 64  # lines that may be written while a replacement is worked out; doubled when it was late
-TRIES = 4
+AHEAD = 8  # lines that may be written while a replacement is worked out; doubled when it was late
+TRIES = 5
 
 
 class Late(Exception):

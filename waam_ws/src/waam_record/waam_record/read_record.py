@@ -25,6 +25,7 @@ SERVICES = {
     'finish': 'scan_fusion/finish',
     'correct': 'correction_server/compute',
     'feed': 'feed_forward/compute',
+    'renew': 'correction_server/renew',
 }
 SUFFIX = '/_service_event'
 

@@ -27,6 +27,7 @@ class RecordedCorrection(Protocol):
     residual_height: ArrayLike
     k_gain: float
     flow_factor: float
+    width_ratio: float
 
 
 class RecordedBatch(Protocol):

@@ -85,8 +85,8 @@ def renew(
     belief: Belief | None = None,
 ) -> Renewal:
     """The correction for what is still to come. base: the one that the layer began with; planned (rows, cols) m of
-    metal; cell: edge, m. Where nothing follows from what was seen, base stays to the last bit. CorrectionError for shapes that
-    do not fit."""
+    metal; cell: edge, m. Where nothing follows from what was seen, base stays to the last bit. CorrectionError for
+    shapes that do not fit."""
     belief = belief or Belief()
     if not planned.shape == base.psi.shape == seen.ground.shape:
         raise CorrectionError(

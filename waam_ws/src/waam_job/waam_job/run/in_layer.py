@@ -7,7 +7,9 @@ starts from the correction that the layer began with, and is divided into speed 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +65,7 @@ class InLayer:
         c = self.correction
         return asked_growth(self.layer.planned, c.psi, c.k_gain, c.residual_height)
 
-    def _try(self, action, *args) -> None:  # type: ignore[no-untyped-def]
+    def _try(self, action: Callable[..., None], *args: Any) -> None:
         """A node that cannot answer ends the looking, never the bead."""
         try:
             action(*args)
@@ -159,6 +161,9 @@ class InLayer:
         """What the bridge has taken: setpoints, metal asked for, records."""
         k = first - self._first
         self.placed = self.placed[:k] + wanted[len(wanted) - (len(self.placed) - k) :]
+        deposits = [s for s in self.placed[k:] if s.kind == Kind.DEPOSIT]
+        if not deposits:
+            return
         later, before = self.seen.reach.nearest >= first, self.asked
         self.correction = replace(
             self.correction,
@@ -173,7 +178,6 @@ class InLayer:
         )
         planned = np.where(self.layer.planned > 0, self.layer.planned, np.inf)
         most = float(np.abs((self.asked - own) / planned)[later].max(initial=0.0))
-        deposits = [s for s in self.placed[k:] if s.kind == Kind.DEPOSIT]
         record = self.record
         record.in_layer_corrections += 1
         record.in_layer_segments += len(deposits)

@@ -60,7 +60,10 @@ class ProfileFilter:
             good, a, b = good[order], a[order], b[order]
         place = np.rint(a / BIN).astype(np.int32) + len(self._height) // 2
         ok = np.zeros(len(a), np.bool_)
-        _judge(a, b, place, self._height, self._age, limits.gate, limits.least, limits.lost, ok)
+        _judge(
+            x=a, z=b, place=place, height=self._height, age=self._age, gate=limits.gate, least=limits.least,
+            lost=limits.lost, ok=ok,
+        )  # fmt: skip
         keep[good[ok]] = True
         self.kept += int(ok.sum())
         self.refused += int(len(ok) - ok.sum())
@@ -68,9 +71,19 @@ class ProfileFilter:
 
 
 @numba.njit(cache=True, nogil=True)
-def _judge(x, z, place, height, age, gate, least, lost, ok):
-    """Sets ok (n,) of points x, z (n,) in the order of x; place (n,): of each in the remembered height and age. Remembers
-    the points that are believed."""
+def _judge(
+    x: np.ndarray,
+    z: np.ndarray,
+    place: np.ndarray,
+    height: np.ndarray,
+    age: np.ndarray,
+    gate: float,
+    least: int,
+    lost: int,
+    ok: np.ndarray,
+) -> None:
+    """Sets ok (n,) of points x, z (n,) in the order of x; place (n,): of each in the remembered height and age.
+    Remembers the points that are believed."""
     n, first = len(x), 0
     for i in range(1, n + 1):
         if i < n and abs(z[i] - z[i - 1]) <= STEP and x[i] - x[i - 1] <= GAP:
