@@ -27,7 +27,7 @@ import numpy as np
 from lib import twin_cells, twin_data
 from lib.emit import emit
 
-RECORDS, NEXT, FORECASTS = 2, 4, 3
+RECORDS, NEXT, FORECASTS = 2, 4, 2
 NEXT_PART = 500
 
 
