@@ -6,8 +6,8 @@ the same with those that it says it was not told;
 twin.forecast_error_pct: mean over the cells of the error of the RMS that the laboratory forecasts for the next job,
 another part, on the fitted cell, against the mean of four such jobs on the hidden one (baseline: forecast on the
 packaged cell);
-twin.misfit_*: recordings of others (`../shared/data`; left out with a line on stderr where they are not): misfit on the
-fitted parameters (baseline: on the packaged ones).
+twin.misfit_current (A), twin.misfit_cooling, twin.misfit_layer_height (%): recordings of others (`../shared/data`;
+left out with a line on stderr where they are not): misfit on the fitted parameters (baseline: on the packaged ones).
 
 A hidden cell leaves two job folders; the fit sees nothing else. WAAM_BENCH_KEEP=FOLDER keeps records, fits and
 forecasts there, and a run that was ended goes on. WAAM_BENCH_CELLS (10) shrinks it; `0-4` takes a part of them.
@@ -27,7 +27,7 @@ import numpy as np
 from lib import twin_cells, twin_data
 from lib.emit import emit
 
-RECORDS, NEXT, FORECASTS = 2, 4, 3
+RECORDS, NEXT, FORECASTS = 2, 4, 2
 NEXT_PART = 500
 
 

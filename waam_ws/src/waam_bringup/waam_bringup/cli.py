@@ -142,6 +142,8 @@ def _add_up(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument(
         '--params-file',
+        '--cell-file',
+        dest='params_file',
         action='append',
         default=[],
         type=Path,

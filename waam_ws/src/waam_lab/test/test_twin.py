@@ -12,7 +12,7 @@ import pytest
 
 from waam_bringup.cli import main
 from waam_lab import params
-from waam_lab.twin import records, timeline
+from waam_lab.twin import records, solve, timeline
 from waam_lab.twin.compare import Comparison
 from waam_lab.twin.replay import Replay
 from waam_lab.twin.unknowns import ALL, NEVER, physics
@@ -50,7 +50,9 @@ def refused(capsys, *arguments) -> str:
     return capsys.readouterr().err
 
 
-def test_a_cell_is_found_from_its_records(job, tmp_path, capsys):
+def test_a_cell_is_found_from_its_records(job, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(solve, 'ROUNDS', 2)  # enough for one small job, and quick
+    monkeypatch.setattr(solve, 'SCATTERS', 8)
     assert fit(job, '--out', tmp_path / 'cell') == 0
     facts = json.loads((tmp_path / 'cell/fit.json').read_text())
     found = facts['parameters']

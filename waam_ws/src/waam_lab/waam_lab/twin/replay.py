@@ -77,6 +77,7 @@ def _make_lay(sources: int) -> Callable:
 
 _lay = _make_lay(SOURCES)
 _NO = np.zeros(0)
+_EVEN = np.zeros((3, 64, 64, 64))  # of a cell that scatters nothing
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class Replay:
     def run(self, physics: PlantParams, seed: int | None = None) -> Laid:
         """seed: of the scatter of beads; None = without any."""
         metal, heat = self._cold(physics, seed is not None)
-        values = lattice(seed or 0)
+        values = _EVEN if seed is None else lattice(seed)
         ratio = physics.arc.wire_ratio
         probe, out = self.readings, np.full(self.readings.t.size, np.nan)
         begin = min(float(b.t[0]) for b in self.layers.values())
