@@ -97,7 +97,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_view/waam_view/(drawing|viewer|web_viewer).py': 'start viewers and write their files',
     'waam_panel/waam_panel/(alarms|history|parts).py': 'read tables and job folders',
     'waam_panel/waam_panel/archive_page.py': 'asks the archive of jobs; ages are told from today',
-    'waam_panel/waam_panel/(api|cell|security|stream|web).py': 'the web server',
+    'waam_panel/waam_panel/(api|cell|program_page|programs|security|stream|web).py': 'the web server',
 }  # fmt: skip
 DECODES_MESSAGES = {
     'waam_lab',

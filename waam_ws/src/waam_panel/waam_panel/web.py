@@ -18,6 +18,7 @@ from aiohttp import web
 from . import history
 from .api import add_commands
 from .cell import CELL, Cell
+from .program_page import add_programs
 from .security import COOKIE, Denied
 from .stream import add_stream
 from .worker import WorkError
@@ -133,6 +134,7 @@ def make_app(cell: Cell) -> web.Application:
         web.get('/static/{name}', _static), web.get('/jobs/{id}/report.html', _report),
         web.get('/jobs/{id}/{inner}/report.html', _report),
     ])  # fmt: skip
+    add_programs(app)
     add_commands(app)
     add_stream(app)
     return app
