@@ -144,6 +144,8 @@ def test_from_upload_to_start(panel):
     assert {p['name'] for p in listed(panel)['programs']} == {'wall.gcode', 'bad.nc'}
     assert ask(panel, 'programs?name=../x.gcode', b'G0')[0] == 400
     assert ask(panel, 'programs?name=x.stl', b'G0')[0] == 400
+    status, refused = ask(panel, 'program/load', {'program': 'bad.nc'})
+    assert status == 400 and 'line 10' in refused['message'] and 'Z12' in refused['message']
     good = {'program': 'wall.gcode', 'shift_mm': [5, 0, 0], 'operator_name': 'Ann'}
     status, said = ask(panel, 'program', good)
     assert status == 200 and said['good'] and 'beads' not in said and len(said['layers']) == 2
@@ -151,8 +153,6 @@ def test_from_upload_to_start(panel):
     assert status == 200 and second['beads'][0]['path'][0] == [5, 0]
     assert ask(panel, 'program/layer', good | {'layer': 3})[1]['message'] == 'layer: 1 to 2'
     assert ask(panel, 'program/start', {})[1]['message'] == 'load the program first'
-    status, refused = ask(panel, 'program/load', {'program': 'bad.nc'})
-    assert status == 400 and 'line 10' in refused['message'] and 'Z12' in refused['message']
     assert ask(panel, 'program/load', good)[0] == 200
     assert panel.operations.asked[-1][0] == 'load' and panel.operations.asked[-1][1].mode == 'build'
     assert ask(panel, 'program/start', {})[1]['message'] == 'press Arm first'

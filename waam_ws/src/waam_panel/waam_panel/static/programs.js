@@ -54,7 +54,7 @@ function showChecks(answer) {
   }));
   if (!answer.ok) { text('g-note', answer.message); return; }
   const t = answer.totals, said = answer.good ? 'Nothing stands against a start.' : 'It cannot be started: see below.';
-  const more = t.arc_time_s === undefined ? '' : ` ${duration(t.arc_time_s)} of arc, ${t.wire_m} m of wire.`;
+  const more = t.arc_time_s === undefined ? '' : ` ${t.arc_time_s < 120 ? `${Math.round(t.arc_time_s)} s` : duration(t.arc_time_s)} of arc, ${t.wire_m} m of wire.`;
   text('g-note', `${said}${t.layers ? ` ${t.layers} layers, ${t.beads} beads.` : ''}${more}`);
 }
 
