@@ -22,6 +22,7 @@ from .progress import bar
 TRAVEL = 0.05  # m/s, to the probe point
 BATCH = 500  # segments of a request
 HOMING_S, SILENT_S = 120.0, 20.0
+ALARM_S = 5.0  # until a reset shows in the state: a command is refused by what the bridge has heard
 REST = 1.5 * SEGMENT  # s of samples before the motion
 NAME = 'calibration'
 
@@ -82,10 +83,15 @@ class Shaking(GraphClient):
             raise ClientError('the controller does not answer (waam status)')
         if self.machine.state == Telemetry.STATE_ALARM:
             self.command(Command.Request.RESET)
+            if not self.until(self._reset, ALARM_S):
+                raise ClientError(f'the machine stays in ALARM: {self.machine.fault_text}')
         if not self.machine.homed:
             self.command(Command.Request.HOME)
         if not self.until(self._rests, HOMING_S):
             raise ClientError(f'the machine does not come to rest: {self.machine.message}')
+
+    def _reset(self) -> bool:
+        return self.machine is not None and self.machine.state != Telemetry.STATE_ALARM
 
     def _rests(self) -> bool:
         m = self.machine

@@ -91,7 +91,10 @@ def test_settings_show_and_survive_a_reset(shaped):
     """They are refused by name, and changed neither by a refusal nor by a reset."""
     shown = ' shape=mzv:40:0.1,ei:30:0.1 corner_mm=0.02'
     assert shaped.ask('$I keep').endswith(shown)
-    assert shaped.ask('$C shape_y 4') == '$C ok delay_ms=14.02 span_ms=34 corner_um=6.94,37.25 corner_mm_s=2.88'
+    assert (
+        shaped.ask('$C shape_y 4')
+        == '$C ok delay_ms=14.02 span_ms=34 corner_um=6.94,37.25 corner_mm_s=2.88'
+    )
     for setting, text in [
         ('shape_x 7', 'E104 shape_x must be a whole number within 0 .. 6'),
         ('shape_x 1.5', 'E104 shape_x must be a whole number within 0 .. 6'),

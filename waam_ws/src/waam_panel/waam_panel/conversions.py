@@ -30,6 +30,7 @@ from waam_node.conversions import grid_from_msg, map_from_msg, nanoseconds, seco
 from waam_process.names import controller_state, job_state
 
 from . import pictures
+from .programs import ProgramChoice
 from .setup_form import JobSetup
 from .state import Sample
 
@@ -238,6 +239,20 @@ def goal(setup: JobSetup, part: Path, jobs_dir: Path) -> RunJob.Goal:
         operator_name=setup.operator_name, passes=setup.passes,
         allowance=setup.allowance_mm * 1e-3, notes=setup.notes,
     )  # fmt: skip
+
+
+def program_goal(
+    choice: ProgramChoice, program: Path, nominal: Path | None, jobs_dir: Path
+) -> RunJob.Goal:
+    """The goal of `waam job run PROGRAM --mode build`: mm of the page to m."""
+    goal = RunJob.Goal(
+        part=str(nominal or ''), program=str(program), dialect=choice.dialect, mode='build',
+        material=choice.material, loop_mode=choice.loop_mode, k_gain=math.nan, tolerance=0.2e-3, scale=1e-3,
+        jobs_dir=str(jobs_dir), operator_name=choice.operator_name, passes=1, notes=['started_from=panel'],
+    )  # fmt: skip
+    shift = goal.program_shift
+    shift.x, shift.y, shift.z = (v * 1e-3 for v in choice.shift_mm)
+    return goal
 
 
 def resumed(folder: Path, operator: str = '') -> RunJob.Goal:

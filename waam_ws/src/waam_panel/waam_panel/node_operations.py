@@ -21,6 +21,7 @@ from waam_process.operating import BUILD_PLATE
 
 from . import conversions as cv
 from .operations import Refused
+from .programs import ProgramChoice
 from .setup_form import JobSetup
 
 PATIENCE_S = 5.0
@@ -167,6 +168,12 @@ class RosOperations:
     def start(self, setup: JobSetup, part: Path, jobs_dir: Path) -> str:
         """Returns when the job is accepted; everything after that is in job_status."""
         return self._run_job(cv.goal(setup, part, jobs_dir))
+
+    def start_program(
+        self, choice: ProgramChoice, program: Path, nominal: Path | None, jobs_dir: Path
+    ) -> str:
+        """Returns when the job is accepted; everything after that is in job_status."""
+        return self._run_job(cv.program_goal(choice, program, nominal, jobs_dir))
 
     def resume_job(self, folder: Path) -> str:
         """Returns when the job is accepted; everything after that is in job_status."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
+from .programs import ProgramChoice
 from .setup_form import JobSetup
 
 
@@ -58,6 +59,11 @@ class Operations(Protocol):
 
     def start(self, setup: JobSetup, part: Path, jobs_dir: Path) -> str:
         """Starts a job of this part; its folder is made in `jobs_dir`."""
+
+    def start_program(
+        self, choice: ProgramChoice, program: Path, nominal: Path | None, jobs_dir: Path
+    ) -> str:
+        """Starts a job that lays this program as it is, with the goal of `waam job run`."""
 
     def resume_job(self, folder: Path) -> str:
         """Goes on with an interrupted job."""

@@ -21,13 +21,19 @@ class PartFolders:
     """The first folder takes uploads; all are searched, one level deep."""
 
     folders: tuple[Path, ...]
+    suffixes: tuple[str, ...] = SUFFIXES
+    kind: str = 'part'
 
     def listing(self) -> list[dict[str, object]]:
         """Files that can be chosen: name, size in kB, changed (UTC, s); newest first. One entry per name."""
         found: dict[str, tuple[float, int]] = {}
         for folder in self.folders:
             for file in sorted(folder.glob('*')) if folder.is_dir() else ():
-                if file.suffix.lower() in SUFFIXES and file.is_file() and file.name not in found:
+                if (
+                    file.suffix.lower() in self.suffixes
+                    and file.is_file()
+                    and file.name not in found
+                ):
                     stat = file.stat()
                     found[file.name] = (stat.st_mtime, stat.st_size)
         rows = sorted(found.items(), key=lambda item: -item[1][0])[:LISTED]
@@ -36,18 +42,18 @@ class PartFolders:
     def find(self, name: str) -> Path:
         """The file of a name from the list. Raises PartsError: names only, no paths."""
         if name != Path(name).name or name in ('', '.', '..'):
-            raise PartsError(f'{name!r} is not the name of a part')
+            raise PartsError(f'{name!r} is not the name of a {self.kind}')
         for folder in self.folders:
             file = folder / name
-            if file.suffix.lower() in SUFFIXES and file.is_file():
+            if file.suffix.lower() in self.suffixes and file.is_file():
                 return file.resolve()
-        raise PartsError(f'there is no part {name!r}')
+        raise PartsError(f'there is no {self.kind} {name!r}')
 
     def save(self, name: str, data: bytes) -> str:
         """Stores an upload under its name, with a number when another file has it. Returns the name."""
-        if not _NAME.fullmatch(name) or Path(name).suffix.lower() not in SUFFIXES:
+        if not _NAME.fullmatch(name) or Path(name).suffix.lower() not in self.suffixes:
             raise PartsError(
-                f'{name!r}: letters, digits, space and . _ + - only, ending in {", ".join(SUFFIXES)}'
+                f'{name!r}: letters, digits, space and . _ + - only, ending in {", ".join(self.suffixes)}'
             )
         if not data:
             raise PartsError(f'{name}: the file is empty')

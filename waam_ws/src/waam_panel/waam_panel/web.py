@@ -18,7 +18,7 @@ from aiohttp import web
 
 from waam_shop.roles import Role
 
-from . import api, history, routes, shop_api, stream
+from . import api, history, program_page, routes, shop_api, stream
 from .auditing import denied, signed_in
 from .cell import CELL, Cell
 from .routes import VISITOR, WHO, Handler, Route
@@ -161,13 +161,14 @@ ROUTES = (
     Route('GET', '/jobs/{id}/report.html', Role.VIEW, _report),
     Route('GET', '/jobs/{id}/{inner}/report.html', Role.VIEW, _report),
 )  # fmt: skip
-ALL_ROUTES = (*ROUTES, *api.ROUTES, *shop_api.ROUTES, *stream.ROUTES)
+ALL_ROUTES = (*ROUTES, *api.ROUTES, *program_page.ROUTES, *shop_api.ROUTES, *stream.ROUTES)
 
 
 def make_app(cell: Cell) -> web.Application:
     """All routes."""
     app = web.Application(middlewares=[_checks], client_max_size=cell.upload_bytes + 65536)
     app[CELL] = cell
+    app[program_page.PROGRAMS] = program_page.programs_of(cell)
     routes.add(app, ALL_ROUTES)
     return app
 

@@ -2,12 +2,14 @@
 
 python3 -m waam_panel.worker plan PART ... --out DIR     like `waam plan`, material defaults filled in
 python3 -m waam_panel.worker report FOLDER               report.html of a job
+python3 -m waam_panel.worker program JSON                a look at a program, JSON
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import json
 import os
 import sys
 from pathlib import Path
@@ -58,12 +60,31 @@ async def work(arguments: list[str], patience: float = PATIENCE_S) -> str:
     return out.decode(errors='replace')
 
 
+def _program(text: str) -> int:
+    from .program_look import ENDLESS, Asked, look
+
+    data = json.loads(text)
+    limits = data['limits']
+    asked = Asked(
+        Path(data['program']),
+        data['dialect'],
+        Path(data['nominal']) if data['nominal'] else None,
+        data['material'],
+        tuple(data['shift']),
+        (tuple(limits[:3]), tuple(limits[3:])) if limits else ENDLESS,
+    )
+    json.dump(look(asked).as_dict(), sys.stdout)
+    return 0
+
+
 def main(arguments: list[str]) -> int:
     """0; otherwise one line on stderr says why."""
     if arguments[:1] == ['report']:
         from waam_view.report import main as report
 
         return report(arguments[1:])
+    if arguments[:1] == ['program']:
+        return _program(arguments[1])
     from waam_plan.cli import register
 
     parser = argparse.ArgumentParser()

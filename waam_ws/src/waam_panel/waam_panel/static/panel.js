@@ -2,6 +2,7 @@
 import { $, duration, element, fixed, get, post, text, toast } from './api.js';
 import { acknowledgeTop, bindAlarms, makeTable, showAlarms } from './alarms.js';
 import { bindArchive, drawChart } from './archive.js';
+import { bindPrograms, drawProgram, programs } from './programs.js';
 import { bindJog, jogKey, makeSteps } from './jog.js';
 import { bindMap, draw as drawMap, hasMap, moveTorch, refresh, show as showMap } from './map.js';
 import { addSamples, makePlots, setJob } from './plots.js';
@@ -43,7 +44,7 @@ function bind() {
   document.addEventListener('keydown', key);
   window.addEventListener('resize', redraw);
   $('map-tabs').addEventListener('click', redraw);
-  bindAlarms(open); bindArchive(); bindJog(); bindMap(); bindSetup();
+  bindAlarms(open); bindArchive(); bindJog(); bindMap(); bindPrograms(); bindSetup();
 }
 
 function key(e) {
@@ -51,7 +52,7 @@ function key(e) {
   if (e.ctrlKey || e.altKey || e.metaKey || ['INPUT', 'SELECT', 'TEXTAREA'].includes(e.target.tagName)) return;
   if (page === 'move' && jogKey(e)) return;
   const pages = document.querySelectorAll('nav [data-page]');
-  if (/^[1-6]$/.test(e.key)) { open(pages[e.key - 1].dataset.page); return; }
+  if (/^[1-7]$/.test(e.key)) { open(pages[e.key - 1].dataset.page); return; }
   const act = { p: pause, a: () => $('arm').click(), S: () => $('start').click(), r: () => $('resume').click(), k: acknowledgeTop,
     t: () => $('theme').click(), h: () => page === 'move' && $('home').click() }[e.key];
   if (act && !e.repeat) act();
@@ -64,12 +65,13 @@ function open(name) {
   redraw();
   if (name === 'setup') choices();
   if (name === 'jobs') jobs();
+  if (name === 'gcode') programs().then(drawProgram);
 }
 
 function theme(dark) {
   document.documentElement.classList.toggle('dark', dark);
   text('theme', dark ? 'Light' : 'Dark');
-  redraw(); drawChart();
+  redraw(); drawChart(); drawProgram();
   try { localStorage.setItem('theme', dark ? 'dark' : 'light'); } catch { /* private window: not kept */ }
 }
 

@@ -1,0 +1,50 @@
+"""`waam calibrate resonance` on a real graph: virtual controller on its pty, swinging gantry, accelerometer, DDS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from waam_bringup import cli
+from waam_bringup.graph import Settings
+from waam_bringup.operate import graph
+from waam_node.testing import fresh_domain
+
+TRUE_HZ, DAMPING = 35.0, 0.05
+NOT_NEEDED = (
+    'scan_fusion', 'correction_server', 'feed_forward', 'thermal_compensator', 'process_control', 'recorder',
+    'dashboard', 'panel',
+)  # fmt: skip
+SWINGING = {
+    'gantry_on': True, 'gantry_x_hz': TRUE_HZ, 'gantry_x_damping': DAMPING, 'gantry_hz_per_m': 0.0,
+    'gantry_x_second_hz': 90.0,
+}  # fmt: skip
+SWEEP = ('--from-hz', '15', '--to-hz', '60', '--rate', '6')
+
+
+def calibrate(run: Path, domain: int, *more: str) -> int:
+    where = ('--run', str(run), '--domain', str(domain))
+    return cli.main(['calibrate', 'resonance', '--axis', 'x', *SWEEP, *where, *more])
+
+
+def test_the_mode_of_the_gantry_is_found_and_its_shaper_told(tmp_path, monkeypatch, capfd):
+    """Found within 2 %; kept with its report and samples; its shaper in force in the controller."""
+    monkeypatch.setenv('WAAM_CALIBRATIONS', str(tmp_path / 'kept'))
+    params = tmp_path / 'swing.yaml'
+    params.write_text(yaml.safe_dump({'cell': {'ros__parameters': SWINGING}}))
+    run, domain = tmp_path / 'run', fresh_domain()
+    settings = Settings(run=run, seed=5, params_files=(params,), without=NOT_NEEDED)
+    with graph(settings, domain, timeout=60.0):
+        point = ('--point', '150', '120', '60')
+        assert calibrate(run, domain, *point) == 0
+    said = capfd.readouterr().out
+    (file,) = (tmp_path / 'kept').glob('*.yaml')
+    found = yaml.safe_load(file.read_text())
+    assert file.with_suffix('.html').is_file() and file.with_suffix('.npz').is_file()
+    told = next(x for x in said.splitlines() if x.startswith('controller: '))
+    assert 'delay_ms=' in told and 'corner_mm_s=' in told
+    assert found['values']['mode_hz'] == pytest.approx(TRUE_HZ, rel=0.02)
+    shaper = dict(found['settings'])
+    assert shaper['shape_x_hz'] == pytest.approx(TRUE_HZ, rel=0.08) and shaper['shape_x'] > 0
