@@ -26,6 +26,13 @@ class RobotParams(BridgeParams):
         'm',
     )
     origin: tuple = param((-0.2, -0.15, 0.0), 'machine zero on the faceplate', 'm')
+    tilt: float = param(
+        0.0,
+        'of the part towards the robot, by the positioner: that of the plan (`waam plan --tilt`)',
+        'rad',
+        -1.745,
+        1.745,
+    )
     work_low: tuple = param((0.0, 0.0, 0.0), 'lower corner of the box that the torch may use', 'm')
     work_high: tuple = param((0.4, 0.3, 0.2), 'upper corner; HOME goes to (0, 0, 0.2)', 'm')
     trajectory_action: str = param(
@@ -79,6 +86,10 @@ class RobotParams(BridgeParams):
             got = len(getattr(self, name))
             if got != count:
                 raise ParameterError(f"parameter '{name}' has {got} values, needs {count}")
+        if self.urdf and self.tilt:
+            raise ParameterError(
+                "parameter 'tilt': only the M-20iB/25 tilts the part, not an arm from a URDF"
+            )
         if self.known_posture and len(self.known_posture) != joints:
             got = len(self.posture)
             raise ParameterError(f"parameter 'posture' has {got} values, needs {joints}")
@@ -113,7 +124,7 @@ class RobotParams(BridgeParams):
         )
         return Place(
             positioner=Positioner(a_b=a_b, d_b=d_b, d_c=d_c),
-            origin=origin, low=low, high=high,  # type: ignore[arg-type]
+            origin=origin, low=low, high=high, tilt=float(self.tilt),  # type: ignore[arg-type]
         )  # fmt: skip
 
     def limits(self, box_mm: tuple[float, ...]) -> Limits:

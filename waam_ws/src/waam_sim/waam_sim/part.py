@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from waam_process.grid import GridSpec, HeightGrid
+from waam_robot.tilt import tilted
 
 from .compiled import jit
 
@@ -29,9 +30,12 @@ def plate(size_x: float, size_y: float, size_z: float, cell: float, margin: floa
     return HeightGrid(spec, np.where(inside, size_z, 0.0))
 
 
-def from_stl(path: str, cell: float, margin: float) -> HeightGrid:
-    """Top surface of an STL file (mm). Its bounding box is moved to the origin, its lowest point to the table."""
-    triangles = _read(path)
+def from_stl(path: str, cell: float, margin: float, tilt: float = 0.0) -> HeightGrid:
+    """Top surface of an STL file (mm). Its bounding box is moved to the origin, its lowest point to the table.
+
+    tilt: rad, by which a positioner tilts it towards -x before it is seen from above.
+    """
+    triangles = tilted(_read(path), tilt) if tilt else _read(path)
     triangles -= triangles.reshape(-1, 3).min(axis=0)
     size = triangles.reshape(-1, 3).max(axis=0)
     if not (size[:2] > 0).all() or (size > LARGEST).any():

@@ -66,12 +66,16 @@ def check(
 ) -> RobotCheck:
     """The plan, with its reach as that of the machine, on the robot of the parameters. `told` after every layer."""
     length = sum(layer.length for layer in plan.layers)
+    stands = float(np.degrees(params.tilt))
+    if abs(stands - plan.settings.tilt_deg) > 1e-3:
+        text = f'the plan is for a tilt of {plan.settings.tilt_deg:g} deg, the positioner stands at {stands:g}'
+        return RobotCheck(length, problem=text)
     found: list[Place] = []
     try:
         station = Station(params.place())
-        for laid in layers(plan, params, told):
+        for laid in layers(plan, params, told, station):
             found += [p for bead in laid.beads for p in places(bead, station, params)]
-            said = too_fast(laid.tips, station, params, work_zero(plan))
+            said = too_fast(laid.tips, station, params, work_zero(plan, station))
             if said and not any(p.stops for p in found):
                 return RobotCheck(length, problem=f'layer {laid.number}, {said}')
         contacts, unchecked = _contacts(plan, station)
@@ -96,18 +100,20 @@ def _contacts(plan: Plan, station: Station) -> tuple[list[str], str]:
     """One line for every way that touches something, and why none was looked at."""
     place = station.place
     try:
-        scene = Scene(Machine(place.arm, place.positioner))
+        scene = Scene(Machine(place.arm, place.positioner), held=station.held)
     except CollisionError as e:
         return [], str(e)
-    shift = np.array(work_zero(plan)) + place.origin
+    zero = np.array(work_zero(plan, station))
+    shift = zero + place.origin
+    bottom = np.inf if place.tilt else 0.0  # a tilted part does not reach down to a level faceplate
     top, found = plan.as_found.z.copy(), []
     here: np.ndarray | None = None
     for layer in plan.layers:
         np.copyto(top, layer.target_after, where=layer.footprint)
         corner = (plan.spec.origin_x + shift[0], plan.spec.origin_y + shift[1])
-        scene.set_surface(corner, plan.spec.resolution, top + shift[2])
+        scene.set_surface(corner, plan.spec.resolution, top + shift[2], bottom)
         for name, way in _ways(layer, here):
-            joints = station.joints(way + np.array(work_zero(plan)))
+            joints = station.joints(way + zero)
             contact = scene.first(joints)
             if contact is not None:
                 gone = np.linalg.norm(np.diff(way[: contact.at + 1], axis=0), axis=1).sum()
