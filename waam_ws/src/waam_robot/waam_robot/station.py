@@ -193,6 +193,10 @@ class Station:
         """(N, 3) m: the torch in machine coordinates for joints (N, 8)."""
         return self.frames(joints)[:, :3, 3]
 
+    def to_machine(self, joints: np.ndarray) -> np.ndarray:
+        """(4, 4) or (N, 4, 4): from the robot's base to machine coordinates, for joints (N, 8)."""
+        return self._to_machine(np.asarray(joints, float)[:, AXES:])
+
     def carried(self, points: np.ndarray) -> np.ndarray:
         """(N, 3) m: where the tilt takes points (N, 3) that stand on the level faceplate, machine coordinates."""
         p = self.place.positioner
