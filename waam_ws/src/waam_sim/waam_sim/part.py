@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from waam_process.grid import GridSpec, HeightGrid
-from waam_robot.tilt import tilted
 
 from .compiled import jit
 
@@ -35,7 +34,7 @@ def from_stl(path: str, cell: float, margin: float, tilt: float = 0.0) -> Height
 
     tilt: rad, by which a positioner tilts it towards -x before it is seen from above.
     """
-    triangles = tilted(_read(path), tilt) if tilt else _read(path)
+    triangles = _tilted(_read(path), tilt) if tilt else _read(path)
     triangles -= triangles.reshape(-1, 3).min(axis=0)
     size = triangles.reshape(-1, 3).max(axis=0)
     if not (size[:2] > 0).all() or (size > LARGEST).any():
@@ -68,6 +67,13 @@ def volume(part: HeightGrid) -> float:
 def _around(size_x: float, size_y: float, cell: float, margin: float) -> GridSpec:
     rim = math.ceil(margin / cell) * cell
     return GridSpec.covering(-rim, -rim, size_x + rim, size_y + rim, cell)
+
+
+def _tilted(corners: np.ndarray, tilt: float) -> np.ndarray:
+    """(n, 3, 3): z leans to -x and x goes up, by `tilt` rad."""
+    x, y, z = np.moveaxis(corners, -1, 0)
+    c, s = math.cos(tilt), math.sin(tilt)
+    return np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
 
 
 def _read(path: str) -> np.ndarray:
