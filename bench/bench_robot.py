@@ -34,6 +34,11 @@ robot.tcp_mm, robot.hand_eye_mm: calibrations of 40 simulated robots with their 
 14 profiles of a sphere: median distance of the tip (scanner) found from the true one; baseline: as it was mounted,
 2 mm off along every axis. robot.calibration_coverage: share of the coordinates of both that lie within their 95 %
 interval; baseline: 0.95.
+
+robot.bend_mm: RMS by which the pose errors of 40 simulated robots bend a map of 80 x 60 mm, from their true poses;
+baseline: as `waam plan --machine robot` predicts it from the stated errors. robot.overhang_deg: steepest arm on a post
+that is built with the part tilted (60, 70, 80, 85, 90 degrees, in the laboratory, seeds 3, 7) with at most 0.3 mm RMS
+and no contact of arm or torch in its plan; baseline: the limit of the planner on a level part.
 """
 
 from __future__ import annotations
@@ -239,7 +244,37 @@ def calibrated() -> None:
     emit('robot.calibration_coverage', float(inside.mean()), '1', 'stated', 0.95)
 
 
+def bent() -> None:
+    """Forty robots."""
+    from lib.robot_cell import bends
+
+    measured, told = bends(seeds(tuple(range(1, 41))))
+    emit('robot.bend_mm', measured * 1e3, 'mm', 'predicted', told * 1e3)
+
+
+def overhangs() -> None:
+    """Arms on a post."""
+    import tempfile
+    from pathlib import Path
+
+    from lib.robot_overhang import build
+
+    from waam_plan.settings import PlanSettings
+
+    best = 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        for degrees in (60.0, 70.0, 80.0, 85.0, 90.0):
+            walls = [build(degrees, seed, Path(folder)) for seed in seeds((3, 7))]
+            said = '; '.join(f'{w.said}, {w.contacts} contacts' for w in walls)
+            print(f'robot.overhang_deg, {degrees:g} deg: {said}', file=sys.stderr)
+            if all(w.rms <= 0.3e-3 and not w.contacts for w in walls):
+                best = degrees
+    emit('robot.overhang_deg', best, 'deg', 'level', PlanSettings().overhang_limit_deg)
+
+
 FIGURES = {
+    'robot.bend_mm': bent,
+    'robot.overhang_deg': overhangs,
     'robot.tcp_mm': calibrated,
     'robot.hand_eye_mm': calibrated,
     'robot.calibration_coverage': calibrated,

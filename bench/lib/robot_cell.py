@@ -205,3 +205,23 @@ def calibrations(numbers: tuple[int, ...]) -> dict[str, np.ndarray]:
         off = eye.scanner[:3, 3] - made.truth[:3, 3]
         out['profiles'].append([*(off / eye.interval[:3]), np.linalg.norm(off)])
     return {name: np.array(rows) for name, rows in out.items()}
+
+
+def bends(
+    numbers: tuple[int, ...], size: tuple[float, float] = (0.08, 0.06)
+) -> tuple[float, float]:
+    """(measured, predicted) m: RMS by which the maps of `size` m of simulated robots are bent, backlash included."""
+    from waam_robot.bend import bend
+    from waam_robot.station import Station
+    from waam_sim.robot import RobotParams as Cell
+    from waam_sim.robot import SimRobot
+
+    station, taught = Station(), np.array(ZERO)
+    grid = np.meshgrid(*(np.linspace(0, length, 9) for length in size), [0.01])
+    tips = np.stack(grid, -1).reshape(-1, 3) + taught
+    joints, off = station.joints(tips), []
+    for seed in numbers:
+        robot = SimRobot(station, Cell(), seed, taught, taught, 0)
+        off.append([robot.height_error(row) for row in joints])
+    told = bend(station, tips, taught, np.array([0.06, 0.0, 0.0]))
+    return float(np.sqrt(np.mean(np.square(off)))), told.rms

@@ -338,8 +338,8 @@ def _centre(
     """(3,) m: below the tops of the profiles by the radius, roughly."""
     both = frames @ nominal
     tops = [points[of == n][np.argmax(points[of == n][:, 2])] for n in range(len(frames))]
-    tops = np.array(tops) - [0, 0, radius]
-    return np.asarray(np.einsum('nij,nj->ni', both[:, :3, :3], tops) + both[:, :3, 3]).mean(axis=0)
+    under = np.array(tops) - [0, 0, radius]
+    return np.asarray(np.einsum('nij,nj->ni', both[:, :3, :3], under) + both[:, :3, 3]).mean(axis=0)
 
 
 def _roughly(

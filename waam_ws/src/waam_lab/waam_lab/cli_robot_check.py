@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.console import Console
 from rich.progress import Progress
 
@@ -14,7 +16,8 @@ from .robot.robot_check import check
 
 def check_robot(plan: Plan) -> None:
     """Prints what the robot will make of the plan. ValueError where it must not be run."""
-    robot: RobotParams = params.make({}).robot_bridge
+    tilt = math.radians(plan.settings.tilt_deg)
+    robot: RobotParams = params.make({'robot_bridge': {'tilt': tilt}}).robot_bridge
     console = Console(stderr=True, highlight=False)
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task('robot, layer by layer', total=len(plan.layers))

@@ -98,7 +98,7 @@ def on_table(job: LabJob, physics: PlantParams) -> HeightGrid:
     """What lies in the cell. ValueError when it cannot be read or is too large."""
     metal = physics.metal
     if job.as_found is not None:
-        return parts.from_stl(str(job.as_found), metal.cell, metal.margin)
+        return parts.from_stl(str(job.as_found), metal.cell, metal.margin, physics.robot.tilt)
     if job.goal.mode == 'restore':
         raise ValueError("as_found (--as-found): a restoration needs the mesh of the worn part")
     return parts.plate(*BUILD_PLATE, metal.cell, metal.margin)

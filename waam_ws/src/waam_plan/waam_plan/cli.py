@@ -32,6 +32,7 @@ examples:
   waam plan part.stl --mode build --scale 1              a file in metres (default 0.001: mm)
   waam plan part.gcode --dialect slicer --nominal part.stl --preview   another slicer's program: layers, beads, checks
   waam plan part.stl --mode build --machine robot       what the robot will make of it: speeds, contacts, reach
+  waam plan arm.stl --as-found post.stl --machine robot --tilt 80 --clamp   an overhang of 80 deg, the part tilted
   waam plan ring.stl --mode build --post kuka --positioner turn --run --out out/   a robot's program, read back and run
 
 --set of what a program without the closed loop needs:
@@ -190,6 +191,18 @@ def _add_outputs(p: argparse.ArgumentParser) -> None:
         help='robot: also look where the robot of `waam up --machine robot` cannot hold the programmed speed, what '
         'comes too near to what and what is out of reach; exit status 2 where the plan cannot be run',
     )
+    p.add_argument(
+        '--tilt',
+        type=float,
+        metavar='DEG',
+        help='of --machine robot: the positioner tilts the part by so much towards the robot, so that what leans to +x '
+        'grows upwards; for overhangs beyond 45 degrees',
+    )
+    p.add_argument(
+        '--clamp',
+        action='store_true',
+        help='of --tilt: the part is held by a clamp at the work zero, over level ground, not on the faceplate',
+    )
     cli_robot.add_robot(p)
     p.add_argument(
         '--tolerance',
@@ -244,6 +257,8 @@ def make_plan(args: argparse.Namespace) -> Plan:
     from waam_plan.mesh.part import load_part
 
     settings = settings_from(args)
+    if settings.tilt_deg:
+        _check_tilt(args, settings)
     if cli_program.is_program(args):
         return cli_program.program_plan(args, settings)
     if is_cloud(args.part):
@@ -264,10 +279,23 @@ def make_plan(args: argparse.Namespace) -> Plan:
     for line in part.report.lines():
         print(line)
     if mode == 'build':
+        part = part.tilted(settings.tilt_deg)
         return plan_build(part, settings, args.layers, warping=_warping(args))
     if args.warping:
         raise ValueError('--warping belongs to --mode build')
     return _restoration(part, args, settings)
+
+
+def _check_tilt(args: argparse.Namespace, settings: PlanSettings) -> None:
+    if args.machine != ROBOT:
+        raise ValueError('--tilt needs --machine robot: no other machine tilts the part')
+    if cli_program.is_program(args) or args.level is not None or args.zone or args.warping:
+        raise ValueError('--tilt belongs to a mesh, not to a program, --level, --zone or --warping')
+    if not args.as_found and not settings.clamp:
+        raise ValueError(
+            '--tilt of a build has no level ground: give what stands there as --as-found, or --clamp where the lowest '
+            'face of the tilted part begins on a level one'
+        )
 
 
 def _warping(args: argparse.Namespace) -> Displacements | None:
@@ -283,7 +311,7 @@ def _restoration(part: Part, args: argparse.Namespace, settings: PlanSettings) -
     from waam_plan.mesh.inputs import of_part
     from waam_plan.mesh.part import check_fits
 
-    check_fits(part, settings)
+    check_fits(part.tilted(settings.tilt_deg), settings)
     surfaces = of_part(part, args.as_found, args.scale, settings, args.zone)
     return _restored(surfaces, args, settings)
 
@@ -320,6 +348,10 @@ def settings_from(args: argparse.Namespace) -> PlanSettings:
         given['tolerance'] = args.part_tolerance * 1e-3
     if args.overhang is not None:
         given['overhang_limit_deg'] = args.overhang
+    if args.tilt is not None:
+        given['tilt_deg'] = args.tilt
+    if args.clamp:
+        given['clamp'] = True
     given |= {
         k: getattr(args, k)
         for k in ('direction', 'alternation', 'strategy', 'levels')

@@ -94,6 +94,7 @@ _LIMITS: dict[str, Pair] = {
     'tangent_in': (0.0, 50e-3),
     'tangent_out': (0.0, 50e-3),
     'overhang_passes': (1, 5),
+    'tilt_deg': (-100.0, 100.0),
 }
 
 
@@ -200,6 +201,10 @@ class PlanSettings:
     overhang_passes: int = 1  # how often a bead of a build is laid that mostly overhangs
     # sections of a build within growth_step of the one two below repeat its path, whatever the strategy
     multi_level: bool = False
+    # by which a robot's positioner tilts the part towards the robot, +x up (waam_robot.tilt); 0 = level
+    tilt_deg: float = 0.0
+    # the tilted part is held by a clamp over level ground at the work zero, not on the faceplate
+    clamp: bool = False
 
     def __post_init__(self) -> None:
         wrong = [p for f in fields(self) if (p := _problem(f.name, getattr(self, f.name)))]
@@ -214,6 +219,8 @@ class PlanSettings:
             wrong.append(f'speed_max is {self.speed_max:g}, below speed {self.speed:g}')
         if self.scanner_range[0] >= self.scanner_range[1]:
             wrong.append(f'scanner_range {self.scanner_range} must be (lowest, highest)')
+        if self.clamp and not self.tilt_deg:
+            wrong.append('clamp belongs to a tilt (tilt_deg)')
         for low, high, axis in zip(self.machine_min, self.machine_max, 'xyz', strict=True):
             if low >= high:
                 wrong.append(f'machine_min {axis} is {low:g}, not below machine_max {high:g}')

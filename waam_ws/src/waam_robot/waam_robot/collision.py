@@ -57,15 +57,21 @@ class _Solid:
 
 
 class Scene:
-    """A machine with the part on its faceplate. `margin` (m): nearer is a contact."""
+    """A machine with the part on its faceplate. `margin` (m): nearer is a contact. held: (4, 4), the part's frame on
+    the faceplate; None = the same."""
 
     def __init__(
-        self, machine: Machine, bodies: Bodies | None = None, margin: float = MARGIN
+        self,
+        machine: Machine,
+        bodies: Bodies | None = None,
+        margin: float = MARGIN,
+        held: np.ndarray | None = None,
     ) -> None:
         self._coal = _coal()
         if not margin > 0:
             raise CollisionError(f'margin is {margin} m, must be positive')
         self.machine, self.margin = machine, margin
+        self._held = np.eye(4) if held is None else np.asarray(held, float)
         self.bodies = bodies or bodies_of(machine.arm, machine.positioner)
         self._probes = [
             self._coal.Capsule(c.radius + margin, _length(c)) for c in self.bodies.capsules
@@ -120,13 +126,19 @@ class Scene:
         joints, index = self._closely(np.asarray(joints, float))
         for begin in range(0, len(joints), BLOCK):
             some = joints[begin : begin + BLOCK]
-            found = self._first(frames_of(self.machine.arm, self.machine.positioner, some), pieces)
+            found = self._first(self._frames(some), pieces)
             if found is not None:
                 n, names = found
-                frames = frames_of(self.machine.arm, self.machine.positioner, some[n : n + 1])[0]
+                frames = self._frames(some[n : n + 1])[0]
                 tip = np.linalg.inv(frames[PART]) @ frames[AXES + 1][:, 3]
                 return Contact(int(index[begin + n]), names, self.margin, tip[:3])
         return None
+
+    def _frames(self, joints: np.ndarray) -> np.ndarray:
+        """(N, FRAMES, 4, 4) in the robot's base, that of the part where it is held."""
+        frames = frames_of(self.machine.arm, self.machine.positioner, joints)
+        frames[:, PART] = frames[:, PART] @ self._held
+        return frames
 
     def _closely(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places so near to each other that nothing moves farther than margin, and which given one is before each."""
@@ -143,7 +155,7 @@ class Scene:
 
     def _moved(self, joints: np.ndarray) -> np.ndarray:
         """(N - 1,) m: how far anything moves at most from place to place, arm and part against the base."""
-        frames = frames_of(self.machine.arm, self.machine.positioner, joints)
+        frames = self._frames(joints)
         arm = np.linalg.norm(np.diff(ends(self.bodies.capsules, frames), axis=0), axis=-1)
         turn = frames[:, PART]
         low, high = self._part_box()

@@ -1,8 +1,8 @@
 """Where the cell's box stands before the robot: torch positions in machine coordinates <-> joints of all eight axes.
 
-The torch is upright and the positioner stands still, so one branch of the arm and one spin of the torch serve the whole
-box. Both are chosen once, with a joint path around the box (`joint_path.plan`): away from limits and
-singularities. Inside the box nothing can flip then.
+The torch is upright and the positioner stands still, level or at a tilt, so one branch of the arm and one spin of the
+torch serve the whole box. Both are chosen once, with a joint path around the box (`joint_path.plan`): away from limits
+and singularities. Inside the box nothing can flip then.
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ from .bead import make_bead
 from .frames import inverse
 from .inverse import Solutions, nearest_turns, solve, unreachable_text
 from .joint_path import ELBOW, WRIST, BeadPath, Machine, PlanError, plan
+from .plate_clearance import PlateClearance
 from .positioner import Positioner
 from .split import SplitLimits
+from .tilt import MOST, carriage
 
 JOINTS = AXES + 2
 GRID = 25e-3  # m between the places of the box that are looked at
@@ -53,13 +55,15 @@ class Reach(Protocol):
 @dataclass(frozen=True)
 class Place:
     """arm and positioner; origin: (3,) m, machine zero on the faceplate (its frame, B = 0, C such that the axes are
-    those of the robot's base); low, high: (3,) m, the box in machine coordinates."""
+    those of the robot's base); low, high: (3,) m, the box in machine coordinates. tilt: rad, B of the positioner; the
+    box stays level, with its middle where the tilt carries it."""
 
     arm: Arm = M20IB25
     positioner: Positioner = field(default_factory=lambda: Positioner(a_b=1.2, d_b=0.35, d_c=0.15))
     origin: tuple[float, float, float] = (-0.2, -0.15, 0.0)
     low: tuple[float, float, float] = (0.0, 0.0, 0.0)
     high: tuple[float, float, float] = (0.4, 0.3, 0.2)
+    tilt: float = 0.0
 
 
 class Station:
@@ -71,8 +75,15 @@ class Station:
         if not all(a < b for a, b in zip(p.low, p.high, strict=True)):
             raise StationError(f'the box from {p.low} to {p.high} m is empty')
         self._origin = np.array(p.origin, float)
-        self.hold = np.array([0.0, -p.positioner.turn_zero])  # B, C
-        self._base = p.positioner.to_robot(np.eye(4), *self.hold)
+        if not -MOST <= p.tilt <= MOST:
+            raise StationError(
+                f'a tilt of {p.tilt / DEG:.1f} deg: at most {MOST / DEG:.0f} to both sides'
+            )
+        self.hold = np.array([p.tilt, -p.positioner.turn_zero])  # B, C
+        self._level = carriage(p.positioner, self._origin + np.add(p.low, p.high) / 2, p.tilt)
+        self._base = self._level.to_robot(np.eye(4), 0.0, self.hold[1])
+        # level axes on the tilted faceplate, before the origin is taken off
+        self.held = inverse(p.positioner.to_robot(np.eye(4), *self.hold)) @ self._base
         path = self._around()
         self.branch, self.spin = path.branch, path.spin
         c, s = np.cos(path.spin), np.sin(path.spin)
@@ -92,9 +103,17 @@ class Station:
         flat = np.array([start, *corners, start])
         points = [np.column_stack([flat, np.full(len(flat), z)]) for z in (low[2], high[2])]
         bead = make_bead(np.concatenate(points), step=AROUND, corner=0.0)
-        machine = Machine(self.place.arm, self.place.positioner, split=SplitLimits(r_crit=NEVER))
+        machine = Machine(self.place.arm, self._level, split=SplitLimits(r_crit=NEVER))
+        p = self.place
+        clear = PlateClearance(p.arm, p.positioner, p.tilt) if p.tilt else None
         try:
-            return plan([bead], machine)[0]
+            try:
+                return plan([bead], machine, clear)[0]
+            except PlanError as e:
+                if clear is None:
+                    raise
+                clear.settle(e)
+                return plan([bead], machine, clear)[0]
         except PlanError as e:
             raise StationError(f'the robot does not reach all of its box: {e}') from None
 
@@ -166,13 +185,24 @@ class Station:
         return self._kept[key]
 
     def _of_turns(self, b: np.ndarray | float, c: np.ndarray | float) -> np.ndarray:
-        found = inverse(self.place.positioner.to_robot(np.eye(4), b, c))
+        found = inverse(self.place.positioner.to_robot(np.eye(4), b, c) @ self.held)
         found[..., :3, 3] -= self._origin
         return found
 
     def tips(self, joints: np.ndarray) -> np.ndarray:
         """(N, 3) m: the torch in machine coordinates for joints (N, 8)."""
         return self.frames(joints)[:, :3, 3]
+
+    def to_machine(self, joints: np.ndarray) -> np.ndarray:
+        """(4, 4) or (N, 4, 4): from the robot's base to machine coordinates, for joints (N, 8)."""
+        return self._to_machine(np.asarray(joints, float)[:, AXES:])
+
+    def carried(self, points: np.ndarray) -> np.ndarray:
+        """(N, 3) m: where the tilt takes points (N, 3) that stand on the level faceplate, machine coordinates."""
+        p = self.place.positioner
+        whole = np.column_stack([np.asarray(points, float) + self._origin, np.ones(len(points))])
+        there = inverse(self._base) @ p.to_robot(np.eye(4), *self.hold)
+        return np.asarray(whole @ there.T)[:, :3] - self._origin
 
     def on_torch(self, held: np.ndarray) -> np.ndarray:
         """(4, 4): something in the frame of the flange (4, 4) as the torch sees it, axes of the machine while it is

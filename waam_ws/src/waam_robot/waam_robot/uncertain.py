@@ -82,8 +82,8 @@ class UncertainArm:
         theta = self._theta + offset + play.reshape(self._theta.shape)
         theta = theta + np.einsum('wj,wnj->nj', waves.reshape(-1, AXES), self._waves)
         rows = [{'d': link.d, 'a': link.a} for link in self._arm.links]
-        for (row, name), off in zip(self._lengths, lengths, strict=True):
-            rows[row][name] += float(off)
+        for (number, name), off in zip(self._lengths, lengths, strict=True):
+            rows[number][name] += float(off)
         pose = np.broadcast_to(np.eye(4), (len(theta), 4, 4))
         for n, (row, link) in enumerate(zip(rows, self._arm.links, strict=True)):
             pose = pose @ step(Link(row['d'], row['a'], link.alpha), theta[:, n])

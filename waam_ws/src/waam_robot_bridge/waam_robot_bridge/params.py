@@ -10,6 +10,7 @@ from waam_bridge.program import Limits
 from waam_node.params import ParameterError, param
 from waam_robot.positioner import Positioner
 from waam_robot.station import JOINTS, Place
+from waam_robot.uncertain import Stated
 from waam_robot.urdf_station import UrdfPlace
 
 NAMES = ('joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6', 'tilt', 'turn')
@@ -26,6 +27,13 @@ class RobotParams(BridgeParams):
         'm',
     )
     origin: tuple = param((-0.2, -0.15, 0.0), 'machine zero on the faceplate', 'm')
+    tilt: float = param(
+        0.0,
+        'of the part towards the robot, by the positioner: that of the plan (`waam plan --tilt`)',
+        'rad',
+        -1.745,
+        1.745,
+    )
     work_low: tuple = param((0.0, 0.0, 0.0), 'lower corner of the box that the torch may use', 'm')
     work_high: tuple = param((0.4, 0.3, 0.2), 'upper corner; HOME goes to (0, 0, 0.2)', 'm')
     trajectory_action: str = param(
@@ -35,6 +43,15 @@ class RobotParams(BridgeParams):
     joint_speed_max: tuple = param(
         (3.5, 3.5, 4.5, 7.2, 7.2, 15.0, 2.0, 3.3), 'fastest that each may turn', 'rad/s'
     )
+    joint_offset: float = param(
+        3.5e-4,
+        'stated error of every axis (0.02 deg), for what `waam plan` tells',
+        'rad',
+        0.0,
+        0.05,
+    )
+    gear_wave: float = param(9e-5, 'the same of the gear of every axis', 'rad', 0.0, 0.05)
+    link_length: float = param(1e-4, 'the same of every length of the arm', 'm', 0.0, 0.01)
     horizon: float = param(0.3, 'of a goal, then it slows down', 's', 0.1, 2.0)
     period: float = param(0.1, 'between goals while the torch moves', 's', 0.02, 1.0)
     point_step: float = param(0.01, 'between the points of a goal', 's', 0.002, 0.1)
@@ -79,6 +96,10 @@ class RobotParams(BridgeParams):
             got = len(getattr(self, name))
             if got != count:
                 raise ParameterError(f"parameter '{name}' has {got} values, needs {count}")
+        if self.urdf and self.tilt:
+            raise ParameterError(
+                "parameter 'tilt': only the M-20iB/25 tilts the part, not an arm from a URDF"
+            )
         if self.known_posture and len(self.known_posture) != joints:
             got = len(self.posture)
             raise ParameterError(f"parameter 'posture' has {got} values, needs {joints}")
@@ -98,6 +119,10 @@ class RobotParams(BridgeParams):
         given = tuple(float(v) for v in self.posture)
         return given if all(map(math.isfinite, given)) else ()
 
+    def stated(self) -> Stated:
+        """How exact the robot is said to be."""
+        return Stated(self.joint_offset, self.gear_wave, self.link_length)
+
     def urdf_place(self) -> UrdfPlace:
         """For a UrdfStation."""
         p = self.place()
@@ -113,7 +138,7 @@ class RobotParams(BridgeParams):
         )
         return Place(
             positioner=Positioner(a_b=a_b, d_b=d_b, d_c=d_c),
-            origin=origin, low=low, high=high,  # type: ignore[arg-type]
+            origin=origin, low=low, high=high, tilt=float(self.tilt),  # type: ignore[arg-type]
         )  # fmt: skip
 
     def limits(self, box_mm: tuple[float, ...]) -> Limits:

@@ -187,7 +187,8 @@ class Cell(WaamNode):
     def _part(self, request: LoadPart.Request) -> HeightGrid:
         metal = self._plant.params.metal
         if request.mesh_path:
-            return part.from_stl(request.mesh_path, metal.cell, metal.margin)
+            tilt = self._plant.params.robot.tilt
+            return part.from_stl(request.mesh_path, metal.cell, metal.margin, tilt)
         return part.plate(
             request.plate.x, request.plate.y, request.plate.z, metal.cell, metal.margin
         )

@@ -29,9 +29,12 @@ def plate(size_x: float, size_y: float, size_z: float, cell: float, margin: floa
     return HeightGrid(spec, np.where(inside, size_z, 0.0))
 
 
-def from_stl(path: str, cell: float, margin: float) -> HeightGrid:
-    """Top surface of an STL file (mm). Its bounding box is moved to the origin, its lowest point to the table."""
-    triangles = _read(path)
+def from_stl(path: str, cell: float, margin: float, tilt: float = 0.0) -> HeightGrid:
+    """Top surface of an STL file (mm). Its bounding box is moved to the origin, its lowest point to the table.
+
+    tilt: rad, by which a positioner tilts it towards -x before it is seen from above.
+    """
+    triangles = _tilted(_read(path), tilt) if tilt else _read(path)
     triangles -= triangles.reshape(-1, 3).min(axis=0)
     size = triangles.reshape(-1, 3).max(axis=0)
     if not (size[:2] > 0).all() or (size > LARGEST).any():
@@ -64,6 +67,13 @@ def volume(part: HeightGrid) -> float:
 def _around(size_x: float, size_y: float, cell: float, margin: float) -> GridSpec:
     rim = math.ceil(margin / cell) * cell
     return GridSpec.covering(-rim, -rim, size_x + rim, size_y + rim, cell)
+
+
+def _tilted(corners: np.ndarray, tilt: float) -> np.ndarray:
+    """(n, 3, 3): z leans to -x and x goes up, by `tilt` rad."""
+    x, y, z = np.moveaxis(corners, -1, 0)
+    c, s = math.cos(tilt), math.sin(tilt)
+    return np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
 
 
 def _read(path: str) -> np.ndarray:

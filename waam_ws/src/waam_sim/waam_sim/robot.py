@@ -32,6 +32,9 @@ class RobotParams:
     axis_offset: float = param(5e-5, "of the positioner's turn axis", 'm', 0.0, 0.01)
     link_length: float = param(1e-4, 'of every length of the arm', 'm', 0.0, 0.01)
     backlash: float = param(3e-5, 'of the gear of every axis, whole width', 'rad', 0.0, 0.01)
+    tilt: float = param(
+        0.0, 'of the part by the positioner, as `tilt` of the bridge', 'rad', -1.745, 1.745
+    )
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,12 @@ class SimRobot:
         """(4, 4): where the flange truly is in the robot's base for angles (6,) of the gears, rad."""
         joints = np.concatenate([theta, self.station.hold])
         return forward(self._arm, theta + self._errors.of(joints)[:AXES], tool=False)
+
+    def height_error(self, joints: np.ndarray) -> float:
+        """m: how much too high the scanner truly is at joints (8,), the gears where the motors are: so much too low is
+        what it measures there."""
+        tip, lever = self._true(np.asarray(joints, float))
+        return float((tip + lever - self.station.tips(joints[None])[0])[2])
 
     def _arrive(self) -> None:
         while self._coming and self._coming[0][0] <= self.time_us:

@@ -15,7 +15,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from waam_node.node import OK
 from waam_node.node import main as run_node
 from waam_process.plant_port import SAMPLE
-from waam_robot.station import Station
+from waam_robot.station import Place, Station
 
 from .cell_node import Cell
 from .node_robot import TrajectoryController, Welder
@@ -39,9 +39,8 @@ class RobotCell(Cell):
         """The thread's work: time goes on, 10 ms by 10 ms."""
         plant = self._plant
         taught = np.array(plant.params.work_zero)
-        robot = SimRobot(
-            Station(), plant.params.robot, self.params.seed, PARK, taught, self._time_us
-        )
+        station = Station(Place(tilt=plant.params.robot.tilt))
+        robot = SimRobot(station, plant.params.robot, self.params.seed, PARK, taught, self._time_us)
         controller = TrajectoryController(self, self._lock, robot.follow)
         welder = Welder(self, lambda: self._time_us)
         self.level, self.message = OK, 'running'

@@ -258,6 +258,8 @@ def check(goal: JobGoal) -> Checked:
         problems += [(Code.BAD_GOAL, p) for p in _contradictions(goal, material)]
     if problems or material is None:
         raise JobError(problems[0][0], '; '.join(text for _, text in problems))
+    if part is not None:
+        part = part.tilted(PlanSettings(**planner_fields(goal, material)).tilt_deg)
     return _placed(Checked(goal, part, material, program))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from waam_plan.mesh.part import PartError, check_fits
@@ -31,7 +33,7 @@ class Preflight:
 
         resumed: what is wrong with the plan of a job that goes on; None = there is no plan yet.
         """
-        found = self._gain()
+        found = self._gain() + self._tilt()
         if not work_frame.reach_known(self.cell.machine()):
             return found
         settings = self.context.plan_settings()
@@ -53,6 +55,19 @@ class Preflight:
             return []
         text = (
             f'k_gain is {self.goal.k_gain:g}, the correction server allows {limit:g} (k_gain_max)'
+        )
+        return [JobError(Code.BAD_GOAL, text)]
+
+    def _tilt(self) -> list[JobError]:
+        """The positioner stands as the plan has it; a gantry has none."""
+        wanted = self.context.plan_settings().tilt_deg
+        bridge = self.cell.parameters().get('bridge') or self.cell.parameters().get('robot_bridge')
+        stands = math.degrees(float((bridge or {}).get('tilt', 0.0)))
+        if abs(wanted - stands) < 1e-3:
+            return []
+        text = (
+            f'the plan is for a part tilted by {wanted:g} deg (tilt_deg), the positioner of the bridge stands at '
+            f'{stands:g} deg (parameter tilt)'
         )
         return [JobError(Code.BAD_GOAL, text)]
 

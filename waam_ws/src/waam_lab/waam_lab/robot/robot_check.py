@@ -10,6 +10,7 @@ import numpy as np
 
 from waam_plan.plan import Plan, PlannedLayer
 from waam_process.segment import Kind, Segment
+from waam_robot.bend import Bend, bend
 from waam_robot.collision import CollisionError, Scene
 from waam_robot.joint_path import Machine
 from waam_robot.station import Station, StationError
@@ -20,13 +21,14 @@ from .dry_run import DryRunError, layers, work_zero
 
 STEP = 1e-3  # m between the places of the torch that are looked at
 MOST_LINES = 20
+MAPPED = 400  # places of a map that are looked at
 
 
 @dataclass(frozen=True)
 class RobotCheck:
     """length: m with the arc on. ends: m at starts and ends together, and the longest of them; off: places between
     them; contacts: one line each; problem: why the plan cannot be run at all; unchecked: why contacts were not looked
-    for."""
+    for; bend: of the maps that the scanner will measure."""
 
     length: float
     ends: tuple[float, float] = (0.0, 0.0)
@@ -34,6 +36,7 @@ class RobotCheck:
     contacts: tuple[str, ...] = ()
     problem: str = ''
     unchecked: str = ''
+    bend: Bend | None = None
 
     @property
     def refused(self) -> str:
@@ -52,6 +55,8 @@ class RobotCheck:
         ]
         out += _some([f'  {p.text}' for p in self.off], 'places')
         out += _some([f'contact: {text}' for text in self.contacts], 'contacts')
+        if self.bend:
+            out.append(f'robot: {self.bend.text}')
         if self.unchecked:
             out.append(f'warning: contacts were not looked for: {self.unchecked}')
         elif not self.contacts:
@@ -66,12 +71,16 @@ def check(
 ) -> RobotCheck:
     """The plan, with its reach as that of the machine, on the robot of the parameters. `told` after every layer."""
     length = sum(layer.length for layer in plan.layers)
+    stands = float(np.degrees(params.tilt))
+    if abs(stands - plan.settings.tilt_deg) > 1e-3:
+        text = f'the plan is for a tilt of {plan.settings.tilt_deg:g} deg, the positioner stands at {stands:g}'
+        return RobotCheck(length, problem=text)
     found: list[Place] = []
     try:
         station = Station(params.place())
-        for laid in layers(plan, params, told):
+        for laid in layers(plan, params, told, station):
             found += [p for bead in laid.beads for p in places(bead, station, params)]
-            said = too_fast(laid.tips, station, params, work_zero(plan))
+            said = too_fast(laid.tips, station, params, work_zero(plan, station))
             if said and not any(p.stops for p in found):
                 return RobotCheck(length, problem=f'layer {laid.number}, {said}')
         contacts, unchecked = _contacts(plan, station)
@@ -79,14 +88,28 @@ def check(
         return RobotCheck(length, problem=str(e))
     ends = [p.end - p.begin for p in found if p.cause in (START, END)]
     off = tuple(p for p in found if p.cause not in (START, END))
-    return RobotCheck(
-        length, (sum(ends), max(ends, default=0.0)), off, tuple(contacts), unchecked=unchecked
-    )
+    longest = (sum(ends), max(ends, default=0.0))
+    bent = _bend(plan, station, params)
+    return RobotCheck(length, longest, off, tuple(contacts), unchecked=unchecked, bend=bent)
 
 
 def _some(lines: list[str], what: str) -> list[str]:
     rest = len(lines) - MOST_LINES
     return lines[:MOST_LINES] + ([f'  ... and {rest} more {what}'] if rest > 0 else [])
+
+
+def _bend(plan: Plan, station: Station, params: RobotParams) -> Bend | None:
+    """Of the map of all that is laid, the work zero being where the robot was taught."""
+    laid = np.any([layer.footprint for layer in plan.layers], axis=0)
+    rows, columns = np.nonzero(laid)
+    if not len(rows):
+        return None
+    some = np.linspace(0, len(rows) - 1, min(len(rows), MAPPED)).astype(int)
+    x, y = plan.spec.x[columns[some]], plan.spec.y[rows[some]]
+    zero = np.array(work_zero(plan, station))
+    tips = np.column_stack([x, y, np.full(len(x), plan.settings.clearance)]) + zero
+    beside = np.array([plan.settings.scanner_offset[0], plan.settings.scanner_offset[1], 0.0])
+    return bend(station, tips, zero, beside, params.stated())
 
 
 # ---- contacts
@@ -96,18 +119,20 @@ def _contacts(plan: Plan, station: Station) -> tuple[list[str], str]:
     """One line for every way that touches something, and why none was looked at."""
     place = station.place
     try:
-        scene = Scene(Machine(place.arm, place.positioner))
+        scene = Scene(Machine(place.arm, place.positioner), held=station.held)
     except CollisionError as e:
         return [], str(e)
-    shift = np.array(work_zero(plan)) + place.origin
+    zero = np.array(work_zero(plan, station))
+    shift = zero + place.origin
+    bottom = np.inf if place.tilt else 0.0  # a tilted part does not reach down to a level faceplate
     top, found = plan.as_found.z.copy(), []
     here: np.ndarray | None = None
     for layer in plan.layers:
         np.copyto(top, layer.target_after, where=layer.footprint)
         corner = (plan.spec.origin_x + shift[0], plan.spec.origin_y + shift[1])
-        scene.set_surface(corner, plan.spec.resolution, top + shift[2])
+        scene.set_surface(corner, plan.spec.resolution, top + shift[2], bottom)
         for name, way in _ways(layer, here):
-            joints = station.joints(way + np.array(work_zero(plan)))
+            joints = station.joints(way + zero)
             contact = scene.first(joints)
             if contact is not None:
                 gone = np.linalg.norm(np.diff(way[: contact.at + 1], axis=0), axis=1).sum()

@@ -17,6 +17,7 @@ from waam_sim.robot import SimRobot
 from ..machine import EPOCH_US, EXCHANGE_MS, Machine
 
 PARK = (0.060, 0.050, 0.150)  # m, where the torch is when the cell is switched on
+SAME = 1e-6  # rad
 WATCHDOG = 0.1  # s without outputs after which the welding device drops the arc by itself
 
 
@@ -44,6 +45,11 @@ class RobotMachine(Machine):
         if params.urdf:
             raise ParameterError(
                 "parameter 'urdf': the laboratory's robot is the M-20iB/25 and no other"
+            )
+        if abs(params.tilt - plant.params.robot.tilt) > SAME:
+            raise ParameterError(
+                f'robot_bridge.tilt is {params.tilt:g} rad, cell.robot_tilt {plant.params.robot.tilt:g}: '
+                'both are the tilt of one positioner'
             )
         station = Station(params.place())
         start, taught = np.array(PARK), np.array(plant.params.work_zero)

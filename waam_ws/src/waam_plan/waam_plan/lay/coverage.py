@@ -159,7 +159,7 @@ def check_overhang(
         if settings.overhang == 'refuse':
             raise PlanError(
                 f'{part.path}: {text}; turn the part, widen what is below, allow more (overhang_limit_deg, '
-                f"foot_height, overhang 'flag') or plan at most {below.number} layers"
+                f"foot_height, overhang 'flag'), tilt it (--machine robot --tilt) or plan at most {below.number} layers"
             )
         warnings.append(text)
 

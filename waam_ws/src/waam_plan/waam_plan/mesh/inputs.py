@@ -13,6 +13,7 @@ from waam_plan.mesh.part import Part, load_part
 from waam_plan.mesh.surface import top_surface
 from waam_plan.settings import PlanSettings, Triple
 from waam_process.grid import GridSpec, HeightGrid
+from waam_robot.tilt import tilted
 
 HIGHEST = 99.5  # percentile of a cloud that counts as its top, single splashes apart
 
@@ -29,8 +30,10 @@ class Surfaces:
 def of_part(part: Part, worn: Path, scale: float, settings: PlanSettings, zone: bool) -> Surfaces:
     """Nominal from a mesh; worn: mesh, cloud or .npz height grid (that one already in the work frame).
 
-    zone: the scan shows the worn zone only, nothing is planned beside it.
+    zone: the scan shows the worn zone only, nothing is planned beside it. Both are tilted by settings.tilt_deg.
     """
+    corner, tilt = part.bounds[0].copy(), settings.tilt_deg
+    part = part.tilted(tilt)
     offset = _negated(part.bounds[0])
     if worn.suffix.lower() == '.npz':
         found = HeightGrid.load_npz(worn)
@@ -38,7 +41,7 @@ def of_part(part: Part, worn: Path, scale: float, settings: PlanSettings, zone: 
         size = part.bounds[1] - part.bounds[0]
         m = settings.margin
         spec = GridSpec.covering(-m, -m, size[0] + m, size[1] + m, settings.grid)
-        found = _on(spec, worn, scale, offset)
+        found = _on(spec, worn, scale, offset, corner, tilt)
     nominal = top_surface(part.mesh, found.spec, offset)
     return Surfaces(found, within(nominal, found, settings) if zone else nominal, offset)
 
@@ -48,10 +51,17 @@ def _negated(point: np.ndarray) -> Triple:
     return -float(x), -float(y), -float(z)
 
 
-def _on(spec: GridSpec, worn: Path, scale: float, offset: Triple) -> HeightGrid:
+def _on(
+    spec: GridSpec, worn: Path, scale: float, offset: Triple, corner: np.ndarray, tilt: float
+) -> HeightGrid:
+    """corner: (3,) m, of the part, about which both are tilted by `tilt` degrees."""
     if is_cloud(worn):
-        return cloud_grid(read_cloud(worn, scale) + offset, spec)
-    return top_surface(load_part(worn, scale, require_closed=False).mesh, spec, offset)
+        points = read_cloud(worn, scale)
+        if tilt:
+            points = tilted(points - corner, np.radians(tilt))
+        return cloud_grid(points + offset, spec)
+    mesh = load_part(worn, scale, require_closed=False).tilted(tilt, corner).mesh
+    return top_surface(mesh, spec, offset)
 
 
 def within(nominal: HeightGrid, found: HeightGrid, settings: PlanSettings) -> HeightGrid:

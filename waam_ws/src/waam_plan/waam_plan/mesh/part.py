@@ -14,6 +14,7 @@ from waam_plan.mesh.crossing import crossings
 from waam_plan.mesh.repair import repaired
 from waam_plan.mesh.threemf import read_3mf
 from waam_plan.settings import PlanSettings, Triple
+from waam_robot.tilt import tilted
 
 FORMATS = ('.stl', '.ply', '.3mf', '.obj', '.off')
 SMALLEST, LARGEST = 1e-3, 2.0  # m, plausible size of a part
@@ -71,6 +72,16 @@ class Part:
         """A copy shifted by offset (m)."""
         mesh = self.mesh.copy()
         mesh.apply_translation(offset)
+        return Part(self.name, self.path, mesh, self.sha256, self.report)
+
+    def tilted(self, degrees: float, about: np.ndarray | None = None) -> Part:
+        """A copy tilted (waam_robot.tilt) about a point (3,), its lower corner by default, which becomes the zero of
+        its coordinates; itself at 0."""
+        if not degrees:
+            return self
+        mesh = self.mesh.copy()
+        pivot = mesh.bounds[0] if about is None else about
+        mesh.vertices = tilted(mesh.vertices - pivot, np.radians(degrees))
         return Part(self.name, self.path, mesh, self.sha256, self.report)
 
 
