@@ -155,7 +155,11 @@ async def _logged(
 async def _upload(request: web.Request) -> web.Response:
     """The file is the body, its name a query parameter."""
     check_command(request)
-    programs, data, name = request.app[PROGRAMS], await request.read(), request.query.get('name', '')
+    programs, data, name = (
+        request.app[PROGRAMS],
+        await request.read(),
+        request.query.get('name', ''),
+    )
 
     async def save() -> dict[str, Any]:
         stored = programs.files.save(name, data)
