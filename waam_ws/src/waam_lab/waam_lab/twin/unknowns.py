@@ -114,7 +114,7 @@ NEVER: Mapping[str, str] = {
     'metal_area_noise_fixed': 'scatter that returns in every layer looks like a part that was planned wrongly, unless '
     'one part is laid many times',
     'metal_slump_slope, metal_overhang_share': 'edges are left out of the comparison: scanners see them badly',
-    'arc_wire_delay, arc_wire_lag': 'telemetry has ten rows a second; `waam calibrate feed` measures them at 100',
+    'arc_wire_delay, arc_wire_lag': 'telemetry has ten rows a second; `waam calibrate lead` measures them at 100',
     'arc_strike_min, arc_strike_max, arc_strike_failure': 'a job strikes too few arcs to tell',
     'metal_no_gas_loss': 'nobody welds without gas on purpose',
 }
