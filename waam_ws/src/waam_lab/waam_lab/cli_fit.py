@@ -9,13 +9,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-from rich.table import Table
-
-from waam_job.store.folder import make_job_id
-from waam_sim.config import plant_params
-
 EXAMPLES = """\
 examples:
   waam lab fit jobs/20260101T080000Z_jaw jobs/20260102T093000Z_ring    two jobs of one cell
@@ -72,6 +65,11 @@ def hand_over(lab: argparse.ArgumentParser) -> None:
 
 def run_fit(args: argparse.Namespace) -> int:
     """ValueError says what is wrong with the jobs."""
+    from rich.console import Console
+
+    from waam_job.store.folder import make_job_id
+    from waam_sim.config import plant_params
+
     from . import params
     from .cli_campaign import settings_of
     from .twin import page
@@ -91,8 +89,10 @@ def run_fit(args: argparse.Namespace) -> int:
     return 0
 
 
-def show(found: Any, console: Console) -> None:
+def show(found: Any, console: Any) -> None:
     """What is told as a table, and the names of the rest."""
+    from rich.table import Table
+
     from .twin.page import number
 
     rows = Table(title='told by these records')
@@ -118,6 +118,15 @@ class _Bar:
     """Jobs laid anew, on a terminal; nothing elsewhere."""
 
     def __init__(self, title: str) -> None:
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            Progress,
+            TaskProgressColumn,
+            TextColumn,
+            TimeRemainingColumn,
+        )
+
         console = Console(stderr=True)
         columns = (
             TextColumn('{task.description}'),

@@ -34,8 +34,8 @@ POOL_TIME = 0.1  # s, in which the pool's size follows power and travel speed
 HEADING_PATH = 5e-5
 
 _STATE = (
-    'origin_x', 'origin_y', 'active', 'x', 'y', 'pool_x', 'pool_y', 'head_x', 'head_y', 'from_x', 'from_y', 'path', 'volume',
-    'carry_path', 'carry_time', 'power', 'speed', 'width', 'height', 'surface', 'deposited', 'lost',
+    'origin_x', 'origin_y', 'active', 'x', 'y', 'pool_x', 'pool_y', 'head_x', 'head_y', 'from_x', 'from_y', 'path',
+    'volume', 'carry_path', 'carry_time', 'power', 'speed', 'width', 'height', 'surface', 'deposited', 'lost',
     'portion', 'portion_x', 'portion_y',
 )  # fmt: skip
 

@@ -35,10 +35,11 @@ class Steady:
         """Rows of all; the arcs are counted through."""
         first = np.cumsum([0, *(int(p.run.max(initial=-1)) + 1 for p in parts[:-1])])
         runs = [p.run + n for p, n in zip(parts, first, strict=True)]
-        columns = ('wire', 'contact', 'current', 'voltage')
-        return cls(
-            *(np.concatenate([getattr(p, c) for p in parts]) for c in columns), np.concatenate(runs)
+        wire, contact, amps, volts = (
+            np.concatenate([getattr(p, c) for p in parts])
+            for c in ('wire', 'contact', 'current', 'voltage')
         )
+        return cls(wire, contact, amps, volts, np.concatenate(runs))
 
 
 def steady(replay: Replay, laid: Laid) -> Steady:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from waam_view.canvas import BLUE, INK, new_figure, png, style
@@ -38,7 +40,7 @@ def maps(found: Fitted, job: int) -> bytes:
     x0, x1, y0, y1 = (v * 1e3 for v in replay.record.spec.extent)
     figure = new_figure(9.4, 2 * 3.0 * (y1 - y0) / (x1 - x0) + 0.8)
     axes = np.atleast_2d(figure.subplots(2, len(chosen), sharex=True, sharey=True)).reshape(2, -1)
-    image = None
+    image: Any = None
     for row, (word, laid) in enumerate(
         (('before', found.before[job]), ('after', found.after[job]))
     ):

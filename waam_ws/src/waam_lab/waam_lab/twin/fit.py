@@ -148,18 +148,14 @@ def _ambient(replays: list[Replay], base: PlantParams) -> float | None:
 
 
 def _misfit(case: Case, before: Laid, after: Laid) -> Misfit:
-    both = (before, after)
-    seen = case.replay.readings.celsius
-    height, metal, warm = (
-        tuple(f(one) for one in both)
-        for f in (
-            case.comparison.misfit,
-            case.comparison.volume,
-            lambda one: _rms(one.celsius - seen),
-        )
+    compared, seen = case.comparison, case.replay.readings.celsius
+    return Misfit(
+        case.replay.record.name,
+        len(compared.masks),
+        height=(compared.misfit(before), compared.misfit(after)),
+        metal=(compared.volume(before), compared.volume(after)),
+        celsius=(_rms(before.celsius - seen), _rms(after.celsius - seen)),
     )
-    record = case.replay.record
-    return Misfit(record.name, len(case.comparison.masks), height, metal, warm)
 
 
 def _rms(values: np.ndarray) -> float:

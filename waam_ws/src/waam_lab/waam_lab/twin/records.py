@@ -99,8 +99,8 @@ def _layers(
         before, after = maps.get(number - 1), maps[number]
         if before is None or before['z'].shape != after['z'].shape or 'planned' not in before:
             continue
-        z = (np.asarray(m['z'], float) for m in (before, after))
-        layers.append(LaidLayer(number, *z, np.asarray(before['planned'], float)))
+        z0, z1 = (np.asarray(m['z'], float) for m in (before, after))
+        layers.append(LaidLayer(number, z0, z1, np.asarray(before['planned'], float)))
     if not layers:
         raise RecordError(f'{folder}: no layer was scanned before and after; nothing to compare')
     return tuple(layers), spec

@@ -32,7 +32,7 @@ BEYOND = 0.04  # m by which metal at the rim of the map goes on beyond it
 
 def _make_lay(sources: int) -> Callable:
     @jit
-    def lay(
+    def lay(  # type: ignore[no-untyped-def]
         z, solid, touched, p, s, values, skin, bulk, thickness, h, hs, clock, t, x, y, height, lit, wire, power, dt,
         until, probe_t, probe_x, probe_y, probe_out, contact,
     ):  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -35,12 +35,12 @@ class Unknown:
     @property
     def words(self) -> str:
         """What it is, in words."""
-        return str(GROUPS[self.group].__dataclass_fields__[self.field].metadata['description'])
+        return str(self._meta()['description'])
 
     @property
     def unit(self) -> str:
         """'' = none."""
-        return str(GROUPS[self.group].__dataclass_fields__[self.field].metadata['unit'])
+        return str(self._meta()['unit'])
 
     def value(self, u: np.ndarray | float) -> Any:
         """From standard deviations about what is usual to the parameter, within its limits."""
@@ -58,8 +58,12 @@ class Unknown:
             return float(np.log(value / self.usual) / self.spread)
         return (value - self.usual) / self.spread
 
+    def _meta(self) -> Mapping[str, Any]:
+        group: Any = GROUPS[self.group]
+        return next(f.metadata for f in fields(group) if f.name == self.field)
+
     def _limits(self) -> tuple[float, float]:
-        meta = GROUPS[self.group].__dataclass_fields__[self.field].metadata
+        meta = self._meta()
         low = -np.inf if meta['minimum'] is None else meta['minimum']
         high = np.inf if meta['maximum'] is None else meta['maximum']
         if self.field == 'current_exponent':
@@ -110,7 +114,7 @@ NEVER: Mapping[str, str] = {
     'metal_area_noise_fixed': 'scatter that returns in every layer looks like a part that was planned wrongly, unless '
     'one part is laid many times',
     'metal_slump_slope, metal_overhang_share': 'edges are left out of the comparison: scanners see them badly',
-    'arc_wire_delay, arc_wire_lag': 'telemetry has ten rows a second; `waam calibrate feed` measures them at 100',
+    'arc_wire_delay, arc_wire_lag': 'telemetry has ten rows a second; `waam calibrate lead` measures them at 100',
     'arc_strike_min, arc_strike_max, arc_strike_failure': 'a job strikes too few arcs to tell',
     'metal_no_gas_loss': 'nobody welds without gas on purpose',
 }
@@ -122,5 +126,5 @@ def physics(base: PlantParams, values: Mapping[str, float]) -> PlantParams:
     for name, value in values.items():
         group, _, field = name.partition('_')
         groups.setdefault(group, {})[field] = float(value)
-    changed = {g: replace(getattr(base, g), **fields) for g, fields in groups.items()}
+    changed = {g: replace(getattr(base, g), **own) for g, own in groups.items()}
     return replace(base, **changed)
