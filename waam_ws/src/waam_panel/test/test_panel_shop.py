@@ -143,6 +143,22 @@ def test_every_command_is_in_the_log_with_who_and_what_came_of_it(make_panel):
     assert log.last(20)[1].data == {'axis': 'x', 'direction': 1, 'step': 10} and log.verify().good
 
 
+# STOP is logged after it has been carried out; the others change nothing
+ASKS = ('/api/stop', '/api/program', '/api/program/layer')
+
+
+def test_every_route_that_changes_something_writes_the_log(make_panel):
+    """Whatever comes of it: a new page cannot forget the log."""
+    panel = make_panel(tokens=True)
+    visit, log = Visit(panel, panel.tokens['maintain']), panel.cell.shop.audit
+    for route in ALL_ROUTES:
+        if route.method == 'POST' and route.role and route.path not in ASKS:
+            before = log.last(1)[0].n
+            visit.ask('POST', path_of(route), '{}')
+            new = [e for e in log.last(9) if e.n > before]
+            assert new and new[0].outcome == 'asked' and new[0].who == 'maintain 0', route.path
+
+
 def test_a_wrong_token_is_logged_without_the_token(make_panel):
     panel = make_panel(tokens=True)
     wrong = panel.tokens['view'][:-1] + ('a' if panel.tokens['view'][-1] != 'a' else 'b')
@@ -187,7 +203,7 @@ def item(panel, id: int = 1):
 
 def test_a_released_item_starts_once_and_follows_its_job(ready):
     visit = Visit(ready)
-    assert visit.post('queue_add', **SETUP)[1] == 'item 1 waits'
+    assert visit.post('queue_add', **SETUP)[1] == f'item {1} waits'
     assert visit.post('queue_add', **SETUP | {'material': 'lead'})[0] == 409
     time.sleep(0.5)
     assert ready.operations.asked == [] and item(ready).state == 'waiting'

@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import math
-from collections.abc import Awaitable, Callable
 from typing import Any
 
 from aiohttp import web
 
 from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
-from waam_shop.job_queue import QueueError
 from waam_shop.roles import Role
 
 from . import alarms, history
 from .archive_page import QuestionError
-from .auditing import AuditFailure, asked, stopped, went_wrong
+from .auditing import AuditFailure, stopped
 from .cell import CELL, Cell
+from .commanding import (
+    BadRequest,
+    Run,
+    answered,
+    audited,
+    check_command,
+    command_routes,
+    read_route,
+    session_of,
+)
 from .operations import Refused
-from .parts import PartsError
-from .routes import Handler, Route
-from .security import COOKIE, CSRF_HEADER
-from .setup_form import LAST_SCAN, LOOP_MODE_LABELS, FormError, parse
-from .worker import WorkError
+from .routes import Route
+from .security import CSRF_HEADER
+from .setup_form import LAST_SCAN, LOOP_MODE_LABELS, parse
 
 STEPS_MM = (0.1, 1.0, 10.0, 50.0)
 JOG_SPEED = {0.1: 2e-3, 1.0: 5e-3, 10.0: 20e-3, 50.0: 40e-3}  # m/s per step size
@@ -32,13 +37,6 @@ HOLD_SPEED = {0.1: 0.5e-3, 1.0: 2e-3, 10.0: 10e-3, 50.0: 30e-3}  # m/s while a k
 HOLD_S = 0.25
 WIRE_MM = 50.0  # longest wire jog of one request
 FACTORS = {'speed': SPEED_FACTOR, 'wire': WIRE_FACTOR}
-BODY = 64 << 10
-KNOWN = (Refused, FormError, PartsError, WorkError, history.HistoryError, QueueError)
-Run = Callable[[Cell, dict[str, Any]], Awaitable[Any]]
-
-
-class BadRequest(ValueError):
-    """A request with invalid values."""
 
 
 def number(data: dict[str, Any], name: str, low: float, high: float) -> float:
@@ -205,85 +203,20 @@ COMMANDS: dict[str, Run] = {
 # ---- requests
 
 
-async def _json(request: web.Request) -> dict[str, Any]:
-    if request.content_type != 'application/json' or (request.content_length or 0) > BODY:
-        raise BadRequest('a small JSON object is wanted')
-    try:
-        data = json.loads(await request.text())
-    except ValueError:
-        raise BadRequest('not JSON') from None
-    if not isinstance(data, dict):
-        raise BadRequest('a JSON object is wanted')
-    return data
-
-
-async def _answer(run: Run, cell: Cell, data: dict[str, Any]) -> web.Response:
-    """200 done; 409 refused by the cell; 400 invalid request. The text is for the operator."""
-    try:
-        said = await run(cell, data)
-    except KNOWN as e:
-        return web.json_response({'ok': False, 'message': str(e)}, status=409)
-    except BadRequest as e:
-        return web.json_response({'ok': False, 'message': str(e)}, status=400)
-    more = said if isinstance(said, dict) else {'message': said}
-    return web.json_response({'ok': True, 'message': 'done'} | more)
-
-
-def _session(request: web.Request) -> str:
-    return request.cookies.get(COOKIE, '')
-
-
-def check_command(request: web.Request) -> Cell:
-    """The cell, once the sender of a command is our own page. Raises Denied."""
-    cell: Cell = request.app[CELL]
-    csrf = request.headers.get(CSRF_HEADER, '')
-    cell.guard.check_command(request.headers, _session(request), csrf)
-    return cell
-
-
-def command(name: str, run: Run) -> Handler:
-    """The handler of POST /api/<name>: checks, reads the JSON, writes the audit log, runs."""
-
-    async def handler(request: web.Request) -> web.Response:
-        cell = check_command(request)
-        try:
-            data = await _json(request)
-            return await audited(request, name, data, lambda: _answer(run, cell, data))
-        except (BadRequest, AuditFailure) as e:
-            status = 400 if isinstance(e, BadRequest) else 503
-            return web.json_response({'ok': False, 'message': str(e)}, status=status)
-
-    return handler
-
-
-async def audited(
-    request: web.Request,
-    name: str,
-    data: dict[str, Any],
-    run: Callable[[], Awaitable[web.Response]],
-) -> web.Response:
-    """Runs a command whose entry is in the log before; what went wrong follows. Raises AuditFailure: nothing ran."""
-    await asked(request, name, data)
-    answer = await run()
-    if answer.status >= 400:
-        await went_wrong(request, name, answer.text or '')
-    return answer
-
-
 async def _stop(request: web.Request) -> web.Response:
     """Works from a script (JSON answer) and as a plain form without any script (back to the page). The log waits."""
     cell: Cell = request.app[CELL]
     form = await request.post() if request.content_type.endswith('form-urlencoded') else {}
     csrf = request.headers.get(CSRF_HEADER, '') or str(form.get('csrf', ''))
-    cell.guard.check_stop(request.headers, _session(request), csrf)
-    answer = await _answer(stop, cell, {})
+    cell.guard.check_stop(request.headers, session_of(request), csrf)
+    answer = await answered(stop, cell, {})
     await stopped(request, answer.status == 200)
     if form:
         raise web.HTTPSeeOther('/')
     return answer
 
 
-async def _upload(request: web.Request) -> web.Response:
+async def _upload(request: web.Request) -> web.StreamResponse:
     """The file is the body, its name a query parameter."""
     cell = check_command(request)
     data, name = await request.read(), request.query.get('name', '')
@@ -294,16 +227,9 @@ async def _upload(request: web.Request) -> web.Response:
 
     try:
         told = {'name': name, 'bytes': len(data)}
-        return await audited(request, 'upload', told, lambda: _answer(run, cell, {}))
+        return await audited(request, 'upload', told, lambda: answered(run, cell, {}))
     except AuditFailure as e:
         return web.json_response({'ok': False, 'message': str(e)}, status=503)
-
-
-def _listing(read: Callable[[Cell], Any]) -> Callable[[web.Request], Awaitable[web.Response]]:
-    async def handler(request: web.Request) -> web.Response:
-        return web.json_response(read(request.app[CELL]))
-
-    return handler
 
 
 async def _archive(request: web.Request) -> web.Response:
@@ -343,16 +269,6 @@ async def _preview(request: web.Request) -> web.Response:
     if not file.is_file():
         raise web.HTTPNotFound
     return web.Response(body=file.read_bytes(), content_type='image/png')
-
-
-def command_routes(commands: dict[str, Run], role: Role) -> tuple[Route, ...]:
-    """POST /api/<name> for every command of a table."""
-    return tuple(Route('POST', f'/api/{n}', role, command(n, run)) for n, run in commands.items())
-
-
-def read_route(path: str, read: Callable[[Cell], Any]) -> Route:
-    """GET of something that everybody who is in may see, as JSON."""
-    return Route('GET', path, Role.VIEW, _listing(read))
 
 
 ROUTES = (

@@ -48,7 +48,10 @@ async def asked(request: web.Request, what: str, data: Mapping[str, Any]) -> Non
 
 async def went_wrong(request: web.Request, what: str, answer: str) -> None:
     """A command that was refused; answer: the JSON that the page gets."""
-    note = str(json.loads(answer).get('message', ''))
+    try:
+        note = str(json.loads(answer).get('message', ''))
+    except ValueError:
+        note = answer  # a page
     await _try(request.app[CELL], visitor(request), what, 'refused', note=note)
 
 

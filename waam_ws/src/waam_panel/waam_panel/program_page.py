@@ -10,9 +10,8 @@ from aiohttp import web
 
 from waam_shop.roles import Role
 
-from .api import audited, check_command
-from .auditing import AuditFailure
 from .cell import CELL, Cell
+from .commanding import check_command, logged
 from .operations import Refused
 from .programs import (
     DIALECTS,
@@ -111,9 +110,9 @@ async def _answer(doing: Awaitable[dict[str, Any]]) -> web.Response:
 
 
 def _asked(run: Run) -> Handler:
-    """A request that changes nothing."""
+    """The sender is checked by `logged`, or here where nothing is changed."""
 
-    async def handler(request: web.Request) -> web.Response:
+    async def handler(request: web.Request) -> web.StreamResponse:
         cell = check_command(request)
 
         async def do() -> dict[str, Any]:
@@ -124,49 +123,15 @@ def _asked(run: Run) -> Handler:
     return handler
 
 
-def _command(name: str, run: Run) -> Handler:
-    """A command: in the audit log before it is carried out."""
-
-    async def handler(request: web.Request) -> web.Response:
-        cell = check_command(request)
-        try:
-            data = await _json(request)
-        except ProgramRefused as e:
-            return web.json_response({'ok': False, 'message': str(e)}, status=400)
-        return await _logged(
-            request, name, data, lambda: _answer(run(cell, request.app[PROGRAMS], data))
-        )
-
-    return handler
-
-
-async def _logged(
-    request: web.Request,
-    name: str,
-    data: dict[str, Any],
-    run: Callable[[], Awaitable[web.Response]],
-) -> web.Response:
-    try:
-        return await audited(request, name, dict(data), run)
-    except AuditFailure as e:
-        return web.json_response({'ok': False, 'message': str(e)}, status=503)
-
-
-async def _upload(request: web.Request) -> web.Response:
+async def _upload(request: web.Request) -> web.StreamResponse:
     """The file is the body, its name a query parameter."""
-    check_command(request)
-    programs, data, name = (
-        request.app[PROGRAMS],
-        await request.read(),
-        request.query.get('name', ''),
-    )
+    programs, data = request.app[PROGRAMS], await request.read()
 
     async def save() -> dict[str, Any]:
-        stored = programs.files.save(name, data)
-        return {'message': f'{stored} is stored', 'name': stored}
+        name = programs.files.save(request.query.get('name', ''), data)
+        return {'message': f'{name} is stored', 'name': name}
 
-    told = {'name': name, 'bytes': len(data)}
-    return await _logged(request, 'program upload', told, lambda: _answer(save()))
+    return await _answer(save())
 
 
 async def _list(request: web.Request) -> web.Response:
@@ -186,9 +151,10 @@ def programs_of(cell: Cell) -> Programs:
 
 
 ROUTES = (
-    Route('GET', '/api/programs', Role.VIEW, _list), Route('POST', '/api/programs', Role.OPERATE, _upload),
+    Route('GET', '/api/programs', Role.VIEW, _list),
+    Route('POST', '/api/programs', Role.OPERATE, logged('program upload', _upload)),
     Route('POST', '/api/program', Role.OPERATE, _asked(look)),
     Route('POST', '/api/program/layer', Role.OPERATE, _asked(layer)),
-    Route('POST', '/api/program/load', Role.OPERATE, _command('program load', load)),
-    Route('POST', '/api/program/start', Role.OPERATE, _command('program start', start)),
+    Route('POST', '/api/program/load', Role.OPERATE, logged('program load', _asked(load))),
+    Route('POST', '/api/program/start', Role.OPERATE, logged('program start', _asked(start))),
 )  # fmt: skip

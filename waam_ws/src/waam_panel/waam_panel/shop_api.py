@@ -17,8 +17,8 @@ from waam_shop.notifier import load, send
 from waam_shop.notify_settings import NotifyError
 from waam_shop.roles import Role
 
-from .api import BadRequest, command_routes
 from .cell import CELL, Cell
+from .commanding import BadRequest, command_routes
 from .in_shop import InShop
 from .operations import Refused
 from .routes import WHO, Handler, Route, visitor

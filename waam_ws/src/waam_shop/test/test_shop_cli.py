@@ -59,7 +59,7 @@ def test_a_queue_is_filled_and_steered_for_each_cell_apart(waam, tmp_path):
         'part': 'cell2-jaw.stl',
     }
     assert len(rows[0]['sha256']) == 64
-    with pytest.raises(ValueError, match='item 1 is released'):
+    with pytest.raises(ValueError, match='item.1 is released'):
         waam('queue release 2 --name cell2')
     waam('queue hold 1 --name cell2')
     waam('queue remove 1 --name cell2')

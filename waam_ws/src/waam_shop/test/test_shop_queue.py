@@ -55,13 +55,13 @@ def test_items_wait_in_order_and_move():
 def test_one_release_at_a_time_and_worth_one_start():
     queue = filled(3).release(2, 'Kim')
     assert ids(queue, RELEASED) == [2] and ids(queue) == [1, 3]
-    with pytest.raises(QueueError, match='item 2 is released'):
+    with pytest.raises(QueueError, match='item.2 is released'):
         queue.release(1, 'Kim')
     running = queue.begin(2)
     for refused in (running.begin, running.remove, running.hold):
         with pytest.raises(QueueError, match='running|runs'):
             refused(2)
-    with pytest.raises(QueueError, match='item 2 is running'):
+    with pytest.raises(QueueError, match='item.2 is running'):
         running.release(1, 'Kim')
     assert ids(running.back(2, 'no controller')) == [2, 1, 3]
     with pytest.raises(QueueError):

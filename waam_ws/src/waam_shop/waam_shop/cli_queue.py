@@ -18,7 +18,7 @@ examples:
   waam queue add jaw_nominal.stl --as-found jaw_worn.stl --material er70s-6
   waam queue add bracket.stl --mode build --layers 3 --name cell2
   waam queue list
-  waam queue move 4 1          item 4 is the next one
+  waam queue move 4 1          number 4 is the next one
   waam queue release 4         its part lies on the table: it starts as soon as the cell is ready
   waam queue hold 4            takes the release back, as long as it has not started
 

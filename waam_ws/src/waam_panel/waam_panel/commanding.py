@@ -1,0 +1,135 @@
+"""Requests that change something: sender checked, JSON read, audit log written, then carried out; and their routes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from aiohttp import web
+
+from waam_shop.job_queue import QueueError
+from waam_shop.roles import Role
+
+from . import history
+from .auditing import AuditFailure, asked, went_wrong
+from .cell import CELL, Cell
+from .operations import Refused
+from .parts import PartsError
+from .routes import Handler, Route
+from .security import COOKIE, CSRF_HEADER
+from .setup_form import FormError
+from .worker import WorkError
+
+BODY = 64 << 10
+KNOWN = (Refused, FormError, PartsError, WorkError, history.HistoryError, QueueError)
+Run = Callable[[Cell, dict[str, Any]], Awaitable[Any]]
+
+
+class BadRequest(ValueError):
+    """A request with invalid values."""
+
+
+async def json_of(request: web.Request) -> dict[str, Any]:
+    """The object in the body. Raises BadRequest."""
+    if request.content_type != 'application/json' or (request.content_length or 0) > BODY:
+        raise BadRequest('a small JSON object is wanted')
+    try:
+        data = json.loads(await request.text())
+    except ValueError:
+        raise BadRequest('not JSON') from None
+    if not isinstance(data, dict):
+        raise BadRequest('a JSON object is wanted')
+    return data
+
+
+async def answered(run: Run, cell: Cell, data: dict[str, Any]) -> web.Response:
+    """200 done; 409 refused by the cell; 400 invalid request. The text is for the operator."""
+    try:
+        said = await run(cell, data)
+    except KNOWN as e:
+        return web.json_response({'ok': False, 'message': str(e)}, status=409)
+    except BadRequest as e:
+        return web.json_response({'ok': False, 'message': str(e)}, status=400)
+    more = said if isinstance(said, dict) else {'message': said}
+    return web.json_response({'ok': True, 'message': 'done'} | more)
+
+
+def session_of(request: web.Request) -> str:
+    """The session cookie, '' without one."""
+    return request.cookies.get(COOKIE, '')
+
+
+def check_command(request: web.Request) -> Cell:
+    """The cell, once the sender of a command is our own page. Raises Denied."""
+    cell: Cell = request.app[CELL]
+    csrf = request.headers.get(CSRF_HEADER, '')
+    cell.guard.check_command(request.headers, session_of(request), csrf)
+    return cell
+
+
+def command(name: str, run: Run) -> Handler:
+    """The handler of POST /api/<name>: checks, reads the JSON, writes the audit log, runs."""
+
+    async def handler(request: web.Request) -> web.StreamResponse:
+        cell = check_command(request)
+        try:
+            data = await json_of(request)
+            return await audited(request, name, data, lambda: answered(run, cell, data))
+        except (BadRequest, AuditFailure) as e:
+            status = 400 if isinstance(e, BadRequest) else 503
+            return web.json_response({'ok': False, 'message': str(e)}, status=status)
+
+    return handler
+
+
+async def audited(
+    request: web.Request,
+    name: str,
+    data: dict[str, Any],
+    run: Callable[[], Awaitable[web.StreamResponse]],
+) -> web.StreamResponse:
+    """Runs a command whose entry is in the log before; what went wrong follows. Raises AuditFailure: nothing ran."""
+    await asked(request, name, data)
+    answer = await run()
+    if answer.status >= 400:
+        await went_wrong(request, name, getattr(answer, 'text', '') or '{}')
+    return answer
+
+
+def listing(read: Callable[[Cell], Any]) -> Handler:
+    """The handler of a GET that answers at once."""
+
+    async def handler(request: web.Request) -> web.Response:
+        return web.json_response(read(request.app[CELL]))
+
+    return handler
+
+
+def command_routes(commands: dict[str, Run], role: Role) -> tuple[Route, ...]:
+    """POST /api/<name> for every command of a table."""
+    return tuple(Route('POST', f'/api/{n}', role, command(n, run)) for n, run in commands.items())
+
+
+def logged(name: str, handler: Handler) -> Handler:
+    """A handler of another module that changes something: its sender is checked, and the audit log comes first."""
+
+    async def inner(request: web.Request) -> web.StreamResponse:
+        check_command(request)
+        told: dict[str, Any] = {'name': request.query.get('name', '')}
+        if request.content_type == 'application/json':
+            try:
+                told = await json_of(request)  # aiohttp keeps the body for the handler
+            except BadRequest as e:
+                told = {'body': str(e)}  # the handler says so, too
+        try:
+            return await audited(request, name, told, lambda: handler(request))
+        except AuditFailure as e:
+            return web.json_response({'ok': False, 'message': str(e)}, status=503)
+
+    return inner
+
+
+def read_route(path: str, read: Callable[[Cell], Any]) -> Route:
+    """GET of something that everybody who is in may see, as JSON."""
+    return Route('GET', path, Role.VIEW, listing(read))
