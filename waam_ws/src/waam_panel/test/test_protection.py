@@ -247,6 +247,10 @@ def made_tokens(tmp_path_factory) -> TokenFile:
 def test_other_addresses_need_tokens_and_tls(tokens):
     assert open_tokens('', '127.0.0.1', False) is None and open_tokens('', '::1', False) is None
     file = str(tokens.path)
+    with pytest.raises(ValueError, match='No such file .waam token create'):
+        open_tokens(file, '127.0.0.1', False)
+    tokens.create('tablet', Role.VIEW)
+    tokens.revoke('tablet')
     with pytest.raises(ValueError, match='holds no token'):
         open_tokens(file, '127.0.0.1', False)
     tokens.create('tablet', Role.VIEW)

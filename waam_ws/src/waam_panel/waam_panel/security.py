@@ -72,6 +72,8 @@ def open_tokens(file: str, bind: str, tls: bool) -> TokenFile | None:
     if not file:
         return None
     tokens = TokenFile(Path(file))
+    if not tokens.path.exists():
+        raise ValueError(f"parameter 'token_file': {file}: No such file (waam token create)")
     try:
         if not tokens.book().tokens:
             raise TokenError(f'{file} holds no token (waam token create)')
