@@ -28,6 +28,7 @@ from waam_plan.read.words import ProgramError
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.materials import get
+from waam_process.operating import DEFAULT_MATERIAL
 from waam_process.segment import Point
 
 DRAWN = 0.05e-3  # m that a drawn curve may lie off
@@ -42,7 +43,7 @@ class Asked:
     program: Path
     dialect: str = ''
     nominal: Path | None = None
-    material: str = 'er70s-6'
+    material: str = DEFAULT_MATERIAL
     shift: Point = (0.0, 0.0, 0.0)
     limits: tuple[Point, Point] = ENDLESS
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from waam_process.loop_mode import LOOP_MODES, LoopMode
+from waam_process.operating import DEFAULT_MATERIAL
 
 from .parts import PartFolders, PartsError
 from .worker import WorkError, work
@@ -32,7 +33,7 @@ class ProgramChoice:
     program: str
     dialect: str = 'waam'
     nominal: str = ''
-    material: str = 'er70s-6'
+    material: str = DEFAULT_MATERIAL
     loop_mode: str = LoopMode.MONITOR.value
     shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     operator_name: str = ''

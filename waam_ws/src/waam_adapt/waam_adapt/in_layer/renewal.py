@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from ..types import (
     MIN_PLANNED,
@@ -121,6 +120,8 @@ def _spread(values: np.ndarray, weight: np.ndarray, sigma: float) -> np.ndarray:
     known, v = _known(values)
     if not known.any():
         return np.zeros(values.shape)
+    from scipy.ndimage import gaussian_filter  # nodes that renew nothing start without it
+
     share = gaussian_filter(known.astype(float), sigma)
     total = gaussian_filter(weight * v, sigma)
     return total / np.maximum(share, 1e-9) * share / (share + ENOUGH)

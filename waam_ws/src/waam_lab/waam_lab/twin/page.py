@@ -12,13 +12,14 @@ import yaml
 
 from waam_job.store.folder import clean
 from waam_node.files import write_atomically
+from waam_node.job_folder import REPORT_PAGE
 from waam_view.html import cards, escape, fmt, page, picture, table
 
 from . import figures
 from .fit import Estimate, Fitted
 from .unknowns import NEVER
 
-CELL_FILE, FACTS, PAGE = 'cell.yaml', 'fit.json', 'report.html'
+CELL_FILE, FACTS, PAGE = 'cell.yaml', 'fit.json', REPORT_PAGE
 MOST_JOBS = 4  # with pictures
 
 
