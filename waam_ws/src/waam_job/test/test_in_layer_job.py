@@ -222,7 +222,7 @@ def test_a_resumed_layer_is_laid_as_it_was_set_and_knows_what_was_asked(cell, ma
         found = wanted(job_id, segments, last)
         if found[1] and not plan:
             plan['first'] = found[0]
-            cell.script[found[0] + found[1] // 2] = stop  # before the layer ends
+            cell.script[found[0]] = stop
         return found
 
     cell.replace = replace
