@@ -38,7 +38,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     'waam_replay': {'waam_adapt', 'waam_node', 'waam_process', 'waam_record', 'waam_scan'},
     'waam_view': {'waam_node', 'waam_process', 'waam_record', 'waam_robot'},
-    'waam_shop': {'waam_process'},
+    'waam_shop': {'waam_node', 'waam_process'},
     'waam_panel': {
         'waam_archive', 'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_shop', 'waam_view',
     },

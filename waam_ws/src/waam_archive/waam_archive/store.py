@@ -13,7 +13,7 @@ from pathlib import Path
 
 import duckdb
 
-from waam_node.files import write_atomically
+from waam_node.files import sync_folder, write_atomically
 
 from .catalog import (
     ArchiveError,
@@ -251,21 +251,12 @@ class Writer:
 
     def _commit(self, segment: Segment, new: Path) -> None:
         """The files first, then, in one step, the marker that makes them count."""
-        _sync(new)
+        sync_folder(new)
         for table in BULK:
-            _sync(self.root / table)
+            sync_folder(self.root / table)
         os.replace(new, new.with_name(f'{segment.number:08d}'))
-        _sync(new.parent)
+        sync_folder(new.parent)
         write_atomically(self.root / marker_name(segment.number), segment.text())
-        _sync(new.parent)
+        sync_folder(new.parent)
         live = [s for n, s in self.catalog.segments.items() if n not in segment.replaces]
         self.catalog = Catalog.of([*live, segment])
-
-
-def _sync(folder: Path) -> None:
-    """The names in a folder are on the disk."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -38,10 +38,8 @@ class Services:
                 self._core.commit(permit, batch)
             response.accepted, response.duplicates = batch.accepted, batch.duplicates
             self._pump()
-        except Refusal as e:
-            response.error_code, response.message = e.code, str(e)
         except ValueError as e:
-            response.error_code, response.message = program.BAD_SEGMENT, str(e)
+            response.error_code, response.message = _code(e), str(e)
         return response
 
     def _on_replace(
@@ -53,10 +51,8 @@ class Services:
                 request.job_id, segments, request.last
             )
             self._pump()
-        except Refusal as e:
-            response.error_code, response.message = e.code, str(e)
         except ValueError as e:
-            response.error_code, response.message = program.BAD_SEGMENT, str(e)
+            response.error_code, response.message = _code(e), str(e)
         return response
 
     def _replace(self, job: str, segments: list[Segment], last: bool) -> tuple[int, int]:
@@ -89,3 +85,8 @@ class Services:
             commands.run(self._core, command, answer, time.monotonic())
         self._pump()
         return later
+
+
+def _code(error: ValueError) -> int:
+    """Of a refusal its own; anything else is wrong with a segment."""
+    return error.code if isinstance(error, Refusal) else program.BAD_SEGMENT

@@ -11,16 +11,16 @@ flange and c the centre in the base.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from waam_robot.uncertain import Flange, turns
+from waam_robot.uncertain import turns
 
 from .evidence import EvidenceError
 from .robot_evidence import Poses, Profiled
+from .robot_solve import Fit, Problem, Terms, skewed, solve
 
 LEAST_TOUCHES, LEAST_SCANS = 4, 6
 TURN = np.radians(20.0)  # least spread of the orientations about the second of their axes
@@ -82,7 +82,7 @@ def tool(poses: Poses, touch: float = 1e-4) -> Tool:
     r, p = poses.nominal[:, :3, :3], poses.nominal[:, :3, 3]
     both = np.concatenate([r, np.broadcast_to(-np.eye(3), (n, 3, 3))], axis=2).reshape(-1, 6)
     start = np.linalg.lstsq(both, -p.reshape(-1), rcond=None)[0]
-    fit = _fit(_touch(touch), poses.flange, start, 3 * n - 6)
+    fit = solve(_touch(touch), poses.flange, start, 3 * n - 6)
     plain = _touch(1.0)(start, poses.nominal).off.reshape(-1, 3)
     misses = np.linalg.norm(plain, axis=1)
     _check_misfit(fit.misfit, misses, poses.numbers)
@@ -110,7 +110,7 @@ def hand_eye(seen: Profiled, radius: float, nominal: np.ndarray, noise: float = 
     good = np.ones(len(points), bool)
     for _ in range(2):
         off = _sphere(nominal, points[good], of[good], radius, noise)
-        fit = _fit(off, seen.poses.flange, x, int(good.sum()) - 9)
+        fit = solve(off, seen.poses.flange, x, int(good.sum()) - 9)
         rest = np.abs(_sphere(nominal, points, of, radius, 1.0)(fit.x, fit.frames).off)
         limit = max(TOO_FAR * noise, TOO_FAR * 1.48 * float(np.median(rest)))
         good = rest < limit
@@ -124,7 +124,7 @@ def hand_eye(seen: Profiled, radius: float, nominal: np.ndarray, noise: float = 
 
 
 def _judged(
-    fit: _Fit,
+    fit: Fit,
     nominal: np.ndarray,
     misses: np.ndarray,
     of: np.ndarray,
@@ -150,95 +150,10 @@ def _judged(
     return out
 
 
-# ---- least squares
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """x: (m,) what is looked for, sigma: (m,); frames: (n, 4, 4) of the flange with the errors found."""
-
-    x: np.ndarray
-    sigma: np.ndarray
-    frames: np.ndarray
-    misfit: float
-
-
-@dataclass(frozen=True)
-class _Terms:
-    """off: (q,) residuals over their standard deviation; by_x: (q, m) their slopes; by_turn, by_shift: (q, 3) slopes by
-    a small turn (rad) and a shift (m) of the flange of their pose, axes of the base; of: (q,) that pose."""
-
-    off: np.ndarray
-    by_x: np.ndarray
-    by_turn: np.ndarray
-    by_shift: np.ndarray
-    of: np.ndarray
-
-
-Problem = Callable[[np.ndarray, np.ndarray], _Terms]
-
-
-def _fit(terms: Problem, flange: Flange, start: np.ndarray, free: int) -> _Fit:
-    """terms(x, frames (n, 4, 4)); free: degrees of freedom without the errors of the robot."""
-    from scipy.optimize import least_squares
-
-    m, nominal = len(start), flange.poses(np.zeros(len(flange.sigma)))
-    slopes = _slopes(flange, nominal)
-
-    def frames(y: np.ndarray) -> np.ndarray:
-        off = slopes @ y[m:]
-        out = nominal.copy()
-        out[:, :3, :3] = turns(off[:, :3]) @ nominal[:, :3, :3]
-        out[:, :3, 3] += off[:, 3:]
-        return out
-
-    def residuals(y: np.ndarray) -> np.ndarray:
-        return np.concatenate([terms(y[:m], frames(y)).off, y[m:]])
-
-    def jacobian(y: np.ndarray) -> np.ndarray:
-        t = terms(y[:m], frames(y))
-        by_pose = np.concatenate([t.by_turn, t.by_shift], axis=1)
-        by_errors = np.einsum('qi,qik->qk', by_pose, slopes[t.of])
-        held = np.hstack([np.zeros((len(y) - m, m)), np.eye(len(y) - m)])
-        return np.vstack([np.hstack([t.by_x, by_errors]), held])
-
-    begin = np.concatenate([start, np.zeros(slopes.shape[2])])
-    scale = np.concatenate([np.full(m, 1e-3), np.ones(slopes.shape[2])])
-    done: Any = least_squares(residuals, begin, jac=jacobian, x_scale=scale)
-    misfit = float(np.sqrt(2 * done.cost / max(free, 1)))
-    try:
-        covariance = np.linalg.inv(done.jac.T @ done.jac)
-    except np.linalg.LinAlgError:
-        raise EvidenceError('the poses do not tell all that is looked for') from None
-    spread = np.sqrt(np.maximum(np.diag(covariance)[:m], 0.0)) * max(1.0, misfit)
-    return _Fit(done.x[:m], spread, frames(done.x), misfit)
-
-
-def _slopes(flange: Flange, nominal: np.ndarray) -> np.ndarray:
-    """(n, 6, k): turn (rad) and shift (m) of every pose by one standard deviation of every error that has one."""
-    held = np.flatnonzero(flange.sigma > 0)
-    out = np.zeros((len(nominal), 6, len(held)))
-    for k, error in enumerate(held):
-        one = np.zeros(len(flange.sigma))
-        one[error] = flange.sigma[error]
-        moved = flange.poses(one)
-        turn = moved[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2)
-        out[:, :3, k] = 0.5 * _skewed(turn)
-        out[:, 3:, k] = moved[:, :3, 3] - nominal[:, :3, 3]
-    return out
-
-
-def _skewed(turned: np.ndarray) -> np.ndarray:
-    """(n, 3): twice the sine of the angle along the axis of turns (n, 3, 3)."""
-    r = turned
-    pairs = [r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]]
-    return np.stack(pairs, axis=1)
-
-
 def _touch(sigma: float) -> Problem:
     """The tip x[:3] of the flange is at x[3:6]; sigma: m."""
 
-    def terms(x: np.ndarray, frames: np.ndarray) -> _Terms:
+    def terms(x: np.ndarray, frames: np.ndarray) -> Terms:
         n = len(frames)
         lever = frames[:, :3, :3] @ x[:3]
         off = lever + frames[:, :3, 3] - x[3:6]
@@ -248,7 +163,7 @@ def _touch(sigma: float) -> Problem:
         parts = (off.reshape(-1), by_tip.reshape(-1, 6), cross.reshape(-1, 3))
         shift = np.tile(np.eye(3), (n, 1))
         off_, by_x, by_turn = (v / sigma for v in parts)
-        return _Terms(off_, by_x, by_turn, shift / sigma, np.repeat(np.arange(n), 3))
+        return Terms(off_, by_x, by_turn, shift / sigma, np.repeat(np.arange(n), 3))
 
     return terms
 
@@ -263,7 +178,7 @@ def _crossing(v: np.ndarray) -> np.ndarray:
 def _check_turned(turned: np.ndarray) -> None:
     """The orientations (n, 3, 3) differ about at least two axes."""
     against = np.einsum('ji,njk->nik', turned[0], turned)
-    skew = _skewed(against)
+    skew = skewed(against)
     length = np.linalg.norm(skew, axis=1)
     angle = np.arctan2(length, np.trace(against, axis1=1, axis2=2) - 1)
     vectors = skew * (angle / np.maximum(length, 1e-12))[:, None]
@@ -302,7 +217,7 @@ def _sphere(
 ) -> Problem:
     """Points lie on the sphere about x[6:9], seen by the scanner at `nominal` moved by x[:6]; sigma: m."""
 
-    def terms(x: np.ndarray, frames: np.ndarray) -> _Terms:
+    def terms(x: np.ndarray, frames: np.ndarray) -> Terms:
         scanner, turned = _moved(nominal, x), frames[of, :3, :3]
         in_flange = points @ scanner[:3, :3].T
         lever = np.einsum('qij,qj->qi', turned, in_flange + scanner[:3, 3])
@@ -311,7 +226,7 @@ def _sphere(
         out = away / far[:, None]  # of the sphere, in the base
         own = np.einsum('qij,qi->qj', turned, out)  # the same in the flange
         by_x = np.concatenate([own, np.cross(in_flange, own), -out], axis=1)
-        return _Terms(
+        return Terms(
             (far - radius) / sigma, by_x / sigma, np.cross(lever, out) / sigma, out / sigma, of
         )
 

@@ -3,32 +3,17 @@
  * planned motion has just been; nothing but a move begins before the shaped motion stands; no line is told as done early; an
  * alarm stops in its tick. A failed property prints the program's number. */
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "host_harness.h"
-#include "waam_internal.h"
+#include "random_programs.h"
 
 #define PAST 512
 #define LINES 1024
 
-static host_harness_t machine;
-static waam_core_t *const core = &machine.core;
-static uint64_t seed;
-static uint32_t next_line, number, stops, holds, alarms, arcs, rounded;
+static uint32_t stops, holds, alarms, arcs, rounded;
 static int32_t planned[PAST][WAAM_AXES];
 static uint32_t ticks = 0, left_at[LINES];   /* tick in which the planned motion left a line */
 static int64_t pulses[WAAM_AXES];
 static bool arc_before;
-
-static double uniform(double low, double high) /* SplitMix64 */
-{
-    uint64_t z = (seed += 0x9E3779B97F4A7C15u);
-    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
-    z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
-    return low + (high - low) * (double)((z ^ (z >> 31)) >> 11) * 0x1p-53;
-}
 
 static bool chance(double share) { return uniform(0.0, 1.0) < share; }
 
@@ -39,28 +24,6 @@ static void require(bool condition, const char *what, double got, double limit)
     fprintf(stderr, "program %u, %.3f s, line %u: %s: %.9g, limit %.9g\n", (unsigned)number,
             (double)core->now_us * 1e-6, (unsigned)core->executed, what, got, limit);
     exit(1);
-}
-
-static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_t kind)
-{
-    (void)context, (void)kind;
-    require(bytes < 4 || (memcmp(line, "er ", 3) && memcmp(line, "rs ", 3)), line, 0.0, 0.0);
-}
-
-static void feed(const char *text)
-{
-    waam_text_t line = {.length = 0};
-    waam_text_add(&line, text);
-    waam_text_seal(&line, true);
-    for (size_t i = 0; i < line.length; i++)
-        waam_core_rx(core, (uint8_t)line.text[i]);
-}
-
-static void send(const char *words)
-{
-    char text[120];
-    snprintf(text, sizeof text, "N%u %s", (unsigned)next_line++, words);
-    feed(text);
 }
 
 /* ---- what must hold after every tick ---- */

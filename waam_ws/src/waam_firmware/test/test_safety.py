@@ -270,6 +270,7 @@ def test_starts_faulted_and_only_a_reset_with_the_stop_released_leads_to_idle(st
         'counter_properties',  # counters at the end of their range
         'limit_properties',  # never further into a limit switch
         'shaper_properties',  # random programs with an input shaper: exact steps, nothing early
+        'rounding_properties',  # corners and curves stay within shape_corner_mm
     ],
 )
 def test_properties_of_the_core(controller_path, name):

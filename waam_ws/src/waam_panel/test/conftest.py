@@ -150,3 +150,14 @@ def made_jobs(tmp_path, monkeypatch):
     from made_jobs import make_job
 
     return lambda number, **of: make_job(tmp_path / 'jobs', number, **of)
+
+
+@pytest.fixture(scope='module')
+def browser(request):
+    """A browser for a module of tests, which says where it lies (CHROMIUM)."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as p:
+        made = p.chromium.launch(executable_path=request.module.CHROMIUM, args=['--no-sandbox'])
+        yield made
+        made.close()

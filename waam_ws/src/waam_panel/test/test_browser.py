@@ -65,16 +65,6 @@ class Screen:
 
 
 @pytest.fixture(scope='module')
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as p:
-        made = p.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
-        yield made
-        made.close()
-
-
-@pytest.fixture(scope='module')
 def cell(tmp_path_factory, write_part, domain):
     """(address of the page, client of the graph, folder with parts that are not yet uploaded)."""
     folder = tmp_path_factory.mktemp('shift')

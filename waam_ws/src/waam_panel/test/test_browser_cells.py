@@ -25,16 +25,6 @@ JOB = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope='module')
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as p:
-        made = p.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
-        yield made
-        made.close()
-
-
 def shows(page, selector: str, pattern: str) -> None:
     from playwright.sync_api import expect
 

@@ -22,7 +22,8 @@ class HistoryError(ValueError):
     """The name is not that of a job."""
 
 
-def _read(file: Path) -> dict[str, Any]:
+def facts_of(file: Path) -> dict[str, Any]:
+    """The object in a JSON file of a job; {} for none."""
     try:
         data = json.loads(file.read_text(encoding='utf-8'))
     except (OSError, ValueError):
@@ -44,7 +45,7 @@ def _is_job(folder: Path) -> bool:
 
 
 def _row(folder: Path) -> dict[str, Any]:
-    status, report = with_loop_mode(_read(folder / STATUS)), _read(folder / REPORT)
+    status, report = with_loop_mode(facts_of(folder / STATUS)), facts_of(folder / REPORT)
     run: dict[str, Any] = next(
         (report[p] for p in SHOWN_FIRST if isinstance(report.get(p), dict)), {}
     )
@@ -67,7 +68,7 @@ def _row(folder: Path) -> dict[str, Any]:
 
 def can_go_on(folder: Path) -> bool:
     """It ended before its last layer and its goal is on disk."""
-    state = _read(folder / STATUS).get('state')
+    state = facts_of(folder / STATUS).get('state')
     return state in UNFINISHED and (folder / JOB).is_file()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from waam_process.names import JOB_RUNNING
 from waam_shop.events import DONE, Event, Watch
 from waam_shop.notifier import Notifier
 
+from .history import facts_of
 from .state import PanelState
 
 REPORT_S = 600.0  # how long the report of an ended job is waited for
@@ -49,7 +49,7 @@ class People:
         """Of jobs that have just ended, as soon as their report is there."""
         events: list[Event] = []
         for job, (folder, until) in list(self._unjudged.items()):
-            verdict = str(_read(folder / job_folder.REPORT).get('verdict') or '')
+            verdict = str(facts_of(folder / job_folder.REPORT).get('verdict') or '')
             events += self._watch.verdict(job, verdict)
             if verdict or time.monotonic() > until:
                 del self._unjudged[job]
@@ -57,15 +57,7 @@ class People:
 
     def _wire(self, job: str, folder: Path) -> list[Event]:
         """By what the job has written after its last layer; nothing when the length on the spool is not known."""
-        left = _read(folder / job_folder.RECORDS).get('spool')
+        left = facts_of(folder / job_folder.RECORDS).get('spool')
         if not isinstance(left, int | float) or isinstance(left, bool):
             return []
         return self._watch.wire(job, float(left), self._notifier.settings.wire_m)
-
-
-def _read(file: Path) -> dict[str, Any]:
-    try:
-        data = json.loads(file.read_text(encoding='utf-8'))
-    except (OSError, ValueError):
-        return {}
-    return data if isinstance(data, dict) else {}

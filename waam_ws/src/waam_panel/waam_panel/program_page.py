@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -11,7 +10,7 @@ from aiohttp import web
 from waam_shop.roles import Role
 
 from .cell import CELL, Cell
-from .commanding import check_command, logged
+from .commanding import BadRequest, check_command, json_of, logged
 from .operations import Refused
 from .programs import (
     DIALECTS,
@@ -26,7 +25,6 @@ from .routes import Handler, Route
 from .setup_form import LOOP_MODE_LABELS, JobSetup
 
 PROGRAMS: web.AppKey[Programs] = web.AppKey('programs', Programs)
-BODY = 65536
 Run = Callable[[Cell, Programs, dict[str, Any]], Awaitable[dict[str, Any]]]
 
 
@@ -86,23 +84,11 @@ async def start(cell: Cell, programs: Programs, data: dict[str, Any]) -> dict[st
 # ---- requests
 
 
-async def _json(request: web.Request) -> dict[str, Any]:
-    if request.content_type != 'application/json' or (request.content_length or 0) > BODY:
-        raise ProgramRefused('a small JSON object is wanted')
-    try:
-        data = json.loads(await request.text())
-    except ValueError:
-        raise ProgramRefused('not JSON') from None
-    if not isinstance(data, dict):
-        raise ProgramRefused('a JSON object is wanted')
-    return data
-
-
 async def _answer(doing: Awaitable[dict[str, Any]]) -> web.Response:
     """200 done; 400 a field or the program is wrong; 409 the cell refuses."""
     try:
         said = await doing
-    except (ProgramRefused, PartsError) as e:
+    except (BadRequest, ProgramRefused, PartsError) as e:
         return web.json_response({'ok': False, 'message': str(e)}, status=400)
     except (Refused, WorkError) as e:
         return web.json_response({'ok': False, 'message': str(e)}, status=409)
@@ -116,7 +102,7 @@ def _asked(run: Run) -> Handler:
         cell = check_command(request)
 
         async def do() -> dict[str, Any]:
-            return await run(cell, request.app[PROGRAMS], await _json(request))
+            return await run(cell, request.app[PROGRAMS], await json_of(request))
 
         return await _answer(do())
 

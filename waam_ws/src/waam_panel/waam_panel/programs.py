@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from waam_plan.read.files import DEFAULT, SUFFIXES, shipped
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import DEFAULT_MATERIAL
 
 from .parts import PartFolders, PartsError
 from .worker import WorkError, work
 
-SUFFIXES = ('.gcode', '.gco', '.g', '.nc', '.ngc', '.tap', '.cnc')  # as waam_plan.read.files
-DIALECTS = ('waam', 'slicer', 'welder')
+DIALECTS = (DEFAULT, *(n for n in shipped() if n != DEFAULT))
 SHIFT_MM = 1000.0
 LONGEST = 80
 

@@ -191,18 +191,6 @@ def _add_outputs(p: argparse.ArgumentParser) -> None:
         help='robot: also look where the robot of `waam up --machine robot` cannot hold the programmed speed, what '
         'comes too near to what and what is out of reach; exit status 2 where the plan cannot be run',
     )
-    p.add_argument(
-        '--tilt',
-        type=float,
-        metavar='DEG',
-        help='of --machine robot: the positioner tilts the part by so much towards the robot, so that what leans to +x '
-        'grows upwards; for overhangs beyond 45 degrees',
-    )
-    p.add_argument(
-        '--clamp',
-        action='store_true',
-        help='of --tilt: the part is held by a clamp at the work zero, over level ground, not on the faceplate',
-    )
     cli_robot.add_robot(p)
     p.add_argument(
         '--tolerance',
@@ -258,7 +246,7 @@ def make_plan(args: argparse.Namespace) -> Plan:
 
     settings = settings_from(args)
     if settings.tilt_deg:
-        _check_tilt(args, settings)
+        cli_robot.check_tilt(args, settings)
     if cli_program.is_program(args):
         return cli_program.program_plan(args, settings)
     if is_cloud(args.part):
@@ -284,18 +272,6 @@ def make_plan(args: argparse.Namespace) -> Plan:
     if args.warping:
         raise ValueError('--warping belongs to --mode build')
     return _restoration(part, args, settings)
-
-
-def _check_tilt(args: argparse.Namespace, settings: PlanSettings) -> None:
-    if args.machine != ROBOT:
-        raise ValueError('--tilt needs --machine robot: no other machine tilts the part')
-    if cli_program.is_program(args) or args.level is not None or args.zone or args.warping:
-        raise ValueError('--tilt belongs to a mesh, not to a program, --level, --zone or --warping')
-    if not args.as_found and not settings.clamp:
-        raise ValueError(
-            '--tilt of a build has no level ground: give what stands there as --as-found, or --clamp where the lowest '
-            'face of the tilted part begins on a level one'
-        )
 
 
 def _warping(args: argparse.Namespace) -> Displacements | None:

@@ -8,10 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from waam_process.operating import ROBOT
+
 if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
     from .plan import Plan
     from .robot.cell import RobotCell
     from .robot.motion import Motion
+    from .settings import PlanSettings
 
 POSTS = ('fanuc', 'kuka', 'abb')
 MAX_BYTES = 1_000_000
@@ -34,7 +37,19 @@ class Reader(Protocol):
 
 
 def add_robot(p: argparse.ArgumentParser) -> None:
-    """Options that belong to a robot's program."""
+    """Options that belong to a robot and its program."""
+    p.add_argument(
+        '--tilt',
+        type=float,
+        metavar='DEG',
+        help='of --machine robot: the positioner tilts the part by so much towards the robot, so that what leans to +x '
+        'grows upwards; for overhangs beyond 45 degrees',
+    )
+    p.add_argument(
+        '--clamp',
+        action='store_true',
+        help='of --tilt: the part is held by a clamp at the work zero, over level ground, not on the faceplate',
+    )
     p.add_argument(
         '--cell',
         type=Path,
@@ -59,6 +74,21 @@ def add_robot(p: argparse.ArgumentParser) -> None:
         help='of a robot: read the program back, run it on the arm and positioner of waam_robot and tell how far its '
         'path is from the plan; exit status 2 where the arm cannot go it',
     )
+
+
+def check_tilt(args: argparse.Namespace, settings: PlanSettings) -> None:
+    """ValueError where the part cannot be tilted."""
+    from . import cli_program
+
+    if args.machine != ROBOT:
+        raise ValueError('--tilt needs --machine robot: no other machine tilts the part')
+    if cli_program.is_program(args) or args.level is not None or args.zone or args.warping:
+        raise ValueError('--tilt belongs to a mesh, not to a program, --level, --zone or --warping')
+    if not args.as_found and not settings.clamp:
+        raise ValueError(
+            '--tilt of a build has no level ground: give what stands there as --as-found, or --clamp where the lowest '
+            'face of the tilted part begins on a level one'
+        )
 
 
 def write_robot(plan: Plan, args: argparse.Namespace) -> None:

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from waam_node.files import sync_folder
+
 
 def write_durably(path: Path, text: str, mode: int = 0o644) -> None:
     """The file is either the old or the new one; once this returns it is the new one, also after a power cut."""
@@ -20,15 +22,6 @@ def write_durably(path: Path, text: str, mode: int = 0o644) -> None:
         os.fsync(f.fileno())
     os.replace(temporary, path)
     sync_folder(path.parent)
-
-
-def sync_folder(folder: Path) -> None:
-    """Puts the names in a folder on the disk."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 @contextmanager

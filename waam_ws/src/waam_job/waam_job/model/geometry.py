@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -133,13 +134,18 @@ def aim_point(segments: list[Segment]) -> Point | None:
     if not deposits:
         return None
     points = np.array([s.midpoint for s in deposits])
-    middle = np.average(points, axis=0, weights=[s.length for s in deposits])
+    x, y, z = aim_at(points, np.array([s.length for s in deposits]), [s.width for s in deposits])
+    return x, y, z
+
+
+def aim_at(points: np.ndarray, lengths: np.ndarray, widths: Sequence[float]) -> list[float]:
+    """`aim_point` of deposits by their middles (n, 2 or 3), lengths and widths (n,), m."""
+    middle = np.average(points, axis=0, weights=lengths)
     away = np.hypot(*(points - middle)[:, :2].T)
     nearest = int(np.argmin(away))
-    if away[nearest] > 0.5 * deposits[nearest].width:
+    if away[nearest] > 0.5 * widths[nearest]:
         middle = points[nearest]
-    x, y, z = (float(v) for v in middle)
-    return x, y, z
+    return [float(v) for v in middle]
 
 
 def laid_beads(segments: list[Segment], material: Material) -> LaidBeads:

@@ -62,7 +62,8 @@ class PartScanner:
             return replace(self.scan_after(layer.number), extent=WHOLE + reason)
         whole, words = window, ''
         if beside_arc is not None:
-            window, words = changed.narrowed(whole, beside_arc), _narrower(whole, beside_arc)
+            window = changed.narrowed(whole, beside_arc)
+            words = _narrower(whole, window, beside_arc)
         top = self.program.built_height(layer.number)
         self.journal.state(State.SCANNING, f'scanning what layer {layer.number} has changed')
         seen = self._once(layer.number, top, window.spec(self.spec))
@@ -165,10 +166,10 @@ class PartScanner:
         )
 
 
-def _narrower(whole: changed.Window, beside_arc: np.ndarray) -> str:
+def _narrower(whole: changed.Window, window: changed.Window, beside_arc: np.ndarray) -> str:
     """What profiles beside the arc have spared the pass, in words for the report."""
     well = float(np.isfinite(beside_arc[whole.cells]).mean())
-    left = 1 - changed.narrowed(whole, beside_arc).size / whole.size
+    left = 1 - window.size / whole.size
     if left > 0:
         return f' less {left:.0%} of it that was seen well beside the arc'
     return f'; beside the arc {well:.0%} of it was seen well, no whole end of it'

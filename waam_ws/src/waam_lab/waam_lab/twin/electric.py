@@ -8,7 +8,8 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.optimize import least_squares
 
-from waam_sim.arc import REFERENCE_CTWD, ArcParams
+from waam_sim.arc import ArcParams, steady_current
+from waam_sim.compiled import jit, record
 
 from .replay import Laid, Replay
 from .timeline import arcs
@@ -63,13 +64,16 @@ def steady(replay: Replay, laid: Laid) -> Steady:
 
 
 def current(p: ArcParams, wire: np.ndarray, contact: np.ndarray) -> np.ndarray:
-    """A, (n,): as waam_sim.arc.steady_current, for arrays. wire: the true one, m/s."""
-    e = min(p.current_exponent, 0.999)
-    share, linear = 1.0 / e - 1.0, 2.0 - 1.0 / e
-    length = np.maximum(1.0 + p.current_per_m * (contact - REFERENCE_CTWD) / (1.0 - e), 0.05)
-    square, ratio = share * length, np.maximum(wire, 1e-4) / p.wire_ref
-    relative = (np.sqrt(linear**2 + 4.0 * square * ratio) - linear) / (2.0 * square)
-    return np.maximum(p.current_ref * relative, 10.0)
+    """A, (n,). wire: the true one, m/s; contact: m."""
+    return _currents(record(p)[0], np.asarray(wire, float), np.asarray(contact, float))
+
+
+@jit
+def _currents(p, wire, contact):  # type: ignore[no-untyped-def]
+    out = np.empty(wire.size)
+    for i in range(wire.size):
+        out[i] = steady_current(p, wire[i], contact[i])
+    return out
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from waam_job.model.geometry import aim_at
 from waam_node import job_folder
 from waam_process.grid import GridSpec
 
@@ -127,13 +128,9 @@ def _spots(plan: dict[str, np.ndarray]) -> dict[int, tuple[float, float]]:
     for number in np.unique(plan['layer'][deposit]):
         use = deposit & (plan['layer'] == number)
         a, b = plan['start'][use][:, :2], plan['end'][use][:, :2]
-        middles, length = (a + b) / 2, np.hypot(*(b - a).T)
-        at = np.average(middles, axis=0, weights=np.maximum(length, 1e-9))
-        away = np.hypot(*(middles - at).T)
-        near = int(np.argmin(away))
-        if away[near] > 0.5 * plan['width'][use][near]:
-            at = middles[near]
-        found[int(number)] = (float(at[0]), float(at[1]))
+        length = np.maximum(np.hypot(*(b - a).T), 1e-9)
+        x, y = aim_at((a + b) / 2, length, plan['width'][use])
+        found[int(number)] = (x, y)
     return found
 
 

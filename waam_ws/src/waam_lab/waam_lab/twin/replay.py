@@ -21,7 +21,7 @@ from waam_sim.heat import BARE, Heat, add_arc, conduct, grow
 from waam_sim.metal import Metal, under_wire
 from waam_sim.metal import advance as advance_metal
 from waam_sim.plant import PlantParams
-from waam_sim.pyrometer import C2, KELVIN
+from waam_sim.pyrometer import apparent
 from waam_sim.step import AHEAD
 
 from .records import JobRecord
@@ -171,7 +171,5 @@ def _beyond(spec: GridSpec, z: np.ndarray) -> tuple[GridSpec, np.ndarray]:
 
 
 def _read(true_c: np.ndarray, physics: PlantParams) -> np.ndarray:
-    """Readings of the pyrometer (n,): Wien's law with the emissivities of the cell, as waam_sim.pyrometer."""
-    p = physics.pyrometer
-    inverse = 1.0 / (true_c + KELVIN)
-    return 1.0 / (inverse - p.wavelength / C2 * math.log(p.emissivity / p.emissivity_set)) - KELVIN
+    """Readings of the pyrometer (n,), degrees Celsius."""
+    return np.array([apparent(float(c), physics.pyrometer) for c in true_c])
