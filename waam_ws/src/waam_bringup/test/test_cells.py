@@ -17,7 +17,8 @@ from waam_shop.shop_folder import Shop
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
     for name in ('WAAM_CELL', 'WAAM_RUN', 'WAAM_SHOP', 'WAAM_CALIBRATIONS', 'ROS_DOMAIN_ID'):
-        monkeypatch.delenv(name, raising=False)
+        monkeypatch.setenv(name, '')  # so that what a test sets is taken back, too
+        monkeypatch.delenv(name)
     monkeypatch.setenv('WAAM_JOBS', str(tmp_path / 'jobs'))
     return tmp_path
 
@@ -41,6 +42,12 @@ def test_a_named_cell_has_folders_of_its_own_and_shares_the_shop(here, monkeypat
     monkeypatch.setenv('WAAM_CELL', '../cell')
     with pytest.raises(ValueError, match='name of a cell'):
         paths.jobs_dir()
+
+
+def test_the_cell_of_one_command_is_not_that_of_the_next(here):
+    assert main(['queue', 'list', '--name', 'cell2']) == 0
+    assert main(['status', '--name', 'cell3', '--run', str(here / 'nothing')]) != 0
+    assert 'WAAM_CELL' not in os.environ
 
 
 def test_the_option_names_the_cell_for_everything_that_follows(capsys):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import signal
 import sys
 import time
@@ -18,7 +19,7 @@ from waam_process.operating import GANTRY, MACHINES
 from . import audited, calibrate, panel
 from .cli_common import add_run, run_and_domain
 from .cli_job import register_job
-from .paths import jobs_dir
+from .paths import CELL, jobs_dir
 from .shop import places
 
 EPILOG = """\
@@ -283,9 +284,10 @@ def main(argv: list[str] | None = None) -> int:
     """Errors of use print one line and give exit status 2."""
     from .client import ClientError
 
-    args = build_parser().parse_args(argv)
     signal.signal(signal.SIGTERM, _terminated)
+    before = os.environ.get(CELL)  # --cell sets it, for this command and what it starts
     try:
+        args = build_parser().parse_args(argv)
         audited.record(args)
         return args.run_command(args)
     except (ValueError, OSError, ClientError) as e:
@@ -293,6 +295,10 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+    finally:
+        os.environ.pop(CELL, None)
+        if before is not None:
+            os.environ[CELL] = before
 
 
 if __name__ == '__main__':

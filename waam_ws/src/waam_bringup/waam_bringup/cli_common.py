@@ -14,8 +14,10 @@ class CellName(argparse.Action):
         """Puts the name where `paths` and every process that is started looks."""
         from waam_shop.cells import check_name
 
+        from .paths import CELL
+
         try:
-            os.environ['WAAM_CELL'] = check_name(value)
+            os.environ[CELL] = check_name(value)
         except ValueError as e:
             parser.error(f'{option}: {e}')
         setattr(namespace, self.dest, value)

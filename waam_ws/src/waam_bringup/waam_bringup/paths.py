@@ -7,6 +7,8 @@ from pathlib import Path
 
 from waam_shop.cells import FIRST, check_name
 
+CELL = 'WAAM_CELL'  # variable of the environment: name of the cell that is meant
+
 
 def share(package: str) -> Path:
     """<prefix>/share/<package> from AMENT_PREFIX_PATH."""
@@ -24,7 +26,7 @@ def root() -> Path:
 
 def cell_name() -> str:
     """Name of the cell that is meant: WAAM_CELL, or that of the first cell. ValueError for a name that is none."""
-    return check_name(os.environ.get('WAAM_CELL') or FIRST)
+    return check_name(os.environ.get(CELL) or FIRST)
 
 
 def shop_jobs_dir() -> Path:

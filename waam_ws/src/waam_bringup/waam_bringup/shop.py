@@ -11,7 +11,7 @@ from typing import Any
 from waam_shop.shop_folder import Places, Shop
 
 from . import run_state
-from .paths import cell_name, jobs_dir, run_dir, share, shop_dir
+from .paths import CELL, cell_name, jobs_dir, run_dir, share, shop_dir
 
 
 def places() -> Places:
@@ -22,12 +22,12 @@ def places() -> Places:
 @contextmanager
 def cell(name: str) -> Iterator[None]:
     """Folders inside the block are those of this cell."""
-    before = os.environ.get('WAAM_CELL')
-    os.environ['WAAM_CELL'] = name
+    before = os.environ.get(CELL)
+    os.environ[CELL] = name
     try:
         yield
     finally:
-        os.environ.pop('WAAM_CELL') if before is None else os.environ.update(WAAM_CELL=before)
+        os.environ.pop(CELL) if before is None else os.environ.update({CELL: before})
 
 
 def store_part(name: str, file: Path) -> str:
