@@ -71,6 +71,15 @@ class Place:
     tilt: float = 0.0
 
 
+def machine_frame(place: Place) -> np.ndarray:
+    """(4, 4): from the robot's base to machine coordinates, whether the arm reaches the box or not."""
+    positioner, origin = place.positioner, np.array(place.origin, float)
+    level = carriage(positioner, origin + np.add(place.low, place.high) / 2, place.tilt)
+    found = inverse(level.to_robot(np.eye(4), 0.0, -positioner.turn_zero))
+    found[:3, 3] -= origin
+    return np.asarray(found)
+
+
 class Station:
     """`spin` (rad) and `branch` serve the whole box. StationError names the place that the arm does not reach."""
 
