@@ -8,15 +8,17 @@ so are speed, acceleration and jerk of each joint. A joint that would have to do
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from waam_robot.bead import way_along
+from waam_robot.bead import at_ways, make_bead, way_along
+from waam_robot.joint_path import BeadPath
 from waam_robot.station import Station
+from waam_robot.timing import Drives, TimingError, time_bead
 
 from .blend import LEAST, MOST, blended
-from .limits import Limits, smoothing
+from .limits import TORCH, Limits, smoothing
 from .params import RobotParams
 
 TOLD = 0.01  # share of the programmed speed from which a difference is told
@@ -47,7 +49,7 @@ class Bead:
 class Place:
     """A stretch of a bead that is laid too slowly or too fast. begin, end: m from the bead's start; speed, wanted: m/s
     where the difference is largest; cause: what holds it up; at: (3,) m, work frame, there; stops: the job would end
-    there."""
+    there; possible: m/s, what the drives allow there, NaN = nobody computed it."""
 
     layer: int
     bead: int
@@ -58,6 +60,7 @@ class Place:
     cause: str
     at: np.ndarray
     stops: bool = False
+    possible: float = float('nan')
 
     @property
     def text(self) -> str:
@@ -68,7 +71,8 @@ class Place:
             f'at ({x:.1f}, {y:.1f}, {z:.1f}) mm: '
         )
         if self.stops:
-            return f'{said}{self.cause}: the job would be held there'
+            slower = f'; {self.possible * 1e3:.2f} mm/s is possible' if self.possible > 0 else ''
+            return f'{said}{self.cause}: the job would be held there{slower}'
         return f'{said}{self.speed * 1e3:.2f} mm/s instead of {self.wanted * 1e3:.2f}: {self.cause}'
 
 
@@ -122,10 +126,38 @@ def places(bead: Bead, station: Station, params: RobotParams) -> list[Place]:
     if len(bead.tips) < 2 * WINDOW:
         return []
     trace = _trace(bead, station, params)
+    possible = _possible(bead, station, params) if (trace.used > 1).any() else None
     off = np.abs(trace.speed / trace.wanted - 1)
     moving = (trace.way > 1e-6) & (trace.way < trace.given[-1] - 1e-6)
     wrong = ((off > TOLD) | (trace.used > 1)) & moving
-    return [_place(trace, off, a, b) for a, b in _stretches(wrong, trace.way)]
+    found = [_place(trace, off, a, b) for a, b in _stretches(wrong, trace.way)]
+    return found if possible is None else [_slowed(p, bead, possible) for p in found]
+
+
+def _possible(
+    bead: Bead, station: Station, params: RobotParams
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """((k, 3) m, machine coordinates, (k,) m/s): along the bead but its ends, what TOPPRA finds possible with these
+    drives up to the programmed speed; None without toppra, or where it finds nothing."""
+    limits = params.limits_of_joints()
+    path = make_bead(bead.corners, corner=params.corner)
+    laid = BeadPath(path, station.joints(path.points), 0, 0.0, 'hold', 0.0, 0.0, 0.0)
+    drives = Drives(limits.speed, limits.acceleration, limits.jerk, TORCH)
+    try:
+        timed = time_bead(laid, float(bead.speeds.max()), drives)
+    except TimingError:
+        return None
+    moving = (timed.way > NEAR / 2) & (timed.way < path.length - NEAR / 2)
+    return at_ways(path.way, path.points, timed.way[moving]), timed.speed[moving]
+
+
+def _slowed(place: Place, bead: Bead, possible: tuple[np.ndarray, np.ndarray]) -> Place:
+    """The place with the least speed that is possible near it."""
+    points, speed = possible
+    near = np.linalg.norm(points - bead.work_zero - place.at, axis=1) < NEAR
+    if not place.stops or not near.any():
+        return place
+    return replace(place, possible=float(speed[near].min()))
 
 
 @dataclass(frozen=True)
