@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rerun as rr
+from scipy.spatial.transform import Rotation
 
+from waam_robot.bodies import bodies_of
 from waam_robot.station import Place, Station
 from waam_view import blueprint as bp
-from waam_view.robot_scene import RobotScene, entity_of
+from waam_view.robot_scene import RobotScene, entity_of, shapes
 from waam_view.scene import Scene
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -102,3 +104,20 @@ def test_a_file_that_begins_later_has_the_whole_robot(station, tmp_path):
         f'{bp.ROBOT}/positioner/body_0',
     }
     assert wanted | {entity_of(n) for n in range(10)} <= found
+
+
+def test_capsules_lie_along_their_lines():
+    """The viewer draws them from (0, 0, 0) to (0, 0, length), turned and moved."""
+    place = Station().place
+    bodies = bodies_of(place.arm, place.positioner)
+    drawn = shapes(bodies)
+    for entity in (f'{bp.ROBOT}/link_2/body', f'{bp.ROBOT}/link_4/body', f'{bp.ROBOT}/torch/body'):
+        own = [c for c in bodies.capsules if entity_of(c.frame) == entity.rsplit('/', 1)[0]]
+        shape = drawn[entity]
+        turns, starts, lengths = (
+            np.array(v.as_arrow_array().to_pylist())
+            for v in (shape.quaternions, shape.translations, shape.lengths)
+        )
+        ends = starts + Rotation.from_quat(turns).apply([0, 0, 1]) * lengths[:, None]
+        assert starts == pytest.approx(np.array([c.a for c in own]), abs=1e-6)
+        assert ends == pytest.approx(np.array([c.b for c in own]), abs=1e-6)
