@@ -53,6 +53,7 @@ def test_the_same_arm_as_by_its_table():
     assert np.abs(station.tips(joints) - tips).max() < 1e-8
     again = station.joints(tips[-1:], joints[-1])
     assert np.abs(again - joints[-1:]).max() < 1e-8
+    assert station.gains == pytest.approx(STATION.gains, rel=0.05, abs=1e-6)
 
 
 def test_names_are_in_the_order_of_the_driver():

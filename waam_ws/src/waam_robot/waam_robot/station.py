@@ -8,7 +8,7 @@ and singularities. Inside the box nothing can flip then.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Protocol
 
 import numpy as np
@@ -26,6 +26,7 @@ from .tilt import MOST, carriage
 JOINTS = AXES + 2
 GRID = 25e-3  # m between the places of the box that are looked at
 AROUND = 5e-3  # m between the points of the path around the box
+TINY = 1e-5  # m: a move of the torch
 NEVER = 1e9  # m: nearer to the turn axis than this the positioner does not follow
 KEPT = 8  # turns of the positioner whose matrices are kept
 OVER = np.diag([1.0, -1.0, -1.0, 1.0])  # half a turn about x: the tool's z points to the part
@@ -51,6 +52,10 @@ class Reach(Protocol):
     def tips(self, joints: np.ndarray) -> np.ndarray:
         """(N, 3) m: the torch in machine coordinates for joints (N, n)."""
 
+    @property
+    def gains(self) -> np.ndarray:
+        """(n,) rad/m: how far each joint moves at most for a move of the torch, anywhere in the box."""
+
 
 @dataclass(frozen=True)
 class Place:
@@ -64,6 +69,15 @@ class Place:
     low: tuple[float, float, float] = (0.0, 0.0, 0.0)
     high: tuple[float, float, float] = (0.4, 0.3, 0.2)
     tilt: float = 0.0
+
+
+def machine_frame(place: Place) -> np.ndarray:
+    """(4, 4): from the robot's base to machine coordinates, whether the arm reaches the box or not."""
+    positioner, origin = place.positioner, np.array(place.origin, float)
+    level = carriage(positioner, origin + np.add(place.low, place.high) / 2, place.tilt)
+    found = inverse(level.to_robot(np.eye(4), 0.0, -positioner.turn_zero))
+    found[:3, 3] -= origin
+    return np.asarray(found)
 
 
 class Station:
@@ -117,13 +131,16 @@ class Station:
         except PlanError as e:
             raise StationError(f'the robot does not reach all of its box: {e}') from None
 
-    def _check_inside(self) -> None:
-        low, high = self.place.low, self.place.high
+    def _grid(self) -> np.ndarray:
+        """(N, 3) m: places all over the box, GRID apart at most."""
         axes = [
             np.linspace(a, b, int(np.ceil((b - a) / GRID)) + 1)
-            for a, b in zip(low, high, strict=True)
+            for a, b in zip(self.place.low, self.place.high, strict=True)
         ]
-        grid = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1).reshape(-1, 3)
+        return np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1).reshape(-1, 3)
+
+    def _check_inside(self) -> None:
+        grid = self._grid()
         found = solve(self.place.arm, self.poses(grid))
         theta = nearest_turns(self.place.arm, found.theta[:, self.branch], self._middle)
         near = np.abs(np.sin(theta[:, 4])) < np.sin(WRIST)
@@ -161,6 +178,14 @@ class Station:
         reference = self._middle if near is None else np.asarray(near)[:AXES]
         theta = nearest_turns(self.place.arm, theta, reference)
         return np.column_stack([theta, np.broadcast_to(self.hold, (len(theta), 2))])
+
+    @cached_property
+    def gains(self) -> np.ndarray:
+        """(8,) rad/m: how far each joint moves at most for a move of the torch, anywhere in the box."""
+        apart = np.eye(3) * TINY / 2
+        grid = self._grid()
+        moved = [self.joints(grid + d) - self.joints(grid - d) for d in apart]
+        return np.asarray(np.linalg.norm(moved, axis=0).max(axis=0)) / TINY
 
     def frames(self, joints: np.ndarray, arm: Arm | None = None) -> np.ndarray:
         """(N, 4, 4): the torch in machine coordinates (its x, y, z axes those of the machine where the arm is exact)

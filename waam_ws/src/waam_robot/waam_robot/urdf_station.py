@@ -8,6 +8,7 @@ random ones, and followed from point to point by Newton steps, so nothing can fl
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -76,6 +77,19 @@ class UrdfStation:
         """(N, 3) m: the torch in machine coordinates for joints (N, n)."""
         inner = np.array([self._inner(q) for q in np.asarray(joints, float)])
         return self._chain.forward(inner)[:, :3, 3] - self._origin
+
+    @cached_property
+    def gains(self) -> np.ndarray:
+        """As `Station.gains`."""
+        q, most = self.middle, np.zeros(len(self._order))
+        for tip in _through(np.array(self.place.low, float), np.array(self.place.high, float)):
+            solved = self._solve(q, tip)
+            q = q if solved is None else solved  # the box was walked through at the start
+            moving = self._chain.pose_and_jacobian(q)[1][:, self._moving]
+            most[:AXES] = np.maximum(
+                most[:AXES], np.linalg.norm(np.linalg.inv(moving)[:, :3], axis=1)
+            )
+        return most
 
     # ---- setting up
 

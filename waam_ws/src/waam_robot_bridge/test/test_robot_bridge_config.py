@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from waam_node.params import ParameterError, from_dict, markdown
-from waam_robot_bridge.params import RobotParams
+from waam_robot_bridge.params import LIMITS, RobotParams
 
 PACKAGE = Path(__file__).parents[1]
 
@@ -31,6 +31,7 @@ def test_the_readme_has_the_parameter_table():
         ({'origin': (0.0,)}, "'origin' has 1 values, needs 3"),
         ({'period': 0.5}, "'period' is 0.5, must be below 'horizon'"),
         ({'joint_speed_max': (1.0,) * 7 + (0.0,)}, "'joint_speed_max'"),
+        ({'joint_jerk_max': (1.0,) * 7 + (0.0,)}, "'joint_jerk_max'"),
         ({'joint_names': ('a',) * 8}, "'joint_names'"),
         (
             {'urdf': 'arm.urdf', 'joint_names': ('a', 'b')},
@@ -53,7 +54,9 @@ def test_the_box_of_the_robot_narrows_the_limits():
 
 def test_an_arm_of_a_urdf_may_have_other_joints():
     names, speeds = tuple('abcdefg'), (1.0,) * 7
-    params = RobotParams(urdf='arm.urdf', joint_names=names, joint_speed_max=speeds)
+    limits = {name: speeds for name in LIMITS}
+    params = RobotParams(urdf='arm.urdf', joint_names=names, **limits)
+    assert params.limits_of_joints().names == names
     assert params.urdf_place().joint_names == names
     assert params.urdf_place().posture == ()  # NaN: one is searched for
 

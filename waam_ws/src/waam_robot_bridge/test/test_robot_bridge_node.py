@@ -26,12 +26,13 @@ from waam_node.conversions import segment_to_msg
 from waam_node.testing import fresh_domain
 from waam_process.segment import Kind, Segment
 from waam_robot.joint_path import Machine as RobotMachine
-from waam_robot.station import Station
+from waam_robot.station import Place, Station
 from waam_robot.timing import Drives
 from waam_robot.urdf_text import write_urdf
 from waam_robot_bridge.params import NAMES
 
 TOP = 0.025  # m, of the plate on the table
+TILT = 1.2  # rad
 ZERO = (0.100, 0.080, 0.020)
 
 
@@ -47,9 +48,12 @@ def until(condition, timeout=60.0, what='condition'):
 
 
 class Graph:
-    """Two processes and a client in a domain of their own. `weld`: (s of controller time, A) as the device tells."""
+    """Two processes and a client in a domain of their own. `weld`: (s of controller time, A) as the device tells;
+    tilt: rad, of bridge and cell."""
 
-    def __init__(self, logs: Path, cell: bool = True, **bridge_params: str) -> None:
+    def __init__(
+        self, logs: Path, cell: bool = True, tilt: float = 0.0, **bridge_params: str
+    ) -> None:
         self.domain, self.logs = fresh_domain(), logs
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=self.domain)
@@ -58,11 +62,13 @@ class Graph:
         self.states: list[MachineState] = []
         self.done: list[int] = []
         self.weld: list[tuple[float, float]] = []
+        self.joints: dict[str, float] = {}
         subscribe = self.node.create_subscription
         subscribe(Telemetry, 'telemetry', self.telemetry.append, qos.TELEMETRY)
         subscribe(MachineState, 'machine_state', self.states.append, qos.LATCHED)
         subscribe(SegmentDone, 'segment_done', lambda m: self.done.append(m.index), qos.EVENTS)
         subscribe(DynamicInterfaceGroupValues, 'weld_state', self._on_weld, qos.BEAT)
+        subscribe(JointState, 'joint_states', self._on_joints, qos.BEAT)
         self._command = self.node.create_client(Command, 'bridge/command')
         self._enqueue = self.node.create_client(Enqueue, 'bridge/enqueue')
         self._executor = EventsExecutor(context=self.context)
@@ -71,11 +77,13 @@ class Graph:
         threading.Thread(target=self._spin, daemon=True).start()
         sim = str(cell).lower()
         self.bridge = self._start(
-            'waam_robot_bridge', 'robot_bridge', use_sim_time=sim, **bridge_params
+            'waam_robot_bridge', 'robot_bridge', use_sim_time=sim, tilt=f'{tilt}', **bridge_params
         )
         self.processes = [self.bridge]
         if cell:
-            made = self._start('waam_sim', 'robot_cell', use_sim_time='false', pace='2.0')
+            made = self._start(
+                'waam_sim', 'robot_cell', use_sim_time='false', pace='2.0', robot_tilt=f'{tilt}'
+            )
             self.processes.append(made)
 
     def _start(self, package: str, name: str, **params: str) -> subprocess.Popen:
@@ -91,6 +99,9 @@ class Graph:
         with contextlib.suppress(ExternalShutdownException):
             while not self._stop.is_set():
                 self._executor.spin_once(timeout_sec=0.05)
+
+    def _on_joints(self, msg: JointState) -> None:
+        self.joints.update(zip(msg.name, msg.position, strict=True))
 
     def _on_weld(self, msg: DynamicInterfaceGroupValues) -> None:
         group = msg.interface_values[0]
@@ -141,12 +152,13 @@ class Graph:
 
 @pytest.fixture
 def graph(tmp_path):
-    made = Graph(tmp_path)
+    made = Graph(tmp_path, tilt=TILT)
     yield made
     made.close()
 
 
-def test_a_bead_on_the_robot_and_an_arc_that_ends_with_the_bridge(graph):
+def test_a_bead_on_a_tilted_part_and_an_arc_that_ends_with_the_bridge(graph):
+    """Level parts: `test_an_arm_of_a_urdf_goes_home`, and every other job."""
     until(lambda: graph.state.connected, what='connection')
     assert graph.state.limit_max.x == pytest.approx(0.4)
     graph.command(Command.Request.RESET)
@@ -172,6 +184,12 @@ def test_a_bead_on_the_robot_and_an_arc_that_ends_with_the_bridge(graph):
     assert graph.burns
     p = graph.telemetry[-1].position
     assert p.x == pytest.approx(0.04, abs=3e-3) and p.y == pytest.approx(0.03, abs=1e-4)
+    assert graph.joints['tilt'] == pytest.approx(TILT, abs=1e-4)
+    arm = np.array([[graph.joints[name] for name in NAMES]])
+    tilted, level = (Station(Place(tilt=t)) for t in (TILT, 0.0))
+    here = np.array([p.x, p.y, p.z]) + ZERO
+    assert tilted.tips(arm)[0] == pytest.approx(here, abs=3e-3)
+    assert np.abs(level.joints(here[None])[0] - arm[0])[:6].max() > 0.05  # another posture
     graph.bridge.kill()
     killed = graph.weld[-1][0]
     until(lambda: not graph.burns, what='the arc to end')

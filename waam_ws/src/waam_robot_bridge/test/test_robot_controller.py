@@ -170,11 +170,11 @@ def test_a_robot_off_its_path_is_noticed(harness):
 def test_too_fast_joints_give_no_goal(station):
     far = np.linspace([0.05, 0.05, 0.1], [0.35, 0.05, 0.1], 41)
     joints = station.joints(far[:1])[0]
-    fast = np.array(RobotParams().joint_speed_max)
-    with pytest.raises(GoalError, match=r'axis \d .* times its fastest'):
-        make(station, far[:1], far[1:], 10, 0, joints, fast)
+    limits = RobotParams().limits_of_joints()
+    with pytest.raises(GoalError, match=r'J\d .* times its fastest'):
+        make(station, far[:1], far[1:], 10, 0, joints, limits)
     with pytest.raises(GoalError, match='out of reach'):
-        make(station, far[:1], far[1:] + [3.0, 0.0, 0.0], 10, 0, joints, fast)
+        make(station, far[:1], far[1:] + [3.0, 0.0, 0.0], 10, 0, joints, limits)
 
 
 def test_an_arm_in_another_posture_is_not_sent_across(station):
@@ -184,12 +184,12 @@ def test_an_arm_in_another_posture_is_not_sent_across(station):
     other = joints + [0.0, 0.0, 0.0, np.pi, 0.0, np.pi, 0.0, 0.0]
     other[4] = -joints[4]
     assert np.abs(station.tips(other[None]) - far[:1]).max() < 1e-9
-    fast = np.array(RobotParams().joint_speed_max)
+    limits = RobotParams().limits_of_joints()
     with pytest.raises(
         GoalError, match=r'axis \d stands at .* rad, the way begins with .*: bring the arm to \['
     ):
-        make(station, far[:1], far[1:], 10, 0, other, fast)
-    assert make(station, far[:1], far[1:], 10, 0, joints + 0.05, fast).joints.shape[1] == 8
+        make(station, far[:1], far[1:], 10, 0, other, limits)
+    assert make(station, far[:1], far[1:], 10, 0, joints + 0.05, limits).joints.shape[1] == 8
 
 
 @settings(max_examples=60, deadline=None)

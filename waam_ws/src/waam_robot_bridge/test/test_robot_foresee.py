@@ -80,6 +80,18 @@ def test_a_joint_that_is_too_slow_is_named_and_stops_the_job(station):
     assert any('the job would be held there' in p.text for p in found)
 
 
+def test_what_a_joint_can_is_told_by_toppra(station):
+    """J3 turns at 1.5 times its fastest: two thirds of the speed are possible there, less the reserve of the timing."""
+    pytest.importorskip('toppra', reason='requirements-robot.txt is not installed')
+    straight = bead([(0, 0, 0), (60, 0, 0)])
+    rates = np.abs(np.diff(station.joints(straight.tips[::100]), axis=0)).max(axis=0) / 0.1
+    usual = RobotParams().joint_speed_max
+    weak = RobotParams(joint_speed_max=(*usual[:2], float(rates[2]) / 1.5, *usual[3:]))
+    stopping = [p for p in places(straight, station, weak) if p.stops]
+    assert stopping and SPEED * 0.5 < min(p.possible for p in stopping) < SPEED / 1.4
+    assert 'mm/s is possible' in stopping[0].text
+
+
 def test_too_short_to_say_anything(station):
     short = bead([(0, 0, 0), (1, 0, 0)])
     tips = short.tips[:50]

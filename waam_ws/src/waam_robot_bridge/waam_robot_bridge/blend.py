@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 LEG = 60  # ms on both sides of a place by which its turn is measured
-SMOOTH = 12  # ms to both sides of the average
+SMOOTH = 12  # ms to both sides of the average, where the drives need no more (`limits.smoothing`)
 LEAST, MOST = np.radians(12.0), np.radians(125.0)  # turns that are replaced
 STRAIGHT = 8e-6  # m: a leg leaves its line by less than this
 LEVEL = 2e-5  # m: and its height too
@@ -39,23 +39,23 @@ class Corner:
     turn: float
 
 
-def blended(tips: np.ndarray, tolerance: float) -> np.ndarray:
+def blended(tips: np.ndarray, tolerance: float, smooth: int = SMOOTH) -> np.ndarray:
     """(n, 3) m: torch positions of every ms for those that the core commands, (n, 3); the path between is left by at
-    most `tolerance` (m) at corners; 0 = corners are only averaged."""
-    smooth = averaged(tips)
+    most `tolerance` (m) at corners; 0 = corners are only averaged, over `smooth` ms to both sides as everything."""
+    even = averaged(tips, smooth)
     if tolerance <= 0 or len(tips) < 4 * LEG:
-        return smooth
-    out = smooth.copy()
+        return even
+    out = even.copy()
     for corner in corners(tips):
-        _replace(out, smooth, corner, tolerance)
+        _replace(out, even, corner, tolerance)
     return out
 
 
-def averaged(tips: np.ndarray) -> np.ndarray:
-    """(n, 3): weighted mean of (n, 3) over SMOOTH ms to both sides; straight and even stretches stay."""
-    weight = np.concatenate([np.arange(1, SMOOTH + 2), np.arange(SMOOTH, 0, -1)]).astype(float)
+def averaged(tips: np.ndarray, smooth: int = SMOOTH) -> np.ndarray:
+    """(n, 3): weighted mean of (n, 3) over `smooth` ms to both sides; straight and even stretches stay."""
+    weight = np.concatenate([np.arange(1, smooth + 2), np.arange(smooth, 0, -1)]).astype(float)
     weight /= weight.sum()
-    padded = np.pad(tips - tips[-1], ((SMOOTH, SMOOTH), (0, 0)), 'edge')
+    padded = np.pad(tips - tips[-1], ((smooth, smooth), (0, 0)), 'edge')
     columns = [np.convolve(padded[:, n], weight, 'valid') for n in range(tips.shape[1])]
     return np.column_stack(columns) + tips[-1]
 

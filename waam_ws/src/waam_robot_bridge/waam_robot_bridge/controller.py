@@ -20,6 +20,7 @@ from waam_robot.station import Reach
 
 from .blend import blended
 from .goals import Goal, GoalError, Preview, led, make, tips_of
+from .limits import smoothing
 from .params import RobotParams
 from .weld import Delayed
 
@@ -78,7 +79,8 @@ class RobotController:
         self._ahead = np.zeros((0, 3))  # of every ms since the last goal
         self._since = 0  # ms since the last goal
         self._last = Seen(-1, np.zeros(3), np.zeros(3))
-        self._fastest = np.array(params.joint_speed_max)
+        self._limits = params.limits_of_joints()
+        self._smooth = smoothing(station.gains, self._limits)
 
     def close(self) -> None:
         """Frees the core; may be called twice."""
@@ -147,13 +149,16 @@ class RobotController:
         if state is None:
             return
         self._ahead, self._since = self._preview.run(self._core), 0
-        path = blended(np.concatenate([self._tips, self._ahead]), self.params.corner)
-        path = led(path, self.params.servo_lag)
+        params, whole = self.params, np.concatenate([self._tips, self._ahead])
+        path = led(blended(whole, params.corner, self._smooth), params.servo_lag)
         now = len(self._tips)
         past, ahead = path[now - self._delay - 1 : now], path[now:]
-        near, limit = state.joints, self._fastest
+        running = self._preview.running if self._core.look().state == frames.RUN else 0
         try:
-            goal = make(self.station, past, ahead, self._every, self.now_us, near, limit)
+            goal = make(
+                self.station, past, ahead, self._every, self.now_us, state.joints, self._limits, params.servo_lag,
+                running,
+            )  # fmt: skip
         except GoalError as e:
             self._fail(f'the robot cannot follow: {e}')
             return

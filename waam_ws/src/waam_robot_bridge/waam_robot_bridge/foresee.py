@@ -2,26 +2,28 @@
 
 The controller core says where it will have the torch in every millisecond of a bead. What the robot makes of it is
 known too: corners become curves (`blend`), the rest stays. So the speed at the part is known before metal is laid, and
-so is how fast each joint must turn. A joint that would have to turn faster than it can stops the job there.
+so are speed, acceleration and jerk of each joint. A joint that would have to do more than it can stops the job there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from waam_robot.bead import way_along
+from waam_robot.bead import at_ways, make_bead, way_along
+from waam_robot.joint_path import BeadPath
 from waam_robot.station import Station
-from waam_robot.timing import AXIS_NAMES
+from waam_robot.timing import Drives, TimingError, time_bead
 
 from .blend import LEAST, MOST, blended
+from .limits import TORCH, Limits, smoothing
 from .params import RobotParams
 
 TOLD = 0.01  # share of the programmed speed from which a difference is told
 WINDOW = 50  # ms over which the speed is measured
-EVERY = 10  # ms between the joints that are looked at
+EVERY = 5  # ms between the joints that are looked at
 SHARP = np.radians(45.0)  # a corner that counts more than a change of speed beside it
 STRAIGHT = np.cos(np.radians(1.0))  # pieces of a leg turn by less
 GAP = 0.5e-3  # m: places nearer to each other are one
@@ -47,7 +49,7 @@ class Bead:
 class Place:
     """A stretch of a bead that is laid too slowly or too fast. begin, end: m from the bead's start; speed, wanted: m/s
     where the difference is largest; cause: what holds it up; at: (3,) m, work frame, there; stops: the job would end
-    there."""
+    there; possible: m/s, what the drives allow there, NaN = nobody computed it."""
 
     layer: int
     bead: int
@@ -58,6 +60,7 @@ class Place:
     cause: str
     at: np.ndarray
     stops: bool = False
+    possible: float = float('nan')
 
     @property
     def text(self) -> str:
@@ -68,39 +71,93 @@ class Place:
             f'at ({x:.1f}, {y:.1f}, {z:.1f}) mm: '
         )
         if self.stops:
-            return f'{said}{self.cause}: the job would be held there'
+            slower = f'; {self.possible * 1e3:.2f} mm/s is possible' if self.possible > 0 else ''
+            return f'{said}{self.cause}: the job would be held there{slower}'
         return f'{said}{self.speed * 1e3:.2f} mm/s instead of {self.wanted * 1e3:.2f}: {self.cause}'
 
 
+@dataclass(frozen=True)
+class Asked:
+    """shares: (k, 3, 8) of the limits of speed, acceleration and jerk, every EVERY ms."""
+
+    shares: np.ndarray
+    limits: Limits
+
+    def text(self, n: int) -> str:
+        """What is asked most of the drives at the n-th place."""
+        kind, axis = np.unravel_index(int(self.shares[n].argmax()), self.shares[n].shape)
+        return self.limits.text(int(kind), int(axis), float(self.shares[n, kind, axis]))
+
+    @property
+    def most(self) -> np.ndarray:
+        """(3, 8) largest shares."""
+        return np.asarray(self.shares.max(axis=0))
+
+    def too_much(self, tips: np.ndarray, work_zero: tuple[float, float, float]) -> str:
+        """Where on the way (n, 3) m that was asked for a drive is too weak first; '' = nowhere."""
+        over = self.shares.max(axis=(1, 2)) > 1
+        if not over.any():
+            return ''
+        n = int(np.argmax(over))
+        x, y, z = (tips[n * EVERY] - work_zero) * 1e3
+        return f'at ({x:.1f}, {y:.1f}, {z:.1f}) mm: {self.text(n)}: the job would be held there'
+
+
+def asked(tips: np.ndarray, station: Station, params: RobotParams) -> Asked:
+    """Of the drives by the way (n, 3) m, every ms, as the core commands it. StationError where the arm does not
+    reach."""
+    limits = params.limits_of_joints()
+    path = blended(tips, params.corner, smoothing(station.gains, limits))
+    return _asked(path, station, limits)
+
+
+def _asked(path: np.ndarray, station: Station, limits: Limits) -> Asked:
+    """Of a path of the robot."""
+    if len(path) < 4 * EVERY:
+        return Asked(np.zeros((max(len(path), 1), 3, len(limits.names))), limits)
+    return Asked(limits.shares(station.joints(path[::EVERY]), EVERY * 1e-3), limits)
+
+
 def places(bead: Bead, station: Station, params: RobotParams) -> list[Place]:
-    """Where the speed at the part is off by more than TOLD, and where a joint is too slow for it, in order.
+    """Where the speed at the part is off by more than TOLD, and where a drive is too weak for it, in order.
 
     StationError where the arm does not reach.
     """
     if len(bead.tips) < 2 * WINDOW:
         return []
     trace = _trace(bead, station, params)
+    possible = _possible(bead, station, params) if (trace.used > 1).any() else None
     off = np.abs(trace.speed / trace.wanted - 1)
     moving = (trace.way > 1e-6) & (trace.way < trace.given[-1] - 1e-6)
     wrong = ((off > TOLD) | (trace.used > 1)) & moving
-    return [_place(trace, off, a, b) for a, b in _stretches(wrong, trace.way)]
+    found = [_place(trace, off, a, b) for a, b in _stretches(wrong, trace.way)]
+    return found if possible is None else [_slowed(p, bead, possible) for p in found]
 
 
-def too_fast(
-    tips: np.ndarray, station: Station, params: RobotParams, work_zero: tuple[float, float, float]
-) -> str:
-    """Where a joint would have to turn faster than it can on the way (n, 3) m, every ms, machine coordinates; '' =
-    nowhere. StationError where the arm does not reach."""
-    used, axis = _used(tips, station, params)
-    if not used.max(initial=0.0) > 1:
-        return ''
-    n = int(np.argmax(used > 1))
-    x, y, z = (tips[n * EVERY] - work_zero) * 1e3
-    name = AXIS_NAMES[axis[n]]
-    return (
-        f'at ({x:.1f}, {y:.1f}, {z:.1f}) mm: {name} would have to turn at {used[n]:.2f} times its fastest: the job '
-        'would be held there'
-    )
+def _possible(
+    bead: Bead, station: Station, params: RobotParams
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """((k, 3) m, machine coordinates, (k,) m/s): along the bead but its ends, what TOPPRA finds possible with these
+    drives up to the programmed speed; None without toppra, or where it finds nothing."""
+    limits = params.limits_of_joints()
+    path = make_bead(bead.corners, corner=params.corner)
+    laid = BeadPath(path, station.joints(path.points), 0, 0.0, 'hold', 0.0, 0.0, 0.0)
+    drives = Drives(limits.speed, limits.acceleration, limits.jerk, TORCH)
+    try:
+        timed = time_bead(laid, float(bead.speeds.max()), drives)
+    except TimingError:
+        return None
+    moving = (timed.way > NEAR / 2) & (timed.way < path.length - NEAR / 2)
+    return at_ways(path.way, path.points, timed.way[moving]), timed.speed[moving]
+
+
+def _slowed(place: Place, bead: Bead, possible: tuple[np.ndarray, np.ndarray]) -> Place:
+    """The place with the least speed that is possible near it."""
+    points, speed = possible
+    near = np.linalg.norm(points - bead.work_zero - place.at, axis=1) < NEAR
+    if not place.stops or not near.any():
+        return place
+    return replace(place, possible=float(speed[near].min()))
 
 
 @dataclass(frozen=True)
@@ -117,19 +174,21 @@ class _Trace:
     speed: np.ndarray
     wanted: np.ndarray
     used: np.ndarray
-    axis: np.ndarray
+    drives: Asked
+    near: np.ndarray
 
 
 def _trace(bead: Bead, station: Station, params: RobotParams) -> _Trace:
-    path = blended(bead.tips, params.corner)
+    limits = params.limits_of_joints()
+    path = blended(bead.tips, params.corner, smoothing(station.gains, limits))
     half = WINDOW // 2
     at = np.arange(half, len(path) - half)
     way, gone, given = (way_along(points) for points in (bead.tips, path, bead.corners))
     piece = np.searchsorted(given, way[at], 'right') - 1
     piece = np.clip(piece, 0, len(bead.speeds) - 1)
     speed = (gone[at + half] - gone[at - half]) / (WINDOW * 1e-3)
-    used, axis = _used(path, station, params)
-    near = np.minimum((at + EVERY // 2) // EVERY, len(axis) - 1)
+    drives = _asked(path, station, limits)
+    near = np.minimum((at + EVERY // 2) // EVERY, len(drives.shares) - 1)
     return _Trace(
         bead=bead,
         given=given,
@@ -138,8 +197,9 @@ def _trace(bead: Bead, station: Station, params: RobotParams) -> _Trace:
         piece=piece,
         speed=speed,
         wanted=bead.speeds[piece],
-        used=used[near],
-        axis=axis[near],
+        used=drives.shares.max(axis=(1, 2))[near],
+        drives=drives,
+        near=near,
     )
 
 
@@ -148,11 +208,11 @@ def _place(trace: _Trace, off: np.ndarray, a: int, b: int) -> Place:
     bead, stops = trace.bead, bool(trace.used[a:b].max() > 1)
     worst = a + int(np.argmax((trace.used if stops else off)[a:b]))
     begin, end = float(trace.way[a]), float(trace.way[b - 1])
-    if stops:
-        name = AXIS_NAMES[trace.axis[worst]]
-        cause = f'{name} would have to turn at {trace.used[worst]:.2f} times its fastest'
-    else:
-        cause = _cause(bead, trace.given, begin, end)
+    cause = (
+        trace.drives.text(int(trace.near[worst]))
+        if stops
+        else _cause(bead, trace.given, begin, end)
+    )
     number = int(bead.numbers[trace.piece[a]])
     since = float(trace.given[np.argmax(bead.numbers == number)])
     return Place(
@@ -170,14 +230,6 @@ def _place(trace: _Trace, off: np.ndarray, a: int, b: int) -> Place:
 
 def _lengths(points: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=1))
-
-
-def _used(path: np.ndarray, station: Station, params: RobotParams) -> tuple[np.ndarray, np.ndarray]:
-    """(k,) largest share of a joint's speed every EVERY ms, and (k,) which joint that is."""
-    joints = station.joints(path[::EVERY])
-    rates = np.abs(np.gradient(joints, EVERY * 1e-3, axis=0)) if len(joints) > 1 else joints * 0
-    share = rates / np.array(params.joint_speed_max)
-    return share.max(axis=1), share.argmax(axis=1)
 
 
 def _stretches(wrong: np.ndarray, way: np.ndarray) -> Iterator[tuple[int, int]]:

@@ -17,8 +17,11 @@ from waam_bridge.frames import HOLD_NOW
 from waam_process.plant_port import SAMPLE
 from waam_robot.station import Reach, StationError
 
+from .limits import Limits, of_axes
+
 STANDS = 1e-9  # m between two points
 POSTURE = 0.35  # rad (m) that an axis may be from where the goal begins: more is another posture
+SETTLED = 4  # points of a goal, until its axes are where they would be if they had always followed
 STOPPING = 0.4  # s at most that slowing down may take: 0.2 m/s at 0.5 m/s^2
 
 
@@ -51,6 +54,11 @@ class Preview:
         self._ahead = np.zeros(_whole(horizon, every), SAMPLE)
         self._stop = np.zeros(_whole(STOPPING, every), SAMPLE)
 
+    @property
+    def running(self) -> int:
+        """ms of what `run` returns until it begins to slow down."""
+        return len(self._ahead)
+
     def close(self) -> None:
         """Frees the copy."""
         self._copy.close()
@@ -76,13 +84,16 @@ def make(
     every: int,
     now_us: int,
     near: np.ndarray,
-    fastest: np.ndarray,
+    limits: Limits,
+    lag: float = 0.0,
+    running: int = 0,
 ) -> Goal:
     """past (m + 1, 3), ahead (n, 3): torch positions of every ms, commanded and to come; m, n multiples of `every` ms.
 
-    now_us: controller time of the end of `past`, when the goal begins. near: (8,) joints as they are; fastest: (8,)
-    rad/s. GoalError where the arm does not reach, where it stands in another posture than the goal begins with, or
-    where a joint would have to be too fast.
+    now_us: controller time of the end of `past`, when the goal begins. near: (8,) joints as they are; lag: s, of the
+    servos, for which the positions lead. GoalError where the arm does not reach, where it stands in another posture
+    than the goal begins with, where a joint would have to be too fast, or, in the first `running` ms of `ahead`,
+    accelerate or jerk too much: what stops the robot afterwards must never be refused.
     """
     tips = np.concatenate([past, ahead])[::every]
     tips = _ended(tips)
@@ -100,11 +111,29 @@ def make(
     dt = every * 1e-3
     time = np.arange(len(tips)) * dt
     rates = _rates(joints, dt)
-    over = np.abs(rates).max(axis=0) / fastest
-    if over.max() > 1:
-        n = int(np.argmax(over))
-        raise GoalError(f'axis {n + 1} would have to turn at {over.max():.2f} times its fastest')
+    counts = (len(past) - 1 + running) // every if running else 0
+    said = _too_much(joints, rates, dt, limits, lag, counts)
+    if said:
+        raise GoalError(said)
     return Goal(now_us, time, tips, joints, rates)
+
+
+def _too_much(
+    joints: np.ndarray, rates: np.ndarray, dt: float, limits: Limits, lag: float, counts: int
+) -> str:
+    """Which limit a goal exceeds, '' = none. counts: of its points, those whose acceleration and jerk are looked at."""
+    over = np.abs(rates) / limits.speed
+    if over.max() > 1:
+        return limits.text(0, int(over.max(axis=0).argmax()), float(over.max()))
+    some = slice(0, counts + 1)
+    if len(joints[some]) <= SETTLED + 3:
+        return ''
+    moved = of_axes(joints[some], rates[some], dt, lag)[2 * SETTLED :]
+    shares = limits.shares(moved, dt / 2).max(axis=0)
+    if shares[1:].max() <= 1:
+        return ''
+    kind, axis = np.unravel_index(int(shares[1:].argmax()), shares[1:].shape)
+    return limits.text(int(kind) + 1, int(axis), float(shares[1:].max()))
 
 
 def led(path: np.ndarray, lag: float) -> np.ndarray:

@@ -5,14 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from waam_bridge.params import BridgeParams
-from waam_bridge.program import Limits
+from waam_bridge.program import Limits as Box
 from waam_node.params import ParameterError, param
 from waam_robot.positioner import Positioner
 from waam_robot.station import JOINTS, Place
+from waam_robot.timing import AXIS_NAMES
 from waam_robot.uncertain import Stated
 from waam_robot.urdf_station import UrdfPlace
 
+from .limits import Limits
+
+LIMITS = ('joint_speed_max', 'joint_acceleration_max', 'joint_jerk_max')
 NAMES = ('joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6', 'tilt', 'turn')
 
 
@@ -42,6 +48,14 @@ class RobotParams(BridgeParams):
     joint_names: tuple = param(NAMES, 'as the driver names them: six of the arm, tilt, turn')
     joint_speed_max: tuple = param(
         (3.5, 3.5, 4.5, 7.2, 7.2, 15.0, 2.0, 3.3), 'fastest that each may turn', 'rad/s'
+    )
+    joint_acceleration_max: tuple = param(
+        (8.7, 8.7, 10.5, 20.9, 20.9, 34.9, 5.2, 8.7), 'greatest acceleration of each', 'rad/s^2'
+    )
+    joint_jerk_max: tuple = param(
+        (87.0, 87.0, 105.0, 209.0, 209.0, 349.0, 52.0, 87.0),
+        'greatest jerk of each: the lower, the longer the path of the torch is averaged',
+        'rad/s^3',
     )
     joint_offset: float = param(
         3.5e-4,
@@ -91,7 +105,7 @@ class RobotParams(BridgeParams):
         joints = len(self.joint_names) if self.urdf else JOINTS
         for name, count in (
             ('positioner', 3), ('origin', 3), ('work_low', 3), ('work_high', 3),
-            ('joint_names', joints), ('joint_speed_max', joints),
+            ('joint_names', joints), *((name, joints) for name in LIMITS),
         ):  # fmt: skip
             got = len(getattr(self, name))
             if got != count:
@@ -105,8 +119,9 @@ class RobotParams(BridgeParams):
             raise ParameterError(f"parameter 'posture' has {got} values, needs {joints}")
         if len(set(self.joint_names)) != joints:
             raise ParameterError(f"parameter 'joint_names' names one twice: {self.joint_names}")
-        if not all(v > 0 for v in self.joint_speed_max):
-            raise ParameterError("parameter 'joint_speed_max' has a value that is not above 0")
+        for name in LIMITS:
+            if not all(v > 0 for v in getattr(self, name)):
+                raise ParameterError(f"parameter '{name}' has a value that is not above 0")
         if self.period >= self.horizon:
             text = (
                 f"parameter 'period' is {self.period:g}, must be below 'horizon' {self.horizon:g}"
@@ -122,6 +137,12 @@ class RobotParams(BridgeParams):
     def stated(self) -> Stated:
         """How exact the robot is said to be."""
         return Stated(self.joint_offset, self.gear_wave, self.link_length)
+
+    def limits_of_joints(self) -> Limits:
+        """Of all joints, in the order of their names."""
+        speed, push, jerk = (np.array(getattr(self, name), float) for name in LIMITS)
+        names = tuple(map(str, self.joint_names)) if self.urdf else AXIS_NAMES
+        return Limits(speed, push, jerk, names)
 
     def urdf_place(self) -> UrdfPlace:
         """For a UrdfStation."""
@@ -141,10 +162,10 @@ class RobotParams(BridgeParams):
             origin=origin, low=low, high=high, tilt=float(self.tilt),  # type: ignore[arg-type]
         )  # fmt: skip
 
-    def limits(self, box_mm: tuple[float, ...]) -> Limits:
+    def limits(self, box_mm: tuple[float, ...]) -> Box:
         """Those of the bridge, inside the box of the robot."""
         usual = super().limits(box_mm)
         low = tuple(map(max, usual.low, self.work_low))
         high = tuple(map(min, usual.high, self.work_high))
         fields = {**usual.__dict__, 'low': low, 'high': high}
-        return Limits(**fields)
+        return Box(**fields)

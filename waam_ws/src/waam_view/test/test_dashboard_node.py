@@ -127,6 +127,7 @@ def play(cell: Cell, folder: Path, frames: int) -> None:
         cell.telemetry(2.0 + i * 0.01)
         if i % 10 == 0:
             cell.slow(2.0 + i * 0.01)
+            cell.robot(2.0 + i * 0.01)
             time.sleep(0.005)
     cell.height_map(60.0, 1)
     write_job(folder / 'as_written_by_the_job', layers=1)
@@ -155,6 +156,7 @@ def test_a_job_is_drawn_into_its_folder(graph, tmp_path):
         bp.ERROR, bp.PSI, bp.CONFIDENCE,
         bp.CURRENT, bp.VOLTAGE, bp.FEED, bp.TRAVEL, bp.TEMPERATURE, bp.LIMIT, bp.HEAT_FACTOR,
         bp.MACHINE, bp.JOB, bp.RMS, bp.STATUS, bp.LOG,
+        bp.ROBOT, f'{bp.ROBOT}/link_3/body', f'{bp.ROBOT}/torch', f'{bp.ROBOT}/positioner/body_0',
     }  # fmt: skip
     assert wanted <= found, wanted - found
 

@@ -159,7 +159,8 @@ def test_yaml_lists_every_parameter():
     file = Path(__file__).parents[1] / 'config/dashboard.yaml'
     listed = yaml.safe_load(file.read_text())['dashboard']['ros__parameters']
     assert markdown(DashboardParams) in file.parents[1].joinpath('README.md').read_text()
-    assert listed == {f.name: f.default for f in dataclasses.fields(DashboardParams)}
+    defaults = {f.name: f.default for f in dataclasses.fields(DashboardParams)}
+    assert listed == {k: list(v) if isinstance(v, tuple) else v for k, v in defaults.items()}
 
 
 def test_core_modules_do_not_know_ros():

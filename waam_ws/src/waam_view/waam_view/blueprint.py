@@ -12,6 +12,7 @@ CURRENT, VOLTAGE, FEED, TRAVEL = 'arc/current', 'arc/voltage', 'feed/wire', 'fee
 TEMPERATURE, LIMIT, HEAT_FACTOR = 'heat/temperature', 'heat/limit', 'heat/factor'
 MACHINE, JOB, LAYER, RMS = 'state/machine', 'state/job', 'state/layer', 'quality/rms'
 STATUS, LOG, ALARMS = 'status', 'log', 'log/alarms'
+ROBOT = 'robot'
 # of a plan that has not been laid yet
 PROGRAM_TIME = 'program_time'
 FOUND, NOMINAL, IDLE, STARTS = 'part/found', 'part/nominal', 'part/idle', 'part/starts'
@@ -32,14 +33,17 @@ SERIES = {  # entity: (names, colours)
 
 
 def blueprint(
-    error_range_m: float, window_s: float = 0.0, whole_ns: tuple[int, int] | None = None
+    error_range_m: float,
+    window_s: float = 0.0,
+    whole_ns: tuple[int, int] | None = None,
+    robot: bool = False,
 ) -> rrb.Blueprint:
     """The layout. error_range_m: ends of the error colours; window_s > 0: plots show that many seconds before the
-    cursor (live); whole_ns: they show this range (a job that has ended).
+    cursor (live); whole_ns: they show this range (a job that has ended); robot: arm and positioner beside the part.
     """
     span = None if whole_ns is None else rrb.TimeRange(*(_at(t) for t in whole_ns))
     axis = None if span is None else rrb.TimeAxis(view_range=span)
-    columns = (_part(axis), _maps(error_range_m), _plots(axis, window_s))
+    columns = (_part(axis, robot), _maps(error_range_m), _plots(axis, window_s))
     return rrb.Blueprint(
         rrb.Horizontal(*columns, column_shares=[5, 3, 4]),
         rrb.TimePanel(state='collapsed', timeline=TIMELINE, play_state='following'),
@@ -48,14 +52,16 @@ def blueprint(
     )
 
 
-def _part(axis: rrb.TimeAxis | None) -> rrb.Vertical:
+def _part(axis: rrb.TimeAxis | None, robot: bool) -> rrb.Vertical:
     """The part in 3-D, the messages and the states."""
-    space = rrb.Spatial3DView(
+    space: rrb.View | rrb.Container = rrb.Spatial3DView(
         origin='part',
         name='Part (surface: colours of the error, beside the beads: of the height)',
         background=rrb.Background(color=(24, 27, 31)),
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.01),
     )
+    if robot:
+        space = rrb.Tabs(_robot(), space, active_tab=0)
     words = rrb.Tabs(
         rrb.TextLogView(origin=LOG, name='Log and alarms'),
         rrb.TextLogView(origin=ALARMS, name='Alarms'),
@@ -65,6 +71,17 @@ def _part(axis: rrb.TimeAxis | None) -> rrb.Vertical:
     states = rrb.StateTimelineView(origin='state', name='States and layers', time_view=axis)
     said = rrb.Horizontal(status, words, column_shares=[1, 2])
     return rrb.Vertical(space, said, states, row_shares=[5, 2.7, 1.2])
+
+
+def _robot() -> rrb.Spatial3DView:
+    """Arm, positioner and the part as it grows, in the frame of the part."""
+    return rrb.Spatial3DView(
+        origin='/',
+        name='Robot cell',
+        contents=[f'+ /{ROBOT}/**', f'+ /{SURFACE}', f'+ /{PATH}/**', f'+ /{TORCH}'],
+        background=rrb.Background(color=(24, 27, 31)),
+        line_grid=rrb.LineGrid3D(visible=False),
+    )
 
 
 def _maps(error_range_m: float) -> rrb.Vertical:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Temperature
+from sensor_msgs.msg import JointState, Temperature
 
 from waam_msgs.msg import (
     Anomaly,
@@ -26,7 +26,7 @@ from waam_node.conversions import nanoseconds
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_main
 from waam_node.params import param
-from waam_node.qos import BEAT, EVENTS, LATCHED
+from waam_node.qos import BEAT, EVENTS, LATCHED, SENSOR
 from waam_process.names import job_state
 
 from . import blueprint as bp
@@ -34,6 +34,7 @@ from . import conversions as cv
 from .drawing import Drawing
 from .node_tap import TelemetryTap
 from .report_writer import ReportWriter
+from .robot_scene import RobotScene
 from .scene import Scene
 
 NICE = 10  # where cores are scarce the nodes of the loop come first
@@ -57,6 +58,16 @@ class DashboardParams:
     window: float = param(120.0, 'live plots show this much ROS time; 0 = all', 's', 0.0, 86400.0)
     record: bool = param(True, 'keep job.rrd in the folder of the job')
     report: bool = param(True, 'write report.html when a job has ended')
+    robot_joints: tuple = param(
+        ('joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6', 'tilt', 'turn'),
+        'of joint_states, for the picture of the robot: six of the arm, tilt, turn',
+    )
+    robot_positioner: tuple = param(
+        (1.2, 0.35, 0.15), 'for the picture of the robot: `positioner` of the robot bridge', 'm'
+    )
+    robot_origin: tuple = param(
+        (-0.2, -0.15, 0.0), 'for the picture of the robot: `origin` of the robot bridge', 'm'
+    )
 
 
 class Dashboard(WaamNode):
@@ -89,6 +100,11 @@ class Dashboard(WaamNode):
             (Anomaly, 'anomaly', self._on_anomaly, EVENTS),
         ):
             self.create_subscription(kind, name, callback, qos)
+        self._joints: dict[str, float] = {}
+        self._work_zero = (0.0, 0.0, 0.0)
+        self._robot_next_ns, self._robot_text = 0, ''
+        self._robot = RobotScene(p.robot_joints, p.robot_positioner, p.robot_origin)
+        self.create_subscription(JointState, 'joint_states', self._on_joints, SENSOR, raw=True)
 
     def _poll_telemetry(self) -> None:
         """Decodes one frame per period."""
@@ -98,6 +114,23 @@ class Dashboard(WaamNode):
             if t >= self._next_ns or t < self._next_ns - 2 * period:
                 self._next_ns = t + period
                 self._drawing.telemetry(cv.sample(deserialize_message(raw, Telemetry)))
+
+    def _on_joints(self, raw: bytes) -> None:
+        """One state per period; arm and positioner may tell theirs apart, then the period begins with the last one."""
+        period = int(self.params.telemetry_period * 1e9)
+        t = cdr.stamp_ns(raw)
+        if self._robot_next_ns - 2 * period <= t < self._robot_next_ns:
+            return
+        msg = deserialize_message(raw, JointState)
+        self._joints.update(zip(msg.name, msg.position, strict=False))
+        missing = self._robot.missing(self._joints)
+        if missing:
+            self._robot_text = f"not shown: joint_states has no '{missing}'"
+            return
+        self._robot_text, self._robot_next_ns = 'shown', t + period
+        known, zero = self._joints, self._work_zero
+        self._joints = {}
+        self._drawing.newest('robot', lambda scene: self._robot.draw(scene, t, known, zero))
 
     def _on_height_map(self, msg: HeightMap) -> None:
         self._drawing.newest('map', lambda scene: scene.height_map(cv.map_data(msg)))
@@ -147,6 +180,7 @@ class Dashboard(WaamNode):
         self._drawing.put(lambda scene: scene.text(t, 0, cv.report_text(msg)))
 
     def _on_machine_state(self, msg: MachineState) -> None:
+        self._work_zero = (msg.work_offset.x, msg.work_offset.y, msg.work_offset.z)
         if msg.message and msg.message != self._machine_text:
             t = nanoseconds(msg.header.stamp)
             severity = 2 if msg.fault else 0
@@ -164,6 +198,8 @@ class Dashboard(WaamNode):
             'dropped': drawing.mailbox.dropped, 'maps_skipped': drawing.mailbox.replaced,
             'longest_draw_ms': f'{drawing.longest_s * 1e3:.0f}',
         }  # fmt: skip
+        if self._robot_text:
+            self.values['robot'] = self._robot_text
         problem = drawing.problem
         if self._reports:
             problem = problem or self._reports.problem

@@ -36,6 +36,7 @@ class Drawing:
         self.problem = self.url = self.file = ''
         self.drawn, self.longest_s = 0, 0.0
         self._scene = scene
+        scene.window = window_s
         self._server = (port, web_port, memory_mb, window_s)
         self._web: WebViewer | None = None
         self._file_ends = 0.0

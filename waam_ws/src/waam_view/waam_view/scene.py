@@ -68,6 +68,9 @@ class Scene:
     def __init__(self, error_range_m: float, prefix: str = '', zero: int | None = None) -> None:
         self.recordings: dict[str, rr.RecordingStream] = {}
         self.error_range = error_range_m
+        self.window = 0.0  # s that live plots show
+        self.robot = False  # whether there is one to show
+        self._kept: dict[str, rr.AsComponents] = {}
         self._prefix, self._zero = prefix, zero
         self._path: LayerPath | None = None
         self._laid: list[tuple[float, float, float]] = []
@@ -81,6 +84,21 @@ class Scene:
         """Draws into this recording, too, from now on; 'file' is that of the job."""
         self.recordings[name] = recording
         bp.log_styles(recording, self._prefix)
+        for entity, what in self._kept.items():
+            recording.log(self._prefix + entity, what, static=True)
+
+    def keep(self, entity: str, what: rr.AsComponents) -> None:
+        """Drawn once, for all times, into these recordings and those to come."""
+        self._kept[entity] = what
+        for recording in self.recordings.values():
+            recording.log(self._prefix + entity, what, static=True)
+
+    def show_robot(self) -> None:
+        """The robot cell gets a view beside the part."""
+        if not self.robot:
+            self.robot = True
+            for recording in self.recordings.values():
+                recording.send_blueprint(bp.blueprint(self.error_range, self.window, robot=True))
 
     def remove(self, name: str) -> None:
         """Flushes and closes a recording; its file is complete afterwards."""
@@ -90,7 +108,9 @@ class Scene:
         if name == 'file':
             self._write_held(recording)
             if self._span is not None:  # whoever opens the file sees the whole job
-                recording.send_blueprint(bp.blueprint(self.error_range, whole_ns=self._span))
+                recording.send_blueprint(
+                    bp.blueprint(self.error_range, whole_ns=self._span, robot=self.robot)
+                )
         recording.flush()
         recording.disconnect()
 
@@ -112,11 +132,13 @@ class Scene:
             'waam', recording_id=file.parent.name, batcher_config=batches
         )
         recording.set_sinks(
-            rr.FileSink(str(file)), default_blueprint=bp.blueprint(self.error_range)
+            rr.FileSink(str(file)),
+            default_blueprint=bp.blueprint(self.error_range, robot=self.robot),
         )
         self.add('file', recording)
 
-    def _log(self, t: int, entity: str, what: rr.AsComponents) -> None:
+    def log(self, t: int, entity: str, what: rr.AsComponents) -> None:
+        """At t, ns of ROS time, into every recording."""
         self._span = (
             (t, t) if self._span is None else (min(self._span[0], t), max(self._span[1], t))
         )
@@ -156,7 +178,7 @@ class Scene:
         self._draw_curves(times, {entity: np.array(v) for entity, v in curves.items()})
         last = samples[-1]
         colour = (255, 140, 40) if last.arc else (120, 170, 220)
-        self._log(last.t, bp.TORCH, rr.Points3D([last.position], radii=0.0012, colors=[colour]))
+        self.log(last.t, bp.TORCH, rr.Points3D([last.position], radii=0.0012, colors=[colour]))
         self.state(last.t, bp.MACHINE, controller_state(last.state))
         self._draw_laid(samples)
 
@@ -191,7 +213,7 @@ class Scene:
         self._laid += points
         layer = self._path.layer if self._path else 0
         strip = rr.LineStrips3D([np.array(self._laid)], radii=0.0004, colors=[(255, 140, 40)])
-        self._log(samples[-1].t, f'{bp.PATH}/layer_{layer:03d}/{self._piece:04d}', strip)
+        self.log(samples[-1].t, f'{bp.PATH}/layer_{layer:03d}/{self._piece:04d}', strip)
         if len(self._laid) >= PIECE:
             self._begin_piece(keep=1)
 
@@ -206,7 +228,7 @@ class Scene:
         self._path = path
         self._begin_piece(keep=0)
         strips = np.stack([path.start, path.end], 1)
-        self._log(t, bp.PLAN, rr.LineStrips3D(strips, radii=0.0002, colors=[(90, 200, 120)]))
+        self.log(t, bp.PLAN, rr.LineStrips3D(strips, radii=0.0002, colors=[(90, 200, 120)]))
 
     def height_map(self, data: MapData) -> None:
         """Surface coloured by height."""
@@ -216,7 +238,7 @@ class Scene:
     def error_map(self, data: MapData, error: np.ndarray) -> None:
         """error (rows, cols) m, NaN where nothing is wanted: as a map, and as colour of the surface."""
         reach = self.error_range
-        self._log(data.t, bp.ERROR, rr.Image(picture(error, -reach, reach)))
+        self.log(data.t, bp.ERROR, rr.Image(picture(error, -reach, reach)))
         low, high = np.nanpercentile(data.z, [1, 99]) if np.isfinite(data.z).any() else (0.0, 1.0)
         judged = np.isfinite(error)[..., None]
         by_height = colours(data.z, low, high, diverging=False)
@@ -231,34 +253,34 @@ class Scene:
                 triangle_indices=m.triangles,
                 vertex_colors=m.colours,
             )
-            self._log(data.t, bp.SURFACE, shape)
+            self.log(data.t, bp.SURFACE, shape)
 
     def correction(self, data: CorrectionData) -> None:
         """Psi from -1 to 1 and confidence from 0 to 1 as pictures."""
-        self._log(data.t, bp.PSI, rr.Image(picture(data.psi, -1.0, 1.0)))
-        self._log(
+        self.log(data.t, bp.PSI, rr.Image(picture(data.psi, -1.0, 1.0)))
+        self.log(
             data.t, bp.CONFIDENCE, rr.Image(picture(data.confidence, 0.0, 1.0, diverging=False))
         )
 
     def scalar(self, t: int, entity: str, *values: float) -> None:
         """One value per curve of the entity; not drawn unless all are finite."""
         if all(math.isfinite(v) for v in values):
-            self._log(t, entity, rr.Scalars(values))
+            self.log(t, entity, rr.Scalars(values))
 
     def state(self, t: int, entity: str, name: str) -> None:
         """Logged when it changes."""
         if self._states.get(entity) != name:
             self._states[entity] = name
-            self._log(t, entity, rr.StateChange(state=name))
+            self.log(t, entity, rr.StateChange(state=name))
 
     def text(self, t: int, severity: int, text: str) -> None:
         """A line in the log, or among the alarms when severity is above INFO (0). t: ns of ROS time."""
         entry = rr.TextLog(text, level=LEVELS.get(severity, 'INFO'))
-        self._log(t, bp.ALARMS if severity else bp.LOG, entry)
+        self.log(t, bp.ALARMS if severity else bp.LOG, entry)
 
     def status(self, t: int, markdown: str) -> None:
         """Replaces the text panel. t: ns of ROS time."""
-        self._log(t, bp.STATUS, rr.TextDocument(markdown, media_type='text/markdown'))
+        self.log(t, bp.STATUS, rr.TextDocument(markdown, media_type='text/markdown'))
 
     def close(self) -> None:
         """Removes all recordings; their files are complete afterwards."""

@@ -8,13 +8,15 @@ from itertools import groupby
 
 import numpy as np
 
+from waam_node.params import ParameterError
 from waam_plan.plan import Plan, PlannedLayer
 from waam_process.segment import Kind, Segment
 from waam_robot.bend import Bend, bend
 from waam_robot.collision import CollisionError, Scene
 from waam_robot.joint_path import Machine
-from waam_robot.station import Station, StationError
-from waam_robot_bridge.foresee import END, START, TOLD, Place, places, too_fast
+from waam_robot.station import JOINTS, Station, StationError
+from waam_robot.timing import AXIS_NAMES
+from waam_robot_bridge.foresee import END, START, TOLD, Place, asked, places
 from waam_robot_bridge.params import RobotParams
 
 from .dry_run import DryRunError, layers, work_zero
@@ -37,6 +39,7 @@ class RobotCheck:
     problem: str = ''
     unchecked: str = ''
     bend: Bend | None = None
+    used: np.ndarray | None = None
 
     @property
     def refused(self) -> str:
@@ -54,6 +57,8 @@ class RobotCheck:
             f'starts and ends take {self.ends[1] * 1e3:.1f} mm at most'
         ]
         out += _some([f'  {p.text}' for p in self.off], 'places')
+        if self.used is not None:
+            out.append(f'robot: {_drives(self.used)}')
         out += _some([f'contact: {text}' for text in self.contacts], 'contacts')
         if self.bend:
             out.append(f'robot: {self.bend.text}')
@@ -76,26 +81,40 @@ def check(
         text = f'the plan is for a tilt of {plan.settings.tilt_deg:g} deg, the positioner stands at {stands:g}'
         return RobotCheck(length, problem=text)
     found: list[Place] = []
+    used = np.zeros((3, JOINTS))
     try:
         station = Station(params.place())
         for laid in layers(plan, params, told, station):
             found += [p for bead in laid.beads for p in places(bead, station, params)]
-            said = too_fast(laid.tips, station, params, work_zero(plan, station))
+            drives = asked(laid.tips, station, params)
+            used = np.maximum(used, drives.most)
+            said = drives.too_much(laid.tips, work_zero(plan, station))
             if said and not any(p.stops for p in found):
                 return RobotCheck(length, problem=f'layer {laid.number}, {said}')
         contacts, unchecked = _contacts(plan, station)
-    except (StationError, DryRunError) as e:
+    except (StationError, DryRunError, ParameterError) as e:
         return RobotCheck(length, problem=str(e))
     ends = [p.end - p.begin for p in found if p.cause in (START, END)]
     off = tuple(p for p in found if p.cause not in (START, END))
     longest = (sum(ends), max(ends, default=0.0))
     bent = _bend(plan, station, params)
-    return RobotCheck(length, longest, off, tuple(contacts), unchecked=unchecked, bend=bent)
+    return RobotCheck(
+        length, longest, off, tuple(contacts), unchecked=unchecked, bend=bent, used=used
+    )
 
 
 def _some(lines: list[str], what: str) -> list[str]:
     rest = len(lines) - MOST_LINES
     return lines[:MOST_LINES] + ([f'  ... and {rest} more {what}'] if rest > 0 else [])
+
+
+def _drives(used: np.ndarray) -> str:
+    """How much of their limits the joints use."""
+    shares = [
+        f'{row.max():.0%} of the {what} ({AXIS_NAMES[int(row.argmax())]})'
+        for what, row in zip(('speed', 'acceleration', 'jerk'), used, strict=True)
+    ]
+    return f'its joints use at most {shares[0]}, {shares[1]} and {shares[2]} that they may have'
 
 
 def _bend(plan: Plan, station: Station, params: RobotParams) -> Bend | None:

@@ -1,0 +1,121 @@
+"""Arm, torch and positioner of a robot cell in the viewer, as they move; beside the part of `Scene`, in its frame.
+
+The bodies are those that contacts are looked for with (`waam_robot.bodies`). No ROS here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+import rerun as rr
+from scipy.spatial.transform import Rotation
+
+from waam_robot.arm import AXES
+from waam_robot.bodies import CRADLE, PART, TOOL, Bodies, Capsule, Cylinder, bodies_of, frames_of
+from waam_robot.positioner import Positioner
+from waam_robot.station import Place, machine_frame
+
+from . import blueprint as bp
+
+NAMES = {TOOL: 'torch', CRADLE: 'positioner', PART: 'faceplate'}  # of the frames that are no link
+ARM, TORCH, POSITIONER = (222, 134, 44), (150, 150, 158), (120, 130, 142)
+
+
+class Draws(Protocol):
+    """What of `Scene` is needed."""
+
+    def keep(self, entity: str, what: rr.AsComponents) -> None:
+        """Stays as it is, in every recording."""
+
+    def log(self, t: int, entity: str, what: rr.AsComponents) -> None:
+        """At t, ns of ROS time."""
+
+    def show_robot(self) -> None:
+        """A view for it."""
+
+
+class RobotScene:
+    """The arm of `waam_robot.arm.M20IB25` before a positioner. names: of six joints, tilt and turn; positioner: (3,) m
+    and origin: (3,) m, as the parameters of the robot bridge."""
+
+    def __init__(
+        self,
+        names: tuple[str, ...],
+        positioner: tuple[float, float, float],
+        origin: tuple[float, float, float],
+    ) -> None:
+        self.names = names
+        a_b, d_b, d_c = positioner
+        self._place = Place(positioner=Positioner(a_b=a_b, d_b=d_b, d_c=d_c), origin=origin)
+        self._shown = False
+
+    def missing(self, known: Mapping[str, float]) -> str:
+        """Which joint is not among those that are known, '' = none."""
+        return next((n for n in self.names if n not in known), '')
+
+    def draw(
+        self,
+        scene: Draws,
+        t: int,
+        known: Mapping[str, float],
+        work_zero: tuple[float, float, float],
+    ) -> None:
+        """The robot at t (ns of ROS time) with joints known (name -> rad); work_zero: (3,) m, machine coordinates."""
+        joints = np.array([[known[name] for name in self.names]])
+        place = replace(self._place, tilt=float(joints[0, AXES]))
+        if not self._shown:
+            self._shown = True
+            for entity, what in shapes(bodies_of(place.arm, place.positioner)).items():
+                scene.keep(entity, what)
+            scene.show_robot()
+        to_work = machine_frame(place)
+        to_work[:3, 3] -= work_zero
+        scene.log(t, bp.ROBOT, _transform(to_work))
+        for n, frame in enumerate(frames_of(place.arm, place.positioner, joints)[0]):
+            scene.log(t, entity_of(n), _transform(frame))
+
+
+def entity_of(frame: int) -> str:
+    """Of a frame of `waam_robot.bodies`: links by their number, 0 = the base."""
+    return f'{bp.ROBOT}/{NAMES.get(frame, f"link_{frame}")}'
+
+
+def shapes(bodies: Bodies) -> dict[str, rr.AsComponents]:
+    """Entity -> capsules or cylinders that stay in their frame."""
+    found: dict[str, rr.AsComponents] = {}
+    for frame in sorted({c.frame for c in bodies.capsules}):
+        own = [c for c in bodies.capsules if c.frame == frame]
+        found[f'{entity_of(frame)}/body'] = _capsules(own, TORCH if frame == TOOL else ARM)
+    for n, cylinder in enumerate(bodies.cylinders):
+        found[f'{entity_of(cylinder.frame)}/body_{n}'] = _cylinder(cylinder)
+    return found
+
+
+def _capsules(capsules: list[Capsule], colour: tuple[int, int, int]) -> rr.Capsules3D:
+    lines = [np.subtract(c.b, c.a) for c in capsules]
+    turned = [Rotation.align_vectors([v], [[0, 0, 1]])[0].as_quat() for v in lines]
+    return rr.Capsules3D(
+        lengths=[float(np.linalg.norm(v)) for v in lines],
+        radii=[c.radius for c in capsules],
+        translations=[c.a for c in capsules],
+        quaternions=turned,
+        colors=[colour],
+        fill_mode='solid',
+    )
+
+
+def _cylinder(c: Cylinder) -> rr.Cylinders3D:
+    return rr.Cylinders3D(
+        lengths=[c.high - c.low],
+        radii=[c.radius],
+        centers=[(*c.centre, (c.low + c.high) / 2)],
+        colors=[POSITIONER],
+        fill_mode='solid',
+    )
+
+
+def _transform(pose: np.ndarray) -> rr.Transform3D:
+    return rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
