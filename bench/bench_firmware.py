@@ -35,7 +35,9 @@ CHIP_FLASH, CHIP_RAM = 1 << 20, 192 << 10
 
 
 def load(name: str):
-    """A module of the package's tests, by path."""
+    """A module of the package's tests, by path; those that it imports lie beside it."""
+    if str(PACKAGE / 'test') not in sys.path:
+        sys.path.append(str(PACKAGE / 'test'))
     spec = importlib.util.spec_from_file_location(name, PACKAGE / f'test/{name}.py')
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
