@@ -2,7 +2,7 @@
 
 The firmware runs under QEMU with instruction counting (8 ns of virtual time for each) at its worst: X, Y, Z and wire
 at their greatest speeds (200, 200, 100 and 300 mm/s: 64, 64, 32 and 15 thousand pulses per second), arc on, segments
-of 1 mm streaming in, telemetry going out; the worse of two runs, without an input shaper and with the one that has the
+of 1 mm streaming in, telemetry going out and the samples of the accelerometer, which a job does without; the worse of two runs, without an input shaper and with the one that has the
 most to do (its delay shortens what the wire looks ahead, so a slow one costs less than none). Counted are
 instructions, not cycles: a Cortex-M4 needs some 1.3 for each.
 
@@ -29,6 +29,7 @@ from lib.paths import SOURCES
 PACKAGE = SOURCES / 'waam_firmware'
 NS_PER_INSTRUCTION = 8.0
 CLOCK_HZ = 168e6
+ACCELEROMETER = 1
 NO_SHAPER = ('shape_x 0', 'shape_y 0')
 SHAPER = ('shape_x_hz 200', 'shape_y_hz 180', 'shape_x 6', 'shape_y 6')  # 3HUMP_EI: ten taps each
 CHIP_FLASH, CHIP_RAM = 1 << 20, 192 << 10
@@ -73,6 +74,7 @@ def burn(board, lines: list[str], shaper: tuple[str, ...]) -> None:
             assert answer.startswith('$C ok'), answer
         client.run('G28', 'G0 X0 Y0 Z190')
         client.ask('$A bench')
+        client.ask(f'$M {ACCELEROMETER}')
         client.send('M3 W18000 S25', 'G4 P1', *lines[:110])
         client.wait(lambda: client.frame['v_um_s'] > 200_000 or client.frame['state'] in (2, 3))
         if client.frame['state'] == 1:

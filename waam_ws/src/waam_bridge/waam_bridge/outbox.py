@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from waam_process.names import CLASS_OF_FAULT, CONTROLLER_STATES
 
 from .frames import ALARM, Standoff
 from .program import Mark
 from .stream import Sender
+
+if TYPE_CHECKING:
+    from .acceleration import Batch
 
 INFO, WARNING, FAULT, ALARM_SEVERITY = range(4)  # waam_msgs/Anomaly
 HOLD_BY_HOST, LEASE_EXPIRED, POWER_UP = 200, 202, 306
@@ -38,6 +42,7 @@ class Outbox:
     """What the owner has to publish, in this order."""
 
     standoff: list[Standoff] = field(default_factory=list)
+    accelerations: list[Batch] = field(default_factory=list)
     done: list[Mark] = field(default_factory=list)
     changed: bool = False  # machine state
     notices: list[Notice] = field(default_factory=list)
@@ -48,6 +53,7 @@ class Outbox:
         return bool(
             self.changed
             or self.standoff
+            or self.accelerations
             or self.done
             or self.notices
             or self.replies
