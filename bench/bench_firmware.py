@@ -2,9 +2,9 @@
 
 The firmware runs under QEMU with instruction counting (8 ns of virtual time for each) at its worst: X, Y, Z and wire
 at their greatest speeds (200, 200, 100 and 300 mm/s: 64, 64, 32 and 15 thousand pulses per second), arc on, segments
-of 1 mm streaming in, telemetry going out and the samples of the accelerometer, which a job does without; the worse of two runs, without an input shaper and with the one that has the
-most to do (its delay shortens what the wire looks ahead, so a slow one costs less than none). Counted are
-instructions, not cycles: a Cortex-M4 needs some 1.3 for each.
+of 1 mm streaming in, telemetry going out, and the samples of the accelerometer, which a job does without; the worse of
+two runs, without an input shaper and with the one that has the most to do (its delay shortens what the wire looks
+ahead, so a slow one costs less than none). Counted are instructions, not cycles: a Cortex-M4 needs some 1.3 for each.
 
 firmware.isr_budget_pct: interrupts (pulses at 80 kHz, fast tick at 10 kHz, link) and the main loop, of 168 MHz;
 firmware.cpu_budget_pct: the same with the 1 kHz tick of the core (planner, motion, link, arc sequence);

@@ -1,4 +1,4 @@
-"""Samples of the controller's accelerometer: lines into batches, their rate, gaps, and a sensor that does not answer."""
+"""Samples of the controller's accelerometer: lines into batches, their rate, gaps; a sensor that does not answer."""
 
 from __future__ import annotations
 

@@ -7,14 +7,13 @@ samples that the controller says were lost, leave a gap in the numbers of the ba
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from . import frames, requests
 from .machine import Machine
 from .mounting import mounting
-from .outbox import WARNING
+from .outbox import WARNING, Batch
 from .pending import Reply
 
 CAPABILITY = 'ACCEL'
@@ -25,17 +24,6 @@ RANGE = 16 * 9.80665  # m/s^2
 BATCH = 320  # samples: 0.1 s
 MEASURED_FROM = 1600  # samples after which the measured rate counts
 BEGIN_LIMIT = 1.0  # s until the first line must be there
-
-
-@dataclass(frozen=True)
-class Batch:
-    """values (n, 3) m/s^2 along the axes of the machine, t_us: controller time of the first; sequence: a gap is a loss;
-    rate: samples per second of the controller's clock."""
-
-    sequence: int
-    t_us: int
-    rate: float
-    values: np.ndarray
 
 
 class Accelerometer:

@@ -24,10 +24,10 @@ from waam_process.names import CONTROLLER_STATES
 from waam_process.units import mm
 
 from . import frames
-from .acceleration import RANGE, SENSOR, Batch
+from .acceleration import RANGE, SENSOR
 from .core import Bridge
 from .frames import ARC_ENABLED, ARC_ESTABLISHED, GAS, UNDERFEED
-from .outbox import Notice
+from .outbox import Batch, Notice
 from .program import Mark
 
 NAN = float('nan')

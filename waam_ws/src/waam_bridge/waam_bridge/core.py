@@ -171,7 +171,9 @@ class Bridge:
                 return None
             self._on_telemetry(frame, now)
             return frame
-        if isinstance(frame, frames.StateChange):
+        if isinstance(frame, frames.StateChange) and frame.code == frames.ACCELEROMETER:
+            self.accelerometer.lost(self, f'E{frame.code} {frame.text}')
+        elif isinstance(frame, frames.StateChange):
             faults.state_changed(self, frame.state, frame.code, frame.text)
         elif isinstance(frame, frames.LineRefused):
             faults.line_refused(self, frame)

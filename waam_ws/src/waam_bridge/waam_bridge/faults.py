@@ -10,9 +10,6 @@ from .outbox import FAULT, LEASE_EXPIRED, WARNING, Notice, of_fault
 
 def state_changed(machine: Machine, state: int, code: int, text: str) -> None:
     """The controller reported its state and the reason; the text is empty when only telemetry showed it."""
-    if code == frames.ACCELEROMETER:
-        machine.accelerometer.lost(machine, f'E{code} {text}')
-        return
     if code == frames.STANDOFF:
         machine.outbox.notices.append(Notice(WARNING, 'height', f'E{code} {text}', 'none'))
         return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from waam_process.segment import Point
 
@@ -14,16 +14,12 @@ from .params import BridgeParams
 from .pending import Pending
 from .program import Modal, Waiting
 
-if TYPE_CHECKING:
-    from .acceleration import Accelerometer
-
 
 class Machine(Protocol):
     """Attributes as in `core.Bridge`."""
 
     params: BridgeParams
     arming: Arming
-    accelerometer: Accelerometer
     link: Link
     outbox: Outbox
     pending: Pending

@@ -17,5 +17,7 @@ def mounting(text: str) -> np.ndarray:
             column, sign = AXES[name]
             row[column] = sign
     if round(float(np.linalg.det(turn))) != 1:
-        raise ValueError(f"'{text}' is no mounting: wanted three axes such as '-y x z', right-handed")
+        raise ValueError(
+            f"'{text}' is no mounting: wanted three axes such as '-y x z', right-handed"
+        )
     return turn

@@ -30,9 +30,7 @@ class Services:
 
     def offer_accelerometer(self) -> None:
         """There is an accelerometer: the service that switches it."""
-        create_deferred_service(
-            self._node, SetBool, 'accelerometer/enable', self._on_accelerometer
-        )
+        create_deferred_service(self._node, SetBool, 'accelerometer/enable', self._on_accelerometer)
 
     def _on_accelerometer(self, request: SetBool.Request, response: SetBool.Response) -> Deferred:
         later = Deferred()

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from waam_process.names import CLASS_OF_FAULT, CONTROLLER_STATES
 
 from .frames import ALARM, Standoff
 from .program import Mark
 from .stream import Sender
-
-if TYPE_CHECKING:
-    from .acceleration import Batch
 
 INFO, WARNING, FAULT, ALARM_SEVERITY = range(4)  # waam_msgs/Anomaly
 HOLD_BY_HOST, LEASE_EXPIRED, POWER_UP = 200, 202, 306
@@ -35,6 +33,17 @@ class Notice:
     class_name: str
     text: str
     reaction: str = 'none'
+
+
+@dataclass(frozen=True)
+class Batch:
+    """values (n, 3) m/s^2 along the axes of the machine, t_us: controller time of the first; sequence: a gap is a loss;
+    rate: samples per second of the controller's clock."""
+
+    sequence: int
+    t_us: int
+    rate: float
+    values: np.ndarray
 
 
 @dataclass

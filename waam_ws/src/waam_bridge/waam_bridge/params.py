@@ -71,7 +71,8 @@ class BridgeParams:
         10.0, 'rows of the CSV log per second of controller time', 'Hz', 0.1, 100
     )
     accelerometer_axes: str = param(
-        'x y z', "axes of the accelerometer that lie along x, y and z of the machine, such as '-y x z'"
+        'x y z',
+        "axes of the accelerometer that lie along x, y and z of the machine, such as '-y x z'",
     )
     standoff_source: str = param(
         'none', 'what the torch is held at its distance by', choices=STANDOFF_SOURCES
