@@ -2,9 +2,9 @@
 
 The firmware runs under QEMU with instruction counting (8 ns of virtual time for each) at its worst: X, Y, Z and wire
 at their greatest speeds (200, 200, 100 and 300 mm/s: 64, 64, 32 and 15 thousand pulses per second), arc on, segments
-of 1 mm streaming in, telemetry going out; the worse of two runs, without an input shaper and with the one that has the
-most to do (its delay shortens what the wire looks ahead, so a slow one costs less than none). Counted are
-instructions, not cycles: a Cortex-M4 needs some 1.3 for each.
+of 1 mm streaming in, telemetry going out, and the samples of the accelerometer, which a job does without; the worse of
+two runs, without an input shaper and with the one that has the most to do (its delay shortens what the wire looks
+ahead, so a slow one costs less than none). Counted are instructions, not cycles: a Cortex-M4 needs some 1.3 for each.
 
 firmware.isr_budget_pct: interrupts (pulses at 80 kHz, fast tick at 10 kHz, link) and the main loop, of 168 MHz;
 firmware.cpu_budget_pct: the same with the 1 kHz tick of the core (planner, motion, link, arc sequence);
@@ -29,13 +29,16 @@ from lib.paths import SOURCES
 PACKAGE = SOURCES / 'waam_firmware'
 NS_PER_INSTRUCTION = 8.0
 CLOCK_HZ = 168e6
+ACCELEROMETER = 1
 NO_SHAPER = ('shape_x 0', 'shape_y 0')
 SHAPER = ('shape_x_hz 200', 'shape_y_hz 180', 'shape_x 6', 'shape_y 6')  # 3HUMP_EI: ten taps each
 CHIP_FLASH, CHIP_RAM = 1 << 20, 192 << 10
 
 
 def load(name: str):
-    """A module of the package's tests, by path."""
+    """A module of the package's tests, by path; those that it imports lie beside it."""
+    if str(PACKAGE / 'test') not in sys.path:
+        sys.path.append(str(PACKAGE / 'test'))
     spec = importlib.util.spec_from_file_location(name, PACKAGE / f'test/{name}.py')
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
@@ -71,6 +74,7 @@ def burn(board, lines: list[str], shaper: tuple[str, ...]) -> None:
             assert answer.startswith('$C ok'), answer
         client.run('G28', 'G0 X0 Y0 Z190')
         client.ask('$A bench')
+        client.ask(f'$M {ACCELEROMETER}')
         client.send('M3 W18000 S25', 'G4 P1', *lines[:110])
         client.wait(lambda: client.frame['v_um_s'] > 200_000 or client.frame['state'] in (2, 3))
         if client.frame['state'] == 1:

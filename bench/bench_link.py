@@ -12,11 +12,13 @@ link.clock_residual_p99_ms: over the same time, how far the fitted line was from
     two seconds, before it was fitted anew. Limit: 0.2 ms
 link.third_outcomes: the noise campaign (waam_bridge/test/bridge_campaign.py: the real bridge core and the real C core
     in one process, real bytes both ways); baseline: segments. WAAM_BENCH_NOISE segments (20000; 1000000 for a
-    verdict)
+    verdict), of WAAM_BENCH_NOISE_SEED (11)
 arc.off_max_ms: age of the lease, in controller time, when the arc went off after kill -9 of the host or a pulled
     terminal; the outputs of a killed controller die with it and count 0. Limit: 500 ms.
     WAAM_BENCH_KILLS moments (9; 200 for a verdict). A scene that a busy computer has upset is set up anew, five
     times at most; how often goes to stderr
+
+With WAAM_BENCH_SHAPER=1 noise and kills run with an input shaper in the controller (2HUMP_EI and MZV).
 
 Without Printrun the two baselines are null. With the defaults it takes about 3 minutes, with WAAM_BENCH_LINK_S=600 and
 WAAM_BENCH_KILLS=200 some 20; WAAM_BENCH_NOISE=1000000 takes an hour of its own. Each part says on stderr how long it
@@ -52,6 +54,8 @@ UPSET_MOST = 5
 START = '0.5,0.5,199.5'  # mm, where the machine stands
 STEADY_S = float(os.environ.get('WAAM_BENCH_LINK_S', '60'))
 NOISE = int(os.environ.get('WAAM_BENCH_NOISE', '20000'))
+NOISE_SEED = int(os.environ.get('WAAM_BENCH_NOISE_SEED', '11'))
+SHAPED = os.environ.get('WAAM_BENCH_SHAPER', '') == '1'
 KILLS = int(os.environ.get('WAAM_BENCH_KILLS', '9'))
 
 
@@ -267,13 +271,21 @@ class Stalls:
         return self._worst * 1e3
 
 
+def settings() -> tuple[str, ...]:
+    """Of the controller, for noise and kills."""
+    from bridge_campaign import SHAPER
+
+    return SHAPER if SHAPED else ()
+
+
 def noise() -> None:
     from bridge_campaign import Campaign
     from rich.progress import Progress
 
     with Progress(transient=True) as bar:
         task = bar.add_task('noise campaign', total=NOISE)
-        report = Campaign(NOISE, seed=11).run(lambda done: bar.update(task, completed=done))
+        campaign = Campaign(NOISE, seed=NOISE_SEED, settings=settings())
+        report = campaign.run(lambda done: bar.update(task, completed=done))
     for text in report.third:
         print(f'bench_link: third outcome: {text}', file=sys.stderr)
     print(f'bench_link: {report}', file=sys.stderr)
@@ -295,7 +307,7 @@ def lease_ages(folder: Path) -> tuple[list[float], int]:
 
     ages: list[float] = []
     upset = 0
-    scene = Scene(folder, virtual_controller(), seed=7)
+    scene = Scene(folder, virtual_controller(), seed=7, settings=settings())
     try:
         for n in track(range(KILLS), 'kills', transient=True):
             try:
@@ -306,7 +318,7 @@ def lease_ages(folder: Path) -> tuple[list[float], int]:
                 if upset > UPSET_MOST or 'struck' in str(e):
                     raise
                 scene.close()
-                scene = Scene(folder, virtual_controller(), seed=7 + n)
+                scene = Scene(folder, virtual_controller(), seed=7 + n, settings=settings())
     finally:
         scene.close()
     return ages, upset

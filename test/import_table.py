@@ -40,7 +40,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_view': {'waam_node', 'waam_process', 'waam_record', 'waam_robot'},
     'waam_shop': {'waam_node', 'waam_process'},
     'waam_panel': {
-        'waam_archive', 'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_shop', 'waam_view',
+        'waam_archive', 'waam_calibrate', 'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_shop',
+        'waam_view',
     },
     'waam_bringup': {
         'waam_calibrate', 'waam_job', 'waam_node', 'waam_panel', 'waam_process', 'waam_record', 'waam_shop',

@@ -383,3 +383,19 @@ def test_the_law_bead_solver_is_the_network_law_without_a_network():
     np.testing.assert_array_equal(
         make_law('bead_solver').correct(untold).psi, make_law('damped_inverse').correct(untold).psi
     )
+
+
+def test_what_is_asked_for_has_no_waves_finer_than_a_bead():
+    """A chequer of single cells cannot be laid; a slope can, and nothing is made up where nothing is known."""
+    y, x = np.indices(SIZE)
+    slope, chequer = 0.003 + 0.011 * x, np.where((x + y) % 2, 0.2, -0.2)
+    model = bead_model(zigzag(), SIZE, W)
+    request, who = pad(0.75e-3), Identifier(watch_beads=True)
+    who.start('job', 2)
+    who.beads = replace(BeadBias(), missing=(slope + chequer, None), layers=(1, 0))
+    found = who.prepare(request).learned.missing
+    inner = (slice(3, -3), slice(3, -3))
+    assert found.shape == model.shape
+    assert abs(found - slope)[inner].max() < 0.01
+    who.beads = BeadBias()
+    assert not who.prepare(request).learned.missing.any()

@@ -36,6 +36,8 @@ MEAN_PULL, MEAN_STALL = 25.0, 40.0  # s between pulled cables and host stalls
 LONGEST_PULL, LONGEST_STALL = 3.0, 5.0  # s
 NODE = 'worker'
 JOB = 'noise'
+# of the controller, as `$C` takes them: 2HUMP_EI and MZV
+SHAPER = ('shape_x_hz 25', 'shape_y_hz 40', 'shape_x 5', 'shape_y 3')
 
 
 @dataclass

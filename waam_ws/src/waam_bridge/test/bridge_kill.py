@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 import tty
+from collections.abc import Iterable
 from pathlib import Path
 
 KINDS = ('host', 'terminal', 'controller')
@@ -72,7 +73,15 @@ class Proxy:
 class Scene:
     """Controller, cable and host; `strike` welds, and each way of killing returns the worst lease age in ms."""
 
-    def __init__(self, folder: Path, controller: Path, seed: int = 1, rate: float = 8.0) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        controller: Path,
+        seed: int = 1,
+        rate: float = 8.0,
+        settings: Iterable[str] = (),
+    ) -> None:
+        self.settings = [s.replace(' ', '=') for s in settings]
         self.folder, self.program, self.rate = folder, controller, rate
         self.dice = random.Random(seed)
         self.runs = 0
@@ -93,7 +102,12 @@ class Scene:
 
     def start_host(self) -> None:
         self.host = subprocess.Popen(
-            [sys.executable, str(HERE / 'bridge_light.py'), str(self.folder / 'cable')],
+            [
+                sys.executable,
+                str(HERE / 'bridge_light.py'),
+                str(self.folder / 'cable'),
+                *self.settings,
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         )

@@ -1,7 +1,8 @@
 """A host process to be killed: the bridge's core and transport without ROS, so that it starts in a moment.
 
-`python bridge_light.py PORT` welds as soon as the line 'weld' comes on stdin: stop, reset, home, arm, and a bead that
-is long enough. It prints 'connected', 'restarted' (another boot of the controller) and 'welding'.
+`python bridge_light.py PORT [NAME=VALUE ...]` welds as soon as the line 'weld' comes on stdin: stop, reset, home, the
+settings (`$C`), arm, and a bead that is long enough. It prints 'connected', 'restarted' (another boot of the
+controller) and 'welding'.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ class Light:
     def __init__(self, port: str, quiet: bool = False, **params) -> None:
         self.bridge = Bridge(BridgeParams(reconnect_period=0.05, **params))
         self.quiet = quiet
+        self.settings: list[tuple[str, float]] = []
         self.lock = threading.RLock()
         self.job = 0
         self.on_frame: Callable[[frames.Telemetry], None] = lambda frame: None
@@ -89,6 +91,16 @@ class Light:
             )
         self.until(lambda: got)
 
+    def configure(self, name: str, value: float) -> None:
+        """One setting; the machine stands."""
+        got: list[tuple[int, str]] = []
+        with self.lock:
+            command = Command(commands.CONFIGURE, name, value=value)
+            commands.run(self.bridge, command, lambda *r: got.append(r), time.monotonic())
+        self.until(lambda: got)
+        if got[0][0]:
+            raise SystemExit(f'{name}: {got[0][1]}')
+
     def until(self, condition) -> None:
         end = time.monotonic() + PATIENCE
         while not condition():
@@ -105,6 +117,8 @@ class Light:
         if not bridge.flags & frames.HOMED:
             self.command(commands.HOME)
         self.until(lambda: bridge.flags & frames.HOMED and bridge.state == frames.IDLE)
+        for name, value in self.settings:
+            self.configure(name, value)
         self.job += 1
         job = f'job{self.job}'
         self.command(commands.ARM, job)
@@ -128,6 +142,8 @@ class Light:
 
 if __name__ == '__main__':
     light = Light(sys.argv[1])
+    pairs = (a.split('=') for a in sys.argv[2:])
+    light.settings = [(name, float(value)) for name, value in pairs]
     for word in sys.stdin:
         if word.strip() == 'weld':
             light.weld()

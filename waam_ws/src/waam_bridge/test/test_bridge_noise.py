@@ -7,7 +7,7 @@ import random
 
 import pytest
 from bridge_cable import Cable
-from bridge_campaign import Campaign, Path, steps
+from bridge_campaign import SHAPER, Campaign, Path, steps
 from controller_lib import ControllerLib
 
 from waam_bridge import frames
@@ -46,9 +46,6 @@ def test_over_a_good_cable_nothing_is_sent_twice():
     report = Campaign(800, seed=2, rate=0.0, rough=False).run()
     assert report.third == [] and report.segments == 800
     assert report.resends == report.bad_frames == 0 and report.holds == {}
-
-
-SHAPER = ('shape_x_hz 25', 'shape_y_hz 40', 'shape_x 5', 'shape_y 3')  # 2HUMP_EI, MZV
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,14 @@
 """The real node and the real controller core: motion, arc lease, kill of the bridge."""
 
+import time
+
 import pytest
 from bridge_harness import Bridge, VirtualController, line_of, until
+from std_srvs.srv import SetBool
 
-from waam_msgs.msg import Anomaly, Telemetry
+from waam_msgs.msg import AccelerationBatch, Anomaly, Telemetry
 from waam_msgs.srv import Command, Enqueue
+from waam_node import qos
 
 ZERO = (0.1, 0.08, 0.02)
 LEASE_US = 500_000
@@ -74,6 +78,23 @@ def weld(cell, count, names=('bridge',)):
     got = cell.enqueue([approach(cell), *line_of(count, arc=True, first=1)], cell.job)
     assert (got.error_code, got.accepted) == (0, count + 1), got.message
     until(lambda: cell.telemetry.arc_established, what='arc')
+
+
+def test_the_accelerometer_is_switched_and_published(cell):
+    got = []
+    node = cell.node
+    node.create_subscription(AccelerationBatch, 'acceleration', got.append, qos.PROFILES)
+    enable = node.create_client(SetBool, 'accelerometer/enable')
+    until(enable.service_is_ready)
+    time.sleep(0.5)
+    answer = cell.call(enable, SetBool.Request(data=True))
+    assert answer.success, answer.message
+    until(lambda: len(got) > 12)
+    assert cell.call(enable, SetBool.Request(data=False)).success
+    assert [b.sequence for b in got] == list(range(got[0].sequence, got[0].sequence + len(got)))
+    assert got[-1].sample_rate == pytest.approx(3200, rel=1e-3)
+    assert got[-1].header.frame_id == 'machine' and got[-1].header.stamp.sec >= 1_700_000_000
+    assert sum(got[-1].z) / len(got[-1].z) == pytest.approx(9.81, abs=0.1)
 
 
 def test_a_bead_is_laid_and_reported(cell):

@@ -19,6 +19,7 @@ from waam_node.node import ERROR, OK, WARN, WaamNode
 from waam_node.node import main as node_main
 
 from . import frames, overrides
+from .acceleration import CAPABILITY
 from .conversions import diagnostic_values
 from .core import Bridge
 from .csv_log import CsvLog
@@ -63,7 +64,8 @@ class BridgeNode(WaamNode):
         )
         if self._out.csv:
             self.create_subscription(Temperature, 'temperature', self._on_temperature, qos.BEAT)
-        Services(self, self.core, self._lock, self._pump)
+        self._served = Services(self, self.core, self._lock, self._pump)
+        self._measures = False  # the controller has an accelerometer, and others can see it
 
     def _open_csv(self, path: str, rate: float) -> CsvLog | None:
         if not path:
@@ -154,6 +156,16 @@ class BridgeNode(WaamNode):
             raise self._crash
         with self._lock:
             self._diagnose(self._out.second())
+            self._offer()
+
+    def _offer(self) -> None:
+        """The simulated cell has an accelerometer of its own, so this one is offered only where there is one."""
+        link = self.core.link
+        if self._measures or not link.ready or CAPABILITY not in link.who.capabilities:
+            return
+        self._measures = True
+        self._out.offer_acceleration()
+        self._served.offer_accelerometer()
 
     def _diagnose(self, msg: LinkStatus) -> None:
         core = self.core

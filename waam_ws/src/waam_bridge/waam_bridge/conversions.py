@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 
 from builtin_interfaces.msg import Time
@@ -9,15 +10,24 @@ from geometry_msgs.msg import Point
 from sensor_msgs.msg import Range
 from std_msgs.msg import Header
 
-from waam_msgs.msg import Anomaly, LinkStatus, MachineState, SegmentDone, Standoff, Telemetry
+from waam_msgs.msg import (
+    AccelerationBatch,
+    Anomaly,
+    LinkStatus,
+    MachineState,
+    SegmentDone,
+    Standoff,
+    Telemetry,
+)
 from waam_node import cdr
 from waam_process.names import CONTROLLER_STATES
 from waam_process.units import mm
 
 from . import frames
+from .acceleration import RANGE, SENSOR
 from .core import Bridge
 from .frames import ARC_ENABLED, ARC_ESTABLISHED, GAS, UNDERFEED
-from .outbox import Notice
+from .outbox import Batch, Notice
 from .program import Mark
 
 NAN = float('nan')
@@ -181,3 +191,12 @@ def diagnostic_values(bridge: Bridge, status: LinkStatus, port: str) -> dict[str
         'clock_drift_ppm': f'{status.clock_drift * 1e6:.1f}',
         'clock_residual_ms': f'{status.clock_residual * 1e3:.3f}',
     }
+
+
+def acceleration(batch: Batch, ros_ns: int) -> AccelerationBatch:
+    """ros_ns: ROS time of the first sample."""
+    msg = AccelerationBatch(sensor_id=SENSOR, sequence=batch.sequence % 2**32)
+    msg.header = Header(stamp=stamp_ns(ros_ns), frame_id='machine')
+    msg.sample_rate, msg.range = batch.rate, RANGE
+    msg.x, msg.y, msg.z = (array('f', v.astype('f4').tobytes()) for v in batch.values.T)
+    return msg

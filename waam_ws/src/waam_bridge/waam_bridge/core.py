@@ -12,6 +12,7 @@ from waam_process.segment import Point, Segment
 from waam_process.units import mm
 
 from . import batches, faults, frames, overrides, program, requests
+from .acceleration import Accelerometer
 from .arming import Arming
 from .frames import ALARM, IDLE
 from .link import Link
@@ -54,6 +55,7 @@ class Bridge:
         self._tick = 0
         self.pending = Pending()
         self.standoff = Standoff(params)
+        self.accelerometer = Accelerometer(params.accelerometer_axes)
         self._resends = ResendWatch(params.resend_warning)
 
     @property
@@ -169,12 +171,16 @@ class Bridge:
                 return None
             self._on_telemetry(frame, now)
             return frame
-        if isinstance(frame, frames.StateChange):
+        if isinstance(frame, frames.StateChange) and frame.code == frames.ACCELEROMETER:
+            self.accelerometer.lost(self, f'E{frame.code} {frame.text}')
+        elif isinstance(frame, frames.StateChange):
             faults.state_changed(self, frame.state, frame.code, frame.text)
         elif isinstance(frame, frames.LineRefused):
             faults.line_refused(self, frame)
         elif isinstance(frame, frames.Standoff) and self.connected and self.standoff.heard(frame):
             self.outbox.standoff.append(frame)
+        elif isinstance(frame, frames.Acceleration) and self.connected:
+            self.accelerometer.heard(self, frame)
         if 0 < self.pending.home_line <= self.link.sender.acked:
             self.pending.end_home(requests.OK, 'homing', self.outbox.replies)
         return None
@@ -223,6 +229,7 @@ class Bridge:
         """What is to be written now. Call it after every line and at least every 20 ms."""
         self.pending.poll(now, self.outbox.replies)
         overrides.expire(self, now)
+        self.accelerometer.poll(self, now)
         if self.connected and (notice := self._resends.poll(self.link.sender, now)):
             self.outbox.notices.append(notice)
         return self.link.poll(now)

@@ -6,6 +6,8 @@ from binascii import crc_hqx
 from typing import NamedTuple
 from zlib import crc32
 
+import numpy as np
+
 from waam_process.names import CONTROLLER_STATES
 
 MAX_LINE = 160  # bytes of a line to the controller, newline included
@@ -28,14 +30,14 @@ CODES = {
     108: 'not now', 200: 'hold by host', 201: 'link watchdog', 202: 'arc lease expired',
     203: 'planner ran dry with the arc on', 204: 'arc lost', 205: 'no arc at start',
     206: 'wire fault', 207: 'gas', 208: 'stubbing', 209: 'burn-back', 210: 'over-temperature',
-    211: 'wire frozen in the bead', 212: 'standoff: back to the programmed z',
+    211: 'wire frozen in the bead', 212: 'standoff: back to the programmed z', 213: 'accelerometer',
     300: 'emergency stop', 301: 'limit switch',
     302: 'soft limit', 303: 'process inputs lost or implausible', 304: 'not homed',
     305: 'not armed', 306: 'power-up: reset needed', 307: 'the watchdog has reset the controller',
 }  # fmt: skip
 
 
-STANDOFF = 212  # told beside a state, changes none
+STANDOFF, ACCELEROMETER = 212, 213  # told beside a state, change none
 
 
 class FrameError(ValueError):
@@ -77,6 +79,15 @@ class Standoff(NamedTuple):
     set_um: int  # distance that is wanted, um
     measured_um: int  # distance that is measured, um
     correction_um: int  # of z, um
+
+
+class Acceleration(NamedTuple):
+    """An A line: samples of the accelerometer in counts."""
+
+    seq: int  # of the line, from 0 when it was switched on
+    t_us: int  # controller time of the first sample
+    lost: int  # samples that were lost since it was switched on, at least
+    counts: np.ndarray  # (n, 3) along the sensor's axes
 
 
 class Ack(NamedTuple):
@@ -147,7 +158,18 @@ class Identity(NamedTuple):
     digits: int  # of the check that the controller uses from now on
 
 
-Frame = Telemetry | Standoff | Ack | Resend | LineRefused | StateChange | Answer | Pong | Identity
+Frame = (
+    Telemetry
+    | Standoff
+    | Acceleration
+    | Ack
+    | Resend
+    | LineRefused
+    | StateChange
+    | Answer
+    | Pong
+    | Identity
+)
 
 
 def check(data: bytes) -> int:

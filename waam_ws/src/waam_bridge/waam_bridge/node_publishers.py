@@ -10,6 +10,7 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import Range
 
 from waam_msgs.msg import (
+    AccelerationBatch,
     Anomaly,
     LeaseTick,
     LinkStatus,
@@ -31,6 +32,7 @@ class Publishers:
 
     def __init__(self, node: Node, core: Bridge, port: str, csv: CsvLog | None) -> None:
         self._node, self._core, self._port, self.csv = node, core, port, csv
+        self._acceleration: Publisher | None = None  # of a controller that has an accelerometer
         self._counted = (0, 0)  # frames, us: where the telemetry rate is counted from
         publish = node.create_publisher
         self._telemetry = publish(Telemetry, 'telemetry', qos.TELEMETRY)
@@ -41,6 +43,11 @@ class Publishers:
         self._status = publish(LinkStatus, 'link_status', qos.BEAT)
         self._tick = publish(LeaseTick, 'lease_tick', qos.BEAT)
         self._anomaly = publish(Anomaly, 'anomaly', qos.EVENTS)
+
+    def offer_acceleration(self) -> None:
+        """There is an accelerometer: others see the topic from now on."""
+        kind, profile = AccelerationBatch, qos.PROFILES
+        self._acceleration = self._node.create_publisher(kind, 'acceleration', profile)
 
     def frame(self, t: frames.Telemetry) -> None:
         """One telemetry frame."""
@@ -71,6 +78,10 @@ class Publishers:
         box, stamp = self._core.take_outbox(), self._stamp()
         for found in box.standoff:
             self._publish_standoff(found)
+        for batch in box.accelerations:
+            if self._acceleration is not None:
+                ros_ns = self._core.link.clock.to_ros_ns(batch.t_us)
+                self._send(self._acceleration, conversions.acceleration(batch, ros_ns))
         for mark in box.done:
             msg = conversions.segment_done(mark)
             msg.header.stamp, msg.header.frame_id = stamp, 'work'

@@ -7,13 +7,14 @@ from collections.abc import Callable
 from threading import RLock
 
 from rclpy.node import Node
+from std_srvs.srv import SetBool
 
 from waam_msgs.srv import Command, Enqueue, ReplaceSegments
 from waam_node.conversions import segment_from_msg
 from waam_node.deferred import Deferred, create_deferred_service
 from waam_process.segment import Segment
 
-from . import commands, program, replacing
+from . import commands, program, replacing, requests
 from .core import Bridge
 from .program import Refusal
 
@@ -22,10 +23,27 @@ class Services:
     """`lock` guards the core; `pump` writes and publishes the results of a request."""
 
     def __init__(self, node: Node, core: Bridge, lock: RLock, pump: Callable[[], None]) -> None:
-        self._core, self._lock, self._pump = core, lock, pump
+        self._node, self._core, self._lock, self._pump = node, core, lock, pump
         node.create_service(Enqueue, '~/enqueue', self._on_enqueue)
         node.create_service(ReplaceSegments, '~/replace', self._on_replace)
         create_deferred_service(node, Command, '~/command', self._on_command)
+
+    def offer_accelerometer(self) -> None:
+        """There is an accelerometer: the service that switches it."""
+        create_deferred_service(self._node, SetBool, 'accelerometer/enable', self._on_accelerometer)
+
+    def _on_accelerometer(self, request: SetBool.Request, response: SetBool.Response) -> Deferred:
+        later = Deferred()
+
+        def answer(code: int, text: str) -> None:
+            response.success, response.message = code == requests.OK, text
+            later.answer(response)
+
+        with self._lock:
+            accelerometer = self._core.accelerometer
+            accelerometer.switch(self._core, request.data, answer, time.monotonic())
+        self._pump()
+        return later
 
     def _on_enqueue(self, request: Enqueue.Request, response: Enqueue.Response) -> Enqueue.Response:
         """Checks outside the lock, so that a large batch does not hold up the link."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from waam_process.names import CLASS_OF_FAULT, CONTROLLER_STATES
 
 from .frames import ALARM, Standoff
@@ -33,11 +35,23 @@ class Notice:
     reaction: str = 'none'
 
 
+@dataclass(frozen=True)
+class Batch:
+    """values (n, 3) m/s^2 along the axes of the machine, t_us: controller time of the first; sequence: a gap is a loss;
+    rate: samples per second of the controller's clock."""
+
+    sequence: int
+    t_us: int
+    rate: float
+    values: np.ndarray
+
+
 @dataclass
 class Outbox:
     """What the owner has to publish, in this order."""
 
     standoff: list[Standoff] = field(default_factory=list)
+    accelerations: list[Batch] = field(default_factory=list)
     done: list[Mark] = field(default_factory=list)
     changed: bool = False  # machine state
     notices: list[Notice] = field(default_factory=list)
@@ -48,6 +62,7 @@ class Outbox:
         return bool(
             self.changed
             or self.standoff
+            or self.accelerations
             or self.done
             or self.notices
             or self.replies

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from waam_node.params import ParameterError, param
 from waam_process.units import mm
 
+from .mounting import mounting
 from .program import Limits
 
 STANDOFF_SOURCES = ('none', 'laser', 'infrared', 'arc')
@@ -69,6 +70,10 @@ class BridgeParams:
     csv_rate: float = param(
         10.0, 'rows of the CSV log per second of controller time', 'Hz', 0.1, 100
     )
+    accelerometer_axes: str = param(
+        'x y z',
+        "axes of the accelerometer that lie along x, y and z of the machine, such as '-y x z'",
+    )
     standoff_source: str = param(
         'none', 'what the torch is held at its distance by', choices=STANDOFF_SOURCES
     )
@@ -97,6 +102,10 @@ class BridgeParams:
     standoff_ki: float = param(NAN, f'speed per error and time; {OF_SOURCE}', '1/s^2', 0.0, 200.0)
 
     def __post_init__(self) -> None:
+        try:
+            mounting(self.accelerometer_axes)
+        except ValueError as e:
+            raise ParameterError(f"parameter 'accelerometer_axes': {e}") from None
         for name in ('arc_speed', 'wire_feed', 'voltage'):
             low, high = getattr(self, f'{name}_min'), getattr(self, f'{name}_max')
             if low > high:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
+import numpy as np
+
 from .frames import (
     STATES,
+    Acceleration,
     Ack,
     Answer,
     Frame,
@@ -46,6 +49,20 @@ def _standoff(payload: bytes) -> Standoff:
     if max(f[3:]) >= _I31 or min(f[3:]) < -_I31:
         raise FrameError('standoff out of range')
     return f
+
+
+_SAMPLES = re.compile(rb'A (\d{1,10}),(\d{1,18}),(\d{1,10}),((?:[0-o]{7})+)')
+
+
+def _acceleration(payload: bytes) -> Acceleration:
+    """Seven characters of six bits, '0' to 'o', are three times 14 bits, x first; each is a count plus 8192."""
+    seq, t_us, lost, packed = _match(_SAMPLES, payload)
+    six = np.frombuffer(packed, np.uint8).reshape(-1, 7).astype(np.int64) - ord('0')
+    bits = six @ (1 << np.arange(36, -1, -6))
+    counts = (bits[:, None] >> np.array([28, 14, 0]) & 0x3FFF) - 8192
+    if abs(counts).max() > 4096 or int(seq) >= _U32 or int(lost) >= _U32:
+        raise FrameError('acceleration out of range')
+    return Acceleration(int(seq), int(t_us), int(lost), counts)
 
 
 _AT = rb'(?: @(\d{1,20}))?'  # controller time, us
@@ -144,6 +161,7 @@ def _state(payload: bytes) -> StateChange:
 _KINDS: dict[bytes, Callable[[bytes], Frame]] = {
     b'T ': _telemetry,
     b'D ': _standoff,
+    b'A ': _acceleration,
     b'ok': _ack,
     b'rs': _resend,
     b'er': _refused,

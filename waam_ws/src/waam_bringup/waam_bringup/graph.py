@@ -14,7 +14,7 @@ import yaml
 from waam_node import priority
 from waam_process.operating import GANTRY, ROBOT
 
-from .paths import cell_name, jobs_dir, share, shop_dir
+from .paths import calibrations_dir, cell_name, jobs_dir, share, shop_dir
 
 
 class GraphError(ValueError):
@@ -118,6 +118,7 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
         'panel_port': settings.panel_port,
         'jobs': str(jobs_dir()),
         'shop': str(shop_dir()),
+        'calibrations': str(calibrations_dir()),
         'cell': cell_name(),
         'parts': str(share('waam_bringup') / 'parts'),
         'lease_nodes': lease_nodes,

@@ -95,7 +95,7 @@ def _serve(args: argparse.Namespace, state: RunState, access: dict[str, str]) ->
     from waam_panel.panel_node import main
 
     from .operate import panel_port
-    from .paths import cell_name, jobs_dir, share, shop_dir
+    from .paths import calibrations_dir, cell_name, jobs_dir, share, shop_dir
 
     port = args.port or panel_port()
     os.environ['ROS_DOMAIN_ID'] = str(state.domain)
@@ -103,7 +103,8 @@ def _serve(args: argparse.Namespace, state: RunState, access: dict[str, str]) ->
     folders = [str(jobs_dir() / 'parts'), str(share('waam_bringup') / 'parts')]
     values = {
         'bind': args.bind, 'port': port, 'jobs_dir': str(jobs_dir()), 'part_folders': folders,
-        'shop_dir': str(shop_dir()), 'cell': cell_name(), 'use_sim_time': state.simulated, **access,
+        'shop_dir': str(shop_dir()), 'calibrations_dir': str(calibrations_dir()), 'cell': cell_name(),
+        'use_sim_time': state.simulated, **access,
     }  # fmt: skip
     if args.host:
         values['allowed_hosts'] = ','.join(args.host)

@@ -11,6 +11,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "adxl345_device.h"
 #include "fuzz.h"
 #include "waam_core.h"
 
@@ -25,6 +26,9 @@ typedef struct {
     waam_inputs_t inputs;
     waam_outputs_t outputs;
     unsigned ticks;
+    adxl345_device_t device;
+    uint8_t bus[WAAM_ADXL345_BYTES];
+    size_t bus_bytes;
     bool no_heartbeat, no_current, no_gas, slow_wire, stuck, implausible;
     uint64_t arc_us;             /* output on for this long */
     uint64_t hold_arc_us;        /* ... of which in HOLD */
@@ -71,6 +75,10 @@ static void on_state(const char *line)
     static const char *const names[] = {"! IDLE E", "! RUN E", "! HOLD E", "! ALARM E"};
     for (int i = 0; i < 4; i++)
         if (strncmp(line, names[i], strlen(names[i])) == 0) {
+            if (strtoul(line + strlen(names[i]), NULL, 10) == WAAM_E_ACCELEROMETER) {
+                REQUIRE(i == (int)bench.core.state && bench.core.acceleration.sensor.fault, "told, the state stays");
+                return;
+            }
             bench.announced = (waam_state_t)i;
             bench.announced_code = (unsigned)strtoul(line + strlen(names[i]), NULL, 10);
             REQUIRE(strlen(line) > strlen(names[i]) + 4, "a state has a reason");
@@ -288,6 +296,7 @@ static void toggle(char what)
     case 's': bench.stuck = !bench.stuck; break;
     case 't': in->over_temperature = !in->over_temperature; break;
     case 'i': in->temperature_c = in->temperature_c == 0.0 ? 95.0 : 0.0; break;
+    case 'a': bench.device.torn_off = !bench.device.torn_off; break;
     case 'n': bench.implausible = !bench.implausible; break;
     default: break;
     }
@@ -343,6 +352,12 @@ static void fast_ticks(void)
         waam_core_fast(&bench.core, &in, &out);
         REQUIRE(!out.arc || bench.outputs.arc, "the source is on only when the tick said so");
         REQUIRE(out.voltage_v >= 0.0f && out.voltage_v <= (float)bench.config.voltage_max_v, "setpoint of the source");
+        const int16_t value[3] = {(int16_t)(bench.ticks % 4000), -4096, 4095};
+        adxl345_device_run(&bench.device, WAAM_FAST_US, value);
+        bench.bus_bytes = waam_core_accelerometer(&bench.core, bench.bus, bench.bus_bytes, bench.bus);
+        REQUIRE(bench.bus_bytes <= WAAM_ADXL345_BYTES, "an exchange");
+        if (bench.bus_bytes)
+            adxl345_device_exchange(&bench.device, bench.bus, bench.bus, bench.bus_bytes);
     }
 }
 
@@ -469,6 +484,8 @@ static void run_script(const char *text, size_t size, waam_shaper_type_t shaper)
     bench = (bench_t){.config = small_machine(), .announced = WAAM_ALARM, .announced_code = WAAM_E_POWER_UP};
     for (int i = 0; i < WAAM_SHAPED_AXES; i++)
         bench.config.shaper.axis[i] = (waam_shaper_axis_t){.type = shaper, .hz = 80.0f + 40.0f * (float)i, .damping = 0.1f};
+    bench.config.accelerometer = true;
+    adxl345_device_start(&bench.device);
     waam_core_init(&bench.core, &bench.config, on_line, NULL);
     REQUIRE(bench.core.shaper.on == (shaper != WAAM_SHAPER_NONE), "the shaper is on");
     bench.inputs.process = WAAM_PROCESS_OK;

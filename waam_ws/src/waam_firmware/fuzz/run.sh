@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Fuzzes the parser, the link and the whole controller under libFuzzer with the address and undefined-behaviour sanitizers.
-#   fuzz/run.sh [--minimise] [executions of each (default 10000000)] [folder (default /tmp/waam_fuzz)] [gcode|link|core ...]
+# Fuzzes the parser, the link, the settings and the whole controller under libFuzzer with the address and undefined-behaviour sanitizers.
+#   fuzz/run.sh [--minimise] [executions of each (default 10000000)] [folder (default /tmp/waam_fuzz)] [gcode|link|settings|core ...]
 # It goes on where an earlier call with the same folder and the same sources was stopped: executions.txt in that folder holds
 # what was done, in portions. A finding stops it and leaves the input in the folder: replay it with  build/fuzz_core FILE.
 # --minimise: afterwards write the smallest inputs with the same coverage into fuzz/corpus.
@@ -10,19 +10,20 @@ minimise=; [ "${1:-}" = --minimise ] && { minimise=1; shift; }
 package=$(cd "$(dirname "$0")/.." && pwd)
 runs=${1:-10000000} work=${2:-/tmp/waam_fuzz}
 shift $(($# < 2 ? $# : 2))
-[ $# -gt 0 ] || set -- gcode link core
+[ $# -gt 0 ] || set -- gcode link settings core
 portion=200000
 [ -n "${AMENT_PREFIX_PATH:-}" ] || { set +u; . "$package/../../../env.sh"; set -u; } # cmake looks for ament
 clang=$(command -v clang || command -v clang-14) || { echo "clang is needed: apt-get install clang" >&2; exit 1; }
 cmake -S "$package" -B "$work/build" -DCMAKE_C_COMPILER="$clang" -DWAAM_FUZZ=ON -DBUILD_TESTING=OFF > /dev/null
-cmake --build "$work/build" --target fuzz_gcode fuzz_link fuzz_core > /dev/null
+cmake --build "$work/build" --target fuzz_gcode fuzz_link fuzz_settings fuzz_core > /dev/null
 
 sources() { # what a harness exercises
     cd "$package"
     case $1 in
     gcode) cat fuzz/fuzz_gcode.c core/gcode/*.[ch] core/common/*.[ch] ;;
     link) cat fuzz/fuzz_link.c core/link/*.[ch] core/common/*.[ch] ;;
-    core) cat fuzz/fuzz_core.c core/*/*.[ch] ;;
+    settings) cat fuzz/fuzz_settings.c host/adxl345_device.[ch] core/*/*.[ch] ;;
+    core) cat fuzz/fuzz_core.c host/adxl345_device.[ch] core/*/*.[ch] ;;
     esac | sha256sum | cut -c1-12
 }
 

@@ -19,6 +19,12 @@ void host_harness_source(host_harness_t *harness, uint32_t exchange_us)
         harness->config.monitor.stuck_us = 0; /* its arc burns too quietly for a real one */
 }
 
+void host_harness_accelerometer(host_harness_t *harness)
+{
+    harness->config.accelerometer = true;
+    adxl345_device_start(&harness->accelerometer);
+}
+
 void host_harness_steps(const host_harness_t *harness, int64_t at[WAAM_AXES])
 {
     for (int i = 0; i < WAAM_AXES; i++)
@@ -54,14 +60,32 @@ static void sense(const host_harness_t *harness, waam_inputs_t *inputs)
         inputs->voltage_v = harness->contact ? SENSE_CONTACT_V : SENSE_FREE_V;
 }
 
+/* 1 g downwards, with some counts of noise. */
+static void accelerometer(host_harness_t *harness)
+{
+    int16_t value[3];
+    if (!harness->config.accelerometer)
+        return;
+    for (unsigned i = 0; i < 3; i++) {
+        harness->noise = harness->noise * 1664525u + 1013904223u;
+        value[i] = (int16_t)((int)(harness->noise >> 29) - 4 + (i == 2 ? WAAM_ADXL345_PER_G : 0));
+    }
+    adxl345_device_run(&harness->accelerometer, WAAM_FAST_US, value);
+    harness->bus_bytes = waam_core_accelerometer(&harness->core, harness->bus, harness->bus_bytes, harness->bus);
+    if (harness->bus_bytes)
+        adxl345_device_exchange(&harness->accelerometer, harness->bus, harness->bus, harness->bus_bytes);
+}
+
 static void fast_ticks(host_harness_t *harness, const waam_inputs_t *inputs)
 {
     const waam_fast_inputs_t in = {.valid = inputs->process == WAAM_PROCESS_OK,
                                    .voltage_v = (float)inputs->voltage_v,
                                    .current_a = (float)inputs->current_a};
     waam_fast_outputs_t out;
-    for (unsigned i = 0; i < TICK_US / WAAM_FAST_US; i++)
+    for (unsigned i = 0; i < TICK_US / WAAM_FAST_US; i++) {
         waam_core_fast(&harness->core, &in, &out);
+        accelerometer(harness);
+    }
 }
 
 void host_harness_tick(host_harness_t *harness)

@@ -3,6 +3,7 @@
 #ifndef WAAM_HOST_HARNESS_H
 #define WAAM_HOST_HARNESS_H
 
+#include "adxl345_device.h"
 #include "waam_core.h"
 
 #define TICK_US 1000u
@@ -16,6 +17,10 @@ typedef struct {
     bool null_plant;
     bool contact;               /* the wire touches the work: what the source's sense supply sees */
     uint64_t null_arc_us;       /* null plant: the arc output has been on for this long */
+    adxl345_device_t accelerometer; /* config.accelerometer: at rest, with a noise of its own */
+    uint8_t bus[WAAM_ADXL345_BYTES];
+    size_t bus_bytes;
+    uint32_t noise;
 } host_harness_t;
 
 /* One millisecond of the outputs, as the plant port sends it (docs/link_protocol.md). */
@@ -29,6 +34,8 @@ typedef struct {
 
 /* Tunes the arc regulator to what is there: a source that follows at once and is seen after `exchange_us`. */
 void host_harness_source(host_harness_t *harness, uint32_t exchange_us);
+/* The controller has an accelerometer, before waam_core_init. */
+void host_harness_accelerometer(host_harness_t *harness);
 /* Steps from machine zero at which the axes really are. */
 void host_harness_steps(const host_harness_t *harness, int64_t at[WAAM_AXES]);
 /* One tick of the core with its inputs. */

@@ -126,6 +126,8 @@ static int start(host_t *h)
         config->boot_id = (uint32_t)wall_ns();
     h->harness.null_plant = h->options.null_plant;
     host_harness_source(&h->harness, STEP_US);
+    if (h->options.null_plant)
+        host_harness_accelerometer(&h->harness);
     config->starts_in_alarm = !h->options.start_idle;
     memcpy(h->harness.start_mm, h->options.start_mm, sizeof h->harness.start_mm);
     h->pace = (pace_t){.rate = h->options.rate, .step_us = STEP_US, .due_ns = wall_ns()};

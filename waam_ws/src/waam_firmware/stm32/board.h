@@ -43,4 +43,10 @@ void board_inputs(waam_inputs_t *inputs);
 void board_outputs(const waam_outputs_t *outputs);
 void board_direction(unsigned axis, bool negative);
 
+/* 10 kHz, the bus of the accelerometer. Take: what came back of the frame that the fast tick before began; its bytes, 0 =
+ * none or not complete. Begin: a frame of `count` bytes, 0 = none. */
+void board_bus_init(void);
+size_t board_bus_take(uint8_t *in);
+void board_bus_begin(const uint8_t *out, size_t count);
+
 #endif

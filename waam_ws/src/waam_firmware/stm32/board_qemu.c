@@ -2,6 +2,7 @@
  * so SysTick takes their place; TIM5 is a good clock of virtual nanoseconds. The machine around it does nothing wrong:
  * switches follow the step pulses, the arc burns 50 ms after it is enabled. USART1 is the hand of a test: a small letter
  * makes a fault, the capital ends it; '?' asks what the pins have done, 'r' for the load every 100 ms. */
+#include "adxl345_device.h"
 #include "board.h"
 #include "converter.h"
 #include "load.h"
@@ -28,6 +29,9 @@ static uint32_t idle_loops, loops_per_ms;
 static waam_fast_outputs_t arc;
 static waam_outputs_t slow;
 static bool fault[26];
+static adxl345_device_t accelerometer;
+static uint8_t bus[WAAM_ADXL345_BYTES];
+static size_t bus_bytes;
 static uint32_t starts __attribute__((section(".noinit"))), hung __attribute__((section(".noinit")));
 
 static bool faulty(char letter) { return fault[letter - 'a']; }
@@ -144,6 +148,7 @@ bool board_init(void)
     TIM5->CR1 = TIM_CEN;
     USART1->CR1 = USART_UE | USART_RE | USART_TE | USART_RXNEIE;
     irq_enable(IRQ_USART1, 3);
+    board_bus_init();
     uint32_t start = board_clock(), loops = spin(hungry, 100000u);
     loops_per_ms = (uint32_t)(loops * 1000000ull / (board_clock() - start));
     return true;
@@ -219,6 +224,27 @@ void board_arc(const waam_fast_outputs_t *outputs)
 {
     arc = *outputs;
     arc_ticks = arc.arc ? arc_ticks + 1 : 0;
+}
+
+void board_bus_init(void) { adxl345_device_start(&accelerometer); }
+
+/* The sensor stands still. */
+size_t board_bus_take(uint8_t *in)
+{
+    const int16_t at_rest[3] = {0, 0, WAAM_ADXL345_PER_G};
+    size_t count = bus_bytes;
+    accelerometer.torn_off = faulty('a');
+    adxl345_device_run(&accelerometer, FAST_US, at_rest);
+    if (count)
+        adxl345_device_exchange(&accelerometer, bus, in, count);
+    bus_bytes = 0;
+    return count;
+}
+
+void board_bus_begin(const uint8_t *out, size_t count)
+{
+    for (bus_bytes = 0; bus_bytes < count; bus_bytes++)
+        bus[bus_bytes] = out[bus_bytes];
 }
 
 void board_outputs(const waam_outputs_t *outputs) { slow = *outputs; }

@@ -121,6 +121,7 @@ bool board_init(void)
     pwm_init();
     encoder_init();
     adc_init();
+    board_bus_init();
     return good;
 }
 

@@ -2,7 +2,7 @@
  *
  *     TIM3, 80 kHz   step pulses (steps.c)                       highest priority
  *     USART2         received bytes (port_serial.c)
- *     TIM2, 10 kHz   samples, arc regulator, time of the tick
+ *     TIM2, 10 kHz   samples, arc regulator, bus of the accelerometer, time of the tick
  *     main loop      tick of the core, link, watchdog
  */
 #include "board.h"
@@ -40,6 +40,13 @@ static void send_line(void *context, const char *line, size_t bytes, waam_tx_kin
         queue_put(&to_send, (uint8_t)line[i]);
 }
 
+static void accelerometer(void)
+{
+    static uint8_t bus[WAAM_ADXL345_BYTES];
+    size_t count = board_bus_take(bus);
+    board_bus_begin(bus, waam_core_accelerometer(&core, bus, count, bus));
+}
+
 void TIM2_IRQHandler(void)
 {
     uint32_t begun = load_begin(LOAD_FAST);
@@ -50,6 +57,7 @@ void TIM2_IRQHandler(void)
     board_sample(&in);
     waam_core_fast(&core, &in, &out);
     board_arc(&out);
+    accelerometer();
     if (++part == TICK_US / FAST_US) {
         part = 0;
         ticks_due++;
@@ -114,6 +122,7 @@ static void start(void)
     waam_config_t config = waam_config_default();
     config.boot_id = board_boot_id();
     config.watchdog_reset = board_was_hung();
+    config.accelerometer = true; /* the driver; whether a sensor answers shows when it is asked for */
     board_ranges(&config);
     waam_core_init(&core, &config, send_line, NULL);
     port_start();

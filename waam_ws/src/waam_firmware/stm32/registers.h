@@ -43,6 +43,7 @@ typedef struct {
     reg_t MODER, OTYPER, OSPEEDR, PUPDR, IDR, ODR, BSRR, LCKR, AFR[2];
 } gpio_t;
 #define GPIOA ((gpio_t *)0x40020000u)
+#define GPIOB ((gpio_t *)0x40020400u)
 #define GPIOC ((gpio_t *)0x40020800u)
 #define GPIOD ((gpio_t *)0x40020C00u)
 #define GPIOE ((gpio_t *)0x40021000u)
@@ -82,6 +83,21 @@ typedef struct {
 #define DMA2_LISR (*(reg_t *)0x40026400u)
 #define DMA2_LIFCR (*(reg_t *)0x40026408u)
 #define DMA2_STREAM0 ((dma_stream_t *)0x40026410u)
+#define DMA1_LISR (*(reg_t *)0x40026000u)
+#define DMA1_LIFCR (*(reg_t *)0x40026008u)
+#define DMA1_HIFCR (*(reg_t *)0x4002600Cu)
+#define DMA1_STREAM3 ((dma_stream_t *)0x40026058u)
+#define DMA1_STREAM4 ((dma_stream_t *)0x40026070u)
+enum { DMA_ENABLE = 1u, DMA_TO_DEVICE = 1u << 6, DMA_INCREMENT = 1u << 10, DMA_STREAM3_COMPLETE = 1u << 27,
+       DMA_STREAM3_FLAGS = 0x3Du << 22, DMA_STREAM4_FLAGS = 0x3Du };
+
+/* ---- serial peripheral interface ---- */
+typedef struct {
+    reg_t CR1, CR2, SR, DR;
+} spi_t;
+#define SPI2 ((spi_t *)0x40003800u)
+enum { SPI_CPHA = 1u, SPI_CPOL = 1u << 1, SPI_MASTER = 1u << 2, SPI_DIVIDE_16 = 3u << 3, SPI_SPE = 1u << 6, SPI_SSI = 1u << 8,
+       SPI_SSM = 1u << 9, SPI_RXDMAEN = 1u, SPI_TXDMAEN = 1u << 1 };
 
 /* ---- watchdog and random numbers ---- */
 typedef struct {

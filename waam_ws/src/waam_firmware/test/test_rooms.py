@@ -18,7 +18,8 @@ BELOW = {  # a room may use those named here and itself
     'motion': {'common', 'gcode'},
     'arc': {'common'},
     'standoff': {'common'},
-    'machine': {'common', 'link', 'gcode', 'motion', 'arc', 'standoff'},
+    'accelerometer': {'common'},
+    'machine': {'common', 'link', 'gcode', 'motion', 'arc', 'standoff', 'accelerometer'},
 }
 Graph = dict[str, set[str]]  # 'room/file' -> what it uses
 

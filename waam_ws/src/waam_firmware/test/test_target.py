@@ -415,6 +415,27 @@ def test_hanging_main_loop_is_reset_and_says_that_it_is_new(board):
     assert not frame['flags'] & (HOMED | ARC) and frame['v_um_s'] == 0
 
 
+def test_accelerometer_gives_3200_samples_a_second_until_it_is_torn_off(board):
+    """The driver of the board against a simulated ADXL345; its SPI and DMA are the real board's alone."""
+    client = board.client
+    assert 'ACCEL' in client.identify()
+    client.lines.clear()
+    assert client.ask('$M 1') == '$M ok'
+    client.wait(lambda: sum(line.startswith('A ') for line in client.lines) > 60)
+    told = [line[2:].split(',', 3) for line in client.lines if line.startswith('A ')]
+    assert [int(f[0]) for f in told] == list(range(len(told)))
+    assert {f[2] for f in told} == {'0'} and {len(f[3]) for f in told} == {16 * 7}
+    took = (int(told[-1][1]) - int(told[0][1])) * 1e-6
+    assert 16 * (len(told) - 1) / took == pytest.approx(3200, rel=0.01)
+    board.fault('a')
+    client.wait(lambda: any('E213' in line for line in client.lines))
+    assert [line for line in client.lines if line.startswith('!')] == [
+        '! IDLE E213 accelerometer: the ADXL345 was lost'
+    ]
+    board.fault('A')
+    assert client.ask('$M 0') == '$M ok'
+
+
 # ---- the supply detector, on the image of the real board ----
 
 

@@ -12,6 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from waam_calibrate import store
+from waam_calibrate.results import Result
 from waam_panel.program_look import Asked, look
 from waam_panel.programs import ProgramChoice, ProgramRefused, parse_choice
 
@@ -165,6 +167,36 @@ def test_from_upload_to_start(panel):
     program.write_text(wall().replace('G1 X40', 'G77 X40', 1))  # changed since it was loaded
     status, refused = ask(panel, 'program/start', {})
     assert status == 400 and 'G77' in refused['message']
+
+
+def test_a_calibration_that_refuses_keeps_program_and_part_from_starting(panel, write_part):
+    """As `waam job run` does; and both start once it was made anew."""
+    folder = panel.cell.calibrations = panel.folder / 'calibrations'
+
+    def skew(day: int, refuses: str) -> None:
+        date = f'2026-11-{day:02d}T10:00:00+00:00'
+        store.save(
+            folder, Result('skew', '', date, 'y leans', {'y_to_x_deg': 0.9}, refuses=refuses), ''
+        )
+
+    machine_says(panel, armed=True)
+    ask(panel, 'programs?name=wall.gcode', wall().encode())
+    write_part(panel.folder / 'parts')
+    for start, load in (
+        ('program/start', ('program/load', {'program': 'wall.gcode'})),
+        ('start', ('load', {'part': 'block.stl', 'as_found': 'block_worn.stl'})),
+    ):
+        assert ask(panel, *load)[0] == 200
+        skew(1, 'y leans +0.900 deg to x')
+        status, said = ask(panel, start, {})
+        assert status == 409 and 'y leans +0.900 deg' in said['message']
+        assert 'waam calibrate status' in said['message']
+        skew(2, '')
+        assert ask(panel, start, {})[0] == 200
+        (folder / 'skew_20261102T100000Z.yaml').unlink()
+    damaged = folder / 'skew_20261101T100000Z.yaml'
+    damaged.write_text(damaged.read_text().replace('0.9', '0.1'))
+    assert 'changed by hand' in ask(panel, 'start', {})[1]['message']
 
 
 def test_a_part_that_is_loaded_takes_the_place_of_the_program(panel, write_part):

@@ -11,7 +11,7 @@ from aiohttp import web
 from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
 from waam_shop.roles import Role
 
-from . import alarms, history
+from . import alarms, calibrated, history
 from .archive_page import QuestionError
 from .auditing import AuditFailure, stopped
 from .cell import CELL, Cell
@@ -189,6 +189,7 @@ async def start(cell: Cell, _: dict[str, Any]) -> str:
         return await cell.do(cell.operations.resume_job, cell.going_on)
     assert cell.setup is not None  # asked above
     part = cell.parts.find(cell.setup.part)
+    await calibrated.check(cell.calibrations)
     return await cell.do(cell.operations.start, cell.setup, part, cell.jobs_dir)
 
 

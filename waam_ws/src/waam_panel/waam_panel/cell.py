@@ -55,6 +55,7 @@ class Cell:
     pages: int = 0  # open streams
     shop: InShop | None = None  # queue, audit log, messages; None: without
     shop_turns: int = 10  # of the pump, for one look of the shop
+    calibrations: Path | None = None  # folder of results; None: none are looked at
 
     def __post_init__(self) -> None:
         self.archive = ArchivePage(self.jobs_dir)

@@ -60,6 +60,9 @@ class PanelParams:
     shop_dir: str = param(
         '', 'folder of the shop: queues, audit logs, messages; empty = .shop in jobs_dir'
     )
+    calibrations_dir: str = param(
+        '', 'folder of calibration results that may refuse a job; empty = none are looked at'
+    )
     cell: str = param('cell', 'name of this cell in the shop')
     allowed_hosts: str = param(
         '',
@@ -155,6 +158,7 @@ class Panel(WaamNode):
             error_range=p.error_range,
             upload_bytes=p.upload_mb << 20,
             shop=self._shop_link(port),
+            calibrations=Path(p.calibrations_dir) if p.calibrations_dir else None,
         )
         return self._cell
 

@@ -9,6 +9,7 @@ from aiohttp import web
 
 from waam_shop.roles import Role
 
+from . import calibrated
 from .cell import CELL, Cell
 from .commanding import BadRequest, check_command, json_of, logged
 from .operations import Refused
@@ -76,6 +77,7 @@ async def start(cell: Cell, programs: Programs, data: dict[str, Any]) -> dict[st
     choice = _ready(cell, programs)
     await programs.load(choice, cell.state.sections.get('machine'))
     choice = _ready(cell, programs)
+    await calibrated.check(cell.calibrations)
     program, nominal = programs.paths(choice)
     said = await cell.do(cell.operations.start_program, choice, program, nominal, cell.jobs_dir)
     return {'message': said}

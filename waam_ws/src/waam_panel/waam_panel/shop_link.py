@@ -19,6 +19,7 @@ from waam_shop.notifier import Notifier
 from waam_shop.runner import CellView, Runner
 from waam_shop.shop_folder import Shop
 
+from . import calibrated
 from .cell import Cell
 from .in_shop import Place
 from .operations import Refused
@@ -98,6 +99,7 @@ class ShopLink:
         """Puts the part on the table of a simulated cell and starts; what is refused waits for a new release."""
         try:
             await self._log(item, 'asked')
+            await calibrated.check(cell.calibrations)
             setup = parse(item.setup, cell.materials)
             part = cell.parts.find(setup.part)
             await asyncio.to_thread(_check_part, part, item.sha256)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from ..beads.bead_bias import MIN_CELLS, SEEN, BeadBias
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
@@ -20,6 +21,7 @@ from .evidence import MIN_GROWTH, BlockAverages, Layer, LayerEvidence, layer_evi
 from .kinds import Kinds
 from .shortfall import Shortfall
 
+DETAIL = 1.0  # cells of the bead model: sigma of what is believed to be missing
 LEVEL_MARGIN = 1 / 6  # bead widths from the edge of a layer, of the mean that says its level
 MAX_ODD = 0.1  # layer heights that a cell may lie off the median ratio in that mean
 
@@ -223,7 +225,7 @@ class Identifier:
 
     def _beads_of(self, request: CorrectionInput, model: BeadModel, slope: float) -> BeadDeviation:
         lag = self.beads.lag * request.bead_width
-        missing = self.beads.of(self.layer, model) - self.beads.surplus
+        missing = _without_detail(self.beads.of(self.layer, model) - self.beads.surplus)
         return BeadDeviation(missing, lag, slope, slope, self.beads.prior)
 
     def flow_factor(self, request: CorrectionInput) -> float:
@@ -259,3 +261,11 @@ class Identifier:
         if model is not None and model.overlapped:
             return 1.0
         return min(1.0, self.estimate.slope + caution)
+
+
+def _without_detail(missing: np.ndarray) -> np.ndarray:
+    """(rows, cols) without waves that are finer than a bead: no setpoint makes them, and a solver that is asked for
+    them adds others. 0 stays where nothing is known."""
+    known = missing != 0
+    share = gaussian_filter(known.astype(float), DETAIL)
+    return np.where(known, gaussian_filter(missing, DETAIL) / np.maximum(share, 1e-3), 0.0)

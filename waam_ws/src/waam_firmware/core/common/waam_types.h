@@ -48,6 +48,7 @@ typedef enum {
     WAAM_E_OVER_TEMPERATURE = 210,
     WAAM_E_WIRE_STUCK = 211,
     WAAM_E_STANDOFF = 212,      /* told, the state stays: the programmed z from here on */
+    WAAM_E_ACCELEROMETER = 213, /* told, the state stays: no samples come */
     WAAM_E_ESTOP = 300,
     WAAM_E_LIMIT_SWITCH = 301,
     WAAM_E_SOFT_LIMIT = 302,
@@ -118,6 +119,7 @@ typedef struct {
     uint32_t lease_margin_us;   /* the arc end is started this much earlier than its own length asks for */
     uint32_t underrun_grace_us;
     uint32_t telemetry_us;
+    bool accelerometer;         /* the shell calls waam_core_accelerometer */
 } waam_config_t;
 
 typedef enum { WAAM_PROCESS_ABSENT = 0, WAAM_PROCESS_OK, WAAM_PROCESS_LOST } waam_process_t;

@@ -20,6 +20,7 @@ static const struct {
     {'L', waam_order_resync},
     {'T', waam_order_telemetry_rate},
     {'C', waam_order_configure},
+    {'M', waam_order_measure},
 };
 
 /* ---- tokens ---- */

@@ -15,6 +15,7 @@
 #ifndef WAAM_CORE_H
 #define WAAM_CORE_H
 
+#include "waam_acceleration.h"
 #include "waam_arc.h"
 #include "waam_fast.h"
 #include "waam_gcode.h"
@@ -94,6 +95,7 @@ typedef struct {
     float chord_mm[2], heading[2]; /* where the last millimetre of path began, and its direction */
     bool approaching, approach_asked; /* a strike waits for the distance */
     bool standoff_due;          /* its line of telemetry */
+    waam_acceleration_t acceleration; /* shared with the fast tick */
 
     /* the end of what is planned */
     double plan_mm[WAAM_AXES];  /* machine coordinates, as commanded */
@@ -128,6 +130,9 @@ void waam_core_hang_up(waam_core_t *core);
 void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inputs, waam_outputs_t *outputs);
 /* Exactly every WAAM_FAST_US. Where it is never called, the source gets its setpoint unregulated (outputs of the tick). */
 void waam_core_fast(waam_core_t *core, const waam_fast_inputs_t *inputs, waam_fast_outputs_t *outputs);
+/* After waam_core_fast, where the board has an accelerometer (config.accelerometer): what came back of the last exchange
+ * with it, `count` bytes, and the next one into `out`; returns its bytes, 0 = none. */
+size_t waam_core_accelerometer(waam_core_t *core, const uint8_t *in, size_t count, uint8_t out[WAAM_ADXL345_BYTES]);
 /* The loop that serves the link has come round. */
 void waam_core_linked(waam_core_t *core);
 /* Feed the independent watchdog now? True once tick, fast tick and link loop have all run since the last true answer. */

@@ -110,4 +110,7 @@ void waam_core_telemetry(waam_core_t *core);
 /* What the standoff control does: in the tick after the frame, for two lines are much for one tick. */
 void waam_core_standoff_telemetry(waam_core_t *core);
 
+/* accelerometer (waam_accelerometer.c) */
+void waam_core_accelerations(waam_core_t *core);
+
 #endif

@@ -64,7 +64,10 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
     if (core->now_us >= core->telemetry_due_us) {
         core->telemetry_due_us += core->telemetry_us;
         waam_core_telemetry(core);
+        if (core->telemetry_us > dt_us)
+            return;
     }
+    waam_core_accelerations(core);
 }
 
 /* ---- the fast tick and the signs of life ---- */

@@ -42,4 +42,7 @@ void waam_order_reset(waam_request_t *r);
 /* settings (waam_configure.c) */
 void waam_order_configure(waam_request_t *r);
 
+/* accelerometer (waam_accelerometer.c) */
+void waam_order_measure(waam_request_t *r);
+
 #endif

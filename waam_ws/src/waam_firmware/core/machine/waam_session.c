@@ -85,6 +85,8 @@ static void describe(waam_request_t *r)
     field(r, " acc=", core->link.accepted);
     field(r, " exe=", core->executed);
     waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,CRC32,XOR8,G2,G54,G59,G92,E,TOKEN,RATE,STOCK,STANDOFF,SHAPE");
+    if (core->config.accelerometer)
+        waam_text_add(&r->answer, ",ACCEL");
     if (core->shaper.on)
         shaper(r);
 }
@@ -106,6 +108,7 @@ void waam_order_identify(waam_request_t *r)
     core->link.base = 0;
     core->telemetry_us = core->config.telemetry_us;
     core->recent_count = 0;
+    waam_acceleration_want(&core->acceleration, false); /* of another host */
     if (keep) {
         waam_link_block(&core->link, false);
     } else if (core->state == WAAM_IDLE && core->planner.count == 0) {
