@@ -16,6 +16,9 @@ inlayer.graph_kill_arc_off_ms: the same with real processes, kill -9 of one node
 have sent; inlayer.cuts_failed: killed jobs that were not resumed to their end, a layer that was cut off with
 corrections within its rest included; baseline: kills. inlayer.cut_beads_wrong: beads missing or doubled in them.
 `WAAM_BENCH_KILLS` kills (8), `WAAM_BENCH_CUTS` as in bench_job.py.
+inlayer.usual_rms_ratio, ..drift.., ..wrong_map.., ..warp..: RMS with `in_layer` over that without, paired, one layer of
+a rail of 170 mm, in cells with something to know within the layer (lib/inlayer_regimes.py). Seeds 1 to 5;
+`WAAM_BENCH_GAIN` sets `in_layer_gain`.
 inlayer.renew_ms: a renewal by the correction service without messages' ways, median of 20, grid of the jaw.
 inlayer.bound_rms_ratio: RMS at the end of cells whose metal has no disturbance over that of the same cells with it.
 Nobody who sees the beads of a layer one by one can know more of the disturbance than that there is none.
@@ -117,6 +120,45 @@ def replaced() -> None:
     doubled = sum('reported after' in t or 'wire' in t for t in report.third)
     for name, value in (('lost', len(report.third) - doubled), ('doubled', doubled)):
         emit(f'inlayer.{name}', value, '', 'setpoints replaced', report.replaced)
+
+
+def regime(which: str) -> None:
+    from lib.inlayer_regimes import jobs
+
+    gain = os.environ.get('WAAM_BENCH_GAIN')
+    some = seeds((1, 2, 3, 4, 5))
+    with_ = jobs(which, some, True, workers(), float(gain) if gain else None)
+    without = jobs(which, some, False, workers())
+    rows = [row for r in with_ for row in r.reports if row['in_layer_looks']]
+    change = max((row['in_layer_change'] for row in rows), default=0.0)
+    corrections = sum(row['in_layer_corrections'] for row in rows)
+    seen = np.mean([row['in_layer_seen'] for row in rows]) if rows else 0.0
+    each = ', '.join(
+        f'{1e3 * a.rms:.3f}/{1e3 * b.rms:.3f}' for a, b in zip(with_, without, strict=True)
+    )
+    print(
+        f'{which}: with/without {each} mm; {corrections} corrections, largest change {change:.3f}, '
+        f'{seen:.0%} of the layer seen',
+        file=sys.stderr,
+    )
+    name = f'inlayer.{which}_rms_ratio'
+    emit(name, told(name, ratios(with_, without, 'rms')), '', 'corrections between layers', 1.0)
+
+
+def usual_cell() -> None:
+    regime('usual')
+
+
+def drift() -> None:
+    regime('drift')
+
+
+def wrong_map() -> None:
+    regime('wrong_map')
+
+
+def warp() -> None:
+    regime('warp')
 
 
 def kills() -> None:
@@ -248,6 +290,10 @@ FIGURES = {
     'inlayer.within_scan_rms_ratio': within_scan,
     'inlayer.lost': replaced,
     'inlayer.doubled': replaced,
+    'inlayer.usual_rms_ratio': usual_cell,
+    'inlayer.drift_rms_ratio': drift,
+    'inlayer.wrong_map_rms_ratio': wrong_map,
+    'inlayer.warp_rms_ratio': warp,
     'inlayer.kill_arc_off_ms': kills,
     'inlayer.graph_kill_arc_off_ms': graph_kills,
     'inlayer.cuts_failed': graph_kills,

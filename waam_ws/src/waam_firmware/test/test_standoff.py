@@ -165,7 +165,7 @@ def test_the_arc_alone_finds_the_distance():
 
 
 def test_what_the_arc_does_at_its_start_is_not_learned_as_a_distance():
-    """For 0.1 s after it has settled, its current is 6 % too low (2.5 mm): the filter would remember that for a second."""
+    """For 0.1 s its current is 6 % too low (2.5 mm of distance): the filter would remember that for a second."""
     loop.start(source=loop.ARC, set_mm=loop.CONTACT, kp=2.0, ki=0.5)
     lib, answer = loop.library(), loop.Answer()
     lib.standoff_loop_path(loop.FOLLOW, 0.0, 0.0, 22.0)
