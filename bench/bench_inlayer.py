@@ -18,7 +18,7 @@ corrections within its rest included; baseline: kills. inlayer.cut_beads_wrong: 
 `WAAM_BENCH_KILLS` kills (8), `WAAM_BENCH_CUTS` as in bench_job.py.
 inlayer.usual_rms_ratio, ..drift.., ..wrong_map.., ..warp..: RMS with `in_layer` over that without, paired, one layer of
 a rail of 170 mm, in cells with something to know within the layer (lib/inlayer_regimes.py). Seeds 1 to 5;
-`WAAM_BENCH_GAIN` sets `in_layer_gain`.
+`WAAM_BENCH_LEVEL` sets `in_layer_level`.
 inlayer.renew_ms: a renewal by the correction service without messages' ways, median of 20, grid of the jaw.
 inlayer.bound_rms_ratio: RMS at the end of cells whose metal has no disturbance over that of the same cells with it.
 Nobody who sees the beads of a layer one by one can know more of the disturbance than that there is none.
@@ -125,9 +125,9 @@ def replaced() -> None:
 def regime(which: str) -> None:
     from lib.inlayer_regimes import jobs
 
-    gain = os.environ.get('WAAM_BENCH_GAIN')
+    level = os.environ.get('WAAM_BENCH_LEVEL')
     some = seeds((1, 2, 3, 4, 5))
-    with_ = jobs(which, some, True, workers(), float(gain) if gain else None)
+    with_ = jobs(which, some, True, workers(), float(level) if level else None)
     without = jobs(which, some, False, workers())
     rows = [row for r in with_ for row in r.reports if row['in_layer_looks']]
     change = max((row['in_layer_change'] for row in rows), default=0.0)

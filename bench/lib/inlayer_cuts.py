@@ -83,7 +83,7 @@ class Campaign:
                     goal = self._goal()
                 else:
                     goal = RunJob.Goal(resume_dir=str(folder))
-                killer = Killer(self, None if last else VICTIMS[self.done % len(VICTIMS)])
+                killer = Killer(self, None if last else VICTIMS[self.done % len(VICTIMS)], folder)
                 try:
                     result = client.run_job(
                         goal,
@@ -138,8 +138,10 @@ class Campaign:
 class Killer:
     """Kills one node in a thread of its own, at a random moment after a correction, while the arc burns."""
 
-    def __init__(self, campaign: Campaign, victim: str | None) -> None:
+    def __init__(self, campaign: Campaign, victim: str | None, folder: Path | None) -> None:
+        """folder: of the job that is resumed; None = a new one, whose folder is not that of the job before."""
         self.campaign, self.victim = campaign, victim
+        self._old = None if folder else self._folder()
         self.rng = random.Random(f'{SEED}:{campaign.done}')
         self.facts: dict = {}
         self._stop = threading.Event()

@@ -30,7 +30,7 @@ def rail(folder: Path) -> tuple[Path, Path]:
 
 
 def jobs(
-    regime: str, seeds: tuple[int, ...], within: bool, workers: int, gain: float | None = None
+    regime: str, seeds: tuple[int, ...], within: bool, workers: int, level: float | None = None
 ) -> list:
     """Results, one per seed; RuntimeError with the message of a job that failed."""
     from waam_lab import over_seeds, restore, run_many
@@ -39,8 +39,8 @@ def jobs(
         'cell': dict(REGIMES[regime]),
         'job_sequencer': {'in_layer': within},
     }
-    if gain is not None:
-        own['correction_server'] = {'in_layer_gain': gain}
+    if level is not None:
+        own['correction_server'] = {'in_layer_level': level}
     with tempfile.TemporaryDirectory() as folder:
         part = rail(Path(folder))
         job = restore(*part, tolerance=0.2e-3, layers=1, strategy='zigzag', overrides=own)
