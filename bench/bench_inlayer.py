@@ -9,6 +9,16 @@ inlayer.within_scan_time_ratio, inlayer.within_scan_rms_ratio: time in state SCA
 inlayer.lost, inlayer.doubled: segments that were skipped, and ones that ran twice or with other setpoints than the ones
 accepted last, in the noise campaign (real bridge core, real controller core, bad cable, pulled plugs, stalls) while
 setpoints are replaced all the time; baseline: setpoints replaced. `WAAM_BENCH_NOISE` segments (4000).
+inlayer.kill_arc_off_ms: longest time from the death of a node or of the bridge to the arc being out, jobs whose layer
+is corrected within, in the laboratory, at random moments and within 1 s after every correction, seeds 1 to 20.
+Baseline: the lease.
+inlayer.graph_kill_arc_off_ms: the same with real processes, kill -9 of one node, from the last heartbeat that it can
+have sent; inlayer.cuts_failed: killed jobs that were not resumed to their end, a layer that was cut off with
+corrections within its rest included; baseline: kills. inlayer.cut_beads_wrong: beads missing or doubled in them.
+`WAAM_BENCH_KILLS` kills (8), `WAAM_BENCH_CUTS` as in bench_job.py.
+inlayer.usual_rms_ratio, inlayer.drift_rms_ratio, inlayer.wrong_map_rms_ratio, inlayer.warp_rms_ratio: RMS with
+`in_layer` over that without, paired, one layer of a rail of 170 mm, in cells with something to know within the layer
+(lib/inlayer_regimes.py). Seeds 1 to 5; `WAAM_BENCH_LEVEL` sets `in_layer_level`.
 inlayer.renew_ms: a renewal by the correction service without messages' ways, median of 20, grid of the jaw.
 inlayer.bound_rms_ratio: RMS at the end of cells whose metal has no disturbance over that of the same cells with it.
 Nobody who sees the beads of a layer one by one can know more of the disturbance than that there is none.
@@ -30,7 +40,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from bench_shape import jaw_jobs
+from bench_shape import jaw_jobs, workers
 from lib.emit import emit
 from lib.paths import SOURCES
 from lib.seeds import seeds
@@ -110,6 +120,92 @@ def replaced() -> None:
     doubled = sum('reported after' in t or 'wire' in t for t in report.third)
     for name, value in (('lost', len(report.third) - doubled), ('doubled', doubled)):
         emit(f'inlayer.{name}', value, '', 'setpoints replaced', report.replaced)
+
+
+def regime(which: str) -> None:
+    from lib.inlayer_regimes import jobs
+
+    level = os.environ.get('WAAM_BENCH_LEVEL')
+    some = seeds((1, 2, 3, 4, 5))
+    with_ = jobs(which, some, True, workers(), float(level) if level else None)
+    without = jobs(which, some, False, workers())
+    rows = [row for r in with_ for row in r.reports if row['in_layer_looks']]
+    change = max((row['in_layer_change'] for row in rows), default=0.0)
+    corrections = sum(row['in_layer_corrections'] for row in rows)
+    seen = np.mean([row['in_layer_seen'] for row in rows]) if rows else 0.0
+    each = ', '.join(
+        f'{1e3 * a.rms:.3f}/{1e3 * b.rms:.3f}' for a, b in zip(with_, without, strict=True)
+    )
+    print(
+        f'{which}: with/without {each} mm; {corrections} corrections, largest change {change:.3f}, '
+        f'{seen:.0%} of the layer seen',
+        file=sys.stderr,
+    )
+    name = f'inlayer.{which}_rms_ratio'
+    emit(name, told(name, ratios(with_, without, 'rms')), '', 'corrections between layers', 1.0)
+
+
+def usual_cell() -> None:
+    regime('usual')
+
+
+def drift() -> None:
+    regime('drift')
+
+
+def wrong_map() -> None:
+    regime('wrong_map')
+
+
+def warp() -> None:
+    regime('warp')
+
+
+def kills() -> None:
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    from lib.inlayer_kills import KINDS, of_seed
+
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        ProcessPoolExecutor(workers(), get_context('spawn')) as pool,
+    ):
+        paths = [Path(folder) / f'seed_{seed}' for seed in seeds(SEEDS)]
+        some = pool.map(of_seed, paths, seeds(SEEDS))
+        found = [kill for per_seed in some for kill in per_seed]
+    for kind in KINDS:
+        off = [k.off for k in found if k.kind == kind]
+        print(
+            f'{kind}: {len(off)} kills, arc out after {max(off, default=0):.3f} s', file=sys.stderr
+        )
+    print(f'{len(found)} kills', file=sys.stderr)
+    emit('inlayer.kill_arc_off_ms', 1e3 * max(k.off for k in found), 'ms', 'arc lease', 500.0)
+
+
+def graph_kills() -> None:
+    from lib.inlayer_cuts import run_campaign
+
+    with tempfile.TemporaryDirectory(prefix='waam_bench_') as folder:
+        file = Path(os.environ.get('WAAM_BENCH_CUTS', Path(folder) / 'cuts.jsonl')).resolve()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        lines = run_campaign(
+            Path(folder) / 'cuts', file, int(os.environ.get('WAAM_BENCH_KILLS', 8))
+        )
+    cut = [d for d in lines if d['kind'] == 'kill']
+    jobs = [d for d in lines if d['kind'] == 'job']
+    late = max(d['off_ms'] for d in cut)
+    within = sum(d['resumed_corrections'] for d in jobs)
+    print(
+        f'{len(cut)} kills, {len(jobs)} jobs; corrections in rests of layers: {within}; RMS '
+        f'{[round(d["rms_mm"], 3) for d in jobs if d["rms_mm"]]} mm',
+        file=sys.stderr,
+    )
+    emit('inlayer.graph_kill_arc_off_ms', late, 'ms', 'arc lease', 500.0)
+    failed = sum(bool(d['error']) for d in jobs)
+    emit('inlayer.cuts_failed', failed, 'jobs', 'kills', len(cut))
+    wrong, beads = (sum(d.get(n, 0) for d in jobs) for n in ('wrong', 'beads'))
+    emit('inlayer.cut_beads_wrong', wrong, 'beads', 'beads of these jobs', beads)
 
 
 def renewal() -> None:
@@ -194,6 +290,14 @@ FIGURES = {
     'inlayer.within_scan_rms_ratio': within_scan,
     'inlayer.lost': replaced,
     'inlayer.doubled': replaced,
+    'inlayer.usual_rms_ratio': usual_cell,
+    'inlayer.drift_rms_ratio': drift,
+    'inlayer.wrong_map_rms_ratio': wrong_map,
+    'inlayer.warp_rms_ratio': warp,
+    'inlayer.kill_arc_off_ms': kills,
+    'inlayer.graph_kill_arc_off_ms': graph_kills,
+    'inlayer.cuts_failed': graph_kills,
+    'inlayer.cut_beads_wrong': graph_kills,
     'inlayer.renew_ms': renewal,
     'inlayer.scan_time_ratio': changed_only,
     'inlayer.job_time_ratio': changed_only,

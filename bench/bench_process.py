@@ -25,6 +25,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from bench_shape import workers
 from lib.emit import emit
 from lib.seeds import seeds
 
@@ -41,7 +42,9 @@ def in_laboratory(value: str, output: str = 'override') -> list:
     overrides = {'cell': WANDERS, 'process_control': {'value': value, 'output': output}}
     with tempfile.TemporaryDirectory() as folder:
         made = {'layers': 1, 'loop_mode': 'open_loop', 'overrides': overrides}
-        found = run_many([parts.job(Path(folder), 'block', seed, **made) for seed in SEEDS])
+        found = run_many(
+            [parts.job(Path(folder), 'block', seed, **made) for seed in SEEDS], workers=workers()
+        )
     for r in found:
         if r.failed:
             print(f'process: {value}, seed {r.seed}: {r.message[:120]}', file=sys.stderr)
@@ -89,7 +92,10 @@ def _widths(held: bool) -> list:
         return {'layers': LAYERS, 'bead_width': 1e-3 * WIDTH, 'overrides': overrides}
 
     with tempfile.TemporaryDirectory() as folder:
-        found = run_many([parts.job(Path(folder), 'block', seed, **made(seed)) for seed in SEEDS])
+        found = run_many(
+            [parts.job(Path(folder), 'block', seed, **made(seed)) for seed in SEEDS],
+            workers=workers(),
+        )
     for r in found:
         if r.failed:
             print(f'width: seed {r.seed}: {r.message[:120]}', file=sys.stderr)

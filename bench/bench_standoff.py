@@ -34,6 +34,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from bench_shape import workers
 from lib.emit import emit
 from lib.paths import SOURCES
 
@@ -207,7 +208,7 @@ def in_laboratory(
             )
             for seed in seeds
         ]
-        found = run_many(jobs)
+        found = run_many(jobs, workers=workers())
     for r in found:
         alarms = [a['text'] for a in r.anomalies if a['text'].startswith('E212')]
         if r.failed or (alarms and not fault):

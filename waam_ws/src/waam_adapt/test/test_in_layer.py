@@ -74,6 +74,19 @@ def test_belief_rises_with_the_points_and_fades_with_the_age():
     assert Belief().weight(np.array([1e9]), np.array([0.0])) == pytest.approx([0.3])
 
 
+def test_what_all_of_the_layer_shares_can_be_believed_more_than_its_cells():
+    growth = NOTHING.copy()
+    growth[8:30, 8:-8] = 0.3e-3  # a fifth of a layer too high
+    usual, more = (
+        renew(base(), PLANNED, seen(growth=growth, age=60.0), CELL, WIDTH, Belief(level=level))
+        for level in (0.0, 0.8)
+    )
+    assert more.change[50, 40] < 3 * usual.change[50, 40] < 0  # far from all that was seen
+    assert more.change.min() >= -0.2
+    old = renew(base(), PLANNED, seen(growth=growth, age=1e9), CELL, WIDTH, Belief(level=0.8))
+    assert not old.change.any()
+
+
 def test_a_renewal_starts_from_the_layers_own_correction_and_not_from_the_one_before():
     growth = np.where(METAL, 0.3e-3, np.nan)
     first = renew(base(1.2), PLANNED, seen(growth=growth), CELL, WIDTH)

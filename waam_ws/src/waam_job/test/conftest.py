@@ -188,7 +188,7 @@ class FakeCell:
         return Look(z, np.full(spec.shape, 50, np.uint16))
 
     def renew(self, job_id, request) -> Renewed:
-        self.renewals.append(request)
+        self.renewals.append(replace(request, growth=request.growth.copy()))
         base, on = request.correction, request.planned > 0
         off = np.where(np.isfinite(request.growth), request.growth, 0.0)
         change = (

@@ -206,38 +206,61 @@ def test_an_implausible_map_keeps_it_off(make_cell, make_runner):
     assert not cell.reports[1].in_layer_looks
 
 
-def test_a_resumed_layer_is_laid_as_it_was_set_and_knows_what_was_asked(cell, make_runner):
+def cut_off(cell, control) -> dict:
+    """Has the job end where the first replaced setpoint of layer 3 is to be laid; `first` is its index."""
+    found: dict = {}
+    wanted = cell.replace
+
+    def replace(job_id, segments, last):
+        answer = wanted(job_id, segments, last)
+        if answer[1] and segments[-1].layer == 3 and not found:
+            found['first'] = answer[0]
+            cell.script[answer[0]] = lambda at: control.abort('power cut')
+        return answer
+
+    cell.replace = replace
+    return found
+
+
+@pytest.mark.parametrize('sees', [True, False], ids=['sees more', 'knows the scan only'])
+def test_the_rest_of_a_layer_that_was_cut_off_is_corrected_too(
+    cell, make_runner, monkeypatch, sees
+):
     from waam_job.run.control import Control
     from waam_job.run.runner import JobRunner
 
     runner, control, folder = make_runner(cell, settings=ON)
-
-    def stop(at) -> None:
-        control.abort('power cut')
-
-    plan = {}
-    wanted = cell.replace
-
-    def replace(job_id, segments, last):
-        found = wanted(job_id, segments, last)
-        if found[1] and not plan:
-            plan['first'] = found[0]
-            cell.script[found[0]] = stop
-        return found
-
-    cell.replace = replace
-    assert runner.run().state == State.ABORTED
-    before = folder.read_map(folder.last_map())
-    assert 'asked' in before and plan
+    cut = cut_off(cell, control)
+    assert runner.run().state == State.ABORTED and cut
     rows = (folder.path / 'in_layer.jsonl').read_text().splitlines()
+    before = folder.read_map(2)
     cell.queue.clear()
+    cell.executed.clear()
+    cell.renewals.clear()
+    monkeypatch.setattr(InLayer, '_over_part', lambda self: sees)
     again = JobRunner(
         cell, runner.context.checked, folder, Control(), runner.context.settings, run=2
     )
     assert again.run().state == State.DONE
-    number = json.loads(rows[0])['layer']
-    report = next(r for r in cell.reports if r.layer == number and r.job_id.endswith('r2'))
-    assert any('was cut off' in t for t in report.reasons)
+    report = next(r for r in cell.reports if r.layer == 3 and r.job_id.endswith('r2'))
+    assert not any('no in-layer' in t for t in report.reasons), list(report.reasons)
+    assert report.in_layer_corrections >= 1 and (report.in_layer_looks > 1) == sees
+    # the scan shows how much of the metal came, and the rest is asked for the other way (as the cell's renew does)
+    grown = cell.renewals[0].growth
+    off = np.median(grown[np.isfinite(grown) & (grown != 0)])
+    assert abs(off) > 20e-6
+    after = folder.read_map(2)
+    rest = [s for s in cell.executed if s.layer == 3 and s.kind == Kind.DEPOSIT]
     later = (folder.path / 'in_layer.jsonl').read_text().splitlines()
     assert later[: len(rows)] == rows
-    assert any(json.loads(x)['run'] == 2 for x in later[len(rows) :])
+    mended = [r for r in map(json.loads, later[len(rows) :]) if r['layer'] == 3]
+    assert len(mended) == report.in_layer_corrections and all(r['run'] == 2 for r in mended)
+    assert mended[0]['metal_mean_change'] == pytest.approx(
+        -0.3 * off / after['planned'].max(), rel=0.2
+    )
+    # what lies there stays what it was asked for
+    spec = GridSpec(*after['origin'].tolist(), 0.5e-3, *after['z'].shape)
+    mine = Reach.of(rest, spec, WIDTH).first >= 0
+    assert (~mine & (after['planned'] > 0)).any() and np.isfinite(grown[~mine]).any()
+    np.testing.assert_array_equal(after['asked'][~mine], before['asked'][~mine])
+    assert (after['asked'][mine] != before['asked'][mine]).any()

@@ -5,7 +5,8 @@ not as the map said changes what its own cells need. Growth that is not what was
 still to come as well: as far as neighbours share it, and as far as the whole layer does.
 
 How much is believed is one weight per cell, gain * n / (n + points) * 2^(-age / half_life): it rises with the number n
-of points and fades with their age. So a single look moves little, and what was seen long ago nothing.
+of points and fades with their age. So a single look moves little, and what was seen long ago nothing. What the
+whole layer shares may be believed more (level): it is the median of many cells, and the wire stays what it is.
 
 Pure. Maps are (rows, cols), m, NaN = unknown.
 """
@@ -36,6 +37,7 @@ class Belief:
     """How much is believed of what was seen beside the arc."""
 
     gain: float = 0.3  # largest weight
+    level: float = 0.0  # least weight of what the whole layer shares, however old
     points: float = 30.0  # behind a cell, for half of it
     half_life: float = 60.0  # s
     reach: float = 1.2  # bead widths over which beads share their deviation (sigma)
@@ -104,7 +106,9 @@ def renew(
     level = _level(grown, weight, footprint)
     near = _spread(grown - level, weight, belief.reach * width)
     change = np.clip(
-        -(ground + near + _believed(level, grown, weight)), -belief.limit, belief.limit
+        -(ground + near + _believed(level, grown, weight, belief.level)),
+        -belief.limit,
+        belief.limit,
     )
     change = np.where(footprint & (np.abs(change) > LEAST), change, 0.0)
     return Renewal(_changed(base, height, change), change)
@@ -136,10 +140,10 @@ def _level(grown: np.ndarray, weight: np.ndarray, footprint: np.ndarray) -> floa
     return float(np.median(grown[known]) * share / (share + ENOUGH))
 
 
-def _believed(level: float, grown: np.ndarray, weight: np.ndarray) -> float:
-    """The level, as far as the cells that it comes from are believed."""
+def _believed(level: float, grown: np.ndarray, weight: np.ndarray, least: float) -> float:
+    """The level, as far as the cells that it comes from are believed, or by the weight `least`."""
     known = np.isfinite(grown) & (weight > 0)
-    return level * float(weight[known].mean()) if known.any() else 0.0
+    return level * max(float(weight[known].mean()), least) if known.any() else 0.0
 
 
 def _changed(base: Correction, height: np.ndarray, change: np.ndarray) -> Correction:

@@ -73,6 +73,13 @@ class CorrectionParams:
         0.0,
         1.0,
     )
+    in_layer_level: float = param(
+        0.0,
+        'least weight of what the growth seen beside the arc is off by in all of the layer',
+        '',
+        0.0,
+        1.0,
+    )
     in_layer_points: float = param(
         30.0,
         'points behind a cell of the map beside the arc that give it half of that',

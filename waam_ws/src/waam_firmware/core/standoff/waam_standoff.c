@@ -81,6 +81,7 @@ static void look_at_arc(waam_standoff_t *s, const waam_standoff_config_t *c, con
     if (!(fabsf(mm - s->arc_bias_mm - usual_mm) <= c->window_mm))
         return;
     mm -= in->z_mm;
+    s->arc_now_mm = mm;
     s->arc_mm = s->arc_known ? s->arc_mm + dt_s / (c->arc_average_s + dt_s) * (mm - s->arc_mm) : mm;
     s->arc_old_s = 0.0f;
     s->arc_known = true;
@@ -252,8 +253,8 @@ static void supervise(waam_standoff_t *s, const waam_standoff_config_t *c, const
         stop_at_limit(s, c, m, in->z_mm);
 }
 
-/* The arc's current differs from the model by wear, wire and calibration. What it is where the distance is right, by the
- * sensor or, without one, by the program at the start of the job, is learned once. True: the law may act. */
+/* The arc's current differs from the model by wear, wire and calibration. What it is where the distance is right, by the sensor
+ * or by the program at the start of the job, is learned once, without the filter, which keeps its first value. True: may act. */
 static bool learned(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m,
                     const waam_standoff_inputs_t *in, float error_mm)
 {
@@ -268,7 +269,7 @@ static bool learned(waam_standoff_t *s, const waam_standoff_config_t *c, const w
     }
     if (s->arc_samples == 0)
         s->arc_s = s->following_s, s->arc_sum_mm = 0.0f;
-    s->arc_sum_mm += s->arc_mm + in->z_mm - (sensor ? m->ctwd_mm - error_mm : c->set_mm);
+    s->arc_sum_mm += s->arc_now_mm + in->z_mm - (sensor ? m->ctwd_mm - error_mm : c->set_mm);
     s->arc_samples++;
     if (s->following_s - s->arc_s >= LEARN_S) {
         s->arc_bias_mm = s->arc_sum_mm / (float)s->arc_samples;

@@ -55,7 +55,7 @@ typedef struct {
     float ahead_mm[WAAM_STANDOFF_PREVIEW];
     uint32_t ahead_first, ahead_count; /* numbers of the places along the path */
     /* contact distance by the arc */
-    float arc_mm, arc_bias_mm, arc_sum_mm, arc_s, arc_old_s;
+    float arc_mm, arc_now_mm, arc_bias_mm, arc_sum_mm, arc_s, arc_old_s; /* arc_now_mm: not filtered */
     uint32_t arc_samples;
     bool arc_known, arc_learned;
     float following_s, waited_s, limit_s, apart_s;

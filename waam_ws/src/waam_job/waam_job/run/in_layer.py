@@ -3,12 +3,13 @@
 It looks when a bead begins and every few seconds, asks the correction server for the correction of the whole layer with
 what was seen, sets the segments that are still to come by it, and has the bridge replace those that wait. Every answer
 starts from the correction that the layer began with, and is divided into speed and feed once (docs/interfaces.md).
+The rest of a layer that was cut off is corrected in the same way, first of all by the scan that it was resumed with.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,15 +21,27 @@ from ..model.cell import Correction, FeedRequest, RenewRequest, Scan
 from ..model.geometry import asked_growth
 from ..model.goal import JobError
 from ..model.records import LayerRecord
-from ..model.seen import Reach, SeenLayer
+from ..model.seen import Look, Reach, SeenLayer
 from .context import JobContext
 
 WORTH = 0.003  # relative change of a speed or feed below which nothing is replaced
 LAST_LEFT = 1.0  # s of path; a shorter rest is not worth a request
+RESTART = 2.0  # bead widths behind a restart whose metal is not that of a bead
+
+
+@dataclass(frozen=True)
+class Laid:
+    """What there is of a layer that was cut off: deposits; asked (rows, cols) m, metal that the setpoints asked for
+    when they were laid; scan: the surface with them."""
+
+    deposits: list[Segment]
+    asked: np.ndarray
+    scan: Scan
 
 
 class InLayer:
-    """One layer. Call `on_done` with the newest finished segment, `end` when the layer is laid or given up.
+    """One layer, or the rest of one (laid: what there is of it). Call `on_done` with the newest finished segment, `end`
+    when the layer is laid or given up.
 
     `placed`, `correction` and `asked` are those that are in force: of what was replaced, the new ones.
     """
@@ -41,19 +54,35 @@ class InLayer:
         correction: Correction,
         placed: list[Segment],
         record: LayerRecord,
+        laid: Laid | None = None,
     ) -> None:
         self.context, self.cell, self.journal = context, context.cell, context.journal
         self.layer, self.scan, self.record = layer, scan, record
         self.base = self.correction = correction
         self.heat_factor, self.placed = min(record.heat_factor, 1.0), placed
         width = context.program.current.settings.bead_width
-        self.seen = SeenLayer(scan.map.z, Reach.of(placed, scan.map.spec, width))
         self._first = placed[0].index
-        self._deposits = [s for s in placed if s.kind == Kind.DEPOSIT]
+        earlier = [s.at(index=self._first - 1) for s in (laid.deposits if laid else ())]
+        self.seen = SeenLayer(scan.map.z, Reach.of([*earlier, *placed], scan.map.spec, width))
+        self._laid, self._news = laid, False
         self._bead, self._looked, self._done = 0, self.cell.now(), self._first - 1
         self._heard = self._first - 1  # newest segment that was reported
         self._over = False
         self._scan_id: int | None = None
+        if laid is not None:
+            self._start_from(laid, RESTART * width)
+
+    def _start_from(self, laid: Laid, reach: float) -> None:
+        """The scan that the rest is begun with shows ground and finished metal of the whole layer."""
+        look = Look(laid.scan.map.z, np.asarray(laid.scan.count, float))
+        done = self._first - 1
+        self._news = self.seen.add(look, done, done, self.asked, self.cell.now()) > 0
+        deposits, path = [s for s in self.placed if s.kind == Kind.DEPOSIT], 0.0
+        for s in deposits:
+            if path >= reach:
+                break
+            self.seen.altered(s.index, s.index)
+            path += s.length
 
     def begin(self) -> None:
         """The scanner goes on."""
@@ -62,8 +91,14 @@ class InLayer:
     @property
     def asked(self) -> np.ndarray:
         """Metal that the setpoints in force ask for, (rows, cols) m."""
-        c = self.correction
-        return asked_growth(self.layer.planned, c.psi, c.k_gain, c.residual_height)
+        return self._with_laid(self.correction)
+
+    def _with_laid(self, c: Correction) -> np.ndarray:
+        """(rows, cols) m that the setpoints by a correction ask for; where the metal was laid earlier, as it was."""
+        asked = asked_growth(self.layer.planned, c.psi, c.k_gain, c.residual_height)
+        if self._laid is None:
+            return asked
+        return np.where(self.seen.reach.nearest < self._first, self._laid.asked, asked)
 
     def _try(self, action: Callable[..., None], *args: Any) -> None:
         """A node that cannot answer ends the looking, never the bead."""
@@ -93,6 +128,8 @@ class InLayer:
         self._bead = bead
         if self._over and (new or due):
             self._try(self._look, segment.index, now)
+        elif self._news:
+            self._try(self._correct, segment.index, now)
 
     def _over_part(self) -> bool:
         """Whether the scanner's line is over the map."""
@@ -120,6 +157,7 @@ class InLayer:
         return []
 
     def _correct(self, done: int, now: float) -> None:
+        self._news = False
         rest = self._rest(done)
         if sum(s.duration for s in rest if s.kind == Kind.DEPOSIT) < LAST_LEFT:
             return
@@ -173,9 +211,7 @@ class InLayer:
             ),
             handle=None,
         )
-        own = asked_growth(
-            self.layer.planned, self.base.psi, self.base.k_gain, self.base.residual_height
-        )
+        own = self._with_laid(self.base)
         planned = np.where(self.layer.planned > 0, self.layer.planned, np.inf)
         most = float(np.abs((self.asked - own) / planned)[later].max(initial=0.0))
         record = self.record

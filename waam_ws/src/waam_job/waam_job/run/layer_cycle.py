@@ -16,7 +16,7 @@ from ..model.records import LayerRecord, State
 from ..store.journal import Following
 from .context import JobContext
 from .cooling import Cooling
-from .in_layer import InLayer
+from .in_layer import InLayer, Laid
 from .learning import Learning
 from .part_scanner import PartScanner
 from .preparation import Preparation
@@ -51,8 +51,10 @@ class LayerCycle:
         self.cooling = Cooling(context)
         self.history = History()
 
-    def lay(self, layer: PlannedLayer, scan: Scan, resumed: bool = False) -> Scan:
-        """Deposits a layer (resumed: what is left of it) onto the surface of `scan` and returns the scan after it."""
+    def lay(self, layer: PlannedLayer, scan: Scan, laid: Laid | None = None) -> Scan:
+        """Deposits a layer (laid: what there is of it, `layer` is the rest) onto the surface of `scan`, which is that
+        before the whole layer, and returns the scan after it."""
+        resumed = laid is not None
         self._announce(layer)
         wait, temperature = self.cooling.wait(layer.number)
         scan = scan if resumed else self._renewed(layer, scan)
@@ -70,7 +72,9 @@ class LayerCycle:
         self._tell_next(layer.number + 1)
         self.preparation.check_spark()
         placed = self._placed(segments)
-        within = self._within(layer, scan, correction, placed, record, resumed)
+        within = self._within(layer, scan, correction, placed, record, laid)
+        if resumed and within is not None:  # what the rest is asked for from now on
+            self._keep_scan(scan, Following(layer, within.asked, correction, feed_factor))
         self._deposit(placed, layer, record, within)
         if within is not None:
             asked = within.asked
@@ -232,23 +236,19 @@ class LayerCycle:
         correction: Correction | None,
         placed: list[Segment],
         record: LayerRecord,
-        resumed: bool,
+        laid: Laid | None,
     ) -> InLayer | None:
         """What corrects the rest of the layer while it is laid; None when nothing does: the record says why."""
         if not self.settings.in_layer or self.loop_mode != LoopMode.CLOSED_LOOP:
             return None
-        against = self._against_within(scan, correction, placed, resumed)
+        against = self._against_within(scan, correction, placed)
         if against or correction is None:
             record.reasons.append(f'no in-layer correction: {against}')
             return None
-        return InLayer(self.context, layer, scan, correction, placed, record)
+        return InLayer(self.context, layer, scan, correction, placed, record, laid)
 
     @staticmethod
-    def _against_within(
-        scan: Scan, correction: Correction | None, placed: list[Segment], resumed: bool
-    ) -> str:
-        if resumed:
-            return 'the rest of a layer that was cut off is laid as it was set'
+    def _against_within(scan: Scan, correction: Correction | None, placed: list[Segment]) -> str:
         if not scan.plausible or correction is None or correction.handle is None:
             return 'the map before the layer is not plausible'
         return '' if any(s.kind == Kind.DEPOSIT for s in placed) else 'nothing is laid'

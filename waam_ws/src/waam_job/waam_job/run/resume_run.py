@@ -17,6 +17,7 @@ from ..model.goal import Code, JobError
 from ..model.resume import ResumeError, check_unmoved, cold_share, progress_of, rest_of
 from ..store import checkpoint as checkpoints
 from .context import JobContext
+from .in_layer import Laid
 from .layer_cycle import History, LayerCycle
 from .part_scanner import PartScanner
 from .passes import Passes
@@ -130,7 +131,9 @@ class ResumeRun:
         )
         rest = rest_of(layer, progress, share, self.settings.restart_metal)
         self._spend(layer, [rest])
-        scan = self.cycle.lay(rest, before, resumed=True)
+        left = min(s.index for s in rest.deposits)
+        earlier = [s for s in layer.deposits if s.index < left]
+        scan = self.cycle.lay(rest, before, Laid(earlier, asked.planned, scan))
         self._remember(number)
         return scan, number + 1
 
