@@ -69,7 +69,11 @@ def _trend(args: argparse.Namespace) -> int:
     from ..charts import chart
     from ..trend import values_of
 
-    rows, values = values_of(opened(args), args.metric, selection(args))
+    jobs, created, values = values_of(opened(args), args.metric, selection(args))
+    rows = [
+        {'job': str(job), 'created': when, 'value': float(v)}
+        for job, when, v in zip(jobs, created.astype(object), values, strict=True)
+    ]
     spec = (args.lower, args.upper)
     found = chart(values, args.subgroup, args.baseline, args.rules, spec)
     ends = [
