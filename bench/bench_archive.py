@@ -120,9 +120,7 @@ def query_time() -> None:
         place = jobs / 'archive'
         filled(place, jobs)
         took: dict[str, list[float]] = {name: [] for name in ASKED}
-        first = [
-            timed(lambda m=m: values_of(Archive(place), m, Selection())) for m in ASKED * 2
-        ]
+        first = [timed(lambda m=m: values_of(Archive(place), m, Selection())) for m in ASKED * 2]
         first_ms = float(np.quantile(first, 0.99)) * 1e3
         print(f'opened and asked: median {np.median(first) * 1e3:.0f} ms', file=sys.stderr)
         held = Archive(place)

@@ -14,9 +14,8 @@ import numpy as np
 from lib.paths import SOURCES
 
 sys.path.insert(0, str(SOURCES / 'waam_archive' / 'test'))
-from made_jobs import FIRST, make_job  # noqa: E402
+from made_jobs import FIRST  # noqa: E402
 from made_record import make_record  # noqa: E402
-
 
 COPIED = ('records.json', 'status.json', 'telemetry.npz', 'plan.npz')  # maps are left out
 

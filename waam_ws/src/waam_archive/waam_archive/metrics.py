@@ -41,7 +41,9 @@ def table(of_beads: bool) -> str:
     Figures of the beads want the one of the jobs first. Beads become one row per job before anything is joined: a tenth
     of the time of the join first.
     """
-    own = ', '.join(f'{m.expression} AS "{n}"' for n, m in METRICS.items() if m.of_beads == of_beads)
+    own = ', '.join(
+        f'{m.expression} AS "{n}"' for n, m in METRICS.items() if m.of_beads == of_beads
+    )
     texts = ', '.join(f'jobs."{name}"' for name in TEXTS)
     source = 'jobs'
     if of_beads:

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from waam_lab import LabResult, over_seeds, restore, run_many
-from waam_lab import many
+from waam_lab import LabResult, many, over_seeds, restore, run_many
 from waam_lab.pieces import Pieces
 from waam_node import spread as spreading
 from waam_node.ray_cluster import ClusterError

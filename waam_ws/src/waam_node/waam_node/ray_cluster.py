@@ -1,5 +1,5 @@
-"""Pieces of work on an existing Ray cluster. Ray schedules, moves data and starts lost work again; it is not installed with this
-software (requirements-cluster.txt)."""
+"""Pieces of work on an existing Ray cluster. Ray schedules, moves data and starts lost work again; it is not installed
+with this software (requirements-cluster.txt)."""
 
 from __future__ import annotations
 

@@ -43,7 +43,9 @@ def run_many(args: argparse.Namespace, verb: str) -> int:
             found = replay_all(jobs, settings, out, software_revision(), workers, bar)
         except KeyboardInterrupt:
             again = shlex.join(['waam', *sys.argv[1:]])
-            print(f'{bar.done} of {len(jobs)} records are done; go on with {again}', file=sys.stderr)
+            print(
+                f'{bar.done} of {len(jobs)} records are done; go on with {again}', file=sys.stderr
+            )
             raise
     summary = {str(job): {'seconds': None, **f} for job, f in found.items()}
     write_atomically(out / f'{verb}.json', json.dumps(summary, indent=1))
@@ -90,7 +92,10 @@ class Bar:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
     ) -> None:
         self._progress.stop()
 

@@ -178,7 +178,7 @@ def _print_record(record: dict[str, Any], page: Path | None) -> None:
 
 
 def _sql(args: argparse.Namespace) -> int:
-    columns, rows = opened(args).sql(args.query)
+    columns, rows = opened(args, bulk=True).sql(args.query)
     if args.json:
         print_json([dict(zip(columns, r, strict=True)) for r in rows])
     else:
