@@ -66,7 +66,7 @@ def test_a_cell_is_found_from_its_records(job, tmp_path, capsys, monkeypatch):
     assert set(moved) <= told
     for name, true in moved.items():
         assert found[name]['low'] <= true <= found[name]['high'], (name, found[name])
-    assert found['metal_transfer']['high'] - found['metal_transfer']['low'] < 0.06
+    assert found['metal_transfer']['high'] - found['metal_transfer']['low'] < 0.1
     assert 'metal_spatter_per_m' not in told, 'all contact distances are nearly the same'
     (before, after) = facts['jobs'][0]['height']
     assert after < 0.6 * before
