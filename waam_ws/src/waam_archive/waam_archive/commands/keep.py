@@ -134,7 +134,7 @@ def _export_to(args: argparse.Namespace, *asked: Any) -> dict[str, int]:
     if not at.empty:
         raise ValueError(f'{at.place} exists; nothing was written')
     with tempfile.TemporaryDirectory(prefix='waam_export_') as scratch:
-        counts = export(*asked, Path(scratch) / 'tables')
+        counts = export(*asked, folder=Path(scratch) / 'tables')
         at.put(Path(scratch) / 'tables')
     return counts
 
