@@ -8,7 +8,7 @@ import tempfile
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .. import policy
 from ..schema import BULK, TABLES
@@ -29,8 +29,10 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..archive import Archive
     from ..catalog import Entry
     from ..ingest import Outcome
+    from ..selection import Selection
 
 FORMATS = ('parquet', 'csv', 'json')
 
@@ -126,7 +128,9 @@ def _export(args: argparse.Namespace) -> int:
     return 0
 
 
-def _export_to(args: argparse.Namespace, *asked: Any) -> dict[str, int]:
+def _export_to(
+    args: argparse.Namespace, archive: Archive, chosen: Selection, kind: str, tables: list[str]
+) -> dict[str, int]:
     """To a store. ValueError when something is there."""
     from ..export import export
 
@@ -134,7 +138,7 @@ def _export_to(args: argparse.Namespace, *asked: Any) -> dict[str, int]:
     if not at.empty:
         raise ValueError(f'{at.place} exists; nothing was written')
     with tempfile.TemporaryDirectory(prefix='waam_export_') as scratch:
-        counts = export(*asked, folder=Path(scratch) / 'tables')
+        counts = export(archive, chosen, kind, tables, Path(scratch) / 'tables')
         at.put(Path(scratch) / 'tables')
     return counts
 
