@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import shutil
 import sys
 from datetime import timedelta
 from pathlib import Path
@@ -13,33 +14,44 @@ import numpy as np
 from lib.paths import SOURCES
 
 sys.path.insert(0, str(SOURCES / 'waam_archive' / 'test'))
-from made_jobs import FIRST, make_job  # noqa: E402
+from made_jobs import FIRST  # noqa: E402
 from made_record import make_record  # noqa: E402
 
+COPIED = ('records.json', 'status.json', 'telemetry.npz', 'plan.npz')  # maps are left out
 
-def many_jobs(folder: Path, count: int, beads: int, seed: int = 1) -> None:
-    """Job folders with job.yaml, report.json, status.json and a telemetry of `beads` beads in two layers; no maps.
 
-    One job is made by the job's own code; the others are that one with another id, time and RMS.
-    """
+def laid(folder: Path, count: int, layers: int) -> list[Path]:
+    """Folders of so many jobs of the laboratory: a block of so many layers, on cells of different seeds."""
+    from waam_lab import over_seeds, parts, run_many
+
+    job = parts.job(folder, 'block', layers=layers, keep=True, jobs_dir=folder / 'jobs')
+    results = run_many(over_seeds(job, list(range(1, count + 1))))
+    failed = [r.message for r in results if r.failed]
+    if failed:
+        raise RuntimeError(f'a job of the laboratory failed: {failed[0]}')
+    return [r.folder for r in results if r.folder is not None]
+
+
+def many_jobs(folder: Path, patterns: list[Path], count: int, seed: int = 1) -> None:
+    """So many copies of the job folders `patterns`, without maps; each has its own id, part, time and RMS."""
     rng = np.random.default_rng(seed)
-    pattern = make_job(folder, 0, beads=beads // 2, arrays=True)
-    asked = (pattern / 'job.yaml').read_text()
-    report = json.loads((pattern / 'report.json').read_text())
-    track, plan = ((pattern / n).read_bytes() for n in ('telemetry.npz', 'plan.npz'))
-    for n in range(1, count):
+    reports = [json.loads((p / 'report.json').read_text()) for p in patterns]
+    for n in range(count):
+        pattern, report = patterns[n % len(patterns)], reports[n % len(patterns)]
         created = FIRST + timedelta(minutes=10 * n)
         job_id = f'{created:%Y%m%dT%H%M%SZ}_part{n % 20}_{n}'
-        changed = copy.deepcopy(report)
-        changed |= {'job_id': job_id, 'created': created.isoformat(), 'part': f'part{n % 20}.stl'}
-        changed['closed_loop']['rms_mm'] = 0.09 + 0.01 * rng.standard_normal()
+        own = {'job_id': job_id, 'created': created.isoformat(), 'part': f'part{n % 20}.stl'}
+        changed = copy.deepcopy(report) | own
+        run = next(changed[k] for k in ('closed_loop', 'monitor', 'open_loop') if k in changed)
+        run['rms_mm'] = 0.09 + 0.01 * rng.standard_normal()
         here = folder / job_id
-        here.mkdir()
+        here.mkdir(parents=True)
+        asked = (pattern / 'job.yaml').read_text()
         (here / 'job.yaml').write_text(asked.replace(pattern.name, job_id))
         (here / 'report.json').write_text(json.dumps(changed, indent=1))
-        (here / 'status.json').write_text('{"state": "DONE"}')
-        (here / 'telemetry.npz').write_bytes(track)
-        (here / 'plan.npz').write_bytes(plan)
+        for file in (pattern / name for name in COPIED):
+            if file.exists():
+                shutil.copy(file, here)
 
 
 def without_folders(contents: list, count: int, seed: int = 1) -> list:

@@ -18,9 +18,10 @@ from hypothesis import strategies as st
 from waam_archive.archive import Archive, NoJob, SqlError
 from waam_archive.export import export
 from waam_archive.ingest import ingest
-from waam_archive.metrics import METRICS, query
+from waam_archive.metrics import METRICS
 from waam_archive.schema import SQL_TYPES, TABLES, VERSION, markdown, names
 from waam_archive.selection import TEXTS, Selection, SelectionError, moment
+from waam_archive.trend import values_of
 
 sys.path.insert(0, str(Path(__file__).parent))
 from made_jobs import BEADS, make_job  # noqa: E402
@@ -202,9 +203,30 @@ def test_find(archive):
 
 @pytest.mark.parametrize('name', METRICS)
 def test_every_metric_has_a_value_per_job(archive, name):
-    where, values = Selection().where()
-    rows = archive.rows(('jobs', 'beads'), query(METRICS[name], where), values)
-    assert len(rows) == 4 and [r['created'] for r in rows] == sorted(r['created'] for r in rows)
+    found = values_of(archive, name, Selection())
+    assert len(found.jobs) == len(found.values) == 4 and np.isfinite(found.values).all()
+    assert found.created.tolist() == sorted(found.created.tolist())
+    one = values_of(archive, name, Selection(job=found.jobs[1]))
+    assert one.values.tolist() == [found.values[1]]
+
+
+def test_a_trend_of_a_bead_figure_is_that_of_the_beads(archive):
+    """What is kept in memory, against the plain question to the files."""
+    text = 'SELECT job, avg(current_A) AS value FROM beads GROUP BY job'
+    plain = {r['job']: r['value'] for r in archive.rows(('beads',), text)}
+    found = values_of(archive, 'current', Selection())
+    assert dict(zip(found.jobs, found.values, strict=True)) == pytest.approx(plain)
+
+
+def test_an_archive_that_is_held_open_sees_what_is_written(tmp_path):
+    make_job(tmp_path / 'jobs', 1)
+    held = Archive(tmp_path / 'archive')
+    ingest(held.store, [tmp_path / 'jobs'])
+    assert len(values_of(held, 'current', Selection()).values) == 1
+    make_job(tmp_path / 'jobs', 2, rms=0.3e-3)
+    ingest(Archive(tmp_path / 'archive').store, [tmp_path / 'jobs'])
+    assert len(values_of(held, 'current', Selection()).values) == 2
+    assert values_of(held, 'rms', Selection()).values.tolist() == pytest.approx([0.1, 0.3])
 
 
 # ---- SQL of a user -------------------------------------------------------------------------------
@@ -259,13 +281,13 @@ def test_any_text_is_answered_or_refused(archive, text):
 
 @pytest.mark.parametrize('kind', ['parquet', 'csv', 'json'])
 def test_export(archive, tmp_path, kind):
-    counts = export(archive, Selection(part='jaw*'), tmp_path / "it's here", kind, TABLES)
+    counts = export(archive, Selection(part='jaw*'), kind, TABLES, tmp_path / "it's here")
     assert counts['jobs'] == 2 and counts['layers'] == 6 and counts['maps'] > 0
     file = tmp_path / "it's here" / f'jobs.{kind}'
     found = duckdb.sql(f"""SELECT part FROM '{str(file).replace("'", "''")}'""").fetchall()
     assert found == [('jaw.stl',)] * 2
     with pytest.raises(ValueError, match='exists'):
-        export(archive, Selection(), tmp_path / "it's here", kind, TABLES)
+        export(archive, Selection(), kind, TABLES, tmp_path / "it's here")
 
 
 def test_files_are_readable_without_this_software(archive):

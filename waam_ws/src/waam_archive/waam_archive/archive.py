@@ -42,24 +42,26 @@ class Archive:
 
     def __init__(self, root: Path) -> None:
         self.store = Store(root)
-        self._db: duckdb.DuckDBPyConnection | None = None
-        self._seen: tuple[Any, ...] = ()  # what `_db` has views of
+        self._open: dict[tuple[str, ...], tuple[tuple[int, ...], duckdb.DuckDBPyConnection]] = {}
 
     # ---- connections -----------------------------------------------------------------------------
 
     def _connection(self, tables: tuple[str, ...]) -> duckdb.DuckDBPyConnection:
-        """That of the last question when the archive is the same and the tables are, else a new one."""
+        """That of the last question about these tables when the archive is the same, else a new one."""
         catalog = self.store.catalog()
-        seen = (tables, *catalog.segments)
-        if self._db is None or seen != self._seen:
-            self._forget()
-            self._db, self._seen = self.connect(tables, catalog), seen
-        return self._db
+        seen = tuple(catalog.segments)
+        before = self._open.get(tables)
+        if before is not None and before[0] == seen:
+            return before[1]
+        self._forget(tables)
+        made = self.connect(tables, catalog)
+        self._open[tables] = seen, made
+        return made
 
-    def _forget(self) -> None:
-        if self._db is not None:
-            self._db.close()
-        self._db = None
+    def _forget(self, tables: tuple[str, ...]) -> None:
+        before = self._open.pop(tables, None)
+        if before is not None:
+            before[1].close()
 
     def connect(
         self, tables: tuple[str, ...], catalog: Catalog | None = None
@@ -103,7 +105,7 @@ class Archive:
             try:
                 return question(self._connection(tables))
             except (duckdb.IOException, duckdb.InvalidInputException, FileNotFoundError) as e:
-                self._forget()
+                self._forget(tables)
                 if last:
                     raise ArchiveError(
                         f'{self.store.root}: a file is missing or damaged ({_first_line(e)}); '

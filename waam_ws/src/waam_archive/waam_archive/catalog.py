@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -47,19 +47,41 @@ class Entry:
     bulk: dict[str, File] = field(default_factory=dict)
 
 
+class Entries(Mapping[str, Entry]):
+    """Jobs of a marker as they were read. An entry is made when it is asked for: a question over ten thousand jobs
+    needs none of them."""
+
+    def __init__(self, data: dict[str, dict[str, Any]]) -> None:
+        self.data = data
+
+    def __getitem__(self, job: str) -> Entry:
+        e = self.data[job]
+        return Entry(**{**e, 'bulk': _files(e['bulk'])})
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.data)
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+
 @dataclass(frozen=True)
 class Segment:
     """One marker. files: small table -> file; schema: version of their tables."""
 
     number: int
     replaces: tuple[int, ...]
-    jobs: dict[str, Entry]
+    jobs: Mapping[str, Entry]
     files: dict[str, File]
     schema: int = VERSION
 
     def text(self) -> str:
         """JSON; its first line is a CRC-32 over the bytes of the others. `parse` reads it."""
-        data = {'format': FORMAT, **asdict(self)}
+        plain = self.jobs.data if isinstance(self.jobs, Entries) else None
+        jobs = plain or {job: asdict(e) for job, e in self.jobs.items()}
+        files = {table: asdict(f) for table, f in self.files.items()}
+        told = {'number': self.number, 'replaces': self.replaces, 'jobs': jobs, 'files': files}
+        data = {'format': FORMAT, **told, 'schema': self.schema}
         body = json.dumps(data, indent=0)[1:]
         return f'{{"crc32": {zlib.crc32(body.encode())},{body}'
 
@@ -78,8 +100,8 @@ def parse(content: str, name: str) -> Segment:
         why = e if type(e) is ValueError else type(e).__name__
         raise ArchiveError(f'{name}: damaged ({why}); waam jobs verify --repair') from None
     check_version(schema, name)
-    jobs = {j: Entry(**{**e, 'bulk': _files(e['bulk'])}) for j, e in data['jobs'].items()}
-    return Segment(data['number'], tuple(data['replaces']), jobs, _files(data['files']), schema)
+    jobs, files = Entries(data['jobs']), _files(data['files'])
+    return Segment(data['number'], tuple(data['replaces']), jobs, files, schema)
 
 
 def check_version(schema: Any, name: str) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from .commands import ask, keep, look
+from .commands.common import place
 
 EPILOG = """\
 examples:
@@ -20,6 +21,7 @@ examples:
   waam jobs ingest /mnt/usb/jobs recording.mcap          take in folders and recordings from anywhere
   waam jobs sql "SELECT part, avg(rms_mm) FROM jobs GROUP BY part"
   waam jobs export --part 'jaw*' -o jaw --format csv     tables of some jobs, for other programs
+  waam jobs ingest --archive s3://shop/archive           into an S3-compatible store; ask it in the same way
   waam jobs retain --older-than 180d --max-size 50G      drops telemetry and maps of old jobs, never a report
   waam jobs verify                                       every file against its hash
 
@@ -48,9 +50,10 @@ def _common(jobs_dir: Callable[[], Path]) -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(add_help=False)
     p.add_argument(
         '--archive',
-        type=Path,
-        metavar='DIR',
-        help='folder of the archive (default: archive/ in the folder of jobs)',
+        type=place,
+        metavar='PLACE',
+        help='folder of the archive (default: archive/ in the folder of jobs), or s3://BUCKET/FOLDER of a store, '
+        'which the verbs that ask, ingest and export take',
     )
     p.add_argument('--json', action='store_true', help='JSON instead of tables, for scripts')
     p.add_argument(

@@ -19,7 +19,7 @@ OPTIONS = {
 
 
 def export(
-    archive: Archive, chosen: Selection, folder: Path, kind: str, tables: Iterable[str]
+    archive: Archive, chosen: Selection, kind: str, tables: Iterable[str], folder: Path
 ) -> dict[str, int]:
     """Writes one file per table into a new folder; returns the rows of each. ValueError when the folder is there."""
     try:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from .selection import TEXTS
+
 
 class Metric(NamedTuple):
     """unit and text for people; expression: SQL over one job; tables: what it reads beside `jobs`."""
@@ -30,16 +32,34 @@ METRICS = {
 }  # fmt: skip
 
 
-def query(metric: Metric, where: str) -> str:
-    """SQL: job, created, value of every job that has one, in the order of time. where: of a Selection."""
-    if not metric.of_beads:
-        return (
-            f'SELECT job, created, {metric.expression} AS value FROM jobs '
-            f'WHERE ({where}) AND isfinite({metric.expression}) ORDER BY created, job'
-        )
-    # beads become one row per job before anything is joined: a tenth of the time of the join first
+IN_MEMORY = {False: 'trend_jobs', True: 'trend_beads'}  # of_beads -> table that `table` makes
+
+
+def table(of_beads: bool) -> str:
+    """SQL that makes a table in memory: a row per job with its filters (selection.TEXTS) and the value of every figure.
+
+    Figures of the beads want the one of the jobs first. Beads become one row per job before anything is joined: a tenth
+    of the time of the join first.
+    """
+    own = ', '.join(
+        f'{m.expression} AS "{n}"' for n, m in METRICS.items() if m.of_beads == of_beads
+    )
+    texts = ', '.join(f'jobs."{name}"' for name in TEXTS)
+    source = 'jobs'
+    if of_beads:
+        told = f'(SELECT job, {own} FROM beads GROUP BY job) of_job'
+        own = ', '.join(f'of_job."{n}"' for n, m in METRICS.items() if m.of_beads)
+        source = f'{told} JOIN {IN_MEMORY[False]} jobs ON jobs.job = of_job.job'
+    query = f'SELECT {texts}, jobs.created, {own} FROM {source}'
+    return f'CREATE TEMP TABLE IF NOT EXISTS {IN_MEMORY[of_beads]} AS {query}'
+
+
+def query(name: str, where: str) -> str:
+    """SQL: job, created, value of every job that has one, in the order of time, out of the table in memory.
+
+    name: key of METRICS; where: of a Selection.
+    """
     return (
-        f'SELECT jobs.job, jobs.created, of_job.value FROM (SELECT job, {metric.expression} AS value FROM beads '
-        'GROUP BY job) of_job JOIN jobs ON jobs.job = of_job.job '
-        f'WHERE ({where}) AND isfinite(of_job.value) ORDER BY jobs.created, jobs.job'
+        f'SELECT job, created, "{name}" AS value FROM {IN_MEMORY[METRICS[name].of_beads]} jobs '
+        f'WHERE ({where}) AND isfinite("{name}") ORDER BY created, job'
     )

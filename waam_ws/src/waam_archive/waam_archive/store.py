@@ -51,6 +51,7 @@ class Store:
         self._known: dict[
             int, tuple[tuple[int, int], Segment]
         ] = {}  # markers that were read, with their stamps
+        self._last: tuple[list[Segment], Catalog] = ([], Catalog())
 
     @property
     def exists(self) -> bool:
@@ -72,7 +73,12 @@ class Store:
         if not self.exists:
             return Catalog()
         self.check_version()
-        return Catalog.of(self.segment(n) for n in self.marker_numbers())
+        found = [self.segment(n) for n in self.marker_numbers()]
+        before, catalog = self._last
+        if len(found) != len(before) or any(a is not b for a, b in zip(found, before, strict=True)):
+            catalog = Catalog.of(found)
+            self._last = found, catalog
+        return catalog
 
     def deleted(self) -> dict[str, str]:
         """Sources of jobs that were deleted, with their stamps: they come back only when somebody names them."""

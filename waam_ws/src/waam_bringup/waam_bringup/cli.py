@@ -52,6 +52,8 @@ def _recorded_requests(folder: Path) -> list[Any]:
     return importlib.import_module('waam_replay.corrections').requests_of(folder)
 
 
+TWO_WORDS = ('lab fit',)  # verbs of two words, whose first word is a verb of its own
+
 # what a package needs of another one that it must not know
 OPTIONS: dict[str, dict[str, Any]] = {
     'waam_adapt': {'read_requests': _recorded_requests},
@@ -280,6 +282,12 @@ def _terminated(number: int, _frame: FrameType | None) -> None:
     raise SystemExit(128 + number)
 
 
+def joined(words: list[str]) -> list[str]:
+    """A verb of two words as one."""
+    both = ' '.join(words[:2])
+    return [both, *words[2:]] if both in TWO_WORDS else words
+
+
 def main(argv: list[str] | None = None) -> int:
     """Errors of use print one line and give exit status 2."""
     from .client import ClientError
@@ -287,7 +295,7 @@ def main(argv: list[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, _terminated)
     before = os.environ.get(CELL)  # --cell sets it, for this command and what it starts
     try:
-        args = build_parser().parse_args(argv)
+        args = build_parser().parse_args(joined(sys.argv[1:] if argv is None else argv))
         audited.record(args)
         return args.run_command(args)
     except (ValueError, OSError, ClientError) as e:

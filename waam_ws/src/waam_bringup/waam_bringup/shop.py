@@ -16,7 +16,7 @@ from .paths import CELL, cell_name, jobs_dir, run_dir, share, shop_dir
 
 def places() -> Places:
     """For `waam_shop.cli.register`."""
-    return Places(shop_dir, cell_name, store_part, check_setup)
+    return Places(shop_dir, cell_name, store_part, check_setup, is_program)
 
 
 @contextmanager
@@ -31,20 +31,30 @@ def cell(name: str) -> Iterator[None]:
 
 
 def store_part(name: str, file: Path) -> str:
-    """Copies the mesh to where uploads of the panel of a cell go, unless it is there. Returns its name. ValueError."""
+    """Copies mesh or program to where uploads of the panel of a cell go, unless it is there. Returns its name.
+    ValueError."""
     from waam_panel.parts import PartFolders
+    from waam_panel.programs import Programs
 
     with cell(name):
         folders = PartFolders((jobs_dir() / 'parts', share('waam_bringup') / 'parts'))
-    return folders.save(file.name, file.read_bytes())
+    kind = Programs(folders).files if is_program(file) else folders
+    return kind.save(file.name, file.read_bytes())
+
+
+def is_program(file: Path) -> bool:
+    """Whether a file is G-code of another slicer, and not a mesh."""
+    from waam_panel.programs import SUFFIXES
+
+    return file.suffix.lower() in SUFFIXES
 
 
 def check_setup(setup: dict[str, Any]) -> dict[str, Any]:
-    """A setup as the form of the panel takes it, all fields filled in. ValueError that names what is wrong."""
-    from waam_panel.setup_form import parse
+    """A setup as the forms of the panel take it, all fields filled in. ValueError that names what is wrong."""
+    from waam_panel.queued import fields_of
     from waam_process.materials import load
 
-    return parse(setup, tuple(load())).as_dict()
+    return fields_of(setup, tuple(load()))
 
 
 def domain_of(run: Path, wanted: int) -> int:

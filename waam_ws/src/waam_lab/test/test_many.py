@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from waam_lab import LabResult, over_seeds, restore, run_many
-from waam_lab import many as spreading
+from waam_lab import LabResult, many, over_seeds, restore, run_many
 from waam_lab.pieces import Pieces
-from waam_lab.ray_cluster import ClusterError
+from waam_node import spread as spreading
+from waam_node.ray_cluster import ClusterError
 
 TOLD = {'verdict': 'in tolerance', 'error_code': 0, 'message': ''}
 
@@ -46,8 +46,8 @@ def light(monkeypatch, tmp_path):
     import multiprocessing
 
     monkeypatch.setenv('WAAM_TEST_FLAG', str(tmp_path / 'flag'))
-    monkeypatch.setattr(spreading, '_context', lambda: multiprocessing.get_context('fork'))
-    return lambda attempt: monkeypatch.setattr(spreading, 'attempt', attempt)
+    monkeypatch.setattr(spreading, 'context', lambda _: multiprocessing.get_context('fork'))
+    return lambda attempt: monkeypatch.setattr(many, 'attempt', attempt)
 
 
 def test_a_killed_worker_costs_its_job_only(parts, light):

@@ -12,10 +12,12 @@ import pytest
 
 from waam_bringup.cli import main
 from waam_lab import params
+from waam_lab.cli_fit import each_on
 from waam_lab.twin import records, solve, timeline
 from waam_lab.twin.compare import Comparison
 from waam_lab.twin.replay import Replay
-from waam_lab.twin.unknowns import ALL, NEVER, physics
+from waam_lab.twin.unknowns import ALL, NEVER, REPLAYED, physics
+from waam_node.spread import Workers
 from waam_sim.config import CellParams, plant_params
 from waam_sim.plant import PlantParams
 
@@ -64,7 +66,7 @@ def test_a_cell_is_found_from_its_records(job, tmp_path, capsys, monkeypatch):
     assert set(moved) <= told
     for name, true in moved.items():
         assert found[name]['low'] <= true <= found[name]['high'], (name, found[name])
-    assert found['metal_transfer']['high'] - found['metal_transfer']['low'] < 0.06
+    assert found['metal_transfer']['high'] - found['metal_transfer']['low'] < 0.1
     assert 'metal_spatter_per_m' not in told, 'all contact distances are nearly the same'
     (before, after) = facts['jobs'][0]['height']
     assert after < 0.6 * before
@@ -78,6 +80,19 @@ def test_a_cell_is_found_from_its_records(job, tmp_path, capsys, monkeypatch):
     assert page.count('<img') >= 3 and 'arc_wire_ratio' in page
     said = capsys.readouterr().out
     assert 'not told' in said and 'metal_spatter_per_m' in said
+
+
+def test_workers_give_the_same_bits(job):
+    """Two jobs on one and on two processes."""
+    base = replace(USUAL, heat=replace(USUAL.heat, ambient=20.0))
+    cases = [solve.Case.of(Replay(records.read(job)), 20.0) for _ in range(2)]
+    task = solve.Task(cases[0], base, np.zeros(len(REPLAYED)), 0.045, 3, 2)
+    slopes = solve.slopes_of(task)
+    tasks = [replace(task, case=c, slopes=slopes, seed=k) for k, c in enumerate(cases)]
+    preload = ('waam_lab.twin.solve',)
+    one, two = (list(each_on(Workers(n, preload=preload))(solve.scatter_of, tasks)) for n in (1, 2))
+    assert [o.loud for o in one] == [t.loud for t in two] and one[0].loud != one[1].loud
+    np.testing.assert_array_equal([o.covariance for o in one], [t.covariance for t in two])
 
 
 def test_what_the_laboratory_notes_of_its_cell_is_not_read(job):

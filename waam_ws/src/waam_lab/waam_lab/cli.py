@@ -8,7 +8,7 @@ from pathlib import Path
 from waam_job.cli_program import PART_HELP, add_loop_mode, add_program
 from waam_process.operating import DEFAULT_MATERIAL, GANTRY, MACHINES
 
-from .cli_fit import hand_over
+from . import cli_fit
 
 EXAMPLES = """\
 examples:
@@ -52,7 +52,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     _add_process(p)
     _add_campaign(p)
     p.set_defaults(run_command=_run)
-    hand_over(p)
+    cli_fit.register(commands)
 
 
 def _add_part(p: argparse.ArgumentParser) -> None:

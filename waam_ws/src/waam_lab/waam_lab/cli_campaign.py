@@ -17,7 +17,7 @@ from rich.table import Table
 from waam_job.cli_program import asked_of
 from waam_job.model.goal import JobError, JobGoal, check
 from waam_job.store.folder import make_job_id
-from waam_job.store.provenance import software_revision
+from waam_node.revision import software_revision
 
 from . import params, report
 from .advance import Advance

@@ -6,8 +6,14 @@ import argparse
 import os
 import shlex
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from waam_node.spread import Workers, spread
+
+if TYPE_CHECKING:
+    from .twin.solve import Each, Task
 
 EXAMPLES = """\
 examples:
@@ -29,11 +35,13 @@ exit status: 0 fitted, 2 refused (no jobs, no maps, no arc; the text says which)
 """
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line of `waam lab fit`."""
-    p = argparse.ArgumentParser(
-        prog='waam lab fit',
-        description="Fits the simulated cell (metal, heat, arc, scatter) to records of jobs, with intervals and with "
+def register(commands: argparse._SubParsersAction) -> None:
+    """Adds the verb `lab fit`. It is one of two words, since `lab` has a part as its first one; waam_bringup.cli joins
+    them."""
+    p = commands.add_parser(
+        'lab fit',
+        help='fit the simulated cell to records of your own cell',
+        description='Fits the simulated cell (metal, heat, arc, scatter) to records of jobs, with intervals and with '
         'what the records cannot tell. The result is a cell file.',
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -47,20 +55,38 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         help='cell to begin with; what the records do not tell stays as it says',
     )
+    add_workers(p, 'a job is laid by one of them')
     p.set_defaults(run_command=run_fit)
-    return p
 
 
-def hand_over(lab: argparse.ArgumentParser) -> None:
-    """`waam lab fit ...` goes to `parser`; a part cannot be called so, its file has a suffix."""
-    inner: Any = lab.parse_known_args
+def add_workers(p: argparse.ArgumentParser, text: str) -> None:
+    """--workers and --cluster."""
+    p.add_argument(
+        '--workers', type=int, default=0, metavar='N', help=f'processes; 0 = one per core; {text}'
+    )
+    p.add_argument(
+        '--cluster',
+        default='',
+        metavar='ADDRESS',
+        help="Ray cluster that does the work: 'auto', HOST:PORT or ray://HOST:PORT (requirements-cluster.txt)",
+    )
 
-    def parse(args: Any = None, namespace: Any = None) -> Any:
-        if args and args[0] == 'fit':
-            return parser().parse_known_args(args[1:], namespace)
-        return inner(args, namespace)
 
-    lab.parse_known_args = parse  # type: ignore[method-assign]
+def each_on(workers: Workers) -> Each:
+    """Tasks of a fit spread over workers; their results in order, the same whatever the number of workers."""
+
+    def each(work: Callable[[Task], Any], tasks: list[Task]) -> Iterator[Any]:
+        found: dict[int, Any] = {}
+        for key, result in spread(dict(enumerate(tasks)), work, lost, workers):
+            found[key] = result
+        yield from (found[key] for key in range(len(tasks)))
+
+    return each
+
+
+def lost(_task: Task, error: Exception) -> Any:
+    """A worker was lost again and again: there is no fit without its job."""
+    raise ValueError(f'a worker was lost three times ({error})')
 
 
 def run_fit(args: argparse.Namespace) -> int:
@@ -80,8 +106,9 @@ def run_fit(args: argparse.Namespace) -> int:
     base = plant_params(params.make(overrides).cell)
     records = read_all(args.jobs)
     out = args.out or Path(os.environ.get('WAAM_JOBS', 'jobs')) / make_job_id('fit')
+    workers = Workers(args.workers, args.cluster, ('waam_lab.twin.solve',))
     with _Bar(f'{len(records)} jobs') as bar:
-        found = fit(records, base, bar.tick)
+        found = fit(records, base, bar.tick, each_on(workers))
     target = page.write(out, found, shlex.join(['waam', *sys.argv[1:]]))
     show(found, Console(highlight=False))
     print(f'cell file: {os.path.relpath(out / page.CELL_FILE)}')

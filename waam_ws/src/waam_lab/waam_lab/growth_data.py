@@ -3,7 +3,8 @@
     python3 -m waam_lab.growth_data FOLDER --seeds 2000-2199
 
 Writes one job_<seed>.npz per seed (waam_adapt.training.samples); seeds that are there already are left out, so it can
-be stopped and taken up again. A job takes 2 to 8 s. `waam train --growth FOLDER` trains on them.
+be stopped and taken up again. Other processes and machines may help (--workers, --cluster). A job takes 2 to 8 s. `waam
+train --growth FOLDER` trains on them.
 """
 
 from __future__ import annotations
@@ -17,14 +18,17 @@ from typing import Any
 import numpy as np
 
 from waam_adapt.training import samples
+from waam_node.spread import Workers, spread
 
 from .cli_campaign import parse_seeds
+from .cli_fit import add_workers
 from .job import LabJob, build, restore
 from .laboratory import run
 from .parts import random_build, random_part, random_wall
 from .plants import random_plant
 from .watch import LayerWatch
 
+PRELOAD = ('waam_lab.laboratory',)
 KINDS = {'part': 0.65, 'wall': 0.15, 'build': 0.2}
 # of restored parts; walls and builds are laid as the planner chooses
 STRATEGIES = {'solid': 0.55, 'contour': 0.13, 'zigzag': 0.14, 'spiral': 0.1, 'combined': 0.08}
@@ -82,17 +86,29 @@ def main(argv: list[str] | None = None) -> int:
     p.add_argument(
         '--seeds', default='2000-2199', help='such as 2000-2199 (default) or 7,9; N: 1 to N'
     )
+    add_workers(p, 'a seed is the work of one')
     args = p.parse_args(argv)
-    failures = 0
-    for seed in parse_seeds(args.seeds):
-        if (args.folder / f'job_{seed}.npz').exists():
-            continue
-        try:
-            print(f'seed {seed}: {make(args.folder, seed)} layers', flush=True)
-        except ValueError as e:  # a part that cannot be planned
-            print(f'seed {seed}: {e}', file=sys.stderr)
-            failures += 1
+    folder = args.folder.resolve()
+    left = {s: (folder, s) for s in parse_seeds(args.seeds)}
+    left = {s: piece for s, piece in left.items() if not (folder / f'job_{s}.npz').exists()}
+    workers, failures = Workers(args.workers, args.cluster, PRELOAD), 0
+    for done, (seed, said) in enumerate(spread(left, attempt, lost, workers), 1):
+        failures += not said.endswith('layers')
+        print(f'{done}/{len(left)} seed {seed}: {said}', flush=True)
     return 1 if failures else 0
+
+
+def attempt(piece: tuple[Path, int]) -> str:
+    """One seed in a worker; what came of it, in words."""
+    try:
+        return f'{make(*piece)} layers'
+    except ValueError as e:  # a part that cannot be planned
+        return str(e)
+
+
+def lost(_piece: tuple[Path, int], error: Exception) -> str:
+    """The worker of a seed was lost again and again."""
+    return f'not made: {error}'
 
 
 if __name__ == '__main__':

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import http.server
 import json
 import os
 import re
@@ -19,7 +20,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
-from waam_msgs.msg import Heartbeat, LeaseTick, MachineState, Override, Telemetry
+from waam_msgs.msg import Heartbeat, JobStatus, LeaseTick, MachineState, Override, Telemetry
 from waam_msgs.srv import Command
 from waam_node.qos import BEAT, LATCHED, NEWEST, TELEMETRY
 
@@ -32,10 +33,38 @@ def free_port() -> int:
         return s.getsockname()[1]
 
 
+class Receiver:
+    """A webhook of this machine; titles and texts of what it was sent."""
+
+    def __init__(self) -> None:
+        self.messages: list[str] = []
+        told = self.messages
+
+        class Handler(http.server.BaseHTTPRequestHandler):
+            def do_POST(self) -> None:
+                body = json.loads(self.rfile.read(int(self.headers['Content-Length'])))
+                told.append(f'{body["title"]}: {body["message"]}')
+                self.send_response(200)
+                self.end_headers()
+
+            def log_message(self, *_: object) -> None:
+                pass
+
+        self.server = http.server.HTTPServer(('127.0.0.1', 0), Handler)
+        self.address = f'json://127.0.0.1:{self.server.server_port}/secret'
+        threading.Thread(target=self.server.serve_forever, daemon=True).start()
+
+
 class Graph:
     """The panel, and a node that plays bridge and job_sequencer."""
 
     def __init__(self, domain: int, folder) -> None:
+        self.folder, self.told = folder, Receiver()
+        shop = folder / '.shop'
+        shop.mkdir()
+        notify = shop / 'notify.yaml'
+        notify.write_text(f'targets: [{{name: hook, url: "{self.told.address}"}}]\nwire_m: 40\n')
+        notify.chmod(0o600)
         self.port = free_port()
         self.url = f'http://127.0.0.1:{self.port}/'
         values = {'port': self.port, 'jobs_dir': folder, 'part_folders': f'[{folder}/parts]'}
@@ -61,6 +90,7 @@ class Graph:
         self.telemetry = node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
         self.machine = node.create_publisher(MachineState, 'machine_state', LATCHED)
         self.ticks = node.create_publisher(LeaseTick, 'lease_tick', BEAT)
+        self.job = node.create_publisher(JobStatus, 'job_status', LATCHED)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(node)
         self._over = threading.Event()
@@ -135,6 +165,8 @@ class Graph:
         self._executor.shutdown()
         self.node.destroy_node()
         self.context.try_shutdown()
+        self.told.server.shutdown()
+        self.told.server.server_close()
 
 
 @pytest.fixture(scope='module')
@@ -198,6 +230,37 @@ def test_what_the_cell_says_is_on_the_page_and_goes_stale(cell):
     assert shown['sections']['machine']['identity'] == 'WAAM_CONTROLLER_V1'
     assert shown['alarms'][0]['code'] == '204' and shown['alarms'][0]['action']
     assert 'telemetry' in cell.frame(lambda f: 'telemetry' in f['stale'])['stale']
+
+
+def test_people_are_told_what_happens_in_the_graph(cell):
+    """Done, paused, alarm, out of tolerance and low wire: from topics and job files to a webhook."""
+    folder = cell.folder / 'j1'
+    folder.mkdir()
+    told = cell.told.messages
+
+    def wait(*words: str) -> None:
+        cell.until(lambda: all(any(w in m for m in told) for w in words), f'{words} in {told}')
+
+    def say(state: int, message: str = '') -> None:
+        status = JobStatus(job_id='j1', job_dir=str(folder), state=state, message=message)
+        cell.job.publish(status)
+
+    cell.machine.publish(MachineState(connected=True, state=1))
+    say(JobStatus.DEPOSITING)
+    cell.frame(lambda f: f['sections'].get('job', {}).get('id') == 'j1')
+    time.sleep(1.5)  # the panel looks once a second; what it sees first is not news
+    assert told == []
+    (folder / 'records.json').write_text('{"spool": 12.0}')
+    wait('12 m of wire')
+    say(JobStatus.PAUSED, 'scanner is dirty')
+    wait('j1 is paused. scanner is dirty')
+    cell.machine.publish(MachineState(connected=True, state=2, fault=204, fault_text='no arc'))
+    wait('no arc')
+    (folder / 'report.json').write_text('{"verdict": "out of tolerance"}')
+    say(JobStatus.DONE, '2 layers')
+    wait('j1: done. 2 layers', 'j1 is out of tolerance')
+    time.sleep(1.5)
+    assert len(told) == 5, told
 
 
 def test_heartbeats_are_answered_while_pages_hang(cell):

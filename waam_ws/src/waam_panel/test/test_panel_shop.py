@@ -10,6 +10,7 @@ import time
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
 
+from waam_panel.programs import ProgramRefused, Programs
 from waam_panel.routes import ROLES, Route, add
 from waam_panel.shop_link import STOPPED
 from waam_panel.web import ALL_ROUTES, make_app
@@ -251,9 +252,47 @@ def test_a_part_that_has_changed_or_a_cell_that_refuses_needs_a_new_release(read
     assert item(ready, 2).state == 'waiting'
 
 
+PROGRAM = 'G21 G90 G94\nM64 P0\nG1 X0 Y0 Z2 F600\nM62 P0\nG1 X40 F600\nM63 P0\n'
+
+
+def test_a_program_waits_and_starts_like_a_part(ready, monkeypatch):
+    looked = []
+
+    async def load(self, choice, machine):
+        looked.append(choice)
+        if 'G77' in self.files.find(choice.program).read_text():
+            raise ProgramRefused('line 5: G77 is not known')
+
+    monkeypatch.setattr(Programs, 'load', load)
+    visit = Visit(ready)
+    file = ready.folder / 'parts/wall.gcode'
+    asked = {'program': 'wall.gcode', 'shift_mm': [5, 0, 0], 'nominal': 'block.stl'}
+    assert visit.post('queue_add', **asked)[0] == 409  # there is no such file
+    file.write_text(PROGRAM.replace('G1 X40', 'G77 X40'))
+    visit.post('queue_add', **asked)
+    assert visit.post('queue_add', **asked | {'loop_mode': 'none'})[0] == 409
+    time.sleep(0.5)
+    assert looked == [] and item(ready).part == 'wall.gcode'
+    visit.post('queue_release', id=1)
+    until(lambda: 'line 5' in item(ready).note, 'refused by name')
+    assert item(ready).state == 'waiting' and ready.operations.asked == []
+
+    file.write_text(PROGRAM)
+    visit.post('queue_release', id=1)
+    until(lambda: 'has changed' in item(ready).note, 'changed')
+    visit.post('queue_add', **asked)
+    visit.post('queue_release', id=2)
+    until(lambda: item(ready, 2) and len(ready.operations.asked) > 1, 'start')
+    assert [a[0] for a in ready.operations.asked] == ['load', 'start_program']
+    _, choice, program, nominal, _ = ready.operations.asked[-1]
+    assert choice.shift_mm == (5.0, 0.0, 0.0) and program.name == 'wall.gcode'
+    assert nominal.name == 'block.stl'
+
+
 @pytest.mark.parametrize(
     'name,data,status',
     [
+        ('queue_add', {'program': '../wall.gcode'}, 409), ('queue_add', {'program': 'block.stl'}, 409),
         ('queue_move', {'id': 1, 'place': 0}, 409), ('queue_move', {'id': 1}, 400), ('queue_hold', {'id': True}, 400),
         ('queue_release', {'id': 9}, 409), ('queue_remove', {'id': '1'}, 400), ('queue_add', {'part': '../x.stl'}, 409),
         ('queue_add', {'part': "x'; DROP TABLE jobs; --.stl"}, 409), ('queue_hold', {'id': 1}, 409),

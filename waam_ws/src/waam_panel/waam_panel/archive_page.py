@@ -72,14 +72,13 @@ class ArchivePage:
         from waam_archive.charts import ChartError, chart
         from waam_archive.trend import values_of
 
-        rows, values = values_of(archive, figure, chosen)
-        rows, values = rows[-POINTS:], values[-POINTS:]
+        jobs, _, values = values_of(archive, figure, chosen)
         try:
-            found = asdict(chart(values))
+            found = asdict(chart(values[-POINTS:]))
         except ChartError as e:
             return {'message': str(e)}
         kept = {k: found[k] for k in ('means', 'center', 'lower', 'upper', 'signals')}
-        return kept | {'jobs': [r['job'] for r in rows]}
+        return kept | {'jobs': [str(job) for job in jobs[-POINTS:]]}
 
     def _report(self, job: Mapping[str, Any]) -> str:
         """Where the panel shows the report of a job, '' when it lies elsewhere or there is none."""

@@ -16,13 +16,16 @@ from .auditing import AuditFailure, asked, went_wrong
 from .cell import CELL, Cell
 from .operations import Refused
 from .parts import PartsError
+from .programs import ProgramRefused
 from .routes import Handler, Route
 from .security import COOKIE, CSRF_HEADER
 from .setup_form import FormError
 from .worker import WorkError
 
 BODY = 64 << 10
-KNOWN = (Refused, FormError, PartsError, WorkError, history.HistoryError, QueueError)
+KNOWN = (
+    Refused, FormError, ProgramRefused, PartsError, WorkError, history.HistoryError, QueueError,
+)  # fmt: skip
 Run = Callable[[Cell, dict[str, Any]], Awaitable[Any]]
 
 

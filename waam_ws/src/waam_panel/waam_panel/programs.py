@@ -138,4 +138,12 @@ def _limits(machine: Mapping[str, Any] | None) -> list[float]:
     return [(v - z) * 1e-3 for v, z in zip(values, [*zero, *zero], strict=True)]
 
 
-__all__ = ['PartsError', 'ProgramChoice', 'ProgramRefused', 'Programs', 'WorkError', 'parse_choice']
+__all__ = [
+    'SUFFIXES',
+    'PartsError',
+    'ProgramChoice',
+    'ProgramRefused',
+    'Programs',
+    'WorkError',
+    'parse_choice',
+]

@@ -21,9 +21,9 @@ from .cell import CELL, Cell
 from .commanding import BadRequest, command_routes
 from .in_shop import InShop
 from .operations import Refused
+from .queued import fields_of, file_of
 from .routes import WHO, Handler, Route, visitor
 from .security import Visitor
-from .setup_form import parse
 
 SHOWN = 100  # items of the queue that a page gets
 ENTRIES = 60  # of the audit log
@@ -49,14 +49,12 @@ def whole(data: dict[str, Any], name: str) -> int:
 
 
 async def queue_add(cell: Cell, data: dict[str, Any]) -> dict[str, Any]:
-    """The fields of the form, as for `load`; the part must be there."""
+    """The fields of a form, as for `load`: of a part, or with `program` of a program; the files must be there."""
     by = WHO.get()
-    setup = parse(data, cell.materials)
-    part = cell.parts.find(setup.part)
-    if setup.as_found:
-        cell.parts.find(setup.as_found)
-    digest = await asyncio.to_thread(lambda: hashlib.sha256(part.read_bytes()).hexdigest())
-    fields, now = setup.as_dict(), time.time()
+    fields = fields_of(data, cell.materials)
+    file = file_of(fields, cell.parts)
+    digest = await asyncio.to_thread(lambda: hashlib.sha256(file.read_bytes()).hexdigest())
+    now = time.time()
     queue = await _change(cell, lambda q: q.add(fields, by, now, digest))
     return {'message': f'item {queue.last} waits', 'id': queue.last}
 

@@ -25,7 +25,9 @@ from .in_shop import Place
 from .operations import Refused
 from .parts import PartsError
 from .people import People
-from .setup_form import FormError, parse
+from .programs import ProgramRefused
+from .queued import Start
+from .setup_form import FormError
 
 BELIEVED = ('machine',)  # without news of these nothing starts
 STOPPED = 'STOP was pressed: release it again'
@@ -100,18 +102,14 @@ class ShopLink:
         try:
             await self._log(item, 'asked')
             await calibrated.check(cell.calibrations)
-            setup = parse(item.setup, cell.materials)
-            part = cell.parts.find(setup.part)
-            await asyncio.to_thread(_check_part, part, item.sha256)
-            as_found = cell.parts.find(setup.as_found) if setup.as_found else None
-            await cell.do(cell.operations.load, setup, as_found)
+            start = Start(cell, item.setup)
+            await asyncio.to_thread(_check_part, start.file, item.sha256)
+            await start.load()
             if self._stops != stops:
                 raise Refused(STOPPED)
-            cell.setup, cell.going_on = setup, None
-            cell.state.sections['setup'] = setup.as_dict()
-            await cell.do(cell.operations.start, setup, part, cell.jobs_dir)
+            await start.run()
             self._runner.started(time.monotonic())
-        except (Refused, FormError, PartsError, QueueError, OSError) as e:
+        except (Refused, FormError, ProgramRefused, PartsError, QueueError, OSError) as e:
             await self._back(cell, item, str(e))
 
     async def _back(self, cell: Cell, item: Item, why: str) -> None:

@@ -16,11 +16,16 @@ _EXAMPLES = """examples:
   waam replay tune jobs/latest --set correction_server.k_gain=0.2
   waam replay tune jobs/latest --set scan_fusion.spike_factor=6 --set correction_server.law=proportional
   waam replay tune jobs/latest --set job.heat_factor=0.95     what the job asked for can be changed too
+  waam replay check jobs --workers 4                   every record in a folder, on four cores
+  waam replay tune jobs --set correction_server.gain=0.8 --cluster auto      on all machines of a Ray cluster
   waam replay play jobs/latest --lockstep                     the nodes themselves, on a graph of their own
   waam replay play jobs/latest --rate 4 --topics /telemetry /height_map
 
 Every layer starts from the surface that was really measured: `tune` shows what other parameters would have
-commanded on it and what that layer would have become, not a new history of the whole part."""
+commanded on it and what that layer would have become, not a new history of the whole part.
+
+Over many records one result per record is kept in --output. A run that was ended (Ctrl-C, power) goes on with the same
+command. A worker that is lost costs the records that were under way, on a cluster its own one."""
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -35,7 +40,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     verbs = parser.add_subparsers(dest='replay_verb', required=True, metavar='VERB')
     text = 'offline, with other parameters; table, JSON and picture beside the job'
     tune = verbs.add_parser('tune', help=text, description=text)
-    tune.add_argument('job', type=Path, metavar='JOB', help='job folder or its record folder')
+    _add_jobs(tune)
     tune.add_argument(
         '--set',
         action='append',
@@ -44,17 +49,29 @@ def register(commands: argparse._SubParsersAction) -> None:
         metavar='NODE.NAME=VALUE',
         help='parameter of scan_fusion, correction_server, feed_forward or job (repeatable)',
     )
-    tune.add_argument(
-        '-o', '--output', type=Path, help='folder of tune.json and tune.png (default: JOB/replay)'
-    )
     tune.set_defaults(run_command=_tune)
     text = (
         'offline, with the recorded parameters; exit status 1 when anything differs from the record'
     )
     check = verbs.add_parser('check', help=text, description=text)
-    check.add_argument('job', type=Path, metavar='JOB', help='job folder or its record folder')
+    _add_jobs(check)
     check.set_defaults(run_command=_check)
     _register_play(verbs)
+
+
+def _add_jobs(p: argparse.ArgumentParser) -> None:
+    """What `check` and `tune` have in common."""
+    text = 'job folder or its record folder; several, or a folder of job folders, are computed side by side'
+    p.add_argument('jobs', type=Path, nargs='+', metavar='JOB', help=text)
+    p.add_argument('--workers', type=int, metavar='N', help='processes; 0 = one per core (default)')
+    p.add_argument(
+        '--cluster',
+        default='',
+        metavar='ADDRESS',
+        help="Ray cluster that does the work: 'auto', HOST:PORT or ray://HOST:PORT (requirements-cluster.txt)",
+    )
+    text = 'folder of the results (default: JOB/replay; of many jobs: jobs/replay_check or jobs/replay_tune)'
+    p.add_argument('-o', '--output', type=Path, help=text)
 
 
 def _register_play(verbs: argparse._SubParsersAction) -> None:
@@ -112,12 +129,16 @@ def _tuned(job: Path, settings: list[str]) -> Tuning:
 
 
 def _tune(args: argparse.Namespace) -> int:
+    from .cli_many import is_many, run_many
     from .picture import draw
     from .summary import as_json
 
     try:
-        result = _tuned(args.job, args.settings)
-        folder = args.output or args.job / 'replay'
+        if is_many(args):
+            return run_many(args, 'tune')
+        (job,) = args.jobs
+        result = _tuned(job, args.settings)
+        folder = args.output or job / 'replay'
         folder.mkdir(parents=True, exist_ok=True)
     except (ValueError, OSError) as e:
         return _error(e)
@@ -129,8 +150,12 @@ def _tune(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
+    from .cli_many import is_many, run_many
+
     try:
-        result = _tuned(args.job, [])
+        if is_many(args):
+            return run_many(args, 'check')
+        result = _tuned(args.jobs[0], [])
     except (ValueError, OSError) as e:
         return _error(e)
     _print(result)

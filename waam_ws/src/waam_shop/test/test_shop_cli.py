@@ -29,7 +29,7 @@ def waam(tmp_path, capsys):
             raise ValueError("mode: 'nothing' is not one of restore, build")
         return setup
 
-    places = Places(lambda: shop, lambda: 'cell', store, check)
+    places = Places(lambda: shop, lambda: 'cell', store, check, lambda f: f.suffix == '.gcode')
 
     def run(line: str) -> tuple[int, str]:
         parser = argparse.ArgumentParser()
@@ -68,6 +68,21 @@ def test_a_queue_is_filled_and_steered_for_each_cell_apart(waam, tmp_path):
     with pytest.raises(ValueError, match='mode'):
         waam(f'queue add {part} --mode nothing')
     assert waam('queue list')[1] == 'the queue of cell is empty\n'
+
+
+def test_a_program_goes_into_the_queue_with_its_nominal_part(waam, tmp_path):
+    files = [tmp_path / n for n in ('pad.gcode', 'pad.stl')]
+    for file in files:
+        file.write_bytes(b'x')
+    said = waam(f'queue add {files[0]} --dialect slicer --nominal {files[1]} --shift 1,2.5,0')[1]
+    assert 'cell-pad.gcode waits' in said
+    (row,) = json.loads(waam('queue list --json')[1])
+    assert row['setup'] == {
+        'dialect': 'slicer',
+        'nominal': 'cell-pad.stl',
+        'shift_mm': [1.0, 2.5, 0.0],
+        'program': 'cell-pad.gcode',
+    }
 
 
 def test_a_token_is_shown_once_and_listed_without_its_secret(waam):

@@ -17,6 +17,7 @@ EPILOG = """\
 examples:
   waam queue add jaw_nominal.stl --as-found jaw_worn.stl --material er70s-6
   waam queue add bracket.stl --mode build --layers 3 --name cell2
+  waam queue add pad.gcode --dialect slicer --nominal pad.stl --loop-mode closed_loop
   waam queue list
   waam queue move 4 1          number 4 is the next one
   waam queue release 4         its part lies on the table: it starts as soon as the cell is ready
@@ -25,6 +26,13 @@ examples:
 Nothing starts by itself. A release is worth one start and belongs to the part that lies on the table now; it is
 withdrawn when the panel starts again or another job is started. The panel of the cell starts the jobs.
 """
+
+
+def shift(text: str) -> list[float]:
+    """'1,2.5,0'. ValueError."""
+    return [float(v) for v in text.split(',')]
+
+
 FORM = {  # option -> field of the setup, what it is, help
     'as-found': (
         'as_found',
@@ -45,6 +53,9 @@ FORM = {  # option -> field of the setup, what it is, help
     'wire-lot': ('wire_lot', str, 'from the spool'),
     'gas': ('gas', str, 'kind, bottle'),
     'job-name': ('name', str, 'short name in the folder of the job'),
+    'dialect': ('dialect', str, 'program: what its codes mean (waam plan --help)'),
+    'nominal': ('nominal', str, 'program: mesh of the part that it makes; closed_loop needs it'),
+    'shift': ('shift_mm', shift, 'program: X,Y,Z in mm that it is moved by'),
 }
 
 
@@ -82,7 +93,9 @@ def _done(p: argparse.ArgumentParser, run: Any) -> None:
 def _register_add(verbs: argparse._SubParsersAction, places: Places) -> None:
     q = verbs.add_parser('add', help='a job at the end of the queue')
     q.add_argument(
-        'part', type=Path, help='mesh of the part (stored beside the uploads of the panel)'
+        'part',
+        type=Path,
+        help='mesh of the part, or a program (G-code); stored beside the uploads of the panel',
     )
     for option, (field, kind, text) in FORM.items():
         q.add_argument(f'--{option}', dest=f'form_{field}', type=kind, help=text)
@@ -93,15 +106,17 @@ def _add(args: argparse.Namespace, places: Places) -> int:
     shop, cell = shop_and_cell(args, places)
     given = {f: getattr(args, f'form_{f}') for f, _, _ in FORM.values()}
     setup = {k: v for k, v in given.items() if v is not None}
-    if 'as_found' in setup:
-        as_found = Path(setup['as_found'])
-        places.check(setup | {'part': args.part.name, 'as_found': as_found.name})
-        setup['as_found'] = places.store(cell, as_found)
+    kind = 'program' if places.is_program(args.part) else 'part'
+    for other in ('as_found', 'nominal'):
+        if other in setup:
+            file = Path(setup[other])
+            places.check(setup | {kind: args.part.name, other: file.name})
+            setup[other] = places.store(cell, file)
     content = args.part.read_bytes()
-    checked = places.check(setup | {'part': places.store(cell, args.part)})
+    checked = places.check(setup | {kind: places.store(cell, args.part)})
     digest = hashlib.sha256(content).hexdigest()
     queue = shop.queue(cell).change(lambda q: q.add(checked, f'cli:{user()}', time.time(), digest))
-    print(f'item {queue.last}: {checked["part"]} waits for {cell}; waam queue release {queue.last}')
+    print(f'item {queue.last}: {checked[kind]} waits for {cell}; waam queue release {queue.last}')
     return 0
 
 

@@ -29,7 +29,7 @@ class QueueError(ValueError):
 
 @dataclass(frozen=True)
 class Item:
-    """setup: fields of the panel's form; sha256: of the part's file; added: UTC, s; note: why it waits or ended."""
+    """setup: fields of the panel's form; sha256: of the file; added: UTC, s; note: why it waits or ended."""
 
     id: int
     setup: dict[str, Any] = field(hash=False)
@@ -43,8 +43,8 @@ class Item:
 
     @property
     def part(self) -> str:
-        """Name of the part's file."""
-        return str(self.setup.get('part', ''))
+        """Name of the file: of a part, or of a program of another slicer."""
+        return str(self.setup.get('part') or self.setup.get('program') or '')
 
 
 @dataclass(frozen=True)

@@ -74,10 +74,11 @@ class Shop:
 @dataclass(frozen=True)
 class Places:
     """What the command line of a shop needs of others. shop: its folder; cell: name of the cell that is meant; store:
-    puts the file of a part where the panel of a cell finds it and returns its name; check: a setup as the panel's form
-    takes it, or ValueError."""
+    puts a file where the panel of a cell finds it and returns its name; check: a setup as the panel's form takes it,
+    or ValueError; is_program: whether a file is a program and not a mesh."""
 
     shop: Callable[[], Path]
     cell: Callable[[], str]
     store: Callable[[str, Path], str]
     check: Callable[[dict[str, Any]], dict[str, Any]]
+    is_program: Callable[[Path], bool] = lambda file: False

@@ -69,7 +69,11 @@ def _trend(args: argparse.Namespace) -> int:
     from ..charts import chart
     from ..trend import values_of
 
-    rows, values = values_of(opened(args), args.metric, selection(args))
+    jobs, created, values = values_of(opened(args), args.metric, selection(args))
+    rows = [
+        {'job': str(job), 'created': when, 'value': float(v)}
+        for job, when, v in zip(jobs, created.astype(object), values, strict=True)
+    ]
     spec = (args.lower, args.upper)
     found = chart(values, args.subgroup, args.baseline, args.rules, spec)
     ends = [
@@ -174,7 +178,7 @@ def _print_record(record: dict[str, Any], page: Path | None) -> None:
 
 
 def _sql(args: argparse.Namespace) -> int:
-    columns, rows = opened(args).sql(args.query)
+    columns, rows = opened(args, bulk=True).sql(args.query)
     if args.json:
         print_json([dict(zip(columns, r, strict=True)) for r in rows])
     else:

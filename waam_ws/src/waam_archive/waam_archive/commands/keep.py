@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,16 +18,21 @@ from .common import (
     add_filters,
     add_verb,
     archive_folder,
+    is_remote,
     opened,
+    place,
     print_json,
     progress,
+    remote,
     selection,
     shown,
 )
 
 if TYPE_CHECKING:
+    from ..archive import Archive
     from ..catalog import Entry
     from ..ingest import Outcome
+    from ..selection import Selection
 
 FORMATS = ('parquet', 'csv', 'json')
 
@@ -44,7 +50,12 @@ def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
     text = 'tables of the chosen jobs as files, for other programs'
     p = add_verb(verbs, common, 'export', text, _export)
     p.add_argument(
-        '-o', '--output', type=Path, required=True, metavar='FOLDER', help='must not exist yet'
+        '-o',
+        '--output',
+        type=place,
+        required=True,
+        metavar='FOLDER',
+        help='must not exist yet; or s3://BUCKET/FOLDER',
     )
     p.add_argument('--format', choices=FORMATS, default='parquet')
     p.add_argument(
@@ -79,8 +90,12 @@ def _ingest(args: argparse.Namespace) -> int:
     from ..store import Store
 
     paths = args.paths or [args.jobs_dir()]
+    far = is_remote(args.archive)
+    store = remote(args.archive, args).pull(bulk=False) if far else Store(archive_folder(args))
     with progress('taking in jobs') as tick:
-        outcome = ingest(Store(archive_folder(args)), paths, tick, replace=args.replace)
+        outcome = ingest(store, paths, tick, replace=args.replace)
+    if store.exists:
+        _push(args)
     if args.json:
         print_json(asdict(outcome))
     else:
@@ -100,13 +115,39 @@ def _tell(outcome: Outcome) -> None:
 def _export(args: argparse.Namespace) -> int:
     from ..export import export
 
-    archive = opened(args)
-    counts = export(archive, selection(args), args.output, args.format, args.tables)
+    archive = opened(args, bulk=any(t in BULK for t in args.tables))
+    asked = archive, selection(args), args.format, args.tables
+    counts = _export_to(args, *asked) if is_remote(args.output) else export(*asked, args.output)
     if args.json:
-        print_json({'folder': str(args.output), 'rows': counts})
+        print_json({'folder': str(args.output).partition('?')[0], 'rows': counts})
     else:
-        print(f'{args.output}: ' + ', '.join(f'{t} {n}' for t, n in counts.items()))
+        print(
+            f'{str(args.output).partition("?")[0]}: '
+            + ', '.join(f'{t} {n}' for t, n in counts.items())
+        )
     return 0
+
+
+def _export_to(
+    args: argparse.Namespace, archive: Archive, chosen: Selection, kind: str, tables: list[str]
+) -> dict[str, int]:
+    """To a store. ValueError when something is there."""
+    from ..export import export
+
+    at = remote(args.output, args)
+    if not at.empty:
+        raise ValueError(f'{at.place} exists; nothing was written')
+    with tempfile.TemporaryDirectory(prefix='waam_export_') as scratch:
+        counts = export(archive, chosen, kind, tables, Path(scratch) / 'tables')
+        at.put(Path(scratch) / 'tables')
+    return counts
+
+
+def _push(args: argparse.Namespace) -> None:
+    """What was changed goes to the store, when the archive is on one."""
+    if is_remote(args.archive):
+        with progress('copying to the store') as tick:
+            remote(args.archive, args).push(tick)
 
 
 def _delete(args: argparse.Namespace) -> int:
@@ -116,6 +157,7 @@ def _delete(args: argparse.Namespace) -> int:
         raise ValueError('nothing was deleted (--yes deletes without a question)')
     with archive.store.writing() as writer:
         writer.delete(set(jobs))
+    _push(args)
     if args.json:
         print_json({'deleted': jobs})
     else:
@@ -150,6 +192,7 @@ def _retain(args: argparse.Namespace) -> int:
     if gone and not args.dry_run:
         with archive.store.writing() as writer:
             writer.change({h.job for h in gone}, _without_arrays)
+        _push(args)
     size = sum(h.bytes for h in gone)
     if args.json:
         print_json({'jobs': [h.job for h in gone], 'bytes': size, 'dry_run': args.dry_run})

@@ -3,23 +3,11 @@
 from __future__ import annotations
 
 import platform
-import subprocess
 from importlib import metadata
-from pathlib import Path
+
+from waam_node.revision import software_revision
 
 PACKAGES = ('numpy', 'scipy', 'numba', 'trimesh', 'shapely', 'mcap', 'rerun-sdk', 'rclpy')
-
-
-def software_revision() -> str:
-    """git revision of the working tree with '+' when it is changed, or 'unknown' outside one."""
-    here = Path(__file__).resolve().parent
-    try:
-        command = ['git', '-C', str(here), 'describe', '--always', '--dirty=+', '--abbrev=12']
-        return subprocess.run(
-            command, capture_output=True, text=True, timeout=5, check=True
-        ).stdout.strip()
-    except (OSError, subprocess.SubprocessError):
-        return 'unknown'
 
 
 def version_of(package: str) -> str:

@@ -15,7 +15,7 @@ from .compare import Comparison
 from .electric import Steady, fit_current, scatter, steady
 from .records import JobRecord, RecordError
 from .replay import Laid, Replay
-from .solve import Case, Solver
+from .solve import Case, Each, Solver
 from .unknowns import ELECTRIC, REPLAYED, SCATTER, Unknown, physics
 
 NINETY = 1.6449  # standard deviations to either side that hold 90 % of a normal distribution
@@ -72,10 +72,15 @@ class Fitted:
 
 
 def fit(
-    records: list[JobRecord], base: PlantParams, tick: Callable[[int], None] = lambda total: None
+    records: list[JobRecord],
+    base: PlantParams,
+    tick: Callable[[int], None] = lambda total: None,
+    each: Each = map,
 ) -> Fitted:
     """base: the cell that stays wherever the records tell nothing. tick: called with the number of steps that there
-    will be, after every step. RecordError when no layer can be compared."""
+    will be, after every step. each: does the tasks, `map` or something that spreads them. RecordError when no layer
+    can be compared.
+    """
     replays = [Replay(r) for r in records]
     for r in replays:
         if not Comparison(r).masks:
@@ -87,7 +92,7 @@ def fit(
         base = replace(base, heat=replace(base.heat, ambient=ambient, initial=ambient))
     cases = [Case.of(r, base.heat.ambient) for r in replays]
     before = [r.run(base) for r in replays]
-    solver = Solver(cases, base, tick)
+    solver = Solver(cases, base, tick, each)
     solved = solver.solve()
     estimates = [
         _estimate(k, u, math.sqrt(v))

@@ -10,8 +10,9 @@ from what is usual, in units of its spread.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -60,39 +61,69 @@ class Solved:
     laid: list[Laid] = field(default_factory=list)
 
 
-class Solver:
-    """Over all jobs. `tick`: called after every job that was laid, with the number of all that will be."""
+@dataclass(frozen=True)
+class Task:
+    """What one worker does for one job: the cell of standard values u (p,) beside `base`. Of scatter: its level
+    (area_noise_layer), a seed, how many draws, and the slopes that it is told in."""
 
-    def __init__(
-        self, cases: list[Case], base: PlantParams, tick: Callable[[int], None] = lambda total: None
-    ) -> None:
-        self.cases, self.base, self._tick = cases, base, tick
-        self.unknowns = REPLAYED
-        p = len(self.unknowns)
-        self.total = len(cases) * ((ROUNDS + 1) * (2 * p + 1) + 5 * SCATTERS + 1)
+    case: Case
+    base: PlantParams
+    u: np.ndarray
+    level: float = 0.0
+    seed: int = 0
+    draws: int = 0
+    slopes: _Slopes | None = None
 
-    def at(self, u: np.ndarray, noise: float | None = None) -> PlantParams:
+    def cell(self, u: np.ndarray, noise: float | None = None) -> PlantParams:
         """The cell of standard values (p,)."""
-        values = {k.name: float(k.value(v)) for k, v in zip(self.unknowns, u, strict=True)}
+        values = {k.name: float(k.value(v)) for k, v in zip(REPLAYED, u, strict=True)}
         if noise is not None:
             values['metal_area_noise_layer'] = noise
         return physics(self.base, values)
 
+
+Each = Callable[
+    [Callable[[Task], Any], list[Task]], Iterable[Any]
+]  # results in the order of the tasks
+
+
+class Solver:
+    """Over all jobs. `tick`: called after every job that was laid, with the number of all that will be. `each`: does
+    the tasks, here or in other processes."""
+
+    def __init__(
+        self,
+        cases: list[Case],
+        base: PlantParams,
+        tick: Callable[[int], None] = lambda total: None,
+        each: Each = map,
+    ) -> None:
+        self.cases, self.base, self._tick, self._spread = cases, base, tick, each
+        p = len(REPLAYED)
+        self.total = len(cases) * ((ROUNDS + 1) * (2 * p + 1) + 5 * SCATTERS + 1)
+
+    def _each(self, work: Callable[[Task], Any], tasks: list[Task], laid: int) -> list[Any]:
+        """laid: jobs that one task lays."""
+        found = []
+        for result in self._spread(work, tasks):
+            found.append(result)
+            for _ in range(laid):
+                self._tick(self.total)
+        return found
+
     def solve(self) -> Solved:
         """LinAlgError never: what cannot be told is held by what was believed before."""
-        u = np.zeros(len(self.unknowns))
+        u = np.zeros(len(REPLAYED))
         scatter = [_Scatter(np.eye(2 * u.size), 0.0, 0.0) for _ in self.cases]
         noise, noise_error = 0.0, 0.0
         for number in range(ROUNDS + 1):
-            slopes = [self._slopes(case, u) for case in self.cases]
+            tasks = [Task(case, self.base, u) for case in self.cases]
+            slopes = self._each(slopes_of, tasks, 2 * u.size + 1)
             if number == 1:
                 noise, noise_error = self._noise(u, slopes)
             if number in (0, 1, ROUNDS):
                 level = noise or 0.045
-                scatter = [
-                    self._scatter(c, u, s, level, 100 * i)
-                    for i, (c, s) in enumerate(zip(self.cases, slopes, strict=True))
-                ]
+                scatter = self._scatter(u, slopes, [(level, 100 * i) for i in range(len(slopes))])
             precision, pull = np.eye(u.size), -u
             for case, slope, found in zip(self.cases, slopes, scatter, strict=True):
                 more, towards = _information(case, slope, found.covariance)
@@ -101,53 +132,26 @@ class Solver:
             if number == ROUNDS:
                 step *= 0.7
             u = u + np.clip(step, -FARTHEST, FARTHEST)
-        laid = [self._run(c, self.at(u)) for c in self.cases]
+        laid = self._each(laid_of, [Task(case, self.base, u) for case in self.cases], 1)
         return Solved(u, np.linalg.inv(precision), noise, noise_error, laid)
 
-    def _run(self, case: Case, cell: PlantParams, seed: int | None = None) -> Laid:
-        laid = case.replay.run(cell, seed)
-        self._tick(self.total)
-        return laid
-
-    def _slopes(self, case: Case, u: np.ndarray) -> _Slopes:
-        middle = self._run(case, self.at(u))
-        wide, narrow, warm = [], [], []
-        for one in np.eye(u.size):
-            up, down = (self._run(case, self.at(u + s * STEP * one)) for s in (1, -1))
-            low, high = case.comparison.bands(case.comparison.difference(up, down))
-            wide.append(low / (2 * STEP))
-            narrow.append(high / (2 * STEP))
-            warm.append((up.celsius - down.celsius) / (2 * STEP))
-        return _Slopes(middle, np.array(wide).T, np.array(narrow).T, np.array(warm).T)
-
     def _scatter(
-        self, case: Case, u: np.ndarray, slopes: _Slopes, noise: float, seed: int
-    ) -> _Scatter:
-        """Covariance of the statistics: cells that differ in their scatter alone, and what laying anew is wrong by."""
-        rng = np.random.default_rng([seed, 29])
-        cell, rows, loud = self.at(u, noise), [], []
-        for k in range(SCATTERS):
-            laid = self._run(case, cell, 1000 + seed + k)
-            grown = case.comparison.difference(laid, slopes.middle)
-            loud.append(loudness(slopes, case.comparison.bands(grown)[0]))
-            for _ in range(4):
-                wrong = case.comparison.wrong(slopes.middle, rng)
-                both = {n: grown[n] + wrong[n] for n in grown}
-                rows.append(slopes.statistics(case.comparison.bands(both)))
-        found = np.array(rows)
-        covariance = found.T @ found / len(found)
-        covariance += (
-            np.diag(np.diag(covariance)) * 0.1
-        )  # few draws: what goes together is not quite known
-        return _Scatter(covariance, float(np.mean(loud)), float(np.std(loud)))
+        self, u: np.ndarray, slopes: list[_Slopes], how: list[tuple[float, int]]
+    ) -> list[_Scatter]:
+        """how: level and seed of every job."""
+        tasks = [
+            Task(case, self.base, u, level, seed, SCATTERS, slope)
+            for case, slope, (level, seed) in zip(self.cases, slopes, how, strict=True)
+        ]
+        return self._each(scatter_of, tasks, SCATTERS)
 
     def _noise(self, u: np.ndarray, slopes: list[_Slopes]) -> tuple[float, float]:
         """area_noise_layer and its relative error: at which the simulated job is as uneven as the recorded one."""
         estimates, errors = [], []
-        for case, slope in zip(self.cases, slopes, strict=True):
+        levels = [self._scatter(u, slopes, [(n, 7000)] * len(slopes)) for n in LEVELS]
+        for case, slope, low, high in zip(self.cases, slopes, *levels, strict=True):
             off = case.comparison.bands(case.comparison.off(slope.middle))[0]
             seen = loudness(slope, off)
-            low, high = (self._scatter(case, u, slope, n, 7000) for n in LEVELS)
             per = (np.exp(2 * high.loud) - np.exp(2 * low.loud)) / (LEVELS[1] ** 2 - LEVELS[0] ** 2)
             floor = np.exp(2 * low.loud) - per * LEVELS[0] ** 2
             square = max((np.exp(2 * seen) - floor) / per, 0.008**2)
@@ -156,6 +160,46 @@ class Solver:
             errors.append(max(high.spread, low.spread) / share)
         weight = 1.0 / np.square(errors)
         return float(np.exp(np.average(estimates, weights=weight))), float(weight.sum() ** -0.5)
+
+
+def laid_of(task: Task) -> Laid:
+    """The job, laid without scatter."""
+    return task.case.replay.run(task.cell(task.u))
+
+
+def slopes_of(task: Task) -> _Slopes:
+    """How the job changes with every parameter."""
+    case, u = task.case, task.u
+    middle = laid_of(task)
+    wide, narrow, warm = [], [], []
+    for one in np.eye(u.size):
+        up, down = (case.replay.run(task.cell(u + s * STEP * one)) for s in (1, -1))
+        low, high = case.comparison.bands(case.comparison.difference(up, down))
+        wide.append(low / (2 * STEP))
+        narrow.append(high / (2 * STEP))
+        warm.append((up.celsius - down.celsius) / (2 * STEP))
+    return _Slopes(middle, np.array(wide).T, np.array(narrow).T, np.array(warm).T)
+
+
+def scatter_of(task: Task) -> _Scatter:
+    """Covariance of the statistics: cells that differ in their scatter alone, and what laying anew is wrong by."""
+    case, slopes = task.case, task.slopes
+    assert slopes is not None
+    rng = np.random.default_rng([task.seed, 29])
+    cell, rows, loud = task.cell(task.u, task.level), [], []
+    for k in range(task.draws):
+        laid = case.replay.run(cell, 1000 + task.seed + k)
+        grown = case.comparison.difference(laid, slopes.middle)
+        loud.append(loudness(slopes, case.comparison.bands(grown)[0]))
+        for _ in range(4):
+            wrong = case.comparison.wrong(slopes.middle, rng)
+            both = {n: grown[n] + wrong[n] for n in grown}
+            rows.append(slopes.statistics(case.comparison.bands(both)))
+    found = np.array(rows)
+    covariance = found.T @ found / len(found)
+    # few draws: what goes together is not quite known
+    covariance += np.diag(np.diag(covariance)) * 0.1
+    return _Scatter(covariance, float(np.mean(loud)), float(np.std(loud)))
 
 
 @dataclass(frozen=True)

@@ -120,6 +120,7 @@ export function bindPrograms() {
   $('gcode-form').addEventListener('submit', (e) => { e.preventDefault(); look(); });
   $('g-load').addEventListener('click', async () => text('g-note', (await post('program/load', choice(), { patience: 190000 })).message));
   $('g-start').addEventListener('click', async () => text('g-note', (await post('program/start', {}, { patience: 130000 })).message));
+  $('g-enqueue').addEventListener('click', async () => text('g-note', (await post('queue_add', choice())).message));
   $('g-upload').addEventListener('change', async (e) => {
     const file = e.target.files[0];
     if (!file) return;

@@ -1,17 +1,17 @@
-"""Jobs on an existing Ray cluster. Ray schedules, moves data and starts lost work again; it is not installed with this
-software (requirements-cluster.txt)."""
+"""Pieces of work on an existing Ray cluster. Ray schedules, moves data and starts lost work again; it is not installed
+with this software (requirements-cluster.txt)."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar
 
-from .job import LabJob, LabResult
-from .laboratory import failed
-
-RETRIES = 3  # of a job whose worker or machine was lost
+Key = TypeVar('Key')
+Piece = TypeVar('Piece')
+Result = TypeVar('Result')
+RETRIES = 3  # of a piece whose worker or machine was lost
 
 
 class ClusterError(ValueError):
@@ -19,27 +19,27 @@ class ClusterError(ValueError):
 
 
 def results(
-    jobs: dict[int, LabJob],
+    pieces: Mapping[Key, Piece],
+    work: Callable[[Piece], Result],
+    lost: Callable[[Piece, Exception], Result],
     address: str,
-    attempt: Callable[[LabJob], LabResult],
     one_thread: tuple[str, ...],
-) -> Iterator[tuple[int, LabResult]]:
-    """Results as they come. Every machine needs this software and the files of the jobs under the same paths.
+) -> Iterator[tuple[Key, Result]]:
+    """As of `spread`. Every machine needs this software and the files of the pieces under the same paths.
 
-    attempt: runs one job in a worker. one_thread: variables that give every worker one thread. What is under way ends
-    when the caller stops.
+    one_thread: variables that give every worker one thread. ClusterError.
     """
     ray = connected(address, one_thread)
     try:
-        remote = ray.remote(num_cpus=1, max_retries=RETRIES)(attempt)
-        tasks = {remote.remote(job): i for i, job in jobs.items()}
+        remote = ray.remote(num_cpus=1, max_retries=RETRIES)(work)
+        tasks = {remote.remote(piece): key for key, piece in pieces.items()}
         while tasks:
             (task,), _ = ray.wait(list(tasks), num_returns=1)
-            i = tasks.pop(task)
+            key = tasks.pop(task)
             try:
-                yield i, ray.get(task)
+                yield key, ray.get(task)
             except ray.exceptions.RayError as e:
-                yield i, failed(jobs[i], e)
+                yield key, lost(pieces[key], e)
     finally:
         ray.shutdown()  # a driver that leaves takes its tasks with it
 
