@@ -96,7 +96,7 @@ class Identifier:
         # Where the beads are known, the mean alone: the median says what most blocks do, and leaves the level off.
         if level is not None:
             seen = replace(evidence, ratio=level)
-        before = self._of_kind(number)
+        before = self._of_kind(self.paths.get(number, ()))
         seen = self._without_kind(number, seen)
         self.estimate = update(self.estimate, seen, self.forgetting)
         side = number % 2
@@ -116,15 +116,15 @@ class Identifier:
             if self.watch_beads and model is not None:
                 self._learn_beads(number, model, layer, laid, plan, before)
 
-    def _of_kind(self, number: int) -> Estimate:
-        """What is believed of a layer with the pattern of layer `number`."""
-        share = 1 + self.kinds.offset(self.paths.get(number, ()))
+    def _of_kind(self, paths: tuple[np.ndarray, ...]) -> Estimate:
+        """What is believed of a layer with the pattern of these beads."""
+        share = 1 + self.kinds.offset(paths)
         return replace(self.estimate, efficiency_ratio=self.estimate.efficiency_ratio * share)
 
     def _without_kind(self, number: int, seen: LayerEvidence) -> LayerEvidence:
         """Evidence of the process alone: what is due to the pattern of the layer is learned and taken off."""
         paths, believed = self.paths.get(number, ()), self.estimate
-        expected = self._of_kind(number).efficiency_ratio
+        expected = self._of_kind(paths).efficiency_ratio
         variance = believed.efficiency_sigma**2 + seen.ratio_sigma**2 + believed.layer_noise**2
         self.kinds = self.kinds.learn(paths, seen.ratio / expected - 1, variance)
         return replace(seen, ratio=seen.ratio / (1 + self.kinds.offset(paths)))
@@ -232,7 +232,7 @@ class Identifier:
         """Of the layer that the request is for. What eq 2.19 will take off its feed is put back: how high the beads
         come out is decided by what the scans show."""
         slope = self.slope_of(self.model_of(request))
-        return self._of_kind(self.layer).flow_factor(slope) / request.heat_factor
+        return self._of_kind(request.paths).flow_factor(slope) / request.heat_factor
 
     def model_of(self, request: CorrectionInput) -> BeadModel | None:
         """Of the layer that the request is for; None when its beads are not told."""
