@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_adapt.identify.identification import Identifier
 from waam_adapt.identify.kinds import MOST, Kinds, pattern
-from waam_adapt.types import CorrectionInput
 
 
 def turned(points: list[tuple[float, float]], degrees: float) -> np.ndarray:
@@ -51,22 +49,6 @@ def test_two_kinds_are_told_apart_while_the_process_drifts() -> None:
         believed += 0.5 * (ratio / (1 + known.offset(paths[kind])) - believed)
     apart = (1 + known.offset(SLANTED)) / (1 + known.offset(RINGS))
     assert apart == pytest.approx(0.9, abs=0.03)
-
-
-def test_the_feed_of_a_layer_is_that_of_its_pattern_from_the_first_request_on() -> None:
-    who = Identifier()
-    who.start('job', 3)
-    who.kinds = Kinds().learn(RINGS, 0.0, 1e-3).learn(SLANTED, -0.1, 1e-3)
-    z = np.zeros((200, 200))
-    planned = np.full(z.shape, 2e-3)
-    feeds = {}
-    for name, paths in (('rings', RINGS), ('slanted', SLANTED)):
-        beads = tuple(1e-3 * p + 0.03 for p in paths)
-        request = CorrectionInput(z, planned, planned, 0.5e-3, 6e-3, 0.3, paths=beads)
-        feeds[name] = who.flow_factor(request)
-    less = (1 + who.kinds.offset(SLANTED)) / (1 + who.kinds.offset(RINGS))
-    assert less < 0.99
-    assert feeds['rings'] / feeds['slanted'] == pytest.approx(less)
 
 
 @given(

@@ -23,7 +23,13 @@ from waam_job.conversions import (
     scan_to_msg,
 )
 from waam_job.model.cell import Scan
-from waam_job.model.geometry import asked_growth, deviation, follow, laid_beads
+from waam_job.model.geometry import (
+    asked_growth,
+    deviation,
+    driven_growth,
+    follow,
+    laid_beads,
+)
 from waam_job.model.goal import Code, JobError, JobGoal, check, planner_fields
 from waam_job.model.limits import K_GAIN_MAX
 from waam_job.model.records import LayerRecord
@@ -34,7 +40,7 @@ from waam_msgs.action import RunJob
 from waam_node.files import write_atomically
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.materials import get
-from waam_process.segment import Kind, Segment
+from waam_process.segment import Clamp, Kind, Segment
 
 
 def test_all_problems_are_said_at_once(tmp_path):
@@ -128,6 +134,39 @@ def test_asked_growth_rises_where_the_torch_is_slower(psi, k_gain, planned):
     growth = asked_growth(np.array([planned, 0.0]), np.array([psi, psi]), k_gain, np.zeros(2))
     assert growth[1] == 0
     assert growth[0] * (1 + k_gain * psi) == pytest.approx(planned)
+
+
+def bead(x, **changes):
+    """A segment along y at x, fed as it was planned but for the factors of its layer."""
+    values = {
+        'index': 1,
+        'kind': Kind.DEPOSIT,
+        'start': (x, 0.0, 0.0),
+        'end': (x, 4e-3, 0.0),
+        'speed': 0.01,
+        'speed_programmed': 0.01,
+        'wire_feed_base': 0.05,
+        'wire_feed_speed': 0.05 * 1.1 * 0.96,
+        'flow_factor': 1.1,
+        'heat_factor': 0.96,
+        'width': 6e-3,
+    }
+    return Segment(**(values | changes))
+
+
+def test_metal_that_limits_do_not_let_away_counts_as_laid():
+    spec = GridSpec(-2e-3, 0.0, 1e-3, 4, 14)
+    planned = np.where(np.arange(14) < 12, 1e-3, 0.0) * np.ones((4, 1))
+    asked = 0.2 * planned
+    floor = bead(0.0, speed=0.02, clamps=Clamp.FEED_LOW | Clamp.SPEED_HIGH)
+    free = bead(8e-3, clamps=Clamp.PSI)
+    assert driven_growth(asked, planned, spec, [free, free]) is asked
+    driven = driven_growth(asked, planned, spec, [floor, free])
+    assert driven[:, :6] == pytest.approx(
+        0.5e-3
+    )  # half of the plan per mm, not the fifth that was asked for
+    assert driven[:, 7:] == pytest.approx(asked[:, 7:])
+    assert not driven[:, 12:].any()
 
 
 def frame(stats, n, **changes):

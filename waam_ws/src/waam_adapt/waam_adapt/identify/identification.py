@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from ..beads.bead_bias import MIN_CELLS, SEEN, BeadBias
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
@@ -21,7 +20,6 @@ from .evidence import MIN_GROWTH, BlockAverages, Layer, LayerEvidence, layer_evi
 from .kinds import Kinds
 from .shortfall import Shortfall
 
-DETAIL = 1.0  # cells of the bead model: sigma of what is believed to be missing
 LEVEL_MARGIN = 1 / 6  # bead widths from the edge of a layer, of the mean that says its level
 MAX_ODD = 0.1  # layer heights that a cell may lie off the median ratio in that mean
 
@@ -96,7 +94,7 @@ class Identifier:
         # Where the beads are known, the mean alone: the median says what most blocks do, and leaves the level off.
         if level is not None:
             seen = replace(evidence, ratio=level)
-        before = self._of_kind(self.paths.get(number, ()))
+        before = self._of_kind(number)
         seen = self._without_kind(number, seen)
         self.estimate = update(self.estimate, seen, self.forgetting)
         side = number % 2
@@ -116,15 +114,15 @@ class Identifier:
             if self.watch_beads and model is not None:
                 self._learn_beads(number, model, layer, laid, plan, before)
 
-    def _of_kind(self, paths: tuple[np.ndarray, ...]) -> Estimate:
-        """What is believed of a layer with the pattern of these beads."""
-        share = 1 + self.kinds.offset(paths)
+    def _of_kind(self, number: int) -> Estimate:
+        """What is believed of a layer with the pattern of layer `number`."""
+        share = 1 + self.kinds.offset(self.paths.get(number, ()))
         return replace(self.estimate, efficiency_ratio=self.estimate.efficiency_ratio * share)
 
     def _without_kind(self, number: int, seen: LayerEvidence) -> LayerEvidence:
         """Evidence of the process alone: what is due to the pattern of the layer is learned and taken off."""
         paths, believed = self.paths.get(number, ()), self.estimate
-        expected = self._of_kind(paths).efficiency_ratio
+        expected = self._of_kind(number).efficiency_ratio
         variance = believed.efficiency_sigma**2 + seen.ratio_sigma**2 + believed.layer_noise**2
         self.kinds = self.kinds.learn(paths, seen.ratio / expected - 1, variance)
         return replace(seen, ratio=seen.ratio / (1 + self.kinds.offset(paths)))
@@ -225,14 +223,14 @@ class Identifier:
 
     def _beads_of(self, request: CorrectionInput, model: BeadModel, slope: float) -> BeadDeviation:
         lag = self.beads.lag * request.bead_width
-        missing = _without_detail(self.beads.of(self.layer, model) - self.beads.surplus)
+        missing = self.beads.wanted(self.layer, model) - self.beads.surplus
         return BeadDeviation(missing, lag, slope, slope, self.beads.prior)
 
     def flow_factor(self, request: CorrectionInput) -> float:
         """Of the layer that the request is for. What eq 2.19 will take off its feed is put back: how high the beads
         come out is decided by what the scans show."""
         slope = self.slope_of(self.model_of(request))
-        return self._of_kind(request.paths).flow_factor(slope) / request.heat_factor
+        return self._of_kind(self.layer).flow_factor(slope) / request.heat_factor
 
     def model_of(self, request: CorrectionInput) -> BeadModel | None:
         """Of the layer that the request is for; None when its beads are not told."""
@@ -261,11 +259,3 @@ class Identifier:
         if model is not None and model.overlapped:
             return 1.0
         return min(1.0, self.estimate.slope + caution)
-
-
-def _without_detail(missing: np.ndarray) -> np.ndarray:
-    """(rows, cols) without waves that are finer than a bead: no setpoint makes them, and a solver that is asked for
-    them adds others. 0 stays where nothing is known."""
-    known = missing != 0
-    share = gaussian_filter(known.astype(float), DETAIL)
-    return np.where(known, gaussian_filter(missing, DETAIL) / np.maximum(share, 1e-3), 0.0)

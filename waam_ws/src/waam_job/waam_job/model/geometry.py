@@ -12,10 +12,11 @@ from scipy.spatial import cKDTree
 
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.materials import Material
-from waam_process.segment import Kind, Point, Segment
+from waam_process.segment import Clamp, Kind, Point, Segment
 
 from .snapshots import LaidBeads
 
+LIMITS = Clamp.SPEED_LOW | Clamp.SPEED_HIGH | Clamp.FEED_LOW | Clamp.FEED_HIGH
 FOLLOWED = 3e-3  # m; the torch does not follow ground farther than this from its planned height
 
 
@@ -122,6 +123,34 @@ def asked_growth(
     """Metal that the setpoints ask for per cell (m): planned / (1 + k_gain psi) + residual (docs/interfaces.md)."""
     growth = planned / (1.0 + k_gain * psi) + np.nan_to_num(residual)
     return np.where(planned > 0, growth, 0.0)
+
+
+def driven_growth(
+    asked: np.ndarray, planned: np.ndarray, spec: GridSpec, segments: Sequence[Segment]
+) -> np.ndarray:
+    """What the setpoints lay per cell (m): what was asked for, but where the nearest segment met a limit of speed or
+    feed, what it is driven with over what it was planned with. Factors of the whole layer's feed are left out.
+
+    asked, planned: (rows, cols) m, on `spec`; segments: with their setpoints, in the frame of the grid.
+    """
+    deposits = [s for s in segments if s.kind == Kind.DEPOSIT]
+    limited = np.array([bool(s.clamps & LIMITS) for s in deposits])
+    rows, cols = np.nonzero(planned > 0)
+    if not limited.any() or not len(rows):
+        return asked
+    share = np.array([_driven_share(s) if s.clamps & LIMITS else 1.0 for s in deposits])
+    points = np.array([s.midpoint[:2] for s in deposits])
+    away, near = cKDTree(points).query(np.stack([spec.x[cols], spec.y[rows]], axis=1))
+    driven = asked.copy()
+    here = limited[near] & (away < np.array([max(s.width, s.length) for s in deposits])[near])
+    driven[rows[here], cols[here]] = planned[rows[here], cols[here]] * share[near[here]]
+    return driven
+
+
+def _driven_share(s: Segment) -> float:
+    """Metal per mm of a segment over that of its plan, without the factors of the whole layer."""
+    planned = s.wire_feed_base / s.speed_programmed * s.heat_factor * s.flow_factor
+    return s.wire_feed_speed / s.speed / planned
 
 
 def aim_point(segments: list[Segment]) -> Point | None:

@@ -18,7 +18,7 @@ from waam_plan.plan import PlannedLayer
 from waam_process.segment import Kind, Segment
 
 from ..model.cell import Correction, FeedRequest, RenewRequest, Scan
-from ..model.geometry import asked_growth
+from ..model.geometry import asked_growth, driven_growth
 from ..model.goal import JobError
 from ..model.records import LayerRecord
 from ..model.seen import Look, Reach, SeenLayer
@@ -95,7 +95,9 @@ class InLayer:
 
     def _with_laid(self, c: Correction) -> np.ndarray:
         """(rows, cols) m that the setpoints by a correction ask for; where the metal was laid earlier, as it was."""
-        asked = asked_growth(self.layer.planned, c.psi, c.k_gain, c.residual_height)
+        planned = self.layer.planned
+        asked = asked_growth(planned, c.psi, c.k_gain, c.residual_height)
+        asked = driven_growth(asked, planned, self.scan.map.spec, self.placed)
         if self._laid is None:
             return asked
         return np.where(self.seen.reach.nearest < self._first, self._laid.asked, asked)

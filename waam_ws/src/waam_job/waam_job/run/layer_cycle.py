@@ -11,7 +11,7 @@ from waam_process.loop_mode import LoopMode
 from waam_process.segment import Kind, Segment
 
 from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, NextLayer, Scan
-from ..model.geometry import asked_growth, follow, laid_beads
+from ..model.geometry import asked_growth, driven_growth, follow, laid_beads
 from ..model.records import LayerRecord, State
 from ..store.journal import Following
 from .context import JobContext
@@ -65,7 +65,8 @@ class LayerCycle:
         heat = self.cell.heat()
         correction = self._correct(layer, scan, heat, record)
         segments = self._setpoints(layer, scan, correction, heat.factor, record)
-        asked, feed_factor = self._asked(layer, correction), record.flow_factor * record.heat_factor
+        asked = self._asked(layer, correction, segments)
+        feed_factor = record.flow_factor * record.heat_factor
         # otherwise the file holds the surface before the whole layer, which is still valid
         if not resumed:
             self._keep_scan(scan, Following(layer, asked, correction, feed_factor))
@@ -222,12 +223,15 @@ class LayerCycle:
         record.add_segments(segments)
         return segments
 
-    def _asked(self, layer: PlannedLayer, correction: Correction | None) -> np.ndarray:
-        """Metal that the setpoints ask for, (rows, cols) m."""
+    def _asked(
+        self, layer: PlannedLayer, correction: Correction | None, segments: list[Segment]
+    ) -> np.ndarray:
+        """Metal that the setpoints ask for within the limits of speed and feed, (rows, cols) m."""
         if correction is None or self.loop_mode != LoopMode.CLOSED_LOOP:
             return np.where(layer.planned > 0, layer.planned, 0.0)
         c = correction
-        return asked_growth(layer.planned, c.psi, c.k_gain, c.residual_height)
+        asked = asked_growth(layer.planned, c.psi, c.k_gain, c.residual_height)
+        return driven_growth(asked, layer.planned, self.program.current.spec, segments)
 
     def _within(
         self,
