@@ -1,8 +1,8 @@
 """Adaptation: what corrections leave on pads and walls, beside the baselines, on the same seeds.
 
 adapt.pad_gap_closed: share of the gap between the best explicit law (each with its best gain) and the oracle (knows the
-  plant, not its noise) that law unet closes (network and bead model; the ablation tells them apart); pads of 20 layers
-  (bench/lib/adapt_plants.py).
+  plant, not its noise) that the default law closes (network and bead model; the ablation tells them apart); pads of 20
+  layers (bench/lib/adapt_plants.py).
 adapt.wall_rms_trimmed_mm, adapt.wall_rms_all_mm: final top of a 100-layer single-bead wall fitted to a recording
   (bench/lib/adapt_wall.py), without and with two segments at each end (baseline: the published cell).
 adapt.transfer_worst_ratio: largest RMS of the network over that of the best explicit law, pads unlike training.
@@ -11,8 +11,8 @@ adapt.service_p99_ms: round trip of the real service, 256 x 256 cells, new beads
 thermal.wait_error_pct: mean error of the predicted wait for an interpass limit, recorded wall (baseline: exponential).
 Tables, only when asked for by name: adapt.wall_fit (the fit of the wall to the recordings) and adapt.ablation (the
 chain without one of its parts).
-Environment: WAAM_BENCH_LAW (default unet) the law in the network's place, WAAM_BENCH_COUNT (default 10) seeds of pads,
-twice as many walls; WAAM_BENCH_CALLS (default 300) service calls.
+Environment: WAAM_BENCH_LAW (default: that of correction_server) the law in the network's place, WAAM_BENCH_COUNT
+(default 10) seeds of pads, twice as many walls; WAAM_BENCH_CALLS (default 300) service calls.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from lib.adapt_wall import Wall
 from lib.emit import emit
 
 from waam_adapt.laws.corrector import CorrectionParams
-from waam_adapt.laws.registry import LAWS
+from waam_adapt.laws.registry import BEAD_LAWS, LAWS
 
-LAW = os.environ.get('WAAM_BENCH_LAW', 'unet')
+LAW = os.environ.get('WAAM_BENCH_LAW', CorrectionParams().law)
 SEEDS = range(int(os.environ.get('WAAM_BENCH_COUNT', '10')))
 CALLS = int(os.environ.get('WAAM_BENCH_CALLS', '300'))
-EXPLICIT = [law for law in LAWS if law not in ('zero', 'unet')]
+EXPLICIT = [law for law in LAWS if law != 'zero' and law not in BEAD_LAWS]
 GAINS = (0.3, 0.5, 0.7, 0.9, 1.1)
 PAD_LAYERS, WALL_LAYERS = 20, 100
 
