@@ -98,7 +98,8 @@ def _register_add(verbs: argparse._SubParsersAction, places: Places) -> None:
         help='mesh of the part, or a program (G-code); stored beside the uploads of the panel',
     )
     for option, (field, kind, text) in FORM.items():
-        q.add_argument(f'--{option}', dest=f'form_{field}', type=kind, help=text)
+        name = option.upper().replace('-', '_')
+        q.add_argument(f'--{option}', dest=f'form_{field}', metavar=name, type=kind, help=text)
     _done(q, lambda args: _add(args, places))
 
 
