@@ -14,21 +14,20 @@ from pathlib import Path
 
 import numpy as np
 
+from waam_lab.cell import LabCell
+
 CHANGED = {
     'job_sequencer': {'in_layer': True, 'in_layer_period': 3.0, 'in_layer_preview': 2.0},
-    'cell': {
-        'metal_transfer': 0.7
-    },  # the wire gives less than the table says: there is something to correct
+    # the wire gives less than the table says: there is something to correct
+    'cell': {'metal_transfer': 0.7},
 }
 NODES = (
     'scan_fusion', 'correction_server', 'feed_forward', 'thermal_compensator', 'recorder', 'job_sequencer',
 )  # fmt: skip
 KINDS = (*NODES, 'bridge')
 OUT_LIMIT = 3.0  # s after which an arc counts as never out
-MEAN, SOON = (
-    3.0,
-    1.0,
-)  # s of arc between two kills, mean; s after a correction in which one falls, too
+MEAN = 3.0  # s of arc between two kills
+SOON = 1.0  # s after a correction in which one falls, too
 HANGS = 60  # s on the wall after which a copy is given up
 
 
@@ -54,6 +53,81 @@ def long_part(folder: Path, depth: float = 2.0) -> tuple[Path, Path]:
     return write_worn_block(folder, x, y, 12.0, depth * np.clip(6 * (1 - away), 0, 1))
 
 
+class Watched(LabCell):
+    """With the heartbeats of NODES; kills copies of itself."""
+
+    def __init__(self, seed, *args):
+        self.kills: list[Kill] = []
+        self._rng = np.random.default_rng([seed, 8])
+        self._kind, self._died, self._pipe = '', 0.0, 0
+        self._when = (0.0, 0.0, 0)
+        self._burnt, self._replaced, self._last = 0.0, 0, 0.0
+        self._due, self._soon = self._rng.exponential(MEAN), np.inf
+        self._turn = seed
+        super().__init__(*args)
+
+    def _on_frame(self, t):
+        bridge = self.device.bridge
+        for node in NODES:
+            if node != self._kind:
+                bridge.beat(node, t.t_us, bridge.link.boot, self.device.now)
+        super()._on_frame(t)
+
+    def replace(self, job_id, segments, last):
+        answer = super().replace(job_id, segments, last)
+        if answer[1]:
+            self._replaced, self._last = self._replaced + 1, self.now()
+            self._soon = self._last + self._rng.uniform(0, SOON)
+        return answer
+
+    def _on_exchange(self, samples, plant):
+        super()._on_exchange(samples, plant)
+        if self._kind:
+            self._out(plant)
+        elif plant.arc_on and self._replaced:
+            self._burnt += 0.01
+            if self._burnt >= self._due or self.now() >= self._soon:
+                self._due = max(self._due, self._burnt + self._rng.exponential(MEAN))
+                self._soon = np.inf if self.now() >= self._soon else self._soon
+                self._kill_a_copy()
+
+    def _out(self, plant):
+        """Ends the copy when the arc is out, and tells after how long."""
+        off = self.now() - self._died
+        if not plant.arc_on or off > OUT_LIMIT:
+            at, since, replaced = self._when
+            kill = Kill(self._kind, at, since, off, replaced)
+            os.write(self._pipe, json.dumps(asdict(kill)).encode())
+            os._exit(0)
+
+    def _kill_a_copy(self):
+        self._turn += 1
+        kind = KINDS[self._turn % len(KINDS)]
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            signal.alarm(HANGS)
+            self._die(kind, write)
+            return
+        os.close(write)
+        told = os.read(read, 4096)
+        os.close(read)
+        os.waitpid(child, 0)
+        if not told:
+            raise RuntimeError(f'the copy in which {kind} died said nothing')
+        self.kills.append(Kill(**json.loads(told)))
+
+    def _die(self, kind, pipe):
+        """Of the copy: nobody but what is left of the cell does anything."""
+        self._kind, self._died, self._pipe = kind, self.now(), pipe
+        self._when = self._burnt, self.now() - self._last, self._replaced
+        if kind == 'bridge':
+            self.device.bridge.poll = lambda now: b''
+        # the job does nothing any more; `_out` ends this
+        while kind in ('bridge', 'job_sequencer'):
+            self.device.step()
+
+
 def of_seed(folder: Path, seed: int) -> list[Kill]:
     """Kills in a job of one layer, from its first correction within the layer on: at random moments, and one within
     SOON s after every correction. What dies goes through KINDS."""
@@ -62,7 +136,7 @@ def of_seed(folder: Path, seed: int) -> list[Kill]:
     made = []
 
     def cell(*args):
-        made.append(_watched()(seed, *args))
+        made.append(Watched(seed, *args))
         return made[-1]
 
     own = {**CHANGED, 'job_sequencer': {**CHANGED['job_sequencer'], 'lease_nodes': NODES}}
@@ -76,84 +150,3 @@ def of_seed(folder: Path, seed: int) -> list[Kill]:
     if result.failed or not made[0].kills:
         raise RuntimeError(f'seed {seed}: nothing was corrected within the layer; {result.message}')
     return made[0].kills
-
-
-def _watched():
-    """The class of a LabCell with the heartbeats of NODES that kills copies of itself."""
-    from waam_lab.cell import LabCell
-
-    class Watched(LabCell):
-        def __init__(self, seed, *args):
-            self.kills: list[Kill] = []
-            self._rng = np.random.default_rng([seed, 8])
-            self._kind, self._died, self._pipe = '', 0.0, 0
-            self._when = (0.0, 0.0, 0)
-            self._burnt, self._replaced, self._last = 0.0, 0, 0.0
-            self._due, self._soon = self._rng.exponential(MEAN), np.inf
-            self._turn = seed
-            super().__init__(*args)
-
-        def _on_frame(self, t):
-            bridge = self.device.bridge
-            for node in NODES:
-                if node != self._kind:
-                    bridge.beat(node, t.t_us, bridge.link.boot, self.device.now)
-            super()._on_frame(t)
-
-        def replace(self, job_id, segments, last):
-            answer = super().replace(job_id, segments, last)
-            if answer[1]:
-                self._replaced, self._last = self._replaced + 1, self.now()
-                self._soon = self._last + self._rng.uniform(0, SOON)
-            return answer
-
-        def _on_exchange(self, samples, plant):
-            super()._on_exchange(samples, plant)
-            if self._kind:
-                self._out(plant)
-            elif plant.arc_on and self._replaced:
-                self._burnt += 0.01
-                if self._burnt >= self._due or self.now() >= self._soon:
-                    self._due = max(self._due, self._burnt + self._rng.exponential(MEAN))
-                    self._soon = np.inf if self.now() >= self._soon else self._soon
-                    self._kill_a_copy()
-
-        def _out(self, plant):
-            """Ends the copy when the arc is out, and tells after how long."""
-            off = self.now() - self._died
-            if not plant.arc_on or off > OUT_LIMIT:
-                at, since, replaced = self._when
-                kill = Kill(self._kind, at, since, off, replaced)
-                os.write(self._pipe, json.dumps(asdict(kill)).encode())
-                os._exit(0)
-
-        def _kill_a_copy(self):
-            self._turn += 1
-            kind = KINDS[self._turn % len(KINDS)]
-            read, write = os.pipe()
-            child = os.fork()
-            if child == 0:
-                signal.alarm(HANGS)
-                self._die(kind, write)
-                return
-            os.close(write)
-            told = os.read(read, 4096)
-            os.close(read)
-            os.waitpid(child, 0)
-            if not told:
-                raise RuntimeError(f'the copy in which {kind} died said nothing')
-            self.kills.append(Kill(**json.loads(told)))
-
-        def _die(self, kind, pipe):
-            """Of the copy: nobody but what is left of the cell does anything."""
-            self._kind, self._died, self._pipe = kind, self.now(), pipe
-            self._when = self._burnt, self.now() - self._last, self._replaced
-            if kind == 'bridge':
-                self.device.bridge.poll = lambda now: b''
-            while kind in (
-                'bridge',
-                'job_sequencer',
-            ):  # the job does nothing any more; `_out` ends this
-                self.device.step()
-
-    return Watched

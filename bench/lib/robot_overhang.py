@@ -8,12 +8,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-WIDTH, POST, HIGH, ROOT = (
-    70.0,
-    12.0,
-    60.0,
-    20.0,
-)  # mm: along y; of the post along x and z; of the arm over the ground
+# mm: along y; of the post along x and z; of the arm over the ground
+WIDTH, POST, HIGH, ROOT = 70.0, 12.0, 60.0, 20.0
 
 
 def _prism(corners: list) -> trimesh.Trimesh:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from waam_job.cli_program import PART_HELP, add_loop_mode, add_program
+from waam_node import spread
 from waam_process.operating import DEFAULT_MATERIAL, GANTRY, MACHINES
 
 from . import cli_fit
@@ -109,13 +110,7 @@ def _add_campaign(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--seeds', default='20', help='N for 1 .. N (default 20), or a list such as 3-6,11'
     )
-    p.add_argument('--workers', type=int, default=0, help='processes; 0 = one per core')
-    p.add_argument(
-        '--cluster',
-        default='',
-        metavar='ADDRESS',
-        help="an existing Ray cluster does the work: HOST:PORT, ray://HOST:PORT, or 'auto' for the one of this machine",
-    )
+    spread.add_options(p)
     p.add_argument(
         '--out', type=Path, help='folder of the report (default: jobs/<time>_lab-<part>)'
     )

@@ -20,7 +20,7 @@ from waam_job.store.folder import make_job_id
 from waam_node.revision import software_revision
 
 from . import params, report
-from .advance import Advance
+from .advance import JobAdvance
 from .bands import in_tolerance
 from .cli_choose import choose
 from .cli_choose import show as show_trials
@@ -136,7 +136,7 @@ def run_campaign(args: argparse.Namespace) -> int:
         job = laid(job, taken.layout)
     workers = workers_for(args.workers, len(seeds))
     started = time.monotonic()
-    with Advance(len(seeds), job.goal.title) as advance:
+    with JobAdvance(len(seeds), job.goal.title) as advance:
         try:
             results = run_many(over_seeds(job, seeds), workers, advance, args.cluster, pieces)
         except KeyboardInterrupt:

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from . import layouts
-from .advance import Advance
+from .advance import JobAdvance
 from .job import LabJob
 from .many import run_many, workers_for
 from .pieces import Pieces
@@ -22,7 +22,7 @@ def choose(
         raise ValueError('--choose: a program has its path; only parts can be laid in other ways')
     on_cells = {one: layouts.on_cells(layouts.laid(job, one), cells) for one in layouts.LAYOUTS}
     jobs = [j for found in on_cells.values() for j in found]
-    with Advance(len(jobs), 'layouts') as advance:
+    with JobAdvance(len(jobs), 'layouts') as advance:
         results = run_many(jobs, workers_for(workers, len(jobs)), advance, cluster, pieces)
     return [
         layouts.Trial(one, tuple(results[i * cells : (i + 1) * cells]))

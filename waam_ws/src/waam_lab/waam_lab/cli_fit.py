@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from waam_node.spread import Workers, spread
+from waam_node.spread import Workers, add_options, spread
 
 if TYPE_CHECKING:
     from .twin.solve import Each, Task
@@ -55,21 +55,8 @@ def register(commands: argparse._SubParsersAction) -> None:
         type=Path,
         help='cell to begin with; what the records do not tell stays as it says',
     )
-    add_workers(p, 'a job is laid by one of them')
+    add_options(p, 'a job is laid by one of them')
     p.set_defaults(run_command=run_fit)
-
-
-def add_workers(p: argparse.ArgumentParser, text: str) -> None:
-    """--workers and --cluster."""
-    p.add_argument(
-        '--workers', type=int, default=0, metavar='N', help=f'processes; 0 = one per core; {text}'
-    )
-    p.add_argument(
-        '--cluster',
-        default='',
-        metavar='ADDRESS',
-        help="Ray cluster that does the work: 'auto', HOST:PORT or ray://HOST:PORT (requirements-cluster.txt)",
-    )
 
 
 def each_on(workers: Workers) -> Each:

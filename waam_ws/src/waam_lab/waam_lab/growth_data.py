@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 
 from waam_adapt.training import samples
-from waam_node.spread import Workers, spread
+from waam_node.spread import Workers, add_options, spread
 
 from .cli_campaign import parse_seeds
-from .cli_fit import add_workers
 from .job import LabJob, build, restore
 from .laboratory import run
 from .parts import random_build, random_part, random_wall
@@ -86,27 +85,28 @@ def main(argv: list[str] | None = None) -> int:
     p.add_argument(
         '--seeds', default='2000-2199', help='such as 2000-2199 (default) or 7,9; N: 1 to N'
     )
-    add_workers(p, 'a seed is the work of one')
+    add_options(p, 'a seed is the work of one')
     args = p.parse_args(argv)
     folder = args.folder.resolve()
     left = {s: (folder, s) for s in parse_seeds(args.seeds)}
     left = {s: piece for s, piece in left.items() if not (folder / f'job_{s}.npz').exists()}
     workers, failures = Workers(args.workers, args.cluster, PRELOAD), 0
-    for done, (seed, said) in enumerate(spread(left, attempt, lost, workers), 1):
-        failures += not said.endswith('layers')
+    for done, (seed, made) in enumerate(spread(left, attempt, lost, workers), 1):
+        failures += isinstance(made, str)
+        said = made if isinstance(made, str) else f'{made} layers'
         print(f'{done}/{len(left)} seed {seed}: {said}', flush=True)
     return 1 if failures else 0
 
 
-def attempt(piece: tuple[Path, int]) -> str:
-    """One seed in a worker; what came of it, in words."""
+def attempt(piece: tuple[Path, int]) -> int | str:
+    """One seed in a worker: its layers, or why there are none."""
     try:
-        return f'{make(*piece)} layers'
+        return make(*piece)
     except ValueError as e:  # a part that cannot be planned
         return str(e)
 
 
-def lost(_piece: tuple[Path, int], error: Exception) -> str:
+def lost(_piece: tuple[Path, int], error: Exception) -> int | str:
     """The worker of a seed was lost again and again."""
     return f'not made: {error}'
 

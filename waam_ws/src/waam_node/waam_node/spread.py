@@ -6,6 +6,7 @@ worker that is lost costs the pieces that were under way, which are done again; 
 
 from __future__ import annotations
 
+import argparse
 import multiprocessing
 import os
 import signal
@@ -35,6 +36,19 @@ class Workers:
     def for_pieces(self, pieces: int) -> int:
         """Processes that are worth it."""
         return min(self.count or os.cpu_count() or 1, max(1, pieces))
+
+
+def add_options(p: argparse.ArgumentParser, what: str = '') -> None:
+    """--workers and --cluster of a command; `Workers(args.workers, args.cluster, ...)`. what: one of them does."""
+    text = f'processes; 0 = one per core (default){"; " if what else ""}{what}'
+    p.add_argument('--workers', type=int, default=0, metavar='N', help=text)
+    p.add_argument(
+        '--cluster',
+        default='',
+        metavar='ADDRESS',
+        help="an existing Ray cluster does the work: HOST:PORT, ray://HOST:PORT, or 'auto' for the one of this machine "
+        '(requirements-cluster.txt)',
+    )
 
 
 def spread(

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from waam_node.spread import add_options
+
 if TYPE_CHECKING:
     from .tune import Tuning
 
@@ -63,13 +65,8 @@ def _add_jobs(p: argparse.ArgumentParser) -> None:
     """What `check` and `tune` have in common."""
     text = 'job folder or its record folder; several, or a folder of job folders, are computed side by side'
     p.add_argument('jobs', type=Path, nargs='+', metavar='JOB', help=text)
-    p.add_argument('--workers', type=int, metavar='N', help='processes; 0 = one per core (default)')
-    p.add_argument(
-        '--cluster',
-        default='',
-        metavar='ADDRESS',
-        help="Ray cluster that does the work: 'auto', HOST:PORT or ray://HOST:PORT (requirements-cluster.txt)",
-    )
+    add_options(p)
+    p.set_defaults(workers=None)  # None: one record is computed here
     text = 'folder of the results (default: JOB/replay; of many jobs: jobs/replay_check or jobs/replay_tune)'
     p.add_argument('-o', '--output', type=Path, help=text)
 

@@ -8,11 +8,8 @@ import os
 import shlex
 import sys
 from pathlib import Path
-from types import TracebackType
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
+from waam_node.advance import Advance
 from waam_node.files import write_atomically
 from waam_node.revision import software_revision
 from waam_node.spread import Workers
@@ -38,7 +35,7 @@ def run_many(args: argparse.Namespace, verb: str) -> int:
     jobs = jobs_in(args.jobs)
     out = args.output or Path(os.environ.get('WAAM_JOBS', 'jobs')) / f'replay_{verb}'
     workers = Workers(args.workers or 0, args.cluster, PRELOAD)
-    with Bar(len(jobs), verb) as bar:
+    with RecordAdvance(len(jobs), verb) as bar:
         try:
             found = replay_all(jobs, settings, out, software_revision(), workers, bar)
         except KeyboardInterrupt:
@@ -70,39 +67,10 @@ def tell(found: dict[Path, Found], verb: str) -> bool:
     return bool(errors) or (verb == 'check' and bool(other))
 
 
-class Bar:
-    """Progress on a terminal; plain lines elsewhere."""
-
-    def __init__(self, total: int, title: str) -> None:
-        self.console = Console(stderr=True, highlight=False)
-        self.total, self.done = total, 0
-        columns = (
-            TextColumn('{task.description}'),
-            BarColumn(30),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-        )
-        self._progress = Progress(
-            *columns, console=self.console, disable=not self.console.is_terminal
-        )
-        self._task = self._progress.add_task(title, total=total)
-
-    def __enter__(self) -> Bar:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        at: TracebackType | None,
-    ) -> None:
-        self._progress.stop()
+class RecordAdvance(Advance):
+    """Records done, and whether the last one is what it was."""
 
     def __call__(self, job: Path, found: Found) -> None:
         """One record is done."""
-        self.done += 1
-        self._progress.update(self._task, advance=1)
-        if not self.console.is_terminal:
-            said = found.get('error') or ('identical' if same(found) else 'different')
-            self.console.print(f'{self.done}/{self.total} {job.name}: {said}')
+        said = found.get('error') or ('identical' if same(found) else 'different')
+        self.step(f'{job.name}: {said}')
