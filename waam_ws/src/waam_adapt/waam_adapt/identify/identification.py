@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from ..beads.bead_bias import MIN_CELLS, SEEN, BeadBias
+from ..beads.bead_bias import BeadBias
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
 from ..beads.skill import Skill, beside_model
 from ..grids import CELLS_PER_BEAD, Resampler
@@ -18,10 +18,8 @@ from ..types import BeadDeviation, CorrectionInput, with_side
 from .estimate import Estimate, update, update_slope
 from .evidence import MIN_GROWTH, BlockAverages, Layer, LayerEvidence, layer_evidence, response
 from .kinds import Kinds
+from .level import level
 from .shortfall import Shortfall
-
-LEVEL_MARGIN = 1 / 6  # bead widths from the edge of a layer, of the mean that says its level
-MAX_ODD = 0.1  # layer heights that a cell may lie off the median ratio in that mean
 
 
 @dataclass(frozen=True)
@@ -89,11 +87,11 @@ class Identifier:
         if evidence is None:
             return
         before = self.estimate
-        level = self._level(number, model, layer) if self.watch_beads and model else None
+        seen_level = self._level(number, model, layer) if self.watch_beads and model else None
         seen = evidence
         # Where the beads are known, the mean alone: the median says what most blocks do, and leaves the level off.
-        if level is not None:
-            seen = replace(evidence, ratio=level)
+        if seen_level is not None:
+            seen = replace(evidence, ratio=seen_level)
         before = self._of_kind(number)
         seen = self._without_kind(number, seen)
         self.estimate = update(self.estimate, seen, self.forgetting)
@@ -128,40 +126,20 @@ class Identifier:
         return replace(seen, ratio=seen.ratio / (1 + self.kinds.offset(paths)))
 
     def _level(self, number: int, model: BeadModel, layer: Layer) -> float | None:
-        """Efficiency ratio that would have given layer `number` its height on average, up to `LEVEL_MARGIN` from its
-        edge, beside what its beads were known to lack; None when too little of it is known.
-        """
+        """Of layer `number`, beside what its beads were known to lack; None when too little of it is known."""
         plan = layer.commanded if layer.planned is None else layer.planned
-        growth = layer.after - layer.before
-        footprint = np.nan_to_num(layer.commanded) > MIN_GROWTH
-        rim = round(LEVEL_MARGIN * layer.bead_width / layer.resolution)
-        inside = footprint & np.isfinite(growth) & (plan > MIN_GROWTH)
-        around = np.pad(footprint, rim)
-        for axis, step in ((0, rim), (0, -rim), (1, rim), (1, -rim)):
-            inside &= np.roll(around, step, axis)[
-                rim : rim + len(inside), rim : rim + inside.shape[1]
-            ]
-        grid = Resampler.of(plan.shape, layer.resolution, layer.bead_width / CELLS_PER_BEAD)
-        weight = grid.mean(inside.astype(float))
-        share = np.maximum(weight, SEEN)
-        grown, height = (grid.mean(np.where(inside, v, 0.0)) / share for v in (growth, plan))
-        relative = np.divide(
-            layer.commanded, plan, out=np.full(plan.shape, np.nan), where=plan > MIN_GROWTH
-        )
-        asked = model.of_cells(relative, layer.resolution) ** self.slope_of(model)
-        expected = model.growth(asked, self.beads.lag * model.width) * height
         missing = self.beads.of(number, model)
         if (predicted := self.predicted.get(number)) is not None:
             missing = missing - self.skill.weight * predicted
-        use = (weight > SEEN) & (expected > MIN_GROWTH)
-        if np.count_nonzero(use) < MIN_CELLS:
-            return None
-        weight, expected = weight[use], expected[use]
-        grown = (grown + missing * height)[use]
-        ratio = float(np.median(grown / expected))
-        odd = MAX_ODD * height[use]  # beyond it the scan is at fault
-        return ratio + float(weight @ np.clip(grown - ratio * expected, -odd, odd)) / float(
-            weight @ expected
+        return level(
+            model,
+            layer.after - layer.before,
+            plan,
+            layer.commanded,
+            layer.resolution,
+            self.slope_of(model),
+            self.beads.lag * model.width,
+            missing,
         )
 
     def _learn_beads(

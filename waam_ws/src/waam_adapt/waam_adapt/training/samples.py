@@ -5,6 +5,7 @@ A job is one file `job_<seed>.npz` without pickle with arrays `x<k>`, `y<k>`, `w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from ..beads import plan_geometry
 from ..beads.model import MARGIN, bead_model, inner_mean
 from ..beads.skill import beside_model
 from ..grids import CELLS_PER_BEAD, Resampler
+from ..identify.level import level
 from ..types import CorrectionInput
 
 
@@ -23,13 +25,14 @@ from ..types import CorrectionInput
 class Sample:
     """x (CHANNELS, rows, cols); y (rows, cols): share of the planned height that grew beside what the bead model
     expected of the setpoints, less the layer's level; weight (rows, cols): share of the cells that is known; figures:
-    `plan_geometry.summary`; seed: of the job."""
+    `plan_geometry.summary`; seed: of the job; level: efficiency ratio of the whole layer, NaN where unknown."""
 
     x: np.ndarray
     y: np.ndarray
     weight: np.ndarray
     figures: np.ndarray
     seed: int
+    level: float = math.nan
 
 
 def sample(
@@ -54,6 +57,7 @@ def sample(
     growth = (after - request.z) / planned
     known = footprint & np.isfinite(growth)
     margin = MARGIN * width / request.resolution
+    height = level(model, after - request.z, planned, asked, request.resolution, slope, lag * width)
     growth, seen = inner_mean(growth, known, footprint, grid, margin)
     found = beside_model(model, relative, growth, seen, lag)
     if found is None:
@@ -62,7 +66,8 @@ def sample(
     figures = plan_geometry.summary(x, width)
     box = plan_geometry.box(x)
     shown = [a[..., *box].astype(np.float32) for a in (x, found.growth, found.weight)]
-    return Sample(shown[0], shown[1], shown[2], figures, seed)
+    whole = math.nan if height is None else height
+    return Sample(shown[0], shown[1], shown[2], figures, seed, whole)
 
 
 def save(folder: Path, seed: int, layers: Sequence[Sample]) -> Path:
@@ -71,6 +76,7 @@ def save(folder: Path, seed: int, layers: Sequence[Sample]) -> Path:
     arrays: dict[str, Any] = {'seed': np.array(seed)}
     for k, s in enumerate(layers):
         arrays |= {f'x{k}': s.x, f'y{k}': s.y, f'weight{k}': s.weight, f'figures{k}': s.figures}
+        arrays[f'level{k}'] = np.array(s.level)
     path = folder / f'job_{seed}.npz'
     part = path.with_suffix('.part.npz')
     np.savez_compressed(part, **arrays)
@@ -89,4 +95,5 @@ def load(folder: Path) -> Iterator[Sample]:
         with np.load(path, allow_pickle=False) as f:
             for k in range(sum(n.startswith('x') for n in f.files)):
                 x, y, weight, figures = (f[f'{n}{k}'] for n in ('x', 'y', 'weight', 'figures'))
-                yield Sample(x, y, weight, figures, int(f['seed']))
+                whole = float(f[f'level{k}']) if f'level{k}' in f.files else math.nan
+                yield Sample(x, y, weight, figures, int(f['seed']), whole)
