@@ -58,7 +58,8 @@ class Predicted:
 
     growth (rows, cols): share of the planned height that will grow beside what the bead model expects, mean 0; sigma
     (rows, cols): its standard uncertainty. digest: of the network. doubt: why nothing is predicted (growth all 0), ''.
-    weight: 0..1, of the network in this job; already applied to the growth. NaN: nothing was weighed.
+    weight: 0..1, of the network in this job; already applied to growth and level. NaN: nothing was weighed.
+    level: logarithm of the efficiency ratio that the geometry of this layer gives beside that of a job's others.
     """
 
     growth: np.ndarray
@@ -66,10 +67,11 @@ class Predicted:
     digest: str = ''
     doubt: str = ''
     weight: float = math.nan
+    level: float = 0.0
 
     def weighed(self, weight: float) -> Predicted:
         """The same with another weight, 0..1."""
-        return replace(self, growth=weight * self.growth, weight=weight)
+        return replace(self, growth=weight * self.growth, level=weight * self.level, weight=weight)
 
 
 @dataclass(frozen=True)

@@ -297,7 +297,10 @@ class LabCell:
             answers.set_feed(self.params.feed_forward, message)
         except ValueError as e:
             raise JobError(Code.PLAN_FAILED, f'feed_forward/compute: {e}') from None
-        return [segment_from_msg(s) for s in message.segments]
+        segments = [segment_from_msg(s) for s in message.segments]
+        if self._watch is not None:
+            self._watch.on_setpoints(segments)
+        return segments
 
     # ---- what the job tells --------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ learns what layers miss at the same place again and again, `kinds` what is due t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
@@ -60,6 +61,7 @@ class Identifier:
     skill: Skill = Skill()
     # growth that the network told of the same, unweighed
     predicted: dict[int, np.ndarray] = field(default_factory=dict)
+    levels: dict[int, float] = field(default_factory=dict)  # that it told of the same, weighed
     seen: dict[int, LayerEvidence] = field(default_factory=dict)  # of all layers of the job
     kinds: Kinds = Kinds()  # of layers, by the pattern of their paths
     _before: Learned = Learned()  # as of the begin of this layer
@@ -92,7 +94,8 @@ class Identifier:
         # Where the beads are known, the mean alone: the median says what most blocks do, and leaves the level off.
         if seen_level is not None:
             seen = replace(evidence, ratio=seen_level)
-        before = self._of_kind(number)
+        before = self._of_layer(number)
+        seen = replace(seen, ratio=seen.ratio / self._level_share(number))
         seen = self._without_kind(number, seen)
         self.estimate = update(self.estimate, seen, self.forgetting)
         side = number % 2
@@ -116,6 +119,15 @@ class Identifier:
         """What is believed of a layer with the pattern of layer `number`."""
         share = 1 + self.kinds.offset(self.paths.get(number, ()))
         return replace(self.estimate, efficiency_ratio=self.estimate.efficiency_ratio * share)
+
+    def _of_layer(self, number: int) -> Estimate:
+        """The same with the level that the network told of it."""
+        found = self._of_kind(number)
+        return replace(found, efficiency_ratio=found.efficiency_ratio * self._level_share(number))
+
+    def _level_share(self, number: int) -> float:
+        """Efficiency of layer `number` over that of the process, as the network told it."""
+        return math.exp(self.levels.get(number, 0.0))
 
     def _without_kind(self, number: int, seen: LayerEvidence) -> LayerEvidence:
         """Evidence of the process alone: what is due to the pattern of the layer is learned and taken off."""
@@ -184,9 +196,11 @@ class Identifier:
         self.planned = {n: p for n, p in self.planned.items() if n >= self.layer - 1}
         self.paths = {n: p for n, p in self.paths.items() if n >= self.layer - 1}
         self.predicted = {n: g for n, g in self.predicted.items() if n == self.layer - 1}
+        self.levels = {n: v for n, v in self.levels.items() if n == self.layer - 1}
         self.planned[self.layer], self.paths[self.layer] = request.planned, request.paths
         if request.predicted is not None and request.predicted.digest:
             self.predicted[self.layer] = request.predicted.growth
+            self.levels[self.layer] = self.skill.weight * request.predicted.level
             request = replace(request, predicted=request.predicted.weighed(self.skill.weight))
             self.estimate = replace(self.estimate, network_weight=self.skill.weight)
         learned = self.shortfall
@@ -208,7 +222,11 @@ class Identifier:
         """Of the layer that the request is for. What eq 2.19 will take off its feed is put back: how high the beads
         come out is decided by what the scans show."""
         slope = self.slope_of(self.model_of(request))
-        return self._of_kind(self.layer).flow_factor(slope) / request.heat_factor
+        believed = self._of_kind(self.layer)
+        if (told := request.predicted) is not None and told.digest:
+            share = math.exp(self.skill.weight * told.level)
+            believed = replace(believed, efficiency_ratio=believed.efficiency_ratio * share)
+        return believed.flow_factor(slope) / request.heat_factor
 
     def model_of(self, request: CorrectionInput) -> BeadModel | None:
         """Of the layer that the request is for; None when its beads are not told."""

@@ -42,6 +42,7 @@ def sample(
     lag: float,
     seed: int,
     slope: float = 1.0,
+    missing: np.ndarray | float = 0.0,
 ) -> Sample | None:
     """One layer; None when too little of it was seen.
 
@@ -57,7 +58,8 @@ def sample(
     growth = (after - request.z) / planned
     known = footprint & np.isfinite(growth)
     margin = MARGIN * width / request.resolution
-    height = level(model, after - request.z, planned, asked, request.resolution, slope, lag * width)
+    grown, lag_m = after - request.z, lag * width
+    whole = level(model, grown, planned, asked, request.resolution, slope, lag_m, missing)
     growth, seen = inner_mean(growth, known, footprint, grid, margin)
     found = beside_model(model, relative, growth, seen, lag)
     if found is None:
@@ -66,8 +68,8 @@ def sample(
     figures = plan_geometry.summary(x, width)
     box = plan_geometry.box(x)
     shown = [a[..., *box].astype(np.float32) for a in (x, found.growth, found.weight)]
-    whole = math.nan if height is None else height
-    return Sample(shown[0], shown[1], shown[2], figures, seed, whole)
+    height = math.nan if whole is None else whole
+    return Sample(shown[0], shown[1], shown[2], figures, seed, height)
 
 
 def save(folder: Path, seed: int, layers: Sequence[Sample]) -> Path:
