@@ -6,76 +6,37 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from growth_layers import (
+    RES,
+    SHAPE,
+    WIDTH,
+    H,
+    grid_of,
+    mirrored,
+    origin,
+    request,
+    turned,
+    weights_file,
+    zigzag,
+)
 from net_weights import random_weights
 
 from waam_adapt.beads import bead_path, model, plan_geometry
 from waam_adapt.beads.bead_path import beads_of, nearest_of
 from waam_adapt.beads.model import SPREAD, bead_model
-from waam_adapt.grids import CELLS_PER_BEAD, Resampler
+from waam_adapt.grids import CELLS_PER_BEAD
 from waam_adapt.laws import net_file
 from waam_adapt.laws.checks import MapOrigin
 from waam_adapt.laws.corrector import CorrectionParams, Corrector
 from waam_adapt.laws.growth_law import GrowthLaw
 from waam_adapt.laws.registry import make_law
 from waam_adapt.training import samples
-from waam_adapt.types import CorrectionInput, LastLayer, Predicted
-
-RES, WIDTH, H = 0.5e-3, 6e-3, 2e-3
-SHAPE = (96, 96)  # 48 mm: a whole number of model cells
-PITCH = 4e-3
-
-
-def zigzag() -> np.ndarray:
-    """(n, 2) m: passes along x with links between, not symmetric."""
-    points: list[tuple[float, float]] = []
-    for k in range(8):
-        ends = [(9e-3, 10e-3 + k * PITCH), (36e-3, 10e-3 + k * PITCH)]
-        points += ends if k % 2 == 0 else ends[::-1]
-    return np.array(points)
-
-
-def request(paths: tuple[np.ndarray, ...] | None = None, **changes) -> CorrectionInput:
-    inside = np.zeros(SHAPE, bool)
-    inside[16:-16, 16:-20] = True
-    values = {
-        'z': np.zeros(SHAPE), 'target': np.zeros(SHAPE), 'planned': np.where(inside, H, 0.0),
-        'resolution': RES, 'bead_width': WIDTH, 'k_gain': 0.3, 'sigma': np.full(SHAPE, 2e-5),
-        'paths': (zigzag(),) if paths is None else paths, 'temperature': 150.0,
-    }  # fmt: skip
-    return CorrectionInput(**(values | changes))
-
-
-def grid_of(r: CorrectionInput) -> Resampler:
-    return Resampler.of(r.z.shape, r.resolution, r.bead_width / CELLS_PER_BEAD)
-
-
-def weights_file(path, scale=1.0, low=-1e9, high=1e9):
-    weights = random_weights(channels=plan_geometry.CHANNELS)
-    weights['enc1a.weight'] *= np.float32(scale)
-    seen = {name: [low, high] for name in plan_geometry.SUMMARIES}
-    net_file.save(path, weights, {'seen': seen})
-    return path
+from waam_adapt.types import LastLayer, Predicted
 
 
 @pytest.fixture
 def law(tmp_path):
     return make_law('growth_net', model=str(weights_file(tmp_path / 'g.npz')))
-
-
-def turned(r: CorrectionInput) -> CorrectionInput:
-    """The same layer mirrored at the diagonal: x and y change places."""
-    return replace(
-        r,
-        planned=r.planned.T.copy(),
-        paths=tuple(np.ascontiguousarray(p[:, ::-1]) for p in r.paths),
-    )
-
-
-def mirrored(r: CorrectionInput) -> CorrectionInput:
-    side = SHAPE[1] * RES
-    return replace(
-        r, planned=r.planned[:, ::-1].copy(), paths=tuple(p * (-1, 1) + (side, 0) for p in r.paths)
-    )
 
 
 def test_channels_keep_their_values_when_the_part_is_turned_or_mirrored():
@@ -310,10 +271,6 @@ def test_a_law_without_a_network_tells_no_say():
     answer = c.answer(1, request(), origin(0), LastLayer())
     assert np.isnan(answer.estimate.network_weight)
     assert answer.correction.reasons == ()
-
-
-def origin(layers: int) -> MapOrigin:
-    return MapOrigin(0.0, 'job', 'job', layers, layers, True, ())
 
 
 def layer_sample(seed: int, amplitude: float = 0.3) -> samples.Sample:

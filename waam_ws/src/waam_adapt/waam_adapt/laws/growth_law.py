@@ -16,7 +16,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from .. import filters
-from ..beads import plan_geometry
+from ..beads import plan_geometry, plan_level
 from ..beads.model import MARGIN
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import Correction, CorrectionInput, Predicted
@@ -71,19 +71,21 @@ class GrowthLaw:
         ):
             return replace(nothing, doubt=f'plan unlike the training: {odd}')
         box = plan_geometry.box(x)
-        told, log_error = self.network(x[:, *box])
+        shown = x[:, *box]
+        told, log_error = self.network(shown)
         if not (np.isfinite(told).all() and np.isfinite(log_error).all()):
             return replace(nothing, doubt='the network gave an answer that is not finite')
         growth, sigma = nothing.growth, nothing.sigma
         growth[box], sigma[box] = told, np.exp(log_error.astype(float))
         seen = self._counted(request, grid)
-        # the level is identified, not predicted
+        # how high the map is on average is no part of it: that is told by the figures of the plan
         growth = (growth - (growth * seen).sum() / max(seen.sum(), 1e-9)) * seen
         spread = np.maximum(gaussian_filter(seen, SMOOTH), 1e-3)
         growth = np.where(x[0] > 0, gaussian_filter(growth, SMOOTH) / spread, 0.0)
         wide = filters.thickest(request.footprint) * request.resolution >= request.bead_width
         most = MOST if wide else MOST_IN_WALL
-        return Predicted(np.clip(growth, -most, most), sigma, self.network.digest)
+        level = plan_level.level(shown, self.network.weights)
+        return Predicted(np.clip(growth, -most, most), sigma, self.network.digest, level=level)
 
     @staticmethod
     def _counted(request: CorrectionInput, grid: Resampler) -> np.ndarray:
@@ -118,7 +120,9 @@ class GrowthLaw:
         """What the job has left the network to say, for report and record."""
         if math.isnan(predicted.weight):
             return ()
-        return (f'{self.name}: weight of the network {predicted.weight:.2f}',)
+        text = f'{self.name}: weight of the network {predicted.weight:.2f}'
+        level = math.expm1(predicted.level)
+        return (f'{text}, level of this layer {level:+.1%}' if level else text,)
 
 
 @lru_cache(maxsize=4)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..beads import plan_level
 from .features import CHANNELS
 from .net import CONVS, ModelError, Network, digest
 
@@ -77,3 +78,7 @@ def _check_layers(path: Path, weights: dict[str, np.ndarray], channels: int) -> 
         got = weights[f'{name}.weight'].shape
         if got != shape or weights[f'{name}.bias'].shape != shape[:1]:
             raise ModelError(f'{path}: {name} has shape {got}, not {shape}')
+    figures, own = len(plan_level.FIGURES), (plan_level.WEIGHTS, plan_level.BIAS)
+    told = [weights[n].shape for n in own if n in weights]
+    if told and told != [(figures,), (1,)]:
+        raise ModelError(f'{path}: {own[0]} and {own[1]} have shapes {told}, not {figures} and 1')

@@ -1,7 +1,8 @@
 """Training of the growth network on layers of the laboratory (`samples`); deterministic by seed.
 
 The loss is the mean logarithm of the mean square of the growth beside the model that the network did not predict,
-mostly of its smoothed part: setpoints cannot make shorter waves. The level of a layer does not count; it is identified.
+mostly of its smoothed part: setpoints cannot make shorter waves. The level of a layer does not count; a regression
+(`plan_level`) tells how it differs from that of the job's other layers.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ..beads import plan_geometry
 from ..grids import CELLS_PER_BEAD
 from ..laws import net_file
 from ..laws.growth_law import SMOOTH
+from . import plan_level
 from .samples import Sample
 from .unet import UNet, arrays
 
@@ -182,7 +184,9 @@ def export(
     metrics: dict[str, float],
     path: Path,
 ) -> str:
-    """Weights with their card, and the card for people as .md beside them. Returns the hash."""
+    """Weights with their card, and the card for people as .md beside them. Returns the hash. The level of a layer
+    (`plan_level`) is fitted to the same layers; where they are too few the network tells none."""
+    level, worth = plan_level.fit(layers)
     seeds = sorted({s.seed for s in layers})
     card: dict[str, Any] = {
         'name': 'waam growth network',
@@ -193,9 +197,9 @@ def export(
         'training': {**asdict(settings), 'widths': list(settings.widths)},
         'data': {'layers': len(layers), 'jobs': len(seeds), 'seeds': [seeds[0], seeds[-1]]},
         'seen': {k: list(v) for k, v in seen_ranges(layers).items()},
-        'metrics': metrics,
+        'metrics': {**metrics, **worth},
     }
-    code = net_file.save(path, arrays(net), card)
+    code = net_file.save(path, {**arrays(net), **level}, card)
     path.with_suffix('.md').write_text(card_text(card, code))
     return code
 
@@ -212,8 +216,19 @@ def card_text(card: dict[str, Any], code: str) -> str:
         f'Training: {t["steps"]} steps of {t["batch"]} layers, seed {t["seed"]}.', '',
         f'Jobs of the validation: {m["explained"]:.0%} of the variance of the smoothed growth beside the model is',
         f'predicted ({m["explained_raw"]:.0%} of the raw one). The rest is {m["sigma_ratio"]:.2f} times its sigma.',
-        '',
+        '', *_level_text(m), '',
         'Plans with a figure outside of these ranges are answered without the network:', '',
         '| figure of the plan | from | to |', '|---|---|---|',
         *(f'| {k} | {a:.3g} | {b:.3g} |' for k, (a, b) in card['seen'].items()), '',
     ])  # fmt: skip
+
+
+def _level_text(metrics: dict[str, float]) -> list[str]:
+    """Of the card, on the level of a layer."""
+    if 'level_std' not in metrics:
+        return ['Level of a layer: not told; the jobs were too few.']
+    std, left = metrics['level_std'], metrics['level_left']
+    return [
+        f'Level of a layer about the mean of its job: {std:.1%} RMS, {left:.1%} beside what the figures of its plan',
+        'tell (jobs left out of the fit).',
+    ]
