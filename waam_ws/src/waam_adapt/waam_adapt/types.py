@@ -13,7 +13,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 # relative layer height beyond which a bead is no bead of the regime any more
-RATIO_LOW, RATIO_HIGH = 0.4, 1.8
+RATIO_LOW, RATIO_HIGH = 0.4, 2.6
 MIN_GAIN = 1e-3  # less authority over speed than this is none
 MIN_PLANNED = 0.05e-3  # m; thinner than this the plan adds no metal
 PRIOR = 0.7  # weight of a law's guess of what ends lack, before the first layer

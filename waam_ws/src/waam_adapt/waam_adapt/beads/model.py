@@ -28,7 +28,7 @@ REACH = 4  # cells on each side of a piece that its metal can touch
 ALONE = 0.9  # share of the metal of a cell that belongs to one stretch where beads do not overlap
 STRETCH = 2.0  # bead widths of a bead that count as one when it is asked whether beads overlap
 TINY = 5e-3  # share of a piece's metal that is left out
-MARGIN = 0.3  # bead widths at the edge of a part that are not looked at: the flank is no level
+MARGIN = 0.25  # bead widths at the edge of a part that are not looked at: the flank is no level
 COVERED = 0.3  # a cell that the beads give less of a layer than this has no row
 
 

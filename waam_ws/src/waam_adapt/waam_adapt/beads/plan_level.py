@@ -1,7 +1,8 @@
 """Level of a layer from the geometry of its plan: how much of its metal arrives beside other layers of the same job.
 
-Narrow bands lose metal over their rim, thin layers less than thick ones, warm ones and short beads more. A regression
-on a few figures of the layer tells it; how much arrives on average is a matter of wire and cell, and identified.
+Narrow bands lose metal over their rim, thin layers less of it than thick ones. A regression on a few figures of the
+layer tells it; how much arrives on average is a matter of wire and cell, and identified. The temperature is none of the
+figures: nearly all that it says in the data is that a layer is not the first one.
 """
 
 from __future__ import annotations
@@ -13,8 +14,7 @@ import numpy as np
 from .plan_geometry import NAMES
 
 FIGURES = (
-    'thickness', 'thickness squared', 'temperature', 'area', 'inside', 'rim', 'taper', 'taper at the rim', 'density',
-    'turn', 'neighbours', 'arcs', 'thickness x inside', 'thickness x rim', 'thickness x arcs',
+    'thickness', 'area', 'rim', 'taper', 'taper at the rim', 'density', 'neighbours', 'arcs',
 )  # fmt: skip
 RIM = 0.26  # of the channel 'edge': half a bead from the edge
 MOST = 0.15  # of the logarithm: no geometry changes the level by more
@@ -31,16 +31,11 @@ def figures(x: np.ndarray) -> np.ndarray:
     def mean(values: np.ndarray) -> float:
         return float((values * weight).sum())
 
-    thickness = float(channel['thickness'].flat[0])
-    edge = (channel['edge'] < RIM).astype(float)
-    inside, rim, arcs = (
-        mean(v) for v in (channel['inside'], edge, channel['arc on'] + channel['arc off'])
-    )
-    taper, density, turn = (mean(channel[n] ** 2) ** 0.5 for n in ('taper', 'density', 'turn'))
+    rim = (channel['edge'] < RIM).astype(float)
     return np.array([
-        thickness, thickness**2, float(channel['temperature'].flat[0]), np.log(footprint.sum()), inside, rim, taper,
-        mean(channel['taper'] * edge), density, turn, mean(channel['before'] + channel['after']), arcs,
-        thickness * inside, thickness * rim, thickness * arcs,
+        channel['thickness'].flat[0], np.log(footprint.sum()), mean(rim),
+        mean(channel['taper'] ** 2) ** 0.5, mean(channel['taper'] * rim), mean(channel['density'] ** 2) ** 0.5,
+        mean(channel['before'] + channel['after']), mean(channel['arc on'] + channel['arc off']),
     ])  # fmt: skip
 
 

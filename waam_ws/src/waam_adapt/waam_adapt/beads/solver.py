@@ -23,6 +23,8 @@ from .model import MARGIN, BeadModel, bead_model, inner_mean
 SMALL, SMOOTH = 0.0005, 0.15
 END_HIGH = 4.0  # relative layer height up to which the end of a bead may be filled (crater filling)
 END_REACH = 0.4  # bead widths from arc on or off to the middle of a segment that counts as its end
+# Bead widths from arc on and off within which the differences count less, and their share: craters are filled there.
+LOOSE, LOOSE_SHARE = 1.0, 0.02
 STEPS = 30
 
 
@@ -75,6 +77,7 @@ def solve(
     typical = float(np.median(diagonal[diagonal > 0])) if diagonal.any() else 1.0
     small, smooth = SMALL * typical, SMOOTH * typical
     joined = (model.first[1:] == model.first[:-1]).astype(float)
+    joined[np.minimum(model.to_arc[1:], model.to_arc[:-1]) < LOOSE * model.width] *= LOOSE_SHARE
     wanted = need.ravel()
 
     def gradient(x: np.ndarray) -> np.ndarray:

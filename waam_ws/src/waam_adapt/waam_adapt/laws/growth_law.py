@@ -84,7 +84,8 @@ class GrowthLaw:
         growth = np.where(x[0] > 0, gaussian_filter(growth, SMOOTH) / spread, 0.0)
         wide = filters.thickest(request.footprint) * request.resolution >= request.bead_width
         most = MOST if wide else MOST_IN_WALL
-        level = plan_level.level(shown, self.network.weights)
+        # walls rise otherwise: there the level of the layers so far says more
+        level = plan_level.level(shown, self.network.weights) if wide else 0.0
         return Predicted(np.clip(growth, -most, most), sigma, self.network.digest, level=level)
 
     @staticmethod
