@@ -106,6 +106,7 @@ typedef struct {
     bool block_started;
     uint64_t dwell_us;
     double wire_override;
+    bool replanned;             /* by an override, in this tick */
     uint64_t dry_us;            /* queue empty with the arc on */
     uint64_t heard_us;          /* last valid line */
     uint64_t beat_us;           /* last heartbeat; 0 = none yet */

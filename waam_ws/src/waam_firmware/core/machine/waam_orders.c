@@ -117,6 +117,7 @@ void waam_order_override(waam_request_t *r)
         return;
     }
     waam_planner_set_override(&core->planner, v[0] / 1000.0);
+    core->replanned = true;
     core->wire_override = v[1] / 1000.0;
     waam_request_ok(r);
 }
