@@ -151,6 +151,10 @@ waam_code_t waam_core_reset(waam_core_t *core, const char **text)
         *text = "the emergency stop is still active";
         return WAAM_E_ESTOP;
     }
+    if (core->inputs.drive_fault) {
+        *text = "a drive still reports a fault";
+        return WAAM_E_DRIVE;
+    }
     if (core->inputs.process == WAAM_PROCESS_LOST) {
         *text = "the process inputs are still lost";
         return WAAM_E_INPUTS;
