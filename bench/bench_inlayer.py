@@ -16,9 +16,10 @@ inlayer.graph_kill_arc_off_ms: the same with real processes, kill -9 of one node
 have sent; inlayer.cuts_failed: killed jobs that were not resumed to their end, a layer that was cut off with
 corrections within its rest included; baseline: kills. inlayer.cut_beads_wrong: beads missing or doubled in them.
 `WAAM_BENCH_KILLS` kills (8), `WAAM_BENCH_CUTS` as in bench_job.py.
-inlayer.usual_rms_ratio, spool, drift, wrong_map, warp: RMS with `in_layer` over that without, paired, one layer, the
-first of its job, of a rail of 170 x 30 mm in cells with something to know within the layer (lib/inlayer_regimes.py);
-usual_plate, spool_plate: of a plate of 130 x 60 mm. Seeds 1 to 5.
+inlayer.usual_rms_ratio, inlayer.spool_rms_ratio, inlayer.drift_rms_ratio, inlayer.wrong_map_rms_ratio,
+inlayer.warp_rms_ratio: RMS with `in_layer` over that without, paired, one layer, the first of its job, of a rail of 170
+x 30 mm in cells with something to know within the layer (lib/inlayer_regimes.py); inlayer.usual_plate_rms_ratio,
+inlayer.spool_plate_rms_ratio: of a plate of 130 x 60 mm. Seeds 1 to 5.
 inlayer.renew_ms: a renewal by the correction service without messages' ways, median of 20, grid of the jaw.
 inlayer.bound_rms_ratio: RMS at the end of cells whose metal has no disturbance over that of the same cells with it.
 Nobody who sees the beads of a layer one by one can know more of the disturbance than that there is none.
