@@ -76,7 +76,8 @@ static double junction(const waam_block_t *before, const waam_block_t *after, co
 
 double waam_block_cruise(const waam_block_t *block, double override)
 {
-    return fmin(block->nominal_mm_s * override, block->ceiling_mm_s);
+    double wanted = block->nominal_mm_s * override;
+    return wanted < block->ceiling_mm_s ? wanted : block->ceiling_mm_s;
 }
 
 double waam_planner_exit(const waam_planner_t *planner, size_t i)
@@ -97,7 +98,10 @@ static double limited_entry(const waam_block_t *block, double before_mm_s, doubl
 {
     double limit = before_mm_s < cruise_mm_s ? before_mm_s : cruise_mm_s;
     limit = block->junction_mm_s < limit ? block->junction_mm_s : limit;
-    return block->last.length_mm > 0.0f ? fmin(limit, reached_before(&block->last, block)) : limit;
+    if (block->last.length_mm <= 0.0f)
+        return limit;
+    double reached = reached_before(&block->last, block);
+    return reached < limit ? reached : limit;
 }
 
 static double entry_max(const waam_planner_t *planner, const waam_block_t *before, const waam_block_t *block)
@@ -123,9 +127,8 @@ static void replan(waam_planner_t *planner, bool all)
         waam_block_t *block = at(planner, i);
         double entry = 0.0; /* also of blocks that do not move, and of those after them */
         if (block->entry_max_mm_s > 0.0) {
-            entry = root(exit * exit + block->gain_mm2_s2);
-            if (entry > block->entry_max_mm_s)
-                entry = block->entry_max_mm_s;
+            double most = block->entry_max_mm_s, square = exit * exit + block->gain_mm2_s2;
+            entry = square < most * most ? root(square) : most;
         }
         if (!all && i + 1 < planner->count && entry == block->entry_mm_s)
             return;
