@@ -16,9 +16,10 @@ inlayer.graph_kill_arc_off_ms: the same with real processes, kill -9 of one node
 have sent; inlayer.cuts_failed: killed jobs that were not resumed to their end, a layer that was cut off with
 corrections within its rest included; baseline: kills. inlayer.cut_beads_wrong: beads missing or doubled in them.
 `WAAM_BENCH_KILLS` kills (8), `WAAM_BENCH_CUTS` as in bench_job.py.
-inlayer.usual_rms_ratio, inlayer.drift_rms_ratio, inlayer.wrong_map_rms_ratio, inlayer.warp_rms_ratio: RMS with
-`in_layer` over that without, paired, one layer of a rail of 170 mm, in cells with something to know within the layer
-(lib/inlayer_regimes.py). Seeds 1 to 5; `WAAM_BENCH_LEVEL` sets `in_layer_level`.
+inlayer.usual_rms_ratio, inlayer.spool_rms_ratio, inlayer.drift_rms_ratio, inlayer.wrong_map_rms_ratio,
+inlayer.warp_rms_ratio: RMS with `in_layer` over that without, paired, one layer, the first of its job, of a rail of 170
+x 30 mm in cells with something to know within the layer (lib/inlayer_regimes.py); inlayer.usual_plate_rms_ratio,
+inlayer.spool_plate_rms_ratio: of a plate of 130 x 60 mm. Seeds 1 to 5.
 inlayer.renew_ms: a renewal by the correction service without messages' ways, median of 20, grid of the jaw.
 inlayer.bound_rms_ratio: RMS at the end of cells whose metal has no disturbance over that of the same cells with it.
 Nobody who sees the beads of a layer one by one can know more of the disturbance than that there is none.
@@ -36,6 +37,7 @@ import os
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
@@ -122,13 +124,21 @@ def replaced() -> None:
         emit(f'inlayer.{name}', value, '', 'setpoints replaced', report.replaced)
 
 
-def regime(which: str) -> None:
+def in_regime(figure: str, which: str, part: str) -> Callable[[], None]:
+    """What measures this figure."""
+
+    def measure() -> None:
+        regime(which, part, figure)
+
+    return measure
+
+
+def regime(which: str, part: str, figure: str) -> None:
     from lib.inlayer_regimes import jobs
 
-    level = os.environ.get('WAAM_BENCH_LEVEL')
     some = seeds((1, 2, 3, 4, 5))
-    with_ = jobs(which, some, True, workers(), float(level) if level else None)
-    without = jobs(which, some, False, workers())
+    with_ = jobs(which, part, some, True, workers())
+    without = jobs(which, part, some, False, workers())
     rows = [row for r in with_ for row in r.reports if row['in_layer_looks']]
     change = max((row['in_layer_change'] for row in rows), default=0.0)
     corrections = sum(row['in_layer_corrections'] for row in rows)
@@ -137,28 +147,11 @@ def regime(which: str) -> None:
         f'{1e3 * a.rms:.3f}/{1e3 * b.rms:.3f}' for a, b in zip(with_, without, strict=True)
     )
     print(
-        f'{which}: with/without {each} mm; {corrections} corrections, largest change {change:.3f}, '
+        f'{which}, {part}: with/without {each} mm; {corrections} corrections, largest change {change:.3f}, '
         f'{seen:.0%} of the layer seen',
         file=sys.stderr,
     )
-    name = f'inlayer.{which}_rms_ratio'
-    emit(name, told(name, ratios(with_, without, 'rms')), '', 'corrections between layers', 1.0)
-
-
-def usual_cell() -> None:
-    regime('usual')
-
-
-def drift() -> None:
-    regime('drift')
-
-
-def wrong_map() -> None:
-    regime('wrong_map')
-
-
-def warp() -> None:
-    regime('warp')
+    emit(figure, told(figure, ratios(with_, without, 'rms')), '', 'corrections between layers', 1.0)
 
 
 def kills() -> None:
@@ -284,16 +277,22 @@ def in_view() -> None:
     emit('inlayer.seen_pct', min(shares), '%', 'wanted by the correction server', 90.0)
 
 
+REGIMES = {
+    'inlayer.usual_rms_ratio': ('usual', 'rail'),
+    'inlayer.usual_plate_rms_ratio': ('usual', 'plate'),
+    'inlayer.spool_rms_ratio': ('spool', 'rail'),
+    'inlayer.spool_plate_rms_ratio': ('spool', 'plate'),
+    'inlayer.drift_rms_ratio': ('drift', 'rail'),
+    'inlayer.wrong_map_rms_ratio': ('wrong_map', 'rail'),
+    'inlayer.warp_rms_ratio': ('warp', 'rail'),
+}
 FIGURES = {
+    **{figure: in_regime(figure, *case) for figure, case in REGIMES.items()},
     'inlayer.rms_ratio': within,
     'inlayer.within_scan_time_ratio': within_scan,
     'inlayer.within_scan_rms_ratio': within_scan,
     'inlayer.lost': replaced,
     'inlayer.doubled': replaced,
-    'inlayer.usual_rms_ratio': usual_cell,
-    'inlayer.drift_rms_ratio': drift,
-    'inlayer.wrong_map_rms_ratio': wrong_map,
-    'inlayer.warp_rms_ratio': warp,
     'inlayer.kill_arc_off_ms': kills,
     'inlayer.graph_kill_arc_off_ms': graph_kills,
     'inlayer.cuts_failed': graph_kills,

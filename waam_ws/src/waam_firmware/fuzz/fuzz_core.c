@@ -294,6 +294,7 @@ static void toggle(char what)
     case 'g': bench.no_gas = !bench.no_gas; break;
     case 'w': bench.slow_wire = !bench.slow_wire; break;
     case 's': bench.stuck = !bench.stuck; break;
+    case 'd': in->drive_fault = !in->drive_fault; break;
     case 't': in->over_temperature = !in->over_temperature; break;
     case 'i': in->temperature_c = in->temperature_c == 0.0 ? 95.0 : 0.0; break;
     case 'a': bench.device.torn_off = !bench.device.torn_off; break;

@@ -153,6 +153,7 @@ void controller_lib_answer(controller_lib_t *lib, uint32_t inputs, double curren
     lib->harness.contact = inputs & 8;
     lib->harness.inputs = (waam_inputs_t){
         .estop = inputs & 1, .gas_ok = inputs & 2, .limit_switch = inputs & 4, .over_temperature = inputs & 16,
+        .drive_fault = inputs & 32,
         .process = WAAM_PROCESS_OK, .current_a = current, .voltage_v = voltage, .wire_mm_s = wire_speed * 1e3,
         .distance_reading = lib->harness.inputs.distance_reading, .distance = lib->harness.inputs.distance,
     };

@@ -151,7 +151,7 @@ void plant_exchange(plant_t *plant, const host_sample_t samples[SAMPLES], uint64
     plant->contact = answer.inputs & 8;
     *inputs = (waam_inputs_t){
         .estop = answer.inputs & 1, .gas_ok = answer.inputs & 2, .limit_switch = answer.inputs & 4,
-        .over_temperature = answer.inputs & 16,
+        .over_temperature = answer.inputs & 16, .drive_fault = answer.inputs & 32,
         .process = WAAM_PROCESS_OK, .current_a = answer.current, .voltage_v = answer.voltage,
         .wire_mm_s = answer.wire_speed * 1e3, .distance_reading = answer.distance_reading,
         .distance = (float)answer.distance,

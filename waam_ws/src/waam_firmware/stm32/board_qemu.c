@@ -258,7 +258,7 @@ void board_inputs(waam_inputs_t *inputs)
     steps_given(at);
     *inputs = (waam_inputs_t){.estop = faulty('e'), .limit_switch = faulty('l'), .gas_ok = slow.gas && !faulty('g'),
                               .process = faulty('p') ? WAAM_PROCESS_LOST : WAAM_PROCESS_OK,
-                              .over_temperature = faulty('t'), .wire_mm_s = faulty('w') ? 0.0 : slow.wire_mm_s,
+                              .over_temperature = faulty('t'), .drive_fault = faulty('d'), .wire_mm_s = faulty('w') ? 0.0 : slow.wire_mm_s,
                               .current_a = (double)converted_current(),
                               .voltage_v = (double)converted_voltage()};
     for (unsigned i = 0; i < WAAM_AXES; i++) {

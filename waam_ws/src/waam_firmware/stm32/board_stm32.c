@@ -14,8 +14,8 @@
 #define STALE_MAX 10u         /* fast ticks without a new sample */
 
 enum { PIN_ARC = 2, PIN_GAS = 3, PIN_DIRECTION = 4, PIN_DRIVES = 8, PIN_ALIVE = 10, PIN_SENSE = 12 }; /* port E */
-enum { IN_ESTOP, IN_LIMIT, IN_GAS, IN_HOT, IN_HOME_X, IN_HOME_Y, IN_HOME_Z, INPUTS };
-static const uint8_t input_pin[INPUTS] = {0, 1, 2, 8, 3, 6, 7}; /* port D */
+enum { IN_ESTOP, IN_LIMIT, IN_GAS, IN_HOT, IN_DRIVE, IN_HOME_X, IN_HOME_Y, IN_HOME_Z, INPUTS };
+static const uint8_t input_pin[INPUTS] = {0, 1, 2, 8, 9, 3, 6, 7}; /* port D */
 
 const uint32_t board_pulse = TIMER_HZ / 400000u; /* 2.5 us: what common stepper drivers want */
 static volatile uint16_t samples[3]; /* filled by DMA: arc current, arc voltage, temperature */
@@ -230,7 +230,7 @@ void board_inputs(waam_inputs_t *inputs)
         .home_switch = {active[IN_HOME_X], active[IN_HOME_Y], active[IN_HOME_Z]},
         .process = stale < STALE_MAX ? WAAM_PROCESS_OK : WAAM_PROCESS_LOST,
         .current_a = (double)current_a, .voltage_v = (double)voltage_v, .wire_mm_s = (double)wire_mm_s,
-        .over_temperature = active[IN_HOT],
+        .over_temperature = active[IN_HOT], .drive_fault = active[IN_DRIVE],
         .temperature_c = (double)((float)samples[2] * (VOLT_PER_COUNT * CELSIUS_PER_V)),
     };
 }

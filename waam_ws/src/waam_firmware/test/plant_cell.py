@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 HEADER, SAMPLE, ANSWER = struct.Struct('<IIQ'), struct.Struct('<5dI4x'), struct.Struct('<II4d2I')
-ESTOP, GAS_OK, LIMIT, CONTACT, HOT = 1, 2, 4, 8, 16
+ESTOP, GAS_OK, LIMIT, CONTACT, HOT, DRIVE = 1, 2, 4, 8, 16, 32
 RIPPLE = 0.02  # A and V; a real arc never reads the same twice
 
 

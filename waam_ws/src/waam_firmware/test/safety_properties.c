@@ -199,6 +199,14 @@ static void test_torque_in_alarm(void)
         in.estop = false;
         run(100);
         CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_ESTOP && !out.drives); /* until the reset */
+        CHECK(waam_core_reset(&core, &text) == WAAM_OK);
+        in.drive_fault = true;
+        run(1);
+        CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_DRIVE && !out.drives && !out.arc);
+        CHECK(waam_core_reset(&core, &text) == WAAM_E_DRIVE);
+        in.drive_fault = false;
+        run(100);
+        CHECK(!out.drives); /* safe torque off until the reset */
         config.drives_off_in_estop = false;
         weld();
         in.estop = true;

@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from plant_cell import CONTACT, ESTOP, HOT, Cell
+from plant_cell import CONTACT, DRIVE, ESTOP, HOT, Cell
 
 IDLE, RUN, HOLD, ALARM = range(4)
 ARC, ESTABLISHED, HOMED, ARMED, UNDERFEED = 1, 2, 8, 16, 256
@@ -181,6 +181,17 @@ def test_no_move_after_an_alarm_before_the_wire_is_known_to_be_free(port):
     client.send('G28')
     client.wait_line('^! HOLD E211')
     assert [client.next_frame()[a] for a in ('x_um', 'y_um', 'z_um')] == at
+
+
+def test_the_fault_of_a_drive_ends_everything_and_is_not_reset_before_it_is_gone(port):
+    controller, cell, client = port
+    weld(client)
+    cell.flags = DRIVE
+    assert client.wait_line('^! ALARM') == '! ALARM E308 fault of a drive'
+    client.wait(lambda: not client.frame['flags'] & (ARC | HOMED))
+    assert client.ask('$X').startswith('$X error E308')
+    cell.flags = 0
+    client.wait(lambda: client.ask('$X') == '$X ok')
 
 
 # ---- temperature and sensors

@@ -58,7 +58,16 @@ def test_of_beads_side_by_side_the_outer_sides_tell_the_width(width):
     growth = np.maximum.reduce([g for g, _ in beads])
     found = measure(growth, [p for _, p in beads])
     assert found.width == pytest.approx(width, rel=0.02)
-    assert found.sections == pytest.approx(80, abs=3)  # two beads, without their ends
+    # two beads, without their ends and the begin of the layer
+    assert found.sections == pytest.approx(48, abs=3)
+
+
+def test_the_narrow_first_bead_of_a_layer_does_not_count_where_a_later_one_stands_free():
+    beads = [laid(w, start=START + [0, 4e-3 * i]) for i, w in enumerate([6e-3] + 6 * [6.6e-3])]
+    growth = np.maximum.reduce([g for g, _ in beads])
+    assert measure(growth, [p for _, p in beads]).width == pytest.approx(6.6e-3, rel=0.02)
+    growth, path = laid(6e-3)
+    assert measure(growth, [path]).width == pytest.approx(6e-3, rel=0.02)  # the only bead counts
 
 
 def test_a_bead_that_varies_has_a_larger_uncertainty():

@@ -2,7 +2,8 @@
 
 A section across a bead shows its width where the bead, or its outer side, stands free: nothing was laid beside it, and
 what lies below goes on evenly. There the growth is a parabola (the section of a bead, source 000), and the bead ends at
-its foot. Sides of walls, and beads between others, have no foot of their own and give nothing.
+its foot. The first beads of a layer are laid on colder metal than most of it; sections of later ones are taken where
+there are any. Sides of walls, and beads between others, have no foot of their own and give nothing.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ UNEVEN = (
 MISFIT = 0.15  # share of the crown's height that the section may differ from its parabola, RMS
 FEWEST = 5  # cells of a section
 SECTIONS, BLOCKS = 5, 2  # that a width needs
+COLD = 0.2  # of a layer's path, at its begin: laid on cold metal, narrower than the rest
 ALIKE = (
     0.03  # share of the width by which sections may always differ: the scatter of a few says little
 )
@@ -76,7 +78,9 @@ def bead_width(
     below = HeightGrid(spec, before).sample(places.x, places.y)
     growth = HeightGrid(spec, after).sample(places.x, places.y) - below
     widths = section_widths(growth, below, places.across, places.expected)
-    return _mean(widths, places)
+    warm = np.arange(len(widths)) >= COLD * len(widths)
+    found = _mean(np.where(warm, widths, np.nan), places)
+    return found if found.sections else _mean(widths, places)
 
 
 def sections(

@@ -10,7 +10,7 @@ import pytest
 from waam_process.plant_port import SAMPLE
 from waam_sim.arc import ArcParams, steady_current
 from waam_sim.drive import Drive
-from waam_sim.plant import INPUT_GAS_OK, OUTPUT_ARC, OUTPUT_GAS
+from waam_sim.plant import INPUT_DRIVE_FAULT, INPUT_GAS_OK, OUTPUT_ARC, OUTPUT_GAS
 
 ON = OUTPUT_ARC | OUTPUT_GAS
 WIRE = 5 / 60
@@ -166,6 +166,9 @@ def test_faults_of_arc_wire_and_gas(make_cell):
     plant.faults.inject('gas_loss', 1.0, plant.now)
     assert not drive.wait(0.2, WIRE, 22.0, ON)[-1].inputs & INPUT_GAS_OK
     assert drive.wait(1.0, WIRE, 22.0, ON)[-1].inputs & INPUT_GAS_OK
+    plant.faults.inject('drive_fault', 0.5, plant.now)
+    assert drive.wait(0.2, WIRE, 22.0, ON)[-1].inputs & INPUT_DRIVE_FAULT
+    assert not drive.wait(0.5, WIRE, 22.0, ON)[-1].inputs & INPUT_DRIVE_FAULT
     plant.faults.inject('arc_loss', 0.3, plant.now)
     assert all(r.current < 1.0 for r in drive.wait(0.25, WIRE, 22.0, ON)[1:])
     drive.wait(2.0, WIRE, 22.0, ON)

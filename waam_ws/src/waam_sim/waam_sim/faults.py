@@ -33,6 +33,7 @@ KINDS = {
     'distance_drift': FaultKind('drift in m/s', -0.01, 0.01, 0.5e-3, False),
     'distance_unit': FaultKind('factor of what it says', 0.0, 1000.0, 1 / 25.4, False),
     'distance_dropout': FaultKind('share of readings lost', 0.0, 1.0, 0.1, False),
+    'drive_fault': FaultKind('seconds with the FAULT of a drive', 0.0, 3600.0, 1.0, True),
     'pyrometer_stuck': FaultKind('seconds with a frozen reading', 0.0, 3600.0, math.inf, True),
 }
 

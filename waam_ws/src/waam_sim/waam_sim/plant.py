@@ -35,6 +35,7 @@ from .table import keep
 
 OUTPUT_ARC, OUTPUT_GAS = 1, 2
 INPUT_GAS_OK = 2
+INPUT_DRIVE_FAULT = 32
 SAMPLE_US = 1000
 
 
@@ -155,6 +156,8 @@ class Plant:
         self._measure_distance(len(samples) * SAMPLE_US * 1e-6)
         s = arc.state[0]
         inputs = INPUT_GAS_OK if s['flow'] >= 1.0 else 0
+        if faults.active and faults.on('drive_fault', now):
+            inputs |= INPUT_DRIVE_FAULT
         return Reading(
             inputs,
             float(s['current_read']),

@@ -4,9 +4,10 @@ Two things are seen: ground on which no metal of the layer lies yet, and what gr
 not as the map said changes what its own cells need. Growth that is not what was asked for is expected of the beads
 still to come as well: as far as neighbours share it, and as far as the whole layer does.
 
-How much is believed is one weight per cell, gain * n / (n + points) * 2^(-age / half_life): it rises with the number n
-of points and fades with their age. So a single look moves little, and what was seen long ago nothing. What the
-whole layer shares may be believed more (level): it is the median of many cells, and the wire stays what it is.
+How much a cell is believed is one weight, gain * n / (n + points) * 2^(-age / half_life): it rises with the number n of
+points and fades with their age. So a single look moves little, and what was seen long ago nothing. What the whole layer
+shares, its level, is the median of many cells and comes from the wire, which stays what it is: it is believed as far as
+its own uncertainty allows against what may be expected of a wire (`Belief.level_sigma`), and does not fade.
 
 Pure. Maps are (rows, cols), m, NaN = unknown.
 """
@@ -28,7 +29,11 @@ from ..types import (
 
 GROUND_REACH = 0.4  # bead widths; finer steps of the ground no bead can follow
 OUTLIER = 0.5  # of the planned height; growth that is off by more is no growth of a bead
-ENOUGH = 0.25  # share of the neighbourhood, or of the layer, that counts half
+ENOUGH = 0.25  # share of the neighbourhood that counts half
+RIM = 0.25  # bead widths from the edge of the layer whose growth says nothing of its level
+PATCH = 1.5  # bead widths; metal nearer to each other than that is off together
+LEVEL_FLOOR = 0.015  # of the relative height: the first beads of a layer are not quite the others, however many cells
+LEAST_SCATTER = 0.04  # of the relative height, of patches: that of a few cells says little
 LEAST = 1e-4  # change of the relative layer height that is one
 
 
@@ -37,11 +42,11 @@ class Belief:
     """How much is believed of what was seen beside the arc."""
 
     gain: float = 0.3  # largest weight
-    level: float = 0.0  # least weight of what the whole layer shares, however old
+    level_sigma: float = 0.06  # of the level of a layer before it is seen; 0 = it is not asked for
     points: float = 30.0  # behind a cell, for half of it
     half_life: float = 60.0  # s
     reach: float = 1.2  # bead widths over which beads share their deviation (sigma)
-    limit: float = 0.2  # of the relative layer height, largest change
+    limit: float = 0.3  # of the relative layer height, largest change
 
     def weight(self, count: np.ndarray, age: np.ndarray) -> np.ndarray:
         """(rows, cols) 0 .. gain. count: points behind each cell; age: s since they were seen."""
@@ -103,13 +108,12 @@ def renew(
     )
     grown = np.where(footprint, seen.growth / height, np.nan)
     grown = np.where(np.abs(grown) <= OUTLIER, grown, np.nan)
-    level = _level(grown, weight, footprint)
+    level, trust = _level(grown, footprint, width, belief.level_sigma)
     near = _spread(grown - level, weight, belief.reach * width)
-    change = np.clip(
-        -(ground + near + _believed(level, grown, weight, belief.level)),
-        -belief.limit,
-        belief.limit,
-    )
+    lacking = (
+        -trust * level / (1 + trust * level)
+    )  # metal in proportion: half of the growth needs twice of it
+    change = np.clip(lacking - ground - near, -belief.limit, belief.limit)
     change = np.where(footprint & (np.abs(change) > LEAST), change, 0.0)
     return Renewal(_changed(base, height, change), change)
 
@@ -131,19 +135,24 @@ def _spread(values: np.ndarray, weight: np.ndarray, sigma: float) -> np.ndarray:
     return total / np.maximum(share, 1e-9) * share / (share + ENOUGH)
 
 
-def _level(grown: np.ndarray, weight: np.ndarray, footprint: np.ndarray) -> float:
-    """Relative deviation of the growth that all of the layer shares: the median, less when little of it was seen."""
-    known = np.isfinite(grown) & (weight > 0)
-    if not known.any():
-        return 0.0
-    share = known.sum() / max(int(footprint.sum()), 1)
-    return float(np.median(grown[known]) * share / (share + ENOUGH))
+def _level(
+    grown: np.ndarray, footprint: np.ndarray, width: float, sigma: float
+) -> tuple[float, float]:
+    """Relative deviation of the growth that all of the layer shares, the median, and how far it is believed, 0..1: the
+    gain of a Kalman filter, from `sigma` (before anything was seen) and the scatter of the cells. width: of a bead, in
+    cells.
+    """
+    from scipy.ndimage import binary_erosion
 
-
-def _believed(level: float, grown: np.ndarray, weight: np.ndarray, least: float) -> float:
-    """The level, as far as the cells that it comes from are believed, or by the weight `least`."""
-    known = np.isfinite(grown) & (weight > 0)
-    return level * max(float(weight[known].mean()), least) if known.any() else 0.0
+    inner = binary_erosion(footprint, iterations=max(1, round(RIM * width)))
+    seen = grown[inner & np.isfinite(grown)]
+    patches = len(seen) / (PATCH * width) ** 2
+    if sigma <= 0 or patches < 1:
+        return 0.0, 0.0
+    level = float(np.median(seen))
+    scatter = max(1.4826 * float(np.median(np.abs(seen - level))), LEAST_SCATTER)
+    noise = LEVEL_FLOOR**2 + scatter**2 / patches
+    return level, sigma**2 / (sigma**2 + noise)
 
 
 def _changed(base: Correction, height: np.ndarray, change: np.ndarray) -> Correction:

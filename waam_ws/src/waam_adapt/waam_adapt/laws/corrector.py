@@ -73,12 +73,12 @@ class CorrectionParams:
         0.0,
         1.0,
     )
-    in_layer_level: float = param(
-        0.0,
-        'least weight of what the growth seen beside the arc is off by in all of the layer',
+    in_layer_level_sigma: float = param(
+        0.06,
+        'by how much of its height all of a layer may be off before it is seen; 0 = the level is not corrected within',
         '',
         0.0,
-        1.0,
+        0.3,
     )
     in_layer_points: float = param(
         30.0,
@@ -94,7 +94,7 @@ class CorrectionParams:
         1.2, 'bead widths over which beads share what they did unlike the plan', '', 0.1, 10.0
     )
     in_layer_limit: float = param(
-        0.2, 'largest change of the relative layer height within a layer', '', 0.0, 0.5
+        0.3, 'largest change of the relative layer height within a layer', '', 0.0, 0.5
     )
 
     @property

@@ -56,7 +56,8 @@ typedef enum {
     WAAM_E_NOT_HOMED = 304,
     WAAM_E_NOT_ARMED = 305,
     WAAM_E_POWER_UP = 306,
-    WAAM_E_WATCHDOG = 307
+    WAAM_E_WATCHDOG = 307,
+    WAAM_E_DRIVE = 308
 } waam_code_t;
 
 /* What can go wrong with the arc; what is done about it is configured (waam_guard.c). */
@@ -112,7 +113,7 @@ typedef struct {
     double temperature_max_c;   /* of torch or drives */
     bool starts_in_alarm;       /* after power-up (306): nothing but a reset leads to IDLE */
     bool watchdog_reset;        /* the shell found that the watchdog had reset the processor (307) */
-    bool drives_off_in_estop;   /* no torque while the emergency stop is pressed and until the reset after it */
+    bool drives_off_in_estop;   /* no torque from an emergency stop or a drive's fault to the reset after it */
     bool drives_off_in_alarm;   /* the same for every other ALARM; see doc/stm32f407.md */
     uint32_t link_timeout_us;   /* no valid line for this long while in RUN: HOLD 201 */
     uint32_t lease_us;          /* the arc is off this long after the lease stamp */
@@ -129,6 +130,7 @@ typedef struct {
     bool home_switch[WAAM_AXES];
     waam_process_t process;     /* are the five values below connected */
     double current_a, voltage_v, wire_mm_s; /* current and voltage: not used where the fast tick has them */
+    bool drive_fault;           /* FAULT output of a drive: its axis does not follow the pulses any more */
     bool over_temperature;      /* thermal switch of torch, drives or cooling */
     double temperature_c;       /* where it is measured; else 0 */
     uint32_t distance_reading;  /* counts up with every reading of the distance sensor */

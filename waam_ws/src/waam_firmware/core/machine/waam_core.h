@@ -54,7 +54,7 @@ typedef struct {
     waam_state_t state;
     waam_code_t fault;          /* why HOLD or ALARM */
     bool homed, armed;
-    bool estopped;              /* the emergency stop was pressed since the last reset */
+    bool estopped;              /* emergency stop or a drive's fault since the last reset: safe torque off */
     bool stopping;              /* slowing down to forget the queue */
     bool resume_asked;          /* continue as soon as motion and arc have ended */
     bool arc_wanted;            /* between M3 and M5 of the executed program */
@@ -106,6 +106,7 @@ typedef struct {
     bool block_started;
     uint64_t dwell_us;
     double wire_override;
+    bool replanned;             /* by an override, in this tick */
     uint64_t dry_us;            /* queue empty with the arc on */
     uint64_t heard_us;          /* last valid line */
     uint64_t beat_us;           /* last heartbeat; 0 = none yet */

@@ -111,6 +111,7 @@ static void override(waam_core_t *core, uint8_t byte)
     default: return;
     }
     waam_planner_set_override(&core->planner, fmin(fmax(round(percent), 10.0), 200.0) * PERCENT);
+    core->replanned = true;
 }
 
 /* A connection that nobody has spoken on is opened by a reset, or by asking for the status before anything else. */

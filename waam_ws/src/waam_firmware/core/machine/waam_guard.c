@@ -26,7 +26,7 @@ void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs, uint32_t 
     bool limit = waam_limit_look(&core->limit, inputs->limit_switch, inputs->home_switch, &core->config, dt_us);
     float voltage, current;
     core->inputs = *inputs;
-    core->estopped = core->estopped || inputs->estop;
+    core->estopped = core->estopped || inputs->estop || inputs->drive_fault;
     if (waam_fast_mean(&core->fast, &voltage, &current)) {
         core->inputs.voltage_v = (double)voltage;
         core->inputs.current_a = (double)current;
@@ -35,6 +35,8 @@ void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs, uint32_t 
         return;
     if (inputs->estop)
         waam_core_alarm(core, WAAM_E_ESTOP, "emergency stop");
+    else if (inputs->drive_fault)
+        waam_core_alarm(core, WAAM_E_DRIVE, "fault of a drive");
     else if (limit)
         waam_core_alarm(core, WAAM_E_LIMIT_SWITCH, "limit switch");
     else if (inputs->process == WAAM_PROCESS_LOST)

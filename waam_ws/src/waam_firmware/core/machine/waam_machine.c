@@ -39,7 +39,9 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
     core->now_us += dt_us;
     core->since_tick_us = 0;
     waam_guard_inputs(core, inputs, dt_us);
-    waam_core_take_lines(core);
+    if (!core->replanned) /* both in one tick would make it the longest one */
+        waam_core_take_lines(core);
+    core->replanned = false;
     waam_guard_link(core);
     waam_guard_armed(core);
     waam_core_run(core, dt_us);

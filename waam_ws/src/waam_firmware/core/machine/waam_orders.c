@@ -117,6 +117,7 @@ void waam_order_override(waam_request_t *r)
         return;
     }
     waam_planner_set_override(&core->planner, v[0] / 1000.0);
+    core->replanned = true;
     core->wire_override = v[1] / 1000.0;
     waam_request_ok(r);
 }
@@ -149,6 +150,10 @@ waam_code_t waam_core_reset(waam_core_t *core, const char **text)
     if (core->inputs.estop) {
         *text = "the emergency stop is still active";
         return WAAM_E_ESTOP;
+    }
+    if (core->inputs.drive_fault) {
+        *text = "a drive still reports a fault";
+        return WAAM_E_DRIVE;
     }
     if (core->inputs.process == WAAM_PROCESS_LOST) {
         *text = "the process inputs are still lost";

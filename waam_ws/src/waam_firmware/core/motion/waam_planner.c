@@ -76,7 +76,8 @@ static double junction(const waam_block_t *before, const waam_block_t *after, co
 
 double waam_block_cruise(const waam_block_t *block, double override)
 {
-    return fmin(block->nominal_mm_s * override, block->ceiling_mm_s);
+    double wanted = block->nominal_mm_s * override;
+    return wanted < block->ceiling_mm_s ? wanted : block->ceiling_mm_s;
 }
 
 double waam_planner_exit(const waam_planner_t *planner, size_t i)
@@ -88,16 +89,32 @@ double waam_planner_exit(const waam_planner_t *planner, size_t i)
 /* Greatest speed from which a move can slow down to that of its last stretch. */
 static double reached_before(const waam_slow_t *last, const waam_block_t *block)
 {
-    if (last->length_mm <= 0.0f)
-        return INFINITY;
     float left = fmaxf(0.0f, (float)block->path.length_mm - last->length_mm);
     return (double)sqrtf(last->speed_mm_s * last->speed_mm_s + 2.0f * (float)block->accel_mm_s2 * left);
 }
 
+/* By the speeds wanted in a block and in the one before it. */
+static double limited_entry(const waam_block_t *block, double before_mm_s, double cruise_mm_s)
+{
+    double limit = before_mm_s < cruise_mm_s ? before_mm_s : cruise_mm_s;
+    limit = block->junction_mm_s < limit ? block->junction_mm_s : limit;
+    if (block->last.length_mm <= 0.0f)
+        return limit;
+    double reached = reached_before(&block->last, block);
+    return reached < limit ? reached : limit;
+}
+
 static double entry_max(const waam_planner_t *planner, const waam_block_t *before, const waam_block_t *block)
 {
-    double limit = fmin(waam_block_cruise(before, planner->override), waam_block_cruise(block, planner->override));
-    return fmin(fmin(limit, block->junction_mm_s), reached_before(&block->last, block));
+    return limited_entry(block, waam_block_cruise(before, planner->override), waam_block_cruise(block, planner->override));
+}
+
+/* The square root to a part in 1e14: a processor without doubles has that of a float in hardware, and one step of Newton
+ * is three times as fast as its sqrt. */
+static double root(double x)
+{
+    double near = (double)sqrtf((float)x);
+    return near > 0.0 ? 0.5 * (near + x / near) : 0.0;
 }
 
 /* From the last block to the first: no block is entered faster than it can slow down to its own exit. A forward pass is
@@ -110,9 +127,8 @@ static void replan(waam_planner_t *planner, bool all)
         waam_block_t *block = at(planner, i);
         double entry = 0.0; /* also of blocks that do not move, and of those after them */
         if (block->entry_max_mm_s > 0.0) {
-            entry = sqrt(exit * exit + block->gain_mm2_s2);
-            if (entry > block->entry_max_mm_s)
-                entry = block->entry_max_mm_s;
+            double most = block->entry_max_mm_s, square = exit * exit + block->gain_mm2_s2;
+            entry = square < most * most ? root(square) : most;
         }
         if (!all && i + 1 < planner->count && entry == block->entry_mm_s)
             return;
@@ -174,11 +190,14 @@ void waam_planner_push(waam_planner_t *planner, const waam_block_t *block, const
 
 void waam_planner_set_override(waam_planner_t *planner, double factor)
 {
+    double before = planner->count ? waam_block_cruise(at(planner, 0), factor) : 0.0;
     planner->override = factor;
-    for (size_t i = planner->count; i-- > 1;) {
+    for (size_t i = 1; i < planner->count; i++) {
         waam_block_t *block = at(planner, i);
+        double cruise = waam_block_cruise(block, factor);
         if (block->junction_mm_s > 0.0)
-            block->entry_max_mm_s = entry_max(planner, at(planner, i - 1), block);
+            block->entry_max_mm_s = limited_entry(block, before, cruise);
+        before = cruise;
     }
     replan(planner, true);
 }
