@@ -3,7 +3,9 @@
 program.path_um: largest distance of the path that a job lays from the path of LinuxCNC's rs274, over files of
 PrusaSlicer, Slic3r and Cura, programs of `waam plan` (plain and with arcs) and 300 random ones with lines, arcs,
 helices, planes, units and shifts; baseline: the tolerance that was asked for. Without rs274 (package linuxcnc-uspace)
-the arcs are judged by an evaluation of their own, and the line says so.
+the arcs are judged by an evaluation of their own, and the line says so. `WAAM_PROGRAMS=FOLDER` adds the programs
+(*.gcode) of a folder, for the files of other slicers, which may not lie here; NAME.yaml beside one is its dialect
+(`slicer` without).
 program.rms_ratio: RMS height error of a block of PrusaSlicer (eight layers in 52 x 32 mm, concentric, nominal part
 48 x 28 mm: 2 mm of allowance on the sides), closed loop over open loop, mean of five seeds in the laboratory; baseline:
 asked for. `WAAM_BENCH_SEEDS=1,2` chooses the seeds; a seed takes about a minute of a core.
@@ -12,6 +14,7 @@ asked for. `WAAM_BENCH_SEEDS=1,2` chooses the seeds; a seed takes about a minute
 from __future__ import annotations
 
 import math
+import os
 import random
 import sys
 import tempfile
@@ -66,11 +69,32 @@ def own_programs() -> list[str]:
     return [gcode(plan), compact_gcode(plan)[0]]
 
 
+def others() -> list[tuple[str, str, str]]:
+    """Name, text and dialect of the programs in the folder that `WAAM_PROGRAMS` names."""
+    from waam_plan.read.files import program_text
+
+    if not (folder := os.environ.get('WAAM_PROGRAMS')):
+        print(
+            'program.path_um: files of more slicers are left out: WAAM_PROGRAMS names no folder',
+            file=sys.stderr,
+        )
+        return []
+    files = sorted(Path(folder).glob('*.gcode'))
+    if not files:
+        raise SystemExit(f'WAAM_PROGRAMS={folder}: no *.gcode in it')
+    dialects = [f.with_suffix('.yaml') for f in files]
+    return [
+        (f.name, program_text(f), str(d) if d.exists() else 'slicer')
+        for f, d in zip(files, dialects, strict=True)
+    ]
+
+
 def path() -> None:
     """Each program by name on stderr."""
     rng = random.Random(1)
     programs = [(f.name, f.read_text(), 'slicer') for f in sorted(SLICED.glob('*.gcode'))]
     programs += [('our own', text, 'waam') for text in own_programs()]
+    programs += others()
     programs += [('random', random_program(rng), 'waam') for _ in range(RANDOM)]
     judge = off_um if available() else exact_off_um
     worst, count = {}, 0
