@@ -17,7 +17,9 @@ SHORTEST = 5.5e-4  # mm; below its four decimals rs274 may leave a move out
 # words of printers and welders that rs274 does not know; they move nothing
 FOREIGN = re.compile(r'[MTESW]\s*-?[\d.]+|\bG(?:28|29|10|11)\b.*', re.IGNORECASE)
 # lines with words of their own, M73 P0 R28, and macros of Klipper
-MACHINE = re.compile(r'^\s*(N\d+\s*)?M(?:11[78]\b.*|\d[^G]*)$|^[A-Z][A-Z0-9]*_[A-Z0-9_]+\b', re.IGNORECASE)
+MACHINE = re.compile(
+    r'^\s*(N\d+\s*)?M(?:11[78]\b.*|\d[^G]*)$|^[A-Z][A-Z0-9]*_[A-Z0-9_]+\b', re.IGNORECASE
+)
 ALONE = re.compile(r'^\s*(N\d+)?\s*G92\s*$', re.IGNORECASE)  # once its E is gone
 
 
