@@ -167,7 +167,7 @@ def ratio() -> None:
 @contextmanager
 def told_before(told: dict[int, np.ndarray], lacked: dict[int, np.ndarray]) -> Iterator[None]:
     """Layers expect the lacks of `told`, by layer, instead of those of their kind; `lacked` gets what they lacked."""
-    from waam_adapt.beads.bead_bias import BeadBias
+    from waam_adapt.beads.bead_bias import BeadBias, _without_detail
 
     here, remember = BeadBias._here, BeadBias._with_missing
 
@@ -175,7 +175,7 @@ def told_before(told: dict[int, np.ndarray], lacked: dict[int, np.ndarray]) -> I
         return told[layer] if layer in told else here(self, layer, shape)
 
     def noted(self, layer, lacks, seen, learning):
-        lacked[layer] = lacks * seen
+        lacked[layer] = _without_detail(lacks * seen)  # no setpoint makes finer waves
         return remember(self, layer, lacks, seen, learning)
 
     BeadBias._here, BeadBias._with_missing = known, noted
