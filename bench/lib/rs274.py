@@ -16,6 +16,10 @@ PLANES = {'XY': (0, 1, 2), 'XZ': (2, 0, 1), 'YZ': (1, 2, 0)}
 SHORTEST = 5.5e-4  # mm; below its four decimals rs274 may leave a move out
 # words of printers and welders that rs274 does not know; they move nothing
 FOREIGN = re.compile(r'[MTESW]\s*-?[\d.]+|\bG(?:28|29|10|11)\b.*', re.IGNORECASE)
+# lines with words of their own, M73 P0 R28, and macros of Klipper
+MACHINE = re.compile(
+    r'^\s*(N\d+\s*)?M(?:11[78]\b.*|\d[^G]*)$|^[A-Z][A-Z0-9]*_[A-Z0-9_]+\b', re.IGNORECASE
+)
 ALONE = re.compile(r'^\s*(N\d+)?\s*G92\s*$', re.IGNORECASE)  # once its E is gone
 
 
@@ -55,7 +59,8 @@ class Judged:
 
 def judged(text: str) -> list[Judged]:
     """Motions of a program; what is not RS274/NGC is left out first. Raises RuntimeError with what rs274 says."""
-    lines = [FOREIGN.sub('', re.sub(r'\([^)]*\)|;.*|\*\d+\s*$', '', x)) for x in text.splitlines()]
+    lines = [re.sub(r'\([^)]*\)|;.*|\*\d+\s*$', '', x) for x in text.splitlines()]
+    lines = [FOREIGN.sub('', x) for x in lines if not MACHINE.match(x)]
     plain = '\n'.join(x for x in lines if x.strip() != '%' and not ALONE.match(x))
     with tempfile.TemporaryDirectory(prefix='waam_rs274_') as scratch:
         for name in ('tool.tbl', 'rs274.var'):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import reduce
 
 import numpy as np
@@ -356,3 +357,22 @@ def check(text: str, dialect) -> None:
         corners = m.corners(1e-4)
         assert np.isfinite(corners).all() and np.abs(corners).max() <= 200
         assert m.speed > 0 and (math.isnan(m.wire) or m.wire > 0)
+
+
+MACROS = 'EXCLUDE_OBJECT_DEFINE NAME=a POLYGON=[[1,2]' + ',[3,4]' * 200 + ']\nSTART_PRINT BED=60\n'
+
+
+def test_macros_of_a_klipper_printer_are_passed_over():
+    text = 'G21 G90 M83\nG1 X0 Y0 Z2 F600\nG1 X9 E5\n'
+    assert read(MACROS + text, SLICER) == [replace(m, line=m.line + 2) for m in read(text, SLICER)]
+
+
+@pytest.mark.parametrize('macro', ['SET_GCODE_OFFSET Z=1', 'START_PRINTER', 'start_print'])
+def test_a_macro_that_the_dialect_does_not_name_is_refused(macro):
+    with pytest.raises(ProgramError, match=f'line 3: {macro[:5]}'):
+        read(f'{MACROS}{macro}\nG1 X1', SLICER)
+
+
+def test_what_is_no_name_of_a_macro_is_refused_in_a_dialect():
+    with pytest.raises(DialectError, match="macros: 'G1' is no name"):
+        dialect_of({'wire': {'axis': 'E'}, 'macros': ['G1']}, 'mine')

@@ -70,6 +70,7 @@ class Dialect:
     gas: tuple[Code, ...] = ()  # accepted; the controller has its own pre-flow and post-flow
     ignore: frozenset[str] = frozenset()  # codes without effect, on motion, arc or wire
     skip: frozenset[str] = frozenset()  # lines that begin with such a code are passed over
+    macros: frozenset[str] = frozenset()  # and those that begin with such a name of Klipper's
     layer: tuple[re.Pattern[str], ...] = ()  # comments with which a layer begins
     idle: str = 'keep'  # moves without arc: as in the program, or lifted over the metal
     height: str = 'surface'  # z of a bead is that of the surface under it, or of its top
@@ -82,8 +83,8 @@ class Dialect:
 
 
 _KEYS = {
-    'name', 'about', 'arc_on', 'arc_off', 'wire', 'voltage', 'gas', 'ignore', 'skip', 'layer',
-    'idle', 'height', 'block_delete',
+    'name', 'about', 'arc_on', 'arc_off', 'wire', 'voltage', 'gas', 'ignore', 'skip', 'macros',
+    'layer', 'idle', 'height', 'block_delete',
 }  # fmt: skip
 _SETTING = {'word', 'code', 'unit', 'value', 'factor'}
 
@@ -119,6 +120,7 @@ class _Maker:
             gas=self._codes(data, 'gas'),
             ignore=frozenset(c.name for c in self._codes(data, 'ignore')),
             skip=frozenset(c.name for c in self._codes(data, 'skip')),
+            macros=self._macros(data.get('macros', [])),
             layer=self._patterns(data.get('layer', [])),
             idle=self._choice(data, 'idle', IDLE),
             height=self._choice(data, 'height', HEIGHTS),
@@ -160,6 +162,13 @@ class _Maker:
             self.wrong.append(f'{key}: {text!r} is no code such as M3')
             return None
         return Code(words[0].code, tuple((w.letter, w.value) for w in words[1:]))
+
+    def _macros(self, value: Any) -> frozenset[str]:
+        names = [str(n) for n in (value if isinstance(value, list) else [value])]
+        for name in names:
+            if not re.fullmatch('[A-Z][A-Z0-9]*_[A-Z0-9_]+', name):  # with '_' it is no code
+                self.wrong.append(f'macros: {name!r} is no name such as EXCLUDE_OBJECT_START')
+        return frozenset(names)
 
     def _patterns(self, value: Any) -> tuple[re.Pattern[str], ...]:
         out = []

@@ -25,7 +25,7 @@ MOST_MOTIONS = 5_000_000
 def read_program(text: str, dialect: Dialect, name: str = 'program') -> Program:
     """Raises ProgramError, which names line and word, for everything that has no meaning here."""
     reader = _Reader(dialect)
-    for line in read_lines(text, dialect.block_delete):
+    for line in read_lines(text, dialect.block_delete, dialect.macros):
         if reader.ended:
             break
         reader.line(line)

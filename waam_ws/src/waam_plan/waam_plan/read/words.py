@@ -60,12 +60,17 @@ class Line:
     comments: tuple[str, ...] = ()
 
 
-def read_lines(text: str, delete: bool = False) -> Iterator[Line]:
+def read_lines(
+    text: str, delete: bool = False, macros: frozenset[str] = frozenset()
+) -> Iterator[Line]:
     """Every line of a program. delete: lines that begin with '/' are left out (the switch of block delete is on).
+    macros: lines that begin with such a name, in capitals, are passed over.
 
     '%' alone on a line is passed over. Raises ProgramError.
     """
     for number, raw in enumerate(text.splitlines(), 1):
+        if macros and raw.partition(';')[0].partition(' ')[0].strip() in macros:
+            continue
         line = _line(number, raw, delete)
         if line.words or line.comments:
             yield line
