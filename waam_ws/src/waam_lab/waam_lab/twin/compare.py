@@ -22,7 +22,11 @@ BLOCK = 2  # cells; heights are averaged over so many
 LAYER_LEVEL, JOB_LEVEL = 0.008, 0.004  # share of the metal that a layer, a job is laid anew wrongly
 PATCH, PATCH_SIZE = 3e-5, 3e-3  # m, height and size of what is wrong within a layer
 NARROW = 0.015  # share of the height of narrow structure: ridges that are laid anew a little beside lose some
-CELL_MEAN = (1 / 24, 22 / 24, 1 / 24)  # mean over a cell, from the middles of three (to the second order)
+CELL_MEAN = (
+    1 / 24,
+    22 / 24,
+    1 / 24,
+)  # mean over a cell, from the middles of three (to the second order)
 
 
 class Comparison:
@@ -54,9 +58,7 @@ class Comparison:
 
     def difference(self, a: Laid, b: Laid) -> dict[int, np.ndarray]:
         """Laid `a` less laid `b`, in the form of `off`."""
-        return {
-            k: np.where(m, seen(a.growth[k] - b.growth[k]), 0.0) for k, m in self.masks.items()
-        }
+        return {k: np.where(m, seen(a.growth[k] - b.growth[k]), 0.0) for k, m in self.masks.items()}
 
     def bands(self, maps: Mapping[int, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Maps as of `off`, wide and narrow structure apart, blocks of cells as (n,) each, m."""
@@ -102,7 +104,7 @@ class Comparison:
 
 
 def seen(grown: np.ndarray) -> np.ndarray:
-    """What a map shows of metal (rows, cols) m that was laid on the middles of its cells: a scan has means over them."""
+    """What a map shows of metal (rows, cols) m laid on the middles of its cells: a scan has means over them."""
     rows = correlate1d(grown, CELL_MEAN, axis=0, mode='nearest')
     return correlate1d(rows, CELL_MEAN, axis=1, mode='nearest')
 

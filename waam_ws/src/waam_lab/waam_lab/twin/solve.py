@@ -183,7 +183,7 @@ def slopes_of(task: Task) -> _Slopes:
 
 
 def scatter_of(task: Task) -> _Scatter:
-    """Mean and covariance of the statistics: cells that differ in their scatter alone, and what laying anew is wrong by.
+    """Mean and covariance of the statistics over cells that differ in their scatter alone, and what laying is wrong by.
 
     The mean is not zero: beads of uneven width make lower ridges than even ones.
     """
@@ -237,14 +237,14 @@ def loudness(slopes: _Slopes, wide: np.ndarray) -> float:
     return float(0.5 * np.log(np.mean(left**2) + 1e-18))
 
 
-def _information(
-    case: Case, slopes: _Slopes, scatter: _Scatter
-) -> tuple[np.ndarray, np.ndarray]:
+def _information(case: Case, slopes: _Slopes, scatter: _Scatter) -> tuple[np.ndarray, np.ndarray]:
     """Precision (p, p) and pull (p,) of one job."""
     bands = case.comparison.bands(case.comparison.off(slopes.middle))
     change = np.concatenate([slopes.wide.T @ slopes.wide, slopes.narrow.T @ slopes.narrow])
     scale = np.sqrt(np.diag(scatter.covariance)) + 1e-30
-    inner = np.linalg.pinv(scatter.covariance / np.outer(scale, scale), rcond=1e-6) / np.outer(scale, scale)
+    inner = np.linalg.pinv(scatter.covariance / np.outer(scale, scale), rcond=1e-6) / np.outer(
+        scale, scale
+    )
     precision = change.T @ inner @ change
     pull = change.T @ inner @ (slopes.statistics(bands) - scatter.mean)
     off = case.replay.readings.celsius - slopes.middle.celsius
