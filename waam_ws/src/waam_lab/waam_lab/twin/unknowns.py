@@ -73,7 +73,7 @@ class Unknown:
 
 # Laid anew: found together, for each of them moves the metal or the heat a little.
 REPLAYED = (
-    Unknown(METAL, 'transfer', 0.90, 0.06, 0.024),
+    Unknown(METAL, 'transfer', 0.90, 0.06, 0.012),
     Unknown(METAL, 'width_ref', 7.0e-3, 0.5e-3, 0.05e-3),
     Unknown(METAL, 'levelling', 0.55, 0.15, 0.03),
     Unknown(METAL, 'pool_lag', 0.45, 0.15, 0.08),
