@@ -138,10 +138,10 @@ def test_a_program_goes_into_the_queue_by_its_button_and_is_looked_at_when_it_is
     page.fill('#g-x', '5')
     page.select_option('#g-dialect', 'slicer')  # the wrong one
     page.click('#g-enqueue')
-    shows(page, '#g-note', '^item 1 waits$')
+    shows(page, '#g-note', ' 1 waits$')
     page.select_option('#g-dialect', 'waam')
     page.click('#g-enqueue')
-    shows(page, '#g-note', '^item 2 waits$')
+    shows(page, '#g-note', ' 2 waits$')
     page.goto(f'{panel.url}/cells')
     shows(page, '#queue tr:nth-child(1)', 'wall.gcode.*waiting')
     assert panel.operations.asked == []  # nothing starts by itself
