@@ -163,12 +163,13 @@ def query_time() -> None:
 
 
 def lost() -> None:
-    from lib.archive_jobs import make_job
+    import lib.archive_jobs  # noqa: F401 - puts the folder of the next two on the path
 
     from waam_archive.archive import Archive
     from waam_archive.ingest import ingest
 
     from killing import counted, ingest_in_child, troubles  # isort: skip
+    from made_jobs import make_job  # isort: skip
 
     rng = random.Random(seeds((1,))[0])
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
