@@ -210,6 +210,37 @@ def test_every_metric_has_a_value_per_job(archive, name):
     assert one.values.tolist() == [found.values[1]]
 
 
+def test_the_next_program_asks_the_kept_figures_unless_the_archive_has_changed(tmp_path):
+    jobs, place = tmp_path / 'jobs', tmp_path / 'archive'
+    make_job(jobs, 1, rms=1e-4)
+    ingest(Archive(place).store, [jobs])
+
+    def ask() -> list[float]:
+        return values_of(Archive(place), 'rms', Selection()).values.tolist()
+
+    assert ask() == pytest.approx([0.1])
+    (kept,) = (place / '.figures').iterdir()
+    db = duckdb.connect()
+    told = f"SELECT * REPLACE (7.0 AS rms) FROM '{kept}'"
+    db.execute(f"COPY ({told}) TO '{tmp_path / 'other.parquet'}'")
+    (tmp_path / 'other.parquet').replace(kept)
+    assert ask() == [7.0]  # it was asked, not the jobs
+    kept.write_bytes(b'torn')
+    assert ask() == pytest.approx([0.1])
+    make_job(jobs, 2, rms=3e-4)
+    ingest(Archive(place).store, [jobs])
+    assert ask() == pytest.approx([0.1, 0.3])
+    assert len(list((place / '.figures').iterdir())) == 1
+
+
+def test_a_trend_is_told_where_nothing_can_be_kept(tmp_path):
+    make_job(tmp_path / 'jobs', 1, rms=1e-4)
+    ingest(Archive(tmp_path / 'archive').store, [tmp_path / 'jobs'])
+    (tmp_path / 'archive/.figures').write_text('in the way')
+    found = values_of(Archive(tmp_path / 'archive'), 'rms', Selection())
+    assert found.values.tolist() == pytest.approx([0.1])
+
+
 def test_a_trend_of_a_bead_figure_is_that_of_the_beads(archive):
     """What is kept in memory, against the plain question to the files."""
     text = 'SELECT job, avg(current_A) AS value FROM beads GROUP BY job'

@@ -32,26 +32,24 @@ METRICS = {
 }  # fmt: skip
 
 
-IN_MEMORY = {False: 'trend_jobs', True: 'trend_beads'}  # of_beads -> table that `table` makes
+KEPT = 'of_jobs'  # the table that `table` makes
 
 
-def table(of_beads: bool) -> str:
+def table() -> str:
     """SQL that makes a table in memory: a row per job with its filters (selection.TEXTS) and the value of every figure.
 
-    Figures of the beads want the one of the jobs first. Beads become one row per job before anything is joined: a tenth
-    of the time of the join first.
+    Beads become one row per job before anything is joined: a tenth of the time of the join first.
     """
-    own = ', '.join(
-        f'{m.expression} AS "{n}"' for n, m in METRICS.items() if m.of_beads == of_beads
+    own, of_beads = (
+        ', '.join(f'{m.expression} AS "{n}"' for n, m in METRICS.items() if m.of_beads == which)
+        for which in (False, True)
     )
+    named = ', '.join(f'told."{n}"' for n, m in METRICS.items() if m.of_beads)
     texts = ', '.join(f'jobs."{name}"' for name in TEXTS)
-    source = 'jobs'
-    if of_beads:
-        told = f'(SELECT job, {own} FROM beads GROUP BY job) of_job'
-        own = ', '.join(f'of_job."{n}"' for n, m in METRICS.items() if m.of_beads)
-        source = f'{told} JOIN {IN_MEMORY[False]} jobs ON jobs.job = of_job.job'
-    query = f'SELECT {texts}, jobs.created, {own} FROM {source}'
-    return f'CREATE TEMP TABLE IF NOT EXISTS {IN_MEMORY[of_beads]} AS {query}'
+    return (
+        f'CREATE TEMP TABLE IF NOT EXISTS {KEPT} AS SELECT {texts}, jobs.created, {own}, {named} FROM jobs '
+        f'LEFT JOIN (SELECT job, {of_beads} FROM beads GROUP BY job) told ON told.job = jobs.job'
+    )
 
 
 def query(name: str, where: str) -> str:
@@ -60,6 +58,6 @@ def query(name: str, where: str) -> str:
     name: key of METRICS; where: of a Selection.
     """
     return (
-        f'SELECT job, created, "{name}" AS value FROM {IN_MEMORY[METRICS[name].of_beads]} jobs '
+        f'SELECT job, created, "{name}" AS value FROM {KEPT} jobs '
         f'WHERE ({where}) AND isfinite("{name}") ORDER BY created, job'
     )

@@ -95,6 +95,20 @@ class Store:
         found = (_MARKER.fullmatch(f.name) for f in (self.root / 'segments').iterdir())
         return sorted(int(m.group(1)) for m in found if m)
 
+    def stamps(self) -> list[tuple[str, int, int]]:
+        """Names, times and sizes of all markers: another list, another archive. ArchiveError as of `catalog`."""
+        if not self.exists:
+            return []
+        self.check_version()
+        for last in (False, True):
+            try:
+                found = [(n, (self.root / marker_name(n)).stat()) for n in self.marker_numbers()]
+                return [(marker_name(n), s.st_mtime_ns, s.st_size) for n, s in found]
+            except FileNotFoundError as e:  # merged between the two looks
+                if last:
+                    raise ArchiveError(f'{self.root}: cannot be read ({e})') from None
+        raise AssertionError('not reached')
+
     def segment(self, number: int) -> Segment:
         """ArchiveError when the marker is damaged."""
         file = self.root / marker_name(number)

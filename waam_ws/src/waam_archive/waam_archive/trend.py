@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from .archive import Archive
-from .metrics import METRICS, query, table
+from .kept_figures import KeptFigures
+from .metrics import query
 from .selection import Selection
 
 
@@ -20,21 +22,26 @@ class Trend(NamedTuple):
     values: np.ndarray
 
 
+_kept: WeakKeyDictionary[Archive, KeptFigures] = WeakKeyDictionary()
+
+
+def kept_figures(archive: Archive) -> KeptFigures:
+    """Of an archive, as long as somebody holds it."""
+    return _kept.setdefault(archive, KeptFigures(archive))
+
+
 def values_of(archive: Archive, metric: str, chosen: Selection) -> Trend:
     """metric: key of METRICS.
 
     An archive that is held open keeps a row per job in memory, as long as nothing is written into it: the first
-    question reads the files, the others take some milliseconds.
+    question reads the files, the others take some milliseconds. These rows are kept in a file as well, for the next
+    program.
     """
     where, bound = chosen.where()
-    of_beads = METRICS[metric].of_beads
-
-    def ask(db: Any) -> dict[str, np.ndarray]:
-        for needed in (False, True)[: 1 + of_beads]:
-            db.execute(table(needed))
-        return db.execute(query(metric, where), bound).fetchnumpy()
-
-    found = archive.ask(('jobs', 'beads'), ask)
+    asked = query(metric, where)
+    found: dict[str, np.ndarray] = kept_figures(archive).ask(
+        lambda db: db.execute(asked, bound).fetchnumpy()
+    )
     jobs, created, values = (found[n] for n in ('job', 'created', 'value'))
     if isinstance(created, np.ma.MaskedArray):
         created = created.filled(np.datetime64('NaT'))

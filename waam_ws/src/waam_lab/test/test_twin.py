@@ -14,7 +14,8 @@ from waam_bringup.cli import main
 from waam_lab import params
 from waam_lab.cli_fit import each_on
 from waam_lab.twin import records, solve, timeline
-from waam_lab.twin.compare import Comparison
+from waam_lab.twin.along import Line
+from waam_lab.twin.compare import Comparison, seen
 from waam_lab.twin.replay import Replay
 from waam_lab.twin.unknowns import ALL, NEVER, REPLAYED, physics
 from waam_node.spread import Workers
@@ -126,6 +127,35 @@ def test_arcs_begin_and_end_where_the_telemetry_says_so():
     )
     old = timeline.arcs({'t': t, 'arc': lit})  # of records before that column
     np.testing.assert_allclose(old, [[0.25, 0.55], [0.75, 0.9]])
+
+
+def test_the_torch_turns_corners_between_two_rows_of_telemetry():
+    corners = np.array([[0, 0], [20, 0], [20, 4], [0, 4]]) * 1e-3  # there, across, back
+    line = Line(corners[:-1], corners[1:])
+    t = np.arange(0.0, 4.4, 0.005)
+    way = np.interp(0.01 * t, [0, 0.020, 0.024, 0.044], [0, 1, 2, 3])
+    true = np.column_stack([np.interp(way, range(4), corners[:, k]) for k in (0, 1)])
+    rows = np.arange(10, t.size, 20)  # 10 Hz; corners lie in the middle between two
+    off = np.hypot(*(line.follow(t[10:-20], t[rows], true[rows]) - true[10:-20]).T)
+    chords = [np.interp(t[10:-20], t[rows], true[rows, k]) for k in (0, 1)]
+    assert np.hypot(*(np.array(chords).T - true[10:-20]).T).max() > 3e-4
+    assert off.max() < 1e-5
+
+
+@pytest.mark.parametrize('beside', [4e-4, 5e-3])
+def test_what_the_torch_lies_beside_the_planned_line_is_kept(beside):
+    line = Line(np.zeros((1, 2)), np.array([[0.02, 0.0]]))
+    t = np.linspace(0.0, 1.0, 11)
+    rows = np.column_stack([0.01 * t, np.full(11, beside)])
+    np.testing.assert_allclose(line.follow(np.array([0.25]), t, rows), [[0.0025, beside]])
+
+
+def test_a_map_shows_means_over_its_cells():
+    x = np.arange(12) * 0.5
+    ridges = np.tile(np.cos(1.5 * x), (12, 1))
+    fine = np.cos(1.5 * (x[5] + np.linspace(-0.25, 0.25, 501))).mean()
+    assert seen(ridges)[6, 5] == pytest.approx(fine, abs=5e-3 * abs(ridges[6, 5]))
+    np.testing.assert_allclose(seen(np.full((5, 5), 0.7)), 0.7)
 
 
 def test_what_is_looked_for_exists_and_is_believed_possible():

@@ -18,6 +18,7 @@ pytestmark = pytest.mark.skipif(not CHROMIUM, reason='chromium is not installed 
 PICTURES = os.environ.get('WAAM_SCREENSHOTS', '')
 MACHINE = {
     'connected': True, 'silent': [], 'state': 'IDLE', 'fault': 0, 'fault_text': '', 'message': '', 'armed': False,
+    'limit_min': [0.0, 0.0, 0.0], 'limit_max': [400.0, 300.0, 200.0], 'work_offset': [100.0, 100.0, 20.0],
 }  # fmt: skip
 JOB = {
     'id': '', 'state': 'IDLE', 'dir': '', 'error_code': 0, 'message': '', 'progress': 0.0, 'time_left': None,
@@ -107,4 +108,53 @@ def test_who_may_only_look_has_dead_keys_and_who_maintains_sees_the_log(make_pan
     page, said = open_page(browser, panel, 'maintain')
     shows(page, '#log-verdict', r'^\d+ entries, unbroken$')
     shows(page, '#log', 'queue_release.*denied|denied')
+    assert said == []
+
+
+WALL = """W4646
+S22
+F600
+G0 X0 Y0 Z12
+; layer 1
+G1 Z0
+M3
+G1 X40
+M5
+G0 Z12
+"""
+
+
+def test_a_program_goes_into_the_queue_by_its_button_and_is_looked_at_when_it_is_released(
+    make_panel, browser
+):
+    panel = make_panel()
+    (panel.folder / 'parts').mkdir()
+    (panel.folder / 'parts/wall.gcode').write_text(WALL)
+    tell(panel)
+    page, said = open_page(browser, panel)
+    page.goto(panel.url)
+    page.keyboard.press('7')
+    page.wait_for_selector('#g-program option[value="wall.gcode"]', state='attached')
+    page.fill('#g-x', '5')
+    page.select_option('#g-dialect', 'slicer')  # the wrong one
+    page.click('#g-enqueue')
+    shows(page, '#g-note', ' 1 waits$')
+    page.select_option('#g-dialect', 'waam')
+    page.click('#g-enqueue')
+    shows(page, '#g-note', ' 2 waits$')
+    page.goto(f'{panel.url}/cells')
+    shows(page, '#queue tr:nth-child(1)', 'wall.gcode.*waiting')
+    assert panel.operations.asked == []  # nothing starts by itself
+    page.click('#queue tr:nth-child(1) button:text("Release")')
+    shows(page, '#queue tr:nth-child(1)', 'waiting.*line 1: W4646')
+    assert panel.operations.asked == []
+    tell(panel)
+    page.click('#queue tr:nth-child(2) button:text("Release")')
+    until = time.monotonic() + 60  # the program is looked at first
+    while len(panel.operations.asked) < 2 and time.monotonic() < until:
+        tell(panel)
+        time.sleep(0.2)
+    assert [a[0] for a in panel.operations.asked] == ['load', 'start_program']
+    _, choice, program, _, _ = panel.operations.asked[-1]
+    assert choice.shift_mm == (5.0, 0.0, 0.0) and program.name == 'wall.gcode'
     assert said == []

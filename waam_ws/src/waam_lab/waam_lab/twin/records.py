@@ -5,7 +5,7 @@ In particular the parameters of a simulated cell, which the laboratory notes in 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -37,7 +37,7 @@ class LaidLayer:
 class JobRecord:
     """What was recorded of one job. `telemetry`: columns (n,) SI, work frame, about 10 Hz (docs/job_folder.md).
     `nominal`: the finished surface (rows, cols), NaN beside the part. `spots`: layer -> (x, y) m, where the pyrometer
-    looked."""
+    looked. `paths`: layer -> ends (n, 2), (n, 2) m of the pieces that the torch lays, in their order."""
 
     name: str
     spec: GridSpec
@@ -45,6 +45,7 @@ class JobRecord:
     telemetry: dict[str, np.ndarray]
     nominal: np.ndarray
     spots: dict[int, tuple[float, float]]
+    paths: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     @property
     def first(self) -> np.ndarray:
@@ -64,10 +65,11 @@ def read(folder: Path) -> JobRecord:
     layers, spec = _layers(folder, maps)
     telemetry = _telemetry(folder)
     file = folder / job_folder.plan()
-    spots = _spots(_npz(file)) if file.exists() else {}
+    plan = _npz(file) if file.exists() else {}
     first = maps[min(maps)]
-    nominal = first.get('nominal', first['z'])
-    return JobRecord(folder.name, spec, layers, telemetry, np.asarray(nominal, float), spots)
+    nominal = np.asarray(first.get('nominal', first['z']), float)
+    name, spots, paths = folder.name, _spots(plan), _paths(plan)
+    return JobRecord(name, spec, layers, telemetry, nominal, spots, paths)
 
 
 def read_all(paths: list[Path]) -> list[JobRecord]:
@@ -123,15 +125,28 @@ def _telemetry(folder: Path) -> dict[str, np.ndarray]:
 
 def _spots(plan: dict[str, np.ndarray]) -> dict[int, tuple[float, float]]:
     """Middle of what each layer lays, as waam_job aims the pyrometer."""
-    deposit = plan['kind'] == 1
     found = {}
-    for number in np.unique(plan['layer'][deposit]):
-        use = deposit & (plan['layer'] == number)
+    for number, use in _deposits(plan).items():
         a, b = plan['start'][use][:, :2], plan['end'][use][:, :2]
         length = np.maximum(np.hypot(*(b - a).T), 1e-9)
         x, y = aim_at((a + b) / 2, length, plan['width'][use])
-        found[int(number)] = (x, y)
+        found[number] = (x, y)
     return found
+
+
+def _paths(plan: dict[str, np.ndarray]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    return {
+        number: (plan['start'][use][:, :2], plan['end'][use][:, :2])
+        for number, use in _deposits(plan).items()
+    }
+
+
+def _deposits(plan: dict[str, np.ndarray]) -> dict[int, np.ndarray]:
+    """Layer -> which segments of the plan (n,) bool lay its metal; none without a plan."""
+    if not plan:
+        return {}
+    deposit = plan['kind'] == 1
+    return {int(k): deposit & (plan['layer'] == k) for k in np.unique(plan['layer'][deposit])}
 
 
 def _npz(file: Path) -> dict[str, np.ndarray]:

@@ -114,7 +114,8 @@ class Solver:
     def solve(self) -> Solved:
         """LinAlgError never: what cannot be told is held by what was believed before."""
         u = np.zeros(len(REPLAYED))
-        scatter = [_Scatter(np.eye(2 * u.size), 0.0, 0.0) for _ in self.cases]
+        nothing = _Scatter(np.zeros(2 * u.size), np.eye(2 * u.size), 0.0, 0.0)
+        scatter = [nothing for _ in self.cases]
         noise, noise_error = 0.0, 0.0
         for number in range(ROUNDS + 1):
             tasks = [Task(case, self.base, u) for case in self.cases]
@@ -126,7 +127,7 @@ class Solver:
                 scatter = self._scatter(u, slopes, [(level, 100 * i) for i in range(len(slopes))])
             precision, pull = np.eye(u.size), -u
             for case, slope, found in zip(self.cases, slopes, scatter, strict=True):
-                more, towards = _information(case, slope, found.covariance)
+                more, towards = _information(case, slope, found)
                 precision, pull = precision + more, pull + towards
             step = np.linalg.solve(precision, pull)
             if number == ROUNDS:
@@ -182,7 +183,10 @@ def slopes_of(task: Task) -> _Slopes:
 
 
 def scatter_of(task: Task) -> _Scatter:
-    """Covariance of the statistics: cells that differ in their scatter alone, and what laying anew is wrong by."""
+    """Mean and covariance of the statistics over cells that differ in their scatter alone, and what laying is wrong by.
+
+    The mean is not zero: beads of uneven width make lower ridges than even ones.
+    """
     case, slopes = task.case, task.slopes
     assert slopes is not None
     rng = np.random.default_rng([task.seed, 29])
@@ -196,10 +200,11 @@ def scatter_of(task: Task) -> _Scatter:
             both = {n: grown[n] + wrong[n] for n in grown}
             rows.append(slopes.statistics(case.comparison.bands(both)))
     found = np.array(rows)
-    covariance = found.T @ found / len(found)
+    mean = found.mean(axis=0)
+    covariance = (found - mean).T @ (found - mean) / len(found) * (1.0 + 2.0 / task.draws)
     # few draws: what goes together is not quite known
     covariance += np.diag(np.diag(covariance)) * 0.1
-    return _Scatter(covariance, float(np.mean(loud)), float(np.std(loud)))
+    return _Scatter(mean, covariance, float(np.mean(loud)), float(np.std(loud)))
 
 
 @dataclass(frozen=True)
@@ -218,8 +223,9 @@ class _Slopes:
 
 @dataclass(frozen=True)
 class _Scatter:
-    """Covariance (2 p, 2 p) of the statistics; logarithm of the RMS of what is left, and its spread."""
+    """Mean (2 p,) and covariance (2 p, 2 p) of the statistics; logarithm of the RMS of what is left, and its spread."""
 
+    mean: np.ndarray
     covariance: np.ndarray
     loud: float
     spread: float
@@ -231,16 +237,16 @@ def loudness(slopes: _Slopes, wide: np.ndarray) -> float:
     return float(0.5 * np.log(np.mean(left**2) + 1e-18))
 
 
-def _information(
-    case: Case, slopes: _Slopes, covariance: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _information(case: Case, slopes: _Slopes, scatter: _Scatter) -> tuple[np.ndarray, np.ndarray]:
     """Precision (p, p) and pull (p,) of one job."""
     bands = case.comparison.bands(case.comparison.off(slopes.middle))
     change = np.concatenate([slopes.wide.T @ slopes.wide, slopes.narrow.T @ slopes.narrow])
-    scale = np.sqrt(np.diag(covariance)) + 1e-30
-    inner = np.linalg.pinv(covariance / np.outer(scale, scale), rcond=1e-6) / np.outer(scale, scale)
+    scale = np.sqrt(np.diag(scatter.covariance)) + 1e-30
+    inner = np.linalg.pinv(scatter.covariance / np.outer(scale, scale), rcond=1e-6) / np.outer(
+        scale, scale
+    )
     precision = change.T @ inner @ change
-    pull = change.T @ inner @ slopes.statistics(bands)
+    pull = change.T @ inner @ (slopes.statistics(bands) - scatter.mean)
     off = case.replay.readings.celsius - slopes.middle.celsius
     warm = slopes.warm.T @ case.inverse
     return precision + warm @ slopes.warm, pull + warm @ off

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .along import Line
 from .records import JobRecord
 
 STEP = 5e-3  # s
@@ -53,21 +54,32 @@ def arcs(telemetry: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def burning(record: JobRecord) -> dict[int, Burning]:
-    """By layer. Places between two rows of telemetry lie on a straight line."""
+    """By layer. Places between two rows of telemetry lie on the planned line, without a plan on a straight one."""
     tm = record.telemetry
     found: dict[int, list[np.ndarray]] = {}
     on = tm['arc'] > 0.5
     power = np.where(on, tm['current'] * tm['voltage'], np.nan)
     known = np.flatnonzero(on)
+    lines = {k: Line(*ends) for k, ends in record.paths.items()}
     for start, end in arcs(tm):
         row = min(int(np.searchsorted(tm['t'], start)), len(tm['t']) - 1)
         layer = int(tm['layer'][row])
         t = np.arange(start, end + AFTER, STEP)
-        columns = [np.interp(t, tm['t'], tm[k]) for k in ('x', 'y', 'z')]
+        columns = [*_places(tm, t, lines.get(layer)), np.interp(t, tm['t'], tm['z'])]
         wire = np.interp(t, tm['t'], tm['wire_feed'])
         watts = np.interp(t, tm['t'][known], power[known])
         found.setdefault(layer, []).append(np.stack([t, *columns, t < end, wire, watts]))
     return {k: Burning(*np.concatenate(v, axis=1)) for k, v in found.items() if k > 0}
+
+
+def _places(tm: dict[str, np.ndarray], t: np.ndarray, line: Line | None) -> np.ndarray:
+    """(2, n): x and y at times t of one arc, m."""
+    first, last = np.searchsorted(tm['t'], (t[0], t[-1]))
+    rows = slice(max(int(first) - 1, 0), int(last) + 1)
+    row_t, xy = tm['t'][rows], np.column_stack([tm['x'][rows], tm['y'][rows]])
+    if line is not None:
+        return line.follow(t, row_t, xy).T
+    return np.stack([np.interp(t, row_t, xy[:, k]) for k in (0, 1)])
 
 
 def readings(record: JobRecord) -> Readings:

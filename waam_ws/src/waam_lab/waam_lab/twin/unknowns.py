@@ -73,8 +73,8 @@ class Unknown:
 
 # Laid anew: found together, for each of them moves the metal or the heat a little.
 REPLAYED = (
-    Unknown(METAL, 'transfer', 0.90, 0.06, 0.024),
-    Unknown(METAL, 'width_ref', 7.0e-3, 0.5e-3, 0.05e-3),
+    Unknown(METAL, 'transfer', 0.90, 0.06, 0.012),
+    Unknown(METAL, 'width_ref', 7.0e-3, 0.5e-3, 0.12e-3),
     Unknown(METAL, 'levelling', 0.55, 0.15, 0.03),
     Unknown(METAL, 'pool_lag', 0.45, 0.15, 0.08),
     Unknown(METAL, 'crater_depth', 0.35, 0.15, 0.04),
@@ -83,7 +83,7 @@ REPLAYED = (
     Unknown(METAL, 'spatter_per_m', 7.0, 2.0, 1.0),
     Unknown(METAL, 'hot_width_per_k', 4e-4, 1.5e-4, 1e-4),
     Unknown(HEAT, 'arc_efficiency', 0.80, 0.06, 0.02),
-    Unknown(HEAT, 'table_conductance', 450.0, 0.5, 0.05, log=True),
+    Unknown(HEAT, 'table_conductance', 450.0, 0.5, 0.065, log=True),
 )
 # From current and voltage while the arc burns.
 ELECTRIC = (
