@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import math
 import sys
 import tempfile
 from collections.abc import Callable
@@ -89,7 +90,8 @@ def fitted(folder: Path, cell: int) -> tuple[Any, list]:
 
 def mean_rms(folder: Path, name: str, plant: Any, seed: int, count: int) -> float:
     laid = [lay(folder, f'{name}{k}', NEXT_PART, plant, seed + k) for k in range(count)]
-    return float(np.mean([r.rms for r in laid if not r.failed]))
+    done = [r.rms for r in laid if not r.failed]
+    return float(np.mean(done)) if done else math.nan
 
 
 def one(keep: Path, number: int, usual: float) -> tuple[list, float, float]:
@@ -132,8 +134,11 @@ def hidden_cells(keep: Path) -> None:
     emit('twin.coverage', float(np.mean(told)), '', 'what the intervals promise', 0.9)
     every = float(np.mean([i for _, _, i in all_found]))
     emit('twin.coverage_all', every, '', 'what the intervals promise', 0.9)
-    fit_error, usual_error = np.mean(errors, axis=0)
-    emit('twin.forecast_error_pct', fit_error, '%', 'the packaged cell', float(usual_error))
+    foretold = [pair for pair in errors if math.isfinite(pair[0])]
+    fit_error, usual_error = np.mean(foretold, axis=0)
+    left = len(errors) - len(foretold)
+    beside = f'the packaged cell; every forecast failed for {left} of {len(errors)} cells'
+    emit('twin.forecast_error_pct', fit_error, '%', beside, float(usual_error))
 
 
 def cells_found() -> None:

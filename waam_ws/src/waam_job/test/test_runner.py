@@ -218,6 +218,35 @@ def test_implausible_scan_is_repeated_then_the_correction_is_removed(make_cell, 
     assert reactions == ['scanned again', 'correction removed']
 
 
+@pytest.mark.parametrize('lost,believed', [(0.0, True), (0.3, False)])
+def test_the_scan_again_goes_the_other_way_and_must_see_as_much(
+    make_cell, make_runner, lost, believed
+):
+    """A scanner that is blind for a while in each of the two scans is not taken for ground out of its range."""
+    cell = make_cell()
+    cell.scan_coverage = [0.1] + [1.0] * 50
+    scans = []
+    inner = cell.finish_scan
+
+    def finish(*args):
+        scan = inner(*args)
+        scans.append([s for s in cell.executed if s.kind == Kind.SCAN][-1])
+        if len(scans) > 1:
+            z = scan.map.z.copy()
+            z[:, : round(lost * z.shape[1])] = np.nan
+            scan = replace(scan, map=scan.map.with_z(z))
+        return scan
+
+    cell.finish_scan = finish
+    status = make_runner(cell)[0].run()
+    assert (status.state == State.DONE) == believed
+    first, again = scans[:2]
+    assert (first.end[0] - first.start[0]) * (again.end[0] - again.start[0]) < 0
+    if not believed:
+        assert status.error_code == Code.SCAN_FAILED
+        assert 'seen by the scan before' in status.message
+
+
 def test_surface_as_found_must_be_measured(make_cell, make_runner):
     cell = make_cell()
     cell.scan_coverage = [0.1, 0.1]

@@ -275,3 +275,17 @@ def test_a_first_scan_may_end_beside_the_part_as_it_began(end, believed):
     s.until_ns = 4000 * MS
     doubts = s.doubts(s.close(), None, PlausibilityLimits(min_coverage=0.0))
     assert (doubts == []) == believed
+
+
+@pytest.mark.parametrize('stops,believed', [(3.0, True), (4.0, False)])
+def test_a_first_scan_that_stands_at_its_end_is_judged_by_its_way(stops, believed):
+    """Half a second without a return at the beginning, 1.5 s at the end: standing there, or on the way."""
+    s = session(assembler())
+    track = s.assembler.track
+    for t in range(0, 5000, 10):
+        track.append(t * MS, min(t * 1e-5, stops * 1e-2), 5e-3, 10e-3)
+    for k in range(40):
+        s.add(k, block(100 * k, height=1e-3 if 5 <= k < 25 else np.nan))
+    s.until_ns = 4000 * MS
+    doubts = s.doubts(s.close(), None, PlausibilityLimits(min_coverage=0.0))
+    assert (doubts == []) == believed

@@ -22,6 +22,7 @@ from ..model.records import State
 from .context import JobContext
 
 WHOLE = 'whole part scanned: '  # before the reason, in the report
+LOST = 0.1  # share of the grid that a scan again may lose; `max_coverage_loss` of scan_fusion
 
 
 class PartScanner:
@@ -97,11 +98,17 @@ class PartScanner:
     def scan(self, layer: int, top: float, required: bool) -> Scan:
         """The surface after `layer` layers; `top` is its highest point in a build, m above the plate.
 
-        An implausible map is scanned again once. JobError when it is `required` and still implausible.
+        An implausible map is scanned again once, the other way along: where the ground at one end is out of the
+        scanner's range, the pass then ends over metal and shows that the scanner still sees. JobError when it is
+        `required` and still implausible.
         """
+        seen: np.ndarray | None = None
         for attempt in (1, 2):
             self.journal.state(State.SCANNING, 'scanning' if attempt == 1 else 'scanning again')
-            scan = self._once(layer, top, self.spec)
+            scan = self._once(layer, top, self.spec, backwards=attempt == 2)
+            if seen is not None:
+                scan = _as_seen_before(scan, seen)
+            seen = np.isfinite(scan.map.z)
             if scan.plausible:
                 self._kept_since = 0.0
                 return scan
@@ -113,24 +120,30 @@ class PartScanner:
         return scan
 
     def path(
-        self, top: float, settings: PlanSettings, start: Point, spec: GridSpec | None = None
+        self,
+        top: float,
+        settings: PlanSettings,
+        start: Point,
+        spec: GridSpec | None = None,
+        backwards: bool = False,
     ) -> list[Segment]:
-        """The pass over the part from `start`, or over a window of its grid, `top` as of `scan`. JobError when it
-        leaves the machine."""
+        """The pass over the part from `start`, or over a window of its grid, `top` as of `scan`; backwards: from its
+        other end. JobError when it leaves the machine."""
         m = self.settings.margin
         (x0, y0, _), (x1, y1, z1) = self.bounds.tolist()
         rectangle = (x0 - m, y0 - m, x1 + m, y1 + m)
         highest = z1 if self.goal.mode == 'restore' else top
         try:
             if spec is None or spec == self.spec:
-                return scan_segments(rectangle, highest, settings, start)
+                return scan_segments(rectangle, highest, settings, start, backwards=backwards)
             x0, x1, y0, y1 = spec.extent
             return scan_segments((x0, y0, x1, y1), highest, settings, start, window=True)
         except ValueError as e:
             raise JobError(Code.PLAN_FAILED, f'the part cannot be scanned: {e}') from None
 
-    def _once(self, layer: int, top: float, spec: GridSpec) -> Scan:
-        segments = self.path(top, self.context.plan_settings(), self.motion.position, spec)
+    def _once(self, layer: int, top: float, spec: GridSpec, backwards: bool = False) -> Scan:
+        settings = self.context.plan_settings()
+        segments = self.path(top, settings, self.motion.position, spec, backwards)
         shift = self.motion.next_index - segments[0].index
         segments = [s.at(index=s.index + shift, layer=layer) for s in segments]
         first = next(i for i, s in enumerate(segments) if s.kind == Kind.SCAN)
@@ -164,6 +177,16 @@ class PartScanner:
             'the next layer corrects it' if closed else 'none',
             (float(spec.x[col]), float(spec.y[row]), float(scan.map.z[row, col])),
         )
+
+
+def _as_seen_before(scan: Scan, seen: np.ndarray) -> Scan:
+    """`scan`, doubted where it knows much less than the scan before it, which saw the cells (rows, cols): nothing was
+    laid between, so the scanner was blind for a while."""
+    lost = float((seen & np.isnan(scan.map.z)).mean())
+    if lost <= LOST:
+        return scan
+    reason = f'{lost:.1%} of the grid was seen by the scan before, not by this one'
+    return replace(scan, plausible=False, reasons=(*scan.reasons, reason))
 
 
 def _narrower(whole: changed.Window, window: changed.Window, beside_arc: np.ndarray) -> str:

@@ -39,11 +39,12 @@ def scan_segments(
     settings: PlanSettings,
     start: Point,
     window: bool = False,
+    backwards: bool = False,
 ) -> list[Segment]:
     """SCAN passes along +x and -x over the rectangle (x0, y0, x1, y1; m, work frame) plus margin, from `start`.
 
     window: the rectangle is a part of what lies there. Then no margin is needed along the passes, where there is no
-    run-in, and they begin at the end that is nearer to `start`.
+    run-in, and they begin at the end that is nearer to `start`. backwards: they begin at the other end.
 
     top_z: highest point that the torch may pass over (m). Segment points are those of torch_tcp; the scanner
     sits scanner_offset beside it. Idle moves lift first, travel at scanning height and connect the passes.
@@ -60,7 +61,9 @@ def scan_segments(
     side = 0.0 if window else settings.margin
     ends = (left, right)
     if window and abs(start[0] - right) < abs(start[0] - left):
-        ends = (right, left)
+        ends = ends[::-1]
+    if backwards:
+        ends = ends[::-1]
     for lane in scan_lanes(y0 - side, y1 + side, settings):
         a, b = ((float(x), float(lane - dy), z) for x in ends)
         out.extend(hop(here, a, z, settings))

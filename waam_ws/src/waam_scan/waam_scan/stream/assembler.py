@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from ..fusion.height_map import Fusion
 from ..fusion.kernels import read_only, rows_seen
 from .poses import PoseStatus, PoseTrack
@@ -102,14 +104,18 @@ class Assembler:
         return block.take(status == PoseStatus.WAITING)
 
     @property
-    def empty_ends_ns(self) -> tuple[int, int]:
-        """How long the scan saw nothing at its beginning and at its end, ns; beside a tall part the table is out of
-        range."""
+    def empty_ends(self) -> tuple[float, float]:
+        """How far the scan went without seeing anything at its beginning and at its end, m; beside a tall part the
+        table is out of range. The time for which the scanner stands at an end does not count. Where telemetry does not
+        reach back so far, the times themselves, s."""
         if self.oldest_used_ns is None or self.oldest_empty_ns is None:
-            return 0, 0
-        newest_empty, newest_used = self.newest_empty_ns or 0, self.newest_used_ns or 0
-        begin, end = self.oldest_used_ns - self.oldest_empty_ns, newest_empty - newest_used
-        return max(begin, 0), max(end, 0)
+            return 0.0, 0.0
+        first, last = self.oldest_used_ns, self.newest_used_ns or 0
+        begin, end = min(self.oldest_empty_ns, first), max(self.newest_empty_ns or 0, last)
+        tcp, status = self.track.at(np.array([begin, first, last, end]), self.max_gap_ns)
+        if (status != PoseStatus.OK).any():
+            return (first - begin) * 1e-9, (end - last) * 1e-9
+        return float(np.linalg.norm(tcp[1] - tcp[0])), float(np.linalg.norm(tcp[3] - tcp[2]))
 
     def close(self) -> None:
         """Telemetry ends here: what still waits is rejected."""

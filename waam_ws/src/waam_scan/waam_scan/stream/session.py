@@ -171,7 +171,7 @@ class Session:
         if before and (before.job_id, before.spec) != (self.job_id, fused.spec):
             before = None  # nothing to compare with
         last = self.assembler.newest_used_ns or 0
-        begin, end = self.assembler.empty_ends_ns
+        begin, end = self.assembler.empty_ends
         # the end of a scan may lie beside the part; a scanner gone blind shows in the loss of coverage, or, in a first
         # map, in an end that is emptier than the beginning
         if before or end <= EMPTY_ENDS * begin:
