@@ -15,9 +15,9 @@ forecasts there, and a run that was ended goes on. WAAM_BENCH_CELLS (10) shrinks
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
-import math
 import sys
 import tempfile
 from collections.abc import Callable
