@@ -11,7 +11,7 @@ from waam_calibrate.sweep import Sweep
 from waam_lab.machine import Machine
 from waam_process.segment import Kind, Segment
 from waam_sim import part
-from waam_sim.gantry import GantryParams
+from waam_sim.gantry import SENSOR_RATE, GantryParams
 from waam_sim.plant import Plant, PlantParams
 
 POINT = (0.2, 0.15, 0.1)  # m, machine
@@ -97,4 +97,4 @@ class Shaker:
         values = self.take()
         self.plant.sensing = False
         p = self.plant.params.gantry
-        return Samples(values, rest, p.sensor_rate, p.sensor_range)
+        return Samples(values, rest, SENSOR_RATE, p.sensor_range)

@@ -26,6 +26,7 @@ static void sample(adxl345_device_t *d, const int16_t value[3])
     for (unsigned k = 0; k < 3; k++)
         d->fifo[d->used][k] = (int16_t)(value[k] & ~1);
     d->used++;
+    d->taken++;
 }
 
 void adxl345_device_run(adxl345_device_t *d, uint32_t us, const int16_t value[3])

@@ -15,7 +15,8 @@ typedef struct {
     bool overrun;
     uint32_t due_ns;            /* time that has passed since the last sample */
     uint32_t period_ns;         /* of its samples; its oscillator is not exact */
-    bool torn_off;              /* its wires: the bus reads ones */
+    uint32_t taken;             /* samples since power on */
+    bool torn_off;              /* its wires, or none is fitted: the bus reads ones */
 } adxl345_device_t;
 
 /* Power on. */

@@ -54,6 +54,7 @@ typedef struct {
     uint64_t inode;
     bool was_connected;
     bool contact;           /* the wire touches the work: seen by the source's sense supply */
+    host_shaken_t shaken;   /* what its accelerometer felt in the last step */
 } plant_t;
 
 typedef void (*plant_idle_t)(void *context); /* called while an answer is awaited, when the pty has something to say */

@@ -5,6 +5,7 @@
 #define NULL_STRIKE_US 50000u
 #define SENSE_FREE_V 12.0
 #define SENSE_CONTACT_V 0.3
+#define STANDARD_GRAVITY 9.80665
 
 void host_harness_source(host_harness_t *harness, uint32_t exchange_us)
 {
@@ -23,6 +24,13 @@ void host_harness_accelerometer(host_harness_t *harness)
 {
     harness->config.accelerometer = true;
     adxl345_device_start(&harness->accelerometer);
+}
+
+void host_harness_shake(host_harness_t *harness, const host_shaken_t *shaken)
+{
+    harness->shaken = *shaken;
+    harness->shaken_from = harness->accelerometer.taken;
+    harness->accelerometer.torn_off = !shaken->fitted;
 }
 
 void host_harness_steps(const host_harness_t *harness, int64_t at[WAAM_AXES])
@@ -61,15 +69,39 @@ static void sense(const host_harness_t *harness, waam_inputs_t *inputs)
 }
 
 /* 1 g downwards, with some counts of noise. */
+static void at_rest(host_harness_t *harness, int16_t value[3])
+{
+    for (unsigned i = 0; i < 3; i++) {
+        harness->noise = harness->noise * 1664525u + 1013904223u;
+        value[i] = (int16_t)((int)(harness->noise >> 29) - 4 + (i == 2 ? WAAM_ADXL345_PER_G : 0));
+    }
+}
+
+static int16_t counts(float m_s2)
+{
+    double value = round((double)m_s2 * WAAM_ADXL345_PER_G / STANDARD_GRAVITY);
+    return (int16_t)fmin(fmax(value, -WAAM_ADXL345_TOP), WAAM_ADXL345_TOP - 1);
+}
+
+/* The next sample takes the next value of the cell; the sensor is of 3200/s exactly, so that in a step it takes them all. */
+static void shaken(const host_harness_t *harness, int16_t value[3])
+{
+    const host_shaken_t *s = &harness->shaken;
+    uint32_t at = harness->accelerometer.taken - harness->shaken_from;
+    const float *felt = s->value[at < s->count ? at : s->count - 1];
+    for (unsigned i = 0; i < 3; i++)
+        value[i] = counts(felt[i]);
+}
+
 static void accelerometer(host_harness_t *harness)
 {
     int16_t value[3];
     if (!harness->config.accelerometer)
         return;
-    for (unsigned i = 0; i < 3; i++) {
-        harness->noise = harness->noise * 1664525u + 1013904223u;
-        value[i] = (int16_t)((int)(harness->noise >> 29) - 4 + (i == 2 ? WAAM_ADXL345_PER_G : 0));
-    }
+    if (harness->shaken.count)
+        shaken(harness, value);
+    else
+        at_rest(harness, value);
     adxl345_device_run(&harness->accelerometer, WAAM_FAST_US, value);
     harness->bus_bytes = waam_core_accelerometer(&harness->core, harness->bus, harness->bus_bytes, harness->bus);
     if (harness->bus_bytes)
@@ -112,6 +144,7 @@ host_sample_t host_harness_sample(const host_harness_t *harness)
     return (host_sample_t){
         .table_x = -at[0] / per_m, .table_y = -at[1] / per_m, .tool_z = at[2] / per_m,
         .wire_cmd = out->wire_mm_s * 1e-3, .voltage_set = out->voltage_v,
-        .outputs = (out->arc ? 1u : 0u) | (out->gas ? 2u : 0u),
+        .outputs = (out->arc ? 1u : 0u) | (out->gas ? 2u : 0u) |
+                   (harness->core.acceleration.wanted ? 4u : 0u),
     };
 }

@@ -111,6 +111,9 @@ static void step(host_t *h)
         plant_exchange(&h->plant, samples, h->harness.core.now_us, &h->harness.inputs, h->pty.connected ? h->pty.fd : -1,
                        serve_link, h);
     h->harness.contact = h->plant.client >= 0 && h->plant.contact;
+    if (h->plant.client < 0)
+        h->plant.shaken = (host_shaken_t){.fitted = h->options.null_plant};
+    host_harness_shake(&h->harness, &h->plant.shaken);
     plant_accept(&h->plant);
     bool fine = h->plant.client < 0 && h->options.rate > 0.0 && h->options.rate <= FINE_RATE;
     h->pace.step_us = fine ? TICK_US : STEP_US;
@@ -126,8 +129,7 @@ static int start(host_t *h)
         config->boot_id = (uint32_t)wall_ns();
     h->harness.null_plant = h->options.null_plant;
     host_harness_source(&h->harness, STEP_US);
-    if (h->options.null_plant)
-        host_harness_accelerometer(&h->harness);
+    host_harness_accelerometer(&h->harness);
     config->starts_in_alarm = !h->options.start_idle;
     memcpy(h->harness.start_mm, h->options.start_mm, sizeof h->harness.start_mm);
     h->pace = (pace_t){.rate = h->options.rate, .step_us = STEP_US, .due_ns = wall_ns()};

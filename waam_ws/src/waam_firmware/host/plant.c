@@ -19,10 +19,10 @@ typedef struct {
 } plant_step_t;
 
 typedef struct {
-    uint32_t magic, inputs; /* 1 estop, 2 gas flow, 4 limit switch */
+    uint32_t magic, inputs; /* bits: docs/link_protocol.md */
     double current, voltage, wire_speed;
     double distance;        /* mm, or counts; NaN = no echo */
-    uint32_t distance_reading, padding;
+    uint32_t distance_reading, accelerations; /* samples of the accelerometer that follow: three floats each */
 } plant_answer_t;
 
 _Static_assert(sizeof(host_sample_t) == 48 && sizeof(plant_step_t) == 16 + 48 * SAMPLES, "step layout");
@@ -108,12 +108,12 @@ static bool send_all(int fd, const void *bytes, size_t count)
     return send(fd, bytes, count, MSG_NOSIGNAL) == (ssize_t)count;
 }
 
-/* Waits for the answer; the link is served meanwhile. Null when it came, else what went wrong. */
-static const char *receive(int fd, plant_answer_t *answer, int pty_fd, plant_idle_t idle, void *context)
+/* Waits for a part of the answer; the link is served meanwhile. Null when it came, else what went wrong. */
+static const char *receive(int fd, void *bytes, size_t size, int pty_fd, plant_idle_t idle, void *context)
 {
     uint64_t end = wall_ns() + ANSWER_TIMEOUT_NS;
     size_t have = 0;
-    while (have < sizeof *answer) {
+    while (have < size) {
         uint64_t now = wall_ns();
         struct pollfd p[2] = {{.fd = fd, .events = POLLIN}, {.fd = pty_fd, .events = POLLIN}};
         if (now >= end)
@@ -124,14 +124,30 @@ static const char *receive(int fd, plant_answer_t *answer, int pty_fd, plant_idl
             idle(context);
         if (!p[0].revents)
             continue;
-        ssize_t count = recv(fd, (char *)answer + have, sizeof *answer - have, MSG_DONTWAIT);
+        ssize_t count = recv(fd, (char *)bytes + have, size - have, MSG_DONTWAIT);
         if (count == 0)
             return "it closed the connection";
         if (count < 0 && errno != EAGAIN && errno != EINTR)
             return strerror(errno);
         have += count > 0 ? (size_t)count : 0;
     }
-    return answer->magic == ANSWER_MAGIC ? NULL : "its answer has a wrong magic number";
+    return NULL;
+}
+
+/* The answer and the samples behind it. Null when they came, else what went wrong. */
+static const char *receive_answer(plant_t *plant, plant_answer_t *answer, int pty_fd, plant_idle_t idle, void *context)
+{
+    const char *problem = receive(plant->client, answer, sizeof *answer, pty_fd, idle, context);
+    if (problem)
+        return problem;
+    if (answer->magic != ANSWER_MAGIC)
+        return "its answer has a wrong magic number";
+    if (answer->accelerations > HOST_SHAKEN)
+        return "its answer has too many samples of the accelerometer";
+    plant->shaken.fitted = answer->inputs & 64;
+    plant->shaken.count = answer->accelerations;
+    return receive(plant->client, plant->shaken.value, answer->accelerations * sizeof plant->shaken.value[0], pty_fd, idle,
+                   context);
 }
 
 void plant_exchange(plant_t *plant, const host_sample_t samples[SAMPLES], uint64_t t_us, waam_inputs_t *inputs,
@@ -141,7 +157,7 @@ void plant_exchange(plant_t *plant, const host_sample_t samples[SAMPLES], uint64
     plant_answer_t answer;
     memcpy(step.sample, samples, sizeof step.sample);
     const char *problem = send_all(plant->client, &step, sizeof step)
-                              ? receive(plant->client, &answer, pty_fd, idle, context)
+                              ? receive_answer(plant, &answer, pty_fd, idle, context)
                               : "it does not take the step";
     if (problem) {
         lose(plant, problem);

@@ -15,6 +15,8 @@ from pathlib import Path
 
 HEADER, SAMPLE, ANSWER = struct.Struct('<IIQ'), struct.Struct('<5dI4x'), struct.Struct('<II4d2I')
 ESTOP, GAS_OK, LIMIT, CONTACT, HOT, DRIVE = 1, 2, 4, 8, 16, 32
+ACCELEROMETER, SHAKEN = 64, 32  # bit of the inputs; samples of a step
+COUNT = 9.80665 / 256  # m/s^2, of an ADXL345
 RIPPLE = 0.02  # A and V; a real arc never reads the same twice
 
 
@@ -40,6 +42,7 @@ class Cell:
     answering: bool = True
     measures: bool = False  # a distance sensor with a reading per step
     distance: float = 100.0  # mm
+    shaken: int = 0  # samples of the accelerometer given so far: x rises by 2 counts with each
     steps: list[tuple[int, list[tuple]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -88,7 +91,8 @@ class Cell:
         arc = (voltage - self.drop if self.voltage is None else self.voltage) + swing
         if self.dips and len(self.steps) % 10 < 2:
             arc = 3.5
-        return ANSWER.pack(
+        felt = self._feel() if outputs & 4 and flags & ACCELEROMETER else b''
+        head = ANSWER.pack(
             self.magic,
             flags,
             self.current + swing if burns or self.stray else 0.0,
@@ -96,7 +100,15 @@ class Cell:
             wire if self.wire is None else self.wire,
             self.distance,
             len(self.steps) if self.measures else 0,
-            0,
+            len(felt) // 12,
+        )
+        return head + felt
+
+    def _feel(self) -> bytes:
+        first, self.shaken = self.shaken, self.shaken + SHAKEN
+        return b''.join(
+            struct.pack('<3f', 2 * (k % 2000) * COUNT, -4000 * COUNT, 256 * COUNT)
+            for k in range(first, self.shaken)
         )
 
     def close(self) -> None:

@@ -7,7 +7,7 @@ import time
 from contextlib import closing
 
 import pytest
-from plant_cell import ESTOP, LIMIT, Cell
+from plant_cell import ACCELEROMETER, ESTOP, LIMIT, Cell
 
 ALARM, HOLD = 3, 2
 
@@ -205,3 +205,40 @@ def test_only_one_cell(port):
     assert not second.steps
     count = len(cell.steps)
     client.wait(lambda: len(cell.steps) > count + 3)
+
+
+def counts(line: str) -> list[tuple[int, ...]]:
+    """Samples of an A line, (x, y, z)."""
+    packed = line.split(',', 3)[3].encode()
+    found = []
+    for i in range(0, 112, 7):
+        bits = 0
+        for digit in packed[i : i + 7]:
+            bits = bits << 6 | digit - 48
+        found.append(tuple((bits >> shift & 0x3FFF) - 8192 for shift in (28, 14, 0)))
+    return found
+
+
+def test_what_the_cell_feels_comes_over_the_link_sample_by_sample(port):
+    _, cell, client = port
+    cell.flags |= ACCELEROMETER
+    client.wait(lambda: len(cell.steps) > 3)
+    first = len(client.lines)
+    client.ask('$M 1')
+    client.wait(lambda: sum(line.startswith('A ') for line in client.lines[first:]) > 40)
+    client.ask('$M 0')
+    seen = [s for line in client.lines[first:] if line.startswith('A ') for s in counts(line)]
+    begun = next(i for i, s in enumerate(seen) if s[1] == -4000)
+    assert begun < 32, 'at rest until the first samples of the cell come'
+    x = [s[0] for s in seen[begun:]]
+    steps = {(b - a) % 4000 for a, b in zip(x, x[1:], strict=False)}
+    assert steps == {2}, 'none lost, none doubled'
+    assert {s[1:] for s in seen[begun:]} == {(-4000, 256)}
+    client.wait(lambda: not cell.steps[-1][1][-1][5] & 4)
+
+
+def test_a_cell_without_an_accelerometer_is_told_as_a_sensor_that_is_not_there(port):
+    _, cell, client = port
+    client.wait(lambda: len(cell.steps) > 3)
+    client.ask('$M 1')
+    client.wait_line('E213 accelerometer: no ADXL345 answers')

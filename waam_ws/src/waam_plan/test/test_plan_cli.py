@@ -205,7 +205,7 @@ def test_estimates_add_up(box_file):
 def test_a_program_of_a_slicer_is_checked_and_shown(programs, tmp_path, capsys):
     out = tmp_path / 'out'
     file = programs / 'cura_pad.gcode'
-    assert waam(file, '--dialect', 'slicer', '--out', out) == 0
+    assert waam(file, '--dialect', 'slicer', '--view', '--out', out) == 0
     assert 'cura_pad.gcode: 4 layers, 32 beads; its path stays' in capsys.readouterr().out
     assert len(load_plan(out / 'plan.npz').layers) == 4
     assert (out / 'preview.html').stat().st_size > 10_000

@@ -209,6 +209,8 @@ def _add_outputs(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument(
         '--preview',
+        '--view',
+        dest='preview',
         action='store_true',
         help='draw preview.png and preview.html (into --out or the current folder)',
     )

@@ -25,6 +25,7 @@ class FakeController:
         self.path, self.zero, self.time_us = path, np.array(zero), time_us
         self.position = np.array([0.0, 0.0, 0.05])
         self.answers: list[tuple] = []
+        self.felt = np.empty((0, 3))  # m/s^2, of the accelerometer in the last step
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(path)
         self._listener.listen(1)
@@ -47,15 +48,21 @@ class FakeController:
         samples['wire_cmd'], samples['voltage_set'], samples['outputs'] = wire, voltage, outputs
         self.time_us += 1000 * len(tips)
         self.client.sendall(STEP.pack(magic, len(tips), self.time_us) + samples.tobytes())
+        self.answers.append(ANSWER.unpack(self._receive(ANSWER.size)))
+        samples_of_accelerometer = self.answers[-1][-1]
+        felt = self._receive(12 * samples_of_accelerometer)
+        self.felt = np.frombuffer(felt, '<f4').reshape(-1, 3)
+        self.position = np.asarray(tips)[-1]
+        return self.answers[-1]
+
+    def _receive(self, size: int) -> bytes:
         data = b''
-        while len(data) < ANSWER.size:
-            more = self.client.recv(ANSWER.size - len(data))
+        while len(data) < size:
+            more = self.client.recv(size - len(data))
             if not more:
                 raise ConnectionError('the cell hung up')
             data += more
-        self.answers.append(ANSWER.unpack(data))
-        self.position = np.asarray(tips)[-1]
-        return self.answers[-1]
+        return data
 
     def run(self, to, seconds: float, **outputs) -> list[tuple]:
         """A straight line to `to` in `seconds`; the answers of its steps."""

@@ -15,6 +15,8 @@ import yaml
 from waam_node.params import ParameterError, from_dict, markdown
 from waam_sim.config import CellParams, plant_params
 from waam_sim.drive import Drive
+from waam_sim.gantry import GantryParams
+from waam_sim.plant import warm_up
 from waam_sim.port import PlantPort, PortError
 
 PACKAGE = Path(__file__).parents[1]
@@ -39,6 +41,27 @@ def serve(path: str, plant, errors: list) -> threading.Thread:
     thread = threading.Thread(target=live, daemon=True)
     thread.start()
     return thread
+
+
+def test_every_step_that_asks_gets_32_samples_of_the_accelerometer(controller, make_cell):
+    errors = []
+    plant = make_cell(groups={'gantry': GantryParams(on=True, sensor_noise=0.0)})
+    warm_up(plant.params)
+    serve(controller.path, plant, errors)
+    controller.accept()
+    still = np.zeros((10, 3)) + (0.02, 0.03, 0.05)
+    _, inputs, *_ = controller.step(still)
+    assert inputs & 64 and not len(controller.felt)
+    counts, seen = [], []
+    for k in range(200):
+        controller.step(still + (1e-4 * (k % 2), 0.0, 0.0), outputs=4)
+        counts.append(len(controller.felt))
+        seen.append(controller.felt)
+    assert counts == [32] * 200
+    assert np.allclose(np.concatenate(seen)[:, 2], 9.80665, atol=0.02)
+    assert abs(np.concatenate(seen)[:, 0]).max() > 1.0
+    controller.step(still)
+    assert not len(controller.felt) and errors == []
 
 
 def test_port_gives_the_same_metal_as_direct_steps(controller, make_cell):

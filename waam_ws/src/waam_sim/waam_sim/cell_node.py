@@ -14,7 +14,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
-from waam_msgs.msg import AccelerationBatch, ProfileBatch
+from waam_msgs.msg import ProfileBatch
 from waam_msgs.srv import InjectFault, LoadPart
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_node
@@ -23,7 +23,7 @@ from waam_process.grid import HeightGrid
 
 from . import part
 from .config import CellParams, plant_params
-from .conversions import AccelerationBatcher, Batcher, clock_to_msg, temperature_to_msg
+from .conversions import Batcher, clock_to_msg, temperature_to_msg
 from .plant import Plant, warm_up
 from .port import PlantPort
 from .table import restore
@@ -47,7 +47,6 @@ class Cell(WaamNode):
         if self._table is not None:
             self._plant.load(kept or plate, p.seed, self._table)
         self._batcher = Batcher(self._plant.scanner.lateral, physics.scanner.batch)
-        self._shaken = AccelerationBatcher(physics.gantry)
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._port: PlantPort | None = None
@@ -57,10 +56,8 @@ class Cell(WaamNode):
         self._clock_out = self.create_publisher(Clock, '/clock', BEAT)
         self._temperature_out = self.create_publisher(Temperature, 'temperature', BEAT)
         self._profiles_out = self.create_publisher(ProfileBatch, 'profiles', PROFILES)
-        self._acceleration_out = self.create_publisher(AccelerationBatch, 'acceleration', PROFILES)
         self.create_subscription(PointStamped, 'pyrometer_aim', self._on_aim, LATCHED)
         self.create_service(SetBool, 'scanner/enable', self._on_enable)
-        self.create_service(SetBool, 'accelerometer/enable', self._on_accelerometer)
         self.create_service(LoadPart, 'cell/load_part', self._on_load)
         self.create_service(InjectFault, 'cell/inject_fault', self._on_fault)
         self.create_service(Trigger, '~/save_truth', self._on_save)
@@ -132,24 +129,6 @@ class Cell(WaamNode):
         profiles = self._plant.profiles(samples)
         if profiles is not None and (msg := self._batcher.add(profiles)) is not None:
             self._profiles_out.publish(msg)
-        shaken = self._plant.accelerations()
-        if shaken is not None and (block := self._shaken.add(shaken)) is not None:
-            self._acceleration_out.publish(block)
-
-    def _on_accelerometer(
-        self, request: SetBool.Request, response: SetBool.Response
-    ) -> SetBool.Response:
-        if request.data and not self._plant.params.gantry.on:
-            response.message = 'the simulated axes are rigid (parameter gantry_on is false)'
-            return response
-        with self._lock:
-            self._plant.sensing = request.data
-            rest = None if request.data else self._shaken.flush()
-            if rest is not None:
-                self._acceleration_out.publish(rest)
-        state = 'on' if request.data else 'off'
-        response.success, response.message = True, f'accelerometer {state}'
-        return response
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         with self._lock:

@@ -10,10 +10,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 
-from waam_msgs.msg import AccelerationBatch, ProfileBatch
+from waam_msgs.msg import ProfileBatch
 from waam_node.conversions import floats
 
-from .gantry import Accelerations, GantryParams
 from .plant import Profiles
 
 
@@ -65,34 +64,5 @@ class Batcher:
         msg.x = self._full_x if same else floats(np.tile(self._x, len(times)))
         msg.z = floats(np.concatenate([p.z for p in self._parts]))
         msg.intensity = floats(np.concatenate([p.intensity for p in self._parts]))
-        self._parts, self._count = [], 0
-        return msg
-
-
-class AccelerationBatcher:
-    """Collects the samples of the accelerometer into messages of `params.sensor_batch`."""
-
-    def __init__(self, params: GantryParams) -> None:
-        self._params = params
-        self._parts: list[Accelerations] = []
-        self._count = self._sequence = 0
-
-    def add(self, samples: Accelerations) -> AccelerationBatch | None:
-        """The message when it is full."""
-        self._parts.append(samples)
-        self._count += len(samples.values)
-        return self.flush() if self._count >= self._params.sensor_batch else None
-
-    def flush(self) -> AccelerationBatch | None:
-        """The message with what there is; None when there is nothing."""
-        if not self._parts:
-            return None
-        sec, nanosec = divmod(self._parts[0].time_ns, 1_000_000_000)
-        header = Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id='machine')
-        msg = AccelerationBatch(header=header, sensor_id='simulated', sequence=self._sequence)
-        msg.sample_rate, msg.range = self._params.sensor_rate, self._params.sensor_range
-        values = np.concatenate([p.values for p in self._parts])
-        msg.x, msg.y, msg.z = (floats(v) for v in values.T)
-        self._sequence += 1
         self._parts, self._count = [], 0
         return msg

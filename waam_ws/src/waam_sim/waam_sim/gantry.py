@@ -26,6 +26,7 @@ GRAVITY = 9.80665  # m/s^2
 STEEL = 7850.0  # kg/m^3, of what lies on the table
 MODES = 4  # two of X, two of Y
 TICK = 1e-3  # s
+SENSOR_RATE = 3200.0  # samples of the accelerometer, 1/s: 32 in a step of the plant port
 MIDDLE = (0.2, 0.15)  # m, machine: where the frequencies are those of the parameters
 
 
@@ -47,11 +48,9 @@ class GantryParams:
         -0.2, 'relative change of the frequencies along their axis', '1/m', -2.0, 2.0
     )
     table_mass: float = param(60.0, 'what swings without a part', 'kg', 1.0, 1e4)
-    sensor_rate: float = param(3200.0, 'samples of the accelerometer', '1/s', 200.0, 8000.0)
-    sensor_noise: float = param(0.04, 'sigma of a sample', 'm/s^2', 0.0, 10.0)
+    sensor_noise: float = param(0.04, 'sigma of a sample of the accelerometer', 'm/s^2', 0.0, 10.0)
     sensor_range: float = param(156.9, 'it clips beyond', 'm/s^2', 1.0, 1e4)
     sensor_resolution: float = param(0.0383, 'of a sample', 'm/s^2', 1e-6, 1.0)
-    sensor_batch: int = param(320, 'samples of a message', '', 1, 10000)
 
 
 @dataclass(frozen=True)
@@ -83,6 +82,7 @@ class Gantry:
         self._part = part_volume
         self._swing = np.zeros((MODES, 2))  # lag and its speed
         self._state = state('x', 'y', 'vx', 'vy', 'known', 'due')
+        self._state['due'] = 0.5 / SENSOR_RATE
         self._record, self._rng = record(p), rng
         self._count = 0
         self._values = np.empty((0, 3))
@@ -103,7 +103,7 @@ class Gantry:
         """The samples as torch and table really moved. deposited: m^3 of metal laid so far; sensing: the accelerometer
         is on."""
         moved = samples.copy()
-        most = int(len(samples) * TICK * self.params.sensor_rate) + 2
+        most = int(len(samples) * TICK * SENSOR_RATE) + 2
         if len(self._values) < most:
             self._values = np.empty((most, 3))
         self._count = swing(
@@ -116,9 +116,7 @@ class Gantry:
         """The samples of the step that ended at `time_us`; None when there are none."""
         if not self._count:
             return None
-        ago = self._count / self.params.sensor_rate - float(
-            self._state['due'][0]
-        )  # due: the next one
+        ago = self._count / SENSOR_RATE - float(self._state['due'][0])  # due: the next one
         first = time_us * 1000 - round(ago * 1e9)
         return Accelerations(first, self._values[: self._count].copy())
 
@@ -175,10 +173,10 @@ def _make_swing(sources: int) -> Callable:
                 sense(p, rng, modes, swings, omegas, values[count])
                 count += 1
                 left -= s.due
-                s.due = 1.0 / p.sensor_rate
+                s.due = 1.0 / SENSOR_RATE
             for k in range(MODES):
                 swings[k] = free(swings[k, 0], swings[k, 1], omegas[k], modes[k, 1], left)
-            s.due = s.due - left if sensing else 0.0
+            s.due = s.due - left if sensing else 0.5 / SENSOR_RATE  # never at the end of a step
             deviation[0] = deviation[1] = 0.0
             for k in range(MODES):
                 deviation[0] += modes[k, 2] * modes[k, 3] * swings[k, 0]

@@ -33,10 +33,11 @@ from .scanner import Scanner, ScannerParams
 from .step import live, scan
 from .table import keep
 
-OUTPUT_ARC, OUTPUT_GAS = 1, 2
+OUTPUT_ARC, OUTPUT_GAS, OUTPUT_SENSING = 1, 2, 4
 INPUT_GAS_OK = 2
-INPUT_DRIVE_FAULT = 32
+INPUT_DRIVE_FAULT, INPUT_ACCELEROMETER = 32, 64
 SAMPLE_US = 1000
+NO_SAMPLES = np.empty((0, 3))
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ class PlantParams:
 @dataclass(frozen=True)
 class Reading:
     """What the controller's inputs see at the end of a step: bits, A, V, m/s; number and value of the newest reading of
-    the distance sensor (mm, or counts of the infrared sensor, NaN = no echo)."""
+    the distance sensor (mm, or counts of the infrared sensor, NaN = no echo); samples (n, 3) of the accelerometer in
+    the step, m/s^2, none while the controller has it off."""
 
     inputs: int
     current: float
@@ -67,6 +69,7 @@ class Reading:
     wire_speed: float
     distance: float = math.nan
     distance_reading: int = 0
+    shaken: np.ndarray = field(default_factory=lambda: NO_SAMPLES)
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,8 @@ class Plant:
         metal, heat, arc, faults, placed = self.metal, self.heat, self.arc, self.faults, self.placed
         now = time_us * 1e-6
         if self.params.gantry.on:
-            samples = self.gantry.move(samples, metal.deposited, self.sensing)
+            asked = bool(samples['outputs'][-1] & OUTPUT_SENSING)
+            samples = self.gantry.move(samples, metal.deposited, asked or self.sensing)
         self._lived = samples
         blocked = gas_out = False
         slip = 0.0
@@ -158,6 +162,9 @@ class Plant:
         inputs = INPUT_GAS_OK if s['flow'] >= 1.0 else 0
         if faults.active and faults.on('drive_fault', now):
             inputs |= INPUT_DRIVE_FAULT
+        if self.params.gantry.on:
+            inputs |= INPUT_ACCELEROMETER
+        seen = self.accelerations()
         return Reading(
             inputs,
             float(s['current_read']),
@@ -165,6 +172,7 @@ class Plant:
             float(wire_reading(arc.params[0], s)),
             self.distance.value,
             self.distance.reading,
+            NO_SAMPLES if seen is None else seen.values,
         )
 
     def _note_scan(self) -> None:

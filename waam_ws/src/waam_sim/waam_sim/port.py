@@ -69,8 +69,9 @@ class PlantPort:
                 r.wire_speed,
                 r.distance,
                 r.distance_reading,
-                0,
-            )  # fmt: skip
+                len(r.shaken),
+            )
+            + r.shaken.astype('<f4').tobytes()
         )
 
     def close(self) -> None:
