@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from waam_robot.urdf_text import PART, TORCH, UrdfError, check_urdf
 
@@ -143,10 +142,10 @@ class UrdfArm:
         for _ in range(STEPS):
             frames = self.frames(np.vstack([q, q + steps]))
             here, turn = frames[0, :3, 3], frames[0, :3, :3]
-            off = np.concatenate([tip - here, -Rotation.from_matrix(turn).as_rotvec()])
+            off = np.concatenate([tip - here, -_turns(turn[None])[0]])
             if np.abs(off).max() < CLOSE:
                 return q
-            turns = Rotation.from_matrix(frames[1:, :3, :3] @ turn.T).as_rotvec()
+            turns = _turns(frames[1:, :3, :3] @ turn.T)
             j = np.column_stack([frames[1:, :3, 3] - here, turns]).T / TINY
             step = np.linalg.lstsq(j, off, rcond=1e-6)[0]
             q = q.copy()
@@ -213,7 +212,8 @@ def _branch(elements: list[ElementTree.Element]) -> Branch:
 
 def _origin(element: ElementTree.Element) -> np.ndarray:
     out = np.eye(4)
-    out[:3, :3] = Rotation.from_euler('xyz', _numbers(element, 'origin', 'rpy', '0 0 0')).as_matrix()
+    for axis, angle in zip(np.eye(3), _numbers(element, 'origin', 'rpy', '0 0 0'), strict=True):
+        out[:3, :3] = _about(axis, angle) @ out[:3, :3]
     out[:3, 3] = _numbers(element, 'origin', 'xyz', '0 0 0')
     return out
 
@@ -230,7 +230,25 @@ def _skew(v: np.ndarray) -> np.ndarray:
 
 def _spin(turn: np.ndarray) -> np.ndarray:
     """(3, 3): about z, as much as a rotation turns x."""
-    return Rotation.from_euler('z', np.arctan2(turn[1, 0], turn[0, 0])).as_matrix()
+    return _about(np.array([0.0, 0.0, 1.0]), float(np.arctan2(turn[1, 0], turn[0, 0])))
+
+
+def _about(axis: np.ndarray, angle: float) -> np.ndarray:
+    """(3, 3): a turn about an axis (3,) of length 1."""
+    k = _skew(axis)
+    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)
+
+
+def _turns(turned: np.ndarray) -> np.ndarray:
+    """(N, 3) rad of rotations (N, 3, 3) by less than half a turn."""
+    across = (
+        np.stack([turned[:, i, j] - turned[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], 1) / 2
+    )
+    sine = np.linalg.norm(across, axis=1)
+    angle = np.arctan2(sine, (np.trace(turned, axis1=1, axis2=2) - 1) / 2)
+    return np.asarray(
+        across * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-12)[:, None]
+    )
 
 
 def _where(tip: np.ndarray) -> str:

@@ -72,7 +72,7 @@ def _of_joints(file: Path) -> dict[str, Any]:
     push, jerk = PER_SPEED
     speeds = [j.speed for j in joints]
     return {
-        'urdf': str(file.resolve()),
+        'urdf': str(file.absolute()),
         'joint_names': tuple(j.name for j in joints),
         'joint_speed_max': tuple(speeds),
         'joint_acceleration_max': tuple(v * push for v in speeds),
