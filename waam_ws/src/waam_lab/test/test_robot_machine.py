@@ -16,6 +16,7 @@ from waam_lab.job import LabResult
 from waam_lab.robot.robot_machine import RobotMachine
 from waam_lab.robot.urdf_settings import parameter_file, settings
 from waam_node.params import ParameterError
+from waam_node.stl import write_worn_block
 from waam_process.segment import Kind, Segment
 from waam_robot_bridge.params import RobotParams
 from waam_sim import part
@@ -38,7 +39,10 @@ def job(parts, **overrides) -> LabResult:
     return result
 
 
-def test_a_job_runs_on_a_robot_and_on_another_arm(parts):
+def test_a_job_runs_on_a_robot_and_on_another_arm(tmp_path):
+    x, y = np.linspace(0, 24, 13), np.linspace(0, 18, 10)
+    dip = 3.0 * np.ones((len(y), len(x)))
+    parts = write_worn_block(tmp_path, x, y, 10.0, dip)
     usual = job(parts)
     pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
     other = job(parts, **settings(SMALL_ARM, {}))
