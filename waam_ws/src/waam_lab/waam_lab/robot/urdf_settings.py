@@ -35,7 +35,8 @@ def settings(file: Path, wanted: params.Overrides) -> dict[str, dict[str, Any]]:
         middle = np.add(filled.work_low, filled.work_high) / 2
         found['posture'] = tuple(map(float, station_of(filled).joints(middle[None])[0]))
     cell = {'robot_urdf': found['urdf'], 'robot_origin': filled.origin}
-    return {**wanted, BRIDGE: found, CELL: {**cell, **wanted.get(CELL, {})}}
+    others = {node: dict(values) for node, values in wanted.items()}
+    return {**others, BRIDGE: found, CELL: {**cell, **others.get(CELL, {})}}
 
 
 def parameter_file(file: Path, given: list[Path], target: Path) -> Path:
