@@ -8,6 +8,7 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/waam_sim']),
         ('share/waam_sim', ['package.xml']),
         ('share/waam_sim/config', ['config/cell.yaml']),
+        ('share/waam_sim/urdf', ['urdf/small_arm.urdf']),
     ],
     install_requires=['setuptools'],
     entry_points={

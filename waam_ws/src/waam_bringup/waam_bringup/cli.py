@@ -8,19 +8,23 @@ import os
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from waam_process.cli_renamed import keep_old_name
 from waam_process.loop_mode import LOOP_MODES, LoopMode
-from waam_process.operating import GANTRY, MACHINES
+from waam_process.operating import GANTRY, MACHINES, ROBOT
 
 from . import audited, calibrate, panel
 from .cli_common import add_run, run_and_domain
 from .cli_job import register_job
 from .paths import CELL, jobs_dir
 from .shop import places
+
+if TYPE_CHECKING:
+    from .graph import Settings
 
 EPILOG = """\
 first steps:
@@ -123,6 +127,12 @@ def _add_up(p: argparse.ArgumentParser) -> None:
         default=GANTRY,
         help='what moves the torch: the gantry (default), or a six-axis arm before a positioner, whose simulated cell '
         'keeps step with the wall clock',
+    )
+    p.add_argument(
+        '--urdf',
+        type=Path,
+        metavar='FILE',
+        help='with --machine robot: another arm, for bridge and simulated cell (waam_robot_bridge/README.md)',
     )
     p.add_argument(
         '--rate',
@@ -236,6 +246,8 @@ def cmd_up(args: argparse.Namespace) -> int:
     for file in settings.params_files:
         if not file.exists():
             raise ValueError(f'--params-file {file}: no such file')
+    if args.urdf is not None:
+        settings = _with_arm(settings, args.urdf)
     if args.foreground:
         return supervisor.run(settings, domain)
     passed = [*sys.argv[2:], '--run', str(run), '--domain', str(domain)]
@@ -250,6 +262,17 @@ def cmd_up(args: argparse.Namespace) -> int:
     if state.web_url:
         print(f'dashboard: {state.web_url}')
     return 0
+
+
+def _with_arm(settings: Settings, urdf: Path) -> Settings:
+    """`waam up --urdf`: what the file says goes before the parameter files. Raises ValueError where it says nothing
+    that can be used."""
+    if settings.machine != ROBOT:
+        raise ValueError('--urdf belongs to --machine robot')
+    laboratory = importlib.import_module('waam_lab.robot.urdf_settings')
+    given = list(settings.params_files)
+    made = laboratory.parameter_file(urdf, given, settings.run / 'urdf.yaml')
+    return replace(settings, params_files=(made, *given))
 
 
 def cmd_stop(args: argparse.Namespace) -> int:

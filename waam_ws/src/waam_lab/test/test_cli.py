@@ -83,6 +83,8 @@ def test_a_campaign_writes_its_report(parts, tmp_path):
         (['--cell-file', 'gone.yaml'], 'gone.yaml'),
         (['--mode', 'build'], '--as-found'),
         (['--workers', '-2'], '--workers'),
+        (['--urdf', 'arm.urdf'], '--urdf belongs to --machine robot'),
+        (['--urdf', 'gone.urdf', '--machine', 'robot'], '--urdf gone.urdf: No such file'),
     ],
 )
 def test_bad_input_is_refused_before_anything_runs(parts, tmp_path, capsys, arguments, words):

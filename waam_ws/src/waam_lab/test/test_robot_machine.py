@@ -2,28 +2,83 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
+from ament_index_python.packages import get_package_share_directory
 
 from waam_bridge import commands, program
 from waam_bridge.frames import ALARM, ARC_ESTABLISHED, HOLD, HOMED, IDLE
-from waam_lab import restore, run
+from waam_lab import params, restore, run
+from waam_lab.job import LabResult
 from waam_lab.robot.robot_machine import RobotMachine
+from waam_lab.robot.urdf_settings import parameter_file, settings
+from waam_node.params import ParameterError
+from waam_node.stl import write_worn_block
 from waam_process.segment import Kind, Segment
 from waam_robot_bridge.params import RobotParams
 from waam_sim import part
+from waam_sim.config import plant_params
 from waam_sim.plant import Plant
 
 TOP = 0.010  # m, of the plate
+SMALL_ARM = Path(get_package_share_directory('waam_sim')) / 'urdf' / 'small_arm.urdf'
+POSTURE = (0.0, 0.46, 0.40, 0.0, 1.09, 3.14)
 
 
-def test_a_job_runs_on_a_robot(parts):
+def job(parts, **overrides) -> LabResult:
+    """One layer on a robot."""
     nominal, worn = parts
-    result = run(restore(nominal, worn, seed=2, layers=1, machine='robot'))
+    result = run(restore(nominal, worn, seed=2, layers=1, machine='robot', overrides=overrides))
     assert not result.failed, result.message
     assert result.arcs_lost == 0
     assert result.layers == 1
     assert np.isfinite(result.rms) and result.contact_rms < 1.5e-3
+    return result
+
+
+def test_a_job_runs_on_a_robot_and_on_another_arm(tmp_path):
+    x, y = np.linspace(0, 24, 13), np.linspace(0, 18, 10)
+    dip = 3.0 * np.ones((len(y), len(x)))
+    parts = write_worn_block(tmp_path, x, y, 10.0, dip)
+    usual = job(parts)
+    pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
+    other = job(parts, **settings(SMALL_ARM, {}))
+    assert other.rms == pytest.approx(usual.rms, rel=0.15) and other.rms != usual.rms
+
+
+@pytest.mark.parametrize(
+    ('changes', 'said'),
+    [
+        ({'cell': {'robot_urdf': ''}}, "robot_urdf '': both are one arm"),
+        ({'cell': {'robot_origin': (0.0, -0.15, 0.0)}}, r'cell.robot_origin \(0.0, '),
+        ({'cell': {'robot_posture': (0.1,)}}, 'a posture of 1 values for 6 joints'),
+    ],
+)
+def test_a_cell_with_another_arm_than_the_bridge_is_refused(changes, said):
+    pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
+    found = settings(SMALL_ARM, {'robot_bridge': {'posture': POSTURE}})
+    found['cell'].update(changes['cell'])
+    made = params.make(found)
+    plant = Plant(part.plate(0.1, 0.03, TOP, 8e-4, 5e-3), plant_params(made.cell))
+    with pytest.raises(ParameterError, match=said):
+        RobotMachine(made.robot_bridge, plant)
+
+
+def test_the_parameters_of_a_graph_have_the_posture_for_both(tmp_path):
+    pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
+    order = [5, 0, 1, 2, 3, 4]  # as a driver may name them
+    known = settings(SMALL_ARM, {'robot_bridge': {'posture': POSTURE}})['robot_bridge']
+    given = {n: [known[n][k] for k in order] for n in known if n.startswith('joint_')}
+    own = {'bridge': {'ros__parameters': {**given, 'posture': [POSTURE[k] for k in order]}}}
+    (tmp_path / 'own.yaml').write_text(yaml.safe_dump(own))
+    file = parameter_file(SMALL_ARM, [tmp_path / 'own.yaml'], tmp_path / 'run' / 'urdf.yaml')
+    made = params.read_file(file)
+    assert made['cell']['robot_posture'] == list(POSTURE)
+    assert made['cell']['robot_urdf'] == made['bridge']['urdf'] == str(SMALL_ARM)
+    assert made['bridge']['joint_speed_max'] == given['joint_speed_max']
 
 
 def test_an_unknown_machine_is_refused(parts):

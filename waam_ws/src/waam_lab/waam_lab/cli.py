@@ -22,6 +22,7 @@ examples:
   waam lab part.stl --as-found worn.stl --cell-file mycell.yaml        a cell with other physics
   waam lab part.stl --as-found worn.stl --choose                       which layout of the beads suits this part
   waam lab part.stl --as-found worn.stl --machine robot                the same job on a robot
+  waam lab part.stl --as-found worn.stl --machine robot --urdf my_arm.urdf   on another arm
   waam lab pad.gcode --dialect slicer --nominal pad.stl                what a program of another slicer will give
   waam lab part.stl --as-found worn.stl --seeds 500 --cluster auto     on all machines of a Ray cluster
   waam lab part.stl --as-found worn.stl --account                      where the metal of the last layer came from
@@ -103,6 +104,13 @@ def _add_process(p: argparse.ArgumentParser) -> None:
         default=GANTRY,
         help='what moves the torch: the gantry (default), or a six-axis arm before a positioner, with the servos, the '
         'latency and the errors of cell.robot_*',
+    )
+    p.add_argument(
+        '--urdf',
+        type=Path,
+        metavar='FILE',
+        help='with --machine robot: another arm, for bridge and cell: six revolute joints between its links part and '
+        'torch (waam_robot_bridge/README.md)',
     )
 
 

@@ -18,6 +18,7 @@ from waam_job.cli_program import asked_of
 from waam_job.model.goal import JobError, JobGoal, check
 from waam_job.store.folder import make_job_id
 from waam_node.revision import software_revision
+from waam_process.operating import ROBOT
 
 from . import params, report
 from .advance import JobAdvance
@@ -29,6 +30,7 @@ from .laboratory import on_table, over_seeds, physics_of
 from .layouts import laid
 from .many import run_many, workers_for
 from .pieces import Pieces
+from .robot import urdf_settings
 
 MOST_SEEDS = 10_000
 
@@ -76,6 +78,10 @@ def settings_of(
 def job_of(args: argparse.Namespace, out: Path) -> LabJob:
     """The job of the command line, checked as far as possible before it runs. Raises ValueError."""
     overrides, plan = settings_of(args.set, args.cell_file)
+    if args.urdf is not None:
+        if args.machine != ROBOT:
+            raise ValueError('--urdf belongs to --machine robot')
+        overrides = urdf_settings.settings(args.urdf, overrides)
     goal = JobGoal(
         material=args.material,
         jobs_dir=(out / 'jobs').resolve(),

@@ -26,13 +26,13 @@ class AxisErrors:
     waves: int = 8
     axis_offset: float = 0.05e-3
 
-    def draw(self, seed: int) -> DrawnErrors:
+    def draw(self, seed: int, axes: int = AXES + 2) -> DrawnErrors:
         """One machine."""
         rng = np.random.default_rng(seed)
         return DrawnErrors(
-            rng.normal(0, self.offset, AXES + 2),
-            rng.normal(0, self.wave, (2, AXES + 2)),
-            rng.uniform(0, 2 * np.pi, (2, AXES + 2)),
+            rng.normal(0, self.offset, axes),
+            rng.normal(0, self.wave, (2, axes)),
+            rng.uniform(0, 2 * np.pi, (2, axes)),
             self.waves,
             rng.normal(0, self.axis_offset, 2),
         )

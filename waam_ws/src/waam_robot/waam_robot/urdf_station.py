@@ -19,6 +19,8 @@ from .urdf_arm import NEAR, UrdfChain
 from .urdf_text import PART, TORCH, UrdfError
 
 CLOSE = 1e-9  # m and rad
+NEXT = 3e-6  # m and rad: from there one Newton step leads closer than CLOSE (its error grows with the square)
+SMOOTH = 0.05  # rad between places whose difference leads on to the next place
 STEPS = 40
 GRID = 50e-3  # m between the places of the box that are tried
 LEAST = 0.02  # smallest singular value of the Jacobian, m/rad: nearer to a singularity is not used
@@ -63,12 +65,14 @@ class UrdfStation:
         one before. near: (n,) where the arm is. StationError beside the arm's reach."""
         q = self.middle if near is None else self._inner(np.asarray(near, float))
         out = np.empty((len(tips), len(self._order)))
+        step = np.zeros_like(q)
         for n, tip in enumerate(np.asarray(tips, float)):
-            solved = self._solve(q, tip)
+            solved = self._solve(q + step, tip)
             if solved is None and n == 0:  # from far away
                 solved = self._solve(self.middle, tip)
             if solved is None:
                 raise StationError(f'{_where(tip)} mm is out of reach')
+            step = solved - q if n and np.abs(solved - q).max() < SMOOTH else step * 0.0
             q = solved
             out[n] = q[self._order]
         return out
@@ -192,17 +196,15 @@ class UrdfStation:
         q[self._order[AXES:]] = self._hold[self._order[AXES:]]
         for _ in range(STEPS):
             pose, jacobian = self._chain.pose_and_jacobian(q)
-            off = np.concatenate(
-                [
-                    wanted - pose[:3, 3],
-                    Rotation.from_matrix(self._turn @ pose[:3, :3].T).as_rotvec(),
-                ]
-            )
-            if np.abs(off).max() < CLOSE:
+            off = np.concatenate([wanted - pose[:3, 3], _rotvec(self._turn @ pose[:3, :3].T)])
+            missing = float(np.abs(off).max())
+            if missing < CLOSE:
                 return q
             j = jacobian[:, self._moving]
             step = j.T @ np.linalg.solve(j @ j.T + 1e-10 * np.eye(6), off)
             q[self._moving] += step * min(1.0, NEAR / max(float(np.abs(step).max()), 1e-12))
+            if missing < NEXT:
+                return q
         return None
 
 
@@ -218,6 +220,15 @@ def _through(low: np.ndarray, high: np.ndarray) -> np.ndarray:
         for i, j in enumerate(range(len(y)) if k % 2 == 0 else range(len(y) - 1, -1, -1))
     ]  # fmt: skip
     return np.concatenate([first, *rows])
+
+
+def _rotvec(turn: np.ndarray) -> np.ndarray:
+    """(3,) rad of a rotation (3, 3); the library's takes ten times as long for one."""
+    across = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine, cosine = float(np.linalg.norm(across)) / 2, (float(np.trace(turn)) - 1) / 2
+    if cosine < -0.9:
+        return np.asarray(Rotation.from_matrix(turn).as_rotvec())
+    return across / 2 * (np.arctan2(sine, cosine) / sine if sine > 1e-8 else 1.0)
 
 
 def _spun(angle: float) -> np.ndarray:

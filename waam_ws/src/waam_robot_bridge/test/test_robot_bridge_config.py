@@ -70,7 +70,7 @@ def test_an_arm_of_a_urdf_may_have_other_joints():
     ],
 )
 def test_a_urdf_that_cannot_be_used_is_named(tmp_path, text, said):
-    from waam_robot_bridge.node_transport import station_of
+    from waam_robot_bridge.station_file import station_of
 
     pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
     file = tmp_path / 'arm.urdf'
@@ -84,7 +84,7 @@ def test_the_arm_of_a_urdf_is_taken(tmp_path):
     from waam_robot.joint_path import Machine
     from waam_robot.timing import Drives
     from waam_robot.urdf_text import write_urdf
-    from waam_robot_bridge.node_transport import station_of
+    from waam_robot_bridge.station_file import station_of
 
     pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
     usual = station_of(RobotParams())

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from ament_index_python.packages import get_package_prefix
+from ament_index_python.packages import get_package_prefix, get_package_share_directory
 from control_msgs.msg import DynamicInterfaceGroupValues
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
@@ -25,10 +25,7 @@ from waam_node import qos
 from waam_node.conversions import segment_to_msg
 from waam_node.testing import fresh_domain
 from waam_process.segment import Kind, Segment
-from waam_robot.joint_path import Machine as RobotMachine
 from waam_robot.station import Place, Station
-from waam_robot.timing import Drives
-from waam_robot.urdf_text import write_urdf
 from waam_robot_bridge.params import NAMES
 
 TOP = 0.025  # m, of the plate on the table
@@ -52,7 +49,12 @@ class Graph:
     tilt: rad, of bridge and cell."""
 
     def __init__(
-        self, logs: Path, cell: bool = True, tilt: float = 0.0, **bridge_params: str
+        self,
+        logs: Path,
+        cell: bool = True,
+        tilt: float = 0.0,
+        cell_params: dict[str, str] | None = None,
+        **bridge_params: str,
     ) -> None:
         self.domain, self.logs = fresh_domain(), logs
         self.context = rclpy.Context()
@@ -81,9 +83,8 @@ class Graph:
         )
         self.processes = [self.bridge]
         if cell:
-            made = self._start(
-                'waam_sim', 'robot_cell', use_sim_time='false', pace='2.0', robot_tilt=f'{tilt}'
-            )
+            own = {'robot_tilt': f'{tilt}', **(cell_params or {})}
+            made = self._start('waam_sim', 'robot_cell', use_sim_time='false', pace='2.0', **own)
             self.processes.append(made)
 
     def _start(self, package: str, name: str, **params: str) -> subprocess.Popen:
@@ -158,7 +159,7 @@ def graph(tmp_path):
 
 
 def test_a_bead_on_a_tilted_part_and_an_arc_that_ends_with_the_bridge(graph):
-    """Level parts: `test_an_arm_of_a_urdf_goes_home`, and every other job."""
+    """Level parts: `test_another_arm_goes_home_in_bridge_and_cell`, and every other job."""
     until(lambda: graph.state.connected, what='connection')
     assert graph.state.limit_max.x == pytest.approx(0.4)
     graph.command(Command.Request.RESET)
@@ -210,21 +211,21 @@ def test_wrong_joint_names_are_named_before_anything_moves(tmp_path):
         graph.close()
 
 
-def urdf(folder: Path) -> tuple[Path, str]:
-    """The simulated arm as a file with the joint names of the driver, and its joints in the middle of the box."""
-    text = write_urdf(RobotMachine(), Drives().speed)
-    for n in range(1, 7):
-        text = text.replace(f'"joint{n}"', f'"joint_{n}"')
-    file = folder / 'arm.urdf'
-    file.write_text(text)
-    middle = Station().joints(np.array([[0.2, 0.15, 0.1]]))[0]
-    return file, str(middle.tolist())
+SMALL_ARM = Path(get_package_share_directory('waam_sim')) / 'urdf' / 'small_arm.urdf'
+POSTURE = '[0.0, 0.46, 0.40, 0.0, 1.09, 3.14]'
+ARM = {
+    'urdf': str(SMALL_ARM), 'posture': POSTURE,
+    'joint_names': '[base,shoulder,elbow,wrist_roll,wrist_bend,wrist_turn]',
+    'joint_speed_max': '[3.1,2.9,3.6,6.4,6.1,8.5]',
+    'joint_acceleration_max': '[7.8,7.3,9.0,16.0,15.0,21.0]',
+    'joint_jerk_max': '[78.0,73.0,90.0,160.0,150.0,210.0]',
+}  # fmt: skip
 
 
-def test_an_arm_of_a_urdf_goes_home(tmp_path):
+def test_another_arm_goes_home_in_bridge_and_cell(tmp_path):
     pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
-    file, posture = urdf(tmp_path)
-    graph = Graph(tmp_path, urdf=str(file), posture=posture)
+    cell = {'robot_urdf': str(SMALL_ARM), 'robot_posture': POSTURE}
+    graph = Graph(tmp_path, cell_params=cell, **ARM)
     try:
         until(lambda: graph.state.connected, what='connection')
         graph.command(Command.Request.RESET)
@@ -232,18 +233,28 @@ def test_an_arm_of_a_urdf_goes_home(tmp_path):
         until(lambda: graph.state.homed and graph.telemetry[-1].state == 0, what='homing')
         p = graph.telemetry[-1].position
         assert (p.x, p.y, p.z) == pytest.approx((0.0, 0.0, 0.2), abs=2e-3)
+        assert set(graph.joints) == set(ARM['joint_names'][1:-1].split(','))
     finally:
         graph.close()
 
 
-def test_a_urdf_that_cannot_be_used_ends_the_bridge_with_the_reason(tmp_path):
+def test_a_urdf_that_cannot_be_used_ends_bridge_and_cell_with_the_reason(tmp_path):
     pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
-    file, posture = urdf(tmp_path)
-    names = '[joint_1,joint_2,joint_3,joint_4,joint_5,joint_9,tilt,turn]'
-    graph = Graph(tmp_path, cell=False, urdf=str(file), posture=posture, joint_names=names)
+    names = ARM['joint_names'].replace('wrist_bend', 'joint_9')
+    bad = tmp_path / 'bad.urdf'
+    bad.write_text(SMALL_ARM.read_text().replace('"elbow" type="revolute"', '"elbow" type="fixed"'))
+    graph = Graph(
+        tmp_path,
+        cell_params={'robot_urdf': str(bad), 'robot_posture': POSTURE},
+        **{**ARM, 'joint_names': names},
+    )
     try:
-        assert graph.bridge.wait(30.0) == 2
-        said = f"error: parameter 'urdf': {file}: no joint 'joint_9' that moves; there are joint_1, joint_2, "
+        assert [p.wait(60.0) for p in graph.processes] == [2, 2]
+        said = f"error: parameter 'urdf': {SMALL_ARM}: no joint 'joint_9' that moves; there are base, shoulder, "
         assert said in graph.log('robot_bridge')
+        said = (
+            f"error: parameter 'robot_urdf': {bad}: 5 revolute joints move the link 'torch' and 0 "
+        )
+        assert said in graph.log('robot_cell')
     finally:
         graph.close()

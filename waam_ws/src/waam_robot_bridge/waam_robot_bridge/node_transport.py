@@ -5,40 +5,23 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from rclpy.node import Node
 
 from waam_bridge.transport import Owner
-from waam_node.params import ParameterError
 from waam_process.plant_port import SAMPLE
-from waam_robot.station import Reach, Station, StationError
-from waam_robot.urdf_station import UrdfStation
-from waam_robot.urdf_text import UrdfError
 
 from .controller import RobotController
 from .node_driver import RosDriver, RosWelder
 from .params import RobotParams
+from .station_file import station_of
 
 STEP_MS = 10
 MOST_STEPS = 100  # that are made up for at once
 IDLE = 0.02  # s
 BOOTS = 2**31
 RETRY = 0.3  # s
-
-
-def station_of(params: RobotParams) -> Reach:
-    """The arm of the parameters. ValueError where it does not reach its box; ParameterError for a URDF that cannot be
-    used, with the file."""
-    if not params.urdf:
-        return Station(params.place())
-    try:
-        return UrdfStation(Path(params.urdf).read_bytes(), params.urdf_place())
-    except OSError as e:
-        raise ParameterError(f"parameter 'urdf': {params.urdf}: {e.strerror}") from None
-    except (UrdfError, StationError) as e:
-        raise ParameterError(f"parameter 'urdf': {params.urdf}: {e}") from None
 
 
 class RobotTransport:

@@ -63,6 +63,7 @@ class Cell(WaamNode):
         self.create_service(Trigger, '~/save_truth', self._on_save)
         self.create_timer(1.0, self._report, clock=self.steady)
         self.level, self.message = WARN, 'starting'
+        self._prepare()
         self._thread = threading.Thread(target=self._live, name='plant', daemon=True)
         self._thread.start()
 
@@ -72,6 +73,9 @@ class Cell(WaamNode):
         if self._port is not None:
             self._port.close()
         self._thread.join(2.0)
+
+    def _prepare(self) -> None:
+        """What has to be known before the thread starts. ValueError ends the node with the text."""
 
     def _live(self) -> None:
         """The thread. An error in it is logged and ends the node."""

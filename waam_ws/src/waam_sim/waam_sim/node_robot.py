@@ -32,7 +32,7 @@ def _stamp(us: int) -> Time:
 def goal_from_msg(
     msg: FollowJointTrajectory.Goal, names: Sequence[str] = NAMES
 ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
-    """Start (us), time (N,) s, joints and rates (N, 8) in the order of `names`. ValueError says what is wrong."""
+    """Start (us), time (N,) s, joints and rates (N, n) in the order of `names`. ValueError says what is wrong."""
     t = msg.trajectory
     if sorted(t.joint_names) != sorted(names):
         wrong = sorted(set(t.joint_names) ^ set(names))
@@ -54,11 +54,20 @@ def goal_from_msg(
 class TrajectoryController:
     """Action server: hands good goals to `follow` (called under `lock`), refuses others and says why in the log.
 
-    A goal is answered when it is taken, not when it ends: one that replaces another ends that one.
+    A goal is answered when it is taken, not when it ends: one that replaces another ends that one. names: of the
+    joints; beyond: which of joints (N, n) is beyond its limit, '' = none.
     """
 
-    def __init__(self, node: Node, lock: threading.Lock, follow: Follow) -> None:
+    def __init__(
+        self,
+        node: Node,
+        lock: threading.Lock,
+        follow: Follow,
+        names: Sequence[str] = NAMES,
+        beyond: Callable[[np.ndarray], str] = lambda joints: '',
+    ) -> None:
         self._node, self._lock, self._follow = node, lock, follow
+        self._names, self._beyond = names, beyond
         self._states = node.create_publisher(JointState, 'joint_states', qos.BEAT)
         self._server = ActionServer(
             node,
@@ -70,21 +79,23 @@ class TrajectoryController:
 
     def tell(self, time_us: int, joints: np.ndarray, rates: np.ndarray) -> None:
         """Publishes the joint states."""
-        msg = JointState(name=list(NAMES), position=joints.tolist(), velocity=rates.tolist())
+        msg = JointState(name=list(self._names), position=joints.tolist(), velocity=rates.tolist())
         msg.header.stamp = _stamp(time_us)
         self._states.publish(msg)
 
     def _judge(self, goal: FollowJointTrajectory.Goal) -> GoalResponse:
         try:
-            goal_from_msg(goal)
+            said = self._beyond(goal_from_msg(goal, self._names)[2])
         except ValueError as e:
-            self._node.get_logger().error(f'goal refused: {e}')
+            said = str(e)
+        if said:
+            self._node.get_logger().error(f'goal refused: {said}')
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
     def _execute(self, handle: Any) -> FollowJointTrajectory.Result:
         with self._lock:
-            self._follow(*goal_from_msg(handle.request))
+            self._follow(*goal_from_msg(handle.request, self._names))
         handle.succeed()
         return FollowJointTrajectory.Result()
 

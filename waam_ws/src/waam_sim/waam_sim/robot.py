@@ -4,10 +4,12 @@ Goals are followed as stock trajectory controllers do: by cubics between points 
 axis lags as a first-order low-pass; behind it, the gear has backlash. The driver sees the motors. The torch is where
 the links, the offsets and the waves of the gears put it. Work zero and scanner are taught at one place: there torch and
 scanner are where they should be, and everywhere else they are off by how much the errors differ from those there.
+The arm is the M-20iB/25 by its table (`Station`), or one from a URDF (`UrdfArm`).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +17,9 @@ import numpy as np
 from waam_node.params import param
 from waam_robot.accuracy import AxisErrors
 from waam_robot.arm import AXES, Arm, Link, forward
-from waam_robot.station import JOINTS, Station
+from waam_robot.station import Station
+
+from .urdf_arm import UrdfArm
 
 SUBSTEP = 2e-3  # s
 SCANNER = np.array([0.060, 0.0, 0.120])  # m from the torch, as of ScannerParams
@@ -35,11 +39,27 @@ class RobotParams:
     tilt: float = param(
         0.0, 'of the part by the positioner, as `tilt` of the bridge', 'rad', -1.745, 1.745
     )
+    urdf: str = param(
+        '',
+        'URDF of another arm, as `urdf` of the bridge: links `torch` and `part`, six revolute joints between them (and '
+        'up to two under the part), which are named as the bridge names them; empty = the M-20iB/25',
+    )
+    posture: tuple = param(
+        (math.nan,),
+        'with `robot_urdf`: joints near which the arm works, torch upright, in the order of the file; NaN in the '
+        'laboratory = that of the bridge',
+        'rad',
+    )
+    origin: tuple = param(
+        (-0.2, -0.15, 0.0),
+        'with `robot_urdf`: machine zero in the frame of `part`, as `origin` of the bridge',
+        'm',
+    )
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """start_us: time of its beginning; time (N,) s; joints, rates (N, 8) rad, rad/s."""
+    """start_us: time of its beginning; time (N,) s; joints, rates (N, n) rad, rad/s."""
 
     start_us: int
     time: np.ndarray
@@ -47,7 +67,7 @@ class Trajectory:
     rates: np.ndarray
 
     def at(self, times_us: np.ndarray) -> np.ndarray:
-        """(n, 8) rad: cubics between the points; before and after them it stands."""
+        """(N, n) rad: cubics between the points; before and after them it stands."""
         t = np.clip((times_us - self.start_us) * 1e-6, self.time[0], self.time[-1])
         i = np.clip(np.searchsorted(self.time, t, 'right') - 1, 0, len(self.time) - 2)
         h = self.time[i + 1] - self.time[i]
@@ -66,7 +86,7 @@ class SimRobot:
 
     def __init__(
         self,
-        station: Station,
+        station: Station | UrdfArm,
         params: RobotParams,
         seed: int,
         start: np.ndarray,
@@ -77,11 +97,11 @@ class SimRobot:
         self.dead = False
         rng = np.random.default_rng([seed, 7])
         errors = AxisErrors(params.joint_offset, params.gear_wave, 8, params.axis_offset)
-        self._errors = errors.draw(seed)
-        self._arm = _lengthened(station.place.arm, params.link_length, rng)
         self._motor = station.joints(np.array([start]))[0]
         self._gear = self._motor.copy()
-        self._rates = np.zeros(JOINTS)
+        self._rates = np.zeros(len(self._motor))
+        self._errors = errors.draw(seed, len(self._motor))
+        self._made = _with_errors(station, params.link_length, rng)
         self._told = (time_us, self._motor.copy(), self._rates.copy())
         self._now: Trajectory | None = None
         self._coming: list[tuple[int, Trajectory]] = []
@@ -90,6 +110,10 @@ class SimRobot:
         self._shift = reference[0] - taught
         self._lever = reference[1]
         self.tip, self.scanner = self._true(self._gear)
+
+    def beyond(self, joints: np.ndarray) -> str:
+        """Which of joints (N, n) of a goal is beyond its limit; '' = none. The table's arm takes all."""
+        return self.station.beyond(joints) if isinstance(self.station, UrdfArm) else ''
 
     def follow(
         self, start_us: int, time: np.ndarray, joints: np.ndarray, rates: np.ndarray
@@ -100,7 +124,7 @@ class SimRobot:
             self._coming.append((due, Trajectory(start_us, time, joints, rates)))
 
     def state(self) -> tuple[int, np.ndarray, np.ndarray]:
-        """Time (us), joints and rates (8,) of the motors, as the driver last told them."""
+        """Time (us), joints and rates (n,) of the motors, as the driver last told them."""
         return self._told
 
     def advance(self, milliseconds: int) -> tuple[np.ndarray, np.ndarray]:
@@ -119,12 +143,13 @@ class SimRobot:
         return before + share * (self.tip - before), np.tile(self.scanner, (milliseconds, 1))
 
     def flange(self, theta: np.ndarray) -> np.ndarray:
-        """(4, 4): where the flange truly is in the robot's base for angles (6,) of the gears, rad."""
+        """(4, 4): where the flange of the M-20iB/25 truly is in its base for angles (6,) of the gears, rad."""
+        assert isinstance(self.station, Station) and isinstance(self._made, Arm)
         joints = np.concatenate([theta, self.station.hold])
-        return forward(self._arm, theta + self._errors.of(joints)[:AXES], tool=False)
+        return forward(self._made, theta + self._errors.of(joints)[:AXES], tool=False)
 
     def height_error(self, joints: np.ndarray) -> float:
-        """m: how much too high the scanner truly is at joints (8,), the gears where the motors are: so much too low is
+        """m: how much too high the scanner truly is at joints (n,), the gears where the motors are: so much too low is
         what it measures there."""
         tip, lever = self._true(np.asarray(joints, float))
         return float((tip + lever - self.station.tips(joints[None])[0])[2])
@@ -134,7 +159,7 @@ class SimRobot:
             self._now = self._coming.pop(0)[1]
 
     def _follow(self, wanted: np.ndarray) -> None:
-        """The servos go after (n, 8) wanted joints, one row per substep."""
+        """The servos go after (N, n) wanted joints, one row per substep."""
         share = 1 - np.exp(-SUBSTEP / self.params.servo_lag)
         half = self.params.backlash / 2
         motor = self._motor
@@ -147,9 +172,18 @@ class SimRobot:
     def _true(self, gear: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(3,) m torch, and (3,) m by how much the lever to the scanner is turned away."""
         joints = gear + self._errors.of(gear)
-        frame = self.station.frames(joints[None], self._arm)[0]
+        frame = self.station.frames(joints[None], self._made)[0]  # type: ignore[arg-type]
         lever = (frame[:3, :3] - np.eye(3)) @ SCANNER
         return frame[:3, 3] - self._shift, lever - self._lever
+
+
+def _with_errors(
+    station: Station | UrdfArm, sigma: float, rng: np.random.Generator
+) -> Arm | np.ndarray:
+    """What `frames` of the station takes for an arm with errors of its lengths."""
+    if isinstance(station, UrdfArm):
+        return station.lengthened(sigma, rng)
+    return _lengthened(station.place.arm, sigma, rng)
 
 
 def _lengthened(arm: Arm, sigma: float, rng: np.random.Generator) -> Arm:

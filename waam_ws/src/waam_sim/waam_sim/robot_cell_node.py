@@ -14,12 +14,15 @@ from rclpy._rclpy_pybind11 import RCLError
 
 from waam_node.node import OK
 from waam_node.node import main as run_node
+from waam_node.params import ParameterError
 from waam_process.plant_port import SAMPLE
 from waam_robot.station import Place, Station
+from waam_robot.urdf_text import UrdfError
 
 from .cell_node import Cell
-from .node_robot import TrajectoryController, Welder
+from .node_robot import NAMES, TrajectoryController, Welder
 from .robot import SimRobot
+from .urdf_file import arm_of
 
 STEP_MS = 10
 PARK = np.array([0.060, 0.050, 0.150])  # m, where the torch is when the cell is switched on
@@ -35,13 +38,25 @@ class RobotCell(Cell):
         self._time_us = time.time_ns() // 10_000_000 * 10_000
         super().__init__()
 
+    def _prepare(self) -> None:
+        self._robot, self._names = self._made()
+
+    def _made(self) -> tuple[SimRobot, tuple[str, ...]]:
+        """The robot and the names of its joints. ParameterError for a URDF that cannot be used, with the file."""
+        plant = self._plant.params
+        taught = np.array(plant.work_zero)
+        arm = arm_of(plant.robot) if plant.robot.urdf else None
+        station = arm or Station(Place(tilt=plant.robot.tilt))
+        try:
+            robot = SimRobot(station, plant.robot, self.params.seed, PARK, taught, self._time_us)
+        except UrdfError as e:
+            raise ParameterError(f"parameter 'robot_urdf': {plant.robot.urdf}: {e}") from None
+        return robot, arm.names if arm else NAMES
+
     def _connect(self) -> None:
         """The thread's work: time goes on, 10 ms by 10 ms."""
-        plant = self._plant
-        taught = np.array(plant.params.work_zero)
-        station = Station(Place(tilt=plant.params.robot.tilt))
-        robot = SimRobot(station, plant.params.robot, self.params.seed, PARK, taught, self._time_us)
-        controller = TrajectoryController(self, self._lock, robot.follow)
+        robot = self._robot
+        controller = TrajectoryController(self, self._lock, robot.follow, self._names, robot.beyond)
         welder = Welder(self, lambda: self._time_us)
         self.level, self.message = OK, 'running'
         due = time.monotonic()

@@ -7,12 +7,16 @@ import numpy as np
 from waam_bridge.outbox import FAULT
 from waam_node.params import ParameterError
 from waam_process.plant_port import SAMPLE
-from waam_robot.station import Station
+from waam_robot.station import Reach, Station
 from waam_robot_bridge.controller import JointState, RobotController
 from waam_robot_bridge.goals import Goal
 from waam_robot_bridge.params import RobotParams
+from waam_robot_bridge.station_file import station_of
 from waam_sim.plant import Plant, Profiles
+from waam_sim.robot import RobotParams as SimParams
 from waam_sim.robot import SimRobot
+from waam_sim.urdf_arm import UrdfArm
+from waam_sim.urdf_file import arm_of
 
 from ..machine import EPOCH_US, EXCHANGE_MS, Machine
 
@@ -29,8 +33,11 @@ class LabDriver:
         self.goals = 0
 
     def follow(self, goal: Goal) -> None:
-        """Hands a goal over."""
+        """Hands a goal over that is within the limits of the joints."""
         self.goals += 1
+        self.problem = self.arm.beyond(goal.joints)
+        if self.problem:
+            return
         self.arm.follow(goal.start_us, goal.time, goal.joints, goal.rates)
 
     def state(self, now_us: int) -> JointState:
@@ -42,18 +49,15 @@ class RobotMachine(Machine):
     """`bridge_dead`: the process of the bridge is gone: nobody sends goals, outputs or anything else."""
 
     def __init__(self, params: RobotParams, plant: Plant) -> None:
-        if params.urdf:
-            raise ParameterError(
-                "parameter 'urdf': the laboratory's robot is the M-20iB/25 and no other"
-            )
         if abs(params.tilt - plant.params.robot.tilt) > SAME:
             raise ParameterError(
                 f'robot_bridge.tilt is {params.tilt:g} rad, cell.robot_tilt {plant.params.robot.tilt:g}: '
                 'both are the tilt of one positioner'
             )
-        station = Station(params.place())
+        station = station_of(params)
         start, taught = np.array(PARK), np.array(plant.params.work_zero)
-        self.robot = SimRobot(station, plant.params.robot, plant.seed, start, taught, EPOCH_US)
+        true = _true(params, plant.params.robot, station)
+        self.robot = SimRobot(true, plant.params.robot, plant.seed, start, taught, EPOCH_US)
         self.driver = LabDriver(self.robot)
         self._params, self._station = params, station
         self._unheard = 0  # ms since the welding device heard of the bridge
@@ -92,6 +96,23 @@ class RobotMachine(Machine):
 
     def _profiles(self) -> Profiles | None:
         return self.plant.profiles(self._seen)
+
+
+def _true(params: RobotParams, robot: SimParams, station: Reach) -> Station | UrdfArm:
+    """The arm of the cell. ParameterError where it is not that of the bridge."""
+    if bool(params.urdf) != bool(robot.urdf):
+        raise ParameterError(
+            f"robot_bridge.urdf is '{params.urdf}', cell.robot_urdf '{robot.urdf}': both are one arm (--urdf)"
+        )
+    if isinstance(station, Station):
+        return station
+    if max(abs(a - b) for a, b in zip(params.origin, robot.origin, strict=False)) > SAME:
+        raise ParameterError(
+            f'robot_bridge.origin is {params.origin} m, cell.robot_origin {robot.origin}: both are machine zero'
+        )
+    middle = np.add(params.work_low, params.work_high) / 2
+    posture = tuple(map(float, station.joints(middle[None])[0]))
+    return arm_of(robot, tuple(map(str, params.joint_names)), posture)
 
 
 def _put(samples: np.ndarray, tips: np.ndarray) -> None:
