@@ -67,7 +67,9 @@ def chance(cell: ArcParams, feed: float, contact: float) -> float:
     arc = Arc.cold(cell, random_state(31, 7))
     struck = 0
     for _ in range(STRIKES):
-        struck += _struck(arc.params[0], arc.state, arc.line, arc.rng, feed * WIRE_FACTOR, contact)
+        struck += _struck(
+            p=arc.params[0], state=arc.state, line=arc.line, rng=arc.rng, wire=feed * WIRE_FACTOR, contact=contact
+        )  # fmt: skip
     return struck / STRIKES
 
 
@@ -90,11 +92,23 @@ def _struck(p, state, line, rng, wire, contact):  # type: ignore[no-untyped-def]
     for _ in range(TRIES):
         s.wire, s.reading, s.current, s.flow = 0.0, 0.0, 0.0, 1.0
         line[:] = 0.0
-        advance_arc(p, s, rng, False, True, False, VOLTAGE, contact, STEP)
+        advance_arc(
+            p, s, rng, on=False, gas=True, blocked=False, voltage_set=VOLTAGE, ctwd=contact, dt=STEP
+        )
         above = 0
         for _ in range(WAITS):
-            advance_wire(p, s, line, rng, wire, 0.0, STEP)
-            advance_arc(p, s, rng, True, True, False, VOLTAGE, contact, STEP)
+            advance_wire(p, s, line, rng, command=wire, slip=0.0, dt=STEP)
+            advance_arc(
+                p,
+                s,
+                rng,
+                on=True,
+                gas=True,
+                blocked=False,
+                voltage_set=VOLTAGE,
+                ctwd=contact,
+                dt=STEP,
+            )
             above = above + 1 if s.current_read > ESTABLISHED else 0
             if above >= HOLDS:
                 return True
