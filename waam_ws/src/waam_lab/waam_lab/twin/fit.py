@@ -111,7 +111,7 @@ def fit(
     misfits = tuple(map(_misfit, cases, before, after))
     return Fitted(
         cell, tuple(estimates), misfits, amps, ambient, tuple(replays), tuple(before), tuple(after),
-        strikes(cell.arc, seen),
+        strikes=strikes(cell.arc, seen),
     )  # fmt: skip
 
 
