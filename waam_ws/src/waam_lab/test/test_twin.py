@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from waam_bringup.cli import main
-from waam_lab import params
+from waam_lab import cli_fit, params
 from waam_lab.cli_fit import each_on
-from waam_lab.twin import records, solve, timeline
+from waam_lab.twin import records, solve, strike, timeline
 from waam_lab.twin.along import Line
 from waam_lab.twin.compare import Comparison, seen
+from waam_lab.twin.electric import Steady, current, scatter
 from waam_lab.twin.replay import Replay
 from waam_lab.twin.unknowns import ALL, NEVER, REPLAYED, physics
 from waam_node.spread import Workers
@@ -81,6 +85,8 @@ def test_a_cell_is_found_from_its_records(job, tmp_path, capsys, monkeypatch):
     assert page.count('<img') >= 3 and 'arc_wire_ratio' in page
     said = capsys.readouterr().out
     assert 'not told' in said and 'metal_spatter_per_m' in said
+    assert facts['strikes']['safe'] and 'may end without an arc' not in said + page
+    assert 'thinnest start of an arc' in said and not list((tmp_path / 'cell').glob('pieces*'))
 
 
 def test_workers_give_the_same_bits(job):
@@ -94,6 +100,51 @@ def test_workers_give_the_same_bits(job):
     one, two = (list(each_on(Workers(n, preload=preload))(solve.scatter_of, tasks)) for n in (1, 2))
     assert [o.loud for o in one] == [t.loud for t in two] and one[0].loud != one[1].loud
     np.testing.assert_array_equal([o.covariance for o in one], [t.covariance for t in two])
+
+
+class Ends:
+    """Stands for a task of a fit: counts how often it is done, and Ctrl-C comes at the one of this number."""
+
+    def __init__(self, at: int) -> None:
+        self.at, self.done, self.__name__ = at, 0, 'laid_of'
+
+    def __call__(self, task):
+        self.done += 1
+        if self.done == self.at:
+            raise KeyboardInterrupt
+        return solve.laid_of(task)
+
+
+def test_a_fit_that_was_ended_goes_on_with_the_same_command(job, tmp_path, capsys, monkeypatch):
+    """Ctrl-C at the third step; then only what was missing is laid, and the results are those of one go."""
+    monkeypatch.setenv('WAAM_JOBS', str(tmp_path / 'jobs'))
+    monkeypatch.setattr(
+        cli_fit, 'spread', lambda todo, work, *_: ((k, work(t)) for k, t in todo.items())
+    )
+    at = [np.full(len(REPLAYED), u) for u in (0.0, 0.1, 0.2, 0.3)]
+
+    def short(records, base, tick, each):
+        tasks = [solve.Task(solve.Case.of(Replay(r), 20.0), base, u) for r in records for u in at]
+        found = []
+        for one in each(work, tasks):
+            found.append(one)
+            tick(len(tasks))
+        results.append(found)
+        raise ValueError('enough')
+
+    monkeypatch.setattr('waam_lab.twin.fit.fit', short)
+    results, work = [], Ends(3)
+    assert fit(job) == 130
+    said = capsys.readouterr().err
+    assert '2 of 4 steps done' in said and 'the same command goes on' in said
+    work = Ends(0)
+    assert fit(job) == 2 and work.done == 2
+    work = Ends(0)
+    assert fit(job, '--out', tmp_path / 'other') == 2 and work.done == 4
+    for one, two in zip(*results, strict=True):
+        np.testing.assert_array_equal(one.growth[1], two.growth[1])
+    other = records.read(job)
+    assert replace(other, nominal=other.nominal + 1e-6).fingerprint != other.fingerprint
 
 
 def test_what_the_laboratory_notes_of_its_cell_is_not_read(job):
@@ -156,6 +207,59 @@ def test_a_map_shows_means_over_its_cells():
     fine = np.cos(1.5 * (x[5] + np.linspace(-0.25, 0.25, 501))).mean()
     assert seen(ridges)[6, 5] == pytest.approx(fine, abs=5e-3 * abs(ridges[6, 5]))
     np.testing.assert_allclose(seen(np.full((5, 5), 0.7)), 0.7)
+
+
+STEEP = replace(USUAL.arc, current_ref=134.0, current_exponent=0.77, length_noise=0.28)
+THIN, CONTACT = 0.0375, 15e-3  # m/s, m
+
+
+def rows(arc, wire: float, n: int = 1500) -> Steady:
+    """Of one arc: noise of its length moves voltage and current, other noise the current alone."""
+    rng = np.random.default_rng(4)
+    length, other = arc.length_noise * rng.standard_normal(n), 4.0 * rng.standard_normal(n)
+    feed, contact = np.full(n, wire), np.full(n, CONTACT)
+    amps = current(arc, feed * arc.wire_ratio, contact) - 0.665 * arc.current_noise * length
+    amps += other
+    volts = 22.0 + length - arc.resistance * amps
+    return Steady(feed, contact, amps, volts, np.zeros(n, int))
+
+
+def test_noise_of_the_current_is_what_goes_with_the_voltage():
+    for true in (4.0, 10.0):
+        arc = replace(USUAL.arc, current_noise=true)
+        value, error = scatter(rows(arc, 0.08), arc)['current_noise']
+        assert value == pytest.approx(true * (1 + 1.41 * (0.15 / 0.45) ** 2), rel=0.15)
+        assert 0 < error < 0.15
+
+
+def test_an_arc_that_is_too_weak_to_strike_is_told():
+    """A steep cell at thin beads strikes near 30 A: now it burns, now it does not; less scatter, fewer strikes."""
+    usual, steep = (strike.strikes(a, rows(a, THIN)) for a in (USUAL.arc, STEEP))
+    assert usual.safe and usual.current > 35 and not steep.safe and 28 < steep.current < 31
+    assert usual.sure < THIN < steep.sure < 0.05
+    assert strike.chance(STEEP, 1.1 * steep.sure, CONTACT) > strike.SURE > steep.chance > 0.3
+    assert strike.chance(replace(STEEP, current_noise=2.0), THIN, CONTACT) < steep.chance - 0.1
+    out = Console(record=True, width=300)
+    cli_fit.show(SimpleNamespace(estimates=(), misfits=(), strikes=steep), out)
+    said = out.export_text()
+    assert 'may end without an arc' in said and '2.25 m/min' in said
+
+
+def test_strikes_are_judged_as_by_the_controller():
+    source = Path(__file__).parents[2] / 'waam_firmware/core/machine/waam_config.c'
+    text = source.read_text()
+    told = [
+        float(re.search(rf'\.{name} = ([\d.]+)', text)[1])
+        for name in ('strike_wire_factor', 'established_a', 'established_us', 'strike_us', 'tries')
+    ]
+    own = (
+        strike.WIRE_FACTOR,
+        strike.ESTABLISHED,
+        strike.HOLDS * 1e3,
+        strike.WAITS * 1e3,
+        strike.TRIES,
+    )
+    assert told == list(own)
 
 
 def test_what_is_looked_for_exists_and_is_believed_possible():

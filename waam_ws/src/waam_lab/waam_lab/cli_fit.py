@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import shlex
 import sys
 from collections.abc import Callable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from waam_node.revision import software_revision
 from waam_node.spread import Workers, add_options, spread
 
 if TYPE_CHECKING:
+    from waam_sim.plant import PlantParams
+
+    from .pieces import Kept
+    from .twin.records import JobRecord
     from .twin.solve import Each, Task
 
 EXAMPLES = """\
@@ -29,7 +36,10 @@ with the source. Give jobs of one cell, one wire and one material that were laid
 
 Every parameter comes with a 90 % interval. Where the records say little, the report says "not told" and the cell file
 leaves the parameter as it was. Some are never told by a job, such as the wire's true diameter; the report lists them
-with what would tell. docs/twin.md says how well intervals hold.
+with what would tell. docs/twin.md says how well intervals hold. A cell whose arcs would not strike at the beads of the
+records is named.
+
+A fit that was ended (Ctrl-C, power) goes on where it was with the same command.
 
 exit status: 0 fitted, 2 refused (no jobs, no maps, no arc; the text says which), 130 ended with Ctrl-C
 """
@@ -59,14 +69,23 @@ def register(commands: argparse._SubParsersAction) -> None:
     p.set_defaults(run_command=run_fit)
 
 
-def each_on(workers: Workers) -> Each:
-    """Tasks of a fit spread over workers; their results in order, the same whatever the number of workers."""
+def each_on(workers: Workers, kept: Kept | None = None, software: str = '') -> Each:
+    """Tasks of a fit spread over workers; their results in order, the same whatever the number of workers. kept: where
+    results are as they come; what is there of this software is not done again."""
 
     def each(work: Callable[[Task], Any], tasks: list[Task]) -> Iterator[Any]:
-        found: dict[int, Any] = {}
-        for key, result in spread(dict(enumerate(tasks)), work, lost, workers):
-            found[key] = result
-        yield from (found[key] for key in range(len(tasks)))
+        keys = [f'{software} {work.__name__} {t.key}' for t in tasks] if kept else []
+        had = {i: kept.found(key, object) for i, key in enumerate(keys)} if kept else {}
+        found = {i: result for i, result in had.items() if result is not None}
+        waiting = {i: task for i, task in enumerate(tasks) if i not in found}
+        told = 0
+        for i, result in chain(list(found.items()), spread(waiting, work, lost, workers)):
+            if kept and i in waiting:
+                kept.keep(keys[i], result)
+            found[i] = result
+            while told in found:
+                yield found[told]
+                told += 1
 
     return each
 
@@ -85,6 +104,7 @@ def run_fit(args: argparse.Namespace) -> int:
 
     from . import params
     from .cli_campaign import settings_of
+    from .pieces import Kept
     from .twin import page
     from .twin.fit import fit
     from .twin.records import read_all
@@ -92,22 +112,39 @@ def run_fit(args: argparse.Namespace) -> int:
     overrides, _ = settings_of([], args.cell_file)
     base = plant_params(params.make(overrides).cell)
     records = read_all(args.jobs)
-    out = args.out or Path(os.environ.get('WAAM_JOBS', 'jobs')) / make_job_id('fit')
+    out = args.out or _jobs_dir() / make_job_id('fit')
     workers = Workers(args.workers, args.cluster, ('waam_lab.twin.solve',))
+    software = software_revision()
+    kept = Kept(args.out / 'pieces' if args.out else _unfinished(records, base, software))
     with _Bar(f'{len(records)} jobs') as bar:
-        found = fit(records, base, bar.tick, each_on(workers))
+        try:
+            found = fit(records, base, bar.tick, each_on(workers, kept, software))
+        except KeyboardInterrupt:
+            print(f'waam: ended, {bar.done}; the same command goes on there', file=sys.stderr)
+            raise
     target = page.write(out, found, shlex.join(['waam', *sys.argv[1:]]))
+    kept.clear()
     show(found, Console(highlight=False))
     print(f'cell file: {os.path.relpath(out / page.CELL_FILE)}')
     print(f'report: {os.path.relpath(target)}')
     return 0
 
 
+def _jobs_dir() -> Path:
+    return Path(os.environ.get('WAAM_JOBS', 'jobs'))
+
+
+def _unfinished(records: list[JobRecord], base: PlantParams, software: str) -> Path:
+    """Pieces of this very fit; without --out its results get another folder each time."""
+    told = repr((software, base, [r.fingerprint for r in records]))
+    return _jobs_dir() / f'.fit-{hashlib.sha256(told.encode()).hexdigest()[:12]}'
+
+
 def show(found: Any, console: Any) -> None:
     """What is told as a table, and the names of the rest."""
     from rich.table import Table
 
-    from .twin.page import number
+    from .twin.page import UNSAFE, number
 
     rows = Table(title='told by these records')
     for name in ('', 'found', '90 % interval', 'usual', 'unit'):
@@ -121,6 +158,10 @@ def show(found: Any, console: Any) -> None:
     silent = [e.unknown.name for e in found.estimates if not e.told]
     if silent:
         console.print(f'[yellow]not told, left as usual:[/] {", ".join(silent)}')
+    if found.strikes is not None:
+        if not found.strikes.safe:
+            console.print(f'[bold red]{UNSAFE}[/]')
+        console.print(found.strikes.words)
     for m in found.misfits:
         before, after = (v * 1e3 for v in m.height)
         console.print(
@@ -150,6 +191,7 @@ class _Bar:
         )
         self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
         self._task = self._progress.add_task(title, total=None)
+        self._steps = self._total = 0
 
     def __enter__(self) -> _Bar:
         self._progress.start()
@@ -158,6 +200,12 @@ class _Bar:
     def __exit__(self, *_: object) -> None:
         self._progress.stop()
 
+    @property
+    def done(self) -> str:
+        """So far, in words."""
+        return f'{self._steps} of {self._total} steps done' if self._total else 'no step done yet'
+
     def tick(self, total: int) -> None:
         """One of `total` steps is done."""
+        self._steps, self._total = self._steps + 1, total
         self._progress.update(self._task, total=total, advance=1)

@@ -70,6 +70,19 @@ def test_a_queue_is_filled_and_steered_for_each_cell_apart(waam, tmp_path):
     assert waam('queue list')[1] == 'the queue of cell is empty\n'
 
 
+def test_every_verb_of_the_queue_answers_scripts(waam, tmp_path):
+    part = tmp_path / 'jaw.stl'
+    part.write_bytes(b'solid')
+    lines = (f'add {part}', f'add {part}', 'move 2 1', 'release 2', 'hold 2', 'remove 2')
+    told = [json.loads(waam(f'queue {line} --json')[1]) for line in lines]
+    assert [t['id'] for t in told] == [1, 2, 2, 2, 2, 2]
+    assert [t['verb'] for t in told] == [line.split()[0] for line in lines]
+    states = [t['item'] and t['item']['state'] for t in told]
+    assert states == ['waiting', 'waiting', 'waiting', 'released', 'waiting', None]
+    assert told[3]['item']['released_by'].startswith('cli:') and told[3]['panel_up'] is False
+    assert [r['id'] for r in json.loads(waam('queue list --json')[1])] == [1]
+
+
 def test_a_program_goes_into_the_queue_with_its_nominal_part(waam, tmp_path):
     files = [tmp_path / n for n in ('pad.gcode', 'pad.stl')]
     for file in files:

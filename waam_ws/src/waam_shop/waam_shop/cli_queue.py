@@ -23,6 +23,8 @@ examples:
   waam queue release 4         its part lies on the table: it starts as soon as the cell is ready
   waam queue hold 4            takes the release back, as long as it has not started
 
+Every verb prints JSON with --json.
+
 Nothing starts by itself. A release is worth one start and belongs to the part that lies on the table now; it is
 withdrawn when the panel starts again or another job is started. The panel of the cell starts the jobs.
 """
@@ -70,7 +72,6 @@ def register(commands: argparse._SubParsersAction, places: Places) -> None:
     verbs = p.add_subparsers(dest='verb', metavar='VERB', required=True)
     _register_add(verbs, places)
     q = verbs.add_parser('list', help='what waits, runs and has ended')
-    add_json(q)
     _done(q, lambda args: _list(args, places))
     for verb, text in (
         ('remove', 'takes an item out'),
@@ -87,6 +88,7 @@ def register(commands: argparse._SubParsersAction, places: Places) -> None:
 
 def _done(p: argparse.ArgumentParser, run: Any) -> None:
     add_name(p)
+    add_json(p)
     p.set_defaults(run_command=run)
 
 
@@ -117,6 +119,9 @@ def _add(args: argparse.Namespace, places: Places) -> int:
     checked = places.check(setup | {kind: places.store(cell, args.part)})
     digest = hashlib.sha256(content).hexdigest()
     queue = shop.queue(cell).change(lambda q: q.add(checked, f'cli:{user()}', time.time(), digest))
+    if args.json:
+        show(_told(cell, 'add', queue, queue.last))
+        return 0
     print(f'item {queue.last}: {checked[kind]} waits for {cell}; waam queue release {queue.last}')
     return 0
 
@@ -131,12 +136,22 @@ def _steer(args: argparse.Namespace, places: Places) -> int:
             return queue.release(args.id, f'cli:{user()}')
         return queue.remove(args.id) if args.verb == 'remove' else queue.hold(args.id)
 
-    shop.queue(cell).change(change)
+    queue = shop.queue(cell).change(change)
     status = shop.status(cell)
+    up = status is not None and status.state(time.time()) == 'up'
+    if args.json:
+        show({**_told(cell, args.verb, queue, args.id), 'panel_up': up})
+        return 0
     print(f'{args.verb}: item {args.id} of {cell}')
-    if args.verb == 'release' and (status is None or status.state(time.time()) != 'up'):
+    if args.verb == 'release' and not up:
         print('the panel of the cell does not answer; a release is withdrawn when it starts')
     return 0
+
+
+def _told(cell: str, verb: str, queue: Queue, number: int) -> dict[str, Any]:
+    """For scripts: what was done to which item, and the item as it is now; null once it was taken out."""
+    item = next((i for i in queue.items if i.id == number), None)
+    return {'cell': cell, 'verb': verb, 'id': number, 'item': asdict(item) if item else None}
 
 
 def _list(args: argparse.Namespace, places: Places) -> int:

@@ -17,6 +17,10 @@ from .unknowns import ELECTRIC
 
 AFTER_STRIKE, BEFORE_END = 0.6, 0.25  # s
 FEWEST = 40  # rows
+SLOPE, READ = (
+    0.665,
+    1.41,
+)  # of current against voltage in telemetry, found on six cells whose parameters were known
 AGAIN = 1.4  # neighbouring rows are not independent, and contact distances are computed: errors grow by this
 
 
@@ -115,14 +119,35 @@ def fit_current(seen: Steady, base: ArcParams) -> Electric | None:
 
 
 def scatter(seen: Steady, p: ArcParams) -> dict[str, tuple[float, float]]:
-    """length_noise (V) of an arc whose mean current is known, with its relative standard error: the scatter of the
-    voltage within a second, less what the current drops in the cables."""
+    """length_noise (V) and current_noise (A/V) of an arc whose mean current is known, with their relative standard
+    errors. The first is the scatter of the voltage within a second, less what the current drops in the cables. Of the
+    current's own scatter only the part that goes with the voltage counts; the rest has other reasons."""
     if seen.wire.size < FEWEST:
         return {}
     amps = _quick(seen.current - current(p, seen.wire * p.wire_ratio, seen.contact), seen.run)
     volts = _quick(seen.voltage, seen.run) + p.resistance * amps
-    volts = volts[np.abs(volts) < 5 * volts.std()]
-    return {'length_noise': (float(volts.std()), 1.3 * float(np.sqrt(0.5 / len(volts))))}
+    near = (np.abs(volts) < 5 * volts.std()) & (np.abs(amps) < 5 * amps.std())
+    found = {'length_noise': _length(volts[np.abs(volts) < 5 * volts.std()])}
+    slope, error = _slope(amps[near], volts[near])
+    read = (
+        0.1 * p.sensor_noise / found['length_noise'][0]
+    ) ** 2  # noise of the voltmeter flattens the slope
+    seen_share = SLOPE / (1.0 + READ * read)
+    if slope > 3 * error:
+        found['current_noise'] = slope / seen_share, error / slope
+    return found
+
+
+def _length(volts: np.ndarray) -> tuple[float, float]:
+    return float(volts.std()), 1.3 * float(np.sqrt(0.5 / len(volts)))
+
+
+def _slope(amps: np.ndarray, volts: np.ndarray) -> tuple[float, float]:
+    """Fall of the current per volt, with its standard error, A/V."""
+    amps, volts = amps - amps.mean(), volts - volts.mean()
+    square = max(float(volts @ volts), 1e-12)
+    slope = -float(amps @ volts) / square
+    return slope, float(np.sqrt(np.var(amps + slope * volts) / square))
 
 
 def _quick(values: np.ndarray, run: np.ndarray) -> np.ndarray:

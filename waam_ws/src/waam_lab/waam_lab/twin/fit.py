@@ -16,6 +16,7 @@ from .electric import Steady, fit_current, scatter, steady
 from .records import JobRecord, RecordError
 from .replay import Laid, Replay
 from .solve import Case, Each, Solver
+from .strike import Strikes, strikes
 from .unknowns import ELECTRIC, REPLAYED, SCATTER, Unknown, physics
 
 NINETY = 1.6449  # standard deviations to either side that hold 90 % of a normal distribution
@@ -52,7 +53,8 @@ class Misfit:
 
 @dataclass(frozen=True)
 class Fitted:
-    """The cell, what was estimated, and how well it does. `current`: misfit A before and after, or None."""
+    """The cell, what was estimated, and how well it does. `current`: misfit A before and after, or None. `strikes`:
+    whether its arcs strike at the beads of the records."""
 
     cell: PlantParams
     estimates: tuple[Estimate, ...]
@@ -62,6 +64,7 @@ class Fitted:
     replays: tuple[Replay, ...]
     before: tuple[Laid, ...]
     after: tuple[Laid, ...]
+    strikes: Strikes | None = None
 
     def values(self) -> dict[str, float]:
         """Parameters that differ from the cell that the fit began with, as in a cell file."""
@@ -107,7 +110,8 @@ def fit(
     after = [r.run(cell) for r in replays]
     misfits = tuple(map(_misfit, cases, before, after))
     return Fitted(
-        cell, tuple(estimates), misfits, amps, ambient, tuple(replays), tuple(before), tuple(after)
+        cell, tuple(estimates), misfits, amps, ambient, tuple(replays), tuple(before), tuple(after),
+        strikes=strikes(cell.arc, seen),
     )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from .unknowns import NEVER
 
 CELL_FILE, FACTS, PAGE = 'cell.yaml', 'fit.json', REPORT_PAGE
 MOST_JOBS = 4  # with pictures
+UNSAFE = 'Forecasts on this cell may end without an arc.'
 
 
 def write(folder: Path, found: Fitted, told: str) -> Path:
@@ -44,6 +45,8 @@ def cell_file(found: Fitted) -> str:
     silent = ', '.join(e.unknown.name for e in found.estimates if not e.told)
     lines = [f'# Fitted by waam lab fit to {jobs}']
     lines += [f'# Not told by these records, so left as usual: {silent}'] if silent else []
+    if found.strikes is not None and not found.strikes.safe:
+        lines += [f'# {UNSAFE} {found.strikes.words}']
     block = yaml.safe_dump({'cell': {'ros__parameters': values}}, sort_keys=False)
     return '\n'.join(lines) + '\n' + block
 
@@ -55,6 +58,7 @@ def facts(found: Fitted, told: str) -> dict[str, Any]:
         'jobs': [asdict(m) for m in found.misfits],
         'current_misfit_A': found.current,
         'parameters': {e.unknown.name: _one(e) for e in found.estimates},
+        'strikes': found.strikes and {**asdict(found.strikes), 'safe': found.strikes.safe},
         'never_told': dict(NEVER),
     }
 
@@ -79,6 +83,7 @@ def html(found: Fitted, told: str) -> str:
         '<h1>The simulated cell, fitted to records</h1>',
         f'<p class="soft">{escape(head)}</p>',
         cards(_cards(found)),
+        _strikes(found),
         '<h2>Parameters</h2>',
         picture(
             figures.intervals(found),
@@ -98,6 +103,13 @@ def html(found: Fitted, told: str) -> str:
             )
     parts.append(f'<pre>{escape(told)}</pre>' if told else '')
     return page('WAAM laboratory: fitted cell', '\n'.join(parts))
+
+
+def _strikes(found: Fitted) -> str:
+    if found.strikes is None:
+        return ''
+    advice = '' if found.strikes.safe else f'<b>{UNSAFE}</b> '
+    return f'<p>{advice}{escape(found.strikes.words)}.</p>'
 
 
 def _cards(found: Fitted) -> list[tuple[str, str]]:

@@ -5,7 +5,9 @@ In particular the parameters of a simulated cell, which the laboratory notes in 
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -51,6 +53,17 @@ class JobRecord:
     def first(self) -> np.ndarray:
         """The surface as found, (rows, cols) m."""
         return self.layers[0].before
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """The same for the same content, whatever the name of the folder."""
+        parts = [self.nominal, *(v for _, v in sorted(self.telemetry.items()))]
+        parts += [a for one in self.layers for a in (one.before, one.after, one.planned)]
+        parts += [a for _, ends in sorted(self.paths.items()) for a in ends]
+        digest = hashlib.sha256(repr((self.spec, sorted(self.telemetry), self.spots)).encode())
+        for array in parts:
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
 
 
 def read(folder: Path) -> JobRecord:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -80,6 +81,13 @@ class Task:
         if noise is not None:
             values['metal_area_noise_layer'] = noise
         return physics(self.base, values)
+
+    @property
+    def key(self) -> str:
+        """All that its result is made from, in a text."""
+        told = self.case.replay.record.fingerprint, repr(self.base), self.u.tolist()
+        slopes = '' if self.slopes is None else sha256(self.slopes.wide.tobytes()).hexdigest()
+        return repr((*told, self.level, self.seed, self.draws, slopes))
 
 
 Each = Callable[

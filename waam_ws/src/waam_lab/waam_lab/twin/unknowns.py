@@ -94,6 +94,7 @@ ELECTRIC = (
 SCATTER = (
     Unknown(METAL, 'area_noise_layer', 0.040, 0.45, 0.08, log=True),
     Unknown(ARC, 'length_noise', 0.45, 0.6, 0.12, log=True),
+    Unknown(ARC, 'current_noise', 7.0, 0.45, 0.13, log=True),
 )
 ALL = REPLAYED + ELECTRIC + SCATTER
 
@@ -107,8 +108,8 @@ NEVER: Mapping[str, str] = {
     'heat_conductivity': 'a property of the material; in a record it looks like a pyrometer that is aimed a few '
     'millimetres beside',
     'heat_air_conductance, heat_emissivity': 'table_conductance takes the heat away in much the same way',
-    'arc_current_noise, arc_sensor_noise': 'telemetry is a mean over 10 ms, ten times a second: the quick scatter '
-    'of the current is that of arc, sensor and contact distance together',
+    'arc_sensor_noise': 'the quick scatter of the current that does not go with the voltage is that of sensor, wire '
+    'and contact distance together',
     'pyrometer_emissivity': 'it shifts all temperatures alike, as arc_efficiency does; check the pyrometer against a '
     'thermocouple',
     'metal_area_noise_fixed': 'scatter that returns in every layer looks like a part that was planned wrongly, unless '
