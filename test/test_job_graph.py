@@ -63,7 +63,8 @@ def test_metal_went_where_it_was_missing(done):
 def test_it_starts_with_what_was_learned_and_adds_to_it(done, learned_file):
     """Replays below start with the same, not with the file of today."""
     first = run_of(done)['layers'][0]
-    assert first['flow_factor'] == pytest.approx(1 / LEARNED.efficiency, abs=1e-3)
+    # beside it the level that the network tells of the layer; a job that begins afresh is 6 % off
+    assert first['flow_factor'] == pytest.approx(1 / LEARNED.efficiency, rel=0.02)
     told = json.loads((done / 'report.json').read_text())['trace']['learned']
     after = parse(learned_file.read_text())
     assert told['jobs'] == 1 and told['sha256'] == LEARNED.sha256

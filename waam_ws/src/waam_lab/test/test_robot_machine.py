@@ -150,7 +150,7 @@ def test_a_place_outside_the_box_is_refused_before_the_arc(machine):
 def test_a_driver_that_refuses_goals_is_told_and_holds(machine):
     notices = []
     machine.on_outbox = lambda box: notices.extend(box.notices)
-    machine.driver.problem = "the driver knows no joint 'joint_9'"
+    machine.robot.beyond = lambda joints: "the driver knows no joint 'joint_9'"
     enqueue(machine, (0.01, 0.015, 0.05), (0.02, 0.015, 0.05))
     machine.advance(0.5)
     assert any("joint_9" in n.text and 'the arc is cut' in n.text for n in notices)
