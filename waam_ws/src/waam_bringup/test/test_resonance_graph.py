@@ -47,7 +47,13 @@ def publishers(domain: int, topic: str) -> list[str]:
     """Nodes that publish it."""
     with GraphClient(domain) as client:
         node = client.node
-        client.until(lambda: bool(node.get_publishers_info_by_topic(topic)), 5.0)
+
+        def named() -> bool:
+            """Discovery may tell of a publisher before it knows whose it is."""
+            found = node.get_publishers_info_by_topic(topic)
+            return bool(found) and '_NODE_NAME_UNKNOWN_' not in [p.node_name for p in found]
+
+        client.until(named, 5.0)
         return [p.node_name for p in node.get_publishers_info_by_topic(topic)]
 
 
