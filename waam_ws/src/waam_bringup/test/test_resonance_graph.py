@@ -53,7 +53,7 @@ def publishers(domain: int, topic: str) -> list[str]:
             found = node.get_publishers_info_by_topic(topic)
             return bool(found) and '_NODE_NAME_UNKNOWN_' not in [p.node_name for p in found]
 
-        client.until(named, 5.0)
+        client.until(named, 20.0)
         return [p.node_name for p in node.get_publishers_info_by_topic(topic)]
 
 
