@@ -88,14 +88,14 @@ class Identifier:
         evidence = layer_evidence(layer, slope)
         if evidence is None:
             return
-        before = self.estimate
         seen_level = self._level(number, model, layer) if self.watch_beads and model else None
         seen = evidence
         # Where the beads are known, the mean alone: the median says what most blocks do, and leaves the level off.
         if seen_level is not None:
             seen = replace(evidence, ratio=seen_level)
-        before = self._of_layer(number)
-        seen = replace(seen, ratio=seen.ratio / self._level_share(number))
+        told = self.levels.get(number, 0.0)
+        before = self._of_layer(number, told)
+        seen = replace(seen, ratio=seen.ratio / math.exp(told))
         seen = self._without_kind(number, seen)
         self.estimate = update(self.estimate, seen, self.forgetting)
         side = number % 2
@@ -120,14 +120,15 @@ class Identifier:
         share = 1 + self.kinds.offset(self.paths.get(number, ()))
         return replace(self.estimate, efficiency_ratio=self.estimate.efficiency_ratio * share)
 
-    def _of_layer(self, number: int) -> Estimate:
-        """The same with the level that the network told of it."""
+    def _of_layer(self, number: int, told: float) -> Estimate:
+        """The same with the level that the network told of the layer."""
         found = self._of_kind(number)
-        return replace(found, efficiency_ratio=found.efficiency_ratio * self._level_share(number))
+        return replace(found, efficiency_ratio=found.efficiency_ratio * math.exp(told))
 
-    def _level_share(self, number: int) -> float:
-        """Efficiency of layer `number` over that of the process, as the network told it."""
-        return math.exp(self.levels.get(number, 0.0))
+    def _told(self, request: CorrectionInput) -> float:
+        """Level that the network tells of the request's layer, by its weight in this job; 0 where it tells none."""
+        found = request.predicted
+        return self.skill.weight * found.level if found is not None and found.digest else 0.0
 
     def _without_kind(self, number: int, seen: LayerEvidence) -> LayerEvidence:
         """Evidence of the process alone: what is due to the pattern of the layer is learned and taken off."""
@@ -198,9 +199,9 @@ class Identifier:
         self.predicted = {n: g for n, g in self.predicted.items() if n == self.layer - 1}
         self.levels = {n: v for n, v in self.levels.items() if n == self.layer - 1}
         self.planned[self.layer], self.paths[self.layer] = request.planned, request.paths
+        self.levels[self.layer] = self._told(request)
         if request.predicted is not None and request.predicted.digest:
             self.predicted[self.layer] = request.predicted.growth
-            self.levels[self.layer] = self.skill.weight * request.predicted.level
             request = replace(request, predicted=request.predicted.weighed(self.skill.weight))
             self.estimate = replace(self.estimate, network_weight=self.skill.weight)
         learned = self.shortfall
@@ -222,10 +223,7 @@ class Identifier:
         """Of the layer that the request is for. What eq 2.19 will take off its feed is put back: how high the beads
         come out is decided by what the scans show."""
         slope = self.slope_of(self.model_of(request))
-        believed = self._of_kind(self.layer)
-        if (told := request.predicted) is not None and told.digest:
-            share = math.exp(self.skill.weight * told.level)
-            believed = replace(believed, efficiency_ratio=believed.efficiency_ratio * share)
+        believed = self._of_layer(self.layer, self._told(request))
         return believed.flow_factor(slope) / request.heat_factor
 
     def model_of(self, request: CorrectionInput) -> BeadModel | None:

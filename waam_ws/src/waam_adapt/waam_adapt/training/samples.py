@@ -58,8 +58,9 @@ def sample(
     growth = (after - request.z) / planned
     known = footprint & np.isfinite(growth)
     margin = MARGIN * width / request.resolution
-    grown, lag_m = after - request.z, lag * width
-    whole = level(model, grown, planned, asked, request.resolution, slope, lag_m, missing)
+    whole = level(
+        model, after - request.z, planned, asked, request.resolution, slope, lag * width, missing
+    )
     growth, seen = inner_mean(growth, known, footprint, grid, margin)
     found = beside_model(model, relative, growth, seen, lag)
     if found is None:
@@ -68,8 +69,7 @@ def sample(
     figures = plan_geometry.summary(x, width)
     box = plan_geometry.box(x)
     shown = [a[..., *box].astype(np.float32) for a in (x, found.growth, found.weight)]
-    height = math.nan if whole is None else whole
-    return Sample(shown[0], shown[1], shown[2], figures, seed, height)
+    return Sample(shown[0], shown[1], shown[2], figures, seed, math.nan if whole is None else whole)
 
 
 def save(folder: Path, seed: int, layers: Sequence[Sample]) -> Path:
