@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .. import filters
 from ..types import (
     MIN_PLANNED,
     RATIO_HIGH,
@@ -110,9 +111,8 @@ def renew(
     grown = np.where(np.abs(grown) <= OUTLIER, grown, np.nan)
     level, trust = _level(grown, footprint, width, belief.level_sigma)
     near = _spread(grown - level, weight, belief.reach * width)
-    lacking = (
-        -trust * level / (1 + trust * level)
-    )  # metal in proportion: half of the growth needs twice of it
+    # metal in proportion: half of the growth needs twice of it
+    lacking = -trust * level / (1 + trust * level)
     change = np.clip(lacking - ground - near, -belief.limit, belief.limit)
     change = np.where(footprint & (np.abs(change) > LEAST), change, 0.0)
     return Renewal(_changed(base, height, change), change)
@@ -142,9 +142,7 @@ def _level(
     gain of a Kalman filter, from `sigma` (before anything was seen) and the scatter of the cells. width: of a bead, in
     cells.
     """
-    from scipy.ndimage import binary_erosion
-
-    inner = binary_erosion(footprint, iterations=max(1, round(RIM * width)))
+    inner = filters.inner_share(footprint, RIM * width) > 0.5
     seen = grown[inner & np.isfinite(grown)]
     patches = len(seen) / (PATCH * width) ** 2
     if sigma <= 0 or patches < 1:
