@@ -88,7 +88,8 @@ class KeptFigures:
         except OSError:
             return False
         finally:
-            part.unlink(missing_ok=True) if folder.is_dir() else None
+            if folder.is_dir():
+                part.unlink(missing_ok=True)
 
 
 def _load(file: Path) -> duckdb.DuckDBPyConnection | None:

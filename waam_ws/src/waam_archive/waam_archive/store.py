@@ -8,7 +8,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import duckdb
@@ -96,18 +96,17 @@ class Store:
         return sorted(int(m.group(1)) for m in found if m)
 
     def stamps(self) -> list[tuple[str, int, int]]:
-        """Names, times and sizes of all markers: another list, another archive. ArchiveError as of `catalog`."""
+        """Names, times and sizes of all markers: another list, another archive. ArchiveError for a version that
+        is not known."""
         if not self.exists:
             return []
         self.check_version()
-        for last in (False, True):
-            try:
-                found = [(n, (self.root / marker_name(n)).stat()) for n in self.marker_numbers()]
-                return [(marker_name(n), s.st_mtime_ns, s.st_size) for n, s in found]
-            except FileNotFoundError as e:  # merged between the two looks
-                if last:
-                    raise ArchiveError(f'{self.root}: cannot be read ({e})') from None
-        raise AssertionError('not reached')
+        found = []
+        for name in map(marker_name, self.marker_numbers()):
+            with suppress(FileNotFoundError):  # merged just now: the next look gives another list
+                stat = (self.root / name).stat()
+                found.append((name, stat.st_mtime_ns, stat.st_size))
+        return found
 
     def segment(self, number: int) -> Segment:
         """ArchiveError when the marker is damaged."""

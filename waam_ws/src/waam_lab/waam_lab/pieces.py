@@ -54,7 +54,7 @@ class Pieces:
 
     def __init__(self, folder: Path, software: str) -> None:
         """software: its revision, of which the results are."""
-        self._kept, self.software = _OfJobs(folder), software
+        self._kept, self.software = Kept(folder), software
 
     @property
     def folder(self) -> Path:
@@ -79,11 +79,4 @@ class Pieces:
         named += sorted(job.learned.rglob('*.json')) if job.learned else []
         files = [f for f in named if f.is_file()]
         found = [hashlib.sha256(f.read_bytes()).hexdigest() for f in files]
-        digest = hashlib.sha256(repr((self.software, job, found)).encode()).hexdigest()
-        return f'seed_{job.seed}-{digest}'
-
-
-class _OfJobs(Kept):
-    def file(self, key: str) -> Path:
-        """With the seed in its name."""
-        return self.folder / f'{key[: key.index("-") + 13]}.pickle'
+        return repr((self.software, job, found))
