@@ -122,6 +122,8 @@ def test_how_it_was_laid_is_told_in_words(job, tmp_path):
     assert 'former jobs of this cell: 2 jobs (fedcba987654).' in section
     assert 'Kept for the next one: abcdef012345.' in section
     assert f'{layers[-1]["flow_factor"]:.3f} at the last' in section
+    network = any(x['law'] == 'growth_net' for x in layers)
+    assert ('from the network how layers differ' in section) == network
     assert 'Bead width: 6.41 mm where beads stood free' in section
     assert 'held by the voltage in 1 layer.' in section
     # a report of several runs tells it per run

@@ -73,13 +73,15 @@ def _former_jobs(job: Job) -> str:
 
 def _flow(laid: list[dict]) -> str:
     """What the job learned of its metal."""
+    network = any(str(x.get('law', '')).startswith('growth') for x in laid)
+    source = ', and from the network how layers differ' if network else ''
     flow = [number(x.get('flow_factor')) for x in laid]
     flow = [f for f in flow if f > 0]
     if len(flow) < 2:
         return ''
     return (
         f'Wire: factor for the metal that the cell loses {flow[0]:.3f} at the first layer, '
-        f'{flow[-1]:.3f} at the last; learned from the scans.'
+        f'{flow[-1]:.3f} at the last; learned from the scans{source}.'
     )
 
 
