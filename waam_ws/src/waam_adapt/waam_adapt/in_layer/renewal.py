@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .. import filters
 from ..types import (
     MIN_PLANNED,
     RATIO_HIGH,
@@ -142,6 +141,8 @@ def _level(
     gain of a Kalman filter, from `sigma` (before anything was seen) and the scatter of the cells. width: of a bead, in
     cells.
     """
+    from .. import filters  # it needs scipy
+
     inner = filters.inner_share(footprint, RIM * width) > 0.5
     seen = grown[inner & np.isfinite(grown)]
     patches = len(seen) / (PATCH * width) ** 2
