@@ -5,6 +5,7 @@ Maps are (rows, cols) on one grid, rows along +y, columns along +x, metres, NaN 
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -129,6 +130,16 @@ class CorrectionInput:
     def footprint(self) -> np.ndarray:
         """(rows, cols) bool: where the plan adds metal."""
         return np.nan_to_num(self.planned) > MIN_PLANNED
+
+    def told(
+        self, predicted: Predicted | None = None, learned: BeadDeviation | None = None
+    ) -> CorrectionInput:
+        """The same with what is believed of the layer; maps and limits stay, so nothing is checked again."""
+        other = copy.copy(self)
+        for name, value in (('predicted', predicted), ('learned', learned)):
+            if value is not None:
+                object.__setattr__(other, name, value)
+        return other
 
     def expecting(self, shortfall: np.ndarray | None, experience: int = 0) -> CorrectionInput:
         """The same with the share of the planned metal (rows, cols) that will be missing again added to the target."""

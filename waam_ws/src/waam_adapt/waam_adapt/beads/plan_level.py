@@ -24,18 +24,21 @@ WEIGHTS, BIAS = 'level.weight', 'level.bias'  # names in the file of a growth ne
 def figures(x: np.ndarray) -> np.ndarray:
     """Figures (len(FIGURES),) of one input of the growth network (channels, rows, cols), weighed by its footprint,
     which must not be empty."""
-    channel = dict(zip(NAMES, x.astype(float), strict=True))
-    footprint = channel['footprint']
+
+    def channel(name: str) -> np.ndarray:
+        return x[NAMES.index(name)].astype(float)
+
+    footprint = channel('footprint')
     weight = footprint / footprint.sum()
 
     def mean(values: np.ndarray) -> float:
         return float((values * weight).sum())
 
-    rim = (channel['edge'] < RIM).astype(float)
+    rim, taper = (channel('edge') < RIM).astype(float), channel('taper')
     return np.array([
-        channel['thickness'].flat[0], np.log(footprint.sum()), mean(rim),
-        mean(channel['taper'] ** 2) ** 0.5, mean(channel['taper'] * rim), mean(channel['density'] ** 2) ** 0.5,
-        mean(channel['before'] + channel['after']), mean(channel['arc on'] + channel['arc off']),
+        float(x[NAMES.index('thickness')].flat[0]), np.log(footprint.sum()), mean(rim),
+        mean(taper**2) ** 0.5, mean(taper * rim), mean(channel('density') ** 2) ** 0.5,
+        mean(channel('before') + channel('after')), mean(channel('arc on') + channel('arc off')),
     ])  # fmt: skip
 
 

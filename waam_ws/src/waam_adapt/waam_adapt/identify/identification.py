@@ -202,14 +202,14 @@ class Identifier:
         self.levels[self.layer] = self._told(request)
         if request.predicted is not None and request.predicted.digest:
             self.predicted[self.layer] = request.predicted.growth
-            request = replace(request, predicted=request.predicted.weighed(self.skill.weight))
+            request = request.told(request.predicted.weighed(self.skill.weight))
             self.estimate = replace(self.estimate, network_weight=self.skill.weight)
         learned = self.shortfall
         request = request.expecting(learned.share(self.layer), learned.layers[self.layer % 2])
         model = self.model_of(request)
         slope = self.slope_of(model, self.estimate.slope_sigma)
         if self.watch_beads and model is not None:
-            request = replace(request, learned=self._beads_of(request, model, slope))
+            request = request.told(learned=self._beads_of(request, model, slope))
         if slope >= 1.0:
             return request
         return replace(request, target=request.z + request.error / slope)

@@ -5,7 +5,7 @@ The node and the offline replay both answer through this class, so that a replay
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -154,7 +154,7 @@ class Corrector:
                 )
             )
         if isinstance(self.law, GrowthLaw) and not reasons:
-            request = replace(request, predicted=self.law.predict(request))
+            request = request.told(self.law.predict(request))
         flow, expected = 1.0, request
         if self.params.identify:
             flow = self.identifier.flow_factor(request)

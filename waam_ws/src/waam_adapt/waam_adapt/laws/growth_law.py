@@ -98,7 +98,7 @@ class GrowthLaw:
     def correct(self, request: CorrectionInput) -> Correction:
         """The solver's answer with what the network predicts; where it cannot, the reason and fallback."""
         predicted = request.predicted or self.predict(request)
-        result = self.solver.correct(replace(request, predicted=predicted))
+        result = self.solver.correct(request.told(predicted))
         if result.fallback:
             return result
         if predicted.doubt:
