@@ -168,6 +168,19 @@ def test_a_crater_is_filled_by_the_last_segment_and_a_hollow_in_the_bead_by_its_
     assert steps[0] > 1.5 * steps[1]
 
 
+def test_the_end_of_a_bead_in_a_corner_is_filled_less():
+    """Most of its metal falls on cells that do not count."""
+    model = bead_model(zigzag(), SIZE, W)
+    everywhere, inside = np.ones(SIZE), np.zeros(SIZE)
+    rows, cols = (int((CORNER[i] + 4e-3) / CELL) for i in (1, 0))
+    inside[rows:, cols:] = 1.0
+    asked = [
+        bead_solver.solve(model, np.full(SIZE, 4.0), w, np.ones(len(model.first)), 0.0)[0]
+        for w in (everywhere, inside)
+    ]
+    assert 1.5 < asked[1] < RATIO_HIGH < asked[0]
+
+
 def _waves(rng: np.random.Generator) -> np.ndarray:
     """(rows, cols) as strong as limits are reached."""
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]

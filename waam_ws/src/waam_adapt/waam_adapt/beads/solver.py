@@ -16,13 +16,16 @@ import numpy as np
 from ..grids import Resampler
 from ..types import RATIO_HIGH, RATIO_LOW, BeadDeviation, CorrectionInput
 from . import kernels
-from .model import MARGIN, BeadModel, bead_model, inner_mean
+from .model import MARGIN, TINY, BeadModel, bead_model, inner_mean
 
 # of the typical diagonal of A'wA. SMOOTH is large: a solution that follows the nominal model closely alternates from
 # segment to segment, and a cell whose beads are not quite the model's answers otherwise (docs/adaptation.md).
 SMALL, SMOOTH = 0.0005, 0.15
 END_HIGH = 4.0  # relative layer height up to which the end of a bead may be filled (crater filling)
 END_REACH = 0.4  # bead widths from arc on or off to the middle of a segment that counts as its end
+# Share of an end's metal on cells that count from which it may be filled so far. In the corner of a part most of it
+# falls on the flank, where it slides off and makes the crater deeper.
+COUNTED = 0.35
 # Bead widths from arc on and off within which the differences count less, and their share: craters are filled there.
 LOOSE, LOOSE_SHARE = 1.0, 0.02
 STEPS = 30
@@ -70,7 +73,8 @@ def solve(
     """
     a, w = model.spread @ model.driven(lag) @ model.read, weight.ravel()
     entries = a.data, a.indices.astype(np.uint32), a.indptr.astype(np.uint32), w
-    high = np.where(model.to_arc < END_REACH * model.width, END_HIGH, RATIO_HIGH) - 1
+    metal = np.asarray(a.sum(axis=0)).ravel()
+    high = _highest(model, (a.T @ w) / np.maximum(metal, TINY)) - 1
     low, x0 = RATIO_LOW - 1, start - 1
     # sums of the rows are no less than the curvature, for nothing in A'wA is negative
     diagonal, rows = kernels.curvature(*entries, len(x0))
@@ -90,6 +94,14 @@ def solve(
 
     steepest = rows + small + 4 * smooth
     return 1 + _projected(gradient, np.clip(x0, low, high), low, high, steepest)
+
+
+def _highest(model: BeadModel, counted: np.ndarray) -> np.ndarray:
+    """(m,) relative layer height that each segment may be asked for; counted (m,): share of its metal on cells that
+    count, 0 where nothing is known."""
+    filled = 1 + (END_HIGH - 1) * np.minimum(counted / COUNTED, 1.0)
+    at_end = (model.to_arc < END_REACH * model.width) & (counted > 0)
+    return np.where(at_end, filled, RATIO_HIGH)
 
 
 def _projected(
