@@ -265,3 +265,8 @@ def test_levelled_metal_evens_out_what_lines_that_lie_close_lay():
     of_line = [np.mean([s.height for s in level.deposits if s.bead == i + 1]) for i in range(5)]
     assert max(of_line[1:3]) < 0.85 * min(of_line[0], *of_line[3:])
     assert level.volume == pytest.approx(level.planned.sum() * SPEC.resolution**2, rel=0.02)
+
+
+def test_a_thick_first_layer_gets_its_metal_though_the_others_are_thin():
+    first = plan_program(wall((0, 2, 2.8, 3.6, 4.4, 5.2)), S, PLATE, level=True).layers[0]
+    assert first.volume == pytest.approx(first.planned.sum() * SPEC.resolution**2, rel=0.03)

@@ -7,6 +7,8 @@ of path adds to the surface (`lay.allocate`); here the same is done for a path o
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from waam_plan.fill.path import Pieces
@@ -27,7 +29,9 @@ def levelled(
     pieces = _pieces(runs)
     if not len(pieces.bead) or not wanted.footprint.any():
         return runs
-    height = metal_heights(pieces, wanted.planned, wanted.footprint, spec, settings)
+    thick = float(np.clip(np.median(wanted.planned[wanted.footprint]), 0.3e-3, 5e-3))
+    own = replace(settings, layer_height=thick)  # of this layer: it bounds what a piece may carry
+    height = metal_heights(pieces, wanted.planned, wanted.footprint, spec, own)
     of_piece = iter(height.tolist())
     return [[_laid(s, next(of_piece), settings) if _counts(s) else s for s in run] for run in runs]
 
