@@ -10,6 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from waam_plan.fill.path import Pieces
+from waam_plan.lay.allocate import unevenness
 from waam_plan.lay.build import plan_build
 from waam_plan.lay.restore import plan_restoration
 from waam_plan.mesh.part import load_part
@@ -234,3 +236,37 @@ def test_our_own_programs_come_back(worn_block, box_file):
         same = back.region & plan.region
         assert same.sum() > 0.85 * plan.region.sum()
         assert back.final_target[same] == pytest.approx(plan.final_target[same], abs=0.2e-3)
+
+
+def test_levelled_metal_evens_out_what_lines_that_lie_close_lay():
+    """Lines 4 mm apart, two of them 2 mm: the path stays, and a layer with its metal shared out comes out level."""
+    rows = (0, 4, 6, 10, 14)
+    text = ['W4646', 'S22', 'F600', 'G0 Z12', '; layer 1']
+    for y in rows:
+        text += [f'G0 X0 Y{y}', 'G1 Z0', 'M3', 'G1 X40', 'M5', 'G0 Z12']
+    program = read_program('\n'.join(text), OURS)
+    as_is, level = (plan_program(program, S, PLATE, level=on).layers[0] for on in (False, True))
+    assert [(s.start, s.end, s.speed) for s in level.segments] == [
+        (s.start, s.end, s.speed) for s in as_is.segments
+    ]
+    off = []
+    for layer in (as_is, level):
+        deposits = layer.deposits
+        bead = np.array([s.bead for s in deposits])
+        pieces = Pieces(
+            np.array([s.start for s in deposits]), np.array([s.end for s in deposits]), bead, bead
+        )
+        height = np.array([s.height for s in deposits])
+        off.append(unevenness(pieces, height, layer.planned, SPEC, S))
+        assert [base_feed(s, S) for s in deposits] == pytest.approx(
+            [s.wire_feed_speed for s in deposits]
+        )
+    assert off[1] < 0.7 * off[0]
+    of_line = [np.mean([s.height for s in level.deposits if s.bead == i + 1]) for i in range(5)]
+    assert max(of_line[1:3]) < 0.85 * min(of_line[0], *of_line[3:])
+    assert level.volume == pytest.approx(level.planned.sum() * SPEC.resolution**2, rel=0.02)
+
+
+def test_a_thick_first_layer_gets_its_metal_though_the_others_are_thin():
+    first = plan_program(wall((0, 2, 2.8, 3.6, 4.4, 5.2)), S, PLATE, level=True).layers[0]
+    assert first.volume == pytest.approx(first.planned.sum() * SPEC.resolution**2, rel=0.03)

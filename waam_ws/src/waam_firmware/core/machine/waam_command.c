@@ -62,7 +62,7 @@ static bool repeated(waam_request_t *r)
 static void remember(const waam_request_t *r)
 {
     waam_core_t *core = r->core;
-    if (!r->has_token || r->letter == 'I')
+    if (!r->has_token || r->letter == 'I' || r->only_told)
         return;
     core->recent[core->recent_count % WAAM_RECENT] = (waam_recent_t){r->token, r->letter, r->code};
     if (++core->recent_count == 2 * WAAM_RECENT)

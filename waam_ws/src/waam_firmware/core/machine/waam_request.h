@@ -11,6 +11,7 @@ typedef struct {
     bool has_token;
     uint32_t token;
     waam_code_t code; /* of the refusal */
+    bool only_told;   /* nothing was done: the same token may ask again */
     waam_text_t answer;
 } waam_request_t;
 

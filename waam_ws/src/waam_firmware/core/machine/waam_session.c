@@ -1,5 +1,6 @@
 /* Immediate lines about the session: who is there, is he alive, which line comes next, how often he wants to hear. */
 #include "waam_request.h"
+#include "waam_wire_settings.h"
 
 static void limits(waam_request_t *r)
 {
@@ -54,7 +55,7 @@ static void field(waam_request_t *r, const char *name, uint64_t value)
 static void shaper(waam_request_t *r)
 {
     const waam_shaper_config_t *c = &r->core->config.shaper;
-    waam_text_add(&r->answer, " shape=");
+    waam_text_add(&r->answer, "shape=");
     for (int i = 0; i < WAAM_SHAPED_AXES; i++) {
         if (i)
             waam_text_char(&r->answer, ',');
@@ -87,8 +88,10 @@ static void describe(waam_request_t *r)
     waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,CRC32,XOR8,G2,G54,G59,G92,E,TOKEN,RATE,STOCK,STANDOFF,SHAPE");
     if (core->config.accelerometer)
         waam_text_add(&r->answer, ",ACCEL");
-    if (core->shaper.on)
+    if (core->shaper.on) {
+        waam_text_char(&r->answer, ' ');
         shaper(r);
+    }
 }
 
 /* "$I keep": the host will say by $L which line comes next; until then the last accepted line cannot change.
@@ -140,10 +143,28 @@ void waam_order_heartbeat(waam_request_t *r)
     waam_text_uint(&r->answer, core->now_us + core->since_tick_us);
 }
 
+/* "$L" alone: the settings of shaper and wire, whatever the state; nothing is changed. */
+static void tell_settings(waam_request_t *r)
+{
+    r->only_told = true;
+    shaper(r);
+    for (size_t i = 0; i < waam_wire_settings_count; i++) {
+        const waam_setting_t *setting = &waam_wire_settings[i];
+        waam_text_char(&r->answer, ' ');
+        waam_text_add(&r->answer, setting->name);
+        waam_text_char(&r->answer, '=');
+        waam_text_fixed(&r->answer, waam_setting_get(setting, &r->core->config), 4);
+    }
+}
+
 void waam_order_resync(waam_request_t *r)
 {
     waam_core_t *core = r->core;
     uint64_t next;
+    if (waam_at_end(&r->args)) {
+        tell_settings(r);
+        return;
+    }
     if (!waam_read_uint(&r->args, &next) || !waam_at_end(&r->args) || next == 0 || next > UINT32_MAX - 1) {
         waam_request_refuse(r, WAAM_E_NUMBER, "use $L <next line number>");
         return;

@@ -14,6 +14,7 @@ from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.read.plan_of import plan_program
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
+from waam_process.loop_mode import LoopMode
 
 from ..model.goal import Checked, Code, JobError
 
@@ -34,7 +35,13 @@ def make_plan(
         if checked.program is not None:
             nominal = top_surface(part.mesh, found.spec, checked.offset) if part else None
             return plan_program(
-                checked.program, settings, found, nominal, layers=goal.layers, mode=goal.mode
+                checked.program,
+                settings,
+                found,
+                nominal,
+                layers=goal.layers,
+                mode=goal.mode,
+                level=goal.loop_mode == LoopMode.CLOSED_LOOP,
             )
         assert part is not None  # a job without a program has one
         if goal.mode == 'build':

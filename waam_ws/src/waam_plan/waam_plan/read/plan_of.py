@@ -22,6 +22,7 @@ from waam_plan.plan import (
 )
 from waam_plan.read import targets
 from waam_plan.read.layers import Bead, Layer, layers_of
+from waam_plan.read.level_metal import levelled
 from waam_plan.read.motion import Motion, Program
 from waam_plan.read.way import Metal, check_way
 from waam_plan.settings import PlanSettings
@@ -38,12 +39,14 @@ def plan_program(
     *,
     layers: int = 0,
     mode: str = 'build',
+    level: bool = False,
 ) -> Plan:
     """The plan whose path with the arc on is that of the program, within motion.CHORD, and whose base feed is its wire.
 
     found: what the program is laid on, in a build the plate at 0. nominal: the wanted surface on the same grid; without
-    it the layers of the program say what is wanted. layers: at most so many from the bottom; 0 = all. Raises PlanError
-    or ProgramError.
+    it the layers of the program say what is wanted. layers: at most so many from the bottom; 0 = all. level: the metal
+    of each layer is shared out along its path so that it comes out level, in place of the program's own wire. Raises
+    PlanError or ProgramError.
     """
     kept = layers_of(program)[: layers or None]
     spec, base = found.spec, targets.found_surface(found, settings, mode)
@@ -63,12 +66,14 @@ def plan_program(
         )
         settings = _fitted(settings, wanted)
         runs = [_with_metal(r, t, spec) for r, t in zip(runs, wanted, strict=True)]
+        if level:
+            runs = [levelled(r, t, spec, settings) for r, t in zip(runs, wanted, strict=True)]
         planned = _layers(kept, runs, wanted, program, base, spec, settings)
     region = targets.judged_region(wanted, None if nominal is None else nominal.z)
     if not region.any():
         what = 'nothing is missing' if nominal is None else 'the nominal part does not end'
         raise PlanError(f'{program.name}: {what} where it lays metal')
-    plan = _assembled(program, planned, found, base, nominal, region, settings, mode)
+    plan = _assembled(program, planned, found, base, nominal, region, settings, mode, level)
     check_reach([s for layer in planned for s in layer.segments], settings)
     return plan
 
@@ -300,6 +305,7 @@ def _assembled(
     region: np.ndarray,
     settings: PlanSettings,
     mode: str,
+    level: bool,
 ) -> Plan:
     spec, res = found.spec, found.spec.resolution
     top = np.full(spec.shape, np.nan)
@@ -308,6 +314,7 @@ def _assembled(
     highest = max(float(np.nanmax(top)), float(np.nanmax(base)))
     starts = sum(p.arc_starts for p in planned)
     said = f'program {program.name}: {len(planned)} layers, {starts} beads; its path stays'
+    said += ', its metal is shared out along it' if level else ''
     return Plan(
         spec,
         HeightGrid(spec, base),
