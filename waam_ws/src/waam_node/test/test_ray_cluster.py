@@ -6,6 +6,7 @@ import os
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from waam_node.spread import Workers, spread
@@ -16,11 +17,13 @@ pytest.importorskip('ray', reason='Ray is not installed (requirements-cluster.tx
 @pytest.fixture(scope='module')
 def address():
     """Of a node with two cores."""
+    import ray
     from ray.cluster_utils import Cluster
 
     head = {'num_cpus': 2, 'object_store_memory': 100 << 20, 'include_dashboard': False}
     cluster = Cluster(initialize_head=True, head_node_args=head)
     yield cluster.address
+    ray.shutdown()
     cluster.shutdown()
 
 
@@ -36,6 +39,11 @@ def squared(piece: tuple[int, str, Path]) -> int:
     return number**2
 
 
+def large(number: int) -> np.ndarray:
+    """More than Ray sends with its answer: it lies in shared memory."""
+    return np.full(200_000, float(number))
+
+
 def lost(piece: tuple[int, str, Path], error: Exception) -> int:
     return -piece[0]
 
@@ -45,6 +53,16 @@ def test_a_lost_worker_costs_its_piece_and_what_is_always_lost_is_told(address, 
     pieces = {n: (n, h, tmp_path) for n, h in how.items()}
     found = dict(spread(pieces, squared, lost, Workers(cluster=address)))
     assert found == {1: 1, 2: 4, 3: -3, 4: 16, 5: -5}
+
+
+def test_large_results_outlive_the_connection_and_can_be_written(address):
+    import ray
+
+    found = dict(spread({n: n for n in range(3)}, large, lost, Workers(cluster=address)))
+    ray.shutdown()
+    for number, array in found.items():
+        assert (array == number).all()
+        array += 1
 
 
 def test_a_caller_that_stops_leaves_the_cluster_to_others(address, tmp_path):
