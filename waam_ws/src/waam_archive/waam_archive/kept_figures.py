@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
@@ -50,50 +49,39 @@ class KeptFigures:
         return f'{self._question}-{_short(repr(self.archive.store.stamps()))}'
 
     def _table(self, key: str) -> Database:
-        folder = self.archive.store.root / FOLDER
-        file = folder / f'{key}.parquet'
+        file = self.archive.store.root / FOLDER / f'{key}.parquet'
         found = _load(file)
-        if found is not None:
-            return found
-        if self.archive.store.exists and self._write(folder, file, key):
-            found = _load(file)
-        if found is None:  # the archive may be read only, or its disk full
-            with tempfile.TemporaryDirectory() as scratch:
-                place = Path(scratch)
-                self._write(place, place / 'figures.parquet', key)
-                found = _load(place / 'figures.parquet')
         if found is None:
-            raise OSError('the figures of the jobs can be written nowhere')
+            found = self.archive.twice(self._gathered)
+            if self.archive.store.exists:
+                self._keep(found, file, key)
+            found.execute(f'DELETE FROM {KEPT} WHERE stale')
         return found
 
-    def _write(self, folder: Path, file: Path, key: str) -> bool:
-        """False when the file is not there: it cannot be written, or somebody writes into the archive."""
-        part = folder / f'{key}.{os.getpid()}.part'
-
-        def copy() -> bool:
-            with _database() as db:
-                self._gather(db)
-                try:
-                    folder.mkdir(exist_ok=True)
-                    db.execute(f'COPY {KEPT} TO {literal(str(part))} (FORMAT parquet, CODEC zstd)')
-                except (OSError, duckdb.Error):
-                    return False
-            return True
-
+    def _gathered(self) -> Database:
+        db = _database()
         try:
-            if not self.archive.twice(copy):
-                return False
-            if folder.name == FOLDER and self._key() != key:
-                return False
-            os.replace(part, file)
-            for other in folder.glob('*.parquet'):
-                if other != file:
-                    other.unlink(missing_ok=True)
-            return True
-        except OSError:
-            return False
+            self._gather(db)
+        except BaseException:
+            db.close()
+            raise
+        return db
+
+    def _keep(self, db: Database, file: Path, key: str) -> None:
+        """For the next program; nothing happens where it cannot be written, or somebody writes into the archive."""
+        part = file.with_suffix(f'.{os.getpid()}.part')
+        try:
+            file.parent.mkdir(exist_ok=True)
+            db.execute(f'COPY {KEPT} TO {literal(str(part))} (FORMAT parquet, CODEC zstd)')
+            if self._key() == key:
+                os.replace(part, file)
+                for other in file.parent.glob('*.parquet'):
+                    if other != file:
+                        other.unlink(missing_ok=True)
+        except (OSError, duckdb.Error):
+            return
         finally:
-            if folder.is_dir():
+            with suppress(OSError):
                 part.unlink(missing_ok=True)
 
     def _gather(self, db: Database) -> None:
