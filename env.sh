@@ -5,6 +5,8 @@ if [ ! -f "$_waam_root/waam_ws/install/env.sh" ]; then
     return 1 2>/dev/null || exit 1
 fi
 . "$_waam_root/waam_ws/install/env.sh"
+# Its paths take the place of those that the wheels of ROS have found for a Python program that calls waam: anew, then.
+unset _ROS_WHEELS_BOOTSTRAP_COMPLETE
 case ":$PATH:" in *":$_waam_root/.venv/bin:"*) ;; *) PATH=$_waam_root:$_waam_root/.venv/bin:$PATH ;; esac
 export PATH WAAM_ROOT=$_waam_root
 # Containers set it; every node would then compile all that it imports at every start: 7 s of a core instead of 2.

@@ -38,6 +38,7 @@ def short_jobs(folder: Path, count: int) -> list:
 def ray_nodes() -> Iterator[str]:
     """Address of two nodes on this machine; '' without Ray."""
     try:
+        import ray
         from ray.cluster_utils import Cluster
     except ImportError:
         yield ''
@@ -49,6 +50,7 @@ def ray_nodes() -> Iterator[str]:
         cluster.add_node(num_cpus=1, object_store_memory=memory)
         yield cluster.address
     finally:
+        ray.shutdown()
         cluster.shutdown()
 
 

@@ -100,3 +100,14 @@ def test_programs_of_the_workspace_keep_their_bytecode():
         check=True,
     )
     assert shown.stdout.strip() == 'False'
+
+
+def test_waam_may_be_called_from_a_python_program():
+    """The wheels of ROS start every Python anew with their libraries on the path, once: env.sh sets that path anew."""
+    code = 'import rclpy.impl.implementation_singleton'
+    ran = subprocess.run(
+        ['bash', '-c', f'. ./env.sh && python3 -c "{code}"'],
+        cwd=SCRIPTS.parent, capture_output=True, text=True,
+        env=os.environ | {'_ROS_WHEELS_BOOTSTRAP_COMPLETE': '1'},
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr[-500:]

@@ -84,6 +84,10 @@ class Archive:
         found = bulk or catalog.small_files(table)
         return [(n, str((self.store.root / f).resolve())) for n, f in found]
 
+    def view(self, table: str, catalog: Catalog) -> str:
+        """SQL of a table over the segments of a catalog, with the rows of stale jobs."""
+        return self._view(table, catalog, self._files(catalog, table), False)
+
     @staticmethod
     def _view(table: str, catalog: Catalog, files: list[tuple[int, str]], stale: bool) -> str:
         if not files:
@@ -101,11 +105,18 @@ class Archive:
 
     def ask(self, tables: tuple[str, ...], question: Callable[[Any], Answer]) -> Answer:
         """Answer of a question to a connection. ArchiveError names a damaged file."""
+        return self.twice(lambda: question(self._connection(tables)), lambda: self._forget(tables))
+
+    def twice(
+        self, question: Callable[[], Answer], forget: Callable[[], None] = lambda: None
+    ) -> Answer:
+        """Answer of a question that reads files; asked again when a merge has taken one away. ArchiveError as of
+        `ask`."""
         for last in (False, True):
             try:
-                return question(self._connection(tables))
+                return question()
             except (duckdb.IOException, duckdb.InvalidInputException, FileNotFoundError) as e:
-                self._forget(tables)
+                forget()
                 if last:
                     raise ArchiveError(
                         f'{self.store.root}: a file is missing or damaged ({_first_line(e)}); '

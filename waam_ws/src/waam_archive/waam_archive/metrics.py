@@ -32,11 +32,11 @@ METRICS = {
 }  # fmt: skip
 
 
-KEPT = 'of_jobs'  # the table that `table` makes
+KEPT = 'of_jobs'  # the table that these rows make
 
 
-def table() -> str:
-    """SQL that makes a table in memory: a row per job with its filters (selection.TEXTS) and the value of every figure.
+def rows() -> str:
+    """SQL: a row per job with its filters (selection.TEXTS) and the value of every figure, out of `jobs` and `beads`.
 
     Beads become one row per job before anything is joined: a tenth of the time of the join first.
     """
@@ -47,7 +47,7 @@ def table() -> str:
     named = ', '.join(f'told."{n}"' for n, m in METRICS.items() if m.of_beads)
     texts = ', '.join(f'jobs."{name}"' for name in TEXTS)
     return (
-        f'CREATE TEMP TABLE IF NOT EXISTS {KEPT} AS SELECT {texts}, jobs.created, {own}, {named} FROM jobs '
+        f'SELECT {texts}, jobs.created, {own}, {named} FROM jobs '
         f'LEFT JOIN (SELECT job, {of_beads} FROM beads GROUP BY job) told ON told.job = jobs.job'
     )
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 
 import pytest
 
@@ -95,6 +97,51 @@ def test_commands_are_in_the_log_before_they_fail_and_questions_are_not(here, ca
     entries = Shop(paths.shop_dir()).audit('cell2').last(9)
     assert [(e.what, e.data) for e in entries] == [('job pause', {}), ('queue release', {'id': 3})]
     assert all(e.who.startswith('cli:') for e in entries)
+
+
+ONLY_LOOK = {  # or write files of their own, on no cell and in no shop
+    'status', 'plan', 'scan', 'train', 'correct', 'lab', 'lab fit', 'view', 'report', 'robot', 'audit', 'cells', 'jobs',
+    'queue list', 'token list', 'notify list', 'calibrate status', 'replay tune', 'replay check',
+    'record run', 'record status', 'record info', 'record check', 'record recover', 'record convert', 'record merge',
+    'record import',
+}  # fmt: skip
+
+
+def verbs_of(
+    parser: argparse.ArgumentParser, so_far: tuple[str, ...] = ()
+) -> Iterator[tuple[str, ...]]:
+    """Words of every command, down to its last sub-verb."""
+    below = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    if not below:
+        yield so_far
+    for name, sub in (pair for a in below for pair in a.choices.items()):
+        yield from verbs_of(sub, (*so_far, name))
+
+
+def test_every_verb_is_in_the_log_or_known_to_command_nothing():
+    """A new verb must be put into one of both."""
+    for command, *verb in verbs_of(build_parser()):
+        words = ' '.join((command, *verb))
+        looks = words in ONLY_LOOK or (
+            command in ONLY_LOOK and words not in ('jobs delete', 'jobs retain')
+        )
+        assert audited.is_command(command, ' '.join(verb)) != looks, words
+
+
+def test_the_name_of_the_sub_verb_is_in_the_log_and_a_page_is_a_command_when_it_is_opened(here):
+    parse = build_parser().parse_args
+    for line in (
+        'record stop',
+        'replay play x --force',
+        'calibrate status',
+        'calibrate apply',
+        'panel',
+        'panel --port 8700',
+    ):
+        audited.record(parse(line.split()))
+    found = [(e.what, e.data) for e in Shop(paths.shop_dir()).audit('cell').last(9)]
+    assert [what for what, _ in found] == ['record stop', 'replay play', 'calibrate apply', 'panel']
+    assert found[1][1]['force'] is True and found[3][1]['port'] == 8700
 
 
 def test_without_the_log_only_what_makes_safe_is_done(monkeypatch, capsys):

@@ -7,24 +7,31 @@ import sys
 from pathlib import Path
 from typing import Any
 
-# verb -> sub-verbs that change something, () = all of them
+from . import panel
+
+# verb -> sub-verbs that command a cell or change what belongs to the shop, () = all of them
 COMMANDS: dict[str, tuple[str, ...]] = {
-    'up': (), 'stop': (), 'demo': (), 'job': (), 'calibrate': (), 'jobs': ('delete', 'retain'),
-    'queue': ('add', 'move', 'remove', 'release', 'hold'), 'token': ('create', 'revoke'), 'notify': ('test',),
+    'up': (), 'stop': (), 'demo': (), 'job': (), 'calibrate': (), 'jobs': ('delete', 'retain'), 'panel': (),
+    'queue': ('add', 'move', 'remove', 'release', 'hold'), 'token': ('create', 'revoke'), 'notify': ('test', 'init'),
+    'record': ('start', 'stop', 'split', 'pause', 'resume'), 'replay': ('play',),
 }  # fmt: skip
+# of verb: where the parser of a package puts its sub-verb
+SUB_VERBS = ('verb', 'jobs_verb', 'record_verb', 'replay_verb', 'calibrate_command')
+QUESTIONS = (
+    ('calibrate', 'status'),
+)  # sub-verbs that only look, of verbs of which all others command
 SAFE = (
     ('stop', ''),
     ('job', 'abort'),
     ('job', 'pause'),
 )  # carried out whether the log can be written or not
-LEFT_OUT = ('command', 'verb', 'jobs_verb', 'run_command', 'foreground', 'cell', 'code')
+LEFT_OUT = ('command', *SUB_VERBS, 'run_command', 'foreground', 'cell', 'code')
 
 
 def record(args: argparse.Namespace) -> None:
     """One entry; ValueError when it cannot be written, but for what makes the cell safe."""
-    verb = str(getattr(args, 'verb', '') or getattr(args, 'jobs_verb', '') or '')
-    wanted = COMMANDS.get(args.command)
-    if wanted is None or (wanted and verb not in wanted) or getattr(args, 'foreground', False):
+    verb = sub_verb(args)
+    if not is_command(args.command, verb) or getattr(args, 'foreground', False) or _only_asks(args):
         return
     from waam_shop.cli_common import user
     from waam_shop.shop_folder import Shop
@@ -39,6 +46,24 @@ def record(args: argparse.Namespace) -> None:
         if (args.command, verb) not in SAFE:
             raise ValueError(text) from None
         print(f'waam: {text}; going on', file=sys.stderr)
+
+
+def sub_verb(args: argparse.Namespace) -> str:
+    """The second word of a command, '' without one."""
+    return next((str(v) for name in SUB_VERBS if (v := getattr(args, name, None))), '')
+
+
+def is_command(command: str, verb: str) -> bool:
+    """Whether such a command goes into the log."""
+    wanted = COMMANDS.get(command)
+    if wanted is None or (command, verb) in QUESTIONS:
+        return False
+    return not wanted or verb in wanted
+
+
+def _only_asks(args: argparse.Namespace) -> bool:
+    """`waam panel` without options tells the address of the page and opens nothing to anybody."""
+    return args.command == 'panel' and not panel.serves(args)
 
 
 def _values(args: argparse.Namespace) -> dict[str, Any]:

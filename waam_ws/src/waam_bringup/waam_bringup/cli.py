@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from waam_process.cli_renamed import keep_old_name
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import GANTRY, MACHINES, ROBOT
+from waam_record.cli import Graph
 
 from . import audited, calibrate, panel
 from .cli_common import add_run, run_and_domain
@@ -62,6 +63,7 @@ TWO_WORDS = ('lab fit',)  # verbs of two words, whose first word is a verb of it
 OPTIONS: dict[str, dict[str, Any]] = {
     'waam_adapt': {'read_requests': _recorded_requests},
     'waam_archive': {'jobs_dir': jobs_dir},
+    'waam_record': {'graph': Graph(add_run, lambda args: run_and_domain(args)[1])},
     'waam_shop': {'places': places()},
 }
 

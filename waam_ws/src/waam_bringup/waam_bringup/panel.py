@@ -50,6 +50,11 @@ def register(commands: argparse._SubParsersAction) -> None:
     p.set_defaults(run_command=_panel)
 
 
+def serves(args: argparse.Namespace) -> bool:
+    """Whether a page of its own is asked for, and not the address of the one that is there."""
+    return bool(args.port or args.bind != '127.0.0.1' or args.token_file or args.tls_cert)
+
+
 def _panel(args: argparse.Namespace) -> int:
     from .operate import require_up
     from .paths import run_dir
@@ -58,8 +63,7 @@ def _panel(args: argparse.Namespace) -> int:
     run = (args.run or run_dir()).resolve()
     state = require_up(run)
     alive = 'panel' in state.nodes and 'panel' not in state.dead_nodes
-    asked = args.port or args.bind != '127.0.0.1' or args.token_file or args.tls_cert
-    if alive and state.panel_url and not asked:
+    if alive and state.panel_url and not serves(args):
         print(state.panel_url)
         _open(args, state.panel_url)
         return 0

@@ -15,12 +15,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-from waam_node import alive
+from waam_node import alive, priority
 from waam_node.files import write_atomically
 
 from . import shared_memory
 from .graph import Process, Settings, processes
 from .run_state import ENDED, NodeState, RunState, describe_exit, job_runs, job_status
+from .urgency import Urgency
 from .watchdog import Watchdog
 
 MAX_RESTARTS = 3  # restarts of one node per graph; a node that hangs repeatedly needs a person
@@ -37,6 +38,7 @@ class Supervisor:
         self.specs: list[Process] = processes(settings, description)
         self.watchdog = Watchdog(settings.hang_timeout)
         self.children: dict[str, subprocess.Popen] = {}
+        self.urgency = Urgency()
         self.ports_of_dead = shared_memory.HeldPorts()
         port = settings.port or str(settings.run / 'controller')
         self.state = RunState(os.getpid(), 'starting', domain, settings.simulated, port)
@@ -89,6 +91,14 @@ class Supervisor:
         """One look at all processes."""
         self._reap()
         self._restart_hanging()
+        running = [
+            c.pid for n, c in self.children.items() if n in self._urgent() and c.poll() is None
+        ]
+        self.urgency.look(running, job_runs(self.settings.run), time.monotonic())
+
+    def _urgent(self) -> set[str]:
+        """Names of processes that ask for real-time priority."""
+        return {spec.name for spec in self.specs if priority.VARIABLE in spec.environment}
 
     def _on_signal(self, *_: object) -> None:
         self._asked_to_stop = True

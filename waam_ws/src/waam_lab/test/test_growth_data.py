@@ -51,7 +51,7 @@ def test_kinds_come_in_their_shares():
 def test_a_job_leaves_its_layers_and_what_the_bead_model_missed(tmp_path, capsys):
     assert growth_data.main([str(tmp_path), '--seeds', '2001-2001']) == 0
     layers = list(samples.load(tmp_path))
-    assert 'seed 2001' in capsys.readouterr().out
+    assert '1/1 seed 2001' in capsys.readouterr().err
     assert len(layers) >= 2
     for s in layers:
         assert s.x.shape == (plan_geometry.CHANNELS, *s.y.shape)

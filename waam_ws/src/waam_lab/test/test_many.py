@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import os
 import signal
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,6 +24,29 @@ def killed_once(job) -> LabResult:
     flag = Path(os.environ['WAAM_TEST_FLAG'])
     if job.seed == 3 and not flag.exists():
         flag.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return LabResult(job.seed, **TOLD, rms=job.seed * 1e-4)
+
+
+def killed_late(job) -> LabResult:
+    """Seed 1 kills its worker, once, when seed 2 is under way and has noted it; each beginning is noted."""
+    folder = Path(os.environ['WAAM_TEST_FLAG']).parent
+    with open(folder / 'begun', 'a') as begun:
+        begun.write(f'{job.seed} ')
+    flag = folder / 'flag'
+    while job.seed == 1 and not flag.exists():
+        if '2' in (folder / 'begun').read_text():
+            flag.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(0.01)
+    while job.seed == 2 and (folder / 'begun').read_text().count('1') < 2:
+        time.sleep(0.01)  # until the other one has been begun again
+    return LabResult(job.seed, **TOLD, rms=job.seed * 1e-4)
+
+
+def poison(job) -> LabResult:
+    """Seed 2 kills every worker that takes it."""
+    if job.seed == 2:
         os.kill(os.getpid(), signal.SIGKILL)
     return LabResult(job.seed, **TOLD, rms=job.seed * 1e-4)
 
@@ -58,6 +82,19 @@ def test_a_killed_worker_costs_its_job_only(parts, light):
     assert [r.seed for r in found] == [1, 2, 3, 4, 5, 6]
     assert sorted(told) == [1, 2, 3, 4, 5, 6]
     assert not any(r.failed for r in found)
+
+
+def test_what_the_others_do_goes_on(parts, light, tmp_path):
+    light(killed_late)
+    found = run_many(over_seeds(restore(*parts), [1, 2]), 2)
+    assert not any(r.failed for r in found)
+    assert sorted((tmp_path / 'begun').read_text().split()) == ['1', '1', '2']
+
+
+def test_a_job_that_kills_its_workers_costs_itself_only(parts, light):
+    light(poison)
+    found = run_many(over_seeds(restore(*parts), range(1, 6)), 2)
+    assert [r.failed for r in found] == [False, True, False, False, False]
 
 
 def test_workers_that_always_die_end_as_failed_jobs(parts, light):

@@ -33,9 +33,9 @@ examples:
 
 Written to --out: report.html (open it in a browser), report.json, maps.npz; with --keep-jobs the job folders, for
 waam report and waam replay. --account writes account.png and account.json instead.
-The same seed gives the same figures, whatever the number of workers and machines. A worker that is lost costs the jobs
-that were under way. A campaign that was ended (Ctrl-C, power) goes on with the same command and its --out: jobs that
-are done are not run again.
+The same seed gives the same figures, whatever the number of workers and machines. A worker that is lost costs its
+own job, which is run again. A campaign that was ended (Ctrl-C, power) goes on with the same command and its --out: jobs
+that are done are not run again.
 
 exit status: 0 all jobs ran, 1 at least one job failed, 2 refused, 130 ended with Ctrl-C
 """

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from waam_adapt.training import samples
+from waam_node.advance import Advance
 from waam_node.spread import Workers, add_options, spread
 
 from .cli_campaign import parse_seeds
@@ -91,10 +92,17 @@ def main(argv: list[str] | None = None) -> int:
     left = {s: (folder, s) for s in parse_seeds(args.seeds)}
     left = {s: piece for s, piece in left.items() if not (folder / f'job_{s}.npz').exists()}
     workers, failures = Workers(args.workers, args.cluster, PRELOAD), 0
-    for done, (seed, made) in enumerate(spread(left, attempt, lost, workers), 1):
-        failures += isinstance(made, str)
-        said = made if isinstance(made, str) else f'{made} layers'
-        print(f'{done}/{len(left)} seed {seed}: {said}', flush=True)
+    with Advance(len(left), 'growth data') as bar:
+        try:
+            for seed, made in spread(left, attempt, lost, workers):
+                failures += isinstance(made, str)
+                bar.step(f'seed {seed}: {made if isinstance(made, str) else f"{made} layers"}')
+        except KeyboardInterrupt:
+            print(
+                f'{bar.done} of {len(left)} seeds are done; the same command goes on',
+                file=sys.stderr,
+            )
+            return 130
     return 1 if failures else 0
 
 

@@ -17,6 +17,24 @@ def take() -> str:
     return request() if os.environ.get(VARIABLE, '') == '1' else 'ordinary'
 
 
+def give(pid: int, real_time: bool) -> str:
+    """Sets or takes back the priority of all threads of a process of this account; '' or why it was refused."""
+    policy, level = (os.SCHED_RR, LEVEL) if real_time else (os.SCHED_OTHER, 0)
+    try:
+        threads = [int(name) for name in os.listdir(f'/proc/{pid}/task')]
+    except OSError:
+        return ''  # it has ended, or this is not Linux
+    for thread in threads:
+        try:
+            if os.sched_getscheduler(thread) != policy:
+                os.sched_setscheduler(thread, policy, os.sched_param(level))
+        except ProcessLookupError:
+            continue  # it has just ended
+        except OSError as e:
+            return str(e)
+    return ''
+
+
 def request(level: int = LEVEL) -> str:
     """Requests it; same result. Call it before starting threads that need it too: threads inherit it."""
     try:

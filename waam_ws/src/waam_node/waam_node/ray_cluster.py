@@ -3,15 +3,18 @@ with this software (requirements-cluster.txt)."""
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from copy import deepcopy
 from typing import Any, TypeVar
 
 Key = TypeVar('Key')
 Piece = TypeVar('Piece')
 Result = TypeVar('Result')
 RETRIES = 3  # of a piece whose worker or machine was lost
+_address: list[str] = []  # of the cluster that this process is connected to
 
 
 class ClusterError(ValueError):
@@ -30,34 +33,47 @@ def results(
     one_thread: variables that give every worker one thread. ClusterError.
     """
     ray = connected(address, one_thread)
+    remote = ray.remote(num_cpus=1, max_retries=RETRIES)(work)
+    tasks = {remote.remote(piece): key for key, piece in pieces.items()}
     try:
-        remote = ray.remote(num_cpus=1, max_retries=RETRIES)(work)
-        tasks = {remote.remote(piece): key for key, piece in pieces.items()}
         while tasks:
             (task,), _ = ray.wait(list(tasks), num_returns=1)
             key = tasks.pop(task)
             try:
-                yield key, ray.get(task)
+                # a copy: large arrays lie in memory of Ray, read only, and go with the connection
+                yield key, deepcopy(ray.get(task))
             except ray.exceptions.RayError as e:
                 yield key, lost(pieces[key], e)
     finally:
-        ray.shutdown()  # a driver that leaves takes its tasks with it
+        for task in tasks:  # the caller has stopped
+            ray.cancel(task, force=True)
 
 
 def connected(address: str, one_thread: tuple[str, ...]) -> Any:
-    """The module ray, connected. ClusterError."""
+    """The module ray, connected. It stays so until the process ends, because new workers have to load everything.
+    ClusterError."""
     try:
         import ray
     except ImportError:
         raise ClusterError(
             '--cluster: Ray is not installed (pip install -r requirements-cluster.txt)'
         ) from None
+    if ray.is_initialized() and _address == [address]:
+        return ray
+    ray.shutdown()
     variables = dict.fromkeys(one_thread, '1') | {
         'PYTHONPATH': os.pathsep.join(p for p in sys.path if p)
     }
+    environment = {'env_vars': variables}
     try:
-        ray.init(address=address, runtime_env={'env_vars': variables}, log_to_driver=False)
+        ray.init(
+            address=address,
+            runtime_env=environment,
+            log_to_driver=False,
+            logging_level=logging.WARNING,
+        )
     except (ConnectionError, ValueError, RuntimeError) as e:
         text = ' '.join(str(e).split())
         raise ClusterError(f'--cluster {address}: no Ray cluster answers there ({text})') from None
+    _address[:] = [address]
     return ray

@@ -1,7 +1,7 @@
 """Work spread over processes of this machine, or over a Ray cluster. No ROS.
 
 Pieces of work know nothing of one another, so results are the same, whatever the number of workers and machines. A
-worker that is lost costs the pieces that were under way, which are done again; on a cluster its own piece only.
+worker that is lost costs its own piece, which is done again; the others go on.
 """
 
 from __future__ import annotations
@@ -10,18 +10,19 @@ import argparse
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing.context import BaseContext
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 Key = TypeVar('Key')
 Piece = TypeVar('Piece')
 Result = TypeVar('Result')
 ONE_THREAD = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
-TRIES = 3  # pools that may break one after the other without a result
+TRIES = 3  # workers that a piece may lose
 
 
 @dataclass(frozen=True)
@@ -69,37 +70,65 @@ def spread(
 
         yield from results(pieces, work, lost, workers.cluster, ONE_THREAD)
         return
-    left, breaks = dict(pieces), 0
-    while left:
+    crew = _Crew(work, lost, workers.preload)
+    with _one_thread_each(), ThreadPoolExecutor(workers.for_pieces(len(pieces))) as threads:
+        tasks = {threads.submit(crew.do, piece): key for key, piece in pieces.items()}
         try:
-            for key, result in _pool(left, work, workers):
-                del left[key]
-                breaks = 0
-                yield key, result
-        except BrokenProcessPool as e:
-            breaks += 1
-            if breaks == TRIES:
-                yield from ((key, lost(piece, e)) for key, piece in left.items())
-                return
-
-
-def _pool(
-    pieces: Mapping[Key, Piece], work: Callable[[Piece], Result], workers: Workers
-) -> Iterator[tuple[Key, Result]]:
-    """Raises BrokenProcessPool when a worker was killed; what came before has been told."""
-    with _one_thread_each():
-        count = workers.for_pieces(len(pieces))
-        pool = ProcessPoolExecutor(count, context(workers.preload), _start)
-        try:
-            tasks = {pool.submit(work, piece): key for key, piece in pieces.items()}
             for task in as_completed(tasks):
                 yield tasks[task], task.result()
-            pool.shutdown()
         except BaseException:  # Ctrl-C as well: nothing goes on in the background
-            pool.shutdown(wait=False, cancel_futures=True)
-            for child in multiprocessing.active_children():
-                child.terminate()
+            threads.shutdown(wait=False, cancel_futures=True)
+            crew.dismiss()
             raise
+        crew.end()
+
+
+class _Crew(Generic[Piece, Result]):
+    """A process for every thread that calls `do`, so that one that is lost takes nothing of the others with it."""
+
+    def __init__(
+        self,
+        work: Callable[[Piece], Result],
+        lost: Callable[[Piece, Exception], Result],
+        preload: tuple[str, ...],
+    ) -> None:
+        self._work, self._lost, self._context = work, lost, context(preload)
+        self._mine, self._lock, self._over = threading.local(), threading.Lock(), False
+        self._started: list[ProcessPoolExecutor] = []
+        self._others = set(multiprocessing.active_children())
+
+    def do(self, piece: Piece) -> Result:
+        """Its result; that of `lost` when its process was lost TRIES times."""
+        error: Exception
+        for _ in range(TRIES):
+            try:
+                return self._submit(piece).result()
+            except BrokenProcessPool as e:
+                self._mine.pool, error = None, e
+        return self._lost(piece, error)
+
+    def _submit(self, piece: Piece) -> Future[Result]:
+        with self._lock:  # one process is started at a time
+            if self._over:
+                raise BrokenProcessPool('ended')
+            if getattr(self._mine, 'pool', None) is None:
+                self._mine.pool = ProcessPoolExecutor(1, self._context, _start)
+                self._started.append(self._mine.pool)
+            pool: ProcessPoolExecutor = self._mine.pool
+            return pool.submit(self._work, piece)
+
+    def dismiss(self) -> None:
+        """All processes end at once, whatever they do."""
+        with self._lock:
+            self._over = True
+            for child in set(multiprocessing.active_children()) - self._others:
+                child.terminate()
+        self.end()
+
+    def end(self) -> None:
+        """No process is left."""
+        for pool in self._started:
+            pool.shutdown()
 
 
 def context(preload: tuple[str, ...]) -> BaseContext:

@@ -46,9 +46,23 @@ def open_page(browser, panel, role: str = ''):
     return page, said
 
 
+def picture(page, name: str) -> None:
+    if PICTURES:
+        page.screenshot(path=f'{PICTURES}/{name}.png')
+
+
 def tell(panel, **job) -> None:
     panel.cell.mailbox.put(('machine', MACHINE))
     panel.cell.mailbox.put(('job', JOB | job))
+
+
+def shows_when_told(panel, page, selector: str, pattern: str) -> None:
+    """The machine is told of all the while: old news start nothing, and this computer may be busy."""
+    end = time.monotonic() + 60
+    while not re.search(pattern, page.locator(selector).first.inner_text()):
+        assert time.monotonic() < end, page.locator(selector).first.inner_text()
+        tell(panel)
+        page.wait_for_timeout(200)
 
 
 def test_an_operator_sees_all_cells_and_steers_the_queue_of_one(make_panel, browser, write_part):
@@ -74,21 +88,21 @@ def test_an_operator_sees_all_cells_and_steers_the_queue_of_one(make_panel, brow
     shows(page, '.card:nth-child(2)', 'DEPOSITING 2/5, 30 %, left 8 min.*! Wire')
     assert 'bad' in page.get_attribute('.card:nth-child(2)', 'class')
     shows(page, '#queue tr:nth-child(1) td:nth-child(4)', '^<b>Ada</b>$')  # text, not markup
-    if PICTURES:
-        page.screenshot(path=f'{PICTURES}/cells.png')
+    picture(page, 'cells')
     page.click('#queue tr:nth-child(3) button:text("Up")')
     shows(page, '#queue tr:nth-child(2) td:nth-child(1)', '^3$')
     page.click('#queue tr:nth-child(1) button:text("Remove")')
     shows(page, '#queue tr:nth-child(1) td:nth-child(1)', '^3$')
-    tell(here)
     page.click('#queue tr:nth-child(1) button:text("Release")')
-    shows(page, '#queue tr:nth-child(1)', 'running.*released by operate 0')
+    shows_when_told(here, page, '#queue tr:nth-child(1)', 'running[^$]*released by operate 0')
+    picture(page, 'cells_released')
     assert [a[0] for a in here.operations.asked] == ['load', 'start']
     assert page.locator('#log-box').is_hidden() and said == []
     there.server.close()
     shows(page, '.card:nth-child(2)', 'down')
     here.server.close()
     page.wait_for_selector('#gone', state='visible')
+    picture(page, 'cells_lost')
 
 
 def test_who_may_only_look_has_dead_keys_and_who_maintains_sees_the_log(make_panel, browser):
@@ -98,6 +112,7 @@ def test_who_may_only_look_has_dead_keys_and_who_maintains_sees_the_log(make_pan
     shows(page, '#me', 'view$')
     shows(page, '#queue tr', 'block.stl')
     assert page.locator('#queue button:enabled').count() == 0
+    picture(page, 'cells_view')
     page.click('#stop')  # whoever sees the page may stop
     shows(page, '#toast', 'stopped')
     assert panel.operations.asked == [('stop',)]
@@ -108,6 +123,7 @@ def test_who_may_only_look_has_dead_keys_and_who_maintains_sees_the_log(make_pan
     page, said = open_page(browser, panel, 'maintain')
     shows(page, '#log-verdict', r'^\d+ entries, unbroken$')
     shows(page, '#log', 'queue_release.*denied|denied')
+    picture(page, 'cells_log')
     assert said == []
 
 
@@ -146,9 +162,8 @@ def test_a_program_goes_into_the_queue_by_its_button_and_is_looked_at_when_it_is
     shows(page, '#queue tr:nth-child(1)', 'wall.gcode.*waiting')
     assert panel.operations.asked == []  # nothing starts by itself
     page.click('#queue tr:nth-child(1) button:text("Release")')
-    shows(page, '#queue tr:nth-child(1)', 'waiting.*line 1: W4646')
+    shows_when_told(panel, page, '#queue tr:nth-child(1)', 'waiting[^$]*line 1: W4646')
     assert panel.operations.asked == []
-    tell(panel)
     page.click('#queue tr:nth-child(2) button:text("Release")')
     until = time.monotonic() + 60  # the program is looked at first
     while len(panel.operations.asked) < 2 and time.monotonic() < until:

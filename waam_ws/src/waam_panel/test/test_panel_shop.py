@@ -144,6 +144,29 @@ def test_every_command_is_in_the_log_with_who_and_what_came_of_it(make_panel):
     assert log.last(20)[1].data == {'axis': 'x', 'direction': 1, 'step': 10} and log.verify().good
 
 
+def test_what_the_cell_does_is_in_the_log_whoever_asked_for_it(ready):
+    """Another ROS program has started a job: nobody asked for it here."""
+    log = ready.cell.shop.audit
+    for state, armed in (
+        ('DEPOSITING', True),
+        ('PAUSED', True),
+        ('SCANNING', True),
+        ('DONE', False),
+    ):
+        before = len(log.last(20))
+        ready.cell.mailbox.put(('machine', MACHINE | {'armed': armed}))
+        ready.cell.mailbox.put(('job', IDLE | {'id': 'j1', 'state': state}))
+        until(lambda before=before: len(log.last(20)) > before, state)
+        time.sleep(0.1)  # both entries of one look
+    assert [(e.what, e.data) for e in log.last(20) if 'job' in e.what] == [
+        ('job begins', {'job': 'j1'}), ('job pauses', {'job': 'j1'}), ('job goes on', {'job': 'j1'}),
+        ('job ends', {'job': 'j1', 'state': 'DONE'}),
+    ]  # fmt: skip
+    found = {(e.who, e.via, e.outcome) for e in log.last(20)}
+    assert found == {('cell', 'cell', 'seen')} and log.verify().good
+    assert [e.what for e in log.last(20) if 'arm' in e.what] == ['armed', 'disarmed']
+
+
 # STOP is logged after it has been carried out; the others change nothing
 ASKS = ('/api/stop', '/api/program', '/api/program/layer')
 

@@ -21,6 +21,7 @@ from waam_shop.shop_folder import Shop
 
 from . import calibrated
 from .cell import Cell
+from .deeds import Deed, Deeds
 from .in_shop import Place
 from .operations import Refused
 from .parts import PartsError
@@ -40,7 +41,7 @@ class ShopLink:
         self.shop, self.place, self.notifier = shop, place, notifier
         self.queue, self.audit = shop.queue(place.name), shop.audit(place.name)
         self._owner = Ownership(shop.folder(place.name) / 'panel.lock')
-        self._runner, self._people = Runner(), People(notifier)
+        self._runner, self._people, self._deeds = Runner(), People(notifier), Deeds()
         self._starting: asyncio.Task[None] | None = None
         self._stops = self._stops_seen = 0
         self._counts: dict[str, int] = {}
@@ -57,6 +58,7 @@ class ShopLink:
                 await self._run_queue(cell)
                 await asyncio.to_thread(self.shop.tell, self.status(cell))
                 await asyncio.to_thread(self._people.look, cell.state)
+                await asyncio.to_thread(self._note, self._deeds.look(cell.state))
         except (OSError, QueueError) as e:
             self._runner = Runner()  # what it decided is perhaps not on the disk: it begins anew
             cell.problem = f'shop: {e}'
@@ -127,6 +129,11 @@ class ShopLink:
             self.audit.write('queue start', who, 'queue', outcome=outcome, data=data, note=note)
 
         await asyncio.to_thread(write)
+
+    def _note(self, deeds: list[Deed]) -> None:
+        """Into the audit log."""
+        for what, data in deeds:
+            self.audit.write(what, 'cell', 'cell', outcome='seen', data=data)
 
     # ---- what others see
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from . import file_commands
 from .file_commands import error as _error
@@ -24,7 +26,16 @@ PlotJuggler and rerun open it."""
 CHOICE = ('topics', 'types', 'regex', 'exclude')
 
 
-def register(commands: argparse._SubParsersAction) -> None:
+@dataclass(frozen=True)
+class Graph:
+    """How the command line names a graph. add_options: adds the options that do; domain: ROS_DOMAIN_ID of what they
+    name, None = that of the environment."""
+
+    add_options: Callable[[argparse.ArgumentParser], None] = lambda p: None
+    domain: Callable[[argparse.Namespace], int | None] = lambda args: None
+
+
+def register(commands: argparse._SubParsersAction, graph: Graph = Graph()) -> None:
     """Adds the verb `record` with its sub-verbs."""
     parser = commands.add_parser(
         'record',
@@ -35,12 +46,12 @@ def register(commands: argparse._SubParsersAction) -> None:
     )
     verbs = parser.add_subparsers(dest='record_verb', required=True, metavar='VERB')
     file_commands.register(verbs)
-    _register_run(verbs)
-    _register_control(verbs)
+    _register_run(verbs, graph)
+    _register_control(verbs, graph)
 
 
-def _register_run(verbs: argparse._SubParsersAction) -> None:
-    text = 'record the graph of this ROS domain until Ctrl-C; all topics, or those that are chosen'
+def _register_run(verbs: argparse._SubParsersAction, graph: Graph) -> None:
+    text = 'record the graph of a cell or ROS domain until Ctrl-C; all topics, or those that are chosen'
     run = verbs.add_parser('run', help=text, description=text)
     run.add_argument('directory', metavar='FOLDER', help='must not exist yet')
     run.add_argument('--topics', nargs='+', default=[], metavar='NAME')
@@ -49,10 +60,11 @@ def _register_run(verbs: argparse._SubParsersAction) -> None:
     run.add_argument('--exclude', default='', metavar='REGEX', help='not the topics it is found in')
     run.add_argument('--split-mb', type=int, default=2048)
     run.add_argument('--split-time', type=float, default=0.0, metavar='S')
-    run.set_defaults(run_command=_run)
+    graph.add_options(run)
+    run.set_defaults(run_command=lambda args: _run(args, graph.domain(args)))
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run(args: argparse.Namespace, domain: int | None) -> int:
     import os
     import subprocess
     import sys
@@ -64,7 +76,9 @@ def _run(args: argparse.Namespace) -> int:
     pairs += [f'split_mb:={args.split_mb}', f'split_time:={args.split_time}']
     command = [sys.executable, '-c', 'from waam_record.recorder_node import main; main()']
     command += ['--ros-args', '-r', f'__node:=recorder_{os.getpid()}']
-    process = subprocess.Popen(command + [a for p in pairs for a in ('-p', p)])
+    there = {} if domain is None else {'ROS_DOMAIN_ID': str(domain)}
+    parameters = [a for p in pairs for a in ('-p', p)]
+    process = subprocess.Popen(command + parameters, env=os.environ | there)
     print('recording; Ctrl-C ends it')
     try:
         return process.wait()
@@ -73,11 +87,14 @@ def _run(args: argparse.Namespace) -> int:
         return 0
 
 
-def _register_control(verbs: argparse._SubParsersAction) -> None:
+def _register_control(verbs: argparse._SubParsersAction, graph: Graph) -> None:
     start = verbs.add_parser('start', help='let the running recorder record into a new folder')
     start.add_argument('directory', metavar='FOLDER', help='must not exist yet')
     start.add_argument('--note', action='append', default=[], metavar='KEY=VALUE')
-    start.set_defaults(run_command=lambda args: _control('START', args.directory, args.note))
+    graph.add_options(start)
+    start.set_defaults(
+        run_command=lambda args: _control(graph.domain(args), 'START', args.directory, args.note)
+    )
     for name, text in (
         ('stop', 'close and verify the recording'),
         ('split', 'start the next file'),
@@ -85,13 +102,17 @@ def _register_control(verbs: argparse._SubParsersAction) -> None:
         ('resume', 'go on after a pause'),
     ):
         verb = verbs.add_parser(name, help=text)
-        verb.set_defaults(run_command=lambda args, code=name.upper(): _control(code))
+        graph.add_options(verb)
+        verb.set_defaults(
+            run_command=lambda args, code=name.upper(): _control(graph.domain(args), code)
+        )
     text = 'what the recorder does: messages, losses per topic, what waits for the disk'
     status = verbs.add_parser('status', help=text, description=text)
-    status.set_defaults(run_command=_status)
+    graph.add_options(status)
+    status.set_defaults(run_command=lambda args: _status(graph.domain(args)))
 
 
-def _status(_: argparse.Namespace) -> int:
+def _status(domain: int | None) -> int:
     import rclpy
     from diagnostic_msgs.msg import DiagnosticArray
 
@@ -100,7 +121,7 @@ def _status(_: argparse.Namespace) -> int:
     def take(msg: DiagnosticArray) -> None:
         found.extend(s for s in msg.status if s.hardware_id.startswith('recorder'))
 
-    rclpy.init()
+    rclpy.init(domain_id=domain)
     try:
         node = rclpy.create_node('record_status')
         node.create_subscription(DiagnosticArray, '/diagnostics', take, 100)
@@ -118,7 +139,9 @@ def _status(_: argparse.Namespace) -> int:
     return 0
 
 
-def _control(code: str, directory: str = '', notes: list[str] | None = None) -> int:
+def _control(
+    domain: int | None, code: str, directory: str = '', notes: list[str] | None = None
+) -> int:
     from pathlib import Path
 
     import rclpy
@@ -129,7 +152,7 @@ def _control(code: str, directory: str = '', notes: list[str] | None = None) -> 
     request = Record.Request(
         code=getattr(Record.Request, code), directory=folder, custom_data=notes or []
     )
-    rclpy.init()
+    rclpy.init(domain_id=domain)
     try:
         node = rclpy.create_node('record_cli')
         client = node.create_client(Record, 'recorder/control')

@@ -27,7 +27,7 @@ Every layer starts from the surface that was really measured: `tune` shows what 
 commanded on it and what that layer would have become, not a new history of the whole part.
 
 Over many records one result per record is kept in --output. A run that was ended (Ctrl-C, power) goes on with the same
-command. A worker that is lost costs the records that were under way, on a cluster its own one."""
+command. A worker that is lost costs its own record, which is computed again."""
 
 
 def register(commands: argparse._SubParsersAction) -> None:

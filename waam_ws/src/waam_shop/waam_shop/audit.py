@@ -28,9 +28,9 @@ class AuditError(ValueError):
 
 @dataclass(frozen=True)
 class Entry:
-    """utc in s; who: name of a token, `local`, or `cli:USER`; via: panel, cli or queue; what: the command; outcome:
-    asked, ok, refused or denied; note: why. torn: hash of a line before that a power cut left unfinished. missing: how
-    many entries the head file knows of that the log has no more."""
+    """utc in s; who: name of a token, `local`, `cli:USER` or `cell`; via: panel, cli, queue, or cell for what it was
+    seen to do; what: the command; outcome: asked, ok, refused, denied or seen; note: why. torn: hash of a line before
+    that a power cut left unfinished. missing: how many entries the head file knows of that the log has no more."""
 
     n: int
     utc: float
