@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress
@@ -11,13 +12,17 @@ from waam_plan.plan import Plan
 from waam_robot_bridge.params import RobotParams
 
 from . import params
+from .robot import urdf_settings
 from .robot.robot_check import check
 
 
-def check_robot(plan: Plan) -> None:
-    """Prints what the robot will make of the plan. ValueError where it must not be run."""
-    tilt = math.radians(plan.settings.tilt_deg)
-    robot: RobotParams = params.make({'robot_bridge': {'tilt': tilt}}).robot_bridge
+def check_robot(plan: Plan, urdf: Path | None = None) -> None:
+    """Prints what the robot, with the arm of a URDF where one is given, will make of the plan. ValueError where it must
+    not be run, and for a file that cannot be used."""
+    wanted: params.Overrides = {'robot_bridge': {'tilt': math.radians(plan.settings.tilt_deg)}}
+    if urdf is not None:
+        wanted = urdf_settings.settings(urdf, wanted)
+    robot: RobotParams = params.make(wanted).robot_bridge
     console = Console(stderr=True, highlight=False)
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task('robot, layer by layer', total=len(plan.layers))

@@ -46,6 +46,12 @@ def add_robot(p: argparse.ArgumentParser) -> None:
         'grows upwards; for overhangs beyond 45 degrees',
     )
     p.add_argument(
+        '--urdf',
+        type=Path,
+        metavar='FILE',
+        help='of --machine robot: another arm, as that of `waam up` and `waam lab` (waam_robot_bridge/README.md)',
+    )
+    p.add_argument(
         '--clamp',
         action='store_true',
         help='of --tilt: the part is held by a clamp at the work zero, over level ground, not on the faceplate',

@@ -16,12 +16,14 @@ import numpy as np
 from .arm import AXES, DEG, M20IB25, Arm, Link, in_limits, limit_text, step
 from .bead import make_bead
 from .frames import inverse
+from .height_slopes import of_table
 from .inverse import Solutions, nearest_turns, solve, unreachable_text
 from .joint_path import ELBOW, WRIST, BeadPath, Machine, PlanError, plan
 from .plate_clearance import PlateClearance
 from .positioner import Positioner
 from .split import SplitLimits
 from .tilt import MOST, carriage
+from .uncertain import Stated
 
 JOINTS = AXES + 2
 GRID = 25e-3  # m between the places of the box that are looked at
@@ -55,6 +57,10 @@ class Reach(Protocol):
     @property
     def gains(self) -> np.ndarray:
         """(n,) rad/m: how far each joint moves at most for a move of the torch, anywhere in the box."""
+
+    def slopes(self, joints: np.ndarray, scanner: np.ndarray, stated: Stated) -> np.ndarray:
+        """(N, k) m: how much higher what the torch carries at `scanner` ((3,) m) is at joints (N, n), by one standard
+        deviation of every error."""
 
 
 @dataclass(frozen=True)
@@ -186,6 +192,10 @@ class Station:
         grid = self._grid()
         moved = [self.joints(grid + d) - self.joints(grid - d) for d in apart]
         return np.asarray(np.linalg.norm(moved, axis=0).max(axis=0)) / TINY
+
+    def slopes(self, joints: np.ndarray, scanner: np.ndarray, stated: Stated) -> np.ndarray:
+        """As `Reach.slopes`, for joints (N, 8)."""
+        return of_table(self, np.asarray(joints, float), scanner, stated)
 
     def frames(self, joints: np.ndarray, arm: Arm | None = None) -> np.ndarray:
         """(N, 4, 4): the torch in machine coordinates (its x, y, z axes those of the machine where the arm is exact)
