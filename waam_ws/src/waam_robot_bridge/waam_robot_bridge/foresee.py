@@ -15,7 +15,7 @@ import numpy as np
 from waam_robot.bead import at_ways, make_bead, way_along
 from waam_robot.joint_path import BeadPath
 from waam_robot.station import Reach
-from waam_robot.timing import Drives, TimingError, time_bead
+from waam_robot.timing import SHARE, Drives, TimingError, time_bead
 
 from .blend import LEAST, MOST, blended
 from .limits import TORCH, Limits, smoothing
@@ -177,6 +177,12 @@ class _Trace:
     drives: Asked
     near: np.ndarray
 
+    def slowed(self, n: int) -> str:
+        """Which drive is too weak for the programmed speed at the n-th ms, where the torch was slowed down for it."""
+        shares = self.drives.shares[self.near[n], 0] * self.wanted[n] / max(self.speed[n], 1e-9)
+        axis = int(shares.argmax())
+        return self.drives.limits.text(0, axis, shares[axis]) if shares[axis] > SHARE else ''
+
 
 def _trace(bead: Bead, station: Reach, params: RobotParams) -> _Trace:
     limits = params.limits_of_joints()
@@ -211,7 +217,7 @@ def _place(trace: _Trace, off: np.ndarray, a: int, b: int) -> Place:
     cause = (
         trace.drives.text(int(trace.near[worst]))
         if stops
-        else _cause(bead, trace.given, begin, end)
+        else trace.slowed(worst) or _cause(bead, trace.given, begin, end)
     )
     number = int(bead.numbers[trace.piece[a]])
     since = float(trace.given[np.argmax(bead.numbers == number)])

@@ -15,6 +15,7 @@ from waam_process.segment import Kind, Segment
 from waam_robot.station import Reach, Station
 from waam_robot_bridge.foresee import Bead
 from waam_robot_bridge.goals import tips_of
+from waam_robot_bridge.pace import Pacer
 from waam_robot_bridge.params import RobotParams
 from waam_sim import part
 from waam_sim.plant import INPUT_GAS_OK, OUTPUT_ARC, Plant, Reading
@@ -33,10 +34,13 @@ class DryRunError(ValueError):
 
 
 class DryMachine(Machine):
-    """The arc burns as soon as it is wanted. Kept of every exchange: `tips` (10, 3) m and `arc` (10,) bool."""
+    """The arc burns as soon as it is wanted; with a station its drives pace the segments. Kept of every exchange:
+    `tips` (10, 3) m and `arc` (10,) bool."""
 
-    def __init__(self, params: RobotParams) -> None:
+    def __init__(self, params: RobotParams, station: Reach | None = None) -> None:
         super().__init__(params, Plant(part.plate(0.02, 0.02, 0.01, 2e-3, 2e-3)))
+        if station is not None:
+            self.bridge.pace = Pacer(station, params)
         self.tips: list[np.ndarray] = []
         self.arc: list[np.ndarray] = []
         self._ripple = RIPPLE
@@ -115,7 +119,7 @@ def layers(
     station: Reach | None = None,
 ) -> Iterator[Laid]:
     """The plan, layer by layer; `told` after each. DryRunError where the machine refuses a segment."""
-    machine, zero = DryMachine(params), work_zero(plan, station)
+    machine, zero = DryMachine(params, station), work_zero(plan, station)
     try:
         machine.begin(zero)
         number = 0
