@@ -98,7 +98,8 @@ class RobotScene:
         place = self._place
         if self._cell is None:
             here = replace(place, tilt=float(joints[0, AXES]))
-            return frames_of(place.arm, place.positioner, joints)[0], machine_frame(here)
+            turn = None if joints[0, AXES] else float(joints[0, AXES + 1])
+            return frames_of(place.arm, place.positioner, joints)[0], machine_frame(here, turn)
         frames = self._cell.frames(joints)[0]
         to_machine = inverse(frames[PART])
         to_machine[:3, 3] -= place.origin
