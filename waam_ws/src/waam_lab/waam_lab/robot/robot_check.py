@@ -12,6 +12,7 @@ from waam_plan.plan import Plan
 from waam_robot.bend import Bend, bend
 from waam_robot.station import Reach, StationError
 from waam_robot_bridge.foresee import END, START, TOLD, Place, asked, places
+from waam_robot_bridge.pace import Pacer
 from waam_robot_bridge.params import RobotParams
 from waam_robot_bridge.station_file import station_of
 
@@ -27,7 +28,7 @@ class RobotCheck:
     """length: m with the arc on. ends: m at starts and ends together, and the longest of them; off: places between
     them; contacts: one line each; problem: why the plan cannot be run at all; unchecked: why contacts were not looked
     for; left_out: links that they were not looked for with; bend: of the maps that the scanner will measure; used:
-    (3, n) largest shares of the limits of the joints `names`."""
+    (3, n) largest shares of the limits of the joints `names`; timed_by: `waam_robot_bridge.pace.Pacer.by`."""
 
     length: float
     ends: tuple[float, float] = (0.0, 0.0)
@@ -39,6 +40,7 @@ class RobotCheck:
     used: np.ndarray | None = None
     names: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    timed_by: str = ''
 
     @property
     def refused(self) -> str:
@@ -57,7 +59,9 @@ class RobotCheck:
         ]
         out += _some([f'  {p.text}' for p in self.off], 'places')
         if self.used is not None:
-            out.append(f'robot: {_drives(self.used, self.names)}')
+            out.append(
+                f'robot: {_drives(self.used, self.names)}; where one is too weak, segments are timed by {self.timed_by}'
+            )
         out += _some([f'contact: {text}' for text in self.contacts], 'contacts')
         if self.bend:
             out.append(f'robot: {self.bend.text}')
@@ -102,7 +106,7 @@ def check(
     bent = _bend(plan, station, params)
     return RobotCheck(
         length, longest, off, touching.found, unchecked=touching.unchecked, bend=bent, used=used,
-        names=names, left_out=touching.left_out,
+        names=names, left_out=touching.left_out, timed_by=Pacer(station, params).by,
     )  # fmt: skip
 
 
