@@ -79,7 +79,13 @@ def prepare(exchange: Exchange, segments: Sequence[Segment], last: bool) -> prog
                 raise Refusal(program.BAD_SEGMENT, text)
     known = exchange.first - 1
     granted = Permit(
-        exchange.generation, modal, known, modal.end, exchange.offset, exchange.limits, exchange.pace
+        exchange.generation,
+        modal,
+        known,
+        modal.end,
+        exchange.offset,
+        exchange.limits,
+        exchange.pace,
     )
     return program.prepare(granted, list(new), last)
 

@@ -47,7 +47,9 @@ def check_robot(
 
 def _turned(plan: Plan, robot: RobotParams, out: Path | None) -> RobotParams:
     """The robot with the best turning for the plan, which is told. StationError where none serves."""
-    points = np.array([p for layer in plan.layers for s in layer.deposits for p in (s.start, s.end)])
+    points = np.array(
+        [p for layer in plan.layers for s in layer.deposits for p in (s.start, s.end)]
+    )
     points = points + work_zero(plan)
     high = points.max(axis=0)
     found = choose(robot.place(), points.min(axis=0), high + [0.0, 0.0, plan.settings.clearance])

@@ -81,7 +81,7 @@ def register(
     check_robot: Callable[[Plan, Path | None, bool, Path | None], None] | None = None,
 ) -> None:
     # write_recording(stored plan, new .rrd): draws for --rerun; the planner itself knows no viewer
-    # check_robot(plan, urdf, turning, out): of --machine robot, prints and raises ValueError; the planner itself knows no machine
+    # check_robot(plan, urdf, turning, out): of --machine robot, prints, raises ValueError; the planner knows no machine
     """Adds the verbs to argparse sub-parsers."""
     cli_correct.register(commands)
     p = commands.add_parser(

@@ -94,7 +94,9 @@ def check_arm(args: argparse.Namespace) -> None:
         if getattr(args, name) and args.machine != ROBOT:
             raise ValueError(f'--{name} belongs to --machine robot')
     if args.turning and (args.urdf or args.tilt):
-        raise ValueError('--turning is for a level part before the M-20iB/25: not with --urdf or --tilt')
+        raise ValueError(
+            '--turning is for a level part before the M-20iB/25: not with --urdf or --tilt'
+        )
 
 
 def check_tilt(args: argparse.Namespace, settings: PlanSettings) -> None:

@@ -27,14 +27,18 @@ def test_the_torch_is_where_it_is_wanted_and_the_part_turns_with_it(turned):
     assert joints[:, 7] == pytest.approx(wanted, abs=1e-12) and not joints[:, 6].any()
     frames = turned.frames(joints)
     assert np.abs(frames[:, :3, 3] - tips).max() < 1e-9
-    assert np.abs(frames[:, :3, :3] - np.eye(3)).max() < 1e-9  # so the scanner looks where it does on the gantry
+    assert (
+        np.abs(frames[:, :3, :3] - np.eye(3)).max() < 1e-9
+    )  # so the scanner looks where it does on the gantry
 
 
 def test_joints_go_on_evenly_along_a_line(turned):
     tips = np.linspace([0.0, 0.0, 0.02], [0.4, 0.3, 0.02], 400)
     moved = np.diff(turned.joints(tips), axis=0)
     assert np.abs(np.diff(moved, axis=0)).max() < 1e-3
-    assert (np.abs(moved) <= turned.gains * np.linalg.norm(np.diff(tips, axis=0), axis=1)[:, None] * 1.1).all()
+    assert (
+        np.abs(moved) <= turned.gains * np.linalg.norm(np.diff(tips, axis=0), axis=1)[:, None] * 1.1
+    ).all()
 
 
 def test_a_part_that_turns_by_nothing_is_one_at_rest(turned):
@@ -51,7 +55,9 @@ def test_a_long_part_is_served_only_when_it_turns():
     assert found.still is None and not found.turning.still
     assert 'at rest it cannot be reached' in found.text
     station = Station(replace(LONG, turning=found.turning))
-    assert station.tips(station.joints(np.array([[1.3, 0.0, 0.1]])))[0] == pytest.approx((1.3, 0.0, 0.1))
+    assert station.tips(station.joints(np.array([[1.3, 0.0, 0.1]])))[0] == pytest.approx(
+        (1.3, 0.0, 0.1)
+    )
 
 
 def test_what_is_chosen_is_better_than_standing_still():

@@ -36,7 +36,14 @@ def test_the_torch_of_the_bodies_is_where_the_station_has_it(station):
 
 def test_every_link_with_a_shape_has_its_body():
     bodies = UrdfCell(TEXT, NAMES).bodies
-    assert {c.name for c in bodies.capsules} == {'column', 'upper_arm', 'forearm', 'roll', 'flange', 'nozzle'}
+    assert {c.name for c in bodies.capsules} == {
+        'column',
+        'upper_arm',
+        'forearm',
+        'roll',
+        'flange',
+        'nozzle',
+    }
     assert {b.name for b in bodies.blocks} == {'floor', 'part'}
     assert [c.frame for c in bodies.capsules if c.name == 'upper_arm'] == [2]
 
@@ -66,7 +73,11 @@ def test_what_is_a_mesh_is_left_out_and_named():
     ('old', 'new', 'said'),
     [
         ('radius="0.07"', 'radius="thick"', "link 'upper_arm': radius of a shape is 'thick'"),
-        ('size="0.06 0.05 0.18"', 'size="0.06 0.05"', "link 'flange': size of a shape is '0.06 0.05', wanted 3"),
+        (
+            'size="0.06 0.05 0.18"',
+            'size="0.06 0.05"',
+            "link 'flange': size of a shape is '0.06 0.05', wanted 3",
+        ),
     ],
 )
 def test_a_shape_that_is_none_is_named(old, new, said):

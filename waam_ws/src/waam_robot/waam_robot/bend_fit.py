@@ -2,8 +2,10 @@
 
 Beside the worn place a part has its nominal surface. What the map shows there, less the nominal, is the bend, the way
 the part lies, and noise. The errors of the robot are unknowns with the stated standard deviations, height and two
-slopes of the part three more: a Gaussian least-squares fit, its covariance the doubt that is left. What the fit finds is
-carried to every place of the map by the same slopes (`Reach.slopes`).
+slopes of the part three more: a Gaussian least-squares fit, its covariance the doubt that is left. What the fit finds
+is carried to every place of the map by the same slopes (`Reach.slopes`). Height and slopes of the whole map can come
+from the robot or from the part, which no map tells apart: they are told by themselves, and what leaves a plane is told
+as bent.
 """
 
 from __future__ import annotations
@@ -37,23 +39,30 @@ class Surface:
 
 @dataclass(frozen=True)
 class BendFit:
-    """bend: (N,) m, by how much the map is too high at every cell; doubt: (N,) m, its standard deviation; stated: (N,)
-    m, what is known without the map; cells: that it was estimated from; noise: m, of one of them."""
+    """Each (N,) m, at every cell. off, off_doubt: by how much the map is too high, and its standard deviation; bend,
+    doubt: of that, what leaves a plane; stated: what the stated errors alone say of it. slope: rad, of the plane; cells:
+    that it was estimated from; noise: m, of one of them."""
 
+    off: np.ndarray
+    off_doubt: np.ndarray
     bend: np.ndarray
     doubt: np.ndarray
     stated: np.ndarray
+    slope: float
     cells: int
     noise: float
 
     @property
     def text(self) -> str:
         """One line for people."""
-        rms, most = _rms(self.bend) * 1e3, float(np.abs(self.bend).max()) * 1e3
+        bend, doubt, stated, off, off_doubt = (
+            f'{_rms(v) * 1e3:.3f}' for v in (self.bend, self.doubt, self.stated, self.off, self.off_doubt)
+        )  # fmt: skip
         return (
-            f'pose errors bend the measured map by {rms:.3f} mm (RMS), {most:.3f} mm at most, +-{_rms(self.doubt) * 1e3:.3f} '
-            f'mm: estimated from {self.cells} cells of the surface that is known (stated errors alone: '
-            f'{_rms(self.stated) * 1e3:.3f} mm)'
+            f'pose errors bend the measured map by {bend} mm (RMS, {np.abs(self.bend).max() * 1e3:.3f} mm at most) '
+            f'+-{doubt} mm, estimated from {self.cells} cells of the surface that is known; the stated errors alone say '
+            f'{stated} mm. With height and slope ({self.slope * 1e3:.2f} mm per m), which may be those of the part, the '
+            f'map is off by {off} +-{off_doubt} mm'
         )
 
 
@@ -68,19 +77,28 @@ def fit(
     torch sees it. FitError where too few cells are known; StationError where the arm does not reach."""
     known = np.flatnonzero(np.isfinite(surface.off))
     if len(known) < FEWEST:
-        raise FitError(f'the true surface is known in {len(known)} cells of the map, wanted are {FEWEST}')
+        raise FitError(
+            f'the true surface is known in {len(known)} cells of the map, wanted are {FEWEST}'
+        )
     tips = np.vstack([taught, np.asarray(surface.points, float) - scanner])
     slopes = station.slopes(station.joints(tips), scanner, stated or Stated())
     change = slopes[:1] - slopes[1:]  # a scanner that is too high measures too low
     apart = surface.points[:, :2] - surface.points[known, :2].mean(axis=0)
-    lies = np.column_stack([np.full(len(apart), LIES[0]), LIES[1] * apart])
-    a, off = np.hstack([change, lies])[known], surface.off[known]
-    found, covariance, noise, used = _solved(a, off)
-    count = change.shape[1]
-    covariance = covariance[:count, :count]
-    doubt = np.sqrt(np.maximum(np.einsum('ij,jk,ik->i', change, covariance, change), 0.0))
+    plane = np.column_stack([np.ones(len(apart)), apart])
+    all_of_it = np.hstack([change, plane * [LIES[0], LIES[1], LIES[1]]])
+    found, covariance, noise, used = _solved(all_of_it[known], surface.off[known])
+    off = all_of_it @ found
+    flat = np.linalg.lstsq(plane, np.column_stack([off, all_of_it]), rcond=None)[0]
+    left = all_of_it - plane @ flat[:, 1:]
     return BendFit(
-        change @ found[:count], doubt, np.sqrt((change**2).sum(axis=1)), used, noise
+        off=off,
+        off_doubt=_deviation(all_of_it, covariance),
+        bend=left @ found,
+        doubt=_deviation(left, covariance),
+        stated=np.sqrt((left**2).sum(axis=1)),
+        slope=float(np.hypot(*flat[1:, 0])),
+        cells=used,
+        noise=noise,
     )
 
 
@@ -95,6 +113,11 @@ def _solved(a: np.ndarray, off: np.ndarray) -> tuple[np.ndarray, np.ndarray, flo
         noise = max(NOISE, 1.4826 * float(np.median(np.abs(left[good]))))
         good = np.abs(left) < WRONG * noise
     return found, covariance, noise, int(good.sum())
+
+
+def _deviation(a: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(N,): standard deviations of a (N, k) times unknowns with a covariance (k, k)."""
+    return np.sqrt(np.maximum(np.einsum('ij,jk,ik->i', a, covariance, a), 0.0))
 
 
 def _rms(values: np.ndarray) -> float:

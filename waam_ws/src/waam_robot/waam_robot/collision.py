@@ -70,8 +70,8 @@ class _Solid:
 
 class Scene:
     """A machine with the part on its faceplate. `margin` (m): nearer is a contact. held: (4, 4), the part's frame on
-    the faceplate; None = the same. frames: (N, FRAMES, 4, 4) for joints (N, n) of another cell than the machine's, whose
-    bodies are given (`urdf_bodies`)."""
+    the faceplate; None = the same. frames: (N, FRAMES, 4, 4) for joints (N, n) of another cell than the machine's,
+    whose bodies are given (`urdf_bodies`)."""
 
     def __init__(
         self,

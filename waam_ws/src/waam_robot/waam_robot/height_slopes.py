@@ -1,4 +1,4 @@
-"""How much the height of what the torch carries changes by each stated error of an arm by its table and its positioner."""
+"""By how much each stated error of an arm by its table, and of its positioner, lifts what the torch carries."""
 
 from __future__ import annotations
 

@@ -16,12 +16,16 @@ MOST = 600
 def known_cells(
     z: np.ndarray, nominal: np.ndarray, region: np.ndarray, cell: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(rows, columns) of cells: z, nominal (rows, cols) m, NaN = unknown; region: bool, where metal is laid; cell: m."""
+    """(rows, columns) of cells. z, nominal: (rows, cols) m, NaN = unknown; region: bool, metal is laid; cell: m."""
     beside = ndimage.distance_transform_edt(~region) * cell > FAR if region.any() else ~region
     size = 2 * int(np.ceil(LEVEL / cell)) + 1
     known = np.isfinite(nominal)
-    high = ndimage.maximum_filter(np.where(known, nominal, np.inf), size, mode='constant', cval=np.inf)
-    low = ndimage.minimum_filter(np.where(known, nominal, -np.inf), size, mode='constant', cval=-np.inf)
+    high = ndimage.maximum_filter(
+        np.where(known, nominal, np.inf), size, mode='constant', cval=np.inf
+    )
+    low = ndimage.minimum_filter(
+        np.where(known, nominal, -np.inf), size, mode='constant', cval=-np.inf
+    )
     with np.errstate(invalid='ignore'):
         good = beside & (high - low < STEP) & (np.abs(z - nominal) < LIKE)
     every = max(1, round(APART / cell))

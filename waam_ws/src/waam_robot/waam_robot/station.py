@@ -18,7 +18,7 @@ from .bead import make_bead
 from .frames import inverse
 from .height_slopes import of_table
 from .inverse import Solutions, nearest_turns, solve, unreachable_text
-from .joint_path import ELBOW, WRIST, BeadPath, Machine, PlanError, plan
+from .joint_path import ELBOW, JUMP, WRIST, BeadPath, Machine, PlanError, plan
 from .plate_clearance import PlateClearance
 from .positioner import Positioner
 from .split import SplitLimits
@@ -104,7 +104,10 @@ def box_path(low: np.ndarray, high: np.ndarray, step: float) -> np.ndarray:
     corners = np.concatenate([*around, (low + high)[None] / 2])
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     counts = np.maximum(np.ceil(lengths / step), 1).astype(int)
-    pieces = [a + np.arange(n)[:, None] / n * (b - a) for a, b, n in zip(corners, corners[1:], counts, strict=False)]
+    pieces = [
+        a + np.arange(n)[:, None] / n * (b - a)
+        for a, b, n in zip(corners, corners[1:], counts, strict=False)
+    ]
     return np.concatenate([*pieces, corners[-1:]])
 
 
@@ -115,9 +118,9 @@ def upright_poses(place: Place, tips: np.ndarray) -> np.ndarray:
     return np.asarray(place.positioner.to_robot(held, 0.0, place.turns(tips)))
 
 
-def ways_of(place: Place, path: np.ndarray) -> Way | None:
+def ways_of(place: Place, path: np.ndarray, jump: float = JUMP) -> Way | None:
     """The best branch and spin along torch positions (N, 3), m, of a level part; None where none serves all of them."""
-    return best_way(place.arm, upright_poses(place, path), OVER)
+    return best_way(place.arm, upright_poses(place, path), OVER, jump)
 
 
 class Station:

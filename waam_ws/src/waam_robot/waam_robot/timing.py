@@ -36,8 +36,9 @@ def _drives(*values: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Drives:
-    """Limits of the joints, by default six, B and C: speed rad/s, acceleration rad/s^2, jerk rad/s^3; torch: m/s^2 along the way;
-    blend: s. Those here are of the size usual for such machines: put those of your data sheets in their place.
+    """Limits of the joints, by default six, B and C: speed rad/s, acceleration rad/s^2, jerk rad/s^3; torch: m/s^2
+    along the way; blend: s. Those here are of the size usual for such machines: put those of your data sheets in their
+    place.
     """
 
     speed: np.ndarray = field(

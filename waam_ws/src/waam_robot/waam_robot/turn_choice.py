@@ -12,10 +12,12 @@ from .station import Place, Station, StationError, box_path, ways_of
 from .turning import Turning, Way
 
 STARTS = np.radians(np.arange(-150.0, 181.0, 30.0))
-OVER = np.radians([-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0])  # of C, from one end of the part to the other
+OVER = np.radians(
+    [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0]
+)  # of C, from one end of the part to the other
 FINER = np.radians([-15.0, 0.0, 15.0])
 WORTH = 0.9  # share of the cost of standing still from which on turning is worth it
-STEP = 25e-3  # m between the places that are looked at
+STEP, PLACES = 25e-3, 40  # m between the places that are looked at, and about how many
 TRIES = 8
 
 
@@ -42,9 +44,10 @@ def choose(place: Place, low: np.ndarray, high: np.ndarray) -> Choice:
 
     StationError where no turning serves both.
     """
-    path = box_path(np.asarray(low, float), np.asarray(high, float), STEP)
     size = np.maximum(np.asarray(high, float) - low, STEP)
-    still = ways_of(replace(place, turning=Turning()), path)
+    around = 4 * float(size[:2].sum())
+    path = box_path(np.asarray(low, float), np.asarray(high, float), max(STEP, around / PLACES))
+    still = ways_of(replace(place, turning=Turning()), path, np.inf)
     if still and not _serves(replace(place, turning=Turning())):
         still = None
     found = _sorted(place, path, _candidates(size))
@@ -65,7 +68,7 @@ def _sorted(
 ) -> list[tuple[float, Turning, Way]]:
     found = []
     for turning in turnings:
-        way = ways_of(replace(place, turning=turning), path)
+        way = ways_of(replace(place, turning=turning), path, np.inf)
         if way is not None:
             found.append((way.cost, turning, way))
     return sorted(found, key=lambda f: f[0])

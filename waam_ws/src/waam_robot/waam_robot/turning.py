@@ -1,6 +1,6 @@
 """How the positioner turns a level part while the torch goes: the redundancy of six axes, tilt and turn in a job.
 
-A torch on a level part leaves the turn C free. It is a linear function of where the torch is: C = start + along . (x, y)
+A torch on a level part leaves the turn C free. It is a linear function of where the torch is, start + along . (x, y)
 from the middle of the box. So it is smooth, the same on every way to a place, and it serves beads, scans and idle moves
 alike; nothing above the robot knows of it. `turn_choice.choose` chooses it so that the arm stays away from limits and
 singularities.
@@ -67,9 +67,11 @@ class Way:
         )
 
 
-def best_way(arm: Arm, upright: np.ndarray, tool: np.ndarray) -> Way | None:
+def best_way(
+    arm: Arm, upright: np.ndarray, tool: np.ndarray, jump: float = JUMP
+) -> Way | None:
     """The best branch and spin for poses `upright` (N, 4, 4), machine axes at the torch along a path; tool: (4, 4), the
-    torch on them at spin 0. None where no single branch and spin serve all of it."""
+    torch on them at spin 0; jump: rad, of a joint between neighbours that is too much. None where no single branch and spin serve all of it."""
     spins = np.arange(SPINS) * 2 * np.pi / SPINS
     poses = np.concatenate([upright @ spun(s) @ tool for s in spins])
     count = len(upright)
@@ -80,7 +82,7 @@ def best_way(arm: Arm, upright: np.ndarray, tool: np.ndarray) -> Way | None:
     bad = bad_places(theta, found.wrist.reshape(SPINS, count, 3), k)
     theta = np.unwrap(theta, axis=2)
     with np.errstate(invalid='ignore'):
-        bad[:, :, 1:] |= (np.abs(np.diff(theta, axis=2)).max(axis=-1) > JUMP) << 2
+        bad[:, :, 1:] |= (np.abs(np.diff(theta, axis=2)).max(axis=-1) > jump) << 2
     nodes = possible_nodes(arm, theta, k, bad)
     if nodes is None:
         return None

@@ -65,7 +65,7 @@ class UrdfChain:
         return np.stack([self._on_part(np.asarray(q, float))[0] for q in joints])
 
     def lengthened(self, joints: np.ndarray, step: float) -> list[np.ndarray]:
-        """(N, 4, 4) as `forward` for every length of the chain but where it stands, made `step` (m) longer by itself."""
+        """(N, 4, 4) as `forward` for each length of the chain but where it stands, that one `step` (m) longer."""
         found = []
         for placement in list(self._model.jointPlacements)[2:]:
             for k in np.flatnonzero(np.abs(placement.translation) > LENGTH):

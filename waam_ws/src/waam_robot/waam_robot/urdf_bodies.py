@@ -1,4 +1,4 @@
-"""What takes up room in a robot cell from a URDF: the simple shapes of its links, as `bodies` has them, and their frames.
+"""What takes up room in a robot cell from a URDF: the simple shapes of its links, as `bodies` has them, and frames.
 
 Shapes of `collision` count, those of `visual` where a link has none. On the arm, cylinders, boxes and balls become
 capsules around them, so round ends stand out; under the part they stay what they are. Meshes are left out and named.
@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from .arm import AXES
-from .bodies import CRADLE, FRAMES, PART, TOOL, Bodies, Block, Capsule, ends
+from .bodies import CRADLE, FRAMES, PART, TOOL, Block, Bodies, Capsule, ends
 from .bodies import TORCH as NOZZLE
 from .frames import inverse, rotation, translation
 from .urdf_arm import UrdfChain
@@ -58,7 +58,9 @@ class UrdfCell:
                 f"{len(arm)} joints move the link '{TORCH_LINK}' and {len(table)} the link '{PART_LINK}'; for "
                 f'contacts and pictures these are {AXES} and at most 2, none of them in both'
             )
-        base = next(link.get('name', '') for link in root.iterfind('link') if link.get('name') not in above)
+        base = next(
+            link.get('name', '') for link in root.iterfind('link') if link.get('name') not in above
+        )
         self._links = _links_of_frames(base, arm, table, above)
         shapes, self.left_out = _shapes(root)
         self.bodies = self._bodies(shapes, above, arm, table)
@@ -169,7 +171,9 @@ def _numbers(link: str, text: str, count: int, what: str) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if len(values) != count or not np.isfinite(values).all():
-        raise UrdfError(f"link '{link}': {what} of a shape is '{text[:40]}', wanted {count} numbers")
+        raise UrdfError(
+            f"link '{link}': {what} of a shape is '{text[:40]}', wanted {count} numbers"
+        )
     return values
 
 

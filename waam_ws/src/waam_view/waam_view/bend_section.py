@@ -51,7 +51,11 @@ def _surface(scan: Scan, zero: np.ndarray) -> Surface:
     rows, columns = known_cells(scan.z, nominal, scan.region, scan.resolution)
     off = (scan.z - nominal)[rows, columns]
     laid = np.column_stack(np.nonzero(scan.region & np.isfinite(scan.z)))
-    laid = laid[np.linspace(0, len(laid) - 1, min(len(laid), PLACES)).astype(int)] if len(laid) else laid
+    laid = (
+        laid[np.linspace(0, len(laid) - 1, min(len(laid), PLACES)).astype(int)]
+        if len(laid)
+        else laid
+    )
     cells = np.concatenate([np.column_stack([rows, columns]), laid]).astype(int)
     x = scan.origin[0] + (cells[:, 1] + 0.5) * scan.resolution
     y = scan.origin[1] + (cells[:, 0] + 0.5) * scan.resolution

@@ -71,8 +71,8 @@ class DashboardParams:
     )
     robot_urdf: str = param(
         '',
-        'for the picture of the robot: `urdf` of the robot bridge; then `robot_joints` are the names of its joints, and '
-        '`robot_positioner` means nothing',
+        'for the picture of the robot: `urdf` of the robot bridge; then `robot_joints` are the names of its joints, '
+        'and `robot_positioner` means nothing',
     )
 
 
@@ -111,9 +111,7 @@ class Dashboard(WaamNode):
         self._robot_next_ns, self._robot_text = 0, ''
         self._robot = self._arm()
         if self._robot is not None:
-            self.create_subscription(
-                JointState, 'joint_states', self._on_joints, SENSOR, raw=True
-            )
+            self.create_subscription(JointState, 'joint_states', self._on_joints, SENSOR, raw=True)
 
     def _arm(self) -> RobotScene | None:
         """None for a URDF that cannot be used: the rest is shown all the same."""

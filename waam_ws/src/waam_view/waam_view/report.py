@@ -19,9 +19,9 @@ from waam_process import names
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from . import figures
+from .bend_section import bend_section
 from .comparison import comparison_page
 from .html import cards, duration, escape, fmt, page, picture, table
-from .bend_section import bend_section
 from .job_data import Job, JobError, flatten, load_job, number, read_report
 from .layer_tables import layers_section
 from .loop_summary import loop_summary

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import rerun as rr
@@ -50,8 +50,8 @@ class Draws(Protocol):
 
 
 class RobotScene:
-    """The arm of `waam_robot.arm.M20IB25` before a positioner, or that of a URDF. names: of the joints, of the first arm
-    six, tilt and turn; positioner: (3,) m and origin: (3,) m, as the parameters of the robot bridge; urdf: text of the
+    """The arm of `waam_robot.arm.M20IB25` before a positioner, or that of a URDF. names: of the joints, of the first
+    arm six, tilt and turn; positioner: (3,) m and origin: (3,) m, as the parameters of the robot bridge; urdf: text of the
     file, '' = the first arm. UrdfError for a file that cannot be used."""
 
     def __init__(
@@ -149,16 +149,15 @@ def _cylinder(c: Cylinder) -> rr.Cylinders3D:
 
 def _block(block: Block) -> rr.AsComponents:
     turned = [Rotation.from_matrix(block.place[:3, :3]).as_quat()]
-    centre, colour = [block.place[:3, 3]], [POSITIONER]
+    usual: dict[str, Any] = {
+        'centers': [block.place[:3, 3]], 'quaternions': turned, 'colors': [POSITIONER], 'fill_mode': 'solid',
+    }  # fmt: skip
     if block.kind == 'cylinder':
         radius, length = block.size
-        return rr.Cylinders3D(
-            lengths=[length], radii=[radius], centers=centre, quaternions=turned, colors=colour, fill_mode='solid'
-        )  # fmt: skip
-    half = [block.half]
+        return rr.Cylinders3D(lengths=[length], radii=[radius], **usual)
     if block.kind == 'box':
-        return rr.Boxes3D(half_sizes=half, centers=centre, quaternions=turned, colors=colour, fill_mode='solid')  # fmt: skip
-    return rr.Ellipsoids3D(half_sizes=half, centers=centre, colors=colour, fill_mode='solid')
+        return rr.Boxes3D(half_sizes=[block.half], **usual)
+    return rr.Ellipsoids3D(half_sizes=[block.half], **usual)
 
 
 def _transform(pose: np.ndarray) -> rr.Transform3D:
