@@ -7,12 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from waam_robot import turn_choice
 from waam_robot.station import Place, Station, StationError
 from waam_robot.turn_choice import choose
 from waam_robot.turning import Turning
 
 TURNING = Turning(0.3, (1.5, -2.0))
-LONG = Place(origin=(-0.65, -0.06, 0.0), low=(0.0, 0.0, 0.0), high=(1.3, 0.12, 0.1))
+LONG = Place(origin=(-0.9, -0.06, 0.0), low=(0.0, 0.0, 0.0), high=(1.8, 0.12, 0.1))
+
+
+@pytest.fixture
+def few(monkeypatch) -> None:
+    """Not so many turnings are tried."""
+    monkeypatch.setattr(turn_choice, 'OVER', np.radians([-30.0, 0.0, 30.0]))
+    monkeypatch.setattr(turn_choice, 'STARTS', np.radians([-90.0, 0.0, 90.0]))
 
 
 @pytest.fixture(scope='module')
@@ -48,19 +56,19 @@ def test_a_part_that_turns_by_nothing_is_one_at_rest(turned):
     assert not np.allclose(turned.joints(tips), still.joints(tips))
 
 
-def test_a_long_part_is_served_only_when_it_turns():
+def test_a_long_part_is_served_only_when_it_turns(few):
     with pytest.raises(StationError, match='does not reach all of its box'):
         Station(LONG)
     found = choose(LONG, np.array(LONG.low), np.array(LONG.high))
     assert found.still is None and not found.turning.still
     assert 'at rest it cannot be reached' in found.text
     station = Station(replace(LONG, turning=found.turning))
-    assert station.tips(station.joints(np.array([[1.3, 0.0, 0.1]])))[0] == pytest.approx(
-        (1.3, 0.0, 0.1)
+    assert station.tips(station.joints(np.array([[1.8, 0.0, 0.1]])))[0] == pytest.approx(
+        (1.8, 0.0, 0.1)
     )
 
 
-def test_what_is_chosen_is_better_than_standing_still():
+def test_what_is_chosen_is_better_than_standing_still(few):
     place = Place()
     found = choose(place, np.array([0.05, 0.05, 0.0]), np.array([0.15, 0.12, 0.05]))
     assert found.still is not None
@@ -68,9 +76,9 @@ def test_what_is_chosen_is_better_than_standing_still():
     Station(replace(place, turning=found.turning))  # serves the whole box
 
 
-def test_nothing_serves_a_box_out_of_reach():
+def test_nothing_serves_a_box_out_of_reach(few):
     with pytest.raises(StationError, match='however the part is turned'):
-        choose(replace(LONG, high=(4.0, 0.12, 0.1)), np.zeros(3), np.array([4.0, 0.12, 0.1]))
+        choose(replace(LONG, high=(9.0, 0.12, 0.1)), np.zeros(3), np.array([9.0, 0.12, 0.1]))
 
 
 def test_a_tilted_part_does_not_turn():

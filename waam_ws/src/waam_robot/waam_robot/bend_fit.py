@@ -17,7 +17,10 @@ import numpy as np
 from .station import Reach
 from .uncertain import Stated
 
-LIES = 1e-4, 1e-3  # m, rad: standard deviations of the height and the slopes of a part that was set up
+LIES = (
+    1e-4,
+    1e-3,
+)  # m, rad: standard deviations of the height and the slopes of a part that was set up
 NOISE = 2e-5  # m: least of a cell
 FEWEST = 50  # cells
 ROUNDS = 4
@@ -40,8 +43,8 @@ class Surface:
 @dataclass(frozen=True)
 class BendFit:
     """Each (N,) m, at every cell. off, off_doubt: by how much the map is too high, and its standard deviation; bend,
-    doubt: of that, what leaves a plane; stated: what the stated errors alone say of it. slope: rad, of the plane; cells:
-    that it was estimated from; noise: m, of one of them."""
+    doubt: of that, what leaves a plane; stated: what the stated errors alone say of it. slope: rad, of the plane;
+    cells: that it was estimated from; noise: m, of one of them."""
 
     off: np.ndarray
     off_doubt: np.ndarray
@@ -58,11 +61,12 @@ class BendFit:
         bend, doubt, stated, off, off_doubt = (
             f'{_rms(v) * 1e3:.3f}' for v in (self.bend, self.doubt, self.stated, self.off, self.off_doubt)
         )  # fmt: skip
+        most = float(np.abs(self.bend).max()) * 1e3
         return (
-            f'pose errors bend the measured map by {bend} mm (RMS, {np.abs(self.bend).max() * 1e3:.3f} mm at most) '
-            f'+-{doubt} mm, estimated from {self.cells} cells of the surface that is known; the stated errors alone say '
-            f'{stated} mm. With height and slope ({self.slope * 1e3:.2f} mm per m), which may be those of the part, the '
-            f'map is off by {off} +-{off_doubt} mm'
+            f'pose errors bend the measured map by {bend} +-{doubt} mm (RMS; {most:.3f} mm at most), estimated from '
+            f'{self.cells} cells of the surface that is known; the stated errors alone say {stated} mm. With height '
+            f'and slope ({self.slope * 1e3:.2f} mm per m), which may be those of the part, the map is off by {off} '
+            f'+-{off_doubt} mm'
         )
 
 

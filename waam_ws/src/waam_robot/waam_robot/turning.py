@@ -67,11 +67,10 @@ class Way:
         )
 
 
-def best_way(
-    arm: Arm, upright: np.ndarray, tool: np.ndarray, jump: float = JUMP
-) -> Way | None:
+def best_way(arm: Arm, upright: np.ndarray, tool: np.ndarray, jump: float = JUMP) -> Way | None:
     """The best branch and spin for poses `upright` (N, 4, 4), machine axes at the torch along a path; tool: (4, 4), the
-    torch on them at spin 0; jump: rad, of a joint between neighbours that is too much. None where no single branch and spin serve all of it."""
+    torch on them at spin 0; jump: rad, of a joint between neighbours that is too much. None where no single branch and
+    spin serve all of it."""
     spins = np.arange(SPINS) * 2 * np.pi / SPINS
     poses = np.concatenate([upright @ spun(s) @ tool for s in spins])
     count = len(upright)

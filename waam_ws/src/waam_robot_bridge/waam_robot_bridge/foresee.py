@@ -27,6 +27,7 @@ EVERY = 5  # ms between the joints that are looked at
 SHARP = np.radians(45.0)  # a corner that counts more than a change of speed beside it
 STRAIGHT = np.cos(np.radians(1.0))  # pieces of a leg turn by less
 GAP = 0.5e-3  # m: places nearer to each other are one
+FULL = 0.98  # of SHARE, from which on a joint is taken to hold the torch up
 NEAR = 2.0e-3  # m to both sides in which the cause of a place is looked for
 CAUSES = START, END, STEP = ('start', 'end', 'the programmed speed changes')
 
@@ -177,11 +178,15 @@ class _Trace:
     drives: Asked
     near: np.ndarray
 
-    def slowed(self, n: int) -> str:
-        """Which drive is too weak for the programmed speed at the n-th ms, where the torch was slowed down for it."""
-        shares = self.drives.shares[self.near[n], 0] * self.wanted[n] / max(self.speed[n], 1e-9)
-        axis = int(shares.argmax())
-        return self.drives.limits.text(0, axis, shares[axis]) if shares[axis] > SHARE else ''
+    def slowed(self, a: int, b: int) -> str:
+        """Which drive is too weak for the programmed speed from the a-th to before the b-th ms, where the torch was
+        slowed down for it; '' = none."""
+        some = self.drives.shares[self.near[a:b], 0]
+        wanted = some * (self.wanted[a:b] / np.maximum(self.speed[a:b], 1e-9))[:, None]
+        held = np.where(some > FULL * SHARE, wanted, 0.0)
+        axis = int(held.max(axis=0).argmax())
+        most = float(held[:, axis].max())
+        return self.drives.limits.text(0, axis, most) if most > SHARE else ''
 
 
 def _trace(bead: Bead, station: Reach, params: RobotParams) -> _Trace:
@@ -217,7 +222,7 @@ def _place(trace: _Trace, off: np.ndarray, a: int, b: int) -> Place:
     cause = (
         trace.drives.text(int(trace.near[worst]))
         if stops
-        else trace.slowed(worst) or _cause(bead, trace.given, begin, end)
+        else trace.slowed(a, b) or _cause(bead, trace.given, begin, end)
     )
     number = int(bead.numbers[trace.piece[a]])
     since = float(trace.given[np.argmax(bead.numbers == number)])

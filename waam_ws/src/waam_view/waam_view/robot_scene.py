@@ -51,8 +51,8 @@ class Draws(Protocol):
 
 class RobotScene:
     """The arm of `waam_robot.arm.M20IB25` before a positioner, or that of a URDF. names: of the joints, of the first
-    arm six, tilt and turn; positioner: (3,) m and origin: (3,) m, as the parameters of the robot bridge; urdf: text of the
-    file, '' = the first arm. UrdfError for a file that cannot be used."""
+    arm six, tilt and turn; positioner, origin: (3,) m, as the parameters of the robot bridge; urdf: text of the file,
+    '' = the first arm. UrdfError for a file that cannot be used."""
 
     def __init__(
         self,
