@@ -246,7 +246,7 @@ class Station:
 
     def slopes(self, joints: np.ndarray, scanner: np.ndarray, stated: Stated) -> np.ndarray:
         """As `Reach.slopes`, for joints (N, 8)."""
-        return of_table(self, np.asarray(joints, float), scanner, stated)
+        return of_table(self, self.place.arm, np.asarray(joints, float), scanner, stated)
 
     def frames(self, joints: np.ndarray, arm: Arm | None = None) -> np.ndarray:
         """(N, 4, 4): the torch in machine coordinates (its x, y, z axes those of the machine where the arm is exact)
