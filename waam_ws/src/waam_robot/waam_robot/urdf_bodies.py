@@ -51,7 +51,9 @@ class UrdfCell:
             raise UrdfError(f'its joints are {", ".join(known)}; named are {", ".join(names)}')
         self._order = np.array([known.index(n) for n in names])
         root = ElementTree.fromstring(check_urdf(text))  # checked: no document types, one tree
-        above = {j.find('child').get('link'): j for j in root.iterfind('joint')}  # type: ignore[union-attr]
+        above: dict[str, ElementTree.Element] = {}
+        for joint in root.iterfind('joint'):
+            above[str(joint.find('child').get('link'))] = joint  # type: ignore[union-attr]
         arm, table = _moving(above, TORCH_LINK), _moving(above, PART_LINK)
         if len(arm) != AXES or len(table) > 2 or set(arm) & set(table):
             raise UrdfError(
