@@ -233,7 +233,7 @@ def longest() -> tuple[float, float, str]:
 def bends_found(numbers: tuple[int, ...]) -> dict[str, float]:
     """m and shares, over the middle 80 x 60 mm of maps of 120 x 90 mm by simulated robots, the true surface being known
     around it (cells every 4 mm, noise 0.03 mm, parts 0.1 mm, 1 mm per m off). bent, left: RMS beyond a plane before
-    and after the estimate; off, off_left: with height and slope; inside: share of cells within 2 standard deviations."""
+    and after the estimate; off, off_left: with height and slope; inside: share within 2 standard deviations."""
     from waam_robot.bend_fit import Surface, fit
     from waam_robot.station import Station
     from waam_sim.robot import RobotParams as Cell
