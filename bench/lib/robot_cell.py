@@ -207,6 +207,61 @@ def calibrations(numbers: tuple[int, ...]) -> dict[str, np.ndarray]:
     return {name: np.array(rows) for name, rows in out.items()}
 
 
+def longest() -> tuple[float, float, str]:
+    """(m at rest, m turning, what was seen): longest boxes over the turn axis, in steps of 0.1 m."""
+    from waam_robot.station import Place, StationError
+    from waam_robot.turn_choice import choose
+
+    best, said = [0.0, 0.0], []
+    for length in np.arange(6, 21) / 10:
+        high = (float(length), 0.12, 0.1)
+        try:
+            found = choose(
+                Place(origin=(-length / 2, -0.06, 0.0), high=high), np.zeros(3), np.array(high)
+            )
+        except StationError as e:
+            said.append(f'{length:g} m: {e}')
+            break
+        for n, way in enumerate((found.still, found.way)):
+            if way is not None and np.degrees(way.wrist) >= 15.0:
+                best[n] = float(length)
+        if length in (0.6, 1.2, 1.8):
+            said.append(f'{length:g} m: {found.text}')
+    return best[0], best[1], '; '.join(said)
+
+
+def bends_found(numbers: tuple[int, ...]) -> dict[str, float]:
+    """m and shares, over the middle 80 x 60 mm of maps of 120 x 90 mm by simulated robots, the true surface being known
+    around it (cells every 4 mm, noise 0.03 mm, parts 0.1 mm, 1 mm per m off). bent, left: RMS beyond a plane before
+    and after the estimate; off, off_left: with height and slope; inside: share within 2 standard deviations."""
+    from waam_robot.bend_fit import Surface, fit
+    from waam_robot.station import Station
+    from waam_sim.robot import RobotParams as Cell
+    from waam_sim.robot import SimRobot
+
+    station, taught, scanner = Station(), np.array(ZERO), np.array([0.06, 0.0, -0.03])
+    x, y = np.meshgrid(np.arange(0.0, 0.121, 4e-3), np.arange(0.0, 0.091, 4e-3))
+    points = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.01)]) + taught
+    middle = (np.abs(x - 0.06) < 0.04).ravel() & (np.abs(y - 0.045) < 0.03).ravel()
+    joints = station.joints(points - scanner)
+    plane = np.column_stack([np.ones(x.size), x.ravel(), y.ravel()])
+    seen = []
+    for seed in numbers:
+        robot, rng = SimRobot(station, Cell(), seed, taught, taught, 0), np.random.default_rng(seed)
+        bent = -np.array([robot.height_error(row) for row in joints])
+        off = bent + plane @ rng.normal(0, (1e-4, 1e-3, 1e-3))
+        told = np.where(middle, np.nan, off + rng.normal(0, 3e-5, len(off)))
+        found = fit(station, Surface(points, told), taught, scanner)
+        curved = bent - plane @ np.linalg.lstsq(plane, bent, rcond=None)[0]
+        left, off_left = curved - found.bend, off - found.off
+        good = np.abs(left) < 2 * found.doubt
+        seen.append(np.array([curved, left, off, off_left, good])[:, middle])
+    rows = np.concatenate(seen, axis=1)
+    rms = np.sqrt(np.mean(rows[:4] ** 2, axis=1)).tolist()
+    names = ('bent', 'left', 'off', 'off_left')
+    return {**dict(zip(names, rms, strict=True)), 'inside': float(rows[4].mean())}
+
+
 def bends(
     numbers: tuple[int, ...], size: tuple[float, float] = (0.08, 0.06)
 ) -> tuple[float, float]:

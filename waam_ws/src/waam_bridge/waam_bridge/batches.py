@@ -26,7 +26,7 @@ def permit(machine: Machine, job: str, segments: list[Segment]) -> Permit:
         raise Refusal(program.QUEUE_FULL, text)
     limits = machine.params.limits(machine.link.who.limits_mm)
     here = machine.position if _at_rest(machine) else None
-    return Permit(machine.generation, modal, known, here, offset, limits)
+    return Permit(machine.generation, modal, known, here, offset, limits, machine.pace)
 
 
 def check_state(machine: Machine, job: str) -> Point:

@@ -27,7 +27,7 @@ from .outbox import (
 )
 from .params import BridgeParams
 from .pending import Pending, Reply
-from .program import Mark, Modal, Permit, Waiting
+from .program import Mark, Modal, Pace, Permit, Waiting, as_programmed
 from .standoff import Standoff
 
 
@@ -41,6 +41,7 @@ class Bridge:
         self.outbox = Outbox(changed=True)
         self.state, self.fault, self.fault_text = IDLE, 0, ''
         self.message = 'not connected'
+        self.pace: Pace = as_programmed  # what the machine makes of the speeds of segments
         self.offset: Point | None = None  # m, work zero in machine coordinates
         self.flags = 0
         self.modal = Modal()

@@ -12,7 +12,7 @@ from .link import Link
 from .outbox import Outbox
 from .params import BridgeParams
 from .pending import Pending
-from .program import Modal, Waiting
+from .program import Modal, Pace, Waiting
 
 
 class Machine(Protocol):
@@ -27,6 +27,7 @@ class Machine(Protocol):
     fault: int
     fault_text: str
     message: str
+    pace: Pace
     offset: Point | None
     flags: int
     modal: Modal

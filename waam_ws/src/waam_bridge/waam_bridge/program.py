@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from waam_process.segment import Kind, Point, Segment, SegmentError
@@ -71,6 +72,15 @@ class Waiting:
     before: Modal  # what the controller will know when that line comes
 
 
+# segments (work frame) and work zero (m, machine coordinates) -> the same segments, none faster than the machine can
+Pace = Callable[[Sequence[Segment], Point], list[Segment]]
+
+
+def as_programmed(segments: Sequence[Segment], zero: Point) -> list[Segment]:
+    """The `Pace` of a machine whose axes are those of the program."""
+    return list(segments)
+
+
 @dataclass(frozen=True)
 class Permit:
     """What a batch is checked against, taken at one moment; void when the bridge's `generation` has moved on."""
@@ -83,6 +93,7 @@ class Permit:
     here: Point | None  # m, work frame, position of the machine; None while it moves
     offset: Point  # m, work zero in machine coordinates
     limits: Limits  # of the machine
+    pace: Pace = as_programmed  # of the machine
 
 
 @dataclass(frozen=True)
@@ -224,7 +235,7 @@ def prepare(permit: Permit, segments: list[Segment], last: bool) -> Batch:
     Raises Refusal; then no segment of the batch is to be taken.
     """
     modal = permit.modal
-    new = [s for s in segments if s.index > permit.known]
+    new = permit.pace([s for s in segments if s.index > permit.known], permit.offset)
     index, end = modal.index, modal.end
     tolerance, before = CHAIN_TOLERANCE, f'the end of segment {index}'
     if new and end is None:

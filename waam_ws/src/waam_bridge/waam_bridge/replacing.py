@@ -36,6 +36,7 @@ class Exchange:
     ]  # that are to be replaced, up to the last one; empty = none is left
     offset: Point  # m, work zero in machine coordinates
     limits: Limits
+    pace: program.Pace = program.as_programmed
 
     @property
     def first(self) -> int:
@@ -60,7 +61,7 @@ def permit(machine: Machine, job: str, segments: Sequence[Segment], ahead: int =
     free, lowest = machine.link.sender.written + ahead, segments[0].index
     kept = [w for w in machine.waiting if w.seq > free and w.segment.index >= lowest]
     limits = machine.params.limits(machine.link.who.limits_mm)
-    return Exchange(machine.generation, tuple(kept), offset, limits)
+    return Exchange(machine.generation, tuple(kept), offset, limits, machine.pace)
 
 
 def prepare(exchange: Exchange, segments: Sequence[Segment], last: bool) -> program.Batch:
@@ -77,7 +78,15 @@ def prepare(exchange: Exchange, segments: Sequence[Segment], last: bool) -> prog
                 text = f'segment {s.index}: {name} is {now}, that of the one that waits {was}'
                 raise Refusal(program.BAD_SEGMENT, text)
     known = exchange.first - 1
-    granted = Permit(exchange.generation, modal, known, modal.end, exchange.offset, exchange.limits)
+    granted = Permit(
+        exchange.generation,
+        modal,
+        known,
+        modal.end,
+        exchange.offset,
+        exchange.limits,
+        exchange.pace,
+    )
     return program.prepare(granted, list(new), last)
 
 

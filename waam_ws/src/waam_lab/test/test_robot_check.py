@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from ament_index_python.packages import get_package_share_directory
 
 from waam_bridge import commands, program
 from waam_bridge.frames import HOMED, IDLE
+from waam_lab import params
 from waam_lab.cli_robot_check import check_robot
 from waam_lab.robot.dry_run import DryRunError, clipped, layers, work_zero
 from waam_lab.robot.robot_check import check
 from waam_lab.robot.robot_machine import RobotMachine
+from waam_lab.robot.urdf_settings import settings
 from waam_plan.lay.build import plan_build
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan, renumber
@@ -23,6 +27,8 @@ from waam_robot_bridge.params import RobotParams
 from waam_sim import part
 from waam_sim.plant import Plant
 
+SMALL_ARM = Path(get_package_share_directory('waam_sim')) / 'urdf' / 'small_arm.urdf'
+POSTURE = (0.0, 0.46, 0.40, 0.0, 1.09, 3.14)
 WINDOW = 5  # exchanges of 10 ms over which speeds are measured
 
 
@@ -168,16 +174,37 @@ def test_a_plan_beyond_the_box_names_the_segment(plan):
         list(layers(far, RobotParams()))
 
 
-def test_joints_that_are_too_slow_refuse_the_plan(plan):
-    slow = check(plan, RobotParams(joint_speed_max=(0.003, *RobotParams().joint_speed_max[1:])))
-    assert 'J1 would have to turn at' in slow.refused and 'would be held there' in slow.refused
+def test_joints_that_are_too_slow_for_the_arc_refuse_the_plan(plan):
+    slow = check(plan, RobotParams(joint_speed_max=(0.001, *RobotParams().joint_speed_max[1:])))
+    assert 'J1 allows ' in slow.refused and 'with the arc on at least 3 mm/s' in slow.refused
 
 
-def test_ways_with_the_arc_off_count_too(plan):
+def test_beads_that_a_joint_slows_down_are_told(plan):
+    pytest.importorskip('toppra', reason='scripts/setup.sh --robot installs it')
+    usual = RobotParams().joint_speed_max
+    weak = RobotParams(joint_speed_max=(0.007, *usual[1:]), wire_feed_min=0.01)
+    slow = check(plan, weak)
+    assert not slow.problem and not any(p.stops for p in slow.off)
+    held = [p for p in slow.off if 'J1 would have to turn at' in p.cause]
+    assert held and all(p.speed < 0.99 * p.wanted for p in held)
+    assert any('timed by TOPPRA' in line for line in slow.lines())
+
+
+def test_ways_with_the_arc_off_are_slowed_down(plan):
     """Beads are slow enough for this joint, the way to them is not."""
     usual = RobotParams().joint_speed_max
     slow = check(plan, RobotParams(joint_speed_max=(0.03, *usual[1:])))
-    assert slow.problem.startswith('layer 1, at (') and 'J1 would have to turn at' in slow.problem
+    assert not slow.problem and slow.used[0, 0] <= 1.0
+
+
+def test_another_arm_is_checked_too(plan):
+    pytest.importorskip('coal', reason='scripts/setup.sh --robot installs it')
+    overrides = settings(SMALL_ARM, {'robot_bridge': {'posture': POSTURE}})
+    found = check(plan, params.make(overrides).robot_bridge)
+    assert not found.refused and found.contacts == () and not found.unchecked
+    said = '\n'.join(found.lines())
+    assert 'keep their distance' in said and 'pose errors bend a measured map' in said
+    assert any(name in said for name in ('base', 'shoulder', 'elbow', 'wrist'))
 
 
 def test_the_screen(plan, capsys):

@@ -39,11 +39,14 @@ def job(parts, **overrides) -> LabResult:
     return result
 
 
-def test_a_job_runs_on_a_robot_and_on_another_arm(tmp_path):
+def test_a_job_runs_on_a_robot_on_a_part_that_turns_and_on_another_arm(tmp_path):
     x, y = np.linspace(0, 24, 13), np.linspace(0, 18, 10)
     dip = 3.0 * np.ones((len(y), len(x)))
     parts = write_worn_block(tmp_path, x, y, 10.0, dip)
     usual = job(parts)
+    turning = (0.3, 1.5, -2.0)  # a part that turns under the torch, in beads and in scans
+    turned = job(parts, robot_bridge={'turning': turning}, cell={'robot_turning': turning})
+    assert turned.rms == pytest.approx(usual.rms, rel=0.15) and turned.rms != usual.rms
     pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
     other = job(parts, **settings(SMALL_ARM, {}))
     assert other.rms == pytest.approx(usual.rms, rel=0.15) and other.rms != usual.rms

@@ -64,3 +64,21 @@ def test_cells_beside_the_mask_take_the_value_of_the_nearest_one():
     out = masks.spread(values, mask, wider)
     assert (out[7:10, 20] == 10).all() and (out[14:17, 20] == 13).all()
     assert (out[~wider] == 0).all() and np.array_equal(out[mask], values[mask])
+
+
+def test_cells_on_a_steep_face_are_flanks_and_those_at_its_edges_are_not():
+    z = np.zeros((6, 12))
+    z[:, 6:] = -8.0
+    assert not masks.flanks(z, 0.5).any()  # an upright face has no cells of its own
+    z[:, 5:7] = [-2.0, -5.0]
+    assert np.array_equal(np.flatnonzero(masks.flanks(z, 0.5).all(axis=0)), [5, 6])
+    assert masks.flanks(z, 0.5).sum() == 12
+    assert np.array_equal(masks.flanks(z.T, 0.5), masks.flanks(z, 0.5).T)
+
+
+def test_a_slope_that_is_no_flank_and_what_is_unknown_beside():
+    z = np.arange(12.0)[None] * 0.5 * np.ones((4, 1))  # 45 deg
+    assert not masks.flanks(z, 0.5).any()
+    z = z * 4
+    z[:, :4] = np.nan
+    assert np.array_equal(np.flatnonzero(masks.flanks(z, 0.5)[0]), np.arange(4, 12))

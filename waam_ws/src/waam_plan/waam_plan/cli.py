@@ -78,10 +78,10 @@ class _Help(argparse.Action):
 def register(
     commands: argparse._SubParsersAction[argparse.ArgumentParser],
     write_recording: Callable[[Path, Path], None] | None = None,
-    check_robot: Callable[[Plan], None] | None = None,
+    check_robot: Callable[[Plan, Path | None, bool, Path | None], None] | None = None,
 ) -> None:
     # write_recording(stored plan, new .rrd): draws for --rerun; the planner itself knows no viewer
-    # check_robot(plan): of --machine robot, prints and raises ValueError; the planner itself knows no machine
+    # check_robot(plan, urdf, turning, out): of --machine robot, prints, raises ValueError; the planner knows no machine
     """Adds the verbs to argparse sub-parsers."""
     cli_correct.register(commands)
     p = commands.add_parser(
@@ -237,7 +237,7 @@ def run(args: argparse.Namespace) -> int:
 def _check_robot(plan: Plan, args: argparse.Namespace) -> None:
     if args.check_robot is None:
         raise ValueError('--machine robot needs the robot bridge: call it as `waam plan`')
-    args.check_robot(plan)
+    args.check_robot(plan, args.urdf, args.turning, args.out)
 
 
 def make_plan(args: argparse.Namespace) -> Plan:
@@ -247,6 +247,7 @@ def make_plan(args: argparse.Namespace) -> Plan:
     from waam_plan.mesh.part import load_part
 
     settings = settings_from(args)
+    cli_robot.check_arm(args)
     if settings.tilt_deg:
         cli_robot.check_tilt(args, settings)
     if cli_program.is_program(args):

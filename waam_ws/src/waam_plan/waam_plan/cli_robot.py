@@ -46,6 +46,18 @@ def add_robot(p: argparse.ArgumentParser) -> None:
         'grows upwards; for overhangs beyond 45 degrees',
     )
     p.add_argument(
+        '--urdf',
+        type=Path,
+        metavar='FILE',
+        help='of --machine robot: another arm, as that of `waam up` and `waam lab` (waam_robot_bridge/README.md)',
+    )
+    p.add_argument(
+        '--turning',
+        action='store_true',
+        help='of --machine robot: choose how the positioner turns the part while the torch goes, so that the arm stays '
+        'away from its limits; with --out also robot.yaml for `waam up --machine robot --params-file`',
+    )
+    p.add_argument(
         '--clamp',
         action='store_true',
         help='of --tilt: the part is held by a clamp at the work zero, over level ground, not on the faceplate',
@@ -74,6 +86,17 @@ def add_robot(p: argparse.ArgumentParser) -> None:
         help='of a robot: read the program back, run it on the arm and positioner of waam_robot and tell how far its '
         'path is from the plan; exit status 2 where the arm cannot go it',
     )
+
+
+def check_arm(args: argparse.Namespace) -> None:
+    """ValueError where options of a robot are given for another machine, or contradict each other."""
+    for name in ('urdf', 'turning'):
+        if getattr(args, name) and args.machine != ROBOT:
+            raise ValueError(f'--{name} belongs to --machine robot')
+    if args.turning and (args.urdf or args.tilt):
+        raise ValueError(
+            '--turning is for a level part before the M-20iB/25: not with --urdf or --tilt'
+        )
 
 
 def check_tilt(args: argparse.Namespace, settings: PlanSettings) -> None:

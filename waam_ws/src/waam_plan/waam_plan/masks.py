@@ -9,6 +9,7 @@ from scipy import ndimage
 EIGHT = np.ones((3, 3), bool)
 # bead widths: a wall up to this thickness is one bead, beyond it two overlap better
 ONE_BEAD = 1.05
+FLANK = np.radians(60.0)  # of a face against the level: steeper ones are no tops
 CROWN = 0.25  # bead widths: over its middle quarter a bead falls by 6 % of its height
 
 
@@ -34,6 +35,23 @@ def judged(mask: np.ndarray, rim: float, bead: float) -> np.ndarray:
     ridge = ndimage.grey_dilation(np.where(mask, inside, 0.0), footprint=_disc(half))
     crown = thin & (ridge <= ONE_BEAD / 2 * bead) & (inside >= ridge - CROWN / 2 * bead)
     return np.where(thin & (ridge <= ONE_BEAD / 2 * bead), crown, mask & (inside >= rim))
+
+
+def flanks(z: np.ndarray, cell: float) -> np.ndarray:
+    """Cells (rows, cols) bool on a face of z (m) that is steeper than FLANK on both sides of them, along x or y.
+
+    There a height says nothing about the metal: 0.1 mm to the side is more than 0.17 mm of height. Cells at the upper
+    and at the lower edge of the face belong to what lies level beside it; unknown neighbours do not count.
+    """
+    found = np.zeros(z.shape, bool)
+    for axis in (0, 1):
+        step = np.abs(np.diff(z, axis=axis)) / cell
+        wide = [(1, 1) if n == axis else (0, 0) for n in (0, 1)]
+        padded = np.pad(step, wide, constant_values=np.nan)
+        before, after = (np.take(padded, np.arange(z.shape[axis]) + k, axis) for k in (0, 1))
+        least = np.fmin(before, after)
+        found |= np.nan_to_num(least, nan=0.0) > np.tan(FLANK)
+    return found
 
 
 def _disc(radius: int) -> np.ndarray:

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arm import AXES
-from .station import Station
-from .uncertain import WAVES, Stated, UncertainArm
+from .station import Reach
+from .uncertain import Stated
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class Bend:
 
 
 def bend(
-    station: Station,
+    station: Reach,
     tips: np.ndarray,
     taught: np.ndarray,
     scanner: np.ndarray,
@@ -46,45 +45,8 @@ def bend(
     """tips: (N, 3) m, torch positions of scans, machine coordinates; taught: (3,) m; scanner: (3,) m, what is measured
     as the torch sees it, such as 60 mm beside it and on its level."""
     joints = station.joints(np.vstack([taught, tips]))
-    slopes = _slopes(station, joints, scanner, stated or Stated())
+    slopes = station.slopes(joints, scanner, stated or Stated())
     change = slopes[1:] - slopes[:1]
     each = np.sqrt((change**2).sum(axis=1))
     worst = int(np.argmax(each))
     return Bend(float(np.sqrt(np.mean(each**2))), float(each[worst]), np.asarray(tips[worst]))
-
-
-def _slopes(
-    station: Station, joints: np.ndarray, scanner: np.ndarray, stated: Stated
-) -> np.ndarray:
-    """(N, k) m: height error at the joints (N, 8) by one standard deviation of every error."""
-    seen = station.on_flange(_at(scanner))[:, 3]
-    still = Stated(stated.offset, stated.wave, stated.length, 0.0, stated.axis)
-    arm = UncertainArm(station.place.arm, joints[:, :AXES], still)
-    up = station.to_machine(joints[:1])[2]  # height of a point of the base
-    meant = arm.poses(np.zeros(len(arm.sigma))) @ seen
-    out = []
-    for k in np.flatnonzero(arm.sigma):
-        one = np.zeros(len(arm.sigma))
-        one[k] = arm.sigma[k]
-        out.append((arm.poses(one) @ seen - meant) @ up)
-    return np.column_stack(out + _of_positioner(station, joints, meant, stated))
-
-
-def _of_positioner(
-    station: Station, joints: np.ndarray, seen: np.ndarray, stated: Stated
-) -> list[np.ndarray]:
-    """Of B and C, which stand still: an offset of each, the waves in it, turns the part about its axis as a whole."""
-    sigma = float(np.hypot(stated.offset, stated.wave * np.sqrt(len(WAVES))))
-    found = []
-    for axis in (AXES, AXES + 1):
-        moved = joints[:1].copy()
-        moved[0, axis] += sigma
-        before, after = (station.to_machine(j)[2] for j in (joints[:1], moved))
-        found.append(seen @ (after - before))
-    return found
-
-
-def _at(point: np.ndarray) -> np.ndarray:
-    out = np.eye(4)
-    out[:3, 3] = point
-    return out

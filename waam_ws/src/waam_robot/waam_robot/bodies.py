@@ -60,11 +60,32 @@ FACEPLATE_RADIUS, FACEPLATE_THICKNESS, STEM, COLUMN = 0.30, 0.02, 0.06, 0.10  # 
 
 
 @dataclass(frozen=True)
+class Block:
+    """Of what carries the part, or stands beside the arm. kind: 'box' (size: x, y, z, m), 'cylinder' (radius, length
+    along z) or 'sphere' (radius); place: (4, 4) of its middle in `frame`."""
+
+    name: str
+    frame: int
+    kind: str
+    size: tuple[float, ...]
+    place: np.ndarray
+
+    @property
+    def half(self) -> np.ndarray:
+        """(3,) m: half of the box around it, along its own axes."""
+        if self.kind == 'box':
+            return np.array(self.size) / 2
+        along = self.size[1] / 2 if self.kind == 'cylinder' else self.size[0]
+        return np.array([self.size[0], self.size[0], along])
+
+
+@dataclass(frozen=True)
 class Bodies:
-    """capsules move with the arm; cylinders are the positioner's."""
+    """capsules move with the arm; cylinders and blocks do not."""
 
     capsules: tuple[Capsule, ...]
     cylinders: tuple[Cylinder, ...] = field(default_factory=tuple)
+    blocks: tuple[Block, ...] = field(default_factory=tuple)
 
 
 def bodies_of(arm: Arm, positioner: Positioner, torch: tuple[Capsule, ...] = TORCH) -> Bodies:

@@ -6,14 +6,26 @@ Capsules of the arm are made `margin` thicker. Every path is looked at so closel
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from .arm import AXES
 from .bead import at_ways, way_along
-from .bodies import CRADLE, FACEPLATE_RADIUS, PART, Bodies, Capsule, bodies_of, ends, frames_of
+from .bodies import (
+    CRADLE,
+    FACEPLATE_RADIUS,
+    PART,
+    Block,
+    Bodies,
+    Capsule,
+    bodies_of,
+    ends,
+    frames_of,
+)
 from .joint_path import Machine
 
 MARGIN = 2e-3  # m
@@ -58,7 +70,8 @@ class _Solid:
 
 class Scene:
     """A machine with the part on its faceplate. `margin` (m): nearer is a contact. held: (4, 4), the part's frame on
-    the faceplate; None = the same."""
+    the faceplate; None = the same. frames: (N, FRAMES, 4, 4) for joints (N, n) of another cell than the machine's,
+    whose bodies are given (`urdf_bodies`)."""
 
     def __init__(
         self,
@@ -66,11 +79,13 @@ class Scene:
         bodies: Bodies | None = None,
         margin: float = MARGIN,
         held: np.ndarray | None = None,
+        frames: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
         self._coal = _coal()
         if not margin > 0:
             raise CollisionError(f'margin is {margin} m, must be positive')
         self.machine, self.margin = machine, margin
+        self._frames_of = frames or partial(frames_of, machine.arm, machine.positioner)
         self._held = np.eye(4) if held is None else np.asarray(held, float)
         self.bodies = bodies or bodies_of(machine.arm, machine.positioner)
         self._probes = [
@@ -78,6 +93,7 @@ class Scene:
         ]
         self._standing = [self._of_capsule(c) for c in self.bodies.capsules]
         self._standing += [self._of_cylinder(n) for n in range(len(self.bodies.cylinders))]
+        self._standing += [self._of_block(block) for block in self.bodies.blocks]
         self._surface: _Solid | None = None
         self._pieces: list[_Solid] = []
         self._boxes = np.zeros((0, 2, 3))  # of the pieces, low and high
@@ -136,7 +152,7 @@ class Scene:
 
     def _frames(self, joints: np.ndarray) -> np.ndarray:
         """(N, FRAMES, 4, 4) in the robot's base, that of the part where it is held."""
-        frames = frames_of(self.machine.arm, self.machine.positioner, joints)
+        frames = self._frames_of(joints)
         frames[:, PART] = frames[:, PART] @ self._held
         return frames
 
@@ -252,6 +268,12 @@ class Scene:
         place[:3, 3] = centre
         shape = self._coal.Cylinder(c.radius, c.high - c.low)
         return _Solid(c.name, c.frame, shape, place, centre - half, centre + half)
+
+    def _of_block(self, block: Block) -> _Solid:
+        made = {'box': 'Box', 'cylinder': 'Cylinder', 'sphere': 'Sphere'}[block.kind]
+        shape = getattr(self._coal, made)(*block.size)
+        centre, half = block.place[:3, 3], np.abs(block.place[:3, :3]) @ block.half
+        return _Solid(block.name, block.frame, shape, block.place, centre - half, centre + half)
 
 
 def _spaced(moved: np.ndarray, most: float) -> np.ndarray:

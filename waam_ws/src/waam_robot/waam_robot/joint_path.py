@@ -224,11 +224,11 @@ def _stage(number: int, bead: Bead, turn: _Turn, machine: Machine) -> _Stage:
     wrist = found.wrist.reshape(machine.spins, count, 3)
     k = found.stretch.reshape(machine.spins, count, 2)[:, :, np.arange(BRANCHES) // 4]
     k = np.abs(k.swapaxes(1, 2))
-    bad = _bad(theta, wrist, k)
+    bad = bad_places(theta, wrist, k)
     theta = np.unwrap(theta, axis=2)
     step = np.abs(np.diff(theta, axis=2)).max(axis=-1) > JUMP
     bad[:, :, 1:] |= step << 2
-    nodes = _nodes(arm, theta, k, bad)
+    nodes = possible_nodes(arm, theta, k, bad)
     if nodes is None:
         raise PlanError(_why(number, bead, arm, found, theta, bad, machine.spins))
     return _Stage(bead, turn, theta, spins, k, *nodes)
@@ -237,7 +237,7 @@ def _stage(number: int, bead: Bead, turn: _Turn, machine: Machine) -> _Stage:
 NOTHING, REACH, SINGULAR, FLIP = 0, 1, 2, 4
 
 
-def _bad(theta: np.ndarray, wrist: np.ndarray, k: np.ndarray) -> np.ndarray:
+def bad_places(theta: np.ndarray, wrist: np.ndarray, k: np.ndarray) -> np.ndarray:
     """(S, 8, N) int: what is wrong at a point, bits of REACH and SINGULAR."""
     lost = np.isnan(theta[..., 0])
     with np.errstate(invalid='ignore'):
@@ -246,7 +246,7 @@ def _bad(theta: np.ndarray, wrist: np.ndarray, k: np.ndarray) -> np.ndarray:
     return lost * REACH | (singular & ~lost) * SINGULAR
 
 
-def _nodes(
+def possible_nodes(
     arm: Arm, theta: np.ndarray, k: np.ndarray, bad: np.ndarray
 ) -> tuple[np.ndarray, ...] | None:
     """(node, shift, first, last, cost) of what works along the whole bead and inside all limits; None without any."""

@@ -1,8 +1,8 @@
 """Where the cell's box stands before the robot: torch positions in machine coordinates <-> joints of all eight axes.
 
-The torch is upright and the positioner stands still, level or at a tilt, so one branch of the arm and one spin of the
-torch serve the whole box. Both are chosen once, with a joint path around the box (`joint_path.plan`): away from limits
-and singularities. Inside the box nothing can flip then.
+The torch is upright. The positioner stands still, level or at a tilt, or turns a level part by where the torch is
+(`turning`). One branch of the arm and one spin of the torch on the part serve the whole box. Both are chosen once, with
+a joint path around the box: away from limits and singularities. Inside the box nothing can flip then.
 """
 
 from __future__ import annotations
@@ -16,12 +16,15 @@ import numpy as np
 from .arm import AXES, DEG, M20IB25, Arm, Link, in_limits, limit_text, step
 from .bead import make_bead
 from .frames import inverse
+from .height_slopes import of_table
 from .inverse import Solutions, nearest_turns, solve, unreachable_text
-from .joint_path import ELBOW, WRIST, BeadPath, Machine, PlanError, plan
+from .joint_path import ELBOW, JUMP, WRIST, BeadPath, Machine, PlanError, plan
 from .plate_clearance import PlateClearance
 from .positioner import Positioner
 from .split import SplitLimits
 from .tilt import MOST, carriage
+from .turning import OVER, Turning, Way, best_way, spun
+from .uncertain import Stated
 
 JOINTS = AXES + 2
 GRID = 25e-3  # m between the places of the box that are looked at
@@ -29,7 +32,6 @@ AROUND = 5e-3  # m between the points of the path around the box
 TINY = 1e-5  # m: a move of the torch
 NEVER = 1e9  # m: nearer to the turn axis than this the positioner does not follow
 KEPT = 8  # turns of the positioner whose matrices are kept
-OVER = np.diag([1.0, -1.0, -1.0, 1.0])  # half a turn about x: the tool's z points to the part
 
 
 @cache
@@ -56,12 +58,16 @@ class Reach(Protocol):
     def gains(self) -> np.ndarray:
         """(n,) rad/m: how far each joint moves at most for a move of the torch, anywhere in the box."""
 
+    def slopes(self, joints: np.ndarray, scanner: np.ndarray, stated: Stated) -> np.ndarray:
+        """(N, k) m: how much higher what the torch carries at `scanner` ((3,) m) is at joints (N, n), by one standard
+        deviation of every error."""
+
 
 @dataclass(frozen=True)
 class Place:
     """arm and positioner; origin: (3,) m, machine zero on the faceplate (its frame, B = 0, C such that the axes are
     those of the robot's base); low, high: (3,) m, the box in machine coordinates. tilt: rad, B of the positioner; the
-    box stays level, with its middle where the tilt carries it."""
+    box stays level, with its middle where the tilt carries it. turning: of a level part."""
 
     arm: Arm = M20IB25
     positioner: Positioner = field(default_factory=lambda: Positioner(a_b=1.2, d_b=0.35, d_c=0.15))
@@ -69,15 +75,52 @@ class Place:
     low: tuple[float, float, float] = (0.0, 0.0, 0.0)
     high: tuple[float, float, float] = (0.4, 0.3, 0.2)
     tilt: float = 0.0
+    turning: Turning = field(default_factory=Turning)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(3,) m, of the box, machine coordinates."""
+        return np.add(self.low, self.high) / 2
+
+    def turns(self, tips: np.ndarray) -> np.ndarray:
+        """(N,) rad: C for torch positions (N, 3), m, machine coordinates."""
+        return self.turning.at(tips, self.middle) - self.positioner.turn_zero
 
 
-def machine_frame(place: Place) -> np.ndarray:
-    """(4, 4): from the robot's base to machine coordinates, whether the arm reaches the box or not."""
+def machine_frame(place: Place, turn: float | None = None) -> np.ndarray:
+    """(4, 4): from the robot's base to machine coordinates, whether the arm reaches the box or not. turn: rad, C; None
+    = at rest."""
     positioner, origin = place.positioner, np.array(place.origin, float)
-    level = carriage(positioner, origin + np.add(place.low, place.high) / 2, place.tilt)
-    found = inverse(level.to_robot(np.eye(4), 0.0, -positioner.turn_zero))
+    level = carriage(positioner, origin + place.middle, place.tilt)
+    found = inverse(level.to_robot(np.eye(4), 0.0, -positioner.turn_zero if turn is None else turn))
     found[:3, 3] -= origin
     return np.asarray(found)
+
+
+def box_path(low: np.ndarray, high: np.ndarray, step: float) -> np.ndarray:
+    """(N, 3) m: around the lower and then the upper face of a box, and through its middle; `step` m apart at most."""
+    flat = np.array([low[:2], [high[0], low[1]], high[:2], [low[0], high[1]], low[:2]])
+    around = [np.column_stack([flat, np.full(len(flat), z)]) for z in (low[2], high[2])]
+    corners = np.concatenate([*around, (low + high)[None] / 2])
+    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    counts = np.maximum(np.ceil(lengths / step), 1).astype(int)
+    pieces = [
+        a + np.arange(n)[:, None] / n * (b - a)
+        for a, b, n in zip(corners, corners[1:], counts, strict=False)
+    ]
+    return np.concatenate([*pieces, corners[-1:]])
+
+
+def upright_poses(place: Place, tips: np.ndarray) -> np.ndarray:
+    """(N, 4, 4) in the robot's base: the axes of the machine at torch positions (N, 3), m, of a level part."""
+    held = np.broadcast_to(np.eye(4), (len(tips), 4, 4)).copy()
+    held[:, :3, 3] = np.asarray(tips, float) + np.array(place.origin, float)
+    return np.asarray(place.positioner.to_robot(held, 0.0, place.turns(tips)))
+
+
+def ways_of(place: Place, path: np.ndarray, jump: float = JUMP) -> Way | None:
+    """The best branch and spin along torch positions (N, 3), m, of a level part; None where none serves all of them."""
+    return best_way(place.arm, upright_poses(place, path), OVER, jump)
 
 
 class Station:
@@ -93,21 +136,31 @@ class Station:
             raise StationError(
                 f'a tilt of {p.tilt / DEG:.1f} deg: at most {MOST / DEG:.0f} to both sides'
             )
-        self.hold = np.array([p.tilt, -p.positioner.turn_zero])  # B, C
+        if p.tilt and not p.turning.still:
+            raise StationError('a tilted part does not turn: its layers would not stay level')
+        self.hold = np.array([p.tilt, -p.positioner.turn_zero])  # B, C at rest
         self._level = carriage(p.positioner, self._origin + np.add(p.low, p.high) / 2, p.tilt)
         self._base = self._level.to_robot(np.eye(4), 0.0, self.hold[1])
         # level axes on the tilted faceplate, before the origin is taken off
         self.held = inverse(p.positioner.to_robot(np.eye(4), *self.hold)) @ self._base
-        path = self._around()
-        self.branch, self.spin = path.branch, path.spin
-        c, s = np.cos(path.spin), np.sin(path.spin)
-        spun = np.eye(4)
-        spun[:2, :2] = [[c, -s], [s, c]]
-        self._tool = spun @ OVER
+        self.branch, self.spin, self._middle = self._way()
+        self._tool = spun(self.spin) @ OVER
         self._flange_to_torch = p.arm.tool @ inverse(self._tool)
         self._kept: dict[tuple[float, float], np.ndarray] = {}
-        self._middle = path.joints.mean(axis=0)[:AXES]
         self._check_inside()
+
+    def _way(self) -> tuple[int, float, np.ndarray]:
+        """(branch, spin, (6,) rad, angles near which the arm works)."""
+        p = self.place
+        if p.turning.still:
+            path = self._around()
+            return path.branch, path.spin, path.joints.mean(axis=0)[:AXES]
+        way = ways_of(p, box_path(np.array(p.low, float), np.array(p.high, float), AROUND))
+        if way is None:
+            raise StationError(
+                f'the robot does not reach all of its box with the part turned by {p.turning.text}'
+            )
+        return way.branch, way.spin, way.middle
 
     def _around(self) -> BeadPath:
         """The joint path around the lower and the upper face of the box."""
@@ -161,6 +214,8 @@ class Station:
 
     def poses(self, tips: np.ndarray) -> np.ndarray:
         """(N, 4, 4) of the tool in the robot's base frame for torch positions (N, 3), m, machine coordinates."""
+        if not self.place.turning.still:
+            return np.asarray(upright_poses(self.place, tips) @ self._tool)
         held = np.broadcast_to(np.eye(4), (len(tips), 4, 4)).copy()
         held[:, :3, 3] = np.asarray(tips, float) + self._origin
         return self._base @ held @ self._tool
@@ -177,7 +232,9 @@ class Station:
             raise StationError(unreachable_text(self.place.arm, found, n))
         reference = self._middle if near is None else np.asarray(near)[:AXES]
         theta = nearest_turns(self.place.arm, theta, reference)
-        return np.column_stack([theta, np.broadcast_to(self.hold, (len(theta), 2))])
+        if self.place.turning.still:
+            return np.column_stack([theta, np.broadcast_to(self.hold, (len(theta), 2))])
+        return np.column_stack([theta, np.zeros(len(theta)), self.place.turns(tips)])
 
     @cached_property
     def gains(self) -> np.ndarray:
@@ -186,6 +243,10 @@ class Station:
         grid = self._grid()
         moved = [self.joints(grid + d) - self.joints(grid - d) for d in apart]
         return np.asarray(np.linalg.norm(moved, axis=0).max(axis=0)) / TINY
+
+    def slopes(self, joints: np.ndarray, scanner: np.ndarray, stated: Stated) -> np.ndarray:
+        """As `Reach.slopes`, for joints (N, 8)."""
+        return of_table(self, self.place.arm, np.asarray(joints, float), scanner, stated)
 
     def frames(self, joints: np.ndarray, arm: Arm | None = None) -> np.ndarray:
         """(N, 4, 4): the torch in machine coordinates (its x, y, z axes those of the machine where the arm is exact)

@@ -36,8 +36,9 @@ def _drives(*values: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Drives:
-    """Limits of the six joints, B and C: speed rad/s, acceleration rad/s^2, jerk rad/s^3; torch: m/s^2 along the way;
-    blend: s. Those here are of the size usual for such machines: put those of your data sheets in their place.
+    """Limits of the joints, by default six, B and C: speed rad/s, acceleration rad/s^2, jerk rad/s^3; torch: m/s^2
+    along the way; blend: s. Those here are of the size usual for such machines: put those of your data sheets in their
+    place.
     """
 
     speed: np.ndarray = field(
@@ -51,12 +52,13 @@ class Drives:
     )
     torch: float = 0.25
     blend: float = 0.04
+    names: tuple[str, ...] = AXIS_NAMES
 
     def __post_init__(self) -> None:
         for name in ('speed', 'acceleration', 'jerk'):
             value = np.asarray(getattr(self, name), float)
-            if value.shape != (AXES + 2,) or not (np.isfinite(value) & (value > 0)).all():
-                raise ValueError(f'{name}: wanted {AXES + 2} positive numbers')
+            if value.shape != (len(self.names),) or not (np.isfinite(value) & (value > 0)).all():
+                raise ValueError(f'{name}: wanted {len(self.names)} positive numbers')
         if not (self.torch > 0 and self.blend > 0):
             raise ValueError('torch and blend have to be positive')
 
@@ -271,7 +273,7 @@ def _what_holds(u: np.ndarray, drives: Drives, curve: Any) -> str:
     """The axis whose speed limit the programmed speed would exceed most; empty where none is exceeded."""
     wanted = np.abs(curve(u, 1)).max(axis=0) / (SHARE * drives.speed)
     n = int(np.argmax(wanted))
-    return f'speed of {AXIS_NAMES[n]}' if wanted[n] > 1 else ''
+    return f'speed of {drives.names[n]}' if wanted[n] > 1 else ''
 
 
 def torch_speed(timed: Timed, machine: Machine) -> np.ndarray:

@@ -20,6 +20,7 @@ CLOSE = 1e-10  # m and rad
 STEPS = 60
 STARTS = 20
 NEAR = 0.5  # rad: longest step of a search
+LENGTH = 1e-6  # m: less is no length
 EASY = 1e-4  # weight of going to the middle of the ranges
 
 
@@ -62,6 +63,28 @@ class UrdfChain:
     def forward(self, joints: np.ndarray) -> np.ndarray:
         """(N, 4, 4): torch on the part for joints (N, n); z out of the part."""
         return np.stack([self._on_part(np.asarray(q, float))[0] for q in joints])
+
+    def lengthened(self, joints: np.ndarray, step: float) -> list[np.ndarray]:
+        """(N, 4, 4) as `forward` for each length of the chain but where it stands, that one `step` (m) longer."""
+        found = []
+        for placement in list(self._model.jointPlacements)[2:]:
+            for k in np.flatnonzero(np.abs(placement.translation) > LENGTH):
+                kept = placement.translation.copy()
+                placement.translation = kept + step * np.eye(3)[k]
+                found.append(self.forward(joints))
+                placement.translation = kept
+        return found
+
+    def placements(self, joints: np.ndarray, links: tuple[str, ...]) -> np.ndarray:
+        """(N, L, 4, 4): links in the frame of the first one of the file, for joints (N, n)."""
+        pin, model, data = self._pin, self._model, self._data
+        numbers = [model.getFrameId(name, pin.FrameType.BODY) for name in links]
+        out = np.empty((len(joints), len(links), 4, 4))
+        for row, q in zip(out, np.asarray(joints, float), strict=True):
+            pin.framesForwardKinematics(model, data, q)
+            for n, number in enumerate(numbers):
+                row[n] = data.oMf[number].homogeneous
+        return out
 
     def follow(self, bead: Bead, start: np.ndarray | None = None, seed: int = 1) -> Follow:
         """A joint path of the bead, the torch as upright as two axes can hold it, its spin free.

@@ -14,8 +14,8 @@ import numpy as np
 
 from waam_robot.bead import at_ways, make_bead, way_along
 from waam_robot.joint_path import BeadPath
-from waam_robot.station import Station
-from waam_robot.timing import Drives, TimingError, time_bead
+from waam_robot.station import Reach
+from waam_robot.timing import SHARE, Drives, TimingError, time_bead
 
 from .blend import LEAST, MOST, blended
 from .limits import TORCH, Limits, smoothing
@@ -27,6 +27,7 @@ EVERY = 5  # ms between the joints that are looked at
 SHARP = np.radians(45.0)  # a corner that counts more than a change of speed beside it
 STRAIGHT = np.cos(np.radians(1.0))  # pieces of a leg turn by less
 GAP = 0.5e-3  # m: places nearer to each other are one
+FULL = 0.98  # of SHARE, from which on a joint is taken to hold the torch up
 NEAR = 2.0e-3  # m to both sides in which the cause of a place is looked for
 CAUSES = START, END, STEP = ('start', 'end', 'the programmed speed changes')
 
@@ -78,7 +79,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Asked:
-    """shares: (k, 3, 8) of the limits of speed, acceleration and jerk, every EVERY ms."""
+    """shares: (k, 3, n) of the limits of speed, acceleration and jerk, every EVERY ms."""
 
     shares: np.ndarray
     limits: Limits
@@ -90,7 +91,7 @@ class Asked:
 
     @property
     def most(self) -> np.ndarray:
-        """(3, 8) largest shares."""
+        """(3, n) largest shares."""
         return np.asarray(self.shares.max(axis=0))
 
     def too_much(self, tips: np.ndarray, work_zero: tuple[float, float, float]) -> str:
@@ -103,7 +104,7 @@ class Asked:
         return f'at ({x:.1f}, {y:.1f}, {z:.1f}) mm: {self.text(n)}: the job would be held there'
 
 
-def asked(tips: np.ndarray, station: Station, params: RobotParams) -> Asked:
+def asked(tips: np.ndarray, station: Reach, params: RobotParams) -> Asked:
     """Of the drives by the way (n, 3) m, every ms, as the core commands it. StationError where the arm does not
     reach."""
     limits = params.limits_of_joints()
@@ -111,14 +112,14 @@ def asked(tips: np.ndarray, station: Station, params: RobotParams) -> Asked:
     return _asked(path, station, limits)
 
 
-def _asked(path: np.ndarray, station: Station, limits: Limits) -> Asked:
+def _asked(path: np.ndarray, station: Reach, limits: Limits) -> Asked:
     """Of a path of the robot."""
     if len(path) < 4 * EVERY:
         return Asked(np.zeros((max(len(path), 1), 3, len(limits.names))), limits)
     return Asked(limits.shares(station.joints(path[::EVERY]), EVERY * 1e-3), limits)
 
 
-def places(bead: Bead, station: Station, params: RobotParams) -> list[Place]:
+def places(bead: Bead, station: Reach, params: RobotParams) -> list[Place]:
     """Where the speed at the part is off by more than TOLD, and where a drive is too weak for it, in order.
 
     StationError where the arm does not reach.
@@ -135,14 +136,14 @@ def places(bead: Bead, station: Station, params: RobotParams) -> list[Place]:
 
 
 def _possible(
-    bead: Bead, station: Station, params: RobotParams
+    bead: Bead, station: Reach, params: RobotParams
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """((k, 3) m, machine coordinates, (k,) m/s): along the bead but its ends, what TOPPRA finds possible with these
     drives up to the programmed speed; None without toppra, or where it finds nothing."""
     limits = params.limits_of_joints()
     path = make_bead(bead.corners, corner=params.corner)
     laid = BeadPath(path, station.joints(path.points), 0, 0.0, 'hold', 0.0, 0.0, 0.0)
-    drives = Drives(limits.speed, limits.acceleration, limits.jerk, TORCH)
+    drives = Drives(limits.speed, limits.acceleration, limits.jerk, TORCH, names=limits.names)
     try:
         timed = time_bead(laid, float(bead.speeds.max()), drives)
     except TimingError:
@@ -177,8 +178,18 @@ class _Trace:
     drives: Asked
     near: np.ndarray
 
+    def slowed(self, a: int, b: int) -> str:
+        """Which drive is too weak for the programmed speed from the a-th to before the b-th ms, where the torch was
+        slowed down for it; '' = none."""
+        some = self.drives.shares[self.near[a:b], 0]
+        wanted = some * (self.wanted[a:b] / np.maximum(self.speed[a:b], 1e-9))[:, None]
+        held = np.where(some > FULL * SHARE, wanted, 0.0)
+        axis = int(held.max(axis=0).argmax())
+        most = float(held[:, axis].max())
+        return self.drives.limits.text(0, axis, most) if most > SHARE else ''
 
-def _trace(bead: Bead, station: Station, params: RobotParams) -> _Trace:
+
+def _trace(bead: Bead, station: Reach, params: RobotParams) -> _Trace:
     limits = params.limits_of_joints()
     path = blended(bead.tips, params.corner, smoothing(station.gains, limits))
     half = WINDOW // 2
@@ -211,7 +222,7 @@ def _place(trace: _Trace, off: np.ndarray, a: int, b: int) -> Place:
     cause = (
         trace.drives.text(int(trace.near[worst]))
         if stops
-        else _cause(bead, trace.given, begin, end)
+        else trace.slowed(a, b) or _cause(bead, trace.given, begin, end)
     )
     number = int(bead.numbers[trace.piece[a]])
     since = float(trace.given[np.argmax(bead.numbers == number)])

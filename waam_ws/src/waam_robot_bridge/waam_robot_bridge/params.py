@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from waam_node.params import ParameterError, param
 from waam_robot.positioner import Positioner
 from waam_robot.station import JOINTS, Place
 from waam_robot.timing import AXIS_NAMES
+from waam_robot.turning import Turning
 from waam_robot.uncertain import Stated
 from waam_robot.urdf_station import UrdfPlace
 
@@ -20,6 +22,15 @@ from .limits import Limits
 
 LIMITS = ('joint_speed_max', 'joint_acceleration_max', 'joint_jerk_max')
 NAMES = ('joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6', 'tilt', 'turn')
+
+
+MOST_TURNING = 20.0  # rad/m
+
+
+def turning_of(values: Sequence[float]) -> Turning:
+    """Of the parameter `turning`: rad, rad/m, rad/m."""
+    start, x, y = map(float, values)
+    return Turning(start, (x, y))
 
 
 @dataclass(frozen=True)
@@ -39,6 +50,11 @@ class RobotParams(BridgeParams):
         'rad',
         -1.745,
         1.745,
+    )
+    turning: tuple = param(
+        (0.0, 0.0, 0.0),
+        'of a level part by the positioner while the torch goes: at the middle of the box (rad), per m of x and of y '
+        '(rad/m); `waam plan --turning` chooses it; zeros = it stands still',
     )
     work_low: tuple = param((0.0, 0.0, 0.0), 'lower corner of the box that the torch may use', 'm')
     work_high: tuple = param((0.4, 0.3, 0.2), 'upper corner; HOME goes to (0, 0, 0.2)', 'm')
@@ -104,7 +120,7 @@ class RobotParams(BridgeParams):
         super().__post_init__()
         joints = len(self.joint_names) if self.urdf else JOINTS
         for name, count in (
-            ('positioner', 3), ('origin', 3), ('work_low', 3), ('work_high', 3),
+            ('positioner', 3), ('origin', 3), ('turning', 3), ('work_low', 3), ('work_high', 3),
             ('joint_names', joints), *((name, joints) for name in LIMITS),
         ):  # fmt: skip
             got = len(getattr(self, name))
@@ -113,6 +129,15 @@ class RobotParams(BridgeParams):
         if self.urdf and self.tilt:
             raise ParameterError(
                 "parameter 'tilt': only the M-20iB/25 tilts the part, not an arm from a URDF"
+            )
+        start, *along = map(float, self.turning)
+        if any(map(float, self.turning)) and (self.urdf or self.tilt):
+            raise ParameterError(
+                "parameter 'turning': only a level part before the M-20iB/25 turns, not a tilted one or another arm's"
+            )
+        if not (abs(start) <= math.tau and max(map(abs, along)) <= MOST_TURNING):
+            raise ParameterError(
+                f"parameter 'turning' is {tuple(self.turning)}: at most a turn, and {MOST_TURNING:g} rad/m"
             )
         if self.known_posture and len(self.known_posture) != joints:
             got = len(self.posture)
@@ -160,6 +185,7 @@ class RobotParams(BridgeParams):
         return Place(
             positioner=Positioner(a_b=a_b, d_b=d_b, d_c=d_c),
             origin=origin, low=low, high=high, tilt=float(self.tilt),  # type: ignore[arg-type]
+            turning=turning_of(self.turning),
         )  # fmt: skip
 
     def limits(self, box_mm: tuple[float, ...]) -> Box:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from waam_bridge.bridge_node import BridgeNode
-from waam_bridge.outbox import FAULT
+from waam_bridge.outbox import FAULT, INFO
 from waam_node.node import main as node_main
 
 from .node_transport import RobotTransport
+from .pace import Pacer, Slowed
 from .params import RobotParams
 
 
@@ -17,7 +18,16 @@ class RobotBridgeNode(BridgeNode):
         super().__init__(RobotParams)
 
     def _make_transport(self) -> RobotTransport:
-        return RobotTransport(self, self.params, self, self._on_problem)
+        made = RobotTransport(self, self.params, self, self._on_problem)
+        pacer = Pacer(made.station, self.params)
+        pacer.on_slowed = self._on_slowed
+        self.core.pace = pacer
+        self.get_logger().info(f'where a drive is too weak, segments are timed by {pacer.by}')
+        return made
+
+    def _on_slowed(self, slowed: Slowed) -> None:
+        with self._lock:
+            self.core.notice(INFO, 'link', f'robot: {slowed.text}')
 
     def _on_problem(self, text: str) -> None:
         with self._lock:

@@ -39,6 +39,11 @@ class RobotParams:
     tilt: float = param(
         0.0, 'of the part by the positioner, as `tilt` of the bridge', 'rad', -1.745, 1.745
     )
+    turning: tuple = param(
+        (0.0, 0.0, 0.0),
+        'of the part by the positioner, as `turning` of the bridge: for where the axes stand at first',
+        'rad, rad/m',
+    )
     urdf: str = param(
         '',
         'URDF of another arm, as `urdf` of the bridge: links `torch` and `part`, six revolute joints between them (and '

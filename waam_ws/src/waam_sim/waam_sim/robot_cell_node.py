@@ -17,6 +17,7 @@ from waam_node.node import main as run_node
 from waam_node.params import ParameterError
 from waam_process.plant_port import SAMPLE
 from waam_robot.station import Place, Station
+from waam_robot.turning import Turning
 from waam_robot.urdf_text import UrdfError
 
 from .cell_node import Cell
@@ -46,7 +47,9 @@ class RobotCell(Cell):
         plant = self._plant.params
         taught = np.array(plant.work_zero)
         arm = arm_of(plant.robot) if plant.robot.urdf else None
-        station = arm or Station(Place(tilt=plant.robot.tilt))
+        start, *along = map(float, plant.robot.turning)
+        turning = Turning(start, (along[0], along[1]))
+        station = arm or Station(Place(tilt=plant.robot.tilt, turning=turning))
         try:
             robot = SimRobot(station, plant.robot, self.params.seed, PARK, taught, self._time_us)
         except UrdfError as e:

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from waam_robot.bodies import bodies_of
 from waam_robot.station import Place, Station
+from waam_robot.turning import Turning
+from waam_robot.urdf_station import UrdfPlace, UrdfStation
 from waam_view import blueprint as bp
 from waam_view.robot_scene import RobotScene, entity_of, shapes
 from waam_view.scene import Scene
@@ -121,3 +123,28 @@ def test_capsules_lie_along_their_lines():
         ends = starts + Rotation.from_quat(turns).apply([0, 0, 1]) * lengths[:, None]
         assert starts == pytest.approx(np.array([c.a for c in own]), abs=1e-6)
         assert ends == pytest.approx(np.array([c.b for c in own]), abs=1e-6)
+
+
+def test_an_arm_from_a_urdf_is_drawn_where_its_joints_have_it():
+    pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
+    names = ('base', 'shoulder', 'elbow', 'wrist_roll', 'wrist_bend', 'wrist_turn')
+    posture = (0.0, 0.46, 0.40, 0.0, 1.09, 3.14)
+    text = (Path(__file__).parents[2] / 'waam_sim' / 'urdf' / 'small_arm.urdf').read_bytes()
+    origin = (-0.2, -0.15, 0.0)
+    station = UrdfStation(text, UrdfPlace(names, origin, posture=posture))
+    joints = station.joints(np.array([[0.12, 0.1, 0.05]]))[0]
+    log = Log()
+    scene = RobotScene(names, PLACES[0], origin, text)
+    scene.draw(log, START, dict(zip(names, joints.tolist(), strict=True)), ZERO)
+    torch = log.frames[bp.ROBOT] @ log.frames[f'{bp.ROBOT}/torch']
+    assert torch[:3, 3] == pytest.approx(np.subtract((0.12, 0.1, 0.05), ZERO), abs=1e-6)
+    assert torch[:3, 2] == pytest.approx((0, 0, -1), abs=1e-6)
+    assert f'{bp.ROBOT}/link_2/body' in log.kept and f'{bp.ROBOT}/link_0/block_1' in log.kept
+
+
+def test_a_part_that_turns_is_drawn_turned():
+    turned = Station(Place(turning=Turning(0.4, (1.0, 2.0))))
+    log = Log()
+    RobotScene(NAMES, *PLACES).draw(log, START, known(turned, (0.05, 0.02, 0.0)), ZERO)
+    torch = log.frames[bp.ROBOT] @ log.frames[f'{bp.ROBOT}/torch']
+    assert torch[:3, 3] == pytest.approx((0.05, 0.02, 0.0), abs=1e-6)

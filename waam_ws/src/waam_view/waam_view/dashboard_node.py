@@ -28,6 +28,7 @@ from waam_node.node import main as run_main
 from waam_node.params import param
 from waam_node.qos import BEAT, EVENTS, LATCHED, SENSOR
 from waam_process.names import job_state
+from waam_robot.urdf_text import UrdfError
 
 from . import blueprint as bp
 from . import conversions as cv
@@ -68,6 +69,11 @@ class DashboardParams:
     robot_origin: tuple = param(
         (-0.2, -0.15, 0.0), 'for the picture of the robot: `origin` of the robot bridge', 'm'
     )
+    robot_urdf: str = param(
+        '',
+        'for the picture of the robot: `urdf` of the robot bridge; then `robot_joints` are the names of its joints, '
+        'and `robot_positioner` means nothing',
+    )
 
 
 class Dashboard(WaamNode):
@@ -103,8 +109,20 @@ class Dashboard(WaamNode):
         self._joints: dict[str, float] = {}
         self._work_zero = (0.0, 0.0, 0.0)
         self._robot_next_ns, self._robot_text = 0, ''
-        self._robot = RobotScene(p.robot_joints, p.robot_positioner, p.robot_origin)
-        self.create_subscription(JointState, 'joint_states', self._on_joints, SENSOR, raw=True)
+        self._robot = self._arm()
+        if self._robot is not None:
+            self.create_subscription(JointState, 'joint_states', self._on_joints, SENSOR, raw=True)
+
+    def _arm(self) -> RobotScene | None:
+        """None for a URDF that cannot be used: the rest is shown all the same."""
+        p = self.params
+        try:
+            text = Path(p.robot_urdf).read_bytes() if p.robot_urdf else b''
+            return RobotScene(p.robot_joints, p.robot_positioner, p.robot_origin, text)
+        except (OSError, UrdfError) as e:
+            self._robot_text = f"not shown: parameter 'robot_urdf': {p.robot_urdf}: {e}"
+            self.get_logger().warning(f'robot {self._robot_text}')
+            return None
 
     def _poll_telemetry(self) -> None:
         """Decodes one frame per period."""
@@ -123,14 +141,16 @@ class Dashboard(WaamNode):
             return
         msg = deserialize_message(raw, JointState)
         self._joints.update(zip(msg.name, msg.position, strict=False))
-        missing = self._robot.missing(self._joints)
+        robot = self._robot
+        assert robot is not None  # subscribed then
+        missing = robot.missing(self._joints)
         if missing:
             self._robot_text = f"not shown: joint_states has no '{missing}'"
             return
         self._robot_text, self._robot_next_ns = 'shown', t + period
         known, zero = self._joints, self._work_zero
         self._joints = {}
-        self._drawing.newest('robot', lambda scene: self._robot.draw(scene, t, known, zero))
+        self._drawing.newest('robot', lambda scene: robot.draw(scene, t, known, zero))
 
     def _on_height_map(self, msg: HeightMap) -> None:
         self._drawing.newest('map', lambda scene: scene.height_map(cv.map_data(msg)))

@@ -19,6 +19,7 @@ from waam_process import names
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from . import figures
+from .bend_section import bend_section
 from .comparison import comparison_page
 from .html import cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, JobError, flatten, load_job, number, read_report
@@ -65,6 +66,7 @@ def job_page(job: Job) -> str:
         _figures_of_merit(job),
         loop_summary(job),
         _maps(job),
+        bend_section(job),
         layers_section(job),
         passes_section(job),
         _process(job),

@@ -7,16 +7,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
 from waam_robot.arm import AXES
-from waam_robot.bodies import CRADLE, PART, TOOL, Bodies, Capsule, Cylinder, bodies_of, frames_of
+from waam_robot.bodies import (
+    CRADLE,
+    PART,
+    TOOL,
+    Block,
+    Bodies,
+    Capsule,
+    Cylinder,
+    bodies_of,
+    frames_of,
+)
+from waam_robot.frames import inverse
 from waam_robot.positioner import Positioner
 from waam_robot.station import Place, machine_frame
+from waam_robot.urdf_bodies import UrdfCell
 
 from . import blueprint as bp
 
@@ -38,18 +50,21 @@ class Draws(Protocol):
 
 
 class RobotScene:
-    """The arm of `waam_robot.arm.M20IB25` before a positioner. names: of six joints, tilt and turn; positioner: (3,) m
-    and origin: (3,) m, as the parameters of the robot bridge."""
+    """The arm of `waam_robot.arm.M20IB25` before a positioner, or that of a URDF. names: of the joints, of the first
+    arm six, tilt and turn; positioner, origin: (3,) m, as the parameters of the robot bridge; urdf: text of the file,
+    '' = the first arm. UrdfError for a file that cannot be used."""
 
     def __init__(
         self,
         names: tuple[str, ...],
         positioner: tuple[float, float, float],
         origin: tuple[float, float, float],
+        urdf: bytes | str = '',
     ) -> None:
         self.names = names
         a_b, d_b, d_c = positioner
         self._place = Place(positioner=Positioner(a_b=a_b, d_b=d_b, d_c=d_c), origin=origin)
+        self._cell = UrdfCell(urdf, names) if urdf else None
         self._shown = False
 
     def missing(self, known: Mapping[str, float]) -> str:
@@ -65,17 +80,30 @@ class RobotScene:
     ) -> None:
         """The robot at t (ns of ROS time) with joints known (name -> rad); work_zero: (3,) m, machine coordinates."""
         joints = np.array([[known[name] for name in self.names]])
-        place = replace(self._place, tilt=float(joints[0, AXES]))
+        place = self._place
         if not self._shown:
             self._shown = True
-            for entity, what in shapes(bodies_of(place.arm, place.positioner)).items():
+            bodies = self._cell.bodies if self._cell else bodies_of(place.arm, place.positioner)
+            for entity, what in shapes(bodies).items():
                 scene.keep(entity, what)
             scene.show_robot()
-        to_work = machine_frame(place)
+        frames, to_work = self._now(joints)
         to_work[:3, 3] -= work_zero
         scene.log(t, bp.ROBOT, _transform(to_work))
-        for n, frame in enumerate(frames_of(place.arm, place.positioner, joints)[0]):
+        for n, frame in enumerate(frames):
             scene.log(t, entity_of(n), _transform(frame))
+
+    def _now(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """((FRAMES, 4, 4) in the base of the robot, (4, 4) from there to machine coordinates) for joints (1, n)."""
+        place = self._place
+        if self._cell is None:
+            here = replace(place, tilt=float(joints[0, AXES]))
+            turn = None if joints[0, AXES] else float(joints[0, AXES + 1])
+            return frames_of(place.arm, place.positioner, joints)[0], machine_frame(here, turn)
+        frames = self._cell.frames(joints)[0]
+        to_machine = inverse(frames[PART])
+        to_machine[:3, 3] -= place.origin
+        return frames, to_machine
 
 
 def entity_of(frame: int) -> str:
@@ -91,6 +119,8 @@ def shapes(bodies: Bodies) -> dict[str, rr.AsComponents]:
         found[f'{entity_of(frame)}/body'] = _capsules(own, TORCH if frame == TOOL else ARM)
     for n, cylinder in enumerate(bodies.cylinders):
         found[f'{entity_of(cylinder.frame)}/body_{n}'] = _cylinder(cylinder)
+    for n, block in enumerate(bodies.blocks):
+        found[f'{entity_of(block.frame)}/block_{n}'] = _block(block)
     return found
 
 
@@ -115,6 +145,19 @@ def _cylinder(c: Cylinder) -> rr.Cylinders3D:
         colors=[POSITIONER],
         fill_mode='solid',
     )
+
+
+def _block(block: Block) -> rr.AsComponents:
+    turned = [Rotation.from_matrix(block.place[:3, :3]).as_quat()]
+    usual: dict[str, Any] = {
+        'centers': [block.place[:3, 3]], 'quaternions': turned, 'colors': [POSITIONER], 'fill_mode': 'solid',
+    }  # fmt: skip
+    if block.kind == 'cylinder':
+        radius, length = block.size
+        return rr.Cylinders3D(lengths=[length], radii=[radius], **usual)
+    if block.kind == 'box':
+        return rr.Boxes3D(half_sizes=[block.half], **usual)
+    return rr.Ellipsoids3D(half_sizes=[block.half], **usual)
 
 
 def _transform(pose: np.ndarray) -> rr.Transform3D:

@@ -12,9 +12,10 @@ from waam_bridge.frames import ALARM, HOLD, HOMED, IDLE
 from waam_plan.plan import Plan, PlannedLayer, renumber
 from waam_plan.post.gcode import with_base_feed
 from waam_process.segment import Kind, Segment
-from waam_robot.station import Station
+from waam_robot.station import Reach, Station
 from waam_robot_bridge.foresee import Bead
 from waam_robot_bridge.goals import tips_of
+from waam_robot_bridge.pace import Pacer
 from waam_robot_bridge.params import RobotParams
 from waam_sim import part
 from waam_sim.plant import INPUT_GAS_OK, OUTPUT_ARC, Plant, Reading
@@ -33,10 +34,13 @@ class DryRunError(ValueError):
 
 
 class DryMachine(Machine):
-    """The arc burns as soon as it is wanted. Kept of every exchange: `tips` (10, 3) m and `arc` (10,) bool."""
+    """The arc burns as soon as it is wanted; with a station its drives pace the segments. Kept of every exchange:
+    `tips` (10, 3) m and `arc` (10,) bool."""
 
-    def __init__(self, params: RobotParams) -> None:
+    def __init__(self, params: RobotParams, station: Reach | None = None) -> None:
         super().__init__(params, Plant(part.plate(0.02, 0.02, 0.01, 2e-3, 2e-3)))
+        if station is not None:
+            self.bridge.pace = Pacer(station, params)
         self.tips: list[np.ndarray] = []
         self.arc: list[np.ndarray] = []
         self._ripple = RIPPLE
@@ -87,11 +91,11 @@ class DryMachine(Machine):
         return self.bridge.state == IDLE and not self.bridge.queued
 
 
-def work_zero(plan: Plan, station: Station | None = None) -> tuple[float, float, float]:
+def work_zero(plan: Plan, station: Reach | None = None) -> tuple[float, float, float]:
     """m, machine coordinates: the plan's reach is that of the machine; of a tilted part on the faceplate of a station,
     where it stands at its tilt."""
     zero = tuple(-v for v in plan.settings.machine_min)
-    if station is not None and plan.settings.tilt_deg and not plan.settings.clamp:
+    if isinstance(station, Station) and plan.settings.tilt_deg and not plan.settings.clamp:
         # the lower corner, of which the plan's offset is counted, is carried with the faceplate
         zero = tuple(map(float, station.carried(np.array([zero]))[0] - plan.offset))
     x, y, z = zero
@@ -112,10 +116,10 @@ def layers(
     plan: Plan,
     params: RobotParams,
     told: Callable[[int], None] = lambda layer: None,
-    station: Station | None = None,
+    station: Reach | None = None,
 ) -> Iterator[Laid]:
     """The plan, layer by layer; `told` after each. DryRunError where the machine refuses a segment."""
-    machine, zero = DryMachine(params), work_zero(plan, station)
+    machine, zero = DryMachine(params, station), work_zero(plan, station)
     try:
         machine.begin(zero)
         number = 0

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from waam_bridge.outbox import FAULT
+from waam_bridge.outbox import FAULT, INFO
 from waam_node.params import ParameterError
 from waam_process.plant_port import SAMPLE
 from waam_robot.station import Reach, Station
 from waam_robot_bridge.controller import JointState, RobotController
 from waam_robot_bridge.goals import Goal
+from waam_robot_bridge.pace import Pacer
 from waam_robot_bridge.params import RobotParams
 from waam_robot_bridge.station_file import station_of
 from waam_sim.plant import Plant, Profiles
@@ -64,6 +65,9 @@ class RobotMachine(Machine):
         self._seen = np.zeros(EXCHANGE_MS, SAMPLE)  # the scanner in the place of the torch
         self.bridge_dead = False
         super().__init__(params, plant)
+        pacer = Pacer(station, params)
+        pacer.on_slowed = lambda slowed: self.bridge.notice(INFO, 'link', f'robot: {slowed.text}')
+        self.bridge.pace = pacer
 
     def _make_controller(self) -> RobotController:
         made = RobotController(EPOCH_US, self._params, self._station, self.driver)

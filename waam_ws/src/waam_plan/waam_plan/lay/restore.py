@@ -75,7 +75,8 @@ def plan_restoration(
         as_found,
         nominal,
         region,
-        masks.judged(region, settings.judged_rim / res, settings.bead_width / res),
+        masks.judged(region, settings.judged_rim / res, settings.bead_width / res)
+        & ~masks.flanks(wanted, res),
         planned,
         safe_z,
         settings,
