@@ -32,6 +32,15 @@ class Look:
 
 
 @dataclass(frozen=True)
+class BesideArc:
+    """What was seen finished of a layer while it was laid: z (rows, cols) m where it was seen well, NaN elsewhere;
+    covered (rows, cols): seen at all."""
+
+    z: np.ndarray
+    covered: np.ndarray
+
+
+@dataclass(frozen=True)
 class Reach:
     """Per cell (rows, cols) the index of a segment: first and last one whose bead changes it (NONE = none does), and
     the nearest one."""
@@ -131,7 +140,7 @@ class SeenLayer:
         metal = np.nan_to_num(planned) > 0
         return float((np.isfinite(self.z) & metal).sum() / max(int(metal.sum()), 1))
 
-    def final(self) -> np.ndarray:
-        """(rows, cols) m, the surface where it was seen well after everything that was to come there; NaN elsewhere."""
+    def final(self) -> BesideArc:
+        """The surface where it was seen after everything that was to come there."""
         ready = np.isfinite(self.growth) | (np.isfinite(self.ground) & (self.reach.first == NONE))
-        return np.where(ready & (self.count >= WELL), self.z, np.nan)
+        return BesideArc(np.where(ready & (self.count >= WELL), self.z, np.nan), ready)
