@@ -11,6 +11,7 @@ from aiohttp import web
 
 from waam_shop.roles import Role
 
+from .api import number
 from .cell import CELL, Cell
 from .commanding import BadRequest, command_routes
 from .operations import Refused
@@ -42,10 +43,7 @@ def settings_of(data: dict[str, Any]) -> StandoffSettings:
 
 
 def _mm(data: dict[str, Any], name: str) -> float:
-    value, (low, high) = data.get(name), LIMITS_MM[name]
-    if isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high:
-        return float(value)
-    raise BadRequest(f'{name}: {value!r}, must be a number from {low:g} to {high:g}')
+    return number(data, name, *LIMITS_MM[name])
 
 
 async def set_standoff(cell: Cell, data: dict[str, Any]) -> str:
