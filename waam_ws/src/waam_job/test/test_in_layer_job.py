@@ -14,7 +14,7 @@ from waam_job.model.changed import Window
 from waam_job.model.goal import Code, JobError
 from waam_job.model.lanes import LEAST_CUT, lanes, scanned
 from waam_job.model.records import State
-from waam_job.model.seen import BesideArc, Look, Reach, SeenLayer
+from waam_job.model.seen import BesideArc, Look, Reach, SeenLayer, without_holes
 from waam_job.run.in_layer import InLayer
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
@@ -137,6 +137,25 @@ def test_a_pass_leaves_out_only_ends_that_were_seen_well_and_says_why(ends):
         word = 'left out' if left + right >= TALL.cols else 'no whole end' if whole else 'only'
         assert word in lane.why and (lane.needed is None) == (word == 'left out')
         assert (lane.needed == lane.whole) == (word == 'no whole end')
+
+
+def test_holes_of_a_lost_profile_are_filled_and_larger_ones_stay():
+    z = np.outer(np.ones(3), np.arange(30.0))
+    for first, width in ((0, 1), (5, 1), (9, 2), (15, 3), (28, 2)):
+        z[1, first : first + width] = np.nan
+    found = without_holes(z)
+    left = [
+        0,
+        15,
+        16,
+        17,
+        28,
+        29,
+    ]  # the middle one of three has nothing within two cells on both sides
+    assert np.flatnonzero(np.isnan(found[1])).tolist() == left
+    known = np.isfinite(found[1])
+    np.testing.assert_allclose(found[1][known], np.arange(30.0)[known])
+    np.testing.assert_array_equal(found[::2], z[::2])
 
 
 def test_what_was_seen_with_few_points_is_covered_and_not_good_enough():
