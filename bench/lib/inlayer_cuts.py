@@ -192,12 +192,18 @@ class Killer:
         """Corrections in force in this job so far."""
         from waam_node import job_folder
 
-        job = self.campaign.run / 'job'
+        folder = self._folder()
+        if folder == self._old:  # the job that is asked for has not begun
+            return 0
         with suppress(OSError):
-            return len(
-                (Path(job.read_text().strip()) / job_folder.IN_LAYER).read_text().splitlines()
-            )
+            return len((Path(folder) / job_folder.IN_LAYER).read_text().splitlines())
         return 0
+
+    def _folder(self) -> str:
+        """Of the newest job, '' = none."""
+        with suppress(OSError):
+            return (self.campaign.run / 'job').read_text().strip()
+        return ''
 
     def _events(self) -> list[tuple[int, str]]:
         file = self.campaign.run / 'controller.events'
