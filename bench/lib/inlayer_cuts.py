@@ -127,8 +127,9 @@ class Campaign:
         return self.graph
 
     def _mend(self, node: str) -> None:
-        """What died is there again. The part on the table of a dead cell comes with a new graph."""
-        if node == 'cell' or self.graph.worn_out:
+        """What died is there again. The part on the table of a dead cell comes with a new graph, and a recorder whose job
+        lost its sequencer is still recording it."""
+        if node in ('cell', 'job_sequencer') or self.graph.worn_out:
             self.down()
         else:
             self.graph.revive(node)
