@@ -127,8 +127,8 @@ class Campaign:
         return self.graph
 
     def _mend(self, node: str) -> None:
-        """What died is there again. The part on the table of a dead cell comes with a new graph, and a recorder whose job
-        lost its sequencer is still recording it."""
+        """What died is there again. The part on the table of a dead cell comes with a new graph; a recorder whose job
+        lost its sequencer still records it."""
         if node in ('cell', 'job_sequencer') or self.graph.worn_out:
             self.down()
         else:
