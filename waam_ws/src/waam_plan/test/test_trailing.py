@@ -35,7 +35,13 @@ def test_what_cannot_be_seen_better_stays():
     assert seen_finished(short, SETTINGS) == 0.0 and trailing(short, NONE, SETTINGS) is short
     ring = [[np.array([[0, 0], [0.16, 0], [0.16, 0.01], [0, 0.01], [0, 0]], float)]]
     assert trailing(ring, NONE, SETTINGS) is ring
-    odd = rail(3)
-    near = odd[0][-1][-1:] + 1e-3  # of the layer below, where this one would start
-    assert trailing(odd, near, SETTINGS) is odd
-    assert trailing(odd, near + 0.05, SETTINGS) is not odd
+
+
+@pytest.mark.parametrize('beads', [4, 5])
+def test_neighbouring_layers_begin_on_opposite_sides(beads):
+    chains = rail(beads)
+    side = 3.6e-3 * (beads - 1)
+    for y, same in ((0.0, False), (side, True)):
+        found = trailing(chains, np.array([[0.1, y]]), SETTINGS)
+        assert (found is chains) == same
+        assert abs(found[0][0][0, 1] - y) == pytest.approx(side)

@@ -21,14 +21,17 @@ WORTH = 0.05  # share of the layer that must be seen more
 def trailing(chains: list[Chain], below: np.ndarray, settings: PlanSettings) -> list[Chain]:
     """The chains (m, work frame), laid the other way round where the scanner then sees more of them finished.
 
-    below: (n, 2) m, arc starts of the layer below, which stay as far as they are from those of this layer, or
-    `start_spread`. Rings stay as they are: from the edge inwards is not as good as from the inside outwards.
+    below: (n, 2) m, arc starts of the layer below. Neighbouring layers begin on opposite sides of the part as before:
+    laid twice in the same order, a part comes out a tenth worse (docs/in_layer.md). Rings stay as they are: from the
+    edge inwards is not as good as from the inside outwards.
     """
     if not chains or any(_closed(line) for chain in chains for line in chain):
         return chains
     other = [[line[::-1] for line in chain[::-1]] for chain in chains[::-1]]
-    if _room(other, below) < min(settings.start_spread, _room(chains, below)):
-        return chains
+    if len(below):
+        nearer = _across(chains, below) - _across(other, below)
+        if abs(nearer) > settings.pitch:
+            return chains if nearer > 0 else other
     more = seen_finished(other, settings) - seen_finished(chains, settings)
     return other if more > WORTH else chains
 
@@ -55,12 +58,11 @@ def _points(line: np.ndarray, step: float) -> np.ndarray:
     return np.column_stack([np.interp(at, along, line[:, k]) for k in (0, 1)])
 
 
-def _room(chains: list[Chain], below: np.ndarray) -> float:
-    """m from the arc starts to those of the layer below."""
-    if not len(below):
-        return np.inf
-    starts = np.array([chain[0][0][:2] for chain in chains])
-    return float(cKDTree(below).query(starts)[0].min())
+def _across(chains: list[Chain], below: np.ndarray) -> float:
+    """m across the first bead from its start to the nearest arc start of the layer below."""
+    line = chains[0][0]
+    along = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
+    return float(np.abs((below - line[0]) @ [-along[1], along[0]]).min())
 
 
 def _closed(line: np.ndarray) -> bool:
