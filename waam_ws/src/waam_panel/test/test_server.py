@@ -15,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from waam_panel.standoff_page import StandoffSettings
+from waam_panel.standoff_settings import StandoffSettings
 
 SETUP = {'part': 'block.stl', 'as_found': 'block_worn.stl'}
 MACHINE = {

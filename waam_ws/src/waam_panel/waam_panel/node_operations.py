@@ -24,7 +24,7 @@ from .node_standoff import BridgeStandoff
 from .operations import Refused
 from .programs import ProgramChoice
 from .setup_form import JobSetup
-from .standoff_page import StandoffSettings
+from .standoff_settings import StandoffSettings
 
 PATIENCE_S = 5.0
 STOP_PATIENCE_S = 3.0

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from waam_node.node import CallError, WaamNode, call
 
 from .operations import Refused
-from .standoff_page import StandoffSettings
+from .standoff_settings import StandoffSettings
 
 PATIENCE_S = 5.0
 NAMES = ('standoff_source', 'standoff_law', 'standoff_set', 'standoff_up', 'standoff_down')

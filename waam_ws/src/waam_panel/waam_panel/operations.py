@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from .programs import ProgramChoice
 from .setup_form import JobSetup
-
-if TYPE_CHECKING:
-    from .standoff_page import StandoffSettings
+from .standoff_settings import StandoffSettings
 
 
 class Refused(RuntimeError):

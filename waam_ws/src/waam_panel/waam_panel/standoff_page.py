@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-from dataclasses import dataclass
 from typing import Any
 
 from aiohttp import web
@@ -16,21 +15,11 @@ from .cell import CELL, Cell
 from .commanding import BadRequest, command_routes
 from .operations import Refused
 from .routes import Route
+from .standoff_settings import StandoffSettings
 
 SOURCES = ('none', 'laser', 'infrared', 'arc')
 LAWS = ('pid', 'relay')
 LIMITS_MM = {'set_mm': (5.0, 400.0), 'up_mm': (0.0, 20.0), 'down_mm': (0.0, 20.0)}
-
-
-@dataclass(frozen=True)
-class StandoffSettings:
-    """Of the controller's standoff control; m. distance: NaN = what fits the source."""
-
-    source: str
-    law: str
-    distance: float
-    up: float
-    down: float
 
 
 def settings_of(data: dict[str, Any]) -> StandoffSettings:
