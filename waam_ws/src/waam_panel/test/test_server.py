@@ -15,8 +15,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from waam_panel.standoff_settings import StandoffSettings
-
 SETUP = {'part': 'block.stl', 'as_found': 'block_worn.stl'}
 MACHINE = {
     'connected': True, 'silent': [], 'state': 'IDLE', 'fault': 0, 'fault_text': '', 'message': '', 'armed': False,
@@ -96,8 +94,6 @@ STANDOFF = {'source': 'arc', 'law': 'relay', 'set_mm': None, 'up_mm': 5, 'down_m
 
 
 def test_the_standoff_control_is_read_and_set_in_mm(panel):
-    now = StandoffSettings('laser', 'pid', 0.1, 0.006, 0.004)
-    panel.operations.standoff = lambda: now
     shown = json.loads(get(panel, '/api/standoff')[1])
     assert [shown[n] for n in STANDOFF] == ['laser', 'pid', 100.0, 6.0, 4.0]
     assert 'arc' in shown['sources'] and shown['limits_mm']['up_mm'] == [0.0, 20.0]
