@@ -6,8 +6,9 @@ inlayer.scan_rms_ratio (RMS at the end), all paired over seeds. 95 % intervals o
 inlayer.rms_ratio: RMS at the end with corrections within the layers (`in_layer`) over that without, paired.
 inlayer.within_scan_time_ratio, inlayer.within_scan_rms_ratio: time in state SCANNING and RMS with `in_layer` and
 `scan_changed_only`, whose passes leave out what was seen well beside the arc, over those with neither.
-inlayer.rail_scan_time_ratio, inlayer.plate_scan_time_ratio, inlayer.rail_scan_rms_ratio and so on: the same for three
-layers of the rail and the plate (below), which the scanner sees finished for the most part; and their job_time_ratio.
+inlayer.rail_scan_time_ratio, inlayer.rail_scan_rms_ratio, inlayer.rail_job_time_ratio, inlayer.plate_scan_time_ratio,
+inlayer.plate_scan_rms_ratio, inlayer.plate_job_time_ratio: the same and the whole time, for all layers of the rail and
+the plate (below), of which the scanner sees much finished.
 inlayer.lost, inlayer.doubled: segments that were skipped, and ones that ran twice or with other setpoints than the ones
 accepted last, in the noise campaign (real bridge core, real controller core, bad cable, pulled plugs, stalls) while
 setpoints are replaced all the time; baseline: setpoints replaced. `WAAM_BENCH_NOISE` segments (4000).
