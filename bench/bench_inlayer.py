@@ -6,6 +6,9 @@ inlayer.scan_rms_ratio (RMS at the end), all paired over seeds. 95 % intervals o
 inlayer.rms_ratio: RMS at the end with corrections within the layers (`in_layer`) over that without, paired.
 inlayer.within_scan_time_ratio, inlayer.within_scan_rms_ratio: time in state SCANNING and RMS with `in_layer` and
 `scan_changed_only`, whose passes leave out what was seen well beside the arc, over those with neither.
+inlayer.rail_scan_time_ratio, inlayer.rail_scan_rms_ratio, inlayer.rail_job_time_ratio, inlayer.plate_scan_time_ratio,
+inlayer.plate_scan_rms_ratio, inlayer.plate_job_time_ratio: the same and the whole time, for all layers of the rail and
+the plate (below), of which the scanner sees much finished.
 inlayer.lost, inlayer.doubled: segments that were skipped, and ones that ran twice or with other setpoints than the ones
 accepted last, in the noise campaign (real bridge core, real controller core, bad cable, pulled plugs, stalls) while
 setpoints are replaced all the time; baseline: setpoints replaced. `WAAM_BENCH_NOISE` segments (4000).
@@ -38,7 +41,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -137,8 +140,8 @@ def regime(which: str, part: str, figure: str) -> None:
     from lib.inlayer_regimes import jobs
 
     some = seeds((1, 2, 3, 4, 5))
-    with_ = jobs(which, part, some, True, workers())
-    without = jobs(which, part, some, False, workers())
+    with_ = jobs(which, part, some, {'in_layer': True}, workers())
+    without = jobs(which, part, some, {'in_layer': False}, workers())
     rows = [row for r in with_ for row in r.reports if row['in_layer_looks']]
     change = max((row['in_layer_change'] for row in rows), default=0.0)
     corrections = sum(row['in_layer_corrections'] for row in rows)
@@ -152,6 +155,20 @@ def regime(which: str, part: str, figure: str) -> None:
         file=sys.stderr,
     )
     emit(figure, told(figure, ratios(with_, without, 'rms')), '', 'corrections between layers', 1.0)
+
+
+def passes(part: str) -> None:
+    """Time spent scanning and RMS of jobs whose passes are made only where profiles beside the arc do not suffice."""
+    from lib.inlayer_regimes import jobs
+
+    some, layers = seeds((1, 2, 3, 4, 5)), 3
+    new = jobs('usual', part, some, BOTH['job_sequencer'], workers(), layers)
+    old = jobs('usual', part, some, {'in_layer': False}, workers(), layers)
+    said = [r for job in new[:1] for row in job.reports for r in row['reasons'] if 'pass ' in r]
+    print('\n'.join(said), file=sys.stderr)
+    for of, name in OF_PASSES.items():
+        figure = f'inlayer.{part}_{of}'
+        emit(figure, told(figure, ratios(new, old, name)), '', 'whole passes, no looks', 1.0)
 
 
 def kills() -> None:
@@ -286,8 +303,11 @@ REGIMES = {
     'inlayer.wrong_map_rms_ratio': ('wrong_map', 'rail'),
     'inlayer.warp_rms_ratio': ('warp', 'rail'),
 }
+OF_PASSES = {'scan_time_ratio': 'scan_time', 'scan_rms_ratio': 'rms', 'job_time_ratio': 'time'}
+PASSES = {part: partial(passes, part) for part in ('rail', 'plate')}
 FIGURES = {
     **{figure: in_regime(figure, *case) for figure, case in REGIMES.items()},
+    **{f'inlayer.{part}_{of}': run for part, run in PASSES.items() for of in OF_PASSES},
     'inlayer.rms_ratio': within,
     'inlayer.within_scan_time_ratio': within_scan,
     'inlayer.within_scan_rms_ratio': within_scan,

@@ -1,7 +1,8 @@
 """Jobs of real processes that are killed again and again while a layer is corrected within, and resumed until they end.
 
-One node is killed with -9 while an arc burns in a layer that was corrected at least once, the graph is ended, started
-again, and the job resumed. One JSON line per kill and per job in a file that grows (kinds `kill` and `job`).
+One node is killed with -9 while an arc burns in a layer that was corrected at least once, it is started again, and the
+job resumed. Where the cell was killed, and after some deaths, the whole graph is started anew: most of a kill's time is
+the start of a graph. One JSON line per kill and per job in a file that grows (kinds `kill` and `job`).
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 import random
-import signal
 import sys
 import threading
 import time
@@ -20,6 +20,7 @@ from types import SimpleNamespace
 from .inlayer_kills import CHANGED, NODES, long_part
 from .job_cuts import beads_of
 from .job_part import SEED
+from .live_graph import LiveGraph
 
 DOMAIN = int(os.environ.get('WAAM_BENCH_DOMAIN', 217))
 VICTIMS = (*NODES, 'bridge', 'cell')
@@ -39,6 +40,7 @@ class Campaign:
         self.params = scratch / 'in_layer.yaml'
         text = yaml.safe_dump({n: {'ros__parameters': p} for n, p in CHANGED.items()})
         self.params.write_text(text)
+        self.graph: LiveGraph | None = None
         self.done = len(self.lines('kill'))
         self._jobs = len(self.lines('job'))
 
@@ -65,44 +67,78 @@ class Campaign:
         self.append('job', kills=kills, error=error, **self._facts(folder, error))
 
     def _attempt(self, folder: Path | None, last: bool) -> tuple[bool, str]:
-        """Starts the graph, begins or resumes the job, and kills something. (something was killed, error)."""
-        from waam_bringup.client import ClientError
-        from waam_bringup.graph import Settings
-        from waam_bringup.operate import graph_trouble
-        from waam_bringup.test_support import power_on
-        from waam_msgs.action import RunJob
+        """Begins or resumes the job, kills something, and mends it. (something was killed, error)."""
+        from waam_bringup.client import ClientError, GraphClient
 
-        settings = Settings(
-            run=self.run, seed=SEED, params_files=(self.params,), without=('dashboard', 'panel')
-        )
-        end = time.monotonic() + JOB_S
+        began = time.monotonic()
         try:
-            with power_on(settings, DOMAIN, UP_S) as (client, _):
-                if folder is None:
-                    client.load_part(str(self.worn), (0.0, 0.0, 0.0), SEED)
-                    goal = self._goal()
-                else:
-                    goal = RunJob.Goal(resume_dir=str(folder))
-                killer = Killer(self, None if last else VICTIMS[self.done % len(VICTIMS)], folder)
-                try:
-                    result = client.run_job(
-                        goal,
-                        lambda _: None,
-                        lambda: (
-                            graph_trouble(self.run) or ('late' if time.monotonic() > end else '')
-                        ),
-                    )
-                    error = result.message if result.error_code else ''
-                except ClientError as e:
-                    error = str(e)
-                finally:
-                    facts = killer.join()
+            graph = self._up()
+            with GraphClient(DOMAIN) as client:
+                graph.ready(client)
+                at_work = time.monotonic()
+                facts, error = self._run(client, folder, last)
         except ClientError as e:
+            self.down()
             return False, f'no graph: {e}'
         if facts:
             self.done += 1
-            self.append('kill', **facts)
+            spent = {'up_s': at_work - began, 'job_s': time.monotonic() - at_work}
+            self.append('kill', **facts, **{n: round(v, 1) for n, v in spent.items()})
+            self._mend(facts['node'])
         return bool(facts), '' if facts else error
+
+    def _run(self, client, folder: Path | None, last: bool) -> tuple[dict, str]:
+        """What was killed ({} = nothing), and how the job ended."""
+        from waam_bringup.client import ClientError
+        from waam_bringup.operate import graph_trouble
+        from waam_msgs.action import RunJob
+        from waam_msgs.srv import Command
+
+        client.call(Command, 'bridge/command', Command.Request(code=Command.Request.STOP))
+        if folder is None:
+            client.load_part(str(self.worn), (0.0, 0.0, 0.0), SEED)
+            goal = self._goal()
+        else:
+            goal = RunJob.Goal(resume_dir=str(folder))
+        end = time.monotonic() + JOB_S
+
+        def alive() -> str:
+            return graph_trouble(self.run) or ('late' if time.monotonic() > end else '')
+
+        killer = Killer(self, None if last else VICTIMS[self.done % len(VICTIMS)], folder)
+        try:
+            result = client.run_job(goal, lambda _: None, alive)
+            error = result.message if result.error_code else ''
+        except ClientError as e:
+            error = str(e)
+        finally:
+            facts = killer.join()
+        return facts, error
+
+    def _up(self) -> LiveGraph:
+        from waam_bringup.graph import Settings
+
+        if self.graph is None:
+            settings = Settings(
+                run=self.run, seed=SEED, params_files=(self.params,), without=('dashboard', 'panel')
+            )
+            self.graph = LiveGraph(settings, DOMAIN, UP_S)
+            self.graph.start()
+        return self.graph
+
+    def _mend(self, node: str) -> None:
+        """What died is there again. The part on the table of a dead cell comes with a new graph; a recorder whose job
+        lost its sequencer still records it."""
+        if node in ('cell', 'job_sequencer') or self.graph.worn_out:
+            self.down()
+        else:
+            self.graph.revive(node)
+
+    def down(self) -> None:
+        """Ends the graph, if there is one."""
+        if self.graph is not None:
+            self.graph.stop()
+            self.graph = None
 
     def _goal(self):
         from waam_bringup.jobs import make_goal
@@ -157,12 +193,18 @@ class Killer:
         """Corrections in force in this job so far."""
         from waam_node import job_folder
 
-        job = self.campaign.run / 'job'
+        folder = self._folder()
+        if folder == self._old:  # the job that is asked for has not begun
+            return 0
         with suppress(OSError):
-            return len(
-                (Path(job.read_text().strip()) / job_folder.IN_LAYER).read_text().splitlines()
-            )
+            return len((Path(folder) / job_folder.IN_LAYER).read_text().splitlines())
         return 0
+
+    def _folder(self) -> str:
+        """Of the newest job, '' = none."""
+        with suppress(OSError):
+            return (self.campaign.run / 'job').read_text().strip()
+        return ''
 
     def _events(self) -> list[tuple[int, str]]:
         file = self.campaign.run / 'controller.events'
@@ -175,8 +217,6 @@ class Killer:
         return arcs[-1][0] if arcs and arcs[-1][1].startswith('arc on') else 0
 
     def _go(self) -> None:
-        from waam_bringup import run_state
-
         if self.victim is None:
             return
         before, close = self._rows(), self.campaign.done % 2 == 0
@@ -186,8 +226,7 @@ class Killer:
         if not self._until(lambda: time.monotonic() >= due and self._burns()):
             return
         on, rows = self._burns(), self._rows()
-        with suppress(ProcessLookupError, KeyError):
-            os.kill(run_state.load(self.campaign.run).nodes[self.victim].pid, signal.SIGKILL)
+        self.campaign.graph.kill(self.victim)
         end = time.monotonic() + 20.0
         while time.monotonic() < end:
             if found := self._off(on):
@@ -216,9 +255,12 @@ def run_campaign(scratch: Path, file: Path, kills: int) -> list[dict]:
     """Jobs until there are that many kills in the file. All lines of it."""
     scratch.mkdir(parents=True, exist_ok=True)
     campaign = Campaign(scratch, file)
-    while campaign.done < kills:
-        before = campaign.done
-        campaign.job()
-        if campaign.done == before:
-            raise RuntimeError('a job ran to its end and nothing could be killed in it')
+    try:
+        while campaign.done < kills:
+            before = campaign.done
+            campaign.job()
+            if campaign.done == before:
+                raise RuntimeError('a job ran to its end and nothing could be killed in it')
+    finally:
+        campaign.down()
     return campaign.lines()

@@ -34,18 +34,21 @@ def trough(folder: Path, part: str = 'rail') -> tuple[Path, Path]:
 
 
 def jobs(
-    regime: str, part: str, seeds: tuple[int, ...], within: bool, workers: int, layers: int = 1
+    regime: str,
+    part: str,
+    seeds: tuple[int, ...],
+    settings: dict[str, object],
+    workers: int,
+    layers: int = 1,
+    strategy: str = 'zigzag',
 ) -> list:
-    """Results, one per seed; RuntimeError with the message of a job that failed."""
+    """Results, one per seed; RuntimeError with the message of a job that failed. settings: of job_sequencer."""
     from waam_lab import over_seeds, restore, run_many
 
-    own: dict[str, dict[str, object]] = {
-        'cell': dict(REGIMES[regime]),
-        'job_sequencer': {'in_layer': within},
-    }
+    own: dict[str, dict[str, object]] = {'cell': dict(REGIMES[regime]), 'job_sequencer': settings}
     with tempfile.TemporaryDirectory() as folder:
         files = trough(Path(folder), part)
-        job = restore(*files, tolerance=0.2e-3, layers=layers, strategy='zigzag', overrides=own)
+        job = restore(*files, tolerance=0.2e-3, layers=layers, strategy=strategy, overrides=own)
         found = run_many(over_seeds(job, seeds), workers=workers)
     for result in found:
         if result.failed:

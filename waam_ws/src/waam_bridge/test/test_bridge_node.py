@@ -7,6 +7,8 @@ import pytest
 import serial
 from bridge_fake_controller import FakeController, FakeCore
 from bridge_harness import BRIDGE, Bridge, line_of, until
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
 
 from waam_bridge import program, requests
 from waam_msgs.msg import Override
@@ -184,3 +186,28 @@ def test_without_a_controller_it_leaves_with_status_2_when_it_must(tmp_path):
 def test_wrong_parameters_are_refused_by_name(param, words):
     end = run_alone(param)
     assert end.returncode == 2 and words in end.stderr and 'Traceback' not in end.stderr
+
+
+def test_only_the_standoff_parameters_may_be_changed_and_all_of_a_request_or_none(cell):
+    client = cell.node.create_client(SetParametersAtomically, 'bridge/set_parameters_atomically')
+
+    def put(**values):
+        messages = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
+        future = client.call_async(SetParametersAtomically.Request(parameters=messages))
+        until(future.done, what='the answer')
+        return future.result().result
+
+    def get(name):
+        reader = cell.node.create_client(GetParameters, 'bridge/get_parameters')
+        future = reader.call_async(GetParameters.Request(names=[name]))
+        until(future.done, what='the answer')
+        return future.result().values[0].double_value
+
+    until(client.service_is_ready, what='the service')
+    assert put(standoff_up=0.005, standoff_down=0.002).successful
+    assert get('standoff_up') == 0.005
+    refused = put(standoff_up=0.003, standoff_source='laser')
+    assert not refused.successful and 'this controller has none' in refused.reason
+    assert 'above its limit' in put(standoff_up=0.5).reason
+    assert not put(speed_max=0.1).successful
+    assert get('standoff_up') == 0.005 and get('speed_max') == 0.5

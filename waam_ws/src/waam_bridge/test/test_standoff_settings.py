@@ -163,3 +163,49 @@ def test_lines_come_out_twenty_times_a_second_and_alarms_at_once():
         7,
         12,
     ]  # every 50 ms, and the alarm at once
+
+
+def changed(cell: Cell, **params) -> None:
+    cell.bridge.standoff.change(BridgeParams(**params), cell.bridge)
+
+
+def test_settings_are_changed_while_the_machine_stands():
+    cell = Cell(Able(), standoff_source='laser').ready()
+    cell.until(lambda: cell.bridge.standoff.settled)
+    cell.fake.taken.clear()
+    changed(cell, standoff_source='arc', standoff_set=0.014)
+    assert cell.command(commands.ARM, 'j')[0] == requests.WRONG_STATE, 'not before they are in'
+    cell.until(lambda: cell.bridge.standoff.settled)
+    taken = cell.fake.taken
+    assert taken[0] == ('source', 0.0) and taken[-1] == ('source', 3.0)
+    assert dict(taken)['set_mm'] == 14.0 and dict(taken)['lead_mm'] == 0.0
+    cell.fake.taken.clear()
+    changed(cell)
+    cell.until(lambda: cell.fake.taken)
+    assert cell.fake.taken == [('source', 0.0)] and cell.bridge.standoff.problem == ''
+
+
+def test_an_answer_to_settings_that_were_replaced_does_not_count_for_the_new_ones():
+    cell = Cell(Able(), standoff_source='laser').ready()
+    cell.step(1)
+    while cell.bridge.standoff.settled:
+        cell.step(1)
+    changed(cell, standoff_source='arc')  # the first answer may still be under way
+    cell.until(lambda: cell.bridge.standoff.settled)
+    names = [name for name, _ in settings(BridgeParams(standoff_source='arc'))]
+    assert [name for name, _ in cell.fake.taken[-len(names) :]] == names
+
+
+def test_no_settings_are_changed_while_a_job_is_armed_or_the_controller_has_none():
+    cell = Cell(Able()).ready()
+    assert cell.command(commands.ARM, 'j')[0] == requests.OK
+    with pytest.raises(ValueError, match="job 'j' is armed"):
+        changed(cell, standoff_source='laser')
+    assert cell.command(commands.DISARM)[0] == requests.OK
+    changed(cell, standoff_source='laser')
+    plain = Cell(FakeCore()).ready()
+    with pytest.raises(ValueError, match='has none'):
+        changed(plain, standoff_source='laser')
+    changed(plain)
+    plain.step(20)
+    assert sent(plain) == [] and plain.command(commands.ARM, 'j')[0] == requests.OK

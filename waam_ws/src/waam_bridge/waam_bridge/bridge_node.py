@@ -45,6 +45,7 @@ class BridgeNode(WaamNode):
         self._settled = threading.Event()  # the port was tried once
         self._out = Publishers(self, self.core, p.port, self._open_csv(p.csv_log, p.csv_rate))
         self._create_inputs()
+        self.on_change(self._take_params)
         self.create_timer(1.0, self._on_second, clock=self.steady)
         self.transport = self._make_transport()
         self.transport.start()
@@ -204,6 +205,11 @@ class BridgeNode(WaamNode):
             due = bool(self.core.link.out)
         if due:
             self._pump()
+
+    def _take_params(self, params: BridgeParams) -> None:
+        """Other settings of the standoff control. ValueError while a job is armed or the machine runs."""
+        with self._lock:
+            self.core.standoff.change(params, self.core)
 
     def _on_temperature(self, msg: Temperature) -> None:
         if self._out.csv:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 from waam_node.params import ParameterError, param
 from waam_process.units import mm
@@ -15,6 +16,7 @@ STANDOFF_SOURCES = ('none', 'laser', 'infrared', 'arc')
 STANDOFF_LAWS = ('relay', 'pid')
 OF_SOURCE = 'NaN = what fits the source'
 NAN = math.nan
+_standoff = partial(param, changeable=True)
 
 
 @dataclass(frozen=True)
@@ -74,11 +76,11 @@ class BridgeParams:
         'x y z',
         "axes of the accelerometer that lie along x, y and z of the machine, such as '-y x z'",
     )
-    standoff_source: str = param(
+    standoff_source: str = _standoff(
         'none', 'what the torch is held at its distance by', choices=STANDOFF_SOURCES
     )
-    standoff_law: str = param('pid', 'from the error to the speed', choices=STANDOFF_LAWS)
-    standoff_set: float = param(
+    standoff_law: str = _standoff('pid', 'from the error to the speed', choices=STANDOFF_LAWS)
+    standoff_set: float = _standoff(
         NAN,
         'distance to hold, from the sensor to the metal; by the arc: contact distance; '
         + OF_SOURCE,
@@ -86,20 +88,24 @@ class BridgeParams:
         0.005,
         0.4,
     )
-    standoff_dead_band: float = param(NAN, f'error that moves nothing; {OF_SOURCE}', 'm', 0.0, 2e-3)
-    standoff_up: float = param(
+    standoff_dead_band: float = _standoff(
+        NAN, f'error that moves nothing; {OF_SOURCE}', 'm', 0.0, 2e-3
+    )
+    standoff_up: float = _standoff(
         0.006, 'greatest correction of the programmed z upwards', 'm', 0.0, 0.02
     )
-    standoff_down: float = param(0.004, 'and downwards', 'm', 0.0, 0.02)
-    standoff_rate: float = param(0.006, 'greatest speed of the correction', 'm/s', 5e-5, 0.02)
-    standoff_lead: float = param(
+    standoff_down: float = _standoff(0.004, 'and downwards', 'm', 0.0, 0.02)
+    standoff_rate: float = _standoff(0.006, 'greatest speed of the correction', 'm/s', 5e-5, 0.02)
+    standoff_lead: float = _standoff(
         NAN, f'along the path from the arc to where the sensor looks; {OF_SOURCE}', 'm', 0.0, 0.015
     )
-    standoff_jump: float = param(
+    standoff_jump: float = _standoff(
         NAN, f'change of the distance that must last to be believed; {OF_SOURCE}', 'm', 5e-5, 0.05
     )
-    standoff_kp: float = param(NAN, f'speed per error; {OF_SOURCE}', '1/s', 0.0, 50.0)
-    standoff_ki: float = param(NAN, f'speed per error and time; {OF_SOURCE}', '1/s^2', 0.0, 200.0)
+    standoff_kp: float = _standoff(NAN, f'speed per error; {OF_SOURCE}', '1/s', 0.0, 50.0)
+    standoff_ki: float = _standoff(
+        NAN, f'speed per error and time; {OF_SOURCE}', '1/s^2', 0.0, 200.0
+    )
 
     def __post_init__(self) -> None:
         try:

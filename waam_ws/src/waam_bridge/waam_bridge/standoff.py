@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from waam_process.names import CONTROLLER_STATES
 from waam_process.units import to_mm
 
 from . import frames, requests
@@ -85,10 +86,29 @@ class Standoff:
         self._asked, self._refused, self._left = False, '', []
         if not self._on:
             return
-        if CAPABILITY in machine.link.who.capabilities:
+        if _able(machine):
             self._left = list(self._all)
         else:
             self._refuse(machine, 'the controller has no standoff control')
+
+    def change(self, params: BridgeParams, machine: Machine) -> None:
+        """The settings of these parameters from now on. ValueError when they cannot be taken; nothing changes then."""
+        wanted = settings(params)
+        if why := self._against(wanted, machine):
+            raise ValueError(f'standoff control: {why}')
+        self._all, self._on = wanted, len(wanted) > 1
+        self._asked, self._refused = False, ''
+        self._left = list(wanted) if machine.connected and _able(machine) else []
+
+    @staticmethod
+    def _against(wanted: list[Setting], machine: Machine) -> str:
+        if machine.armed_job:
+            return f"job '{machine.armed_job}' is armed; end or disarm it first"
+        if machine.connected and machine.queued:
+            return f'{machine.queued} segments wait'
+        if machine.connected and machine.state not in (frames.IDLE, frames.ALARM):
+            return f'the controller is in {CONTROLLER_STATES[machine.state]}, not IDLE'
+        return '' if _able(machine) or len(wanted) == 1 else 'this controller has none'
 
     def heard(self, frame: frames.Standoff) -> bool:
         """Whether this line is to be published: 20 Hz of controller time, and every change of the alarm. A controller
@@ -107,9 +127,11 @@ class Standoff:
         if waits or machine.queued or machine.state not in (frames.IDLE, frames.ALARM):
             return
         name, value = self._left[0]
-        self._asked = True
+        self._asked, sent = True, self._left
 
         def done(code: int, text: str) -> None:
+            if self._left is not sent:  # an answer to settings that were replaced meanwhile
+                return
             self._asked = False
             if code == requests.OK:
                 self._left = self._left[1:]
@@ -121,3 +143,8 @@ class Standoff:
     def _refuse(self, machine: Machine, text: str) -> None:
         self._refused = text
         machine.notice(FAULT, 'height', text, 'none')
+
+
+def _able(machine: Machine) -> bool:
+    """Whether the controller that is there has a standoff control; also while none is."""
+    return not machine.connected or CAPABILITY in machine.link.who.capabilities

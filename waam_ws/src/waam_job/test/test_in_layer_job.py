@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_job.model.changed import LEAST_CUT, Window, narrowed
+from waam_job.model.changed import Window
 from waam_job.model.goal import Code, JobError
+from waam_job.model.lanes import LEAST_CUT, lanes, scanned
 from waam_job.model.records import State
-from waam_job.model.seen import Look, Reach, SeenLayer
+from waam_job.model.seen import BesideArc, Look, Reach, SeenLayer, without_holes
 from waam_job.run.in_layer import InLayer
+from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Segment
 
@@ -110,22 +113,57 @@ def test_looks_in_any_number_stay_between_what_was_seen(seed):
     assert (layer.count[~np.isfinite(layer.z)] == 0).all()
 
 
-@given(st.integers(0, 40), st.integers(0, 40), st.integers(0, 20), st.integers(0, 20))
+TALL = GridSpec(0.0, 0.0, 0.5e-3, 200, 80)  # 100 mm across: three passes
+
+
+@given(st.lists(st.tuples(st.integers(0, 45), st.integers(0, 45)), min_size=3, max_size=3))
 @settings(max_examples=60, deadline=None)
-def test_a_pass_leaves_out_only_whole_ends_that_were_seen(left, right, low, high):
-    seen = np.full(SPEC.shape, np.nan)
-    seen[:, :left], seen[:, SPEC.cols - right :] = 0.0, 0.0
-    seen[:low], seen[SPEC.rows - high :] = 0.0, 0.0
-    before = Window((0, SPEC.rows), (0, SPEC.cols))
-    after = narrowed(before, seen)
-    assert after.size > 0
-    left_out = np.ones(SPEC.shape, bool)
-    left_out[after.cells] = False
-    if left + right < SPEC.cols and low + high < SPEC.rows:
-        assert np.isfinite(seen[left_out]).all()
-    for (a, b), (c, d) in ((before.rows, after.rows), (before.cols, after.cols)):
-        assert c == a or c - a >= LEAST_CUT
-        assert d == b or b - d >= LEAST_CUT
+def test_a_pass_leaves_out_only_ends_that_were_seen_well_and_says_why(ends):
+    everything = Window((0, TALL.rows), (0, TALL.cols))
+    plain = lanes(everything, TALL, PlanSettings(), None)
+    assert len(plain) == 3 and scanned(plain) == [everything]
+    z = np.full(TALL.shape, np.nan)
+    for lane, (left, right) in zip(plain, ends, strict=True):
+        z[slice(*lane.whole.rows), :left] = 0.0
+        z[slice(*lane.whole.rows), TALL.cols - right :] = 0.0
+    passes = lanes(everything, TALL, PlanSettings(), BesideArc(z, np.isfinite(z)))
+    assert [p.whole for p in passes] == [p.whole for p in plain]
+    left_out = np.ones(TALL.shape, bool)
+    for window in scanned(passes):
+        left_out[window.cells] = False
+    assert np.isfinite(z[left_out]).all()
+    for lane, (left, right) in zip(passes, ends, strict=True):
+        whole = left < LEAST_CUT and right < LEAST_CUT
+        word = 'left out' if left + right >= TALL.cols else 'no whole end' if whole else 'only'
+        assert word in lane.why and (lane.needed is None) == (word == 'left out')
+        assert (lane.needed == lane.whole) == (word == 'no whole end')
+
+
+def test_holes_of_a_lost_profile_are_filled_and_larger_ones_stay():
+    z = np.outer(np.ones(3), np.arange(30.0))
+    for first, width in ((0, 1), (5, 1), (9, 2), (15, 3), (28, 2)):
+        z[1, first : first + width] = np.nan
+    found = without_holes(z)
+    left = [
+        0,
+        15,
+        16,
+        17,
+        28,
+        29,
+    ]  # the middle one of three has nothing within two cells on both sides
+    assert np.flatnonzero(np.isnan(found[1])).tolist() == left
+    known = np.isfinite(found[1])
+    np.testing.assert_allclose(found[1][known], np.arange(30.0)[known])
+    np.testing.assert_array_equal(found[::2], z[::2])
+
+
+def test_what_was_seen_with_few_points_is_covered_and_not_good_enough():
+    z = np.full(TALL.shape, np.nan)
+    everything = Window((0, TALL.rows), (0, TALL.cols))
+    passes = lanes(everything, TALL, PlanSettings(), BesideArc(z, np.ones(TALL.shape, bool)))
+    assert scanned(passes) == [everything]
+    assert all('100% of it was seen finished' in p.why and ' 0% with' in p.why for p in passes)
 
 
 @pytest.fixture
@@ -169,6 +207,34 @@ def test_a_job_corrects_within_its_layers_and_says_so(cell, make_runner):
     s = changed[-1]
     row, col = (int(v) for v in grid.cell(*s.midpoint[:2]))
     assert asked[row, col] == pytest.approx(planned[row, col] / (1 + s.k_gain * s.psi), rel=0.05)
+
+
+def test_passes_over_what_was_seen_beside_the_arc_are_left_out_and_the_map_is_right(
+    make_cell, make_runner, monkeypatch
+):
+    cell = make_cell(efficiency=0.9)
+    everything = np.ones(cell.surface.z.shape, bool)
+    seen = lambda _: BesideArc(np.nan_to_num(cell.surface.z), everything)  # noqa: E731
+    monkeypatch.setattr(SeenLayer, 'final', seen)
+    inner = cell.finish_scan
+    cell.finish_scan = lambda *a: replace(inner(*a), stamp=cell.now())
+    runner, _, folder = make_runner(cell, settings=ON | {'scan_changed_only': True})
+    assert runner.run().state == State.DONE
+    told = [r for c in cell.reports for r in c.reasons if 'left out: ' in r]
+    assert len(told) == runner.status.layers, [r for c in cell.reports for r in c.reasons]
+    assert all(r.startswith('0% of the map') for r in told)
+    assert {s.layer for s in cell.executed if s.kind == Kind.SCAN} == {0}
+    last = sorted((folder.path / 'layers').iterdir())[-1]
+    assert np.nanmax(np.abs(np.load(last)['z'] - cell.surface.z)) < 0.15e-3
+
+
+@pytest.mark.parametrize('length,on', [(0.0, False), (0.01, True), (0.5, False)])
+def test_a_part_of_that_length_is_corrected_within_by_itself(length, on, make_cell, make_runner):
+    cell = make_cell()
+    runner, _, _ = make_runner(cell, settings={'in_layer_from': length}, layers=1)
+    assert runner.run().state == State.DONE
+    assert hasattr(cell, 'looks_begun') == on
+    assert runner.context.plan_settings().scanner_trails == on
 
 
 def test_without_it_nobody_looks_and_every_bit_is_the_same(make_cell, make_runner):

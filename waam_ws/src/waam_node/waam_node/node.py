@@ -16,17 +16,18 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.service_introspection import ServiceIntrospectionState
 
 from waam_msgs.msg import Heartbeat, LeaseTick
 
 from . import alive, priority
-from .params import from_dict
+from .params import check_value, from_dict
 from .qos import BEAT, EVENTS
 
 SILENT_SERVICES = ('rcl_interfaces', 'type_description_interfaces')
@@ -73,13 +74,31 @@ class WaamNode(Node):
             unit = f' [{f.metadata["unit"]}]' if f.metadata.get('unit') else ''
             descriptor = ParameterDescriptor(
                 description=f.metadata['description'] + unit,
-                read_only=True,
+                read_only=not f.metadata['changeable'],
                 dynamic_typing=isinstance(value, tuple),
             )
             self.declare_parameter(
                 f.name, list(value) if isinstance(value, tuple) else value, descriptor
             )
         return params
+
+    def on_change(self, take: Callable[[Any], None]) -> None:
+        """From now on changeable parameters may be set: `take` gets what `params` would be then, and refuses it by a
+        ValueError. All that one request sets together are taken together."""
+
+        def changed(wanted: list[Parameter]) -> SetParametersResult:
+            fields = {f.name: f for f in dataclasses.fields(self.params)}
+            given = {p.name: p.value for p in wanted if p.name in fields}
+            try:
+                checked = {n: check_value(n, v, fields[n]) for n, v in given.items()}
+                params = dataclasses.replace(self.params, **checked)
+                take(params)
+            except ValueError as e:
+                return SetParametersResult(successful=False, reason=str(e))
+            self.params = params
+            return SetParametersResult(successful=True)
+
+        self.add_on_set_parameters_callback(changed)
 
     def responsive(self) -> bool:
         """Whether the node does its work. A node with threads of its own overrides it: a stuck one gives no

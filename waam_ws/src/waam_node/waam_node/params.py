@@ -28,14 +28,17 @@ def param(
     minimum: float | None = None,
     maximum: float | None = None,
     choices: tuple | None = None,
+    changeable: bool = False,
 ) -> Any:
-    """A dataclass field with what a parameter needs. Lists are given as tuples or lists."""
+    """A dataclass field with what a parameter needs. Lists are given as tuples or lists. changeable: while the node
+    runs, if the node takes the new value (`add_on_set_parameters_callback`); the others are read-only."""
     meta = {
         'description': description,
         'unit': unit,
         'minimum': minimum,
         'maximum': maximum,
         'choices': choices,
+        'changeable': changeable,
     }
     if isinstance(default, list | tuple):
         frozen = tuple(default)

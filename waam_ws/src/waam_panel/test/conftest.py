@@ -18,6 +18,7 @@ from waam_panel.operations import Refused
 from waam_panel.parts import PartFolders
 from waam_panel.security import Guard
 from waam_panel.shop_link import ShopLink
+from waam_panel.standoff_settings import StandoffSettings
 from waam_panel.state import PanelState
 from waam_panel.web import WebServer
 from waam_shop.notifier import Notifier
@@ -62,6 +63,9 @@ class FakeOperations:
     def stop(self) -> str:
         self.asked.append(('stop',))
         return 'stopped'
+
+    def standoff(self) -> StandoffSettings:
+        return StandoffSettings('laser', 'pid', 0.1, 0.006, 0.004)
 
     def __getattr__(self, name: str):
         if name.startswith('_'):

@@ -215,7 +215,7 @@ SIZES = {
     'small_phone': (320, 568),
     'phone_on_its_side': (844, 390),
 }
-PAGES = ('run', 'setup', 'move', 'alarms', 'jobs', 'machine')
+PAGES = ('run', 'setup', 'move', 'alarms', 'jobs', 'machine', 'standoff')
 LAYOUT = """() => {
   const all = [...document.querySelectorAll('button, select, input, td a')];
   const found = all.filter((e) => e.offsetParent && e.type !== 'hidden');

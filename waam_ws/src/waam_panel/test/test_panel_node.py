@@ -15,14 +15,18 @@ import time
 import urllib.request
 
 import aiohttp
+import numpy as np
 import pytest
 import rclpy
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from waam_msgs.msg import Heartbeat, JobStatus, LeaseTick, MachineState, Override, Telemetry
 from waam_msgs.srv import Command
 from waam_node.qos import BEAT, LATCHED, NEWEST, TELEMETRY
+from waam_panel.node_standoff import NAMES, OF_SOURCE
 
 START = 'from waam_panel.panel_node import main; main()'
 
@@ -93,6 +97,12 @@ class Graph:
         self.job = node.create_publisher(JobStatus, 'job_status', LATCHED)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(node)
+        # the parameters of the bridge that the page sets
+        self.bridge = rclpy.create_node('bridge', context=self.context)
+        for name in (*NAMES, *OF_SOURCE):
+            text = {'standoff_source': 'none', 'standoff_law': 'pid'}
+            self.bridge.declare_parameter(name, text.get(name, 0.004))
+        self._executor.add_node(self.bridge)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
@@ -164,6 +174,7 @@ class Graph:
         self._thread.join(5)
         self._executor.shutdown()
         self.node.destroy_node()
+        self.bridge.destroy_node()
         self.context.try_shutdown()
         self.told.server.shutdown()
         self.told.server.server_close()
@@ -192,6 +203,27 @@ def test_stop_reaches_the_machine_although_the_job_does_not_answer(cell):
     status, answer = cell.post('stop')
     assert status == 200 and 'stopped' in answer['message'] and 'abort' in answer['message']
     assert cell.commands[-1].code == Command.Request.STOP
+
+
+STANDOFF = {'source': 'laser', 'law': 'pid', 'set_mm': 102.0, 'up_mm': 5.0, 'down_mm': 3.0}
+
+
+def test_the_standoff_control_is_set_by_parameters_of_the_bridge(cell):
+    def value(name: str):
+        return cell.bridge.get_parameter(name).value
+
+    cell.until(lambda: cell.post('standoff', STANDOFF)[0] == 200, 'the bridge')
+    assert value('standoff_source') == 'laser' and value('standoff_set') == pytest.approx(0.102)
+    assert value('standoff_up') == 0.005 and value('standoff_down') == 0.003
+    assert all(np.isnan(value(n)) for n in OF_SOURCE), 'what fitted another source'
+    kp = Parameter('standoff_kp', value=7.0)
+    cell.bridge.set_parameters([kp])
+    assert cell.post('standoff', STANDOFF | {'set_mm': None})[0] == 200
+    assert value('standoff_kp') == 7.0 and np.isnan(value('standoff_set'))
+    no = SetParametersResult(successful=False, reason="job 'j' is armed")
+    cell.bridge.add_on_set_parameters_callback(lambda _: no)
+    assert cell.post('standoff', STANDOFF) == (409, {'ok': False, 'message': no.reason})
+    assert np.isnan(value('standoff_set')), 'all together or none'
 
 
 def test_overrides_are_published(cell):

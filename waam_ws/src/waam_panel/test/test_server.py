@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import socket
 import sys
 import time
@@ -86,6 +87,35 @@ def test_commands_arrive_in_si(panel, name, data, asked):
 def test_values_out_of_their_limits_are_refused_and_go_nowhere(panel, name, data):
     status, answer = ask(panel, name, data)
     assert status == 400 and not answer['ok'] and answer['message']
+    assert panel.operations.asked == []
+
+
+STANDOFF = {'source': 'arc', 'law': 'relay', 'set_mm': None, 'up_mm': 5, 'down_mm': 0}
+
+
+def test_the_standoff_control_is_read_and_set_in_mm(panel):
+    shown = json.loads(get(panel, '/api/standoff')[1])
+    assert [shown[n] for n in STANDOFF] == ['laser', 'pid', 100.0, 6.0, 4.0]
+    assert 'arc' in shown['sources'] and shown['limits_mm']['up_mm'] == [0.0, 20.0]
+    assert ask(panel, 'standoff', STANDOFF)[0] == 200
+    (name, wanted), *_ = panel.operations.asked
+    assert name == 'set_standoff' and math.isnan(wanted.distance)
+    assert (wanted.source, wanted.law, wanted.up, wanted.down) == ('arc', 'relay', 0.005, 0.0)
+
+
+@pytest.mark.parametrize(
+    'wrong', [{'source': 'sonar'}, {'law': None}, {'set_mm': 4}, {'up_mm': 21}, {'down_mm': None}, {'up_mm': True}]
+)  # fmt: skip
+def test_a_standoff_that_means_nothing_goes_nowhere(panel, wrong):
+    status, answer = ask(panel, 'standoff', STANDOFF | wrong)
+    assert status == 400 and next(iter(wrong)) in answer['message']
+    assert panel.operations.asked == []
+
+
+def test_the_standoff_control_is_not_set_while_a_job_runs(panel):
+    panel.cell.state.sections['job'] = {'state': 'DEPOSITING'}
+    status, answer = ask(panel, 'standoff', STANDOFF)
+    assert status == 409 and 'a job is running' in answer['message']
     assert panel.operations.asked == []
 
 

@@ -20,9 +20,11 @@ from waam_node.qos import NEWEST
 from waam_process.operating import BUILD_PLATE
 
 from . import conversions as cv
+from .node_standoff import BridgeStandoff
 from .operations import Refused
 from .programs import ProgramChoice
 from .setup_form import JobSetup
+from .standoff_settings import StandoffSettings
 
 PATIENCE_S = 5.0
 STOP_PATIENCE_S = 3.0
@@ -44,6 +46,7 @@ class RosOperations:
         self._load = client(LoadPart, 'cell/load_part')
         self._job = ActionClient(node, RunJob, 'job_sequencer/run_job')
         self._override = node.create_publisher(Override, 'override', NEWEST)
+        self._standoff = BridgeStandoff(node)
         self._pair = ThreadPoolExecutor(8, 'pair')
 
     @property
@@ -124,6 +127,14 @@ class RosOperations:
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._override.publish(message)
         return 'sent'
+
+    def standoff(self) -> StandoffSettings:
+        """Parameters of the bridge."""
+        return self._standoff.read()
+
+    def set_standoff(self, wanted: StandoffSettings) -> str:
+        """Refused while a job is armed or the machine runs."""
+        return self._standoff.write(wanted)
 
     def _send(self, name: str, patience: float = PATIENCE_S, **fields: Any) -> str:
         request = Command.Request(code=getattr(Command.Request, name), **fields)

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from .programs import ProgramChoice
 from .setup_form import JobSetup
+from .standoff_settings import StandoffSettings
 
 
 class Refused(RuntimeError):
@@ -50,6 +51,12 @@ class Operations(Protocol):
 
     def override(self, speed: float, wire: float) -> str:
         """Factors; NaN leaves one as it is."""
+
+    def standoff(self) -> StandoffSettings:
+        """The settings of the standoff control."""
+
+    def set_standoff(self, wanted: StandoffSettings) -> str:
+        """Others, for the jobs to come."""
 
     def adjust(self, what: str, value: float) -> str:
         """SET_K_GAIN, RESCAN, SKIP_LAYER of the running job."""

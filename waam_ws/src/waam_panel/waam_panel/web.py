@@ -18,7 +18,7 @@ from aiohttp import web
 
 from waam_shop.roles import Role
 
-from . import api, history, program_page, routes, shop_api, stream
+from . import api, history, program_page, routes, shop_api, standoff_page, stream
 from .auditing import denied, signed_in
 from .cell import CELL, Cell
 from .routes import VISITOR, WHO, Handler, Route
@@ -161,7 +161,9 @@ ROUTES = (
     Route('GET', '/jobs/{id}/report.html', Role.VIEW, _report),
     Route('GET', '/jobs/{id}/{inner}/report.html', Role.VIEW, _report),
 )  # fmt: skip
-ALL_ROUTES = (*ROUTES, *api.ROUTES, *program_page.ROUTES, *shop_api.ROUTES, *stream.ROUTES)
+ALL_ROUTES = (
+    *ROUTES, *api.ROUTES, *program_page.ROUTES, *shop_api.ROUTES, *standoff_page.ROUTES, *stream.ROUTES,
+)  # fmt: skip
 
 
 def make_app(cell: Cell) -> web.Application:

@@ -18,9 +18,8 @@ from .snapshots import Scan
 BEYOND = 3e-3  # m around the metal of a layer that is scanned with it
 SPREAD = 1.5e-3  # m beyond its planned footprint that metal may flow: no witness of what was there
 WITNESSES = 50  # cells that must tell whether the surface beside the layer is still where it was
-WELL_SEEN = 0.95  # of a column or row that was seen beside the arc, for a pass that leaves it out
-LEAST_CUT = 6  # columns or rows at an end that are worth leaving out
 SEEN_SIGMA = 0.05e-3  # m, of what was seen beside the arc, at least
+COUNTED = ('profiles_used', 'profiles_rejected', 'points_used', 'points_rejected')  # of a scan
 MOVED = 0.1e-3  # m, median change of those cells; a part that was touched or sank differs by more
 
 
@@ -61,23 +60,6 @@ def window_of(spec: GridSpec, planned: np.ndarray) -> Window | None:
     return Window(*spans)
 
 
-def narrowed(window: Window, seen: np.ndarray) -> Window:
-    """The window without the columns and rows at its ends that were seen well enough beside the arc: seen (rows, cols)
-    m, NaN where it was not. An end of less than LEAST_CUT is kept."""
-    known = np.isfinite(seen[window.cells])
-    spans = []
-    for axis, (a, b) in ((1, window.rows), (0, window.cols)):
-        poor = np.flatnonzero(known.mean(axis=axis) < WELL_SEEN)
-        if not len(poor):  # all of it: half a pass is no pass, one end stays
-            poor = np.array([0, b - a - 1])
-        spans.append((a + int(poor[0]), a + int(poor[-1]) + 1))
-    rows, cols = spans
-    return Window(
-        *((a if low - a < LEAST_CUT else low, b if b - high < LEAST_CUT else high)
-          for (a, b), (low, high) in ((window.rows, rows), (window.cols, cols)))
-    )  # fmt: skip
-
-
 def with_seen(before: Scan, seen: np.ndarray, window: Window) -> Scan:
     """The map before the layer with what was seen beside the arc in the window: seen (rows, cols) m, NaN = nothing."""
     inside = np.zeros(before.map.spec.shape, bool)
@@ -104,11 +86,22 @@ def unwitnessed(heights: np.ndarray) -> str:
     return '' if known >= WITNESSES else f'only {known} cells beside the layer are known'
 
 
-def against(before: Scan, seen: Scan, window: Window, planned: np.ndarray) -> str:
-    """Why the map of a window does not fit to the one before, in words; '' when it does. planned: (rows, cols) m."""
-    if not seen.plausible:
-        return '; '.join(seen.reasons) or 'its map is not plausible'
-    change = seen.map.z - beside(before.map, window, planned)
+def against(
+    before: Scan,
+    seen: list[tuple[Scan, Window]],
+    planned: np.ndarray,
+    beside_arc: np.ndarray | None = None,
+) -> str:
+    """Why the maps of windows do not fit to the one before, in words; '' when they do. planned: (rows, cols) m, metal
+    of the layer; beside_arc: (rows, cols) m, what was seen of the rest beside the arc, NaN = nothing."""
+    for scan, _ in seen:
+        if not scan.plausible:
+            return '; '.join(scan.reasons) or 'its map is not plausible'
+    found = np.full(before.map.spec.shape, np.nan) if beside_arc is None else beside_arc.copy()
+    for scan, window in seen:
+        found[window.cells] = scan.map.z
+    everything = Window((0, found.shape[0]), (0, found.shape[1]))
+    change = found - beside(before.map, everything, planned)
     if reason := unwitnessed(change):
         return reason
     known = change[np.isfinite(change)]
@@ -118,14 +111,27 @@ def against(before: Scan, seen: Scan, window: Window, planned: np.ndarray) -> st
     return ''
 
 
-def joined(before: Scan, seen: Scan, window: Window) -> Scan:
-    """The map before the layer with the window replaced by what was seen of it. Bead width and points are those of the
-    window; it has no message of its own."""
+def joined(before: Scan, seen: list[tuple[Scan, Window]], now: float) -> Scan:
+    """The map before the layer with windows replaced by what was seen of them; now: s, its stamp where none was
+    scanned. Points are those of all windows, bead width that of the most certain one. It has no message of its own."""
     z, count = before.map.z.copy(), np.array(before.count, copy=True)
-    z[window.cells], count[window.cells] = seen.map.z, seen.count
-    sigma = None
-    if before.map.sigma is not None and seen.map.sigma is not None:
-        sigma = before.map.sigma.copy()
-        sigma[window.cells] = seen.map.sigma
+    sigma = None if before.map.sigma is None else before.map.sigma.copy()
+    for scan, window in seen:
+        z[window.cells], count[window.cells] = scan.map.z, scan.count
+        if sigma is not None and scan.map.sigma is not None:
+            sigma[window.cells] = scan.map.sigma
+        elif scan.map.sigma is None:
+            sigma = None
     whole = HeightGrid(before.map.spec, z, sigma)
-    return replace(seen, map=whole, count=count, coverage=whole.coverage, handle=None)
+    scans = [scan for scan, _ in seen]
+    last = scans[-1] if scans else replace(before, stamp=now, reasons=())
+    totals = {n: sum(getattr(s, n) for s in scans) for n in COUNTED}
+    width = min(scans, key=lambda s: _or_inf(s.bead_width_u), default=Scan(whole, count, 0.0, True))
+    widths = {n: getattr(width, n) for n in ('bead_width', 'bead_width_u', 'bead_width_expected')}
+    return replace(
+        last, map=whole, count=count, coverage=whole.coverage, handle=None, **totals, **widths
+    )
+
+
+def _or_inf(value: float) -> float:
+    return float('inf') if np.isnan(value) else value

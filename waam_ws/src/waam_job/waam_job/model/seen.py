@@ -19,7 +19,8 @@ NEAR = 0.75  # bead widths from its path within which a bead changes the surface
 STEP = 1e-3  # m between the points of a path that cells are compared with
 MOST = 200.0  # points of older looks that count against a new one
 ABSURD = 3e-3  # m; a surface that is off by more is another one
-WELL = 20  # points of a cell that a scan pass need not see again
+WELL = 8  # points of a cell that a scan pass need not see again; the pass itself has some 12
+HOLE = 2  # cells, widest hole in what was seen that is filled in
 NONE = -1
 
 
@@ -29,6 +30,15 @@ class Look:
 
     z: np.ndarray
     count: np.ndarray
+
+
+@dataclass(frozen=True)
+class BesideArc:
+    """What was seen finished of a layer while it was laid: z (rows, cols) m where it was seen well, NaN elsewhere;
+    covered (rows, cols): seen at all."""
+
+    z: np.ndarray
+    covered: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -131,7 +141,23 @@ class SeenLayer:
         metal = np.nan_to_num(planned) > 0
         return float((np.isfinite(self.z) & metal).sum() / max(int(metal.sum()), 1))
 
-    def final(self) -> np.ndarray:
-        """(rows, cols) m, the surface where it was seen well after everything that was to come there; NaN elsewhere."""
+    def final(self) -> BesideArc:
+        """The surface where it was seen after everything that was to come there."""
         ready = np.isfinite(self.growth) | (np.isfinite(self.ground) & (self.reach.first == NONE))
-        return np.where(ready & (self.count >= WELL), self.z, np.nan)
+        return BesideArc(
+            without_holes(np.where(ready & (self.count >= WELL), self.z, np.nan)), ready
+        )
+
+
+def without_holes(z: np.ndarray) -> np.ndarray:
+    """(rows, cols) m, with holes (NaN) of up to HOLE cells along x filled in between what is on both sides: a profile
+    that was lost leaves one."""
+    out, cols = z.copy(), z.shape[1]
+    padded = np.pad(z, ((0, 0), (HOLE, HOLE)), constant_values=np.nan)
+    for left in range(1, HOLE + 1):
+        for right in range(1, HOLE + 2 - left):
+            a = padded[:, HOLE - left : HOLE - left + cols]
+            b = padded[:, HOLE + right : HOLE + right + cols]
+            between = (right * a + left * b) / (left + right)
+            out = np.where(np.isnan(out), between, out)
+    return out

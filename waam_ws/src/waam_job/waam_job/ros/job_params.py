@@ -48,6 +48,13 @@ class JobParams:
         False,
         'correct the rest of a layer while it is laid, by what the scanner shows beside the arc (docs/in_layer.md)',
     )
+    in_layer_from: float = param(
+        0.0,
+        'length along x from which a part is corrected within its layers without in_layer; 0 = none is',
+        'm',
+        0.0,
+        10.0,
+    )
     in_layer_period: float = param(
         5.0, 'between two looks beside the arc, beside those when a bead begins', 's', 0.5, 600.0
     )
@@ -109,6 +116,7 @@ def settings_of(p: JobParams, simulated: bool) -> Settings:
         scan_max_age=p.scan_max_age,
         scan_changed_only=p.scan_changed_only,
         in_layer=p.in_layer,
+        in_layer_from=p.in_layer_from,
         in_layer_period=p.in_layer_period,
         in_layer_preview=p.in_layer_preview,
         height_warning=p.height_warning,

@@ -25,6 +25,7 @@ from ..model.seen import Look, Reach, SeenLayer
 from .context import JobContext
 
 WORTH = 0.003  # relative change of a speed or feed below which nothing is replaced
+SHARE = 0.5  # of the way from the torch to the scanner, between two looks
 LAST_LEFT = 1.0  # s of path; a shorter rest is not worth a request
 RESTART = 2.0  # bead widths behind a restart whose metal is not that of a bead
 
@@ -67,7 +68,9 @@ class InLayer:
         self._laid, self._news = laid, False
         self._bead, self._looked, self._done = 0, self.cell.now(), self._first - 1
         self._heard = self._first - 1  # newest segment that was reported
-        self._over = False
+        self._over, self._way = False, 0.0
+        # m between two looks: a scanner that trails sees metal that was finished before the look began
+        self._far = SHARE * abs(context.program.current.settings.scanner_offset[0])
         self._scan_id: int | None = None
         if laid is not None:
             self._start_from(laid, RESTART * width)
@@ -123,10 +126,13 @@ class InLayer:
         control = self.context.control
         if control.metal_factor != 1.0:
             self.seen.altered(self._heard, segment.index + 1)
+        newest = segment.index + 1 - self._first
+        self._way += sum(s.length for s in self.placed[self._heard + 1 - self._first : newest])
         self._heard = segment.index
         self._over |= self._over_part()
         now, bead = self.cell.now(), segment.bead or self._bead
-        new, due = bead != self._bead, now - self._looked >= self.context.settings.in_layer_period
+        new = bead != self._bead
+        due = now - self._looked >= self.context.settings.in_layer_period or self._way >= self._far
         self._bead = bead
         if self._over and (new or due):
             self._try(self._look, segment.index, now)
@@ -143,7 +149,7 @@ class InLayer:
         assert self._scan_id is not None
         look = self.cell.look(self._scan_id, last)
         told = self.seen.add(look, self._done, done, self.asked, now)
-        self._done, self._looked, self._over = done, now, False
+        self._done, self._looked, self._over, self._way = done, now, False, 0.0
         self.record.in_layer_looks += 1
         self.record.in_layer_seen = self.seen.share(self.layer.planned)
         if told and not last:

@@ -21,6 +21,7 @@ from .learning import Learning
 from .part_scanner import PartScanner
 from .preparation import Preparation
 from .progress import BeadProgress
+from .work_frame import part_length
 
 
 @dataclass
@@ -243,7 +244,8 @@ class LayerCycle:
         laid: Laid | None,
     ) -> InLayer | None:
         """What corrects the rest of the layer while it is laid; None when nothing does: the record says why."""
-        if not self.settings.in_layer or self.loop_mode != LoopMode.CLOSED_LOOP:
+        wanted = self.settings.corrects_within(part_length(self.context.checked))
+        if not wanted or self.loop_mode != LoopMode.CLOSED_LOOP:
             return None
         against = self._against_within(scan, correction, placed)
         if against or correction is None:

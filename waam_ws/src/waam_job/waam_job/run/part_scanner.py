@@ -17,8 +17,10 @@ from ..model import changed
 from ..model.cell import LaidBeads, Scan
 from ..model.geometry import part_grid
 from ..model.goal import Code, JobError
+from ..model.lanes import lanes, scanned
 from ..model.program import deviation_of
 from ..model.records import State
+from ..model.seen import BesideArc
 from .context import JobContext
 
 WHOLE = 'whole part scanned: '  # before the reason, in the report
@@ -47,11 +49,11 @@ class PartScanner:
         return self._compared(layer, self.scan(layer, top, required))
 
     def scan_after_layer(
-        self, layer: PlannedLayer, before: Scan, beside_arc: np.ndarray | None = None
+        self, layer: PlannedLayer, before: Scan, beside_arc: BesideArc | None = None
     ) -> Scan:
         """The surface after `layer`, which was laid on that of `before`: only what it has changed is scanned, if the
-        settings say so and nothing speaks against it; the scan says which (`extent`). beside_arc: (rows, cols) m, what
-        was seen well of it while it was laid, NaN elsewhere; the ends of the pass that show only that are left out.
+        settings say so and nothing speaks against it; the scan says which (`extent`). beside_arc: what was seen of it
+        while it was laid; passes are made only where that does not suffice.
         """
         if not self.settings.scan_changed_only:
             return self.scan_after(layer.number)
@@ -61,23 +63,32 @@ class PartScanner:
         witnesses = changed.beside(before.map, window, layer.planned)
         if reason := self._whole_because(before) or changed.unwitnessed(witnesses):
             return replace(self.scan_after(layer.number), extent=WHOLE + reason)
-        whole, words = window, ''
-        if beside_arc is not None:
-            window = changed.narrowed(whole, beside_arc)
-            words = _narrower(whole, window, beside_arc)
-        top = self.program.built_height(layer.number)
-        self.journal.state(State.SCANNING, f'scanning what layer {layer.number} has changed')
-        seen = self._once(layer.number, top, window.spec(self.spec))
-        if reason := changed.against(before, seen, window, layer.planned):
+        passes = lanes(window, self.spec, self.context.plan_settings(), beside_arc)
+        seen = self._scan_windows(layer, scanned(passes))
+        known = None if beside_arc is None else beside_arc.z
+        if reason := changed.against(before, seen, layer.planned, known):
             self.journal.note('WARNING', 'scan', reason, 'the whole part is scanned')
             return replace(self.scan_after(layer.number), extent=WHOLE + reason)
         self._kept_since = self._kept_since or before.stamp
-        share = window.size / before.map.z.size
-        text = f'{share:.0%} of the map scanned, what the layer has changed{words}'
-        if beside_arc is not None and window != whole:
-            before = changed.with_seen(before, beside_arc, whole)
-        found = replace(changed.joined(before, seen, window), extent=text)
+        share = sum(w.size for _, w in seen) / before.map.z.size
+        words = [f'{share:.0%} of the map scanned, what the layer has changed']
+        text = '; '.join(words + [lane.why for lane in passes if lane.why])
+        if known is not None:
+            before = changed.with_seen(before, known, window)
+        found = replace(changed.joined(before, seen, self.cell.now()), extent=text)
         return self._compared(layer.number, found)
+
+    def _scan_windows(
+        self, layer: PlannedLayer, windows: list[changed.Window]
+    ) -> list[tuple[Scan, changed.Window]]:
+        """One scan per window, up to the first that is not plausible."""
+        top, seen = self.program.built_height(layer.number), []
+        self.journal.state(State.SCANNING, f'scanning what layer {layer.number} has changed')
+        for window in windows:
+            seen.append((self._once(layer.number, top, window.spec(self.spec)), window))
+            if not seen[-1][0].plausible:
+                break
+        return seen
 
     def _whole_because(self, before: Scan) -> str:
         """Why the whole part must be scanned; '' when it need not be."""
@@ -187,12 +198,3 @@ def _as_seen_before(scan: Scan, seen: np.ndarray) -> Scan:
         return scan
     reason = f'{lost:.1%} of the grid was seen by the scan before, not by this one'
     return replace(scan, plausible=False, reasons=(*scan.reasons, reason))
-
-
-def _narrower(whole: changed.Window, window: changed.Window, beside_arc: np.ndarray) -> str:
-    """What profiles beside the arc have spared the pass, in words for the report."""
-    well = float(np.isfinite(beside_arc[whole.cells]).mean())
-    left = 1 - window.size / whole.size
-    if left > 0:
-        return f' less {left:.0%} of it that was seen well beside the arc'
-    return f'; beside the arc {well:.0%} of it was seen well, no whole end of it'

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Point
 
@@ -32,9 +34,16 @@ def reach_known(machine: Machine) -> bool:
 def plan_settings(checked: Checked, settings: Settings, machine: Machine) -> PlanSettings:
     """What the planner needs of goal, material and machine."""
     zero = work_zero(checked.goal, settings)
-    return PlanSettings(
-        machine_min=minus(machine.limit_min, zero),
-        machine_max=minus(machine.limit_max, zero),
-        grid=settings.resolution,
-        **planner_fields(checked.goal, checked.material),
-    )
+    fields: dict[str, Any] = {
+        'machine_min': minus(machine.limit_min, zero),
+        'machine_max': minus(machine.limit_max, zero),
+        'grid': settings.resolution,
+        'scanner_trails': settings.corrects_within(part_length(checked)),
+    }
+    return PlanSettings(**fields | planner_fields(checked.goal, checked.material))
+
+
+def part_length(checked: Checked) -> float:
+    """m along x, the way that the scanner rides ahead of the torch."""
+    (x0, _, _), (x1, _, _) = checked.bounds.tolist()
+    return float(x1 - x0)

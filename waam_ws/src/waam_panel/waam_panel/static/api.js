@@ -52,6 +52,9 @@ export function element(tag, content = '', style = '') {
   if (style) e.className = style;
   return e;
 }
+export function rows(table, pairs) {
+  table.replaceChildren(...pairs.map(([a, b]) => { const r = element('tr'); r.append(element('th', a), element('td', b)); return r; }));
+}
 export function duration(seconds) {
   if (seconds === null || seconds === undefined) return '–';
   const m = Math.round(seconds / 60);

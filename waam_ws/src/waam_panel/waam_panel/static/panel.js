@@ -1,5 +1,5 @@
 // The page: binds buttons and keys, shows every frame of the stream.
-import { $, duration, element, fixed, get, post, text, toast } from './api.js';
+import { $, duration, element, fixed, get, post, rows, text, toast } from './api.js';
 import { acknowledgeTop, bindAlarms, makeTable, showAlarms } from './alarms.js';
 import { bindArchive, drawChart } from './archive.js';
 import { bindPrograms, drawProgram, programs } from './programs.js';
@@ -7,6 +7,7 @@ import { bindJog, jogKey, makeSteps } from './jog.js';
 import { bindMap, draw as drawMap, hasMap, moveTorch, refresh, show as showMap } from './map.js';
 import { addSamples, makePlots, setJob } from './plots.js';
 import { bindSetup, choices } from './setup.js';
+import { bindStandoff, drawStandoff, readStandoff, showStandoff } from './standoff.js';
 import { follow } from './stream.js';
 
 let sections = {}, factors = {}, running = false, again = 0, jobEnds = -1, page = 'run';
@@ -44,7 +45,7 @@ function bind() {
   document.addEventListener('keydown', key);
   window.addEventListener('resize', redraw);
   $('map-tabs').addEventListener('click', redraw);
-  bindAlarms(open); bindArchive(); bindJog(); bindMap(); bindPrograms(); bindSetup();
+  bindAlarms(open); bindArchive(); bindJog(); bindMap(); bindPrograms(); bindSetup(); bindStandoff();
 }
 
 function key(e) {
@@ -52,7 +53,7 @@ function key(e) {
   if (e.ctrlKey || e.altKey || e.metaKey || ['INPUT', 'SELECT', 'TEXTAREA'].includes(e.target.tagName)) return;
   if (page === 'move' && jogKey(e)) return;
   const pages = document.querySelectorAll('nav [data-page]');
-  if (/^[1-7]$/.test(e.key)) { open(pages[e.key - 1].dataset.page); return; }
+  if (/^[1-8]$/.test(e.key)) { open(pages[e.key - 1].dataset.page); return; }
   const act = { p: pause, a: () => $('arm').click(), S: () => $('start').click(), r: () => $('resume').click(), k: acknowledgeTop,
     t: () => $('theme').click(), h: () => page === 'move' && $('home').click() }[e.key];
   if (act && !e.repeat) act();
@@ -66,6 +67,7 @@ function open(name) {
   if (name === 'setup') choices();
   if (name === 'jobs') jobs();
   if (name === 'gcode') programs().then(drawProgram);
+  if (name === 'standoff') readStandoff();
 }
 
 function theme(dark) {
@@ -91,18 +93,6 @@ function showValues(t, heat, temperature) {
   text('arc-state', t ? (t.arc ? 'ON' : t.arc_enabled ? 'strikes' : 'off') : '–');
   $('arc-tile').classList.toggle('lit', Boolean(t && t.arc_enabled));
   text('gas-state', t ? (t.gas ? 'gas on' : 'gas off') : '');
-}
-
-const signed = (v) => (v === null ? '–' : `${v < 0 ? '−' : '+'}${fixed(Math.abs(v), 2)}`);
-
-function showStandoff(s) {
-  $('standoff-value').hidden = $('standoff-box').hidden = !s;
-  if (!s) return;
-  text('v-standoff', fixed(s.measured_mm, 1)); text('v-standoff-set', fixed(s.set_mm, 1));
-  text('v-standoff-z', s.alarm ? 'alarm' : `Z ${signed(s.correction_mm)}`);
-  $('standoff-value').classList.toggle('bad', Boolean(s.alarm));
-  rows($('standoff-facts'), [['measured by', s.source], ['set, mm', fixed(s.set_mm, 2)], ['measured, mm', fixed(s.measured_mm, 2)],
-    ['correction of the programmed Z, mm', signed(s.correction_mm)], ['state', s.alarm ? `! ${s.alarm}: programmed Z until the next arc` : 'ok']]);
 }
 
 const percent = (v) => (v === null ? '–' : `${fixed(100 * v, 1)} %`);
@@ -164,10 +154,6 @@ function showButtons(m, t, j, setup) {
   document.querySelectorAll('[data-gain], .wishes button').forEach((b) => { b.disabled = !takes; });
 }
 
-function rows(table, pairs) {
-  table.replaceChildren(...pairs.map(([a, b]) => { const r = element('tr'); r.append(element('th', a), element('td', b)); return r; }));
-}
-
 function showFacts(s) {
   const m = s.machine, l = s.link || {};
   const mm = (p) => p.map((v) => fixed(v, 1)).join(', ');
@@ -193,7 +179,7 @@ function onFrame(frame) {
   setJob(s.job && s.job.id);
   addSamples(frame.samples);
   document.querySelectorAll('[data-from]').forEach((e) => e.classList.toggle('stale', frame.stale.includes(e.dataset.from)));
-  showValues(s.telemetry, s.heat, s.temperature); showStandoff(s.standoff); showProcess(s.process); showWidth(s.width, s.width_ratio); showMachine(s.machine, s.telemetry); showJob(s.job, s.setup);
+  showValues(s.telemetry, s.heat, s.temperature); showStandoff(s.standoff, s.telemetry, frame.stale.includes('standoff'), running); showProcess(s.process); showWidth(s.width, s.width_ratio); showMachine(s.machine, s.telemetry); showJob(s.job, s.setup);
   showButtons(s.machine, s.telemetry, s.job, s.setup); showViewer(s.viewer);
   if (page === 'machine') showFacts(s);
   moveTorch(s.telemetry); refresh(frame.maps);
@@ -201,7 +187,10 @@ function onFrame(frame) {
   if (frame.job_ends !== jobEnds) { if (jobEnds >= 0) { jobs(); if (hasMap('error')) showMap('error'); } jobEnds = frame.job_ends; }
   redraw();
 }
-function redraw() { if (page === 'run') { drawPlots(); drawMap(); } }
+function redraw() {
+  if (page === 'run') { drawPlots(); drawMap(); }
+  if (page === 'standoff') drawStandoff();
+}
 
 async function jobs() {
   const list = await get('/api/jobs');

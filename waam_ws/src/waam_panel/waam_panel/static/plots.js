@@ -46,9 +46,9 @@ export function prepare(canvas) {
 }
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-function limits(row, from) {
+function limits(row, from, samples) {
   let low = Infinity, high = -Infinity;
-  for (const s of data) {
+  for (const s of samples) {
     if (s[0] < from) continue;
     for (const c of row.columns) if (s[c] !== null) { low = Math.min(low, s[c]); high = Math.max(high, s[c]); }
   }
@@ -57,11 +57,12 @@ function limits(row, from) {
   return low >= 0 && low < half ? [0, Math.max(high * 1.1, row.span)] : [middle - half, middle + half];
 }
 
-function draw(canvas, row) {
+// A row over time: row.columns of samples whose first column is the time, s.
+export function draw(canvas, row, samples = data) {
   const { g, w, h } = prepare(canvas);
   if (w < 20 || h < 20) return;
-  const last = data.length ? data[data.length - 1] : null;
-  const now = last ? last[0] : 0, from = now - SPAN, [low, high] = limits(row, from);
+  const last = samples.length ? samples[samples.length - 1] : null;
+  const now = last ? last[0] : 0, from = now - SPAN, [low, high] = limits(row, from, samples);
   const x = (t) => 4 + (w - 60) * (t - from) / SPAN, y = (v) => h - 4 - (h - 8) * (v - low) / (high - low);
   g.font = '13px system-ui, sans-serif';
   row.columns.forEach((column, k) => {
@@ -71,7 +72,7 @@ function draw(canvas, row) {
     g.lineWidth = 2;
     g.beginPath();
     let pen = false, skipped = 0;
-    for (const s of data) {
+    for (const s of samples) {
       if (s[0] < from) continue;
       if (s[column] === null || s[0] - skipped > 10 && skipped) pen = false;
       skipped = s[0];

@@ -1,0 +1,84 @@
+"""A graph whose processes are children of this one: one that was killed is started again, the others go on."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import suppress
+
+DEATHS = (
+    14  # of one graph: the ports of more dead nodes cannot be held (waam_bringup.shared_memory)
+)
+
+
+class LiveGraph:
+    """Start with `start`, end with `stop`. `client` makes a client once every node answers."""
+
+    def __init__(self, settings, domain: int, timeout: float) -> None:
+        self.settings, self.domain, self.timeout = settings, domain, timeout
+        self.deaths = 0
+        self._supervisor = None
+        self._lock, self._over = threading.Lock(), threading.Event()
+
+    @property
+    def worn_out(self) -> bool:
+        """So many nodes died that it is better to start a new one."""
+        return self.deaths >= DEATHS
+
+    def start(self) -> None:
+        """Starts all processes and watches them."""
+        from waam_bringup import shared_memory
+        from waam_bringup.supervisor import Supervisor
+
+        shared_memory.clean()
+        self.settings.run.mkdir(parents=True, exist_ok=True)
+        self._supervisor = Supervisor(self.settings, self.domain)
+        self._supervisor.start()
+        self._supervisor.state.phase = 'up'
+        self._supervisor.state.save(self.settings.run)
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._watcher.start()
+
+    def _watch(self) -> None:
+        while not self._over.wait(0.1):
+            with self._lock:
+                self._supervisor.look()
+
+    def stop(self) -> None:
+        """Ends all processes."""
+        self._over.set()
+        self._watcher.join()
+        self._supervisor.stop()
+
+    def ready(self, client) -> None:
+        """Waits until every node answers. ClientError when one does not."""
+        names = {spec.name for spec in self._supervisor.specs if spec.ros}
+        client.wait_ready(names, self.timeout, dict, self.timeout)
+
+    def kill(self, name: str) -> None:
+        """kill -9. Its ports are held: a successor on the same ones would never hear."""
+        from waam_bringup import shared_memory
+
+        child = self._supervisor.children[name]
+        ports = shared_memory.ports_of(child.pid)
+        with suppress(ProcessLookupError):
+            child.kill()
+        self.deaths += 1
+        self._supervisor.ports_of_dead.hold(ports)
+
+    def revive(self, name: str) -> None:
+        """Starts a process that was killed again."""
+        from waam_bringup import shared_memory
+
+        with self._lock:
+            supervisor = self._supervisor
+            supervisor.children[name].wait()
+            supervisor.look()  # its death is in state.json
+            shared_memory.clean()
+            spec = next(s for s in supervisor.specs if s.name == name)
+            state = supervisor.state.nodes[name]
+            state.pid, state.exit_code, state.ended_at = (
+                supervisor._launch(spec, 'a').pid,
+                None,
+                None,
+            )
+            supervisor.state.save(self.settings.run)

@@ -1,0 +1,16 @@
+"""What the page *Standoff* sets: pure values between the web server and the graph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class StandoffSettings:
+    """Of the controller's standoff control; m. distance: NaN = what fits the source."""
+
+    source: str
+    law: str
+    distance: float
+    up: float
+    down: float

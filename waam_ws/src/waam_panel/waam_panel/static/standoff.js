@@ -1,0 +1,59 @@
+// The page Standoff: set, measured and correction as they are, and what the next jobs are held by.
+import { $, element, fixed, get, post, rows, text } from './api.js';
+import { draw } from './plots.js';
+
+const NAMES = ['source', 'law', 'set_mm', 'up_mm', 'down_mm'];
+const KEEP = 3000;
+const DISTANCE = { name: 'distance', unit: 'mm', columns: [1, 2], span: 1 };
+const CORRECTION = { name: 'correction of Z', unit: 'mm', columns: [3], span: 1 };
+const samples = [];
+const signed = (v) => (v === null ? '–' : `${v < 0 ? '−' : '+'}${fixed(Math.abs(v), 2)}`);
+
+export function bindStandoff() {
+  $('s-apply').addEventListener('click', apply);
+  $('standoff-form').addEventListener('submit', (e) => { e.preventDefault(); apply(); });
+  // the distance of one source means nothing to another one
+  $('s-source').addEventListener('change', () => { $('s-set_mm').value = ''; });
+}
+
+export async function readStandoff() {
+  const found = await get('/api/standoff');
+  if (!found) return;
+  options($('s-source'), found.sources); options($('s-law'), found.laws);
+  for (const [name, [low, high]] of Object.entries(found.limits_mm)) { $(`s-${name}`).min = low; $(`s-${name}`).max = high; }
+  if (found.ok) for (const name of NAMES) $(`s-${name}`).value = found[name] ?? '';
+  text('standoff-note', found.ok ? 'Set between jobs; it holds until the bridge is started again.' : found.message);
+}
+
+async function apply() {
+  const number = (name) => ($(`s-${name}`).value === '' ? null : Number($(`s-${name}`).value));
+  const answer = await post('standoff', { source: $('s-source').value, law: $('s-law').value,
+    set_mm: number('set_mm'), up_mm: number('up_mm'), down_mm: number('down_mm') });
+  if (answer.ok) readStandoff();
+}
+
+function options(select, names) {
+  if (select.options.length !== names.length) select.replaceChildren(...names.map((n) => element('option', n)));
+}
+
+export function showStandoff(s, telemetry, old, running) {
+  $('s-apply').disabled = running;
+  $('standoff-value').hidden = !s || old && !running;
+  if (!s) { rows($('standoff-facts'), [['state', 'off']]); return; }
+  text('v-standoff', fixed(s.measured_mm, 1)); text('v-standoff-set', fixed(s.set_mm, 1));
+  text('v-standoff-z', s.alarm ? 'alarm' : `Z ${signed(s.correction_mm)}`);
+  $('standoff-value').classList.toggle('bad', Boolean(s.alarm));
+  rows($('standoff-facts'), [['measured by', s.source], ['set, mm', fixed(s.set_mm, 2)], ['measured, mm', fixed(s.measured_mm, 2)],
+    ['correction of the programmed Z, mm', signed(s.correction_mm)], ['state', s.alarm ? `! ${s.alarm}: programmed Z until the next arc` : old ? 'off' : 'ok']]);
+  if (telemetry && !old) keep([telemetry.t, s.set_mm, s.measured_mm, s.correction_mm]);
+}
+
+function keep(sample) {
+  const last = samples[samples.length - 1];
+  if (last && sample[0] === last[0]) return;
+  if (last && sample[0] < last[0]) samples.length = 0; // another run
+  samples.push(sample);
+  if (samples.length > KEEP) samples.shift();
+}
+
+export function drawStandoff() { draw($('standoff-distance'), DISTANCE, samples); draw($('standoff-correction'), CORRECTION, samples); }
