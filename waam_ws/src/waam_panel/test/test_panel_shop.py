@@ -146,7 +146,10 @@ def test_every_command_is_in_the_log_with_who_and_what_came_of_it(make_panel):
 
 def test_what_the_cell_does_is_in_the_log_whoever_asked_for_it(ready):
     """Another ROS program has started a job: nobody asked for it here."""
-    log = ready.cell.shop.audit
+    log, shop = ready.cell.shop.audit, ready.cell.shop.shop
+    until(lambda: shop.status('cell'), 'first look')
+    first = shop.status('cell').utc
+    until(lambda: shop.status('cell').utc > first, 'second look: what the first one saw is old')
     for state, armed in (
         ('DEPOSITING', True),
         ('PAUSED', True),

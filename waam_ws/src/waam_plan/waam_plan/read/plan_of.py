@@ -73,7 +73,9 @@ def plan_program(
     if not region.any():
         what = 'nothing is missing' if nominal is None else 'the nominal part does not end'
         raise PlanError(f'{program.name}: {what} where it lays metal')
-    plan = _assembled(program, planned, found, base, nominal, region, settings, mode, level)
+    plan = _assembled(
+        program, planned, found, base, nominal, region, settings, mode=mode, level=level
+    )
     check_reach([s for layer in planned for s in layer.segments], settings)
     return plan
 
@@ -304,6 +306,7 @@ def _assembled(
     nominal: HeightGrid | None,
     region: np.ndarray,
     settings: PlanSettings,
+    *,
     mode: str,
     level: bool,
 ) -> Plan:
