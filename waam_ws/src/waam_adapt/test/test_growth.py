@@ -25,7 +25,7 @@ from waam_adapt.beads import bead_path, model, plan_geometry
 from waam_adapt.beads.bead_path import beads_of, nearest_of
 from waam_adapt.beads.model import SPREAD, bead_model
 from waam_adapt.grids import CELLS_PER_BEAD
-from waam_adapt.laws import net_file
+from waam_adapt.laws import growth_law, net_file
 from waam_adapt.laws.checks import MapOrigin
 from waam_adapt.laws.corrector import CorrectionParams, Corrector
 from waam_adapt.laws.growth_law import GrowthLaw
@@ -140,6 +140,21 @@ def test_a_prepared_layer_is_answered_alike_without_computing_its_geometry_again
     assert computed() == before
     assert not plain.fallback and plain.psi.any()
     assert prepared.psi.tobytes() == plain.psi.tobytes()
+
+
+def test_the_network_is_asked_before_the_layer_has_cooled(tmp_path):
+    """About as warm as the one before: the answer to the announced layer serves; much warmer: it is asked again."""
+    corrector = Corrector(CorrectionParams(model=str(weights_file(tmp_path / 'g.npz'))))
+    origin = MapOrigin(0.0, 'job', 'job', 1, 1, plausible=True)
+    asked = request((zigzag() + (2e-5, 0),), temperature=150.0)
+    corrector.answer(1, request(temperature=150.0), origin, LastLayer())
+    corrector.prepare(replace(asked, z=np.zeros(SHAPE), temperature=np.nan))
+    for temperature, more in ((165.0, 0), (128.0, 0), (300.0, 1)):
+        before = growth_law._answer.cache_info().misses
+        warm = replace(asked, temperature=temperature)
+        found = corrector.answer(2, warm, origin, LastLayer()).correction
+        assert not found.fallback
+        assert growth_law._answer.cache_info().misses == before + more
 
 
 def test_less_is_laid_where_more_will_grow():

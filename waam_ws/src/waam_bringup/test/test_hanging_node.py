@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -37,6 +38,17 @@ def supervisor(tmp_path) -> Iterator[Supervisor]:
         for child in made.children.values():
             os.kill(child.pid, signal.SIGCONT)
         made.stop()
+
+
+def test_nothing_is_left_running_when_the_folder_of_the_graph_is_gone(tmp_path, capfd):
+    made = Supervisor(
+        Settings(run=tmp_path / 'run'), fresh_domain(), {'feed_forward': NODES['feed_forward']}
+    )
+    made.start()
+    shutil.rmtree(tmp_path / 'run')
+    made.stop()
+    assert all(child.poll() is not None for child in made.children.values())
+    assert 'state.json: No such file' in capfd.readouterr().err
 
 
 def all_heard(s: Supervisor) -> bool:

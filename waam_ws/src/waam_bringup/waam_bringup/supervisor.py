@@ -82,10 +82,17 @@ class Supervisor:
         for sig in (signal.SIGINT, signal.SIGTERM):
             signal.signal(sig, self._on_signal)
         self.state.phase = 'up'
-        self.state.save(self.settings.run)
+        self._save()
         while not self._asked_to_stop:
             self.look()
             time.sleep(poll)
+
+    def _save(self) -> None:
+        """What the disk refuses is told: processes that nobody ends would be worse."""
+        try:
+            self.state.save(self.settings.run)
+        except OSError as e:
+            print(f'[waam] {self.settings.run}/state.json: {e.strerror}', file=sys.stderr)
 
     def look(self) -> None:
         """One look at all processes."""
@@ -113,7 +120,7 @@ class Supervisor:
                 self.watchdog.forget(child.pid)
                 self._report_death(name, child.returncode)
         if changed:
-            self.state.save(self.settings.run)
+            self._save()
 
     def _restart_hanging(self) -> None:
         """Restarts the process that has been silent longest, unless a job runs. Others may be silent because it holds
@@ -152,7 +159,7 @@ class Supervisor:
         state.pid = self._launch(spec, 'a', **{alive.RESTARTED: state.reason}).pid
         state.restarts += 1
         self.state.message = state.reason
-        self.state.save(self.settings.run)
+        self._save()
 
     def _report_death(self, name: str, code: int) -> None:
         text = f'{name} {describe_exit(code)}'
@@ -164,7 +171,7 @@ class Supervisor:
     def stop(self, patience: float = 8.0) -> None:
         """Ends the processes in reverse order; what does not leave within `patience` seconds is killed."""
         self.state.phase = 'stopping'
-        self.state.save(self.settings.run)
+        self._save()
         for name in reversed(list(self.children)):
             child = self.children[name]
             if child.poll() is None:
@@ -182,7 +189,7 @@ class Supervisor:
         self.watchdog.close()
         self.ports_of_dead.close()
         self.state.phase = 'down'
-        self.state.save(self.settings.run)
+        self._save()
 
 
 def mark_interrupted(run: Path, reason: str) -> None:

@@ -63,6 +63,9 @@ class _Ways(NamedTuple):
     along: np.ndarray
 
 
+WARM_STEP = 25.0  # K: growth hardly differs within one, and an answer can be prepared before a layer has cooled
+
+
 def build(request: CorrectionInput, grid: Resampler) -> np.ndarray:
     """(CHANNELS, rows, cols) float32 on the grid a quarter of a bead wide; lengths in bead widths, metal relative to
     the middle of the footprint. The request must tell its paths and have a footprint."""
@@ -162,9 +165,16 @@ def summary(x: np.ndarray, width: float) -> np.ndarray:
     ])  # fmt: skip
 
 
+def alike(temperature: float) -> tuple[float, ...]:
+    """Temperatures (degC) of which `build` makes all inputs that a layer some 25 K warmer or colder can have."""
+    return (temperature, temperature - WARM_STEP, temperature + WARM_STEP)
+
+
 def _warmth(temperature: float) -> float:
-    """0 for a cold or unknown layer, 1 at 400 degC."""
-    return 0.0 if math.isnan(temperature) else min(max((temperature - 20) / 380, 0.0), 2.0)
+    """0 for a cold or unknown layer, 1 at 400 degC, in steps."""
+    if math.isnan(temperature):
+        return 0.0
+    return min(max((WARM_STEP * round(temperature / WARM_STEP) - 20) / 380, 0.0), 2.0)
 
 
 def _pieces(beads: Sequence[Bead], width: float) -> _Pieces:

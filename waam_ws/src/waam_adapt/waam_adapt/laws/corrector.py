@@ -5,13 +5,15 @@ The node and the offline replay both answer through this class, so that a replay
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from waam_node.params import param
 from waam_process.learned import Learned
 
+from ..beads import plan_geometry
 from ..hold.width import SeenWidth, WidthEstimate, WidthIdentifier
 from ..identify.estimate import Estimate
 from ..identify.evidence import Layer
@@ -126,6 +128,7 @@ class Corrector:
         self.limits = MapLimits(p.max_age, p.min_coverage, p.max_sigma, p.max_error)
         self.identifier = Identifier(p.forgetting, p.learning, watch_beads=p.law in BEAD_LAWS)
         self.widths = WidthIdentifier()
+        self._temperature = math.nan  # degC, of the newest request
 
     def answer(
         self,
@@ -140,6 +143,7 @@ class Corrector:
 
         learned: what the job starts with, the same for all of its layers. seen: bead width in the map.
         """
+        self._temperature = request.temperature
         reasons = reasons_against(origin, request, self.limits)
         width = self.widths.add(origin.expected_job_id, layer, SeenWidth() if reasons else seen)
         self.identifier.start(origin.expected_job_id, layer, start_of(learned, self.network))
@@ -170,9 +174,13 @@ class Corrector:
         )
 
     def prepare(self, request: CorrectionInput) -> None:
-        """Answers for a layer whose surface is not known yet and forgets the answer: what its plan alone decides is
-        kept by the functions that compute it, so that `answer` need not. Answers are the same without it."""
+        """Answers for a layer whose surface and temperature are not known yet and forgets the answer: what its plan
+        alone decides, and what the network says of it about as warm as the layer before, is kept by the functions that
+        compute it, so that `answer` need not. Answers are the same without it."""
         safe_correct(self.law, request, ())
+        if isinstance(self.law, GrowthLaw):
+            for temperature in plan_geometry.alike(self._temperature):
+                self.law.predict(replace(request, temperature=temperature))
 
     @property
     def network(self) -> str:

@@ -72,7 +72,7 @@ class GrowthLaw:
             return replace(nothing, doubt=f'plan unlike the training: {odd}')
         box = plan_geometry.box(x)
         shown = x[:, *box]
-        told, log_error = self.network(shown)
+        told, log_error = _answer(self.network, shown.tobytes(), shown.shape)
         if not (np.isfinite(told).all() and np.isfinite(log_error).all()):
             return replace(nothing, doubt='the network gave an answer that is not finite')
         growth, sigma = nothing.growth, nothing.sigma
@@ -124,6 +124,17 @@ class GrowthLaw:
         text = f'{self.name}: weight of the network {predicted.weight:.2f}'
         level = math.expm1(predicted.level)
         return (f'{text}, level of this layer {level:+.1%}' if level else text,)
+
+
+@lru_cache(maxsize=8)
+def _answer(
+    network: net.Network, shown: bytes, shape: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of the network to an input (float32, of `shape`). The newest are kept, for those of an announced layer."""
+    found = network(np.frombuffer(shown, np.float32).reshape(shape))
+    for kept in found:
+        kept.flags.writeable = False
+    return found
 
 
 @lru_cache(maxsize=4)

@@ -27,7 +27,7 @@ class ModelError(ValueError):
     """A model file that is missing, damaged or of another make; the text names file and reason."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Network:
     """Weights of the network and what is known about them."""
 
