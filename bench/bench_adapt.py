@@ -7,7 +7,8 @@ adapt.wall_rms_trimmed_mm, adapt.wall_rms_all_mm: final top of a 100-layer singl
   (bench/lib/adapt_wall.py), without and with two segments at each end (baseline: the published cell).
 adapt.transfer_worst_ratio: largest RMS of the network over that of the best explicit law, pads unlike training.
 adapt.service_p99_ms: round trip of the real service, 256 x 256 cells, new beads in every call, announced beforehand as
-  a job does, conversion included (baseline: what was asked). The table also has calls that were not announced.
+  a job does and as warm as the layer before, conversion included (baseline: what was asked). The table also has calls
+  that were not announced.
 thermal.wait_error_pct: mean error of the predicted wait for an interpass limit, recorded wall (baseline: exponential).
 Tables, only when asked for by name: adapt.wall_fit (the fit of the wall to the recordings) and adapt.ablation (the
 chain without one of its parts).
