@@ -12,17 +12,23 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 Key = TypeVar('Key')
 Piece = TypeVar('Piece')
 Result = TypeVar('Result')
 ONE_THREAD = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
 TRIES = 3  # workers that a piece may lose
+NO_MORE = ()  # in place of a piece: the worker may go
+
+
+class WorkerLost(Exception):
+    """The processes of a piece of work were killed; the text says how many."""
 
 
 @dataclass(frozen=True)
@@ -94,41 +100,98 @@ class _Crew(Generic[Piece, Result]):
     ) -> None:
         self._work, self._lost, self._context = work, lost, context(preload)
         self._mine, self._lock, self._over = threading.local(), threading.Lock(), False
-        self._started: list[ProcessPoolExecutor] = []
-        self._others = set(multiprocessing.active_children())
+        self._started: list[_Worker] = []
 
     def do(self, piece: Piece) -> Result:
         """Its result; that of `lost` when its process was lost TRIES times."""
-        error: Exception
         for _ in range(TRIES):
+            worker = self._worker()
             try:
-                return self._submit(piece).result()
-            except BrokenProcessPool as e:
-                self._mine.pool, error = None, e
-        return self._lost(piece, error)
+                found, error = worker.ask(piece)
+            except (EOFError, OSError):  # it has ended, perhaps in the middle of its answer
+                worker.close()
+                self._mine.worker = None
+                continue
+            if error is not None:
+                raise error
+            return found
+        return self._lost(piece, WorkerLost(f'{TRIES} workers were lost one after the other'))
 
-    def _submit(self, piece: Piece) -> Future[Result]:
+    def _worker(self) -> _Worker:
         with self._lock:  # one process is started at a time
             if self._over:
-                raise BrokenProcessPool('ended')
-            if getattr(self._mine, 'pool', None) is None:
-                self._mine.pool = ProcessPoolExecutor(1, self._context, _start)
-                self._started.append(self._mine.pool)
-            pool: ProcessPoolExecutor = self._mine.pool
-            return pool.submit(self._work, piece)
+                raise WorkerLost('all workers were dismissed')
+            if getattr(self._mine, 'worker', None) is None:
+                self._mine.worker = _Worker(self._context, self._work)
+                self._started.append(self._mine.worker)
+            worker: _Worker = self._mine.worker
+            return worker
 
     def dismiss(self) -> None:
         """All processes end at once, whatever they do."""
         with self._lock:
             self._over = True
-            for child in set(multiprocessing.active_children()) - self._others:
-                child.terminate()
+            for worker in self._started:
+                worker.process.terminate()
         self.end()
 
     def end(self) -> None:
         """No process is left."""
-        for pool in self._started:
-            pool.shutdown()
+        for worker in self._started:
+            worker.close()
+        for worker in self._started:
+            worker.process.join()
+
+
+class _Worker:
+    """A process that answers one piece after the other. Its end of the pipe is closed on this side, so what it leaves
+    unsaid when it is killed ends the reading; a pool of the standard library waits for the rest for ever."""
+
+    def __init__(self, start: BaseContext, work: Callable[[Any], Any]) -> None:
+        self._pipe, far = multiprocessing.Pipe()
+        # one that outlives this process would wait for nobody
+        self.process = start.Process(target=_serve, args=(far, work), daemon=True)  # type: ignore[attr-defined]
+        self.process.start()
+        far.close()
+
+    def ask(self, piece: Any) -> tuple[Any, Exception | None]:
+        """(result, None), or (None, what the work raised). EOFError or OSError when the process is gone."""
+        self._pipe.send((piece,))
+        found: tuple[Any, Exception | None] = self._pipe.recv()
+        return found
+
+    def close(self) -> None:
+        """The process ends after what it is at."""
+        if not self._pipe.closed:
+            with suppress(OSError):  # it is gone already
+                self._pipe.send(NO_MORE)
+            self._pipe.close()
+
+
+def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
+    """In the process of a worker, until there is nobody to work for."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that asked ends its workers
+    while True:
+        try:
+            order = pipe.recv()
+        except (EOFError, OSError):
+            return
+        if order == NO_MORE:
+            return
+        answer = _answer(work, *order)
+        try:
+            pipe.send(answer)
+        except OSError:
+            return
+        except Exception as e:  # it cannot be sent as it is
+            pipe.send((None, e))
+
+
+def _answer(work: Callable[[Any], Any], piece: Any) -> tuple[Any, Exception | None]:
+    try:
+        return work(piece), None
+    except Exception as e:
+        return None, e
 
 
 def context(preload: tuple[str, ...]) -> BaseContext:
@@ -136,10 +199,6 @@ def context(preload: tuple[str, ...]) -> BaseContext:
     found = multiprocessing.get_context('forkserver')
     found.set_forkserver_preload(list(preload))
     return found
-
-
-def _start() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that asked ends its workers
 
 
 class _one_thread_each:
