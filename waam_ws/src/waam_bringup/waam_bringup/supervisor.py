@@ -98,14 +98,9 @@ class Supervisor:
         """One look at all processes."""
         self._reap()
         self._restart_hanging()
-        running = [
-            c.pid for n, c in self.children.items() if n in self._urgent() and c.poll() is None
-        ]
+        asking = [s.name for s in self.specs if priority.VARIABLE in s.environment]
+        running = [self.children[n].pid for n in asking if self.children[n].poll() is None]
         self.urgency.look(running, job_runs(self.settings.run), time.monotonic())
-
-    def _urgent(self) -> set[str]:
-        """Names of processes that ask for real-time priority."""
-        return {spec.name for spec in self.specs if priority.VARIABLE in spec.environment}
 
     def _on_signal(self, *_: object) -> None:
         self._asked_to_stop = True

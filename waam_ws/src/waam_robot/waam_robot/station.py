@@ -101,7 +101,11 @@ def box_path(low: np.ndarray, high: np.ndarray, step: float) -> np.ndarray:
     """(N, 3) m: around the lower and then the upper face of a box, and through its middle; `step` m apart at most."""
     flat = np.array([low[:2], [high[0], low[1]], high[:2], [low[0], high[1]], low[:2]])
     around = [np.column_stack([flat, np.full(len(flat), z)]) for z in (low[2], high[2])]
-    corners = np.concatenate([*around, (low + high)[None] / 2])
+    return evenly(np.concatenate([*around, (low + high)[None] / 2]), step)
+
+
+def evenly(corners: np.ndarray, step: float) -> np.ndarray:
+    """(n, 3) m: corners of a way (m, 3) and places between them, at most `step` m apart."""
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     counts = np.maximum(np.ceil(lengths / step), 1).astype(int)
     pieces = [

@@ -166,7 +166,7 @@ def summary(x: np.ndarray, width: float) -> np.ndarray:
 
 
 def alike(temperature: float) -> tuple[float, ...]:
-    """Temperatures (degC) of which `build` makes all inputs that a layer some 25 K warmer or colder can have."""
+    """The temperature (degC) and those a step of `build` colder and warmer."""
     return (temperature, temperature - WARM_STEP, temperature + WARM_STEP)
 
 

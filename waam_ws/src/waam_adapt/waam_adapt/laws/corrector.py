@@ -177,10 +177,10 @@ class Corrector:
         """Answers for a layer whose surface and temperature are not known yet and forgets the answer: what its plan
         alone decides, and what the network says of it about as warm as the layer before, is kept by the functions that
         compute it, so that `answer` need not. Answers are the same without it."""
-        safe_correct(self.law, request, ())
         if isinstance(self.law, GrowthLaw):
-            for temperature in plan_geometry.alike(self._temperature):
-                self.law.predict(replace(request, temperature=temperature))
+            warm = [replace(request, temperature=t) for t in plan_geometry.alike(self._temperature)]
+            request = request.told([self.law.predict(r) for r in warm][0])
+        safe_correct(self.law, request, ())
 
     @property
     def network(self) -> str:

@@ -12,7 +12,7 @@ from waam_plan.plan import Plan, PlannedLayer
 from waam_process.segment import Kind, Segment
 from waam_robot.collision import CollisionError, Scene
 from waam_robot.joint_path import Machine
-from waam_robot.station import Reach, Station
+from waam_robot.station import Reach, Station, evenly
 from waam_robot.urdf_bodies import UrdfCell
 from waam_robot.urdf_station import UrdfStation
 from waam_robot.urdf_text import UrdfError
@@ -84,22 +84,14 @@ def _ways(layer: PlannedLayer, here: np.ndarray | None) -> Iterator[tuple[str, n
             continue
         corners = np.array([points[0].start, *(s.end for s in points)])
         if here is not None and np.abs(corners[0] - here).max() > STEP:
-            yield 'the way from the layer before', _even(np.array([here, corners[0]]))
-        yield (f'bead {bead}' if kind == Kind.DEPOSIT else 'a way with the arc off'), _even(corners)
+            yield 'the way from the layer before', evenly(np.array([here, corners[0]]), STEP)
+        yield (
+            (f'bead {bead}' if kind == Kind.DEPOSIT else 'a way with the arc off'),
+            evenly(corners, STEP),
+        )
         here = corners[-1]
 
 
 def _which(segment: Segment) -> tuple[Kind, int]:
     kind = Kind.DEPOSIT if segment.arc else Kind.IDLE
     return kind, segment.bead if segment.arc else 0
-
-
-def _even(corners: np.ndarray) -> np.ndarray:
-    """(n, 3): corners and places between them, STEP apart at most."""
-    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    counts = np.maximum(np.ceil(lengths / STEP), 1).astype(int)
-    pieces = [
-        a + np.arange(n)[:, None] / n * (b - a)
-        for a, b, n in zip(corners, corners[1:], counts, strict=False)
-    ]
-    return np.concatenate([*pieces, corners[-1:]])

@@ -57,19 +57,15 @@ def plan_program(
             for r, reach in zip(runs, _reaches(kept, runs, settings), strict=True)
         ]
         _check_ground(covers, kept, base)
-        wanted = targets.targets_of(
-            covers,
-            base,
-            None if nominal is None else nominal.z,
-            settings,
-            _last(covers, runs, spec, settings),
-        )
+        top = None if nominal is None else nominal.z
+        last = _last(covers, runs, spec, settings)
+        wanted = targets.targets_of(covers, base, top, settings, last)
         settings = _fitted(settings, wanted)
         runs = [_with_metal(r, t, spec) for r, t in zip(runs, wanted, strict=True)]
         if level:
             runs = [levelled(r, t, spec, settings) for r, t in zip(runs, wanted, strict=True)]
         planned = _layers(kept, runs, wanted, program, base, spec, settings)
-    region = targets.judged_region(wanted, None if nominal is None else nominal.z)
+    region = targets.judged_region(wanted, top)
     if not region.any():
         what = 'nothing is missing' if nominal is None else 'the nominal part does not end'
         raise PlanError(f'{program.name}: {what} where it lays metal')
@@ -316,8 +312,8 @@ def _assembled(
         top = np.where(layer.footprint, layer.target_after, top)
     highest = max(float(np.nanmax(top)), float(np.nanmax(base)))
     starts = sum(p.arc_starts for p in planned)
-    said = f'program {program.name}: {len(planned)} layers, {starts} beads; its path stays'
-    said += ', its metal is shared out along it' if level else ''
+    shared = ', its metal is shared out along it' if level else ''
+    said = f'program {program.name}: {len(planned)} layers, {starts} beads; its path stays{shared}'
     return Plan(
         spec,
         HeightGrid(spec, base),
