@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 
 from waam_node.params import ParameterError, param
+from waam_process.names import STANDOFF_LAWS, STANDOFF_SOURCES
 from waam_process.units import mm
 
 from .mounting import mounting
 from .program import Limits
 
-STANDOFF_SOURCES = ('none', 'laser', 'infrared', 'arc')
-STANDOFF_LAWS = ('relay', 'pid')
 OF_SOURCE = 'NaN = what fits the source'
 NAN = math.nan
 _standoff = partial(param, changeable=True)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 
-from waam_process.names import CONTROLLER_STATES
+from waam_process.names import CONTROLLER_STATES, STANDOFF_LAWS, STANDOFF_SOURCES
 from waam_process.units import to_mm
 
 from . import frames, requests
 from .machine import Machine
 from .outbox import FAULT
-from .params import STANDOFF_LAWS, STANDOFF_SOURCES, BridgeParams
+from .params import BridgeParams
 from .program import number
 
 CAPABILITY = 'STANDOFF'

@@ -31,7 +31,7 @@ def param(
     changeable: bool = False,
 ) -> Any:
     """A dataclass field with what a parameter needs. Lists are given as tuples or lists. changeable: while the node
-    runs, if the node takes the new value (`add_on_set_parameters_callback`); the others are read-only."""
+    runs, if the node takes the new value (`WaamNode.on_change`); the others are read-only."""
     meta = {
         'description': description,
         'unit': unit,

@@ -8,6 +8,7 @@ from typing import Any
 
 from aiohttp import web
 
+from waam_process.names import STANDOFF_LAWS, STANDOFF_SOURCES
 from waam_shop.roles import Role
 
 from .api import number
@@ -17,15 +18,13 @@ from .operations import Refused
 from .routes import Route
 from .standoff_settings import StandoffSettings
 
-SOURCES = ('none', 'laser', 'infrared', 'arc')
-LAWS = ('pid', 'relay')
 LIMITS_MM = {'set_mm': (5.0, 400.0), 'up_mm': (0.0, 20.0), 'down_mm': (0.0, 20.0)}
 
 
 def settings_of(data: dict[str, Any]) -> StandoffSettings:
     """What the page asks for; set_mm null = what fits the source. Raises BadRequest."""
-    if data.get('source') not in SOURCES or data.get('law') not in LAWS:
-        raise BadRequest(f'source: {", ".join(SOURCES)}; law: {", ".join(LAWS)}')
+    if data.get('source') not in STANDOFF_SOURCES or data.get('law') not in STANDOFF_LAWS:
+        raise BadRequest(f'source: {", ".join(STANDOFF_SOURCES)}; law: {", ".join(STANDOFF_LAWS)}')
     set_mm = math.nan if data.get('set_mm') is None else _mm(data, 'set_mm')
     up, down = _mm(data, 'up_mm'), _mm(data, 'down_mm')
     return StandoffSettings(data['source'], data['law'], set_mm * 1e-3, up * 1e-3, down * 1e-3)
@@ -46,7 +45,7 @@ async def set_standoff(cell: Cell, data: dict[str, Any]) -> str:
 async def _settings(request: web.Request) -> web.Response:
     """What is set now, and the limits of the page."""
     cell: Cell = request.app[CELL]
-    limits = {'sources': SOURCES, 'laws': LAWS, 'limits_mm': LIMITS_MM}
+    limits = {'sources': STANDOFF_SOURCES, 'laws': STANDOFF_LAWS, 'limits_mm': LIMITS_MM}
     try:
         found: StandoffSettings = await asyncio.to_thread(cell.operations.standoff)
     except Refused as e:

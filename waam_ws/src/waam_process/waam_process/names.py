@@ -1,4 +1,4 @@
-"""Names of states and of kinds of anomalies, each list in one place (`loop_mode` has those of the loop).
+"""Names of states, of kinds of anomalies and of choices, each list in one place (`loop_mode` has those of the loop).
 
 The numbers of the states are those of the messages (`Telemetry.STATE_*`, `JobStatus`); a test compares them.
 """
@@ -16,6 +16,10 @@ JOB_STATES = (
 JOB_ENDED = ('DONE', 'FAILED', 'ABORTED')  # what a job ends as
 INTERRUPTED = 'INTERRUPTED'  # in status.json only, written by the supervisor
 JOB_RUNNING = tuple(s for s in JOB_STATES if s not in ('IDLE', *JOB_ENDED))
+
+# what the torch is held at its distance by, and the law from the error to the speed
+STANDOFF_SOURCES = ('none', 'laser', 'infrared', 'arc')
+STANDOFF_LAWS = ('relay', 'pid')
 
 SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')  # of an anomaly; the index is its number
 FAULTS = ('FAULT', 'ALARM')  # those that count as faults
