@@ -14,6 +14,9 @@ these jobs and of the six parts that the network did not answer.
 noise, has taught against the same jobs started fresh; gains after the first layers on stderr.
 `shape.chosen_rms_mm`: mean RMS of random parts with the layout that `waam lab --choose` takes, against the default
 layout on the same cells; chosen on cells of other physics, reported on the usual ones.
+`shape.last_layer_known_mm`: RMS of the jaw when the correction knows of the last layer what repeats with other noise
+(`lib/last_layer.py`), a bound for what a network or a former job can tell; seeds 101 and 102, judged with other noise
+than learned with. `shape.last_layer_solver_mm`: the same without a network.
 `shape.pitch_rms_mm`: mean RMS over all strategies with the pitch of the material table, against beads 0.73 of their
 width apart; it chooses a setting and so runs on seeds 101 to 105.
 
@@ -45,6 +48,7 @@ TEACHER, OTHER_NOISE = 'pockets', 1000
 STRATEGIES = ('zigzag', 'contour', 'spiral', 'combined')
 RANDOM_PARTS = (21, 22, 23, 24, 25, 26)  # of waam_lab.parts.random_part
 CHOOSING = (101, 102, 103, 104, 105)
+TAUGHT = (101, 102)  # whose last layer is laid again and again
 PITCHES = (0.60, 0.73)  # of the bead width: the material table's, and that of version 0.1
 OLD = 'version 0.1, five seeds'
 OLD_TIME = 700.0  # s
@@ -268,6 +272,24 @@ def chosen() -> None:
     emit('shape.chosen_rms_mm', best, 'mm', 'the default layout', asked)
 
 
+def last_layer() -> None:
+    """One worker: 30 jobs a seed."""
+    from lib import last_layer as again
+
+    from waam_bringup.paths import share
+    from waam_lab import over_seeds, restore
+
+    parts = share('waam_bringup') / 'parts'
+    job = restore(parts / 'jaw_nominal.stl', parts / 'jaw_worn.stl', tolerance=0.2e-3)
+    found = [1e3 * again.rms_by_way(j) for j in over_seeds(job, seeds(TAUGHT))]
+    for seed, row in zip(seeds(TAUGHT), found, strict=True):
+        ways = ', '.join(f'{n} {v:.4f}' for n, v in zip(again.WAYS, row, strict=True))
+        print(f'last layer, seed {seed}: {ways} mm', file=sys.stderr)
+    solver, net, known = (float(v) for v in np.mean(found, axis=0))
+    emit('shape.last_layer_known_mm', known, 'mm', 'law growth_net', net)
+    emit('shape.last_layer_solver_mm', solver, 'mm', 'law growth_net', net)
+
+
 def corners(height: np.ndarray, region: np.ndarray, cell: float) -> Iterator[float]:
     """m: mean height of the middle of a rectangular region over that of each of its corners.
 
@@ -308,4 +330,6 @@ FIGURES = {
     'shape.corner_lag_mm': block,
     'shape.chosen_rms_mm': chosen,
     'shape.pitch_rms_mm': pitches,
+    'shape.last_layer_known_mm': last_layer,
+    'shape.last_layer_solver_mm': last_layer,
 }
