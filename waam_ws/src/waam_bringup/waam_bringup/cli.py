@@ -18,7 +18,7 @@ from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import GANTRY, MACHINES, ROBOT
 from waam_record.cli import Graph
 
-from . import audited, calibrate, panel
+from . import audited, calibrate, cli_relay, panel
 from .cli_common import add_run, run_and_domain
 from .cli_job import register_job
 from .paths import CELL, jobs_dir
@@ -115,6 +115,7 @@ def _register_graph(commands: argparse._SubParsersAction) -> None:
     p = commands.add_parser('status', help='what is up, what the machine and the job do')
     add_run(p, '--name')
     p.set_defaults(run_command=cmd_status)
+    cli_relay.register(commands)
 
 
 def _add_up(p: argparse.ArgumentParser) -> None:
