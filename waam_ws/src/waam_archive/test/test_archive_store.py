@@ -321,3 +321,7 @@ def test_a_job_that_learned_nothing_has_the_cell_of_the_others(jobs, archive):
     (folder / 'job.yaml').write_text(asked + 'nodes:\n  bridge:\n    use_sim_time: true\n')
     ingest(archive.store, [jobs])
     assert archive.jobs(Selection())[0]['cell'] == 'simulated'
+    named = asked.replace("cell: ''", "cell: ''\n  shop_cell: cell2")
+    (folder / 'job.yaml').write_text(named)
+    ingest(archive.store, [folder])
+    assert len(archive.jobs(Selection(cell='cell2'))) == 1

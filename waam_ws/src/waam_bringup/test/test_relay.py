@@ -54,5 +54,6 @@ def test_a_cell_is_heard_on_the_site_under_its_name_and_not_the_other_way(monkey
             out.publish(Telemetry())
             assert not spin_until(cell, lambda: back, timeout=1.0)
             assert screen.count_subscribers('/cell2/telemetry') == 0
+            assert not screen.get_service_names_and_types_by_node('relay', '/cell2')
         finally:
             process.terminate()

@@ -16,6 +16,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
 from waam_msgs.msg import Anomaly, JobStatus, LayerReport, MachineState, Telemetry
@@ -40,7 +41,7 @@ def node_on(domain: int, reach: str, name: str, namespace: str = '') -> Iterator
     rclpy.init(context=context, domain_id=domain)
     node = rclpy.create_node(
         name, context=context, namespace=namespace, start_parameter_services=False, enable_rosout=False,
-        use_global_arguments=False,
+        use_global_arguments=False, parameter_overrides=[Parameter('start_type_description_service', value=False)],
     )  # fmt: skip
     try:
         yield node
