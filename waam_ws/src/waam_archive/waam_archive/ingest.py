@@ -14,7 +14,7 @@ from .retention import apply_kept
 from .store import HEAD, Store, Writer
 
 BATCH_JOBS, BATCH_BYTES = 16, 32 << 20  # jobs and bytes of arrays that are committed together
-DEPTH = 3  # folders below the one that was named
+DEPTH = 4  # folders below the one that was named: cells/cell2/<demo>/<job>
 
 
 @dataclass

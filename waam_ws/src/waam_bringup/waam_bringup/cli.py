@@ -329,6 +329,10 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+    except NameError as e:  # Ctrl-C while a library was being loaded, whose own tidying then fails
+        if not isinstance(e.__context__, KeyboardInterrupt):
+            raise
+        return 130
     finally:
         os.environ.pop(CELL, None)
         if before is not None:
