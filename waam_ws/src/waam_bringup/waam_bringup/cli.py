@@ -19,7 +19,7 @@ from waam_process.operating import GANTRY, MACHINES, ROBOT
 from waam_record.cli import Graph
 
 from . import audited, calibrate, cli_relay, panel
-from .cli_common import add_run, run_and_domain
+from .cli_common import add_run, reader_is_gone, run_and_domain
 from .cli_job import register_job
 from .paths import CELL, jobs_dir
 from .shop import places
@@ -323,8 +323,12 @@ def main(argv: list[str] | None = None) -> int:
     try:
         args = build_parser().parse_args(joined(sys.argv[1:] if argv is None else argv))
         audited.record(args)
-        return args.run_command(args)
+        status: int = args.run_command(args)
+        sys.stdout.flush()
+        return status
     except (ValueError, OSError, ClientError) as e:
+        if reader_is_gone(e):
+            return 128 + signal.SIGPIPE
         print(f'waam: error: {e}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
