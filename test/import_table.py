@@ -95,7 +95,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_replay/waam_replay/tune.py': 'tells how fast it computed',
     'waam_job/waam_job/store/.*': 'job folders on disk',
     'waam_archive/waam_archive/remote.py': 'copies the archive from and to a store',
-    'waam_archive/waam_archive/(arrow|export|kept_figures|store|verify).py': 'the files of the archive',
+    'waam_archive/waam_archive/(arrow|export|kept_figures|retention|store|verify).py': 'the files of the archive',
     'waam_archive/waam_archive/folder_source.py': 'reads job folders',
     'waam_archive/waam_archive/(ingest|record_source).py': 'look for job folders and recordings',
     'waam_lab/waam_lab/growth_data.py': 'writes layers to train on',

@@ -55,6 +55,13 @@ def test_capability():
     assert math.isnan(cpk(10, 1, (-math.inf, math.inf))) and cpk(10, 0, (4, 19)) == math.inf
 
 
+def test_scatter_that_grows_is_named_though_the_means_are_steady():
+    groups = [[4.9, 5.0, 5.1]] * 12 + [[4.0, 5.0, 6.0]]
+    found = chart(np.ravel(groups), 3, baseline=12)
+    (signal,) = found.signals
+    assert signal.of_ranges and signal.points == (12,) and 'scatter has grown' in signal.text
+
+
 def test_limits_come_from_the_baseline_and_what_is_left_over_is_said():
     values = np.r_[np.tile([1.0, 2.0], 10), 9.0]
     assert chart(values, 2, baseline=5).left_over == 1

@@ -54,6 +54,15 @@ def test_a_recording_alone_becomes_a_job(record, tmp_path):
     assert (anomaly['severity'], anomaly['text']) == ('WARNING', 'lit twice')
 
 
+def test_one_file_alone_says_what_job_it_was(record, tmp_path):
+    lone = tmp_path / 'from_a_stick.mcap'
+    lone.write_bytes(next(record.glob('*.mcap')).read_bytes())
+    archive = Archive(tmp_path / 'archive')
+    ingest(archive.store, [lone])
+    (job,) = archive.of_job('jobs', JOB)
+    assert (job['part'], job['operator'], job['wire_lot']) == ('jaw.stl', 'Ada', '4711')
+
+
 def test_a_recording_of_before_tells_its_loop_mode_by_the_old_name(tmp_path):
     """The layout of the message is the same; its definition, which the recording carries, names the field otherwise."""
     asked = {'job_id': JOB, 'goal': {'part': '/p/jaw.stl', 'profile': 'monitor'}}
@@ -88,7 +97,9 @@ def test_the_folder_takes_the_place_of_the_recording_and_not_the_other_way_round
     folder = make_job(tmp_path / 'jobs', job_id=JOB)
     assert ingest(archive.store, [folder]).updated == [JOB]
     assert archive.of_job('jobs', JOB)[0]['kind'] == 'folder'
-    assert str(folder) in ingest(archive.store, [record]).refused[0]
+    outcome = ingest(archive.store, [record])
+    assert outcome.unchanged == [JOB] and not outcome.refused
+    assert archive.of_job('jobs', JOB)[0]['kind'] == 'folder'
     shutil.copytree(record, folder / 'record')
     assert list(sources(folder / 'record')) == [folder.resolve()]
     assert ingest(archive.store, [folder / 'record']).unchanged == [JOB]

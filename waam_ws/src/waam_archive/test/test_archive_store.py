@@ -20,7 +20,7 @@ from waam_archive import ingest as ingesting
 from waam_archive import store as storing
 from waam_archive.archive import Archive
 from waam_archive.catalog import ArchiveError, Catalog, Entry, File, Segment, bulk_name, parse
-from waam_archive.ingest import ingest
+from waam_archive.ingest import ingest, sources
 from waam_archive.schema import SMALL, TABLES
 from waam_archive.selection import Selection
 from waam_archive.verify import repair, verify
@@ -315,9 +315,19 @@ def test_a_copy_of_a_folder_in_the_same_call_is_the_same_job(jobs, archive):
     assert len(ingest(other.store, [jobs]).refused) == 1  # the same id, another content
 
 
+def test_jobs_of_all_cells_are_found_below_one_folder(jobs):
+    demo = make_job(jobs / 'cells/cell2/20260101T000000Z_demo', 1, arrays=False)
+    own = make_job(jobs / 'cells/cell2', 2, arrays=False)
+    assert set(sources(jobs)) == {demo, own}
+
+
 def test_a_job_that_learned_nothing_has_the_cell_of_the_others(jobs, archive):
     folder = make_job(jobs, arrays=False)
     asked = (folder / 'job.yaml').read_text().replace('cell: cell1', "cell: ''")
     (folder / 'job.yaml').write_text(asked + 'nodes:\n  bridge:\n    use_sim_time: true\n')
     ingest(archive.store, [jobs])
     assert archive.jobs(Selection())[0]['cell'] == 'simulated'
+    named = asked.replace("cell: ''", "cell: ''\n  shop_cell: cell2")
+    (folder / 'job.yaml').write_text(named)
+    ingest(archive.store, [folder])
+    assert len(archive.jobs(Selection(cell='cell2'))) == 1

@@ -80,6 +80,30 @@ def test_one_computer_takes_jobs_in_and_another_asks(address, waam, tmp_path):
     assert left == pytest.approx([0.9, 0.3, 0.2])
 
 
+def test_a_policy_belongs_to_the_store_and_every_byte_there_is_checked(address, waam, tmp_path):
+    at = address('archive')
+    make_job(tmp_path / 'one', 1, layers=1)
+    waam('one', 'ingest', '--archive', at)
+    waam('one', 'policy', '--older-than', '30d', '--archive', at)
+    assert waam('two', 'policy', '--archive', at)['older_than'] == '30d'
+    assert waam('two', 'verify', '--archive', at)['files'] > 2
+    make_job(tmp_path / 'two', 2, layers=1)
+    waam(
+        'two', 'ingest', '--archive', at
+    )  # both jobs are of January: the policy takes their arrays
+    assert waam('one', 'sql', 'SELECT count(*) AS n FROM maps', '--archive', at)[0]['n'] == 0
+    waam('two', 'policy', '--clear', '--archive', at)
+    assert waam('one', 'policy', '--archive', at)['older_than'] == ''
+
+    files, root = pyarrow.fs.FileSystem.from_uri(at)
+    found = files.get_file_info(pyarrow.fs.FileSelector(root, recursive=True))
+    beads = next(f.path for f in found if f.path.endswith('beads.parquet'))
+    with files.open_output_stream(beads) as out:
+        out.write(b'x')
+    with pytest.raises(AssertionError):  # exit status 1
+        waam('one', 'verify', '--archive', at)
+
+
 def test_what_is_exported_is_read_by_other_programs(address, waam, tmp_path):
     make_job(tmp_path / 'one', 1, layers=1)
     to = address('export')

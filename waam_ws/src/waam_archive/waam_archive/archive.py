@@ -29,6 +29,12 @@ SEARCHED = (
 )
 
 
+# report and job without the names of their entries, or `arc` would be found in every report ("arc_on_s": ...)
+PLAIN_TEXT = """regexp_replace(concat_ws(' ', regexp_replace(report, '"[A-Za-z0-9_.]+":', '', 'g'),
+    regexp_replace(asked, '(?m)^[ -]*[A-Za-z0-9_]+:', '', 'g')), '\\s+', ' ', 'g')"""
+EXCERPT = "regexp_extract(told, '(?i).{0,30}' || regexp_escape($1) || '.{0,30}')"
+
+
 class NoJob(ArchiveError):
     """No job of that name."""
 
@@ -143,16 +149,25 @@ class Archive:
 
     def job_named(self, name: str) -> str:
         """The one job whose id is, or begins with, or contains this text. NoJob names the candidates."""
-        query = 'SELECT job FROM jobs WHERE contains(lower(job), lower(?)) ORDER BY job'
-        found = [r['job'] for r in self.rows(('jobs',), query, [name])]
+        return self._one_named('job', name)
+
+    def part_named(self, name: str) -> str:
+        """The one part whose file name is, or contains, this text. NoJob names the candidates."""
+        return self._one_named('part', name)
+
+    def _one_named(self, column: str, name: str) -> str:
+        query = f'SELECT DISTINCT {column} FROM jobs WHERE contains(lower({column}), lower(?)) ORDER BY 1'
+        found = [str(r[column]) for r in self.rows(('jobs',), query, [name])]
         if name in found:
             return name
         if len(found) == 1:
-            return str(found[0])
+            return found[0]
         if not found:
-            raise NoJob(f"there is no job '{name}' in {self.store.root} (waam jobs list)")
+            raise NoJob(f"there is no {column} '{name}' in {self.store.root} (waam jobs list)")
         more = f' and {len(found) - 5} more' if len(found) > 5 else ''
-        raise NoJob(f"'{name}' is in the name of {len(found)} jobs: {', '.join(found[:5])}{more}")
+        raise NoJob(
+            f"'{name}' is in the name of {len(found)} {column}s: {', '.join(found[:5])}{more}"
+        )
 
     def of_job(self, table: str, job: str) -> list[Row]:
         """Rows of a table of one job."""
@@ -171,8 +186,8 @@ class Archive:
             WITH hits AS ({own}
               UNION ALL SELECT job, 'anomaly', severity || ' ' || class_name || ': ' || text || ' (' || reaction || ')'
                 FROM anomalies WHERE contains(lower(concat_ws(' ', class_name, text, reaction)), lower($1))
-              UNION ALL SELECT job, 'report', '' FROM reports
-                WHERE contains(lower(concat_ws(' ', report, asked)), lower($1))),
+              UNION ALL SELECT job, 'report', {EXCERPT} FROM (SELECT job, {PLAIN_TEXT} AS told FROM reports)
+                WHERE contains(lower(told), lower($1))),
             best AS (SELECT job, min_by(place, rank) AS place, min_by(said, rank) AS said, count(*) AS hits FROM
               (SELECT *,
               CASE place WHEN 'anomaly' THEN 1 WHEN 'report' THEN 2 ELSE 0 END AS rank FROM hits) GROUP BY job)

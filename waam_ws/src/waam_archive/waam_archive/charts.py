@@ -28,6 +28,11 @@ class Signal:
     text: str
     points: tuple[int, ...]
 
+    @property
+    def of_ranges(self) -> bool:
+        """The scatter broke it, not the mean."""
+        return self.rule.startswith('range')
+
 
 @dataclass(frozen=True)
 class Chart:
@@ -64,6 +69,8 @@ def chart(
     """
     if not 1 <= group <= LARGEST_GROUP:
         raise ChartError(f'subgroups of {group}: wanted 1 to {LARGEST_GROUP}')
+    if baseline < 0 or baseline == 1:
+        raise ChartError(f'limits from {baseline} subgroups: wanted two or more, 0 = all')
     if rules not in RULES:
         raise ChartError(f"there are no rules '{rules}'; known are {', '.join(RULES)}")
     values = np.asarray(values, float)
@@ -75,15 +82,18 @@ def chart(
     groups = values[: count * group].reshape(count, group)
     means = groups.mean(axis=1)
     ranges = np.ptp(groups, axis=1) if group > 1 else np.abs(np.diff(means, prepend=np.nan))
-    used = min(baseline, count) if baseline > 1 else count
+    used = min(baseline, count) if baseline else count
     center, typical = float(means[:used].mean()), float(np.nanmean(ranges[:used]))
     sigma = typical / D2[max(group, 2)]
     reach = A2[group] * typical if group > 1 else 3 * sigma
+    range_limits = D3[max(group, 2)] * typical, D4[max(group, 2)] * typical
+    broken = signals(means, center, sigma / math.sqrt(group), rules)
+    if group > 1:
+        broken += range_signals(ranges, *range_limits)
     return Chart(
         group=group, means=means, ranges=ranges, center=center, lower=center - reach, upper=center + reach,
-        range_center=typical, range_lower=D3[max(group, 2)] * typical, range_upper=D4[max(group, 2)] * typical,
-        sigma=sigma, cpk=cpk(center, sigma, spec), left_over=len(values) - count * group,
-        signals=signals(means, center, sigma / math.sqrt(group), rules),
+        range_center=typical, range_lower=range_limits[0], range_upper=range_limits[1],
+        sigma=sigma, cpk=cpk(center, sigma, spec), left_over=len(values) - count * group, signals=broken,
     )  # fmt: skip
 
 
@@ -158,3 +168,13 @@ def signals(means: np.ndarray, center: float, sigma: float, rules: str) -> list[
     z = (means - center) / sigma
     found = ((name, text, rule(z)) for name, (text, rule) in RULES[rules].items())
     return [Signal(n, t, tuple(int(i) for i in at)) for n, t, at in found if len(at)]
+
+
+def range_signals(ranges: np.ndarray, lower: float, upper: float) -> list[Signal]:
+    """Subgroups whose range (k,) is beyond its limits. Not for moving ranges: they share their values, so that one
+    outlier would be named twice more."""
+    found = (
+        ('range 1', 'a range above its limit: the scatter has grown', ranges > upper),
+        ('range 2', 'a range below its limit: the scatter has shrunk, or values were copied', ranges < lower),
+    )  # fmt: skip
+    return [Signal(n, t, tuple(map(int, np.flatnonzero(hit)))) for n, t, hit in found if hit.any()]

@@ -22,7 +22,8 @@ examples:
   waam jobs sql "SELECT part, avg(rms_mm) FROM jobs GROUP BY part"
   waam jobs export --part 'jaw*' -o jaw --format csv     tables of some jobs, for other programs
   waam jobs ingest --archive s3://shop/archive           into an S3-compatible store; ask it in the same way
-  waam jobs retain --older-than 180d --max-size 50G      drops telemetry and maps of old jobs, never a report
+  waam jobs retain --older-than 180d --dry-run           what would go: telemetry and maps of old jobs, never a report
+  waam jobs policy --older-than 180d --max-size 50G      keeps a policy, applied whenever jobs are taken in
   waam jobs verify                                       every file against its hash
 
 Every verb prints JSON with --json. The archive is a folder of Parquet files (docs/archive.md): pandas, polars and
@@ -52,8 +53,7 @@ def _common(jobs_dir: Callable[[], Path]) -> argparse.ArgumentParser:
         '--archive',
         type=place,
         metavar='PLACE',
-        help='folder of the archive (default: archive/ in the folder of jobs), or s3://BUCKET/FOLDER of a store, '
-        'which the verbs that ask, ingest and export take',
+        help='folder of the archive (default: archive/ in the folder of jobs), or s3://BUCKET/FOLDER of a store',
     )
     p.add_argument('--json', action='store_true', help='JSON instead of tables, for scripts')
     p.add_argument(

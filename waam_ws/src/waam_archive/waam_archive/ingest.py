@@ -10,10 +10,11 @@ from . import folder_source, record_source
 from .catalog import Catalog
 from .content import Content
 from .folder_source import NotFinished, SourceError
+from .retention import apply_kept
 from .store import HEAD, Store, Writer
 
 BATCH_JOBS, BATCH_BYTES = 16, 32 << 20  # jobs and bytes of arrays that are committed together
-DEPTH = 3  # folders below the one that was named
+DEPTH = 4  # folders below the one that was named: cells/cell2/<demo>/<job>
 
 
 @dataclass
@@ -111,6 +112,8 @@ def ingest(
         _commit(writer, batch, outcome)
         if outcome.updated:
             writer.tidy()
+        if outcome.changed and (said := apply_kept(writer)):
+            outcome.notes.append(said)
         tick(len(waiting), len(waiting))
     return outcome
 
@@ -154,6 +157,9 @@ def _taken(
         outcome.unchanged.append(content.job)
         return None
     old = Path(before.source)
+    if folder_source.is_job(old) and not folder_source.is_job(source) and not replace:
+        outcome.unchanged.append(content.job)  # a recording of this job: its folder knows more
+        return None
     if before.source != content.source and folder_source.is_job(old) and not replace:
         outcome.refused.append(_twice(content, str(old)))
         return None

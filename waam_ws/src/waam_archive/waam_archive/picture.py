@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 
-from .charts import Chart
+from .charts import Chart, Signal
 from .metrics import Metric
 
 matplotlib.use('Agg')
@@ -25,9 +25,10 @@ def draw(found: Chart, metric: Metric, labels: list[str], file: Path) -> None:
         unit = f', {metric.unit}' if metric.unit else ''
         single = found.group == 1
         _panel(upper, found.means, (found.lower, found.center, found.upper))
-        _marks(upper, found)
+        _marks(upper, found.means, [s for s in found.signals if not s.of_ranges])
         upper.set_ylabel(('value' if single else f'mean of {found.group}') + unit)
         _panel(lower, found.ranges, (found.range_lower, found.range_center, found.range_upper))
+        _marks(lower, found.ranges, [s for s in found.signals if s.of_ranges])
         lower.set_ylabel(('moving range' if single else 'range') + unit)
         cpk = f'   Cpk {found.cpk:.2f}' if np.isfinite(found.cpk) else ''
         upper.set_title(f'{metric.text}{cpk}')
@@ -53,16 +54,10 @@ def _panel(axes: Axes, values: np.ndarray, limits: tuple[float, float, float]) -
     axes.grid(alpha=0.2)
 
 
-def _marks(axes: Axes, found: Chart) -> None:
-    for signal in found.signals:
+def _marks(axes: Axes, values: np.ndarray, signals: list[Signal]) -> None:
+    for signal in signals:
         at = list(signal.points)
-        axes.plot(
-            at,
-            found.means[at],
-            'o',
-            markersize=10,
-            fillstyle='none',
-            label=f'{signal.rule}: {signal.text}',
-        )
-    if found.signals:
+        label = f'{signal.rule}: {signal.text}'
+        axes.plot(at, values[at], 'o', markersize=10, fillstyle='none', label=label)
+    if signals:
         axes.legend(fontsize=8, loc='best')

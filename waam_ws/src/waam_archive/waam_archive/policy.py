@@ -5,7 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from typing import Any
 
+_AGE = re.compile(r'(\d+(?:\.\d+)?)\s*([hdw])')
+_UNIT = {'h': 'hours', 'd': 'days', 'w': 'weeks'}
 _SIZE = re.compile(r'(\d+(?:\.\d+)?)\s*([KMGT]?)B?', re.IGNORECASE)
 _FACTOR = {'': 1, 'K': 1e3, 'M': 1e6, 'G': 1e9, 'T': 1e12}
 
@@ -28,6 +31,68 @@ class Policy:
     max_bytes: int | None = None
 
 
+@dataclass(frozen=True)
+class Words:
+    """A policy as people write it and as it is kept: '180d', '50G'; '' = no limit of that kind."""
+
+    older_than: str = ''
+    max_size: str = ''
+
+    def __bool__(self) -> bool:
+        return bool(self.older_than or self.max_size)
+
+    def __str__(self) -> str:
+        said = []
+        if self.older_than:
+            said.append(f'jobs older than {self.older_than}')
+        if self.max_size:
+            said.append(f'the oldest until all arrays take no more than {self.max_size}')
+        return ', then '.join(said) or 'none'
+
+    def policy(self) -> Policy:
+        """ValueError names what means nothing."""
+        return Policy(
+            age(self.older_than) if self.older_than else None,
+            size(self.max_size) if self.max_size else None,
+        )
+
+    @classmethod
+    def parse(cls, data: Any) -> Words:
+        """From JSON. ValueError."""
+        if not isinstance(data, dict) or set(data) - {'older_than', 'max_size'}:
+            raise ValueError('wanted are older_than and max_size')
+        if not all(isinstance(v, str) for v in data.values()):
+            raise ValueError('older_than and max_size are texts such as 180d and 50G')
+        words = cls(**data)
+        words.policy()
+        return words
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a policy means for an archive. gone: jobs that give up their arrays, oldest first. spared: jobs that have
+    arrays and keep them whatever the policy says, for they have no report or no time. left: bytes of all arrays that
+    stay; over: how many of them are more than the policy allows."""
+
+    gone: list[Held]
+    spared: list[Held]
+    left: int
+    over: int
+
+    @property
+    def bytes(self) -> int:
+        """That the jobs give up."""
+        return sum(h.bytes for h in self.gone)
+
+
+def decide(held: list[Held], policy: Policy, now: datetime) -> Decision:
+    """now: UTC, without a zone."""
+    gone = chosen(held, policy, now)
+    left = sum(h.bytes for h in held) - sum(h.bytes for h in gone)
+    spared = [h for h in held if h.bytes and not (h.has_report and h.created is not None)]
+    return Decision(gone, spared, left, max(0, left - (policy.max_bytes or left)))
+
+
 def chosen(held: list[Held], policy: Policy, now: datetime) -> list[Held]:
     """Jobs that give up their arrays, oldest first. Never one without a report, and never one of unknown age."""
     able = [h for h in held if h.has_report and h.bytes and h.created is not None]
@@ -41,6 +106,17 @@ def chosen(held: list[Held], policy: Policy, now: datetime) -> list[Held]:
             found.append(h)
             total -= h.bytes
     return found
+
+
+def age(asked: str) -> timedelta:
+    """'180d', '12h', '26w'. ValueError: a date is none, for a policy that is kept must mean the same tomorrow."""
+    found = _AGE.fullmatch(asked.strip())
+    try:
+        if found is not None:
+            return timedelta(**{_UNIT[found.group(2)]: float(found.group(1))})
+    except OverflowError:
+        pass
+    raise ValueError(f"'{asked}' is no age: wanted hours, days or weeks, such as 12h, 180d or 26w")
 
 
 def size(asked: str) -> int:

@@ -1,8 +1,9 @@
 """An archive on an S3-compatible store: copied to a folder beside the jobs, asked there, and copied back.
 
-Files of an archive never change; only markers come and go. So what is in the folder already is not copied again, and a
-copy that was broken off is finished by the next one. pyarrow's own file systems do the copying: s3://, and file:// for
-a folder that only copies may touch. A store has no locks: one process at a time may write into it.
+Files of an archive never change; only markers and three small files (OTHERS) do. So what is in the folder already is
+not copied again, and a copy that was broken off is finished by the next one. pyarrow's own file systems do the copying:
+s3://, and file:// for a folder that only copies may touch. A store has no locks: one process at a time may write into
+it.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ from pathlib import Path
 
 from pyarrow import fs
 
-from .catalog import ArchiveError, Catalog, marker_name, parse
+from .catalog import ArchiveError, Catalog, File, marker_name, parse
 from .schema import BULK
-from .store import DELETED, HEAD, Store
+from .store import DELETED, HEAD, RETENTION, Store
 
+OTHERS = (HEAD, DELETED, RETENTION)  # small files that change
 Tick = Callable[[int, int], None]  # files done, of how many
 
 
@@ -58,9 +60,11 @@ class Remote:
         for done, f in enumerate(missing):
             self._fetch(f.name)
             tick(done + 1, len(missing))
-        for name in (HEAD, DELETED):
+        for name in OTHERS:
             if name in there:
                 self._fetch(name)
+        if RETENTION not in there:  # another computer has cleared it
+            (self.local / RETENTION).unlink(missing_ok=True)
         for name, data in texts.items():
             _write(self.local / name, data)
         for file in (self.local / 'segments').glob('*.json'):
@@ -89,11 +93,13 @@ class Remote:
             raise ArchiveError(f'{self.place}: {lost[0]} is neither there nor in {self.local}')
         markers = [marker_name(n) for n in catalog.segments]
         new += [n for n in markers if n not in there]
-        heads = [n for n in (HEAD, DELETED) if (self.local / n).is_file()]
+        heads = [n for n in OTHERS if (self.local / n).is_file()]
         for done, name in enumerate([*heads, *new]):
             self._send(name, self.local / name)
             tick(done + 1, len(new) + len(heads))
-        old = set(there) - set(files) - set(markers) - {HEAD, DELETED}
+        if RETENTION in there and RETENTION not in heads:
+            self.files.delete_file(f'{self.root}/{RETENTION}')
+        old = set(there) - set(files) - set(markers) - set(OTHERS)
         for name in sorted(old, key=lambda n: not n.endswith('.json')):  # markers first
             if name.partition('/')[0] in ('segments', *BULK):
                 self.files.delete_file(f'{self.root}/{name}')
@@ -106,6 +112,18 @@ class Remote:
                 self._send(file.relative_to(folder).as_posix(), file)
         except OSError as e:
             raise ArchiveError(f'{self.place}: {_one_line(e)}') from None
+
+    def wrong_with(self, file: File) -> str:
+        """'' when the bytes on the store, which are read anew, are those that were written."""
+        place = f'{self.place}/{file.name}'
+        try:
+            data = self._read(file.name)
+        except OSError as e:
+            return f'{place}: {_one_line(e)}'
+        if len(data) != file.bytes:
+            return f'{place}: {len(data)} bytes, {file.bytes} were written'
+        same = hashlib.sha256(data).hexdigest() == file.sha256
+        return '' if same else f'{place}: its hash is not that of what was written'
 
     @property
     def empty(self) -> bool:

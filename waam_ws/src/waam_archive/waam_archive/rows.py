@@ -170,8 +170,9 @@ def _who(told: Told) -> Row:
 
 
 def _cell(told: Told) -> str | None:
-    """As the job itself names it for what it learns: also a job that learned nothing."""
-    named = text(mapping(told.asked.get('parameters')).get('cell'))
+    """Its name among several, else as the job itself names it for what it learns: also a job that learned nothing."""
+    parameters = mapping(told.asked.get('parameters'))
+    named = text(parameters.get('shop_cell')) or text(parameters.get('cell'))
     learned = text(mapping(told.trace.get('learned')).get('file'))
     folder = PurePath(learned).parent.name if learned else ''
     nodes = mapping(told.asked.get('nodes')).values()

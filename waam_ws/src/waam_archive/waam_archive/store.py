@@ -31,6 +31,7 @@ from .content import Content
 from .schema import BULK, SMALL, VERSION, select_list
 
 DELETED = 'deleted.json'  # sources of jobs that somebody deleted -> their stamps
+RETENTION = 'retention.json'  # the policy that is applied whenever jobs are taken in
 HEAD = 'archive.json'  # what the folder is, and the version of its schema
 _MARKER = re.compile(r'(\d{8})\.json')
 _NUMBERED = re.compile(r'(?:new-)?(\d{8})\b.*')

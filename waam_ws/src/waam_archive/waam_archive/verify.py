@@ -36,9 +36,13 @@ class Verdict:
 
 
 def verify(
-    store: Store, sources: bool = False, tick: Callable[[int, int], None] = lambda done, of: None
+    store: Store,
+    sources: bool = False,
+    tick: Callable[[int, int], None] = lambda done, of: None,
+    wrong: Callable[[File], str] | None = None,
 ) -> Verdict:
-    """Reads every file of the archive. sources: also the job folders that are still there."""
+    """Reads every file of the archive. sources: also the job folders that are still there. wrong: what is wrong with a
+    file, where it is not below the store's folder."""
     verdict = Verdict()
     store.check_version()
     readable = []
@@ -55,8 +59,8 @@ def verify(
     files += [(0, (j, t), f) for j, e in catalog.entries().items() for t, f in e.bulk.items()]
     for done, (number, of_job, file) in enumerate(files):
         tick(done, len(files))
-        if wrong := wrong_with(store.root, file):
-            verdict.problems.append(wrong)
+        if found := wrong(file) if wrong else wrong_with(store.root, file):
+            verdict.problems.append(found)
             if of_job:
                 verdict.bulk.append(of_job)
             elif number not in verdict.segments:

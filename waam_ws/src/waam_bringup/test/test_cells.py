@@ -123,7 +123,7 @@ def test_every_verb_is_in_the_log_or_known_to_command_nothing():
     for command, *verb in verbs_of(build_parser()):
         words = ' '.join((command, *verb))
         looks = words in ONLY_LOOK or (
-            command in ONLY_LOOK and words not in ('jobs delete', 'jobs retain')
+            command in ONLY_LOOK and words not in ('jobs delete', 'jobs retain', 'jobs policy')
         )
         assert audited.is_command(command, ' '.join(verb)) != looks, words
 
@@ -137,11 +137,15 @@ def test_the_name_of_the_sub_verb_is_in_the_log_and_a_page_is_a_command_when_it_
         'calibrate apply',
         'panel',
         'panel --port 8700',
+        'jobs policy',
+        'jobs policy --older-than 90d',
     ):
         audited.record(parse(line.split()))
     found = [(e.what, e.data) for e in Shop(paths.shop_dir()).audit('cell').last(9)]
-    assert [what for what, _ in found] == ['record stop', 'replay play', 'calibrate apply', 'panel']
+    commands = ['record stop', 'replay play', 'calibrate apply', 'panel', 'jobs policy']
+    assert [what for what, _ in found] == commands
     assert found[1][1]['force'] is True and found[3][1]['port'] == 8700
+    assert found[4][1] == {'older_than': '90d'}
 
 
 def test_without_the_log_only_what_makes_safe_is_done(monkeypatch, capsys):

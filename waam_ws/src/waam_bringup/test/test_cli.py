@@ -23,3 +23,21 @@ def test_the_parser_of_all_verbs_loads_no_heavy_library():
 def test_nodes_that_identify_nothing_start_without_scipy():
     for node in ('thermal_compensator', 'feed_forward', 'process_control'):
         assert 'scipy' not in loaded_after(f'import waam_adapt.{node}_node'), node
+
+
+def test_a_reader_that_goes_is_no_error():
+    code = """
+import argparse, sys
+from waam_bringup import audited, cli
+parser = argparse.ArgumentParser()
+parser.set_defaults(command='talk', run_command=lambda args: print('x' * 2000000))
+cli.build_parser = lambda: parser
+sys.exit(cli.main([]))
+"""
+    ran = subprocess.Popen(
+        [sys.executable, '-c', code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    ran.stdout.read(1)
+    ran.stdout.close()
+    assert ran.stderr.read() == ''
+    assert ran.wait() == 141

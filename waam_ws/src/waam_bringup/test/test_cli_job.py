@@ -56,6 +56,11 @@ def test_settings_and_repair_reach_the_goal(parse, box, tmp_path):
     assert not plain.plan_settings and not plain.repair
 
 
+def test_wire_lot_and_gas_are_notes_of_the_job(parse, box, tmp_path):
+    args = parse('run', box, '--wire-lot', 'L7', '--gas', 'M21', '--note', 'shift=2')
+    assert list(jobs.make_goal(args, tmp_path).notes) == ['shift=2', 'wire_lot=L7', 'gas=M21']
+
+
 def test_fresh_and_the_folder_of_what_was_learned_reach_the_goal(parse, box, tmp_path):
     plain = jobs.make_goal(parse('run', box), tmp_path)
     assert not plain.fresh and plain.learned_dir == ''

@@ -23,6 +23,18 @@ def settings(tmp_path, **changes) -> Settings:
     return Settings(run=tmp_path, **changes)
 
 
+def test_jobs_are_told_the_name_of_a_cell_that_has_one(tmp_path, monkeypatch):
+    def told():
+        return ' '.join(
+            next(p for p in processes(settings(tmp_path)) if p.name == 'job_sequencer').command
+        )
+
+    monkeypatch.delenv('WAAM_CELL', raising=False)
+    assert 'shop_cell:=""' in told()
+    monkeypatch.setenv('WAAM_CELL', 'cell2')
+    assert 'shop_cell:="cell2"' in told()
+
+
 def test_simulated_graph_has_controller_and_cell_and_real_one_has_not(tmp_path):
     simulated = {p.name: p for p in processes(settings(tmp_path))}
     real = {p.name: p for p in processes(settings(tmp_path, port='/dev/serial/by-id/x'))}

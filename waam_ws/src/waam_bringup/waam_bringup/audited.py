@@ -11,7 +11,8 @@ from . import panel
 
 # verb -> sub-verbs that command a cell or change what belongs to the shop, () = all of them
 COMMANDS: dict[str, tuple[str, ...]] = {
-    'up': (), 'stop': (), 'demo': (), 'job': (), 'calibrate': (), 'jobs': ('delete', 'retain'), 'panel': (),
+    'up': (), 'stop': (), 'demo': (), 'job': (), 'calibrate': (), 'jobs': ('delete', 'retain', 'policy'),
+    'panel': (), 'relay': (),
     'queue': ('add', 'move', 'remove', 'release', 'hold'), 'token': ('create', 'revoke'), 'notify': ('test', 'init'),
     'record': ('start', 'stop', 'split', 'pause', 'resume'), 'replay': ('play',),
 }  # fmt: skip
@@ -62,7 +63,10 @@ def is_command(command: str, verb: str) -> bool:
 
 
 def _only_asks(args: argparse.Namespace) -> bool:
-    """`waam panel` without options tells the address of the page and opens nothing to anybody."""
+    """`waam panel` without options tells the address of the page and opens nothing to anybody; `waam jobs policy`
+    without options shows the policy."""
+    if (args.command, sub_verb(args)) == ('jobs', 'policy'):
+        return not (args.older_than or args.max_size or args.clear)
     return args.command == 'panel' and not panel.serves(args)
 
 

@@ -18,8 +18,8 @@ from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import GANTRY, MACHINES, ROBOT
 from waam_record.cli import Graph
 
-from . import audited, calibrate, panel
-from .cli_common import add_run, run_and_domain
+from . import audited, calibrate, cli_relay, panel
+from .cli_common import add_run, reader_is_gone, run_and_domain
 from .cli_job import register_job
 from .paths import CELL, jobs_dir
 from .shop import places
@@ -115,6 +115,7 @@ def _register_graph(commands: argparse._SubParsersAction) -> None:
     p = commands.add_parser('status', help='what is up, what the machine and the job do')
     add_run(p, '--name')
     p.set_defaults(run_command=cmd_status)
+    cli_relay.register(commands)
 
 
 def _add_up(p: argparse.ArgumentParser) -> None:
@@ -322,11 +323,19 @@ def main(argv: list[str] | None = None) -> int:
     try:
         args = build_parser().parse_args(joined(sys.argv[1:] if argv is None else argv))
         audited.record(args)
-        return args.run_command(args)
+        status: int = args.run_command(args)
+        sys.stdout.flush()
+        return status
     except (ValueError, OSError, ClientError) as e:
+        if reader_is_gone(e):
+            return 128 + signal.SIGPIPE
         print(f'waam: error: {e}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
+        return 130
+    except NameError as e:  # Ctrl-C while a library was being loaded, whose own tidying then fails
+        if not isinstance(e.__context__, KeyboardInterrupt):
+            raise
         return 130
     finally:
         os.environ.pop(CELL, None)

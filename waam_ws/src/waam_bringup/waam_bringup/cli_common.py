@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import os
+import select
+import sys
 from pathlib import Path
 
 
@@ -27,6 +29,20 @@ def add_cell(p: argparse.ArgumentParser, *options: str) -> None:
     """The option that names a cell: --cell, and whatever else it is called."""
     text = 'name of the cell (default: $WAAM_CELL, or cell)'
     p.add_argument('--cell', *options, dest='cell', action=CellName, metavar='CELL', help=text)
+
+
+def reader_is_gone(error: Exception) -> bool:
+    """Whether nobody reads any more what this command prints, such as after `| head`. That is no error to tell."""
+    if not isinstance(error, BrokenPipeError):
+        return False
+    look = select.poll()
+    look.register(sys.stdout.fileno(), 0)
+    gone = any(event & (select.POLLERR | select.POLLHUP) for _, event in look.poll(0))
+    if gone:
+        os.dup2(
+            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+        )  # Python flushes once more at its end
+    return gone
 
 
 def add_run(p: argparse.ArgumentParser, *more: str) -> None:

@@ -133,6 +133,7 @@ def _add_bookkeeping(p: argparse.ArgumentParser) -> None:
     p.add_argument('--name', default='', help='short name in the folder of the job')
     p.add_argument('--jobs', type=Path, help='where job folders go (default: jobs/)')
     p.add_argument('--operator', default='', metavar='NAME', help='who answers for the job')
+    _add_consumables(p)
     p.add_argument(
         '--fresh',
         action='store_true',
@@ -148,8 +149,14 @@ def _add_bookkeeping(p: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='KEY=VALUE',
-        help='kept with the job; the report asks for wire_lot=... and gas=... and names what is missing',
+        help='kept with the job',
     )
+
+
+def _add_consumables(p: argparse.ArgumentParser) -> None:
+    """The report asks for both, and names what is missing."""
+    p.add_argument('--wire-lot', default='', metavar='LOT', help='from the spool')
+    p.add_argument('--gas', default='', metavar='TEXT', help='kind, bottle')
 
 
 def _register_resume(job: argparse._SubParsersAction) -> None:
@@ -163,6 +170,7 @@ def _register_resume(job: argparse._SubParsersAction) -> None:
     add_run(p)
     p.add_argument('folder', type=Path, nargs='?', help='job folder (default: jobs/latest)')
     p.add_argument('--operator', default='', metavar='NAME', help='who answers for it from here on')
+    _add_consumables(p)
     p.add_argument(
         '--note', action='append', default=[], metavar='KEY=VALUE', help='kept with the job'
     )

@@ -13,6 +13,7 @@ import yaml
 
 from waam_node import priority
 from waam_process.operating import GANTRY, ROBOT
+from waam_shop.cells import FIRST
 
 from .paths import calibrations_dir, cell_name, jobs_dir, share, shop_dir
 
@@ -120,6 +121,7 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
         'shop': str(shop_dir()),
         'calibrations': str(calibrations_dir()),
         'cell': cell_name(),
+        'named_cell': '' if cell_name() == FIRST else cell_name(),
         'parts': str(share('waam_bringup') / 'parts'),
         'lease_nodes': lease_nodes,
     }

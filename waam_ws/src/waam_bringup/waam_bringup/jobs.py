@@ -28,6 +28,12 @@ REFUSED = (
 )  # fmt: skip
 
 
+def notes_of(args: argparse.Namespace) -> list[str]:
+    """--note, --wire-lot and --gas as the notes of a job."""
+    told = {'wire_lot': getattr(args, 'wire_lot', ''), 'gas': getattr(args, 'gas', '')}
+    return [*args.note, *(f'{k}={v}' for k, v in told.items() if v)]
+
+
 def _goal_fields(args: argparse.Namespace) -> dict[str, Any]:
     """Fields of the goal that the command line gives, in SI; named as in RunJob.Goal and in JobGoal."""
     return {
@@ -39,7 +45,7 @@ def _goal_fields(args: argparse.Namespace) -> dict[str, Any]:
         'k_gain': args.k_gain,
         'tolerance': args.tolerance * 1e-3,
         'scale': args.scale,
-        'notes': tuple(args.note),
+        'notes': tuple(notes_of(args)),
         'strategy': args.strategy,
         'allowance': args.allowance * 1e-3,
         'passes': args.passes,
@@ -107,7 +113,7 @@ def resume_job(args: argparse.Namespace, run: Path, domain: int) -> int:
         raise ValueError(f'{folder} is no job folder (there is no {job_folder.JOB} in it)')
     goal = RunJob.Goal(
         resume_dir=str(folder),
-        notes=list(args.note),
+        notes=notes_of(args),
         operator_name=args.operator,
         wire_left=args.wire_left,
     )

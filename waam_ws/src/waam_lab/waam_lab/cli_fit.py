@@ -124,7 +124,8 @@ def run_fit(args: argparse.Namespace) -> int:
             raise
     target = page.write(out, found, shlex.join(['waam', *sys.argv[1:]]))
     kept.clear()
-    show(found, Console(highlight=False))
+    # into a file or a pipe rich takes 80 columns, and cuts the names of parameters
+    show(found, Console(highlight=False, width=None if sys.stdout.isatty() else 120))
     print(f'cell file: {os.path.relpath(out / page.CELL_FILE)}')
     print(f'report: {os.path.relpath(target)}')
     return 0

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from waam_node.ray_cluster import ClusterError
 from waam_node.spread import Workers, spread
 
 pytest.importorskip('ray', reason='Ray is not installed (requirements-cluster.txt)')
@@ -73,3 +75,12 @@ def test_a_caller_that_stops_leaves_the_cluster_to_others(address, tmp_path):
     assert dict(spread(pieces, squared, lost, Workers(cluster=address))) == {
         n: n**2 for n in range(6)
     }
+
+
+def test_an_address_where_nothing_listens_is_named_at_once():
+    with socket.socket() as bound:
+        bound.bind(('127.0.0.1', 0))  # and nobody listens
+        port = bound.getsockname()[1]
+        for address in (f'127.0.0.1:{port}', f'ray://127.0.0.1:{port}', '127.0.0.1:99999'):
+            with pytest.raises(ClusterError, match='nothing answers there'):
+                next(spread({1: 1}, large, lost, Workers(cluster=address)))

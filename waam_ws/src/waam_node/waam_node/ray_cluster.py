@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import logging
 import os
+import re
+import socket
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
@@ -13,6 +15,7 @@ from typing import Any, TypeVar
 Key = TypeVar('Key')
 Piece = TypeVar('Piece')
 Result = TypeVar('Result')
+KNOCK_S = 5.0  # at most, until the address of a cluster answers
 RETRIES = 3  # of a piece whose worker or machine was lost
 _address: list[str] = []  # of the cluster that this process is connected to
 
@@ -60,6 +63,7 @@ def connected(address: str, one_thread: tuple[str, ...]) -> Any:
         ) from None
     if ray.is_initialized() and _address == [address]:
         return ray
+    _knock(address)
     ray.shutdown()
     variables = dict.fromkeys(one_thread, '1') | {
         'PYTHONPATH': os.pathsep.join(p for p in sys.path if p)
@@ -77,3 +81,14 @@ def connected(address: str, one_thread: tuple[str, ...]) -> Any:
         raise ClusterError(f'--cluster {address}: no Ray cluster answers there ({text})') from None
     _address[:] = [address]
     return ray
+
+
+def _knock(address: str) -> None:
+    """ClusterError when nothing listens at HOST:PORT: Ray itself asks for more than a minute before it says so."""
+    named = re.fullmatch(r'(?:ray://)?([^:/]+|\[[^]]+\]):(\d{1,5})', address)
+    if named is None:  # such as auto
+        return
+    try:
+        socket.create_connection((named[1].strip('[]'), int(named[2])), KNOCK_S).close()
+    except (OSError, OverflowError) as e:
+        raise ClusterError(f'--cluster {address}: nothing answers there ({e})') from None

@@ -12,7 +12,7 @@ import yaml
 from mcap.reader import make_reader
 from mcap.records import Channel, Message, Metadata, Schema
 
-from .bag_reader import bag_files, info
+from .bag_reader import bag_files, custom_data_of, info
 from .bag_writer import BagError, BagWriter, Topic
 from .salvage import BROKEN, Damage, records
 
@@ -85,9 +85,8 @@ def _salvage(file: Path, writer: BagWriter, seen: dict[tuple[str, str], int]) ->
             if key not in seen:
                 seen[key] = writer.add_topic(topic_of(record, schemas[record.schema_id]))
             local[record.id] = seen[key]
-        elif isinstance(record, Metadata) and record.name == 'rosbag2':
-            stated = yaml.safe_load(record.metadata['serialized_metadata']) or {}
-            writer.custom_data.update(stated.get('custom_data') or {})
+        elif isinstance(record, Metadata):
+            writer.custom_data.update(custom_data_of(record))
     return damage
 
 

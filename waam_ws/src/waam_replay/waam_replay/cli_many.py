@@ -59,7 +59,7 @@ def tell(found: dict[Path, Found], verb: str) -> bool:
     print(f'{len(found)} records: {equal} identical, {len(other)} different, {len(errors)} errors')
     for job, f in other[:SHOWN]:
         counts = ', '.join(f'{n} of {of} {name}' for name, (n, of) in f['identical'].items())
-        print(f'different: {job.name}: {counts}')
+        print(f'different: {job.name}; identical are {counts}')
     for job, text in errors[:SHOWN]:
         print(f'error: {job.name}: {text}')
     if max(len(other), len(errors)) > SHOWN:

@@ -36,12 +36,14 @@ def register(commands: argparse._SubParsersAction, places: Places) -> None:
     q.add_argument('who', help='whose it is, or what device')
     q.add_argument('--role', choices=ROLES, required=True)
     q.add_argument('--days', type=float, default=0.0, help='until it runs out (default 0: never)')
+    add_json(q)
     q.set_defaults(run_command=lambda args: _create(args, places))
     q = verbs.add_parser('list', help='all tokens, without their secrets')
     add_json(q)
     q.set_defaults(run_command=lambda args: _list(args, places))
     q = verbs.add_parser('revoke', help='out at once, open pages too')
     q.add_argument('who', help='name or id')
+    add_json(q)
     q.set_defaults(run_command=lambda args: _revoke(args, places))
     _register_audit(commands, places)
 
@@ -71,7 +73,10 @@ def _create(args: argparse.Namespace, places: Places) -> int:
     if not 0 <= args.days <= 36500:
         raise ValueError(f'--days {args.days:g}, must be 0 to 36500')
     token = Shop(places.shop()).tokens().create(args.who, role_of(args.role), args.days)
-    print(f'{token}\nThis is shown once. It may {args.role}.')
+    if args.json:
+        show({'token': token, 'name': args.who, 'role': args.role, 'days': args.days})
+    else:
+        print(f'{token}\nThis is shown once. It may {args.role}.')
     return 0
 
 
@@ -93,7 +98,10 @@ def _until(expires: float, now: float) -> str:
 
 def _revoke(args: argparse.Namespace, places: Places) -> int:
     token = Shop(places.shop()).tokens().revoke(args.who)
-    print(f'revoked: {token.name} ({token.role})')
+    if args.json:
+        show({'revoked': token.name, 'id': token.id, 'role': token.role})
+    else:
+        print(f'revoked: {token.name} ({token.role})')
     return 0
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import os
+from dataclasses import asdict
 from pathlib import Path
 
-from .cli_common import add_name, shop_and_cell, table
+from .cli_common import add_json, add_name, shop_and_cell, show, table
 from .notifier import FILE, load, send
 from .notify_settings import EXAMPLE
 from .shop_folder import Places, Shop
@@ -27,11 +28,14 @@ def register(commands: argparse._SubParsersAction, places: Places) -> None:
     q = verbs.add_parser('test', help='sends a test message to every target, or to one')
     q.add_argument('--target', default='', metavar='NAME')
     add_name(q)
+    add_json(q)
     q.set_defaults(run_command=lambda args: _test(args, places))
     q = verbs.add_parser('list', help='targets and events, without addresses')
-    q.set_defaults(run_command=lambda args: _list(places))
+    add_json(q)
+    q.set_defaults(run_command=lambda args: _list(args, places))
     q = verbs.add_parser('init', help='writes an example of notify.yaml')
-    q.set_defaults(run_command=lambda args: _init(places))
+    add_json(q)
+    q.set_defaults(run_command=lambda args: _init(args, places))
 
 
 def _test(args: argparse.Namespace, places: Places) -> int:
@@ -40,25 +44,35 @@ def _test(args: argparse.Namespace, places: Places) -> int:
     if not targets:
         whom = f'target {args.target!r}' if args.target else 'target'
         raise ValueError(f'there is no {whom} in {shop.path / FILE} (waam notify init)')
-    failed = 0
+    text = 'A test message: this is where messages of the cell arrive.'
+    taken: dict[str, bool] = {}
     for target in targets:
-        good = send(
-            target, f'{cell}: test', 'A test message: this is where messages of the cell arrive.'
-        )
-        failed += not good
-        print(f'{target.name}: {"taken" if good else "NOT taken (address, network or password)"}')
-    return 1 if failed else 0
+        taken[target.name] = good = send(target, f'{cell}: test', text)
+        if not args.json:
+            print(
+                f'{target.name}: {"taken" if good else "NOT taken (address, network or password)"}'
+            )
+    if args.json:
+        show(taken)
+    return 0 if all(taken.values()) else 1
 
 
-def _list(places: Places) -> int:
+def _list(args: argparse.Namespace, places: Places) -> int:
     settings = load(Shop(places.shop()).path)
-    table(('target', 'events'), ([t.name, ', '.join(t.events)] for t in settings.targets))
     limits = settings.limits
+    if args.json:
+        targets = [{'name': t.name, 'events': t.events} for t in settings.targets]
+        show({'targets': targets, **asdict(limits), 'wire_m': settings.wire_m})
+        return 0
+    if not settings.targets:
+        print(f'there are no targets in {places.shop() / FILE} (waam notify init)')
+        return 0
+    table(('target', 'events'), ([t.name, ', '.join(t.events)] for t in settings.targets))
     print(f'at most {limits.per_hour} an hour, the same once in {limits.repeat_s:g} s')
     return 0
 
 
-def _init(places: Places) -> int:
+def _init(args: argparse.Namespace, places: Places) -> int:
     file: Path = places.shop() / FILE
     file.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -67,5 +81,8 @@ def _init(places: Places) -> int:
         raise ValueError(f'{file} is there already') from None
     with open(descriptor, 'w', encoding='utf-8') as f:
         f.write(EXAMPLE)
-    print(f'{file}: put your addresses in, then waam notify test')
+    if args.json:
+        show({'file': str(file)})
+    else:
+        print(f'{file}: put your addresses in, then waam notify test')
     return 0

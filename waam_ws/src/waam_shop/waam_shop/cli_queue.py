@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from .cells import FIRST
 from .cli_common import add_json, add_name, shop_and_cell, show, table, user, when
 from .job_queue import WAITING, Item, Queue
 from .shop_folder import Places
@@ -122,7 +123,10 @@ def _add(args: argparse.Namespace, places: Places) -> int:
     if args.json:
         show(_told(cell, 'add', queue, queue.last))
         return 0
-    print(f'item {queue.last}: {checked[kind]} waits for {cell}; waam queue release {queue.last}')
+    which = '' if cell == FIRST else f' --name {cell}'
+    print(
+        f'item {queue.last}: {checked[kind]} waits for {cell}; waam queue release {queue.last}{which}'
+    )
     return 0
 
 

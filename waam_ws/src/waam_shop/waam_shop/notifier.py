@@ -27,7 +27,7 @@ def load(shop: Path) -> NotifySettings:
     file = shop / FILE
     try:
         if file.stat().st_mode & 0o077:
-            raise NotifyError(f'{file} can be read by others (chmod 600)')
+            raise NotifyError('others can read it (chmod 600)')
         return parse(file.read_text(encoding='utf-8'))
     except FileNotFoundError:
         return NotifySettings()

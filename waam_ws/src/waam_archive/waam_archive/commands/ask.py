@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from ..charts import Chart
 
 
+ENOUGH = 20  # points that limits should come from (usual advice: 20 to 25 subgroups)
+
+
 def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
     """Adds the verbs."""
     _register_trend(verbs, common)
@@ -27,7 +30,9 @@ def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
     text = 'traceability record of one part over all its jobs (ISO/ASTM 52943-2)'
     p = add_verb(verbs, common, 'trace', text, _trace)
     p.add_argument(
-        'part', metavar='PART', help='file name of the part, as `waam jobs list` prints it'
+        'part',
+        metavar='PART',
+        help='file name of the part, as `waam jobs list` prints it, or a piece of it that no other part has',
     )
     p.add_argument('-o', '--output', type=Path, metavar='FILE', help='write an HTML page')
     text = 'one SELECT over the tables of docs/archive.md; nothing can be written or read outside'
@@ -111,7 +116,9 @@ def _print_chart(args: argparse.Namespace, found: Chart, ends: list[Row]) -> Non
     for s in found.signals:
         print(f'{s.rule}: {s.text}; last at {ends[s.points[-1]]["job"]}, {len(s.points)} times')
     if not found.signals:
-        print('no rule is broken: the process is stable')
+        print('no rule is broken')
+    if len(found.means) < ENOUGH:
+        print(f'{len(found.means)} points are few: limits from less than {ENOUGH} are rough')
     if args.picture:
         print(f'picture: {args.picture}')
 
@@ -143,16 +150,15 @@ def _trace(args: argparse.Namespace) -> int:
     from ..traceability import part_record
 
     archive = opened(args)
-    jobs = archive.rows(('jobs',), 'SELECT * FROM jobs WHERE part = ?', [args.part])
-    if not jobs:
-        raise ValueError(f"no job made a part '{args.part}' (waam jobs list shows the parts)")
+    part = archive.part_named(args.part)
+    jobs = archive.rows(('jobs',), 'SELECT * FROM jobs WHERE part = ?', [part])
 
     def of_part(table: str) -> list[Row]:
         text = f'SELECT t.* FROM "{table}" t JOIN jobs USING (job) WHERE part = ?'
-        return archive.rows((table, 'jobs'), text, [args.part])
+        return archive.rows((table, 'jobs'), text, [part])
 
     record = part_record(
-        args.part, jobs, of_part('reports'), of_part('anomalies'), of_part('calibration')
+        part, jobs, of_part('reports'), of_part('anomalies'), of_part('calibration')
     )
     if args.output:
         args.output.write_text(part_page(record), encoding='utf-8')

@@ -64,6 +64,20 @@ def selection(args: argparse.Namespace) -> Selection:
     return Selection(**texts, since=since, until=until)
 
 
+def jobs_meant(args: argparse.Namespace, archive: Archive) -> list[str]:
+    """Of a verb that takes names and filters: the jobs named, in that order, or those of the filters, newest first.
+    ValueError when neither or both were given, or nothing fits."""
+    chosen = selection(args)
+    if bool(args.names) == (chosen != type(chosen)()):
+        raise ValueError('say which jobs: either their ids or filters, such as --part TEXT')
+    if args.names:
+        return list(dict.fromkeys(archive.job_named(n) for n in args.names))
+    found = [str(r['job']) for r in archive.jobs(chosen)]
+    if not found:
+        raise ValueError('no job fits these filters')
+    return found
+
+
 def place(text: str) -> Path | str:
     """Of --archive: a folder, or the address of a store (text)."""
     return text if is_remote(text) else Path(text)
@@ -82,9 +96,7 @@ def remote(address: str, args: argparse.Namespace) -> Remote:
 
 
 def archive_folder(args: argparse.Namespace) -> Path:
-    """Of --archive, else archive/ in the folder of jobs. ValueError for the address of a store."""
-    if is_remote(args.archive):
-        raise ValueError('waam jobs verify reads a folder, not a store')
+    """Of --archive, which is a folder here, else archive/ in the folder of jobs."""
     return args.archive or args.jobs_dir() / 'archive'
 
 

@@ -1,27 +1,27 @@
-"""Verbs that change the archive, copy from it, or check it: ingest, export, delete, retain, verify."""
+"""Verbs that change the archive, copy from it, or check it: ingest, export, delete, retain, policy, verify."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 import tempfile
-from dataclasses import asdict, replace
-from datetime import UTC, datetime
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from .. import policy
+from ..policy import Decision, Words
 from ..schema import BULK, TABLES
-from ..selection import moment
 from .common import (
     Verbs,
     add_filters,
     add_verb,
     archive_folder,
     is_remote,
+    jobs_meant,
     opened,
     place,
     print_json,
+    print_table,
     progress,
     remote,
     selection,
@@ -30,7 +30,6 @@ from .common import (
 
 if TYPE_CHECKING:
     from ..archive import Archive
-    from ..catalog import Entry
     from ..ingest import Outcome
     from ..selection import Selection
 
@@ -65,16 +64,14 @@ def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
     text = 'take jobs out of the archive; job folders are not touched'
     p = add_verb(verbs, common, 'delete', text, _delete)
     p.add_argument(
-        'names', metavar='JOB', nargs='+', help='ids, or parts of them that no other job has'
+        'names',
+        metavar='JOB',
+        nargs='*',
+        help='ids, or parts of them that no other job has; or filters',
     )
+    add_filters(p)
     p.add_argument('--yes', action='store_true', help='do not ask')
-    text = 'drop telemetry and maps of old jobs; reports, layers and beads stay, jobs without a report are left alone'
-    p = add_verb(verbs, common, 'retain', text, _retain)
-    p.add_argument('--older-than', metavar='AGE', help='such as 180d')
-    p.add_argument(
-        '--max-size', metavar='SIZE', help='oldest first until all arrays take no more, such as 50G'
-    )
-    p.add_argument('--dry-run', action='store_true', help='only say what would go')
+    _register_retention(verbs, common)
     text = 'every file against its hash; exit status 1 when something is wrong'
     p = add_verb(verbs, common, 'verify', text, _verify)
     p.add_argument(
@@ -83,6 +80,33 @@ def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--repair', action='store_true', help='set aside what is damaged and take it in again'
     )
+
+
+def _register_retention(verbs: Verbs, common: argparse.ArgumentParser) -> None:
+    limits = argparse.ArgumentParser(add_help=False)
+    limits.add_argument(
+        '--older-than', default='', metavar='AGE', help='hours, days or weeks: 12h, 180d, 26w'
+    )
+    limits.add_argument(
+        '--max-size',
+        default='',
+        metavar='SIZE',
+        help='then the oldest, until all telemetry and maps take no more, such as 500M or 50G',
+    )
+    text = (
+        'drop telemetry and maps of old jobs; reports, layers and beads stay, jobs without a report are left alone. '
+        'Without limits: by the policy that is kept (waam jobs policy)'
+    )
+    p = verbs.add_parser('retain', help=text, description=text, parents=[common, limits])
+    p.set_defaults(run_command=_retain)
+    p.add_argument('--dry-run', action='store_true', help='only say what would go')
+    text = (
+        'show or set the policy of retention that is kept with the archive; it is applied whenever jobs are taken in, '
+        'and by `waam jobs retain`'
+    )
+    p = verbs.add_parser('policy', help=text, description=text, parents=[common, limits])
+    p.set_defaults(run_command=_policy)
+    p.add_argument('--clear', action='store_true', help='no policy any more')
 
 
 def _ingest(args: argparse.Namespace) -> int:
@@ -152,7 +176,7 @@ def _push(args: argparse.Namespace) -> None:
 
 def _delete(args: argparse.Namespace) -> int:
     archive = opened(args)
-    jobs = sorted({archive.job_named(n) for n in args.names})
+    jobs = sorted(jobs_meant(args, archive))
     if not args.yes and not _agreed(jobs):
         raise ValueError('nothing was deleted (--yes deletes without a question)')
     with archive.store.writing() as writer:
@@ -161,58 +185,105 @@ def _delete(args: argparse.Namespace) -> int:
     if args.json:
         print_json({'deleted': jobs})
     else:
-        print(f'deleted: {", ".join(map(shown, jobs))}')
+        print(f'deleted: {_listed(jobs)}')
     return 0
 
 
 def _agreed(jobs: list[str]) -> bool:
     if not sys.stdin.isatty():
         return False
-    return (
-        input(f'delete {", ".join(map(shown, jobs))} from the archive? [y/N] ').strip().lower()
-        == 'y'
-    )
+    return input(f'delete {_listed(jobs)} from the archive? [y/N] ').strip().lower() == 'y'
+
+
+def _listed(jobs: list[str]) -> str:
+    more = f' and {len(jobs) - 20} more' if len(jobs) > 20 else ''
+    return f'{len(jobs)} jobs: {", ".join(map(shown, jobs[:20]))}{more}'
 
 
 def _retain(args: argparse.Namespace) -> int:
-    if not (args.older_than or args.max_size):
-        raise ValueError('say what may stay: --older-than AGE, --max-size SIZE')
-    now = datetime.now(UTC).replace(tzinfo=None)
-    age = now - moment(args.older_than, now) if args.older_than else None
-    limit = policy.size(args.max_size) if args.max_size else None
+    from ..retention import apply, decision, kept_policy
+
+    asked = Words(args.older_than, args.max_size)
+    asked.policy()  # a slip is named before anything is read
     archive = opened(args)
-    created = {
-        r['job']: r['created'] for r in archive.rows(('jobs',), 'SELECT job, created FROM jobs')
-    }
-    held = [
-        policy.Held(job, created.get(job), sum(f.bytes for f in e.bulk.values()), e.has_report)
-        for job, e in archive.store.catalog().entries().items()
-    ]
-    gone = policy.chosen(held, policy.Policy(age, limit), now)
-    if gone and not args.dry_run:
-        with archive.store.writing() as writer:
-            writer.change({h.job for h in gone}, _without_arrays)
-        _push(args)
-    size = sum(h.bytes for h in gone)
-    if args.json:
-        print_json({'jobs': [h.job for h in gone], 'bytes': size, 'dry_run': args.dry_run})
+    words = asked or kept_policy(archive.store)
+    if not words:
+        raise ValueError(
+            'say what may stay (--older-than AGE, --max-size SIZE), or keep a policy: waam jobs policy'
+        )
+    if args.dry_run:
+        found = decision(archive.store, archive.store.catalog(), words)
     else:
-        verb = 'would go' if args.dry_run else 'dropped'
-        print(f'{verb}: {" and ".join(BULK)} of {len(gone)} jobs, {size / 1e6:.1f} MB')
+        with archive.store.writing() as writer:
+            found = apply(writer, words)
+        _push(args)
+    if args.json:
+        print_json(_decided(args, words, found))
+    else:
+        _tell_decision(args, words, found)
     return 0
 
 
-def _without_arrays(_job: str, entry: Entry) -> Entry:
-    return replace(entry, bulk={})
+def _decided(args: argparse.Namespace, words: Words, found: Decision) -> dict[str, Any]:
+    return {
+        'policy': asdict(words), 'jobs': [h.job for h in found.gone], 'bytes': found.bytes, 'dry_run': args.dry_run,
+        'bytes_left': found.left, 'bytes_over': found.over, 'spared': [h.job for h in found.spared],
+    }  # fmt: skip
+
+
+def _tell_decision(args: argparse.Namespace, words: Words, found: Decision) -> None:
+    from ..retention import told
+
+    print(f'policy: {words}')
+    rows = [[h.created, h.job, h.bytes / 1e6] for h in found.gone]
+    if args.dry_run and rows:
+        print_table(['created', 'job', 'MB'], rows)
+    print(f'{told(found, not args.dry_run)}; {found.left / 1e6:.1f} MB stay')
+    if found.spared:
+        size = sum(h.bytes for h in found.spared) / 1e6
+        print(f'{len(found.spared)} jobs without a report or a time keep theirs, {size:.1f} MB')
+    if found.over:
+        print(f'that is {found.over / 1e6:.1f} MB more than {words.max_size}')
+
+
+def _policy(args: argparse.Namespace) -> int:
+    from ..retention import keep_policy, kept_policy
+    from ..store import Store
+
+    given = Words(args.older_than, args.max_size)
+    given.policy()
+    if given and args.clear:
+        raise ValueError('--clear goes with no limit')
+    far = is_remote(args.archive)
+    store = remote(args.archive, args).pull(bulk=False) if far else Store(archive_folder(args))
+    if args.clear:
+        words = Words()
+    else:
+        kept = kept_policy(store)
+        words = Words(given.older_than or kept.older_than, given.max_size or kept.max_size)
+    if given or args.clear:
+        keep_policy(store, words)
+        _push(args)
+    if args.json:
+        print_json(asdict(words))
+    else:
+        print(f'policy: {words}')
+    return 0
 
 
 def _verify(args: argparse.Namespace) -> int:
     from ..store import Store
     from ..verify import repair, verify
 
-    store = Store(archive_folder(args))
+    if is_remote(args.archive):
+        if args.sources or args.repair:
+            raise ValueError('--sources and --repair work on a folder, not on a store')
+        at = remote(args.archive, args)
+        store, wrong = at.pull(bulk=False), at.wrong_with
+    else:
+        store, wrong = Store(archive_folder(args)), None
     with progress('reading files') as tick:
-        verdict = verify(store, args.sources, tick)
+        verdict = verify(store, args.sources, tick, wrong)
     mended = repair(store, verdict) if args.repair and not verdict.sound else []
     if args.json:
         print_json({**asdict(verdict), 'sound': verdict.sound, 'repaired': mended})

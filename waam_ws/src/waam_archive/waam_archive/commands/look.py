@@ -5,7 +5,17 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from .common import Verbs, add_filters, add_verb, opened, print_json, print_table, selection, shown
+from .common import (
+    Verbs,
+    add_filters,
+    add_verb,
+    jobs_meant,
+    opened,
+    print_json,
+    print_table,
+    selection,
+    shown,
+)
 
 LISTED = (
     'created',
@@ -27,7 +37,7 @@ COMPARED = (
 )  # fmt: skip
 OF_LAYER = (
     'layer', 'pass_number', 'final', 'temperature_C', 'current_A', 'voltage_V', 'wire_m', 'arc_starts',
-    'height_error_rms_m', 'psi_mean', 'flow_factor', 'law',
+    'height_error_rms_mm', 'psi_mean', 'flow_factor', 'law',
 )  # fmt: skip
 
 
@@ -41,7 +51,8 @@ def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
     p = add_verb(verbs, common, 'show', 'one job: figures, layers, anomalies, consumables', _show)
     p.add_argument('name', metavar='JOB', help='its id, or a part of it that no other job has')
     p = add_verb(verbs, common, 'compare', 'jobs side by side', _compare)
-    p.add_argument('names', metavar='JOB', nargs='+', help='ids, or parts of them')
+    p.add_argument('names', metavar='JOB', nargs='*', help='ids, or parts of them; or filters')
+    add_filters(p)
     p = add_verb(
         verbs, common, 'find', 'jobs with a text in names, messages, anomalies or reports', _find
     )
@@ -55,8 +66,10 @@ def _list(args: argparse.Namespace) -> int:
     rows = opened(args).jobs(selection(args), args.limit)
     if args.json:
         print_json(rows)
-    else:
+    elif rows:
         print_table(list(LISTED), [[r[c] for c in LISTED] for r in rows])
+    else:
+        print('no job fits these filters')
     return 0
 
 
@@ -72,15 +85,29 @@ def _show(args: argparse.Namespace) -> int:
         if value is not None:
             print(f'{name:22s} {shown(value)}')
     print()
-    print_table(list(OF_LAYER), [[r[c] for c in OF_LAYER] for r in found['layers']])
+    print_table(list(OF_LAYER), [_of_layer(r) for r in found['layers']])
+    for c in found['calibration']:
+        told = c['trouble'] or f'{c["artefact"] or "?"}, {c["date"] or "no date"}'
+        print(f'calibration of the scanner: {shown(c["file"] or "parameters")}, {shown(told)}')
+    for c in found['consumables']:
+        used = {'m': c['used_m'], 'kg': c['used_kg'], 's': c['used_s']}
+        amounts = ', '.join(f'{shown(v)} {unit}' for unit, v in used.items() if v is not None)
+        named = ' '.join(shown(c[k]) for k in ('kind', 'material', 'lot') if c[k])
+        print(f'{named}: {amounts}')
     for a in found['anomalies']:
         print(f'{a["severity"]} {a["class_name"]}: {shown(a["text"])} ({shown(a["reaction"])})')
     return 0
 
 
+def _of_layer(row: dict[str, Any]) -> list[Any]:
+    error = row['height_error_rms_m']
+    row = {**row, 'height_error_rms_mm': None if error is None else error * 1e3}
+    return [row[c] for c in OF_LAYER]
+
+
 def _compare(args: argparse.Namespace) -> int:
     archive = opened(args)
-    rows = [archive.of_job('jobs', archive.job_named(n))[0] for n in args.names]
+    rows = [archive.of_job('jobs', job)[0] for job in jobs_meant(args, archive)]
     if args.json:
         print_json(rows)
         return 0

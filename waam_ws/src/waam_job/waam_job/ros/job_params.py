@@ -24,6 +24,10 @@ class JobParams:
         'name of the cell under which jobs keep what they teach (docs/job.md); empty = the '
         "controller's, 'simulated' for a simulated cell",
     )
+    shop_cell: str = param(
+        '',
+        'name of the cell among several (waam up --name), kept with every job; empty = the first one',
+    )
     work_offset: tuple = param((0.100, 0.080, 0.020), 'work zero (G54) in machine coordinates', 'm')
     plate_zero: tuple = param(
         (0.020, 0.020, 0.010),
