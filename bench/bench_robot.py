@@ -40,7 +40,9 @@ baseline: as `waam plan --machine robot` predicts it from the stated errors. rob
 it (beyond a plane) when it is estimated from the known surface around the map; robot.map_off_mm: the same with height
 and slope, which may be those of the part; baselines: before. robot.turning_m: longest box of 0.12 x 0.1 m over the turn
 axis that the arm serves at least 15 deg off a stretched wrist, the part turning as `turn_choice` has it; baseline: the
-part at rest. robot.overhang_deg: steepest arm on a post
+part at rest. robot.posture_step_mm: RMS by which a place lies higher or lower when the torch is brought there with the
+positioner turned by 30 degrees from where the robot was taught, 40 robots; baseline: tolerance of the demo's jaw.
+robot.overhang_deg: steepest arm on a post
 that is built with the part tilted (60, 70, 80, 85, 90 degrees, in the laboratory, seeds 3, 7, 11) with at most 0.3 mm
 RMS and no contact of arm or torch in its plan; baseline: the limit of the planner on a level part.
 """
@@ -277,6 +279,23 @@ def turned() -> None:
     emit('robot.turning_m', turning, 'm', 'the part at rest', still)
 
 
+def posture_steps() -> None:
+    """Forty robots."""
+    import numpy as np
+    from lib.robot_cell import shifts
+
+    numbers = seeds(tuple(range(1, 41)))
+    for turn, spin in ((10, 0), (30, 0), (0, 10), (0, 30), (30, 30)):
+        side, up = shifts(numbers, *np.radians([float(turn), float(spin)]))
+        print(
+            f'robot.posture_step_mm: positioner {turn} deg, torch {spin} deg: {side * 1e3:.3f} mm to the side, '
+            f'{up * 1e3:.3f} mm up',
+            file=sys.stderr,
+        )
+    up = shifts(numbers, np.radians(30.0), 0.0)[1]
+    emit('robot.posture_step_mm', up * 1e3, 'mm', 'tolerance of the jaw', 0.2)
+
+
 def overhangs() -> None:
     """Arms on a post."""
     import tempfile
@@ -302,6 +321,7 @@ FIGURES = {
     'robot.bend_left_mm': bent_found,
     'robot.map_off_mm': bent_found,
     'robot.turning_m': turned,
+    'robot.posture_step_mm': posture_steps,
     'robot.overhang_deg': overhangs,
     'robot.tcp_mm': calibrated,
     'robot.hand_eye_mm': calibrated,

@@ -12,7 +12,8 @@ from waam_robot.arm import link_frames
 from waam_robot.bead import Bead, make_bead
 from waam_robot.clearance import plan_clear
 from waam_robot.collision import Scene
-from waam_robot.joint_path import JUMP, BeadPath, Machine, PlanError, plan
+from waam_robot.joint_nodes import JUMP
+from waam_robot.joint_path import BeadPath, Machine, PlanError, plan
 from waam_robot.timing import part_pose, time_bead, torch_speed
 
 SPEED = 10e-3  # m/s

@@ -197,8 +197,8 @@ def _register_demo(commands: argparse._SubParsersAction) -> None:
         '--machine',
         choices=MACHINES,
         default=GANTRY,
-        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner; the robot keeps step '
-        'with the wall clock, so both runs take half an hour (--rate 4 asks for four times as fast)',
+        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner; then the closed loop '
+        'runs on the gantry too, and the page shows both',
     )
     p.add_argument('--jobs', type=Path, help='where the folder goes (default: jobs/)')
     p.add_argument(

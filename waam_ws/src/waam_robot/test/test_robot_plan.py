@@ -16,7 +16,8 @@ from waam_robot import joint_path
 from waam_robot.arm import M20IB25
 from waam_robot.bead import make_bead
 from waam_robot.frames import wrapped
-from waam_robot.joint_path import JUMP, WRIST, Machine, PlanError, plan
+from waam_robot.joint_nodes import JUMP, WRIST
+from waam_robot.joint_path import Machine, PlanError, plan
 from waam_robot.positioner import Positioner
 from waam_robot.timing import Drives, TimingError, part_pose, slow_text, time_bead, torch_speed
 
@@ -169,8 +170,8 @@ def far_positioner(**changes):
 @pytest.mark.parametrize(
     ('bead', 'machine', 'said'),
     [
-        (straight((2.0, 0, 0), (2.0, 0.02, 0)), MACHINE,
-         r'bead 0, 0.0 mm from its start, at \(2000.0, .*\) mm of the part: out of reach: its wrist would be at'),
+        (straight((4.0, 0, 0), (4.0, 0.02, 0)), MACHINE,
+         r'bead 0, 0.0 mm from its start, at \(4000.0, .*\) mm of the part: out of reach: its wrist would be at'),
         (straight((0.1, 0, 0), (0.1, 0.02, 0), axis=(0, 0, -1)), MACHINE,
          r'B of the positioner would be 180.0 deg, its range -120.3 to 120.3'),
         (ring(0.1), far_positioner(high=(2.1, 1.0)), r'bead 0, .* mm from its start.*: C of the positioner would be'),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from control_msgs.action import FollowJointTrajectory
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 
 from waam_process.plant_port import SAMPLE
 from waam_robot_bridge import conversions as convert
+from waam_robot_bridge import node_driver
 from waam_robot_bridge.goals import Goal
 from waam_robot_bridge.params import NAMES
 from waam_sim.node_robot import goal_from_msg
@@ -90,3 +93,30 @@ def test_inputs_need_every_value():
     msg.interface_groups = ['gripper']
     with pytest.raises(ValueError, match="no group 'welding'"):
         convert.inputs_from_msg(msg)
+
+
+@pytest.mark.parametrize(
+    ('steady', 'ros', 'silent'),
+    [(0.2, 0.2, False), (0.4, 0.4, True), (1.0, 0.0, False), (0.1, 9.0, False), (2.5, 0.0, True)],
+)
+def test_a_welding_device_is_silent_when_both_clocks_say_so(monkeypatch, steady, ros, silent):
+    """A simulated cell that stands still is not; one that stands for long is."""
+    now = SimpleNamespace(nanoseconds=10**9)
+    clock = SimpleNamespace(now=lambda: now)
+    node = SimpleNamespace(
+        get_clock=lambda: clock,
+        create_publisher=lambda *a: None,
+        create_subscription=lambda *a: None,
+    )
+    monkeypatch.setattr(node_driver, 'time', SimpleNamespace(monotonic=lambda: wall[0]))
+    wall = [50.0]
+    welder = node_driver.RosWelder(node)  # type: ignore[arg-type]
+    assert 'nothing on topic' in welder.problem()
+    reading = InterfaceValue(interface_names=['gas_ok', 'current', 'voltage', 'wire_speed'])
+    reading.values = [1.0, 100.0, 20.0, 0.1]
+    welder._on_state(
+        DynamicInterfaceGroupValues(interface_groups=['welding'], interface_values=[reading])
+    )
+    wall[0] += steady
+    now.nanoseconds += int(ros * 1e9)
+    assert ('silent' in welder.problem()) == silent

@@ -24,7 +24,8 @@ from .params import RobotParams
 GOOD = (FollowJointTrajectory.Result.SUCCESSFUL,)
 KEPT = 200  # joint states
 HELD = 1.0  # s after a refused goal until the machine may be resumed
-SILENT = 0.3  # s of the steady clock
+SILENT = 0.3  # s of the steady clock and of ROS time, for a simulated cell may stand still
+LOST = 2.0  # s of the steady clock
 
 
 class RosDriver:
@@ -133,7 +134,7 @@ class RosWelder:
 
     def __init__(self, node: Node) -> None:
         self.reading = convert.WeldReading()
-        self._heard = 0.0  # s, steady clock
+        self._heard, self._heard_ros = 0.0, 0.0  # s, steady clock and ROS time
         self._node = node
         self._out = node.create_publisher(DynamicInterfaceGroupValues, 'weld_command', qos.BEAT)
         node.create_subscription(
@@ -149,7 +150,11 @@ class RosWelder:
         if not self._heard:
             return "nothing on topic 'weld_state': is the welding device running?"
         age = time.monotonic() - self._heard
-        return f'the welding device is silent for {age:.2f} s' if age > SILENT else ''
+        silent = age > LOST or min(age, self._now() - self._heard_ros) > SILENT
+        return f'the welding device is silent for {age:.2f} s' if silent else ''
+
+    def _now(self) -> float:
+        return self._node.get_clock().now().nanoseconds * 1e-9
 
     def _on_state(self, msg: DynamicInterfaceGroupValues) -> None:
         try:
@@ -157,4 +162,4 @@ class RosWelder:
         except ValueError as e:
             self._node.get_logger().error(f'weld_state: {e}', throttle_duration_sec=5.0)
             return
-        self._heard = time.monotonic()
+        self._heard, self._heard_ros = time.monotonic(), self._now()

@@ -10,6 +10,8 @@ from .node_transport import RobotTransport
 from .pace import Pacer, Slowed
 from .params import RobotParams
 
+FRESH_US = 250_000  # us of controller time: a required node that is later is waited for
+
 
 class RobotBridgeNode(BridgeNode):
     """See docs/interfaces.md."""
@@ -18,12 +20,17 @@ class RobotBridgeNode(BridgeNode):
         super().__init__(RobotParams)
 
     def _make_transport(self) -> RobotTransport:
-        made = RobotTransport(self, self.params, self, self._on_problem)
+        made = RobotTransport(self, self.params, self, self._on_problem, self._keeps_up)
         pacer = Pacer(made.station, self.params)
         pacer.on_slowed = self._on_slowed
         self.core.pace = pacer
         self.get_logger().info(f'where a drive is too weak, segments are timed by {pacer.by}')
         return made
+
+    def _keeps_up(self, now_us: int) -> bool:
+        arming = self.core.arming
+        with self._lock:
+            return not arming.job or now_us - arming.lease.seen_us(now_us) < FRESH_US
 
     def _on_slowed(self, slowed: Slowed) -> None:
         with self._lock:
