@@ -11,6 +11,8 @@ robot.oval_error_ratio: oval of 500 mm with 5 % ovality, largest miss of the wir
 source's 0.16 / 0.36 mm. robot.oval_untaught_ratio: the same without teaching, where the split cannot help.
 robot.flips_in_bead: beads of 500 random parts of two beads whose joint path changes the side of shoulder, elbow or
 wrist or jumps, judged by the places of the links; parts that were refused go to stderr; baseline: asked for.
+robot.wide_refused: of 200 random level parts within 0.8 m of the turn axis, how many are refused; baseline: with the
+usual turn of the positioner alone.
 robot.collisions: 500 random parts of three beads whose joint path is planned without contacts (arm, torch, positioner,
 beads laid before), judged by points, plain distances and Pinocchio's frames: paths in which something touches;
 baseline: asked for. How many were refused and the least distance go to stderr.
@@ -111,6 +113,15 @@ def random_plans() -> None:
     for text in refused[:3]:
         print(f'  {text}', file=sys.stderr)
     emit('robot.flips_in_bead', float(flipped), '1', 'asked for', 0.0)
+
+
+def wide_plans() -> None:
+    """200 random level parts far from the turn axis."""
+    from lib.robot_parts import wide_parts
+
+    (usual, _), (refused, flipped) = (wide_parts(200, turns) for turns in (1, 8))
+    print(f'robot.wide_refused: {flipped} flips', file=sys.stderr)
+    emit('robot.wide_refused', float(refused), '1', 'usual turn', float(usual))
 
 
 def collisions() -> None:
@@ -333,6 +344,7 @@ FIGURES = {
     'robot.oval_error_ratio': ovals,
     'robot.oval_untaught_ratio': ovals,
     'robot.flips_in_bead': random_plans,
+    'robot.wide_refused': wide_plans,
     'robot.collisions': collisions,
     'robot.speed_error_pct': plans,
     'robot.plan_ms_per_point': plans,

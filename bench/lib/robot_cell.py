@@ -213,7 +213,7 @@ def longest() -> tuple[float, float, str]:
     from waam_robot.turn_choice import choose
 
     best, said = [0.0, 0.0], []
-    for length in np.arange(6, 21) / 10:
+    for length in np.arange(6, 31) / 10:
         high = (float(length), 0.12, 0.1)
         try:
             found = choose(
