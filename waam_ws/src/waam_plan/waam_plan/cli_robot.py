@@ -55,7 +55,8 @@ def add_robot(p: argparse.ArgumentParser) -> None:
         '--turning',
         action='store_true',
         help='of --machine robot: choose how the positioner turns the part while the torch goes, so that the arm stays '
-        'away from its limits; with --out also robot.yaml for `waam up --machine robot --params-file`',
+        'away from its limits; with --out also robot.yaml for `waam up --machine robot --params-file`, and cell.yaml '
+        'for programs (--post, --cell)',
     )
     p.add_argument(
         '--clamp',
@@ -70,9 +71,9 @@ def add_robot(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument(
         '--positioner',
-        choices=('none', 'hold', 'turn'),
-        help='of a robot: no external axes (default), axes that stand still, or axes that follow the bead with a level '
-        'torch; overrides the cell file',
+        choices=('none', 'hold', 'turn', 'place'),
+        help='of a robot: no external axes (default), axes that stand still, axes that follow the bead with a level '
+        'torch, or a turn by where the torch is (`turning` of the cell file); overrides the cell file',
     )
     p.add_argument(
         '--corner',
