@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from rclpy.clock import ROSClock
 from rclpy.node import Node
 
 from waam_bridge.transport import Owner
@@ -123,7 +124,8 @@ class RobotTransport:
     @property
     def _simulated(self) -> bool:
         """The clock is that of a simulated cell, which waits for this bridge."""
-        return bool(self._node.get_clock().ros_time_is_active)
+        clock = self._node.get_clock()
+        return isinstance(clock, ROSClock) and clock.ros_time_is_active
 
     def _now_us(self) -> int:
         """ROS time; joint states may be ahead of a simulated clock."""
