@@ -7,6 +7,7 @@ wall clock (`pace`) and with the bridge.
 
 from __future__ import annotations
 
+import sys
 import time
 
 import numpy as np
@@ -29,6 +30,8 @@ STEP_MS = 10
 PARK = np.array([0.060, 0.050, 0.150])  # m, where the torch is when the cell is switched on
 AHEAD_US = 20_000  # us that the cell may be ahead of its bridge
 PATIENCE = 0.3  # s
+WAKE = 0.02  # s between looks whether this node is to end
+SWITCH_INTERVAL = 0.001  # s for which this thread may keep the executor from taking a command
 LATE = 0.2  # s behind the wall clock from which on time is not made up for
 
 
@@ -63,6 +66,7 @@ class RobotCell(Cell):
         welder = Welder(self, lambda: self._time_us)
         self.level, self.message = OK, 'running'
         due = time.monotonic()
+        sys.setswitchinterval(SWITCH_INTERVAL)
         while not self._stop.is_set():
             try:
                 self._step(robot, controller, welder)
@@ -84,7 +88,9 @@ class RobotCell(Cell):
             if time.monotonic() > end:
                 welder.give_up()
                 return
-            self._stop.wait(0.001)
+            welder.news.clear()
+            if welder.behind_us() > AHEAD_US:
+                welder.news.wait(WAKE)
 
     def _step(self, robot: SimRobot, controller: TrajectoryController, welder: Welder) -> None:
         start = time.perf_counter()
