@@ -40,8 +40,8 @@ def _held(bridge: dict[str, Any]) -> str:
     turning, tilt = _turning(bridge), float(bridge.get('tilt') or 0.0)
     if not turning.still:
         return (
-            f'It turned the level part while the torch went: by {turning.text} from the middle of the box, beside where '
-            'it stands at rest.'
+            f'It turned the level part while the torch went: by {turning.text} from the middle of the box, beside '
+            'where it stands at rest.'
         )
     if tilt:
         return f'It held the part still, tilted by {np.degrees(tilt):.1f} deg towards the robot.'
