@@ -208,12 +208,12 @@ def calibrations(numbers: tuple[int, ...]) -> dict[str, np.ndarray]:
 
 
 def longest() -> tuple[float, float, str]:
-    """(m at rest, m turning, what was seen): longest boxes over the turn axis, in steps of 0.1 m."""
+    """(m at rest, m turning, what was seen): longest boxes over the turn axis, in steps of 0.2 m up to 2.8 m."""
     from waam_robot.station import Place, StationError
     from waam_robot.turn_choice import choose
 
     best, said = [0.0, 0.0], []
-    for length in np.arange(6, 31) / 10:
+    for length in np.arange(6, 29, 2) / 10:
         high = (float(length), 0.12, 0.1)
         try:
             found = choose(
