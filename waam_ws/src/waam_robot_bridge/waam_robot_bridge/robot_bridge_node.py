@@ -10,8 +10,6 @@ from .node_transport import RobotTransport
 from .pace import Pacer, Slowed
 from .params import RobotParams
 
-FRESH_US = 250_000  # us of controller time: a required node that is later is waited for
-
 
 class RobotBridgeNode(BridgeNode):
     """See docs/interfaces.md."""
@@ -28,9 +26,8 @@ class RobotBridgeNode(BridgeNode):
         return made
 
     def _keeps_up(self, now_us: int) -> bool:
-        arming = self.core.arming
         with self._lock:
-            return not arming.job or now_us - arming.lease.seen_us(now_us) < FRESH_US
+            return not self.core.arming.waits(now_us)
 
     def _on_slowed(self, slowed: Slowed) -> None:
         with self._lock:
