@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from waam_bridge import faults
 from waam_bridge.bridge_node import BridgeNode
-from waam_bridge.outbox import FAULT, INFO
+from waam_bridge.outbox import INFO
 from waam_node.node import main as node_main
 
 from .node_transport import RobotTransport
@@ -35,7 +36,7 @@ class RobotBridgeNode(BridgeNode):
 
     def _on_problem(self, text: str) -> None:
         with self._lock:
-            self.core.notice(FAULT, 'link', f'robot: {text}; the arc is cut', 'hold')
+            faults.held(self.core, f'robot: {text}; the arc is cut')
 
 
 def main() -> None:
