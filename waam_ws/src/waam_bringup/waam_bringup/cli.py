@@ -97,9 +97,11 @@ def _draw_plan(stored: Path, target: Path) -> None:
     write_recording(stored, target)
 
 
-def _check_robot(plan: Any, urdf: Path | None, turning: bool, out: Path | None) -> None:
+def _check_robot(
+    plan: Any, urdf: Path | None, turning: bool, out: Path | None, files: list[Path]
+) -> None:
     """`waam plan --machine robot`: planner and laboratory meet here. Raises ValueError where the robot cannot."""
-    importlib.import_module('waam_lab.cli_robot_check').check_robot(plan, urdf, turning, out)
+    importlib.import_module('waam_lab.cli_robot_check').check_robot(plan, urdf, turning, out, files)
 
 
 def _register_graph(commands: argparse._SubParsersAction) -> None:

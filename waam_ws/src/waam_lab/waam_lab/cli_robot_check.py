@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -24,14 +26,23 @@ PARAMETERS, CELL = 'robot.yaml', 'cell.yaml'
 
 
 def check_robot(
-    plan: Plan, urdf: Path | None = None, turning: bool = False, out: Path | None = None
+    plan: Plan,
+    urdf: Path | None = None,
+    turning: bool = False,
+    out: Path | None = None,
+    files: Sequence[Path] = (),
 ) -> None:
     """Prints what the robot, with the arm of a URDF where one is given, will make of the plan. ValueError where the
     plan must not be run, and for a file that cannot be used.
 
     turning: the positioner turns the part as is best; PARAMETERS (of nodes) and CELL (of programs) in `out` say how.
+    files: ROS parameter files, of which those of the bridge count.
     """
-    wanted: params.Overrides = {'robot_bridge': {'tilt': math.radians(plan.settings.tilt_deg)}}
+    given: dict[str, Any] = {}
+    for file in files:
+        given |= params.read_file(file).get('bridge', {})
+    tilt = {'tilt': math.radians(plan.settings.tilt_deg)}
+    wanted: params.Overrides = {'robot_bridge': {**tilt, **given}}
     if urdf is not None:
         wanted = urdf_settings.settings(urdf, wanted)
     robot: RobotParams = params.make(wanted).robot_bridge
@@ -69,7 +80,9 @@ def _write(
     zero: tuple[float, float, float],
 ) -> None:
     """The turning for a graph and for programs. zero: m, work zero in machine coordinates."""
-    values = {'bridge': {'turning': list(turning)}, 'cell': {'robot_turning': list(turning)}}
+    place = robot.place()
+    box = {'origin': list(place.origin), 'work_high': list(place.high), 'turning': list(turning)}
+    values = {'bridge': box, 'cell': {f'robot_{name}': list(v) for name, v in box.items()}}
     text = yaml.safe_dump({node: {'ros__parameters': v} for node, v in values.items()})
     (out / PARAMETERS).write_text(text)
     (out / CELL).write_text(yaml.safe_dump(_cell(turning, robot, zero)))

@@ -52,7 +52,11 @@ class RobotCell(Cell):
         arm = arm_of(plant.robot) if plant.robot.urdf else None
         start, *along = map(float, plant.robot.turning)
         turning = Turning(start, (along[0], along[1]))
-        station = arm or Station(Place(tilt=plant.robot.tilt, turning=turning))
+        origin, high = (
+            tuple(map(float, values)) for values in (plant.robot.origin, plant.robot.work_high)
+        )
+        place = Place(origin=origin, high=high, tilt=plant.robot.tilt, turning=turning)  # type: ignore[arg-type]
+        station = arm or Station(place)
         try:
             robot = SimRobot(station, plant.robot, self.params.seed, PARK, taught, self._time_us)
         except UrdfError as e:
