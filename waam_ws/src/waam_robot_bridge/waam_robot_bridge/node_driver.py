@@ -41,6 +41,7 @@ class RosDriver:
         self._number = 0  # of the newest goal
         self._refused, self._when = '', 0.0  # why the newest goal is not followed; s, steady clock
         self._odd = ''  # why the joint states cannot be used
+        self.heard = 0.0  # s, steady clock: when the newest complete joint state came
         self.device = ''  # what is wrong with the welding device
         node.create_subscription(JointStateMsg, 'joint_states', self._on_state, qos.SENSOR)
 
@@ -126,6 +127,7 @@ class RosDriver:
         self._odd = ''
         oldest = min(self._known[n][0] for n in self._names)
         self._states.append(JointState(oldest, values[:, 0], values[:, 1]))
+        self.heard = time.monotonic()
         self._on_news()
 
 

@@ -21,6 +21,9 @@ from .station_file import station_of
 STEP_MS = 10
 MOST_STEPS = 100  # that are made up for at once
 IDLE = 0.02  # s
+# a simulated clock comes from the process of the joint states, and may be read before them:
+BEHIND_US = 50_000  # us that it may be ahead of those that are on their way
+PATIENCE = 0.3  # s of the steady clock, for so long
 SLOW = 0.05  # s of the steady clock for a step while a node is late
 BOOTS = 2**31
 RETRY = 0.3  # s
@@ -128,9 +131,11 @@ class RobotTransport:
         return isinstance(clock, ROSClock) and clock.ros_time_is_active
 
     def _now_us(self) -> int:
-        """ROS time; joint states may be ahead of a simulated clock."""
-        clock = self._node.get_clock().now().nanoseconds // 1000
-        return max(clock, self.driver.newest_us)
+        """ROS time; joint states may be ahead of a simulated clock, and for a moment it waits for them."""
+        clock, newest = self._node.get_clock().now().nanoseconds // 1000, self.driver.newest_us
+        if self._simulated and time.monotonic() - self.driver.heard < PATIENCE:
+            clock = min(clock, newest + BEHIND_US)
+        return max(clock, newest)
 
     def _catch_up(self, controller: RobotController, rest: bytes) -> bytes:
         """Steps until ROS time is reached; hands the controller's lines over and returns the incomplete one."""
