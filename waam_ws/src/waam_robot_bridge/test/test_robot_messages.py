@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from waam_process.plant_port import SAMPLE
 from waam_robot_bridge import conversions as convert
 from waam_robot_bridge import node_driver
+from waam_robot_bridge.controller import JointState
 from waam_robot_bridge.goals import Goal
 from waam_robot_bridge.params import NAMES
 from waam_sim.node_robot import goal_from_msg
@@ -120,3 +122,20 @@ def test_a_welding_device_is_silent_when_both_clocks_say_so(monkeypatch, steady,
     wall[0] += steady
     now.nanoseconds += int(ros * 1e9)
     assert ('silent' in welder.problem()) == silent
+
+
+def test_lost_joint_states_are_made_up_for_where_later_ones_are_there():
+    driver = object.__new__(node_driver.RosDriver)
+    at = lambda ms: JointState(ms * 1000, np.full(8, ms * 1e-3), np.full(8, 1.0))  # noqa: E731
+    driver._states = deque([at(100), at(110), at(300), at(310)])
+    assert driver.state(95_000).time_us == 100_000  # the oldest that is known
+    assert [driver.state(ms * 1000).time_us for ms in (105, 120, 305, 900)] == [
+        100_000,
+        110_000,
+        300_000,
+        310_000,
+    ]
+    made = driver.state(205_000)
+    assert made.time_us == 205_000 and made.joints == pytest.approx(np.full(8, 0.205))
+    driver._states.clear()
+    assert driver.state(100_000) is None
