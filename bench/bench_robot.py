@@ -11,6 +11,8 @@ robot.oval_error_ratio: oval of 500 mm with 5 % ovality, largest miss of the wir
 source's 0.16 / 0.36 mm. robot.oval_untaught_ratio: the same without teaching, where the split cannot help.
 robot.flips_in_bead: beads of 500 random parts of two beads whose joint path changes the side of shoulder, elbow or
 wrist or jumps, judged by the places of the links; parts that were refused go to stderr; baseline: asked for.
+robot.wide_refused: of 200 random level parts within 0.8 m of the turn axis, how many are refused; baseline: with the
+usual turn of the positioner alone.
 robot.collisions: 500 random parts of three beads whose joint path is planned without contacts (arm, torch, positioner,
 beads laid before), judged by points, plain distances and Pinocchio's frames: paths in which something touches;
 baseline: asked for. How many were refused and the least distance go to stderr.
@@ -40,7 +42,9 @@ baseline: as `waam plan --machine robot` predicts it from the stated errors. rob
 it (beyond a plane) when it is estimated from the known surface around the map; robot.map_off_mm: the same with height
 and slope, which may be those of the part; baselines: before. robot.turning_m: longest box of 0.12 x 0.1 m over the turn
 axis that the arm serves at least 15 deg off a stretched wrist, the part turning as `turn_choice` has it; baseline: the
-part at rest. robot.overhang_deg: steepest arm on a post
+part at rest. robot.posture_step_mm: RMS by which a place lies higher or lower when the torch is brought there with the
+positioner turned by 30 degrees from where the robot was taught, 40 robots; baseline: tolerance of the demo's jaw.
+robot.overhang_deg: steepest arm on a post
 that is built with the part tilted (60, 70, 80, 85, 90 degrees, in the laboratory, seeds 3, 7, 11) with at most 0.3 mm
 RMS and no contact of arm or torch in its plan; baseline: the limit of the planner on a level part.
 """
@@ -109,6 +113,15 @@ def random_plans() -> None:
     for text in refused[:3]:
         print(f'  {text}', file=sys.stderr)
     emit('robot.flips_in_bead', float(flipped), '1', 'asked for', 0.0)
+
+
+def wide_plans() -> None:
+    """200 random level parts far from the turn axis."""
+    from lib.robot_parts import wide_parts
+
+    (usual, _), (refused, flipped) = (wide_parts(200, turns) for turns in (1, 8))
+    print(f'robot.wide_refused: {flipped} flips', file=sys.stderr)
+    emit('robot.wide_refused', float(refused), '1', 'usual turn', float(usual))
 
 
 def collisions() -> None:
@@ -277,6 +290,23 @@ def turned() -> None:
     emit('robot.turning_m', turning, 'm', 'the part at rest', still)
 
 
+def posture_steps() -> None:
+    """Forty robots."""
+    import numpy as np
+    from lib.robot_cell import shifts
+
+    numbers = seeds(tuple(range(1, 41)))
+    for turn, spin in ((10, 0), (30, 0), (0, 10), (0, 30), (30, 30)):
+        side, up = shifts(numbers, *np.radians([float(turn), float(spin)]))
+        print(
+            f'robot.posture_step_mm: positioner {turn} deg, torch {spin} deg: {side * 1e3:.3f} mm to the side, '
+            f'{up * 1e3:.3f} mm up',
+            file=sys.stderr,
+        )
+    up = shifts(numbers, np.radians(30.0), 0.0)[1]
+    emit('robot.posture_step_mm', up * 1e3, 'mm', 'tolerance of the jaw', 0.2)
+
+
 def overhangs() -> None:
     """Arms on a post."""
     import tempfile
@@ -302,6 +332,7 @@ FIGURES = {
     'robot.bend_left_mm': bent_found,
     'robot.map_off_mm': bent_found,
     'robot.turning_m': turned,
+    'robot.posture_step_mm': posture_steps,
     'robot.overhang_deg': overhangs,
     'robot.tcp_mm': calibrated,
     'robot.hand_eye_mm': calibrated,
@@ -313,6 +344,7 @@ FIGURES = {
     'robot.oval_error_ratio': ovals,
     'robot.oval_untaught_ratio': ovals,
     'robot.flips_in_bead': random_plans,
+    'robot.wide_refused': wide_plans,
     'robot.collisions': collisions,
     'robot.speed_error_pct': plans,
     'robot.plan_ms_per_point': plans,

@@ -12,7 +12,8 @@ from waam_robot.arm import link_frames
 from waam_robot.bead import Bead, make_bead
 from waam_robot.clearance import plan_clear
 from waam_robot.collision import Scene
-from waam_robot.joint_path import JUMP, BeadPath, Machine, PlanError, plan
+from waam_robot.joint_nodes import JUMP
+from waam_robot.joint_path import BeadPath, Machine, PlanError, plan
 from waam_robot.timing import part_pose, time_bead, torch_speed
 
 SPEED = 10e-3  # m/s
@@ -179,3 +180,23 @@ def random_parts(count: int, seed: int = 1) -> tuple[int, int, list[str]]:
             if off > 1e-9 or (theta < machine.arm.low).any() or (theta > machine.arm.high).any():
                 raise SystemExit(f'a joint path off its bead ({off} m) or beyond a limit')
     return flipped, planned, refused
+
+
+def wide_parts(count: int, turns: int, seed: int = 1) -> tuple[int, int]:
+    """(refused, flips) of parts of two level beads anywhere within 0.8 m of the turn axis along x and y, `turns` turns
+    of the positioner being tried for a bead."""
+    rng, machine = np.random.default_rng(seed), Machine(turns=turns)
+    refused, flipped = 0, 0
+    for _ in range(count):
+        beads = [_level_bead(rng), _level_bead(rng)]
+        try:
+            flipped += flips(plan(beads, machine), machine)
+        except PlanError:
+            refused += 1
+    return refused, flipped
+
+
+def _level_bead(rng: np.random.Generator) -> Bead:
+    start = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 0.3])
+    steps = np.column_stack([rng.normal(0, 0.02, (4, 2)), np.zeros(4)])
+    return make_bead(start + np.cumsum(steps, axis=0), step=1e-3)

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_bridge import commands, outbox, overrides, program, requests
+from waam_bridge.faults import held
 from waam_process.segment import Kind, Segment
 
 
@@ -241,6 +242,21 @@ def test_a_fault_has_its_class_and_is_told_once():
     faults = [(n.class_name, n.severity, n.reaction) for n in cell.notices]
     assert faults == [('arc', outbox.FAULT, 'hold')]
     assert cell.bridge.fault == 204 and cell.bridge.fault_text == 'the arc was lost'
+
+
+def test_a_hold_by_this_end_tells_its_reason_until_it_is_over():
+    cell = Cell().ready()
+    cell.enqueue(line_of(60))
+    cell.step(5)
+    held(cell.bridge, 'the driver is late')
+    cell.fake.go(HOLD, 200, 'hold by host')
+    cell.step(5)
+    assert (cell.bridge.fault, cell.bridge.fault_text) == (200, 'the driver is late')
+    cell.fake.go(IDLE, 0, '')
+    cell.step(5)
+    cell.fake.go(HOLD, 200, 'hold by host')
+    cell.step(5)
+    assert cell.bridge.fault_text == 'hold by host'
 
 
 def test_a_refused_line_stops_the_program_but_not_what_was_accepted():

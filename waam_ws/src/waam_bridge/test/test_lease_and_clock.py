@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from waam_bridge.arming import Arming
 from waam_bridge.clock import ClockMap
 from waam_bridge.lease import Lease
 
@@ -133,3 +134,19 @@ def test_a_jump_of_a_clock_is_followed(jump):
 
 def test_before_any_round_trip_the_clock_is_not_ready():
     assert not ClockMap().ready
+
+
+def test_a_node_that_is_late_is_waited_for_until_it_is_lost():
+    arming = Arming()
+    arming.arm('job', ['cell', 'scan'], 1_000_000, 0.0)
+    assert not arming.waits(1_000_000)  # nobody was heard yet: that is not late but absent
+    arming.beat('cell', 1_000_000, 0, 1_000_000, 0.1)
+    arming.beat('scan', 900_000, 0, 1_000_000, 0.1)
+    assert [arming.waits(t) for t in (1_149_999, 1_150_000, 1_399_999, 1_400_000)] == [
+        False,
+        True,
+        True,
+        False,
+    ]
+    arming.disarm()
+    assert not arming.waits(1_200_000)

@@ -5,6 +5,11 @@ from __future__ import annotations
 from . import frames
 from .lease import Lease
 
+LATE_US, LOST_US = (
+    250_000,
+    500_000,
+)  # us of controller time; after the second the lease has ended the arc
+
 
 class Arming:
     """`silent`: required nodes whose heartbeat is late, as last checked."""
@@ -49,6 +54,11 @@ class Arming:
         before = self.lease.seen_us(t_us)
         counts = self.lease.beat(node, tick_us, boot, t_us, now) and self.job
         return bool(counts) and self.lease.seen_us(t_us) > before
+
+    def waits(self, t_us: int) -> bool:
+        """A node that an armed job requires is late at controller time t_us, but not lost: simulated time should give
+        it some of the wall clock's."""
+        return bool(self.job) and LATE_US <= t_us - self.lease.seen_us(t_us) < LOST_US
 
     def check(self, t_us: int, now: float) -> list[str] | None:
         """Checks which nodes are silent: None when nothing changed, else the new names."""

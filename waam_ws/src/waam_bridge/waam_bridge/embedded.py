@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Protocol
@@ -68,6 +69,7 @@ def _library() -> ctypes.CDLL:
     lib.controller_lib_with_cell.restype = handle
     lib.controller_lib_with_cell.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
     lib.controller_lib_place.argtypes = (handle, *(3 * (ctypes.c_double,)))
+    lib.controller_lib_widen.argtypes = (handle, 3 * ctypes.c_double, 3 * ctypes.c_double)
     lib.controller_lib_copy.argtypes = (handle, handle)
     lib.controller_lib_free.argtypes = (handle,)
     lib.controller_lib_rx.argtypes = (handle, text, size)
@@ -98,6 +100,11 @@ class Controller:
     def place(self, x: float, y: float, z: float) -> None:
         """Says where the axes stand (m, machine coordinates) before anything has moved."""
         self._lib.controller_lib_place(self._handle, x * 1e3, y * 1e3, z * 1e3)
+
+    def widen(self, low: Sequence[float], high: Sequence[float]) -> None:
+        """The axes reach all that lies between low and high (m, machine coordinates), before anything has moved."""
+        box = [(ctypes.c_double * 3)(*(v * 1e3 for v in corner)) for corner in (low, high)]
+        self._lib.controller_lib_widen(self._handle, *box)
 
     def copy(self, other: Controller) -> None:
         """Becomes what the other one is now; what is run afterwards does not touch the other one."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from . import frames, requests
 from .frames import ALARM, HOLD
 from .machine import Machine
-from .outbox import FAULT, LEASE_EXPIRED, WARNING, Notice, of_fault
+from .outbox import FAULT, HOLD_BY_HOST, LEASE_EXPIRED, WARNING, Notice, of_fault
 
 
 def state_changed(machine: Machine, state: int, code: int, text: str) -> None:
@@ -13,6 +13,10 @@ def state_changed(machine: Machine, state: int, code: int, text: str) -> None:
     if code == frames.STANDOFF:
         machine.outbox.notices.append(Notice(WARNING, 'height', f'E{code} {text}', 'none'))
         return
+    if machine.state == HOLD and state != HOLD:
+        machine.held_because = ''
+    if code == HOLD_BY_HOST and machine.held_because:
+        text = machine.held_because
     new = (state, code) != (machine.state, machine.fault)
     if not new and not (text and text != machine.fault_text):
         return
@@ -28,6 +32,12 @@ def state_changed(machine: Machine, state: int, code: int, text: str) -> None:
     if new and state == ALARM:
         machine.link.sender.blocked = True
         machine.dropping = f'ALARM E{code} {machine.fault_text}'.rstrip()
+
+
+def held(machine: Machine, why: str) -> None:
+    """This end has held the controller, for a reason that the controller does not know."""
+    machine.held_because = why
+    machine.notice(FAULT, 'link', why, 'hold')
 
 
 def line_refused(machine: Machine, refused: frames.LineRefused) -> None:

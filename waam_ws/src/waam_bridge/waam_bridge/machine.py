@@ -26,6 +26,7 @@ class Machine(Protocol):
     state: int
     fault: int
     fault_text: str
+    held_because: str
     message: str
     pace: Pace
     offset: Point | None

@@ -97,9 +97,11 @@ def _draw_plan(stored: Path, target: Path) -> None:
     write_recording(stored, target)
 
 
-def _check_robot(plan: Any, urdf: Path | None, turning: bool, out: Path | None) -> None:
+def _check_robot(
+    plan: Any, urdf: Path | None, turning: bool, out: Path | None, files: list[Path]
+) -> None:
     """`waam plan --machine robot`: planner and laboratory meet here. Raises ValueError where the robot cannot."""
-    importlib.import_module('waam_lab.cli_robot_check').check_robot(plan, urdf, turning, out)
+    importlib.import_module('waam_lab.cli_robot_check').check_robot(plan, urdf, turning, out, files)
 
 
 def _register_graph(commands: argparse._SubParsersAction) -> None:
@@ -198,8 +200,8 @@ def _register_demo(commands: argparse._SubParsersAction) -> None:
         '--machine',
         choices=MACHINES,
         default=GANTRY,
-        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner; the robot keeps step '
-        'with the wall clock, so both runs take half an hour (--rate 4 asks for four times as fast)',
+        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner; then the closed loop '
+        'runs on the gantry too, and the page shows both',
     )
     p.add_argument('--jobs', type=Path, help='where the folder goes (default: jobs/)')
     p.add_argument(

@@ -1,4 +1,5 @@
-"""waam demo: the same worn part, the same seed, open loop and closed loop, and a page that compares them."""
+"""waam demo: the same worn part, the same seed, open loop and closed loop, and a page that compares them. On the robot
+also closed loop on the gantry, beside it."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ from waam_job.store.folder import make_job_id, point_latest
 from waam_node import job_folder
 from waam_node.files import write_atomically
 from waam_process.loop_mode import LOOP_MODES, LoopMode
-from waam_process.operating import DEFAULT_MATERIAL, GANTRY
+from waam_process.operating import DEFAULT_MATERIAL, GANTRY, ROBOT
 
 from .client import ClientError, GraphClient
 from .graph import Settings
@@ -27,6 +28,9 @@ from .paths import jobs_dir, share
 from .progress import JobProgress
 
 PART, WORN = 'jaw_nominal.stl', 'jaw_worn.stl'
+ROBOT_RATE = (
+    10.0  # simulated seconds per second at most: its cell waits for the nodes, as the gantry's does
+)
 
 
 def run_demo(args: argparse.Namespace) -> int:
@@ -42,7 +46,7 @@ def run_demo(args: argparse.Namespace) -> int:
     # a demo needs no operator's page, and two cores are few
     settings = Settings(
         run=folder / '.run',
-        rate=args.rate,
+        rate=args.rate or (ROBOT_RATE if args.machine == ROBOT else 0.0),
         seed=args.seed,
         without=('panel',),
         machine=args.machine,
@@ -53,7 +57,8 @@ def run_demo(args: argparse.Namespace) -> int:
         if client.machine is not None:
             offset = client.machine.work_offset
             zero = (offset.x, offset.y, offset.z)
-    report = combine(folder, results, args.machine, zero)
+    beside = _gantry(args, folder) if _has_gantry(args) else None
+    report = combine(folder, results, args.machine, zero, beside)
     point_latest(jobs, folder.name)
     page = _page(folder)
     show(report, console, time.monotonic() - started)
@@ -62,14 +67,31 @@ def run_demo(args: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
+def _has_gantry(args: argparse.Namespace) -> bool:
+    return args.machine == ROBOT and LoopMode.CLOSED_LOOP in args.loop_modes
+
+
+def _gantry(args: argparse.Namespace, folder: Path) -> Path:
+    """The same part closed loop on the gantry, without what was learned: the folder of its job."""
+    settings = Settings(run=folder / '.gantry', seed=args.seed, without=('panel',))
+    asked = argparse.Namespace(**{**vars(args), 'fresh': True})
+    with graph(settings, default_domain(folder)) as (_, client):
+        return _one(client, asked, folder, LoopMode.CLOSED_LOOP, settings.run, GANTRY)
+
+
 def _one(
-    client: GraphClient, args: argparse.Namespace, folder: Path, loop_mode: str, run: Path
+    client: GraphClient,
+    args: argparse.Namespace,
+    folder: Path,
+    loop_mode: str,
+    run: Path,
+    name: str = '',
 ) -> Path:
     parts = share('waam_bringup') / 'parts'
     client.load_part(str((parts / WORN).resolve()), (0.0, 0.0, 0.0), args.seed)
     goal = make_goal(
         argparse.Namespace(
-            name=loop_mode,
+            name=name or loop_mode,
             part=parts / PART,
             mode='restore',
             material=DEFAULT_MATERIAL,
@@ -92,7 +114,7 @@ def _one(
         folder,
         folder.parent / job_folder.LEARNED_DIR,
     )
-    with JobProgress(loop_mode.replace('_', ' ')) as progress:
+    with JobProgress((name or loop_mode).replace('_', ' ')) as progress:
         result = client.run_job(goal, progress, graph_watch(run))
     if not result.job_dir:
         raise ClientError(f'{loop_mode}: {result.message}')
@@ -107,8 +129,10 @@ def combine(
     results: dict[str, Path],
     machine: str = GANTRY,
     work_zero: tuple[float, float, float] | None = None,
+    beside: Path | None = None,
 ) -> dict:
-    """The demo's report.json: both runs, their ratio and the machine (docs/job_folder.md). work_zero: m."""
+    """The demo's report.json: both runs, their ratio and the machine (docs/job_folder.md). work_zero: m; beside: folder
+    of the closed loop on the gantry."""
     runs, last = {}, {}
     for loop_mode, path in results.items():
         last = json.loads((path / job_folder.REPORT).read_text())
@@ -135,6 +159,9 @@ def combine(
         report['ratio'] = (
             closed / runs[LoopMode.OPEN_LOOP]['rms_mm'] if closed is not None else None
         )
+    if beside is not None:
+        run = json.loads((beside / job_folder.REPORT).read_text())[LoopMode.CLOSED_LOOP]
+        report[GANTRY] = {**run, 'folder': beside.name}
     write_atomically(folder / job_folder.REPORT, json.dumps(report, indent=1))
     return report
 
@@ -160,10 +187,11 @@ def show(report: dict, console: Console, wall: float) -> None:
         ('verdict', 'verdict', '{}'),
         ('... rim included', 'verdict_with_rim', '{}'),
     ]
-    runs = [p for p in LOOP_MODES if p in report]
+    runs = [p for p in (*LOOP_MODES, GANTRY) if p in report]
     table.add_column('')
     for p in runs:
-        table.add_column(p.replace('_', ' '), justify='right')
+        name = 'closed loop, gantry' if p == GANTRY else p.replace('_', ' ')
+        table.add_column(name, justify='right')
     for label, key, form in rows:
         cells = [
             form.format(report[p][key]) if report[p].get(key) is not None else '-' for p in runs

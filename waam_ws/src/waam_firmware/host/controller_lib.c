@@ -1,5 +1,6 @@
 #include "controller_lib.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -71,6 +72,17 @@ void controller_lib_place(controller_lib_t *lib, double x, double y, double z)
 {
     const double start_mm[WAAM_AXES] = {x, y, z};
     memcpy(lib->harness.start_mm, start_mm, sizeof start_mm);
+}
+
+void controller_lib_widen(controller_lib_t *lib, const double *low_mm, const double *high_mm)
+{
+    waam_config_t *config = &lib->harness.core.config;
+    for (int i = 0; i < WAAM_AXES; i++) {
+        config->limit_min_mm[i] = fmin(config->limit_min_mm[i], low_mm[i]);
+        config->limit_max_mm[i] = fmax(config->limit_max_mm[i], high_mm[i]);
+        lib->harness.config.limit_min_mm[i] = config->limit_min_mm[i];
+        lib->harness.config.limit_max_mm[i] = config->limit_max_mm[i];
+    }
 }
 
 void controller_lib_copy(controller_lib_t *to, const controller_lib_t *from)

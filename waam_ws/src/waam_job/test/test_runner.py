@@ -168,6 +168,27 @@ def test_pause_holds_and_resume_finishes(make_cell, make_runner):
     assert any(s.state == State.PAUSED for s in cell.statuses)
 
 
+def test_a_pause_by_the_machine_tells_its_reason(make_cell, make_runner):
+    cell = make_cell()
+    runner, control, _ = make_runner(cell)
+    inner = cell.wait
+
+    def wait(seconds):
+        if control.paused:
+            control.resume()
+        inner(seconds)
+
+    def hold(c):
+        why = 'robot: the torch is 3.1 mm from where it should be; the arc is cut'
+        c.machine_state = replace(c.machine_state, state='HOLD', fault=200, fault_text=why)
+
+    cell.wait = wait
+    first_deposit_after(cell, 20)(hold)
+    assert runner.run().state == State.DONE
+    said = [s.message for s in cell.statuses if s.state == State.PAUSED]
+    assert 'paused: robot: the torch is 3.1 mm' in said[0] and 'resume or abort' in said[0]
+
+
 def test_a_resume_that_telemetry_shows_late_is_no_new_pause(make_cell, make_runner):
     cell = make_cell()
     runner, control, _ = make_runner(cell)

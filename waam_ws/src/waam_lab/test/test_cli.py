@@ -180,3 +180,19 @@ def test_seeds(text, seeds):
             parse_seeds(text)
     else:
         assert parse_seeds(text) == seeds
+
+
+def test_programs_turn_the_part_as_the_job_does():
+    from waam_lab.cli_robot_check import _cell
+    from waam_lab.params import make
+    from waam_plan.robot.cell import cell_of
+    from waam_robot.station import Station
+
+    turning, zero = (0.3, 1.5, -2.0), (0.1, 0.08, 0.02)
+    robot = make({'robot_bridge': {'turning': turning}}).robot_bridge
+    cell = cell_of(_cell(turning, robot, zero), 'cell.yaml')
+    places = np.random.default_rng(4).uniform((0, 0, 0), (0.2, 0.15, 0.1), (20, 3))
+    joints = Station(robot.place()).joints(places + zero)
+    assert [cell.turn_at(tuple(p)) for p in places] == pytest.approx(joints[:, 7], abs=1e-9)
+    assert np.array(cell.origin) == pytest.approx(np.add(robot.origin, zero))
+    assert cell_of(_cell((0.0, 0.0, 0.0), robot, zero), 'x').positioner == 'hold'

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+import yaml
 from ament_index_python.packages import get_package_share_directory
 
 from waam_bridge import commands, program
@@ -48,6 +49,29 @@ def plan(tmp_path_factory) -> Plan:
 def found(plan):
     pytest.importorskip('coal', reason='scripts/setup.sh --robot installs it')
     return check(plan, RobotParams())
+
+
+LONG = {'origin': [-0.9, -0.15, 0.0], 'work_high': [1.8, 0.3, 0.2]}
+
+
+def test_a_long_part_is_laid_by_a_robot_that_turns_it(tmp_path, capsys):
+    """600 mm, beyond the gantry's 400 mm; at rest the robot does not reach its box of 1.8 m."""
+    pytest.importorskip('coal', reason='scripts/setup.sh --robot installs it')
+    trimesh.creation.box((600, 12, 2)).export(tmp_path / 'bar.stl')
+    far = PlanSettings(machine_max=(1.7, 0.22, 0.18))
+    built = plan_build(load_part(tmp_path / 'bar.stl'), far, 1)
+    file = tmp_path / 'long.yaml'
+    file.write_text(yaml.safe_dump({'bridge': {'ros__parameters': LONG}}))
+    with pytest.raises(ValueError, match='does not reach all of its box'):
+        check_robot(built, files=[file])
+    check_robot(built, turning=True, out=tmp_path, files=[file])
+    said = capsys.readouterr().out
+    assert 'at rest it cannot be reached' in said and 'keep their distance' in said
+    written = params.read_file(tmp_path / 'robot.yaml')
+    assert any(written['bridge']['turning'])
+    for name, value in written['bridge'].items():
+        assert written['cell'][f'robot_{name}'] == value
+    assert '&' not in (tmp_path / 'robot.yaml').read_text()  # rcl reads no aliases
 
 
 def test_the_core_lays_what_was_planned(plan):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -20,16 +22,27 @@ from .robot import urdf_settings
 from .robot.dry_run import work_zero
 from .robot.robot_check import check
 
-PARAMETERS = 'robot.yaml'
+PARAMETERS, CELL = 'robot.yaml', 'cell.yaml'
 
 
 def check_robot(
-    plan: Plan, urdf: Path | None = None, turning: bool = False, out: Path | None = None
+    plan: Plan,
+    urdf: Path | None = None,
+    turning: bool = False,
+    out: Path | None = None,
+    files: Sequence[Path] = (),
 ) -> None:
-    """Prints what the robot, with the arm of a URDF where one is given, will make of the plan. turning: the positioner
-    turns the part as is best, and PARAMETERS in `out` says how. ValueError where the plan must not be run, and for a
-    file that cannot be used."""
-    wanted: params.Overrides = {'robot_bridge': {'tilt': math.radians(plan.settings.tilt_deg)}}
+    """Prints what the robot, with the arm of a URDF where one is given, will make of the plan. ValueError where the
+    plan must not be run, and for a file that cannot be used.
+
+    turning: the positioner turns the part as is best; PARAMETERS (of nodes) and CELL (of programs) in `out` say how.
+    files: ROS parameter files, of which those of the bridge count.
+    """
+    given: dict[str, Any] = {}
+    for file in files:
+        given |= params.read_file(file).get('bridge', {})
+    tilt = {'tilt': math.radians(plan.settings.tilt_deg)}
+    wanted: params.Overrides = {'robot_bridge': {**tilt, **given}}
     if urdf is not None:
         wanted = urdf_settings.settings(urdf, wanted)
     robot: RobotParams = params.make(wanted).robot_bridge
@@ -56,8 +69,36 @@ def _turned(plan: Plan, robot: RobotParams, out: Path | None) -> RobotParams:
     print(f'robot: {found.text}')
     turning = (found.turning.start, *found.turning.along)
     if out is not None:
-        values = {'bridge': {'turning': list(turning)}, 'cell': {'robot_turning': list(turning)}}
-        text = yaml.safe_dump({node: {'ros__parameters': v} for node, v in values.items()})
-        (out / PARAMETERS).write_text(text)
-        print(f'robot: {out / PARAMETERS} has it for `waam up --machine robot --params-file`')
+        _write(out, turning, robot, work_zero(plan))
     return replace(robot, turning=turning)
+
+
+def _write(
+    out: Path,
+    turning: tuple[float, float, float],
+    robot: RobotParams,
+    zero: tuple[float, float, float],
+) -> None:
+    """The turning for a graph and for programs. zero: m, work zero in machine coordinates."""
+    place = robot.place()
+    box = {'origin': list(place.origin), 'work_high': list(place.high), 'turning': list(turning)}
+    values = {'bridge': box, 'cell': {f'robot_{name}': list(v) for name, v in box.items()}}
+    text = yaml.safe_dump({node: {'ros__parameters': v} for node, v in values.items()})
+    (out / PARAMETERS).write_text(text)
+    (out / CELL).write_text(yaml.safe_dump(_cell(turning, robot, zero)))
+    print(f'robot: {out / PARAMETERS} has it for `waam up --machine robot --params-file`')
+    print(f'robot: {out / CELL} has it for `waam plan --post fanuc | kuka | abb --cell`')
+
+
+def _cell(
+    turning: tuple[float, float, float], robot: RobotParams, zero: tuple[float, float, float]
+) -> dict[str, object]:
+    """Fields of `waam_plan.robot.cell.RobotCell`."""
+    start, *along = turning
+    place = robot.place()
+    start += float(np.dot(along, (np.array(zero) - place.middle)[:2]))
+    found: dict[str, object] = {'origin': np.add(place.origin, zero).tolist(), 'positioner': 'hold'}
+    if any(turning):
+        x, y = np.degrees(along).tolist()
+        found |= {'positioner': 'place', 'turning': [math.degrees(start), x * 1e-3, y * 1e-3]}
+    return found

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from waam_plan import cli
+from waam_plan import cli, cli_robot
 from waam_plan.lay.build import plan_build
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import PlanError
@@ -213,3 +213,31 @@ def test_a_program_of_a_slicer_is_checked_and_shown(programs, tmp_path, capsys):
     assert 'line 13: M104: means nothing in dialect waam' in capsys.readouterr().err
     assert waam(tmp_path / 'part.stl', '--dialect', 'slicer') == 2
     assert 'belong to a program' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        (None, 'No such file'),
+        ('{', 'no YAML'),
+        ('bridge: {ros__parameters: {work_high: 3}}', 'three numbers'),
+    ],
+)
+def test_a_parameter_file_that_cannot_be_used_is_named(tmp_path, text, said):
+    file = tmp_path / 'robot.yaml'
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(ValueError, match=f'--params-file .*robot.yaml: .*{said}'):
+        cli_robot.box(argparse.Namespace(params_file=[file]))
+
+
+def test_the_box_of_the_robot_is_that_of_the_plan(tmp_path):
+    box, other = tmp_path / 'box.yaml', tmp_path / 'other.yaml'
+    box.write_text('bridge: {ros__parameters: {work_high: [1.8, 0.3, 0.2]}}')
+    other.write_text('cell: {ros__parameters: {seed: 3}}')
+    found = cli_robot.box(argparse.Namespace(params_file=[box, other]))
+    assert found == {'machine_max': pytest.approx((1.7, 0.22, 0.18))}
+    with pytest.raises(ValueError, match='--params-file belongs to --machine robot'):
+        cli_robot.check_arm(
+            argparse.Namespace(urdf=None, turning=False, params_file=[box], machine='gantry')
+        )

@@ -88,13 +88,20 @@ def small():
     )
 
 
-@pytest.mark.parametrize('positioner', ['none', 'hold', 'turn'])
+@pytest.mark.parametrize('positioner', ['none', 'hold', 'turn', 'place'])
 @pytest.mark.parametrize('language', LANGUAGES)
 def test_the_robot_goes_the_path_of_the_plan(language, positioner, small):
     write, read = LANGUAGES[language]
-    exact = RobotCell(positioner=positioner, corner=4e-6, origin=CENTRE)
-    found = check(small, read(write(small, cell=exact, tolerance=4e-6), cell=exact), exact)
+    turning = (20.0, 1.5, -0.8) if positioner == 'place' else (0.0, 0.0, 0.0)
+    exact = RobotCell(positioner=positioner, turning=turning, corner=4e-6, origin=CENTRE)
+    moves = read(write(small, cell=exact, tolerance=4e-6), cell=exact)
+    found = check(small, moves, exact)
     assert found.path < 10e-6 and found.lean < 1e-4
+    if positioner == 'place':
+        assert all(
+            m.external == pytest.approx((0.0, exact.turn_at(m.end)), abs=1e-4) for m in moves
+        )
+        assert np.ptp([m.external[1] for m in moves if m.arc]) > 0.5
     if positioner != 'none':
         return
     rough = replace(exact, corner=0.1e-3)
@@ -378,7 +385,7 @@ def written(language):
     [
         (
             {'positioner': 'spin'},
-            'cell.yaml: positioner is .spin., must be one of none, hold, turn',
+            'cell.yaml: positioner is .spin., must be one of none, hold, turn, place',
         ),
         ({'corner': -1}, 'cell.yaml: corner is -1, must be between 0 and 0.005'),
         ({'fanuc': {'lead': 99}}, 'cell.yaml: fanuc: lead is 99, must be between -0.5 and 30'),

@@ -78,10 +78,10 @@ class _Help(argparse.Action):
 def register(
     commands: argparse._SubParsersAction[argparse.ArgumentParser],
     write_recording: Callable[[Path, Path], None] | None = None,
-    check_robot: Callable[[Plan, Path | None, bool, Path | None], None] | None = None,
+    check_robot: Callable[..., None] | None = None,
 ) -> None:
     # write_recording(stored plan, new .rrd): draws for --rerun; the planner itself knows no viewer
-    # check_robot(plan, urdf, turning, out): of --machine robot, prints, raises ValueError; the planner knows no machine
+    # check_robot(plan, urdf, turning, out, params_files): of --machine robot, prints, raises ValueError
     """Adds the verbs to argparse sub-parsers."""
     cli_correct.register(commands)
     p = commands.add_parser(
@@ -237,7 +237,11 @@ def run(args: argparse.Namespace) -> int:
 def _check_robot(plan: Plan, args: argparse.Namespace) -> None:
     if args.check_robot is None:
         raise ValueError('--machine robot needs the robot bridge: call it as `waam plan`')
-    args.check_robot(plan, args.urdf, args.turning, args.out)
+    args.check_robot(plan, args.urdf, args.turning, args.out, args.params_file)
+    if args.turning and args.post in cli_robot.POSTS and not args.cell:
+        print(
+            'warning: the program does not turn the part: write it again with --cell and this cell.yaml'
+        )
 
 
 def make_plan(args: argparse.Namespace) -> Plan:
@@ -336,4 +340,4 @@ def settings_from(args: argparse.Namespace) -> PlanSettings:
         for k in ('direction', 'alternation', 'strategy', 'levels')
         if getattr(args, k)
     }
-    return PlanSettings(**given | assigned(args.set))
+    return PlanSettings(**cli_robot.box(args) | given | assigned(args.set))

@@ -6,7 +6,7 @@ import argparse
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from waam_process.operating import ROBOT
 
@@ -55,7 +55,17 @@ def add_robot(p: argparse.ArgumentParser) -> None:
         '--turning',
         action='store_true',
         help='of --machine robot: choose how the positioner turns the part while the torch goes, so that the arm stays '
-        'away from its limits; with --out also robot.yaml for `waam up --machine robot --params-file`',
+        'away from its limits; with --out also robot.yaml for `waam up --machine robot --params-file`, and cell.yaml '
+        'for programs (--post, --cell)',
+    )
+    p.add_argument(
+        '--params-file',
+        action='append',
+        default=[],
+        type=Path,
+        metavar='FILE',
+        help='of --machine robot: parameters of its bridge, as for `waam up`: its box, where it stands, its drives '
+        '(repeatable)',
     )
     p.add_argument(
         '--clamp',
@@ -70,9 +80,9 @@ def add_robot(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument(
         '--positioner',
-        choices=('none', 'hold', 'turn'),
-        help='of a robot: no external axes (default), axes that stand still, or axes that follow the bead with a level '
-        'torch; overrides the cell file',
+        choices=('none', 'hold', 'turn', 'place'),
+        help='of a robot: no external axes (default), axes that stand still, axes that follow the bead with a level '
+        'torch, or a turn by where the torch is (`turning` of the cell file); overrides the cell file',
     )
     p.add_argument(
         '--corner',
@@ -90,13 +100,47 @@ def add_robot(p: argparse.ArgumentParser) -> None:
 
 def check_arm(args: argparse.Namespace) -> None:
     """ValueError where options of a robot are given for another machine, or contradict each other."""
-    for name in ('urdf', 'turning'):
+    for name in ('urdf', 'turning', 'params_file'):
         if getattr(args, name) and args.machine != ROBOT:
-            raise ValueError(f'--{name} belongs to --machine robot')
+            raise ValueError(f'--{name.replace("_", "-")} belongs to --machine robot')
     if args.turning and (args.urdf or args.tilt):
         raise ValueError(
             '--turning is for a level part before the M-20iB/25: not with --urdf or --tilt'
         )
+
+
+def box(args: argparse.Namespace) -> dict[str, Any]:
+    """Settings for the box of the robot in the parameter files: its upper corner, the work zero being where it is.
+    ValueError for a file that cannot be read."""
+    from .settings import PlanSettings
+
+    found: dict[str, Any] = {}
+    for file in args.params_file:
+        high = _work_high(file)
+        if high is not None:
+            low = PlanSettings().machine_min  # of the work zero in the box, turned round
+            found['machine_max'] = tuple(a + b for a, b in zip(high, low, strict=True))
+    return found
+
+
+def _work_high(file: Path) -> tuple[float, ...] | None:
+    """m, None where the file says nothing about it."""
+    import yaml
+
+    try:
+        data = yaml.safe_load(file.read_bytes()[:MAX_BYTES])
+        high = data['bridge']['ros__parameters'].get('work_high')
+    except OSError as e:
+        raise ValueError(f'--params-file {file}: {e.strerror}') from None
+    except yaml.YAMLError as e:
+        raise ValueError(f'--params-file {file}: no YAML ({" ".join(str(e).split())})') from None
+    except (KeyError, TypeError, AttributeError):
+        return None
+    if high is None:
+        return None
+    if not isinstance(high, list) or len(high) != 3:
+        raise ValueError(f'--params-file {file}: work_high is {high!r}, wanted are three numbers')
+    return tuple(map(float, high))
 
 
 def check_tilt(args: argparse.Namespace, settings: PlanSettings) -> None:

@@ -16,7 +16,8 @@ from waam_robot import joint_path
 from waam_robot.arm import M20IB25
 from waam_robot.bead import make_bead
 from waam_robot.frames import wrapped
-from waam_robot.joint_path import JUMP, WRIST, Machine, PlanError, plan
+from waam_robot.joint_nodes import JUMP, WRIST
+from waam_robot.joint_path import Machine, PlanError, plan
 from waam_robot.positioner import Positioner
 from waam_robot.timing import Drives, TimingError, part_pose, slow_text, time_bead, torch_speed
 
@@ -122,6 +123,32 @@ def test_a_bead_that_starts_upright_and_leans_later_tells_how_far_from_flat_it_i
     check([path])
 
 
+def test_a_bead_out_of_reach_with_the_usual_turn_is_brought_to_the_other_side():
+    bead = straight((2.0, 0, 0), (2.0, 0.05, 0), (1.95, 0.05, 0))
+    with pytest.raises(PlanError, match='out of reach'):
+        plan([bead], replace(MACHINE, turns=1))
+    path = plan([bead])[0]
+    assert path.mode == 'hold' and np.ptp(path.joints[:, 7]) == 0
+    check([path])
+    near = straight((0.1, 0, 0), (0.15, 0, 0))  # the usual turn stays where it is hardly worse
+    assert np.array_equal(plan([near])[0].joints, plan([near], replace(MACHINE, turns=1))[0].joints)
+
+
+def test_a_refused_bead_is_tried_with_other_turns_of_the_positioner():
+    bead, seen = straight((0.1, 0, 0), (0.15, 0, 0)), []
+
+    def refuse(number, path):
+        seen.append(float(path.joints[0, 7]))
+        near = np.abs(wrapped(path.joints[0, 7] - seen[0])) < 1e-6
+        return joint_path.Refused(0.0, 'there', False) if near else None
+
+    path = plan([bead], MACHINE, refuse)[0]
+    assert abs(path.joints[0, 7] - seen[0]) > 0.7
+    check([path])
+    with pytest.raises(PlanError, match='bead 0, 0.0 mm from its start.*: there'):
+        plan([bead], MACHINE, lambda number, path: joint_path.Refused(0.0, 'there', True))
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_random_beads_are_laid_without_a_flip_or_refused_with_their_place(seed):
@@ -169,8 +196,8 @@ def far_positioner(**changes):
 @pytest.mark.parametrize(
     ('bead', 'machine', 'said'),
     [
-        (straight((2.0, 0, 0), (2.0, 0.02, 0)), MACHINE,
-         r'bead 0, 0.0 mm from its start, at \(2000.0, .*\) mm of the part: out of reach: its wrist would be at'),
+        (straight((4.0, 0, 0), (4.0, 0.02, 0)), MACHINE,
+         r'bead 0, 0.0 mm from its start, at \(4000.0, .*\) mm of the part: out of reach: its wrist would be at'),
         (straight((0.1, 0, 0), (0.1, 0.02, 0), axis=(0, 0, -1)), MACHINE,
          r'B of the positioner would be 180.0 deg, its range -120.3 to 120.3'),
         (ring(0.1), far_positioner(high=(2.1, 1.0)), r'bead 0, .* mm from its start.*: C of the positioner would be'),

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_robot.bead import make_bead
-from waam_robot.joint_path import JUMP, Machine, PlanError, plan
+from waam_robot.joint_nodes import JUMP
+from waam_robot.joint_path import Machine, PlanError, plan
 from waam_robot.positioner import Positioner
 from waam_robot.timing import Drives, part_pose
 from waam_robot.urdf_arm import UrdfChain

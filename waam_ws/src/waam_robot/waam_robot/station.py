@@ -18,7 +18,8 @@ from .bead import make_bead
 from .frames import inverse
 from .height_slopes import of_table
 from .inverse import Solutions, nearest_turns, solve, unreachable_text
-from .joint_path import ELBOW, JUMP, WRIST, BeadPath, Machine, PlanError, plan
+from .joint_nodes import ELBOW, JUMP, WRIST
+from .joint_path import BeadPath, Machine, PlanError, plan
 from .plate_clearance import PlateClearance
 from .positioner import Positioner
 from .split import SplitLimits
@@ -174,7 +175,7 @@ class Station:
         flat = np.array([start, *corners, start])
         points = [np.column_stack([flat, np.full(len(flat), z)]) for z in (low[2], high[2])]
         bead = make_bead(np.concatenate(points), step=AROUND, corner=0.0)
-        machine = Machine(self.place.arm, self._level, split=SplitLimits(r_crit=NEVER))
+        machine = Machine(self.place.arm, self._level, turns=1, split=SplitLimits(r_crit=NEVER))
         p = self.place
         clear = PlateClearance(p.arm, p.positioner, p.tilt) if p.tilt else None
         try:

@@ -14,7 +14,7 @@ import numpy as np
 
 from .arm import AXES, Arm
 from .inverse import BRANCHES, solve
-from .joint_path import JUMP, bad_places, possible_nodes
+from .joint_nodes import JUMP, bad_places, possible_nodes
 
 SPINS = 12
 OVER = np.diag([1.0, -1.0, -1.0, 1.0])  # half a turn about x: the tool's z points to the part

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from .bead import Bead
-from .joint_path import JUMP, PlanError
+from .joint_nodes import JUMP
+from .joint_path import PlanError
 from .urdf_text import PART, TORCH, UrdfError, check_urdf
 
 CLOSE = 1e-10  # m and rad

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from control_msgs.action import FollowJointTrajectory
@@ -11,6 +14,8 @@ from hypothesis import strategies as st
 
 from waam_process.plant_port import SAMPLE
 from waam_robot_bridge import conversions as convert
+from waam_robot_bridge import node_driver
+from waam_robot_bridge.controller import JointState
 from waam_robot_bridge.goals import Goal
 from waam_robot_bridge.params import NAMES
 from waam_sim.node_robot import goal_from_msg
@@ -90,3 +95,47 @@ def test_inputs_need_every_value():
     msg.interface_groups = ['gripper']
     with pytest.raises(ValueError, match="no group 'welding'"):
         convert.inputs_from_msg(msg)
+
+
+@pytest.mark.parametrize(
+    ('steady', 'ros', 'silent'),
+    [(0.2, 0.2, False), (0.4, 0.4, True), (1.0, 0.0, False), (0.1, 9.0, False), (2.5, 0.0, True)],
+)
+def test_a_welding_device_is_silent_when_both_clocks_say_so(monkeypatch, steady, ros, silent):
+    """A simulated cell that stands still is not; one that stands for long is."""
+    now = SimpleNamespace(nanoseconds=10**9)
+    clock = SimpleNamespace(now=lambda: now)
+    node = SimpleNamespace(
+        get_clock=lambda: clock,
+        create_publisher=lambda *a: None,
+        create_subscription=lambda *a: None,
+    )
+    monkeypatch.setattr(node_driver, 'time', SimpleNamespace(monotonic=lambda: wall[0]))
+    wall = [50.0]
+    welder = node_driver.RosWelder(node)  # type: ignore[arg-type]
+    assert 'nothing on topic' in welder.problem()
+    reading = InterfaceValue(interface_names=['gas_ok', 'current', 'voltage', 'wire_speed'])
+    reading.values = [1.0, 100.0, 20.0, 0.1]
+    welder._on_state(
+        DynamicInterfaceGroupValues(interface_groups=['welding'], interface_values=[reading])
+    )
+    wall[0] += steady
+    now.nanoseconds += int(ros * 1e9)
+    assert ('silent' in welder.problem()) == silent
+
+
+def test_lost_joint_states_are_made_up_for_where_later_ones_are_there():
+    driver = object.__new__(node_driver.RosDriver)
+    at = lambda ms: JointState(ms * 1000, np.full(8, ms * 1e-3), np.full(8, 1.0))  # noqa: E731
+    driver._states = deque([at(100), at(110), at(300), at(310)])
+    assert driver.state(95_000).time_us == 100_000  # the oldest that is known
+    assert [driver.state(ms * 1000).time_us for ms in (105, 120, 305, 900)] == [
+        100_000,
+        110_000,
+        300_000,
+        310_000,
+    ]
+    made = driver.state(205_000)
+    assert made.time_us == 205_000 and made.joints == pytest.approx(np.full(8, 0.205))
+    driver._states.clear()
+    assert driver.state(100_000) is None

@@ -71,6 +71,7 @@ class RobotController:
         self.problem = ''
         self.now_us = start_us
         self._core = Controller(start_us, boot)
+        self._core.widen(params.work_low, params.work_high)
         self._every = round(params.point_step * 1e3)
         self._delay = self._every * round(params.delay * 1e3 / self._every)
         self._preview = Preview(params.horizon, self._every)

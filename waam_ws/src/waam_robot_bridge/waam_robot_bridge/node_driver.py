@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +13,7 @@ from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import DynamicInterfaceGroupValues
 from rclpy.action import ActionClient
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState as JointStateMsg
 
 from waam_node import qos
@@ -23,8 +25,12 @@ from .params import RobotParams
 
 GOOD = (FollowJointTrajectory.Result.SUCCESSFUL,)
 KEPT = 200  # joint states
+HOLE_US = (
+    30_000  # us without a joint state while later ones are there: some were lost on a busy computer
+)
 HELD = 1.0  # s after a refused goal until the machine may be resumed
-SILENT = 0.3  # s of the steady clock
+SILENT = 0.3  # s of the steady clock and of ROS time, for a simulated cell may stand still
+LOST = 2.0  # s of the steady clock
 
 
 class RosDriver:
@@ -40,8 +46,10 @@ class RosDriver:
         self._number = 0  # of the newest goal
         self._refused, self._when = '', 0.0  # why the newest goal is not followed; s, steady clock
         self._odd = ''  # why the joint states cannot be used
+        self.heard = 0.0  # s, steady clock: when the newest complete joint state came
         self.device = ''  # what is wrong with the welding device
-        node.create_subscription(JointStateMsg, 'joint_states', self._on_state, qos.SENSOR)
+        deep = QoSProfile(depth=KEPT, reliability=qos.SENSOR.reliability)
+        node.create_subscription(JointStateMsg, 'joint_states', self._on_state, deep)
 
     def follow(self, goal: Goal) -> None:
         """Sends a goal, which replaces the one before, with the next joint state: in the executor, for an answer that
@@ -59,10 +67,13 @@ class RosDriver:
         future.add_done_callback(lambda f: self._on_answer(number, f))
 
     def state(self, now_us: int) -> JointState | None:
-        """The newest complete one that is not later than now_us, else the oldest that is known."""
+        """The newest complete one that is not later than now_us, else the oldest that is known; where states between
+        were lost, what lies between those around now_us."""
         known = list(self._states)
-        found = next((s for s in reversed(known) if s.time_us <= now_us), None)
-        return found or (known[0] if known else None)
+        n = bisect_right(known, now_us, key=lambda s: s.time_us)
+        if 0 < n < len(known) and now_us - known[n - 1].time_us > HOLE_US:
+            return _between(known[n - 1], known[n], now_us)
+        return known[max(n - 1, 0)] if known else None
 
     @property
     def newest_us(self) -> int:
@@ -125,7 +136,14 @@ class RosDriver:
         self._odd = ''
         oldest = min(self._known[n][0] for n in self._names)
         self._states.append(JointState(oldest, values[:, 0], values[:, 1]))
+        self.heard = time.monotonic()
         self._on_news()
+
+
+def _between(a: JointState, b: JointState, at_us: int) -> JointState:
+    share = (at_us - a.time_us) / (b.time_us - a.time_us)
+    joints = a.joints + share * (b.joints - a.joints)
+    return JointState(at_us, joints, a.rates + share * (b.rates - a.rates))
 
 
 class RosWelder:
@@ -133,7 +151,7 @@ class RosWelder:
 
     def __init__(self, node: Node) -> None:
         self.reading = convert.WeldReading()
-        self._heard = 0.0  # s, steady clock
+        self._heard, self._heard_ros = 0.0, 0.0  # s, steady clock and ROS time
         self._node = node
         self._out = node.create_publisher(DynamicInterfaceGroupValues, 'weld_command', qos.BEAT)
         node.create_subscription(
@@ -149,7 +167,11 @@ class RosWelder:
         if not self._heard:
             return "nothing on topic 'weld_state': is the welding device running?"
         age = time.monotonic() - self._heard
-        return f'the welding device is silent for {age:.2f} s' if age > SILENT else ''
+        silent = age > LOST or min(age, self._now() - self._heard_ros) > SILENT
+        return f'the welding device is silent for {age:.2f} s' if silent else ''
+
+    def _now(self) -> float:
+        return self._node.get_clock().now().nanoseconds * 1e-9
 
     def _on_state(self, msg: DynamicInterfaceGroupValues) -> None:
         try:
@@ -157,4 +179,4 @@ class RosWelder:
         except ValueError as e:
             self._node.get_logger().error(f'weld_state: {e}', throttle_duration_sec=5.0)
             return
-        self._heard = time.monotonic()
+        self._heard, self._heard_ros = time.monotonic(), self._now()

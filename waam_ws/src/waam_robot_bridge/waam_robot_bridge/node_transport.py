@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from rclpy.clock import ROSClock
 from rclpy.node import Node
 
 from waam_bridge.transport import Owner
@@ -20,18 +21,29 @@ from .station_file import station_of
 STEP_MS = 10
 MOST_STEPS = 100  # that are made up for at once
 IDLE = 0.02  # s
+# a simulated clock comes from the process of the joint states, and may be read before them:
+BEHIND_US = 50_000  # us that it may be ahead of those that are on their way
+PATIENCE = 0.3  # s of the steady clock, for so long
+SLOW = 0.05  # s of the steady clock for a step while a node is late
 BOOTS = 2**31
 RETRY = 0.3  # s
 
 
 class RobotTransport:
-    """Opens when the robot is there; then the controller runs with ROS time. on_problem is told when the arc is cut."""
+    """Opens when the robot is there; then the controller runs with ROS time. on_problem is told when the arc is cut;
+    keeps_up: whether all nodes answer in time at controller time, us. A simulated clock waits for those that do not:
+    simulated time costs nothing. A dead one still ends the arc by the lease."""
 
     def __init__(
-        self, node: Node, params: RobotParams, owner: Owner, on_problem: Callable[[str], None]
+        self,
+        node: Node,
+        params: RobotParams,
+        owner: Owner,
+        on_problem: Callable[[str], None],
+        keeps_up: Callable[[int], bool] = lambda now_us: True,
     ) -> None:
         self._node, self._params, self._owner = node, params, owner
-        self._on_problem = on_problem
+        self._on_problem, self._keeps_up = on_problem, keeps_up
         self._news = threading.Event()
         self._stop = threading.Event()
         self._lock = threading.Lock()
@@ -112,16 +124,26 @@ class RobotTransport:
         made.on_problem = self._on_problem
         return made
 
+    @property
+    def _simulated(self) -> bool:
+        """The clock is that of a simulated cell, which waits for this bridge."""
+        clock = self._node.get_clock()
+        return isinstance(clock, ROSClock) and clock.ros_time_is_active
+
     def _now_us(self) -> int:
-        """ROS time; joint states may be ahead of a simulated clock."""
-        clock = self._node.get_clock().now().nanoseconds // 1000
-        return max(clock, self.driver.newest_us)
+        """ROS time; joint states may be ahead of a simulated clock, and for a moment it waits for them."""
+        clock, newest = self._node.get_clock().now().nanoseconds // 1000, self.driver.newest_us
+        if self._simulated and time.monotonic() - self.driver.heard < PATIENCE:
+            clock = min(clock, newest + BEHIND_US)
+        return max(clock, newest)
 
     def _catch_up(self, controller: RobotController, rest: bytes) -> bytes:
         """Steps until ROS time is reached; hands the controller's lines over and returns the incomplete one."""
         for _ in range(MOST_STEPS):
             if controller.now_us + 1000 * STEP_MS > self._now_us():
                 break
+            if self._simulated and not self._keeps_up(controller.now_us):
+                self._stop.wait(SLOW)
             with self._lock:
                 data = bytes(self._waiting)
                 self._waiting.clear()

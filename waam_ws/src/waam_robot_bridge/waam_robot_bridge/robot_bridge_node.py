@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from waam_bridge import faults
 from waam_bridge.bridge_node import BridgeNode
-from waam_bridge.outbox import FAULT, INFO
+from waam_bridge.outbox import INFO
 from waam_node.node import main as node_main
 
 from .node_transport import RobotTransport
@@ -18,12 +19,16 @@ class RobotBridgeNode(BridgeNode):
         super().__init__(RobotParams)
 
     def _make_transport(self) -> RobotTransport:
-        made = RobotTransport(self, self.params, self, self._on_problem)
+        made = RobotTransport(self, self.params, self, self._on_problem, self._keeps_up)
         pacer = Pacer(made.station, self.params)
         pacer.on_slowed = self._on_slowed
         self.core.pace = pacer
         self.get_logger().info(f'where a drive is too weak, segments are timed by {pacer.by}')
         return made
+
+    def _keeps_up(self, now_us: int) -> bool:
+        with self._lock:
+            return not self.core.arming.waits(now_us)
 
     def _on_slowed(self, slowed: Slowed) -> None:
         with self._lock:
@@ -31,7 +36,7 @@ class RobotBridgeNode(BridgeNode):
 
     def _on_problem(self, text: str) -> None:
         with self._lock:
-            self.core.notice(FAULT, 'link', f'robot: {text}; the arc is cut', 'hold')
+            faults.held(self.core, f'robot: {text}; the arc is cut')
 
 
 def main() -> None:

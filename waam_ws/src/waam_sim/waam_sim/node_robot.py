@@ -107,6 +107,7 @@ class Welder:
         self._node, self._now_us = node, now_us
         self._outputs, self._heard_us = (0, 0.0, 0.0), -WATCHDOG_US
         self._told_us = 0  # time of the newest command, 0 = nobody tells any
+        self.news = threading.Event()  # a command has come
         self._out = node.create_publisher(DynamicInterfaceGroupValues, 'weld_state', qos.BEAT)
         node.create_subscription(
             DynamicInterfaceGroupValues, 'weld_command', self._on_command, qos.BEAT
@@ -148,3 +149,4 @@ class Welder:
             return
         self._heard_us = self._now_us()
         self._told_us = msg.header.stamp.sec * 1_000_000 + msg.header.stamp.nanosec // 1000
+        self.news.set()

@@ -57,7 +57,12 @@ class RobotParams:
     )
     origin: tuple = param(
         (-0.2, -0.15, 0.0),
-        'with `robot_urdf`: machine zero in the frame of `part`, as `origin` of the bridge',
+        'machine zero on the faceplate, with `robot_urdf` in the frame of `part`, as `origin` of the bridge',
+        'm',
+    )
+    work_high: tuple = param(
+        (0.4, 0.3, 0.2),
+        "upper corner of the torch's box, whose lower one is machine zero, as `work_high` of the bridge",
         'm',
     )
 

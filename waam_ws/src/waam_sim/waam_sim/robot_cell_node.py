@@ -7,6 +7,7 @@ wall clock (`pace`) and with the bridge.
 
 from __future__ import annotations
 
+import sys
 import time
 
 import numpy as np
@@ -29,6 +30,8 @@ STEP_MS = 10
 PARK = np.array([0.060, 0.050, 0.150])  # m, where the torch is when the cell is switched on
 AHEAD_US = 20_000  # us that the cell may be ahead of its bridge
 PATIENCE = 0.3  # s
+WAKE = 0.02  # s between looks whether this node is to end
+SWITCH_INTERVAL = 0.001  # s for which this thread may keep the executor from taking a command
 LATE = 0.2  # s behind the wall clock from which on time is not made up for
 
 
@@ -49,7 +52,11 @@ class RobotCell(Cell):
         arm = arm_of(plant.robot) if plant.robot.urdf else None
         start, *along = map(float, plant.robot.turning)
         turning = Turning(start, (along[0], along[1]))
-        station = arm or Station(Place(tilt=plant.robot.tilt, turning=turning))
+        origin, high = (
+            tuple(map(float, values)) for values in (plant.robot.origin, plant.robot.work_high)
+        )
+        place = Place(origin=origin, high=high, tilt=plant.robot.tilt, turning=turning)  # type: ignore[arg-type]
+        station = arm or Station(place)
         try:
             robot = SimRobot(station, plant.robot, self.params.seed, PARK, taught, self._time_us)
         except UrdfError as e:
@@ -63,6 +70,7 @@ class RobotCell(Cell):
         welder = Welder(self, lambda: self._time_us)
         self.level, self.message = OK, 'running'
         due = time.monotonic()
+        sys.setswitchinterval(SWITCH_INTERVAL)
         while not self._stop.is_set():
             try:
                 self._step(robot, controller, welder)
@@ -84,7 +92,9 @@ class RobotCell(Cell):
             if time.monotonic() > end:
                 welder.give_up()
                 return
-            self._stop.wait(0.001)
+            welder.news.clear()
+            if welder.behind_us() > AHEAD_US:
+                welder.news.wait(WAKE)
 
     def _step(self, robot: SimRobot, controller: TrajectoryController, welder: Welder) -> None:
         start = time.perf_counter()

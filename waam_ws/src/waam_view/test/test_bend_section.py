@@ -44,3 +44,10 @@ def test_a_map_without_a_known_surface_says_so():
 def test_another_arm_and_a_gantry():
     assert 'not an arm from a URDF' in bend_section(job({'bridge': {**BRIDGE, 'urdf': 'a.urdf'}}))
     assert bend_section(job({'bridge': {'port': '/dev/ttyACM0'}})) == ''
+
+
+def test_how_the_positioner_held_the_part_is_told():
+    assert 'held the part still and level' in bend_section(job({'bridge': BRIDGE}))
+    turned = bend_section(job({'bridge': {**BRIDGE, 'turning': [0.3, 1.5, -2.0]}}))
+    assert 'by 17 deg, and 0.086 deg per mm of x, -0.115 deg per mm of y' in turned
+    assert 'tilted by 80.2 deg' in bend_section(job({'bridge': {**BRIDGE, 'tilt': 1.4}}))

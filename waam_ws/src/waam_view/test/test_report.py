@@ -265,6 +265,18 @@ def test_a_demo_on_a_robot_shows_the_robot(tmp_path):
     assert 'No picture' in write_report(tmp_path).read_text()
 
 
+def test_a_demo_on_a_robot_shows_the_gantry_beside_it(tmp_path):
+    whole = write_demo(tmp_path)
+    assert 'Robot and gantry' not in write_report(tmp_path).read_text()
+    gantry = {**whole['open_loop'], 'rms_mm': 0.4567}
+    (tmp_path / 'report.json').write_text(json.dumps(whole | {'gantry': gantry}))
+    text = write_report(tmp_path).read_text()
+    section = text[text.index('<h2>Robot and gantry</h2>') : text.index('<h2>Runs</h2>')]
+    assert 'robot</th>' in section and 'gantry</th>' in section
+    assert f'{whole["closed_loop"]["rms_mm"]:.3f}' in section and '0.457' in section
+    assert 'href="open_loop/report.html"' in section and len(pictures(section)) == 1
+
+
 def test_the_drawn_arm_holds_the_torch_on_the_part():
     station = Station()
     surface = np.array([[0.1, 0.1, 0.02], [0.12, 0.1, 0.021], [0.14, 0.1, 0.02]])

@@ -1,4 +1,5 @@
-"""By how much the pose errors of a robot have bent the last map of a job, for its report; nothing for a gantry."""
+"""How the positioner of a robot held the part, and by how much pose errors have bent the last map of a job, for its
+report; nothing for a gantry."""
 
 from __future__ import annotations
 
@@ -30,7 +31,26 @@ def bend_section(job: Job) -> str:
         said = bend_of(job.scans[-1], bridge, job.asked).text
     except (FitError, ValueError, TypeError, KeyError) as e:
         said = f'not estimated: {e}'
-    return f'<h2>Bend of the map</h2><p>{escape(said)}</p>'
+    held = f'<h2>Positioner</h2><p>{escape(_held(bridge))}</p>'
+    return f'{held}<h2>Bend of the map</h2><p>{escape(said)}</p>'
+
+
+def _held(bridge: dict[str, Any]) -> str:
+    """How the positioner held the part, by the parameters of the bridge."""
+    turning, tilt = _turning(bridge), float(bridge.get('tilt') or 0.0)
+    if not turning.still:
+        return (
+            f'It turned the level part while the torch went: by {turning.text} from the middle of the box, beside '
+            'where it stands at rest.'
+        )
+    if tilt:
+        return f'It held the part still, tilted by {np.degrees(tilt):.1f} deg towards the robot.'
+    return 'It held the part still and level.'
+
+
+def _turning(bridge: dict[str, Any]) -> Turning:
+    start, x, y = map(float, bridge.get('turning') or (0.0, 0.0, 0.0))
+    return Turning(start, (x, y))
 
 
 def bend_of(scan: Scan, bridge: dict[str, Any], asked: dict[str, Any]) -> BendFit:
@@ -66,11 +86,10 @@ def _surface(scan: Scan, zero: np.ndarray) -> Surface:
 def _station(bridge: dict[str, Any]) -> Station:
     a_b, d_b, d_c = map(float, bridge['positioner'])
     origin, low, high = (tuple(map(float, bridge[k])) for k in ('origin', 'work_low', 'work_high'))
-    start, x, y = map(float, bridge.get('turning') or (0.0, 0.0, 0.0))
     return Station(
         Place(
             positioner=Positioner(a_b=a_b, d_b=d_b, d_c=d_c),
             origin=origin, low=low, high=high, tilt=float(bridge.get('tilt') or 0.0),  # type: ignore[arg-type]
-            turning=Turning(start, (x, y)),
+            turning=_turning(bridge),
         )
     )  # fmt: skip

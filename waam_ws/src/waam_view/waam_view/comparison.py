@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from waam_node import job_folder
 from waam_process.loop_mode import LoopMode
-from waam_process.operating import ROBOT
+from waam_process.operating import GANTRY, ROBOT
 
 from . import figures, robot_picture
 from .html import cards, duration, escape, fmt, page, picture, table
-from .job_data import Job, number
+from .job_data import Job, load_job, number
 from .loop_summary import loop_summary
 
 
@@ -31,6 +32,7 @@ def comparison_page(folder: Path, jobs: list[Job]) -> str:
         *(loop_summary(j) for j in jobs if j.loop_mode == LoopMode.CLOSED_LOOP),
         _maps(jobs),
         _machine(report, jobs),
+        _beside(Path(folder), report, jobs),
         _table_of_runs(jobs),
         _rms_by_layer(jobs),
         _links(folder, jobs),
@@ -114,6 +116,24 @@ def _machine(report: dict, jobs: list[Job]) -> str:
         return f'<h2>Robot</h2><p>No picture: {escape(str(e))}</p>'
 
 
+def _beside(folder: Path, report: dict, jobs: list[Job]) -> str:
+    """The closed loop of the robot and of the gantry; nothing where only one machine has run."""
+    robot = next((j for j in jobs if j.loop_mode == LoopMode.CLOSED_LOOP), None)
+    if robot is None or not isinstance(report.get(GANTRY), dict):
+        return ''
+    pair = [replace(robot, loop_mode=ROBOT), load_job(folder, report, GANTRY)]
+    out = ['<h2>Robot and gantry</h2><p>The same part in closed loop on both machines.</p>']
+    shown = [j for j in pair if j.scans and np.isfinite(j.scans[-1].final_error).any()]
+    if shown:
+        errors = [j.scans[-1].final_error[j.scans[-1].interior] * 1e3 for j in shown]
+        limit = figures.nice_range(errors, 2 * robot.tolerance_mm)
+        caption = 'Last scan against the nominal surface on both machines.'
+        out.append(picture(figures.side_by_side(shown, limit), caption))
+    page_of = f'{report[GANTRY].get("folder")}/{job_folder.REPORT_PAGE}'
+    link = f'<p><a href="{escape(page_of)}">Report of the gantry</a></p>'
+    return '\n'.join([*out, _runs(pair), link])
+
+
 _ROWS = [
     ('verdict', 'verdict', None, 0),
     ('RMS height error, mm', 'rms_mm', 1, 3),
@@ -136,6 +156,10 @@ _ROWS = [
 
 
 def _table_of_runs(jobs: list[Job]) -> str:
+    return '<h2>Runs</h2>' + _runs(jobs)
+
+
+def _runs(jobs: list[Job]) -> str:
     rows = []
     for text, key, factor, digits in _ROWS:
         values = [j.run.get(key) for j in jobs]
@@ -147,7 +171,7 @@ def _table_of_runs(jobs: list[Job]) -> str:
         counts = [(j.run.get('clamps') or {}).get(kind, '–') for j in jobs]
         rows.append([f'segments with limited {kind}', *counts])
     head = ['', *(j.loop_mode.replace('_', ' ') for j in jobs)]
-    return '<h2>Runs</h2>' + table(head, rows, {0})
+    return table(head, rows, {0})
 
 
 def _rms_by_layer(jobs: list[Job]) -> str:

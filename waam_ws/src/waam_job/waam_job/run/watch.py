@@ -12,7 +12,7 @@ from ..model.goal import Code, JobError
 from .control import Control
 
 LEASE_EXPIRED = 202  # controller code, docs/link_protocol.md
-HOST_HOLD = 200
+HOST_HOLD, HELD_BY_HOST = 200, 'hold by host'
 RESUMED_S, RESUMED_LOOK_S = 3.0, 0.1  # wall time that telemetry may need to show it
 
 
@@ -29,7 +29,8 @@ class Limits:
 class Watch:
     """Call `tick` in every waiting loop; it waits a moment of wall time and raises JobError when the job cannot go on.
 
-    note(severity, class_name, text, reaction) records anomalies; paused(bool) is called when a pause begins or ends.
+    note(severity, class_name, text, reaction) records anomalies; paused(bool, why) is called when a pause begins or
+    ends; why: what has held the machine, '' = the operator.
     """
 
     def __init__(
@@ -38,7 +39,7 @@ class Watch:
         control: Control,
         limits: Limits,
         note: Callable[[str, str, str, str], None],
-        paused: Callable[[bool], None],
+        paused: Callable[[bool, str], None],
     ) -> None:
         self.cell, self.control, self.limits = cell, control, limits
         self.note, self.paused = note, paused
@@ -102,19 +103,20 @@ class Watch:
             self._go_on()
             return
         if machine.fault in (0, HOST_HOLD):
-            self._pause()
+            by_operator = machine.fault_text in ('', HELD_BY_HOST)
+            self._pause('' if by_operator else machine.fault_text)
             return
         kind = CLASS_OF_FAULT.get(machine.fault, 'link')
         text = machine.fault_text or f'hold {machine.fault}'
         self.note('FAULT', kind, text, 'hold, job ended')
         raise JobError(Code.DEPOSITION_FAILED, f'controller holds: {text}')
 
-    def _pause(self) -> None:
+    def _pause(self, why: str = '') -> None:
         """Holds the machine until resume or abort."""
         self.control.pause()
         if self.cell.machine().state == 'RUN':
             self.cell.command('HOLD')
-        self.paused(True)
+        self.paused(True, why)
         began = self.cell.now()
         while self.control.paused:
             machine = self.cell.machine()
@@ -123,7 +125,7 @@ class Watch:
             self.cell.wait(0.05)
         self._check_abort()
         self.held += self.cell.now() - began
-        self.paused(False)
+        self.paused(False, '')
         if self.cell.machine().state == 'HOLD':
             self._go_on()
 

@@ -97,12 +97,19 @@ class Journal:
             self.status.message = message
             self.cell.status(self.status)
 
-    def paused(self, paused: bool) -> None:
-        """The job begins (True) or ends to wait for the operator; the state before the pause comes back."""
+    def paused(self, paused: bool, why: str = '') -> None:
+        """The job begins (True) or ends to wait for the operator; the state before the pause comes back. why: what has
+        held the machine, '' = the operator."""
         if paused:
             self._before_pause = self.status.state
-            self.state(State.PAUSED, 'paused; resume or abort')
-            self.note('INFO', 'operator', 'paused', 'arc ended, machine held')
+            self.state(
+                State.PAUSED,
+                f'paused: {why}; resume or abort' if why else 'paused; resume or abort',
+            )
+            if why:
+                self.note('FAULT', 'link', why, 'arc ended, machine held, job paused')
+            else:
+                self.note('INFO', 'operator', 'paused', 'arc ended, machine held')
         else:
             self.note('INFO', 'operator', 'the pause is over', 'none')
             self.state(self._before_pause)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waam_bridge import commands, program
+from waam_bridge.embedded import Controller
 from waam_bridge.frames import ALARM, HOLD, HOMED, IDLE
 from waam_plan.plan import Plan, PlannedLayer, renumber
 from waam_plan.post.gcode import with_base_feed
@@ -39,6 +40,8 @@ class DryMachine(Machine):
 
     def __init__(self, params: RobotParams, station: Reach | None = None) -> None:
         super().__init__(params, Plant(part.plate(0.02, 0.02, 0.01, 2e-3, 2e-3)))
+        assert isinstance(self.controller, Controller)
+        self.controller.widen(params.work_low, params.work_high)
         if station is not None:
             self.bridge.pace = Pacer(station, params)
         self.tips: list[np.ndarray] = []

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from waam_bridge.outbox import FAULT, INFO
+from waam_bridge import faults
+from waam_bridge.outbox import INFO
 from waam_node.params import ParameterError
 from waam_process.plant_port import SAMPLE
 from waam_robot.station import Reach, Station
@@ -76,7 +77,7 @@ class RobotMachine(Machine):
         return made
 
     def _on_problem(self, text: str) -> None:
-        self.bridge.notice(FAULT, 'link', f'robot: {text}; the arc is cut', 'hold')
+        faults.held(self.bridge, f'robot: {text}; the arc is cut')
 
     def step(self) -> None:
         """One exchange; without the bridge, robot and welding device are alone."""

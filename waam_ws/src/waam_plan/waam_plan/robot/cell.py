@@ -13,7 +13,7 @@ from waam_process.segment import Point
 from waam_robot.positioner import Positioner
 from waam_robot.split import SplitLimits
 
-POSITIONERS = ('none', 'hold', 'turn')
+POSITIONERS = ('none', 'hold', 'turn', 'place')
 TIME_BEFORE_MAX = 30.0  # s, of Fanuc's `TB`
 TIME_AFTER_MAX = 0.5  # s, of Fanuc's `TA`
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,15}')
@@ -45,6 +45,7 @@ _LIMITS: dict[str, Range] = {
     'positioner_tilt_y': (-20.0, 20.0),
     'positioner_tilt_z': (-20.0, 20.0),
     'positioner_plate_z': (-5.0, 5.0),
+    'turning': (-3600.0, 3600.0),
     'turn_zero_deg': (-360.0, 360.0),
     'turn_low_deg': (-1e6, 0.0),
     'turn_high_deg': (0.0, 1e6),
@@ -131,12 +132,15 @@ class RobotCell:
     """What all languages share.
 
     positioner: 'none': the program has no external axes; 'hold': they stand still; 'turn': C follows the bead where the
-    split of source 003 allows it and B keeps the torch upright. origin: work zero on the faceplate, m. orientation: W,
-    P, R of an upright torch, degrees. corner: how far the robot may leave the path where two moves meet, m; zone: the
+    split of source 003 allows it and B keeps the torch upright; 'place': C is a function of where the torch is, and B
+    is 0. turning: of 'place': C at work zero, beside where it stands still, degrees, and per mm of x and of y
+    (`waam plan --turning` chooses it). origin: work zero on the faceplate, m. orientation: W, P, R of an upright torch,
+    degrees. corner: how far the robot may leave the path where two moves meet, m; zone: the
     longest stretch that it may round off, m.
     """
 
     positioner: str = 'none'
+    turning: Point = (0.0, 0.0, 0.0)
     origin: Point = (-0.2, -0.15, 0.0)
     orientation: Point = (180.0, 0.0, 0.0)
     corner: float = 0.2e-3
@@ -165,6 +169,13 @@ class RobotCell:
                 f'positioner is {self.positioner!r}, must be one of {", ".join(POSITIONERS)}'
             )
         _check(self, '')
+        if any(self.turning) and self.positioner != 'place':
+            raise RobotProgramError("turning belongs to positioner 'place'")
+
+    def turn_at(self, place: Point) -> float:
+        """C (rad) for a place (m, work frame) where it is a function of that."""
+        start, x, y = self.turning
+        return math.radians(start + 1e3 * (x * place[0] + y * place[1]) - self.turn_zero_deg)
 
     @property
     def axes(self) -> bool:

@@ -48,6 +48,8 @@ def steps(moves: list[Move], cell: RobotCell) -> tuple[Pose, list[Step]]:
     """The pose at the start and the moves with theirs. RobotProgramError where the positioner cannot turn so far."""
     if cell.positioner == 'turn':
         moves, turns = _turned(moves, cell)
+    elif cell.positioner == 'place':
+        moves, turns = _by_place(moves, cell)
     else:
         hold = -math.radians(cell.turn_zero_deg)
         turns = [(hold, hold, hold)] * len(moves)
@@ -122,6 +124,19 @@ def _turned(moves: list[Move], cell: RobotCell) -> tuple[list[Move], list[Turns]
         found.append((_standing(moves[-1], moves[-1].end), (c, 0.5 * (c + home), home)))
     cut = [part for move, turn in found for part in _cut(move, turn)]
     return [move for move, _ in cut], [turn for _, turn in cut]
+
+
+def _by_place(moves: list[Move], cell: RobotCell) -> tuple[list[Move], list[Turns]]:
+    """As `_turned`, with C as a function of the place: programs can follow each other in any order then."""
+    found = []
+    for move in moves:
+        if any(move.segment.tool_axis[:2]):
+            raise RobotProgramError("positioner 'place' is for an upright torch")
+        way = course(move.start, move)
+        x, y, z = way.at(np.array([way.length / 2]))[0].tolist()
+        turn = (cell.turn_at(move.start), cell.turn_at((x, y, z)), cell.turn_at(move.end))
+        found += list(_cut(move, turn))
+    return [move for move, _ in found], [turn for _, turn in found]
 
 
 def _standing(move: Move, place: Point) -> Move:
