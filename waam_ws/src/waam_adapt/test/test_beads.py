@@ -181,6 +181,16 @@ def test_the_end_of_a_bead_in_a_corner_is_filled_less():
     assert 1.5 < asked[1] < RATIO_HIGH < asked[0]
 
 
+def test_a_request_can_bound_all_segments_lower():
+    model, where = bead_model(zigzag(), SIZE, W), np.ones(SIZE)
+    start = np.ones(len(model.first))
+    free, bound = (
+        bead_solver.solve(model, np.full(SIZE, 4.0), where, start, 0.0, top) for top in (0.0, 1.8)
+    )
+    assert free.max() > RATIO_HIGH
+    assert bound.max() == pytest.approx(1.8)
+
+
 def _waves(rng: np.random.Generator) -> np.ndarray:
     """(rows, cols) as strong as limits are reached."""
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]

@@ -91,6 +91,7 @@ def correction_input(
         paths=bead_paths(request, spec),
         temperature=request.temperature,
         heat_factor=heat_factor(request),
+        ratio_high=ratio_high(request),
     )
 
 
@@ -137,6 +138,12 @@ def heat_factor(request: ComputeCorrection.Request) -> float:
     """Factor of the wire feed by eq 2.19 that the layer will be laid with; 0 or NaN = 1."""
     factor = number('heat_factor', request.heat_factor, 0.0, 1.0, nan_ok=True)
     return 1.0 if np.isnan(factor) or factor == 0 else factor
+
+
+def ratio_high(request: ComputeCorrection.Request) -> float:
+    """Largest relative layer height of a setpoint; 0 = the law's own limits. Older records do not tell it."""
+    told = number('ratio_high', getattr(request, 'ratio_high', 0.0), 0.0, 10.0, nan_ok=True)
+    return 0.0 if np.isnan(told) else told
 
 
 def feed_factor(request: ComputeCorrection.Request) -> float:

@@ -99,6 +99,7 @@ class CorrectionInput:
     heat_factor: float = 1.0  # of the wire feed by eq 2.19, that this layer will be laid with
     # of the growth of this layer; None = the law asks its network itself
     predicted: Predicted | None = None
+    ratio_high: float = 0.0  # largest relative layer height of a setpoint; 0 = the law's own limits
 
     def __post_init__(self) -> None:
         for name in ('target', 'planned', 'sigma', 'shortfall'):
@@ -120,6 +121,8 @@ class CorrectionInput:
             value = getattr(self, name)
             if not low <= value <= high:
                 raise CorrectionError(f'{name} is {value}, must be {low} .. {high}')
+        if self.ratio_high and not 1.0 <= self.ratio_high <= 10.0:
+            raise CorrectionError(f'ratio_high is {self.ratio_high}, must be 0 or 1 .. 10')
         if not np.isfinite(self.direction).all():
             raise CorrectionError(f'direction is {self.direction}, not finite')
         for i, p in enumerate(self.paths):

@@ -63,7 +63,9 @@ def wire(path: Path) -> WireRecord:
     try:
         frames = messages_of(path if path.is_file() else record_folder(path), 'telemetry')
         _, rows = cdr.read_frames(frames)
-    except (BagError, ReplayError, OSError, ValueError) as e:
+    except (BagError, ReplayError) as e:  # names the path itself
+        raise EvidenceError(str(e)) from None
+    except (OSError, ValueError) as e:
         raise EvidenceError(f'{path}: {e}') from None
     if not frames:
         raise EvidenceError(f'{path}: no telemetry is recorded there')

@@ -14,8 +14,10 @@ from waam_job.model.goal import Code, JobError, JobGoal, check
 from waam_lab import run
 from waam_lab.job import LabJob
 from waam_lab.metal_trace import MetalTrace
+from waam_lab.watch import LayerWatch
 from waam_node import job_folder
 from waam_plan.post.store import load_plan
+from waam_plan.read.level_metal import RATIO_HIGH
 from waam_process.segment import Kind
 
 
@@ -50,8 +52,8 @@ def goal(tmp_path) -> JobGoal:
 
 
 def test_a_program_is_laid_in_closed_loop_and_its_path_stays(goal):
-    trace = MetalTrace()
-    result = run(LabJob(goal, seed=3, keep=True), trace)
+    trace, watch = MetalTrace(), LayerWatch()
+    result = run(LabJob(goal, seed=3, keep=True), trace, watch)
     assert result.error_code == 0, result.message
     assert result.layers == 2 and result.fallbacks == 0
     plan = load_plan(result.folder / job_folder.plan())
@@ -67,6 +69,7 @@ def test_a_program_is_laid_in_closed_loop_and_its_path_stays(goal):
     assert len(facts['program_sha256']) == 64 and facts['goal']['dialect'] == 'slicer'
     assert (result.folder / job_folder.PROGRAM_DIALECT).read_text().startswith('# Programs of')
     assert abs(result.layer_means[-1]) < 0.3e-3
+    assert [w.request.ratio_high for w in watch.layers] == [RATIO_HIGH, RATIO_HIGH]
 
 
 def test_without_a_nominal_part_a_program_is_watched_only(goal):

@@ -202,13 +202,16 @@ def test_estimates_add_up(box_file):
     assert len(table(plan).splitlines()) == len(found) + 2
 
 
-def test_a_program_of_a_slicer_is_checked_and_shown(programs, tmp_path, capsys):
+def test_a_program_of_a_slicer_is_checked_and_shown(programs, tmp_path, capsys, monkeypatch):
     out = tmp_path / 'out'
     file = programs / 'cura_pad.gcode'
     assert waam(file, '--dialect', 'slicer', '--view', '--out', out) == 0
     assert 'cura_pad.gcode: 4 layers, 32 beads; its path stays' in capsys.readouterr().out
     assert len(load_plan(out / 'plan.npz').layers) == 4
     assert (out / 'preview.html').stat().st_size > 10_000
+    monkeypatch.chdir(tmp_path)
+    assert waam(programs / 'prusaslicer_disc.gcode', '--dialect', 'slicer', '--view') == 0
+    assert f'written: {tmp_path / "preview.png"}' in capsys.readouterr().out
     assert waam(file) == 2  # another dialect
     assert 'line 13: M104: means nothing in dialect waam' in capsys.readouterr().err
     assert waam(tmp_path / 'part.stl', '--dialect', 'slicer') == 2

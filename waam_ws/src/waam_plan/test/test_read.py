@@ -92,6 +92,7 @@ def test_wire_of_an_extruder_absolute_and_relative():
     assert [m.wire for m in (first, second, third)] == pytest.approx([0.07, 0.07, 0.035])
     assert first.speed == pytest.approx(0.01) and second.start[0] == pytest.approx(0.02)
     assert program.remarks == ['G28 is left to the job (first in line 4)']
+    assert read_program(text + 'G28 X0 U0\n', SLICER).burning == program.burning
     assert program.height == 'top' and program.idle == 'lift'
 
 
@@ -235,6 +236,7 @@ BAD = {
     'wire below 0': ('W-5', 'line 1: W-5: must not be negative'),
     'unknown place': ('W60 M3\nG1 X1 Y1 F600\nM5', 'line 2: X1: .*where X is'),
     'arc from an unknown place': ('G0 X0\nG2 X1 I1 F60', 'line 2: G2: .*not known'),
+    'a move of an axis that is not there': (LIT + 'M5\nG53 G0 U0', 'line 7: U0: has no meaning'),
     'machine zero with the arc on': (LIT + 'G28', 'line 6: G28: moves in machine coordinates'),
     'G92 of an unknown place': ('G92 X0', 'line 1: X0: where X is'),
     'G92 of nothing': ('G92', 'line 1: G92: says no axis'),

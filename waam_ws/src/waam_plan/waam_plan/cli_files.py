@@ -45,6 +45,8 @@ def write(plan: Plan, args: argparse.Namespace) -> None:
         _write_recording(plan, args.out or Path('.'), args.write_recording)
     if args.out:
         print(f'written: {args.out}')
+    elif args.preview:
+        print(f'written: {Path("preview.png").resolve()}, preview.html')
 
 
 def _write_recording(

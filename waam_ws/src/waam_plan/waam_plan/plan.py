@@ -106,6 +106,8 @@ class Plan:
     offset: Point = (0.0, 0.0, 0.0)  # what was added to the part's coordinates, m
     warnings: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)  # what was chosen and why
+    # relative layer height that a correction may ask for at most; 0 = the limits of the correction law
+    ratio_high: float = 0.0
 
     @property
     def length(self) -> float:

@@ -120,6 +120,7 @@ class CorrectionRequest:
     beads: tuple[np.ndarray, ...] = ()
     heat_factor: float = 1.0  # eq 2.19: feed of this layer will be multiplied by it
     learned: str = ''  # by former jobs (waam_process.learned), '' = none
+    ratio_high: float = 0.0  # see Plan
 
 
 @dataclass(frozen=True)

@@ -164,6 +164,7 @@ class LayerCycle:
             beads=tuple(layer.arc_paths),
             heat_factor=heat.factor,
             learned=self.learning.text,
+            ratio_high=self.program.current.ratio_high,
         )
 
     def _tell_next(self, number: int) -> None:

@@ -24,3 +24,5 @@ WHY_NOT = {
     'M0': 'a job does not stop in the middle of a layer; a dialect may ignore the code',
     'M1': 'a job does not stop in the middle of a layer; a dialect may ignore the code',
 }
+
+OTHER_AXES = 'ABCUVW'  # of machines with more than X, Y and Z

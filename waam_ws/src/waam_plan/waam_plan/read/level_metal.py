@@ -18,6 +18,10 @@ from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Segment
 
+# Relative layer height that a correction may ask for. The outermost line of a slicer lies along a free side, and what
+# is asked for beyond this runs down there (docs/planning.md).
+RATIO_HIGH = 1.8
+
 
 def levelled(
     runs: list[list[Segment]], wanted: Target, spec: GridSpec, settings: PlanSettings

@@ -22,7 +22,7 @@ from waam_plan.plan import (
 )
 from waam_plan.read import targets
 from waam_plan.read.layers import Bead, Layer, layers_of
-from waam_plan.read.level_metal import levelled
+from waam_plan.read.level_metal import RATIO_HIGH, levelled
 from waam_plan.read.motion import Motion, Program
 from waam_plan.read.way import Metal, check_way
 from waam_plan.settings import PlanSettings
@@ -327,6 +327,7 @@ def _assembled(
         name=program.name,
         warnings=_misfits(program, top, nominal),
         remarks=[said, *program.remarks],
+        ratio_high=RATIO_HIGH,
     )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from waam_plan.read import arc as arcs
-from waam_plan.read.codes import GROUPS, MOVES, QUIET, WHY_NOT
+from waam_plan.read.codes import GROUPS, MOVES, OTHER_AXES, QUIET, WHY_NOT
 from waam_plan.read.dialect import Dialect, Setting
 from waam_plan.read.line_words import LineWords
 from waam_plan.read.modal import AXES, Modal
@@ -148,6 +148,9 @@ class _Reader:
         if self.burning:
             raise refuse(words.number, word.text, 'moves in machine coordinates with the arc on')
         self.modal.leave(words)
+        if word.code != 'G53':
+            for axis in OTHER_AXES:  # of machines that have more: homing them moves nothing here
+                words.take(axis)
         self.remarks.setdefault(
             word.code, f'{word.code} is left to the job (first in line {words.number})'
         )
