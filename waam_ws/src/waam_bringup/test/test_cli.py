@@ -23,3 +23,16 @@ def test_the_parser_of_all_verbs_loads_no_heavy_library():
 def test_nodes_that_identify_nothing_start_without_scipy():
     for node in ('thermal_compensator', 'feed_forward', 'process_control'):
         assert 'scipy' not in loaded_after(f'import waam_adapt.{node}_node'), node
+
+
+def test_the_demo_takes_parameter_files_and_refuses_missing_ones(tmp_path, capsys, monkeypatch):
+    from waam_bringup import demo
+    from waam_bringup.cli import main
+
+    given = []
+    monkeypatch.setattr(demo, 'run_demo', lambda args, files: given.extend(files) or 0)
+    file = tmp_path / 'in_layer.yaml'
+    file.write_text('{}')
+    assert main(['demo', '--params-file', str(file)]) == 0 and given == [file]
+    assert main(['demo', '--params-file', str(tmp_path / 'none.yaml')]) == 2
+    assert 'none.yaml: no such file' in capsys.readouterr().err
