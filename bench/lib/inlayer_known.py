@@ -12,6 +12,7 @@ asked for follows from its neighbours that were finished before.
 
 from __future__ import annotations
 
+import itertools
 import math
 import tempfile
 from collections.abc import Sequence
@@ -234,13 +235,13 @@ def of_seed(sight: Sight, seed: int) -> Known:
 
 @dataclass(frozen=True)
 class Foretold:
-    """Sums over the cells of a layer: of the squares of error (m2, at its end), of deviation d of its growth, and by
-    (mounted, spread) of p d and p2, p: what finished neighbours say of it."""
+    """Sums over the cells of a layer, m2: of the squares of d, what its surface is off by from what it should be then
+    (against target) or its growth from the metal asked for (against asked), less the mean of either; and by (against,
+    mounted, spread) of p d and p2, p: what finished neighbours say of d."""
 
     layer: int
-    error: float
-    deviation: float
-    said: dict[tuple[bool, float], tuple[float, float]]
+    squares: dict[str, float]
+    said: dict[tuple[str, bool, float], tuple[float, float]]
 
 
 def usual(seed: int, delay: float) -> tuple[Known, list[Foretold]]:
@@ -267,23 +268,23 @@ def _of_layer(number: int, segments: list[Segment], before, after, delay: float)
     width = next(s.width for s in segments if s.kind == Kind.DEPOSIT)
     reach = Reach.of(segments, spec, width)
     inside = (before['planned'] > 0) & after['interior']
-    deviation = after['z'] - before['z'] - before['asked']
-    deviation = np.where(np.isfinite(deviation) & (reach.last >= 0), deviation, 0.0)
-    deviation -= deviation[inside].mean()
-    error = (after['z'] - after['target'])[inside]
     first = segments[0].index
     end = np.cumsum([s.duration for s in segments])
     laid, finished = (end[np.maximum(i - first, 0)] for i in (reach.nearest, reach.last))
-    said = {}
-    for mounted in (False, True):
-        seen = _passed(segments, end, spec, finished) if mounted else finished
-        for spread in SPREADS:
-            p = _neighbours(deviation, inside, laid, seen + delay, spread * width / spec.resolution)
-            said[mounted, spread] = (
-                float((p * deviation)[inside].sum()),
-                float((p**2)[inside].sum()),
-            )
-    return Foretold(number, float(np.nansum(error**2)), float((deviation[inside] ** 2).sum()), said)
+    seen = {False: finished, True: _passed(segments, end, spec, finished)}
+    wanted = {'target': after['target'], 'asked': before['z'] + before['asked']}
+    squares, said = {}, {}
+    for against, surface in wanted.items():
+        d = after['z'] - surface
+        d = np.where(np.isfinite(d) & (reach.last >= 0), d, 0.0)
+        d -= d[inside].mean()
+        squares[against] = float((d[inside] ** 2).sum())
+        for mounted, spread in itertools.product((False, True), SPREADS):
+            sigma = spread * width / spec.resolution
+            p = _neighbours(d, inside, laid, seen[mounted] + delay, sigma)
+            sums = float((p * d)[inside].sum()), float((p**2)[inside].sum())
+            said[against, mounted, spread] = sums
+    return Foretold(number, squares, said)
 
 
 def _passed(segments, end, spec, finished: np.ndarray) -> np.ndarray:
