@@ -1,13 +1,12 @@
 """What could be known of a layer's metal while it is laid, and what that would be worth.
 
-`Knowing` is a cell of the laboratory that takes out of the metal's disturbance what somebody could know of it by then:
-the disturbance is a lattice of independent numbers (waam_sim.disturbance), and every place of a bead that was seen is
-an exact linear sum of eight of them. A Kalman filter over the lattice tells what follows for the metal still to come,
-and that much less of the disturbance is left there: as if setpoints could take out all that is known, at once. So its
-RMS is a bound for every estimator with the same sight, the filter's own noise (SIGMA) apart.
+`known_share` asks what is known of the disturbance by somebody who looks. The disturbance is a lattice of independent
+numbers (waam_sim.disturbance), and every place of a bead is an exact linear sum of eight of them. So a Kalman filter
+over the lattice tells how uncertain the metal still to come is: no estimator with the same sight knows more, and the
+answer depends on path and times alone, not on a seed.
 
-`Foretold` looks at the growth itself, misfit of the bead model included: how much of a layer's deviation from the metal
-asked for follows from its neighbours that were finished before.
+`Foretold` looks at the growth itself, misfit of the bead model included: how much of a layer's deviation follows from
+its neighbours that were finished before. `Calm` is a cell whose last layer has no disturbance.
 """
 
 from __future__ import annotations
@@ -21,179 +20,162 @@ from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
-from scipy.spatial import cKDTree
 
 from waam_job.model.seen import NEAR, Reach
 from waam_lab.cell import LabCell
+from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Segment
 
 LAST_LAYER = 7  # of the demo's jaw
 # of the disturbance, what a place that was seen is uncertain by; profiles beside the arc: 1 % of the height
 SIGMA = 0.2
-NOTE, LEARN = 10, 100  # exchanges (10 ms) between two places of a bead, and between two answers
-ABREAST = 2e-3  # m along x within which a place is on the scanner's line
+UNIT = np.array(
+    [9e-3, 9e-3, 2e-3]
+)  # m, of the lattice: noise_length, noise_length, noise_height of the cell
+SIDE = 64  # nodes after which it repeats
 OFFSET, FAN = 0.060, 0.050  # m, of PlanSettings: scanner_offset along x, scanner_fov
 STEP = 1e-3  # m between the points of a path
-CHANNELS = 3  # area that returns in every layer, area of the layer, width
+PERIOD = 1.0  # s between two looks
 SPREADS = (0.6, 1.2, 2.4)  # bead widths over which neighbours are asked
 
 
 @dataclass(frozen=True)
 class Sight:
-    """Who looks at the layer. everything: knows all of it before it is laid. at_once: sees a bead as soon as it is
-    laid; otherwise metal is seen once no later bead comes near it. mounted: only where the
-    cell's scanner passes over it. delay: s from seeing to the metal that can still be set. first: layer from
-    which somebody looks at all."""
+    """Who looks. at_once: sees a bead as soon as it is laid; otherwise metal is seen once no later bead comes near it.
+    mounted: only where the cell's scanner passes over it. delay: s from seeing to the metal that can still be set."""
 
-    everything: bool = False
     at_once: bool = False
     mounted: bool = False
     delay: float = 0.0
-    first: int = 1
-
-
-@dataclass(frozen=True)
-class Known:
-    """One job. rms: m at the end; by_layer: m; share: 0..1 of the variance of the bead area that was known."""
-
-    seed: int
-    rms: float
-    by_layer: tuple[float, ...]
-    share: float
 
 
 class Lattice:
-    """What is known of the disturbance's numbers: mean (3, n) and covariance (n, n) of those that were met."""
+    """How uncertain the disturbance's numbers are: covariance (n, n) of the nodes that were met; the others are 1."""
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.shape, self.nodes = shape, np.zeros(0, np.int64)
-        self.mean, self.cov = np.zeros((CHANNELS, 0)), np.zeros((0, 0))
+    def __init__(self) -> None:
+        self.nodes, self.cov = np.zeros(0, np.int64), np.zeros((0, 0))
 
-    def weights(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    @staticmethod
+    def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Numbers of the nodes (n, 8) and their weights (n, 8) of places (n, 3) in lattice coordinates u, v, w."""
         low = np.floor(places)
         part = places - low
         part = part * part * (3 - 2 * part)
         nodes, weights = [], []
-        for k in range(8):
-            up = np.array([k & 1, k >> 1 & 1, k >> 2])
-            at = (low.astype(np.int64) + up) & (self.shape[0] - 1)
-            nodes.append((at[:, 2] * self.shape[1] + at[:, 1]) * self.shape[2] + at[:, 0])
+        for corner in itertools.product((0, 1), repeat=3):
+            up = np.array(corner)
+            at = (low.astype(np.int64) + up) & (SIDE - 1)
+            nodes.append((at[:, 2] * SIDE + at[:, 1]) * SIDE + at[:, 0])
             weights.append(np.prod(np.where(up, part, 1 - part), axis=1))
         w = np.stack(weights, axis=1)
         return np.stack(nodes, axis=1), w / np.sqrt((w**2).sum(axis=1, keepdims=True))
 
-    def learn(self, places: np.ndarray, true: np.ndarray) -> None:
-        """Places (n, 3) were seen. true: (3, nodes) the disturbance's numbers."""
+    def learn(self, places: np.ndarray) -> None:
+        """Places (n, 3) were seen."""
         nodes, weights = self.weights(places)
+        for index, w in zip(self._index(nodes), weights, strict=True):
+            gain = self.cov[:, index] @ w
+            self.cov -= np.outer(gain, gain) / (gain[index] @ w + SIGMA**2)
+
+    def variance(self, places: np.ndarray) -> np.ndarray:
+        """(n,) of the disturbance at places (n, 3); 1 where nothing is known."""
+        nodes, weights = self.weights(places)
+        index = self._index(nodes)
+        return np.einsum(
+            'ni,nij,nj->n', weights, self.cov[index[:, :, None], index[:, None]], weights
+        )
+
+    def _index(self, nodes: np.ndarray) -> np.ndarray:
+        """Rows of the covariance; nodes that are new get theirs."""
         new = np.setdiff1d(nodes, self.nodes)
-        self.nodes = np.concatenate([self.nodes, new])
-        self.mean = np.pad(self.mean, ((0, 0), (0, len(new))))
         n = len(self.nodes)
-        cov = np.eye(n)
-        cov[: n - len(new), : n - len(new)] = self.cov
-        where = np.argsort(self.nodes)
-        index = where[np.searchsorted(self.nodes, nodes, sorter=where)]
-        for i, node, w in zip(index, nodes, weights, strict=True):
-            gain = cov[:, i] @ w
-            gain /= gain[i] @ w + SIGMA**2
-            self.mean += np.outer(true[:, node] @ w - self.mean[:, i] @ w, gain)
-            cov -= np.outer(gain, w @ cov[i])
-        self.cov = cov
+        cov = np.eye(n + len(new))
+        cov[:n, :n] = self.cov
+        self.nodes, self.cov = np.concatenate([self.nodes, new]), cov
+        order = np.argsort(self.nodes)
+        return order[np.searchsorted(self.nodes, nodes, sorter=order)]
 
 
-class Knowing(LabCell):
-    """Lays every layer without what `sight` could know of its disturbance."""
+@dataclass(frozen=True)
+class LaidPath:
+    """Points of the beads of a layer in the order of laying: place (n, 3) m, laid and finished (n,) s, and torch (m, 2)
+    m with its times (m,) s."""
 
-    def __init__(self, sight: Sight, *args) -> None:
-        self.sight, self.layers, self._layer, self._ticks = sight, {}, 0, 0
-        self.sums = np.zeros(2)  # of the squares of area: disturbance, and what was not known of it
+    place: np.ndarray
+    laid: np.ndarray
+    finished: np.ndarray
+    torch: np.ndarray
+    times: np.ndarray
+
+    @classmethod
+    def of(cls, segments: Sequence[Segment]) -> LaidPath:
+        """Of the segments of a layer, travel included. A point is finished when no later bead comes nearer than NEAR
+        bead widths."""
+        from scipy.spatial import cKDTree
+
+        ends = np.cumsum([s.duration for s in segments])
+        place, laid, owner, torch, times = [], [], [], [], []
+        for k, s in enumerate(segments):
+            n = max(1, math.ceil(s.length / STEP))
+            part = (np.arange(n) + 0.5) / n
+            a, b = np.array(s.start), np.array(s.end)
+            at, when = a + part[:, None] * (b - a), ends[k] - s.duration * (1 - part)
+            torch.append(at[:, :2])
+            times.append(when)
+            if s.kind == Kind.DEPOSIT:
+                place.append(at)
+                laid.append(when)
+                owner.append(np.full(n, k))
+        points, who = np.concatenate(place), np.concatenate(owner)
+        width = next(s.width for s in segments if s.kind == Kind.DEPOSIT)
+        tree = cKDTree(points[:, :2])
+        near = tree.query_ball_point(points[:, :2], NEAR * width)
+        finished = np.array([ends[who[n].max()] for n in near])
+        return cls(
+            points, np.concatenate(laid), finished, np.concatenate(torch), np.concatenate(times)
+        )
+
+    def seen(self, sight: Sight) -> np.ndarray:
+        """(n,) s at which a point is seen; inf = never."""
+        if sight.at_once:
+            return self.laid
+        if not sight.mounted:
+            return self.finished
+        out = np.full(len(self.place), np.inf)
+        for (x, y), t in zip(self.torch, self.times, strict=True):
+            over = np.abs(self.place[:, 0] - x - OFFSET) <= STEP
+            over &= (np.abs(self.place[:, 1] - y) <= FAN / 2) & (self.finished <= t)
+            out[over & np.isinf(out)] = t
+        return out
+
+
+def known_share(segments: Sequence[Segment], sight: Sight) -> float:
+    """0..1 of the variance of a layer's disturbance that is known of the metal when it is laid, mean along the path."""
+    path, lattice = LaidPath.of(segments), Lattice()
+    known_at, places = path.seen(sight) + sight.delay, path.place / UNIT
+    unknown, learned = 0.0, np.zeros(len(places), bool)
+    for t in np.arange(0.0, path.laid.max() + PERIOD, PERIOD):
+        fresh = (known_at <= t) & ~learned
+        lattice.learn(places[fresh])
+        learned |= fresh
+        now = (path.laid > t) & (path.laid <= t + PERIOD)
+        unknown += float(lattice.variance(places[now]).sum())
+    return 1 - unknown / len(places)
+
+
+class Calm(LabCell):
+    """A cell whose last layer is laid without any disturbance. `layers`: number -> segments as they were placed."""
+
+    def __init__(self, calm: bool, *args) -> None:
+        self.calm, self.layers = calm, {}
         super().__init__(*args)
-        plant = self.device.plant
-        self._values = plant._lattice
-        self._true = self._values.reshape(CHANNELS, -1).copy()
-        p = plant.params.metal
-        self._unit = np.array([p.noise_length, p.noise_length, p.noise_height])
-        self._area = np.array([p.area_noise_fixed, p.area_noise_layer, 0.0])
 
     def plan(self, job_id, layer, segments):
         super().plan(job_id, layer, segments)
         self.layers[layer] = list(segments)
-        self._begin(layer)
-
-    def status(self, status):
-        super().status(status)
-        if self._layer and not self._stats.layer:
-            self._layer = 0
-            self._left(self._true)
-
-    def _begin(self, layer: int) -> None:
-        """Nothing is known of a new layer, unless everything is."""
-        self._layer, looked = layer, layer >= self.sight.first
-        self._left(self._true * (0 if looked and self.sight.everything else 1))
-        self._looks = looked and not self.sight.everything
-        self._lattice, self._places = Lattice(self._values.shape[1:]), np.zeros((0, 3))
-        self._last, self._seen = np.zeros(0, np.int64), np.zeros(0)
-        points, self._index = points_of(self.layers[layer])
-        self._paths = cKDTree(points)
-        self._near = NEAR * next(s for s in self.layers[layer] if s.kind == Kind.DEPOSIT).width
-
-    def _left(self, values: np.ndarray) -> None:
-        self._values[:] = values.reshape(self._values.shape)
-
-    def _on_exchange(self, samples, plant):
-        super()._on_exchange(samples, plant)
-        self._ticks += 1
-        if not self._layer or self._ticks % NOTE:
-            return
-        x, y, z = plant._last
-        if plant.arc_on:
-            self._note(plant.metal.state[0], z)
-        if self._looks:
-            self._look(x, y)
-            if self._ticks % LEARN == 0:
-                self._learn()
-
-    def _note(self, pool, z: float) -> None:
-        place = np.array([pool['pool_x'], pool['pool_y'], z])
-        near = self._index[self._paths.query_ball_point(place[:2], self._near)]
-        self._places = np.vstack([self._places, place])
-        self._last = np.append(self._last, near.max() if len(near) else 0)
-        self._seen = np.append(self._seen, self.now() if self.sight.at_once else np.inf)
-        nodes, weights = Lattice(self._values.shape[1:]).weights((place / self._unit)[None])
-        now = self._values.reshape(CHANNELS, -1)
-        for k, values in enumerate((self._true, now)):
-            self.sums[k] += float(self._area @ (values[:, nodes[0]] @ weights[0])) ** 2
-
-    def _look(self, x: float, y: float) -> None:
-        fresh = np.isinf(self._seen) & (self._last <= self._view.executed)
-        if self.sight.mounted:
-            fresh &= np.abs(self._places[:, 0] - x - OFFSET) <= ABREAST
-            fresh &= np.abs(self._places[:, 1] - y) <= FAN / 2
-        self._seen[fresh] = self.now()
-
-    def _learn(self) -> None:
-        known = self._seen + self.sight.delay <= self.now()
-        if not known.any():
-            return
-        self._lattice.learn(self._places[known] / self._unit, self._true)
-        self._places, self._last, self._seen = (
-            a[~known] for a in (self._places, self._last, self._seen)
-        )
-        left = self._true.copy()
-        left[:, self._lattice.nodes] -= self._lattice.mean
-        self._left(left)
-
-
-def points_of(segments: Sequence[Segment]) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 2) m on the paths of the deposits and the index (n,) of the segment that each belongs to."""
-    points, index = [], []
-    for s in (s for s in segments if s.kind == Kind.DEPOSIT):
-        n = max(1, math.ceil(s.length / STEP))
-        a, b = np.array(s.start[:2]), np.array(s.end[:2])
-        points.append(a + (np.arange(n)[:, None] + 0.5) / n * (b - a))
-        index += [s.index] * n
-    return np.concatenate(points), np.array(index, np.int64)
+        if self.calm and layer == LAST_LAYER:
+            for name in ('area_noise_fixed', 'area_noise_layer', 'width_noise'):
+                self.device.plant.metal.params[name] = 0.0
 
 
 def jaw(seed: int, **options):
@@ -206,14 +188,24 @@ def jaw(seed: int, **options):
     return restore(*files, seed, tolerance=0.2e-3, **options)
 
 
-def run(sight: Sight, job) -> tuple[Knowing, object]:
+def rail(folder: Path, seed: int, **options):
+    """Three layers of the rail of inlayer_regimes, which the scanner sees much of."""
+    from waam_lab import restore
+
+    from .inlayer_regimes import trough
+
+    files = trough(folder, 'rail')
+    return restore(*files, seed, tolerance=0.2e-3, layers=3, strategy='zigzag', **options)
+
+
+def run(job, calm: bool = False) -> tuple[Calm, object]:
     """The cell and the result of a job in it. RuntimeError with the message of a job that failed."""
     from waam_lab import laboratory
 
     made = []
 
     def cell(*args):
-        made.append(Knowing(sight, *args))
+        made.append(Calm(calm, *args))
         return made[-1]
 
     kept, laboratory.LabCell = laboratory.LabCell, cell
@@ -226,11 +218,9 @@ def run(sight: Sight, job) -> tuple[Knowing, object]:
     return made[0], result
 
 
-def of_seed(sight: Sight, seed: int) -> Known:
-    """The jaw of a seed."""
-    cell, result = run(sight, jaw(seed))
-    disturbed, unknown = cell.sums
-    return Known(seed, result.rms, result.layer_rms, 1 - unknown / disturbed)
+def calm_rms(seed: int) -> float:
+    """m, of the jaw of a seed whose last layer has no disturbance."""
+    return run(jaw(seed), calm=True)[1].rms
 
 
 @dataclass(frozen=True)
@@ -244,25 +234,31 @@ class Foretold:
     said: dict[tuple[str, bool, float], tuple[float, float]]
 
 
-def usual(seed: int, delay: float) -> tuple[Known, list[Foretold]]:
-    """The jaw of a seed where nobody looks, and every layer of it. delay: s from finished metal to metal that can be
-    set by it."""
+@dataclass(frozen=True)
+class Usual:
+    """A job in which nobody looks. rms: m at the end."""
+
+    rms: float
+    layers: list[list[Segment]]
+    foretold: list[Foretold]
+
+
+def usual(seed: int, delay: float, part: str = 'jaw') -> Usual:
+    """The jaw (or rail) of a seed. delay: s from finished metal to metal that can be set by it."""
     from waam_job.store.folder import JobFolder
 
     with tempfile.TemporaryDirectory() as scratch:
-        cell, result = run(Sight(first=99), jaw(seed, keep=True, jobs_dir=Path(scratch)))
+        own = {'keep': True, 'jobs_dir': Path(scratch)}
+        job = jaw(seed, **own) if part == 'jaw' else rail(Path(scratch), seed, **own)
+        cell, result = run(job)
         folder = JobFolder.open(result.folder)
         maps = [folder.read_map(n) for n in range(folder.last_map() + 1)]
-    layers = [
-        _of_layer(n, cell.layers[n], *pair, delay)
-        for n, pair in enumerate(zip(maps, maps[1:], strict=False), start=1)
-    ]
-    return Known(seed, result.rms, result.layer_rms, 0.0), layers
+    pairs = enumerate(zip(maps, maps[1:], strict=False), start=1)
+    foretold = [_of_layer(n, cell.layers[n], *pair, delay) for n, pair in pairs]
+    return Usual(result.rms, [cell.layers[n] for n in sorted(cell.layers)], foretold)
 
 
 def _of_layer(number: int, segments: list[Segment], before, after, delay: float) -> Foretold:
-    from waam_process.grid import GridSpec
-
     x0, y0 = (float(v) for v in before['origin'])
     spec = GridSpec(x0, y0, float(before['resolution']), *before['z'].shape)
     width = next(s.width for s in segments if s.kind == Kind.DEPOSIT)
