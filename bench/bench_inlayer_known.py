@@ -1,5 +1,4 @@
-"""What there is to know of a layer while it is laid: the bounds of correcting within it. The demo's jaw, and the rail
-of lib/inlayer_regimes.py with three layers (names known.rail_*).
+"""What there is to know of a layer while it is laid: the bounds of correcting within it. The demo's jaw.
 
 known.mounted_pct: share of the variance of the metal's disturbance that the best of all estimators knows when the metal
 is laid, from what the cell's scanner showed finished DELAY s before; mean over layers and seeds. known.anywhere_pct: by
@@ -9,6 +8,9 @@ known.foretold_pct: share of the variance of what a layer's surface is off by fr
 that were finished DELAY s before, wherever the scanner is; best of three spreads, one factor for all cells, layers and
 seeds, fitted to the same jobs. The misfit of the bead model at turns is in it. known.foretold_growth_pct: of growth
 from the metal asked for. known.foretold_mounted_pct: by what the scanner of the cell passes over.
+known.rail_mounted_pct, known.rail_anywhere_pct, known.rail_at_once_pct, known.rail_no_delay_pct,
+known.rail_foretold_pct, known.rail_foretold_growth_pct, known.rail_foretold_mounted_pct: the same of the rail of
+lib/inlayer_regimes.py with three layers.
 known.last_layer_rms_ratio: RMS at the end of jobs whose last layer is laid without any disturbance over that of the
 same jobs with it: what knowing all of it in advance is worth where no layer follows.
 
