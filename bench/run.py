@@ -18,6 +18,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -93,7 +94,8 @@ def measure(measurements: Iterable[Measurement]) -> int:
             failed += 1
             said = 'failed after'
         took = time.monotonic() - began
-        print(f'# {run.__module__}: {run.__name__} {said} {took:.0f} s', file=sys.stderr)
+        of = run.func if isinstance(run, partial) else run
+        print(f'# {of.__module__}: {of.__name__} {said} {took:.0f} s', file=sys.stderr)
     return failed
 
 

@@ -11,11 +11,13 @@ import pytest
 
 BENCH = Path(__file__).parents[1] / 'bench'
 MODULE = """
+from functools import partial
 RAN = []
 def fast(): RAN.append('fast')
 def slow(): RAN.append('slow')
 def table(): RAN.append('table')
 def broken(): raise RuntimeError('it broke')
+def named(name): RAN.append(name)
 FIGURES = {'link.fast_ms': fast, 'link.fast_us': fast, 'shape.slow_s': slow}
 TABLES = {'link.table': table}
 """
@@ -85,6 +87,14 @@ def test_a_failure_is_told_and_does_not_stop_the_others(run, folder, capsys):
     (folder / 'bench_one.py').write_text(text)
     assert ran(run, folder) == (1, ['fast', 'slow'])
     assert 'it broke' in capsys.readouterr().err
+
+
+def test_a_measurement_may_be_a_partial_function(run, folder, capsys):
+    """What took how long is told after it has run: that must not end the others."""
+    text = MODULE.replace("'link.fast_ms': fast", "'link.fast_ms': partial(named, 'rail')")
+    (folder / 'bench_one.py').write_text(text)
+    assert ran(run, folder) == (0, ['rail', 'fast', 'slow'])
+    assert 'named took' in capsys.readouterr().err
 
 
 def test_two_figures_of_one_name_are_refused(run, folder):

@@ -41,3 +41,16 @@ sys.exit(cli.main([]))
     ran.stdout.close()
     assert ran.stderr.read() == ''
     assert ran.wait() == 141
+
+
+def test_the_demo_takes_parameter_files_and_refuses_missing_ones(tmp_path, capsys, monkeypatch):
+    from waam_bringup import demo
+    from waam_bringup.cli import main
+
+    given = []
+    monkeypatch.setattr(demo, 'run_demo', lambda args, files: given.extend(files) or 0)
+    file = tmp_path / 'in_layer.yaml'
+    file.write_text('{}')
+    assert main(['demo', '--params-file', str(file)]) == 0 and given == [file]
+    assert main(['demo', '--params-file', str(tmp_path / 'none.yaml')]) == 2
+    assert 'none.yaml: no such file' in capsys.readouterr().err

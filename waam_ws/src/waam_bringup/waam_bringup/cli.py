@@ -158,15 +158,7 @@ def _add_up(p: argparse.ArgumentParser) -> None:
         metavar='NODE',
         help='leave a node out (repeatable)',
     )
-    p.add_argument(
-        '--params-file',
-        '--cell-file',
-        dest='params_file',
-        action='append',
-        default=[],
-        type=Path,
-        help='ROS parameter file for all nodes (repeatable)',
-    )
+    _add_params_file(p)
     p.add_argument('--timeout', type=float, default=60.0, help='longest wait for readiness, s')
     p.add_argument(
         '--hang-timeout',
@@ -176,6 +168,27 @@ def _add_up(p: argparse.ArgumentParser) -> None:
         help='a node that hangs for so long while no job runs is started again (default 15; 0 = never)',
     )
     _add_up_ports(p)
+
+
+def _add_params_file(p: argparse.ArgumentParser) -> None:
+    p.add_argument(
+        '--params-file',
+        '--cell-file',
+        dest='params_file',
+        action='append',
+        default=[],
+        type=Path,
+        help='ROS parameter file for all nodes (repeatable)',
+    )
+
+
+def _params_files(args: argparse.Namespace) -> tuple[Path, ...]:
+    """ValueError for one that is missing."""
+    files = tuple(f.resolve() for f in args.params_file)
+    for file in files:
+        if not file.exists():
+            raise ValueError(f'--params-file {file}: no such file')
+    return files
 
 
 def _add_up_ports(p: argparse.ArgumentParser) -> None:
@@ -216,6 +229,7 @@ def _register_demo(commands: argparse._SubParsersAction) -> None:
     )
     keep_old_name(p, '--profiles', modes)
     p.add_argument('--rate', type=float, default=0.0)
+    _add_params_file(p)
     p.add_argument(
         '--fresh',
         action='store_true',
@@ -244,13 +258,10 @@ def cmd_up(args: argparse.Namespace) -> int:
         web_port=args.web_port,
         panel_port=args.panel_port or panel_port(),
         hang_timeout=args.hang_timeout,
-        params_files=tuple(f.resolve() for f in args.params_file),
+        params_files=_params_files(args),
         without=tuple(args.without),
         machine=args.machine,
     )
-    for file in settings.params_files:
-        if not file.exists():
-            raise ValueError(f'--params-file {file}: no such file')
     if args.urdf is not None:
         settings = _with_arm(settings, args.urdf)
     if args.foreground:
@@ -299,10 +310,10 @@ def cmd_status(args: argparse.Namespace) -> int:
 
 
 def cmd_demo(args: argparse.Namespace) -> int:
-    """Exit status: 0 when all jobs were done, whatever their verdict."""
+    """Exit status: 0 when all jobs were done, whatever their verdict. ValueError for a missing parameter file."""
     from .demo import run_demo
 
-    return run_demo(args)
+    return run_demo(args, _params_files(args))
 
 
 def _terminated(number: int, _frame: FrameType | None) -> None:

@@ -33,8 +33,8 @@ ROBOT_RATE = (
 )
 
 
-def run_demo(args: argparse.Namespace) -> int:
-    """0 when all jobs were done; the verdict is in report.json and on the screen."""
+def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> int:
+    """0 when all jobs were done; the verdict is in report.json and on the screen. params_files: of the nodes."""
     console = Console(stderr=True, highlight=False)
     jobs = (args.jobs or jobs_dir()).resolve()
     folder = jobs / make_job_id('demo')
@@ -50,6 +50,7 @@ def run_demo(args: argparse.Namespace) -> int:
         seed=args.seed,
         without=('panel',),
         machine=args.machine,
+        params_files=params_files,
     )
     zero = None
     with graph(settings, default_domain(folder)) as (_, client):
