@@ -7,25 +7,20 @@ import importlib
 import os
 import signal
 import sys
-import time
-from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from waam_process.cli_renamed import keep_old_name
 from waam_process.loop_mode import LOOP_MODES, LoopMode
-from waam_process.operating import GANTRY, MACHINES, ROBOT
+from waam_process.operating import GANTRY, MACHINES
 from waam_record.cli import Graph
 
-from . import audited, calibrate, cli_relay, panel
+from . import audited, calibrate, cli_graph, panel
 from .cli_common import add_run, reader_is_gone, run_and_domain
 from .cli_job import register_job
 from .paths import CELL, jobs_dir
 from .shop import places
-
-if TYPE_CHECKING:
-    from .graph import Settings
 
 EPILOG = """\
 first steps:
@@ -77,7 +72,7 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
-    _register_graph(commands)
+    cli_graph.register(commands)
     register_job(commands)
     _register_demo(commands)
     panel.register(commands)
@@ -102,105 +97,6 @@ def _check_robot(
 ) -> None:
     """`waam plan --machine robot`: planner and laboratory meet here. Raises ValueError where the robot cannot."""
     importlib.import_module('waam_lab.cli_robot_check').check_robot(plan, urdf, turning, out, files)
-
-
-def _register_graph(commands: argparse._SubParsersAction) -> None:
-    p = commands.add_parser('up', help='start the graph and return when every node answers')
-    add_run(p, '--name')
-    _add_up(p)
-    p.set_defaults(run_command=cmd_up)
-    p = commands.add_parser(
-        'stop', help='stop the graph; a running job is aborted with a safe end of the arc'
-    )
-    add_run(p, '--name')
-    p.set_defaults(run_command=cmd_stop)
-    p = commands.add_parser('status', help='what is up, what the machine and the job do')
-    add_run(p, '--name')
-    p.set_defaults(run_command=cmd_status)
-    cli_relay.register(commands)
-
-
-def _add_up(p: argparse.ArgumentParser) -> None:
-    p.add_argument(
-        '--port',
-        default='',
-        help='serial port of a real controller; without it the cell is simulated',
-    )
-    p.add_argument(
-        '--machine',
-        choices=MACHINES,
-        default=GANTRY,
-        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner, whose simulated cell '
-        'keeps step with the wall clock',
-    )
-    p.add_argument(
-        '--urdf',
-        type=Path,
-        metavar='FILE',
-        help='with --machine robot: another arm, for bridge and simulated cell (waam_robot_bridge/README.md)',
-    )
-    p.add_argument(
-        '--rate',
-        type=float,
-        default=0.0,
-        help='simulated seconds per second at most; 0 = as fast as the nodes keep up (default), 1 = real time',
-    )
-    p.add_argument(
-        '--seed', type=int, default=1, help='seed of everything random in the simulated cell'
-    )
-    p.add_argument(
-        '--foreground', action='store_true', help='stay and print; Ctrl-C stops the graph'
-    )
-    p.add_argument(
-        '--without',
-        action='append',
-        default=[],
-        metavar='NODE',
-        help='leave a node out (repeatable)',
-    )
-    _add_params_file(p)
-    p.add_argument('--timeout', type=float, default=60.0, help='longest wait for readiness, s')
-    p.add_argument(
-        '--hang-timeout',
-        type=float,
-        default=15.0,
-        metavar='S',
-        help='a node that hangs for so long while no job runs is started again (default 15; 0 = never)',
-    )
-    _add_up_ports(p)
-
-
-def _add_params_file(p: argparse.ArgumentParser) -> None:
-    p.add_argument(
-        '--params-file',
-        '--cell-file',
-        dest='params_file',
-        action='append',
-        default=[],
-        type=Path,
-        help='ROS parameter file for all nodes (repeatable)',
-    )
-
-
-def _params_files(args: argparse.Namespace) -> tuple[Path, ...]:
-    """ValueError for one that is missing."""
-    files = tuple(f.resolve() for f in args.params_file)
-    for file in files:
-        if not file.exists():
-            raise ValueError(f'--params-file {file}: no such file')
-    return files
-
-
-def _add_up_ports(p: argparse.ArgumentParser) -> None:
-    for name, text in (
-        ('grpc', 'dashboard: port for rerun viewers on 127.0.0.1 (0 = off)'),
-        ('web', 'dashboard: port of the web viewer on 127.0.0.1 (0 = off)'),
-        (
-            'panel',
-            "port of the operator's page on 127.0.0.1 (default 8600, any other one when that is taken)",
-        ),
-    ):
-        p.add_argument(f'--{name}-port', type=int, default=0, help=text)
 
 
 def _register_demo(commands: argparse._SubParsersAction) -> None:
@@ -229,7 +125,7 @@ def _register_demo(commands: argparse._SubParsersAction) -> None:
     )
     keep_old_name(p, '--profiles', modes)
     p.add_argument('--rate', type=float, default=0.0)
-    _add_params_file(p)
+    cli_graph.add_params_file(p)
     p.add_argument(
         '--fresh',
         action='store_true',
@@ -241,79 +137,11 @@ def _register_demo(commands: argparse._SubParsersAction) -> None:
 # ---- commands ----------------------------------------------------------------------------------
 
 
-def cmd_up(args: argparse.Namespace) -> int:
-    """Starts a graph and prints where it is. ValueError for a parameter file that is missing."""
-    from . import supervisor
-    from .graph import Settings
-    from .operate import free_port, panel_port, up
-
-    run, domain = run_and_domain(args)
-    settings = Settings(
-        run=run,
-        port=args.port,
-        rate=args.rate,
-        seed=args.seed,
-        epoch_us=int(time.time()) * 1_000_000,
-        grpc_port=args.grpc_port or (free_port() if args.web_port else 0),
-        web_port=args.web_port,
-        panel_port=args.panel_port or panel_port(),
-        hang_timeout=args.hang_timeout,
-        params_files=_params_files(args),
-        without=tuple(args.without),
-        machine=args.machine,
-    )
-    if args.urdf is not None:
-        settings = _with_arm(settings, args.urdf)
-    if args.foreground:
-        return supervisor.run(settings, domain)
-    passed = [*sys.argv[2:], '--run', str(run), '--domain', str(domain)]
-    passed += ['--grpc-port', str(settings.grpc_port), '--panel-port', str(settings.panel_port)]
-    state = up(settings, domain, args.timeout, passed)
-    kind = 'simulated cell' if state.simulated else f'controller on {state.port}'
-    print(
-        f'up: {len(state.nodes)} processes, {kind}, ROS_DOMAIN_ID={state.domain}, logs in {run}/logs'
-    )
-    if state.panel_url:
-        print(f'panel: {state.panel_url}')
-    if state.web_url:
-        print(f'dashboard: {state.web_url}')
-    return 0
-
-
-def _with_arm(settings: Settings, urdf: Path) -> Settings:
-    """`waam up --urdf`: what the file says goes before the parameter files. Raises ValueError where it says nothing
-    that can be used."""
-    if settings.machine != ROBOT:
-        raise ValueError('--urdf belongs to --machine robot')
-    laboratory = importlib.import_module('waam_lab.robot.urdf_settings')
-    given = list(settings.params_files)
-    made = laboratory.parameter_file(urdf, given, settings.run / 'urdf.yaml')
-    return replace(settings, params_files=(made, *given))
-
-
-def cmd_stop(args: argparse.Namespace) -> int:
-    """Status 0 also when nothing was up."""
-    from .operate import stop
-
-    run, _ = run_and_domain(args)
-    print('stopped' if stop(run) else 'no graph is up')
-    return 0
-
-
-def cmd_status(args: argparse.Namespace) -> int:
-    """Status 1 when a process of the graph has ended. ClientError when no graph is up."""
-    from .operate import require_up
-    from .status import print_status
-
-    run, domain = run_and_domain(args)
-    return print_status(run, require_up(run), domain)
-
-
 def cmd_demo(args: argparse.Namespace) -> int:
     """Exit status: 0 when all jobs were done, whatever their verdict. ValueError for a missing parameter file."""
     from .demo import run_demo
 
-    return run_demo(args, _params_files(args))
+    return run_demo(args, cli_graph.params_files(args))
 
 
 def _terminated(number: int, _frame: FrameType | None) -> None:
