@@ -7,7 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from waam_adapt.identify.evidence import Layer
+from waam_adapt.identify.identification import Identifier
 from waam_adapt.identify.kinds import MOST, Kinds, pattern
+from waam_adapt.types import CorrectionInput
 
 
 def turned(points: list[tuple[float, float]], degrees: float) -> np.ndarray:
@@ -64,3 +67,26 @@ def test_offsets_stay_bounded(layers) -> None:
         known = known.learn(paths, difference, variance)
     assert all(abs(o) <= MOST for o in known.offsets)
     assert len(known.patterns) == len(known.offsets) == len(known.variances) <= 2
+
+
+@pytest.mark.parametrize('ratio_high', (0.0, 1.8))
+def test_in_plans_of_our_own_another_pattern_is_the_process(ratio_high: float) -> None:
+    """One layer of rings with its full height, then slanted ones that come out a tenth low."""
+    known, z, last = Identifier(), np.zeros((60, 60)), None
+    planned = np.full_like(z, 2e-3)
+    for number, (paths, share) in enumerate([(RINGS, 1.0)] + 5 * [(SLANTED, 0.9)], 1):
+        on_map = tuple(1e-3 * p + 5e-3 for p in paths)
+        request = CorrectionInput(
+            z, z + planned, planned, 1e-3, 6e-3, 0.3, paths=on_map, ratio_high=ratio_high
+        )
+        known.start('job', number)
+        if last is not None:
+            known.add(last)
+        known.prepare(request)
+        last = Layer(z, z + share * planned, planned, 1e-3, 6e-3)
+        z = last.after
+    flow = known.flow_factor(request)
+    if ratio_high:  # half of it is the pattern's
+        assert known.kinds.offset(on_map) < -0.02 and flow < 1.08
+    else:
+        assert flow == pytest.approx(1 / 0.9, rel=0.015) and not known.kinds.patterns

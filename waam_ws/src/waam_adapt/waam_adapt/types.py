@@ -134,6 +134,11 @@ class CorrectionInput:
         """(rows, cols) bool: where the plan adds metal."""
         return np.nan_to_num(self.planned) > MIN_PLANNED
 
+    @property
+    def of_other_planner(self) -> bool:
+        """A program of others: its plan names what a setpoint may ask for."""
+        return self.ratio_high > 0
+
     def told(
         self, predicted: Predicted | None = None, learned: BeadDeviation | None = None
     ) -> CorrectionInput:

@@ -64,6 +64,7 @@ class Identifier:
     levels: dict[int, float] = field(default_factory=dict)  # that it told of the same, weighed
     seen: dict[int, LayerEvidence] = field(default_factory=dict)  # of all layers of the job
     kinds: Kinds = Kinds()  # of layers, by the pattern of their paths
+    by_pattern: bool = False  # the layers of this job are told apart so: those of another planner
     _before: Learned = Learned()  # as of the begin of this layer
 
     def start(self, job_id: str, layer: int, first: Start | None = None) -> None:
@@ -115,9 +116,13 @@ class Identifier:
             if self.watch_beads and model is not None:
                 self._learn_beads(number, model, layer, laid, plan, before)
 
+    def _pattern_of(self, number: int) -> tuple[np.ndarray, ...]:
+        """The beads whose pattern tells the kind of layer `number`; none where kinds are not told apart."""
+        return self.paths.get(number, ()) if self.by_pattern else ()
+
     def _of_kind(self, number: int) -> Estimate:
         """What is believed of a layer with the pattern of layer `number`."""
-        share = 1 + self.kinds.offset(self.paths.get(number, ()))
+        share = 1 + self.kinds.offset(self._pattern_of(number))
         return replace(self.estimate, efficiency_ratio=self.estimate.efficiency_ratio * share)
 
     def _of_layer(self, number: int, told: float) -> Estimate:
@@ -132,7 +137,7 @@ class Identifier:
 
     def _without_kind(self, number: int, seen: LayerEvidence) -> LayerEvidence:
         """Evidence of the process alone: what is due to the pattern of the layer is learned and taken off."""
-        paths, believed = self.paths.get(number, ()), self.estimate
+        paths, believed = self._pattern_of(number), self.estimate
         expected = self._of_kind(number).efficiency_ratio
         variance = believed.efficiency_sigma**2 + seen.ratio_sigma**2 + believed.layer_noise**2
         self.kinds = self.kinds.learn(paths, seen.ratio / expected - 1, variance)
@@ -199,6 +204,7 @@ class Identifier:
         self.predicted = {n: g for n, g in self.predicted.items() if n == self.layer - 1}
         self.levels = {n: v for n, v in self.levels.items() if n == self.layer - 1}
         self.planned[self.layer], self.paths[self.layer] = request.planned, request.paths
+        self.by_pattern = request.of_other_planner
         self.levels[self.layer] = self._told(request)
         if request.predicted is not None and request.predicted.digest:
             self.predicted[self.layer] = request.predicted.growth
@@ -221,9 +227,11 @@ class Identifier:
 
     def flow_factor(self, request: CorrectionInput) -> float:
         """Of the layer that the request is for. What eq 2.19 will take off its feed is put back: how high the beads
-        come out is decided by what the scans show."""
+        come out is decided by what the scans show. The share of a pattern is not asked for: most of it is lost at rims.
+        """
         slope = self.slope_of(self.model_of(request))
-        believed = self._of_layer(self.layer, self._told(request))
+        share = math.exp(self._told(request))
+        believed = replace(self.estimate, efficiency_ratio=share * self.estimate.efficiency_ratio)
         return believed.flow_factor(slope) / request.heat_factor
 
     def model_of(self, request: CorrectionInput) -> BeadModel | None:

@@ -2,7 +2,9 @@
 
 Programs of others change the pattern from layer to layer, rings here and a slanted zig-zag there. As much wire gives
 less height in one than in the other: metal runs off the edges, arcs start more often. An efficiency that is followed
-from layer to layer would always be that of the pattern before. Here each pattern has its own share of it.
+from layer to layer would always be that of the pattern before. Here each pattern has its own share of it, which is
+taken off what the layer shows. In plans of our own one pattern follows another for good, and nobody can say whether it
+is the pattern or the process that has changed: there everything is the process (docs/adaptation.md).
 
 A pattern is told by how much of its path runs at which angle to the axes of the map, whatever the quadrant: zig-zags
 along x and along y are one kind, and so are those that run to the left and to the right.
