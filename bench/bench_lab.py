@@ -18,6 +18,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from lib.emit import emit
+from lib.jaw import jaw_job
 from lib.seeds import seeds
 
 GRAPH_RATE = 13.0  # s/s, `make demo` on two cores (README.md)
@@ -50,12 +51,9 @@ def in_graph(seed: int) -> tuple[dict, float]:
 
 
 def in_laboratory(wanted: tuple[int, ...]) -> list:
-    from waam_bringup.paths import share
-    from waam_lab import over_seeds, restore, run_many
+    from waam_lab import over_seeds, run_many
 
-    parts = share('waam_bringup') / 'parts'
-    job = restore(parts / 'jaw_nominal.stl', parts / 'jaw_worn.stl')
-    return run_many(over_seeds(job, wanted), workers=1)
+    return run_many(over_seeds(jaw_job(), wanted), workers=1)
 
 
 def told(seed: int, graph: dict, wall: float, found) -> None:

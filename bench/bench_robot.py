@@ -214,14 +214,13 @@ def cell_speed() -> None:
 def cell_rms() -> None:
     """The jaw on both machines."""
     import numpy as np
+    from lib.jaw import jaw_job
 
-    from waam_bringup.paths import share
-    from waam_lab import over_seeds, restore, run_many
+    from waam_lab import over_seeds, run_many
 
-    parts, wanted, rms = share('waam_bringup') / 'parts', seeds((1, 2, 3, 7, 11)), {}
+    wanted, rms = seeds((1, 2, 3, 7, 11)), {}
     for kind in ('gantry', 'robot'):
-        job = restore(parts / 'jaw_nominal.stl', parts / 'jaw_worn.stl', machine=kind)
-        found = run_many(over_seeds(job, list(wanted)))
+        found = run_many(over_seeds(jaw_job(machine=kind), list(wanted)))
         for r in found:
             said = r.message if r.failed else f'{r.rms * 1e3:.4f} mm, {r.share_in_tolerance:.3f}'
             print(f'robot.rms_ratio, {kind}, seed {r.seed}: {said}', file=sys.stderr)

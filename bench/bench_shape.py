@@ -37,6 +37,7 @@ from pathlib import Path
 import numpy as np
 from lib.adapt_stats import interval
 from lib.emit import emit
+from lib.jaw import jaw_job
 from lib.seeds import seeds
 
 SEEDS = tuple(range(1, 21))
@@ -65,12 +66,9 @@ PLANTS = {  # fields of MetalParams
 
 def jaw_jobs(wanted: tuple[int, ...], **options) -> list:
     """Results of the demo's jaw, one per seed; a job that fails stops the bench with its message."""
-    from waam_bringup.paths import share
-    from waam_lab import over_seeds, restore, run_many
+    from waam_lab import over_seeds, run_many
 
-    parts = share('waam_bringup') / 'parts'
-    job = restore(parts / 'jaw_nominal.stl', parts / 'jaw_worn.stl', tolerance=0.2e-3, **options)
-    return done(run_many(over_seeds(job, wanted), workers=workers()))
+    return done(run_many(over_seeds(jaw_job(**options), wanted), workers=workers()))
 
 
 def workers() -> int:
@@ -176,16 +174,13 @@ def network() -> None:
 
 def learned() -> None:
     """Every seed has a folder of its own: the teacher leaves what it taught there, the second job starts with it."""
-    from waam_bringup.paths import share
-    from waam_lab import over_seeds, parts, restore, run_many
+    from waam_lab import over_seeds, parts, run_many
 
-    chosen, options = seeds(SEEDS), {'tolerance': 0.2e-3}
-    jaw_parts = share('waam_bringup') / 'parts'
-    jaw_job = restore(jaw_parts / 'jaw_nominal.stl', jaw_parts / 'jaw_worn.stl', **options)
-    first = over_seeds(jaw_job, chosen)
+    chosen = seeds(SEEDS)
+    first = over_seeds(jaw_job(), chosen)
     with tempfile.TemporaryDirectory() as place:
         folders = [Path(place) / str(seed) for seed in chosen]
-        teacher = parts.job(Path(place), TEACHER, keep_learned=True, **options)
+        teacher = parts.job(Path(place), TEACHER, keep_learned=True)
         others = over_seeds(teacher, [OTHER_NOISE + seed for seed in chosen])
         taught = [replace(j, learned=f) for j, f in zip(others, folders, strict=True)]
         done(run_many(taught, workers=workers()))
@@ -276,12 +271,9 @@ def last_layer() -> None:
     """One worker: 30 jobs a seed."""
     from lib import last_layer as again
 
-    from waam_bringup.paths import share
-    from waam_lab import over_seeds, restore
+    from waam_lab import over_seeds
 
-    parts = share('waam_bringup') / 'parts'
-    job = restore(parts / 'jaw_nominal.stl', parts / 'jaw_worn.stl', tolerance=0.2e-3)
-    found = [1e3 * again.rms_by_way(j) for j in over_seeds(job, seeds(TAUGHT))]
+    found = [1e3 * again.rms_by_way(job) for job in over_seeds(jaw_job(), seeds(TAUGHT))]
     for seed, row in zip(seeds(TAUGHT), found, strict=True):
         ways = ', '.join(f'{n} {v:.4f}' for n, v in zip(again.WAYS, row, strict=True))
         print(f'last layer, seed {seed}: {ways} mm', file=sys.stderr)

@@ -26,12 +26,13 @@ from waam_lab.cell import LabCell
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Segment
 
+from .jaw import jaw_job
+
 LAST_LAYER = 7  # of the demo's jaw
 # of the disturbance, what a place that was seen is uncertain by; profiles beside the arc: 1 % of the height
 SIGMA = 0.2
-UNIT = np.array(
-    [9e-3, 9e-3, 2e-3]
-)  # m, of the lattice: noise_length, noise_length, noise_height of the cell
+# m, of the lattice: noise_length, noise_length, noise_height of the cell
+UNIT = np.array([9e-3, 9e-3, 2e-3])
 SIDE = 64  # nodes after which it repeats
 OFFSET, FAN = 0.060, 0.050  # m, of PlanSettings: scanner_offset along x, scanner_fov
 STEP = 1e-3  # m between the points of a path
@@ -178,16 +179,6 @@ class Calm(LabCell):
                 self.device.plant.metal.params[name] = 0.0
 
 
-def jaw(seed: int, **options):
-    """The demo's jaw as bench_shape.jaw_jobs has it."""
-    from waam_bringup.paths import share
-    from waam_lab import restore
-
-    parts = share('waam_bringup') / 'parts'
-    files = parts / 'jaw_nominal.stl', parts / 'jaw_worn.stl'
-    return restore(*files, seed, tolerance=0.2e-3, **options)
-
-
 def rail(folder: Path, seed: int, **options):
     """Three layers of the rail of inlayer_regimes, which the scanner sees much of."""
     from waam_lab import restore
@@ -220,7 +211,7 @@ def run(job, calm: bool = False) -> tuple[Calm, object]:
 
 def calm_rms(seed: int) -> float:
     """m, of the jaw of a seed whose last layer has no disturbance."""
-    return run(jaw(seed), calm=True)[1].rms
+    return run(jaw_job(seed=seed), calm=True)[1].rms
 
 
 @dataclass(frozen=True)
@@ -249,7 +240,7 @@ def usual(seed: int, delay: float, part: str = 'jaw') -> Usual:
 
     with tempfile.TemporaryDirectory() as scratch:
         own = {'keep': True, 'jobs_dir': Path(scratch)}
-        job = jaw(seed, **own) if part == 'jaw' else rail(Path(scratch), seed, **own)
+        job = jaw_job(seed=seed, **own) if part == 'jaw' else rail(Path(scratch), seed, **own)
         cell, result = run(job)
         folder = JobFolder.open(result.folder)
         maps = [folder.read_map(n) for n in range(folder.last_map() + 1)]

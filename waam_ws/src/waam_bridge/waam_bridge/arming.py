@@ -5,10 +5,8 @@ from __future__ import annotations
 from . import frames
 from .lease import Lease
 
-LATE_US, LOST_US = (
-    250_000,
-    500_000,
-)  # us of controller time; after the second the lease has ended the arc
+# us of controller time that a node is late; after the second the lease has ended the arc
+LATE_US, LOST_US = 250_000, 500_000
 
 
 class Arming:

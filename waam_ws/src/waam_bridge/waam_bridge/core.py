@@ -40,9 +40,8 @@ class Bridge:
         self.link = Link(params, self.arming.lease_us, self._on_ready)
         self.outbox = Outbox(changed=True)
         self.state, self.fault, self.fault_text = IDLE, 0, ''
-        self.held_because = (
-            ''  # why this end holds the controller, '' = it does not, or an operator does
-        )
+        # why this end holds the controller, '' = it does not, or an operator does
+        self.held_because = ''
         self.message = 'not connected'
         self.pace: Pace = as_programmed  # what the machine makes of the speeds of segments
         self.offset: Point | None = None  # m, work zero in machine coordinates

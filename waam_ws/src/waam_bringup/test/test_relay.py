@@ -9,12 +9,12 @@ from subprocess import PIPE, Popen
 
 from rclpy.executors import SingleThreadedExecutor
 
-from waam_bringup.relay import TOPICS, node_on
+from waam_bringup.node_relay import TOPICS, node_on
 from waam_msgs.msg import JobStatus, Telemetry
 from waam_node.testing import fresh_domain
 
 CELL, SITE = fresh_domain(), fresh_domain()
-CODE = f"""from waam_bringup.relay import relay
+CODE = f"""from waam_bringup.node_relay import relay
 relay('cell2', {CELL}, {SITE}, 'LOCALHOST', lambda: print('up', flush=True))"""
 
 

@@ -47,7 +47,7 @@ def _relay(args: argparse.Namespace) -> int:
             f'--to-domain {site} is that of the cell itself; cells of one site must not hear one another'
         )
     require_up(folder)
-    from .relay import TOPICS, relay
+    from .node_relay import TOPICS, relay
 
     names = ', '.join(f'/{cell_name()}/{t.lstrip("/")}' for t in TOPICS)
     said = f'ROS_DOMAIN_ID={site} ({args.reach}): {names}; Ctrl-C ends it'

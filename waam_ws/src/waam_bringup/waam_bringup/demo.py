@@ -28,9 +28,8 @@ from .paths import jobs_dir, share
 from .progress import JobProgress
 
 PART, WORN = 'jaw_nominal.stl', 'jaw_worn.stl'
-ROBOT_RATE = (
-    10.0  # simulated seconds per second at most: its cell waits for the nodes, as the gantry's does
-)
+# simulated seconds per second at most: its cell waits for the nodes, as the gantry's does
+ROBOT_RATE = 10.0
 
 
 def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> int:

@@ -78,7 +78,7 @@ class _Help(argparse.Action):
 def register(
     commands: argparse._SubParsersAction[argparse.ArgumentParser],
     write_recording: Callable[[Path, Path], None] | None = None,
-    check_robot: Callable[..., None] | None = None,
+    check_robot: Callable[[Plan, Path | None, bool, Path | None, list[Path]], None] | None = None,
 ) -> None:
     # write_recording(stored plan, new .rrd): draws for --rerun; the planner itself knows no viewer
     # check_robot(plan, urdf, turning, out, params_files): of --machine robot, prints, raises ValueError

@@ -25,9 +25,8 @@ from .params import RobotParams
 
 GOOD = (FollowJointTrajectory.Result.SUCCESSFUL,)
 KEPT = 200  # joint states
-HOLE_US = (
-    30_000  # us without a joint state while later ones are there: some were lost on a busy computer
-)
+# us without a joint state while later ones are there: some were lost on a busy computer
+HOLE_US = 30_000
 HELD = 1.0  # s after a refused goal until the machine may be resumed
 SILENT = 0.3  # s of the steady clock and of ROS time, for a simulated cell may stand still
 LOST = 2.0  # s of the steady clock

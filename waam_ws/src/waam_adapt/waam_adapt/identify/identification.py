@@ -95,7 +95,7 @@ class Identifier:
         if seen_level is not None:
             seen = replace(evidence, ratio=seen_level)
         told = self.levels.get(number, 0.0)
-        before = self._of_layer(number, told)
+        before = self._believed(told, number)
         seen = replace(seen, ratio=seen.ratio / math.exp(told))
         seen = self._without_kind(number, seen)
         self.estimate = update(self.estimate, seen, self.forgetting)
@@ -120,15 +120,11 @@ class Identifier:
         """The beads whose pattern tells the kind of layer `number`; none where kinds are not told apart."""
         return self.paths.get(number, ()) if self.by_pattern else ()
 
-    def _of_kind(self, number: int) -> Estimate:
-        """What is believed of a layer with the pattern of layer `number`."""
-        share = 1 + self.kinds.offset(self._pattern_of(number))
+    def _believed(self, told: float = 0.0, number: int = 0) -> Estimate:
+        """What is believed of a layer, of whose level the network told `told`; number: with the share of the pattern of
+        that layer, 0 = without."""
+        share = (1 + self.kinds.offset(self._pattern_of(number))) * math.exp(told)
         return replace(self.estimate, efficiency_ratio=self.estimate.efficiency_ratio * share)
-
-    def _of_layer(self, number: int, told: float) -> Estimate:
-        """The same with the level that the network told of the layer."""
-        found = self._of_kind(number)
-        return replace(found, efficiency_ratio=found.efficiency_ratio * math.exp(told))
 
     def _told(self, request: CorrectionInput) -> float:
         """Level that the network tells of the request's layer, by its weight in this job; 0 where it tells none."""
@@ -138,7 +134,7 @@ class Identifier:
     def _without_kind(self, number: int, seen: LayerEvidence) -> LayerEvidence:
         """Evidence of the process alone: what is due to the pattern of the layer is learned and taken off."""
         paths, believed = self._pattern_of(number), self.estimate
-        expected = self._of_kind(number).efficiency_ratio
+        expected = self._believed(number=number).efficiency_ratio
         variance = believed.efficiency_sigma**2 + seen.ratio_sigma**2 + believed.layer_noise**2
         self.kinds = self.kinds.learn(paths, seen.ratio / expected - 1, variance)
         return replace(seen, ratio=seen.ratio / (1 + self.kinds.offset(paths)))
@@ -230,9 +226,7 @@ class Identifier:
         come out is decided by what the scans show. The share of a pattern is not asked for: most of it is lost at rims.
         """
         slope = self.slope_of(self.model_of(request))
-        share = math.exp(self._told(request))
-        believed = replace(self.estimate, efficiency_ratio=share * self.estimate.efficiency_ratio)
-        return believed.flow_factor(slope) / request.heat_factor
+        return self._believed(self._told(request)).flow_factor(slope) / request.heat_factor
 
     def model_of(self, request: CorrectionInput) -> BeadModel | None:
         """Of the layer that the request is for; None when its beads are not told."""

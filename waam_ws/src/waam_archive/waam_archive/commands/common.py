@@ -32,9 +32,10 @@ def add_verb(
     name: str,
     text: str,
     run: Callable[[argparse.Namespace], int],
+    *more: argparse.ArgumentParser,
 ) -> argparse.ArgumentParser:
-    """A verb with the options that all of them have."""
-    p = verbs.add_parser(name, help=text, description=text, parents=[common])
+    """A verb with the options that all of them have, and with those of `more`."""
+    p = verbs.add_parser(name, help=text, description=text, parents=[common, *more])
     p.set_defaults(run_command=run)
     return p
 

@@ -97,15 +97,13 @@ def _register_retention(verbs: Verbs, common: argparse.ArgumentParser) -> None:
         'drop telemetry and maps of old jobs; reports, layers and beads stay, jobs without a report are left alone. '
         'Without limits: by the policy that is kept (waam jobs policy)'
     )
-    p = verbs.add_parser('retain', help=text, description=text, parents=[common, limits])
-    p.set_defaults(run_command=_retain)
+    p = add_verb(verbs, common, 'retain', text, _retain, limits)
     p.add_argument('--dry-run', action='store_true', help='only say what would go')
     text = (
         'show or set the policy of retention that is kept with the archive; it is applied whenever jobs are taken in, '
         'and by `waam jobs retain`'
     )
-    p = verbs.add_parser('policy', help=text, description=text, parents=[common, limits])
-    p.set_defaults(run_command=_policy)
+    p = add_verb(verbs, common, 'policy', text, _policy, limits)
     p.add_argument('--clear', action='store_true', help='no policy any more')
 
 
