@@ -14,6 +14,7 @@ these jobs and of the six parts that the network did not answer.
 noise, has taught against the same jobs started fresh; gains after the first layers on stderr.
 `shape.chosen_rms_mm`: mean RMS of random parts with the layout that `waam lab --choose` takes, against the default
 layout on the same cells; chosen on cells of other physics, reported on the usual ones.
+`shape.unseen_rms_mm`, `shape.unseen_worst_mm`: mean and worst RMS of twenty random parts that nothing was chosen on.
 `shape.last_layer_known_mm`: RMS of the jaw when the correction knows of the last layer what repeats with other noise
 (`lib/last_layer.py`), a bound for what a network or a former job can tell; seeds 101 and 102, judged with other noise
 than learned with. `shape.last_layer_solver_mm`: the same without a network.
@@ -48,6 +49,7 @@ CORNER = 5e-3  # m
 TEACHER, OTHER_NOISE = 'pockets', 1000
 STRATEGIES = ('zigzag', 'contour', 'spiral', 'combined')
 RANDOM_PARTS = (21, 22, 23, 24, 25, 26)  # of waam_lab.parts.random_part
+UNSEEN = tuple(range(61, 81))  # of random_part; nothing was chosen on them
 CHOOSING = (101, 102, 103, 104, 105)
 TAUGHT = (101, 102)  # whose last layer is laid again and again
 PITCHES = (0.60, 0.73)  # of the bead width: the material table's, and that of version 0.1
@@ -267,6 +269,36 @@ def chosen() -> None:
     emit('shape.chosen_rms_mm', best, 'mm', 'the default layout', asked)
 
 
+def unseen() -> None:
+    from waam_lab import over_seeds, restore, run_many
+
+    laws: dict[str, list] = {'growth_net': [], 'damped_inverse': []}
+    with tempfile.TemporaryDirectory() as folder:
+        for number in UNSEEN:
+            paths = random_part(Path(folder), number)
+            jobs = [
+                job
+                for law in laws
+                for job in over_seeds(
+                    restore(
+                        *paths, tolerance=0.2e-3, overrides={'correction_server': {'law': law}}
+                    ),
+                    seeds((1,)),
+                )
+            ]
+            found = done(run_many(jobs, workers=workers()))
+            half = len(found) // 2
+            told(f'random part {number}', found[:half])
+            for law, some in zip(laws, (found[:half], found[half:]), strict=True):
+                laws[law] += some
+    for law, some in laws.items():
+        told(f'{len(UNSEEN)} random parts, {law}', some)
+    rms = {law: 1e3 * np.array([r.rms for r in some]) for law, some in laws.items()}
+    own, explicit = rms.values()
+    emit('shape.unseen_rms_mm', float(own.mean()), 'mm', 'law damped_inverse', explicit.mean())
+    emit('shape.unseen_worst_mm', float(own.max()), 'mm', 'law damped_inverse', explicit.max())
+
+
 def last_layer() -> None:
     """One worker: 30 jobs a seed."""
     from lib import last_layer as again
@@ -322,6 +354,8 @@ FIGURES = {
     'shape.corner_lag_mm': block,
     'shape.chosen_rms_mm': chosen,
     'shape.pitch_rms_mm': pitches,
+    'shape.unseen_rms_mm': unseen,
+    'shape.unseen_worst_mm': unseen,
     'shape.last_layer_known_mm': last_layer,
     'shape.last_layer_solver_mm': last_layer,
 }

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from shapely import LineString, Point, box
+from shapely import LineString, Point, affinity, box
 
 from waam_plan.fill import path, strategies
 from waam_plan.fill.rings import contour_lines, spacing
@@ -65,6 +65,17 @@ def uneven(chains, area) -> float:
     pieces = path.lay_out(chains, HeightGrid.full(SPEC, 0.0), S)
     height = metal_heights(pieces, planned, area.mask, SPEC, S)
     return unevenness(pieces, height, planned, SPEC, S)
+
+
+def test_no_layout_is_taken_whose_beads_would_be_too_thin_to_lay():
+    """In a lens one number of rings leaves a middle line so close to the innermost that it would need less than the
+    least feed; another one, which lies as evenly, does not."""
+    shape = affinity.scale(Point(0, 0).buffer(1e-3, 64), 30, 14)
+    area = area_of(shape)
+    planned = np.where(area.mask, 1e-3, 0.0)
+    pieces = path.lay_out(layout.most_even(area, planned), HeightGrid.full(SPEC, 0.0), S)
+    height = metal_heights(pieces, planned, area.mask, SPEC, S)
+    assert height.min() > layout.thinnest_bead(S)
 
 
 def test_a_missing_ring_is_uneven():
