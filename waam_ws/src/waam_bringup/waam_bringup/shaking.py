@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,15 @@ class Shaking(GraphClient):
         for name, value in settings:
             said = self.command(Command.Request.CONFIGURE, name, value)
         return said
+
+    def told(self) -> dict[str, float]:
+        """Settings that the controller has, by name; those that are no number are left out."""
+        found = {}
+        for word in self.command(Command.Request.SETTINGS).split():
+            name, _, value = word.partition('=')
+            with contextlib.suppress(ValueError):
+                found[name] = float(value)
+        return found
 
     def ready(self) -> None:
         """Homed and in IDLE; a job that runs is a ClientError."""
