@@ -222,7 +222,9 @@ class Campaign:
         for move in self.controller.moves():
             s = self.waiting.popleft() if self.waiting else None
             if s is None or move.end != steps(s, self.scale):
-                self._third(f'line {move.line} ended at {move.end}, not {s and steps(s, self.scale)}')
+                self._third(
+                    f'line {move.line} ended at {move.end}, not {s and steps(s, self.scale)}'
+                )
                 return
             if s.arc and abs(move.wire_mm_s - s.wire_feed_speed * 1e3) > 1e-3:
                 self._third(f'segment {s.index}: wire {move.wire_mm_s} mm/s')

@@ -87,7 +87,7 @@ def _match(pattern: re.Pattern, payload: bytes) -> tuple:
 
 
 def _three(text: str) -> tuple[float, float, float]:
-    """Of x, y, z; one number is that of all (firmware before 0.3)."""
+    """Of x, y, z; one number is that of all (older firmware)."""
     values = [float(v) for v in text.split(',')]
     x, y, z = values * 3 if len(values) == 1 else values
     return x, y, z

@@ -25,7 +25,9 @@ def register(commands: argparse._SubParsersAction) -> None:
     from waam_calibrate import cli
     from waam_calibrate.graph import Graph
 
-    cli.register(commands, Graph(paths.calibrations_dir, add_run, measure, send, told, wire, rehearse))
+    cli.register(
+        commands, Graph(paths.calibrations_dir, add_run, measure, send, told, wire, rehearse)
+    )
 
 
 def measure(args: argparse.Namespace, sweep: Sweep, axis: str, point: Point | None) -> Samples:

@@ -68,9 +68,7 @@ class Machine:
         self._lib = library()
         self._handle = self._lib.controller_lib_new(1, 1_000_000)
         if len(true_steps):
-            self._lib.controller_lib_machine_steps(
-                self._handle, (ctypes.c_double * 3)(*true_steps)
-            )
+            self._lib.controller_lib_machine_steps(self._handle, (ctypes.c_double * 3)(*true_steps))
         self._bytes = ctypes.create_string_buffer(TX_BYTES)
         self._text = ''
         self.next = 1

@@ -129,7 +129,10 @@ def test_steps_per_mm_are_set_at_rest_and_homing_is_lost(homed):
     ]  # fmt: skip
     assert homed.ask('$102=771')[-1] == 'error:21' and homed.ask('$102=770')[-1] == 'ok'
     assert homed.ask('$J=G91 X5 F500')[-1] == 'ok'
-    assert homed.ask('$100=320') == ['[MSG:E108 column 1: settings only in IDLE or ALARM]', 'error:8']
+    assert homed.ask('$100=320') == [
+        '[MSG:E108 column 1: settings only in IDLE or ALARM]',
+        'error:8',
+    ]
 
 
 def test_frames_and_help(homed):

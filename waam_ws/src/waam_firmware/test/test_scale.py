@@ -1,4 +1,4 @@
-"""Steps per mm of each axis: told by `$C`, exact at every end, true on a machine that takes them; homing goes with a change."""
+"""Steps per mm of each axis: told by `$C`, exact at every end, true on a machine that takes them."""
 
 from __future__ import annotations
 
@@ -84,17 +84,23 @@ def test_not_while_it_moves_nor_while_a_job_is_armed():
 @settings(max_examples=6, deadline=None)
 @given(st.data())
 def test_ends_are_exact_whatever_the_steps(data):
-    """Pulses are counted from homing, on a machine whose steps are other ones; nothing adds up over many short moves."""
-    values = [data.draw(st.integers(10_000, int(most * 1e3))) / 1e3 for most in (X_MOST, X_MOST, Z_MOST)]
+    """Pulses are counted from homing, on a machine whose steps are other ones; nothing adds up."""
+    values = [
+        data.draw(st.integers(10_000, int(most * 1e3))) / 1e3 for most in (X_MOST, X_MOST, Z_MOST)
+    ]
     shaped = {'shape_x': 'mzv', 'shape_x_hz': 40.0, 'shape_y': 'zv', 'shape_y_hz': 60.0}
-    m = Machine(true_steps=(320, 320, 320), **told(*values), **(shaped if data.draw(st.booleans()) else {}))
+    m = Machine(
+        true_steps=(320, 320, 320), **told(*values), **(shaped if data.draw(st.booleans()) else {})
+    )
     zero = np.round(m.place() * 320)
     ends = data.draw(st.lists(st.tuples(*(st.integers(0, 3000),) * 3), min_size=3, max_size=12))
     for x, y, z in ends:
         m.send(f'G1 X{x / 1e2:.2f} Y{y / 1e2:.2f} Z{170 + z / 1e2:.2f} F9000')
     m.run('G1 X1.2345 Y2.3456 Z199.9876')
     pulses = np.round(m.place() * 320) - zero
-    wanted = [np.floor(v * k + 0.5) for v, k in zip((1.2345, 2.3456, 199.9876), values, strict=True)]
+    wanted = [
+        np.floor(v * k + 0.5) for v, k in zip((1.2345, 2.3456, 199.9876), values, strict=True)
+    ]
     wanted[2] -= np.floor(200 * values[2] + 0.5)
     assert pulses.tolist() == wanted
 
