@@ -111,7 +111,8 @@ class Shaking(GraphClient):
         """Switches the accelerometer. ClientError with what it says when it refuses."""
         answer = self.call(SetBool, 'accelerometer/enable', SetBool.Request(data=on))
         if not answer.success:
-            raise ClientError(f'the accelerometer: {answer.message}')
+            hint = 'the simulated cell has one with its parameter gantry_on (waam up --params-file)'
+            raise ClientError(f'the accelerometer: {answer.message}; {hint}')
 
     def enqueue(self, segments: list[Segment], job: str) -> None:
         """ClientError when the bridge refuses a segment; then none of the batch was taken."""

@@ -60,6 +60,7 @@ def test_skew_refuses() -> None:
         ('diagonal was|was a diagonal', (200.0, 201.0, 201.0)),
         ('too small', (20.0, 28.3, 28.2)),
         ('larger frame', (60.0, 84.9, 84.8)),
+        ('lean .7.0 deg: a typing error', (200.0, 299.58, 265.05)),
     ):
         with pytest.raises(EvidenceError, match=text):
             measures.skew(*lengths)

@@ -119,10 +119,10 @@ def test_steps_per_mm_are_set_at_rest_and_homing_is_lost(homed):
     """Not while something moves; what is absurd is refused with the reason."""
     assert homed.ask('$100=320')[-1] == 'ok'
     homed.run('G1 X20 F3000')
-    before = homed.status()['machine']
+    before = homed.status()['at']
     assert homed.ask('$100=319.8734') == ['[MSG:homing is lost: $H]', 'ok']
     assert '$100=319.873' in homed.ask('$$') and '$101=320.000' in homed.ask('$$')
-    assert homed.status()['machine'] == pytest.approx(before, abs=2e-3)
+    assert homed.status()['at'] == pytest.approx(before, abs=2e-3)
     assert homed.ask('G1 X10')[-1] == 'error:9'
     assert homed.ask('$101=9.9') == [
         '[MSG:E104 column 1: steps_per_mm_y must lie within 10 .. 2000]', 'error:2',
