@@ -18,7 +18,8 @@ arc.off_max_ms: age of the lease, in controller time, when the arc went off afte
     WAAM_BENCH_KILLS moments (9; 200 for a verdict). A scene that a busy computer has upset is set up anew, five
     times at most; how often goes to stderr
 
-With WAAM_BENCH_SHAPER=1 noise and kills run with an input shaper in the controller (2HUMP_EI and MZV).
+With WAAM_BENCH_SHAPER=1 noise and kills run with an input shaper in the controller (2HUMP_EI and MZV), with
+WAAM_BENCH_SCALE=1 with steps per mm that differ from axis to axis (319.873, 345.021, 640.5).
 
 Without Printrun the two baselines are null. With the defaults it takes about 3 minutes, with WAAM_BENCH_LINK_S=600 and
 WAAM_BENCH_KILLS=200 some 20; WAAM_BENCH_NOISE=1000000 takes an hour of its own. Each part says on stderr how long it
@@ -56,6 +57,7 @@ STEADY_S = float(os.environ.get('WAAM_BENCH_LINK_S', '60'))
 NOISE = int(os.environ.get('WAAM_BENCH_NOISE', '20000'))
 NOISE_SEED = int(os.environ.get('WAAM_BENCH_NOISE_SEED', '11'))
 SHAPED = os.environ.get('WAAM_BENCH_SHAPER', '') == '1'
+SCALED = os.environ.get('WAAM_BENCH_SCALE', '') == '1'
 KILLS = int(os.environ.get('WAAM_BENCH_KILLS', '9'))
 
 
@@ -273,9 +275,9 @@ class Stalls:
 
 def settings() -> tuple[str, ...]:
     """Of the controller, for noise and kills."""
-    from bridge_campaign import SHAPER
+    from bridge_campaign import SCALE, SHAPER
 
-    return SHAPER if SHAPED else ()
+    return (SHAPER if SHAPED else ()) + (SCALE if SCALED else ())
 
 
 def noise() -> None:

@@ -11,9 +11,10 @@ of the campaign: it goes on until every segment was executed exactly once.
 from __future__ import annotations
 
 import contextlib
+import math
 import random
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from bridge_cable import Cable
@@ -38,6 +39,7 @@ NODE = 'worker'
 JOB = 'noise'
 # of the controller, as `$C` takes them: 2HUMP_EI and MZV
 SHAPER = ('shape_x_hz 25', 'shape_y_hz 40', 'shape_x 5', 'shape_y 3')
+SCALE = ('steps_per_mm_x 319.873', 'steps_per_mm_y 345.021', 'steps_per_mm_z 640.5')
 
 
 @dataclass
@@ -89,9 +91,17 @@ class Path:
         )
 
 
-def steps(segment: Segment) -> tuple[int, ...]:
+def scale_of(settings: Iterable[str]) -> tuple[float, ...]:
+    """Steps per mm of x, y, z with these settings."""
+    told = dict(s.split() for s in settings)
+    return tuple(float(told.get(f'steps_per_mm_{axis}', STEPS_PER_MM)) for axis in 'xyz')
+
+
+def steps(segment: Segment, scale: Sequence[float] = 3 * (STEPS_PER_MM,)) -> tuple[int, ...]:
     """Where the controller must stand after it: what the line says, rounded as the controller rounds."""
-    return tuple(round(round(v * 1e3, 4) * STEPS_PER_MM) for v in segment.end)
+    return tuple(
+        math.floor(round(v * 1e3, 4) * k + 0.5) for v, k in zip(segment.end, scale, strict=True)
+    )
 
 
 class Campaign:
@@ -114,6 +124,8 @@ class Campaign:
         )  # of the replacements: the rest happens without them as well
         self.dice = random.Random(seed)
         self.controller = ControllerLib(boot=seed)
+        settings = tuple(settings)
+        self.scale = scale_of(settings)
         for setting in settings:
             self.controller.feed(frames.immediate('C', setting, 0, frames.CRC16))
             assert b'$C ok' in (answer := self.controller.take()), answer
@@ -209,8 +221,10 @@ class Campaign:
     def _check(self) -> None:
         for move in self.controller.moves():
             s = self.waiting.popleft() if self.waiting else None
-            if s is None or move.end != steps(s):
-                self._third(f'line {move.line} ended at {move.end}, not {s and steps(s)}')
+            if s is None or move.end != steps(s, self.scale):
+                self._third(
+                    f'line {move.line} ended at {move.end}, not {s and steps(s, self.scale)}'
+                )
                 return
             if s.arc and abs(move.wire_mm_s - s.wire_feed_speed * 1e3) > 1e-3:
                 self._third(f'segment {s.index}: wire {move.wire_mm_s} mm/s')

@@ -22,9 +22,10 @@ GOOD = [
     '$A ok',
     '$J error E108 not now',
     '$I WAAM_CONTROLLER_V1 fw=0.1.0 boot=99 clk=sync blocks=64 rx=2048 lim=0,0,0,400,300,200 '
-    'spmm=320 acc=7 exe=5 cap=A,B',
+    'spmm=319.873,320,640.5 acc=7 exe=5 cap=A,B',
     'D 1700000000000000,3,1,0,15000,14250,-750',
 ]
+IDENTITY = 'W fw=1 boot=1 clk=sync blocks=1 rx=1 lim=0,0,0,1,1,1 spmm={} acc=1 exe=1 cap='
 
 
 def line(text):
@@ -80,6 +81,20 @@ def test_lost_bytes_are_detected(text, place, count):
         parsing.parse(good[:place] + good[place + count :])
 
 
+@pytest.mark.parametrize(
+    ('text', 'steps'),
+    [('320', (320, 320, 320)), ('319.873,320,640.5', (319.873, 320, 640.5))],
+)
+def test_steps_per_mm_of_new_and_old_firmware(text, steps):
+    assert parsing.parse(line(f'$I {IDENTITY.format(text)}')).steps_per_mm == steps
+
+
+@pytest.mark.parametrize('text', ['', '0,1,1', '1,2', '1,2,3,4', '-1', 'nan,1,1', '1e7,1,1'])
+def test_steps_per_mm_that_make_no_sense_are_no_identity(text):
+    with pytest.raises(frames.FrameError):
+        parsing.parse(line(f'$I {IDENTITY.format(text)}'))
+
+
 @settings(max_examples=500)
 @given(st.binary(max_size=200))
 def test_noise_raises_only_the_typed_error(data):
@@ -94,6 +109,7 @@ def test_noise_raises_only_the_typed_error(data):
         st.text(st.characters(max_codepoint=255), max_size=60),
         st.lists(st.integers(-(2**70), 2**70), max_size=21).map(lambda v: ','.join(map(str, v))),
         st.just('X fw=1 boot=1 clk=sync blocks=1 rx=1 lim=nan,inf,0,0,0,0 spmm=1 cap='),
+        st.text('0123456789.,-einaf', max_size=20).map(IDENTITY.format),
     ),
 )
 def test_wrong_content_with_a_right_check_raises_only_the_typed_error(start, rest):
@@ -108,6 +124,7 @@ def test_wrong_content_with_a_right_check_raises_only_the_typed_error(start, res
     if isinstance(frame, frames.Standoff):
         assert frame.known in (0, 1) and all(-(2**31) <= v < 2**31 for v in frame[1:])
     if isinstance(frame, frames.Identity):
+        assert len(frame.steps_per_mm) == 3 and all(0 < v < 1e6 for v in frame.steps_per_mm)
         assert all(abs(v) < 1e6 for v in frame.limits_mm)
 
 

@@ -29,7 +29,8 @@ from .standoff import OF_SOURCE
     UNLOCK_ESTOP,
     CLEAR_QUEUE,
     CONFIGURE,
-) = range(1, 14)  # waam_msgs/srv/Command
+    SETTINGS,
+) = range(1, 15)  # waam_msgs/srv/Command
 
 
 @dataclass(frozen=True)
@@ -209,6 +210,11 @@ def _configure(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
     bridge.ask('C', f'{c.text} {number(c.value, 5)}', reply, now)
 
 
+def _settings(bridge: Bridge, _: Command, reply: Reply, now: float) -> None:
+    _need_rest(bridge, 'SETTINGS')
+    bridge.ask('L', '', reply, now)
+
+
 _COMMANDS = {
     ARM: ('ARM', _arm),
     DISARM: ('DISARM', _disarm),
@@ -223,4 +229,5 @@ _COMMANDS = {
     UNLOCK_ESTOP: ('UNLOCK_ESTOP', _unlock_estop),
     CLEAR_QUEUE: ('CLEAR_QUEUE', _clear_queue),
     CONFIGURE: ('CONFIGURE', _configure),
+    SETTINGS: ('SETTINGS', _settings),
 }

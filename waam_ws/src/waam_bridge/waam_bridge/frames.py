@@ -151,7 +151,7 @@ class Identity(NamedTuple):
     blocks: int
     rx: int
     limits_mm: tuple[float, ...]  # x0, y0, z0, x1, y1, z1 in machine coordinates
-    steps_per_mm: float
+    steps_per_mm: tuple[float, float, float]  # x, y, z
     capabilities: tuple[str, ...]
     offset_mm: tuple[float, ...] | None  # work offset G54, when the controller reports it
     accepted: int  # line number; after `$I keep` it does not change before `$L`

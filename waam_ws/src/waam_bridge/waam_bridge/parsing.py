@@ -86,6 +86,13 @@ def _match(pattern: re.Pattern, payload: bytes) -> tuple:
     return found.groups()
 
 
+def _three(text: str) -> tuple[float, float, float]:
+    """Of x, y, z; one number is that of all (older firmware)."""
+    values = [float(v) for v in text.split(',')]
+    x, y, z = values * 3 if len(values) == 1 else values
+    return x, y, z
+
+
 def _identity(payload: bytes, digits: int) -> Identity:
     words = _text(payload).split()
     if len(words) < 2:
@@ -102,7 +109,7 @@ def _identity(payload: bytes, digits: int) -> Identity:
             blocks=int(fields['blocks']),
             rx=int(fields['rx']),
             limits_mm=limits,
-            steps_per_mm=float(fields['spmm']),
+            steps_per_mm=_three(fields['spmm']),
             capabilities=tuple(c for c in fields.get('cap', '').split(',') if c),
             offset_mm=offset,
             accepted=int(fields['acc']),
@@ -111,10 +118,12 @@ def _identity(payload: bytes, digits: int) -> Identity:
         )
     except KeyError as e:
         raise FrameError(f'identification without {e.args[0]}=') from None
-    numbers = (*who.limits_mm, *(who.offset_mm or ()), who.steps_per_mm)
+    numbers = (*who.limits_mm, *(who.offset_mm or ()), *who.steps_per_mm)
     if len(who.limits_mm) != 6 or len(who.offset_mm or (0, 0, 0)) != 3:
         raise FrameError('identification with the wrong count of limits')
     if not all(abs(v) < 1e6 for v in numbers) or not 0 <= who.boot < _U32:
+        raise FrameError('identification out of range')
+    if not all(v > 0 for v in who.steps_per_mm):
         raise FrameError('identification out of range')
     if not (0 < who.blocks < 65536 and 0 < who.rx < 2**24):
         raise FrameError('identification out of range')

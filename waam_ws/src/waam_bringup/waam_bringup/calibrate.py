@@ -25,7 +25,9 @@ def register(commands: argparse._SubParsersAction) -> None:
     from waam_calibrate import cli
     from waam_calibrate.graph import Graph
 
-    cli.register(commands, Graph(paths.calibrations_dir, add_run, measure, send, wire, rehearse))
+    cli.register(
+        commands, Graph(paths.calibrations_dir, add_run, measure, send, told, wire, rehearse)
+    )
 
 
 def measure(args: argparse.Namespace, sweep: Sweep, axis: str, point: Point | None) -> Samples:
@@ -47,6 +49,21 @@ def send(args: argparse.Namespace, settings: Settings) -> str:
     require_up(run)
     with Shaking(domain) as graph:
         return graph.configure(settings)
+
+
+def told(args: argparse.Namespace) -> dict[str, float] | None:
+    """Settings that the controller has; None when no graph with one is up."""
+    from .client import ClientError
+    from .operate import require_up
+    from .shaking import Shaking
+
+    try:
+        run, domain = run_and_domain(args)
+        require_up(run)
+        with Shaking(domain) as graph:
+            return graph.told()
+    except ClientError:
+        return None
 
 
 def wire(path: Path) -> WireRecord:
@@ -85,9 +102,10 @@ def rehearse(what: str, seed: int) -> tuple[str, np.ndarray]:
     return made.text, made.truth
 
 
-def check(folder: Path | None = None) -> list[str]:
-    """Why no job may run, one reason each (waam calibrate status)."""
+def check(args: argparse.Namespace, folder: Path | None = None) -> list[str]:
+    """Why no job may run, one reason each (waam calibrate status). args: that name the graph."""
     from waam_calibrate import results, store
 
     kept = store.load_all(folder or paths.calibrations_dir())
-    return results.refusals(kept.results, kept.damaged)
+    asks = any(r.kind == 'steps' and r.settings for r in results.newest(kept.results).values())
+    return results.refusals(kept.results, kept.damaged, told(args) if asks else None)

@@ -65,6 +65,10 @@ def _add_up(p: argparse.ArgumentParser) -> None:
         '--seed', type=int, default=1, help='seed of everything random in the simulated cell'
     )
     p.add_argument(
+        '--machine-steps', nargs=3, type=float, metavar=('X', 'Y', 'Z'), default=(320.0,) * 3,
+        help='steps that a mm of the simulated gantry really takes (320 each, as its controller has them at first)',
+    )  # fmt: skip
+    p.add_argument(
         '--foreground', action='store_true', help='stay and print; Ctrl-C stops the graph'
     )
     p.add_argument(
@@ -132,6 +136,7 @@ def _up(args: argparse.Namespace) -> int:
         port=args.port,
         rate=args.rate,
         seed=args.seed,
+        machine_steps=tuple(args.machine_steps),
         epoch_us=int(time.time()) * 1_000_000,
         grpc_port=args.grpc_port or (free_port() if args.web_port else 0),
         web_port=args.web_port,

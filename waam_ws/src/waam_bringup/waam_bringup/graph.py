@@ -30,6 +30,11 @@ class Settings:
     port: str = ''  # serial port of a real controller; '' = simulated cell
     rate: float = 0.0  # simulated seconds per second at most; 0 = as fast as it goes
     seed: int = 1  # of everything random in the cell
+    machine_steps: tuple[float, float, float] = (
+        320.0,
+        320.0,
+        320.0,
+    )  # per mm, of the simulated gantry, x y z
     epoch_us: int = 1
     grpc_port: int = 0
     web_port: int = 0
@@ -113,6 +118,7 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
         'rate': settings.rate,
         'pace': settings.pace,
         'seed': settings.seed,
+        'machine_steps': ','.join(f'{v:.10g}' for v in settings.machine_steps),
         'epoch_us': settings.epoch_us,
         'grpc_port': settings.grpc_port,
         'web_port': settings.web_port,

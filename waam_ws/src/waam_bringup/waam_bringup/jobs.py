@@ -83,7 +83,7 @@ def check_arguments(args: argparse.Namespace) -> None:
         raise ValueError(str(e)) from None
     if args.as_found and not args.as_found.exists():
         raise ValueError(f'--as-found {args.as_found}: no such file')
-    reasons = [] if getattr(args, 'ignore_calibration', False) else calibrate.check()
+    reasons = [] if getattr(args, 'ignore_calibration', False) else calibrate.check(args)
     if reasons:
         raise ValueError(f'{"; ".join(reasons)} (waam calibrate status; --ignore-calibration)')
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,15 @@ class Shaking(GraphClient):
             said = self.command(Command.Request.CONFIGURE, name, value)
         return said
 
+    def told(self) -> dict[str, float]:
+        """Settings that the controller has, by name; those that are no number are left out."""
+        found = {}
+        for word in self.command(Command.Request.SETTINGS).split():
+            name, _, value = word.partition('=')
+            with contextlib.suppress(ValueError):
+                found[name] = float(value)
+        return found
+
     def ready(self) -> None:
         """Homed and in IDLE; a job that runs is a ClientError."""
         if job := self.running_job():
@@ -101,7 +111,8 @@ class Shaking(GraphClient):
         """Switches the accelerometer. ClientError with what it says when it refuses."""
         answer = self.call(SetBool, 'accelerometer/enable', SetBool.Request(data=on))
         if not answer.success:
-            raise ClientError(f'the accelerometer: {answer.message}')
+            hint = 'the simulated cell has one with its parameter gantry_on (waam up --params-file)'
+            raise ClientError(f'the accelerometer: {answer.message}; {hint}')
 
     def enqueue(self, segments: list[Segment], job: str) -> None:
         """ClientError when the bridge refuses a segment; then none of the batch was taken."""

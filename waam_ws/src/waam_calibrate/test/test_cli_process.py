@@ -32,8 +32,9 @@ def waam(tmp_path: Path, told):
         raise AssertionError('nothing is shaken here')
 
     graph = Graph(
-        lambda: tmp_path / 'kept', lambda p: None, measure, send, lambda path: made_up(0.05, 0.12)
-    )
+        lambda: tmp_path / 'kept', lambda p: None, measure, send, lambda args: None,
+        lambda path: made_up(0.05, 0.12),
+    )  # fmt: skip
     parser = argparse.ArgumentParser()
     cli.register(parser.add_subparsers(), graph)
 

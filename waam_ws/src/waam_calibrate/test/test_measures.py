@@ -60,6 +60,7 @@ def test_skew_refuses() -> None:
         ('diagonal was|was a diagonal', (200.0, 201.0, 201.0)),
         ('too small', (20.0, 28.3, 28.2)),
         ('larger frame', (60.0, 84.9, 84.8)),
+        ('lean .7.0 deg: a typing error', (200.0, 299.58, 265.05)),
     ):
         with pytest.raises(EvidenceError, match=text):
             measures.skew(*lengths)
@@ -104,9 +105,16 @@ def test_status_tells_what_counts_and_what_a_job_refuses() -> None:
     true = outcome.of_steps(
         measures.steps([100.0] * 3, [100.1] * 3, 320.0), 'x', 3, NOW + timedelta(days=1)
     )
-    assert results.refusals([some()]) and '+1.00 % off' in results.refusals([some()])[0]
-    assert not results.refusals([true, some()]), 'the newer one counts'
-    text = '\n'.join(results.table([some()], [], NOW + timedelta(days=400)))
+    told = {'steps_per_mm_x': 320.0}
+    refused = results.refusals([some()], [], told)
+    assert refused == [
+        'steps_x: the controller has 320 steps/mm, 316.832 were found: +1.00 %, at most 0.5 % (waam calibrate apply)'
+    ]
+    assert not results.refusals([some()], [], {'steps_per_mm_x': 316.832})
+    assert not results.refusals([some()]), 'what the controller has is not known'
+    assert not results.refusals([true, some()], [], told), 'the newer one counts'
+    assert results.missing([true], told) and not results.missing([true], {'steps_per_mm_x': 319.68})
+    text = '\n'.join(results.table([some()], [], NOW + timedelta(days=400), told))
     assert 'more than a year ago' in text and 'a job will refuse: steps_x' in text
     assert 'skew         not calibrated' in text
 

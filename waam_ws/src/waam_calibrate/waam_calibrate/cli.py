@@ -57,6 +57,7 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser], grap
     cli_process.register(verbs, graph)
     cli_robot.register(verbs, graph)
     status = verb(verbs, 'status', 'what is calibrated, when, and what a job will refuse', graph)
+    graph.add_options(status)
     status.set_defaults(run_command=lambda args: show_status(args, graph))
     apply = verb(verbs, 'apply', 'tell the controller the settings of all results again', graph)
     graph.add_options(apply)
@@ -95,8 +96,13 @@ def _add_lengths(verbs: Verbs, graph: Graph) -> None:
     for name, text in lengths.items():
         p.add_argument(f'--{name}', nargs='+', type=float, required=True, metavar='MM', help=text)
     p.add_argument(
-        '--steps-per-mm', type=float, default=320.0, help='of the controller now (default 320)'
+        '--steps-per-mm', type=float, metavar='N',
+        help='of the controller when the travels were made (default: what it says now)',
+    )  # fmt: skip
+    p.add_argument(
+        '--dry-run', action='store_true', help='tell the controller nothing and keep nothing'
     )
+    graph.add_options(p)
     p.set_defaults(run_command=lambda args: steps(args, graph))
     p = verb(verbs, 'skew', 'angle between x and y, from a frame that was measured', graph)
     sides = {'side-x': 'along x', 'rising': 'diagonal from the origin', 'falling': 'the other one'}
@@ -147,13 +153,26 @@ def resonance(args: argparse.Namespace, graph: Graph) -> int:
 
 
 def steps(args: argparse.Namespace, graph: Graph) -> int:
-    """Steps per mm; the controller has them built in, programs are corrected by the scale."""
+    """Steps per mm, told to the controller. EvidenceError when its present ones are not known."""
     from . import measures, outcome
+    from .evidence import EvidenceError
 
-    found = measures.steps(args.commanded, args.measured, args.steps_per_mm)
+    told = graph.told(args)
+    now = args.steps_per_mm or (told or {}).get(f'steps_per_mm_{args.axis}')
+    if not now:
+        raise EvidenceError(
+            'no controller says its steps per mm: start the graph (waam up), or give --steps-per-mm'
+        )
+    found = measures.steps(args.commanded, args.measured, now)
     result = outcome.of_steps(found, args.axis, len(args.commanded), datetime.now(UTC))
-    note = f'until the controller has it: waam correct PROGRAM --scale-{args.axis} {found.scale:.6f} --out FILE'
-    keep(folder(args, graph), result, [note])
+    if args.dry_run:
+        print(result.text)
+        return 0
+    correct = f'waam correct PROGRAM --scale-{args.axis} {found.scale:.6f} --out FILE'
+    tells = 'waam calibrate apply tells the controller' if told is None else ''
+    keep(folder(args, graph), result, [f'{tells}; until it has it: {correct}'] if tells else [])
+    if told is not None:
+        print(f'controller: {graph.send(args, result.settings) or "told"}; home the machine again')
     return 0
 
 
@@ -188,8 +207,9 @@ def show_status(args: argparse.Namespace, graph: Graph) -> int:
     from . import results, store
 
     kept = store.load_all(folder(args, graph))
-    print('\n'.join(results.table(kept.results, kept.damaged, datetime.now(UTC))))
-    return 1 if results.refusals(kept.results, kept.damaged) else 0
+    told = graph.told(args)
+    print('\n'.join(results.table(kept.results, kept.damaged, datetime.now(UTC), told)))
+    return 1 if results.refusals(kept.results, kept.damaged, told) else 0
 
 
 def send_all(args: argparse.Namespace, graph: Graph) -> int:

@@ -24,6 +24,7 @@ Settings = list[tuple[str, float]]
 class Graph:
     """folder: of the results when none is given. add_options: those that name a graph. measure: shakes an axis at a
     place (m, work frame; None = where the torch is). send: settings of the controller; returns what it said last.
+    told: the settings that it has, by name; None = no graph is up, or it has none.
     wire: telemetry of a recording (job folder, folder or file). rehearse: 'touches' or 'profiles' of a simulated
     robot by its seed, the text of a file and what it should show (4, 4)."""
 
@@ -31,5 +32,6 @@ class Graph:
     add_options: Callable[[argparse.ArgumentParser], None]
     measure: Callable[[argparse.Namespace, Sweep, str, Point | None], Samples]
     send: Callable[[argparse.Namespace, Settings], str]
+    told: Callable[[argparse.Namespace], dict[str, float] | None]
     wire: Callable[[Path], WireRecord]
     rehearse: Callable[[str, int], tuple[str, np.ndarray]] | None = None

@@ -18,6 +18,7 @@ LEAST_MEASURED = 3  # measurements of one thing
 SHORTEST = 50.0  # mm of travel, or of the longest side of a frame
 SCALE_SURE = 5e-4  # standard uncertainty of a scale
 SCALE_MOST = 0.05  # a larger error is a typing error or the wrong motor setting
+SKEW_MOST = 4.0  # deg; a larger one is a typing error
 SKEW_SURE = 0.03  # deg, standard uncertainty
 SIDES = (0.2, 5.0)  # ratio of the sides of a frame
 SLOPES = (5.0, 85.0)  # deg
@@ -125,6 +126,8 @@ def skew(
         angle = angles_from_diagonals(float(x), y, float(up), float(down))
     except SkewError as e:
         raise EvidenceError(str(e)) from None
+    if abs(angle) > math.radians(SKEW_MOST):
+        raise EvidenceError(f'y would lean {math.degrees(angle):+.1f} deg: a typing error')
     sigma = math.degrees(math.hypot(up, down) * gauge / (2 * x * y * math.cos(angle)))
     if sigma > SKEW_SURE:
         text = f'a gauge of {gauge:g} mm tells this frame to {sigma:.3f} deg, {SKEW_SURE:g} deg are needed'

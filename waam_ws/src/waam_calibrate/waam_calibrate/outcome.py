@@ -43,7 +43,7 @@ def of_resonance(found: Resonance, sweep: Sweep, now: datetime) -> Result:
 
 
 def of_steps(found: measures.Steps, axis: str, lengths: int, now: datetime) -> Result:
-    """The scale, and the steps per mm that the controller should have."""
+    """The scale, and the steps per mm for the controller."""
     off = found.scale - 1
     values = {
         'scale': found.scale,
@@ -51,11 +51,9 @@ def of_steps(found: measures.Steps, axis: str, lengths: int, now: datetime) -> R
         'offset_mm': found.offset,
     }
     evidence = {'standard_uncertainty': found.sigma, 'lengths': float(lengths)}
-    refuses = ''
-    if abs(off) > results.LARGEST_SCALE:
-        refuses = f'{100 * off:+.2f} % off in length, at most {100 * results.LARGEST_SCALE:g} %'
     text = f'{found.steps_per_mm:.3f} steps/mm ({100 * off:+.3f} % +- {100 * found.sigma:.3f} %)'
-    return Result('steps', axis, stamp(now), text, values, evidence, [], refuses)
+    told = [(results.STEPS + axis, round(found.steps_per_mm, 3))]
+    return Result('steps', axis, stamp(now), text, values, evidence, told)
 
 
 def of_skew(found: measures.Skew, now: datetime) -> Result:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta
 from typing import Any
@@ -15,8 +15,10 @@ KINDS = {
     'resonance': ('x', 'y'), 'steps': ('x', 'y', 'z'), 'skew': ('',), 'tcp': ('',), 'wire': ('',), 'lead': ('',),
     'arc': ('',), 'robot-tcp': ('',), 'hand-eye': ('',),
 }  # fmt: skip
+TOLD = 6e-4  # by how much a setting may differ from what was told: it travels rounded
 OLD = timedelta(days=365)
 LARGEST_SCALE = 0.005  # real over commanded length less 1
+STEPS = 'steps_per_mm_'  # settings of the controller, and the axis
 LARGEST_SKEW = 0.25  # deg
 LARGEST_TOOL = 1e-3  # m: tip or scanner of a robot from where its programs have it
 LARGEST_TURN = math.radians(0.5)  # of the scanner
@@ -118,24 +120,56 @@ def newest(results: Iterable[Result]) -> dict[str, Result]:
     return found
 
 
-def refusals(results: Iterable[Result], damaged: Iterable[str] = ()) -> list[str]:
-    """Why a job must not run, one reason each. damaged: what is wrong with files that cannot be read. What was never
-    calibrated refuses nothing."""
+def refusals(
+    results: Iterable[Result],
+    damaged: Iterable[str] = (),
+    told: Mapping[str, float] | None = None,
+) -> list[str]:
+    """Why a job must not run, one reason each. damaged: what is wrong with files that cannot be read. told: settings
+    that the controller has, None = not known. What was never calibrated refuses nothing."""
     found = [f'{text}' for text in damaged]
     last = newest(results)
-    return found + [f'{name}: {r.refuses}' for name, r in sorted(last.items()) if r.refuses]
+    found += [f'{name}: {r.refuses}' for name, r in sorted(last.items()) if r.refuses]
+    wrong = [(name, _off(r, told or {})) for name, r in sorted(last.items())]
+    return found + [f'{name}: {reason}' for name, reason in wrong if reason]
 
 
-def table(results: Iterable[Result], damaged: Iterable[str], now: datetime) -> list[str]:
-    """What `waam calibrate status` prints: every calibration, when, what, and what a job will refuse."""
+def _off(result: Result, told: Mapping[str, float]) -> str:
+    """Why lengths are wrong with the steps per mm of the controller; '' = they are right, or not known."""
+    for name, value in result.settings:
+        if name.startswith(STEPS) and abs(told.get(name, value) / value - 1) > LARGEST_SCALE:
+            off = 100 * (told[name] / value - 1)
+            text = f'the controller has {told[name]:g} steps/mm, {value:g} were found: {off:+.2f} %'
+            return f'{text}, at most {100 * LARGEST_SCALE:g} % (waam calibrate apply)'
+    return ''
+
+
+def missing(results: Iterable[Result], told: Mapping[str, float]) -> list[str]:
+    """Settings of the last results that the controller does not have, one line each. told: those that it has."""
+    return [
+        f'{r.name}: {name} is {told[name]:g} in the controller, {value:g} was found (waam calibrate apply)'
+        for _, r in sorted(newest(results).items())
+        for name, value in r.settings
+        if name in told and abs(told[name] - value) > TOLD
+    ]
+
+
+def table(
+    results: Iterable[Result],
+    damaged: Iterable[str],
+    now: datetime,
+    told: Mapping[str, float] | None = None,
+) -> list[str]:
+    """What `waam calibrate status` prints: every calibration, when, what, what the controller has not, and what a job
+    will refuse. told: settings that the controller has, None = not known."""
     last = newest(results)
     lines = []
     for kind, axes in KINDS.items():
         for axis in axes:
             name = f'{kind}_{axis}' if axis else kind
             lines.append(f'{name:12s} {_line(last.get(name), now)}')
-    reasons = refusals(last.values(), damaged)
-    lines.append('')
+    reasons = refusals(last.values(), damaged, told)
+    lines += ['', *missing(last.values(), told or {})]
     lines += [f'a job will refuse: {reason}' for reason in reasons]
     return lines if reasons else [*lines, 'a job will refuse nothing of this']
 

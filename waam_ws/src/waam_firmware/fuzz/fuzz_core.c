@@ -310,7 +310,7 @@ static void move_plant(void)
     static const double start_mm[WAAM_AXES] = {0.3, 0.4, 9.7};
     const waam_config_t *c = &bench.config;
     for (int i = 0; i < WAAM_AXES; i++) {
-        double at = start_mm[i] + (double)bench.outputs.pulses[i] / c->steps_per_mm;
+        double at = start_mm[i] + (double)bench.outputs.pulses[i] / c->steps_per_mm[i];
         bench.inputs.home_switch[i] = c->home_direction[i] < 0 ? at <= c->limit_min_mm[i] : at >= c->limit_max_mm[i];
     }
     bench.arc_us = bench.outputs.arc ? bench.arc_us + TICK_US : 0;
@@ -366,9 +366,9 @@ static void require_motion(const int64_t before[WAAM_AXES])
 {
     const waam_core_t *c = &bench.core;
     for (int i = 0; i < WAAM_AXES; i++) {
-        double most = bench.config.max_speed_mm_s[i] * 1e-6 * TICK_US * bench.config.steps_per_mm + 2.0;
+        double most = bench.config.max_speed_mm_s[i] * 1e-6 * TICK_US * c->config.steps_per_mm[i] + 2.0;
         REQUIRE(fabs((double)bench.outputs.pulses[i] - (double)before[i]) <= most, "no axis jumps");
-        double at = (double)(c->motion.steps[i] + c->lag[i]) / bench.config.steps_per_mm, step = 1.5 / bench.config.steps_per_mm;
+        double at = (double)(c->motion.steps[i] + c->lag[i]) / c->config.steps_per_mm[i], step = 1.5 / c->config.steps_per_mm[i];
         REQUIRE(!c->homed || (at >= bench.config.limit_min_mm[i] - step && at <= bench.config.limit_max_mm[i] + step),
                 "inside the soft limits");
     }

@@ -3,7 +3,8 @@
  *
  * After every line: one answer, sealed and printable; what is refused changes nothing; what is taken lies within its range,
  * which is written down here once more; a shaper in force fits into the lead of the wire, its weights sum up to one and lie
- * within its span, and `$I` tells it; nothing has moved. */
+ * within its span, and `$I` tells it; nothing has moved: with other steps per mm the place in mm is what it was, and homing
+ * is lost. */
 #include <math.h>
 #include <string.h>
 
@@ -24,6 +25,7 @@ typedef struct {
 } bench_t;
 
 static bench_t bench;
+static const double place_mm[WAAM_AXES] = {123.456, 0.0, -1e6};
 
 static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_t kind)
 {
@@ -58,6 +60,12 @@ static void require_settings(void)
     require_range(c->wire_lag_s, 0.0, 0.5, "wire_lag_s");
     require_range(c->wire_response_s, 0.005, 0.25, "wire_response_s");
     require_range(c->arc.wire_fault_ratio, 0.5, 0.99, "wire_underfeed_ratio");
+    for (int i = 0; i < WAAM_AXES; i++) {
+        double steps = c->steps_per_mm[i], speed = c->max_speed_mm_s[i];
+        require_range(steps, 10.0, 77e3 / speed, "steps_per_mm");
+        REQUIRE(round(steps * 1e3) / 1e3 == steps, "steps_per_mm in thousandths");
+        REQUIRE(steps == bench.core.motion.steps_per_mm[i] && steps == bench.core.kinematics.steps_per_mm[i], "in force");
+    }
     REQUIRE(c->standoff.source <= 3 && c->standoff.average >= 1 && c->standoff.average <= WAAM_STANDOFF_AVERAGE, "standoff");
 }
 
@@ -86,17 +94,20 @@ static void require_rest(void)
 {
     REQUIRE(bench.core.state == WAAM_ALARM || bench.core.state == WAAM_IDLE, "at rest");
     for (int i = 0; i < WAAM_AXES; i++)
-        REQUIRE(bench.core.motion.steps[i] == 0 && bench.core.lag[i] == 0, "nothing moves");
+        REQUIRE(bench.core.motion.steps[i] == lround(place_mm[i] * bench.core.config.steps_per_mm[i]), "the place in mm stays");
+    for (int i = 0; i < WAAM_AXES; i++)
+        REQUIRE(bench.core.motion.steps[i] - bench.core.motion.datum_steps[i] == 0 && bench.core.lag[i] == 0 &&
+                bench.core.path_mm[i] == place_mm[i], "nothing moves");
 }
 
 static void line(const char *text, size_t length)
 {
     waam_text_t sealed = {.length = 0};
     waam_config_t before = bench.core.config;
-    bool known = true;
+    bool known = true, homed = bench.core.homed;
     for (size_t i = 0; i < length; i++) /* what a link would take out or never let through */
         known = known && text[i] >= ' ' && (uint8_t)text[i] <= '~' && text[i] != '*';
-    if (!known || length > WAAM_LINE_MAX - 20 || length == 0 || !strchr("CMIT", text[0]))
+    if (!known || length > WAAM_LINE_MAX - 20 || length == 0 || !strchr("CMITL", text[0]))
         return;
     bench.answers = 0;
     waam_text_char(&sealed, '$');
@@ -105,6 +116,9 @@ static void line(const char *text, size_t length)
     for (size_t i = 0; i < sealed.length; i++)
         waam_core_rx(&bench.core, (uint8_t)sealed.text[i]);
     REQUIRE(bench.answers == 1, "one answer");
+    bool rescaled = memcmp(before.steps_per_mm, bench.core.config.steps_per_mm, sizeof before.steps_per_mm) != 0;
+    REQUIRE(bench.core.homed == (homed && !rescaled), "other steps per mm lose homing");
+    REQUIRE(!rescaled || text[0] == 'C', "steps per mm by $C only");
     bool refused = strstr(bench.answer, " error E") != NULL;
     REQUIRE(bench.answer[1] == text[0] || (refused && bench.answer[1] == '?'), "the letter of the question");
     REQUIRE(!refused || memcmp(&before, &bench.core.config, sizeof before) == 0, "what is refused changes nothing");
@@ -143,7 +157,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     bench.config = waam_config_default();
     bench.config.boot_id = 1;
     bench.config.accelerometer = true;
+    bench.config.starts_in_alarm = size % 2;
     waam_core_init(&bench.core, &bench.config, on_line, NULL);
+    bench.core.homed = !bench.config.starts_in_alarm;
+    for (int i = 0; i < WAAM_AXES; i++) {
+        bench.core.plan_mm[i] = bench.core.path_mm[i] = place_mm[i];
+        waam_motion_declare(&bench.core.motion, i, (int32_t)lround(place_mm[i] * bench.config.steps_per_mm[i]));
+    }
     adxl345_device_start(&bench.device);
     while (size) {
         const char *end = memchr(text, '\n', size);

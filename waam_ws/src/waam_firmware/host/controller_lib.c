@@ -74,6 +74,11 @@ void controller_lib_place(controller_lib_t *lib, double x, double y, double z)
     memcpy(lib->harness.start_mm, start_mm, sizeof start_mm);
 }
 
+void controller_lib_machine_steps(controller_lib_t *lib, const double *steps_per_mm)
+{
+    memcpy(lib->harness.config.steps_per_mm, steps_per_mm, sizeof lib->harness.config.steps_per_mm);
+}
+
 void controller_lib_widen(controller_lib_t *lib, const double *low_mm, const double *high_mm)
 {
     waam_config_t *config = &lib->harness.core.config;

@@ -39,6 +39,8 @@ void controller_lib_answer(controller_lib_t *lib, uint32_t inputs, double curren
 void controller_lib_distance(controller_lib_t *lib, uint32_t reading, double value);
 /* Where the axes stand before anything has moved, mm, machine. The core does not know it until it is homed. */
 void controller_lib_place(controller_lib_t *lib, double x, double y, double z);
+/* How many steps a mm of the machine really takes, X Y Z, whatever the core takes it for; before anything has moved. */
+void controller_lib_machine_steps(controller_lib_t *lib, const double *steps_per_mm);
 /* Widens the reach of the axes to what lies between low and high, mm, machine; before anything has moved. */
 void controller_lib_widen(controller_lib_t *lib, const double *low_mm, const double *high_mm);
 /* `to` becomes what `from` is now, without the bytes that wait: running `to` shows what would come if nothing intervened. */

@@ -129,7 +129,7 @@ static void start(void)
     waam_core_init(core, &run.harness.config, nothing, NULL);
     for (int i = 0; i < WAAM_AXES; i++) {
         core->plan_mm[i] = core->path_mm[i] = run.harness.start_mm[i];
-        core->motion.steps[i] = (int32_t)lround(run.harness.start_mm[i] * run.harness.config.steps_per_mm);
+        core->motion.steps[i] = (int32_t)lround(run.harness.start_mm[i] * run.harness.config.steps_per_mm[i]);
         core->motion.datum_steps[i] = core->motion.steps[i];
     }
     core->homed = core->plan_homed = core->armed = true;

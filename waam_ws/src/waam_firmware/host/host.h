@@ -17,6 +17,7 @@ typedef struct {
     double rate;            /* simulated seconds per second; 0 = no limit */
     uint64_t epoch_us;
     double start_mm[WAAM_AXES];
+    double machine_steps[WAAM_AXES]; /* that a mm of the machine really takes */
 } options_t;
 
 /* Exits with a message when the command line is wrong or help was asked for. */

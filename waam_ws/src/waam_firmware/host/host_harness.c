@@ -36,7 +36,7 @@ void host_harness_shake(host_harness_t *harness, const host_shaken_t *shaken)
 void host_harness_steps(const host_harness_t *harness, int64_t at[WAAM_AXES])
 {
     for (int i = 0; i < WAAM_AXES; i++)
-        at[i] = llround(harness->start_mm[i] * harness->config.steps_per_mm) + harness->outputs.pulses[i];
+        at[i] = llround(harness->start_mm[i] * harness->config.steps_per_mm[i]) + harness->outputs.pulses[i];
 }
 
 static void press_home_switches(host_harness_t *harness)
@@ -46,8 +46,8 @@ static void press_home_switches(host_harness_t *harness)
     host_harness_steps(harness, at);
     for (int i = 0; i < WAAM_AXES; i++)
         harness->inputs.home_switch[i] = c->home_direction[i] < 0
-                                         ? at[i] <= llround(c->limit_min_mm[i] * c->steps_per_mm)
-                                         : at[i] >= llround(c->limit_max_mm[i] * c->steps_per_mm);
+                                         ? at[i] <= llround(c->limit_min_mm[i] * c->steps_per_mm[i])
+                                         : at[i] >= llround(c->limit_max_mm[i] * c->steps_per_mm[i]);
 }
 
 static void null_plant(host_harness_t *harness)
@@ -137,12 +137,12 @@ host_sample_t host_harness_sample(const host_harness_t *harness)
 {
     const waam_outputs_t *out = &harness->outputs;
     int64_t pulses[WAAM_AXES];
-    double per_m = harness->config.steps_per_mm * 1e3, at[WAAM_AXES];
+    double m[WAAM_AXES];
     host_harness_steps(harness, pulses);
     for (int i = 0; i < WAAM_AXES; i++)
-        at[i] = (double)pulses[i] + (double)out->part[i] / WAAM_PARTS;
+        m[i] = ((double)pulses[i] + (double)out->part[i] / WAAM_PARTS) / (harness->config.steps_per_mm[i] * 1e3);
     return (host_sample_t){
-        .table_x = -at[0] / per_m, .table_y = -at[1] / per_m, .tool_z = at[2] / per_m,
+        .table_x = -m[0], .table_y = -m[1], .tool_z = m[2],
         .wire_cmd = out->wire_mm_s * 1e-3, .voltage_set = out->voltage_v,
         .outputs = (out->arc ? 1u : 0u) | (out->gas ? 2u : 0u) |
                    (harness->core.acceleration.wanted ? 4u : 0u),

@@ -17,7 +17,7 @@ typedef struct {
 } host_shaken_t;
 
 typedef struct {
-    waam_config_t config;
+    waam_config_t config;       /* of the core at its start; steps_per_mm: what the machine really has, whatever the core takes */
     waam_core_t core;
     waam_inputs_t inputs;
     waam_outputs_t outputs;

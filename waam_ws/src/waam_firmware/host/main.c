@@ -134,6 +134,7 @@ static int start(host_t *h)
     memcpy(h->harness.start_mm, h->options.start_mm, sizeof h->harness.start_mm);
     h->pace = (pace_t){.rate = h->options.rate, .step_us = STEP_US, .due_ns = wall_ns()};
     waam_core_init(&h->harness.core, config, on_line, h);
+    memcpy(config->steps_per_mm, h->options.machine_steps, sizeof config->steps_per_mm);
     if (events_open(&h->events, h->options.events) < 0 || plant_open(&h->plant, h->options.plant) < 0 ||
         pty_open(&h->pty, h->options.pty_link) < 0)
         return -1;

@@ -35,6 +35,9 @@ static const char help[] =
     "  --events FILE     write every change of state, arc and gas with its controller time, for tests.\n"
     "  --start X,Y,Z     where the axes stand at first, machine mm (default 60,50,150). The controller does not know\n"
     "                    it: it must home. Home switches are at X 0, Y 0 and Z 200 (torch up).\n"
+    "  --machine-steps X,Y,Z\n"
+    "                    how many steps a mm of the machine really takes (default 320,320,320). The controller does not\n"
+    "                    know it: it goes by its own steps per mm ($C steps_per_mm_x), and moves wrong until they agree.\n"
     "  --start-idle      start in IDLE, as if an operator had just acknowledged. Without it the controller starts as a board\n"
     "                    does: in ALARM (306) until a host resets it ($X) with the emergency stop released.\n"
     "  --help            this text\n"
@@ -86,17 +89,31 @@ static uint64_t epoch(const char *text)
     return value;
 }
 
-static void start(const char *text, const waam_config_t *config, double start_mm[WAAM_AXES])
+static void triple(const char *text, const char *problem, double value[WAAM_AXES])
 {
     const char *at = text;
     for (int i = 0; i < WAAM_AXES; i++) {
-        start_mm[i] = number("--start needs X,Y,Z in mm, not", at, &at);
+        value[i] = number(problem, at, &at);
         if (*at != (i < 2 ? ',' : '\0'))
-            usage("--start needs X,Y,Z in mm, not", text);
-        if (start_mm[i] < config->limit_min_mm[i] || start_mm[i] > config->limit_max_mm[i])
-            usage("--start is outside the machine:", text);
+            usage(problem, text);
         at++;
     }
+}
+
+static void machine_steps(const char *text, double steps_per_mm[WAAM_AXES])
+{
+    triple(text, "--machine-steps needs X,Y,Z, not", steps_per_mm);
+    for (int i = 0; i < WAAM_AXES; i++)
+        if (!(steps_per_mm[i] >= 10.0 && steps_per_mm[i] <= 2000.0))
+            usage("--machine-steps must be 10..2000, not", text);
+}
+
+static void start(const char *text, const waam_config_t *config, double start_mm[WAAM_AXES])
+{
+    triple(text, "--start needs X,Y,Z in mm, not", start_mm);
+    for (int i = 0; i < WAAM_AXES; i++)
+        if (start_mm[i] < config->limit_min_mm[i] || start_mm[i] > config->limit_max_mm[i])
+            usage("--start is outside the machine:", text);
 }
 
 options_t options_parse(int argc, char **argv)
@@ -106,11 +123,13 @@ options_t options_parse(int argc, char **argv)
         {"null-plant", no_argument, NULL, 'n'},     {"rate", required_argument, NULL, 'r'},
         {"epoch-us", required_argument, NULL, 't'}, {"events", required_argument, NULL, 'e'},
         {"start", required_argument, NULL, 's'},    {"start-idle", no_argument, NULL, 'i'},
+        {"machine-steps", required_argument, NULL, 'm'},
         {"rest", no_argument, NULL, 'q'},           {"help", no_argument, NULL, 'h'},
         {NULL, 0, NULL, 0}};
     options_t o = {.rate = 1.0, .start_mm = {60.0, 50.0, 150.0}};
     waam_config_t config = waam_config_default();
     int option;
+    memcpy(o.machine_steps, config.steps_per_mm, sizeof o.machine_steps);
     opterr = 0;
     while ((option = getopt_long(argc, argv, ":h", names, NULL)) != -1) {
         switch (option) {
@@ -122,6 +141,7 @@ options_t options_parse(int argc, char **argv)
         case 'r': o.rate = rate(optarg); break;
         case 't': o.epoch_us = epoch(optarg); o.clock_is_ros_time = true; break;
         case 'e': o.events = optarg; break;
+        case 'm': machine_steps(optarg, o.machine_steps); break;
         case 's': start(optarg, &config, o.start_mm); break;
         case 'h': fputs(help, stdout); exit(0);
         case ':': usage("a value is missing after", argv[optind - 1]); break;

@@ -262,7 +262,7 @@ void board_inputs(waam_inputs_t *inputs)
                               .current_a = (double)converted_current(),
                               .voltage_v = (double)converted_voltage()};
     for (unsigned i = 0; i < WAAM_AXES; i++) {
-        double mm = (double)start_mm[i] + (double)at[i] / c.steps_per_mm;
+        double mm = (double)start_mm[i] + (double)at[i] / c.steps_per_mm[i];
         inputs->home_switch[i] = c.home_direction[i] < 0 ? mm <= c.limit_min_mm[i] : mm >= c.limit_max_mm[i];
     }
 }

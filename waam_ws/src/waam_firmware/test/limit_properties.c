@@ -42,7 +42,7 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
         snprintf(last, sizeof last, "%.*s", (int)bytes - 1, line);
 }
 
-static double at_mm(int axis) { return start_mm[axis] + (double)out.pulses[axis] / config.steps_per_mm; }
+static double at_mm(int axis) { return start_mm[axis] + (double)out.pulses[axis] / config.steps_per_mm[axis]; }
 
 /* How far an axis is beyond its switch; below 0: not at all. */
 static double depth(int axis)
@@ -219,12 +219,12 @@ static void test_a_stuck_switch_ends_the_way_out(void)
             CHECK(strstr(last, "error E301") && strstr(last, "X may only go down"));
             jog((double[]){0.0, -1.0, 0.0}, 1200.0);
             CHECK(strstr(last, "error E301") && strstr(last, "Y may not move"));
-            start_mm[0] = at_mm(0) - (double)out.pulses[0] / config.steps_per_mm;
+            start_mm[0] = at_mm(0) - (double)out.pulses[0] / config.steps_per_mm[0];
             way[0] = (double)out.pulses[0];
             jog((double[]){-50.0, 0.0, 0.0}, 1200.0);
         }
     }
-    double moved = ((double)out.pulses[0] - way[0]) / config.steps_per_mm;
+    double moved = ((double)out.pulses[0] - way[0]) / config.steps_per_mm[0];
     CHECK(core.state == WAAM_ALARM && moved < -9.9 && moved > -10.1 && strstr(last, "still pressed"));
 }
 

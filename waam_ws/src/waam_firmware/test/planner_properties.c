@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "waam_arcs.h"
 #include "waam_core.h"
@@ -104,10 +105,13 @@ static void check_circle(const path_t *p, const waam_block_t *block, uint64_t nu
     if (!block->path.arc)
         return;
     const uint8_t *axes = waam_plane_axes[block->path.plane];
-    double x = (double)p->motion.steps[axes[0]] / p->motion.steps_per_mm - block->path.centre_mm[0];
-    double y = (double)p->motion.steps[axes[1]] / p->motion.steps_per_mm - block->path.centre_mm[1];
-    double off = fabs(hypot(x, y) - block->path.radius_mm) * p->motion.steps_per_mm;
-    require(off <= 0.7072 + 1e-6, "distance from the circle (steps)", number, off, 0.7072);
+    double half_mm[2], at[2];
+    for (int i = 0; i < 2; i++) {
+        half_mm[i] = 0.5 / p->motion.steps_per_mm[axes[i]];
+        at[i] = (double)p->motion.steps[axes[i]] / p->motion.steps_per_mm[axes[i]] - block->path.centre_mm[i];
+    }
+    double off = fabs(hypot(at[0], at[1]) - block->path.radius_mm), most = hypot(half_mm[0], half_mm[1]);
+    require(off <= most + 1e-8, "distance from the circle (mm)", number, off, most);
 }
 
 /* Within a block no axis changes its speed faster than allowed; 2 % is what braking onto the end of a block may add.
@@ -171,9 +175,12 @@ static void start(path_t *p, uint64_t number)
 {
     waam_config_t config = waam_config_default();
     seed = number * 1000003u;
-    *p = (path_t){.kinematics = waam_kinematics(&config), .motion = {.steps_per_mm = config.steps_per_mm},
+    for (int i = 0; i < WAAM_AXES && number % 4; i++)
+        config.steps_per_mm[i] = round(exp(uniform(log(10.0), log(2000.0))) * 1e3) / 1e3;
+    *p = (path_t){.kinematics = waam_kinematics(&config),
                   .scale_mm = exp(uniform(log(0.01), log(30.0))), .turn = uniform(0.0, 1.0),
                   .arcs = number % 3 ? uniform(0.0, 1.0) : 0.0, .steady = number % 2};
+    memcpy(p->motion.steps_per_mm, config.steps_per_mm, sizeof config.steps_per_mm);
     waam_planner_init(&p->planner);
 }
 
@@ -198,8 +205,8 @@ static void run_path(uint64_t number)
     }
     require(p.motion.speed_mm_s == 0.0, "speed at the end", number, p.motion.speed_mm_s, 0.0);
     for (int i = 0; i < WAAM_AXES; i++)
-        require(p.motion.steps[i] == lround(p.at_mm[i] * p.kinematics.steps_per_mm), "position at the end", number,
-                p.motion.steps[i], p.at_mm[i] * p.kinematics.steps_per_mm);
+        require(p.motion.steps[i] == lround(p.at_mm[i] * p.kinematics.steps_per_mm[i]), "position at the end", number,
+                p.motion.steps[i], p.at_mm[i] * p.kinematics.steps_per_mm[i]);
 }
 
 int main(int argc, char **argv)

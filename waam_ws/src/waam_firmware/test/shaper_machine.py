@@ -7,7 +7,7 @@ from __future__ import annotations
 import binascii
 import ctypes
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 
 import loop_library
@@ -48,6 +48,7 @@ def library() -> ctypes.CDLL:
     lib.controller_lib_free.argtypes = (handle,)
     lib.controller_lib_rx.argtypes = (handle, text, size)
     lib.controller_lib_step.argtypes = (handle, ctypes.c_uint32, handle)
+    lib.controller_lib_machine_steps.argtypes = (handle, ctypes.POINTER(ctypes.c_double))
     lib.controller_lib_take.restype = size
     lib.controller_lib_take.argtypes = (handle, handle, size)
     return lib
@@ -58,11 +59,16 @@ def sealed(text: str) -> bytes:
 
 
 class Machine:
-    """Homed and at X 0 Y 0 Z 200. `settings`: of the shaper, as `$C` takes them: shape_x='mzv', shape_x_hz=40.0."""
+    """Homed and at X 0 Y 0 Z 200. `settings`: of the shaper, as `$C` takes them: shape_x='mzv', shape_x_hz=40.0.
+    `true_steps`: that a mm of x, y, z of the machine takes, whatever the controller has."""
 
-    def __init__(self, home: bool = True, **settings: float | str) -> None:
+    def __init__(
+        self, home: bool = True, true_steps: Sequence[float] = (), **settings: float | str
+    ) -> None:
         self._lib = library()
         self._handle = self._lib.controller_lib_new(1, 1_000_000)
+        if len(true_steps):
+            self._lib.controller_lib_machine_steps(self._handle, (ctypes.c_double * 3)(*true_steps))
         self._bytes = ctypes.create_string_buffer(TX_BYTES)
         self._text = ''
         self.next = 1
@@ -145,6 +151,11 @@ class Machine:
     def position(self) -> np.ndarray:
         """Steps (3,) at the end of the last tick."""
         return steps(self.samples[-1][-1:])[0]
+
+    def place(self) -> np.ndarray:
+        """Where the machine really is, mm (3,), at the end of the last tick."""
+        last = self.samples[-1][-1]
+        return 1e3 * np.array([-last['table_x'], -last['table_y'], last['tool_z']])
 
     def track(self) -> np.ndarray:
         """All positions so far (n, 3), steps."""

@@ -12,7 +12,7 @@ def test_identification(client):
     name, *fields = answer.removeprefix('$I ').split()
     values = dict(f.split('=', 1) for f in fields)
     assert name == 'WAAM_CONTROLLER_V1'
-    assert values['clk'] == 'free' and values['spmm'] == '320' and values['rx'] == '2048'
+    assert values['clk'] == 'free' and values['spmm'] == '320,320,320' and values['rx'] == '2048'
     assert values['lim'] == '0,0,0,400,300,200'
     assert int(values['blocks']) >= 32
     assert 0 <= int(values['boot']) < 2**32

@@ -100,7 +100,7 @@ def test_the_handshake_of_universal_gcode_sender(cell):
     assert cell.status()['state'] == 'Idle'
 
 
-def test_settings_are_those_of_the_machine_and_cannot_be_changed(sender):
+def test_settings_are_those_of_the_machine_and_only_steps_per_mm_can_be_changed(sender):
     rows = dict(r[1:].split('=') for r in sender.ask('$$')[:-1])
     axes = {
         '100': 320, '101': 320, '102': 320, '110': 12000, '111': 12000, '112': 6000, '120': 500, '121': 500,
@@ -110,9 +110,29 @@ def test_settings_are_those_of_the_machine_and_cannot_be_changed(sender):
     assert (rows['20'], rows['21'], rows['22'], rows['23']) == ('1', '1', '1', '3')
     assert (rows['24'], rows['25'], rows['27']) == ('120.000', '2400.000', '1.000')
     assert sender.ask('$100=320.000') == ['ok']
-    assert sender.ask('$100=250')[-1] == sender.ask('$20=0')[-1] == 'error:3'
+    assert sender.ask('$110=250')[-1] == sender.ask('$20=0')[-1] == 'error:3'
     for unknown in ('$7=1', '$103=320', '$RST=*', '$SLP', '$C', '$N0=G21', '$J', '$100', '$100='):
         assert sender.ask(unknown)[-1] == 'error:3'
+
+
+def test_steps_per_mm_are_set_at_rest_and_homing_is_lost(homed):
+    """Not while something moves; what is absurd is refused with the reason."""
+    assert homed.ask('$100=320')[-1] == 'ok'
+    homed.run('G1 X20 F3000')
+    before = homed.status()['at']
+    assert homed.ask('$100=319.8734') == ['[MSG:homing is lost: $H]', 'ok']
+    assert '$100=319.873' in homed.ask('$$') and '$101=320.000' in homed.ask('$$')
+    assert homed.status()['at'] == pytest.approx(before, abs=2e-3)
+    assert homed.ask('G1 X10')[-1] == 'error:9'
+    assert homed.ask('$101=9.9') == [
+        '[MSG:E104 column 1: steps_per_mm_y must lie within 10 .. 2000]', 'error:2',
+    ]  # fmt: skip
+    assert homed.ask('$102=771')[-1] == 'error:21' and homed.ask('$102=770')[-1] == 'ok'
+    assert homed.ask('$J=G91 X5 F500')[-1] == 'ok'
+    assert homed.ask('$100=320') == [
+        '[MSG:E108 column 1: settings only in IDLE or ALARM]',
+        'error:8',
+    ]
 
 
 def test_frames_and_help(homed):

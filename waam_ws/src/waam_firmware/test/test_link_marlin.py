@@ -50,6 +50,25 @@ def test_lines_are_taken_in_marlins_form(marlin):
     assert not any(x.startswith(('T ', '$', 'er ', 'rs ')) for x in plain.lines)
 
 
+def test_steps_per_mm_are_told_and_set(marlin):
+    """Numbered lines wait for the motion before them; without a number they are refused while it lasts."""
+    _, plain = marlin
+    assert plain.ask(b'M503\n', '^echo: M92') == 'echo: M92 X320.000 Y320.000 Z320.000'
+    plain.ask(xored('N1 G1 X10 F1200'))
+    assert plain.ask(b'M92 X310\n', '^echo:E') == 'echo:E108 settings only in IDLE or ALARM'
+    said = plain.ask(xored('N2 M92 X319.8734 Z640.5'), '^echo:homing')
+    assert said == 'echo:homing is lost, send G28; M92 X319.873 Y320.000 Z640.500'
+    assert plain.ask(b'M92\n', '^echo:M92') == 'echo:M92 X319.873 Y320.000 Z640.500'
+    assert plain.ask(b'M92 Y321\n', '^echo:M92') == 'echo:M92 X319.873 Y321.000 Z640.500'
+    place = plain.ask(b'M114\n', '^ok X')  # to half a step
+    assert re.match(r'ok X:(10|10\.00[12]|9\.99[89]) Y:', place), place
+    assert plain.ask(xored('N3 G1 X5'), '^Error').startswith('Error:E304 ')
+    plain.ask(b'M110 N3\n')
+    assert plain.ask(xored('N4 M92 X5'), '^Error:').startswith('Error:E104 line 4 column ')
+    plain.ask(b'M110 N4\n')
+    assert plain.ask(xored('N5 M92 E93'), '^Error:').endswith('M92 takes X, Y and Z')
+
+
 def test_what_has_no_number_and_check_never_moves(marlin):
     _, plain = marlin
     before = plain.ask(b'M114\n')

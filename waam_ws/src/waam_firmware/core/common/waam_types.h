@@ -90,7 +90,7 @@ typedef struct {
     uint32_t boot_id;
     bool clock_is_ros_time;     /* announced as clk=sync */
     uint64_t start_us;          /* controller clock at start */
-    int32_t steps_per_mm;       /* at most 2000: a position is within 1e6 mm and 32 bits */
+    double steps_per_mm[WAAM_AXES]; /* 10 .. 2000 (a position is within 1e6 mm and 32 bits); $C, M92, $100 change it */
     double limit_min_mm[WAAM_AXES], limit_max_mm[WAAM_AXES];
     double max_speed_mm_s[WAAM_AXES], accel_mm_s2[WAAM_AXES];
     double rapid_mm_s;          /* G0 */

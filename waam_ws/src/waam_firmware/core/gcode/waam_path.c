@@ -8,10 +8,11 @@ const uint8_t waam_plane_axes[3][WAAM_AXES] = {{0, 1, 2}, {2, 0, 1}, {1, 2, 0}};
 
 waam_kinematics_t waam_kinematics(const waam_config_t *config)
 {
-    waam_kinematics_t k = {.steps_per_mm = config->steps_per_mm, .junction_deviation_mm = config->junction_deviation_mm,
+    waam_kinematics_t k = {.junction_deviation_mm = config->junction_deviation_mm,
                            .wire_max_mm_s = config->wire_max_mm_s, .wire_accel_mm_s2 = config->wire_accel_mm_s2,
                            .wire_jump_mm_s = config->wire_jump_mm_s};
     for (int i = 0; i < WAAM_AXES; i++) {
+        k.steps_per_mm[i] = config->steps_per_mm[i];
         k.max_speed_mm_s[i] = config->max_speed_mm_s[i];
         k.accel_mm_s2[i] = config->accel_mm_s2[i];
     }

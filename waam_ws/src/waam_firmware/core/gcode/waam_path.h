@@ -24,7 +24,7 @@ typedef struct {
 } waam_path_t;
 
 typedef struct {
-    int32_t steps_per_mm;
+    double steps_per_mm[WAAM_AXES];
     double max_speed_mm_s[WAAM_AXES], accel_mm_s2[WAAM_AXES];
     double junction_deviation_mm;
     double wire_max_mm_s, wire_accel_mm_s2, wire_jump_mm_s;

@@ -16,7 +16,7 @@ double waam_core_zero_mm(const waam_core_t *core, const waam_modal_t *modal, int
 
 static bool outside(const waam_core_t *core, int axis, double at_mm)
 {
-    double half_step = 0.5 / core->config.steps_per_mm;
+    double half_step = 0.5 / core->config.steps_per_mm[axis];
     return !(at_mm > core->config.limit_min_mm[axis] - half_step && at_mm < core->config.limit_max_mm[axis] + half_step);
 }
 

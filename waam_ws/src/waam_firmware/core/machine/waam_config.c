@@ -41,7 +41,7 @@ static const waam_monitor_config_t monitor = {
 waam_config_t waam_config_default(void)
 {
     return (waam_config_t){
-        .steps_per_mm = 320,
+        .steps_per_mm = {320.0, 320.0, 320.0},
         .limit_max_mm = {400.0, 300.0, 200.0},
         .max_speed_mm_s = {200.0, 200.0, 100.0},
         .accel_mm_s2 = {500.0, 500.0, 300.0},

@@ -1,7 +1,8 @@
-/* Immediate line "$C <name> <value>": one setting of the standoff control, of the input shaper or of the wire. */
+/* Immediate line "$C <name> <value>": one setting of the standoff control, the input shaper, the wire or the axes. */
 #include <math.h>
 
 #include "waam_request.h"
+#include "waam_scale.h"
 #include "waam_wire_settings.h"
 
 typedef struct {
@@ -109,6 +110,20 @@ static void configure_wire(waam_request_t *r, const waam_setting_t *setting, dou
     waam_request_ok(r);
 }
 
+static void configure_scale(waam_request_t *r, const waam_setting_t *setting, double value)
+{
+    double steps_per_mm[WAAM_AXES];
+    waam_error_t error;
+    for (int i = 0; i < WAAM_AXES; i++)
+        steps_per_mm[i] = setting == &waam_scale_settings[i] ? value : r->core->config.steps_per_mm[i];
+    if (waam_core_scale(r->core, steps_per_mm, &error)) {
+        waam_request_ok(r);
+        return;
+    }
+    waam_request_refuse(r, error.code, "");
+    waam_text_bytes(&r->answer, error.text.text, error.text.length);
+}
+
 void waam_order_configure(waam_request_t *r)
 {
     waam_core_t *core = r->core;
@@ -116,12 +131,13 @@ void waam_order_configure(waam_request_t *r)
     const waam_setting_t *standoff = waam_standoff_setting(name.text, name.length);
     const waam_setting_t *shaper = waam_shaper_setting(name.text, name.length);
     const waam_setting_t *wire = waam_wire_setting(name.text, name.length);
+    const waam_setting_t *scale = waam_scale_setting(name.text, name.length);
     double value;
     if ((core->state != WAAM_IDLE && core->state != WAAM_ALARM) || core->planner.count > 0) {
         waam_request_refuse(r, WAAM_E_NOT_NOW, "settings only in IDLE or ALARM");
         return;
     }
-    if (!standoff && !shaper && !wire) {
+    if (!standoff && !shaper && !wire && !scale) {
         waam_request_refuse(r, WAAM_E_UNKNOWN_WORD, "no setting has this name");
         return;
     }
@@ -129,6 +145,8 @@ void waam_order_configure(waam_request_t *r)
         return;
     if (standoff)
         configure_standoff(r, standoff, value);
+    else if (scale)
+        configure_scale(r, scale, value);
     else if (wire)
         configure_wire(r, wire, value);
     else

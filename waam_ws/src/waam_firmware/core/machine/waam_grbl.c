@@ -3,6 +3,7 @@
 
 #include "waam_grbl_dialect.h"
 #include "waam_internal.h"
+#include "waam_scale.h"
 
 #define PERCENT 0.01
 
@@ -267,7 +268,23 @@ static void jog(waam_core_t *core, const char *line, size_t length, size_t start
 
 /* ---- lines ---- */
 
-/* "$<n>=<value>": the settings are what they are; a value that is there already may be written again. */
+static void write_scale(waam_core_t *core, unsigned axis, double wanted)
+{
+    double steps_per_mm[WAAM_AXES];
+    bool homed = core->homed;
+    waam_error_t error;
+    for (unsigned i = 0; i < WAAM_AXES; i++)
+        steps_per_mm[i] = i == axis ? wanted : core->config.steps_per_mm[i];
+    if (!waam_core_scale(core, steps_per_mm, &error)) {
+        refuse(core, &error);
+        return;
+    }
+    if (homed && !core->homed)
+        waam_grbl_tell(core, "[MSG:homing is lost: $H]");
+    answer(core, 0);
+}
+
+/* "$<n>=<value>": steps per mm can be set; of the others a value that is there already may be written again. */
 static void write_setting(waam_core_t *core, const char *line, size_t length)
 {
     waam_cursor_t cursor = {line, length, 1};
@@ -276,12 +293,16 @@ static void write_setting(waam_core_t *core, const char *line, size_t length)
     bool known = waam_read_uint(&cursor, &number) && number < 1000 && cursor.at < length && line[cursor.at++] == '=' &&
                  waam_read_number(&cursor, &wanted) && waam_at_end(&cursor) &&
                  waam_grbl_setting(core, (unsigned)number, &value);
+    if (known && number >= 100 && number < 100 + WAAM_AXES) {
+        write_scale(core, (unsigned)number - 100, wanted);
+        return;
+    }
     if (known && fabs(wanted - value) < 5e-4) {
         answer(core, 0);
         return;
     }
     if (known)
-        waam_grbl_tell(core, "[MSG:the settings of this controller are fixed]");
+        waam_grbl_tell(core, "[MSG:of the settings of this controller only $100 to $102 can be changed]");
     answer(core, 3);
 }
 

@@ -46,7 +46,7 @@ void waam_grbl_status(waam_core_t *core)
         return;
     core->status_asked = false;
     for (int i = 0; i < WAAM_AXES; i++) {
-        machine_mm[i] = (double)waam_core_steps(core, i) / core->config.steps_per_mm;
+        machine_mm[i] = (double)waam_core_steps(core, i) / core->config.steps_per_mm[i];
         zero_mm[i] = waam_core_zero_mm(core, &core->executed_modal, i);
     }
     waam_text_add(&text, state_of(core));
@@ -84,7 +84,7 @@ static bool axis_setting(const waam_config_t *c, unsigned number, double *value)
     if (axis >= WAAM_AXES)
         return false;
     switch (number - axis) {
-    case 100: *value = c->steps_per_mm; return true;
+    case 100: *value = c->steps_per_mm[axis]; return true;
     case 110: *value = c->max_speed_mm_s[axis] * 60.0; return true;
     case 120: *value = c->accel_mm_s2[axis]; return true;
     case 130: *value = c->limit_max_mm[axis] - c->limit_min_mm[axis]; return true;

@@ -70,6 +70,22 @@ static bool take_grbl(waam_core_t *core, const char *line, size_t length)
     return true;
 }
 
+/* OTHER: the line is none of settings. */
+static waam_marlin_done_t take_setting(waam_core_t *core, const char *line, size_t length)
+{
+    waam_error_t error;
+    waam_marlin_done_t done = waam_marlin_setting(core, line, length, after_number(line, length), true, &error);
+    if (done == WAAM_MARLIN_LATER) {
+        waam_link_put_back(&core->link, length);
+    } else if (done == WAAM_MARLIN_REFUSED) {
+        report_error(core, &error);
+    } else if (done == WAAM_MARLIN_DONE) {
+        waam_link_accept(&core->link);
+        acknowledge(core);
+    }
+    return done;
+}
+
 static bool take_line(waam_core_t *core)
 {
     char line[WAAM_LINE_MAX];
@@ -85,6 +101,9 @@ static bool take_line(waam_core_t *core)
         waam_link_accept(&core->link);
         return true;
     }
+    waam_marlin_done_t setting = marlin(core) ? take_setting(core, line, length) : WAAM_MARLIN_OTHER;
+    if (setting != WAAM_MARLIN_OTHER)
+        return setting == WAAM_MARLIN_DONE;
     bool good = core->state == WAAM_ALARM
                     ? waam_fail(&error, WAAM_E_NOT_NOW, 1, "ALARM: reset first")
                     : waam_gcode_parse(line, length, after_number(line, length), &core->modal, &limits, &command, &error);

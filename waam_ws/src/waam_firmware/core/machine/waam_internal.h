@@ -46,6 +46,11 @@ bool waam_marlin_query(waam_core_t *core, const char *line, size_t length, size_
 void waam_marlin_ok(waam_core_t *core);
 void waam_marlin_resend(waam_core_t *core);
 void waam_marlin_error(waam_core_t *core, const waam_error_t *error);
+typedef enum { WAAM_MARLIN_OTHER, WAAM_MARLIN_DONE, WAAM_MARLIN_LATER, WAAM_MARLIN_REFUSED } waam_marlin_done_t;
+/* M92 and M503 (waam_marlin_settings.c), told but not yet answered by `ok`. `waits`: comes again when it is LATER, which is
+ * while the machine runs. */
+waam_marlin_done_t waam_marlin_setting(waam_core_t *core, const char *line, size_t length, size_t at, bool waits,
+                                       waam_error_t *error);
 
 /* GRBL senders (waam_grbl.c) */
 bool waam_grbl_real_time(waam_core_t *core, uint8_t byte); /* this byte was one, and was acted on */
@@ -73,6 +78,9 @@ bool waam_core_plan_jog(waam_core_t *core, const double delta_mm[WAAM_AXES], dou
 
 /* This command is taken only when everything before it is done. */
 bool waam_core_waits(const waam_core_t *core, const waam_command_t *command);
+
+/* Takes config.steps_per_mm over (waam_scale.c). */
+void waam_core_rescale(waam_core_t *core);
 
 /* execution (waam_run.c) and the wire that goes with it (waam_follow.c) */
 void waam_core_run(waam_core_t *core, uint32_t dt_us);

@@ -4,8 +4,7 @@
 void waam_core_init(waam_core_t *core, const waam_config_t *config, waam_tx_t send_line, void *context)
 {
     *core = (waam_core_t){.config = *config, .send = send_line, .context = context, .now_us = config->start_us};
-    core->kinematics = waam_kinematics(config);
-    core->motion.steps_per_mm = config->steps_per_mm;
+    waam_core_rescale(core);
     waam_link_init(&core->link);
     waam_planner_init(&core->planner);
     core->wire_override = 1.0;

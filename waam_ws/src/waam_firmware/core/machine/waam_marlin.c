@@ -62,7 +62,7 @@ static void position(waam_core_t *core)
     static const char *const names[] = {"ok X:", " Y:", " Z:"};
     waam_text_t text = {.length = 0};
     for (int i = 0; i < WAAM_AXES; i++) {
-        double machine_mm = (double)waam_core_steps(core, i) / core->config.steps_per_mm;
+        double machine_mm = (double)waam_core_steps(core, i) / core->config.steps_per_mm[i];
         waam_text_add(&text, names[i]);
         waam_text_fixed(&text, machine_mm - waam_core_zero_mm(core, &core->executed_modal, i), 3);
     }
@@ -128,6 +128,25 @@ static void restart(waam_core_t *core)
     waam_marlin_ok(core);
 }
 
+/* Without number and check, so its answer says what is in force. */
+static bool set(waam_core_t *core, const char *line, size_t length)
+{
+    waam_error_t error;
+    waam_marlin_done_t done = waam_marlin_setting(core, line, length, 0, false, &error);
+    if (done == WAAM_MARLIN_OTHER)
+        return false;
+    if (done == WAAM_MARLIN_REFUSED) {
+        waam_text_t text = {.length = 0};
+        waam_text_add(&text, "echo:E");
+        waam_text_uint(&text, error.code);
+        waam_text_char(&text, ' ');
+        waam_text_bytes(&text, error.text.text, error.text.length);
+        waam_core_send(core, &text, WAAM_TX_ASSURED);
+    }
+    waam_marlin_ok(core);
+    return true;
+}
+
 void waam_marlin_line(waam_core_t *core, const char *line, size_t length)
 {
     bool numbered = line[0] == 'N' || line[0] == 'n';
@@ -143,7 +162,7 @@ void waam_marlin_line(waam_core_t *core, const char *line, size_t length)
         break;
     case 999: restart(core); break;
     default:
-        if (waam_marlin_query(core, line, length, 0))
+        if (waam_marlin_query(core, line, length, 0) || set(core, line, length))
             break;
         say(core, "echo:E108 not done: what moves needs a line number and a checksum");
         waam_marlin_ok(core);

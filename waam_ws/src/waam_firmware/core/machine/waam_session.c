@@ -1,5 +1,6 @@
 /* Immediate lines about the session: who is there, is he alive, which line comes next, how often he wants to hear. */
 #include "waam_request.h"
+#include "waam_scale.h"
 #include "waam_wire_settings.h"
 
 static void limits(waam_request_t *r)
@@ -80,7 +81,10 @@ static void describe(waam_request_t *r)
     field(r, " rx=", WAAM_RING_BYTES);
     waam_text_add(&r->answer, " lim=");
     limits(r);
-    field(r, " spmm=", (uint64_t)core->config.steps_per_mm);
+    for (int i = 0; i < WAAM_AXES; i++) {
+        waam_text_add(&r->answer, i ? "," : " spmm=");
+        waam_text_fixed(&r->answer, core->config.steps_per_mm[i], 3);
+    }
     waam_text_add(&r->answer, " off=");
     offset(r);
     field(r, " acc=", core->link.accepted);
@@ -143,18 +147,23 @@ void waam_order_heartbeat(waam_request_t *r)
     waam_text_uint(&r->answer, core->now_us + core->since_tick_us);
 }
 
-/* "$L" alone: the settings of shaper and wire, whatever the state; nothing is changed. */
+static void list(waam_request_t *r, const waam_setting_t *settings, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        waam_text_char(&r->answer, ' ');
+        waam_text_add(&r->answer, settings[i].name);
+        waam_text_char(&r->answer, '=');
+        waam_text_fixed(&r->answer, waam_setting_get(&settings[i], &r->core->config), 4);
+    }
+}
+
+/* "$L" alone: the settings of shaper, wire and axes, whatever the state; nothing is changed. */
 static void tell_settings(waam_request_t *r)
 {
     r->only_told = true;
     shaper(r);
-    for (size_t i = 0; i < waam_wire_settings_count; i++) {
-        const waam_setting_t *setting = &waam_wire_settings[i];
-        waam_text_char(&r->answer, ' ');
-        waam_text_add(&r->answer, setting->name);
-        waam_text_char(&r->answer, '=');
-        waam_text_fixed(&r->answer, waam_setting_get(setting, &r->core->config), 4);
-    }
+    list(r, waam_wire_settings, waam_wire_settings_count);
+    list(r, waam_scale_settings, WAAM_AXES);
 }
 
 void waam_order_resync(waam_request_t *r)

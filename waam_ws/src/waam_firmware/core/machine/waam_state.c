@@ -112,7 +112,7 @@ void waam_core_absorb(waam_core_t *core)
 static void plan_from_here(waam_core_t *core)
 {
     for (int i = 0; i < WAAM_AXES; i++)
-        core->plan_mm[i] = core->path_mm[i] = (double)core->motion.steps[i] / core->config.steps_per_mm;
+        core->plan_mm[i] = core->path_mm[i] = (double)core->motion.steps[i] / core->config.steps_per_mm[i];
     core->modal = core->executed_modal;
     core->plan_homed = core->homed;
     core->plan_arc = core->arc_wanted = false;

@@ -50,7 +50,7 @@ static waam_standoff_mode_t mode(const waam_core_t *core)
 
 static float z_mm(const waam_core_t *core)
 {
-    return (float)waam_core_steps(core, Z) / (float)core->config.steps_per_mm;
+    return (float)waam_core_steps(core, Z) / (float)core->config.steps_per_mm[Z];
 }
 
 /* Way of the axis by the path in this tick. */
@@ -58,15 +58,15 @@ static float path_mm(waam_core_t *core)
 {
     int32_t now = core->motion.steps[Z] + core->lag[Z], steps = now - core->z_before;
     core->z_before = now;
-    return fabsf((float)steps) / (float)core->config.steps_per_mm;
+    return fabsf((float)steps) / (float)core->config.steps_per_mm[Z];
 }
 
 /* The path of the last millimetre goes elsewhere than that of the one before. */
 static bool turned(waam_core_t *core)
 {
-    float steps_per_mm = (float)core->config.steps_per_mm, at[2], way[2];
+    float at[2], way[2];
     for (int i = 0; i < 2; i++) {
-        at[i] = (float)waam_core_steps(core, i) / steps_per_mm;
+        at[i] = (float)waam_core_steps(core, i) / (float)core->config.steps_per_mm[i];
         way[i] = at[i] - core->chord_mm[i];
     }
     float squared = way[0] * way[0] + way[1] * way[1];
@@ -119,7 +119,7 @@ void waam_core_track(waam_core_t *core, uint32_t dt_us)
     core->approaching = core->approaching && (core->approach_asked || core->arc.phase != WAAM_ARC_OFF);
     const waam_standoff_inputs_t in = look(core, dt_s);
     waam_standoff_tick(s, &core->config.standoff, &core->config.regulator.ctwd, &in, dt_s);
-    core->z_correction = (int32_t)lroundf(s->correction_mm * (float)core->config.steps_per_mm);
+    core->z_correction = (int32_t)lroundf(s->correction_mm * (float)core->config.steps_per_mm[Z]);
     core->approach_asked = false;
     if (s->alarm != WAAM_STANDOFF_WELL && !s->told) {
         s->told = true;
@@ -131,7 +131,7 @@ bool waam_core_back_on_path(waam_core_t *core)
 {
     if (core->z_correction != 0 && !core->arc.unchecked && !off(core))
         return false;
-    double mm = (double)core->z_correction / core->config.steps_per_mm;
+    double mm = (double)core->z_correction / core->config.steps_per_mm[Z];
     core->plan_mm[Z] += mm;
     core->path_mm[Z] += mm;
     waam_core_absorb(core);

@@ -20,7 +20,7 @@ static void move(waam_home_t *home, int32_t *steps, double target_mm_s, const wa
     home->speed_mm_s = fmax(before - change, fmin(before + change, target_mm_s));
     double moved = 0.5 * (before + home->speed_mm_s) * dt_s;
     home->travelled_mm += fabs(moved);
-    home->fraction_steps += moved * config->steps_per_mm;
+    home->fraction_steps += moved * config->steps_per_mm[waam_home_axis(home)];
     int32_t whole = (int32_t)lround(home->fraction_steps);
     home->fraction_steps -= whole;
     *steps += whole;
@@ -35,7 +35,7 @@ static waam_home_result_t latched(waam_home_t *home, waam_motion_t *motion, cons
 {
     int axis = waam_home_axis(home);
     double mm = config->home_direction[axis] < 0 ? config->limit_min_mm[axis] : config->limit_max_mm[axis];
-    waam_motion_declare(motion, axis, (int32_t)lround(mm * config->steps_per_mm));
+    waam_motion_declare(motion, axis, (int32_t)lround(mm * config->steps_per_mm[axis]));
     home->speed_mm_s = home->fraction_steps = 0.0;
     enter(home, WAAM_HOME_SEEK);
     if (++home->stage < WAAM_AXES)

@@ -73,14 +73,14 @@ static void note(waam_limit_t *limit, int axis, int64_t change, uint32_t dt_us)
 const char *waam_limit_step(waam_limit_t *limit, const int64_t pulses[WAAM_AXES], const waam_config_t *config,
                             uint32_t dt_us)
 {
-    int64_t steps = 0;
+    double way_mm = 0.0;
     for (int i = 0; i < WAAM_AXES; i++) {
         int64_t change = pulses[i] - limit->pulses[i];
         if (!waam_limit_allows(limit, i, (double)change))
             return "limit switch: only the way out of it is free";
-        steps += change < 0 ? -change : change;
+        if (change) /* a processor without doubles divides slowly */
+            way_mm += (double)(change < 0 ? -change : change) / config->steps_per_mm[i];
     }
-    double way_mm = (double)steps / config->steps_per_mm;
     if (limit->pressed && way_mm > limit->left_mm)
         return "limit switch: still pressed after the way out";
     limit->left_mm -= way_mm;

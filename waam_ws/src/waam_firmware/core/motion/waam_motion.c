@@ -48,7 +48,7 @@ static void place(waam_motion_t *motion, const waam_block_t *block)
     double at_mm[WAAM_AXES];
     waam_path_point(&block->path, motion->done_mm / block->path.length_mm, at_mm);
     for (int i = 0; i < WAAM_AXES; i++) {
-        double at = at_mm[i] * motion->steps_per_mm;
+        double at = at_mm[i] * motion->steps_per_mm[i];
         motion->steps[i] = (int32_t)lround(at);
         motion->part[i] = (int32_t)lround((at - motion->steps[i]) * (WAAM_PARTS - 2)); /* below a half on either side */
     }

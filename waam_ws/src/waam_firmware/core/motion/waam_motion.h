@@ -5,7 +5,7 @@
 #include "waam_planner.h"
 
 typedef struct {
-    int32_t steps_per_mm;
+    double steps_per_mm[WAAM_AXES];
     int32_t steps[WAAM_AXES]; /* where the machine is */
     int32_t part[WAAM_AXES];  /* place between two steps, 1 / WAAM_PARTS; 0 at the end of a block */
     int64_t datum_steps[WAAM_AXES]; /* steps less pulses given out; homing shifts it */

@@ -37,7 +37,7 @@ void waam_block_complete(waam_block_t *block, const waam_kinematics_t *kinematic
     const waam_kinematics_t *k = kinematics;
     double wire = fabs(block->wire_per_mm);
     for (int i = 0; i < WAAM_AXES; i++)
-        block->end[i] = (int32_t)lround(block->path.end_mm[i] * k->steps_per_mm);
+        block->end[i] = (int32_t)lround(block->path.end_mm[i] * k->steps_per_mm[i]);
     waam_path_limits(&block->path, block->nominal_mm_s, k, &block->ceiling_mm_s, &block->accel_mm_s2);
     if (wire > 1e-9) {
         block->ceiling_mm_s = fmin(block->ceiling_mm_s, k->wire_max_mm_s / wire);
