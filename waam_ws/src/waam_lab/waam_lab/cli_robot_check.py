@@ -40,7 +40,13 @@ def check_robot(
     """
     given: dict[str, Any] = {}
     for file in files:
-        given |= params.read_file(file).get('bridge', {})
+        blocks = params.read_file(file)
+        values = params.of_node(blocks, 'bridge')
+        if not values:
+            raise ValueError(
+                f'--params-file {file}: nothing for the node bridge, only for {", ".join(blocks)}'
+            )
+        given |= values
     tilt = {'tilt': math.radians(plan.settings.tilt_deg)}
     wanted: params.Overrides = {'robot_bridge': {**tilt, **given}}
     if urdf is not None:
