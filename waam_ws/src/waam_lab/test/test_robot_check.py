@@ -68,7 +68,7 @@ def test_a_long_part_is_laid_by_a_robot_that_turns_it(tmp_path, capsys):
         check_robot(built, files=[file])
     other = tmp_path / 'other.yaml'
     other.write_text(yaml.safe_dump({'brige': {'ros__parameters': LONG}}))
-    with pytest.raises(ValueError, match='nothing for the node bridge, only for brige'):
+    with pytest.raises(ValueError, match="no node 'brige'; did you mean 'bridge'"):
         check_robot(built, files=[other])
     check_robot(built, turning=True, out=tmp_path, files=[file])
     said = capsys.readouterr().out

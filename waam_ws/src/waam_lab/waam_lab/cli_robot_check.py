@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -42,10 +43,8 @@ def check_robot(
     for file in files:
         blocks = params.read_file(file)
         values = params.of_node(blocks, 'bridge')
-        if not values:
-            raise ValueError(
-                f'--params-file {file}: nothing for the node bridge, only for {", ".join(blocks)}'
-            )
+        if not values and (meant := difflib.get_close_matches('bridge', blocks, 1)):
+            raise ValueError(f"--params-file {file}: no node '{meant[0]}'; did you mean 'bridge'?")
         given |= values
     tilt = {'tilt': math.radians(plan.settings.tilt_deg)}
     wanted: params.Overrides = {'robot_bridge': {**tilt, **given}}

@@ -103,6 +103,13 @@ def check_arm(args: argparse.Namespace) -> None:
     for name in ('urdf', 'turning', 'params_file'):
         if getattr(args, name) and args.machine != ROBOT:
             raise ValueError(f'--{name.replace("_", "-")} belongs to --machine robot')
+    wanted = [
+        n for n in ('cell', 'positioner', 'corner', 'run') if getattr(args, n) not in (None, False)
+    ]
+    if args.post not in POSTS and wanted:
+        raise ValueError(f'--{wanted[0]} belongs to --post {" | ".join(POSTS)}')
+    if args.post in POSTS and not args.out:
+        raise ValueError(f'--post {args.post} needs --out DIR: without it no program is written')
     if args.turning and (args.urdf or args.tilt):
         raise ValueError(
             '--turning is for a level part before the M-20iB/25: not with --urdf or --tilt'
