@@ -164,6 +164,9 @@ def test_results_are_kept_shown_and_refuse_a_job(tmp_path: Path, capsys) -> None
         (tmp_path / f'{what}.csv').write_text(getattr(references, what)(3).text)
     assert waam(f'robot-tcp --file {tmp_path}/touches.csv --told 287.9 1.0 90') == 0
     assert waam(f'hand-eye --file {tmp_path}/profiles.csv') == 0
+    (tmp_path / 'wrong.csv').write_text('a b c')
+    with pytest.raises(ValueError, match=r'wrong\.csv: line 1: the columns must be'):
+        waam(f'robot-tcp --file {tmp_path}/wrong.csv')
     kept = {r.kind: r for r in store.load_all(tmp_path).results}
     assert kept['robot-tcp'].refuses == '' and 'mount_xyz' in kept['hand-eye'].refuses
     assert 'data:image/png' in next(tmp_path.glob('robot-tcp_*.html')).read_text()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -87,7 +89,8 @@ def robot_tcp(args: argparse.Namespace, graph: Graph) -> int:
     from . import outcome_robot, pictures_robot, robot_evidence, robot_fit
 
     text, truth = _evidence(args, graph, 'touches')
-    found = robot_fit.tool(robot_evidence.touches(text, _robot(args)), args.touch * 1e-3)
+    with _of_file(args.file):
+        found = robot_fit.tool(robot_evidence.touches(text, _robot(args)), args.touch * 1e-3)
     told = np.array(args.told) * 1e-3
     result = outcome_robot.of_tool(found, told, datetime.now(UTC))
     notes = ['tool of the controller, mm: ' + ' '.join(f'{v * 1e3:.3f}' for v in found.tip)]
@@ -109,10 +112,11 @@ def hand_eye(args: argparse.Namespace, graph: Graph) -> int:
     text, truth = _evidence(args, graph, 'profiles')
     station = Station()
     mounted = pose_from_wpr(np.array(args.mounted[:3]) * 1e-3, np.radians(args.mounted[3:]))
-    seen = robot_evidence.profiles(text, _robot(args))
-    found = robot_fit.hand_eye(
-        seen, args.radius * 1e-3, station.on_flange(mounted), args.noise * 1e-3
-    )
+    with _of_file(args.file):
+        seen = robot_evidence.profiles(text, _robot(args))
+        found = robot_fit.hand_eye(
+            seen, args.radius * 1e-3, station.on_flange(mounted), args.noise * 1e-3
+        )
     on_torch = station.on_torch(found.scanner)
     result = outcome_robot.of_hand_eye(found, on_torch, mounted, datetime.now(UTC))
     notes = outcome_robot.scan_parameters(on_torch)
@@ -120,6 +124,17 @@ def hand_eye(args: argparse.Namespace, graph: Graph) -> int:
         return _rehearsed(result, notes, found.scanner[:3, 3] - truth[:3, 3], found.interval[:3])
     keep(folder(args, graph), result, notes, [pictures_robot.profiles(found)])
     return 0
+
+
+@contextmanager
+def _of_file(file: Path | None) -> Iterator[None]:
+    """Poor evidence is told with the name of its file."""
+    from .evidence import EvidenceError
+
+    try:
+        yield
+    except EvidenceError as e:
+        raise EvidenceError(f'{file}: {e}' if file else str(e)) from None
 
 
 def _evidence(args: argparse.Namespace, graph: Graph, what: str) -> tuple[str, np.ndarray | None]:

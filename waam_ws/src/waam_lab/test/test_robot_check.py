@@ -61,9 +61,15 @@ def test_a_long_part_is_laid_by_a_robot_that_turns_it(tmp_path, capsys):
     far = PlanSettings(machine_max=(1.7, 0.22, 0.18))
     built = plan_build(load_part(tmp_path / 'bar.stl'), far, 1)
     file = tmp_path / 'long.yaml'
-    file.write_text(yaml.safe_dump({'bridge': {'ros__parameters': LONG}}))
-    with pytest.raises(ValueError, match='does not reach all of its box'):
+    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': LONG}}))
+    with pytest.raises(
+        ValueError, match=r'all of its box, \(\d+, 300, 0\) mm of the machine not: too near'
+    ):
         check_robot(built, files=[file])
+    other = tmp_path / 'other.yaml'
+    other.write_text(yaml.safe_dump({'brige': {'ros__parameters': LONG}}))
+    with pytest.raises(ValueError, match="no node 'brige'; did you mean 'bridge'"):
+        check_robot(built, files=[other])
     check_robot(built, turning=True, out=tmp_path, files=[file])
     said = capsys.readouterr().out
     assert 'at rest it cannot be reached' in said and 'keep their distance' in said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -40,7 +41,11 @@ def check_robot(
     """
     given: dict[str, Any] = {}
     for file in files:
-        given |= params.read_file(file).get('bridge', {})
+        blocks = params.read_file(file)
+        values = params.of_node(blocks, 'bridge')
+        if not values and (meant := difflib.get_close_matches('bridge', blocks, 1)):
+            raise ValueError(f"--params-file {file}: no node '{meant[0]}'; did you mean 'bridge'?")
+        given |= values
     tilt = {'tilt': math.radians(plan.settings.tilt_deg)}
     wanted: params.Overrides = {'robot_bridge': {**tilt, **given}}
     if urdf is not None:

@@ -40,6 +40,7 @@ NODES: dict[str, tuple[str, type]] = {  # node: its package, its parameters
     'process_control': ('waam_adapt', HoldParams),
     'job_sequencer': ('waam_job', JobParams),
 }
+EVERY = '/**'  # of a parameter file: for all nodes
 BRIDGES = {GANTRY: 'bridge', ROBOT: 'robot_bridge'}  # node whose parameters count
 
 
@@ -86,6 +87,11 @@ def read_file(path: Path) -> dict[str, dict[str, Any]]:
             raise ParameterError(f"{path}: '{node}' has no block 'ros__parameters'")
         found[str(node)] = values
     return found
+
+
+def of_node(file: Mapping[str, Mapping[str, Any]], node: str) -> dict[str, Any]:
+    """What `read_file` found for a node, by its name or by the wildcard of all nodes."""
+    return {k: v for key in (EVERY, f'/{node}', node) for k, v in file.get(key, {}).items()}
 
 
 def make(*overrides: Overrides) -> LabParams:

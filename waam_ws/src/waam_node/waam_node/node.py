@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import dataclasses
 import faulthandler
 import gc
@@ -180,12 +181,17 @@ def spin(node: Node) -> None:
         executor.shutdown()
 
 
+def _end(*_: object) -> None:
+    """Of SIGTERM. In a thread, for it may interrupt `rclpy.ok()`, which holds the lock that a shutdown needs."""
+    _thread.start_new_thread(rclpy.try_shutdown, ())
+
+
 def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     """The main of every node: exit status 0 after a clean stop, 2 for bad parameters, 1 for a crash."""
     faulthandler.register(signal.SIGUSR1)  # where every thread is, into the log
     turn = priority.take()  # before the middleware starts its threads
     rclpy.init(args=args)
-    signal.signal(signal.SIGTERM, lambda *_: rclpy.try_shutdown())
+    signal.signal(signal.SIGTERM, _end)
     node = None
     try:
         try:

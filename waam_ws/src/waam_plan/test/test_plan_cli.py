@@ -244,3 +244,19 @@ def test_the_box_of_the_robot_is_that_of_the_plan(tmp_path):
         cli_robot.check_arm(
             argparse.Namespace(urdf=None, turning=False, params_file=[box], machine='gantry')
         )
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (('--post', 'kuka', '--run'), '--post kuka needs --out DIR'),
+        (('--run',), '--run belongs to --post fanuc | kuka | abb'),
+        (
+            ('--positioner', 'turn', '--post', 'gcode-compact'),
+            '--positioner belongs to --post fanuc',
+        ),
+    ],
+)
+def test_options_of_a_program_that_would_do_nothing_are_refused(box_file, capsys, words, said):
+    assert waam(box_file((40, 30, 8)), *words) == 2
+    assert said in capsys.readouterr().err

@@ -103,6 +103,13 @@ def check_arm(args: argparse.Namespace) -> None:
     for name in ('urdf', 'turning', 'params_file'):
         if getattr(args, name) and args.machine != ROBOT:
             raise ValueError(f'--{name.replace("_", "-")} belongs to --machine robot')
+    wanted = [
+        n for n in ('cell', 'positioner', 'corner', 'run') if getattr(args, n) not in (None, False)
+    ]
+    if args.post not in POSTS and wanted:
+        raise ValueError(f'--{wanted[0]} belongs to --post {" | ".join(POSTS)}')
+    if args.post in POSTS and not args.out:
+        raise ValueError(f'--post {args.post} needs --out DIR: without it no program is written')
     if args.turning and (args.urdf or args.tilt):
         raise ValueError(
             '--turning is for a level part before the M-20iB/25: not with --urdf or --tilt'
@@ -129,7 +136,10 @@ def _work_high(file: Path) -> tuple[float, ...] | None:
 
     try:
         data = yaml.safe_load(file.read_bytes()[:MAX_BYTES])
-        high = data['bridge']['ros__parameters'].get('work_high')
+        blocks = [
+            data[key]['ros__parameters'] for key in ('/**', '/bridge', 'bridge') if key in data
+        ]
+        high = next((b['work_high'] for b in blocks[::-1] if 'work_high' in b), None)
     except OSError as e:
         raise ValueError(f'--params-file {file}: {e.strerror}') from None
     except yaml.YAMLError as e:

@@ -41,6 +41,8 @@ def test_angles_to_pose(waam):
 def test_pose_to_branches(waam):
     status, out, _ = waam('ik', 1130, 0, 1965, 180, -90, 0)
     assert status == 0 and len(out.splitlines()) == 9
+    pendant = waam('ik', 1130, 0, 1965, 180, -90, 0, '--zero', 'vertical')[1]
+    assert 'as the DH table counts them' in pendant and 'DH table' not in out
     status, out, err = waam('ik', 3000, 0, 0, 0, 0, 0)
     assert (status, out) == (2, '') and err.startswith(
         'waam robot ik: out of reach: its wrist would be at'
@@ -104,6 +106,7 @@ def test_the_machine_as_a_urdf(waam):
         (['split', 'bad.xml'], 'bad.xml, line 1: 1 numbers'),
         (['split', 'points.txt', '--delta0', '-1'], 'split: delta0 = -0.001: wanted a positive number'),
         (['split', 'points.txt', '--speed', '20', '--turn-speed', '0'], '--turn-speed 0: wanted a positive'),
+        (['split', 'points.txt', '--speed', '0'], '--speed 0: wanted a positive'),
         (['split', 'points.txt', '--speed', '20', '--r-crit', '9'], 'give one of them'),
         (['split', 'bytes.bin'], 'bytes.bin: no text'),
     ],

@@ -131,9 +131,9 @@ def test_what_cannot_be_followed_is_named_with_its_place(pinocchio):
         ('xyz="0 0 1"', 'xyz="0 0"', "joint 'joint1': axis is '0 0', wanted 3 numbers"),
         ('xyz="0 0 1"', 'xyz="0 nan 1"', "joint 'joint1': axis is"),
         ('lower="-3.14', 'lower="3.24', "joint 'joint1': limits 3.2"),
-        ('<link name="world"/>', '', "joint 'joint1': no link 'world' for its parent"),
-        ('<link name="world"/>', '<link name="world"/><link name="alone"/>', 'links without a parent: world, alone'),
-        ('<link name="world"/>', '<link/>', 'a link without a name'),
+        ('<link name="world">', '<link name="earth">', "joint 'joint1': no link 'world' for its parent"),
+        ('<link name="part"/>', '<link name="part"/><link name="alone"/>', 'links without a parent: world, alone'),
+        ('<link name="part"/>', '<link/>', 'a link without a name'),
         ('<robot', '<!DOCTYPE a><robot', 'document types and entities are not read'),
     ],
 )  # fmt: skip

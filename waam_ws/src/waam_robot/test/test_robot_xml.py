@@ -205,7 +205,7 @@ def test_points_go_out_and_come_back():
     [
         ('', 'no line with numbers'),
         ('0; 1; 2', 'line 1: 3 numbers between ";", wanted six angles'),
-        ('\n0; 1; 2; 3; 4; a', "line 2: could not convert string to float: 'a'"),
+        ('\n0; 1; 2; 3; 4; a', 'line 2: "0; 1; 2; 3; 4; a" holds no number'),
         ('0; 1; 2; 3; 4; inf', 'line 1: a number that is not finite'),
     ],
 )

@@ -7,15 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from waam_robot.bodies import PART, TOOL
+from waam_robot.bodies import CRADLE, PART, TOOL, bodies_of, ends, frames_of
 from waam_robot.joint_path import Machine
+from waam_robot.timing import Drives
 from waam_robot.urdf_bodies import UrdfCell
 from waam_robot.urdf_station import UrdfPlace, UrdfStation
-from waam_robot.urdf_text import UrdfError
+from waam_robot.urdf_text import POSITIONER_JOINTS, UrdfError, write_urdf
 
 pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
 
 TEXT = (Path(__file__).parents[2] / 'waam_sim' / 'urdf' / 'small_arm.urdf').read_text()
+JOINTS = tuple(f'joint{n}' for n in range(1, 7))
 NAMES = ('base', 'shoulder', 'elbow', 'wrist_roll', 'wrist_bend', 'wrist_turn')
 ORIGIN = np.array([-0.2, -0.15, 0.0])
 POSTURE = (0.0, 0.46, 0.40, 0.0, 1.09, 3.14)
@@ -88,3 +90,21 @@ def test_a_shape_that_is_none_is_named(old, new, said):
 def test_names_that_the_file_does_not_have():
     with pytest.raises(UrdfError, match='its joints are base, shoulder'):
         UrdfCell(TEXT, (*NAMES[:5], 'hand'))
+
+
+def test_the_file_of_the_table_is_drawn_with_the_bodies_of_the_table():
+    """So a plan is judged alike with the arm and with its own URDF."""
+    machine = Machine()
+    cell = UrdfCell(write_urdf(machine, Drives().speed), (*JOINTS, *POSITIONER_JOINTS))
+    bodies = bodies_of(machine.arm, machine.positioner)
+    joints = np.random.default_rng(4).uniform(-1.0, 1.0, (5, 8))
+    of_file, of_table = cell.frames(joints), frames_of(machine.arm, machine.positioner, joints)
+    found = ends(cell.bodies.capsules, of_file)
+    assert np.abs(found - ends(bodies.capsules, of_table)).max() < 1e-5
+    assert [c.radius for c in cell.bodies.capsules] == [c.radius for c in bodies.capsules]
+    assert sorted(b.size[0] for b in cell.bodies.blocks) == sorted(
+        c.radius for c in bodies.cylinders
+    )
+    middle = {b.name: of_file[:, b.frame] @ b.place for b in cell.bodies.blocks if b.size[0] == 0.3}
+    plate = of_table[:, CRADLE, :3, 3] - 0.01 * of_table[:, CRADLE, :3, 2]
+    assert np.abs(middle['cradle'][:, :3, 3] - plate).max() < 1e-5

@@ -195,6 +195,7 @@ def _branch_table(arm: Arm, pose: np.ndarray, args: argparse.Namespace, of_file:
 
     from . import config_xml, inverse
     from .arm import ArmError, limit_text
+    from .joints import Counting
 
     found = inverse.solve(arm, pose[None])
     if not found.any[0]:
@@ -208,6 +209,8 @@ def _branch_table(arm: Arm, pose: np.ndarray, args: argparse.Namespace, of_file:
         told = config_xml.to_file(theta) if of_file else _counting(args).from_dh(theta)
         numbers = ' '.join(f'{v:8.3f}' for v in np.degrees(told))
         lines.append(f'{b:4d}  {numbers}  {limit_text(arm, theta)}'.rstrip())
+    if not of_file and _counting(args) != Counting():
+        lines.append('# limits: theta2 and theta3 as the DH table counts them, not as the columns')
     return '\n'.join(lines) + '\n'
 
 
@@ -223,8 +226,9 @@ def split_verb(args: argparse.Namespace) -> str:
         raise ValueError('--speed computes r-crit: give one of them')
     r_crit = 10e-3 if args.r_crit is None else args.r_crit * 1e-3
     if args.speed is not None:
-        if not args.turn_speed > 0:
-            raise ValueError(f'--turn-speed {args.turn_speed:g}: wanted a positive number')
+        for name, value in (('speed', args.speed), ('turn-speed', args.turn_speed)):
+            if not value > 0:
+                raise ValueError(f'--{name} {value:g}: wanted a positive number')
         r_crit = split.critical_radius(args.speed * 1e-3, float(np.radians(args.turn_speed)))
     limits = split.SplitLimits(args.delta0 * 1e-3, args.delta1, r_crit)
     found = split.split(

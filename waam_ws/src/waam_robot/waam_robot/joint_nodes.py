@@ -108,38 +108,36 @@ def place_text(number: int, bead: Bead, at: int) -> str:
 
 
 def why(
-    number: int,
     bead: Bead,
     arm: Arm,
     found: Solutions,
     theta: np.ndarray,
     bad: np.ndarray,
     spins: int,
-) -> str:
-    """Bead, place and reason of the spin and branch that came farthest."""
+) -> tuple[int, str]:
+    """Point and reason of the spin and branch that came farthest."""
     count = len(bead.points)
     good = bad == 0
     far = np.where(good.all(axis=2), count, np.argmin(good, axis=2))
     spin, branch = np.unravel_index(int(far.argmax()), far.shape)
     at = int(far[spin, branch])
     if at == count:
-        return _why_limits(number, bead, arm, theta, good.all(axis=2))
-    said = f'{place_text(number, bead, at)}: '
+        return _why_limits(arm, theta, good.all(axis=2))
     what = int(bad[spin, branch, at])
     if what & REACH:
-        said += unreachable_text(arm, found, int(spin) * count + at)
+        said = unreachable_text(arm, found, int(spin) * count + at)
     elif what & FLIP:
-        said += f'a joint would jump by more than {JUMP:.2f} rad: the arm passes a singularity'
+        said = f'a joint would jump by more than {JUMP:.2f} rad: the arm passes a singularity'
     else:
         five = abs(float(wrapped(theta[spin, branch, at, 4]))) / DEG
-        said += (
+        said = (
             f'too near to a singularity (theta5 = {five:.1f} deg, at least {WRIST / DEG:.0f}; '
             f'k = {found.stretch[int(spin) * count + at, branch // 4]:.4f}, at most {ELBOW})'
         )
-    return said + f'. The other spins of the torch ({spins} tried) and branches fail before it'
+    return at, f'{said}. The other spins of the torch ({spins} tried) and branches fail before it'
 
 
-def _why_limits(number: int, bead: Bead, arm: Arm, theta: np.ndarray, whole: np.ndarray) -> str:
+def _why_limits(arm: Arm, theta: np.ndarray, whole: np.ndarray) -> tuple[int, str]:
     """The node that leaves its limits latest."""
     best, said = -1, ''
     low, high = np.array(arm.low), np.array(arm.high)
@@ -153,7 +151,7 @@ def _why_limits(number: int, bead: Bead, arm: Arm, theta: np.ndarray, whole: np.
         beyond = out.any(axis=1) | bent
         at = int(np.argmax(beyond))
         if beyond.any() and at > best:
-            best, said = at, f'{place_text(number, bead, at)}: {limit_text(arm, some[at])}'
+            best, said = at, limit_text(arm, some[at])
     if best < 0:
-        return f'{place_text(number, bead, 0)}: no whole turn of the joints keeps all limits'
-    return said + '. The other spins of the torch and branches are beyond a limit before it'
+        return 0, 'no whole turn of the joints keeps all limits'
+    return best, said + '. The other spins of the torch and branches are beyond a limit before it'

@@ -29,7 +29,17 @@ UNEVEN = 5.0  # cost of 1 rad of the torch to upright
 
 
 class PlanError(ValueError):
-    """There is no joint path; the text names bead, point, place and reason."""
+    """There is no joint path; the text names bead, point, place and reason. point: (3,) m of the part, where there is
+    one; reason: without the place."""
+
+    def __init__(self, text: str, point: np.ndarray | None = None, reason: str = '') -> None:
+        super().__init__(text)
+        self.point, self.reason = point, reason or text
+
+    @classmethod
+    def on(cls, number: int, bead: Bead, at: int, reason: str) -> PlanError:
+        """At the at-th point of a bead."""
+        return cls(f'{place_text(number, bead, at)}: {reason}', bead.points[at], reason)
 
 
 @dataclass(frozen=True)
@@ -156,7 +166,7 @@ class _Stage:
         self.cost[(self.node == self.node[n]).all(axis=1)] = np.inf
         if said.final or not np.isfinite(self.cost).any():
             at = int(np.searchsorted(self.bead.way, said.at))
-            raise PlanError(f'{place_text(number, self.bead, at)}: {said.text}')
+            raise PlanError.on(number, self.bead, at, said.text)
 
 
 def _stages(number: int, bead: Bead, machine: Machine, before: float | None) -> Iterator[_Stage]:
@@ -216,7 +226,8 @@ def _stage(number: int, bead: Bead, turn: Turn, machine: Machine) -> _Stage:
     nodes = possible_nodes(machine.arm, solved.theta, solved.k, solved.bad)
     if nodes is None:
         s = solved
-        raise PlanError(why(number, bead, machine.arm, s.found, s.theta, s.bad, machine.spins))
+        at, said = why(bead, machine.arm, s.found, s.theta, s.bad, machine.spins)
+        raise PlanError.on(number, bead, at, said)
     return _Stage(bead, turn, solved.theta, solved.spins, solved.k, *nodes)
 
 

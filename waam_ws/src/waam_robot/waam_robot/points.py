@@ -22,21 +22,23 @@ class PointsError(ValueError):
 
 
 def read_numbers(text: str, wanted: int, what: str) -> np.ndarray:
-    """(N, wanted). PointsError with the line for anything but so many finite numbers; empty lines are passed over."""
+    """(N, wanted). PointsError with the line for anything but so many finite numbers; empty lines and those that
+    begin with # are passed over."""
     rows = []
     lines = text.splitlines()
     if len(lines) > MOST_LINES:
         raise PointsError(f'{len(lines)} lines; at most {MOST_LINES}')
     for number, line in enumerate(lines, 1):
-        if not line.strip():
+        if not line.strip() or line.lstrip()[0] == '#':
             continue
         cells = [c.strip() for c in line.rstrip().rstrip('.;').split(';')]
         if len(cells) != wanted:
             raise PointsError(f'line {number}: {len(cells)} numbers between ";", wanted {what}')
         try:
             row = [float(c) for c in cells]
-        except ValueError as e:
-            raise PointsError(f'line {number}: {e}') from None
+        except ValueError:
+            text = line.strip()[:40]
+            raise PointsError(f'line {number}: "{text}" holds no number, wanted {what}') from None
         if not np.isfinite(row).all():
             raise PointsError(f'line {number}: a number that is not finite')
         rows.append(row)

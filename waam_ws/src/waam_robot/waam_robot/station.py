@@ -187,7 +187,16 @@ class Station:
                 clear.settle(e)
                 return plan([bead], machine, clear)[0]
         except PlanError as e:
-            raise StationError(f'the robot does not reach all of its box: {e}') from None
+            raise StationError(
+                f'the robot does not reach {self._place(e.point)}: {e.reason}'
+            ) from None
+
+    def _place(self, point: np.ndarray | None) -> str:
+        """A point of the faceplate (3,), m, as a place of the box."""
+        if point is None:
+            return 'all of its box'
+        where = ', '.join(f'{v * 1e3:.0f}' for v in point - self._origin + 0.0)
+        return f'all of its box, ({where}) mm of the machine not'
 
     def _grid(self) -> np.ndarray:
         """(N, 3) m: places all over the box, GRID apart at most."""

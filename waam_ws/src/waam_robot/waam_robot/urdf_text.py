@@ -6,7 +6,9 @@ from xml.parsers import expat
 
 import numpy as np
 
-from .arm import AXES
+from .arm import AXES, Link
+from .bodies import CRADLE, TOOL, bodies_of
+from .bodies import PART as PART_FRAME
 from .frames import rotation, translation, wpr
 from .joint_path import Machine
 from .positioner import Positioner
@@ -28,51 +30,86 @@ class UrdfError(ValueError):
 def write_urdf(machine: Machine, speeds: np.ndarray, name: str = 'arm_and_positioner') -> str:
     """Text of a URDF: joints joint1 ... joint6 (DH angles), tilt (B), turn (C); links torch and part at the ends.
 
-    speeds: (8,) rad/s. The pictures are plain cylinders. The positioner's turn is that of the part: -C - turn_zero
-    stands in the fixed origin of `part`, so the joint is C itself, about -z.
+    speeds: (8,) rad/s. Drawn is what `bodies` has, as cylinders, for the eye and for contacts. The positioner's turn is
+    that of the part: -C - turn_zero stands in the fixed origin of `part`, so the joint is C itself, about -z.
     """
     arm = machine.arm
-    parts = [f'<robot name="{name}">', _link('world')]
+    drawn = _drawn(machine)
+    parts = [f'<robot name="{name}">', _link('world', drawn)]
     before = np.eye(4)
     parent = 'world'
     for n, link in enumerate(arm.links):
         child = f'link{n + 1}'
-        reach = max(float(np.hypot(link.a, link.d)), 0.05)
-        parts.append(_link(child, radius=0.09 - 0.01 * n, length=reach))
+        parts.append(_link(child, drawn))
         limits = (arm.low[n], arm.high[n], float(speeds[n]))
         parts.append(_joint(f'joint{n + 1}', parent, child, before, (0, 0, 1), limits))
-        before = translation(link.a, 0.0, link.d) @ rotation(0, link.alpha)
+        before = _end(link)
         parent = child
-    parts += [
-        _link(TORCH, radius=0.01, length=0.05),
-        _joint('tool', parent, TORCH, before @ arm.tool),
-    ]
-    parts += _positioner(machine.positioner, speeds)
+    parts += [_link(TORCH, drawn), _joint('tool', parent, TORCH, before @ arm.tool)]
+    parts += _positioner(machine.positioner, speeds, drawn)
     return '\n'.join([*parts, '</robot>', ''])
 
 
-def _positioner(p: Positioner, speeds: np.ndarray) -> list[str]:
+def _end(link: Link) -> np.ndarray:
+    """(4, 4): the end of a link in the frame that its joint turns."""
+    return np.asarray(translation(link.a, 0.0, link.d) @ rotation(0, link.alpha))
+
+
+def _positioner(p: Positioner, speeds: np.ndarray, drawn: dict[str, list[str]]) -> list[str]:
     axis = p.faceplate(0.0).copy()
     axis[2, 3] -= p.d_c  # where the tilt axis is; B turns about -y
     limits = [(p.low[n], p.high[n], float(speeds[AXES + n])) for n in range(2)]
     return [
-        _link('cradle', radius=0.05, length=0.4),
+        _link('cradle', drawn),
         _joint('tilt', 'world', 'cradle', axis, (0, -1, 0), limits[0]),
-        _link('table', radius=0.2, length=0.02),
+        _link('table', drawn),
         _joint(
             'turn', 'cradle', 'table',
             translation(z=p.d_c) @ rotation(2, -p.turn_zero), (0, 0, -1), limits[1],
         ),
-        _link(PART),
+        _link(PART, drawn),
         _joint('faceplate', 'table', PART, np.eye(4)),
     ]  # fmt: skip
 
 
-def _link(name: str, radius: float = 0.0, length: float = 0.0) -> str:
-    if not radius:
+def _drawn(machine: Machine) -> dict[str, list[str]]:
+    """Link -> the elements of its shapes."""
+    bodies = bodies_of(machine.arm, machine.positioner)
+    held = {0: ('world', np.eye(4)), TOOL: (TORCH, np.eye(4)), PART_FRAME: (PART, np.eye(4))}
+    held[CRADLE] = ('cradle', translation(z=machine.positioner.d_c))
+    held |= {n: (f'link{n}', _end(link)) for n, link in enumerate(machine.arm.links, 1)}
+    found: dict[str, list[str]] = {}
+    for c in bodies.capsules:
+        link, frame = held[c.frame]
+        found.setdefault(link, []).append(_cylinder(frame, np.array([c.a, c.b]), c.radius))
+    for still in bodies.cylinders:
+        link, frame = held[still.frame]
+        line = np.array([[*still.centre, still.low], [*still.centre, still.high]])
+        found.setdefault(link, []).append(_cylinder(frame, line, still.radius))
+    return found
+
+
+def _cylinder(frame: np.ndarray, line: np.ndarray, radius: float) -> str:
+    """Around a line (2, 3), m, of a frame (4, 4) of the link."""
+    a, b = line @ frame[:3, :3].T + frame[:3, 3]
+    along = (b - a) / np.linalg.norm(b - a)
+    pitch, yaw = np.arccos(np.clip(along[2], -1, 1)), np.arctan2(along[1], along[0])
+    place = ' '.join(f'{v:.6g}' for v in (a + b) / 2)
+    return (
+        f'<origin xyz="{place}" rpy="0 {pitch:.6g} {yaw:.6g}"/><geometry><cylinder radius="{radius:.4g}" '
+        f'length="{np.linalg.norm(b - a):.6g}"/></geometry>'
+    )
+
+
+def _link(name: str, drawn: dict[str, list[str]]) -> str:
+    shapes = [
+        f'    <{what}>{shape}</{what}>'
+        for shape in drawn.get(name, [])
+        for what in ('visual', 'collision')
+    ]
+    if not shapes:
         return f'  <link name="{name}"/>'
-    shape = f'<cylinder radius="{radius:.4g}" length="{length:.4g}"/>'
-    return f'  <link name="{name}"><visual><geometry>{shape}</geometry></visual></link>'
+    return '\n'.join([f'  <link name="{name}">', *shapes, '  </link>'])
 
 
 def _joint(

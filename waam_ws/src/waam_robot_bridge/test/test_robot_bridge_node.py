@@ -53,6 +53,7 @@ class Graph:
         logs: Path,
         cell: bool = True,
         tilt: float = 0.0,
+        pace: float = 2.0,
         cell_params: dict[str, str] | None = None,
         **bridge_params: str,
     ) -> None:
@@ -84,7 +85,9 @@ class Graph:
         self.processes = [self.bridge]
         if cell:
             own = {'robot_tilt': f'{tilt}', **(cell_params or {})}
-            made = self._start('waam_sim', 'robot_cell', use_sim_time='false', pace='2.0', **own)
+            made = self._start(
+                'waam_sim', 'robot_cell', use_sim_time='false', pace=f'{pace}', **own
+            )
             self.processes.append(made)
 
     def _start(self, package: str, name: str, **params: str) -> subprocess.Popen:
@@ -196,6 +199,36 @@ def test_a_bead_on_a_tilted_part_and_an_arc_that_ends_with_the_bridge(graph):
     until(lambda: not graph.burns, what='the arc to end')
     assert graph.weld[-1][0] - killed <= 0.5
     assert 'Traceback' not in graph.log('robot_cell') + graph.log('robot_bridge')
+
+
+def test_a_bridge_that_stands_still_for_a_moment_pauses_no_fast_simulation(tmp_path):
+    """As on a computer whose cores are busy: at eight times real time half a second is 4 s of the cell."""
+    graph = Graph(tmp_path, pace=8.0)
+    try:
+        until(lambda: graph.state.connected, what='connection')
+        graph.command(Command.Request.RESET)
+        graph.command(Command.Request.HOME)
+        until(lambda: graph.state.homed and graph.telemetry[-1].state == 0, what='homing')
+        graph.command(Command.Request.SET_ZERO, vector=ZERO)
+        here = graph.telemetry[-1].position
+        first, end = (0.03, 0.03, TOP + 0.02), (0.13, 0.03, TOP + 0.02)
+        segments = [
+            Segment(0, Kind.IDLE, (here.x, here.y, here.z), first, 0.15),
+            Segment(1, Kind.IDLE, first, end, 0.01),
+            Segment(2, Kind.IDLE, end, first, 0.01),
+        ]
+        assert graph.enqueue(segments).error_code == 0
+        until(lambda: 0 in graph.done, what='the first segment')
+        for process in (graph.bridge, graph.processes[1], graph.bridge):
+            process.send_signal(signal.SIGSTOP)
+            time.sleep(0.6)
+            process.send_signal(signal.SIGCONT)
+            time.sleep(0.2)
+        until(lambda: 2 in graph.done, what='the last segment')
+        assert not [s.message for s in graph.states if 'cut' in s.message]
+        assert 'arc is cut' not in graph.log('robot_bridge')
+    finally:
+        graph.close()
 
 
 def test_wrong_joint_names_are_named_before_anything_moves(tmp_path):

@@ -28,6 +28,8 @@ KEPT = 200  # joint states
 # us without a joint state while later ones are there: some were lost on a busy computer
 HOLE_US = 30_000
 HELD = 1.0  # s after a refused goal until the machine may be resumed
+TAKEN_US = 10_000  # us of controller time by which a simulated cell may be ahead of a goal on its way to it
+PATIENCE = 1.0  # s of the steady clock that it waits for such a goal
 SILENT = 0.3  # s of the steady clock and of ROS time, for a simulated cell may stand still
 LOST = 2.0  # s of the steady clock
 
@@ -43,6 +45,10 @@ class RosDriver:
         self._states: deque[JointState] = deque(maxlen=KEPT)
         self._next: Goal | None = None
         self._number = 0  # of the newest goal
+        self._asked = (
+            0,
+            0.0,
+        )  # us, s of the steady clock: the newest goal that is not answered; 0 = all are
         self._refused, self._when = '', 0.0  # why the newest goal is not followed; s, steady clock
         self._odd = ''  # why the joint states cannot be used
         self.heard = 0.0  # s, steady clock: when the newest complete joint state came
@@ -51,9 +57,19 @@ class RosDriver:
         node.create_subscription(JointStateMsg, 'joint_states', self._on_state, deep)
 
     def follow(self, goal: Goal) -> None:
-        """Sends a goal, which replaces the one before, with the next joint state: in the executor, for an answer that
-        came to it before this thread waits for one would be lost."""
+        """Sends a goal, which replaces the one before: in the executor, for an answer that came to it before this
+        thread waits for one would be lost."""
+        self._asked = (goal.start_us, time.monotonic())
         self._next = goal
+        if self._node.executor is not None:
+            self._node.executor.create_task(self._send)
+
+    def waits(self, now_us: int) -> bool:
+        """Whether the newest goal is still on its way at controller time now_us, so that simulated time should wait."""
+        asked_us, when = self._asked
+        return bool(asked_us) and (
+            now_us - asked_us >= TAKEN_US and time.monotonic() - when < PATIENCE
+        )
 
     def _send(self) -> None:
         goal, self._next = self._next, None
@@ -97,6 +113,9 @@ class RosDriver:
 
     def _on_answer(self, number: int, future: Any) -> None:
         handle = future.result()
+        if number == self._number and self._next is None:
+            self._asked = (0, 0.0)
+            self._on_news()
         if not handle.accepted:
             if number == self._number:
                 self._refuse(f"the driver refused a goal of '{self._action}': joint names?")

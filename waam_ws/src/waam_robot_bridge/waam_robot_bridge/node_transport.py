@@ -137,13 +137,21 @@ class RobotTransport:
             clock = min(clock, newest + BEHIND_US)
         return max(clock, newest)
 
+    def _wait(self, now_us: int) -> None:
+        """For the cell to take a goal that is on its way, and for nodes that are late at controller time now_us."""
+        while self.driver.waits(now_us) and not self._stop.is_set():
+            self._news.wait(IDLE)
+            self._news.clear()
+        if not self._keeps_up(now_us):
+            self._stop.wait(SLOW)
+
     def _catch_up(self, controller: RobotController, rest: bytes) -> bytes:
         """Steps until ROS time is reached; hands the controller's lines over and returns the incomplete one."""
         for _ in range(MOST_STEPS):
             if controller.now_us + 1000 * STEP_MS > self._now_us():
                 break
-            if self._simulated and not self._keeps_up(controller.now_us):
-                self._stop.wait(SLOW)
+            if self._simulated:
+                self._wait(controller.now_us)
             with self._lock:
                 data = bytes(self._waiting)
                 self._waiting.clear()

@@ -54,7 +54,8 @@ def goal_from_msg(
 class TrajectoryController:
     """Action server: hands good goals to `follow` (called under `lock`), refuses others and says why in the log.
 
-    A goal is answered when it is taken, not when it ends: one that replaces another ends that one. names: of the
+    A goal is taken before it is accepted, so that time can wait for it (`waam_robot_bridge.node_transport`). It has its
+    result at once, not when it ends: one that replaces another ends that one. names: of the
     joints; beyond: which of joints (N, n) is beyond its limit, '' = none.
     """
 
@@ -85,17 +86,18 @@ class TrajectoryController:
 
     def _judge(self, goal: FollowJointTrajectory.Goal) -> GoalResponse:
         try:
-            said = self._beyond(goal_from_msg(goal, self._names)[2])
+            taken = goal_from_msg(goal, self._names)
+            said = self._beyond(taken[2])
         except ValueError as e:
             said = str(e)
         if said:
             self._node.get_logger().error(f'goal refused: {said}')
             return GoalResponse.REJECT
+        with self._lock:
+            self._follow(*taken)
         return GoalResponse.ACCEPT
 
     def _execute(self, handle: Any) -> FollowJointTrajectory.Result:
-        with self._lock:
-            self._follow(*goal_from_msg(handle.request, self._names))
         handle.succeed()
         return FollowJointTrajectory.Result()
 
@@ -116,6 +118,11 @@ class Welder:
     def behind_us(self) -> int:
         """How far the newest command is behind the cell; 0 where there is none."""
         return self._now_us() - self._told_us if self._told_us else 0
+
+    @property
+    def alone(self) -> bool:
+        """Nobody tells any commands."""
+        return not self._told_us
 
     def give_up(self) -> None:
         """Nobody waits for commands until the next one comes."""

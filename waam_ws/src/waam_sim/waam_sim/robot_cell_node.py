@@ -29,7 +29,7 @@ from .urdf_file import arm_of
 STEP_MS = 10
 PARK = np.array([0.060, 0.050, 0.150])  # m, where the torch is when the cell is switched on
 AHEAD_US = 20_000  # us that the cell may be ahead of its bridge
-PATIENCE = 0.3  # s
+PATIENCE, PATIENCE_FAST = 0.3, 1.0  # s, and where time goes faster than the wall clock
 WAKE = 0.02  # s between looks whether this node is to end
 SWITCH_INTERVAL = 0.001  # s for which this thread may keep the executor from taking a command
 LATE = 0.2  # s behind the wall clock from which on time is not made up for
@@ -79,15 +79,18 @@ class RobotCell(Cell):
                     return
                 raise
             self._wait_for(welder)
-            due += STEP_MS * 1e-3 / self.params.pace
+            due += (
+                STEP_MS * 1e-3 / (min(self.params.pace, 1.0) if welder.alone else self.params.pace)
+            )
             left = due - time.monotonic()
             if left < -LATE:
                 due = time.monotonic()
             self._stop.wait(max(left, 0.0))
 
     def _wait_for(self, welder: Welder) -> None:
-        """Time waits for a bridge that is late, but not for one that is silent."""
-        end = time.monotonic() + PATIENCE
+        """Time waits for a bridge that is late, but not for one that is silent: then it goes on, no faster than the
+        wall clock."""
+        end = time.monotonic() + (PATIENCE if self.params.pace <= 1 else PATIENCE_FAST)
         while welder.behind_us() > AHEAD_US and not self._stop.is_set():
             if time.monotonic() > end:
                 welder.give_up()

@@ -43,9 +43,9 @@ def parameter_file(file: Path, given: list[Path], target: Path) -> Path:
     """Writes `target` for the nodes of a graph, which has the parameter files `given` as well."""
     wanted: dict[str, dict[str, Any]] = {}
     for each in given:
-        for node, values in params.read_file(each).items():
-            if node in ('bridge', CELL):
-                wanted.setdefault(BRIDGE if node == 'bridge' else CELL, {}).update(values)
+        blocks = params.read_file(each)
+        for node, key in (('bridge', BRIDGE), (CELL, CELL)):
+            wanted.setdefault(key, {}).update(params.of_node(blocks, node))
     found = settings(file, wanted)
     robot, cell = found[BRIDGE], found[CELL]
     posture = dict(zip(robot['joint_names'], robot['posture'], strict=True))
