@@ -223,8 +223,8 @@ def test_metal_that_is_too_high_from_the_first_arc_on_keeps_the_torch_above_too(
 
 @pytest.mark.parametrize('fault', ['dead', 'stuck', 'rises', 'falls', 'unit'])
 def test_the_way_back_does_not_lead_into_metal_that_is_too_high(fault: str):
-    """10 mm of metal that the map does not know, room for 12 mm; after 9 s the laser fails. On its program the torch would
-    be 5 mm above the metal."""
+    """10 mm of metal that the map does not know, room for 12 mm; after 9 s the laser fails. On its program the torch
+    would be 5 mm above the metal."""
     for model in (131.0, 138.0, 145.0):
         loop.start(source=loop.LASER, up_mm=12.0)
         lib, answer, gaps = loop.library(), loop.Answer(), []
@@ -233,8 +233,8 @@ def test_the_way_back_does_not_lead_into_metal_that_is_too_high(fault: str):
             gap = loop.CONTACT + answer.correction - min(10.0, 1.5e-3 * ms)
             late, true = ms > 9000, 85.0 + gap + 0.01 * (ms % 3)
             read = {
-                'dead': math.nan, 'stuck': 100.0, 'rises': true + 2e-3 * (ms - 9000), 'falls': true - 2e-3 * (ms - 9000),
-                'unit': 0.1 * true,
+                'dead': math.nan, 'stuck': 100.0, 'unit': 0.1 * true, 'rises': true + 2e-3 * (ms - 9000),
+                'falls': true - 2e-3 * (ms - 9000),
             }[fault] if late else true  # fmt: skip
             current = model * (1 - 0.024 * (gap - loop.CONTACT))
             lib.standoff_loop_step(ms + 1, read, current, 22.0, 110.0, answer)
