@@ -61,7 +61,7 @@ def layers_met(seed: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     met = np.array(cell.met)
     pauses = np.sort(np.argsort(np.diff(met[:, 0]))[2 - len(maps) :]) + 1  # the scans
     width = cell.layers[1][0].width or next(s.width for s in cell.layers[1] if s.width)
-    pairs = zip(maps, maps[1:], np.split(met, pauses), strict=True)
+    pairs = zip(maps[:-1], maps[1:], np.split(met, pauses), strict=True)
     return [_of_layer(*row, width) for row in pairs]
 
 
