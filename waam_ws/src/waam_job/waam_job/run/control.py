@@ -67,10 +67,11 @@ class Control:
         """Factors of the operator's override, which the bridge acts on. NaN leaves one as it is; what the bridge
         refuses changes nothing here either."""
         with self._lock:
-            asked = zip((speed, wire), self._factors, strict=True)
-            new = tuple(before if math.isnan(v) else v for v, before in asked)
-            if all(a <= v <= b for v, (a, b) in zip(new, (SPEED_FACTOR, WIRE_FACTOR), strict=True)):
-                self._factors = new
+            speed = self._factors[0] if math.isnan(speed) else speed
+            wire = self._factors[1] if math.isnan(wire) else wire
+            (slow, fast), (least, most) = SPEED_FACTOR, WIRE_FACTOR
+            if slow <= speed <= fast and least <= wire <= most:
+                self._factors = speed, wire
 
     @property
     def factors(self) -> tuple[float, float]:
