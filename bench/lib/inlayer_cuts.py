@@ -69,6 +69,8 @@ class Campaign:
             if not killed:
                 break
         self._jobs += 1
+        if error:  # the job may still run
+            self.down()
         self.append('job', kills=kills, error=error, **self._facts(folder, error))
 
     def _attempt(self, folder: Path | None, last: bool) -> tuple[bool, str]:
