@@ -11,6 +11,9 @@ from the metal asked for. known.foretold_mounted_pct: by what the scanner of the
 known.rail_mounted_pct, known.rail_anywhere_pct, known.rail_at_once_pct, known.rail_no_delay_pct,
 known.rail_foretold_pct, known.rail_foretold_growth_pct, known.rail_foretold_mounted_pct: the same of the rail of
 lib/inlayer_regimes.py with three layers.
+known.arc_pct, known.arc_noise_pct: share of the variance of what a layer's surface is off by that the level under the
+arc tells before the metal is laid, beside what plan and setpoints tell (lib/inlayer_arc.py): as the simulated arc meets
+it, and with the noise of arc sensing. Mean over layers 2 to 7.
 known.last_layer_rms_ratio: RMS at the end of jobs whose last layer is laid without any disturbance over that of the
 same jobs with it: what knowing all of it in advance is worth where no layer follows.
 
@@ -87,9 +90,22 @@ def last_layer() -> None:
     emit(name, told(name, found), '', 'with its disturbance', 1.0)
 
 
+def by_the_arc() -> None:
+    from lib.inlayer_arc import NOISE, layers_met, news_share
+
+    jobs = over_seeds(layers_met)
+    for name, noise in (('arc', 0.0), ('arc_noise', NOISE)):
+        shares = [100 * news_share(jobs, layer, noise) for layer in range(len(jobs[0]))]
+        each = ', '.join(f'{v:.1f}' for v in shares)
+        print(f'jaw, {name}: by layer {each} %', file=sys.stderr)
+        emit(f'known.{name}_pct', float(np.mean(shares[1:])), '%', 'all of it', 100.0)
+
+
 KNOWN = {part: partial(known, part) for part in ('jaw', 'rail')}
 FIGURES = {
     **{f'known.{name}_pct': KNOWN['jaw'] for name in (*SIGHTS, *FORETOLD)},
     **{f'known.rail_{name}_pct': KNOWN['rail'] for name in (*SIGHTS, *FORETOLD)},
     'known.last_layer_rms_ratio': last_layer,
+    'known.arc_pct': by_the_arc,
+    'known.arc_noise_pct': by_the_arc,
 }

@@ -27,6 +27,8 @@ VICTIMS = (*NODES, 'bridge', 'cell')
 JOB_S, UP_S = 300.0, 150.0  # longest wait for a job and for a graph, s
 LATE = 12.0  # s on the wall after a correction, at most, until something is killed
 TRIES = 4  # kills of one job; it is left alone then
+STARTS = 3  # of a graph until a job can be begun or resumed in it: on a busy machine the first may be too slow
+NO_GRAPH = 'no graph'  # how the error of an attempt begins whose job was never asked for
 
 
 class Campaign:
@@ -57,13 +59,18 @@ class Campaign:
         """One job, killed up to TRIES times, from its begin to its end."""
         folder, kills, error = None, 0, ''
         for attempt in range(TRIES + 1):
-            killed, error = self._attempt(folder, last=attempt == TRIES)
+            for _ in range(STARTS):
+                killed, error = self._attempt(folder, last=attempt == TRIES)
+                if not error.startswith(NO_GRAPH):
+                    break
             found = (self.run / 'job').read_text().strip() if (self.run / 'job').exists() else ''
             folder = Path(found) if found else folder
             kills += killed
             if not killed:
                 break
         self._jobs += 1
+        if error:  # the job may still run
+            self.down()
         self.append('job', kills=kills, error=error, **self._facts(folder, error))
 
     def _attempt(self, folder: Path | None, last: bool) -> tuple[bool, str]:
@@ -79,7 +86,7 @@ class Campaign:
                 facts, error = self._run(client, folder, last)
         except ClientError as e:
             self.down()
-            return False, f'no graph: {e}'
+            return False, f'{NO_GRAPH}: {e}'
         if facts:
             self.done += 1
             spent = {'up_s': at_work - began, 'job_s': time.monotonic() - at_work}

@@ -42,19 +42,30 @@ def test_switched_off_nothing_is_sent():
 
 
 def test_all_settings_go_in_between_off_and_the_source():
-    cell = Cell(Able(), standoff_source='laser', standoff_up=0.003, standoff_kp=4.0).ready()
+    cell = Cell(
+        Able(), standoff_source='laser', standoff_up=0.003, standoff_kp=4.0, standoff_cross=0.0
+    ).ready()
     cell.until(lambda: cell.bridge.standoff.settled)
     taken = cell.fake.taken
     assert taken[0] == ('source', 0.0) and taken[-1] == ('source', 1.0)
     values = dict(taken)
-    assert values['up_mm'] == 3.0 and values['kp'] == 4.0 and values['set_mm'] == 100.0
+    assert (
+        values['up_mm'] == 3.0
+        and values['kp'] == 4.0
+        and values['cross_mm'] == 0.0
+        and values['set_mm'] == 100.0
+    )
     assert values['law'] == 1.0
     assert cell.command(commands.ARM, 'j')[0] == requests.OK
 
 
-@pytest.mark.parametrize(('source', 'set_mm', 'number'), [('infrared', 100.0, 2), ('arc', 15.0, 3)])
-def test_what_is_left_open_fits_the_source(source, set_mm, number):
+@pytest.mark.parametrize(
+    ('source', 'set_mm', 'number', 'answer'),
+    [('infrared', 100.0, 2, 1.0), ('arc', 15.0, 3, 3.0)],
+)
+def test_what_is_left_open_fits_the_source(source, set_mm, number, answer):
     values = dict(settings(BridgeParams(standoff_source=source)))
+    assert values['answer_mm'] == answer
     assert values['set_mm'] == set_mm and values['source'] == number
     assert not any(math.isnan(v) for v in values.values())
 

@@ -105,6 +105,13 @@ class BridgeParams:
     standoff_ki: float = _standoff(
         NAN, f'speed per error and time; {OF_SOURCE}', '1/s^2', 0.0, 200.0
     )
+    standoff_cross: float = _standoff(
+        0.005,
+        'most that the distance may contradict the current of the arc; 0 = not compared',
+        'm',
+        0.0,
+        0.02,
+    )
 
     def __post_init__(self) -> None:
         try:

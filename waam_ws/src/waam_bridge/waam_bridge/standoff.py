@@ -23,13 +23,16 @@ PERIOD_US = 50_000  # between two lines that are published
 # where a parameter is NaN; mm, mm/s per mm, mm/s per mm and s
 OF_SOURCE = {
     'laser': {
-        'set_mm': 100.0, 'dead_mm': 0.03, 'jump_mm': 1.0, 'kp': 5.0, 'ki': 3.0, 'lead_mm': 8.0, 'lost_s': 1.5,
+        'set_mm': 100.0, 'dead_mm': 0.03, 'jump_mm': 1.0, 'kp': 5.0, 'ki': 3.0,
+        'lead_mm': 8.0, 'lost_s': 1.5, 'answer_mm': 1.0,
     },
     'infrared': {
-        'set_mm': 100.0, 'dead_mm': 0.2, 'jump_mm': 3.0, 'kp': 2.0, 'ki': 0.5, 'lead_mm': 8.0, 'lost_s': 1.5,
+        'set_mm': 100.0, 'dead_mm': 0.2, 'jump_mm': 3.0, 'kp': 2.0, 'ki': 0.5,
+        'lead_mm': 8.0, 'lost_s': 1.5, 'answer_mm': 1.0,
     },
     'arc': {
-        'set_mm': 15.0, 'dead_mm': 0.03, 'jump_mm': 1.0, 'kp': 2.0, 'ki': 0.5, 'lead_mm': 0.0, 'lost_s': 0.5,
+        'set_mm': 15.0, 'dead_mm': 0.03, 'jump_mm': 1.0, 'kp': 2.0, 'ki': 0.5,
+        'lead_mm': 0.0, 'lost_s': 0.5, 'answer_mm': 3.0,
     },
 }  # fmt: skip
 Setting = tuple[str, float]
@@ -52,6 +55,7 @@ def settings(p: BridgeParams) -> list[Setting]:
     values = usual | {name: v for name, v in chosen.items() if not math.isnan(v)}
     values['up_mm'], values['down_mm'] = to_mm(p.standoff_up), to_mm(p.standoff_down)
     values['rate_mm_s'] = to_mm(p.standoff_rate)
+    values['cross_mm'] = to_mm(p.standoff_cross)
     values['law'] = float(STANDOFF_LAWS.index(p.standoff_law))
     return [('source', 0.0), *values.items(), ('source', float(source))]
 

@@ -124,7 +124,7 @@ static outcome_t run(kind_t kind)
     c.law = chance(0.0, 1.0) < 0.5 ? WAAM_STANDOFF_RELAY : WAAM_STANDOFF_PID;
     bool by_arc = c.source == WAAM_STANDOFF_ARC, laser = c.source == WAAM_STANDOFF_LASER;
     if (by_arc)
-        c.set_mm = (float)CONTACT_MM, c.kp = 2.0f, c.ki = 0.5f;
+        c.set_mm = (float)CONTACT_MM, c.kp = 2.0f, c.ki = 0.5f, c.answer_mm = 3.0f;
     if (c.source == WAAM_STANDOFF_INFRARED)
         c.kp = 2.0f, c.ki = 0.5f, c.jump_mm = 3.0f, c.dead_mm = 0.2f;
     metal_t metal = random_metal();

@@ -209,7 +209,7 @@ static void test_above_metal_that_is_too_high_the_torch_stays_above(void)
         run(1);
         CHECK(i < 2000 || fabs(pulses_mm() - 6.0) < 0.05);
     }
-    CHECK(heard("! RUN E212 the correction stays at its limit") && core.arc.phase == WAAM_ARC_BURNING);
+    CHECK(heard("! RUN E212 the correction stays at its limit: the metal is too high, the torch stays above it") && core.arc.phase == WAAM_ARC_BURNING);
     metal_mm = 2.0; /* and follows the metal when that falls again */
     run(5000);
     CHECK(fabs(pulses_mm() - 2.0) < 0.1 && core.standoff.alarms == 1);
@@ -227,7 +227,7 @@ static void test_no_sensor_means_the_programmed_z_and_an_alarm_and_the_bead_goes
     sensor_dead = true;
     run(3000);
     CHECK(core.state == WAAM_RUN && core.arc.phase == WAAM_ARC_BURNING && core.motion.speed_mm_s > 0.0);
-    CHECK(out.pulses[2] == 0 && heard("! RUN E212 no reading") && core.fault == WAAM_OK);
+    CHECK(out.pulses[2] == 0 && heard("! RUN E212 no reading of the distance that can be believed; back to the programmed z") && core.fault == WAAM_OK);
     power_up(WAAM_STANDOFF_LASER);
     sensor_dead = true;
     send_line("M3 W5000 S22");

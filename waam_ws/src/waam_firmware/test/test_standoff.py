@@ -1,5 +1,6 @@
 """The torch held at its distance: what source 001 says of sensor, law and drive, and the control as it is shipped."""
 
+import math
 import subprocess
 from pathlib import Path
 
@@ -218,3 +219,27 @@ def test_metal_that_is_too_high_from_the_first_arc_on_keeps_the_torch_above_too(
             found, alarm = at_the_limit([6.0 + error], first=6.0 + error, model=model)
             assert alarm == loop.LIMIT
             assert np.abs(found[4000:] - 6.0).max() < 0.05
+
+
+@pytest.mark.parametrize('fault', ['dead', 'stuck', 'rises', 'falls', 'unit'])
+def test_the_way_back_does_not_lead_into_metal_that_is_too_high(fault: str):
+    """10 mm of metal that the map does not know, room for 12 mm; after 9 s the laser fails. On its program the torch
+    would be 5 mm above the metal."""
+    for model in (131.0, 138.0, 145.0):
+        loop.start(source=loop.LASER, up_mm=12.0)
+        lib, answer, gaps = loop.library(), loop.Answer(), []
+        lib.standoff_loop_path(loop.FOLLOW, 0.0, 0.0, 22.0)
+        for ms in range(18_000):
+            gap = loop.CONTACT + answer.correction - min(10.0, 1.5e-3 * ms)
+            late, true = ms > 9000, 85.0 + gap + 0.01 * (ms % 3)
+            read = {
+                'dead': math.nan, 'stuck': 100.0, 'unit': 0.1 * true, 'rises': true + 2e-3 * (ms - 9000),
+                'falls': true - 2e-3 * (ms - 9000),
+            }[fault] if late else true  # fmt: skip
+            current = model * (1 - 0.024 * (gap - loop.CONTACT))
+            lib.standoff_loop_step(ms + 1, read, current, 22.0, 110.0, answer)
+            if late:
+                gaps.append(gap)
+        assert answer.alarm != loop.WELL
+        assert min(gaps) > 0.5 * loop.CONTACT
+        assert gaps[-1] < 0.7 * loop.CONTACT or fault == 'falls', 'it goes back as far as it may'

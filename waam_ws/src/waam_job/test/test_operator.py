@@ -190,3 +190,42 @@ def test_all_that_is_wrong_with_a_goal_is_said_at_once(parts, tmp_path):
         check(goal)
     for word in ('unobtainium', 'spirograph', 'passes'):
         assert word in str(e.value)
+
+
+@pytest.mark.parametrize(
+    ('speed', 'wire', 'metal'), [(1.0, 1.2, 1.2), (0.8, 1.0, 1.25), (0.7, 0.7, 1.0)]
+)
+def test_metal_that_an_override_adds_counts_as_asked_for(
+    make_cell, make_runner, speed, wire, metal
+):
+    """Or the identification would take it for the process, and the next layers would take it back."""
+
+    def previous(override: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Metal of the first layer, as the next request and the folder tell it."""
+        cell = make_cell()
+        runner, control, folder = make_runner(cell)
+        asked, inner = [], cell.correct
+        cell.correct = lambda run_id, r: asked.append(r.previous_growth) or inner(run_id, r)
+        if override:
+            on_deposit(cell, 1, lambda: control.override(speed, wire))
+        assert runner.run().state == State.DONE
+        said = [r for row in run(folder)['layers'] for r in row['reasons'] if 'override' in r]
+        assert len(said) == (len(asked) if override and metal != 1.0 else 0)
+        return asked[1], folder.read_map(0)['asked'].astype(float)
+
+    for usual, altered in zip(previous(False), previous(True), strict=True):
+        ratio = altered[usual > 0] / usual[usual > 0]
+        assert np.median(ratio) == pytest.approx(metal, rel=1e-5)
+        assert ratio.max() <= max(metal, 1.0) + 1e-5
+
+
+def test_an_override_leaves_what_is_nan_and_what_the_bridge_refuses(make_cell):
+    control = Control()
+    control.override(math.nan, 1.2)
+    assert control.factors == (1.0, 1.2) and control.metal_factor == pytest.approx(1.2)
+    control.override(0.8, math.nan)
+    assert control.factors == (0.8, 1.2)
+    for refused in ((1.0, 5.0), (0.0, 1.0), (-1.0, 1.0), (math.inf, 1.0)):
+        control.override(*refused)
+    assert control.factors == (0.8, 1.2)
+    assert Control(control.factors).metal_factor == pytest.approx(1.5)

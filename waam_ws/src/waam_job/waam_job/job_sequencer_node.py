@@ -45,7 +45,6 @@ class JobSequencer(WaamNode):
         self.settings = settings_of(self.params, self.get_parameter('use_sim_time').value)
         self._lock = threading.Lock()
         self._busy = False
-        self._override = (1.0, 1.0)
         self._server = ThreadedActionServer(
             self,
             RunJob,
@@ -68,8 +67,7 @@ class JobSequencer(WaamNode):
                 self.get_logger().warning('a job is running; the second goal is refused')
                 return GoalResponse.REJECT
             self._busy = True
-            self.control = Control()
-            self.control.override(*self._override)
+            self.control = Control(self.control.factors)
         return GoalResponse.ACCEPT
 
     def _on_cancel(self, _handle: ServerGoalHandle) -> CancelResponse:
@@ -109,10 +107,9 @@ class JobSequencer(WaamNode):
     def _on_override(self, message: Override) -> None:
         """The bridge acts on it; the job only records it."""
         with self._lock:
-            self._override = message.speed_factor, message.wire_factor
+            self.control.override(message.speed_factor, message.wire_factor)
             control = self.control if self._busy else None
         if control is not None:
-            control.override(message.speed_factor, message.wire_factor)
             who = message.source or 'unknown'
             control.remark(
                 f'override by {who}: speed {message.speed_factor:g}, wire {message.wire_factor:g}'

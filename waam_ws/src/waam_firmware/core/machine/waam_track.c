@@ -123,7 +123,7 @@ void waam_core_track(waam_core_t *core, uint32_t dt_us)
     core->approach_asked = false;
     if (s->alarm != WAAM_STANDOFF_WELL && !s->told) {
         s->told = true;
-        waam_core_tell(core, WAAM_E_STANDOFF, waam_standoff_text(s->alarm));
+        waam_core_tell(core, WAAM_E_STANDOFF, waam_standoff_text(s));
     }
 }
 

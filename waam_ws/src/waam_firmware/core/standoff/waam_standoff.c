@@ -10,6 +10,7 @@
 #define ASK_S 0.15f       /* in which the error still comes through the filters */
 #define APART_S 0.5f      /* sensor and arc may differ for so long */
 #define AT_LIMIT_MM 0.01f
+#define NEAREST 0.6f      /* of the contact distance: a way back does not lead nearer to the metal, as the arc tells */
 
 static float inside(float value, float low, float high) { return value > high ? high : value < low ? low : value; }
 
@@ -40,17 +41,19 @@ void waam_standoff_forget(waam_standoff_t *s)
     s->arc_samples = 0;
 }
 
-const char *waam_standoff_text(waam_standoff_alarm_t alarm)
+#define BACK "; back to the programmed z"
+
+const char *waam_standoff_text(const waam_standoff_t *s)
 {
     static const char *const texts[] = {
         "the distance is followed",
-        "no reading of the distance that can be believed",
-        "the reading of the distance does not change any more",
-        "the distance does not answer to the torch: sign, unit or place of the sensor",
-        "the correction stays at its limit",
-        "the distance contradicts the arc's current",
+        "no reading of the distance that can be believed" BACK,
+        "the reading of the distance does not change any more" BACK,
+        "the distance does not answer to the torch: sign, unit or place of the sensor" BACK,
+        "the correction stays at its limit" BACK,
+        "the distance contradicts the arc's current" BACK,
     };
-    return texts[alarm];
+    return s->held ? "the correction stays at its limit: the metal is too high, the torch stays above it" : texts[s->alarm];
 }
 
 static void raise_alarm(waam_standoff_t *s, waam_standoff_alarm_t alarm)
@@ -177,6 +180,12 @@ static bool watched(const waam_standoff_t *s, const waam_standoff_config_t *c)
 static float high_by_arc(const waam_standoff_t *s, const waam_ctwd_model_t *m, float z_mm)
 {
     return s->arc_mm + z_mm - s->arc_bias_mm - m->ctwd_mm;
+}
+
+/* Where the metal is higher than the program knows, the way back leads into it. The program itself may. */
+static bool too_near(const waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m, float z_mm)
+{
+    return watched(s, c) && m->ctwd_mm + high_by_arc(s, m, z_mm) < NEAREST * m->ctwd_mm;
 }
 
 static bool apart(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *m, float z_mm, float dt_s)
@@ -338,8 +347,10 @@ void waam_standoff_tick(waam_standoff_t *s, const waam_standoff_config_t *c, con
     follow(s, c, arc, in, dt_s);
     bool ended = s->alarm != WAAM_STANDOFF_WELL && !s->held;
     bool home = in->mode == WAAM_STANDOFF_RETURN || (ended && in->mode != WAAM_STANDOFF_STAY);
-    float before = s->correction_mm;
-    move(s, c, in, home ? homeward(s, c) : in->mode == WAAM_STANDOFF_STAY ? 0.0f : s->wanted_mm_s, dt_s);
+    float before = s->correction_mm, back = homeward(s, c);
+    if (back < 0.0f && too_near(s, c, arc, in->z_mm))
+        back = 0.0f;
+    move(s, c, in, home ? back : in->mode == WAAM_STANDOFF_STAY ? 0.0f : s->wanted_mm_s, dt_s);
     if (home && (before * s->correction_mm <= 0.0f || fabsf(s->correction_mm) < 1e-3f))
         s->correction_mm = s->speed_mm_s = 0.0f;
 }

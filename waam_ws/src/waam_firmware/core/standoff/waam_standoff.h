@@ -76,7 +76,8 @@ void waam_standoff_tick(waam_standoff_t *s, const waam_standoff_config_t *c, con
 bool waam_standoff_ready(const waam_standoff_t *s, const waam_standoff_config_t *c);
 /* Pulses of a packet of the relay, for the size of an error in mm. */
 uint32_t waam_standoff_pulses(float error_mm);
-const char *waam_standoff_text(waam_standoff_alarm_t alarm);
+/* What is wrong, and what the torch does. */
+const char *waam_standoff_text(const waam_standoff_t *s);
 
 /* ---- settings (waam_standoff_settings.c) ---- */
 

@@ -70,7 +70,7 @@ waam_standoff_config_t waam_standoff_default(void)
         .approach_s = 1.5f,
         .answer_mm = 1.0f,
         .limit_s = 1.0f,
-        .cross_mm = 2.5f,
+        .cross_mm = 5.0f,
         .arc_average_s = 0.3f,
         .arc_bend = -0.044f,
         .arc_fall_a_per_v = 7.0f,

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import threading
+
+from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
 
 
 class Control:
     """Thread-safe switches. An abort also ends a pause. Requests for the next layer are taken once."""
 
-    def __init__(self) -> None:
+    def __init__(self, factors: tuple[float, float] = (1.0, 1.0)) -> None:
+        """factors: of the override that is in force, speed and wire."""
         self._lock = threading.Lock()
         self._paused = False
         self._abort_reason = ''
         self._requests: set[str] = set()
         self._k_gain: float | None = None
         self._remarks: list[str] = []
-        self._metal_factor = 1.0
+        self._factors = factors
 
     def pause(self) -> None:
         """From the next place on where the job waits."""
@@ -60,15 +64,26 @@ class Control:
             self._remarks.append(text)
 
     def override(self, speed: float, wire: float) -> None:
-        """Factors of the operator's override, which the bridge acts on."""
+        """Factors of the operator's override, which the bridge acts on. NaN leaves one as it is; what the bridge
+        refuses changes nothing here either."""
         with self._lock:
-            self._metal_factor = wire / speed if speed > 0 else 1.0
+            speed = self._factors[0] if math.isnan(speed) else speed
+            wire = self._factors[1] if math.isnan(wire) else wire
+            (slow, fast), (least, most) = SPEED_FACTOR, WIRE_FACTOR
+            if slow <= speed <= fast and least <= wire <= most:
+                self._factors = speed, wire
+
+    @property
+    def factors(self) -> tuple[float, float]:
+        """Of the operator's override in force: speed, wire."""
+        with self._lock:
+            return self._factors
 
     @property
     def metal_factor(self) -> float:
         """By which the operator's override changes the metal per length of path; 1 = not at all."""
-        with self._lock:
-            return self._metal_factor
+        speed, wire = self.factors
+        return wire / speed
 
     def take_remarks(self) -> list[str]:
         """Remarks since the last call."""

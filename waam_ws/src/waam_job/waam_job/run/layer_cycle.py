@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from waam_plan.plan import PlannedLayer, renumber
 from waam_process.loop_mode import LoopMode
 from waam_process.segment import Kind, Segment
 
+from ..model.altered import AlteredMetal
 from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, NextLayer, Scan
 from ..model.geometry import asked_growth, driven_growth, follow, laid_beads
 from ..model.records import LayerRecord, State
@@ -77,9 +79,13 @@ class LayerCycle:
         within = self._within(layer, scan, correction, placed, record, laid)
         if resumed and within is not None:  # what the rest is asked for from now on
             self._keep_scan(scan, Following(layer, within.asked, correction, feed_factor))
-        self._deposit(placed, layer, record, within)
+        altered = self._deposit(placed, layer, record, within)
         if within is not None:
-            asked = within.asked
+            asked, correction = within.asked, within.correction
+        if altered.text:
+            record.reasons.append(altered.text)
+            asked = altered.asked(asked, scan.map.spec)
+            self._keep_scan(scan, Following(layer, asked, correction, feed_factor))
         self.history = History(asked, scan.map.z, feed_factor)
         self.journal.layer(record)
         if resumed:  # what lies there is not what was planned on one map
@@ -266,21 +272,26 @@ class LayerCycle:
         layer: PlannedLayer,
         record: LayerRecord,
         within: InLayer | None,
-    ) -> None:
+    ) -> AlteredMetal:
         self.journal.state(State.DEPOSITING)
         self.cell.take_sums()
         self.cell.plan(self.run_id, layer.number, placed)
         started = self.cell.now()
-        progress = BeadProgress(self.context, layer, placed)
+        progress, altered = BeadProgress(self.context, layer, placed), AlteredMetal(placed)
+
+        def on_done(segment: Segment) -> None:
+            altered.heard(segment.index, self.control.metal_factor)
+            progress.on_done(segment)
+
         self.journal.checkpoint(
             0, progress.beads_before, placed[0].index - 1, progress.segments_before
         )
         material = self.context.checked.material
         self.scanner.laid(layer.number, laid_beads(placed, material))
         if within is None:
-            self.motion.execute(placed, progress.on_done)
+            self.motion.execute(placed, on_done)
         else:
-            self._execute(placed, progress, within, record)
+            self._execute(placed, on_done, within, record)
             self.scanner.laid(layer.number, laid_beads(within.placed, material))
         last = placed[-1].index
         self.journal.checkpoint(0, progress.beads_before + layer.beads, last, progress.laid(last))
@@ -290,16 +301,21 @@ class LayerCycle:
             text = f'{record.telemetry_lost} telemetry frames were lost in this layer'
             self.journal.note('WARNING', 'link', text, 'means over the others')
         record.faults = self.journal.faults_in(layer.number)
+        return altered
 
     def _execute(
-        self, placed: list[Segment], progress: BeadProgress, within: InLayer, record: LayerRecord
+        self,
+        placed: list[Segment],
+        tell: Callable[[Segment], None],
+        within: InLayer,
+        record: LayerRecord,
     ) -> None:
         """Runs the layer, and what is put into force on the way is what the folder knows of it."""
         known = 0
 
         def on_done(segment: Segment) -> None:
             nonlocal known
-            progress.on_done(segment)
+            tell(segment)
             within.on_done(segment)
             if record.in_layer_corrections > known:
                 known = record.in_layer_corrections

@@ -44,7 +44,7 @@ export function showStandoff(s, telemetry, old, running) {
   text('v-standoff-z', s.alarm ? 'alarm' : `Z ${signed(s.correction_mm)}`);
   $('standoff-value').classList.toggle('bad', Boolean(s.alarm));
   rows($('standoff-facts'), [['measured by', s.source], ['set, mm', fixed(s.set_mm, 2)], ['measured, mm', fixed(s.measured_mm, 2)],
-    ['correction of the programmed Z, mm', signed(s.correction_mm)], ['state', s.alarm ? `! ${s.alarm}: programmed Z until the next arc` : old ? 'off' : 'ok']]);
+    ['correction of the programmed Z, mm', signed(s.correction_mm)], ['state', s.alarm ? `! ${s.alarm}: ${s.correction_mm ? 'on its way to the programmed Z, or kept above metal that is too high' : 'programmed Z until the next arc'}` : old ? 'off' : 'ok']]);
   if (telemetry && !old) keep([telemetry.t, s.set_mm, s.measured_mm, s.correction_mm]);
 }
 
