@@ -194,6 +194,13 @@ def test_what_would_not_act_is_refused(parts):
         run(restore(*parts, seed=-1))
 
 
+@pytest.mark.parametrize('machine, node', [('robot', 'bridge'), ('gantry', 'robot_bridge')])
+def test_overrides_of_the_other_machines_bridge_are_refused(machine, node):
+    job = restore(Path('n.stl'), Path('w.stl'), machine=machine, overrides={node: {}})
+    with pytest.raises(ValueError, match=f"overrides of '{node}' do not act"):
+        run(job)
+
+
 def test_a_refused_job_among_many_is_told_and_the_others_go_on(parts):
     good = restore(*parts, seed=3, layers=1)
     bad = restore(*parts, material='unobtainium')

@@ -80,6 +80,10 @@ def _check_cell(job: LabJob) -> None:
         raise ValueError(f"machine is '{job.machine}', known are {', '.join(MACHINES)}")
     if job.seed < 0:
         raise ValueError(f'seed is {job.seed}, must not be negative')
+    bridge = params.BRIDGES[job.machine]
+    if other := [n for n in params.BRIDGES.values() if n != bridge and n in job.overrides]:
+        text = f"overrides of '{other[0]}' do not act: on machine '{job.machine}' the node is '{bridge}'"
+        raise ValueError(text)
     own = [f'{group}_' for group in GROUPS]
     changed = [n for n in job.overrides.get('cell', {}) if n.startswith(tuple(own))]
     if job.plant is not None and changed:
