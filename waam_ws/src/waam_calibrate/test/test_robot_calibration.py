@@ -150,7 +150,10 @@ def test_results_are_kept_shown_and_refuse_a_job(tmp_path: Path, capsys) -> None
         made = getattr(references, what)(seed)
         return made.text, made.truth
 
-    graph = Graph(lambda: tmp_path, lambda p: None, unused, unused, unused, rehearse)
+    graph = Graph(
+        folder=lambda: tmp_path, add_options=lambda p: None, measure=unused, send=unused,
+        told=lambda args: None, wire=unused, rehearse=rehearse,
+    )  # fmt: skip
     parser = argparse.ArgumentParser()
     cli.register(parser.add_subparsers(), graph)
 
