@@ -12,10 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..beads.plan_level import BIAS, MOST, WEIGHTS, figures
+from ..beads.plan_level import BIAS, WEIGHTS, figures
 from .samples import Sample
 
 SHRINK = 30.0  # layers' worth of belief that a figure, standardised, says nothing
+FAR = 0.15  # of the logarithm: how far a layer counts as off that of its job, at most
 FOLDS = 8  # jobs are left out in turn to say what the fit is worth
 
 
@@ -61,11 +62,11 @@ def _by_job(layers: Sequence[Sample]) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _slopes(jobs: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """(len(FIGURES),) ridge regression on what differs within jobs; a level that is far off counts as `MOST`."""
+    """(len(FIGURES),) ridge regression on what differs within jobs; a level that is far off counts as `FAR`."""
     first = [np.eye(len(x), 1) for x, _ in jobs]
     known = [np.hstack([x, f]) for (x, _), f in zip(jobs, first, strict=True)]
     x = np.concatenate([k - k.mean(axis=0) for k in known])
-    y = np.concatenate([np.clip(y - y.mean(), -MOST, MOST) for _, y in jobs])
+    y = np.concatenate([np.clip(y - y.mean(), -FAR, FAR) for _, y in jobs])
     scale = x.std(axis=0) + 1e-9
     x = x / scale
     found: np.ndarray = np.linalg.solve(x.T @ x + SHRINK * np.eye(x.shape[1]), x.T @ y) / scale
