@@ -12,9 +12,6 @@ the gains after layers 2 to 5 and at the end; 95 % intervals on stderr. `shape.f
 these jobs and of the six parts that the network did not answer.
 `shape.learned_gain_pct`: RMS at the end of jobs that start with what one job of the same cell, another part and other
 noise, has taught against the same jobs started fresh; gains after the first layers on stderr.
-`shape.chosen_rms_mm`: mean RMS of random parts with the layout that `waam lab --choose` takes, against the default
-layout on the same cells; chosen on cells of other physics, reported on the usual ones.
-`shape.unseen_rms_mm`, `shape.unseen_worst_mm`: mean and worst RMS of twenty random parts that nothing was chosen on.
 `shape.last_layer_known_mm`: RMS of the jaw when the correction knows of the last layer what repeats with other noise
 (`lib/last_layer.py`), a bound for what a network or a former job can tell; seeds 101 and 102, judged with other noise
 than learned with. `shape.last_layer_solver_mm`: the same without a network.
@@ -36,7 +33,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from lib.adapt_stats import interval
 from lib.emit import emit
 from lib.jaw import jaw_job
 from lib.seeds import seeds
@@ -48,8 +44,6 @@ CORNER = 5e-3  # m
 # Of `learned`: the part that teaches, and how far its seed lies from that of the job that learns.
 TEACHER, OTHER_NOISE = 'pockets', 1000
 STRATEGIES = ('zigzag', 'contour', 'spiral', 'combined')
-RANDOM_PARTS = (21, 22, 23, 24, 25, 26)  # of waam_lab.parts.random_part
-UNSEEN = tuple(range(61, 81))  # of random_part; nothing was chosen on them
 CHOOSING = (101, 102, 103, 104, 105)
 TAUGHT = (101, 102)  # whose last layer is laid again and again
 PITCHES = (0.60, 0.73)  # of the bead width: the material table's, and that of version 0.1
@@ -234,71 +228,6 @@ def of_parts() -> None:
     emit('shape.parts_worst_mm', max(means.values()), 'mm', OLD + ', L, ring, cylinder', 0.37)
 
 
-def random_part(folder: Path, number: int) -> tuple[Path, Path]:
-    """Nominal and worn mesh of waam_lab.parts.random_part."""
-    from waam_lab import parts
-
-    nominal, worn = parts.random_part(np.random.default_rng(number)).meshes()
-    assert worn is not None
-    paths = folder / f'{number}_nominal.stl', folder / f'{number}_worn.stl'
-    for mesh, path in zip((nominal, worn), paths, strict=True):
-        mesh.export(path)
-    return paths
-
-
-def chosen() -> None:
-    from waam_lab import layouts, over_seeds, restore, run_many
-    from waam_lab.cli_choose import choose
-
-    usual, taken = [], []
-    for number in RANDOM_PARTS:
-        with tempfile.TemporaryDirectory() as folder:
-            job = restore(*random_part(Path(folder), number), tolerance=0.2e-3)
-            layout = layouts.best(choose(job, 2, workers())).layout
-            of_layout = layouts.laid(job, layout)
-            jobs = over_seeds(job, seeds(FIRST)) + over_seeds(of_layout, seeds(FIRST))
-            found = done(run_many(jobs, workers=workers()))
-        half = len(found) // 2
-        told(f'random part {number}, as asked', found[:half])
-        told(f'random part {number}, {layout.name}', found[half:])
-        usual.append(np.mean([r.rms for r in found[:half]]))
-        taken.append(np.mean([r.rms for r in found[half:]]))
-    _, low, high = interval(np.array(taken) / np.array(usual))
-    print(f'ratio over parts: 95 % interval {low:.3f} .. {high:.3f}', file=sys.stderr)
-    best, asked = 1e3 * float(np.mean(taken)), 1e3 * float(np.mean(usual))
-    emit('shape.chosen_rms_mm', best, 'mm', 'the default layout', asked)
-
-
-def unseen() -> None:
-    from waam_lab import over_seeds, restore, run_many
-
-    laws: dict[str, list] = {'growth_net': [], 'damped_inverse': []}
-    with tempfile.TemporaryDirectory() as folder:
-        for number in UNSEEN:
-            paths = random_part(Path(folder), number)
-            jobs = [
-                job
-                for law in laws
-                for job in over_seeds(
-                    restore(
-                        *paths, tolerance=0.2e-3, overrides={'correction_server': {'law': law}}
-                    ),
-                    seeds((1,)),
-                )
-            ]
-            found = done(run_many(jobs, workers=workers()))
-            half = len(found) // 2
-            told(f'random part {number}', found[:half])
-            for law, some in zip(laws, (found[:half], found[half:]), strict=True):
-                laws[law] += some
-    for law, some in laws.items():
-        told(f'{len(UNSEEN)} random parts, {law}', some)
-    rms = {law: 1e3 * np.array([r.rms for r in some]) for law, some in laws.items()}
-    own, explicit = rms.values()
-    emit('shape.unseen_rms_mm', float(own.mean()), 'mm', 'law damped_inverse', explicit.mean())
-    emit('shape.unseen_worst_mm', float(own.max()), 'mm', 'law damped_inverse', explicit.max())
-
-
 def last_layer() -> None:
     """One worker: 30 jobs a seed."""
     from lib import last_layer as again
@@ -352,10 +281,7 @@ FIGURES = {
     'shape.fallback_share': network,
     'shape.learned_gain_pct': learned,
     'shape.corner_lag_mm': block,
-    'shape.chosen_rms_mm': chosen,
     'shape.pitch_rms_mm': pitches,
-    'shape.unseen_rms_mm': unseen,
-    'shape.unseen_worst_mm': unseen,
     'shape.last_layer_known_mm': last_layer,
     'shape.last_layer_solver_mm': last_layer,
 }

@@ -16,7 +16,6 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
-from . import inlayer_known
 from .inlayer_known import Calm, run
 from .jaw import jaw_job
 
@@ -50,14 +49,10 @@ def layers_met(seed: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     and what the surface is off by in the end (n,) m, less its mean."""
     from waam_job.store.folder import JobFolder
 
-    kept, inlayer_known.Calm = inlayer_known.Calm, Meeting
-    try:
-        with tempfile.TemporaryDirectory() as scratch:
-            cell, result = run(jaw_job(seed=seed, keep=True, jobs_dir=Path(scratch)))
-            folder = JobFolder.open(result.folder)
-            maps = [folder.read_map(n) for n in range(folder.last_map() + 1)]
-    finally:
-        inlayer_known.Calm = kept
+    with tempfile.TemporaryDirectory() as scratch:
+        cell, result = run(jaw_job(seed=seed, keep=True, jobs_dir=Path(scratch)), kind=Meeting)
+        folder = JobFolder.open(result.folder)
+        maps = [folder.read_map(n) for n in range(folder.last_map() + 1)]
     met = np.array(cell.met)
     pauses = np.sort(np.argsort(np.diff(met[:, 0]))[2 - len(maps) :]) + 1  # the scans
     width = cell.layers[1][0].width or next(s.width for s in cell.layers[1] if s.width)

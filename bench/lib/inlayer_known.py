@@ -189,14 +189,14 @@ def rail(folder: Path, seed: int, **options):
     return restore(*files, seed, tolerance=0.2e-3, layers=3, strategy='zigzag', **options)
 
 
-def run(job, calm: bool = False) -> tuple[Calm, object]:
-    """The cell and the result of a job in it. RuntimeError with the message of a job that failed."""
+def run(job, calm: bool = False, kind: type[Calm] = Calm) -> tuple[Calm, object]:
+    """The cell, of a `kind`, and the result of a job in it. RuntimeError with the message of a job that failed."""
     from waam_lab import laboratory
 
     made = []
 
     def cell(*args):
-        made.append(Calm(calm, *args))
+        made.append(kind(calm, *args))
         return made[-1]
 
     kept, laboratory.LabCell = laboratory.LabCell, cell

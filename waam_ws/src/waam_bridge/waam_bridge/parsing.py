@@ -121,9 +121,8 @@ def _identity(payload: bytes, digits: int) -> Identity:
     numbers = (*who.limits_mm, *(who.offset_mm or ()), *who.steps_per_mm)
     if len(who.limits_mm) != 6 or len(who.offset_mm or (0, 0, 0)) != 3:
         raise FrameError('identification with the wrong count of limits')
-    if not all(abs(v) < 1e6 for v in numbers) or not 0 <= who.boot < _U32:
-        raise FrameError('identification out of range')
-    if not all(v > 0 for v in who.steps_per_mm):
+    in_range = all(abs(v) < 1e6 for v in numbers) and min(who.steps_per_mm) > 0
+    if not in_range or not 0 <= who.boot < _U32:
         raise FrameError('identification out of range')
     if not (0 < who.blocks < 65536 and 0 < who.rx < 2**24):
         raise FrameError('identification out of range')

@@ -30,11 +30,8 @@ class Settings:
     port: str = ''  # serial port of a real controller; '' = simulated cell
     rate: float = 0.0  # simulated seconds per second at most; 0 = as fast as it goes
     seed: int = 1  # of everything random in the cell
-    machine_steps: tuple[float, float, float] = (
-        320.0,
-        320.0,
-        320.0,
-    )  # per mm, of the simulated gantry, x y z
+    # per mm, of the simulated gantry, x y z
+    machine_steps: tuple[float, float, float] = (320.0, 320.0, 320.0)
     epoch_us: int = 1
     grpc_port: int = 0
     web_port: int = 0

@@ -79,11 +79,16 @@ def _add_resonance(verbs: Verbs, graph: Graph) -> None:
         '--samples', type=Path, metavar='FILE',
         help='samples of an earlier sweep (.npz beside its result) instead of a machine',
     )  # fmt: skip
+    _add_controller(p, graph)
+    p.set_defaults(run_command=lambda args: resonance(args, graph))
+
+
+def _add_controller(p: argparse.ArgumentParser, graph: Graph) -> None:
+    """Options of a verb that tells the controller its result."""
     p.add_argument(
         '--dry-run', action='store_true', help='tell the controller nothing and keep nothing'
     )
     graph.add_options(p)
-    p.set_defaults(run_command=lambda args: resonance(args, graph))
 
 
 def _add_lengths(verbs: Verbs, graph: Graph) -> None:
@@ -99,10 +104,7 @@ def _add_lengths(verbs: Verbs, graph: Graph) -> None:
         '--steps-per-mm', type=float, metavar='N',
         help='of the controller when the travels were made (default: what it says now)',
     )  # fmt: skip
-    p.add_argument(
-        '--dry-run', action='store_true', help='tell the controller nothing and keep nothing'
-    )
-    graph.add_options(p)
+    _add_controller(p, graph)
     p.set_defaults(run_command=lambda args: steps(args, graph))
     p = verb(verbs, 'skew', 'angle between x and y, from a frame that was measured', graph)
     sides = {'side-x': 'along x', 'rising': 'diagonal from the origin', 'falling': 'the other one'}

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "host.h"
+#include "waam_scale.h"
 
 static const char help[] =
     "virtual_controller: the WAAM controller core behind a pseudo-terminal\n"
@@ -104,7 +105,7 @@ static void machine_steps(const char *text, double steps_per_mm[WAAM_AXES])
 {
     triple(text, "--machine-steps needs X,Y,Z, not", steps_per_mm);
     for (int i = 0; i < WAAM_AXES; i++)
-        if (!(steps_per_mm[i] >= 10.0 && steps_per_mm[i] <= 2000.0))
+        if (!(steps_per_mm[i] >= WAAM_STEPS_LEAST && steps_per_mm[i] <= WAAM_STEPS_MOST))
             usage("--machine-steps must be 10..2000, not", text);
 }
 

@@ -14,6 +14,7 @@ from waam_plan.fill.rings import contour_lines, spacing
 from waam_plan.lay import layout
 from waam_plan.lay.allocate import metal_heights, unevenness
 from waam_plan.lay.restore import plan_restoration
+from waam_plan.lay.travel import thinnest_bead
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import raster
 from waam_process.grid import GridSpec, HeightGrid
@@ -75,7 +76,7 @@ def test_no_layout_is_taken_whose_beads_would_be_too_thin_to_lay():
     planned = np.where(area.mask, 1e-3, 0.0)
     pieces = path.lay_out(layout.most_even(area, planned), HeightGrid.full(SPEC, 0.0), S)
     height = metal_heights(pieces, planned, area.mask, SPEC, S)
-    assert height.min() > layout.thinnest_bead(S)
+    assert height.min() > thinnest_bead(S)
 
 
 def test_a_missing_ring_is_uneven():

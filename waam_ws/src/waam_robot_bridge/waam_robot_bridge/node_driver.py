@@ -45,10 +45,8 @@ class RosDriver:
         self._states: deque[JointState] = deque(maxlen=KEPT)
         self._next: Goal | None = None
         self._number = 0  # of the newest goal
-        self._asked = (
-            0,
-            0.0,
-        )  # us, s of the steady clock: the newest goal that is not answered; 0 = all are
+        # us, s of the steady clock: the newest goal that is not answered; 0 = all are
+        self._asked = (0, 0.0)
         self._refused, self._when = '', 0.0  # why the newest goal is not followed; s, steady clock
         self._odd = ''  # why the joint states cannot be used
         self.heard = 0.0  # s, steady clock: when the newest complete joint state came

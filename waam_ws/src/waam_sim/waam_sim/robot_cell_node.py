@@ -79,9 +79,8 @@ class RobotCell(Cell):
                     return
                 raise
             self._wait_for(welder)
-            due += (
-                STEP_MS * 1e-3 / (min(self.params.pace, 1.0) if welder.alone else self.params.pace)
-            )
+            pace = self.params.pace
+            due += STEP_MS * 1e-3 / (min(pace, 1.0) if welder.alone else pace)
             left = due - time.monotonic()
             if left < -LATE:
                 due = time.monotonic()

@@ -17,9 +17,8 @@ FIGURES = (
     'thickness', 'area', 'rim', 'taper', 'taper at the rim', 'density', 'neighbours', 'arcs',
 )  # fmt: skip
 RIM = 0.26  # of the channel 'edge': half a bead from the edge
-MOST = (
-    0.05  # of the logarithm: beyond what the layers of one job differ by, the regression is a guess
-)
+# of the logarithm: beyond what the layers of one job differ by, the regression is a guess
+MOST = 0.05
 WEIGHTS, BIAS = 'level.weight', 'level.bias'  # names in the file of a growth network
 
 

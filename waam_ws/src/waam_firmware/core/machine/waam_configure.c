@@ -112,11 +112,8 @@ static void configure_wire(waam_request_t *r, const waam_setting_t *setting, dou
 
 static void configure_scale(waam_request_t *r, const waam_setting_t *setting, double value)
 {
-    double steps_per_mm[WAAM_AXES];
     waam_error_t error;
-    for (int i = 0; i < WAAM_AXES; i++)
-        steps_per_mm[i] = setting == &waam_scale_settings[i] ? value : r->core->config.steps_per_mm[i];
-    if (waam_core_scale(r->core, steps_per_mm, &error)) {
+    if (waam_core_scale_axis(r->core, (int)(setting - waam_scale_settings), value, &error)) {
         waam_request_ok(r);
         return;
     }

@@ -268,14 +268,11 @@ static void jog(waam_core_t *core, const char *line, size_t length, size_t start
 
 /* ---- lines ---- */
 
-static void write_scale(waam_core_t *core, unsigned axis, double wanted)
+static void write_scale(waam_core_t *core, int axis, double wanted)
 {
-    double steps_per_mm[WAAM_AXES];
     bool homed = core->homed;
     waam_error_t error;
-    for (unsigned i = 0; i < WAAM_AXES; i++)
-        steps_per_mm[i] = i == axis ? wanted : core->config.steps_per_mm[i];
-    if (!waam_core_scale(core, steps_per_mm, &error)) {
+    if (!waam_core_scale_axis(core, axis, wanted, &error)) {
         refuse(core, &error);
         return;
     }
@@ -294,7 +291,7 @@ static void write_setting(waam_core_t *core, const char *line, size_t length)
                  waam_read_number(&cursor, &wanted) && waam_at_end(&cursor) &&
                  waam_grbl_setting(core, (unsigned)number, &value);
     if (known && number >= 100 && number < 100 + WAAM_AXES) {
-        write_scale(core, (unsigned)number - 100, wanted);
+        write_scale(core, (int)number - 100, wanted);
         return;
     }
     if (known && fabs(wanted - value) < 5e-4) {

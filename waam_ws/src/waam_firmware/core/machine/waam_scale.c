@@ -80,3 +80,11 @@ bool waam_core_scale(waam_core_t *core, const double steps_per_mm[WAAM_AXES], wa
     keep_place(core, rounded);
     return true;
 }
+
+bool waam_core_scale_axis(waam_core_t *core, int axis, double steps_per_mm, waam_error_t *error)
+{
+    double wanted[WAAM_AXES];
+    for (int i = 0; i < WAAM_AXES; i++)
+        wanted[i] = i == axis ? steps_per_mm : core->config.steps_per_mm[i];
+    return waam_core_scale(core, wanted, error);
+}

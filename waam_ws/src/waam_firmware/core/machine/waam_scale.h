@@ -17,5 +17,7 @@ const waam_setting_t *waam_scale_setting(const char *name, size_t length);
 /* All axes at once; the values are rounded to a thousandth of a step per mm. In IDLE or ALARM with an empty queue, not
  * armed. The position in mm stays; where a value changes, homing is lost. False: `error` says why, nothing is changed. */
 bool waam_core_scale(waam_core_t *core, const double steps_per_mm[WAAM_AXES], waam_error_t *error);
+/* One axis; the others keep theirs. */
+bool waam_core_scale_axis(waam_core_t *core, int axis, double steps_per_mm, waam_error_t *error);
 
 #endif

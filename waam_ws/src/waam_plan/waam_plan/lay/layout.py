@@ -22,6 +22,7 @@ from waam_plan.fill.hatch import Chain
 from waam_plan.fill.path import Pieces
 from waam_plan.lay.allocate import SEEN, metal_heights, unevenness, waves
 from waam_plan.lay.forecast import growth, pieces_of
+from waam_plan.lay.travel import thinnest_bead
 from waam_plan.plan import PlannedLayer
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
@@ -86,16 +87,12 @@ def turning_back(pieces: Pieces, width: float) -> float:
     return float(pieces.length[back].sum() / way[-1])
 
 
-def thinnest_bead(settings: PlanSettings) -> float:
-    """Height (m) of a bead with the least feed at the highest programmed speed: what a layout asks for below that is
-    laid all the same, and stands as a ridge where its lines lie too close."""
-    return settings.feed_floor * settings.layer_height * settings.speed / settings.speed_max
-
-
 def _unevenness(chains: list[Chain], area: strategies.Area, planned: np.ndarray) -> float:
     flat = HeightGrid(area.spec, np.zeros(area.spec.shape))
     pieces = path.lay_out(chains, flat, area.settings)
     wanted = np.where(area.mask, planned, 0.0)
     height = metal_heights(pieces, wanted, area.mask, area.spec, area.settings)
-    height = np.maximum(height, thinnest_bead(area.settings))
+    height = np.maximum(
+        height, thinnest_bead(area.settings)
+    )  # what is asked for below is laid all the same
     return unevenness(pieces, height, wanted, area.spec, area.settings)

@@ -76,6 +76,11 @@ def programmed_speed(height: np.ndarray, settings: PlanSettings) -> np.ndarray:
     return np.minimum(settings.speed * faster, settings.speed_max)
 
 
+def thinnest_bead(settings: PlanSettings) -> float:
+    """Height (m) of a bead with the least feed at the highest programmed speed."""
+    return settings.feed_floor * settings.layer_height * settings.speed / settings.speed_max
+
+
 def _runs(
     pieces: Pieces, height: np.ndarray, speed: np.ndarray, layer: int, settings: PlanSettings
 ) -> list[Run]:
