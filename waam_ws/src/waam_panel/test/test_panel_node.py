@@ -10,9 +10,11 @@ import re
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import urllib.request
+from pathlib import Path
 
 import aiohttp
 import numpy as np
@@ -221,8 +223,15 @@ def test_the_standoff_control_is_set_by_parameters_of_the_bridge(cell):
     assert cell.post('standoff', STANDOFF | {'set_mm': None})[0] == 200
     assert value('standoff_kp') == 7.0 and np.isnan(value('standoff_set'))
     no = SetParametersResult(successful=False, reason="job 'j' is armed")
-    cell.bridge.add_on_set_parameters_callback(lambda _: no)
-    assert cell.post('standoff', STANDOFF) == (409, {'ok': False, 'message': no.reason})
+
+    def refuse(_parameters):
+        return no
+
+    cell.bridge.add_on_set_parameters_callback(refuse)
+    try:
+        assert cell.post('standoff', STANDOFF) == (409, {'ok': False, 'message': no.reason})
+    finally:
+        cell.bridge.remove_on_set_parameters_callback(refuse)
     assert np.isnan(value('standoff_set')), 'all together or none'
 
 
@@ -265,34 +274,38 @@ def test_what_the_cell_says_is_on_the_page_and_goes_stale(cell):
 
 
 def test_people_are_told_what_happens_in_the_graph(cell):
-    """Done, paused, alarm, out of tolerance and low wire: from topics and job files to a webhook."""
-    folder = cell.folder / 'j1'
-    folder.mkdir()
-    told = cell.told.messages
+    """Done, paused, alarm, out of tolerance and low wire, each once: from topics and job files to a webhook."""
+    folder = Path(tempfile.mkdtemp(prefix='told', dir=cell.folder))
+    job, told = folder.name, cell.told.messages
+    words = (
+        '12 m of wire',
+        f'{job} is paused. scanner is dirty',
+        'no arc',
+        f'{job}: done. 2 layers',
+        f'{job} is out of tolerance',
+    )
 
-    def wait(*words: str) -> None:
-        cell.until(lambda: all(any(w in m for m in told) for w in words), f'{words} in {told}')
+    def wait(*some: str) -> None:
+        cell.until(lambda: all(any(w in m for m in told) for w in some), f'{some} in {told}')
 
     def say(state: int, message: str = '') -> None:
-        status = JobStatus(job_id='j1', job_dir=str(folder), state=state, message=message)
+        status = JobStatus(job_id=job, job_dir=str(folder), state=state, message=message)
         cell.job.publish(status)
 
     cell.machine.publish(MachineState(connected=True, state=1))
     say(JobStatus.DEPOSITING)
-    cell.frame(lambda f: f['sections'].get('job', {}).get('id') == 'j1')
-    time.sleep(1.5)  # the panel looks once a second; what it sees first is not news
-    told.clear()  # of the tests before: the cell is the same
+    cell.frame(lambda f: f['sections'].get('job', {}).get('id') == job)
     (folder / 'records.json').write_text('{"spool": 12.0}')
-    wait('12 m of wire')
+    wait(words[0])
     say(JobStatus.PAUSED, 'scanner is dirty')
-    wait('j1 is paused. scanner is dirty')
+    wait(words[1])
     cell.machine.publish(MachineState(connected=True, state=2, fault=206, fault_text='no arc'))
-    wait('no arc')
+    wait(words[2])
     (folder / 'report.json').write_text('{"verdict": "out of tolerance"}')
     say(JobStatus.DONE, '2 layers')
-    wait('j1: done. 2 layers', 'j1 is out of tolerance')
-    time.sleep(1.5)
-    assert len(told) == 5, told
+    wait(*words[3:])
+    time.sleep(1.5)  # the panel looks once a second
+    assert [sum(w in m for m in told) for w in words] == [1] * 5, told
 
 
 def test_heartbeats_are_answered_while_pages_hang(cell):
