@@ -7,7 +7,8 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely import Point, Polygon, box
+from shapely import LineString, Point, Polygon, box
+from shapely.affinity import rotate
 
 from waam_plan.fill import path, strategies
 from waam_plan.fill.band import band_lines
@@ -290,6 +291,24 @@ def test_whatever_leaves_the_section_is_brought_back(seed):
     assert len(kept.bead) >= whole.sum()
     joined = np.linalg.norm(kept.end[:-1] - kept.start[1:], axis=1) < 1e-9
     assert joined[kept.chain[1:] == kept.chain[:-1]].all()
+
+
+@pytest.mark.parametrize('turn', [0.0, 0.4, 1.9])
+def test_a_bead_that_cuts_an_inner_corner_goes_around_it_with_the_arc_on(turn):
+    """As when lines beside the corner shift by half a pitch: a cut would leave a crater and a hump."""
+    shape = rotate(ELL, turn, origin=(0.03, 0.025), use_radians=True)
+    points = rotate(
+        LineString([(0.01, 0.0255), (0.0295, 0.0255), (0.0325, 0.0245), (0.06, 0.0245)]),
+        turn, origin=(0.03, 0.025), use_radians=True,
+    ).coords  # fmt: skip
+    points = np.column_stack([points, [0.001, 0.002, 0.003, 0.004]])
+    one = np.zeros(3, int)
+    kept = keep_inside(path.Pieces(points[:-1], points[1:], one + 1, one), [shape])
+    assert shapely.contains(shape, lines(kept)).all()
+    assert len(starts(kept)) == 1
+    length = np.linalg.norm(kept.end - kept.start, axis=1)
+    assert length.sum() < 1.02 * np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    assert len(length) < 10 and (np.diff(kept.start[:, 2]) > 0).all()
 
 
 def test_the_outline_of_a_mask_is_within_a_cell_of_it():

@@ -10,13 +10,14 @@ import numpy as np
 import shapely
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
-from shapely.ops import nearest_points
+from shapely.ops import nearest_points, substring
 
 from waam_plan.fill.path import Pieces
-from waam_plan.slice.section import merged
+from waam_plan.slice.section import merged, pieces
 
 MARGIN = 0.05e-3  # m
 LEAST = 1e-6  # m, shorter pieces are left out
+LONGEST = 3e-3  # m, way along the edge around a corner; a bead whose way is longer is cut there
 
 
 def keep_inside(found: Pieces, polygons: list[Polygon]) -> Pieces:
@@ -42,13 +43,48 @@ def _moved(a: np.ndarray, b: np.ndarray, area: BaseGeometry, core: BaseGeometry)
     for i in np.flatnonzero(outside):
         at = nearest_points(core, shapely.Point(points[i, :2]))[0]
         points[i, :2] = at.x, at.y
-    return _thinned(points, area)
+    return _thinned(_around(points, area, core), area)
+
+
+def _around(points: np.ndarray, area: BaseGeometry, core: BaseGeometry) -> np.ndarray:
+    """The same points, and where the chord of two of them leaves the section the edge of the core between them."""
+    chords = shapely.linestrings(np.stack([points[:-1, :2], points[1:, :2]], axis=1))
+    rows = [points[:1]]
+    for a, b, inside in zip(points, points[1:], shapely.contains(area, chords), strict=False):
+        if not inside:
+            corners = _along_edge(a[:2], b[:2], core)
+            share = np.linspace(0, 1, len(corners) + 2)[1:-1, None]
+            rows.append(np.hstack([corners, a[2:] + share * (b[2:] - a[2:])]))
+        rows.append(b[None])
+    return np.vstack(rows)
+
+
+def _along_edge(a: np.ndarray, b: np.ndarray, core: BaseGeometry) -> np.ndarray:
+    """(n, 2) corners of the edge of the core between two of its points, none when the way is long."""
+    edge = min(
+        _edges(core), key=lambda r: r.distance(shapely.Point(a)) + r.distance(shapely.Point(b))
+    )
+    at, to = (edge.project(shapely.Point(p)) for p in (a, b))
+    way = np.asarray(substring(edge, at, to).coords)
+    if abs(to - at) > edge.length / 2:  # over the point where the ring begins
+        ends = (edge.length, 0.0) if at > to else (0.0, edge.length)
+        parts = substring(edge, at, ends[0]), substring(edge, ends[1], to)
+        way = np.vstack([np.asarray(part.coords) for part in parts])
+    long = np.linalg.norm(np.diff(way, axis=0), axis=1).sum() > LONGEST
+    return way[1:-1] if not long else np.empty((0, 2))
+
+
+def _edges(core: BaseGeometry) -> list[BaseGeometry]:
+    rings: list[BaseGeometry] = []
+    for polygon in pieces(core):
+        rings += [polygon.exterior, *polygon.interiors]
+    return rings
 
 
 def _thinned(points: np.ndarray, area: BaseGeometry) -> np.ndarray:
     """The fewest points whose chords all stay inside; all points when no choice does."""
     line = LineString(points[:, :2])
-    for tolerance in (0.2e-3, 0.05e-3):
+    for tolerance in (0.2e-3, 0.05e-3, 0.02e-3):
         short = np.asarray(line.simplify(tolerance).coords)
         chords = shapely.linestrings(np.stack([short[:-1], short[1:]], axis=1))
         if len(short) > 1 and shapely.contains(area, chords).all():
