@@ -6,9 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from waam_adapt import filters
 from waam_adapt.beads.bead_bias import BeadBias
 from waam_adapt.identify.estimate import Estimate, update, update_slope
-from waam_adapt.identify.evidence import BlockAverages, Layer, LayerEvidence, layer_evidence
+from waam_adapt.identify.evidence import (
+    BlockAverages,
+    Layer,
+    LayerEvidence,
+    edge_sigma,
+    layer_evidence,
+)
 from waam_adapt.identify.identification import Identifier
 from waam_adapt.identify.shortfall import Shortfall
 from waam_adapt.types import CorrectionInput
@@ -292,6 +299,27 @@ def test_a_third_of_a_layer_that_lies_low_counts_all_that_it_takes_off_the_mean(
     assert mean < 0.88
     found = watching(BeadBias(), laid).efficiency_ratio
     assert found == pytest.approx(mean, abs=0.005)
+
+
+def test_a_layer_that_is_all_edge_is_believed_less_than_a_wide_one_and_the_longer_the_more():
+    """The metal of beads in a narrow pit flows back from its flanks: the layer is high, the wire is as it was."""
+    wide = laid_pad(np.full(SHAPE, 1.1))
+    inside = filters.depth(wide.commanded > 0) * RES
+    band = (inside > 0) & (inside < 2 * WIDTH)
+    narrow = replace(wide, commanded=np.where(band, wide.commanded, 0.0))
+    assert edge_sigma(narrow) > 4 * edge_sigma(wide)
+    found = []
+    for laid in (wide, narrow):
+        who = Identifier()
+        who.start('job', 1)
+        for layer in range(2, 6):
+            who.start('job', layer)
+            who.add(laid)
+            found.append(who.estimate.efficiency_ratio)
+    assert found[0] == pytest.approx(1.1, abs=0.01)
+    assert found[4] < 1.07
+    assert found[4] < found[5] < found[6] < found[7] < 1.1
+    assert found[7] > 1.08
 
 
 def test_a_spike_of_the_scan_does_not_move_the_level():

@@ -23,6 +23,9 @@ MIN_BLOCKS = 4
 EXCITATION = 0.015
 LEAST_WEIGHT = 0.1  # least weight of the newest layer in what a place usually gets
 MIN_GROWTH = 0.2e-3  # m; thinner layers say nothing about the ratio
+# Of the ratio, where the whole layer lies within a bead of its edge: how much of the metal beside the edge flows back
+# onto the layer is not known.
+EDGE_SIGMA = 0.15
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,16 @@ def layer_evidence(layer: Layer, slope: float = 1.0) -> LayerEvidence | None:
     if enough.sum() < MIN_BLOCKS:
         return None
     return _evidence(g, c, response(c, plan, slope), int(enough.sum()))
+
+
+def edge_sigma(layer: Layer) -> float:
+    """Standard uncertainty of a layer's ratio from the metal at its edge: EDGE_SIGMA by the fourth power of the share
+    of its cells that lie within a bead of the edge."""
+    footprint = np.nan_to_num(layer.commanded) > MIN_GROWTH
+    if not footprint.any():
+        return 0.0
+    depth = filters.depth(footprint)[footprint] * layer.resolution
+    return EDGE_SIGMA * float(np.mean(depth < layer.bead_width)) ** 4
 
 
 def response(commanded: np.ndarray, planned: np.ndarray, slope: float) -> np.ndarray:

@@ -17,7 +17,15 @@ from ..beads.skill import Skill, beside_model
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import BeadDeviation, CorrectionInput, with_side
 from .estimate import Estimate, update, update_slope
-from .evidence import MIN_GROWTH, BlockAverages, Layer, LayerEvidence, layer_evidence, response
+from .evidence import (
+    MIN_GROWTH,
+    BlockAverages,
+    Layer,
+    LayerEvidence,
+    edge_sigma,
+    layer_evidence,
+    response,
+)
 from .kinds import Kinds
 from .level import level
 from .shortfall import Shortfall
@@ -96,7 +104,8 @@ class Identifier:
             seen = replace(evidence, ratio=seen_level)
         told = self.levels.get(number, 0.0)
         before = self._believed(told, number)
-        seen = replace(seen, ratio=seen.ratio / math.exp(told))
+        doubt = math.hypot(seen.ratio_sigma, edge_sigma(layer))
+        seen = replace(seen, ratio=seen.ratio / math.exp(told), ratio_sigma=doubt)
         seen = self._without_kind(number, seen)
         self.estimate = update(self.estimate, seen, self.forgetting)
         side = number % 2
