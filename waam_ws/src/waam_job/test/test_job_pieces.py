@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 import zipfile
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -70,6 +71,12 @@ def test_the_overlap_of_the_material_is_the_pitch_of_the_plan(tmp_path, parts):
     assert planner_fields(goal, material)['pitch_ratio'] == 0.6
     told = replace(goal, plan_settings=('pitch_ratio=0.7',))
     assert planner_fields(told, material)['pitch_ratio'] == 0.7
+
+
+def test_an_error_of_a_job_comes_out_of_a_worker_with_its_code():
+    first = next(iter(Code))
+    again = pickle.loads(pickle.dumps(JobError(first, 'part: no such file')))
+    assert (again.code, str(again)) == (first, 'part: no such file')
 
 
 def test_two_jobs_in_one_second_get_two_folders(tmp_path):

@@ -54,6 +54,10 @@ class JobError(RuntimeError):
         super().__init__(text)
         self.code = code
 
+    def __reduce__(self) -> tuple[type[JobError], tuple[Code, str]]:
+        """Workers of a pool hand it on with its code."""
+        return JobError, (self.code, str(self))
+
 
 MODES = ('restore', 'build')
 # planner settings that have a field of their own in the goal, or that follow from machine and map
