@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from std_srvs.srv import SetBool
 
 from waam_calibrate.graph import Settings
 from waam_calibrate.resonance import SEGMENT, Samples
+from waam_calibrate.results import told_by
 from waam_calibrate.sweep import Sweep
 from waam_msgs.msg import AccelerationBatch, SegmentDone, Telemetry
 from waam_msgs.srv import Command, Enqueue
@@ -77,12 +77,7 @@ class Shaking(GraphClient):
 
     def told(self) -> dict[str, float]:
         """Settings that the controller has, by name; those that are no number are left out."""
-        found = {}
-        for word in self.command(Command.Request.SETTINGS).split():
-            name, _, value = word.partition('=')
-            with contextlib.suppress(ValueError):
-                found[name] = float(value)
-        return found
+        return told_by(self.command(Command.Request.SETTINGS))
 
     def ready(self) -> None:
         """Homed and in IDLE; a job that runs is a ClientError."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
@@ -142,6 +143,16 @@ def _off(result: Result, told: Mapping[str, float]) -> str:
             text = f'the controller has {told[name]:g} steps/mm, {value:g} were found: {off:+.2f} %'
             return f'{text}, at most {100 * LARGEST_SCALE:g} % (waam calibrate apply)'
     return ''
+
+
+def told_by(answer: str) -> dict[str, float]:
+    """Settings that a controller tells as `name=value name=value ...`; what is no number is left out."""
+    found = {}
+    for word in answer.split():
+        name, _, value = word.partition('=')
+        with contextlib.suppress(ValueError):
+            found[name] = float(value)
+    return found
 
 
 def missing(results: Iterable[Result], told: Mapping[str, float]) -> list[str]:
