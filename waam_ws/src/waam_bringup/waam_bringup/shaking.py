@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -134,10 +135,14 @@ class Shaking(GraphClient):
 
 
 def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
-    """The samples of a sweep. ClientError when something refuses or does not answer."""
-    with Shaking(domain) as graph:
+    """The samples of a sweep, without the shaper of the axis, which is in force again afterwards. ClientError when
+    something refuses or does not answer."""
+    with Shaking(domain) as graph, contextlib.ExitStack() as after:
         graph.ready()
-        graph.configure([(f'shape_{axis}', 0.0)])
+        shape = f'shape_{axis}'
+        before = graph.told().get(shape, 0.0)
+        graph.configure([(shape, 0.0)])
+        after.callback(_again, graph, (shape, before))
         here = graph.here
         point = point or here
         job = f'{NAME}_{graph.node.get_clock().now().nanoseconds}'
@@ -156,6 +161,14 @@ def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
             graph.listen(False)
         graph.until(lambda: False, 0.3)
         return _samples(graph.blocks, rest, begun)
+
+
+def _again(graph: Shaking, setting: tuple[str, float]) -> None:
+    """The setting once the machine stands. A machine that does not come to rest keeps the other one; the list of
+    alarms says so."""
+    graph.until(graph._rests, SILENT_S)
+    with contextlib.suppress(ClientError):
+        graph.configure([setting])
 
 
 def approach(here: Point, point: Point) -> list[Segment]:

@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta
 from typing import Any
 
+from .shapers import TYPES
+
 VERSION = 1
 KINDS = {
     'resonance': ('x', 'y'), 'steps': ('x', 'y', 'z'), 'skew': ('',), 'tcp': ('',), 'wire': ('',), 'lead': ('',),
@@ -146,12 +148,28 @@ def _off(result: Result, told: Mapping[str, float]) -> str:
 
 
 def told_by(answer: str) -> dict[str, float]:
-    """Settings that a controller tells as `name=value name=value ...`; what is no number is left out."""
+    """Settings by the names that set them, of what a controller tells as `name=value name=value ...` (`$L` of
+    docs/link_protocol.md); what is neither a number nor a shaper is left out."""
     found = {}
     for word in answer.split():
         name, _, value = word.partition('=')
         with contextlib.suppress(ValueError):
-            found[name] = float(value)
+            if name == 'shape':
+                found |= _shapers(value)
+            else:
+                found[name] = float(value)
+    return found
+
+
+def _shapers(value: str) -> dict[str, float]:
+    """Of `zvd:41.40:0.053,none`: X, Y. ValueError when it is none."""
+    found = {}
+    for axis, text in zip('xy', value.split(','), strict=True):
+        kind, *numbers = text.split(':')
+        found[f'shape_{axis}'] = float(1 + TYPES.index(kind)) if kind != 'none' else 0.0
+        if numbers:
+            hz, damping = map(float, numbers)
+            found |= {f'shape_{axis}_hz': hz, f'shape_{axis}_damping': damping}
     return found
 
 
@@ -160,7 +178,7 @@ def missing(results: Iterable[Result], told: Mapping[str, float]) -> list[str]:
     return [
         f'{r.name}: {name} is {told[name]:g} in the controller, {value:g} was found (waam calibrate apply)'
         for _, r in sorted(newest(results).items())
-        for name, value in r.settings
+        for name, value in dict(r.settings).items()  # the last of each name counts
         if name in told and abs(told[name] - value) > TOLD
     ]
 
