@@ -150,7 +150,7 @@ def _off(result: Result, told: Mapping[str, float]) -> str:
 def told_by(answer: str) -> dict[str, float]:
     """Settings by the names that set them, of what a controller tells as `name=value name=value ...` (`$L` of
     docs/link_protocol.md); what is neither a number nor a shaper is left out."""
-    found = {}
+    found: dict[str, float] = {}
     for word in answer.split():
         name, _, value = word.partition('=')
         with contextlib.suppress(ValueError):
@@ -163,7 +163,7 @@ def told_by(answer: str) -> dict[str, float]:
 
 def _shapers(value: str) -> dict[str, float]:
     """Of `zvd:41.40:0.053,none`: X, Y. ValueError when it is none."""
-    found = {}
+    found: dict[str, float] = {}
     for axis, text in zip('xy', value.split(','), strict=True):
         kind, *numbers = text.split(':')
         found[f'shape_{axis}'] = float(1 + TYPES.index(kind)) if kind != 'none' else 0.0
