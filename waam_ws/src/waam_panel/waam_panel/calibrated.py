@@ -4,37 +4,35 @@
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from waam_calibrate import results, store
 
 from .operations import Refused
+from .state import PanelState
 
-if TYPE_CHECKING:
-    from .cell import Cell
+Ask = Callable[[], Awaitable[Mapping[str, float]]]  # the settings that the controller has; Refused
 
 SLOT = 'calibration'  # of the condition, and its code
 SETTLE_S = 3.0  # after a change: whoever stores a result tells the controller a moment later
 AGAIN_S = 10.0  # while something is missing, or the controller did not say
 
 
-async def check(cell: Cell) -> None:
+async def check(folder: Path | None, ask: Ask) -> None:
     """Refused with every reason. Without a folder of results nothing is known of any."""
-    if cell.calibrations is None:
+    if folder is None:
         return
-    kept = await asyncio.to_thread(store.load_all, cell.calibrations)
-    told = await _told(cell) if any(r.settings for r in kept.results) else None
+    kept = await asyncio.to_thread(store.load_all, folder)
+    told = await _told(ask) if any(r.settings for r in kept.results) else None
     if reasons := results.refusals(kept.results, kept.damaged, told):
         raise Refused(f'{"; ".join(reasons)} (waam calibrate status)')
 
 
-async def _told(cell: Cell) -> Mapping[str, float] | None:
+async def _told(ask: Ask) -> Mapping[str, float] | None:
     """Settings that the controller has; None = it does not say."""
     try:
-        return await cell.do(cell.operations.settings)
+        return await ask()
     except Refused:
         return None
 
@@ -48,32 +46,36 @@ class Watch:
         self._due = 0.0
         self._asking: asyncio.Task[None] | None = None
 
-    def look(self, cell: Cell) -> None:
+    def look(
+        self, folder: Path | None, state: PanelState, ask: Ask, now: float, utc: float
+    ) -> None:
         """Once a second, in the thread that serves; does not wait for an answer."""
-        machine = cell.state.sections.get('machine')
-        if cell.calibrations is None or not machine or not machine['connected']:
+        machine = state.sections.get('machine')
+        if folder is None or not machine or not machine['connected']:
             return
-        now, seen = time.monotonic(), (machine['boot'], _changed(cell.calibrations))
+        seen = machine['boot'], _changed(folder)
         if seen != self._seen:
             self._seen, self._due = seen, now + SETTLE_S
         busy = self._asking is not None and not self._asking.done()
-        rests = machine['state'] in ('IDLE', 'ALARM') and not cell.state.job_running
+        rests = machine['state'] in ('IDLE', 'ALARM') and not state.job_running
         if busy or not rests or now < self._due:
             return
         self._due = float('inf')
-        self._asking = asyncio.create_task(self._ask(cell, cell.calibrations))
+        self._asking = asyncio.create_task(self._compare(folder, state, ask, now, utc))
 
-    async def _ask(self, cell: Cell, folder: Path) -> None:
+    async def _compare(
+        self, folder: Path, state: PanelState, ask: Ask, now: float, utc: float
+    ) -> None:
         kept = await asyncio.to_thread(store.load_all, folder)
         last = [r for r in results.newest(kept.results).values() if r.settings]
-        told = await _told(cell) if last else {}
+        told = await _told(ask) if last else {}
         lacks = results.missing(last, told or {})
         if lacks or told is None:
-            self._due = min(self._due, time.monotonic() + AGAIN_S)
-        alarms = cell.state.alarms
+            self._due = min(self._due, now + AGAIN_S)
+        alarms = state.alarms
         if lacks:
             severity = 2 if results.refusals(last, told=told) else 1
-            alarms.set(SLOT, time.time(), 'condition', SLOT, severity, '; '.join(lacks))
+            alarms.set(SLOT, utc, 'condition', SLOT, severity, '; '.join(lacks))
         elif told is not None:
             alarms.clear(SLOT)
 

@@ -81,6 +81,10 @@ class Cell:
         pool = self._stoppers if operation == self.operations.stop else self._workers
         return await asyncio.get_running_loop().run_in_executor(pool, operation, *arguments)
 
+    async def settings(self) -> dict[str, float]:
+        """Those that the controller has. Refused when it does not say."""
+        return await self.do(self.operations.settings)
+
     # ---- what arrives
 
     async def pump(self) -> None:
@@ -92,7 +96,8 @@ class Cell:
                     'simulated': operations.simulated,
                     'adjustable': operations.adjustable,
                 }
-                self._calibrated.look(self)
+                now, utc = time.monotonic(), time.time()
+                self._calibrated.look(self.calibrations, self.state, self.settings, now, utc)
             items, newest = self.mailbox.take(0.0)
             for name, message in (*items, *newest):
                 try:
