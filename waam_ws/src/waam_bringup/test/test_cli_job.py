@@ -147,3 +147,23 @@ def test_a_job_goes_on_with_its_own_copy_of_the_program(parse, program, tmp_path
     found.program.write_text(found.program.read_text().replace('X40', 'X41'))
     with pytest.raises(JobError, match='was changed since the job began'):
         recheck(found, resumed)
+
+
+@pytest.mark.parametrize('ignored', [False, True])
+def test_an_interrupted_job_goes_on_only_with_what_was_calibrated(
+    parse, tmp_path, monkeypatch, ignored
+):
+    """A loss of power interrupts the job and takes the controller's settings along."""
+    (tmp_path / job_folder.JOB).write_text('{}')
+    monkeypatch.setattr(jobs, 'require_up', lambda run: None)
+    monkeypatch.setattr(jobs.calibrate, 'check', lambda args: ['steps_x: the controller has 320'])
+    reached = RuntimeError('the graph is asked')
+
+    def client(domain):
+        raise reached
+
+    monkeypatch.setattr(jobs, 'GraphClient', client)
+    args = parse('resume', tmp_path, *(['--ignore-calibration'] if ignored else []))
+    with pytest.raises((ValueError, RuntimeError)) as e:
+        jobs.resume_job(args, tmp_path, 0)
+    assert (e.value is reached) if ignored else 'steps_x: the controller has 320' in str(e.value)

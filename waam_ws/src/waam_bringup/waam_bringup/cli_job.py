@@ -139,17 +139,21 @@ def _add_bookkeeping(p: argparse.ArgumentParser) -> None:
         action='store_true',
         help='start without what former jobs of this cell have taught, and keep nothing of this one',
     )
-    p.add_argument(
-        '--ignore-calibration',
-        action='store_true',
-        help='run although a calibration result refuses it (waam calibrate status)',
-    )
+    _add_ignore(p)
     p.add_argument(
         '--note',
         action='append',
         default=[],
         metavar='KEY=VALUE',
         help='kept with the job',
+    )
+
+
+def _add_ignore(p: argparse.ArgumentParser) -> None:
+    p.add_argument(
+        '--ignore-calibration',
+        action='store_true',
+        help='run although a calibration result refuses it (waam calibrate status)',
     )
 
 
@@ -171,6 +175,7 @@ def _register_resume(job: argparse._SubParsersAction) -> None:
     p.add_argument('folder', type=Path, nargs='?', help='job folder (default: jobs/latest)')
     p.add_argument('--operator', default='', metavar='NAME', help='who answers for it from here on')
     _add_consumables(p)
+    _add_ignore(p)
     p.add_argument(
         '--note', action='append', default=[], metavar='KEY=VALUE', help='kept with the job'
     )

@@ -83,6 +83,11 @@ def check_arguments(args: argparse.Namespace) -> None:
         raise ValueError(str(e)) from None
     if args.as_found and not args.as_found.exists():
         raise ValueError(f'--as-found {args.as_found}: no such file')
+    check_calibration(args)
+
+
+def check_calibration(args: argparse.Namespace) -> None:
+    """ValueError with every reason of `waam calibrate status` why no job may run or go on."""
     reasons = [] if getattr(args, 'ignore_calibration', False) else calibrate.check(args)
     if reasons:
         raise ValueError(f'{"; ".join(reasons)} (waam calibrate status; --ignore-calibration)')
@@ -111,6 +116,7 @@ def resume_job(args: argparse.Namespace, run: Path, domain: int) -> int:
     folder = (args.folder or jobs_dir() / job_folder.LATEST).resolve()
     if not (folder / job_folder.JOB).is_file():
         raise ValueError(f'{folder} is no job folder (there is no {job_folder.JOB} in it)')
+    check_calibration(args)  # a loss of power takes the controller's settings along
     goal = RunJob.Goal(
         resume_dir=str(folder),
         notes=notes_of(args),

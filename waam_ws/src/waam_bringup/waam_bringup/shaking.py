@@ -10,6 +10,7 @@ from std_srvs.srv import SetBool
 
 from waam_calibrate.graph import Settings
 from waam_calibrate.resonance import SEGMENT, Samples
+from waam_calibrate.results import told_by
 from waam_calibrate.sweep import Sweep
 from waam_msgs.msg import AccelerationBatch, SegmentDone, Telemetry
 from waam_msgs.srv import Command, Enqueue
@@ -77,12 +78,7 @@ class Shaking(GraphClient):
 
     def told(self) -> dict[str, float]:
         """Settings that the controller has, by name; those that are no number are left out."""
-        found = {}
-        for word in self.command(Command.Request.SETTINGS).split():
-            name, _, value = word.partition('=')
-            with contextlib.suppress(ValueError):
-                found[name] = float(value)
-        return found
+        return told_by(self.command(Command.Request.SETTINGS))
 
     def ready(self) -> None:
         """Homed and in IDLE; a job that runs is a ClientError."""
@@ -139,10 +135,14 @@ class Shaking(GraphClient):
 
 
 def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
-    """The samples of a sweep. ClientError when something refuses or does not answer."""
-    with Shaking(domain) as graph:
+    """The samples of a sweep, without the shaper of the axis, which is in force again afterwards. ClientError when
+    something refuses or does not answer."""
+    with Shaking(domain) as graph, contextlib.ExitStack() as after:
         graph.ready()
-        graph.configure([(f'shape_{axis}', 0.0)])
+        shape = f'shape_{axis}'
+        before = graph.told().get(shape, 0.0)
+        graph.configure([(shape, 0.0)])
+        after.callback(_again, graph, (shape, before))
         here = graph.here
         point = point or here
         job = f'{NAME}_{graph.node.get_clock().now().nanoseconds}'
@@ -161,6 +161,14 @@ def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
             graph.listen(False)
         graph.until(lambda: False, 0.3)
         return _samples(graph.blocks, rest, begun)
+
+
+def _again(graph: Shaking, setting: tuple[str, float]) -> None:
+    """The setting once the machine stands. A machine that does not come to rest keeps the other one; the list of
+    alarms says so."""
+    graph.until(graph._rests, SILENT_S)
+    with contextlib.suppress(ClientError):
+        graph.configure([setting])
 
 
 def approach(here: Point, point: Point) -> list[Segment]:

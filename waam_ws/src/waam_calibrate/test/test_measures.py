@@ -101,6 +101,26 @@ def test_a_result_on_disk(tmp_path) -> None:
     assert results.refusals([], kept.damaged)
 
 
+def test_a_controller_tells_its_settings_by_the_names_that_set_them() -> None:
+    """`$L`, and a shaper that it has lost."""
+    said = 'shape=zvd:41.40:0.053,none corner_mm=0.02 wire_lag_s=0.065 steps_per_mm_x=320'
+    told = results.told_by(said)
+    assert (told['shape_x'], told['shape_x_hz'], told['shape_x_damping']) == (2.0, 41.4, 0.053)
+    assert told['shape_y'] == 0.0 and told['steps_per_mm_x'] == 320.0
+    found = [
+        ('shape_x', 0.0),
+        ('shape_x_hz', 41.4),
+        ('shape_x_damping', 0.053),
+        ('shape_x', 2.0),
+    ]
+    kept = [results.Result('resonance', 'x', '2026-11-01T10:00:00+00:00', 'mode', {}, {}, found)]
+    assert results.missing(kept, told) == []
+    (lacks,) = results.missing(kept, results.told_by('shape=none,none wire_lag_s=0.065'))
+    assert lacks.startswith('resonance_x: shape_x is 0 in the controller, 2 was found')
+    for junk in ('shape=', 'shape=zvd', 'shape=new:1:2,none', 'shape=zv:1,none', 'ok', 'a=b=c'):
+        assert results.told_by(junk) == {}
+
+
 def test_status_tells_what_counts_and_what_a_job_refuses() -> None:
     true = outcome.of_steps(
         measures.steps([100.0] * 3, [100.1] * 3, 320.0), 'x', 3, NOW + timedelta(days=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
@@ -9,6 +10,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta
 from typing import Any
+
+from .shapers import TYPES
 
 VERSION = 1
 KINDS = {
@@ -144,12 +147,38 @@ def _off(result: Result, told: Mapping[str, float]) -> str:
     return ''
 
 
+def told_by(answer: str) -> dict[str, float]:
+    """Settings by the names that set them, of what a controller tells as `name=value name=value ...` (`$L` of
+    docs/link_protocol.md); what is neither a number nor a shaper is left out."""
+    found: dict[str, float] = {}
+    for word in answer.split():
+        name, _, value = word.partition('=')
+        with contextlib.suppress(ValueError):
+            if name == 'shape':
+                found |= _shapers(value)
+            else:
+                found[name] = float(value)
+    return found
+
+
+def _shapers(value: str) -> dict[str, float]:
+    """Of `zvd:41.40:0.053,none`: X, Y. ValueError when it is none."""
+    found: dict[str, float] = {}
+    for axis, text in zip('xy', value.split(','), strict=True):
+        kind, *numbers = text.split(':')
+        found[f'shape_{axis}'] = float(1 + TYPES.index(kind)) if kind != 'none' else 0.0
+        if numbers:
+            hz, damping = map(float, numbers)
+            found |= {f'shape_{axis}_hz': hz, f'shape_{axis}_damping': damping}
+    return found
+
+
 def missing(results: Iterable[Result], told: Mapping[str, float]) -> list[str]:
     """Settings of the last results that the controller does not have, one line each. told: those that it has."""
     return [
         f'{r.name}: {name} is {told[name]:g} in the controller, {value:g} was found (waam calibrate apply)'
         for _, r in sorted(newest(results).items())
-        for name, value in r.settings
+        for name, value in dict(r.settings).items()  # the last of each name counts
         if name in told and abs(told[name] - value) > TOLD
     ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -26,6 +27,8 @@ from waam_shop.notify_settings import NotifySettings
 from waam_shop.roles import ROLES, role_of
 from waam_shop.shop_folder import Shop
 from waam_view.mailbox import Mailbox
+
+sys.path.insert(0, str(Path(__file__).parent))  # helpers beside the tests
 
 
 @pytest.fixture(scope='session')
@@ -55,6 +58,7 @@ class FakeOperations:
     adjustable: bool = True
     asked: list[tuple] = field(default_factory=list)
     refuse: str = ''
+    told: dict[str, float] | None = None  # settings of the controller; None: it does not say
     hang: threading.Event = field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
@@ -63,6 +67,12 @@ class FakeOperations:
     def stop(self) -> str:
         self.asked.append(('stop',))
         return 'stopped'
+
+    def settings(self) -> dict[str, float]:
+        self.asked.append(('settings',))
+        if self.told is None:
+            raise Refused('the controller does not answer')
+        return dict(self.told)
 
     def standoff(self) -> StandoffSettings:
         return StandoffSettings('laser', 'pid', 0.1, 0.006, 0.004)

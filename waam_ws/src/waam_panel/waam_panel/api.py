@@ -185,11 +185,11 @@ async def start(cell: Cell, _: dict[str, Any]) -> str:
         raise Refused('a job is running')
     if not (cell.state.sections.get('machine') or {}).get('armed'):
         raise Refused('press Arm first')
+    await calibrated.check(cell.calibrations, cell.settings)
     if cell.going_on is not None:
         return await cell.do(cell.operations.resume_job, cell.going_on)
     assert cell.setup is not None  # asked above
     part = cell.parts.find(cell.setup.part)
-    await calibrated.check(cell.calibrations)
     return await cell.do(cell.operations.start, cell.setup, part, cell.jobs_dir)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from aiohttp import web
 
@@ -20,7 +20,7 @@ from waam_process.grid import HeightGrid
 from waam_view.job_data import error_after
 from waam_view.mailbox import Mailbox
 
-from . import history, pictures
+from . import calibrated, history, pictures
 from .archive_page import ArchivePage
 from .in_shop import InShop
 from .operations import Operations
@@ -31,6 +31,7 @@ from .state import PanelState
 from .worker import WorkError, plan_arguments, work
 
 PUMP_S = 0.1
+Answer = TypeVar('Answer')
 
 
 @dataclass
@@ -65,6 +66,7 @@ class Cell:
         self._scratch = tempfile.TemporaryDirectory(prefix='waam_panel_')
         self.preview = Path(self._scratch.name) / 'plan' / 'preview.png'
         self._judged = ('', -1)
+        self._calibrated = calibrated.Watch()
 
     def close(self) -> None:
         """Ends the worker threads without waiting for what they do, and removes the scratch folder."""
@@ -74,10 +76,14 @@ class Cell:
         self._stoppers.shutdown(wait=False, cancel_futures=True)
         self._scratch.cleanup()
 
-    async def do(self, operation: Callable[..., str], *arguments: Any) -> str:
+    async def do(self, operation: Callable[..., Answer], *arguments: Any) -> Answer:
         """A blocking operation in a worker thread; stop has threads of its own."""
         pool = self._stoppers if operation == self.operations.stop else self._workers
         return await asyncio.get_running_loop().run_in_executor(pool, operation, *arguments)
+
+    async def settings(self) -> dict[str, float]:
+        """Those that the controller has. Refused when it does not say."""
+        return await self.do(self.operations.settings)
 
     # ---- what arrives
 
@@ -90,6 +96,8 @@ class Cell:
                     'simulated': operations.simulated,
                     'adjustable': operations.adjustable,
                 }
+                now, utc = time.monotonic(), time.time()
+                self._calibrated.look(self.calibrations, self.state, self.settings, now, utc)
             items, newest = self.mailbox.take(0.0)
             for name, message in (*items, *newest):
                 try:

@@ -73,7 +73,7 @@ def machine(m: MachineState) -> dict[str, Any]:
     """Lengths in mm."""
     return {
         'connected': m.connected, 'port': m.port, 'identity': m.identity, 'firmware': m.firmware_version,
-        'capabilities': list(m.capabilities), 'state': controller_state(m.state),
+        'boot': m.boot_id, 'capabilities': list(m.capabilities), 'state': controller_state(m.state),
         'homed': m.homed, 'armed': m.armed, 'armed_job': m.armed_job, 'fault': m.fault, 'fault_text': m.fault_text,
         'silent': list(m.silent_nodes), 'message': m.message, 'work_offset': _mm(m.work_offset),
         'limit_min': _mm(m.limit_min), 'limit_max': _mm(m.limit_max),

@@ -12,6 +12,7 @@ from geometry_msgs.msg import Vector3
 from rclpy.action import ActionClient
 from std_srvs.srv import Trigger
 
+from waam_calibrate.results import told_by
 from waam_msgs.action import RunJob
 from waam_msgs.msg import Override
 from waam_msgs.srv import AdjustJob, Command, LoadPart
@@ -127,6 +128,10 @@ class RosOperations:
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._override.publish(message)
         return 'sent'
+
+    def settings(self) -> dict[str, float]:
+        """Numbers among `name=value` of the answer. Refused while segments wait, or by a machine that has none."""
+        return told_by(self._send('SETTINGS'))
 
     def standoff(self) -> StandoffSettings:
         """Parameters of the bridge."""

@@ -52,6 +52,9 @@ class Operations(Protocol):
     def override(self, speed: float, wire: float) -> str:
         """Factors; NaN leaves one as it is."""
 
+    def settings(self) -> dict[str, float]:
+        """Those that the controller has, by name; what is no number is left out."""
+
     def standoff(self) -> StandoffSettings:
         """The settings of the standoff control."""
 

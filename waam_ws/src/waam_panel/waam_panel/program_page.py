@@ -77,7 +77,7 @@ async def start(cell: Cell, programs: Programs, data: dict[str, Any]) -> dict[st
     choice = _ready(cell, programs)
     await programs.load(choice, cell.state.sections.get('machine'))
     choice = _ready(cell, programs)
-    await calibrated.check(cell.calibrations)
+    await calibrated.check(cell.calibrations, cell.settings)
     program, nominal = programs.paths(choice)
     said = await cell.do(cell.operations.start_program, choice, program, nominal, cell.jobs_dir)
     return {'message': said}

@@ -103,7 +103,7 @@ class ShopLink:
         """Puts the part on the table of a simulated cell and starts; what is refused waits for a new release."""
         try:
             await self._log(item, 'asked')
-            await calibrated.check(cell.calibrations)
+            await calibrated.check(cell.calibrations, cell.settings)
             start = Start(cell, item.setup)
             await asyncio.to_thread(_check_part, start.file, item.sha256)
             await start.load()

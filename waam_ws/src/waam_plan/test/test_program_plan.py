@@ -144,7 +144,7 @@ def test_a_way_through_metal_is_refused_with_its_line():
         plan_program(read_program(low, OURS), S, PLATE)
     far = text.replace('G0 Y20\nG0 X20\nG0 Y-8\nG0 X0', 'G0 Z5\nG0 Y-90\nG0 X0 Y4\nG0 Z0')
     spec = GridSpec.covering(-0.01, -0.1, 0.06, 0.04, 1e-3)
-    with pytest.raises(PlanError, match='outside the machine.*y = -90'):
+    with pytest.raises(PlanError, match=r'line 9: Y-90: outside the machine.*y = -90'):
         plan_program(read_program(far, OURS), S, HeightGrid.full(spec, 0.0))
 
 

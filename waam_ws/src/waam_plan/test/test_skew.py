@@ -99,6 +99,29 @@ def test_what_frames_a_cam_program_stays_and_an_optional_block_is_bent():
     assert re.fullmatch(r'/G1 X-1\.\d+ Y10\.\d+ M8', lines[3])
 
 
+def test_settings_of_a_printer_and_messages_are_no_places():
+    """Headers of slicers: they stay, and the place stays what it was."""
+    text = 'G0 X10 Y20\nM201 X1000 Y900\nM205 X8 Y8\nM92 X80 Y80\nM117 at X9 Y9\nN3 M117 X1\nG4 X1.5\nM862.3 P1'
+    before, after = text.split('\n'), correct_gcode(text, AxisErrors(y_to_x=0.1).correction())
+    assert after.split('\n')[1:] == before[1:]
+    further = correct_gcode(text + '\nG1 Y30 F60', AxisErrors(y_to_x=0.1).correction())
+    straight = correct_gcode('G0 X10 Y20\nG1 Y30 F60', AxisErrors(y_to_x=0.1).correction())
+    assert further.split('\n')[-1] == straight.split('\n')[-1]
+
+
+@given(st.text(alphabet='GXYZIJEFM0123456789.-+ #[]*;()\n', max_size=60))
+def test_any_text_is_corrected_or_refused_with_its_line(text):
+    """Nothing but SkewError, and what is corrected with nothing to correct says the same."""
+    try:
+        corrected = correct_gcode(text, AxisErrors().correction())
+    except SkewError as e:
+        assert re.match(r'line \d+: ', str(e))
+    else:
+        if not re.search('G0*[23]', text):
+            before, after = points_of(text), points_of(corrected)
+            assert np.allclose(after, before, atol=1e-4 * (1 + len(before)))
+
+
 LEANING = AxisErrors(y_to_x=0.004, z_to_x=0.01, z_to_y=-0.007, scale_z=1.01)
 
 
@@ -164,6 +187,15 @@ def test_picture_of_a_relative_program_is_that_of_the_absolute_one(points):
         ('G92 X0', 'G92'),
         ('G0 X0 Y0\nG1 X1e-05', 'line 2: X: an exponent'),
         ('G0 X1 Y1\nG28\nG1 X5', 'line 3'),
+        ('G0 X0 Y0\nG77 X20', 'line 2: G77: is no move'),
+        ('G0 X0 Y0\nG81 X1 Y2 Z-3 R1', 'line 2: G81: is no move'),
+        ('G0 X0 Y0\nG5 X1 Y2 I1 J1 P0 Q0', 'line 2: G5: is no move'),
+        ('G52 X5', 'line 1: G52: is no move'),
+        ('G0 X0 Y0\nG2 X10 Y0 I5..2 J0 E1', r'line 2: \.2: cannot be read'),
+        ('G0 X0 Y0\nG1 X5 ?', r'line 2: \?: cannot be read'),
+        ('G0 X0 Y0\nG1 X1*57', r'line 2: \*57: cannot be read'),
+        ('G0 X0 Y0\nG1 X[#1+2] Y3', r'line 2: X\[#1\+2\]: is computed'),
+        ('G0 X0 Y0\nX#5', 'line 2: X#5: is computed'),
     ],
 )
 def test_what_cannot_be_corrected_is_named(text, what):

@@ -16,6 +16,18 @@ _WORD = re.compile(r'([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))')
 # X1e-05, which the controller refuses, too; a small e behind a small letter is a word
 _EXPONENT = re.compile(r'([A-Z])\s*[-+]?(?:\d+\.?\d*|\.\d+)e\s*[-+]?\.?\d')
 _COMMENT = re.compile(r'\([^)]*\)|;.*')
+_MESSAGE = re.compile(
+    r'\s*(?:N\s*\d+\s*)?M11[78](?!\d)', re.IGNORECASE
+)  # a text for the operator follows
+_COMPUTED = re.compile(r'[XYZIJKR]\s*[#\[][^\s;(]*', re.IGNORECASE)  # X#1, X[#2+1]
+_AROUND = re.compile(r'^\s*/|^\s*%\s*$')  # block delete, begin or end of a program
+MOVES = frozenset({0.0, 1.0, 2.0, 3.0})
+ELSEWHERE = frozenset({4.0, 10.0, 28.0, 30.0, 53.0})  # their words are no place in the work frame
+BESIDE = frozenset(  # modes that may stand beside a move
+    {17, 18, 19, 20, 21, 40, 43, 49, 50, 54, 55, 56, 57, 58, 59, 59.1, 59.2, 59.3, 61, 61.1, 64, 80, 90, 90.1, 91,
+     91.1, 92, 93, 94, 95, 96, 97, 98, 99}
+)  # fmt: skip
+SETTINGS_FROM = 92.0  # M92 X80, M201 X1000: settings of a printer, no place
 _TOKEN = re.compile(f'{_COMMENT.pattern}|{_WORD.pattern}')  # group 1: the letter of a word
 
 
@@ -25,8 +37,9 @@ def correct_gcode(text: str, matrix: np.ndarray) -> str:
     Moves are absolute (G90) or relative (G91). The image of an arc (G2, G3) is no circle: lines within CHORD of it take
     its place. A rapid (G0) moves only axes that the program has named so far: `G0 Z50` at the beginning lifts, and
     leaves X and Y, which lean with Z, to the first line that names them.
-    SkewError naming the line for arcs that are none, G92 of X, Y or Z, and words whose partner is not known yet (a
-    first X without Y on an axis pair that is not square).
+    SkewError naming line and word for arcs that are none, G92 of X, Y or Z, codes with words of a place that are no
+    move (cycles, splines, other zeros), what cannot be read, and words whose partner is not known yet (a first X
+    without Y on an axis pair that is not square).
     """
     program = _Program(matrix)
     return '\n'.join(program.line(raw, n) for n, raw in enumerate(text.split('\n'), 1))
@@ -50,6 +63,8 @@ class _Place:
         """G codes of a line and its words for axes and arcs, none where they are no place in the work frame."""
         words = [(letter.upper(), float(v)) for letter, v in _WORD.findall(_COMMENT.sub('', raw))]
         codes = {v for letter, v in words if letter == 'G'}
+        if any(letter == 'M' and v >= SETTINGS_FROM for letter, v in words):
+            return codes, {}
         if codes & {90.0, 91.0}:
             self.relative = self.wire_relative = 91.0 in codes
         if extruder := {v for letter, v in words if letter == 'M'} & {82.0, 83.0}:
@@ -60,11 +75,11 @@ class _Place:
             self.unit = INCH if 20.0 in codes else 1e-3
         for v in codes & {17.0, 18.0, 19.0}:
             self.plane = int(v)
-        for v in codes & {0.0, 1.0, 2.0, 3.0}:
+        for v in codes & MOVES:
             self.motion = v
-        if codes & {28.0, 53.0}:  # machine moves: the place is unknown afterwards
+        if codes & {28.0, 30.0, 53.0}:  # machine moves: the place is unknown afterwards
             self.wanted[:] = np.nan
-        elsewhere = codes & {10.0, 28.0, 53.0}
+        elsewhere = codes & ELSEWHERE
         given = {letter: v for letter, v in words if letter in 'XYZIJKREP'}
         return codes, {} if elsewhere else given
 
@@ -127,7 +142,10 @@ class _Program(_Place):
             raise SkewError(
                 f'line {number}: {found[1]}: an exponent is not read, write the number out'
             )
+        if _MESSAGE.match(raw):
+            return raw
         codes, given = self.read(raw)
+        _check(raw, codes, given, number)
         if 92 in codes:
             if set(given) & set('XYZ') or not given:
                 raise SkewError(f'line {number}: G92 moves the zero that the correction is about')
@@ -215,6 +233,21 @@ class _Program(_Place):
             extra = ''.join(f' {axis}{value:.4f}' for axis, value in left.items())
             out = out[:last] + extra + out[last:]
         return out
+
+
+def _check(raw: str, codes: set[float], given: dict[str, float], number: int) -> None:
+    """SkewError for a line that would be corrected although nobody knows what it does."""
+    body = _COMMENT.sub(' ', raw)
+    if found := _COMPUTED.search(body):
+        raise SkewError(
+            f'line {number}: {found[0]}: is computed by the machine, write the number out'
+        )
+    if not codes and not given:
+        return
+    if set(given) & set('XYZIJKR') and (unknown := sorted(codes - MOVES - BESIDE)):
+        raise SkewError(f'line {number}: G{unknown[0]:g}: is no move that can be corrected')
+    if rest := ' '.join(_AROUND.sub('', _WORD.sub(' ', body)).split()):
+        raise SkewError(f'line {number}: {rest[:24]}: cannot be read')
 
 
 def points_of(text: str) -> np.ndarray:

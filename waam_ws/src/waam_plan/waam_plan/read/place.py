@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from waam_plan.read.motion import Program
+from waam_plan.settings import PlanSettings
 from waam_process.segment import Point
 
 NEAR = 6e-3  # m that the path may lie outside the part that it makes
@@ -42,3 +43,16 @@ def part_offset(bounds: np.ndarray, box: np.ndarray) -> tuple[Point, str]:
         y,
         low,
     ), f'the middle of the nominal part was put to that of the path, {there * 1e3:.1f} mm'
+
+
+def leaves_machine(program: Program, settings: PlanSettings) -> str:
+    """'line 7: X900: ' of the first move that leaves the machine; '' where it is none of the program's own."""
+    limits = zip('XYZ', settings.machine_min, settings.machine_max, strict=True)
+    box = [(i, letter, low, high) for i, (letter, low, high) in enumerate(limits)]
+    for m in program.motions:
+        corners = m.corners()
+        for i, letter, low, high in box:
+            out = corners[(corners[:, i] < low - 1e-9) | (corners[:, i] > high + 1e-9), i]
+            if out.size:
+                return f'line {m.line}: {letter}{out[-1] * 1e3:.6g}: '
+    return ''
