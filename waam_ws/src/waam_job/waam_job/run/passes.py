@@ -21,7 +21,7 @@ class Passes:
         self.ahead: Plan | None = None
 
     def begin(self, scan: Scan) -> None:
-        """The plan of pass 1 from the surface as found. JobError when there is nothing to do, or no plate under a build."""
+        """The plan of pass 1 from the surface as found. JobError when there is nothing to do or no plate under it."""
         self.add(self._plan(scan))
         if not self.program.layers:
             raise JobError(
