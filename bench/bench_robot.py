@@ -254,7 +254,11 @@ def calibrated() -> None:
     before = 2.0 * 1.538  # median length of three normal numbers
     for what, name in (('touches', 'robot.tcp_mm'), ('profiles', 'robot.hand_eye_mm')):
         off = found[what][:, 3] * 1e3
-        print(f'{name}: {off.min():.3f} to {off.max():.3f} mm', file=sys.stderr)
+        x, y, z = (np.abs(found[what][:, :3]) < 1).mean(axis=0)
+        print(
+            f'{name}: {off.min():.3f} to {off.max():.3f} mm; within the interval x {x:.1%}, y {y:.1%}, z {z:.1%}',
+            file=sys.stderr,
+        )
         emit(name, float(np.median(off)), 'mm', 'as mounted', before)
     inside = np.abs(np.concatenate([v[:, :3] for v in found.values()])) < 1
     emit('robot.calibration_coverage', float(inside.mean()), '1', 'stated', 0.95)

@@ -54,3 +54,36 @@ def test_the_demo_takes_parameter_files_and_refuses_missing_ones(tmp_path, capsy
     assert main(['demo', '--params-file', str(file)]) == 0 and given == [file]
     assert main(['demo', '--params-file', str(tmp_path / 'none.yaml')]) == 2
     assert 'none.yaml: no such file' in capsys.readouterr().err
+
+
+def test_a_graph_of_a_program_is_started_with_all_of_its_settings(tmp_path):
+    """The demo on the robot ran on the gantry: the machine was not among what the supervisor is told."""
+    from dataclasses import fields
+
+    from waam_bringup.cli import build_parser
+    from waam_bringup.cli_graph import settings_of
+    from waam_bringup.graph import Settings
+    from waam_bringup.operate import arguments
+
+    file = tmp_path / 'nodes.yaml'
+    file.write_text('bridge: {ros__parameters: {}}\n')
+    wanted = Settings(
+        run=tmp_path,
+        port='/dev/ttyACM7',
+        rate=3.0,
+        seed=5,
+        machine_steps=(321.6, 320.0, 400.25),
+        grpc_port=9911,
+        web_port=9912,
+        panel_port=9913,
+        hang_timeout=7.0,
+        params_files=(file,),
+        without=('panel', 'dashboard'),
+        machine='robot',
+    )
+    default = Settings(run=tmp_path / 'other')
+    told = settings_of(build_parser().parse_args(['up', *arguments(wanted, 42)]), tmp_path)
+    for field in fields(Settings):
+        if field.name != 'epoch_us':  # the time of the start
+            assert getattr(told, field.name) == getattr(wanted, field.name), field.name
+            assert getattr(wanted, field.name) != getattr(default, field.name), field.name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 import trimesh
@@ -54,6 +55,17 @@ def test_settings_and_repair_reach_the_goal(parse, box, tmp_path):
     assert list(goal.plan_settings) == ['levels=adaptive', 'lead_on=0.5'] and goal.repair
     plain = jobs.make_goal(parse('run', box), tmp_path)
     assert not plain.plan_settings and not plain.repair
+
+
+def test_a_build_gets_a_plate_that_is_large_enough(parse, tmp_path):
+    file, loaded = tmp_path / 'bar.stl', []
+    trimesh.creation.box(extents=(260, 20, 10)).export(file)
+    client = Mock(running_job=lambda: None, load_part=lambda *asked: loaded.append(asked))
+    args = parse('run', file, '--mode', 'build')
+    jobs.place_part(client, args, jobs.check_arguments(args))
+    ((mesh, plate, seed),) = loaded
+    assert mesh == '' and seed == -1
+    assert plate == pytest.approx((0.300, 0.200, 0.010))
 
 
 def test_wire_lot_and_gas_are_notes_of_the_job(parse, box, tmp_path):

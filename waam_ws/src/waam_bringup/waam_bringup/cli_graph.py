@@ -124,13 +124,11 @@ def _add_up_ports(p: argparse.ArgumentParser) -> None:
         p.add_argument(f'--{name}-port', type=int, default=0, help=text)
 
 
-def _up(args: argparse.Namespace) -> int:
-    """Starts a graph and prints where it is. ValueError for a parameter file that is missing."""
-    from . import supervisor
+def settings_of(args: argparse.Namespace, run: Path) -> Settings:
+    """Of the arguments of `waam up`. ValueError for a parameter file that is missing, or a URDF that cannot be used."""
     from .graph import Settings
-    from .operate import free_port, panel_port, up
+    from .operate import free_port, panel_port
 
-    run, domain = run_and_domain(args)
     settings = Settings(
         run=run,
         port=args.port,
@@ -146,8 +144,16 @@ def _up(args: argparse.Namespace) -> int:
         without=tuple(args.without),
         machine=args.machine,
     )
-    if args.urdf is not None:
-        settings = _with_arm(settings, args.urdf)
+    return settings if args.urdf is None else _with_arm(settings, args.urdf)
+
+
+def _up(args: argparse.Namespace) -> int:
+    """Starts a graph and prints where it is. ValueError for a parameter file that is missing."""
+    from . import supervisor
+    from .operate import up
+
+    run, domain = run_and_domain(args)
+    settings = settings_of(args, run)
     if args.foreground:
         return supervisor.run(settings, domain)
     passed = [*sys.argv[2:], '--run', str(run), '--domain', str(domain)]

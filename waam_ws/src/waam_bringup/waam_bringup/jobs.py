@@ -13,7 +13,7 @@ from waam_job.cli_program import asked_of
 from waam_msgs.action import RunJob
 from waam_msgs.srv import AdjustJob
 from waam_node import job_folder
-from waam_process.operating import BUILD_PLATE, SPEED_FACTOR, WIRE_FACTOR
+from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR, build_plate
 
 from . import calibrate
 from .client import ClientError, GraphClient
@@ -69,8 +69,8 @@ def make_goal(args: argparse.Namespace, jobs: Path, learned: Path | None = None)
     return goal
 
 
-def check_arguments(args: argparse.Namespace) -> None:
-    """Refuses what can be refused without a graph."""
+def check_arguments(args: argparse.Namespace) -> list[float]:
+    """Refuses what can be refused without a graph. Returns x, y, z that the job reaches up to, m from work zero."""
     from waam_job.model.goal import JobError, JobGoal, check
 
     goal = JobGoal(jobs_dir=Path('.'), **_goal_fields(args), **asked_of(args).goal_fields())
@@ -78,7 +78,7 @@ def check_arguments(args: argparse.Namespace) -> None:
         if getattr(args, name) < 0:
             raise ValueError(f'--{name} is {getattr(args, name)}, must not be negative')
     try:
-        check(goal)
+        upper = check(goal).bounds[1].tolist()
     except JobError as e:
         raise ValueError(str(e)) from None
     if args.as_found and not args.as_found.exists():
@@ -91,16 +91,17 @@ def check_calibration(args: argparse.Namespace) -> None:
     reasons = [] if getattr(args, 'ignore_calibration', False) else calibrate.check(args)
     if reasons:
         raise ValueError(f'{"; ".join(reasons)} (waam calibrate status; --ignore-calibration)')
+    return upper
 
 
 def run_job(args: argparse.Namespace, run: Path, domain: int) -> int:
     """0 done, 1 failed, 2 refused, 130 cancelled."""
-    check_arguments(args)
+    upper = check_arguments(args)
     state = require_up(run)
     jobs = (args.jobs or jobs_dir()).resolve()
     with GraphClient(domain) as client:
         if state.simulated:
-            place_part(client, args)
+            place_part(client, args, upper)
         elif args.as_found:
             raise ValueError(
                 '--as-found is for the simulated cell; on a real one the part is on the table'
@@ -153,14 +154,14 @@ def override(speed: float, wire: float, domain: int) -> tuple[float, float]:
         return client.override(speed, wire, os.environ.get('USER') or 'command line')
 
 
-def place_part(client: GraphClient, args: argparse.Namespace) -> None:
-    """Simulated cell: the worn part, the nominal part itself when nothing else is said, or a plate for a build."""
+def place_part(client: GraphClient, args: argparse.Namespace, upper: list[float]) -> None:
+    """Simulated cell: the worn part, or for a build a plate under all that it reaches (`upper`, m from work zero)."""
     if running := client.running_job():
         raise ClientError(
             f'a job is running already: {running.job_id} (waam status, waam job abort)'
         )
     if asked_of(args).mode == 'build':
-        client.load_part('', BUILD_PLATE, -1)
+        client.load_part('', build_plate(upper), -1)
         return
     if not args.as_found:
         raise ValueError(

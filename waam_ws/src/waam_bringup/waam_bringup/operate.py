@@ -171,6 +171,8 @@ def arguments(settings: Settings, domain: int) -> list[str]:
     args += ['--rate', str(settings.rate), '--grpc-port', str(settings.grpc_port)]
     args += ['--web-port', str(settings.web_port), '--hang-timeout', str(settings.hang_timeout)]
     args += ['--panel-port', str(settings.panel_port or free_port())]
+    args += ['--machine', settings.machine, '--port', settings.port]
+    args += ['--machine-steps', *(f'{v:.10g}' for v in settings.machine_steps)]
     for name in settings.without:
         args += ['--without', name]
     for file in settings.params_files:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from waam_job.model.cell import Heat
 from waam_job.model.goal import Code, JobError
@@ -222,3 +223,14 @@ def test_nothing_is_left_behind(parts, tmp_path, monkeypatch):
     run(restore(*parts, layers=1, jobs_dir=tmp_path / 'jobs'))
     assert not (tmp_path / 'jobs').exists()
     assert made and not [folder for folder in made if Path(folder).exists()]
+
+
+@pytest.mark.parametrize('machine', ['gantry', 'robot'])
+def test_a_build_that_is_longer_than_the_usual_plate_gets_a_longer_one(tmp_path, machine):
+    """A bar of 260 mm; the usual plate ends 220 mm from work zero."""
+    file = tmp_path / 'bar.stl'
+    trimesh.creation.box(extents=(260, 12, 2)).export(file)
+    r = run(build(file, seed=3, layers=1, machine=machine))
+    assert r.error_code == 0, r.message
+    assert r.maps.spec.extent[1] > 0.26
+    assert np.nanmin(r.maps.as_found[r.maps.interior]) > -3.5e-3  # on a plate all the way along

@@ -104,3 +104,14 @@ def test_a_program_beyond_the_machine_is_refused_before_anything_moves(goal):
     result = run(LabJob(replace(goal, program_shift=(0.3, 0.0, 0.0)), seed=3))
     assert result.failed and result.error_code == Code.PLAN_FAILED
     assert 'outside the machine' in result.message
+
+
+def test_a_program_beside_the_plate_is_refused_before_the_arc(goal):
+    """The plate begins 20 mm before work zero; the program begins 36 mm before it."""
+    trace = MetalTrace()
+    moved = replace(goal, program_shift=(-0.076, 0.0, 0.0), loop_mode='monitor', part=Path(''))
+    result = run(LabJob(moved, seed=3), trace)
+    assert result.error_code == Code.PLAN_FAILED and 'no plate under' in result.message
+    assert '10.0 mm below work zero' in result.message
+    assert set(trace.layers) == {0}  # the scan
+    assert run(LabJob(replace(moved, program_shift=(-0.056, 0.0, 0.0)), seed=3)).error_code == 0

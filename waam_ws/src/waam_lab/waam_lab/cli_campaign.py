@@ -121,10 +121,10 @@ def _check(job: LabJob, args: argparse.Namespace) -> None:
         raise ValueError('--as-found belongs to mode restore; a build begins on a flat plate')
     known = params.make(job.overrides)
     try:
-        check(job.goal)
+        checked = check(job.goal)
     except JobError as e:
         raise ValueError(str(e)) from None
-    on_table(job, physics_of(job, known))
+    on_table(job, checked, known, physics_of(job, known))
 
 
 def run_campaign(args: argparse.Namespace) -> int:

@@ -20,7 +20,7 @@ from waam_job.store.folder import JobFolder
 from waam_job.store.program import keep_program
 from waam_node import job_folder
 from waam_process.grid import GridSpec, HeightGrid
-from waam_process.operating import BUILD_PLATE, MACHINES
+from waam_process.operating import MACHINES, build_plate
 from waam_sim import part as parts
 from waam_sim.config import GROUPS, plant_params
 from waam_sim.faults import Faults
@@ -46,7 +46,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
     _check_cell(job)
     checked = check(replace(job.goal, learned_dir=job.learned))
     physics = physics_of(job, known)
-    plant = Plant(on_table(job, physics), physics, job.seed)
+    plant = Plant(on_table(job, checked, known, physics), physics, job.seed)
     cell = LabCell(known, plant, job.faults, trace, watch, job.machine)
     try:
         with _folder(job, checked, known) as folder:
@@ -98,14 +98,18 @@ def physics_of(job: LabJob, known: params.LabParams) -> PlantParams:
     return job.plant or plant_params(known.cell)
 
 
-def on_table(job: LabJob, physics: PlantParams) -> HeightGrid:
-    """What lies in the cell. ValueError when it cannot be read or is too large."""
+def on_table(
+    job: LabJob, checked: Checked, known: params.LabParams, physics: PlantParams
+) -> HeightGrid:
+    """What lies in the cell; for a build a plate that is large enough. ValueError when it cannot be read or is too
+    large."""
     metal = physics.metal
     if job.as_found is not None:
         return parts.from_stl(str(job.as_found), metal.cell, metal.margin, physics.robot.tilt)
     if job.goal.mode == 'restore':
         raise ValueError("as_found (--as-found): a restoration needs the mesh of the worn part")
-    return parts.plate(*BUILD_PLATE, metal.cell, metal.margin)
+    wanted = build_plate(checked.bounds[1], known.job_sequencer.plate_zero)
+    return parts.plate(*wanted, metal.cell, metal.margin)
 
 
 def _note_planned(trace: MetalTrace, folder: JobFolder) -> None:

@@ -355,6 +355,18 @@ def test_multi_level_growth_repeats_with_every_strategy(strategy, part_of):
     assert min(apart) > 4.9e-3
 
 
+def test_a_repeated_layer_lights_the_arc_as_often_as_the_one_it_repeats(part_of):
+    """Rings of a roof, whose lines follow each other with ends that differ in the last bit."""
+    roof = trimesh.creation.box(bounds=[[0, 0, 0], [40, 30, 40]])
+    high = roof.vertices[:, 2] > 0
+    roof.vertices[high, 0] = np.where(roof.vertices[high, 0] > 20, 34, 6)
+    grown = replace(S, strategy='contour', growth_step=1e-3, multi_level=True)
+    plan = plan_build(part_of(roof), grown)
+    assert len(fragments(plan)) < len(plan.layers) - 5
+    assert plan.remarks[-1].startswith('multi-level growth: ')
+    assert {layer.arc_starts for layer in plan.layers} == {1}
+
+
 # ---- off ---------------------------------------------------------------------------------------
 
 

@@ -286,8 +286,11 @@ def _warping(args: argparse.Namespace) -> Displacements | None:
 
     if not args.warping:
         return None
-    with args.warping.open(errors='replace') as lines:
-        return displacements(lines, args.scale, str(args.warping))
+    try:
+        with args.warping.open(errors='replace') as lines:
+            return displacements(lines, args.scale, str(args.warping))
+    except OSError as e:
+        raise ValueError(f'--warping {args.warping}: {e.strerror}') from None
 
 
 def _restoration(part: Part, args: argparse.Namespace, settings: PlanSettings) -> Plan:

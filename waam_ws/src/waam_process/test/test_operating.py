@@ -28,3 +28,12 @@ def test_the_controller_takes_the_same_range():
     found = re.search(check, CONTROLLER.read_text())
     permille = [1000 * x for x in operating.SPEED_FACTOR + operating.WIRE_FACTOR]
     assert found and [float(x) for x in found.groups()] == permille
+
+
+def test_the_plate_grows_with_the_build_and_keeps_its_rim():
+    assert operating.build_plate((0.1, 0.05, 0.3)) == operating.BUILD_PLATE
+    assert operating.build_plate((0.2, 0.16)) == pytest.approx(operating.BUILD_PLATE)
+    assert operating.build_plate((0.25, 0.05)) == pytest.approx((0.290, 0.200, 0.010))
+    assert operating.build_plate((0.1, 0.2), (0.05, 0.03, 0.01)) == pytest.approx(
+        (0.24, 0.26, 0.01)
+    )

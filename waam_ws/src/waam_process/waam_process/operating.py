@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 DEFAULT_MATERIAL = 'er70s-6'  # key of the material table, where a job names none
 GANTRY, ROBOT = MACHINES = ('gantry', 'robot')  # what may move the torch
 
@@ -11,5 +13,17 @@ WIRE_FACTOR = (0.5, 1.5)  # wire feed
 # range of each factor by which a process control may multiply the operator's
 PROCESS_FACTOR = (0.5, 1.5)
 
-# m, x, y, z: the plate on the simulated table for a build (job_sequencer: plate_zero)
+# m, x, y, z: the plate on the simulated table for a build, and work zero seen from its corner (job_sequencer)
 BUILD_PLATE = (0.240, 0.200, 0.010)
+PLATE_ZERO = (0.020, 0.020, 0.010)
+
+
+def build_plate(
+    upper: Sequence[float], zero: Sequence[float] = PLATE_ZERO
+) -> tuple[float, float, float]:
+    """m: the simulated plate for a build that reaches up to `upper` (x, y; m from work zero).
+
+    `BUILD_PLATE`, or as much larger as leaves the rim before work zero (`zero`) behind the build as well.
+    """
+    x, y = (max(BUILD_PLATE[k], upper[k] + 2 * zero[k]) for k in range(2))
+    return x, y, BUILD_PLATE[2]

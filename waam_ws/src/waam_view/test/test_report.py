@@ -261,6 +261,7 @@ def test_a_demo_on_a_robot_shows_the_robot(tmp_path):
     (tmp_path / 'report.json').write_text(json.dumps(whole))
     text = write_report(tmp_path).read_text()
     assert '<h2>Robot</h2><figure>' in text and len(pictures(text)) == 5
+    assert 'machine: <b>robot</b>' in text
     (tmp_path / 'report.json').write_text(json.dumps(whole | {'work_zero_m': [5.0, 0.0, 0.0]}))
     assert 'No picture' in write_report(tmp_path).read_text()
 

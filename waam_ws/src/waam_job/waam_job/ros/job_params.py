@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from waam_node.params import param
+from waam_process.operating import PLATE_ZERO
 
 from ..run.settings import Settings
 from ..run.watch import Limits
@@ -30,7 +31,7 @@ class JobParams:
     )
     work_offset: tuple = param((0.100, 0.080, 0.020), 'work zero (G54) in machine coordinates', 'm')
     plate_zero: tuple = param(
-        (0.020, 0.020, 0.010),
+        PLATE_ZERO,
         'mode build: work zero seen from the corner of the clamped plate',
         'm',
     )

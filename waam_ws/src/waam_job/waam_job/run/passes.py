@@ -9,7 +9,7 @@ from ..model.cell import Scan
 from ..model.goal import Code, JobError
 from ..model.program import deviation_of
 from .context import JobContext
-from .planning import make_plan, wire_problems
+from .planning import check_ground, make_plan, wire_problems
 
 
 class Passes:
@@ -21,13 +21,15 @@ class Passes:
         self.ahead: Plan | None = None
 
     def begin(self, scan: Scan) -> None:
-        """The plan of pass 1 from the surface as found. JobError when there is nothing to do."""
+        """The plan of pass 1 from the surface as found. JobError when there is nothing to do or no plate under it."""
         self.add(self._plan(scan))
         if not self.program.layers:
             raise JobError(
                 Code.PLAN_FAILED,
                 'nothing to deposit: the surface is nowhere below the nominal part',
             )
+        if self.goal.mode == 'build':
+            check_ground(self.program.current, scan.map)
 
     def next(self, scan: Scan) -> bool:
         """Plans what the scan finds missing. False when this was the last pass or nothing is missing."""

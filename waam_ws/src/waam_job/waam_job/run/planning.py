@@ -18,6 +18,9 @@ from waam_process.loop_mode import LoopMode
 
 from ..model.goal import Checked, Code, JobError
 
+NO_GROUND = 4e-3  # m below the lowest layer: no bead of it reaches the ground there
+BARE_AREA = 1e-5  # m2, less is an edge or a cell that was measured badly
+
 
 def make_plan(
     checked: Checked,
@@ -51,6 +54,29 @@ def make_plan(
         return plan_restoration(found, nominal, settings, wanted, laid, below)
     except ValueError as e:
         raise JobError(Code.PLAN_FAILED, str(e)) from None
+
+
+def check_ground(plan: Plan, found: HeightGrid) -> None:
+    """Whether a build has its plate under all of its lowest layer. JobError with the place where it has none.
+
+    found: the map before the first layer, on the grid of the plan; cells that were not seen do not count.
+    """
+    first = plan.layers[0]
+    wanted = np.nan_to_num(first.target_before, nan=0.0)
+    deep = np.where(first.planned > 0, wanted - found.z, 0.0)
+    bare = np.nan_to_num(deep, nan=0.0) > NO_GROUND
+    if bare.sum() * found.spec.resolution**2 < BARE_AREA:
+        return
+    rows, cols = np.nonzero(bare)
+    box = found.spec.x[[cols.min(), cols.max()]], found.spec.y[[rows.min(), rows.max()]]
+    (x0, x1), (y0, y1) = (1e3 * ends for ends in box)
+    share = bare.sum() / (first.planned > 0).sum()
+    raise JobError(
+        Code.PLAN_FAILED,
+        f'no plate under {share:.0%} of the first layer: in x {x0:.0f} to {x1:.0f}, y {y0:.0f} to {y1:.0f} mm the '
+        f'surface is {1e3 * np.median(deep[bare]):.1f} mm below work zero; use a larger plate, or move the part or '
+        'the plate (plate_zero)',
+    )
 
 
 def build_ahead(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from waam_process.operating import PLATE_ZERO
 from waam_process.segment import Point
 
 from .watch import Limits
@@ -15,7 +16,7 @@ class Settings:
 
     work_offset: Point = (0.100, 0.080, 0.020)  # m, work zero in machine coordinates
     # m, mode build: work zero seen from the plate's corner
-    plate_zero: Point = (0.020, 0.020, 0.010)
+    plate_zero: Point = PLATE_ZERO
     margin: float = 5e-3  # m, map beyond the part
     resolution: float = 0.5e-3  # m, edge of a grid cell
     follow_reach: float = 3e-3  # m, smoothing of the surface that the torch height follows

@@ -57,7 +57,7 @@ def plan_build(
     safe_z = sections[-1].z + sections[-1].thickness + settings.clearance
     spec = spec or _grid(placed, len(sections), settings, warnings)
     with collector_paused():
-        planned = _layers(sections, spec, safe_z, settings)
+        planned = _layers(sections, spec, safe_z, settings, remarks)
     warnings += near_starts([arc_starts(p.segments) for p in planned], settings.start_spread)
     plan = _assemble(part, planned, spec, safe_z, settings, offset, warnings, remarks)
     check_reach([s for layer in planned for s in layer.segments], settings)
@@ -179,7 +179,11 @@ def _grid(placed: Part, use: int, settings: PlanSettings, warnings: list[str]) -
 
 
 def _layers(
-    sections: list[Section], spec: GridSpec, safe_z: float, settings: PlanSettings
+    sections: list[Section],
+    spec: GridSpec,
+    safe_z: float,
+    settings: PlanSettings,
+    remarks: list[str],
 ) -> list[PlannedLayer]:
     """Layers from the bottom. One with the section of the layer two below (growth_step) repeats its path."""
     out: list[PlannedLayer] = []
@@ -189,11 +193,13 @@ def _layers(
     metal = np.zeros(spec.shape)
     supported = np.ones(spec.shape, bool)
     starts = np.zeros((0, 2))
+    repeated = 0
     for section in sections:
         known = references.get(section.number % 2)
         if known and _same(known[0], section, settings):
             metal[known[1].footprint] = section.z + section.thickness
             layer = _repeated(known[1], section, supported, metal, spec, safe_z, settings)
+            repeated += 1
         else:
             on = raster(section.polygons, spec)
             metal[on] = section.z + section.thickness
@@ -202,6 +208,11 @@ def _layers(
         out.append(layer)
         supported = layer.footprint
         starts = arc_starts(layer.segments)
+    if settings.multi_level:
+        remarks.append(
+            f'multi-level growth: {repeated} of {len(out)} layers repeat the path of the one two below '
+            f'(steps of up to {settings.growth_step * 1e3:.2g} mm)'
+        )
     return out
 
 

@@ -166,12 +166,15 @@ def relaid(
 ) -> list[Segment]:
     """A planned layer at height z (m): the same runs, already put out before their ends, with new ways between them."""
     runs: list[Run] = []
+    between = True
     for s in segments:
-        if s.length > 0 and (s.arc or _is_tail(s)):
-            start, end = (*s.start[:2], z), (*s.end[:2], z)
-            if not runs or runs[-1][-1].end != start:
+        if not (s.arc or _is_tail(s)):
+            between = True
+        elif s.length > 0:
+            if between:
                 runs.append([])
-            runs[-1].append(s.at(start=start, end=end, layer=layer))
+            between = False
+            runs[-1].append(s.at(start=(*s.start[:2], z), end=(*s.end[:2], z), layer=layer))
     return connected(runs, layer, ceiling, safe_z, replace(settings, lead_off=0.0))
 
 
