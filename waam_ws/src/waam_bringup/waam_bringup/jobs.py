@@ -84,6 +84,7 @@ def check_arguments(args: argparse.Namespace) -> list[float]:
     if args.as_found and not args.as_found.exists():
         raise ValueError(f'--as-found {args.as_found}: no such file')
     check_calibration(args)
+    return upper
 
 
 def check_calibration(args: argparse.Namespace) -> None:
@@ -91,7 +92,6 @@ def check_calibration(args: argparse.Namespace) -> None:
     reasons = [] if getattr(args, 'ignore_calibration', False) else calibrate.check(args)
     if reasons:
         raise ValueError(f'{"; ".join(reasons)} (waam calibrate status; --ignore-calibration)')
-    return upper
 
 
 def run_job(args: argparse.Namespace, run: Path, domain: int) -> int:
