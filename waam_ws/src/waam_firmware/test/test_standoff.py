@@ -177,8 +177,8 @@ def test_what_the_arc_does_at_its_start_is_not_learned_as_a_distance():
 
 
 def wandering(seed: int, wander: float, seconds: int = 60) -> tuple[np.ndarray, int]:
-    """Contact distance less 15 mm (mm, one per ms) and the alarm, by the arc over metal that rises by 3.4 mm; its contact
-    tip and wire wander by 1.2 mm in 4 s and 1.08 mm in 6 s. wander: mm that the control is told."""
+    """Contact distance less 15 mm (mm, one per ms) and the alarm, by the arc over metal that rises by 3.4 mm; its
+    contact tip and wire wander by 1.2 mm in 4 s and 1.08 mm in 6 s. wander: mm that the control is told."""
     rng, steps = np.random.default_rng(seed), 100 * seconds
     noise = rng.standard_normal((steps, 3))
     loop.start(source=loop.ARC, set_mm=15, kp=2, ki=0.5, answer_mm=3, arc_wander_mm=wander)
