@@ -125,10 +125,10 @@ def test_settings_out_of_range_are_refused_by_name():
         loop.start(source=loop.ARC, set_mm=15, down_mm=8)
 
 
-def faults(controller: Path, runs: int, seed: int) -> dict[str, list[float]]:
+def faults(controller: Path, runs: int, seed: int, *more: str) -> dict[str, list[float]]:
     """Of standoff_faults: kind -> runs, least contact distance, too close, alarms, alarms with the programmed z."""
     program = controller.with_name('standoff_faults')
-    done = subprocess.run([str(program), str(runs), str(seed)], capture_output=True, text=True)
+    done = subprocess.run([str(program), str(runs), str(seed), *more], capture_output=True, text=True)
     assert done.returncode in (0, 1), done.stderr
     rows = [line.split() for line in done.stdout.splitlines()]
     return {name: [float(v) for v in values] for name, *values in rows}
@@ -144,6 +144,14 @@ def test_whatever_a_sensor_says_the_torch_never_dives(controller_path):
             runs, _, _, alarms, programmed = found[kind]
             assert alarms >= 0.95 * runs and programmed >= 0.95 * runs, kind
     assert sum(found['drop_outs'][3] for found in several) <= 0.05 * 300
+
+
+@pytest.mark.parametrize('wander', ['0.3', '1.6', '5'])
+def test_by_an_arc_that_wanders_the_torch_never_dives_either(controller_path, wander):
+    found = faults(controller_path, 550, 101, wander)
+    assert {name: row[2] for name, row in found.items() if row[2]} == {}
+    assert min(row[1] for row in found.values()) > 7.5
+    assert found['dead'][3] >= 0.95 * found['dead'][0]
 
 
 def test_the_arc_alone_finds_the_distance():
