@@ -128,7 +128,9 @@ def test_settings_out_of_range_are_refused_by_name():
 def faults(controller: Path, runs: int, seed: int, *more: str) -> dict[str, list[float]]:
     """Of standoff_faults: kind -> runs, least contact distance, too close, alarms, alarms with the programmed z."""
     program = controller.with_name('standoff_faults')
-    done = subprocess.run([str(program), str(runs), str(seed), *more], capture_output=True, text=True)
+    done = subprocess.run(
+        [str(program), str(runs), str(seed), *more], capture_output=True, text=True
+    )
     assert done.returncode in (0, 1), done.stderr
     rows = [line.split() for line in done.stdout.splitlines()]
     return {name: [float(v) for v in values] for name, *values in rows}
