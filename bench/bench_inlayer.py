@@ -3,7 +3,8 @@
 inlayer.scan_time_ratio: time in state SCANNING, ways to the scans included, with passes over what a layer has changed
 (`scan_changed_only`) over that with passes over the whole part; the same for inlayer.job_time_ratio (whole job) and
 inlayer.scan_rms_ratio (RMS at the end), all paired over seeds. 95 % intervals on stderr.
-inlayer.rms_ratio: RMS at the end with corrections within the layers (`in_layer`) over that without, paired.
+inlayer.rms_ratio: RMS at the end with corrections within the layers (`in_layer`) over that without, paired; measured
+together with inlayer.bound_rms_ratio, below which nobody who measures the disturbance can come (docs/in_layer.md).
 inlayer.within_scan_time_ratio, inlayer.within_scan_rms_ratio: time in state SCANNING and RMS with `in_layer` and
 `scan_changed_only`, whose passes leave out what was seen well beside the arc, over those with neither.
 inlayer.rail_scan_time_ratio, inlayer.rail_scan_rms_ratio, inlayer.rail_job_time_ratio, inlayer.plate_scan_time_ratio,
@@ -246,6 +247,12 @@ def bound() -> None:
     emit(name, told(name, ratios(calm, usual(), 'rms')), '', 'wanted of in-layer correction', 0.75)
 
 
+def within_and_bound() -> None:
+    """The bound stands beside the figure, of the same jobs."""
+    within()
+    bound()
+
+
 def last_touch(deposits: list[Segment], spec: GridSpec) -> np.ndarray:
     """(rows, cols) number of the last segment whose bead changes a cell; -1 = none does."""
     points, numbers = [], []
@@ -308,7 +315,7 @@ PASSES = {part: partial(passes, part) for part in ('rail', 'plate')}
 FIGURES = {
     **{figure: in_regime(figure, *case) for figure, case in REGIMES.items()},
     **{f'inlayer.{part}_{of}': run for part, run in PASSES.items() for of in OF_PASSES},
-    'inlayer.rms_ratio': within,
+    'inlayer.rms_ratio': within_and_bound,
     'inlayer.within_scan_time_ratio': within_scan,
     'inlayer.within_scan_rms_ratio': within_scan,
     'inlayer.lost': replaced,
@@ -321,6 +328,6 @@ FIGURES = {
     'inlayer.scan_time_ratio': changed_only,
     'inlayer.job_time_ratio': changed_only,
     'inlayer.scan_rms_ratio': changed_only,
-    'inlayer.bound_rms_ratio': bound,
+    'inlayer.bound_rms_ratio': within_and_bound,
     'inlayer.seen_pct': in_view,
 }

@@ -18,6 +18,10 @@ standoff.laser_rms_mm, standoff.arc_rms_mm: error of the contact distance over a
 3 mm while it is welded, seeds 101-110 (rise in 10 to 40 s, 0.2 mm of roughness; laser: 0.01 mm, 2 ms, 1 % of the
 readings lost; arc: noise of arc length, current, voltage and wire, current up to 5 % off the model). Baseline: no
 tracking. The first 1.5 s are left out: the arc strikes, settles, and its current is compared with the distance.
+standoff.arc_wander_rms_mm: the same by the arc where contact tip and wire wander by 1.6 mm of distance together
+(1.2 mm in 4 s, 1.08 mm in 6 s), which the control is told. Baseline: no tracking. standoff.arc_wander_bound_mm: least
+error by the arc of anyone who does not know by how much the part rises, but its course in time exactly; the wander is
+the only noise. Baseline: wanted by the arc, 0.5 mm.
 standoff.step_s: 3 mm to 0.1 mm by the relay, step division 1/16, ideal drive (baseline: source 001, recomputed).
 standoff.too_close, standoff.closest_mm: 10 000 runs with a random fault of the sensor (standoff_faults.c, seeds 101 to
 110): runs with the torch closer than half its contact distance; smallest distance of all.
@@ -37,12 +41,15 @@ import numpy as np
 from bench_shape import workers
 from lib.emit import emit
 from lib.paths import SOURCES
+from scipy.signal import lfilter
 
 SEEDS = range(101, 111)
 LAB_SEEDS = range(1, 21)
 WRONG_MAPS = range(1, 51)
 FAULT_SEEDS = range(1, 11)
 WARPS = {'part_warp': 3.5e-3, 'part_warp_energy': 4e4}
+WANDERS = ((1.2, 4.0), (1.08, 6.0))  # mm, correlation time in s: contact tip, wire
+BIAS = 2.0  # mm: of the arc's current, before anyone has compared it
 SECONDS, SKIPPED = 60.0, 1.5
 RISE = 3.0  # mm
 FIRMWARE = SOURCES / 'waam_firmware'
@@ -66,7 +73,18 @@ def metal(rng: np.random.Generator) -> np.ndarray:
     return rise + rough - rough[0]
 
 
-def bead(seed: int, source: int) -> np.ndarray:
+def wandering(rng: np.random.Generator, count: int) -> np.ndarray:
+    """What contact tip and wire add to the contact distance by the arc, mm, one value per ms."""
+    out = np.zeros(count)
+    for sigma, lasts in WANDERS:
+        keep = math.exp(-1e-3 / lasts)
+        noise = sigma * rng.standard_normal(count)
+        noise[1:] *= math.sqrt(1 - keep * keep)
+        out += lfilter([1.0], [1.0, -keep], noise)
+    return out
+
+
+def bead(seed: int, source: int, wanders: bool = False) -> np.ndarray:
     """Error of the contact distance, mm, one value per ms."""
     loop = control()
     rng = np.random.default_rng(seed)
@@ -74,7 +92,10 @@ def bead(seed: int, source: int) -> np.ndarray:
     if source == loop.OFF:
         return -surface
     arc = source == loop.ARC
-    loop.start(source=source, **({'set_mm': loop.CONTACT, 'kp': 2.0, 'ki': 0.5} if arc else {}))
+    tip = wandering(rng, len(surface)) if wanders else np.zeros(len(surface))
+    told = {'arc_wander_mm': math.hypot(*(sigma for sigma, _ in WANDERS))} if wanders else {}
+    by_arc = {'set_mm': loop.CONTACT, 'kp': 2.0, 'ki': 0.5, 'answer_mm': 3.0, **told}
+    loop.start(source=source, **(by_arc if arc else {}))
     lib, answer = loop.library(), loop.Answer()
     lib.standoff_loop_path(loop.FOLLOW, 0.0, 0.0, 22.0)
     model, length, reading, value = 138.0 * rng.uniform(0.95, 1.05), 0.0, 0, 100.0
@@ -88,7 +109,9 @@ def bead(seed: int, source: int) -> np.ndarray:
         if ms % 10 == 0:
             wire = 110.0 + 0.5 * round(noise[ms, 3])
             speed = (wire / 110.0) ** 0.65
-            current_read = model * speed * (1 - 0.024 * error) - 7.0 * length + 1.5 * noise[ms, 1]
+            current_read = (
+                model * speed * (1 - 0.024 * (error + tip[ms])) - 7.0 * length + 1.5 * noise[ms, 1]
+            )
             voltage_read = 22.0 + length + 0.15 * noise[ms, 2]
         if ms % 2 == 0:
             reading += 1
@@ -101,9 +124,34 @@ def bead(seed: int, source: int) -> np.ndarray:
     return errors
 
 
-def rms(source: int) -> float:
+def rms(source: int, wanders: bool = False) -> float:
     late = round(SKIPPED * 1000)
-    return float(np.sqrt(np.mean([bead(seed, source)[late:] ** 2 for seed in SEEDS])))
+    return float(np.sqrt(np.mean([bead(seed, source, wanders)[late:] ** 2 for seed in SEEDS])))
+
+
+def least_error() -> float:
+    """mm RMS over a bead: height = amplitude (sigma RISE) times a course that is known, current off by BIAS, the wander
+    of `WANDERS` on every value; the best linear estimator of what was measured so far."""
+    t = np.arange(0.25, SECONDS, 0.5)
+    apart = np.abs(t[:, None] - t)
+    noise = sum(sigma**2 * np.exp(-apart / lasts) for sigma, lasts in WANDERS)
+    course = 1 - np.exp(-t / (25.0 / 3))
+    sees = np.stack([course, np.ones_like(t)], axis=1)
+    before = np.diag([RISE**-2, BIAS**-2])
+    variance = [
+        course[k - 1] ** 2
+        * np.linalg.inv(sees[:k].T @ np.linalg.solve(noise[:k, :k], sees[:k]) + before)[0, 0]
+        for k in range(1, len(t) + 1)
+    ]
+    return float(np.sqrt(np.mean(variance)))
+
+
+def wandering_tip() -> None:
+    loop = control()
+    without = rms(loop.OFF)
+    name = 'standoff.arc_wander_rms_mm'
+    emit(name, rms(loop.ARC, True), 'mm', 'no tracking, same seeds', without)
+    emit('standoff.arc_wander_bound_mm', least_error(), 'mm', 'wanted by the arc', 0.5)
 
 
 def warping_part() -> None:
@@ -287,6 +335,8 @@ FIGURES = {
     'standoff.cell_closest_mm': faults_in_the_cell,
     'standoff.laser_rms_mm': warping_part,
     'standoff.arc_rms_mm': warping_part,
+    'standoff.arc_wander_rms_mm': wandering_tip,
+    'standoff.arc_wander_bound_mm': wandering_tip,
     'standoff.step_s': step,
     'standoff.too_close': bad_sensors,
     'standoff.closest_mm': bad_sensors,

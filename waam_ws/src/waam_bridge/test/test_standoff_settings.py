@@ -64,8 +64,8 @@ def test_all_settings_go_in_between_off_and_the_source():
     [('infrared', 100.0, 2, 1.0), ('arc', 15.0, 3, 3.0)],
 )
 def test_what_is_left_open_fits_the_source(source, set_mm, number, answer):
-    values = dict(settings(BridgeParams(standoff_source=source)))
-    assert values['answer_mm'] == answer
+    values = dict(settings(BridgeParams(standoff_source=source, standoff_arc_wander=1.6e-3)))
+    assert values['answer_mm'] == answer and values['arc_wander_mm'] == pytest.approx(1.6)
     assert values['set_mm'] == set_mm and values['source'] == number
     assert not any(math.isnan(v) for v in values.values())
 

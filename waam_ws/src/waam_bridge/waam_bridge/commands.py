@@ -196,7 +196,7 @@ def _clear_queue(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
 
 SETTING = re.compile('[a-z][a-z0-9_]{0,31}')
 STANDOFF_NAMES = {name for values in OF_SOURCE.values() for name in values} | {
-    'source', 'law', 'up_mm', 'down_mm', 'rate_mm_s', 'cross_mm',
+    'source', 'law', 'up_mm', 'down_mm', 'rate_mm_s', 'cross_mm', 'arc_wander_mm',
 }  # fmt: skip
 
 

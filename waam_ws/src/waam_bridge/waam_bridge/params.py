@@ -112,6 +112,13 @@ class BridgeParams:
         0.0,
         0.02,
     )
+    standoff_arc_wander: float = _standoff(
+        0.0,
+        'by the arc: sigma of a contact tip and wire that wander, as a distance; 0 = steady',
+        'm',
+        0.0,
+        5e-3,
+    )
 
     def __post_init__(self) -> None:
         try:

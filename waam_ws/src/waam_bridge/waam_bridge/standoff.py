@@ -56,6 +56,7 @@ def settings(p: BridgeParams) -> list[Setting]:
     values['up_mm'], values['down_mm'] = to_mm(p.standoff_up), to_mm(p.standoff_down)
     values['rate_mm_s'] = to_mm(p.standoff_rate)
     values['cross_mm'] = to_mm(p.standoff_cross)
+    values['arc_wander_mm'] = to_mm(p.standoff_arc_wander)
     values['law'] = float(STANDOFF_LAWS.index(p.standoff_law))
     return [('source', 0.0), *values.items(), ('source', float(source))]
 

@@ -22,6 +22,8 @@ const char *standoff_loop_set(const char *name, double value);
 const char *standoff_loop_check(void);
 /* A new arc. */
 void standoff_loop_arm(void);
+/* The machine has rested: what is laid from now on follows a newer map. */
+void standoff_loop_rest(void);
 /* Until changed: mode (waam_standoff_mode_t), the z that the program asks for, path travelled, source voltage. */
 void standoff_loop_path(int32_t mode, float z_mm, float travelled_mm, float source_v);
 /* The path turns in the next millisecond. */
@@ -59,6 +61,8 @@ const char *standoff_loop_check(void)
 }
 
 void standoff_loop_arm(void) { waam_standoff_arm(&state); }
+
+void standoff_loop_rest(void) { waam_standoff_rest(&state); }
 
 void standoff_loop_path(int32_t mode, float z_mm, float travelled_mm, float source_v)
 {

@@ -1,6 +1,7 @@
-/* Sensors that lie, at random: standoff_faults [runs [seed]]. A part that rises by up to 3 mm, lies up to 3 mm lower than
+/* Sensors that lie, at random: standoff_faults [runs [seed [wander]]]. A part that rises by up to 3 mm, lies up to 3 mm lower than
  * the program takes it to be, or has a step within that; a laser, the infrared sensor or the arc; one fault at a random
- * moment. Whatever the sensor says, the torch must not come closer to the metal than half its contact distance.
+ * moment. Whatever the sensor says, the torch must not come closer to the metal than half its contact distance. With `wander`
+ * (mm) it is always the arc, and the control is told of a contact tip that wanders so far.
  *
  * One line per kind of fault: name, runs, smallest contact distance (mm), runs closer than half of it, runs with an alarm,
  * and runs that ended on the programmed z. Exit status 1 when any came too close. */
@@ -116,11 +117,13 @@ typedef struct {
     bool alarm, programmed;
 } outcome_t;
 
-static outcome_t run(kind_t kind)
+static outcome_t run(kind_t kind, float wander_mm)
 {
     const waam_config_t all = waam_config_default();
     waam_standoff_config_t c = all.standoff;
     c.source = 1 + (uint32_t)chance(0.0, 2.9999);
+    if (wander_mm > 0.0f)
+        c.source = WAAM_STANDOFF_ARC, c.arc_wander_mm = wander_mm;
     c.law = chance(0.0, 1.0) < 0.5 ? WAAM_STANDOFF_RELAY : WAAM_STANDOFF_PID;
     bool by_arc = c.source == WAAM_STANDOFF_ARC, laser = c.source == WAAM_STANDOFF_LASER;
     if (by_arc)
@@ -170,6 +173,7 @@ static outcome_t run(kind_t kind)
 int main(int argc, char **argv)
 {
     long runs = argc > 1 ? strtol(argv[1], NULL, 10) : 1000;
+    float wander_mm = argc > 3 ? strtof(argv[3], NULL) : 0.0f;
     unsigned close = 0, count[KINDS] = {0}, near[KINDS] = {0}, alarms[KINDS] = {0}, home[KINDS] = {0};
     double least[KINDS];
     dice = argc > 2 ? strtoull(argv[2], NULL, 10) * 0x9E3779B97F4A7C15u + 1 : 1;
@@ -177,7 +181,7 @@ int main(int argc, char **argv)
         least[k] = 1e9;
     for (long i = 0; i < runs; i++) {
         kind_t kind = (kind_t)(i % KINDS);
-        outcome_t o = run(kind);
+        outcome_t o = run(kind, wander_mm);
         count[kind]++;
         near[kind] += o.least_mm < LEAST_MM;
         close += o.least_mm < LEAST_MM;

@@ -265,6 +265,47 @@ static void test_arc_sensing_follows_and_goes_home(void)
     CHECK(fabs(pulses_mm() - 2.0) < 0.3 && !heard("E212"));
 }
 
+/* Contact tip and wire wander. Metal that rose in one bead is still there under the next one; after a rest there is a new map,
+ * and the torch begins on it. */
+static void test_by_an_arc_that_wanders_the_map_is_the_reference_after_a_rest(void)
+{
+    weld(WAAM_STANDOFF_OFF);
+    power_up(WAAM_STANDOFF_OFF);
+    send_text("$C@1 set_mm 15");
+    send_text("$C@2 kp 2");
+    send_text("$C@3 arc_wander_mm 0.5");
+    send_text("$C@4 source 3");
+    CHECK(core.config.standoff.source == WAAM_STANDOFF_ARC);
+    send_line("M3 W5000 S22");
+    send_line("G1 X280 F300");
+    run(12000);
+    metal_mm = 2.0;
+    run(30000);
+    double followed = pulses_mm();
+    CHECK(followed > 1.0 && !heard("E212"));
+    send_line("M5");
+    send_line("G0 X10");
+    send_line("M3 W5000 S22");
+    send_line("G1 X60 F300");
+    unsigned ms = 0;
+    for (bool was_out = false; ms < 60000 && !(was_out && core.arc.phase == WAAM_ARC_BURNING); ms++) {
+        was_out = was_out || core.arc.phase == WAAM_ARC_OFF;
+        run(1);
+    }
+    CHECK(ms < 60000);
+    run(3000);
+    CHECK(pulses_mm() > 0.7 * followed);
+    send_line("M5");
+    for (ms = 0; ms < 60000 && core.state != WAAM_IDLE; ms++)
+        run(1);
+    CHECK(core.state == WAAM_IDLE && fabs(pulses_mm()) < 0.01);
+    metal_mm = 0.0;
+    send_line("M3 W5000 S22");
+    send_line("G1 X200 F300");
+    run(5000);
+    CHECK(core.arc.phase == WAAM_ARC_BURNING && fabs(pulses_mm()) < 0.3 && !heard("E212"));
+}
+
 static void test_settings_are_checked(void)
 {
     static const struct {
@@ -318,8 +359,9 @@ int main(void)
     test_no_sensor_means_the_programmed_z_and_an_alarm_and_the_bead_goes_on();
     test_the_correction_stays_inside_the_soft_limits();
     test_arc_sensing_follows_and_goes_home();
+    test_by_an_arc_that_wanders_the_map_is_the_reference_after_a_rest();
     test_settings_are_checked();
     test_a_configuration_that_makes_no_sense_is_switched_off();
-    printf("standoff: eleven properties hold\n");
+    printf("standoff: twelve properties hold\n");
     return 0;
 }

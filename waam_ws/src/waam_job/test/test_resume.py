@@ -45,6 +45,19 @@ def cut_after(cell, deposits: int) -> None:
     cell._lay = lay
 
 
+def on_deposit(cell, number: int, action) -> None:
+    """Calls `action` when the number-th depositing segment has been laid."""
+    inner, seen = cell._lay, {'n': 0}
+
+    def lay(s):
+        inner(s)
+        seen['n'] += s.kind == Kind.DEPOSIT
+        if seen['n'] == number and s.kind == Kind.DEPOSIT:
+            action()
+
+    cell._lay = lay
+
+
 def cut_off(make_cell, make_runner, deposits: int, **fields):
     """A job that is cut off. Returns (runner, folder, cell) with the metal that was laid."""
     cell = make_cell(efficiency=0.8)
@@ -213,6 +226,47 @@ def test_two_cuts_in_one_layer(undisturbed, make_cell, make_runner):
     again, _, status = go_on(make_cell, runner, folder, fresh)
     assert status.state == State.DONE, status.message
     assert again.final.rms < 1.1**2 * rms
+
+
+@pytest.mark.parametrize('within', [False, True])
+@pytest.mark.parametrize('when', ['before the cut', 'after it'])
+def test_an_override_in_a_layer_that_was_cut_off_still_counts_as_asked_for(
+    within, when, make_cell, make_runner
+):
+    """A fifth more wire on one side of the cut alone: there it was wanted, on the other side it was not."""
+    settings = {'in_layer': within, 'in_layer_period': 2.0, 'in_layer_preview': 1.0}
+
+    def layers(before: float, after: float) -> tuple[np.ndarray, list]:
+        """Metal that the first layer was asked for, as the folder tells it, and as the second one is told."""
+        cell = make_cell(efficiency=0.8)
+        runner, control, folder = make_runner(cell, settings)
+        on_deposit(cell, 1, lambda: control.override(1.0, before))
+        cut_after(cell, 30)
+        runner._release = lambda: None
+        with pytest.raises(PowerCut):
+            runner.run()
+        fresh = make_cell(efficiency=0.8)
+        fresh.surface = cell.surface
+        control.override(1.0, 1.0)
+        on_deposit(fresh, 1, lambda: control.override(1.0, after))
+        told, inner = {}, fresh.correct
+        fresh.correct = lambda run_id, r: told.update({r.layer: r}) or inner(run_id, r)
+        checked, number = runner.context.checked, folder.next_run()
+        again = JobRunner(fresh, checked, folder, control, runner.context.settings, number)
+        folder.write_yaml(f'resume_{number}.yaml', {})
+        assert again.run().state == State.DONE
+        return folder.read_map(0)['asked'].astype(float), told[2].previous_growth
+
+    plain, altered = (
+        layers(1.0, 1.0),
+        layers(*((1.2, 1.0) if when == 'before the cut' else (1.0, 1.2))),
+    )
+    for usual, wanted in zip(plain, altered, strict=True):
+        ratio = wanted[usual > 0] / usual[usual > 0]
+        more = ratio > 1.1
+        assert np.median(ratio[more]) == pytest.approx(1.2, abs=0.02 if within else 1e-4)
+        assert np.median(ratio[~more]) == pytest.approx(1.0, abs=0.02 if within else 1e-4)
+        assert 0.25 < more.mean() < 0.75
 
 
 def test_cut_before_anything_was_laid_starts_anew(make_cell, make_runner):

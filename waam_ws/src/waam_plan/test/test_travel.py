@@ -148,3 +148,12 @@ def test_short_beads_wait_and_the_arc_is_lit_before_and_put_out_before_the_end(w
     assert wait.start[2] > layer.deposits[-1].end[2] + 0.9 * s.clearance
     assert plain.length - plan.length == pytest.approx(3e-3, abs=1e-6)
     assert plan.arc_starts == plain.arc_starts
+
+
+def test_a_law_that_turns_back_is_no_move():
+    law = JoiningLaw.joining((0.0, -0.01, 0.0), (0.02, 0.0), 1.0)
+    with pytest.raises(JoinError, match='turns back'):
+        law.pieces()
+    at, speeds = JoiningLaw.joining((0.0, 0.01, 0.0), (0.02, 0.0), 1.0).pieces()
+    assert at[0] == 0.0 and at[-1] == pytest.approx(0.02) and (np.diff(at) > 0).all()
+    assert (np.diff(at) / speeds).sum() == pytest.approx(1.0)

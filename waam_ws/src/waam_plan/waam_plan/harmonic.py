@@ -63,10 +63,14 @@ class HarmonicLaw:
             np.clip(round(self.length / FINEST, 3), 1, most)
         )  # equal legs have equal pieces in every layer
         t = np.linspace(0, self.duration, n + 1)
-        at = self.position(t)
-        kept = (at >= END) & (at <= self.length - END)
-        kept[[0, -1]] = True
-        return at[kept], np.diff(at[kept]) / np.diff(t[kept])
+        return _pieces(t, self.position(t))
+
+
+def _pieces(t: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places and mean speeds between the times t (n + 1,) s at which the places `at` (n + 1,) m are passed."""
+    kept = (at >= at[0] + END) & (at <= at[-1] - END)
+    kept[[0, -1]] = True
+    return at[kept], np.diff(at[kept]) / np.diff(t[kept])
 
 
 class JoinError(ValueError):
@@ -119,6 +123,16 @@ class JoiningLaw:
         raise JoinError(
             f'no k up to {most:g} 1/s ends at {end[0]:g} with the acceleration {end[1]:g}'
         )
+
+    def pieces(self, most: int = PIECES) -> tuple[np.ndarray, np.ndarray]:
+        """As those of `HarmonicLaw`, between places in m. JoinError for a law that stops or turns back on its way."""
+        t = np.linspace(0, self.duration, 2 * most + 1)
+        at = self.position(t)
+        if not (self.speed(t[1:-1]) > 0).all():
+            raise JoinError('the law stops or turns back before its end')
+        n = int(np.clip(round((at[-1] - at[0]) / FINEST, 3), 1, most))
+        t = np.linspace(0, self.duration, n + 1)
+        return _pieces(t, self.position(t))
 
     @property
     def amplitude(self) -> float:

@@ -40,6 +40,8 @@ typedef struct {
     float arc_average_s;        /* of the contact distance by the arc */
     float arc_bend;             /* change of the exponent of the current per unit of ln(wire speed) */
     float arc_fall_a_per_v;     /* current that a longer arc takes away, per volt of it */
+    float arc_wander_mm;        /* standard deviation of a wandering contact tip and wire, as a distance; 0 = steady */
+    float arc_rise_mm2_s;       /* where they wander: growth of the variance of the metal's height, per s */
 } waam_standoff_config_t;
 
 #endif

@@ -111,6 +111,7 @@ void waam_core_track(waam_core_t *core, uint32_t dt_us)
     float dt_s = (float)dt_us * 1e-6f;
     if (off(core) || core->state == WAAM_ALARM || core->state == WAAM_IDLE) {
         core->approaching = core->approach_asked = false;
+        waam_standoff_rest(&core->standoff);
         core->z_before = core->motion.steps[Z] + core->lag[Z];
         return;
     }

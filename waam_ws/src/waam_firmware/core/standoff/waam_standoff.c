@@ -21,7 +21,7 @@ static float toward(float value, float target, float change)
 
 void waam_standoff_init(waam_standoff_t *s)
 {
-    *s = (waam_standoff_t){.distance = {.quality = WAAM_DISTANCE_NONE}};
+    *s = (waam_standoff_t){.distance = {.quality = WAAM_DISTANCE_NONE}, .level = waam_arc_level_new()};
 }
 
 void waam_standoff_arm(waam_standoff_t *s)
@@ -31,6 +31,7 @@ void waam_standoff_arm(waam_standoff_t *s)
     s->integral_mm_s = s->wanted_mm_s = 0.0f;
     s->following_s = s->waited_s = s->limit_s = s->apart_s = s->packet_s = 0.0f;
     s->ahead_first = s->ahead_count = 0;
+    s->level.known = false;
     waam_distance_start(&s->distance);
 }
 
@@ -39,7 +40,10 @@ void waam_standoff_forget(waam_standoff_t *s)
     s->arc_learned = false;
     s->arc_bias_mm = s->arc_sum_mm = 0.0f;
     s->arc_samples = 0;
+    s->level = waam_arc_level_new();
 }
+
+void waam_standoff_rest(waam_standoff_t *s) { s->level.renewed = true; }
 
 #define BACK "; back to the programmed z"
 
@@ -117,10 +121,30 @@ static void look_elsewhere(waam_standoff_t *s)
     waam_distance_elsewhere(&s->distance);
 }
 
-static void measure(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_standoff_inputs_t *in)
+/* Contact tip or wire wander, and nothing else measures the distance. */
+static bool wanders(const waam_standoff_config_t *c) { return c->source == WAAM_STANDOFF_ARC && c->arc_wander_mm > 0.0f; }
+
+/* Contact distance less z by an arc that wanders. */
+static float level(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_standoff_inputs_t *in, float dt_s)
+{
+    if (in->mode == WAAM_STANDOFF_FOLLOW && s->arc_known) {
+        if (!s->level.known)
+            waam_arc_level_strike(&s->level, c, s->arc_out_s);
+        waam_arc_level_add(&s->level, c, s->arc_now_mm + in->z_mm - s->correction_mm - c->set_mm, dt_s);
+        s->arc_out_s = 0.0f;
+    } else {
+        s->arc_out_s += dt_s;
+    }
+    return s->level.gap_mm + s->correction_mm + c->set_mm - in->z_mm;
+}
+
+static void measure(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_standoff_inputs_t *in, float dt_s)
 {
     float relative = s->arc_mm - s->arc_bias_mm;
-    if (c->source == WAAM_STANDOFF_ARC) {
+    if (wanders(c)) {
+        relative = level(s, c, in, dt_s);
+        s->known = s->arc_known && s->level.known;
+    } else if (c->source == WAAM_STANDOFF_ARC) {
         s->known = s->arc_known;
     } else {
         waam_distance_packet(&s->distance, c, in->z_mm, &relative);
@@ -268,6 +292,8 @@ static bool learned(waam_standoff_t *s, const waam_standoff_config_t *c, const w
                     const waam_standoff_inputs_t *in, float error_mm)
 {
     bool sensor = c->source != WAAM_STANDOFF_ARC;
+    if (wanders(c))
+        return true;
     if (s->arc_learned || !s->arc_known)
         return s->arc_learned || sensor;
     if (sensor && !s->known)
@@ -297,7 +323,7 @@ static void follow(waam_standoff_t *s, const waam_standoff_config_t *c, const wa
         return;
     float packet = s->packet_s;
     s->packet_s = 0.0f;
-    measure(s, c, in);
+    measure(s, c, in, packet);
     float error = c->set_mm - s->measured_mm;
     bool follows = in->mode == WAAM_STANDOFF_FOLLOW, approaches = in->mode == WAAM_STANDOFF_APPROACH;
     if ((s->alarm != WAAM_STANDOFF_WELL && !s->held) || !(follows || approaches)) {

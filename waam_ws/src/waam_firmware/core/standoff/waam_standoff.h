@@ -6,6 +6,7 @@
 #ifndef WAAM_STANDOFF_H
 #define WAAM_STANDOFF_H
 
+#include "waam_arc_level.h"
 #include "waam_arc_settings.h"
 #include "waam_distance.h"
 #include "waam_setting.h"
@@ -58,6 +59,8 @@ typedef struct {
     float arc_mm, arc_now_mm, arc_bias_mm, arc_sum_mm, arc_s, arc_old_s; /* arc_now_mm: not filtered */
     uint32_t arc_samples;
     bool arc_known, arc_learned;
+    float arc_out_s;            /* since the arc was followed last */
+    waam_arc_level_t level;     /* where contact tip or wire wander */
     float following_s, waited_s, limit_s, apart_s;
     /* does the error answer? */
     bool asking;
@@ -69,6 +72,8 @@ void waam_standoff_init(waam_standoff_t *s);
 void waam_standoff_arm(waam_standoff_t *s);
 /* A new job: the arc's current is compared anew. */
 void waam_standoff_forget(waam_standoff_t *s);
+/* The machine rests: what is laid from now on may follow a newer map. */
+void waam_standoff_rest(waam_standoff_t *s);
 /* One tick: changes s->correction_mm. */
 void waam_standoff_tick(waam_standoff_t *s, const waam_standoff_config_t *c, const waam_ctwd_model_t *arc,
                         const waam_standoff_inputs_t *in, float dt_s);
@@ -83,7 +88,7 @@ const char *waam_standoff_text(const waam_standoff_t *s);
 
 waam_standoff_config_t waam_standoff_default(void);
 
-#define WAAM_STANDOFF_SETTINGS 29
+#define WAAM_STANDOFF_SETTINGS 31
 /* By its name; NULL = there is none. */
 const waam_setting_t *waam_standoff_setting(const char *name, size_t length);
 /* NULL, or the setting that is out of its range or does not fit the source. */

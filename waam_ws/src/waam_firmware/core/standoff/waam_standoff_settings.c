@@ -34,6 +34,8 @@ static const waam_setting_t list[WAAM_STANDOFF_SETTINGS] = {
     NUMBER(arc_average_s, 0.01f, 5.0f),
     NUMBER(arc_bend, -0.5f, 0.5f),
     NUMBER(arc_fall_a_per_v, 0.0f, 50.0f),
+    NUMBER(arc_wander_mm, 0.0f, 5.0f),
+    NUMBER(arc_rise_mm2_s, 1e-4f, 10.0f),
 };
 
 const waam_setting_t *waam_standoff_setting(const char *name, size_t length)
@@ -74,6 +76,8 @@ waam_standoff_config_t waam_standoff_default(void)
         .arc_average_s = 0.3f,
         .arc_bend = -0.044f,
         .arc_fall_a_per_v = 7.0f,
+        .arc_wander_mm = 0.0f,
+        .arc_rise_mm2_s = 0.2f,
     };
 }
 

@@ -77,15 +77,30 @@ class LayerCycle:
         self.preparation.check_spark()
         placed = self._placed(segments)
         within = self._within(layer, scan, correction, placed, record, laid)
-        if resumed and within is not None:  # what the rest is asked for from now on
-            self._keep_scan(scan, Following(layer, within.asked, correction, feed_factor))
-        altered = self._deposit(placed, layer, record, within)
-        if within is not None:
-            asked, correction = within.asked, within.correction
+        altered = AlteredMetal(placed, laid.deposits if laid else ())
+        if laid is not None:
+            asked = altered.with_earlier(asked, laid.asked, scan.map.spec)
+
+        def following() -> Following:
+            """What the setpoints in force ask for, with the operator's override."""
+            wanted = asked if within is None else within.asked
+            by = correction if within is None else within.correction
+            return Following(layer, altered.asked(wanted, scan.map.spec), by, feed_factor)
+
+        def keep() -> None:
+            self._keep_scan(scan, following())
+
+        if resumed:  # what the rest is asked for from now on
+            keep()
+        try:
+            self._deposit(placed, layer, record, within, altered, keep)
+        except Exception:
+            keep()
+            raise
         if altered.text:
             record.reasons.append(altered.text)
-            asked = altered.asked(asked, scan.map.spec)
-            self._keep_scan(scan, Following(layer, asked, correction, feed_factor))
+            keep()
+        asked = following().asked
         self.history = History(asked, scan.map.z, feed_factor)
         self.journal.layer(record)
         if resumed:  # what lies there is not what was planned on one map
@@ -272,16 +287,22 @@ class LayerCycle:
         layer: PlannedLayer,
         record: LayerRecord,
         within: InLayer | None,
-    ) -> AlteredMetal:
+        altered: AlteredMetal,
+        keep: Callable[[], None],
+    ) -> None:
+        """keep: puts what the layer is asked for into the folder, for a job that is cut off and resumed."""
         self.journal.state(State.DEPOSITING)
         self.cell.take_sums()
         self.cell.plan(self.run_id, layer.number, placed)
         started = self.cell.now()
-        progress, altered = BeadProgress(self.context, layer, placed), AlteredMetal(placed)
+        progress = BeadProgress(self.context, layer, placed)
 
         def on_done(segment: Segment) -> None:
-            altered.heard(segment.index, self.control.metal_factor)
+            factor = self.control.metal_factor
+            altered.heard(segment.index, factor)
             progress.on_done(segment)
+            if altered.news(factor, self.cell.now()):
+                keep()
 
         self.journal.checkpoint(
             0, progress.beads_before, placed[0].index - 1, progress.segments_before
@@ -291,7 +312,7 @@ class LayerCycle:
         if within is None:
             self.motion.execute(placed, on_done)
         else:
-            self._execute(placed, on_done, within, record)
+            self._execute(placed, on_done, within, record, keep)
             self.scanner.laid(layer.number, laid_beads(within.placed, material))
         last = placed[-1].index
         self.journal.checkpoint(0, progress.beads_before + layer.beads, last, progress.laid(last))
@@ -301,7 +322,6 @@ class LayerCycle:
             text = f'{record.telemetry_lost} telemetry frames were lost in this layer'
             self.journal.note('WARNING', 'link', text, 'means over the others')
         record.faults = self.journal.faults_in(layer.number)
-        return altered
 
     def _execute(
         self,
@@ -309,6 +329,7 @@ class LayerCycle:
         tell: Callable[[Segment], None],
         within: InLayer,
         record: LayerRecord,
+        keep: Callable[[], None],
     ) -> None:
         """Runs the layer, and what is put into force on the way is what the folder knows of it."""
         known = 0
@@ -319,9 +340,7 @@ class LayerCycle:
             within.on_done(segment)
             if record.in_layer_corrections > known:
                 known = record.in_layer_corrections
-                feed_factor = record.flow_factor * record.heat_factor
-                following = Following(within.layer, within.asked, within.correction, feed_factor)
-                self._keep_scan(within.scan, following)
+                keep()
 
         within.begin()
         try:
