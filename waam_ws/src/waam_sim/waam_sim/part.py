@@ -22,7 +22,7 @@ def plate(size_x: float, size_y: float, size_z: float, cell: float, margin: floa
     """A flat plate with its corner at the origin of the work frame, table around it."""
     for name, v in (('x', size_x), ('y', size_y), ('z', size_z)):
         if not (math.isfinite(v) and 0.0 < v <= LARGEST):
-            text = f'a plate of {v * 1e3:g} mm along {name}; it must be more than 0 and at most'
+            text = f'plate.{name} is {v * 1e3:g} mm, must be more than 0 and at most'
             raise PartError(f'{text} {LARGEST * 1e3:g} mm')
     spec = _around(size_x, size_y, cell, margin)
     x, y = np.meshgrid(spec.x, spec.y)
