@@ -21,8 +21,8 @@ from .plant import INPUT_GAS_OK, OUTPUT_ARC, OUTPUT_GAS, Reading
 NAMES = ('joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6', 'tilt', 'turn')
 ACTION = 'joint_trajectory_controller/follow_joint_trajectory'
 WELDING = 'welding'
-# s that the end of a goal can be asked for, as of controllers in C++: with every goal the states of all that are kept go
-# out, and rclpy's own 15 minutes of them cost the bridge most of its time.
+# s that the end of a goal can be asked for, as with controllers in C++: with every goal the states of all that are kept
+# go out, and rclpy's own 15 minutes of them cost the bridge most of its time.
 RESULT_KEPT_S = 10
 WATCHDOG_US = 100_000  # without outputs for so long the device drops the arc
 Follow = Callable[[int, np.ndarray, np.ndarray, np.ndarray], None]
