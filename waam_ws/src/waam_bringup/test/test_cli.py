@@ -87,3 +87,34 @@ def test_a_graph_of_a_program_is_started_with_all_of_its_settings(tmp_path):
         if field.name != 'epoch_us':  # the time of the start
             assert getattr(told, field.name) == getattr(wanted, field.name), field.name
             assert getattr(wanted, field.name) != getattr(default, field.name), field.name
+
+
+def test_a_demo_whose_job_is_aborted_does_not_begin_the_next_one(tmp_path, capsys, monkeypatch):
+    from contextlib import contextmanager
+
+    from waam_bringup import demo
+    from waam_msgs.action import RunJob
+    from waam_view import report
+
+    begun = []
+
+    class Client:
+        machine = None
+
+        def load_part(self, *_):
+            pass
+
+        def run_job(self, goal, *_):
+            begun.append(goal.name)
+            code = RunJob.Result.ABORTED
+            return RunJob.Result(job_dir=str(tmp_path / goal.name), error_code=code)
+
+    @contextmanager
+    def graph(*_):
+        yield None, Client()
+
+    monkeypatch.setattr(demo, 'graph', graph)
+    monkeypatch.setattr(report, 'write_report', lambda folder: folder / 'report.html')
+    assert main(['demo', '--machine', 'robot', '--jobs', str(tmp_path)]) == 130
+    assert begun == ['open_loop']
+    assert 'aborted; report: ' in capsys.readouterr().err

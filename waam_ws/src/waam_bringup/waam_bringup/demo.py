@@ -7,6 +7,7 @@ import argparse
 import json
 import math
 import os
+import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from waam_job.store.folder import make_job_id, point_latest
+from waam_msgs.action import RunJob
 from waam_node import job_folder
 from waam_node.files import write_atomically
 from waam_process.loop_mode import LOOP_MODES, LoopMode
@@ -120,7 +122,10 @@ def _one(
         raise ClientError(f'{loop_mode}: {result.message}')
     from waam_view.report import write_report
 
-    write_report(Path(result.job_dir))
+    page = write_report(Path(result.job_dir))
+    if result.error_code == RunJob.Result.ABORTED:  # whoever stops a job does not want the next one
+        print(f'aborted; report: {os.path.relpath(page)}', file=sys.stderr)
+        raise KeyboardInterrupt
     return Path(result.job_dir)
 
 
