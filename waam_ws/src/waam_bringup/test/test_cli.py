@@ -93,6 +93,7 @@ def test_a_demo_whose_job_is_aborted_does_not_begin_the_next_one(tmp_path, capsy
     from contextlib import contextmanager
 
     from waam_bringup import demo
+    from waam_bringup.cli import main
     from waam_msgs.action import RunJob
     from waam_view import report
 
