@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections import deque
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rclpy
+from action_msgs.msg import GoalStatusArray
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 
+from waam_node.testing import fresh_domain
 from waam_process.plant_port import SAMPLE
 from waam_robot_bridge import conversions as convert
 from waam_robot_bridge import node_driver
 from waam_robot_bridge.controller import JointState
 from waam_robot_bridge.goals import Goal
 from waam_robot_bridge.params import NAMES
+from waam_sim import node_robot
 from waam_sim.node_robot import goal_from_msg
 
 
@@ -139,3 +148,45 @@ def test_lost_joint_states_are_made_up_for_where_later_ones_are_there():
     assert made.time_us == 205_000 and made.joints == pytest.approx(np.full(8, 0.205))
     driver._states.clear()
     assert driver.state(100_000) is None
+
+
+def test_states_of_goals_that_have_ended_are_not_told_for_ever(monkeypatch):
+    """With every goal the states of all that are kept go out: those of minutes took most of the bridge's time."""
+    monkeypatch.setattr(node_robot, 'RESULT_KEPT_S', 1)
+    context = Context()
+    rclpy.init(context=context, domain_id=fresh_domain())
+    node = rclpy.create_node('robot', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    _ = node_robot.TrajectoryController(node, threading.Lock(), lambda *_: None)
+    client = ActionClient(node, FollowJointTrajectory, node_robot.ACTION)
+    told: list[int] = []
+    node.create_subscription(
+        GoalStatusArray,
+        f'{node_robot.ACTION}/_action/status',
+        lambda m: told.append(len(m.status_list)),
+        10,
+    )
+
+    def until(condition, timeout: float = 20.0) -> None:
+        end = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < end
+            executor.spin_once(timeout_sec=0.05)
+
+    try:
+        until(lambda: client.server_is_ready())
+        for seed in range(6):
+            sent = client.send_goal_async(convert.goal_to_msg(goal(seed), NAMES))
+            until(sent.done)
+            until(sent.result().get_result_async().done)
+        until(lambda: max(told, default=0) >= 5)
+        over = time.monotonic() + 2.5
+        until(lambda: time.monotonic() > over)
+        told.clear()
+        sent = client.send_goal_async(convert.goal_to_msg(goal(9), NAMES))
+        until(lambda: told)
+        assert max(told) == 1
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
