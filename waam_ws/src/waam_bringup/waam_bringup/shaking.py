@@ -77,7 +77,7 @@ class Shaking(GraphClient):
         return said
 
     def told(self) -> dict[str, float]:
-        """Settings that the controller has, by name; those that are no number are left out."""
+        """Settings that the controller has, see `waam_calibrate.results.told_by`."""
         return told_by(self.command(Command.Request.SETTINGS))
 
     def ready(self) -> None:

@@ -249,15 +249,21 @@ static void test_the_correction_stays_inside_the_soft_limits(void)
     }
 }
 
-static void test_arc_sensing_follows_and_goes_home(void)
+static void strike_by_the_arc(const char *setting)
 {
     weld(WAAM_STANDOFF_OFF);
     power_up(WAAM_STANDOFF_OFF);
     send_text("$C@1 set_mm 15");
     send_text("$C@2 kp 2");
-    send_text("$C@3 source 3");
+    send_text(setting);
+    send_text("$C@4 source 3");
     CHECK(core.config.standoff.source == WAAM_STANDOFF_ARC);
     send_line("M3 W5000 S22");
+}
+
+static void test_arc_sensing_follows_and_goes_home(void)
+{
+    strike_by_the_arc("$C@3 arc_wander_mm 0");
     send_line("G1 X300 F600");
     run(4000);
     metal_mm = 2.0;
@@ -269,14 +275,7 @@ static void test_arc_sensing_follows_and_goes_home(void)
  * and the torch begins on it. */
 static void test_by_an_arc_that_wanders_the_map_is_the_reference_after_a_rest(void)
 {
-    weld(WAAM_STANDOFF_OFF);
-    power_up(WAAM_STANDOFF_OFF);
-    send_text("$C@1 set_mm 15");
-    send_text("$C@2 kp 2");
-    send_text("$C@3 arc_wander_mm 0.5");
-    send_text("$C@4 source 3");
-    CHECK(core.config.standoff.source == WAAM_STANDOFF_ARC);
-    send_line("M3 W5000 S22");
+    strike_by_the_arc("$C@3 arc_wander_mm 0.5");
     send_line("G1 X280 F300");
     run(12000);
     metal_mm = 2.0;

@@ -80,6 +80,20 @@ class FakeCell:
                 action(self)
                 return
 
+    def on_deposit(self, number: int, action) -> None:
+        """Calls `action` when the number-th depositing segment from now on has been laid."""
+        inner, seen = self._lay, 0
+
+        def lay(s):
+            nonlocal seen
+            inner(s)
+            if s.kind == Kind.DEPOSIT:
+                seen += 1
+                if seen == number:
+                    action()
+
+        self._lay = lay
+
     def _lay(self, s) -> None:
         if s.kind != Kind.DEPOSIT:
             self.pool = None

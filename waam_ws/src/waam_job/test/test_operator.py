@@ -21,19 +21,6 @@ from waam_process.segment import Kind
 R = AdjustJob.Request
 
 
-def on_deposit(cell, number: int, action) -> None:
-    """Calls `action` when the number-th depositing segment has been laid."""
-    inner, seen = cell._lay, {'n': 0}
-
-    def lay(s):
-        inner(s)
-        seen['n'] += s.kind == Kind.DEPOSIT
-        if seen['n'] == number and s.kind == Kind.DEPOSIT:
-            action()
-
-    cell._lay = lay
-
-
 def run(folder) -> dict:
     return json.loads((folder.path / 'report.json').read_text())['closed_loop']
 
@@ -41,7 +28,7 @@ def run(folder) -> dict:
 def test_gain_changes_from_the_next_layer_on(make_cell, make_runner):
     cell = make_cell(efficiency=0.8)
     runner, control, folder = make_runner(cell)
-    on_deposit(cell, 5, lambda: adjust(control, R.SET_K_GAIN, 0.1))
+    cell.on_deposit(5, lambda: adjust(control, R.SET_K_GAIN, 0.1))
     assert runner.run().state == State.DONE
     gains = [r['k_gain'] for r in run(folder)['layers'] if not r['final']]
     assert gains[0] == 0.3 and gains[1:] == [0.1] * (len(gains) - 1)
@@ -55,7 +42,7 @@ def test_rescan_is_done_once_and_its_map_is_used(make_cell, make_runner):
     scans = []
     inner = cell.finish_scan
     cell.finish_scan = lambda *a: scans.append(a) or inner(*a)
-    on_deposit(cell, 5, lambda: adjust(control, R.RESCAN, 0.0))
+    cell.on_deposit(5, lambda: adjust(control, R.RESCAN, 0.0))
     assert runner.run().state == State.DONE
     assert len(scans) == runner.status.layers + 2  # as found, after each layer, and one more
 
@@ -207,7 +194,7 @@ def test_metal_that_an_override_adds_counts_as_asked_for(
         asked, inner = [], cell.correct
         cell.correct = lambda run_id, r: asked.append(r.previous_growth) or inner(run_id, r)
         if override:
-            on_deposit(cell, 1, lambda: control.override(speed, wire))
+            cell.on_deposit(1, lambda: control.override(speed, wire))
         assert runner.run().state == State.DONE
         said = [r for row in run(folder)['layers'] for r in row['reasons'] if 'override' in r]
         assert len(said) == (len(asked) if override and metal != 1.0 else 0)

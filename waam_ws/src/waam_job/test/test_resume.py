@@ -31,57 +31,46 @@ class PowerCut(BaseException):
     """Nothing in the job may catch this, as nothing can catch a power cut."""
 
 
+def power_cut() -> None:
+    raise PowerCut
+
+
 def cut_after(cell, deposits: int) -> None:
     """The whole cell loses power when so many segments have been laid; half of the checkpoint lag included."""
-    inner, seen = cell._lay, {'n': 0}
-
-    def lay(s):
-        inner(s)
-        if s.kind == Kind.DEPOSIT:
-            seen['n'] += 1
-            if seen['n'] == deposits:
-                raise PowerCut
-
-    cell._lay = lay
+    cell.on_deposit(deposits, power_cut)
 
 
-def on_deposit(cell, number: int, action) -> None:
-    """Calls `action` when the number-th depositing segment has been laid."""
-    inner, seen = cell._lay, {'n': 0}
-
-    def lay(s):
-        inner(s)
-        seen['n'] += s.kind == Kind.DEPOSIT
-        if seen['n'] == number and s.kind == Kind.DEPOSIT:
-            action()
-
-    cell._lay = lay
-
-
-def cut_off(make_cell, make_runner, deposits: int, **fields):
-    """A job that is cut off. Returns (runner, folder, cell) with the metal that was laid."""
-    cell = make_cell(efficiency=0.8)
-    runner, _, folder = make_runner(cell, **fields)
-    cut_after(cell, deposits)
+def run_until_cut(runner) -> None:
     runner._release = lambda: None  # a power cut leaves no time for it
     with pytest.raises(PowerCut):
         runner.run()
+
+
+def cut_off(make_cell, make_runner, deposits: int, *settings, begin=None, **fields):
+    """A job that is cut off. begin: called with its cell and its control before. Returns (runner, folder, cell) with
+    the metal that was laid."""
+    cell = make_cell(efficiency=0.8)
+    runner, control, folder = make_runner(cell, *settings, **fields)
+    if begin is not None:
+        begin(cell, control)
+    cut_after(cell, deposits)
+    run_until_cut(runner)
     return runner, folder, cell
 
 
-def go_on(make_cell, runner, folder, cell, surface=None):
-    """The same part after power-on, and the job on it."""
+def next_run(make_cell, runner, folder, cell, surface=None):
+    """The same part after power-on, and the job on it, before it runs."""
     fresh = make_cell(efficiency=0.8)
     fresh.surface = surface or cell.surface
-    again = JobRunner(
-        fresh,
-        runner.context.checked,
-        folder,
-        runner.context.control,
-        runner.context.settings,
-        folder.next_run(),
-    )
-    folder.write_yaml(f'resume_{folder.next_run()}.yaml', {})
+    context, number = runner.context, folder.next_run()
+    again = JobRunner(fresh, context.checked, folder, context.control, context.settings, number)
+    folder.write_yaml(f'resume_{number}.yaml', {})
+    return again, fresh
+
+
+def go_on(make_cell, runner, folder, cell, surface=None):
+    """The job that goes on, its cell, and how it ended."""
+    again, fresh = next_run(make_cell, runner, folder, cell, surface)
     return again, fresh, again.run()
 
 
@@ -188,21 +177,14 @@ def asked_of(cell) -> list:
 def test_the_rest_of_a_layer_gets_the_correction_of_the_whole(make_cell, make_runner):
     """Asked for with all beads of the layer: with the metal of the whole but the beads of the rest, half of the layer
     looked as if nobody laid it, and the network refused the plan (density 1.2, seen up to 0.56)."""
-    cell = make_cell(efficiency=0.8)
-    before = asked_of(cell)
-    runner, _, folder = make_runner(cell)
-    cut_after(cell, 20)
-    runner._release = lambda: None
-    with pytest.raises(PowerCut):
-        runner.run()
-    fresh = make_cell(efficiency=0.8)
-    fresh.surface = cell.surface
+    before = []
+    runner, folder, cell = cut_off(
+        make_cell, make_runner, 20, begin=lambda cell, _: before.append(asked_of(cell))
+    )
+    again, fresh = next_run(make_cell, runner, folder, cell)
     after = asked_of(fresh)
-    folder.write_yaml('resume_2.yaml', {})
-    context = runner.context
-    again = JobRunner(fresh, context.checked, folder, context.control, context.settings, 2)
     assert again.run().state == State.DONE
-    first, resumed = before[0], after[0]
+    first, resumed = before[0][0], after[0]
     assert first.layer == resumed.layer == 1
     assert np.allclose(first.planned, resumed.planned, atol=1e-8)
     assert [len(b) for b in first.beads] == [len(b) for b in resumed.beads]
@@ -213,16 +195,9 @@ def test_the_rest_of_a_layer_gets_the_correction_of_the_whole(make_cell, make_ru
 def test_two_cuts_in_one_layer(undisturbed, make_cell, make_runner):
     rms, total = reference(undisturbed, make_cell, make_runner)
     runner, folder, cell = cut_off(make_cell, make_runner, int(0.6 * total))
-    fresh = make_cell(efficiency=0.8)
-    fresh.surface = cell.surface
-    second = JobRunner(
-        fresh, runner.context.checked, folder, runner.context.control, runner.context.settings, 2
-    )
-    folder.write_yaml('resume_2.yaml', {})
+    second, fresh = next_run(make_cell, runner, folder, cell)
     cut_after(fresh, 20)
-    second._release = lambda: None
-    with pytest.raises(PowerCut):
-        second.run()
+    run_until_cut(second)
     again, _, status = go_on(make_cell, runner, folder, fresh)
     assert status.state == State.DONE, status.message
     assert again.final.rms < 1.1**2 * rms
@@ -236,24 +211,20 @@ def test_an_override_in_a_layer_that_was_cut_off_still_counts_as_asked_for(
     """A fifth more wire on one side of the cut alone: there it was wanted, on the other side it was not."""
     settings = {'in_layer': within, 'in_layer_period': 2.0, 'in_layer_preview': 1.0}
 
+    def wire(cell, control, factor: float) -> None:
+        cell.on_deposit(1, lambda: control.override(1.0, factor))
+
     def layers(before: float, after: float) -> tuple[np.ndarray, list]:
         """Metal that the first layer was asked for, as the folder tells it, and as the second one is told."""
-        cell = make_cell(efficiency=0.8)
-        runner, control, folder = make_runner(cell, settings)
-        on_deposit(cell, 1, lambda: control.override(1.0, before))
-        cut_after(cell, 30)
-        runner._release = lambda: None
-        with pytest.raises(PowerCut):
-            runner.run()
-        fresh = make_cell(efficiency=0.8)
-        fresh.surface = cell.surface
+        runner, folder, cell = cut_off(
+            make_cell, make_runner, 30, settings, begin=lambda c, control: wire(c, control, before)
+        )
+        control = runner.context.control
         control.override(1.0, 1.0)
-        on_deposit(fresh, 1, lambda: control.override(1.0, after))
+        again, fresh = next_run(make_cell, runner, folder, cell)
+        wire(fresh, control, after)
         told, inner = {}, fresh.correct
         fresh.correct = lambda run_id, r: told.update({r.layer: r}) or inner(run_id, r)
-        checked, number = runner.context.checked, folder.next_run()
-        again = JobRunner(fresh, checked, folder, control, runner.context.settings, number)
-        folder.write_yaml(f'resume_{number}.yaml', {})
         assert again.run().state == State.DONE
         return folder.read_map(0)['asked'].astype(float), told[2].previous_growth
 
@@ -272,14 +243,8 @@ def test_an_override_in_a_layer_that_was_cut_off_still_counts_as_asked_for(
 def test_cut_before_anything_was_laid_starts_anew(make_cell, make_runner):
     cell = make_cell()
     runner, _, folder = make_runner(cell)
-    runner._release = lambda: None
-
-    def no_scan(*_):
-        raise PowerCut
-
-    cell.finish_scan = no_scan
-    with pytest.raises(PowerCut):
-        runner.run()
+    cell.finish_scan = lambda *_: power_cut()
+    run_until_cut(runner)
     _, _, status = go_on(make_cell, runner, folder, cell)
     assert status.state == State.DONE
 
@@ -312,9 +277,7 @@ def test_how_warm_the_layer_was_outlives_both_checkpoints(torn, make_cell, make_
     cell.temperature = 160.0
     runner, _, folder = make_runner(cell)
     cut_after(cell, 30)
-    runner._release = lambda: None
-    with pytest.raises(PowerCut):
-        runner.run()
+    run_until_cut(runner)
     for name in torn:
         (folder.path / name).write_text('{')
     _, fresh, status = go_on(make_cell, runner, folder, cell)
@@ -363,9 +326,7 @@ def test_job_of_two_passes_that_was_cut_off(cut, make_cell, make_runner):
     cell = make_cell(efficiency=0.8)
     runner, _, folder = make_runner(cell, passes=2, plan_settings=EQUAL)
     CUTS[cut](cell)
-    runner._release = lambda: None
-    with pytest.raises(PowerCut):
-        runner.run()
+    run_until_cut(runner)
     again, fresh, status = go_on(make_cell, runner, folder, cell)
     assert status.state == State.DONE, status.message
     assert again.final.rms < 1.1 * whole.final.rms
@@ -400,9 +361,7 @@ def test_wire_is_checked_again_when_a_job_goes_on(make_cell, make_runner):
     cell = wasteful(make_cell)
     runner, _, folder = make_runner(cell, wire_left=100.0, plan_settings=EQUAL)
     CUTS['waiting for pass 2'](cell)
-    runner._release = lambda: None
-    with pytest.raises(PowerCut):
-        runner.run()
+    run_until_cut(runner)
     _, fresh, status = go_on(make_cell, runner, folder, cell)
     assert status.error_code == Code.MACHINE_NOT_READY and 'm of wire' in status.message
     assert not {'ARM', 'HOME'} & set(fresh.commands)
@@ -435,22 +394,9 @@ def test_wire_of_a_begun_layer(told, done, make_cell, make_runner):
 
 def test_wire_of_a_layer_that_was_cut_off_twice_is_counted_once(make_cell, make_runner):
     runner, folder, cell = cut_off(make_cell, make_runner, 20, layers=1, wire_left=100.0)
-    fresh = make_cell(efficiency=0.8)
-    fresh.surface = cell.surface
-    second = JobRunner(
-        fresh, runner.context.checked, folder, runner.context.control, runner.context.settings, 2
-    )
-    folder.write_yaml('resume_2.yaml', {})
-    inner, seen = fresh._lay, {'n': 0}
-
-    def lay(s):
-        inner(s)
-        seen['n'] += s.kind == Kind.DEPOSIT
-        if seen['n'] == 10:
-            # unlike a power cut it leaves time to write the records
-            runner.context.control.abort('operator')
-
-    fresh._lay = lay
+    second, fresh = next_run(make_cell, runner, folder, cell)
+    # unlike a power cut it leaves time to write the records
+    fresh.on_deposit(10, lambda: runner.context.control.abort('operator'))
     assert second.run().state == State.ABORTED
     runner.context = replace(runner.context, control=type(runner.context.control)())
     again, _, status = go_on(make_cell, runner, folder, fresh)
@@ -500,15 +446,7 @@ def test_aborted_job_can_go_on(undisturbed, make_cell, make_runner):
     rms, total = reference(undisturbed, make_cell, make_runner)
     cell = make_cell(efficiency=0.8)
     runner, control, folder = make_runner(cell)
-    inner, seen = cell._lay, {'n': 0}
-
-    def lay(s):
-        inner(s)
-        seen['n'] += s.kind == Kind.DEPOSIT
-        if seen['n'] == 20:
-            control.abort('operator')
-
-    cell._lay = lay
+    cell.on_deposit(20, lambda: control.abort('operator'))
     assert runner.run().state == State.ABORTED
     cell.machine_state = replace(cell.machine_state, state='IDLE')
     runner.context = replace(runner.context, control=type(control)())

@@ -130,7 +130,7 @@ class RosOperations:
         return 'sent'
 
     def settings(self) -> dict[str, float]:
-        """Numbers among `name=value` of the answer. Refused while segments wait, or by a machine that has none."""
+        """See `waam_calibrate.results.told_by`. Refused while segments wait, or by a machine that has none."""
         return told_by(self._send('SETTINGS'))
 
     def standoff(self) -> StandoffSettings:

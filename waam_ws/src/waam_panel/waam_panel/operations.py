@@ -53,7 +53,7 @@ class Operations(Protocol):
         """Factors; NaN leaves one as it is."""
 
     def settings(self) -> dict[str, float]:
-        """Those that the controller has, by name; what is no number is left out."""
+        """Those that the controller has, by the names that set them; Refused when it does not say."""
 
     def standoff(self) -> StandoffSettings:
         """The settings of the standoff control."""

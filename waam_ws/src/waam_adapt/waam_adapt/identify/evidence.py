@@ -62,6 +62,11 @@ class Layer:
     bead_width: float  # m
     planned: np.ndarray | None = None  # growth of the plan; None = that of commanded
 
+    @property
+    def footprint(self) -> np.ndarray:
+        """(rows, cols) bool: cells that were to grow by enough to say something."""
+        return np.asarray(np.nan_to_num(self.commanded) > MIN_GROWTH)
+
 
 def layer_evidence(layer: Layer, slope: float = 1.0) -> LayerEvidence | None:
     """Evidence of one layer; None when too little of it is known. slope: of growth on metal, as far as known.
@@ -69,7 +74,7 @@ def layer_evidence(layer: Layer, slope: float = 1.0) -> LayerEvidence | None:
     The ratio is that of growth to plan*(command/plan)^slope, so that it says the same whatever was commanded.
     Half a bead at the edge is left out; of a footprint no wider than a bead (a wall) the middle counts.
     """
-    footprint = np.nan_to_num(layer.commanded) > MIN_GROWTH
+    footprint = layer.footprint
     width = layer.bead_width / layer.resolution
     if not footprint.any():
         return None
@@ -91,10 +96,9 @@ def layer_evidence(layer: Layer, slope: float = 1.0) -> LayerEvidence | None:
 def edge_sigma(layer: Layer) -> float:
     """Standard uncertainty of a layer's ratio from the metal at its edge: EDGE_SIGMA by the fourth power of the share
     of its cells that lie within a bead of the edge."""
-    footprint = np.nan_to_num(layer.commanded) > MIN_GROWTH
-    if not footprint.any():
+    if not layer.footprint.any():
         return 0.0
-    depth = filters.depth(footprint)[footprint] * layer.resolution
+    depth = filters.depth(layer.footprint)[layer.footprint] * layer.resolution
     return EDGE_SIGMA * float(np.mean(depth < layer.bead_width)) ** 4
 
 

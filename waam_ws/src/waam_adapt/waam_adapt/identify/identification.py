@@ -116,7 +116,7 @@ class Identifier:
         self.averages = with_side(self.averages, side, after)
         self.seen[number] = replace(evidence, ratio=seen.ratio)  # as the estimate was told
         if self.learning > 0:
-            laid = np.where(np.nan_to_num(layer.commanded) > MIN_GROWTH, layer.commanded, np.nan)
+            laid = np.where(layer.footprint, layer.commanded, np.nan)
             plan = laid if layer.planned is None else layer.planned
             expected = evidence.ratio * response(laid, plan, slope)
             missing = 1 - (layer.after - layer.before) / expected

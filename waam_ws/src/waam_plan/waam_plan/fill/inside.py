@@ -65,13 +65,11 @@ def _along_edge(a: np.ndarray, b: np.ndarray, core: BaseGeometry) -> np.ndarray:
         _edges(core), key=lambda r: r.distance(shapely.Point(a)) + r.distance(shapely.Point(b))
     )
     at, to = (edge.project(shapely.Point(p)) for p in (a, b))
-    way = np.asarray(substring(edge, at, to).coords)
-    if abs(to - at) > edge.length / 2:  # over the point where the ring begins
-        ends = (edge.length, 0.0) if at > to else (0.0, edge.length)
-        parts = substring(edge, at, ends[0]), substring(edge, ends[1], to)
-        way = np.vstack([np.asarray(part.coords) for part in parts])
-    long = np.linalg.norm(np.diff(way, axis=0), axis=1).sum() > LONGEST
-    return way[1:-1] if not long else np.empty((0, 2))
+    twice = LineString([*edge.coords, *edge.coords[1:]])  # the shorter way may lead over the begin
+    if abs(to - at) > edge.length / 2:
+        at, to = (at + edge.length, to) if at < to else (at, to + edge.length)
+    way = np.asarray(substring(twice, at, to).coords)
+    return way[1:-1] if abs(to - at) < LONGEST else np.empty((0, 2))
 
 
 def _edges(core: BaseGeometry) -> list[BaseGeometry]:

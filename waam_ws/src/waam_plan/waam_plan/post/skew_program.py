@@ -16,9 +16,8 @@ _WORD = re.compile(r'([A-Za-z])\s*([-+]?(?:\d+\.?\d*|\.\d+))')
 # X1e-05, which the controller refuses, too; a small e behind a small letter is a word
 _EXPONENT = re.compile(r'([A-Z])\s*[-+]?(?:\d+\.?\d*|\.\d+)e\s*[-+]?\.?\d')
 _COMMENT = re.compile(r'\([^)]*\)|;.*')
-_MESSAGE = re.compile(
-    r'\s*(?:N\s*\d+\s*)?M11[78](?!\d)', re.IGNORECASE
-)  # a text for the operator follows
+# a text for the operator follows
+_MESSAGE = re.compile(r'\s*(?:N\s*\d+\s*)?M11[78](?!\d)', re.IGNORECASE)
 _COMPUTED = re.compile(r'[XYZIJKR]\s*[#\[][^\s;(]*', re.IGNORECASE)  # X#1, X[#2+1]
 _AROUND = re.compile(r'^\s*/|^\s*%\s*$')  # block delete, begin or end of a program
 MOVES = frozenset({0.0, 1.0, 2.0, 3.0})

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
+from waam_plan.plan import PlanError, check_reach
 from waam_plan.read.motion import Program
 from waam_plan.settings import PlanSettings
-from waam_process.segment import Point
+from waam_process.segment import Point, Segment
 
 NEAR = 6e-3  # m that the path may lie outside the part that it makes
 
@@ -45,7 +46,15 @@ def part_offset(bounds: np.ndarray, box: np.ndarray) -> tuple[Point, str]:
     ), f'the middle of the nominal part was put to that of the path, {there * 1e3:.1f} mm'
 
 
-def leaves_machine(program: Program, settings: PlanSettings) -> str:
+def check_machine(program: Program, segments: list[Segment], settings: PlanSettings) -> None:
+    """As `check_reach`, for the segments of a program: the error begins with line and word."""
+    try:
+        check_reach(segments, settings)
+    except PlanError as e:
+        raise PlanError(f'{_leaves(program, settings)}{e}') from None
+
+
+def _leaves(program: Program, settings: PlanSettings) -> str:
     """'line 7: X900: ' of the first move that leaves the machine; '' where it is none of the program's own."""
     limits = zip('XYZ', settings.machine_min, settings.machine_max, strict=True)
     box = [(i, letter, low, high) for i, (letter, low, high) in enumerate(limits)]

@@ -13,7 +13,6 @@ from waam_plan.plan import (
     Plan,
     PlanError,
     PlannedLayer,
-    check_reach,
     collector_paused,
     hop,
     idle,
@@ -24,7 +23,7 @@ from waam_plan.read import targets
 from waam_plan.read.layers import Bead, Layer, layers_of
 from waam_plan.read.level_metal import RATIO_HIGH, levelled
 from waam_plan.read.motion import Motion, Program
-from waam_plan.read.place import leaves_machine
+from waam_plan.read.place import check_machine
 from waam_plan.read.way import Metal, check_way
 from waam_plan.settings import PlanSettings
 from waam_process.bead import AREA_FACTOR
@@ -73,10 +72,7 @@ def plan_program(
     plan = _assembled(
         program, planned, found, base, nominal, region, settings, mode=mode, level=level
     )
-    try:
-        check_reach([s for layer in planned for s in layer.segments], settings)
-    except PlanError as e:
-        raise PlanError(f'{leaves_machine(program, settings)}{e}') from None
+    check_machine(program, [s for layer in planned for s in layer.segments], settings)
     return plan
 
 
