@@ -329,13 +329,17 @@ def test_training_finds_the_growth_in_turns_and_gives_the_same_bits_again(tmp_pa
     layers = [layer_sample(s) for s in range(1, 9)]
     torch.set_num_threads(1)
     settings = growth.Settings(steps=60, batch=2, rate=8e-3, widths=(4, 8, 8))
-    one, metrics = growth.train(layers, settings)
+    trainer = growth.Trainer(layers, settings)
+    metrics = growth.train(trainer, tmp_path)
     assert metrics['explained'] > 0.4
     short = replace(settings, steps=4)
-    again = [arrays(growth.train(layers, short)[0]) for _ in range(2)]
-    for name, values in again[0].items():
-        assert values.tobytes() == again[1][name].tobytes()
-    growth.export(one, settings, layers, metrics, tmp_path / 'g.npz')
+    again = [growth.Trainer(layers, short) for _ in range(2)]
+    for one in again:
+        growth.train(one)
+    weights = [arrays(one.net) for one in again]
+    for name, values in weights[0].items():
+        assert values.tobytes() == weights[1][name].tobytes()
+    growth.export(trainer, layers, metrics, tmp_path / 'g.npz')
     law = make_law('growth_net', model=str(tmp_path / 'g.npz'))
     r = request()
     found = law.predict(r)

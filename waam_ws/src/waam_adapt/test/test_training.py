@@ -11,6 +11,7 @@ from waam_adapt import cli  # noqa: E402
 from waam_adapt.laws import explicit as laws  # noqa: E402
 from waam_adapt.laws import features, net, net_file  # noqa: E402
 from waam_adapt.training import curves, deposit, recorded, rollout, scenes, train  # noqa: E402
+from waam_adapt.training.loop import TrainingError  # noqa: E402
 from waam_adapt.training.unet import UNet, arrays  # noqa: E402
 from waam_adapt.types import RATIO_HIGH, RATIO_LOW, CorrectionInput  # noqa: E402
 
@@ -173,7 +174,7 @@ def test_resumed_training_goes_on_to_the_same_bits(tmp_path):
     assert second.progress.loss == whole.progress.loss
     for k, v in arrays(whole.net).items():
         assert v.tobytes() == arrays(second.net)[k].tobytes(), k
-    with pytest.raises(train.TrainingError, match='batch = 3, not 5'):
+    with pytest.raises(TrainingError, match='batch = 3, not 5'):
         train.Trainer(replace(SMALL, batch=5)).resume(tmp_path / 'checkpoint.npz')
 
 
@@ -276,5 +277,5 @@ def test_scenes_start_from_recorded_surfaces():
 
 
 def test_curves_are_drawn_without_any_check(tmp_path):
-    curves.draw([1.0, 0.5], [], tmp_path / 'c.png')
+    curves.draw([1.0, 0.5], [], train.SHOWN, tmp_path / 'c.png')
     assert (tmp_path / 'c.png').stat().st_size > 1000

@@ -28,11 +28,13 @@ examples:
   python3 -m waam_lab.growth_data jobs/layers --seeds 2000-2199
   waam train --growth jobs/layers --out jobs/growth    the packaged growth network again (data a quarter of an hour,
                                                        training a few minutes of one core)
-  torchrun --nproc-per-node 4 -m waam_bringup.cli train --out jobs/net      several processes, gradients averaged
+  torchrun --nproc-per-node 4 -m waam_bringup.cli train --out jobs/net      several processes, gradients averaged;
+                                                       with --growth, each on a GPU of its own where there are some
 
---out gets correction.npz (best weights by the validation, no pickle), correction.md (model card), curves.png and
-checkpoint.npz. Use the weights with the parameters  law: unet  and  model: FILE  of correction_server.
-The same seed, settings and torch on the same machine give the same weights, resumed or not.
+--out gets correction.npz (best weights by the validation, no pickle) or growth.npz, a model card (.md), curves.png and
+checkpoint.npz. Use the weights with the parameters  law: unet (or growth_net)  and  model: FILE  of correction_server.
+The same seed, settings and torch on the same machine give the same weights, resumed or not; GPUs may differ in the last
+bit.
 """
 
 
@@ -63,12 +65,30 @@ def _arguments(p: argparse.ArgumentParser) -> None:
         help='height: error of the surface after the layers (default); imitation: difference from '
         'the ideal control, the simpler loss of the literature, for comparison',
     )
-    p.add_argument('--rate', type=float, default=2e-3, help='largest learning rate (default 0.002)')
+    p.add_argument(
+        '--rate', type=float, help='largest learning rate (default 0.002; growth network 0.003)'
+    )
     p.add_argument('--seed', type=int, default=1)
     p.add_argument(
-        '--check-every', type=int, default=100, metavar='STEPS', help='validation and checkpoint'
+        '--check-every',
+        type=int,
+        metavar='STEPS',
+        help='validation and checkpoint (default 100; growth network 250)',
     )
     p.add_argument('--threads', type=int, default=1, help='of torch in every process (default 1)')
+    p.add_argument(
+        '--device',
+        default='auto',
+        metavar='NAME',
+        help='of the growth network: auto (default) = a GPU where there is one; cpu, cuda, cuda:1',
+    )
+    p.add_argument(
+        '--widths',
+        type=int,
+        nargs=3,
+        metavar='CHANNELS',
+        help='of the three levels of the growth network (default 12 20 32)',
+    )
     p.add_argument('--resume', action='store_true', help='go on from the checkpoint in --out')
     p.add_argument(
         '--from', dest='jobs', type=Path, nargs='+', default=[], metavar='JOB', help='recorded jobs'
@@ -83,7 +103,7 @@ def _arguments(p: argparse.ArgumentParser) -> None:
         '--start',
         type=Path,
         metavar='NPZ',
-        help='weights to begin with (default with --from: packaged)',
+        help='weights to begin with (default with --from: packaged; growth network: none)',
     )
 
 
@@ -95,10 +115,14 @@ def run(args: argparse.Namespace) -> int:
         print('waam train needs torch: pip install -r requirements-train.txt', file=sys.stderr)
         return 1
     torch.set_num_threads(args.threads)
+    # as cuBLAS wants it, before its first use
+    os.environ.setdefault('CUBLAS_WORKSPACE_CONFIG', ':4096:8')
     torch.use_deterministic_algorithms(True)
     several = 'RANK' in os.environ and 'WORLD_SIZE' in os.environ
     if several:
-        torch.distributed.init_process_group('gloo')
+        # gradients are averaged where they are: gloo for those in memory, nccl for those on GPUs
+        nccl = torch.cuda.is_available() and torch.distributed.is_nccl_available()
+        torch.distributed.init_process_group('cpu:gloo,cuda:nccl' if nccl else 'gloo')
     try:
         return _train_growth(args) if args.growth else _train(args)
     except (ValueError, OSError) as e:
@@ -114,23 +138,18 @@ def _train(args: argparse.Namespace) -> int:
     from .training import recorded, train
 
     settings = train.Settings(
-        steps=args.steps or 400, seed=args.seed, batch=args.batch, unroll=args.unroll, rate=args.rate,
-        check_every=args.check_every, loss=args.loss,
+        steps=args.steps or 400, seed=args.seed, batch=args.batch, unroll=args.unroll,
+        rate=args.rate or train.Settings.rate, check_every=args.check_every or train.Settings.check_every,
+        loss=args.loss,
     )  # fmt: skip
     jobs = recorded.from_jobs(args.jobs, args.read_requests) if args.jobs else []
     first = args.start or (net_file.PACKAGED if jobs else None)
     trainer = train.Trainer(settings, net_file.load(first).weights if first else None, jobs)
-    checkpoint = args.out / 'checkpoint.npz'
-    if args.resume:
-        trainer.resume(checkpoint)
-    elif checkpoint.exists():
-        raise train.TrainingError(
-            f'{checkpoint} exists: --resume goes on with it, or name another folder'
-        )
+    _begin(trainer, args)
     note = 'synthetic scenes' + (
         f' and {len(jobs)} surfaces of {len(args.jobs)} recorded jobs' if jobs else ''
     )
-    with _bar(trainer) as tick:
+    with _bar(trainer, 'ratio') as tick:
         out = train.train(trainer, args.out, note, tick)
     if trainer.rank == 0:
         print(_last_words(trainer, out))
@@ -138,23 +157,45 @@ def _train(args: argparse.Namespace) -> int:
 
 
 def _train_growth(args: argparse.Namespace) -> int:
-    from .training import growth, samples
+    from .laws import net_file
+    from .training import growth, loop, samples
 
+    where = loop.device(args.device)
     layers = list(samples.load(args.growth))
+    default = growth.Settings()
     settings = growth.Settings(
-        steps=args.steps or growth.Settings.steps, seed=args.seed, batch=args.batch
-    )
-
-    def tick(step: int, loss: float, check: dict[str, float]) -> None:
-        if step % settings.check_every == 0 or step == settings.steps:
-            figures = ', '.join(f'{k} {v:.3f}' for k, v in check.items())
-            print(f'step {step} of {settings.steps}: loss {loss:.3f}, {figures}', flush=True)
-
-    net, metrics = growth.train(layers, settings, tick)
-    out = args.out / 'growth.npz'
-    code = growth.export(net, settings, layers, metrics, out)
-    print(f'{out}: sha256 {code[:12]}')
+        steps=args.steps or default.steps, seed=args.seed, batch=args.batch, rate=args.rate or default.rate,
+        widths=tuple(args.widths) if args.widths else default.widths,
+        check_every=args.check_every or default.check_every,
+    )  # fmt: skip
+    start = net_file.load(args.start).weights if args.start else None
+    trainer = growth.Trainer(layers, settings, start, where)
+    _begin(trainer, args)
+    if trainer.rank == 0:
+        print(f'{len(layers)} layers, {loop.processes()} process(es) on {where.type}')
+    with _bar(trainer, 'explained') as tick:
+        metrics = growth.train(trainer, args.out, tick)
+    if trainer.rank == 0:
+        out = args.out / 'growth.npz'
+        code = growth.export(trainer, layers, metrics, out)
+        print(
+            f'{out}: explains {metrics["explained"]:.0%} of the variance of held-out layers; sha256 {code[:12]}; '
+            f'curves in {out.with_name("curves.png")}'
+        )
     return 0
+
+
+def _begin(trainer: Any, args: argparse.Namespace) -> None:
+    """From the checkpoint with --resume; TrainingError where another training would be overwritten."""
+    from .training.loop import TrainingError
+
+    checkpoint = args.out / 'checkpoint.npz'
+    if args.resume:
+        trainer.resume(checkpoint)
+    elif checkpoint.exists():
+        raise TrainingError(
+            f'{checkpoint} exists: --resume goes on with it, or name another folder'
+        )
 
 
 def _last_words(trainer: Trainer, out: Path) -> str:
@@ -166,8 +207,8 @@ def _last_words(trainer: Trainer, out: Path) -> str:
     )
 
 
-def _bar(trainer: Trainer) -> AbstractContextManager[Callable[[Trainer], None]]:
-    """Progress bar of rank 0 with the last figures, and a new picture of the curves after every validation."""
+def _bar(trainer: Any, figure: str) -> AbstractContextManager[Callable[[Any], None]]:
+    """Progress bar of rank 0 with the loss and one figure of the newest validation."""
     from contextlib import contextmanager
 
     from rich.progress import (
@@ -179,7 +220,7 @@ def _bar(trainer: Trainer) -> AbstractContextManager[Callable[[Trainer], None]]:
     )
 
     @contextmanager
-    def show() -> Iterator[Callable[[Trainer], None]]:
+    def show() -> Iterator[Callable[[Any], None]]:
         columns = (
             TextColumn('training'),
             BarColumn(),
@@ -191,10 +232,10 @@ def _bar(trainer: Trainer) -> AbstractContextManager[Callable[[Trainer], None]]:
             p = trainer.progress
             task = bar.add_task('', total=trainer.settings.steps, completed=p.step, note='')
 
-            def tick(t: Trainer) -> None:
+            def tick(t: Any) -> None:
                 note = f'loss {sum(p.loss[-20:]) / len(p.loss[-20:]):.3f}'
                 if p.checks:
-                    note += f', network/explicit {p.checks[-1]["ratio"]:.3f}'
+                    note += f', {figure} {p.checks[-1][figure]:.3f}'
                 bar.update(task, completed=t.progress.step, note=note)
 
             yield tick

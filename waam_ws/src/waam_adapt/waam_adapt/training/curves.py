@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 
 
-def draw(loss: list[float], checks: list[dict[str, float]], path: Path) -> None:
-    """Loss of every step with its running mean, and what every validation said, as PNG."""
+def draw(
+    loss: list[float], checks: list[dict[str, float]], names: Mapping[str, str], path: Path
+) -> None:
+    """Loss of every step with its running mean, and what every validation said, as PNG. names: figures of a validation
+    that are shown, with their words."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -22,16 +27,16 @@ def draw(loss: list[float], checks: list[dict[str, float]], path: Path) -> None:
     left.set(xlabel='step', ylabel='loss (mean ln of squared error)', title='training')
     left.legend()
     step = [c['step'] for c in checks]
-    right.plot(step, [c['ratio'] for c in checks], 'o-', ms=3, label='network / explicit law, RMS')
-    right.plot(step, [c['worse'] for c in checks], 's-', ms=3, label='share of scenes > 10 % worse')
-    right.plot(
-        step, [c['doubt'] for c in checks], '^-', ms=3, label='rank correlation of the doubt'
-    )
+    shown = [[c[name] for c in checks] for name in names]
+    for (words, values), mark in zip(
+        zip(names.values(), shown, strict=True), cycle('os^v'), strict=False
+    ):
+        right.plot(step, values, f'{mark}-', ms=3, label=words)
     right.axhline(1.0, color='0.5', lw=0.8)
     right.set(
         xlabel='step',
         title='held-out scenes',
-        ylim=(min(0.0, *(c['doubt'] for c in checks), 0.0), 1.1),
+        ylim=(min(0.0, *(v for values in shown for v in values), 0.0), 1.1),
     )
     right.legend(fontsize='small')
     FigureCanvasAgg(figure)

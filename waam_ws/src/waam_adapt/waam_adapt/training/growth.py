@@ -8,8 +8,9 @@ mostly of its smoothed part: setpoints cannot make shorter waves. The level of a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from ..beads import plan_geometry
 from ..grids import CELLS_PER_BEAD
 from ..laws import net_file
 from ..laws.growth_law import SMOOTH
-from . import plan_level
+from . import curves, loop, plan_level
 from .samples import Sample
 from .unet import UNet, arrays
 
@@ -29,12 +30,21 @@ HELD_OUT = 8  # every eighth job is for validation
 FINE = 0.15  # weight of what is not smoothed
 FLOOR = 1e-3  # of a layer's loss: noise below this is not fought
 SIGMA_FLOOR = 1e-4  # of the square that the uncertainty predicts
+SHOWN = {  # of a validation, in the picture
+    'explained': 'variance explained, smoothed growth',
+    'explained_raw': 'variance explained, raw growth',
+}
 WIDTH_ROOM = 0.25  # of the bead width beyond those seen
+
+
+Layer = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
+Batch = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Of one training run. rate: largest learning rate of Adam; widths: channels of the three levels of the U-Net."""
+    """Of one training run. batch: layers per step and process; rate: largest learning rate of Adam; widths: channels of
+    the three levels of the U-Net."""
 
     steps: int = 2500
     seed: int = 1
@@ -44,75 +54,142 @@ class Settings:
     check_every: int = 250
 
 
-Batch = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
+@dataclass
+class Progress:
+    """How far a training has come. loss: of every step; checks: what every validation said, with its step."""
+
+    step: int = 0
+    loss: list[float] = field(default_factory=list)
+    checks: list[dict[str, float]] = field(default_factory=list)
+
+
+class Trainer:
+    """One process of a training. start: weights to begin with; where: torch device of network and layers.
+
+    ValueError when the layers are of too few jobs. Under `torchrun` every process takes other layers of the same
+    order, and gradients are averaged.
+    """
+
+    def __init__(
+        self,
+        layers: Sequence[Sample],
+        settings: Settings,
+        start: Mapping[str, np.ndarray] | None = None,
+        where: torch.device | None = None,
+    ) -> None:
+        self.settings, self.where = settings, where or torch.device('cpu')
+        self.rank, self.progress = loop.rank(), Progress()
+        held = [s for s in layers if s.seed % HELD_OUT == 0]
+        used = [s for s in layers if s.seed % HELD_OUT]
+        if not held or not used:
+            raise ValueError(
+                f'{len(used)} layers to train on and {len(held)} to validate: too few jobs'
+            )
+        self.held, self.used = ([on(s, self.where) for s in part] for part in (held, used))
+        torch.manual_seed(settings.seed)
+        net = UNet(settings.widths, plan_geometry.CHANNELS)
+        torch.nn.init.normal_(net.head.weight, 0.0, 0.05)
+        if start is not None:
+            loop.put(net, start)
+        self.net = net.to(self.where)
+        self.optimizer = torch.optim.Adam(self.net.parameters(), lr=settings.rate)
+
+    def step(self) -> float:
+        """One batch; returns its loss."""
+        s, n = self.settings, self.progress.step
+        for group in self.optimizer.param_groups:
+            group['lr'] = s.rate * loop.schedule(n, s.steps)
+        rng = np.random.default_rng((s.seed, n, self.rank))
+        value = loss(self.net, batch([turned(self.used[i], rng) for i in self._chosen(n)]))
+        self.optimizer.zero_grad()
+        value.backward()
+        loop.average(self.net)
+        torch.nn.utils.clip_grad_norm_(self.net.parameters(), 1.0)
+        self.optimizer.step()
+        self.progress.step += 1
+        self.progress.loss.append(float(value.detach()))
+        return self.progress.loss[-1]
+
+    def _chosen(self, step: int) -> Iterator[int]:
+        """Layers of this process: all are seen once, in another order every time, before any is seen again."""
+        first = (step * loop.processes() + self.rank) * self.settings.batch
+        for i in range(first, first + self.settings.batch):
+            turn, place = divmod(i, len(self.used))
+            yield _order(self.settings.seed, turn, len(self.used))[place]
+
+    def check(self) -> dict[str, float]:
+        """Validation on the jobs that are held out; kept with the step."""
+        self.progress.checks.append({'step': self.progress.step, **validate(self.net, self.held)})
+        return self.progress.checks[-1]
+
+    def save(self, path: Path) -> None:
+        """All that `resume` needs, without pickle, complete or not at all."""
+        meta = {'settings': asdict(self.settings), 'progress': asdict(self.progress)}
+        loop.save(path, self.net, self.optimizer, meta)
+
+    def resume(self, path: Path) -> None:
+        """Goes on where `save` was called. TrainingError when the settings differ in anything but the number of
+        steps."""
+        meta = loop.resume(path, self.net, self.optimizer, asdict(self.settings))
+        self.progress = Progress(**meta['progress'])
 
 
 def train(
-    layers: Sequence[Sample],
-    settings: Settings,
-    tick: Callable[[int, float, dict[str, float]], None] = lambda step, loss, check: None,
-) -> tuple[UNet, dict[str, float]]:
-    """The trained network and its last validation. tick(step, loss, newest validation)."""
-    held = [s for s in layers if s.seed % HELD_OUT == 0]
-    used = [s for s in layers if s.seed % HELD_OUT]
-    if not held or not used:
-        raise ValueError(
-            f'{len(used)} layers to train on and {len(held)} to validate: too few jobs'
-        )
-    torch.manual_seed(settings.seed)
-    rng = np.random.default_rng(settings.seed)
-    net = UNet(settings.widths, plan_geometry.CHANNELS)
-    torch.nn.init.normal_(net.head.weight, 0.0, 0.05)
-    optimizer = torch.optim.Adam(net.parameters(), lr=settings.rate)
-    order: list[int] = []
-    found: dict[str, float] = {}
-    for step in range(settings.steps):
-        for group in optimizer.param_groups:
-            group['lr'] = settings.rate * _share(step, settings.steps)
-        if len(order) < settings.batch:
-            order = rng.permutation(len(used)).tolist()
-        chosen = [turned(used[order.pop()], rng) for _ in range(settings.batch)]
-        value = loss(net, batch(chosen))
-        optimizer.zero_grad()
-        value.backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
-        optimizer.step()
-        if (step + 1) % settings.check_every == 0 or step + 1 == settings.steps:
-            found = validate(net, held)
-        tick(step + 1, float(value.detach()), found)
-    return net, found
+    trainer: Trainer,
+    folder: Path | None = None,
+    tick: Callable[[Trainer], None] = lambda t: None,
+) -> dict[str, float]:
+    """Trains to the end of the settings; returns the last validation. folder: gets checkpoint.npz and curves.png with
+    every validation. tick: called after every step."""
+    s, p = trainer.settings, trainer.progress
+    while p.step < s.steps:
+        trainer.step()
+        due = p.step % s.check_every == 0 or p.step == s.steps
+        if due and trainer.rank == 0:
+            trainer.check()
+            if folder is not None:
+                folder.mkdir(parents=True, exist_ok=True)
+                trainer.save(folder / 'checkpoint.npz')
+                curves.draw(p.loss, p.checks, SHOWN, folder / 'curves.png')
+        tick(trainer)
+    last = p.checks[-1] if p.checks else {}
+    return {k: v for k, v in last.items() if k != 'step'}
 
 
-def _share(step: int, steps: int) -> float:
-    """Of the learning rate: up over 50 steps, then down along a cosine to 2 %."""
-    return min(1.0, (step + 1) / 50) * (0.51 + 0.49 * math.cos(math.pi * step / max(steps, 1)))
+@lru_cache(maxsize=2)
+def _order(seed: int, turn: int, count: int) -> list[int]:
+    return np.random.default_rng((seed, turn)).permutation(count).tolist()
 
 
-def turned(sample: Sample, rng: np.random.Generator) -> Sample:
+def on(sample: Sample, where: torch.device) -> Layer:
+    """x (CHANNELS, rows, cols), y and weight (rows, cols) of a layer on a device."""
+    x, y, w = (
+        torch.from_numpy(np.ascontiguousarray(a)).to(where)
+        for a in (sample.x, sample.y, sample.weight)
+    )
+    return x, y, w
+
+
+def turned(layer: Layer, rng: np.random.Generator) -> Layer:
     """The layer turned and mirrored at random; the channels keep their values."""
-    x, y, w = sample.x, sample.y, sample.weight
+    x, y, w = layer
     for axis in (-1, -2):
         if rng.random() < 0.5:
-            x, y, w = (np.flip(a, axis) for a in (x, y, w))
+            x, y, w = (torch.flip(a, (axis,)) for a in (x, y, w))
     if rng.random() < 0.5:
-        x, y, w = (np.swapaxes(a, -1, -2) for a in (x, y, w))
-    return Sample(x, y, w, sample.figures, sample.seed)
+        x, y, w = (a.transpose(-1, -2) for a in (x, y, w))
+    return x, y, w
 
 
-def batch(layers: Sequence[Sample]) -> Batch:
+def batch(layers: Sequence[Layer]) -> Batch:
     """x (n, CHANNELS, rows, cols), y and weight (n, rows, cols), filled up to a common size divisible by 4."""
-    rows, cols = (max(s.y.shape[i] for s in layers) for i in (0, 1))
+    rows, cols = (max(y.shape[i] for _, y, _ in layers) for i in (0, 1))
     size = rows + -rows % 4, cols + -cols % 4
 
-    def filled(values: np.ndarray) -> np.ndarray:
-        out = np.zeros((*values.shape[:-2], *size), np.float32)
-        out[..., : values.shape[-2], : values.shape[-1]] = values
-        return out
+    def filled(values: torch.Tensor) -> torch.Tensor:
+        return F.pad(values, (0, size[1] - values.shape[-1], 0, size[0] - values.shape[-2]))
 
-    x, y, w = (
-        torch.from_numpy(np.stack([filled(getattr(s, name)) for s in layers]))
-        for name in ('x', 'y', 'weight')
-    )
+    x, y, w = (torch.stack([filled(a) for a in kind]) for kind in zip(*layers, strict=True))
     return x, y, w
 
 
@@ -136,19 +213,19 @@ def centred(values: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
 def smoothed(values: torch.Tensor) -> torch.Tensor:
     """(n, rows, cols) by a Gaussian of SMOOTH cells."""
     reach = math.ceil(3 * SMOOTH)
-    kernel = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / SMOOTH) ** 2)
+    kernel = torch.exp(-0.5 * (torch.arange(-reach, reach + 1, device=values.device) / SMOOTH) ** 2)
     kernel = kernel / kernel.sum()
     maps = F.conv2d(values[:, None], kernel[None, None, :, None], padding=(reach, 0))
     return F.conv2d(maps, kernel[None, None, None], padding=(0, reach))[:, 0]
 
 
 @torch.no_grad()
-def validate(net: UNet, held: Sequence[Sample]) -> dict[str, float]:
+def validate(net: UNet, held: Sequence[Layer]) -> dict[str, float]:
     """explained, explained_raw: share of the variance that is predicted, smoothed and not, of all layers; sigma_ratio:
     RMS of the smoothed rest over what the uncertainty says."""
     left = all_ = left_raw = raw = normal = cells = 0.0
-    for s in held:
-        x, y, weight = batch([s])
+    for layer in held:
+        x, y, weight = batch([layer])
         predicted, log_sigma = net(x)
         rest, whole = centred(y - predicted, weight), centred(y, weight)
         smooth = smoothed(rest)
@@ -178,14 +255,14 @@ def seen_ranges(layers: Sequence[Sample]) -> dict[str, tuple[float, float]]:
 
 
 def export(
-    net: UNet,
-    settings: Settings,
+    trainer: Trainer,
     layers: Sequence[Sample],
     metrics: dict[str, float],
     path: Path,
 ) -> str:
     """Weights with their card, and the card for people as .md beside them. Returns the hash. The level of a layer
     (`plan_level`) is fitted to the same layers; where they are too few the network tells none."""
+    net, settings = trainer.net, trainer.settings
     level, worth = plan_level.fit(layers)
     seeds = sorted({s.seed for s in layers})
     card: dict[str, Any] = {
@@ -194,7 +271,11 @@ def export(
         'parameters': sum(p.numel() for p in net.parameters()),
         'cells_per_bead': CELLS_PER_BEAD,
         'channels': list(plan_geometry.NAMES),
-        'training': {**asdict(settings), 'widths': list(settings.widths)},
+        'training': {
+            **asdict(settings),
+            'widths': list(settings.widths),
+            'processes': loop.processes(),
+        },
         'data': {'layers': len(layers), 'jobs': len(seeds), 'seeds': [seeds[0], seeds[-1]]},
         'seen': {k: list(v) for k, v in seen_ranges(layers).items()},
         'metrics': {**metrics, **worth},

@@ -7,9 +7,7 @@ height error of the next ones back through the metal. Several processes (torchru
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
@@ -18,18 +16,18 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import distributed
 
 from ..grids import CELLS_PER_BEAD
 from ..laws import features, net_file
-from . import curves, parts, rollout, scenes
+from . import curves, loop, parts, rollout, scenes
 from .unet import UNet, arrays
 
+SHOWN = {  # of a validation, in the picture
+    'ratio': 'network / explicit law, RMS',
+    'worse': 'share of scenes > 10 % worse',
+    'doubt': 'rank correlation of the doubt',
+}
 HELD_OUT = 1_000_000_000  # seeds of the validation start here; no training step ever gets so far
-
-
-class TrainingError(ValueError):
-    """A training that cannot start or go on; the text says why."""
 
 
 @dataclass(frozen=True)
@@ -69,11 +67,11 @@ class Trainer:
         recorded: Sequence[scenes.Recorded] = (),
     ) -> None:
         self.settings, self.recorded, self.progress = settings, recorded, Progress()
-        self.rank = distributed.get_rank() if distributed.is_initialized() else 0
+        self.rank = loop.rank()
         torch.manual_seed(settings.seed)
         self.net = UNet(settings.widths)
         if start is not None:
-            put(self.net, start)
+            loop.put(self.net, start)
         self.optimizer = torch.optim.Adam(self.net.parameters(), lr=settings.rate)
 
     def step(self) -> float:
@@ -82,28 +80,17 @@ class Trainer:
         warm = int(np.random.default_rng([s.seed, n, 7]).integers(0, s.warm + 1))
         b = scenes.batch((s.seed, n, self.rank), s.batch, warm + s.unroll, self.recorded)
         for group in self.optimizer.param_groups:
-            group['lr'] = s.rate * schedule(n, s.steps)
+            group['lr'] = s.rate * loop.schedule(n, s.steps)
         layers = rollout.run(b, self.net, warm + s.unroll, begin=warm)
         value = rollout.loss(layers[warm:], b.judged, s.loss)
         self.optimizer.zero_grad()
         value.backward()
-        self._average()
+        loop.average(self.net)
         torch.nn.utils.clip_grad_norm_(self.net.parameters(), 1.0)
         self.optimizer.step()
         self.progress.step += 1
         self.progress.loss.append(float(value.detach()))
         return self.progress.loss[-1]
-
-    def _average(self) -> None:
-        """Mean of the gradients of all processes; the loop calls the network many times a step, so
-        no wrapper does it.
-        """
-        if not distributed.is_initialized():
-            return
-        for p in self.net.parameters():
-            if p.grad is not None:
-                distributed.all_reduce(p.grad)
-                p.grad /= distributed.get_world_size()
 
     def check(self) -> dict[str, float]:
         """Validation on scenes that no training step sees; kept with the step."""
@@ -114,49 +101,15 @@ class Trainer:
 
     def save(self, path: Path) -> None:
         """All that `resume` needs, without pickle, atomically."""
-        content: dict[str, Any] = {f'w.{k}': v for k, v in arrays(self.net).items()}
-        for i, p in enumerate(self.net.parameters()):
-            for name, value in self.optimizer.state.get(p, {}).items():
-                content[f'o.{i}.{name}'] = value.numpy()
-        text = json.dumps({'settings': asdict(self.settings), 'progress': asdict(self.progress)})
-        part = path.with_suffix('.part.npz')
-        content['meta'] = np.frombuffer(text.encode(), np.uint8)
-        np.savez(part, **content)
-        part.replace(path)
+        meta = {'settings': asdict(self.settings), 'progress': asdict(self.progress)}
+        loop.save(path, self.net, self.optimizer, meta)
 
     def resume(self, path: Path) -> None:
         """Goes on where `save` was called. TrainingError when the settings differ in anything but
         the number of steps.
         """
-        with np.load(path, allow_pickle=False) as file:
-            content = {k: file[k] for k in file.files}
-        meta = json.loads(content['meta'].tobytes())
-        mine, theirs = json.loads(json.dumps(asdict(self.settings))), meta['settings']
-        for key in mine:
-            if key != 'steps' and mine[key] != theirs.get(key):
-                raise TrainingError(
-                    f'{path}: was begun with {key} = {theirs.get(key)}, not {mine[key]}'
-                )
-        put(self.net, {k[2:]: v for k, v in content.items() if k.startswith('w.')})
-        for i, p in enumerate(self.net.parameters()):
-            names = [k for k in content if k.startswith(f'o.{i}.')]
-            self.optimizer.state[p] = {
-                k.split('.', 2)[2]: torch.from_numpy(content[k]) for k in names
-            }
+        meta = loop.resume(path, self.net, self.optimizer, asdict(self.settings))
         self.progress = Progress(**meta['progress'])
-
-
-def put(network: UNet, weights: dict[str, np.ndarray]) -> None:
-    """TrainingError when the weights are of another network."""
-    try:
-        network.load_state_dict({k: torch.from_numpy(np.array(v)) for k, v in weights.items()})
-    except RuntimeError as e:
-        raise TrainingError(f'weights do not fit the network: {e}') from None
-
-
-def schedule(step: int, steps: int) -> float:
-    """Share of the learning rate: up over 50 steps, then down along a cosine to 2 %."""
-    return min(1.0, (step + 1) / 50) * (0.51 + 0.49 * math.cos(math.pi * step / max(steps, 1)))
 
 
 @torch.no_grad()
@@ -232,7 +185,7 @@ def card(trainer: Trainer, metrics: dict[str, Any], note: str) -> dict[str, Any]
         'parameters': sum(p.numel() for p in trainer.net.parameters()), 'widths': list(s.widths),
         'cells_per_bead': CELLS_PER_BEAD, 'channels': list(features.NAMES),
         'training': {'steps': trainer.progress.step, 'batch': s.batch, 'unroll': s.unroll, 'seed': s.seed,
-                     'loss': s.loss, 'processes': int(os.environ.get('WORLD_SIZE', '1'))},
+                     'loss': s.loss, 'processes': loop.processes()},
         'data': note, 'ranges': {k: list(v) for k, v in parts.RANGES.items()},
         'seen': seen_ranges(trainer.net, 3, 8, s.batch), 'metrics': metrics,
     }  # fmt: skip
@@ -245,7 +198,7 @@ def train(
     card.md on the way.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    s, out = trainer.settings, folder / 'correction.npz'
+    s, p, out = trainer.settings, trainer.progress, folder / 'correction.npz'
     best = min((c['ratio'] for c in trainer.progress.checks), default=math.inf)
     while trainer.progress.step < s.steps:
         trainer.step()
@@ -256,7 +209,7 @@ def train(
                 best = result['ratio']
                 export(trainer, out, result, note)
             trainer.save(folder / 'checkpoint.npz')
-            curves.draw(trainer.progress.loss, trainer.progress.checks, folder / 'curves.png')
+            curves.draw(p.loss, p.checks, SHOWN, folder / 'curves.png')
         tick(trainer)
     return out
 
