@@ -8,9 +8,11 @@ import numpy as np
 from net_weights import random_weights
 
 from waam_adapt.beads import plan_geometry
+from waam_adapt.beads.model import bead_model
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
 from waam_adapt.laws import net_file
 from waam_adapt.laws.checks import MapOrigin
+from waam_adapt.training import samples
 from waam_adapt.types import CorrectionInput
 
 RES, WIDTH, H = 0.5e-3, 6e-3, 2e-3
@@ -68,3 +70,16 @@ def mirrored(r: CorrectionInput) -> CorrectionInput:
 
 def origin(layers: int) -> MapOrigin:
     return MapOrigin(0.0, 'job', 'job', layers, layers, True, ())
+
+
+def layer_sample(seed: int, amplitude: float = 0.3) -> samples.Sample:
+    """A layer of a plant that grows higher where turns are."""
+    r = request(paths=(zigzag() + 1e-3 * (seed % 3),))
+    grid = grid_of(r)
+    model = bead_model(r.paths, grid.shape, WIDTH)
+    turn = plan_geometry.build(r, grid)[plan_geometry.NAMES.index('turn')]
+    grown = model.growth(np.ones(len(model.points)), 0.0) + amplitude * np.minimum(turn, 1.0)
+    after = np.where(r.footprint, H * grid.fine(grown), 0.0)
+    found = samples.sample(r, np.where(r.footprint, H, 0.0), after, 0.0, seed)
+    assert found is not None
+    return found

@@ -12,6 +12,7 @@ from growth_layers import (
     WIDTH,
     H,
     grid_of,
+    layer_sample,
     mirrored,
     origin,
     request,
@@ -288,19 +289,6 @@ def test_a_law_without_a_network_tells_no_say():
     assert answer.correction.reasons == ()
 
 
-def layer_sample(seed: int, amplitude: float = 0.3) -> samples.Sample:
-    """A layer of a plant that grows higher where turns are."""
-    r = request(paths=(zigzag() + 1e-3 * (seed % 3),))
-    grid = grid_of(r)
-    model = bead_model(r.paths, grid.shape, WIDTH)
-    turn = plan_geometry.build(r, grid)[plan_geometry.NAMES.index('turn')]
-    grown = model.growth(np.ones(len(model.points)), 0.0) + amplitude * np.minimum(turn, 1.0)
-    after = np.where(r.footprint, H * grid.fine(grown), 0.0)
-    found = samples.sample(r, np.where(r.footprint, H, 0.0), after, 0.0, seed)
-    assert found is not None
-    return found
-
-
 def test_a_sample_is_what_grew_beside_the_bead_model():
     bumpy, plain = layer_sample(1), layer_sample(1, 0.0)
     known = bumpy.weight > 0.9
@@ -319,32 +307,3 @@ def test_samples_come_back_from_their_files(tmp_path):
         assert (a.y == b.y).all()
         assert (a.weight == b.weight).all()
         assert b.seed == 4
-
-
-def test_training_finds_the_growth_in_turns_and_gives_the_same_bits_again(tmp_path):
-    torch = pytest.importorskip('torch')
-    from waam_adapt.training import growth
-    from waam_adapt.training.unet import arrays
-
-    layers = [layer_sample(s) for s in range(1, 9)]
-    torch.set_num_threads(1)
-    settings = growth.Settings(steps=60, batch=2, rate=8e-3, widths=(4, 8, 8))
-    trainer = growth.Trainer(layers, settings)
-    metrics = growth.train(trainer, tmp_path)
-    assert metrics['explained'] > 0.4
-    short = replace(settings, steps=4)
-    again = [growth.Trainer(layers, short) for _ in range(2)]
-    for one in again:
-        growth.train(one)
-    weights = [arrays(one.net) for one in again]
-    for name, values in weights[0].items():
-        assert values.tobytes() == weights[1][name].tobytes()
-    growth.export(trainer, layers, metrics, tmp_path / 'g.npz')
-    law = make_law('growth_net', model=str(tmp_path / 'g.npz'))
-    r = request()
-    found = law.predict(r)
-    assert found.doubt == ''
-    turn = plan_geometry.build(r, grid_of(r))[plan_geometry.NAMES.index('turn')]
-    inside = grid_of(r).mean(r.footprint.astype(float)) > 0.99
-    assert np.corrcoef(found.growth[inside], turn[inside])[0, 1] > 0.5
-    assert 'seeds 1 to 8' in (tmp_path / 'g.md').read_text()

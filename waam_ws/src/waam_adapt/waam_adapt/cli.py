@@ -25,9 +25,10 @@ examples:
   waam train --out jobs/net --resume                   go on where it was stopped (Ctrl-C, power, ...)
   waam train --out jobs/mine --from jobs/A jobs/B      fine-tune the packaged network, half of the scenes start from
                                                        the recorded surfaces of these jobs
-  python3 -m waam_lab.growth_data jobs/layers --seeds 2000-2199
-  waam train --growth jobs/layers --out jobs/growth    the packaged growth network again (data a quarter of an hour,
-                                                       training a few minutes of one core)
+  python3 -m waam_lab.growth_data jobs/layers --seeds 20000-20816
+  waam train --growth jobs/layers --out jobs/growth    a growth network from these layers (2 hours of one core to make
+                                                       them, half an hour of one core or 40 s of a GPU to train)
+      ... --steps 21000 --batch 16                     as the packaged one (5 minutes of a GPU)
   torchrun --nproc-per-node 4 -m waam_bringup.cli train --out jobs/net      several processes, gradients averaged;
                                                        with --growth, each on a GPU of its own where there are some
 
@@ -87,7 +88,7 @@ def _arguments(p: argparse.ArgumentParser) -> None:
         type=int,
         nargs=3,
         metavar='CHANNELS',
-        help='of the three levels of the growth network (default 12 20 32)',
+        help='of the three levels of the growth network (default 16 28 48)',
     )
     p.add_argument('--resume', action='store_true', help='go on from the checkpoint in --out')
     p.add_argument(
@@ -157,6 +158,7 @@ def _train(args: argparse.Namespace) -> int:
 
 
 def _train_growth(args: argparse.Namespace) -> int:
+    from .beads import plan_geometry
     from .laws import net_file
     from .training import growth, loop, samples
 
@@ -168,7 +170,7 @@ def _train_growth(args: argparse.Namespace) -> int:
         widths=tuple(args.widths) if args.widths else default.widths,
         check_every=args.check_every or default.check_every,
     )  # fmt: skip
-    start = net_file.load(args.start).weights if args.start else None
+    start = net_file.load(args.start, plan_geometry.CHANNELS).weights if args.start else None
     trainer = growth.Trainer(layers, settings, start, where)
     _begin(trainer, args)
     if trainer.rank == 0:

@@ -50,7 +50,7 @@ class Settings:
     seed: int = 1
     batch: int = 8
     rate: float = 3e-3
-    widths: tuple[int, int, int] = (12, 20, 32)
+    widths: tuple[int, int, int] = (16, 28, 48)
     check_every: int = 250
 
 
