@@ -16,7 +16,7 @@ from rich.progress import Progress
 
 from waam_plan.plan import Plan
 from waam_robot.turn_choice import choose
-from waam_robot_bridge.params import RobotParams
+from waam_robot_bridge.params import NAMES, RobotParams
 
 from . import params
 from .robot import urdf_settings
@@ -51,6 +51,8 @@ def check_robot(
     if urdf is not None:
         wanted = urdf_settings.settings(urdf, wanted)
     robot: RobotParams = params.make(wanted).robot_bridge
+    if urdf is None and not robot.urdf:
+        _check_names(robot.joint_names)
     if turning:
         robot = _turned(plan, robot, out)
     console = Console(stderr=True, highlight=False)
@@ -61,6 +63,19 @@ def check_robot(
         print(line)
     if found.refused:
         raise ValueError(f'not on this robot: {found.refused}')
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """ValueError where a joint is none of the M-20iB/25, or not in its place."""
+    for given, known in zip(names, NAMES, strict=True):
+        if given != known:
+            what = f"has '{given}' in the place of '{known}'"
+            if given not in NAMES:
+                what = f"names a joint '{given}' that the robot does not have"
+            raise ValueError(
+                f"parameter 'joint_names' {what}: its joints are {', '.join(NAMES)}; those of another arm need --urdf, "
+                'and names that only its driver uses belong into a parameter file for `waam up` alone'
+            )
 
 
 def _turned(plan: Plan, robot: RobotParams, out: Path | None) -> RobotParams:
