@@ -240,8 +240,8 @@ def test_another_arm_is_checked_too(plan):
 @pytest.mark.parametrize(
     ('names', 'said'),
     [
-        (('foo', *NAMES[1:]), "names a joint 'foo' that the robot does not have: its joints are joint_1, "),
-        ((*NAMES[:6], 'turn', 'tilt'), "has 'turn' in the place of 'tilt': its joints are joint_1, "),
+        (('foo', *NAMES[1:]), "the robot has no joint 'foo'; there are joint_1, joint_2, "),
+        ((*NAMES[:6], 'turn', 'tilt'), "has 'turn' in the place of 'tilt'"),
     ],
 )  # fmt: skip
 def test_joints_that_the_robot_does_not_have_are_named(plan, tmp_path, names, said):

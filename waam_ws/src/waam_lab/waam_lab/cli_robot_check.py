@@ -66,15 +66,12 @@ def check_robot(
 
 
 def _check_names(names: Sequence[str]) -> None:
-    """ValueError where a joint is none of the M-20iB/25, or not in its place."""
-    for given, known in zip(names, NAMES, strict=True):
-        if given != known:
-            what = f"has '{given}' in the place of '{known}'"
-            if given not in NAMES:
-                what = f"names a joint '{given}' that the robot does not have"
+    """ValueError for a joint that the M-20iB/25 does not have."""
+    for name in names:
+        if name not in NAMES:
             raise ValueError(
-                f"parameter 'joint_names' {what}: its joints are {', '.join(NAMES)}; those of another arm need --urdf, "
-                'and names that only its driver uses belong into a parameter file for `waam up` alone'
+                f"parameter 'joint_names': the robot has no joint '{name}'; there are {', '.join(NAMES)}. Those of "
+                'another arm need --urdf, names that only its driver uses a parameter file for `waam up` alone'
             )
 
 
