@@ -26,7 +26,7 @@ def describe(s: JobStatus) -> str:
     if math.isfinite(s.height_error_rms):
         text += f', height error {s.height_error_rms * 1e3:.2f} mm RMS'
     if s.state == JobStatus.PAUSED and s.message:
-        text += f' ({s.message})'
+        text += f' ({s.message.removeprefix("paused: ")})'
     return text
 
 
