@@ -10,20 +10,18 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely import Point, box
+from shapely import box
 
 from waam_plan.lay.approach import Ground, laid_again
 from waam_plan.lay.build import plan_build
 from waam_plan.lay.coverage import Section
 from waam_plan.lay.restore import plan_restoration
 from waam_plan.lay.shapes import stiffened, with_teardrops
-from waam_plan.lay.sides import of_section
 from waam_plan.mesh.deform import Displacements, displacements, predeformed
 from waam_plan.mesh.part import PartError, load_part
 from waam_plan.plan import PlanError
 from waam_plan.post.compact import fragments, saving
 from waam_plan.settings import PlanSettings
-from waam_plan.slice.section import raster
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Segment
 
@@ -169,38 +167,6 @@ def test_a_hole_that_lies_on_its_side_ends_in_a_point(part_of):
     plan = plan_build(part, replace(S, teardrop=True))
     assert any('teardrop holes' in r for r in plan.remarks)
     assert plan.layers[-1].footprint.sum() > 0.95 * plan.layers[0].footprint.sum()
-
-
-@pytest.mark.parametrize('strategy', ['zigzag', 'contour'])
-@pytest.mark.parametrize('slit', [0.3, 1.2, 2.3])
-def test_a_narrow_slit_does_not_cut_every_bead(part_of, strategy, slit):
-    """As below the point of a teardrop. Covers that met made one region of both pieces, and each bead lost the arc
-    between them."""
-    left, right = block(28, 20, 4), block(28, 20, 4)
-    right.apply_translation((28 + slit, 0, 0))
-    turn = trimesh.transformations.rotation_matrix(np.radians(45), (0, 0, 1))
-    both = trimesh.util.concatenate([left, right])
-    both.apply_transform(turn)
-    for grid in (S.grid, S.grid / 2):
-        plan = plan_build(part_of(both), replace(S, strategy=strategy, grid=grid), 1)
-        assert plan.arc_starts == 2
-        assert plan.layers[0].footprint.sum() * grid**2 == pytest.approx(
-            2 * 28e-3 * 20e-3, rel=0.05
-        )
-
-
-def test_a_slit_around_an_island_stays_free():
-    ring = Point(0, 0).buffer(30e-3).difference(Point(0, 0).buffer(16e-3))
-    pieces = [ring, Point(0, 0).buffer(15e-3)]
-    spec = GridSpec.covering(-0.04, -0.04, 0.04, 0.04, S.grid)
-    cover = of_section(pieces, raster(pieces, spec), spec, S)
-    assert len(cover.polygons) == 2
-    assert cover.polygons[0].distance(cover.polygons[1]) > S.grid
-    assert (cover.metal | ~raster(pieces, spec)).all()  # what is asked for gets metal
-    far = [pieces[1], box(0.02, -0.02, 0.04, 0.02)]
-    one, two = of_section(far, raster(far, spec), spec, S).polygons
-    whole = sorted(p.buffer(S.overrun, join_style='mitre').area for p in far)
-    assert sorted([one.area, two.area]) == pytest.approx(whole, rel=1e-9)
 
 
 def bored_wall(n=64):
