@@ -15,9 +15,10 @@ robot.wide_refused: of 200 random level parts within 0.8 m of the turn axis, how
 usual turn of the positioner alone.
 robot.collisions: 500 random parts of three beads whose joint path is planned without contacts (arm, torch, positioner,
 beads laid before), judged by points, plain distances and Pinocchio's frames: paths in which something touches;
-baseline: asked for. How many were refused and the least distance go to stderr.
+baseline: asked for. How many were refused, for how many of these the second method agrees, and the least distance go
+to stderr.
 robot.speed_error_pct: six parts at 10 mm/s, how far the torch's speed at the part is off on 99 % of the way, by forward
-kinematics of arm and positioner; the worst part; baseline: asked for. robot.plan_ms_per_point: processor time of their
+kinematics of arm and positioner; the worst part; baseline: asked for. robot.plan_ms_per_point: time of their
 joint paths with branches, collisions and timing, per point (every 0.1 mm of bead); baseline: asked for.
 
 robot.program_path_um: programs for Fanuc, KUKA and ABB of six planned parts, without positioner and with one that
@@ -130,8 +131,9 @@ def collisions() -> None:
 
     found = run(500, seeds((17,))[0])
     print(
-        f'robot.collisions: {found.planned} planned, {found.refused} refused ({found.contacts} for a contact), least '
-        f'distance {found.nearest * 1e3:.2f} mm, {found.seconds / found.points * 1e3:.3f} ms per point',
+        f'robot.collisions: {found.planned} planned, {found.refused} refused ({found.contacts} for a contact, '
+        f'{found.confirmed} of them too near by the second method as well), least distance '
+        f'{found.nearest * 1e3:.2f} mm, {found.seconds / found.points * 1e3:.3f} ms per point',
         file=sys.stderr,
     )
     for text in found.touching[:5]:

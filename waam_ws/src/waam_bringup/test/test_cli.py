@@ -119,3 +119,34 @@ def test_a_demo_whose_job_is_aborted_does_not_begin_the_next_one(tmp_path, capsy
     assert main(['demo', '--machine', 'robot', '--jobs', str(tmp_path)]) == 130
     assert begun == ['open_loop']
     assert 'aborted; report: ' in capsys.readouterr().err
+
+
+def test_a_demo_whose_cell_dies_says_so_and_ends(tmp_path, capsys, monkeypatch):
+    from contextlib import contextmanager
+
+    from waam_bringup import demo
+    from waam_bringup.cli import main
+    from waam_msgs.action import RunJob
+    from waam_view import report
+
+    class Client:
+        machine = None
+
+        def load_part(self, *_):
+            pass
+
+        def run_job(self, goal, *_):
+            why = 'robot: the welding device is silent for 3.02 s'
+            return RunJob.Result(job_dir=str(tmp_path / goal.name), error_code=110, message=why)
+
+    @contextmanager
+    def graph(*_):
+        yield None, Client()
+
+    monkeypatch.setattr(demo, 'graph', graph)
+    monkeypatch.setattr(demo, 'ended', lambda run: ['cell killed by SIGKILL'])
+    monkeypatch.setattr(report, 'write_report', lambda folder: folder / 'report.html')
+    assert main(['demo', '--machine', 'robot', '--jobs', str(tmp_path)]) != 0
+    said = capsys.readouterr().err
+    assert 'open_loop: error 110: robot: the welding device is silent' in said
+    assert 'cell killed by SIGKILL' in said and 'closed_loop' not in said

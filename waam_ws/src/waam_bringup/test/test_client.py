@@ -15,7 +15,9 @@ from rclpy.action import ActionClient
 from rclpy.task import Future
 
 from waam_bringup.client import ASKINGS, SENDINGS, ClientError, GraphClient
+from waam_bringup.progress import describe
 from waam_msgs.action import RunJob
+from waam_msgs.msg import JobStatus, MachineState
 from waam_node.testing import fresh_domain
 
 SERVER = """
@@ -218,3 +220,20 @@ def test_the_result_is_requested_a_bounded_number_of_times(deaf, answered, asked
     with pytest.raises(ClientError, match='gone'):
         deaf._result(handle, answered, lambda: 'gone' if next(looks) > 100 else '')
     assert handle.asked == asked
+
+
+def test_a_graph_that_does_not_get_ready_tells_what_the_bridge_says():
+    """The nodes behind it wait for its ticks: a list of them would hide the reason."""
+    why = "robot: joint_states has no 'foo', it has joint_1"
+    with GraphClient(fresh_domain()) as client:
+        client.machine = MachineState(connected=False, message=why)
+        with pytest.raises(ClientError, match=f'not ready after 0 s: {why}$'):
+            client.wait_ready({'bridge', 'cell'}, 0.2, dict, patience=60.0)
+        client.machine = None
+        with pytest.raises(ClientError, match='not ready after 0 s: bridge, cell does not answer'):
+            client.wait_ready({'bridge', 'cell'}, 0.2, dict, patience=60.0)
+
+
+def test_a_paused_job_says_why():
+    why = 'robot: the torch is 3.1 mm from where it should be'
+    assert why in describe(JobStatus(state=JobStatus.PAUSED, message=why))

@@ -127,7 +127,8 @@ class GraphClient:
             if time.monotonic() > end:
                 text = self.machine.message if self.machine and not self.machine.connected else ''
                 who = ', '.join(sorted(missing)) or 'the controller'
-                raise ClientError(f'not ready after {timeout:.0f} s: {who} does not answer. {text}')
+                why = text or f'{who} does not answer'  # ticks come from the controller
+                raise ClientError(f'not ready after {timeout:.0f} s: {why}')
             self.executor.spin_once(timeout_sec=0.1)
 
     def _refused(self, since: float | None, patience: float) -> float | None:

@@ -25,7 +25,7 @@ from waam_process.operating import DEFAULT_MATERIAL, GANTRY, ROBOT
 from .client import ClientError, GraphClient
 from .graph import Settings
 from .jobs import make_goal
-from .operate import default_domain, graph, graph_watch
+from .operate import default_domain, ended, graph, graph_watch
 from .paths import jobs_dir, share
 from .progress import JobProgress
 
@@ -126,6 +126,13 @@ def _one(
     if result.error_code == RunJob.Result.ABORTED:  # whoever stops a job does not want the next one
         print(f'aborted; report: {os.path.relpath(page)}', file=sys.stderr)
         raise KeyboardInterrupt
+    if result.error_code:
+        gone = ended(run)
+        why = '; '.join([f'error {result.error_code}: {result.message}', *gone])
+        text = f'{name or loop_mode}: {why}\nreport: {os.path.relpath(page)}'
+        if gone:  # what is left of the graph runs no other job
+            raise ClientError(text)
+        print(text, file=sys.stderr)
     return Path(result.job_dir)
 
 

@@ -6,6 +6,7 @@ import argparse
 import math
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR, build_plate
 
 from . import calibrate
 from .client import ClientError, GraphClient
-from .operate import graph_watch, require_up
+from .operate import ended, graph_watch, require_up
 from .paths import jobs_dir
 from .progress import JobProgress
 
@@ -108,7 +109,7 @@ def run_job(args: argparse.Namespace, run: Path, domain: int) -> int:
             )
         with JobProgress(args.part.stem) as progress:
             result = client.run_job(make_goal(args, jobs), progress, graph_watch(run))
-    return report_result(result)
+    return report_result(result, ended(run))
 
 
 def resume_job(args: argparse.Namespace, run: Path, domain: int) -> int:
@@ -127,7 +128,7 @@ def resume_job(args: argparse.Namespace, run: Path, domain: int) -> int:
     with GraphClient(domain) as client:
         with JobProgress(folder.name) as progress:
             result = client.run_job(goal, progress, graph_watch(run))
-    return report_result(result)
+    return report_result(result, ended(run))
 
 
 def adjust_job(code: str, value: float, domain: int) -> None:
@@ -170,8 +171,9 @@ def place_part(client: GraphClient, args: argparse.Namespace, upper: list[float]
     client.load_part(str(args.as_found.resolve()), (0.0, 0.0, 0.0), -1)
 
 
-def report_result(result: RunJob.Result) -> int:
-    """Writes the report and says how the job ended. Exit status: 0; 1 failed; 2 refused; 130 aborted."""
+def report_result(result: RunJob.Result, gone: Sequence[str] = ()) -> int:
+    """Writes the report and says how the job ended. Exit status: 0; 1 failed; 2 refused; 130 aborted. gone: processes
+    that ended meanwhile, and how."""
     from waam_view.report import write_report
 
     code = result.error_code
@@ -179,7 +181,7 @@ def report_result(result: RunJob.Result) -> int:
         page = write_report(Path(result.job_dir))
         print(f'report: {page}')
     if code:
-        print(f'waam: error {code}: {result.message}', file=sys.stderr)
+        print(f'waam: error {code}: {"; ".join([result.message, *gone])}', file=sys.stderr)
         if code == RunJob.Result.ABORTED:
             return 130
         return 2 if code in REFUSED else 1

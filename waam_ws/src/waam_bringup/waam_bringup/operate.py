@@ -102,6 +102,13 @@ def _dead(run: Path, supervisor: subprocess.Popen) -> dict[str, str]:
     }
 
 
+def ended(run: Path) -> list[str]:
+    """Processes of the graph that ended by themselves, and how: 'cell killed by SIGKILL'."""
+    state = run_state.load(run)
+    dead = state.dead_nodes if state else {}
+    return [f'{name} {describe_exit(s.exit_code)}' for name, s in dead.items()]
+
+
 def last_line(path: Path) -> str:
     """Of a log: the last line that is not blank, '' when there is none or no file."""
     try:

@@ -24,7 +24,7 @@ from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan, renumber
 from waam_plan.post.gcode import with_base_feed
 from waam_plan.settings import PlanSettings
-from waam_robot_bridge.params import RobotParams
+from waam_robot_bridge.params import NAMES, RobotParams
 from waam_sim import part
 from waam_sim.plant import Plant
 
@@ -235,6 +235,20 @@ def test_another_arm_is_checked_too(plan):
     said = '\n'.join(found.lines())
     assert 'keep their distance' in said and 'pose errors bend a measured map' in said
     assert any(name in said for name in ('base', 'shoulder', 'elbow', 'wrist'))
+
+
+@pytest.mark.parametrize(
+    ('names', 'said'),
+    [
+        (('foo', *NAMES[1:]), "the robot has no joint 'foo'; there are joint_1, joint_2, "),
+        ((*NAMES[:6], 'turn', 'tilt'), "has 'turn' in the place of 'tilt'"),
+    ],
+)  # fmt: skip
+def test_joints_that_the_robot_does_not_have_are_named(plan, tmp_path, names, said):
+    file = tmp_path / 'names.yaml'
+    file.write_text(yaml.safe_dump({'/bridge': {'ros__parameters': {'joint_names': [*names]}}}))
+    with pytest.raises(ValueError, match=said):
+        check_robot(plan, files=[file])
 
 
 def test_the_screen(plan, capsys):

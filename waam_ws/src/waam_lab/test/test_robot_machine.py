@@ -9,7 +9,7 @@ import pytest
 import yaml
 from ament_index_python.packages import get_package_share_directory
 
-from waam_bridge import commands, program
+from waam_bridge import commands, overrides, program
 from waam_bridge.frames import ALARM, ARC_ESTABLISHED, HOLD, HOMED, IDLE
 from waam_lab import params, restore, run
 from waam_lab.job import LabResult
@@ -143,6 +143,20 @@ def test_the_arc_ends_within_the_lease(machine, dies):
         assert machine.bridge.state == HOLD
     if dies == 'node':
         assert machine.bridge.silent == ['node']
+
+
+def test_the_robot_takes_the_override_while_the_arc_burns(machine):
+    enqueue(machine, (0.01, 0.015, 0.05), (0.01, 0.015, TOP), (0.09, 0.015, TOP))
+    assert machine.until(lambda: machine.bridge.flags & ARC_ESTABLISHED != 0, 30.0)
+    for speed, wire in ((1.0, 1.0), (0.6, 1.2), (1.3, 0.9)):
+        overrides.operator(machine.bridge, speed, wire, 'test', machine.now)
+        machine.advance(1.0)
+        begin, tip = machine.now, machine.robot.tip
+        machine.advance(0.5)
+        went = float(np.linalg.norm(machine.robot.tip - tip))
+        assert went / (machine.now - begin) == pytest.approx(0.01 * speed, rel=0.01)
+        assert machine._samples['wire_cmd'][-1] == pytest.approx(0.1 * wire, rel=0.01)
+        assert machine.plant.arc_on
 
 
 def test_a_place_outside_the_box_is_refused_before_the_arc(machine):

@@ -16,7 +16,7 @@ from rich.progress import Progress
 
 from waam_plan.plan import Plan
 from waam_robot.turn_choice import choose
-from waam_robot_bridge.params import RobotParams
+from waam_robot_bridge.params import NAMES, RobotParams
 
 from . import params
 from .robot import urdf_settings
@@ -51,6 +51,8 @@ def check_robot(
     if urdf is not None:
         wanted = urdf_settings.settings(urdf, wanted)
     robot: RobotParams = params.make(wanted).robot_bridge
+    if urdf is None and not robot.urdf:
+        _check_names(robot.joint_names)
     if turning:
         robot = _turned(plan, robot, out)
     console = Console(stderr=True, highlight=False)
@@ -61,6 +63,16 @@ def check_robot(
         print(line)
     if found.refused:
         raise ValueError(f'not on this robot: {found.refused}')
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """ValueError for a joint that the M-20iB/25 does not have."""
+    for name in names:
+        if name not in NAMES:
+            raise ValueError(
+                f"parameter 'joint_names': the robot has no joint '{name}'; there are {', '.join(NAMES)}. Those of "
+                'another arm need --urdf, names that only its driver uses a parameter file for `waam up` alone'
+            )
 
 
 def _turned(plan: Plan, robot: RobotParams, out: Path | None) -> RobotParams:

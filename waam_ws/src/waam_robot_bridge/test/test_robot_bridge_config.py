@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from waam_node.params import ParameterError, from_dict, markdown
-from waam_robot_bridge.params import LIMITS, RobotParams
+from waam_robot_bridge.params import LIMITS, NAMES, RobotParams
 
 PACKAGE = Path(__file__).parents[1]
 
@@ -33,6 +33,10 @@ def test_the_readme_has_the_parameter_table():
         ({'joint_speed_max': (1.0,) * 7 + (0.0,)}, "'joint_speed_max'"),
         ({'joint_jerk_max': (1.0,) * 7 + (0.0,)}, "'joint_jerk_max'"),
         ({'joint_names': ('a',) * 8}, "'joint_names'"),
+        (
+            {'joint_names': ('joint_1', 'joint_3', 'joint_2', *NAMES[3:])},
+            "has 'joint_3' in the place of 'joint_2'",
+        ),
         (
             {'urdf': 'arm.urdf', 'joint_names': ('a', 'b')},
             "'joint_speed_max' has 8 values, needs 2",

@@ -11,7 +11,8 @@ from waam_bridge import frames
 from waam_bridge.frames import ARC_ENABLED
 from waam_bridge.parsing import parse
 from waam_process.plant_port import SAMPLE
-from waam_robot.station import Station
+from waam_robot.station import Place, Station
+from waam_robot.turning import Turning
 from waam_robot_bridge.controller import JointState, RobotController
 from waam_robot_bridge.goals import GoalError, make
 from waam_robot_bridge.params import RobotParams
@@ -165,6 +166,18 @@ def test_a_robot_off_its_path_is_noticed(harness):
     )
     harness.run(0.02)
     assert 'mm from where it should be' in harness.problems[0]
+
+
+def test_an_arm_that_cannot_begin_is_told_once_until_it_is_resumed(harness):
+    """With moves in its queue the held core would ask for a goal ten times a second."""
+    joints = Station(Place(turning=Turning(0.5))).joints(PARK[None])[0]  # the same tip
+    harness.driver._state = JointState(harness.controller.now_us, joints, np.zeros(8))
+    harness.say('J', '60 0 0 600')
+    harness.run(2.0)
+    assert len(harness.problems) == 1 and ' stands at ' in harness.problems[0]
+    harness.say('R')
+    harness.run(1.0)
+    assert len(harness.problems) == 2
 
 
 def test_too_fast_joints_give_no_goal(station):

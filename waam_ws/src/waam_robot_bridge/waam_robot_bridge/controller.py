@@ -69,6 +69,7 @@ class RobotController:
         self.params, self.station, self.driver = params, station, driver
         self.on_problem: Callable[[str], None] = lambda text: None
         self.problem = ''
+        self._told = False  # since it ran last
         self.now_us = start_us
         self._core = Controller(start_us, boot)
         self._core.widen(params.work_low, params.work_high)
@@ -108,6 +109,8 @@ class RobotController:
         now. The robot gets a new goal when one is due."""
         n = len(samples)
         self._core.step(samples)
+        if self._core.look().state == frames.RUN and not self.problem:
+            self._told = False
         self.now_us += 1000 * n
         tips = tips_of(samples)
         self._tips = np.concatenate([self._tips, tips])[-KEPT:]
@@ -207,9 +210,9 @@ class RobotController:
         """Cuts the arc and holds the core, as often as it is resumed; told once."""
         if not self.problem or self._core.look().state == frames.RUN:
             self._core.feed(frames.HOLD_NOW)
-        if not self.problem:
+        if not self._told:
             self.on_problem(text)
-        self.problem = text
+        self.problem, self._told = text, True
 
     def _outputs(self, samples: np.ndarray) -> None:
         if self._weld is None:

@@ -27,6 +27,7 @@ PATIENCE = 0.3  # s of the steady clock, for so long
 SLOW = 0.05  # s of the steady clock for a step while a node is late
 BOOTS = 2**31
 RETRY = 0.3  # s
+OUTSIDE = 0.05  # m that the torch may stand outside its box: farther away it would not find home
 
 
 class RobotTransport:
@@ -81,7 +82,7 @@ class RobotTransport:
     def _run(self) -> None:
         try:
             while not self._stop.is_set():
-                absent = self.driver.absent() or self.welder.problem()
+                absent = self.driver.absent() or self.welder.problem() or self._outside()
                 if absent:
                     self._owner.on_close(f'robot: {absent}')
                     self._stop.wait(RETRY)
@@ -123,6 +124,23 @@ class RobotTransport:
         made.place(self.station.tips(state.joints[None])[0])
         made.on_problem = self._on_problem
         return made
+
+    def _outside(self) -> str:
+        """Where the torch stands, if that is so far outside its box that it must not be moved; '' = it is not."""
+        state = self.driver.state(self._now_us())
+        if state is None:
+            return ''
+        tip, p = self.station.tips(state.joints[None])[0], self._params
+        low, high = np.array(p.work_low, float), np.array(p.work_high, float)
+        off = float(np.maximum(np.maximum(low - tip, tip - high), 0.0).max())
+        if off <= OUTSIDE:
+            return ''
+        x, y, z = (f'{v:.0f}' for v in tip * 1e3)
+        near = np.round(self.station.joints(np.clip(tip, low, high)[None])[0], 2).tolist()
+        return (
+            f'the torch stands at ({x}, {y}, {z}) mm of the machine, {off * 1e3:.0f} mm outside its box. Bring it '
+            f'there, to the joints {near} for one; or origin, positioner or joint_names are wrong'
+        )
 
     @property
     def _simulated(self) -> bool:

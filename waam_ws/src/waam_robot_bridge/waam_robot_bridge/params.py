@@ -144,6 +144,8 @@ class RobotParams(BridgeParams):
             raise ParameterError(f"parameter 'posture' has {got} values, needs {joints}")
         if len(set(self.joint_names)) != joints:
             raise ParameterError(f"parameter 'joint_names' names one twice: {self.joint_names}")
+        if not self.urdf:
+            self._check_order()
         for name in LIMITS:
             if not all(v > 0 for v in getattr(self, name)):
                 raise ParameterError(f"parameter '{name}' has a value that is not above 0")
@@ -152,6 +154,15 @@ class RobotParams(BridgeParams):
                 f"parameter 'period' is {self.period:g}, must be below 'horizon' {self.horizon:g}"
             )
             raise ParameterError(text)
+
+    def _check_order(self) -> None:
+        """ParameterError where a name of the arm stands in another's place: the robot would turn the wrong axis."""
+        for given, known in zip(self.joint_names, NAMES, strict=True):
+            if given != known and given in NAMES:
+                raise ParameterError(
+                    f"parameter 'joint_names' has '{given}' in the place of '{known}': wanted are the names of "
+                    f'{", ".join(NAMES)}, in this order'
+                )
 
     @property
     def known_posture(self) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ import pytest
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
-from waam_robot.bodies import bodies_of
+from waam_robot.bodies import PART, TOOL, bodies_of, ends, frames_of
 from waam_robot.station import Place, Station
 from waam_robot.turning import Turning
 from waam_robot.urdf_station import UrdfPlace, UrdfStation
@@ -43,13 +43,13 @@ class Log:
     def __init__(self) -> None:
         self.kept: dict[str, rr.AsComponents] = {}
         self.frames: dict[str, np.ndarray] = {}
-        self.shown = 0
+        self.eyes: list[bp.Eyes] = []
 
     def keep(self, entity, what) -> None:
         self.kept[entity] = what
 
-    def show_robot(self) -> None:
-        self.shown += 1
+    def show_robot(self, eyes) -> None:
+        self.eyes.append(eyes)
 
     def log(self, t, entity, what) -> None:
         pose = np.eye(4)
@@ -73,14 +73,14 @@ def test_a_tilted_positioner_is_drawn_tilted(station):
     log, scene = Log(), RobotScene(NAMES, *PLACES)
     scene.draw(log, START, known(station, (0, 0, 0)), ZERO)
     scene.draw(log, START, known(station, (0.01, 0, 0)), ZERO)
-    assert log.shown == 1
+    assert len(log.eyes) == 1
     tilted = Station(Place(tilt=1.2))
     scene.draw(log, START, known(tilted, (0.02, 0.0, 0.01)), ZERO)
     plate = log.frames[bp.ROBOT] @ log.frames[f'{bp.ROBOT}/faceplate']
     assert np.arccos(plate[2, 2]) == pytest.approx(1.2, abs=1e-6)
     torch = log.frames[bp.ROBOT] @ log.frames[f'{bp.ROBOT}/torch']
     assert torch[:3, 3] == pytest.approx((0.02, 0.0, 0.01), abs=1e-6)
-    assert log.shown == 1
+    assert len(log.eyes) == 1
 
 
 def test_a_joint_that_nobody_tells_is_named(station):
@@ -106,6 +106,46 @@ def test_a_file_that_begins_later_has_the_whole_robot(station, tmp_path):
         f'{bp.ROBOT}/positioner/body_0',
     }
     assert wanted | {entity_of(n) for n in range(10)} <= found
+
+
+def hidden(eye: bp.Eye, points: np.ndarray, capsules: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """(N,) which of points (N, 3) lie behind one of the capsules with ends (K, 2, 3)."""
+    ways = eye.position + np.linspace(0, 1, 300)[:, None, None] * (points - eye.position)
+    out = np.zeros(len(points), bool)
+    for (a, b), radius in zip(capsules, radii, strict=True):
+        share = np.clip((ways - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)[..., None]
+        out |= (np.linalg.norm(ways - a - share * (b - a), axis=2) < radius).any(axis=0)
+    return out
+
+
+@pytest.mark.parametrize(
+    'where', [{}, {'tilt': 1.2}, {'turning': Turning(1.0)}, {'turning': Turning(-1.2)}]
+)
+def test_the_arm_does_not_hide_the_part(where):
+    """A box of 60 x 30 x 12 mm below the torch, wherever that is; arm and positioner are in the picture with it."""
+    station = Station(Place(**where))
+    arm, positioner = station.place.arm, station.place.positioner
+    bodies, log = bodies_of(arm, positioner), Log()
+    radii = np.array([c.radius for c in bodies.capsules])
+    scene = RobotScene(NAMES, *PLACES)
+    scene.draw(log, START, known(station, (0.0, 0.0, 0.1)), ZERO)
+    (eyes,) = log.eyes
+    box = np.mgrid[-0.03:0.031:0.03, -0.015:0.016:0.015, -0.014:-0.001:0.006].reshape(3, -1).T
+    shares = []
+    for tip in np.mgrid[0.02:0.39:0.09, 0.02:0.29:0.13, 0.03:0.1:0.06].reshape(3, -1).T:
+        frames = frames_of(arm, positioner, station.joints(tip[None]))
+        (capsules,) = ends(bodies.capsules, frames)
+        tool, turn = frames[0, TOOL, :3, 3], frames[0, PART, :3, :3]
+        part = tool + box @ turn.T
+        shares.append([hidden(eye, part, capsules, radii).mean() for eye in eyes])
+        middle = np.subtract(eyes[0].target, eyes[0].position)
+        seen = np.concatenate([capsules.reshape(-1, 3), part, frames[0, [PART], :3, 3]])
+        ways = seen - eyes[0].position
+        off = ways @ middle / np.linalg.norm(ways, axis=1) / np.linalg.norm(middle)
+        assert np.degrees(np.arccos(off)).max() < 27.5  # half of what the viewer shows
+    cell, near = np.array(shares).T
+    assert cell.mean() < 0.1 and cell.max() < 0.35
+    assert near.mean() < 0.2  # the torch itself stands before some of it
 
 
 def test_capsules_lie_along_their_lines():

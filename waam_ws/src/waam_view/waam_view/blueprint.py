@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -32,14 +34,25 @@ SERIES = {  # entity: (names, colours)
 }
 
 
+@dataclass(frozen=True)
+class Eye:
+    """Where one looks from and what at, (3,) m in the base of the robot."""
+
+    position: tuple[float, float, float]
+    target: tuple[float, float, float]
+
+
+Eyes = tuple[Eye, Eye]  # on the whole cell, and on torch and part
+
+
 def blueprint(
     error_range_m: float,
     window_s: float = 0.0,
     whole_ns: tuple[int, int] | None = None,
-    robot: bool = False,
+    robot: Eyes | None = None,
 ) -> rrb.Blueprint:
     """The layout. error_range_m: ends of the error colours; window_s > 0: plots show that many seconds before the
-    cursor (live); whole_ns: they show this range (a job that has ended); robot: arm and positioner beside the part.
+    cursor (live); whole_ns: they show this range (a job that has ended); robot: how arm and positioner are seen.
     """
     span = None if whole_ns is None else rrb.TimeRange(*(_at(t) for t in whole_ns))
     axis = None if span is None else rrb.TimeAxis(view_range=span)
@@ -52,7 +65,7 @@ def blueprint(
     )
 
 
-def _part(axis: rrb.TimeAxis | None, robot: bool) -> rrb.Vertical:
+def _part(axis: rrb.TimeAxis | None, robot: Eyes | None) -> rrb.Vertical:
     """The part in 3-D, the messages and the states."""
     space: rrb.View | rrb.Container = rrb.Spatial3DView(
         origin='part',
@@ -61,7 +74,9 @@ def _part(axis: rrb.TimeAxis | None, robot: bool) -> rrb.Vertical:
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.01),
     )
     if robot:
-        space = rrb.Tabs(_robot(), space, active_tab=0)
+        cell, near = _robot('Robot cell', robot[0]), _robot('Torch and part', robot[1])
+        both = rrb.Vertical(cell, near, row_shares=[1, 1], name='Robot')
+        space = rrb.Tabs(both, space, active_tab=0)
     words = rrb.Tabs(
         rrb.TextLogView(origin=LOG, name='Log and alarms'),
         rrb.TextLogView(origin=ALARMS, name='Alarms'),
@@ -73,14 +88,17 @@ def _part(axis: rrb.TimeAxis | None, robot: bool) -> rrb.Vertical:
     return rrb.Vertical(space, said, states, row_shares=[5, 2.7, 1.2])
 
 
-def _robot() -> rrb.Spatial3DView:
-    """Arm, positioner and the part as it grows, in the frame of the part."""
+def _robot(name: str, eye: Eye) -> rrb.Spatial3DView:
+    """Arm, positioner and the part as it grows, in the base of the robot: the part tilts and turns."""
     return rrb.Spatial3DView(
-        origin='/',
-        name='Robot cell',
+        origin=ROBOT,
+        name=name,
         contents=[f'+ /{ROBOT}/**', f'+ /{SURFACE}', f'+ /{PATH}/**', f'+ /{TORCH}'],
         background=rrb.Background(color=(24, 27, 31)),
         line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=rrb.EyeControls3D(
+            position=eye.position, look_target=eye.target, eye_up=(0.0, 0.0, 1.0)
+        ),
     )
 
 

@@ -23,6 +23,7 @@ from waam_robot.bodies import (
     Capsule,
     Cylinder,
     bodies_of,
+    ends,
     frames_of,
 )
 from waam_robot.frames import inverse
@@ -33,6 +34,10 @@ from waam_robot.urdf_bodies import UrdfCell
 from . import blueprint as bp
 
 NAMES = {TOOL: 'torch', CRADLE: 'positioner', PART: 'faceplate'}  # of the frames that are no link
+ASIDE, ABOVE = np.radians(-25.0), np.radians((20.0, 30.0))  # of the eyes from the way base to part
+HALF_VIEW = np.radians(22.0)  # of what the viewer shows
+NEAR = 0.22  # m from the part
+ON_PART = (0.04, 0.03, 0.01)  # m from the work zero: what is looked at
 ARM, TORCH, POSITIONER = (222, 134, 44), (150, 150, 158), (120, 130, 142)
 
 
@@ -45,8 +50,8 @@ class Draws(Protocol):
     def log(self, t: int, entity: str, what: rr.AsComponents) -> None:
         """At t, ns of ROS time."""
 
-    def show_robot(self) -> None:
-        """A view for it."""
+    def show_robot(self, eyes: bp.Eyes) -> None:
+        """Views for it."""
 
 
 class RobotScene:
@@ -81,14 +86,15 @@ class RobotScene:
         """The robot at t (ns of ROS time) with joints known (name -> rad); work_zero: (3,) m, machine coordinates."""
         joints = np.array([[known[name] for name in self.names]])
         place = self._place
+        frames, to_work = self._now(joints)
+        to_work[:3, 3] -= work_zero
         if not self._shown:
             self._shown = True
             bodies = self._cell.bodies if self._cell else bodies_of(place.arm, place.positioner)
             for entity, what in shapes(bodies).items():
                 scene.keep(entity, what)
-            scene.show_robot()
-        frames, to_work = self._now(joints)
-        to_work[:3, 3] -= work_zero
+            part = inverse(to_work) @ [*ON_PART, 1.0]
+            scene.show_robot(eyes_of(bodies, frames, part[:3]))
         scene.log(t, bp.ROBOT, _transform(to_work))
         for n, frame in enumerate(frames):
             scene.log(t, entity_of(n), _transform(frame))
@@ -104,6 +110,30 @@ class RobotScene:
         to_machine = inverse(frames[PART])
         to_machine[:3, 3] -= place.origin
         return frames, to_machine
+
+
+def eyes_of(bodies: Bodies, frames: np.ndarray, part: np.ndarray) -> bp.Eyes:
+    """From in front of the part, a little to the side, so that the arm stands behind it. frames: (FRAMES, 4, 4) in the
+    base of the robot; part: (3,) m there, what is looked at."""
+    (arm,) = ends(bodies.capsules, frames[None])
+    seen = np.concatenate([arm.reshape(-1, 3), [part, frames[PART][:3, 3]]])
+    out = np.append((part - frames[0, :3, 3])[:2], 0.0)
+    out /= max(float(np.linalg.norm(out)), 1e-9)
+    turned = np.array([-out[1], out[0], 0.0])
+    level = np.cos(ASIDE) * out + np.sin(ASIDE) * turned
+    back, near = (np.cos(a) * level + np.sin(a) * np.array([0.0, 0.0, 1.0]) for a in ABOVE)
+    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    off = seen - middle
+    along = off @ back
+    across = np.linalg.norm(off - along[:, None] * back, axis=1)
+    far = float((across / np.tan(HALF_VIEW) + along).max())
+    cell = bp.Eye(_point(middle + far * back), _point(middle))
+    return cell, bp.Eye(_point(part + NEAR * near), _point(part))
+
+
+def _point(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return x, y, z
 
 
 def entity_of(frame: int) -> str:

@@ -69,7 +69,7 @@ class Scene:
         self.recordings: dict[str, rr.RecordingStream] = {}
         self.error_range = error_range_m
         self.window = 0.0  # s that live plots show
-        self.robot = False  # whether there is one to show
+        self.robot: bp.Eyes | None = None  # how one is seen; None = there is none
         self._kept: dict[str, rr.AsComponents] = {}
         self._prefix, self._zero = prefix, zero
         self._path: LayerPath | None = None
@@ -93,12 +93,12 @@ class Scene:
         for recording in self.recordings.values():
             recording.log(self._prefix + entity, what, static=True)
 
-    def show_robot(self) -> None:
-        """The robot cell gets a view beside the part."""
-        if not self.robot:
-            self.robot = True
+    def show_robot(self, eyes: bp.Eyes) -> None:
+        """The robot cell gets views beside the part."""
+        if self.robot is None:
+            self.robot = eyes
             for recording in self.recordings.values():
-                recording.send_blueprint(bp.blueprint(self.error_range, self.window, robot=True))
+                recording.send_blueprint(bp.blueprint(self.error_range, self.window, robot=eyes))
 
     def remove(self, name: str) -> None:
         """Flushes and closes a recording; its file is complete afterwards."""
