@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,11 @@ class Shaking(GraphClient):
         m = self.machine
         return m is not None and m.homed and m.state == Telemetry.STATE_IDLE
 
+    def takes_settings(self) -> bool:
+        """A controller that moves refuses them."""
+        m = self.machine
+        return m is not None and m.state in (Telemetry.STATE_IDLE, Telemetry.STATE_ALARM)
+
     def listen(self, on: bool) -> None:
         """Switches the accelerometer. ClientError with what it says when it refuses."""
         answer = self.call(SetBool, 'accelerometer/enable', SetBool.Request(data=on))
@@ -137,38 +143,51 @@ class Shaking(GraphClient):
 def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
     """The samples of a sweep, without the shaper of the axis, which is in force again afterwards. ClientError when
     something refuses or does not answer."""
-    with Shaking(domain) as graph, contextlib.ExitStack() as after:
+    with Shaking(domain) as graph:
         graph.ready()
-        shape = f'shape_{axis}'
-        before = graph.told().get(shape, 0.0)
-        graph.configure([(shape, 0.0)])
-        after.callback(_again, graph, (shape, before))
-        here = graph.here
-        point = point or here
-        job = f'{NAME}_{graph.node.get_clock().now().nanoseconds}'
-        way = approach(here, point)
-        graph.enqueue(way, job)
-        graph.wait_done(way[-1].index)
-        graph.listen(True)
-        try:
-            rest = _rest(graph)
-            moves = sweep.segments(axis, point, len(way))
-            with bar(f'sweep of {axis}', len(moves)) as progress:
-                graph.enqueue(moves, job)
-                graph.wait_done(moves[-1].index, progress)
-            begun = len(rest)
-        finally:
-            graph.listen(False)
-        graph.until(lambda: False, 0.3)
-        return _samples(graph.blocks, rest, begun)
+        with unshaped(graph, axis):
+            return swing(graph, sweep, axis, point)
 
 
-def _again(graph: Shaking, setting: tuple[str, float]) -> None:
-    """The setting once the machine stands. A machine that does not come to rest keeps the other one; the list of
-    alarms says so."""
-    graph.until(graph._rests, SILENT_S)
-    with contextlib.suppress(ClientError):
-        graph.configure([setting])
+@contextlib.contextmanager
+def unshaped(graph: Shaking, axis: str) -> Iterator[None]:
+    """The axis without its shaper; afterwards it is in force again. What fails inside, or is interrupted, stops the
+    machine first. One that does not come to rest stays without; the list of alarms says so."""
+    shape = f'shape_{axis}'
+    before = graph.told().get(shape, 0.0)
+    graph.configure([(shape, 0.0)])
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(ClientError):
+            graph.command(Command.Request.STOP)
+        raise
+    finally:
+        graph.until(graph.takes_settings, SILENT_S)
+        with contextlib.suppress(ClientError):
+            graph.configure([(shape, before)])
+
+
+def swing(graph: Shaking, sweep: Sweep, axis: str, point: Point | None) -> Samples:
+    """The samples of the moves of a sweep about the point (None = where the torch is; m, work frame)."""
+    here = graph.here
+    point = point or here
+    job = f'{NAME}_{graph.node.get_clock().now().nanoseconds}'
+    way = approach(here, point)
+    graph.enqueue(way, job)
+    graph.wait_done(way[-1].index)
+    graph.listen(True)
+    try:
+        rest = _rest(graph)
+        moves = sweep.segments(axis, point, len(way))
+        with bar(f'sweep of {axis}', len(moves)) as progress:
+            graph.enqueue(moves, job)
+            graph.wait_done(moves[-1].index, progress)
+        begun = len(rest)
+    finally:
+        graph.listen(False)
+    graph.until(lambda: False, 0.3)
+    return _samples(graph.blocks, rest, begun)
 
 
 def approach(here: Point, point: Point) -> list[Segment]:

@@ -1,0 +1,106 @@
+"""A sweep that something refuses: the machine stops and the shaper of the axis is in force again. No graph."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from waam_bringup import shaking
+from waam_bringup.client import ClientError
+from waam_bringup.shaking import Shaking
+from waam_calibrate.sweep import Sweep
+from waam_msgs.msg import AccelerationBatch, Telemetry
+from waam_msgs.srv import Command
+
+ZVD = 2.0
+SWEEP = Sweep(low=20.0, high=30.0, rate=5.0)
+
+
+class Machine(Shaking):
+    """The client with a controller of its own. `refuses`: the step that does not work, and with what."""
+
+    def __init__(self, refuses: str = '', why: type[BaseException] = ClientError) -> None:
+        self.settings = {'shape_x': ZVD, 'shape_y': ZVD}
+        self.during: dict[str, float] = {}
+        self.telemetry, self.blocks, self.done = Telemetry(), [], -1
+        self.machine = SimpleNamespace(state=Telemetry.STATE_IDLE, message='', fault_text='')
+        self.refuses, self.why = refuses, why
+        self.node = SimpleNamespace(
+            get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=1))
+        )
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def ready(self) -> None:
+        pass
+
+    def until(self, condition, timeout):
+        for _ in range(10):
+            self._sample()
+            if condition():
+                return True
+        return False
+
+    def _sample(self) -> None:
+        values = [0.0] * 1000
+        batch = AccelerationBatch(x=values, y=values, z=values, sample_rate=1000.0, range=160.0)
+        batch.sequence = len(self.blocks)
+        self.blocks.append(batch)
+
+    def _perhaps(self, step: str) -> None:
+        if step == self.refuses:
+            raise self.why(step)
+
+    def told(self):
+        return dict(self.settings)
+
+    def command(self, code, text='', value=0.0):
+        if code == Command.Request.STOP:
+            self.machine.state = Telemetry.STATE_IDLE
+        elif code == Command.Request.CONFIGURE:
+            if not self.takes_settings():
+                raise ClientError('settings only in IDLE or ALARM')
+            self.settings[text] = value
+        return ''
+
+    def enqueue(self, segments, job):
+        sweeping = segments[0].index > 0
+        self._perhaps('sweep' if sweeping else 'approach')
+        self.during = dict(self.settings)
+        if sweeping:
+            self.machine.state = Telemetry.STATE_RUN
+
+    def wait_done(self, index, progress=None):
+        self._perhaps('moves' if self.machine.state == Telemetry.STATE_RUN else 'way')
+        self.machine.state = Telemetry.STATE_IDLE
+
+    def listen(self, on):
+        self._perhaps('listen' if on else 'deaf')
+
+
+@pytest.fixture
+def sweep(monkeypatch):
+    def run(machine: Machine):
+        monkeypatch.setattr(shaking, 'Shaking', lambda domain: machine)
+        return shaking.shake(1, SWEEP, 'x', (0.1, 0.1, 0.05))
+
+    return run
+
+
+def test_a_sweep_runs_without_the_shaper_of_its_axis_only(sweep):
+    machine = Machine()
+    assert len(sweep(machine).values) > 0
+    assert machine.during == {'shape_x': 0.0, 'shape_y': ZVD}
+    assert machine.settings == {'shape_x': ZVD, 'shape_y': ZVD}
+
+
+@pytest.mark.parametrize('step', ['approach', 'way', 'listen', 'sweep', 'moves', 'deaf'])
+@pytest.mark.parametrize('why', [ClientError, KeyboardInterrupt])
+def test_the_shaper_is_in_force_again_after_a_sweep_that_was_refused(sweep, step, why):
+    machine = Machine(step, why)
+    with pytest.raises(why):
+        sweep(machine)
+    assert machine.settings == {'shape_x': ZVD, 'shape_y': ZVD}
+    assert machine.machine.state == Telemetry.STATE_IDLE
