@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
+from geometry_msgs.msg import Point
 
 from waam_bringup import shaking
 from waam_bringup.client import ClientError
@@ -25,6 +26,7 @@ class Machine(Shaking):
         self.during: dict[str, float] = {}
         self.telemetry, self.blocks, self.done = Telemetry(), [], -1
         self.machine = SimpleNamespace(state=Telemetry.STATE_IDLE, message='', fault_text='')
+        self.machine.work_offset = Point(x=1e-6)
         self.refuses, self.why = refuses, why
         self.node = SimpleNamespace(
             get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=1))
@@ -67,6 +69,8 @@ class Machine(Shaking):
 
     def enqueue(self, segments, job):
         sweeping = segments[0].index > 0
+        if sweeping:
+            self.begun = segments[0].start
         self._perhaps('sweep' if sweeping else 'approach')
         self.during = dict(self.settings)
         if sweeping:
@@ -92,6 +96,7 @@ def sweep(monkeypatch):
 def test_a_sweep_runs_without_the_shaper_of_its_axis_only(sweep):
     machine = Machine()
     assert len(sweep(machine).values) > 0
+    assert machine.begun[0] + 1e-6 == pytest.approx(0.1, abs=1e-9), 'on a step of the machine'
     assert machine.during == {'shape_x': 0.0, 'shape_y': ZVD}
     assert machine.settings == {'shape_x': ZVD, 'shape_y': ZVD}
 

@@ -169,9 +169,12 @@ def unshaped(graph: Shaking, axis: str) -> Iterator[None]:
 
 
 def swing(graph: Shaking, sweep: Sweep, axis: str, point: Point | None) -> Samples:
-    """The samples of the moves of a sweep about the point (None = where the torch is; m, work frame)."""
+    """The samples of the moves of a sweep that begin at the step next to the point (None = where the torch is; m, work
+    frame)."""
     here = graph.here
-    point = point or here
+    assert graph.machine is not None
+    zero = graph.machine.work_offset
+    point = sweep.on_step(point or here, axis, (zero.x, zero.y, zero.z))
     job = f'{NAME}_{graph.node.get_clock().now().nanoseconds}'
     way = approach(here, point)
     graph.enqueue(way, job)
