@@ -322,6 +322,24 @@ def test_stop_is_whole_targets_fit_gloves_and_nothing_overlaps(panel, browser, s
     assert s.said == []
 
 
+def test_the_wander_of_the_tip_is_asked_for_where_the_arc_is_the_sensor(panel, browser):
+    s = Screen(browser, 1280, 800)
+    s.page.goto(panel.url)
+    s.click('nav [data-page=standoff]')
+    s.has_value('#s-source', 'laser')
+    s.visible('#s-wander_mm', False)
+    s.page.select_option('#s-source', 'arc')
+    s.has_value('#s-wander_mm', '1.6')
+    s.visible('#s-wander-help')
+    s.page.fill('#s-wander_mm', '0.8')
+    s.click('#s-apply')
+    s.shows('#toast', '.')
+    (name, wanted), *_ = panel.operations.asked
+    assert (name, wanted.source) == ('set_standoff', 'arc')
+    assert wanted.wander == pytest.approx(0.0008)
+    assert s.said == []
+
+
 def test_the_rerun_viewer_is_embedded(panel, browser, tmp_path):
     """The dashboard tells where its viewer is; the page shows it at full width instead of its own plots."""
     import rerun as rr
