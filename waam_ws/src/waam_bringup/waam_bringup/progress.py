@@ -18,8 +18,9 @@ NAMES = [State(i).name.lower() for i in range(12)]
 
 
 def describe(s: JobStatus) -> str:
-    """layer 3/5 depositing bead 4/9, error 0.21 mm"""
-    parts = [f'layer {s.layer}/{s.layers}' if s.layers else '', NAMES[s.state]]
+    """layer 3/5 depositing bead 4/9, error 0.21 mm; a pause with its reason"""
+    state = s.message if s.state == JobStatus.PAUSED and s.message else NAMES[s.state]
+    parts = [f'layer {s.layer}/{s.layers}' if s.layers else '', state]
     if s.state == JobStatus.DEPOSITING and s.beads:
         parts.append(f'bead {s.bead}/{s.beads}')
     text = ' '.join(p for p in parts if p)
