@@ -25,7 +25,15 @@ class Machine(Shaking):
         self.settings = {'shape_x': ZVD, 'shape_y': ZVD}
         self.during: dict[str, float] = {}
         self.telemetry, self.blocks, self.done = Telemetry(), [], -1
-        self.machine = SimpleNamespace(state=Telemetry.STATE_IDLE, message='', fault_text='')
+        self.commands: list[int] = []
+        self.machine = SimpleNamespace(
+            state=Telemetry.STATE_IDLE,
+            message='',
+            fault=0,
+            fault_text='',
+            homed=True,
+            connected=True,
+        )
         self.machine.work_offset = Point(x=1e-6)
         self.refuses, self.why = refuses, why
         self.node = SimpleNamespace(
@@ -35,8 +43,8 @@ class Machine(Shaking):
     def __exit__(self, *_: object) -> None:
         pass
 
-    def ready(self) -> None:
-        pass
+    def running_job(self):
+        return None
 
     def until(self, condition, timeout):
         for _ in range(10):
@@ -59,7 +67,12 @@ class Machine(Shaking):
         return dict(self.settings)
 
     def command(self, code, text='', value=0.0):
-        if code == Command.Request.STOP:
+        self.commands.append(code)
+        if code == Command.Request.RESET:
+            self.machine.state, self.machine.homed = Telemetry.STATE_IDLE, False
+        elif code == Command.Request.HOME:
+            self.machine.homed = True
+        elif code == Command.Request.STOP:
             self.machine.state = Telemetry.STATE_IDLE
         elif code == Command.Request.CONFIGURE:
             if not self.takes_settings():
@@ -109,3 +122,20 @@ def test_the_shaper_is_in_force_again_after_a_sweep_that_was_refused(sweep, step
         sweep(machine)
     assert machine.settings == {'shape_x': ZVD, 'shape_y': ZVD}
     assert machine.machine.state == Telemetry.STATE_IDLE
+
+
+def test_a_controller_that_was_just_switched_on_is_reset_and_homed(sweep):
+    machine = Machine()
+    machine.machine.state, machine.machine.fault = Telemetry.STATE_ALARM, 306
+    sweep(machine)
+    assert machine.commands[:2] == [Command.Request.RESET, Command.Request.HOME]
+
+
+@pytest.mark.parametrize('fault', [300, 301, 307, 308])
+def test_any_other_alarm_is_left_to_a_person(sweep, fault):
+    machine = Machine()
+    machine.machine.state, machine.machine.fault = Telemetry.STATE_ALARM, fault
+    machine.machine.fault_text = 'as told'
+    with pytest.raises(ClientError, match='ALARM: as told; see to it'):
+        sweep(machine)
+    assert machine.commands == []

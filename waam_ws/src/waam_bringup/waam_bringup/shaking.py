@@ -25,6 +25,7 @@ from .progress import bar
 TRAVEL = 0.05  # m/s, to the probe point
 BATCH = 500  # segments of a request
 HOMING_S, SILENT_S = 120.0, 20.0
+POWER_UP = 306  # ALARM of a controller that was just switched on
 ALARM_S = 5.0  # until a reset shows in the state: a command is refused by what the bridge has heard
 REST = 1.5 * SEGMENT  # s of samples before the motion
 NAME = 'calibration'
@@ -82,13 +83,17 @@ class Shaking(GraphClient):
         return told_by(self.command(Command.Request.SETTINGS))
 
     def ready(self) -> None:
-        """Homed and in IDLE; a job that runs is a ClientError."""
+        """Homed and in IDLE. ClientError while a job runs, and in any ALARM but that of a controller that was just
+        switched on: what else has ended the motion is for a person to see to."""
         if job := self.running_job():
             raise ClientError(f'a job is running: {job.job_id} (waam status, waam job abort)')
         self.until(lambda: self.machine is not None, 10.0)
         if self.machine is None or not self.machine.connected:
             raise ClientError('the controller does not answer (waam status)')
         if self.machine.state == Telemetry.STATE_ALARM:
+            if self.machine.fault != POWER_UP:
+                text = f'the machine is in ALARM: {self.machine.fault_text}'
+                raise ClientError(f'{text}; see to it, then Reset and Home on the panel')
             self.command(Command.Request.RESET)
             if not self.until(self._reset, ALARM_S):
                 raise ClientError(f'the machine stays in ALARM: {self.machine.fault_text}')
