@@ -12,7 +12,8 @@ from .shapers import Candidate
 
 STYLE = """body{font:15px sans-serif;max-width:60em;margin:2em auto;color:#222}
 table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #ccc;padding:.3em .7em;text-align:right}
-td:first-child,th:first-child{text-align:left}p.note{white-space:pre-wrap;font-family:monospace;margin:.2em 0}img{max-width:100%}.bad{color:#b00020}"""
+td:first-child,th:first-child{text-align:left}
+p.note{white-space:pre-wrap;font-family:monospace;margin:.2em 0}img{max-width:100%}.bad{color:#b00020}"""
 
 
 def page(result: Result, pictures: Sequence[bytes] = (), notes: Sequence[str] = ()) -> str:
