@@ -114,11 +114,14 @@ class Light:
         self.command(commands.STOP)
         if bridge.state == frames.ALARM:
             self.command(commands.RESET)
+        self.until(lambda: bridge.state == frames.IDLE)
+        for name, value in self.settings:
+            self.configure(name, value)
+        if self.settings:
+            time.sleep(0.2)  # steps per mm lose homing, which telemetry says later
         if not bridge.flags & frames.HOMED:
             self.command(commands.HOME)
         self.until(lambda: bridge.flags & frames.HOMED and bridge.state == frames.IDLE)
-        for name, value in self.settings:
-            self.configure(name, value)
         self.job += 1
         job = f'job{self.job}'
         self.command(commands.ARM, job)

@@ -11,6 +11,7 @@ from waam_bringup import cli
 from waam_bringup.client import GraphClient
 from waam_bringup.graph import Settings
 from waam_bringup.operate import graph
+from waam_bringup.shaking import Shaking
 from waam_node.testing import fresh_domain
 from waam_sim import part
 from waam_sim.compiled import random_state
@@ -68,6 +69,9 @@ def test_the_mode_of_the_gantry_is_found_and_its_shaper_told(tmp_path, monkeypat
         point = ('--point', '150', '120', '60')
         assert calibrate(run, domain, *point) == 0
         assert publishers(domain, 'acceleration') == ['bridge'], 'as on the board'
+        assert calibrate(run, domain, '--point', '5000', '120', '60') != 0, 'off the machine'
+        with Shaking(domain) as client:
+            in_force = client.told()
     said = capfd.readouterr().out
     (file,) = (tmp_path / 'kept').glob('*.yaml')
     found = yaml.safe_load(file.read_text())
@@ -76,4 +80,5 @@ def test_the_mode_of_the_gantry_is_found_and_its_shaper_told(tmp_path, monkeypat
     assert 'delay_ms=' in told and 'corner_mm_s=' in told
     assert found['values']['mode_hz'] == pytest.approx(true_hz(), rel=0.01)
     shaper = dict(found['settings'])
+    assert in_force['shape_x'] == shaper['shape_x'], 'after a sweep that was refused'
     assert shaper['shape_x_hz'] == pytest.approx(true_hz(), rel=0.08) and shaper['shape_x'] > 0

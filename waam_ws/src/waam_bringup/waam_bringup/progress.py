@@ -18,15 +18,15 @@ NAMES = [State(i).name.lower() for i in range(12)]
 
 
 def describe(s: JobStatus) -> str:
-    """layer 3/5 depositing bead 4/9, height error 0.21 mm RMS; why, where it is paused"""
-    parts = [f'layer {s.layer}/{s.layers}' if s.layers else '', NAMES[s.state]]
+    """layer 3/5 depositing bead 4/9, height error 0.21 mm RMS; a pause with its reason"""
+    paused = s.state == JobStatus.PAUSED and s.message
+    state = f'paused: {s.message.removeprefix("paused: ")}' if paused else NAMES[s.state]
+    parts = [f'layer {s.layer}/{s.layers}' if s.layers else '', state]
     if s.state == JobStatus.DEPOSITING and s.beads:
         parts.append(f'bead {s.bead}/{s.beads}')
     text = ' '.join(p for p in parts if p)
     if math.isfinite(s.height_error_rms):
         text += f', height error {s.height_error_rms * 1e3:.2f} mm RMS'
-    if s.state == JobStatus.PAUSED and s.message:
-        text += f' ({s.message.removeprefix("paused: ")})'
     return text
 
 

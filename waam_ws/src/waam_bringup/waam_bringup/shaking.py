@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from .progress import bar
 TRAVEL = 0.05  # m/s, to the probe point
 BATCH = 500  # segments of a request
 HOMING_S, SILENT_S = 120.0, 20.0
+POWER_UP = 306  # ALARM of a controller that was just switched on
 ALARM_S = 5.0  # until a reset shows in the state: a command is refused by what the bridge has heard
 REST = 1.5 * SEGMENT  # s of samples before the motion
 NAME = 'calibration'
@@ -81,13 +83,17 @@ class Shaking(GraphClient):
         return told_by(self.command(Command.Request.SETTINGS))
 
     def ready(self) -> None:
-        """Homed and in IDLE; a job that runs is a ClientError."""
+        """Homed and in IDLE. ClientError while a job runs, and in any ALARM but that of a controller that was just
+        switched on: what else has ended the motion is for a person to see to."""
         if job := self.running_job():
             raise ClientError(f'a job is running: {job.job_id} (waam status, waam job abort)')
         self.until(lambda: self.machine is not None, 10.0)
         if self.machine is None or not self.machine.connected:
             raise ClientError('the controller does not answer (waam status)')
         if self.machine.state == Telemetry.STATE_ALARM:
+            if self.machine.fault != POWER_UP:
+                text = f'the machine is in ALARM: {self.machine.fault_text}'
+                raise ClientError(f'{text}; see to it, then Reset and Home on the panel')
             self.command(Command.Request.RESET)
             if not self.until(self._reset, ALARM_S):
                 raise ClientError(f'the machine stays in ALARM: {self.machine.fault_text}')
@@ -102,6 +108,11 @@ class Shaking(GraphClient):
     def _rests(self) -> bool:
         m = self.machine
         return m is not None and m.homed and m.state == Telemetry.STATE_IDLE
+
+    def takes_settings(self) -> bool:
+        """A controller that moves refuses them."""
+        m = self.machine
+        return m is not None and m.state in (Telemetry.STATE_IDLE, Telemetry.STATE_ALARM)
 
     def listen(self, on: bool) -> None:
         """Switches the accelerometer. ClientError with what it says when it refuses."""
@@ -137,38 +148,54 @@ class Shaking(GraphClient):
 def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
     """The samples of a sweep, without the shaper of the axis, which is in force again afterwards. ClientError when
     something refuses or does not answer."""
-    with Shaking(domain) as graph, contextlib.ExitStack() as after:
+    with Shaking(domain) as graph:
         graph.ready()
-        shape = f'shape_{axis}'
-        before = graph.told().get(shape, 0.0)
-        graph.configure([(shape, 0.0)])
-        after.callback(_again, graph, (shape, before))
-        here = graph.here
-        point = point or here
-        job = f'{NAME}_{graph.node.get_clock().now().nanoseconds}'
-        way = approach(here, point)
-        graph.enqueue(way, job)
-        graph.wait_done(way[-1].index)
-        graph.listen(True)
-        try:
-            rest = _rest(graph)
-            moves = sweep.segments(axis, point, len(way))
-            with bar(f'sweep of {axis}', len(moves)) as progress:
-                graph.enqueue(moves, job)
-                graph.wait_done(moves[-1].index, progress)
-            begun = len(rest)
-        finally:
-            graph.listen(False)
-        graph.until(lambda: False, 0.3)
-        return _samples(graph.blocks, rest, begun)
+        with unshaped(graph, axis):
+            return swing(graph, sweep, axis, point)
 
 
-def _again(graph: Shaking, setting: tuple[str, float]) -> None:
-    """The setting once the machine stands. A machine that does not come to rest keeps the other one; the list of
-    alarms says so."""
-    graph.until(graph._rests, SILENT_S)
-    with contextlib.suppress(ClientError):
-        graph.configure([setting])
+@contextlib.contextmanager
+def unshaped(graph: Shaking, axis: str) -> Iterator[None]:
+    """The axis without its shaper; afterwards it is in force again. What fails inside, or is interrupted, stops the
+    machine first. One that does not come to rest stays without; the list of alarms says so."""
+    shape = f'shape_{axis}'
+    before = graph.told().get(shape, 0.0)
+    graph.configure([(shape, 0.0)])
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(ClientError):
+            graph.command(Command.Request.STOP)
+        raise
+    finally:
+        graph.until(graph.takes_settings, SILENT_S)
+        with contextlib.suppress(ClientError):
+            graph.configure([(shape, before)])
+
+
+def swing(graph: Shaking, sweep: Sweep, axis: str, point: Point | None) -> Samples:
+    """The samples of the moves of a sweep that begin at the step next to the point (None = where the torch is; m, work
+    frame)."""
+    here = graph.here
+    assert graph.machine is not None
+    zero = graph.machine.work_offset
+    point = sweep.on_step(point or here, axis, (zero.x, zero.y, zero.z))
+    job = f'{NAME}_{graph.node.get_clock().now().nanoseconds}'
+    way = approach(here, point)
+    graph.enqueue(way, job)
+    graph.wait_done(way[-1].index)
+    graph.listen(True)
+    try:
+        rest = _rest(graph)
+        moves = sweep.segments(axis, point, len(way))
+        with bar(f'sweep of {axis}', len(moves)) as progress:
+            graph.enqueue(moves, job)
+            graph.wait_done(moves[-1].index, progress)
+        begun = len(rest)
+    finally:
+        graph.listen(False)
+    graph.until(lambda: False, 0.3)
+    return _samples(graph.blocks, rest, begun)
 
 
 def approach(here: Point, point: Point) -> list[Segment]:

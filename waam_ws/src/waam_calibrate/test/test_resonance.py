@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 from datetime import UTC, datetime
 from functools import cache
@@ -10,10 +11,12 @@ import numpy as np
 import pytest
 from shaken import Shaker
 
+from waam_calibrate import cli, store
 from waam_calibrate.evidence import EvidenceError
+from waam_calibrate.graph import Graph
 from waam_calibrate.outcome import of_resonance
 from waam_calibrate.pictures import measured, spectra
-from waam_calibrate.resonance import Samples, analyse, fit
+from waam_calibrate.resonance import Samples, analyse, energy, fit
 from waam_calibrate.sweep import Sweep
 from waam_sim.gantry import GantryParams
 
@@ -53,6 +56,66 @@ def test_the_commanded_motion_is_that_of_the_controller() -> None:
     real, told = real[np.argmax(real != 0) :], told[np.argmax(told != 0) :]
     assert abs(real[:500] - told[:500]).max() <= 2
     assert np.flatnonzero(real)[-1] == pytest.approx(np.flatnonzero(told)[-1], rel=1e-3)
+
+
+@pytest.mark.parametrize('zero', [0.0, 0.0123457])
+def test_moves_of_less_than_a_step_are_executed_up_to_134_hz(zero) -> None:
+    """From the step next to any point, of any work frame, and as the analysis takes them for."""
+    sweep = Sweep(low=90.0, high=134.0, rate=10.0)
+    x = sweep.on_step((0.2 - zero, 0.15, 0.1), 'x', (zero, 0.0, 0.0))[0] + zero
+    assert abs(x - 0.2) <= 0.5 * sweep.step
+    with Shaker(GantryParams(on=True)) as shaker:
+        shaker.go(((x, 0.15, 0.1), 0.1))
+        table: list[np.ndarray] = []
+        shaker.machine.on_exchange = lambda samples, plant: table.append(-samples['table_x'])
+        shaker.run(sweep.segments('x', (x, 0.15, 0.1), 1))
+    steps = np.concatenate(table) / sweep.step
+    real = np.trim_zeros(np.round(steps - steps[0]))
+    told = np.trim_zeros(np.round(np.cumsum(np.cumsum(sweep.commanded())) * 1e-6 / sweep.step))
+    assert sweep.top == 134.0 and abs(len(real) - len(told)) <= 5
+    assert np.count_nonzero(np.diff(real)) >= len(sweep.moves) - 2, 'a step for every move'
+    power = [energy(np.diff(way, n=2), 1e3, 0.0) for way in (real, told)]
+    bands = [p[2 * 94 : 2 * 134].reshape(-1, 16).sum(axis=1) for p in power]  # of 8 Hz
+    assert bands[0] == pytest.approx(bands[1], rel=0.2)
+
+
+def test_a_mode_above_the_frequency_of_whole_steps_is_found() -> None:
+    sweep = Sweep(low=60.0, rate=4.0)
+    with Shaker(GantryParams(on=True, x_hz=118.0, x_second_hz=270.0)) as shaker:
+        samples, true = shaker.sweep(sweep, 'x'), shaker.plant.gantry.hz(0, 0.2)
+    assert analyse(samples, sweep, 'x').mode.hz == pytest.approx(true, rel=0.01)
+
+
+def test_samples_are_kept_with_their_sweep(tmp_path) -> None:
+    """Judged by the sweep that they were taken in, whatever the options say."""
+    samples, sweep = changed(values=np.ones((40, 3)), rest=np.zeros((9, 3))), Sweep(5.0, 60.0, 4.0)
+    store.save_samples(tmp_path / 'a.npz', samples, sweep)
+    again, kept = store.load_samples(tmp_path / 'a.npz')
+    assert kept == sweep and again.rate == samples.rate and (again.values == 1).all()
+
+
+@pytest.mark.parametrize('told', [None, {}, {'steps_per_mm_x': 400.0}])
+def test_the_sweep_has_the_steps_of_the_controller(tmp_path, told) -> None:
+    seen: list[Sweep] = []
+
+    def measure(args, sweep, axis, point):
+        seen.append(sweep)
+        raise EvidenceError('enough')
+
+    graph = Graph(
+        lambda: tmp_path,
+        lambda p: None,
+        measure,
+        lambda *_: '',
+        lambda args: told,
+        lambda path: None,
+    )
+    parser = argparse.ArgumentParser()
+    cli.register(parser.add_subparsers(), graph)
+    args = parser.parse_args(['calibrate', 'resonance', '--axis', 'x'])
+    with pytest.raises(EvidenceError, match='enough'):
+        args.run_command(args)
+    assert seen[0].step == pytest.approx(1e-3 / (400.0 if told else 320.0))
 
 
 @pytest.mark.parametrize(('before', 'behind'), [(0.3, 0.0), (0.7, 1.6)])

@@ -131,12 +131,13 @@ def resonance(args: argparse.Namespace, graph: Graph) -> int:
     """Shakes, judges, keeps, tells the controller. EvidenceError when the samples do not show a mode."""
     from . import outcome, pictures, report, store
     from .resonance import analyse
-    from .sweep import Sweep
+    from .sweep import STEPS_PER_MM, Sweep
 
-    sweep = Sweep(low=args.from_hz, high=args.to_hz, rate=args.rate)
     if args.samples:
-        samples = store.load_samples(args.samples)
+        samples, sweep = store.load_samples(args.samples)
     else:
+        per_mm = (graph.told(args) or {}).get(f'steps_per_mm_{args.axis}', STEPS_PER_MM)
+        sweep = Sweep(args.from_hz, args.to_hz, args.rate, step=1e-3 / per_mm)
         x, y, z = (v * 1e-3 for v in args.point) if args.point else (0.0, 0.0, 0.0)
         samples = graph.measure(args, sweep, args.axis, (x, y, z) if args.point else None)
     found = analyse(samples, sweep, args.axis)
@@ -147,7 +148,7 @@ def resonance(args: argparse.Namespace, graph: Graph) -> int:
         return 0
     page = report.page(result, [pictures.spectra(found), pictures.measured(found)], lines)
     path = store.save(folder(args, graph), result, page)
-    store.save_samples(path.with_suffix('.npz'), samples)
+    store.save_samples(path.with_suffix('.npz'), samples, sweep)
     print(f'kept: {path}, report: {path.with_suffix(".html")}')
     if not args.samples:
         print(f'controller: {graph.send(args, result.settings) or "told"}')

@@ -63,7 +63,7 @@ class ToolPoint:
 def _numbers(name: str, values: Sequence[float], least: int) -> np.ndarray:
     found = np.asarray(values, float)
     if len(found) < least:
-        raise EvidenceError(f'{name}: {len(found)} measured, at least {least} are needed')
+        raise EvidenceError(f'{name}: {len(found)} given, at least {least} are needed')
     for v in found:
         if not (math.isfinite(v) and v > 0):
             raise EvidenceError(f'{name}: {v:g} mm is no length')
@@ -146,7 +146,7 @@ def tool_point(widths: Sequence[float], slope: float, wire: float) -> ToolPoint:
         raise EvidenceError(f'a diameter of {wire:g} mm: 0.1 to 20 mm')
     t = np.asarray(widths, float)
     if len(t) < LEAST_MEASURED:
-        raise EvidenceError(f'{len(t)} step widths, at least {LEAST_MEASURED} are needed')
+        raise EvidenceError(f'width: {len(t)} given, at least {LEAST_MEASURED} are needed')
     if not (np.isfinite(t).all() and (t >= 0).all()):
         raise EvidenceError('a step width is negative or no number')
     sine = math.sin(math.radians(slope))

@@ -12,7 +12,8 @@ from .shapers import Candidate
 
 STYLE = """body{font:15px sans-serif;max-width:60em;margin:2em auto;color:#222}
 table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #ccc;padding:.3em .7em;text-align:right}
-td:first-child,th:first-child{text-align:left}img{max-width:100%}.bad{color:#b00020}"""
+td:first-child,th:first-child{text-align:left}
+p.note{white-space:pre-wrap;font-family:monospace;margin:.2em 0}img{max-width:100%}.bad{color:#b00020}"""
 
 
 def page(result: Result, pictures: Sequence[bytes] = (), notes: Sequence[str] = ()) -> str:
@@ -23,8 +24,8 @@ def page(result: Result, pictures: Sequence[bytes] = (), notes: Sequence[str] = 
     images = ''.join(
         f'<img alt="" src="data:image/png;base64,{base64.b64encode(p).decode()}">' for p in pictures
     )
-    said = ''.join(f'<p>{escape(note)}</p>' for note in notes)
-    told = _rows('told to the controller', [(n, f'{v:g}') for n, v in result.settings])
+    said = ''.join(f'<p class="note">{escape(note)}</p>' for note in notes)
+    told = _rows('settings for the controller', [(n, f'{v:g}') for n, v in result.settings])
     return (
         f'<!doctype html><meta charset="utf-8"><title>{escape(result.name)}</title><style>{STYLE}</style>'
         f'<h1>Calibration {escape(result.name)}</h1><p>{escape(result.date)}</p>'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from .evidence import EvidenceError
 from .regulator import Swing
 from .resonance import Samples
 from .results import Result, ResultError, from_data, to_data
+from .sweep import Sweep
 
 HEAD = '# Made by `waam calibrate`; the hash tells whether it was changed. `waam calibrate status` lists what counts.\n'
 
@@ -60,8 +62,8 @@ def load_all(folder: Path) -> Stored:
     return found
 
 
-def save_samples(path: Path, samples: Samples) -> None:
-    """As .npz: values (n, 3) and rest (m, 3) m/s^2, rate, range, lost."""
+def save_samples(path: Path, samples: Samples, sweep: Sweep) -> None:
+    """As .npz: values (n, 3) and rest (m, 3) m/s^2, rate, range, lost, and the sweep (SI)."""
     np.savez_compressed(
         path,
         values=samples.values.astype(np.float32),
@@ -69,18 +71,20 @@ def save_samples(path: Path, samples: Samples) -> None:
         rate=samples.rate,
         range=samples.range,
         lost=samples.lost,
+        sweep=np.array(dataclasses.astuple(sweep)),
     )
 
 
-def load_samples(path: Path) -> Samples:
-    """EvidenceError when the file holds no samples."""
+def load_samples(path: Path) -> tuple[Samples, Sweep]:
+    """Samples and the sweep that they were taken in. EvidenceError when the file does not hold them."""
     try:
         with np.load(path, allow_pickle=False) as data:
             values, rest = (np.asarray(data[n], float) for n in ('values', 'rest'))
             rate, limit = float(data['rate']), float(data['range'])
-            return Samples(values, rest, rate, limit, int(data['lost']))
+            samples = Samples(values, rest, rate, limit, int(data['lost']))
+            return samples, Sweep(*map(float, data['sweep']))
     except (OSError, KeyError, ValueError, TypeError, EOFError) as e:
-        raise EvidenceError(f'{path} holds no samples of an accelerometer: {e}') from None
+        raise EvidenceError(f'{path} holds no samples of a sweep: {e}') from None
 
 
 def load_swing(path: Path) -> Swing:

@@ -1,9 +1,9 @@
 """The motion that makes an axis swing: there and back, ever faster. Pure. SI.
 
-Every half period is one move from rest to rest, in whole steps of the motor, within the acceleration of the axis; its
-speed is chosen so that it takes the half period. The shortest such move is one step, so the lines end at the frequency
-where one step just fits: 100 Hz at 0.5 m/s^2 and 320 steps per mm. What lies above is shaken by the third harmonic of
-the moves, which alone have a third of the acceleration.
+Every half period is one move from rest to rest within the acceleration of the axis; its speed is chosen so that it
+takes the half period. A move is as many whole steps of the motor as fit. Where not even one fits (above 100 Hz at 0.5
+m/s^2 and 320 steps per mm) it is the middle of a step: the motor makes its step on the way all the same, and the way is
+shorter. Less than LEAST of a step would be lost where the axis does not begin on one; so the lines end at 134 Hz.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from waam_process.segment import Kind, Point, Segment
 from .execution import TICK, positions
 
 AXES = ('x', 'y')
+LEAST = 0.55  # of a step that a move is at least
+STEPS_PER_MM = 320.0  # of the controller as shipped
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Sweep:
     high: float = 134.0
     rate: float = 2.0
     stroke: float = 2e-3
-    step: float = 1e-3 / 320
+    step: float = 1e-3 / STEPS_PER_MM
     acceleration: float = 0.5
 
     def __post_init__(self) -> None:
@@ -47,23 +49,30 @@ class Sweep:
     @property
     def top(self) -> float:
         """Frequency (Hz) of the last move."""
-        return min(self.high, math.sqrt(self.acceleration / (16 * self.step)))
+        return min(self.high, math.sqrt(self.acceleration / (16 * LEAST * self.step)))
 
     @cached_property
-    def moves(self) -> list[tuple[int, float, float]]:
-        """Steps, speed (m/s) and duration (s) of every half period; there and back are as long."""
-        found, hz = [], self.low
+    def moves(self) -> list[tuple[float, float, float]]:
+        """End (m), speed (m/s) and duration (s) of every half period; the first begins at 0."""
+        found, at, hz = [], 0.0, self.low
         while hz < self.top:
             half = 0.5 / hz
-            longest = min(self.stroke, 0.25 * self.acceleration * half * half)
-            steps = max(1, int(longest / self.step + 1e-6))
-            found += 2 * [(steps, *self._timed(steps, half))]
+            for end in reversed(self._ends(0.25 * self.acceleration * half * half)):
+                found.append((end, *self._timed(abs(end - at), half)))
+                at = end
             hz += self.rate * 2 * half
         return found
 
-    def _timed(self, steps: int, half: float) -> tuple[float, float]:
-        """Speed so that the move takes `half`, and what it takes."""
-        a, way = self.acceleration, steps * self.step
+    def _ends(self, longest: float) -> tuple[float, float]:
+        """Near and far end (m) of moves of at most this length."""
+        steps = int(min(self.stroke, longest) / self.step + 1e-6)
+        if steps:
+            return 0.0, steps * self.step
+        return 0.5 * (self.step - longest), 0.5 * (self.step + longest)
+
+    def _timed(self, way: float, half: float) -> tuple[float, float]:
+        """Speed so that a move takes `half`, and what it takes."""
+        a = self.acceleration
         room = max(0.0, (a * half) ** 2 - 4 * a * way)
         speed = 0.5 * (a * half - math.sqrt(room))
         return speed, way / speed + speed / a
@@ -73,14 +82,20 @@ class Sweep:
         """s"""
         return sum(d for _, _, d in self.moves)
 
+    def on_step(self, point: Point, axis: str, zero: Point) -> Point:
+        """The point (m, work frame) with this axis on a whole step of the motor, which are counted from the zero of the
+        machine. zero: of the work frame in machine coordinates, m."""
+        p, k = list(point), AXES.index(axis)
+        p[k] = round((p[k] + zero[k]) / self.step) * self.step - zero[k]
+        return p[0], p[1], p[2]
+
     def segments(self, axis: str, start: Point, first: int) -> list[Segment]:
-        """The moves about `start` (m, work frame) along +axis and back, numbered from `first`."""
+        """The moves about `start` (m, work frame; on a whole step) along +axis and back, numbered from `first`."""
         index = AXES.index(axis)
         near, found = start, []
-        for k, (steps, speed, _) in enumerate(self.moves):
-            off = steps * self.step if k % 2 == 0 else 0.0
+        for k, (end, speed, _) in enumerate(self.moves):
             p = list(start)
-            p[index] += off
+            p[index] += end
             to = (p[0], p[1], p[2])
             found.append(Segment(first + k, Kind.IDLE, near, to, speed))
             near = to
@@ -88,10 +103,7 @@ class Sweep:
 
     def commanded(self) -> np.ndarray:
         """Acceleration (n,) m/s^2 of the axis in every tick, in whole steps as the controller executes them."""
-        stops = [
-            round(1e3 * s * self.step, 4) if k % 2 == 0 else 0.0
-            for k, (s, _, _) in enumerate(self.moves)
-        ]
+        stops = [round(1e3 * end, 4) for end, _, _ in self.moves]
         speeds = [1e3 * v for _, v, _ in self.moves]
         steps = positions(stops, speeds, 1e3 * self.acceleration, 1e-3 / self.step)
         return np.diff(steps * self.step, n=2, prepend=[0.0, 0.0]) / TICK**2

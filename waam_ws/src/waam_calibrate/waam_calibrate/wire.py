@@ -93,7 +93,7 @@ def calibrate(
     if len(x) != len(y):
         raise EvidenceError(f'{len(x)} lengths and {len(y)} counts: one for each')
     if len(x) < LEAST_MEASURED:
-        raise EvidenceError(f'{len(x)} lengths measured, at least {LEAST_MEASURED} are needed')
+        raise EvidenceError(f'length: {len(x)} given, at least {LEAST_MEASURED} are needed')
     if not (np.isfinite(x).all() and np.isfinite(y).all() and (x > 0).all() and (y > 0).all()):
         raise EvidenceError('lengths and counts must be numbers above 0')
     if x.min() < SHORTEST:

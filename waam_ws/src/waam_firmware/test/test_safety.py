@@ -189,9 +189,20 @@ def test_the_fault_of_a_drive_ends_everything_and_is_not_reset_before_it_is_gone
     cell.flags = DRIVE
     assert client.wait_line('^! ALARM') == '! ALARM E308 fault of a drive'
     client.wait(lambda: not client.frame['flags'] & (ARC | HOMED))
+    begun = client.frame['t_us']
     assert client.ask('$X').startswith('$X error E308')
-    cell.flags = 0
-    client.wait(lambda: client.ask('$X') == '$X ok')
+    assert client.ask('$A job').startswith('$A error E108')
+    cell.flags, gone = 0, client.frame['t_us']
+    client.wait(lambda: client.frame['t_us'] > gone + 1_000_000)
+    stood = [f for f in client.frames if f['t_us'] >= begun]
+    assert {f['state'] for f in stood} == {ALARM}, 'until the reset'
+    assert len({(f['x_um'], f['y_um'], f['z_um'], f['v_um_s']) for f in stood}) == 1
+    assert client.ask('$X') == '$X ok'
+    client.identify()
+    client.sequence = client.accepted = 0
+    client.send('G1 X60 F600')  # where the axes are nobody knows
+    assert 'E304 ' in client.wait_line('^er N1')
+    client.home()
 
 
 # ---- temperature and sensors

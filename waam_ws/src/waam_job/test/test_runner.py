@@ -112,6 +112,23 @@ def test_alarm_in_a_layer_fails_the_job_with_the_controllers_words(make_cell, ma
     assert json.loads((folder.path / 'status.json').read_text())['state'] == 'FAILED'
 
 
+def test_the_fault_of_a_drive_ends_the_job_as_a_matter_of_the_motion(make_cell, make_runner):
+    """The controller has lost homing with it, so nothing of the job goes on; the note says what it is about."""
+    cell = make_cell()
+
+    def alarm(c):
+        c.machine_state = replace(
+            c.machine_state, state='ALARM', fault=308, fault_text='fault of a drive', homed=False
+        )
+
+    first_deposit_after(cell, 40)(alarm)
+    status = make_runner(cell)[0].run()
+    assert status.state == State.FAILED and 'fault of a drive' in status.message
+    assert cell.commands[-2:] == ['STOP', 'DISARM'] and 'RESET' not in cell.commands
+    (note,) = [a for a in cell.anomalies if a.severity == 'ALARM']
+    assert note.class_name == 'motion' and 'arc and motion ended' in note.reaction
+
+
 def test_silent_node_is_named(make_cell, make_runner):
     cell = make_cell()
 
@@ -319,11 +336,14 @@ def test_starting_a_job_acknowledges_that_the_controller_was_switched_on(make_ce
     ]
 
 
-@pytest.mark.parametrize('fault', [300, 301, 303, 307])
+@pytest.mark.parametrize('fault', [300, 301, 303, 307, 308])
 def test_any_other_alarm_is_left_to_a_person(make_cell, make_runner, fault):
     cell = in_alarm(make_cell(), fault)
     status = make_runner(cell)[0].run()
-    assert status.error_code == Code.MACHINE_NOT_READY and 'ALARM: as told' in status.message
+    assert (
+        status.error_code == Code.MACHINE_NOT_READY
+        and 'ALARM: as told; see to it, then Reset and Home' in status.message
+    )
     assert 'RESET' not in cell.commands
 
 

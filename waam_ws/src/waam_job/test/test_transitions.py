@@ -86,6 +86,14 @@ def held_at_the_machine(cell, control) -> None:
     control.resume()  # the pause is the job's own finding, not the operator's switch
 
 
+def the_wire_jams(cell, control) -> None:
+    """The controller holds with its queue; the operator mends it and resumes."""
+    text = 'the wire is slower than commanded'
+    cell.machine_state = replace(cell.machine_state, state='HOLD', fault=206, fault_text=text)
+    pause_then(lambda _, c: c.resume())(cell, control)
+    control.resume()  # the pause is the job's own finding, not the operator's switch
+
+
 def resume(_cell, control) -> None:
     control.resume()
 
@@ -169,6 +177,9 @@ CASES = {
     'held at the machine': (
         'DEPOSITING', in_a_bead(held_at_the_machine), {},
         f'{START} COOLING CORRECTING DEPOSITING PAUSED DEPOSITING SCANNING {END}', 0),
+    'the wire jams': (
+        'DEPOSITING', in_a_bead(the_wire_jams), {},
+        f'{START} COOLING CORRECTING DEPOSITING PAUSED DEPOSITING SCANNING {END}', 0),
     'aborted in a pause': (
         'DEPOSITING', pause_then(abort), {},
         f'{START} COOLING CORRECTING DEPOSITING PAUSED ABORTED', Code.ABORTED),
@@ -196,7 +207,7 @@ def test_path_through_the_states(name, make_cell, make_runner):
 
 @pytest.mark.parametrize(
     'fault,kind',
-    [(204, 'arc'), (206, 'wire'), (207, 'gas'), (209, 'arc'), (210, 'temperature'), (203, 'link')],
+    [(204, 'arc'), (205, 'arc'), (207, 'gas'), (209, 'arc'), (210, 'temperature'), (203, 'link')],
 )
 def test_hold_of_the_controller_ends_the_job_with_class_and_place(
     fault, kind, make_cell, make_runner
@@ -212,6 +223,30 @@ def test_hold_of_the_controller_ends_the_job_with_class_and_place(
     assert (a.class_name, a.reaction) == (kind, 'hold, job ended') and 'told' in a.text
     assert a.layer == 1 and a.bead >= 1 and a.time > 1000.0
     assert a.position == cell.machine_state.position and a.position != (0.0, 0.0, 0.1)
+
+
+@pytest.mark.parametrize('fault', [206, 211])
+def test_a_job_without_wire_waits_with_the_reason_and_goes_on(fault, make_cell, make_runner):
+    """Source 002, 3.4: underfeed pauses the job."""
+    cell = make_cell()
+    runner, control, _ = make_runner(cell, layers=1)
+    said: list[str] = []
+
+    def mend(cell, control) -> None:
+        said.append(runner.status.message)
+        control.resume()
+
+    def jam(cell, control) -> None:
+        machine(state='HOLD', fault=fault, fault_text='too slow')(cell, control)
+        control.resume()
+        pause_then(mend)(cell, control)
+        control.resume()
+
+    in_a_bead(jam)(cell, control)
+    assert runner.run().state == State.DONE, runner.status.message
+    assert said == ['paused: too slow; resume or abort'] and 'RESUME' in cell.commands
+    (a,) = [a for a in cell.anomalies if a.severity == 'FAULT']
+    assert (a.class_name, a.text) == ('wire', 'too slow') and 'job paused' in a.reaction
 
 
 @pytest.mark.parametrize('state', ['COOLING', 'DEPOSITING'])

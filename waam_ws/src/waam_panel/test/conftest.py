@@ -75,7 +75,7 @@ class FakeOperations:
         return dict(self.told)
 
     def standoff(self) -> StandoffSettings:
-        return StandoffSettings('laser', 'pid', 0.1, 0.006, 0.004)
+        return StandoffSettings('laser', 'pid', 0.1, 0.006, 0.004, 0.0016)
 
     def __getattr__(self, name: str):
         if name.startswith('_'):

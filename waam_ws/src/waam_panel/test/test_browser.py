@@ -11,6 +11,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from panel_requests import MACHINE
 
 from waam_bringup.graph import Settings
 from waam_bringup.operate import graph
@@ -319,6 +320,48 @@ def test_stop_is_whole_targets_fit_gloves_and_nothing_overlaps(panel, browser, s
         s.page.evaluate('scrollTo(0, 0)')
     s.page.evaluate("document.body.classList.add('lost')")
     assert s.page.evaluate(STOP_IS_WHOLE) == []
+    assert s.said == []
+
+
+def test_after_a_fault_of_a_drive_the_place_is_shown_as_unknown_and_the_way_out_is_said(
+    panel, browser
+):
+    put = panel.cell.mailbox.put
+    s = Screen(browser, 1280, 800)
+    s.page.goto(panel.url)
+    s.click('nav [data-page=move]')
+    put(('machine', MACHINE | {'homed': True}))
+    s.shows('#p-note', 'mm from the work zero')
+    lost = {'state': 'ALARM', 'fault': 308, 'fault_text': 'fault of a drive', 'homed': False}
+    put(('machine', MACHINE | lost))
+    s.shows('#p-note', 'not homed: where it stands is not known')
+    assert s.page.eval_on_selector('#position', 'e => e.classList.contains("unknown")')
+    s.shows('#banner', 'E308.*drives off.*')
+    assert s.page.is_enabled('#reset') and s.page.is_disabled('#home')
+    s.click('nav [data-page=alarms]')
+    s.shows('#alarms', 'the torque is off.*When no driver reports a fault press Reset, then Home')
+    put(('machine', MACHINE | {'homed': False}))
+    s.click('nav [data-page=move]')
+    s.shows('#p-note', 'not homed')
+    s.page.wait_for_selector('#home:enabled')
+    assert s.said == []
+
+
+def test_the_wander_of_the_tip_is_asked_for_where_the_arc_is_the_sensor(panel, browser):
+    s = Screen(browser, 1280, 800)
+    s.page.goto(panel.url)
+    s.click('nav [data-page=standoff]')
+    s.has_value('#s-source', 'laser')
+    s.visible('#s-wander_mm', False)
+    s.page.select_option('#s-source', 'arc')
+    s.has_value('#s-wander_mm', '1.6')
+    s.visible('#s-wander-help')
+    s.page.fill('#s-wander_mm', '0.8')
+    s.click('#s-apply')
+    s.shows('#toast', '.')
+    (name, wanted), *_ = panel.operations.asked
+    assert (name, wanted.source) == ('set_standoff', 'arc')
+    assert wanted.wander == pytest.approx(0.0008)
     assert s.said == []
 
 

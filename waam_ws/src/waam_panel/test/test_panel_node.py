@@ -207,7 +207,14 @@ def test_stop_reaches_the_machine_although_the_job_does_not_answer(cell):
     assert cell.commands[-1].code == Command.Request.STOP
 
 
-STANDOFF = {'source': 'laser', 'law': 'pid', 'set_mm': 102.0, 'up_mm': 5.0, 'down_mm': 3.0}
+STANDOFF = {
+    'source': 'laser',
+    'law': 'pid',
+    'set_mm': 102.0,
+    'up_mm': 5.0,
+    'down_mm': 3.0,
+    'wander_mm': 1.6,
+}
 
 
 def test_the_standoff_control_is_set_by_parameters_of_the_bridge(cell):
@@ -219,6 +226,7 @@ def test_the_standoff_control_is_set_by_parameters_of_the_bridge(cell):
     cell.until(lambda: cell.post('standoff', STANDOFF)[0] == 200, 'the bridge')
     assert value('standoff_source') == 'laser' and value('standoff_set') == pytest.approx(0.102)
     assert value('standoff_up') == 0.005 and value('standoff_down') == 0.003
+    assert value('standoff_arc_wander') == pytest.approx(0.0016)
     assert all(np.isnan(value(n)) for n in OF_SOURCE), 'what fitted another source'
     kp = Parameter('standoff_kp', value=7.0)
     cell.bridge.set_parameters([kp])

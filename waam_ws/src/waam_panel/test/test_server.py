@@ -90,21 +90,30 @@ def test_values_out_of_their_limits_are_refused_and_go_nowhere(panel, name, data
     assert panel.operations.asked == []
 
 
-STANDOFF = {'source': 'arc', 'law': 'relay', 'set_mm': None, 'up_mm': 5, 'down_mm': 0}
+STANDOFF = {
+    'source': 'arc',
+    'law': 'relay',
+    'set_mm': None,
+    'up_mm': 5,
+    'down_mm': 0,
+    'wander_mm': 1.2,
+}
 
 
 def test_the_standoff_control_is_read_and_set_in_mm(panel):
     shown = json.loads(get(panel, '/api/standoff')[1])
-    assert [shown[n] for n in STANDOFF] == ['laser', 'pid', 100.0, 6.0, 4.0]
+    assert [shown[n] for n in STANDOFF] == ['laser', 'pid', 100.0, 6.0, 4.0, 1.6]
     assert 'arc' in shown['sources'] and shown['limits_mm']['up_mm'] == [0.0, 20.0]
     assert ask(panel, 'standoff', STANDOFF)[0] == 200
     (name, wanted), *_ = panel.operations.asked
     assert name == 'set_standoff' and math.isnan(wanted.distance)
     assert (wanted.source, wanted.law, wanted.up, wanted.down) == ('arc', 'relay', 0.005, 0.0)
+    assert wanted.wander == pytest.approx(0.0012)
 
 
 @pytest.mark.parametrize(
-    'wrong', [{'source': 'sonar'}, {'law': None}, {'set_mm': 4}, {'up_mm': 21}, {'down_mm': None}, {'up_mm': True}]
+    'wrong', [{'source': 'sonar'}, {'law': None}, {'set_mm': 4}, {'up_mm': 21}, {'down_mm': None}, {'up_mm': True},
+     {'wander_mm': 5.1}, {'wander_mm': -0.1}, {'wander_mm': None}]
 )  # fmt: skip
 def test_a_standoff_that_means_nothing_goes_nowhere(panel, wrong):
     status, answer = ask(panel, 'standoff', STANDOFF | wrong)

@@ -14,7 +14,9 @@ from .operations import Refused
 from .standoff_settings import StandoffSettings
 
 PATIENCE_S = 5.0
-NAMES = ('standoff_source', 'standoff_law', 'standoff_set', 'standoff_up', 'standoff_down')
+NAMES = (
+    'standoff_source', 'standoff_law', 'standoff_set', 'standoff_up', 'standoff_down', 'standoff_arc_wander',
+)  # fmt: skip
 # what fits one source only: with another one it is what fits that
 OF_SOURCE = (
     'standoff_dead_band', 'standoff_lead', 'standoff_jump', 'standoff_kp', 'standoff_ki',

@@ -18,7 +18,9 @@ from .operations import Refused
 from .routes import Route
 from .standoff_settings import StandoffSettings
 
-LIMITS_MM = {'set_mm': (5.0, 400.0), 'up_mm': (0.0, 20.0), 'down_mm': (0.0, 20.0)}
+LIMITS_MM = {
+    'set_mm': (5.0, 400.0), 'up_mm': (0.0, 20.0), 'down_mm': (0.0, 20.0), 'wander_mm': (0.0, 5.0),
+}  # fmt: skip
 
 
 def settings_of(data: dict[str, Any]) -> StandoffSettings:
@@ -26,8 +28,8 @@ def settings_of(data: dict[str, Any]) -> StandoffSettings:
     if data.get('source') not in STANDOFF_SOURCES or data.get('law') not in STANDOFF_LAWS:
         raise BadRequest(f'source: {", ".join(STANDOFF_SOURCES)}; law: {", ".join(STANDOFF_LAWS)}')
     set_mm = math.nan if data.get('set_mm') is None else _mm(data, 'set_mm')
-    up, down = _mm(data, 'up_mm'), _mm(data, 'down_mm')
-    return StandoffSettings(data['source'], data['law'], set_mm * 1e-3, up * 1e-3, down * 1e-3)
+    mm = (set_mm, *(_mm(data, name) for name in ('up_mm', 'down_mm', 'wander_mm')))
+    return StandoffSettings(data['source'], data['law'], *(v * 1e-3 for v in mm))
 
 
 def _mm(data: dict[str, Any], name: str) -> float:
@@ -35,7 +37,7 @@ def _mm(data: dict[str, Any], name: str) -> float:
 
 
 async def set_standoff(cell: Cell, data: dict[str, Any]) -> str:
-    """source, law, set_mm (null = what fits the source), up_mm, down_mm: for the jobs to come."""
+    """source, law, set_mm (null = what fits the source), up_mm, down_mm, wander_mm: for the jobs to come."""
     wanted = settings_of(data)
     if cell.state.job_running:
         raise Refused('a job is running; the standoff control is set between jobs')
@@ -52,7 +54,7 @@ async def _settings(request: web.Request) -> web.Response:
         return web.json_response({'ok': False, 'message': str(e), **limits})
     distance = None if math.isnan(found.distance) else _told(found.distance)
     values = {'source': found.source, 'law': found.law, 'set_mm': distance}
-    values |= {'up_mm': _told(found.up), 'down_mm': _told(found.down)}
+    values |= {f'{n}_mm': _told(getattr(found, n)) for n in ('up', 'down', 'wander')}
     return web.json_response({'ok': True, **values, **limits})
 
 

@@ -27,7 +27,7 @@ FAULTS = ('FAULT', 'ALARM')  # those that count as faults
 # what an anomaly is about: `class_name` of Anomaly.msg
 ANOMALY_CLASSES = (
     *('arc', 'wire', 'gas', 'height', 'temperature'),
-    *('link', 'scan', 'correction', 'node', 'operator'),
+    *('link', 'scan', 'correction', 'node', 'operator', 'motion'),
 )
 # what a fault of the controller is about, by its code (docs/link_protocol.md); all others: link
 CLASS_OF_FAULT = {
@@ -40,6 +40,10 @@ CLASS_OF_FAULT = {
     210: 'temperature',
     211: 'wire',
     300: 'operator',
+    301: 'motion',
+    302: 'motion',
+    304: 'motion',
+    308: 'motion',
 }
 
 

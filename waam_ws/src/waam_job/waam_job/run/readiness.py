@@ -35,7 +35,8 @@ def machine_problems(machine: Machine, link_timeout: float) -> list[str]:
     found = []
     if machine.state != 'IDLE' and not switched_on(machine):
         why = machine.fault_text or 'not idle'
-        found.append(f'the controller is in {machine.state}: {why}')
+        way = '; see to it, then Reset and Home (panel)' if machine.state == 'ALARM' else ''
+        found.append(f'the controller is in {machine.state}: {why}{way}')
     return found
 
 

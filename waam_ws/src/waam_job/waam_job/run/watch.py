@@ -13,6 +13,10 @@ from .control import Control
 
 LEASE_EXPIRED = 202  # controller code, docs/link_protocol.md
 HOST_HOLD, HELD_BY_HOST = 200, 'hold by host'
+WIRE, WIRE_STUCK = (
+    206,
+    211,
+)  # somebody must see to the wire; the controller keeps its queue and strikes again
 RESUMED_S, RESUMED_LOOK_S = 3.0, 0.1  # wall time that telemetry may need to show it
 
 
@@ -29,8 +33,8 @@ class Limits:
 class Watch:
     """Call `tick` in every waiting loop; it waits a moment of wall time and raises JobError when the job cannot go on.
 
-    note(severity, class_name, text, reaction) records anomalies; paused(bool, why) is called when a pause begins or
-    ends; why: what has held the machine, '' = the operator.
+    note(severity, class_name, text, reaction) records anomalies; paused(bool, why, class_name) is called when a pause
+    begins or ends; why: what has held the machine, '' = the operator.
     """
 
     def __init__(
@@ -39,7 +43,7 @@ class Watch:
         control: Control,
         limits: Limits,
         note: Callable[[str, str, str, str], None],
-        paused: Callable[[bool, str], None],
+        paused: Callable[[bool, str, str], None],
     ) -> None:
         self.cell, self.control, self.limits = cell, control, limits
         self.note, self.paused = note, paused
@@ -89,7 +93,8 @@ class Watch:
             raise JobError(Code.NODE_LOST, f'node {names} fell silent; the arc lease was withheld')
 
     def _on_hold(self, machine: Machine) -> None:
-        """A hold by the operator waits for resume; a hold by the lease is resumed when all nodes are back."""
+        """A hold by the operator or for want of wire waits for resume; a hold by the lease is resumed when all nodes
+        are back; any other one ends the job."""
         if machine.fault == LEASE_EXPIRED:
             if machine.silent_nodes:
                 return  # _check_nodes decides
@@ -108,15 +113,18 @@ class Watch:
             return
         kind = CLASS_OF_FAULT.get(machine.fault, 'link')
         text = machine.fault_text or f'hold {machine.fault}'
+        if machine.fault in (WIRE, WIRE_STUCK):
+            self._pause(text, kind)
+            return
         self.note('FAULT', kind, text, 'hold, job ended')
         raise JobError(Code.DEPOSITION_FAILED, f'controller holds: {text}')
 
-    def _pause(self, why: str = '') -> None:
+    def _pause(self, why: str = '', kind: str = 'link') -> None:
         """Holds the machine until resume or abort."""
         self.control.pause()
         if self.cell.machine().state == 'RUN':
             self.cell.command('HOLD')
-        self.paused(True, why)
+        self.paused(True, why, kind)
         began = self.cell.now()
         while self.control.paused:
             machine = self.cell.machine()
@@ -125,7 +133,7 @@ class Watch:
             self.cell.wait(0.05)
         self._check_abort()
         self.held += self.cell.now() - began
-        self.paused(False, '')
+        self.paused(False, '', '')
         if self.cell.machine().state == 'HOLD':
             self._go_on()
 

@@ -97,9 +97,9 @@ class Journal:
             self.status.message = message
             self.cell.status(self.status)
 
-    def paused(self, paused: bool, why: str = '') -> None:
+    def paused(self, paused: bool, why: str = '', class_name: str = 'link') -> None:
         """The job begins (True) or ends to wait for the operator; the state before the pause comes back. why: what has
-        held the machine, '' = the operator."""
+        held the machine, of this class of anomalies; '' = the operator."""
         if paused:
             self._before_pause = self.status.state
             self.state(
@@ -107,7 +107,7 @@ class Journal:
                 f'paused: {why}; resume or abort' if why else 'paused; resume or abort',
             )
             if why:
-                self.note('FAULT', 'link', why, 'arc ended, machine held, job paused')
+                self.note('FAULT', class_name, why, 'arc ended, machine held, job paused')
             else:
                 self.note('INFO', 'operator', 'paused', 'arc ended, machine held')
         else:

@@ -119,6 +119,9 @@ function showWidth(w, ratio) {
 function showMachine(m, t) {
   const state = m && !m.connected ? 'NOT CONNECTED' : t ? t.state : m ? m.state : '–';
   text('machine-state', state);
+  const lost = Boolean(m && !m.homed); // after safe torque off or power-up nobody knows where the axes stand
+  $('position').classList.toggle('unknown', lost);
+  text('p-note', lost ? 'not homed: where it stands is not known' : 'mm from the work zero');
   text('machine-detail', m ? `${m.homed ? 'homed' : 'not homed'}, ${m.armed ? 'ARMED' : 'not armed'}` : 'no data yet');
   $('machine-tile').classList.toggle('bad', state === 'ALARM' || state === 'NOT CONNECTED');
   $('machine-tile').classList.toggle('held', state === 'HOLD');

@@ -2,7 +2,7 @@
 import { $, element, fixed, get, post, rows, text } from './api.js';
 import { draw } from './plots.js';
 
-const NAMES = ['source', 'law', 'set_mm', 'up_mm', 'down_mm'];
+const NAMES = ['source', 'law', 'set_mm', 'up_mm', 'down_mm', 'wander_mm'];
 const KEEP = 3000;
 const DISTANCE = { name: 'distance', unit: 'mm', columns: [1, 2], span: 1 };
 const CORRECTION = { name: 'correction of Z', unit: 'mm', columns: [3], span: 1 };
@@ -13,7 +13,7 @@ export function bindStandoff() {
   $('s-apply').addEventListener('click', apply);
   $('standoff-form').addEventListener('submit', (e) => { e.preventDefault(); apply(); });
   // the distance of one source means nothing to another one
-  $('s-source').addEventListener('change', () => { $('s-set_mm').value = ''; });
+  $('s-source').addEventListener('change', () => { $('s-set_mm').value = ''; ofTheArc(); });
 }
 
 export async function readStandoff() {
@@ -22,13 +22,19 @@ export async function readStandoff() {
   options($('s-source'), found.sources); options($('s-law'), found.laws);
   for (const [name, [low, high]] of Object.entries(found.limits_mm)) { $(`s-${name}`).min = low; $(`s-${name}`).max = high; }
   if (found.ok) for (const name of NAMES) $(`s-${name}`).value = found[name] ?? '';
+  ofTheArc();
   text('standoff-note', found.ok ? 'Set between jobs; it holds until the bridge is started again.' : found.message);
+}
+
+// what only the arc has is shown with the arc
+function ofTheArc() {
+  for (const e of document.querySelectorAll('#standoff .of-the-arc')) e.hidden = $('s-source').value !== 'arc';
 }
 
 async function apply() {
   const number = (name) => ($(`s-${name}`).value === '' ? null : Number($(`s-${name}`).value));
   const answer = await post('standoff', { source: $('s-source').value, law: $('s-law').value,
-    set_mm: number('set_mm'), up_mm: number('up_mm'), down_mm: number('down_mm') });
+    set_mm: number('set_mm'), up_mm: number('up_mm'), down_mm: number('down_mm'), wander_mm: number('wander_mm') });
   if (answer.ok) readStandoff();
 }
 

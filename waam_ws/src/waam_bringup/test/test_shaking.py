@@ -1,0 +1,141 @@
+"""A sweep that something refuses: the machine stops and the shaper of the axis is in force again. No graph."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from geometry_msgs.msg import Point
+
+from waam_bringup import shaking
+from waam_bringup.client import ClientError
+from waam_bringup.shaking import Shaking
+from waam_calibrate.sweep import Sweep
+from waam_msgs.msg import AccelerationBatch, Telemetry
+from waam_msgs.srv import Command
+
+ZVD = 2.0
+SWEEP = Sweep(low=20.0, high=30.0, rate=5.0)
+
+
+class Machine(Shaking):
+    """The client with a controller of its own. `refuses`: the step that does not work, and with what."""
+
+    def __init__(self, refuses: str = '', why: type[BaseException] = ClientError) -> None:
+        self.settings = {'shape_x': ZVD, 'shape_y': ZVD}
+        self.during: dict[str, float] = {}
+        self.telemetry, self.blocks, self.done = Telemetry(), [], -1
+        self.commands: list[int] = []
+        self.machine = SimpleNamespace(
+            state=Telemetry.STATE_IDLE,
+            message='',
+            fault=0,
+            fault_text='',
+            homed=True,
+            connected=True,
+        )
+        self.machine.work_offset = Point(x=1e-6)
+        self.refuses, self.why = refuses, why
+        self.node = SimpleNamespace(
+            get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=1))
+        )
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def running_job(self):
+        return None
+
+    def until(self, condition, timeout):
+        for _ in range(10):
+            self._sample()
+            if condition():
+                return True
+        return False
+
+    def _sample(self) -> None:
+        values = [0.0] * 1000
+        batch = AccelerationBatch(x=values, y=values, z=values, sample_rate=1000.0, range=160.0)
+        batch.sequence = len(self.blocks)
+        self.blocks.append(batch)
+
+    def _perhaps(self, step: str) -> None:
+        if step == self.refuses:
+            raise self.why(step)
+
+    def told(self):
+        return dict(self.settings)
+
+    def command(self, code, text='', value=0.0):
+        self.commands.append(code)
+        if code == Command.Request.RESET:
+            self.machine.state, self.machine.homed = Telemetry.STATE_IDLE, False
+        elif code == Command.Request.HOME:
+            self.machine.homed = True
+        elif code == Command.Request.STOP:
+            self.machine.state = Telemetry.STATE_IDLE
+        elif code == Command.Request.CONFIGURE:
+            if not self.takes_settings():
+                raise ClientError('settings only in IDLE or ALARM')
+            self.settings[text] = value
+        return ''
+
+    def enqueue(self, segments, job):
+        sweeping = segments[0].index > 0
+        if sweeping:
+            self.begun = segments[0].start
+        self._perhaps('sweep' if sweeping else 'approach')
+        self.during = dict(self.settings)
+        if sweeping:
+            self.machine.state = Telemetry.STATE_RUN
+
+    def wait_done(self, index, progress=None):
+        self._perhaps('moves' if self.machine.state == Telemetry.STATE_RUN else 'way')
+        self.machine.state = Telemetry.STATE_IDLE
+
+    def listen(self, on):
+        self._perhaps('listen' if on else 'deaf')
+
+
+@pytest.fixture
+def sweep(monkeypatch):
+    def run(machine: Machine):
+        monkeypatch.setattr(shaking, 'Shaking', lambda domain: machine)
+        return shaking.shake(1, SWEEP, 'x', (0.1, 0.1, 0.05))
+
+    return run
+
+
+def test_a_sweep_runs_without_the_shaper_of_its_axis_only(sweep):
+    machine = Machine()
+    assert len(sweep(machine).values) > 0
+    assert machine.begun[0] + 1e-6 == pytest.approx(0.1, abs=1e-9), 'on a step of the machine'
+    assert machine.during == {'shape_x': 0.0, 'shape_y': ZVD}
+    assert machine.settings == {'shape_x': ZVD, 'shape_y': ZVD}
+
+
+@pytest.mark.parametrize('step', ['approach', 'way', 'listen', 'sweep', 'moves', 'deaf'])
+@pytest.mark.parametrize('why', [ClientError, KeyboardInterrupt])
+def test_the_shaper_is_in_force_again_after_a_sweep_that_was_refused(sweep, step, why):
+    machine = Machine(step, why)
+    with pytest.raises(why):
+        sweep(machine)
+    assert machine.settings == {'shape_x': ZVD, 'shape_y': ZVD}
+    assert machine.machine.state == Telemetry.STATE_IDLE
+
+
+def test_a_controller_that_was_just_switched_on_is_reset_and_homed(sweep):
+    machine = Machine()
+    machine.machine.state, machine.machine.fault = Telemetry.STATE_ALARM, 306
+    sweep(machine)
+    assert machine.commands[:2] == [Command.Request.RESET, Command.Request.HOME]
+
+
+@pytest.mark.parametrize('fault', [300, 301, 307, 308])
+def test_any_other_alarm_is_left_to_a_person(sweep, fault):
+    machine = Machine()
+    machine.machine.state, machine.machine.fault = Telemetry.STATE_ALARM, fault
+    machine.machine.fault_text = 'as told'
+    with pytest.raises(ClientError, match='ALARM: as told; see to it'):
+        sweep(machine)
+    assert machine.commands == []
