@@ -13,14 +13,10 @@ from .control import Control
 
 LEASE_EXPIRED = 202  # controller code, docs/link_protocol.md
 HOST_HOLD, HELD_BY_HOST = 200, 'hold by host'
-WIRE, WIRE_STUCK = (
-    206,
-    211,
-)  # somebody must see to the wire; the controller keeps its queue and strikes again
-RESUMED_S, RESUMED_LOOK_S = 3.0, 0.1  # wall time that telemetry may need to show it
+# somebody must see to the wire; the controller keeps its queue and strikes again
+WIRE, WIRE_STUCK = 206, 211
 
 
-@dataclass(frozen=True)
 class Limits:
     """Wall-clock patience: link s without telemetry, node s of silence; retries of a hold that the lease caused."""
 
