@@ -15,8 +15,10 @@ LEASE_EXPIRED = 202  # controller code, docs/link_protocol.md
 HOST_HOLD, HELD_BY_HOST = 200, 'hold by host'
 # somebody must see to the wire; the controller keeps its queue and strikes again
 WIRE, WIRE_STUCK = 206, 211
+RESUMED_S, RESUMED_LOOK_S = 3.0, 0.1  # wall time that telemetry may need to show it
 
 
+@dataclass(frozen=True)
 class Limits:
     """Wall-clock patience: link s without telemetry, node s of silence; retries of a hold that the lease caused."""
 
