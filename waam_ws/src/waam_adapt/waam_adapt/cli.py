@@ -135,6 +135,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _train(args: argparse.Namespace) -> int:
+    if args.widths or args.device != 'auto':
+        raise ValueError('--widths and --device are of the growth network, which needs --growth')
     from .laws import net_file
     from .training import recorded, train
 
@@ -234,11 +236,11 @@ def _bar(trainer: Any, figure: str) -> AbstractContextManager[Callable[[Any], No
             p = trainer.progress
             task = bar.add_task('', total=trainer.settings.steps, completed=p.step, note='')
 
-            def tick(t: Any) -> None:
+            def tick(_: Any) -> None:
                 note = f'loss {sum(p.loss[-20:]) / len(p.loss[-20:]):.3f}'
                 if p.checks:
                     note += f', {figure} {p.checks[-1][figure]:.3f}'
-                bar.update(task, completed=t.progress.step, note=note)
+                bar.update(task, completed=p.step, note=note)
 
             yield tick
 

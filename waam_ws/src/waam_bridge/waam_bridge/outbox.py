@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from waam_process.names import CLASS_OF_FAULT, CONTROLLER_STATES
+from waam_process.names import CLASS_OF_FAULT, CONTROLLER_STATES, POWER_UP
 
 from .frames import ALARM, Standoff
 from .program import Mark
 from .stream import Sender
 
 INFO, WARNING, FAULT, ALARM_SEVERITY = range(4)  # waam_msgs/Anomaly
-HOLD_BY_HOST, LEASE_EXPIRED, POWER_UP = 200, 202, 306
+HOLD_BY_HOST, LEASE_EXPIRED = 200, 202
 CLASS_OF = {
     **CLASS_OF_FAULT,
     HOLD_BY_HOST: 'operator',

@@ -15,9 +15,8 @@ from rclpy.action import ActionClient
 from rclpy.task import Future
 
 from waam_bringup.client import ASKINGS, SENDINGS, ClientError, GraphClient
-from waam_bringup.progress import describe
 from waam_msgs.action import RunJob
-from waam_msgs.msg import JobStatus, MachineState
+from waam_msgs.msg import MachineState
 from waam_node.testing import fresh_domain
 
 SERVER = """
@@ -232,8 +231,3 @@ def test_a_graph_that_does_not_get_ready_tells_what_the_bridge_says():
         client.machine = None
         with pytest.raises(ClientError, match='not ready after 0 s: bridge, cell does not answer'):
             client.wait_ready({'bridge', 'cell'}, 0.2, dict, patience=60.0)
-
-
-def test_a_paused_job_says_why():
-    why = 'robot: the torch is 3.1 mm from where it should be'
-    assert why in describe(JobStatus(state=JobStatus.PAUSED, message=why))

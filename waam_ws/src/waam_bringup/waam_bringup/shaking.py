@@ -17,6 +17,7 @@ from waam_msgs.msg import AccelerationBatch, SegmentDone, Telemetry
 from waam_msgs.srv import Command, Enqueue
 from waam_node.conversions import segment_to_msg
 from waam_node.qos import EVENTS, PROFILES, TELEMETRY
+from waam_process.names import POWER_UP
 from waam_process.segment import Kind, Point, Segment
 
 from .client import ClientError, GraphClient
@@ -25,7 +26,6 @@ from .progress import bar
 TRAVEL = 0.05  # m/s, to the probe point
 BATCH = 500  # segments of a request
 HOMING_S, SILENT_S = 120.0, 20.0
-POWER_UP = 306  # ALARM of a controller that was just switched on
 ALARM_S = 5.0  # until a reset shows in the state: a command is refused by what the bridge has heard
 REST = 1.5 * SEGMENT  # s of samples before the motion
 NAME = 'calibration'

@@ -15,13 +15,8 @@ from shaper_machine import STEPS_PER_MM, TYPES, Machine, executed_at, target
 ARC = 1
 STEP = 1 / STEPS_PER_MM  # mm
 HZ, DAMPING = 30.0, 0.05
-LENGTHS = (
-    STEP,
-    3 * STEP,
-    0.05,
-    0.7,
-    9.0,
-)  # mm; all but the last take less time than the longest shaper
+# mm; all but the last take less time than the longest shaper
+LENGTHS = (STEP, 3 * STEP, 0.05, 0.7, 9.0)
 SHAPERS = TYPES[1:]
 
 

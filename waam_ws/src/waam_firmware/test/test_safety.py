@@ -301,7 +301,6 @@ def test_properties_of_the_core(controller_path, name):
         Path(__file__).parents[3] / f'build/waam_firmware/{name}',
     )
     program = beside if beside.exists() else built
-    if not program.exists():
-        pytest.skip(f'{program} was not built')
+    assert program.exists(), f'{program} was not built (BUILD_TESTING)'
     done = subprocess.run([program], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0 and 'all properties hold' in done.stdout, done.stderr

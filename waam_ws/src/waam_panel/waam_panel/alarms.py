@@ -12,8 +12,10 @@ from typing import Any
 
 import yaml
 
+from waam_process.names import POWER_UP
+
 KINDS = ('controller', 'job', 'anomaly', 'condition')
-ENDED_BY_HAND = {('controller', '306')}  # power-up: nothing but a reset ends it
+ENDED_BY_HAND = {('controller', str(POWER_UP))}  # nothing but a reset ends it
 KEPT = 200  # alarms in the list; the oldest acknowledged ones go first
 
 

@@ -29,6 +29,7 @@ ANOMALY_CLASSES = (
     *('arc', 'wire', 'gas', 'height', 'temperature'),
     *('link', 'scan', 'correction', 'node', 'operator', 'motion'),
 )
+POWER_UP = 306  # fault of a controller that was just switched on
 # what a fault of the controller is about, by its code (docs/link_protocol.md); all others: link
 CLASS_OF_FAULT = {
     204: 'arc',

@@ -84,12 +84,14 @@ class Graph:
 
     def _start(self, package: str, name: str, **params: str) -> subprocess.Popen:
         args = [a for key, value in params.items() for a in ('-p', f'{key}:={value}')]
+        return self.start(name, [executable(package, name), '--ros-args', *args])
+
+    def start(self, name: str, command: list[str]) -> subprocess.Popen:
+        """A process in the domain of the graph, with a log of its name; `close` ends those of `processes`."""
         env = {**os.environ, 'ROS_DOMAIN_ID': str(self.domain)}
         env.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         with open(self.logs / f'{name}.log', 'w') as log:
-            return subprocess.Popen(
-                [executable(package, name), '--ros-args', *args], env=env, stdout=log, stderr=log
-            )
+            return subprocess.Popen(command, env=env, stdout=log, stderr=log)
 
     def _spin(self) -> None:
         with contextlib.suppress(ExternalShutdownException):

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -51,11 +49,7 @@ class Cell(Graph):
     def __init__(self, logs: Path, late: float = 0.0) -> None:
         super().__init__(logs, cell=False, state_timeout='0.3')
         self.welder = Welder(self)
-        env = {**os.environ, 'ROS_DOMAIN_ID': str(self.domain)}
-        with open(logs / 'driver.log', 'w') as log:
-            self.driver = subprocess.Popen(
-                [sys.executable, str(DRIVER), '--late', str(late)], env=env, stdout=log, stderr=log
-            )
+        self.driver = self.start('driver', [sys.executable, str(DRIVER), '--late', str(late)])
         self.processes.append(self.driver)
 
     def home(self) -> None:

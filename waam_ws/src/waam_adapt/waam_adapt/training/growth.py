@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -36,38 +36,25 @@ SHOWN = {  # of a validation, in the picture
 }
 WIDTH_ROOM = 0.25  # of the bead width beyond those seen
 
-
 Layer = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 Batch = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 
 
 @dataclass(frozen=True)
-class Settings:
-    """Of one training run. batch: layers per step and process; rate: largest learning rate of Adam; widths: channels of
-    the three levels of the U-Net."""
+class Settings(loop.Settings):
+    """Of one training run. batch: layers."""
 
     steps: int = 2500
-    seed: int = 1
-    batch: int = 8
     rate: float = 3e-3
     widths: tuple[int, int, int] = (16, 28, 48)
     check_every: int = 250
 
 
-@dataclass
-class Progress:
-    """How far a training has come. loss: of every step; checks: what every validation said, with its step."""
-
-    step: int = 0
-    loss: list[float] = field(default_factory=list)
-    checks: list[dict[str, float]] = field(default_factory=list)
-
-
-class Trainer:
+class Trainer(loop.Trainer):
     """One process of a training. start: weights to begin with; where: torch device of network and layers.
 
     ValueError when the layers are of too few jobs. Under `torchrun` every process takes other layers of the same
-    order, and gradients are averaged.
+    order.
     """
 
     def __init__(
@@ -77,38 +64,26 @@ class Trainer:
         start: Mapping[str, np.ndarray] | None = None,
         where: torch.device | None = None,
     ) -> None:
-        self.settings, self.where = settings, where or torch.device('cpu')
-        self.rank, self.progress = loop.rank(), Progress()
         held = [s for s in layers if s.seed % HELD_OUT == 0]
         used = [s for s in layers if s.seed % HELD_OUT]
         if not held or not used:
             raise ValueError(
                 f'{len(used)} layers to train on and {len(held)} to validate: too few jobs'
             )
-        self.held, self.used = ([on(s, self.where) for s in part] for part in (held, used))
+        where = where or torch.device('cpu')
+        self.held, self.used = ([on(s, where) for s in part] for part in (held, used))
         torch.manual_seed(settings.seed)
         net = UNet(settings.widths, plan_geometry.CHANNELS)
         torch.nn.init.normal_(net.head.weight, 0.0, 0.05)
         if start is not None:
             loop.put(net, start)
-        self.net = net.to(self.where)
-        self.optimizer = torch.optim.Adam(self.net.parameters(), lr=settings.rate)
+        super().__init__(settings, net.to(where))
 
-    def step(self) -> float:
-        """One batch; returns its loss."""
-        s, n = self.settings, self.progress.step
-        for group in self.optimizer.param_groups:
-            group['lr'] = s.rate * loop.schedule(n, s.steps)
-        rng = np.random.default_rng((s.seed, n, self.rank))
-        value = loss(self.net, batch([turned(self.used[i], rng) for i in self._chosen(n)]))
-        self.optimizer.zero_grad()
-        value.backward()
-        loop.average(self.net)
-        torch.nn.utils.clip_grad_norm_(self.net.parameters(), 1.0)
-        self.optimizer.step()
-        self.progress.step += 1
-        self.progress.loss.append(float(value.detach()))
-        return self.progress.loss[-1]
+    def loss(self) -> torch.Tensor:
+        """Of a batch of layers, turned and mirrored at random."""
+        n = self.progress.step
+        rng = np.random.default_rng((self.settings.seed, n, self.rank))
+        return loss(self.net, batch([turned(self.used[i], rng) for i in self._chosen(n)]))
 
     def _chosen(self, step: int) -> Iterator[int]:
         """Layers of this process: all are seen once, in another order every time, before any is seen again."""
@@ -117,21 +92,9 @@ class Trainer:
             turn, place = divmod(i, len(self.used))
             yield _order(self.settings.seed, turn, len(self.used))[place]
 
-    def check(self) -> dict[str, float]:
-        """Validation on the jobs that are held out; kept with the step."""
-        self.progress.checks.append({'step': self.progress.step, **validate(self.net, self.held)})
-        return self.progress.checks[-1]
-
-    def save(self, path: Path) -> None:
-        """All that `resume` needs, without pickle, complete or not at all."""
-        meta = {'settings': asdict(self.settings), 'progress': asdict(self.progress)}
-        loop.save(path, self.net, self.optimizer, meta)
-
-    def resume(self, path: Path) -> None:
-        """Goes on where `save` was called. TrainingError when the settings differ in anything but the number of
-        steps."""
-        meta = loop.resume(path, self.net, self.optimizer, asdict(self.settings))
-        self.progress = Progress(**meta['progress'])
+    def validation(self) -> dict[str, float]:
+        """On the jobs that are held out."""
+        return validate(self.net, self.held)
 
 
 def train(
@@ -141,11 +104,10 @@ def train(
 ) -> dict[str, float]:
     """Trains to the end of the settings; returns the last validation. folder: gets checkpoint.npz and curves.png with
     every validation. tick: called after every step."""
-    s, p = trainer.settings, trainer.progress
-    while p.step < s.steps:
+    p = trainer.progress
+    while p.step < trainer.settings.steps:
         trainer.step()
-        due = p.step % s.check_every == 0 or p.step == s.steps
-        if due and trainer.rank == 0:
+        if trainer.due:
             trainer.check()
             if folder is not None:
                 folder.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -31,34 +31,21 @@ HELD_OUT = 1_000_000_000  # seeds of the validation start here; no training step
 
 
 @dataclass(frozen=True)
-class Settings:
-    """Settings of a training."""
+class Settings(loop.Settings):
+    """Settings of a training. batch: scenes."""
 
     steps: int = 400
-    seed: int = 1
-    batch: int = 8  # scenes
     unroll: int = 3  # layers that gradients go through
     warm: int = 12  # layers before them, at most
-    rate: float = 2e-3  # learning rate at the beginning
-    widths: tuple[int, int, int] = (8, 16, 32)  # channels of the three levels of the network
-    check_every: int = 100  # steps between validations
     check_batches: int = 4  # of a validation
     check_layers: int = 10  # of a validation
     loss: str = 'height'  # see `rollout.loss`
 
 
-@dataclass
-class Progress:
-    """How far a training has come."""
-
-    step: int = 0  # done so far
-    loss: list[float] = field(default_factory=list)  # of every step
-    # what the validation said, with the step
-    checks: list[dict[str, float]] = field(default_factory=list)
-
-
-class Trainer:
+class Trainer(loop.Trainer):
     """One process of a training. start: weights to fine-tune; recorded: surfaces of real jobs to start from."""
+
+    settings: Settings
 
     def __init__(
         self,
@@ -66,50 +53,25 @@ class Trainer:
         start: dict[str, np.ndarray] | None = None,
         recorded: Sequence[scenes.Recorded] = (),
     ) -> None:
-        self.settings, self.recorded, self.progress = settings, recorded, Progress()
-        self.rank = loop.rank()
+        self.recorded = recorded
         torch.manual_seed(settings.seed)
-        self.net = UNet(settings.widths)
+        net = UNet(settings.widths)
         if start is not None:
-            loop.put(self.net, start)
-        self.optimizer = torch.optim.Adam(self.net.parameters(), lr=settings.rate)
+            loop.put(net, start)
+        super().__init__(settings, net)
 
-    def step(self) -> float:
-        """One batch; returns its loss."""
+    def loss(self) -> torch.Tensor:
+        """Of new scenes after some layers with the network as it is."""
         s, n = self.settings, self.progress.step
         warm = int(np.random.default_rng([s.seed, n, 7]).integers(0, s.warm + 1))
         b = scenes.batch((s.seed, n, self.rank), s.batch, warm + s.unroll, self.recorded)
-        for group in self.optimizer.param_groups:
-            group['lr'] = s.rate * loop.schedule(n, s.steps)
         layers = rollout.run(b, self.net, warm + s.unroll, begin=warm)
-        value = rollout.loss(layers[warm:], b.judged, s.loss)
-        self.optimizer.zero_grad()
-        value.backward()
-        loop.average(self.net)
-        torch.nn.utils.clip_grad_norm_(self.net.parameters(), 1.0)
-        self.optimizer.step()
-        self.progress.step += 1
-        self.progress.loss.append(float(value.detach()))
-        return self.progress.loss[-1]
+        return rollout.loss(layers[warm:], b.judged, s.loss)
 
-    def check(self) -> dict[str, float]:
-        """Validation on scenes that no training step sees; kept with the step."""
+    def validation(self) -> dict[str, float]:
+        """On scenes that no training step sees."""
         s = self.settings
-        result = validate(self.net, s.check_batches, s.check_layers, s.batch)
-        self.progress.checks.append({'step': self.progress.step, **result})
-        return self.progress.checks[-1]
-
-    def save(self, path: Path) -> None:
-        """All that `resume` needs, without pickle, atomically."""
-        meta = {'settings': asdict(self.settings), 'progress': asdict(self.progress)}
-        loop.save(path, self.net, self.optimizer, meta)
-
-    def resume(self, path: Path) -> None:
-        """Goes on where `save` was called. TrainingError when the settings differ in anything but
-        the number of steps.
-        """
-        meta = loop.resume(path, self.net, self.optimizer, asdict(self.settings))
-        self.progress = Progress(**meta['progress'])
+        return validate(self.net, s.check_batches, s.check_layers, s.batch)
 
 
 @torch.no_grad()
@@ -202,8 +164,7 @@ def train(
     best = min((c['ratio'] for c in trainer.progress.checks), default=math.inf)
     while trainer.progress.step < s.steps:
         trainer.step()
-        due = trainer.progress.step % s.check_every == 0 or trainer.progress.step == s.steps
-        if due and trainer.rank == 0:
+        if trainer.due:
             result = trainer.check()
             if result['ratio'] < best:
                 best = result['ratio']

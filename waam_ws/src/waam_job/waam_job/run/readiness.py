@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from waam_process.names import POWER_UP
+
 from ..model.cell import Cell, Heat, Machine
 from ..store import calibration
 from .settings import Settings
 
-POWER_UP = 306  # code of a controller that has just been switched on
 ZERO_LIMIT = 2e-5  # m between the zero asked for and the one that the controller reports
 
 
