@@ -59,8 +59,9 @@ class Predicted:
 
     growth (rows, cols): share of the planned height that will grow beside what the bead model expects, mean 0; sigma
     (rows, cols): its standard uncertainty. digest: of the network. doubt: why nothing is predicted (growth all 0), ''.
-    weight: 0..1, of the network in this job; already applied to growth and level. NaN: nothing was weighed.
-    level: logarithm of the efficiency ratio that the geometry of this layer gives beside that of a job's others.
+    weight: 0..1, of the network in this job; already applied to all it says. NaN: nothing was weighed.
+    level: logarithm of the efficiency ratio that the geometry of this layer gives beside that of a job's others. left
+    (rows, cols): share of the planned height by which the loop would end too high on this surface, mean 0.
     """
 
     growth: np.ndarray
@@ -69,10 +70,17 @@ class Predicted:
     doubt: str = ''
     weight: float = math.nan
     level: float = 0.0
+    left: np.ndarray | float = 0.0
 
     def weighed(self, weight: float) -> Predicted:
         """The same with another weight, 0..1."""
-        return replace(self, growth=weight * self.growth, level=weight * self.level, weight=weight)
+        return replace(
+            self,
+            growth=weight * self.growth,
+            level=weight * self.level,
+            left=weight * self.left,
+            weight=weight,
+        )
 
 
 @dataclass(frozen=True)

@@ -41,9 +41,9 @@ def kind_of(seed: int) -> str:
     return str(np.random.default_rng(seed).choice(list(KINDS), p=list(KINDS.values())))
 
 
-def random_job(folder: Path, seed: int) -> LabJob:
-    """A restoration or build of a random part on a cell of random physics, with the bead model alone; meshes go to the
-    folder."""
+def random_job(folder: Path, seed: int, law: str = 'bead_solver', model: str = '') -> LabJob:
+    """A restoration or build of a random part on a cell of random physics, by default with the bead model alone; meshes
+    go to the folder. model: file of weights, '' = the packaged ones."""
     rng = np.random.default_rng((seed, 1))
     kind = kind_of(seed)
     shape = {'part': random_part, 'wall': random_wall, 'build': random_build}[kind](rng)
@@ -59,7 +59,7 @@ def random_job(folder: Path, seed: int) -> LabJob:
         'tolerance': 0.2e-3,
         'plan_settings': (f'finish_height={finish:.5f}',),
         'plant': random_plant(rng),
-        'overrides': {'correction_server': {'law': 'bead_solver'}},
+        'overrides': {'correction_server': {'law': law, 'model': model}},
     }
     if worn is None:
         return build(part, **options)
@@ -67,11 +67,11 @@ def random_job(folder: Path, seed: int) -> LabJob:
     return restore(part, as_found, strategy=chosen, **options)
 
 
-def make(folder: Path, seed: int) -> int:
+def make(folder: Path, seed: int, law: str = 'bead_solver', model: str = '') -> int:
     """Runs one job and writes its layers; returns how many."""
     watch = LayerWatch()
     with tempfile.TemporaryDirectory() as scratch:
-        run(random_job(Path(scratch), seed), watch=watch)
+        run(random_job(Path(scratch), seed, law, model), watch=watch)
     layers = watch.samples(seed)
     samples.save(folder, seed, layers)
     return len(layers)
@@ -86,10 +86,20 @@ def main(argv: list[str] | None = None) -> int:
     p.add_argument(
         '--seeds', default='2000-2199', help='such as 2000-2199 (default) or 7,9; N: 1 to N'
     )
+    p.add_argument(
+        '--law',
+        choices=('bead_solver', 'growth_net'),
+        default='bead_solver',
+        help='growth_net: layers for waam train --residual (default: bead_solver, for --growth)',
+    )
+    p.add_argument(
+        '--model', default='', help='weights of law growth_net (default: the packaged ones)'
+    )
     add_options(p, 'a seed is the work of one')
     args = p.parse_args(argv)
     folder = args.folder.resolve()
-    left = {s: (folder, s) for s in parse_seeds(args.seeds)}
+    model = str(Path(args.model).resolve()) if args.model else ''
+    left = {s: (folder, s, args.law, model) for s in parse_seeds(args.seeds)}
     left = {s: piece for s, piece in left.items() if not (folder / f'job_{s}.npz').exists()}
     workers, failures = Workers(args.workers, args.cluster, PRELOAD), 0
     with Advance(len(left), 'growth data') as bar:
@@ -106,7 +116,7 @@ def main(argv: list[str] | None = None) -> int:
     return 1 if failures else 0
 
 
-def attempt(piece: tuple[Path, int]) -> int | str:
+def attempt(piece: tuple[Path, int, str, str]) -> int | str:
     """One seed in a worker: its layers, or why there are none."""
     try:
         return make(*piece)
@@ -114,7 +124,7 @@ def attempt(piece: tuple[Path, int]) -> int | str:
         return str(e)
 
 
-def lost(_piece: tuple[Path, int], error: Exception) -> int | str:
+def lost(_piece: tuple[Path, int, str, str], error: Exception) -> int | str:
     """The worker of a seed was lost again and again."""
     return f'not made: {error}'
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from array import array
+
 import numpy as np
 
 from waam_adapt.hold.control import ProcessControl, Sample
@@ -16,6 +18,7 @@ STRUCK = 1.5  # s after a strike from which on the process is judged
 BEFORE = 30  # exchanges in which the path must be straight and no slower than SLOWER: corners are not judged
 SLOWER = 0.6
 STRAIGHT = 0.99  # cosine
+COLUMNS = 7  # layer, way along x and y in m, s, A, V, width of the pool in m
 POOL = 50  # exchanges: in 0.5 s the pool travels its own length, and what is shorter averages out in it
 
 
@@ -53,44 +56,42 @@ class ProcessTrace:
     """Listens to a cell of the laboratory: the truth of every exchange (10 ms) in the steady parts of beads."""
 
     def __init__(self) -> None:
-        self.runs: list[
-            list[tuple[float, float, float]]
-        ] = []  # current A, voltage V, travel speed m/s
         self.layer = 0  # that is laid, 0 = none
-        self._widths: dict[int, list[float]] = {}  # m, of the pool, by layer
-        self._ways: list[np.ndarray] = []  # m/s, since the strike
-        self._steady = False
+        self._arcs: list[array[float]] = []  # of every exchange COLUMNS figures
+        self._lit = False
 
     def on_exchange(self, samples: np.ndarray, plant: Plant) -> None:
         """samples (n,) of waam_process.plant_port.SAMPLE that the plant has just lived through."""
         arc = plant.arc.state[0]
-        if not arc['lit'] > 0.0:
-            self._ways.clear()
-            self._steady = False
-            return
-        way = np.array(
-            [samples[axis][-1] - samples[axis][0] for axis in ('table_x', 'table_y')], float
-        )
-        self._ways.append(way / (1e-3 * (len(samples) - 1)))
-        recent = np.array(self._ways[-BEFORE:])
-        speeds = np.hypot(*recent.T)
-        speed = float(speeds[-1])
-        along = recent @ recent[-1]
-        straight = bool(np.all(along >= STRAIGHT * speeds * speed))
-        steady = straight and speeds.min() > max(SLOWER * speeds.max(), 1e-3)
-        steady = steady and len(self._ways) > STRUCK / 1e-2
-        if steady:
-            if not self._steady:
-                self.runs.append([])
-            self.runs[-1].append((float(arc['current']), float(arc['voltage']), speed))
-            self._widths.setdefault(self.layer, []).append(float(plant.metal.state['width'][0]))
-        self._steady = steady
+        lit = bool(arc['lit'] > 0.0)
+        if lit:
+            if not self._lit:
+                self._arcs.append(array('d'))
+            first, last = samples[0], samples[-1]
+            self._arcs[-1].extend(
+                (
+                    self.layer,
+                    last['table_x'] - first['table_x'],
+                    last['table_y'] - first['table_y'],
+                    1e-3 * (len(samples) - 1),
+                    arc['current'],
+                    arc['voltage'],
+                    plant.metal.state[0]['width'],
+                )
+            )
+        self._lit = lit
+
+    def _steady(self) -> list[np.ndarray]:
+        """Runs of steady travel, (n, 5): layer, A, V, travel speed m/s, width of the pool m."""
+        return [r for arc in self._arcs for r in _steady_runs(np.reshape(arc, (-1, COLUMNS)))]
 
     def values(self, mean_over: int = 1) -> dict[str, np.ndarray]:
         """(n,) of every value that may be held (A, W, J/m), as means over so many exchanges in a row."""
         blocks = [
-            np.reshape(run[: len(run) // mean_over * mean_over], (-1, mean_over, 3)).mean(axis=1)
-            for run in self.runs
+            np.reshape(run[: len(run) // mean_over * mean_over, 1:4], (-1, mean_over, 3)).mean(
+                axis=1
+            )
+            for run in self._steady()
             if len(run) >= mean_over
         ]
         current, voltage, speed = np.concatenate([np.empty((0, 3)), *blocks]).T
@@ -100,7 +101,9 @@ class ProcessTrace:
     @property
     def widths(self) -> dict[int, float]:
         """Mean width of the pool in m of every layer that has steady travel."""
-        return {layer: float(np.mean(w)) for layer, w in self._widths.items() if layer}
+        rows = np.concatenate([np.empty((0, 5)), *self._steady()])
+        layers = rows[:, 0]
+        return {int(n): float(rows[layers == n, 4].mean()) for n in np.unique(layers) if n}
 
     def variance(self, mean_over: int = POOL) -> dict[str, float]:
         """Of every value over the square of its mean; NaN when nothing is judged."""
@@ -109,3 +112,25 @@ class ProcessTrace:
             name: float(np.var(v) / np.mean(v) ** 2) if len(v) > 1 else float('nan')
             for name, v in found.items()
         }
+
+
+def _steady_runs(arc: np.ndarray) -> list[np.ndarray]:
+    """Of one arc (n, COLUMNS): the runs of exchanges before which the path has been straight and hardly
+    slower for BEFORE exchanges, as of `ProcessTrace._steady`."""
+    if len(arc) <= STRUCK / 1e-2:
+        return []
+    way = arc[:, 1:3] / arc[:, 3:4]
+    speeds = np.hypot(*way.T)
+    straight, slowest, fastest = np.ones(len(way), bool), speeds.copy(), speeds.copy()
+    for back in range(1, BEFORE):
+        earlier = speeds[:-back]
+        straight[back:] &= (way[back:] * way[:-back]).sum(axis=1) >= STRAIGHT * speeds[
+            back:
+        ] * earlier
+        np.minimum(slowest[back:], earlier, out=slowest[back:])
+        np.maximum(fastest[back:], earlier, out=fastest[back:])
+    steady = straight & (slowest > np.maximum(SLOWER * fastest, 1e-3))
+    steady[: round(STRUCK / 1e-2)] = False
+    rows = np.column_stack((arc[:, 0], arc[:, 4:6], speeds, arc[:, 6]))
+    edges = np.flatnonzero(np.diff(steady.astype(int), prepend=0, append=0))
+    return [rows[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)]

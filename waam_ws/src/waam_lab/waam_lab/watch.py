@@ -10,8 +10,9 @@ import numpy as np
 
 from waam_adapt import conversions as convert
 from waam_adapt.laws.corrector import Corrector
+from waam_adapt.laws.growth_law import GrowthLaw
 from waam_adapt.training import samples
-from waam_adapt.types import CorrectionInput
+from waam_adapt.types import CorrectionInput, Predicted
 from waam_job.model.geometry import asked_growth, driven_growth
 from waam_msgs.msg import CorrectionMap
 from waam_msgs.srv import ComputeCorrection
@@ -23,13 +24,14 @@ from waam_process.segment import Segment
 class Watched(NamedTuple):
     """One layer before it is laid: what the correction was asked, m of metal that the setpoints drive (rows, cols), lag
     of the metal in bead widths, slope of growth on metal, share of the planned height that its beads are known to lack
-    (on the model's grid; 0 where its beads are not told)."""
+    (on the model's grid; 0 where its beads are not told), and what a growth network predicts."""
 
     request: CorrectionInput
     driven: np.ndarray
     lag: float
     slope: float
     missing: np.ndarray | float
+    predicted: Predicted | None
 
 
 @dataclass
@@ -58,7 +60,9 @@ class LayerWatch:
         model, beads = identifier.model_of(core), identifier.beads
         missing = beads.of(request.layer, model) if model is not None else 0.0
         slope = identifier.slope_of(model)
-        self.layers.append(Watched(core, asked, beads.lag, slope, missing))
+        law = corrector.law
+        predicted = law.predict(core) if isinstance(law, GrowthLaw) else None
+        self.layers.append(Watched(core, asked, beads.lag, slope, missing, predicted))
         self._spec, self._factor = spec, answer.flow_factor * core.heat_factor
 
     def on_setpoints(self, segments: Sequence[Segment]) -> None:
@@ -79,7 +83,7 @@ class LayerWatch:
         surfaces = [w.request.z for w in self.layers[1:]]
         surfaces += [self.last] if self.last is not None else []
         found = (
-            samples.sample(w.request, w.driven, after, w.lag, seed, w.slope, w.missing)
+            samples.sample(w.request, w.driven, after, w.lag, seed, w.slope, w.missing, w.predicted)
             for w, after in zip(self.layers, surfaces, strict=False)
             if w.request.paths
         )

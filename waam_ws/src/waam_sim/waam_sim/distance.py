@@ -144,6 +144,8 @@ class Wrong:
     dropout: float = 0.0
 
 
+NOTHING_WRONG = Wrong()
+
 # z (rows, cols), its origin x and y, its cell, and hot, kept, parameters and state of the part's placement
 Surface = tuple[np.ndarray, float, float, float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 

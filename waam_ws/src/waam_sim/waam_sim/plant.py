@@ -19,7 +19,7 @@ from . import part as parts
 from .arc import Arc, ArcParams, wire_reading
 from .arclight import Arclight, ArclightParams
 from .compiled import random_state
-from .distance import Distance, DistanceParams, Wrong
+from .distance import NOTHING_WRONG, Distance, DistanceParams, Wrong
 from .disturbance import lattice
 from .faults import Faults
 from .gantry import Accelerations, Gantry, GantryParams
@@ -197,7 +197,7 @@ class Plant:
     def _wrong(self) -> Wrong:
         """The faults of the distance sensor that are in force."""
         if not self.faults.active:
-            return Wrong()
+            return NOTHING_WRONG
         f, now = self.faults, self.now
         return Wrong(
             dead=f.on('distance_dead', now),

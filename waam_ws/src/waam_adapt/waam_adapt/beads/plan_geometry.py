@@ -75,8 +75,7 @@ def build(request: CorrectionInput, grid: Resampler) -> np.ndarray:
     height = float(np.median(request.planned[footprint]))
     planned = grid.mean(np.where(footprint, request.planned, 0.0))
     taper = np.where(inside, planned / np.maximum(covered, 1e-9) / height - 1, 0.0)
-    paths = tuple(np.ascontiguousarray(p, float).tobytes() for p in request.paths)
-    ways = _ways(paths, inside.tobytes(), grid.shape, width)
+    ways = _ways_of(request, inside, grid)
     x = np.empty((CHANNELS, *grid.shape), np.float32)
     first = METAL[0]
     x[:first], x[first + len(METAL) :] = ways.maps[:first], ways.maps[first:]
@@ -88,6 +87,18 @@ def build(request: CorrectionInput, grid: Resampler) -> np.ndarray:
         _slopes(taper, 1.0, ways.along)[0],
     )
     return x
+
+
+def travel(request: CorrectionInput, grid: Resampler) -> np.ndarray:
+    """(2, rows, cols) direction of travel of the nearest bead, x and y, on the grid of `build`; shorter away from the
+    footprint."""
+    inside = grid.mean(request.footprint.astype(float)) > 0.5
+    return _ways_of(request, inside, grid).along
+
+
+def _ways_of(request: CorrectionInput, inside: np.ndarray, grid: Resampler) -> _Ways:
+    paths = tuple(np.ascontiguousarray(p, float).tobytes() for p in request.paths)
+    return _ways(paths, inside.tobytes(), grid.shape, request.bead_width)
 
 
 def box(x: np.ndarray) -> tuple[slice, slice]:

@@ -2,7 +2,8 @@
 
 The network sees the plan's geometry only (`beads.plan_geometry`) and says where a layer will grow more or less than the
 bead model expects: humps in turns, hollows beside them, links between rings, places that only one pass reaches. The
-solver lays less where more will grow. Nothing that the scan shows goes into the network, so it cannot chase noise.
+solver lays less where more will grow. Nothing that the scan shows goes into the network, so it cannot chase noise. What
+the loop still leaves of such a surface is told by a regression beside it (`beads.residual`).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from .. import filters
-from ..beads import plan_geometry, plan_level
+from ..beads import plan_geometry, plan_level, residual
 from ..beads.model import MARGIN
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import Correction, CorrectionInput, Predicted
@@ -84,9 +85,13 @@ class GrowthLaw:
         growth = np.where(x[0] > 0, gaussian_filter(growth, SMOOTH) / spread, 0.0)
         wide = filters.thickest(request.footprint) * request.resolution >= request.bead_width
         most = MOST if wide else MOST_IN_WALL
-        # walls rise otherwise: there the level of the layers so far says more
-        level = plan_level.level(shown, self.network.weights) if wide else 0.0
-        return Predicted(np.clip(growth, -most, most), sigma, self.network.digest, level=level)
+        growth, weights = np.clip(growth, -most, most), self.network.weights
+        found = Predicted(growth, sigma, self.network.digest)
+        if not wide:  # walls rise otherwise: there the layers so far say more
+            return found
+        level = plan_level.level(shown, weights)
+        left = residual.told(residual.surface(request, grid, x, growth), weights)
+        return replace(found, level=level, left=left)
 
     @staticmethod
     def _counted(request: CorrectionInput, grid: Resampler) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..beads import plan_level
+from ..beads import plan_level, residual
 from .features import CHANNELS
 from .net import CONVS, ModelError, Network, digest
 
@@ -82,3 +82,6 @@ def _check_layers(path: Path, weights: dict[str, np.ndarray], channels: int) -> 
     told = [weights[n].shape for n in own if n in weights]
     if told and told != [(figures,), (1,)]:
         raise ModelError(f'{path}: {own[0]} and {own[1]} have shapes {told}, not {figures} and 1')
+    if residual.WEIGHTS in weights and weights[residual.WEIGHTS].shape != (residual.FIGURES,):
+        got = weights[residual.WEIGHTS].shape
+        raise ModelError(f'{path}: {residual.WEIGHTS} has shape {got}, not {residual.FIGURES}')

@@ -23,6 +23,7 @@ from ..grids import CELLS_PER_BEAD
 from ..laws import net_file
 from ..laws.growth_law import SMOOTH
 from . import curves, loop, plan_level
+from .growth_card import card_text
 from .samples import Sample
 from .unet import UNet, arrays
 
@@ -245,33 +246,3 @@ def export(
     code = net_file.save(path, {**arrays(net), **level}, card)
     path.with_suffix('.md').write_text(card_text(card, code))
     return code
-
-
-def card_text(card: dict[str, Any], code: str) -> str:
-    """The model card as Markdown."""
-    m, t, d = card['metrics'], card['training'], card['data']
-    return '\n'.join([
-        f'# {card["name"]}', '',
-        f'{card["purpose"].capitalize()}; {card["parameters"]} parameters; sha256 `{code}`.', '',
-        f'Data: {d["layers"]} layers of {d["jobs"]} jobs of the laboratory, seeds {d["seeds"][0]} to {d["seeds"][1]} '
-        '(random parts, cells and strategies; `python3 -m waam_lab.growth_data`).',
-        'Every eighth job is for validation.', '',
-        f'Training: {t["steps"]} steps of {t["batch"]} layers, seed {t["seed"]}.', '',
-        f'Jobs of the validation: {m["explained"]:.0%} of the variance of the smoothed growth beside the model is',
-        f'predicted ({m["explained_raw"]:.0%} of the raw one). The rest is {m["sigma_ratio"]:.2f} times its sigma.',
-        '', *_level_text(m), '',
-        'Plans with a figure outside of these ranges are answered without the network:', '',
-        '| figure of the plan | from | to |', '|---|---|---|',
-        *(f'| {k} | {a:.3g} | {b:.3g} |' for k, (a, b) in card['seen'].items()), '',
-    ])  # fmt: skip
-
-
-def _level_text(metrics: dict[str, float]) -> list[str]:
-    """Of the card, on the level of a layer."""
-    if 'level_std' not in metrics:
-        return ['Level of a layer: not told; the jobs were too few.']
-    std, left = metrics['level_std'], metrics['level_left']
-    return [
-        f'Level of a layer about the mean of its job: {std:.1%} RMS, {left:.1%} beside what the figures of its plan',
-        'tell (jobs left out of the fit).',
-    ]
