@@ -48,8 +48,9 @@ def test_kinds_come_in_their_shares():
         assert abs(kinds.count(kind) / 400 - share) < 0.07
 
 
-def test_a_job_leaves_its_layers_and_what_the_bead_model_missed(tmp_path, capsys):
-    assert growth_data.main([str(tmp_path), '--seeds', '2001-2001']) == 0
+def test_a_job_leaves_its_layers_and_what_bead_model_and_loop_missed(tmp_path, capsys):
+    words = [str(tmp_path), '--seeds', '2001-2001', '--law', 'growth_net']
+    assert growth_data.main(words) == 0
     layers = list(samples.load(tmp_path))
     assert '1/1 seed 2001' in capsys.readouterr().err
     assert len(layers) >= 2
@@ -59,8 +60,10 @@ def test_a_job_leaves_its_layers_and_what_the_bead_model_missed(tmp_path, capsys
         known = s.weight > 0.9
         assert abs(np.median(s.y[known])) < 0.05  # the level is not in it
         assert 0.03 < s.y[known].std() < 0.4
+        assert s.moments is not None
+        assert 0.01 < s.moments[-1, -1] ** 0.5 < 0.4  # of the layer height, what the loop has left
     at = (tmp_path / 'job_2001.npz').stat().st_mtime_ns
-    assert growth_data.main([str(tmp_path), '--seeds', '2001-2001']) == 0  # is there already
+    assert growth_data.main(words) == 0  # is there already
     assert (tmp_path / 'job_2001.npz').stat().st_mtime_ns == at
 
 

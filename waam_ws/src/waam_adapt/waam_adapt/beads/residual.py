@@ -9,6 +9,7 @@ the surface does is not taken for what they do.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ SCALES = (0.7, 1.4, 2.8, 5.6)  # cells: sigmas that part the bands of the surfac
 SLOPES = (1.0, 2.0)  # cells: sigmas of the surface whose slope and curvature are looked at
 SMOOTH = 1.0  # cells: sigma of what is told; shorter waves setpoints cannot make
 COUNTED = 0.3  # share of a cell away from the edge from which on its surface is looked at
+REACH = 3.0  # sigmas that a mean over the neighbourhood reaches
 FAR = 0.6  # layer heights: error of the surface that counts at most
 LEAST = 50  # cells of a layer that teaches
 MOST = 0.25  # share of the planned height that is told at most
@@ -32,6 +34,7 @@ _CHANNELS = tuple(
     for i, name in enumerate(plan_geometry.NAMES)
     if name not in ('footprint', 'thickness', 'temperature')  # the same all over a layer
 )
+_THICKNESS = plan_geometry.NAMES.index('thickness')
 _BANDS = len(SCALES) + 1 + 3 * len(SLOPES)
 FIGURES = 2 * _BANDS + len(_CHANNELS) + 2
 WEIGHTS = 'residual.weight'  # name in the file of a growth network
@@ -39,30 +42,46 @@ WEIGHTS = 'residual.weight'  # name in the file of a growth network
 
 class Surface(NamedTuple):
     """A layer before it is laid, on the grid a quarter of a bead wide: counted (rows, cols), weight of a cell; state
-    (2 * bands, rows, cols): figures of the surface; plan (figures, rows, cols): channels of the plan and what the
-    network predicts, not yet smoothed; inside (rows, cols) bool: the footprint."""
+    (bands and shape, rows, cols): figures of the surface; x (CHANNELS, rows, cols): of `plan_geometry`; growth
+    (rows, cols): what the network predicts."""
 
     counted: np.ndarray
     state: np.ndarray
-    plan: np.ndarray
-    inside: np.ndarray
+    x: np.ndarray
+    growth: np.ndarray
+
+    @property
+    def thickness(self) -> float:
+        """Channel of the plan."""
+        return float(self.x[_THICKNESS].flat[0])
+
+    @property
+    def inside(self) -> np.ndarray:
+        """(rows, cols) bool: the footprint."""
+        return self.x[0] > 0
 
 
 def figures(surface: Surface) -> np.ndarray:
     """(FIGURES, rows, cols) of a layer, as the regression is fitted."""
-    plan = [_smooth(v, surface.inside, SMOOTH) for v in surface.plan]
-    return np.concatenate([surface.state, plan])
+    thickness, inside = surface.thickness, surface.inside
+    plan = [_smooth(surface.x[i], inside, SMOOTH) for i in _CHANNELS]
+    growth = _smooth(surface.growth, inside, SMOOTH)
+    rest = np.stack([*plan, growth, thickness * growth])
+    return np.concatenate([surface.state, thickness * surface.state, rest])
 
 
 def told(surface: Surface, weights: Mapping[str, np.ndarray]) -> np.ndarray:
     """(rows, cols) share of the planned height that the layer will end too high, its mean apart; 0 from weights without
     a regression."""
     if WEIGHTS not in weights:
-        return np.zeros(surface.inside.shape)
-    w, split = weights[WEIGHTS].astype(float), len(surface.state)
+        return np.zeros(surface.growth.shape)
+    w, thickness = weights[WEIGHTS].astype(float), surface.thickness
+    state = w[:_BANDS] + thickness * w[_BANDS : 2 * _BANDS]
+    plan = np.zeros(len(surface.x), np.float32)
+    plan[list(_CHANNELS)] = w[2 * _BANDS : -2]
     # smoothing is linear: what is smoothed is the sum
-    plan = _smooth(np.tensordot(w[split:], surface.plan, 1), surface.inside, SMOOTH)
-    found = np.tensordot(w[:split], surface.state, 1) + plan
+    rest = np.tensordot(plan, surface.x, 1) + (w[-2] + thickness * w[-1]) * surface.growth
+    found = np.tensordot(state, surface.state, 1) + _smooth(rest, surface.inside, SMOOTH)
     counted = surface.counted
     found = found - (found * counted).sum() / max(counted.sum(), 1e-9)
     return np.clip(found * counted, -MOST, MOST)
@@ -73,20 +92,16 @@ def surface(
 ) -> Surface:
     """Of a request with paths and a footprint, before what identification adds to it. x: of `plan_geometry.build`;
     growth (rows, cols): what the network predicts."""
-    footprint, height = request.footprint, middle(request)
     inside = x[0] > 0
-    error, seen = known_mean(request.error / height, grid)
-    share = filters.inner_share(footprint, MARGIN * request.bead_width / request.resolution)
-    counted = grid.mean(share) * (seen & inside)
+    error, seen = known_mean(request.error / middle(request), grid)
+    margin = MARGIN * request.bead_width / request.resolution
+    counted = grid.mean(filters.inner_share(request.footprint, margin)) * (seen & inside)
     counted = np.where(counted > COUNTED, counted, 0.0)
     known = counted > 0
     error = np.where(known, np.clip(error, -FAR, FAR), 0.0)
     along = plan_geometry.travel(request, grid)
     state = np.stack([*_bands(error, known), *_shape(error, known, along)])
-    thickness = float(x[plan_geometry.NAMES.index('thickness')].flat[0])
-    predicted = np.where(inside, growth, 0.0)
-    plan = np.concatenate([x[list(_CHANNELS)], [predicted, thickness * predicted]])
-    return Surface(counted, np.concatenate([state, thickness * state]), plan, inside)
+    return Surface(counted, state, x, np.where(inside, growth, 0.0))
 
 
 def moments(surface: Surface, left: np.ndarray) -> np.ndarray | None:
@@ -140,5 +155,13 @@ def _shape(error: np.ndarray, known: np.ndarray, along: np.ndarray) -> list[np.n
 
 def _smooth(values: np.ndarray, known: np.ndarray, sigma: float) -> np.ndarray:
     """Weighted mean (rows, cols) over what is known."""
-    spread = gaussian_filter(known.astype(float), sigma)
-    return gaussian_filter(np.where(known, values, 0.0), sigma) / np.maximum(spread, 1e-3)
+    total = gaussian_filter(np.where(known, values, 0.0), sigma, truncate=REACH)
+    found: np.ndarray = total / _spread(known.tobytes(), known.shape, sigma)
+    return found
+
+
+@lru_cache(maxsize=16)
+def _spread(known: bytes, shape: tuple[int, int], sigma: float) -> np.ndarray:
+    """What is known is the same in layer after layer."""
+    share = np.frombuffer(known, bool).reshape(shape).astype(float)
+    return np.maximum(gaussian_filter(share, sigma, truncate=REACH), 1e-3)

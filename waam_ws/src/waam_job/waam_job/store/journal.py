@@ -28,6 +28,8 @@ from .checkpoint import Checkpoint
 from .folder import JobFolder
 from .trace import trace
 
+TRACK_PERIOD = 10.0  # s, of the telemetry that one piece of the track holds at most within a bead
+
 
 @dataclass(frozen=True)
 class Following:
@@ -57,6 +59,7 @@ class Journal:
         self.cell, self.goal, self.folder, self.run = cell, goal, folder, run
         self.material = material
         self._pieces = 0  # of the telemetry track
+        self._tracked = 0, -math.inf  # beads done, and when, at the newest piece
         self.status = Status(
             folder.job_id,
             str(folder.path),
@@ -223,7 +226,10 @@ class Journal:
                 temperature=round(temperature, 1) if math.isfinite(temperature) else None,
             ),
         )
-        self.track()
+        now = self.cell.now()
+        if beads_done != self._tracked[0] or now - self._tracked[1] >= TRACK_PERIOD:
+            self._tracked = beads_done, now
+            self.track()
 
     def plan(self, plan: Plan, pass_number: int) -> None:
         """plan.npz and program.gcode; later passes have their number in the name. `plan`: its layers count from 1."""
@@ -269,7 +275,7 @@ class Journal:
 
     def track(self) -> None:
         """The telemetry since the last call, thinned to 10 Hz, goes to disk: a long job does not grow in memory, and a
-        crash costs no more of it than a bead."""
+        crash costs no more of it than TRACK_PERIOD."""
         self._pieces += 1
         self.folder.write_track(self.run, self._pieces, self.cell.take_track())
 
