@@ -56,6 +56,19 @@ def test_closed_loop_beats_open_loop_and_the_folder_is_complete(make_cell, make_
     assert figures['closed_loop'] < 0.75 * figures['open_loop']
 
 
+def test_a_crash_costs_ten_seconds_of_telemetry_at_most(make_cell, make_runner):
+    runner, _, folder = make_runner(make_cell())
+    journal, cell = runner.context.journal, runner.context.cell
+    written = []
+    for second in range(0, 60, 2):
+        cell.time = 1000.0 + second
+        bead = 1 if second < 25 else 2
+        journal.checkpoint(bead, bead - 1, second, second)
+        written.append(len(list((folder.path / 'track').iterdir())))
+    pieces = np.diff(written, prepend=0).astype(bool)
+    assert list(2 * np.flatnonzero(pieces)) == [0, 10, 20, 26, 36, 46, 56]
+
+
 def test_every_layer_but_the_first_is_announced_while_the_one_before_is_laid(
     make_cell, make_runner
 ):
