@@ -23,7 +23,8 @@ from .model import MARGIN
 
 SCALES = (0.7, 1.4, 2.8, 5.6)  # cells: sigmas that part the bands of the surface
 SLOPES = (1.0, 2.0)  # cells: sigmas of the surface whose slope and curvature are looked at
-SMOOTH = 1.0  # cells: sigma of what is told; shorter waves setpoints cannot make
+SMOOTH = 1.0  # cells: sigma of what is left, as the regression is fitted
+TOLD = 2.0  # cells: sigma of what is told; to act on shorter waves makes other parts than the demo's worse
 COUNTED = 0.3  # share of a cell away from the edge from which on its surface is looked at
 REACH = 3.0  # sigmas that a mean over the neighbourhood reaches
 FAR = 0.6  # layer heights: error of the surface that counts at most
@@ -83,6 +84,7 @@ def told(surface: Surface, weights: Mapping[str, np.ndarray]) -> np.ndarray:
     rest = np.tensordot(plan, surface.x, 1) + (w[-2] + thickness * w[-1]) * surface.growth
     found = np.tensordot(state, surface.state, 1) + _smooth(rest, surface.inside, SMOOTH)
     counted = surface.counted
+    found = _smooth(found, counted > 0, TOLD)
     found = found - (found * counted).sum() / max(counted.sum(), 1e-9)
     return np.clip(found * counted, -MOST, MOST)
 
