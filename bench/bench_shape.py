@@ -11,7 +11,8 @@ last layer, in the scan. Corner: a square of CORNER at each corner, less the rim
 the gains after layers 2 to 5 and at the end; 95 % intervals on stderr. `shape.fallback_share`: share of the layers of
 these jobs and of the six parts that the network did not answer.
 `shape.learned_gain_pct`: RMS at the end of jobs that start with what one job of the same cell, another part and other
-noise, has taught against the same jobs started fresh; gains after the first layers on stderr.
+noise, has taught against the same jobs started fresh; gains after the first layers on stderr. `shape.learned_own_pct`:
+the same of jobs that start with what they have taught themselves, noise included: a bound for what can be handed on.
 `shape.last_layer_known_mm`: RMS of the jaw when the correction knows of the last layer what repeats with other noise
 (`lib/last_layer.py`), a bound for what a network or a former job can tell; seeds 101 and 102, judged with other noise
 than learned with. `shape.last_layer_solver_mm`: the same without a network.
@@ -169,27 +170,37 @@ def network() -> None:
 
 
 def learned() -> None:
-    """Every seed has a folder of its own: the teacher leaves what it taught there, the second job starts with it."""
+    """Every seed has a folder of its own: the teacher leaves what it taught there, the second job starts with it. The
+    first job leaves what it taught in another one, and is run once more with that."""
     from waam_lab import over_seeds, parts, run_many
 
     chosen = seeds(SEEDS)
-    first = over_seeds(jaw_job(), chosen)
     with tempfile.TemporaryDirectory() as place:
-        folders = [Path(place) / str(seed) for seed in chosen]
-        teacher = parts.job(Path(place), TEACHER, keep_learned=True)
+
+        def kept(jobs: list, name: str, **options) -> list:
+            folders = [Path(place) / name / str(seed) for seed in chosen]
+            return [replace(j, learned=f, **options) for j, f in zip(jobs, folders, strict=True)]
+
+        plain = over_seeds(jaw_job(), chosen)
+        teacher = parts.job(Path(place), TEACHER)
         others = over_seeds(teacher, [OTHER_NOISE + seed for seed in chosen])
-        taught = [replace(j, learned=f) for j, f in zip(others, folders, strict=True)]
-        done(run_many(taught, workers=workers()))
-        second = [replace(j, learned=f) for j, f in zip(first, folders, strict=True)]
-        found = [done(run_many(jobs, workers=workers())) for jobs in (first, second)]
-    told('jaw, first job of its cell', found[0])
-    told('jaw, second job', found[1])
+        done(run_many(kept(others, 'other', keep_learned=True), workers=workers()))
+        runs = {
+            'first job of its cell': kept(plain, 'own', keep_learned=True),
+            'second job': kept(plain, 'other'),
+            'the first job again, started with what it has taught': kept(plain, 'own'),
+        }
+        found = [done(run_many(jobs, workers=workers())) for jobs in runs.values()]
+    for name, results in zip(runs, found, strict=True):
+        told(f'jaw, {name}', results)
     figures = [
         np.array([[r.layer_rms[0], np.mean(r.layer_rms[1:5]), r.rms] for r in jobs])
         for jobs in found
     ]
-    gain = paired_gains(*figures, ('layer 1', 'layers 2 to 5', 'end'))
-    emit('shape.learned_gain_pct', gain[-1], '%', 'first job of a cell', 0.0)
+    names = ('layer 1', 'layers 2 to 5', 'end')
+    second, again = (paired_gains(figures[0], other, names)[-1] for other in figures[1:])
+    emit('shape.learned_gain_pct', second, '%', 'first job of a cell', 0.0)
+    emit('shape.learned_own_pct', again, '%', 'first job of a cell', 0.0)
 
 
 def paired_gains(without: np.ndarray, with_it: np.ndarray, names: tuple[str, ...]) -> list[float]:
@@ -280,6 +291,7 @@ FIGURES = {
     'shape.network_gain_pct': network,
     'shape.fallback_share': network,
     'shape.learned_gain_pct': learned,
+    'shape.learned_own_pct': learned,
     'shape.corner_lag_mm': block,
     'shape.pitch_rms_mm': pitches,
     'shape.last_layer_known_mm': last_layer,
