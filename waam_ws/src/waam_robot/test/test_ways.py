@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,10 @@ def test_the_torch_goes_back_as_far_as_the_arm_does():
     tips = forward(MACHINE.arm, back[:, :AXES])[:, :3, 3]
     rise = np.diff(tips, axis=0)
     assert 20 < len(back) < 400 and rise == pytest.approx(np.tile([0, 0, 5e-3], (len(rise), 1)))
+    joint = int(np.argmax(np.abs(back[8, :AXES] - back[0, :AXES])))
+    rising = back[8, joint] > back[0, joint]
+    name, ends = ('high', MACHINE.arm.high) if rising else ('low', MACHINE.arm.low)
+    limit = tuple(back[4, joint] if n == joint else v for n, v in enumerate(ends))
+    arm = replace(MACHINE.arm, **{name: limit})
+    held = module._back(path.joints[-1], path.branch, 2.0, replace(MACHINE, arm=arm))
+    assert 4 <= len(held) <= 5 and in_limits(arm, held[:, :AXES]).all()
