@@ -195,10 +195,9 @@ def _add_outputs(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--tolerance',
         type=float,
-        default=0.02,
         metavar='MM',
-        help='of compact programs, default 0.02; chords of 2 mm become arcs where their radius is above 25 mm, '
-        'with 0.05 above 10 mm',
+        help='of compact programs, default 0.02, of robots 0.004; with 0.02 chords of 2 mm become arcs where their '
+        'radius is above 25 mm, with 0.05 above 10 mm',
     )
     p.add_argument(
         '--part-tolerance',

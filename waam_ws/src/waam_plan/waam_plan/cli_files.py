@@ -33,7 +33,7 @@ def write(plan: Plan, args: argparse.Namespace) -> None:
         (args.out / 'program.gcode').write_text(gcode(plan))
         (args.out / 'segments.csv').write_text(to_csv(plan))
         if args.post == 'gcode-compact':
-            _write_compact(plan, args.out, args.tolerance * 1e-3)
+            _write_compact(plan, args.out, args.tolerance)
         if args.post in cli_robot.POSTS:
             cli_robot.write_robot(plan, args)
         save_plan(plan, args.out / 'plan.npz')
@@ -65,9 +65,11 @@ def _write_recording(
         write_recording(stored, folder / 'preview.rrd')
 
 
-def _write_compact(plan: Plan, folder: Path, tolerance: float) -> None:
+def _write_compact(plan: Plan, folder: Path, tolerance: float | None) -> None:
+    """tolerance: mm"""
+    from waam_plan.post.compact import TOLERANCE
     from waam_plan.post.gcode import compact_gcode
 
-    text, s = compact_gcode(plan, tolerance)
+    text, s = compact_gcode(plan, TOLERANCE if tolerance is None else tolerance * 1e-3)
     (folder / 'compact.gcode').write_text(text)
     print(f'compact.gcode: {s.after} moves instead of {s.before}, {s.share:.0%} saved')

@@ -88,7 +88,7 @@ def add_robot(p: argparse.ArgumentParser) -> None:
         '--corner',
         type=float,
         metavar='MM',
-        help='of a robot: how far it may leave the path where two moves meet, default 0.2; less = slower corners',
+        help='of a robot: how far it may leave the path where two moves meet, default 0.006; more = faster corners',
     )
     p.add_argument(
         '--run',
@@ -171,8 +171,10 @@ def check_tilt(args: argparse.Namespace, settings: PlanSettings) -> None:
 def write_robot(plan: Plan, args: argparse.Namespace) -> None:
     """Writes the files, tells what was saved and, with --run, how exact the program is. Raises ValueError."""
     from waam_plan.post.compact import fragments, saving
+    from waam_plan.robot.motion import TOLERANCE
 
-    cell, tolerance = load_cell(args), args.tolerance * 1e-3
+    cell = load_cell(args)
+    tolerance = TOLERANCE if args.tolerance is None else args.tolerance * 1e-3
     write, read = language(args.post)
     files = write(plan, cell=cell, tolerance=tolerance)
     for name, text in files.items():

@@ -13,6 +13,7 @@ from .bead import Bead
 from .bodies import NAMES
 from .collision import Scene
 from .joint_path import BeadPath, Refused, plan
+from .ways import WayError, way_between
 
 STRETCH = 20e-3  # m of a bead that are looked at with the same part
 OWN = 15e-3  # m behind the torch
@@ -22,21 +23,44 @@ ANYWHERE = ('nozzle',)  # turns about its own axis only, so spin and branch do n
 def plan_clear(beads: list[Bead], scene: Scene, width: float = 6e-3) -> list[BeadPath]:
     """`joint_path.plan` on the machine of the scene, without contacts. PlanError: bead, place and what is too near.
 
-    width: m, of the beads. The ways between beads are not planned, so nothing is said of them.
+    width: m, of the beads. Nothing is said of the ways between them (`plan_part`).
     """
-    return plan(beads, scene.machine, refusing(beads, scene, width))
+    return plan(beads, scene.machine, _refusing(_laid(beads, scene, width), scene))
 
 
-def refusing(
-    beads: list[Bead], scene: Scene, width: float
-) -> Callable[[int, BeadPath], Refused | None]:
-    """For `joint_path.plan`: lays the beads in the scene, and refuses paths that touch what is there before them."""
-    counts: list[tuple[np.ndarray, np.ndarray]] = []
+def plan_part(
+    beads: list[Bead], scene: Scene, width: float = 6e-3
+) -> tuple[list[BeadPath], list[np.ndarray]]:
+    """`plan_clear`, and the ways (N, 8) rad from each bead to the next, straight in the joints between their places.
+    WayError (a PlanError) where no such way was found."""
+    laid = _laid(beads, scene, width)
+    paths = plan(beads, scene.machine, _refusing(laid, scene))
+    ways = []
+    for n, (before, after) in enumerate(zip(paths, paths[1:], strict=False)):
+        try:
+            ways.append(way_between(before, after, scene, int(laid[n][1][-1])))
+        except WayError as e:
+            raise WayError(f'the way from bead {n} to bead {n + 1}: {e}') from None
+    return paths, ways
+
+
+_Laid = list[tuple[np.ndarray, np.ndarray]]
+
+
+def _laid(beads: list[Bead], scene: Scene, width: float) -> _Laid:
+    """Lays the beads in the scene. For each: points at which stretches of it begin and end, and how many pieces the
+    part has there."""
+    counts: _Laid = []
     for bead in beads:
         marks = _marks(bead)
         laid = [scene.lay(bead.points[a : b + 1], width) for a, b in _pairs(marks)]
         before = counts[-1][1][-1] if counts else 0
         counts.append((marks, np.array([before, *laid])))
+    return counts
+
+
+def _refusing(counts: _Laid, scene: Scene) -> Callable[[int, BeadPath], Refused | None]:
+    """For `joint_path.plan`: refuses paths that touch what is there before them."""
 
     def refuse(number: int, path: BeadPath) -> Refused | None:
         marks, laid = counts[number]

@@ -3,7 +3,7 @@
 The positioner keeps the bead flat (torch upright) where its two axes can; what its turn is free by (`bead_turn`) is
 chosen for every bead so that the arm stays away from limits and singularities. A torch is round: its spin about its own
 axis is free and is chosen with the branch, constant inside a bead, by dynamic programming over the beads: away from
-limits and singularities, with short ways between beads. The ways between beads are not planned. Collisions are looked
+limits and singularities, with short ways between beads. Collisions, and the ways between beads, are looked
 at by whoever asks for it (`refuse`; `waam_robot.clearance`).
 """
 

@@ -143,7 +143,7 @@ class RobotCell:
     turning: Point = (0.0, 0.0, 0.0)
     origin: Point = (-0.2, -0.15, 0.0)
     orientation: Point = (180.0, 0.0, 0.0)
-    corner: float = 0.2e-3
+    corner: float = 6e-6
     zone: float = 1e-3
     pre_flow: float = 0.3  # s of gas before the arc is lit
     post_flow: float = 1.0  # s of gas after the arc went off

@@ -19,9 +19,10 @@ import math
 from dataclasses import dataclass
 
 from waam_plan.plan import Plan
-from waam_plan.post.compact import TOLERANCE, Move
+from waam_plan.post.compact import Move
 from waam_plan.post.gas import Flow, Switch, gas_left, gas_switches
 from waam_plan.robot.cell import TIME_BEFORE_MAX, RobotCell
+from waam_plan.robot.motion import TOLERANCE
 from waam_plan.robot.parts import Call, programs
 from waam_plan.robot.poses import Pose, Step, steps
 from waam_process.segment import Kind

@@ -12,8 +12,9 @@ import math
 from dataclasses import dataclass, field
 
 from waam_plan.plan import Plan
-from waam_plan.post.compact import TOLERANCE, Move
+from waam_plan.post.compact import Move
 from waam_plan.robot.cell import RobotCell
+from waam_plan.robot.motion import TOLERANCE
 from waam_plan.robot.parts import Call, Setpoints, programs, welds
 from waam_plan.robot.poses import Pose, Step, steps
 from waam_process.segment import Kind

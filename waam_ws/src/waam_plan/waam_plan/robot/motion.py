@@ -11,6 +11,7 @@ from waam_plan.post.compact import Move, circle
 from waam_process.segment import Point
 
 DOWN = (math.pi, 0.0, 0.0)  # W, P, R of an upright torch
+TOLERANCE = 4e-6  # m, between the moves of a program and the path of the plan; a corner of 6 um beside it makes 10
 
 
 class RobotProgramError(ValueError):

@@ -77,7 +77,7 @@ def _split(fragment: Fragment) -> list[list[Move]]:
         if _points(moves) > POINTS:
             raise RobotProgramError(
                 f'a bead of {_points(moves)} points does not fit into a fragment of {POINTS}; '
-                'raise the tolerance of compact programs'
+                'raise the tolerance (--tolerance)'
             )
     return out
 
@@ -114,10 +114,11 @@ def _check_memory(texts: dict[str, list[str]], points: int) -> None:
         if size > BYTES:
             raise RobotProgramError(
                 f'{name}: {size} bytes, the controller takes {BYTES} in one program; '
-                'raise the tolerance of compact programs'
+                'raise the tolerance (--tolerance)'
             )
     if total > ALL_BYTES or points > ALL_POINTS:
         raise RobotProgramError(
             f'{points} points in {total / 1e3:.0f} KB, the memory of a controller takes {ALL_POINTS} in '
-            f'{ALL_BYTES // 1000} KB; raise the tolerance, or plan fewer layers (--layers) and load the rest later'
+            f'{ALL_BYTES // 1000} KB; raise the tolerance (--tolerance), or plan fewer layers (--layers) and load the '
+            'rest later'
         )
