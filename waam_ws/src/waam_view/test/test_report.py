@@ -278,6 +278,20 @@ def test_a_demo_on_a_robot_shows_the_gantry_beside_it(tmp_path):
     assert 'href="open_loop/report.html"' in section and len(pictures(section)) == 1
 
 
+def test_a_demo_of_one_run_on_a_robot_shows_both_machines_too(tmp_path):
+    whole = write_demo(tmp_path)
+    alone = {k: v for k, v in whole.items() if k not in ('open_loop', 'ratio')}
+    machine = {'machine': 'robot', 'work_zero_m': [0.1, 0.08, 0.02]}
+    for report, shown in (
+        (alone, False),
+        ({**alone, **machine, 'gantry': whole['open_loop']}, True),
+    ):
+        (tmp_path / 'report.json').write_text(json.dumps(report))
+        text = write_report(tmp_path).read_text()
+        assert ('<h2>Robot</h2><figure>' in text) == shown
+        assert ('<h2>Robot and gantry</h2>' in text) == shown
+
+
 def test_the_drawn_arm_holds_the_torch_on_the_part():
     station = Station()
     surface = np.array([[0.1, 0.1, 0.02], [0.12, 0.1, 0.021], [0.14, 0.1, 0.02]])

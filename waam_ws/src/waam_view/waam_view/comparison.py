@@ -17,7 +17,7 @@ from .job_data import Job, load_job, number
 from .loop_summary import loop_summary
 
 
-def comparison_page(folder: Path, jobs: list[Job]) -> str:
+def comparison_page(folder: Path, jobs: list[Job], machines: str = '') -> str:
     """`jobs`: the runs of one report.json, same part and tolerance."""
     report = jobs[0].report
     name = report.get('name') or report.get('job_id') or Path(folder).name
@@ -32,8 +32,7 @@ def comparison_page(folder: Path, jobs: list[Job]) -> str:
         _cards(report, jobs),
         *(loop_summary(j) for j in jobs if j.loop_mode == LoopMode.CLOSED_LOOP),
         _maps(jobs),
-        _machine(report, jobs),
-        _beside(Path(folder), report, jobs),
+        machines,
         _table_of_runs(jobs),
         _rms_by_layer(jobs),
         _links(folder, jobs),
@@ -98,6 +97,11 @@ def _maps(jobs: list[Job]) -> str:
     ]
     out.append(f'<div class=pair>{"".join(pair)}</div>')
     return '\n'.join(out)
+
+
+def machines(folder: Path, report: dict, jobs: list[Job]) -> str:
+    """Of a demo on a robot: the robot with its part, and the gantry beside it; nothing of a demo on the gantry."""
+    return '\n'.join(p for p in (_machine(report, jobs), _beside(folder, report, jobs)) if p)
 
 
 def _machine(report: dict, jobs: list[Job]) -> str:

@@ -20,7 +20,7 @@ from waam_process.loop_mode import LOOP_MODES, LoopMode
 
 from . import figures
 from .bend_section import bend_section
-from .comparison import comparison_page
+from .comparison import comparison_page, machines
 from .html import cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, JobError, flatten, load_job, number, read_report
 from .layer_tables import layers_section
@@ -39,7 +39,9 @@ def write_report(folder: Path) -> Path:
     if not modes:
         raise JobError(f'{folder / job_folder.REPORT}: holds none of {", ".join(LOOP_MODES)}')
     jobs = [load_job(folder, report, p) for p in modes]
-    text = job_page(jobs[0]) if len(jobs) == 1 else comparison_page(folder, jobs)
+    one = len(jobs) == 1
+    beside = machines(folder, report, jobs)
+    text = job_page(jobs[0], beside) if one else comparison_page(folder, jobs, beside)
     target = folder / job_folder.REPORT_PAGE
     own = folder / f'.report_{os.getpid()}.html'  # client and dashboard may write at the same time
     write_atomically(own, text)
@@ -56,8 +58,8 @@ def write_all(folder: Path) -> list[Path]:
     return [*written, write_report(folder)]
 
 
-def job_page(job: Job) -> str:
-    """The page of one run."""
+def job_page(job: Job, machines: str = '') -> str:
+    """The page of one run. machines: HTML of `comparison.machines`."""
     name = job.report.get('name') or job.report.get('job_id') or job.folder.name
     parts = [
         f'<h1>{escape(name)}</h1>',
@@ -66,6 +68,7 @@ def job_page(job: Job) -> str:
         _figures_of_merit(job),
         loop_summary(job),
         _maps(job),
+        machines,
         bend_section(job),
         layers_section(job),
         passes_section(job),
