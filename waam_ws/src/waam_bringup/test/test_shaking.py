@@ -15,6 +15,10 @@ from waam_msgs.msg import AccelerationBatch, Telemetry
 from waam_msgs.srv import Command
 
 ZVD = 2.0
+SETTINGS = {
+    'shape_x': ZVD, 'shape_y': ZVD, 'max_accel_x': 300.0, 'max_accel_y': 200.0,
+    'accel_limit_x': 500.0, 'accel_limit_y': 500.0,
+}  # fmt: skip
 SWEEP = Sweep(low=20.0, high=30.0, rate=5.0)
 
 
@@ -22,7 +26,7 @@ class Machine(Shaking):
     """The client with a controller of its own. `refuses`: the step that does not work, and with what."""
 
     def __init__(self, refuses: str = '', why: type[BaseException] = ClientError) -> None:
-        self.settings = {'shape_x': ZVD, 'shape_y': ZVD}
+        self.settings = dict(SETTINGS)
         self.during: dict[str, float] = {}
         self.telemetry, self.blocks, self.done = Telemetry(), [], -1
         self.commands: list[int] = []
@@ -106,21 +110,29 @@ def sweep(monkeypatch):
     return run
 
 
-def test_a_sweep_runs_without_the_shaper_of_its_axis_only(sweep):
+def test_a_sweep_runs_without_the_shaper_of_its_axis_and_with_the_acceleration_of_the_machine(sweep):
     machine = Machine()
     assert len(sweep(machine).values) > 0
     assert machine.begun[0] + 1e-6 == pytest.approx(0.1, abs=1e-9), 'on a step of the machine'
+    assert machine.during == SETTINGS | {'shape_x': 0.0, 'max_accel_x': 500.0}
+    assert machine.settings == SETTINGS
+
+
+def test_older_firmware_has_no_acceleration_to_set(sweep):
+    machine = Machine()
+    machine.settings = {'shape_x': ZVD, 'shape_y': ZVD}
+    sweep(machine)
     assert machine.during == {'shape_x': 0.0, 'shape_y': ZVD}
     assert machine.settings == {'shape_x': ZVD, 'shape_y': ZVD}
 
 
 @pytest.mark.parametrize('step', ['approach', 'way', 'listen', 'sweep', 'moves', 'deaf'])
 @pytest.mark.parametrize('why', [ClientError, KeyboardInterrupt])
-def test_the_shaper_is_in_force_again_after_a_sweep_that_was_refused(sweep, step, why):
+def test_shaper_and_acceleration_are_in_force_again_after_a_sweep_that_was_refused(sweep, step, why):
     machine = Machine(step, why)
     with pytest.raises(why):
         sweep(machine)
-    assert machine.settings == {'shape_x': ZVD, 'shape_y': ZVD}
+    assert machine.settings == SETTINGS
     assert machine.machine.state == Telemetry.STATE_IDLE
 
 

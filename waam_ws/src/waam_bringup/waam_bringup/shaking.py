@@ -11,7 +11,7 @@ from std_srvs.srv import SetBool
 
 from waam_calibrate.graph import Settings
 from waam_calibrate.resonance import SEGMENT, Samples
-from waam_calibrate.results import told_by
+from waam_calibrate.results import ACCEL, told_by
 from waam_calibrate.sweep import Sweep
 from waam_msgs.msg import AccelerationBatch, SegmentDone, Telemetry
 from waam_msgs.srv import Command, Enqueue
@@ -146,8 +146,8 @@ class Shaking(GraphClient):
 
 
 def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
-    """The samples of a sweep, without the shaper of the axis, which is in force again afterwards. ClientError when
-    something refuses or does not answer."""
+    """The samples of a sweep, without the shaper of the axis and with the acceleration of the machine; what was in force
+    is again afterwards. ClientError when something refuses or does not answer."""
     with Shaking(domain) as graph:
         graph.ready()
         with unshaped(graph, axis):
@@ -156,12 +156,17 @@ def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
 
 @contextlib.contextmanager
 def unshaped(graph: Shaking, axis: str) -> Iterator[None]:
-    """The axis without its shaper; afterwards it is in force again. What fails inside, or is interrupted, stops the
-    machine first. One that does not come to rest stays without; the list of alarms says so."""
-    shape = f'shape_{axis}'
-    before = graph.told().get(shape, 0.0)
-    graph.configure([(shape, 0.0)])
+    """The axis without its shaper and with the acceleration of the machine; afterwards its own are in force again. What
+    fails inside, or is interrupted, stops the machine first. One that does not come to rest stays so; the list of
+    alarms says it."""
+    told, shape, accel, limit = graph.told(), f'shape_{axis}', ACCEL + axis, f'accel_limit_{axis}'
+    before = [(shape, told.get(shape, 0.0))]
+    swinging = [(shape, 0.0)]
+    if accel in told and limit in told:  # older firmware has neither
+        before = [(accel, told[accel]), *before]
+        swinging.append((accel, told[limit]))
     try:
+        graph.configure(swinging)
         yield
     except BaseException:
         with contextlib.suppress(ClientError):
@@ -170,7 +175,7 @@ def unshaped(graph: Shaking, axis: str) -> Iterator[None]:
     finally:
         graph.until(graph.takes_settings, SILENT_S)
         with contextlib.suppress(ClientError):
-            graph.configure([(shape, before)])
+            graph.configure(before)
 
 
 def swing(graph: Shaking, sweep: Sweep, axis: str, point: Point | None) -> Samples:

@@ -79,6 +79,8 @@ bool waam_core_plan_jog(waam_core_t *core, const double delta_mm[WAAM_AXES], dou
 /* This command is taken only when everything before it is done. */
 bool waam_core_waits(const waam_core_t *core, const waam_command_t *command);
 
+/* May settings change now? (waam_configure.c) False: `error` says why not. */
+bool waam_core_settable(const waam_core_t *core, waam_error_t *error);
 /* Takes config.steps_per_mm over (waam_scale.c). */
 void waam_core_rescale(waam_core_t *core);
 
