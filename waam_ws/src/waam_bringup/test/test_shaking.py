@@ -110,7 +110,7 @@ def sweep(monkeypatch):
     return run
 
 
-def test_a_sweep_runs_without_the_shaper_of_its_axis_and_with_the_acceleration_of_the_machine(sweep):
+def test_a_sweep_runs_unshaped_and_with_the_acceleration_of_the_machine(sweep):
     machine = Machine()
     assert len(sweep(machine).values) > 0
     assert machine.begun[0] + 1e-6 == pytest.approx(0.1, abs=1e-9), 'on a step of the machine'
@@ -128,7 +128,7 @@ def test_older_firmware_has_no_acceleration_to_set(sweep):
 
 @pytest.mark.parametrize('step', ['approach', 'way', 'listen', 'sweep', 'moves', 'deaf'])
 @pytest.mark.parametrize('why', [ClientError, KeyboardInterrupt])
-def test_shaper_and_acceleration_are_in_force_again_after_a_sweep_that_was_refused(sweep, step, why):
+def test_shaper_and_acceleration_are_back_after_a_sweep_that_was_refused(sweep, step, why):
     machine = Machine(step, why)
     with pytest.raises(why):
         sweep(machine)

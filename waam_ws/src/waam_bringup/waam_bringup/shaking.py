@@ -146,8 +146,8 @@ class Shaking(GraphClient):
 
 
 def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
-    """The samples of a sweep, without the shaper of the axis and with the acceleration of the machine; what was in force
-    is again afterwards. ClientError when something refuses or does not answer."""
+    """The samples of a sweep, without the shaper of the axis and with the acceleration of the machine; its own are in
+    force again afterwards. ClientError when something refuses or does not answer."""
     with Shaking(domain) as graph:
         graph.ready()
         with unshaped(graph, axis):

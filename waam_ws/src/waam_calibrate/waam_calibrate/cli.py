@@ -37,9 +37,10 @@ refused with the reason and exit status 2; then nothing is kept and nothing is t
 RESONANCE = """\
 The torch goes to the probe point. The axis is moved there and back by at most 2 mm, ever faster, from 1 Hz up, by moves
 that the controller executes as those of any program; the arc stays off. An accelerometer on the moving axes listens.
-The shaper of the axis is switched off for it, and the axis has the acceleration of the machine. The shaper that is taken
-and the acceleration that goes with it, at most that of the machine, are told to the controller. Needs a graph that is up (waam up) with an accelerometer; the simulated
-cell has one when its parameter gantry_on is true. The machine must be free to move by 2 mm around the point.
+For it the shaper of the axis is off and its acceleration that of the machine. The controller is told the shaper that is
+taken and the acceleration that goes with it, at most that of the machine. Needs a graph that is up (waam up) with an
+accelerometer; the simulated cell has one when its parameter gantry_on is true. The machine must be free to move by 2 mm
+around the point.
 """
 
 

@@ -43,7 +43,9 @@ def of_resonance(found: Resonance, sweep: Sweep, now: datetime) -> Result:
     shaper = f'{c.type} at {c.hz:.1f} Hz leaves {100 * c.vibration:.1f} %'
     told, words = _acceleration(found.axis, c.acceleration, limit)
     text = f'mode {mode.hz:.2f} Hz, damping {mode.damping:.3f}; {shaper}; {words}'
-    return Result('resonance', found.axis, stamp(now), text, values, evidence, told + found.settings())
+    return Result(
+        'resonance', found.axis, stamp(now), text, values, evidence, told + found.settings()
+    )
 
 
 def _acceleration(axis: str, proposed: float, limit: float) -> tuple[list[tuple[str, float]], str]:
@@ -51,7 +53,9 @@ def _acceleration(axis: str, proposed: float, limit: float) -> tuple[list[tuple[
     if proposed < results.LEAST_ACCEL:
         return [], f'acceleration left as it is (none keeps the smoothing below {SMOOTHING:g} mm)'
     told = round(min(proposed, limit), 3)
-    words = f'acceleration {told:g} mm/s^2 ({proposed:g} proposed, the machine has at most {limit:g})'
+    words = (
+        f'acceleration {told:g} mm/s^2 ({proposed:g} proposed, the machine has at most {limit:g})'
+    )
     return [(results.ACCEL + axis, told)], words
 
 

@@ -1,4 +1,4 @@
-"""Greatest acceleration of X and Y: told by `$C`, kept to by moves, holds, arcs and homing, never above the machine's."""
+"""Greatest acceleration of X and Y: told by `$C`, kept to by moves, holds, arcs and homing."""
 
 from __future__ import annotations
 
@@ -52,7 +52,8 @@ def test_the_longest_answers_fit_into_a_line():
     identity = m.ask('$I')
     assert identity.endswith(' corner_mm=0.123')
     # a boot id, line numbers and a clock of their most digits, the longer check, the sensor's capability, `clk=sync`
-    assert len(identity) + 3 * 9 + len('@4294967295') + len(' @9007199254740992*0123456789\n,ACCEL') <= 400
+    more = len('@4294967295 @9007199254740992*0123456789\n,ACCEL') + 3 * 9
+    assert len(identity) + more <= 400
 
 
 @pytest.mark.parametrize(
@@ -141,7 +142,8 @@ def test_homing_runs_past_its_switch_no_farther():
         m.run('G28')
         assert m.position().tolist() == target(0, 0, 200)
         past.append(m.track()[begun:].min(axis=0)[:2] / machine.STEPS_PER_MM)
-        assert steepest(m, begun)[:2].max() <= max(accel * 8e-3, 2.0) + STEP_SPEED  # 2 mm/s: at the switch, at once
+        at_once = 2.0  # mm/s: the axis stands as soon as its switch is found for good
+        assert steepest(m, begun)[:2].max() <= max(accel * 8e-3, at_once) + STEP_SPEED
     assert past[0].max() < -1 and (past[1] >= past[0] - 0.1).all()
 
 
@@ -156,9 +158,7 @@ def test_ends_are_exact_whatever_the_accelerations(data):
         for axis, value in zip('xy', limits, strict=True):
             assert m.ask(f'$C max_accel_{axis} {value}').startswith('$C ok')
         begun = len(m.track())
-        ends = data.draw(
-            st.lists(st.tuples(*(st.integers(0, 3000),) * 2), min_size=2, max_size=10)
-        )
+        ends = data.draw(st.lists(st.tuples(*(st.integers(0, 3000),) * 2), min_size=2, max_size=10))
         m.run(*(f'G1 X{x / 1e2:.2f} Y{y / 1e2:.2f} F9000' for x, y in ends), 'G1 X1.25 Y2.5')
         assert m.position().tolist() == target(1.25, 2.5, 200)
         # a corner is passed within the junction deviation at once: v sqrt(2 (1 - cos)) <= sqrt(8 a d)
