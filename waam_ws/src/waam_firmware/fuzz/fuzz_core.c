@@ -120,7 +120,7 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
     (void)context;
     bool grbl = bench.core.link.dialect == WAAM_DIALECT_GRBL && line[bytes - 2] == '\r';
     bool marlin = bench.core.link.dialect == WAAM_DIALECT_MARLIN;
-    REQUIRE(bytes > 2 && bytes <= 400 && line[bytes - 1] == '\n', "length of a sent line");
+    REQUIRE(bytes > 2 && bytes <= 480 && line[bytes - 1] == '\n', "length of a sent line");
     content = bytes - 1 - grbl;
     REQUIRE(grbl || marlin || waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
     for (size_t i = 0; i < content; i++)

@@ -31,7 +31,7 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
 {
     size_t content;
     (void)context, (void)kind;
-    REQUIRE(bytes > 2 && bytes <= 400 && line[bytes - 1] == '\n', "length of a sent line");
+    REQUIRE(bytes > 2 && bytes <= 480 && line[bytes - 1] == '\n', "length of a sent line");
     REQUIRE(waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
     for (size_t i = 0; i < content; i++)
         REQUIRE(line[i] >= ' ' && (uint8_t)line[i] <= '~', "a sent line is printable");

@@ -68,8 +68,7 @@ waam_home_result_t waam_home_tick(waam_home_t *home, waam_motion_t *motion, cons
     case WAAM_HOME_SEEK:
         if (pressed)
             enter(home, WAAM_HOME_BRAKE);
-        else
-            move(home, steps, towards * seek_mm_s(config, axis), config, dt_s);
+        move(home, steps, pressed ? 0.0 : towards * seek_mm_s(config, axis), config, dt_s);
         return home->travelled_mm > 1.1 * range(config, axis) + 10.0 ? WAAM_HOME_FAILED : WAAM_HOME_BUSY;
     case WAAM_HOME_BRAKE:
         move(home, steps, 0.0, config, dt_s);
