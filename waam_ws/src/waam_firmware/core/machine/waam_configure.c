@@ -136,13 +136,6 @@ static void configure_accel(waam_request_t *r, const waam_setting_t *setting, do
         refuse_error(r, &error);
 }
 
-bool waam_core_settable(const waam_core_t *core, waam_error_t *error)
-{
-    if ((core->state == WAAM_IDLE || core->state == WAAM_ALARM) && core->planner.count == 0)
-        return true;
-    return waam_fail(error, WAAM_E_NOT_NOW, 1, "settings only in IDLE or ALARM");
-}
-
 void waam_order_configure(waam_request_t *r)
 {
     const name_t name = read_name(r);

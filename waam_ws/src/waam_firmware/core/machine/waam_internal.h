@@ -25,6 +25,8 @@ void waam_core_tell(waam_core_t *core, waam_code_t code, const char *text);
 void waam_core_absorb(waam_core_t *core);
 waam_place_t waam_core_place(const waam_core_t *core); /* the planned one */
 bool waam_core_stands(const waam_core_t *core);
+/* May settings change now? False: `error` says why not. */
+bool waam_core_settable(const waam_core_t *core, waam_error_t *error);
 int32_t waam_core_steps(const waam_core_t *core, int axis); /* where the machine is, shaped and corrected */
 int64_t waam_core_pulses(const waam_core_t *core, int axis); /* since the start */
 double waam_core_speed(const waam_core_t *core); /* along the path, as shaped; mm/s */
@@ -79,8 +81,6 @@ bool waam_core_plan_jog(waam_core_t *core, const double delta_mm[WAAM_AXES], dou
 /* This command is taken only when everything before it is done. */
 bool waam_core_waits(const waam_core_t *core, const waam_command_t *command);
 
-/* May settings change now? (waam_configure.c) False: `error` says why not. */
-bool waam_core_settable(const waam_core_t *core, waam_error_t *error);
 /* Takes config.steps_per_mm over (waam_scale.c). */
 void waam_core_rescale(waam_core_t *core);
 
