@@ -40,9 +40,17 @@ class Machine(Shaking):
         )
         self.machine.work_offset = Point(x=1e-6)
         self.refuses, self.why = refuses, why
+        self.clocks, self.ticks = 0, None  # publishers of a cell's clock, who hears it
         self.node = SimpleNamespace(
-            get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=1))
+            get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=1)),
+            count_publishers=lambda topic: self.clocks,
+            create_subscription=self._hear,
+            destroy_subscription=lambda heard: setattr(self, 'ticks', None),
         )
+
+    def _hear(self, kind, topic, ticks, profile):
+        assert topic == '/clock'
+        self.ticks = ticks
 
     def __exit__(self, *_: object) -> None:
         pass
@@ -134,6 +142,28 @@ def test_shaper_and_acceleration_are_back_after_a_sweep_that_was_refused(sweep, 
         sweep(machine)
     assert machine.settings == SETTINGS
     assert machine.machine.state == Telemetry.STATE_IDLE
+
+
+@pytest.mark.parametrize('compiles', [7, 99])
+def test_a_simulated_cell_that_still_compiles_is_waited_for(sweep, compiles):
+    """Without it no accelerometer answers; nothing moves before."""
+    machine = Machine()
+    machine.clocks = 1
+    sample = machine._sample
+
+    def later() -> None:
+        sample()
+        if machine.ticks is not None and len(machine.blocks) >= compiles:
+            machine.ticks('tick')
+
+    machine._sample = later
+    if compiles < 10:
+        sweep(machine)
+        assert len(machine.blocks) >= compiles and machine.ticks is None
+        return
+    with pytest.raises(ClientError, match='has not met the controller'):
+        sweep(machine)
+    assert machine.during == {} and machine.ticks is None
 
 
 def test_a_controller_that_was_just_switched_on_is_reset_and_homed(sweep):

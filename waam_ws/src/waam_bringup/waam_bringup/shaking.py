@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
 from waam_calibrate.graph import Settings
@@ -16,7 +17,7 @@ from waam_calibrate.sweep import Sweep
 from waam_msgs.msg import AccelerationBatch, SegmentDone, Telemetry
 from waam_msgs.srv import Command, Enqueue
 from waam_node.conversions import segment_to_msg
-from waam_node.qos import EVENTS, PROFILES, TELEMETRY
+from waam_node.qos import BEAT, EVENTS, PROFILES, TELEMETRY
 from waam_process.names import POWER_UP
 from waam_process.segment import Kind, Point, Segment
 
@@ -26,6 +27,7 @@ from .progress import bar
 TRAVEL = 0.05  # m/s, to the probe point
 BATCH = 500  # segments of a request
 HOMING_S, SILENT_S = 120.0, 20.0
+CELL_S = 180.0  # until a simulated cell that compiles has met the controller
 ALARM_S = 5.0  # until a reset shows in the state: a command is refused by what the bridge has heard
 REST = 1.5 * SEGMENT  # s of samples before the motion
 NAME = 'calibration'
@@ -88,6 +90,7 @@ class Shaking(GraphClient):
         if job := self.running_job():
             raise ClientError(f'a job is running: {job.job_id} (waam status, waam job abort)')
         self.until(lambda: self.machine is not None, 10.0)
+        self._meet_cell()
         if self.machine is None or not self.machine.connected:
             raise ClientError('the controller does not answer (waam status)')
         if self.machine.state == Telemetry.STATE_ALARM:
@@ -101,6 +104,20 @@ class Shaking(GraphClient):
             self.command(Command.Request.HOME)
         if not self.until(self._rests, HOMING_S):
             raise ClientError(f'the machine does not come to rest: {self.machine.message}')
+
+    def _meet_cell(self) -> None:
+        """The accelerometer of a simulated cell answers only once the cell, which may still compile, has met the
+        controller: then its clock runs. ClientError when it does not."""
+        node = self.node
+        ticks: list[Clock] = []
+        if not node.count_publishers('/clock'):
+            return
+        clock = node.create_subscription(Clock, '/clock', ticks.append, BEAT)
+        try:
+            if not self.until(lambda: ticks, CELL_S):
+                raise ClientError('the simulated cell has not met the controller (waam status)')
+        finally:
+            node.destroy_subscription(clock)
 
     def _reset(self) -> bool:
         return self.machine is not None and self.machine.state != Telemetry.STATE_ALARM
