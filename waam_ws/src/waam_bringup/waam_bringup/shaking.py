@@ -90,7 +90,6 @@ class Shaking(GraphClient):
         if job := self.running_job():
             raise ClientError(f'a job is running: {job.job_id} (waam status, waam job abort)')
         self.until(lambda: self.machine is not None, 10.0)
-        self._meet_cell()
         if self.machine is None or not self.machine.connected:
             raise ClientError('the controller does not answer (waam status)')
         if self.machine.state == Telemetry.STATE_ALARM:
@@ -105,13 +104,11 @@ class Shaking(GraphClient):
         if not self.until(self._rests, HOMING_S):
             raise ClientError(f'the machine does not come to rest: {self.machine.message}')
 
-    def _meet_cell(self) -> None:
+    def meet_cell(self) -> None:
         """The accelerometer of a simulated cell answers only once the cell, which may still compile, has met the
         controller: then its clock runs. ClientError when it does not."""
         node = self.node
         ticks: list[Clock] = []
-        if not node.count_publishers('/clock'):
-            return
         clock = node.create_subscription(Clock, '/clock', ticks.append, BEAT)
         try:
             if not self.until(lambda: ticks, CELL_S):
@@ -162,10 +159,15 @@ class Shaking(GraphClient):
         return sum(len(b.x) for b in self.blocks)
 
 
-def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
+def shake(
+    domain: int, sweep: Sweep, axis: str, point: Point | None, simulated: bool = False
+) -> Samples:
     """The samples of a sweep, without the shaper of the axis and with the acceleration of the machine; its own are in
-    force again afterwards. ClientError when something refuses or does not answer."""
+    force again afterwards. simulated: the accelerometer is that of a cell. ClientError when something refuses or does
+    not answer."""
     with Shaking(domain) as graph:
+        if simulated:
+            graph.meet_cell()
         graph.ready()
         with unshaped(graph, axis):
             return swing(graph, sweep, axis, point)
