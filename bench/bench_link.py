@@ -19,7 +19,8 @@ arc.off_max_ms: age of the lease, in controller time, when the arc went off afte
     times at most; how often goes to stderr
 
 With WAAM_BENCH_SHAPER=1 noise and kills run with an input shaper in the controller (2HUMP_EI and MZV), with
-WAAM_BENCH_SCALE=1 with steps per mm that differ from axis to axis (319.873, 345.021, 640.5).
+WAAM_BENCH_SCALE=1 with steps per mm that differ from axis to axis (319.873, 345.021, 640.5), with WAAM_BENCH_ACCEL=1
+with lower accelerations of X and Y (333.3 and 450 mm/s^2).
 
 Without Printrun the two baselines are null. With the defaults it takes about 3 minutes, with WAAM_BENCH_LINK_S=600 and
 WAAM_BENCH_KILLS=200 some 20; WAAM_BENCH_NOISE=1000000 takes an hour of its own. Each part says on stderr how long it
@@ -58,6 +59,7 @@ NOISE = int(os.environ.get('WAAM_BENCH_NOISE', '20000'))
 NOISE_SEED = int(os.environ.get('WAAM_BENCH_NOISE_SEED', '11'))
 SHAPED = os.environ.get('WAAM_BENCH_SHAPER', '') == '1'
 SCALED = os.environ.get('WAAM_BENCH_SCALE', '') == '1'
+SLOWED = os.environ.get('WAAM_BENCH_ACCEL', '') == '1'
 KILLS = int(os.environ.get('WAAM_BENCH_KILLS', '9'))
 
 
@@ -275,9 +277,9 @@ class Stalls:
 
 def settings() -> tuple[str, ...]:
     """Of the controller, for noise and kills."""
-    from bridge_campaign import SCALE, SHAPER
+    from bridge_campaign import ACCEL, SCALE, SHAPER
 
-    return (SHAPER if SHAPED else ()) + (SCALE if SCALED else ())
+    return (SHAPER if SHAPED else ()) + (SCALE if SCALED else ()) + (ACCEL if SLOWED else ())
 
 
 def noise() -> None:

@@ -40,6 +40,7 @@ JOB = 'noise'
 # of the controller, as `$C` takes them: 2HUMP_EI and MZV
 SHAPER = ('shape_x_hz 25', 'shape_y_hz 40', 'shape_x 5', 'shape_y 3')
 SCALE = ('steps_per_mm_x 319.873', 'steps_per_mm_y 345.021', 'steps_per_mm_z 640.5')
+ACCEL = ('max_accel_x 333.3', 'max_accel_y 450')
 
 
 @dataclass

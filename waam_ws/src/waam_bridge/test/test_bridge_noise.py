@@ -7,7 +7,7 @@ import random
 
 import pytest
 from bridge_cable import Cable
-from bridge_campaign import SCALE, SHAPER, Campaign, Path, steps
+from bridge_campaign import ACCEL, SCALE, SHAPER, Campaign, Path, steps
 from controller_lib import ControllerLib
 
 from waam_bridge import frames
@@ -55,7 +55,7 @@ def test_over_a_good_cable_nothing_is_sent_twice():
         (1e-3, 1500, 4, ()),
         (3e-3, 600, 5, ()),
         (1e-3, 1000, 6, SHAPER),
-        (1e-3, 1000, 7, SHAPER + SCALE),
+        (1e-3, 1000, 7, SHAPER + SCALE + ACCEL),
     ],
 )
 def test_there_is_no_third_outcome(rate, segments, seed, settings):

@@ -11,7 +11,7 @@ import numpy as np
 from waam_process.names import CONTROLLER_STATES
 
 MAX_LINE = 160  # bytes of a line to the controller, newline included
-MAX_ANSWER = 400  # bytes of a line from the controller; identifications grow with the firmware
+MAX_ANSWER = 480  # bytes of a line from the controller; identifications grow with the firmware
 # real-time bytes act when two come in a row; four survive the loss of any two
 STOP_NOW, HOLD_NOW = b'\x82' * 4, b'\x80' * 4
 CRC16, CRC32 = 5, 10  # digits of a check

@@ -81,4 +81,8 @@ def test_the_mode_of_the_gantry_is_found_and_its_shaper_told(tmp_path, monkeypat
     assert found['values']['mode_hz'] == pytest.approx(true_hz(), rel=0.01)
     shaper = dict(found['settings'])
     assert in_force['shape_x'] == shaper['shape_x'], 'after a sweep that was refused'
+    proposed = found['values']['acceleration_mm_s2']
+    accel = min(proposed, in_force['accel_limit_x'])
+    assert in_force['max_accel_x'] == shaper['max_accel_x'] == accel
+    assert f'acceleration {shaper["max_accel_x"]:g} mm/s^2 ({proposed:g} proposed' in said
     assert shaper['shape_x_hz'] == pytest.approx(true_hz(), rel=0.08) and shaper['shape_x'] > 0

@@ -36,8 +36,8 @@ def measure(args: argparse.Namespace, sweep: Sweep, axis: str, point: Point | No
     from .shaking import shake
 
     run, domain = run_and_domain(args)
-    require_up(run)
-    return shake(domain, sweep, axis, point)
+    state = require_up(run)
+    return shake(domain, sweep, axis, point, state.simulated and 'cell' in state.nodes)
 
 
 def send(args: argparse.Namespace, settings: Settings) -> str:

@@ -7,16 +7,17 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
 from waam_calibrate.graph import Settings
 from waam_calibrate.resonance import SEGMENT, Samples
-from waam_calibrate.results import told_by
+from waam_calibrate.results import ACCEL, told_by
 from waam_calibrate.sweep import Sweep
 from waam_msgs.msg import AccelerationBatch, SegmentDone, Telemetry
 from waam_msgs.srv import Command, Enqueue
 from waam_node.conversions import segment_to_msg
-from waam_node.qos import EVENTS, PROFILES, TELEMETRY
+from waam_node.qos import BEAT, EVENTS, PROFILES, TELEMETRY
 from waam_process.names import POWER_UP
 from waam_process.segment import Kind, Point, Segment
 
@@ -26,6 +27,7 @@ from .progress import bar
 TRAVEL = 0.05  # m/s, to the probe point
 BATCH = 500  # segments of a request
 HOMING_S, SILENT_S = 120.0, 20.0
+CELL_S = 180.0  # until a simulated cell that compiles has met the controller
 ALARM_S = 5.0  # until a reset shows in the state: a command is refused by what the bridge has heard
 REST = 1.5 * SEGMENT  # s of samples before the motion
 NAME = 'calibration'
@@ -102,6 +104,18 @@ class Shaking(GraphClient):
         if not self.until(self._rests, HOMING_S):
             raise ClientError(f'the machine does not come to rest: {self.machine.message}')
 
+    def meet_cell(self) -> None:
+        """The accelerometer of a simulated cell answers only once the cell, which may still compile, has met the
+        controller: then its clock runs. ClientError when it does not."""
+        node = self.node
+        ticks: list[Clock] = []
+        clock = node.create_subscription(Clock, '/clock', ticks.append, BEAT)
+        try:
+            if not self.until(lambda: ticks, CELL_S):
+                raise ClientError('the simulated cell has not met the controller (waam status)')
+        finally:
+            node.destroy_subscription(clock)
+
     def _reset(self) -> bool:
         return self.machine is not None and self.machine.state != Telemetry.STATE_ALARM
 
@@ -145,10 +159,15 @@ class Shaking(GraphClient):
         return sum(len(b.x) for b in self.blocks)
 
 
-def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
-    """The samples of a sweep, without the shaper of the axis, which is in force again afterwards. ClientError when
-    something refuses or does not answer."""
+def shake(
+    domain: int, sweep: Sweep, axis: str, point: Point | None, simulated: bool = False
+) -> Samples:
+    """The samples of a sweep, without the shaper of the axis and with the acceleration of the machine; its own are in
+    force again afterwards. simulated: the accelerometer is that of a cell. ClientError when something refuses or does
+    not answer."""
     with Shaking(domain) as graph:
+        if simulated:
+            graph.meet_cell()
         graph.ready()
         with unshaped(graph, axis):
             return swing(graph, sweep, axis, point)
@@ -156,12 +175,17 @@ def shake(domain: int, sweep: Sweep, axis: str, point: Point | None) -> Samples:
 
 @contextlib.contextmanager
 def unshaped(graph: Shaking, axis: str) -> Iterator[None]:
-    """The axis without its shaper; afterwards it is in force again. What fails inside, or is interrupted, stops the
-    machine first. One that does not come to rest stays without; the list of alarms says so."""
-    shape = f'shape_{axis}'
-    before = graph.told().get(shape, 0.0)
-    graph.configure([(shape, 0.0)])
+    """The axis without its shaper and with the acceleration of the machine; afterwards its own are in force again. What
+    fails inside, or is interrupted, stops the machine first. One that does not come to rest stays so; the list of
+    alarms says it."""
+    told, shape, accel, limit = graph.told(), f'shape_{axis}', ACCEL + axis, f'accel_limit_{axis}'
+    before = [(shape, told.get(shape, 0.0))]
+    swinging = [(shape, 0.0)]
+    if accel in told and limit in told:  # older firmware has neither
+        before = [(accel, told[accel]), *before]
+        swinging.append((accel, told[limit]))
     try:
+        graph.configure(swinging)
         yield
     except BaseException:
         with contextlib.suppress(ClientError):
@@ -170,7 +194,7 @@ def unshaped(graph: Shaking, axis: str) -> Iterator[None]:
     finally:
         graph.until(graph.takes_settings, SILENT_S)
         with contextlib.suppress(ClientError):
-            graph.configure([(shape, before)])
+            graph.configure(before)
 
 
 def swing(graph: Shaking, sweep: Sweep, axis: str, point: Point | None) -> Samples:

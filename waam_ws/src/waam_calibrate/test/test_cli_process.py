@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 from test_lead import made_up
 
-from waam_calibrate import cli
+from waam_calibrate import cli, store
 from waam_calibrate.evidence import EvidenceError
 from waam_calibrate.graph import Graph
+from waam_calibrate.lead import WireRecord
 from waam_calibrate.regulator import Plant, experiment
 
 WIRE = 'wire --counts-per-turn 4096 --length 500 500 500 --counted 18624 18619 18630 --controller'
@@ -23,7 +25,13 @@ def told() -> list[tuple[str, float]]:
 
 
 @pytest.fixture
-def waam(tmp_path: Path, told):
+def record() -> dict[str, WireRecord]:
+    """What a recording holds, by its name."""
+    return {}
+
+
+@pytest.fixture
+def waam(tmp_path: Path, told, record):
     def send(args: argparse.Namespace, settings: list[tuple[str, float]]) -> str:
         told.extend(settings)
         return '$C ok'
@@ -33,7 +41,7 @@ def waam(tmp_path: Path, told):
 
     graph = Graph(
         lambda: tmp_path / 'kept', lambda p: None, measure, send, lambda args: None,
-        lambda path: made_up(0.05, 0.12),
+        lambda path: record.get(path.name, made_up(0.05, 0.12)),
     )  # fmt: skip
     parser = argparse.ArgumentParser()
     cli.register(parser.add_subparsers(), graph)
@@ -80,3 +88,29 @@ def test_what_writes_no_result(waam, tmp_path, capsys) -> None:
     assert waam(f'lead --program {tmp_path}/steps.gcode') == 0
     assert 'M3' in (tmp_path / 'steps.gcode').read_text()
     assert 'nothing is kept' in capsys.readouterr().out and not (tmp_path / 'kept').exists()
+
+
+@pytest.mark.parametrize('poor', ['flat', 'noisy'])
+def test_a_poor_record_of_the_wire_keeps_and_tells_nothing(waam, record, told, poor, tmp_path):
+    """The bead has no steps of speed, or the encoder's noise hides them."""
+    record['flat'] = made_up(0.05, 0.12, high=1.0)
+    record['noisy'] = made_up(0.05, 0.12, noise=0.02)
+    reason = {'flat': 'steps of the wire', 'noisy': 'unexplained'}[poor]
+    with pytest.raises(EvidenceError, match=reason):
+        waam(f'lead --record {poor}')
+    assert not (tmp_path / 'kept').exists() and not told
+
+
+def test_an_arc_regulator_without_margin_stops_jobs_and_has_its_date(waam, tmp_path, capsys):
+    swing = experiment(Plant(1.0, 0.05, 0.04))
+    columns = np.c_[swing.time, swing.output, swing.voltage]
+    np.savetxt(tmp_path / 'relay.csv', columns, delimiter=',')
+    assert waam(f'arc --samples {tmp_path}/relay.csv') == 0
+    (kept,) = store.load_all(tmp_path / 'kept').results
+    assert abs(datetime.now(UTC) - kept.when).total_seconds() < 60
+    capsys.readouterr()
+    assert waam('status') == 1
+    said = capsys.readouterr().out.splitlines()
+    assert [x for x in said if x.startswith(f'arc          {kept.when:%Y-%m-%d %H:%M}  Ku ')]
+    refused = 'a job will refuse: arc: the arc regulator has a phase margin of'
+    assert [x for x in said if x.startswith(refused) and x.endswith('deg, at least 30')]

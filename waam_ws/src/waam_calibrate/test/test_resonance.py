@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from shaken import Shaker
 
-from waam_calibrate import cli, store
+from waam_calibrate import cli, report, results, store
 from waam_calibrate.evidence import EvidenceError
 from waam_calibrate.graph import Graph
 from waam_calibrate.outcome import of_resonance
 from waam_calibrate.pictures import measured, spectra
-from waam_calibrate.resonance import Samples, analyse, energy, fit
+from waam_calibrate.resonance import Mode, Resonance, Samples, analyse, energy, fit
+from waam_calibrate.shapers import Candidate
 from waam_calibrate.sweep import Sweep
 from waam_sim.gantry import GantryParams
 
@@ -41,6 +42,31 @@ def test_mode_and_shaper_of_the_simulated_axis() -> None:
     assert all(p.startswith(b'\x89PNG') for p in (spectra(found), measured(found)))
     result = of_resonance(found, SWEEP, datetime.now(UTC))
     assert result.values['mode_hz'] == found.mode.hz and not result.refuses
+
+
+@pytest.mark.parametrize(
+    ('proposed', 'limit', 'told', 'words'),
+    [
+        (1300.0, 500.0, 500.0, 'acceleration 500 mm/s^2 (1300 proposed, the machine has at most 500)'),
+        (300.0, 500.0, 300.0, 'acceleration 300 mm/s^2 (300 proposed, the machine has at most 500)'),
+        (300.0, 237.0, 237.0, 'acceleration 237 mm/s^2 (300 proposed, the machine has at most 237)'),
+        (0.0, 500.0, None, 'acceleration left as it is (none keeps the smoothing below 0.12 mm)'),
+    ],
+)  # fmt: skip
+def test_the_acceleration_is_the_proposed_one_but_never_above_the_machine(
+    proposed, limit, told, words
+) -> None:
+    """It is in the settings before the shaper, in the line of the result and in its page."""
+    taken = Candidate('zvd', 40.0, 0.01, 0.05, proposed)
+    found = Resonance('y', *(np.ones(9),) * 3, np.ones((9, 3)), Mode(40.0, 0.05, 1.0), [taken])
+    sweep = Sweep(low=5.0, rate=4.0, acceleration=1e-3 * limit)
+    result = of_resonance(found, sweep, datetime.now(UTC))
+    shaper = ['shape_y', 'shape_y_hz', 'shape_y_damping', 'shape_y']
+    assert [n for n, _ in result.settings] == ['max_accel_y'] * (told is not None) + shaper
+    assert dict(result.settings).get('max_accel_y') == told
+    assert result.text.endswith(words) and words in report.page(result)
+    assert result.values['acceleration_mm_s2'] == proposed
+    assert result.values['acceleration_limit_mm_s2'] == pytest.approx(limit)
 
 
 def test_the_commanded_motion_is_that_of_the_controller() -> None:
@@ -94,8 +120,8 @@ def test_samples_are_kept_with_their_sweep(tmp_path) -> None:
     assert kept == sweep and again.rate == samples.rate and (again.values == 1).all()
 
 
-@pytest.mark.parametrize('told', [None, {}, {'steps_per_mm_x': 400.0}])
-def test_the_sweep_has_the_steps_of_the_controller(tmp_path, told) -> None:
+@pytest.mark.parametrize('told', [None, {}, {'steps_per_mm_x': 400.0, 'accel_limit_x': 250.0}])
+def test_the_sweep_has_steps_and_acceleration_of_the_controller(tmp_path, told) -> None:
     seen: list[Sweep] = []
 
     def measure(args, sweep, axis, point):
@@ -116,6 +142,43 @@ def test_the_sweep_has_the_steps_of_the_controller(tmp_path, told) -> None:
     with pytest.raises(EvidenceError, match='enough'):
         args.run_command(args)
     assert seen[0].step == pytest.approx(1e-3 / (400.0 if told else 320.0))
+    assert seen[0].acceleration == pytest.approx(0.25 if told else 0.5)
+
+
+def test_the_acceleration_is_told_and_its_loss_is_noticed(tmp_path, capsys) -> None:
+    """From kept samples: status names what the controller lacks, apply tells it; a dry run does neither."""
+    samples, _ = shaken()
+    told = {'max_accel_x': 500.0, 'shape_x': 0.0}
+    graph = Graph(
+        lambda: tmp_path / 'kept',
+        lambda p: None,
+        lambda *_: samples,
+        lambda args, settings: told.update(settings) or '',
+        lambda args: told,
+        lambda path: None,
+    )
+    slow = dataclasses.replace(SWEEP, acceleration=0.45)
+    store.save_samples(tmp_path / 's.npz', samples, slow)
+    parser = argparse.ArgumentParser()
+    cli.register(parser.add_subparsers(), graph)
+
+    def verb(line: str) -> str:
+        args = parser.parse_args(['calibrate', *line.split()])
+        assert args.run_command(args) == 0
+        return capsys.readouterr().out
+
+    again = f'resonance --axis x --samples {tmp_path / "s.npz"}'
+    assert 'acceleration 450 mm/s^2' in verb(f'{again} --dry-run')
+    assert not (tmp_path / 'kept').exists() and told['max_accel_x'] == 500.0
+    assert 'acceleration 450 mm/s^2' in verb(again)
+    (kept,) = store.load_all(tmp_path / 'kept').results
+    assert dict(kept.settings)['max_accel_x'] == 450.0
+    said = verb('status')
+    assert 'acceleration 450 mm/s^2' in said
+    assert 'max_accel_x is 500 in the controller, 450 was found (waam calibrate apply)' in said
+    verb('apply')
+    assert told['max_accel_x'] == 450.0 and not results.missing([kept], told)
+    assert 'waam calibrate apply' not in verb('status')
 
 
 @pytest.mark.parametrize(('before', 'behind'), [(0.3, 0.0), (0.7, 1.6)])

@@ -37,8 +37,10 @@ refused with the reason and exit status 2; then nothing is kept and nothing is t
 RESONANCE = """\
 The torch goes to the probe point. The axis is moved there and back by at most 2 mm, ever faster, from 1 Hz up, by moves
 that the controller executes as those of any program; the arc stays off. An accelerometer on the moving axes listens.
-The shaper of the axis is switched off for it. Needs a graph that is up (waam up) with an accelerometer; the simulated
-cell has one when its parameter gantry_on is true. The machine must be free to move by 2 mm around the point.
+For it the shaper of the axis is off and its acceleration that of the machine. The controller is told the shaper that is
+taken and the acceleration that goes with it, at most that of the machine. Needs a graph that is up (waam up) with an
+accelerometer; the simulated cell has one when its parameter gantry_on is true. The machine must be free to move by 2 mm
+around the point.
 """
 
 
@@ -65,7 +67,7 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser], grap
 
 
 def _add_resonance(verbs: Verbs, graph: Graph) -> None:
-    p = verb(verbs, 'resonance', 'shake an axis and choose its input shaper', graph)
+    p = verb(verbs, 'resonance', 'shake an axis, choose its input shaper and acceleration', graph)
     p.epilog = RESONANCE
     p.add_argument('--axis', choices=('x', 'y'), required=True)
     p.add_argument(
@@ -131,13 +133,15 @@ def resonance(args: argparse.Namespace, graph: Graph) -> int:
     """Shakes, judges, keeps, tells the controller. EvidenceError when the samples do not show a mode."""
     from . import outcome, pictures, report, store
     from .resonance import analyse
-    from .sweep import STEPS_PER_MM, Sweep
+    from .sweep import ACCELERATION, STEPS_PER_MM, Sweep
 
     if args.samples:
         samples, sweep = store.load_samples(args.samples)
     else:
-        per_mm = (graph.told(args) or {}).get(f'steps_per_mm_{args.axis}', STEPS_PER_MM)
-        sweep = Sweep(args.from_hz, args.to_hz, args.rate, step=1e-3 / per_mm)
+        told = graph.told(args) or {}
+        step = 1e-3 / told.get(f'steps_per_mm_{args.axis}', STEPS_PER_MM)
+        limit = 1e-3 * told.get(f'accel_limit_{args.axis}', ACCELERATION)
+        sweep = Sweep(args.from_hz, args.to_hz, args.rate, step=step, acceleration=limit)
         x, y, z = (v * 1e-3 for v in args.point) if args.point else (0.0, 0.0, 0.0)
         samples = graph.measure(args, sweep, args.axis, (x, y, z) if args.point else None)
     found = analyse(samples, sweep, args.axis)

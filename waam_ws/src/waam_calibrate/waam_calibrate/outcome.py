@@ -9,6 +9,7 @@ from .lead import LONGEST, Lead
 from .relay import Relay
 from .resonance import Resonance
 from .results import Result
+from .shapers import SMOOTHING
 from .sweep import Sweep
 from .wire import WireWheel
 
@@ -19,8 +20,10 @@ def stamp(now: datetime) -> str:
 
 
 def of_resonance(found: Resonance, sweep: Sweep, now: datetime) -> Result:
-    """The mode, the shaper that is taken, and every candidate."""
+    """The mode, the shaper that is taken, its acceleration, and every candidate. The sweep has the acceleration of the
+    machine, and the controller is told no more."""
     c, mode = found.chosen, found.mode
+    limit = 1e3 * sweep.acceleration
     values = {
         'mode_hz': mode.hz,
         'mode_damping': mode.damping,
@@ -29,6 +32,7 @@ def of_resonance(found: Resonance, sweep: Sweep, now: datetime) -> Result:
         'vibration_pct': 100 * c.vibration,
         'smoothing_mm': c.smoothing,
         'acceleration_mm_s2': c.acceleration,
+        'acceleration_limit_mm_s2': limit,
     }
     for other in found.candidates:
         values[f'{other.type}_hz'] = other.hz
@@ -37,9 +41,22 @@ def of_resonance(found: Resonance, sweep: Sweep, now: datetime) -> Result:
             values[f'{other.type}_vibration_off_pct'] = 100 * other.vibration_off
     evidence = {'peak_gain': float(found.gain.max()) ** 0.5, 'sweep_s': sweep.duration}
     shaper = f'{c.type} at {c.hz:.1f} Hz leaves {100 * c.vibration:.1f} %'
-    text = f'mode {mode.hz:.2f} Hz, damping {mode.damping:.3f}; {shaper}'
-    settings = found.settings()
-    return Result('resonance', found.axis, stamp(now), text, values, evidence, settings)
+    told, words = _acceleration(found.axis, c.acceleration, limit)
+    text = f'mode {mode.hz:.2f} Hz, damping {mode.damping:.3f}; {shaper}; {words}'
+    return Result(
+        'resonance', found.axis, stamp(now), text, values, evidence, told + found.settings()
+    )
+
+
+def _acceleration(axis: str, proposed: float, limit: float) -> tuple[list[tuple[str, float]], str]:
+    """The setting and the words for it; mm/s^2. No setting where the corner alone is smoothed too much."""
+    if proposed < results.LEAST_ACCEL:
+        return [], f'acceleration left as it is (none keeps the smoothing below {SMOOTHING:g} mm)'
+    told = round(min(proposed, limit), 3)
+    words = (
+        f'acceleration {told:g} mm/s^2 ({proposed:g} proposed, the machine has at most {limit:g})'
+    )
+    return [(results.ACCEL + axis, told)], words
 
 
 def of_steps(found: measures.Steps, axis: str, lengths: int, now: datetime) -> Result:

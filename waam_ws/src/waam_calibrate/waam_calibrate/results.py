@@ -22,6 +22,8 @@ TOLD = 6e-4  # by how much a setting may differ from what was told: it travels r
 OLD = timedelta(days=365)
 LARGEST_SCALE = 0.005  # real over commanded length less 1
 STEPS = 'steps_per_mm_'  # settings of the controller, and the axis
+ACCEL = 'max_accel_'  # the same, mm/s^2
+LEAST_ACCEL = 50.0  # mm/s^2 that the controller takes
 LARGEST_SKEW = 0.25  # deg
 LARGEST_TOOL = 1e-3  # m: tip or scanner of a robot from where its programs have it
 LARGEST_TURN = math.radians(0.5)  # of the scanner

@@ -21,6 +21,7 @@ from .execution import TICK, positions
 AXES = ('x', 'y')
 LEAST = 0.55  # of a step that a move is at least
 STEPS_PER_MM = 320.0  # of the controller as shipped
+ACCELERATION = 500.0  # mm/s^2, the same
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Sweep:
     rate: float = 2.0
     stroke: float = 2e-3
     step: float = 1e-3 / STEPS_PER_MM
-    acceleration: float = 0.5
+    acceleration: float = 1e-3 * ACCELERATION
 
     def __post_init__(self) -> None:
         if not 0.5 <= self.low < self.high <= 300.0:

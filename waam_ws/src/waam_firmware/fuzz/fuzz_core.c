@@ -120,7 +120,7 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
     (void)context;
     bool grbl = bench.core.link.dialect == WAAM_DIALECT_GRBL && line[bytes - 2] == '\r';
     bool marlin = bench.core.link.dialect == WAAM_DIALECT_MARLIN;
-    REQUIRE(bytes > 2 && bytes <= 400 && line[bytes - 1] == '\n', "length of a sent line");
+    REQUIRE(bytes > 2 && bytes <= 480 && line[bytes - 1] == '\n', "length of a sent line");
     content = bytes - 1 - grbl;
     REQUIRE(grbl || marlin || waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
     for (size_t i = 0; i < content; i++)
@@ -457,6 +457,7 @@ static waam_config_t small_machine(void)
     const double size_mm[WAAM_AXES] = {20.0, 15.0, 10.0}, accel_mm_s2[WAAM_AXES] = {4000.0, 4000.0, 3000.0};
     memcpy(c.limit_max_mm, size_mm, sizeof c.limit_max_mm);
     memcpy(c.accel_mm_s2, accel_mm_s2, sizeof c.accel_mm_s2);
+    memcpy(c.accel_most_mm_s2, accel_mm_s2, sizeof c.accel_most_mm_s2);
     c.boot_id = 1;
     c.home_seek_mm_s = 20.0;
     c.home_backoff_mm = 0.1;

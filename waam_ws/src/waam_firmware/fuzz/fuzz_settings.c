@@ -31,7 +31,7 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
 {
     size_t content;
     (void)context, (void)kind;
-    REQUIRE(bytes > 2 && bytes <= 400 && line[bytes - 1] == '\n', "length of a sent line");
+    REQUIRE(bytes > 2 && bytes <= 480 && line[bytes - 1] == '\n', "length of a sent line");
     REQUIRE(waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
     for (size_t i = 0; i < content; i++)
         REQUIRE(line[i] >= ' ' && (uint8_t)line[i] <= '~', "a sent line is printable");
@@ -65,6 +65,13 @@ static void require_settings(void)
         require_range(steps, 10.0, 77e3 / speed, "steps_per_mm");
         REQUIRE(round(steps * 1e3) / 1e3 == steps, "steps_per_mm in thousandths");
         REQUIRE(steps == bench.core.motion.steps_per_mm[i] && steps == bench.core.kinematics.steps_per_mm[i], "in force");
+    }
+    for (int i = 0; i < WAAM_AXES; i++) {
+        double accel = c->accel_mm_s2[i];
+        require_range(accel, i < WAAM_SHAPED_AXES ? 50.0 : 300.0, i < WAAM_SHAPED_AXES ? 500.0 : 300.0, "max_accel");
+        REQUIRE(round(accel * 1e3) / 1e3 == accel, "max_accel in thousandths");
+        REQUIRE(accel == bench.core.kinematics.accel_mm_s2[i], "in force");
+        REQUIRE(c->accel_most_mm_s2[i] == bench.config.accel_most_mm_s2[i], "the machine stays what it is");
     }
     REQUIRE(c->standoff.source <= 3 && c->standoff.average >= 1 && c->standoff.average <= WAAM_STANDOFF_AVERAGE, "standoff");
 }
@@ -119,6 +126,8 @@ static void line(const char *text, size_t length)
     bool rescaled = memcmp(before.steps_per_mm, bench.core.config.steps_per_mm, sizeof before.steps_per_mm) != 0;
     REQUIRE(bench.core.homed == (homed && !rescaled), "other steps per mm lose homing");
     REQUIRE(!rescaled || text[0] == 'C', "steps per mm by $C only");
+    bool accelerated = memcmp(before.accel_mm_s2, bench.core.config.accel_mm_s2, sizeof before.accel_mm_s2) != 0;
+    REQUIRE(!accelerated || text[0] == 'C', "accelerations by $C only");
     bool refused = strstr(bench.answer, " error E") != NULL;
     REQUIRE(bench.answer[1] == text[0] || (refused && bench.answer[1] == '?'), "the letter of the question");
     REQUIRE(!refused || memcmp(&before, &bench.core.config, sizeof before) == 0, "what is refused changes nothing");

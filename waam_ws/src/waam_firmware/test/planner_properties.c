@@ -177,6 +177,8 @@ static void start(path_t *p, uint64_t number)
     seed = number * 1000003u;
     for (int i = 0; i < WAAM_AXES && number % 4; i++)
         config.steps_per_mm[i] = round(exp(uniform(log(10.0), log(2000.0))) * 1e3) / 1e3;
+    for (int i = 0; i < WAAM_SHAPED_AXES && number % 5 < 2; i++)
+        config.accel_mm_s2[i] = uniform(50.0, 500.0);
     *p = (path_t){.kinematics = waam_kinematics(&config),
                   .scale_mm = exp(uniform(log(0.01), log(30.0))), .turn = uniform(0.0, 1.0),
                   .arcs = number % 3 ? uniform(0.0, 1.0) : 0.0, .steady = number % 2};

@@ -100,7 +100,7 @@ def test_the_handshake_of_universal_gcode_sender(cell):
     assert cell.status()['state'] == 'Idle'
 
 
-def test_settings_are_those_of_the_machine_and_only_steps_per_mm_can_be_changed(sender):
+def test_settings_are_those_of_the_machine_and_few_can_be_changed(sender):
     rows = dict(r[1:].split('=') for r in sender.ask('$$')[:-1])
     axes = {
         '100': 320, '101': 320, '102': 320, '110': 12000, '111': 12000, '112': 6000, '120': 500, '121': 500,
@@ -110,7 +110,8 @@ def test_settings_are_those_of_the_machine_and_only_steps_per_mm_can_be_changed(
     assert (rows['20'], rows['21'], rows['22'], rows['23']) == ('1', '1', '1', '3')
     assert (rows['24'], rows['25'], rows['27']) == ('120.000', '2400.000', '1.000')
     assert sender.ask('$100=320.000') == ['ok']
-    assert sender.ask('$110=250')[-1] == sender.ask('$20=0')[-1] == 'error:3'
+    for fixed in ('$110=250', '$20=0', '$122=200'):
+        assert sender.ask(fixed)[-1] == 'error:3'
     for unknown in ('$7=1', '$103=320', '$RST=*', '$SLP', '$C', '$N0=G21', '$J', '$100', '$100='):
         assert sender.ask(unknown)[-1] == 'error:3'
 
@@ -133,6 +134,25 @@ def test_steps_per_mm_are_set_at_rest_and_homing_is_lost(homed):
         '[MSG:E108 column 1: settings only in IDLE or ALARM]',
         'error:8',
     ]
+
+
+def test_accelerations_of_x_and_y_are_set_at_rest_below_those_of_the_machine(homed):
+    assert homed.ask('$120=250.5') == ['ok'] and homed.ask('$121=50')[-1] == 'ok'
+    rows = homed.ask('$$')
+    assert {'$120=250.500', '$121=50.000', '$122=300.000'} <= set(rows)
+    assert homed.ask('$120=501') == [
+        '[MSG:E105 column 1: max_accel_x: the machine has at most 500 mm/s^2]', 'error:21',
+    ]  # fmt: skip
+    assert homed.ask('$121=10') == [
+        '[MSG:E104 column 1: max_accel_y must be at least 50 mm/s^2]',
+        'error:2',
+    ]
+    assert homed.ask('$J=G91 X5 F500')[-1] == 'ok', 'still homed'
+    assert homed.ask('$120=400') == [
+        '[MSG:E108 column 1: settings only in IDLE or ALARM]',
+        'error:8',
+    ]
+    assert '$120=250.500' in homed.ask('$$')
 
 
 def test_frames_and_help(homed):

@@ -24,9 +24,7 @@ def shown(m: Machine) -> list[float]:
 def test_a_setting_shows_and_survives_a_reset():
     m = Machine(home=False, **told(*UNEQUAL))
     assert shown(m) == list(UNEQUAL)
-    assert m.ask('$L').endswith(
-        ' steps_per_mm_x=319.873 steps_per_mm_y=345.021 steps_per_mm_z=640.5'
-    )
+    assert ' steps_per_mm_x=319.873 steps_per_mm_y=345.021 steps_per_mm_z=640.5 ' in m.ask('$L')
     assert m.ask('$X') == '$X ok' and shown(m) == list(UNEQUAL)
 
 

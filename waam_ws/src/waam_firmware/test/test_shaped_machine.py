@@ -93,7 +93,8 @@ def test_settings_show_and_survive_a_reset(shaped):
     assert shaped.ask('$I keep').endswith(shown)
     wire = ' wire_delay_s=0.03 wire_lag_s=0.065 wire_response_s=0.02 wire_underfeed_ratio=0.9'
     axes = ' steps_per_mm_x=320 steps_per_mm_y=320 steps_per_mm_z=320'
-    assert shaped.ask('$L') == '$L' + shown + wire + axes
+    accel = ' max_accel_x=500 max_accel_y=500 accel_limit_x=500 accel_limit_y=500'
+    assert shaped.ask('$L') == '$L' + shown + wire + axes + accel
     assert (
         shaped.ask('$C shape_y 4')
         == '$C ok delay_ms=14.02 span_ms=34 corner_um=6.94,37.25 corner_mm_s=2.88'

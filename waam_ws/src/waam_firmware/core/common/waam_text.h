@@ -5,7 +5,7 @@
 #include "waam_types.h"
 
 typedef struct {
-    char text[400];
+    char text[480];
     size_t length;
 } waam_text_t;
 

@@ -92,7 +92,9 @@ typedef struct {
     uint64_t start_us;          /* controller clock at start */
     double steps_per_mm[WAAM_AXES]; /* 10 .. 2000 (a position is within 1e6 mm and 32 bits); $C, M92, $100 change it */
     double limit_min_mm[WAAM_AXES], limit_max_mm[WAAM_AXES];
-    double max_speed_mm_s[WAAM_AXES], accel_mm_s2[WAAM_AXES];
+    double max_speed_mm_s[WAAM_AXES];
+    double accel_mm_s2[WAAM_AXES]; /* in force; $C, $120 set those of X and Y */
+    double accel_most_mm_s2[WAAM_AXES]; /* of the machine: the settings stay below */
     double rapid_mm_s;          /* G0 */
     double junction_deviation_mm;
     int8_t home_direction[WAAM_AXES]; /* -1: switch at the lower limit, +1: at the upper */

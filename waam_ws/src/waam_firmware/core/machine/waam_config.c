@@ -45,6 +45,7 @@ waam_config_t waam_config_default(void)
         .limit_max_mm = {400.0, 300.0, 200.0},
         .max_speed_mm_s = {200.0, 200.0, 100.0},
         .accel_mm_s2 = {500.0, 500.0, 300.0},
+        .accel_most_mm_s2 = {500.0, 500.0, 300.0},
         .rapid_mm_s = 50.0,
         .junction_deviation_mm = 0.02,
         .home_direction = {-1, -1, 1},

@@ -1,6 +1,7 @@
 /* Immediate line "$C <name> <value>": one setting of the standoff control, the input shaper, the wire or the axes. */
 #include <math.h>
 
+#include "waam_accel.h"
 #include "waam_request.h"
 #include "waam_scale.h"
 #include "waam_wire_settings.h"
@@ -56,11 +57,12 @@ static void configure_standoff(waam_request_t *r, const waam_setting_t *setting,
 }
 
 /* What the shaper in force does to the motion: mean delay, time to its end, and the rounding of a right angle (um per mm/s
- * of speed in the corner, and um at rest by the acceleration of 500 mm/s^2), and the speed at which one is passed. */
+ * of speed in the corner, and um at rest by the greater acceleration of X and Y), and the speed at which one is passed. */
 static void tell_shaper(waam_request_t *r)
 {
     const waam_shaper_t *s = &r->core->shaper;
-    const float right_angle = 1.5707963f;
+    const double *accel = r->core->config.accel_mm_s2;
+    const float right_angle = 1.5707963f, most = (float)fmax(accel[0], accel[1]);
     waam_text_add(&r->answer, " delay_ms=");
     waam_text_fixed(&r->answer, (double)s->delay_s * 1e3, 2);
     waam_text_add(&r->answer, " span_ms=");
@@ -68,7 +70,7 @@ static void tell_shaper(waam_request_t *r)
     waam_text_add(&r->answer, " corner_um=");
     waam_text_fixed(&r->answer, (double)waam_shaper_corner_mm(s, 1.0f, 0.0f, right_angle) * 1e3, 2);
     waam_text_char(&r->answer, ',');
-    waam_text_fixed(&r->answer, (double)waam_shaper_corner_mm(s, 0.0f, 500.0f, right_angle) * 1e3, 2);
+    waam_text_fixed(&r->answer, (double)waam_shaper_corner_mm(s, 0.0f, most, right_angle) * 1e3, 2);
     waam_text_add(&r->answer, " corner_mm_s=");
     waam_text_fixed(&r->answer, (double)waam_rounding_corner(&r->core->planner.rounding, sinf(0.5f * right_angle), 0.0f), 2);
 }
@@ -110,31 +112,45 @@ static void configure_wire(waam_request_t *r, const waam_setting_t *setting, dou
     waam_request_ok(r);
 }
 
+static void refuse_error(waam_request_t *r, const waam_error_t *error)
+{
+    waam_request_refuse(r, error->code, "");
+    waam_text_bytes(&r->answer, error->text.text, error->text.length);
+}
+
 static void configure_scale(waam_request_t *r, const waam_setting_t *setting, double value)
 {
     waam_error_t error;
-    if (waam_core_scale_axis(r->core, (int)(setting - waam_scale_settings), value, &error)) {
+    if (waam_core_scale_axis(r->core, (int)(setting - waam_scale_settings), value, &error))
         waam_request_ok(r);
-        return;
-    }
-    waam_request_refuse(r, error.code, "");
-    waam_text_bytes(&r->answer, error.text.text, error.text.length);
+    else
+        refuse_error(r, &error);
+}
+
+static void configure_accel(waam_request_t *r, const waam_setting_t *setting, double value)
+{
+    waam_error_t error;
+    if (waam_core_accelerate(r->core, (int)(setting - waam_accel_settings), value, &error))
+        waam_request_ok(r);
+    else
+        refuse_error(r, &error);
 }
 
 void waam_order_configure(waam_request_t *r)
 {
-    waam_core_t *core = r->core;
     const name_t name = read_name(r);
     const waam_setting_t *standoff = waam_standoff_setting(name.text, name.length);
     const waam_setting_t *shaper = waam_shaper_setting(name.text, name.length);
     const waam_setting_t *wire = waam_wire_setting(name.text, name.length);
     const waam_setting_t *scale = waam_scale_setting(name.text, name.length);
+    const waam_setting_t *accel = waam_accel_setting(name.text, name.length);
+    waam_error_t error;
     double value;
-    if ((core->state != WAAM_IDLE && core->state != WAAM_ALARM) || core->planner.count > 0) {
-        waam_request_refuse(r, WAAM_E_NOT_NOW, "settings only in IDLE or ALARM");
+    if (!waam_core_settable(r->core, &error)) {
+        refuse_error(r, &error);
         return;
     }
-    if (!standoff && !shaper && !wire && !scale) {
+    if (!standoff && !shaper && !wire && !scale && !accel) {
         waam_request_refuse(r, WAAM_E_UNKNOWN_WORD, "no setting has this name");
         return;
     }
@@ -144,6 +160,8 @@ void waam_order_configure(waam_request_t *r)
         configure_standoff(r, standoff, value);
     else if (scale)
         configure_scale(r, scale, value);
+    else if (accel)
+        configure_accel(r, accel, value);
     else if (wire)
         configure_wire(r, wire, value);
     else

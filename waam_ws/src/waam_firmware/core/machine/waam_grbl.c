@@ -1,6 +1,7 @@
 /* What GRBL senders may do. They can move the machine, but nothing that they say can strike an arc: they hold no lease. */
 #include <math.h>
 
+#include "waam_accel.h"
 #include "waam_grbl_dialect.h"
 #include "waam_internal.h"
 #include "waam_scale.h"
@@ -281,7 +282,16 @@ static void write_scale(waam_core_t *core, int axis, double wanted)
     answer(core, 0);
 }
 
-/* "$<n>=<value>": steps per mm can be set; of the others a value that is there already may be written again. */
+static void write_accel(waam_core_t *core, int axis, double wanted)
+{
+    waam_error_t error;
+    if (waam_core_accelerate(core, axis, wanted, &error))
+        answer(core, 0);
+    else
+        refuse(core, &error);
+}
+
+/* "$<n>=<value>": steps per mm, accelerations of X and Y; of the others a value that is there may be written again. */
 static void write_setting(waam_core_t *core, const char *line, size_t length)
 {
     waam_cursor_t cursor = {line, length, 1};
@@ -294,12 +304,16 @@ static void write_setting(waam_core_t *core, const char *line, size_t length)
         write_scale(core, (int)number - 100, wanted);
         return;
     }
+    if (known && number >= 120 && number < 120 + WAAM_SHAPED_AXES) {
+        write_accel(core, (int)number - 120, wanted);
+        return;
+    }
     if (known && fabs(wanted - value) < 5e-4) {
         answer(core, 0);
         return;
     }
     if (known)
-        waam_grbl_tell(core, "[MSG:of the settings of this controller only $100 to $102 can be changed]");
+        waam_grbl_tell(core, "[MSG:of the settings of this controller only $100 to $102, $120 and $121 can be changed]");
     answer(core, 3);
 }
 

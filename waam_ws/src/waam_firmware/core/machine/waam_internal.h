@@ -25,6 +25,8 @@ void waam_core_tell(waam_core_t *core, waam_code_t code, const char *text);
 void waam_core_absorb(waam_core_t *core);
 waam_place_t waam_core_place(const waam_core_t *core); /* the planned one */
 bool waam_core_stands(const waam_core_t *core);
+/* May settings change now? False: `error` says why not. */
+bool waam_core_settable(const waam_core_t *core, waam_error_t *error);
 int32_t waam_core_steps(const waam_core_t *core, int axis); /* where the machine is, shaped and corrected */
 int64_t waam_core_pulses(const waam_core_t *core, int axis); /* since the start */
 double waam_core_speed(const waam_core_t *core); /* along the path, as shaped; mm/s */

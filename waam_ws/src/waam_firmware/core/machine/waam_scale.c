@@ -65,8 +65,8 @@ bool waam_core_scale(waam_core_t *core, const double steps_per_mm[WAAM_AXES], wa
 {
     double rounded[WAAM_AXES];
     bool same = true;
-    if ((core->state != WAAM_IDLE && core->state != WAAM_ALARM) || core->planner.count > 0)
-        return waam_fail(error, WAAM_E_NOT_NOW, 1, "settings only in IDLE or ALARM");
+    if (!waam_core_settable(core, error))
+        return false;
     for (int i = 0; i < WAAM_AXES; i++) {
         rounded[i] = round(steps_per_mm[i] * 1e3) / 1e3;
         same = same && rounded[i] == core->config.steps_per_mm[i];

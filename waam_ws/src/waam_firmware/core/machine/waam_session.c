@@ -1,4 +1,5 @@
 /* Immediate lines about the session: who is there, is he alive, which line comes next, how often he wants to hear. */
+#include "waam_accel.h"
 #include "waam_request.h"
 #include "waam_scale.h"
 #include "waam_wire_settings.h"
@@ -85,6 +86,10 @@ static void describe(waam_request_t *r)
         waam_text_add(&r->answer, i ? "," : " spmm=");
         waam_text_fixed(&r->answer, core->config.steps_per_mm[i], 3);
     }
+    for (int i = 0; i < WAAM_SHAPED_AXES; i++) {
+        waam_text_add(&r->answer, i ? "," : " accel=");
+        waam_text_fixed(&r->answer, core->config.accel_mm_s2[i], 3);
+    }
     waam_text_add(&r->answer, " off=");
     offset(r);
     field(r, " acc=", core->link.accepted);
@@ -164,6 +169,8 @@ static void tell_settings(waam_request_t *r)
     shaper(r);
     list(r, waam_wire_settings, waam_wire_settings_count);
     list(r, waam_scale_settings, WAAM_AXES);
+    list(r, waam_accel_settings, WAAM_SHAPED_AXES);
+    list(r, waam_accel_limits, WAAM_SHAPED_AXES);
 }
 
 void waam_order_resync(waam_request_t *r)

@@ -167,6 +167,13 @@ bool waam_core_stands(const waam_core_t *core)
            (!core->home.active || core->home.speed_mm_s == 0.0);
 }
 
+bool waam_core_settable(const waam_core_t *core, waam_error_t *error)
+{
+    if ((core->state == WAAM_IDLE || core->state == WAAM_ALARM) && core->planner.count == 0)
+        return true;
+    return waam_fail(error, WAAM_E_NOT_NOW, 1, "settings only in IDLE or ALARM");
+}
+
 int32_t waam_core_steps(const waam_core_t *core, int axis)
 {
     return core->motion.steps[axis] + core->lag[axis] + (axis == 2 ? core->z_correction : 0);

@@ -26,6 +26,12 @@ static void move(waam_home_t *home, int32_t *steps, double target_mm_s, const wa
     *steps += whole;
 }
 
+/* A lower acceleration brakes in no longer way: behind the home switch comes the limit switch. */
+static double seek_mm_s(const waam_config_t *config, int axis)
+{
+    return config->home_seek_mm_s * sqrt(fmin(1.0, config->accel_mm_s2[axis] / config->accel_most_mm_s2[axis]));
+}
+
 static double range(const waam_config_t *config, int axis)
 {
     return config->limit_max_mm[axis] - config->limit_min_mm[axis];
@@ -62,8 +68,7 @@ waam_home_result_t waam_home_tick(waam_home_t *home, waam_motion_t *motion, cons
     case WAAM_HOME_SEEK:
         if (pressed)
             enter(home, WAAM_HOME_BRAKE);
-        else
-            move(home, steps, towards * config->home_seek_mm_s, config, dt_s);
+        move(home, steps, pressed ? 0.0 : towards * seek_mm_s(config, axis), config, dt_s);
         return home->travelled_mm > 1.1 * range(config, axis) + 10.0 ? WAAM_HOME_FAILED : WAAM_HOME_BUSY;
     case WAAM_HOME_BRAKE:
         move(home, steps, 0.0, config, dt_s);
