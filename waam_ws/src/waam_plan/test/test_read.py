@@ -96,6 +96,15 @@ def test_wire_of_an_extruder_absolute_and_relative():
     assert program.height == 'top' and program.idle == 'lift'
 
 
+def test_a_printer_goes_idle_at_its_own_speed_until_a_feed_is_told():
+    head = 'G21\nG90\nM83\nG28\n'
+    up, across, bead = read(f'{head}G1 Z10\nG1 X5 Y5\nG1 X15 E1 F600\n', SLICER)
+    assert (up.rapid, across.rapid, bead.rapid) == (True, True, False)
+    assert bead.arc and bead.speed == pytest.approx(10e-3)
+    with pytest.raises(ProgramError, match='line 5: X15: no feed'):
+        read(f'{head}G1 X15 E1', SLICER)
+
+
 def test_wire_by_other_words():
     (m,) = laid('G0 Z0\nG0 X0 Y0\nM3 S4800\nG1 X10 F600\nM5', WELDER)
     assert m.wire == pytest.approx(0.08) and m.voltage == 0

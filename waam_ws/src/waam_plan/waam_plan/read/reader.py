@@ -197,8 +197,10 @@ class _Reader:
     def _go(
         self, words: LineWords, start: Point, end: Point, round_: arcs.Arc | None, fed: float
     ) -> None:
-        rapid = self.modal.motion == 'G0' and not self.dialect.extruder
         lit = fed > 0 if self.dialect.extruder else self.burning
+        # a printer that was told no feed goes idle at its own
+        own = self.dialect.extruder and math.isnan(self.speed) and not lit
+        rapid = own or (self.modal.motion == 'G0' and not self.dialect.extruder)
         word = next(w.text for w in words.values.values() if w.letter in (*AXES, *'IJKR'))
         if math.isnan(self.speed) and not rapid:
             raise refuse(words.number, word, 'no feed (F) has been given')
