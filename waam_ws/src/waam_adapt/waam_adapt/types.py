@@ -72,13 +72,13 @@ class Predicted:
     level: float = 0.0
     left: np.ndarray | float = 0.0
 
-    def weighed(self, weight: float) -> Predicted:
-        """The same with another weight, 0..1."""
+    def weighed(self, weight: float, left: float | None = None) -> Predicted:
+        """The same with another weight, 0..1; left: of what the loop leaves, None = the same."""
         return replace(
             self,
             growth=weight * self.growth,
             level=weight * self.level,
-            left=weight * self.left,
+            left=(weight if left is None else left) * self.left,
             weight=weight,
         )
 

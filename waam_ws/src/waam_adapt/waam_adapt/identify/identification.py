@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..beads.bead_bias import BeadBias
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
-from ..beads.skill import Skill, beside_model
+from ..beads.residual import FAR, LEAST, known_mean
+from ..beads.skill import Beside, Skill, beside_model
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import BeadDeviation, CorrectionInput, with_side
 from .estimate import Estimate, update, update_slope
@@ -48,6 +50,16 @@ class Learned(Start):
     # of even and odd layers
     averages: tuple[BlockAverages | None, BlockAverages | None] = (None, None)
     kinds: Kinds = Kinds()  # of layers, by the pattern of their paths
+    left_skill: Skill = Skill()  # of what the network says that the loop leaves
+
+
+class _Left(NamedTuple):
+    """What the network said that the loop leaves of a layer (on the model's grid, unweighed), the weight that it was
+    believed with, and the surface that the layer was to end with (rows, cols) m."""
+
+    told: np.ndarray
+    weight: float
+    wanted: np.ndarray
 
 
 @dataclass
@@ -70,6 +82,8 @@ class Identifier:
     # growth that the network told of the same, unweighed
     predicted: dict[int, np.ndarray] = field(default_factory=dict)
     levels: dict[int, float] = field(default_factory=dict)  # that it told of the same, weighed
+    left_skill: Skill = Skill()
+    left: dict[int, _Left] = field(default_factory=dict)  # of the same layers
     seen: dict[int, LayerEvidence] = field(default_factory=dict)  # of all layers of the job
     kinds: Kinds = Kinds()  # of layers, by the pattern of their paths
     by_pattern: bool = False  # the layers of this job are told apart so: those of another planner
@@ -188,6 +202,7 @@ class Identifier:
         footprint, margin = np.isfinite(laid), MARGIN * layer.bead_width / layer.resolution
         known = footprint & np.isfinite(growth)
         growth, seen = inner_mean(growth, known, footprint, grid, margin)
+        self._judge_left(number, layer, plan, grid, seen)
         predicted = self.predicted.get(number)
         if predicted is not None:
             found = beside_model(model, asked, growth, seen, self.beads.lag)
@@ -197,6 +212,21 @@ class Identifier:
         self.beads = self.beads.learn(
             number, model, asked, growth, seen, learning=self.learning, allowed=allowed
         )
+
+    def _judge_left(
+        self, number: int, layer: Layer, plan: np.ndarray, grid: Resampler, seen: np.ndarray
+    ) -> None:
+        """Earns what the loop was said to leave its weight: what is left, and what was taken off for it, on what was
+        told. plan: (rows, cols) m, NaN where there is none; seen: share of the cells that is known."""
+        if number not in self.left:
+            return
+        told, weight, wanted = self.left[number]
+        error, known = known_mean((layer.after - wanted) / np.nanmedian(plan), grid)
+        counted = np.where(known & (told != 0), seen, 0.0)
+        if counted.sum() < LEAST:
+            return
+        error = np.clip(np.where(counted > 0, error, 0.0), -FAR, FAR)
+        self.left_skill = self.left_skill.learn(told, Beside(error + weight * told, counted))
 
     def prepare(self, request: CorrectionInput) -> CorrectionInput:
         """The request as a law for overlapped beads must see it: with the shortfall, in terms of metal.
@@ -211,9 +241,14 @@ class Identifier:
         self.planned[self.layer], self.paths[self.layer] = request.planned, request.paths
         self.by_pattern = request.of_other_planner
         self.levels[self.layer] = self._told(request)
+        self.left = {n: v for n, v in self.left.items() if n == self.layer - 1}
         if request.predicted is not None and request.predicted.digest:
-            self.predicted[self.layer] = request.predicted.growth
-            request = request.told(request.predicted.weighed(self.skill.weight))
+            found, weight = request.predicted, self.left_skill.weight
+            self.predicted[self.layer] = found.growth
+            if isinstance(found.left, np.ndarray):
+                wanted = request.target + np.nan_to_num(request.planned)
+                self.left[self.layer] = _Left(found.left, weight, wanted)
+            request = request.told(found.weighed(self.skill.weight, weight))
             self.estimate = replace(self.estimate, network_weight=self.skill.weight)
         learned = self.shortfall
         request = request.expecting(learned.share(self.layer), learned.layers[self.layer % 2])
