@@ -6,18 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from growth_layers import SHAPE, H, grid_of, layer_sample, mirrored, request, turned
+from growth_layers import SHAPE, H, grid_of, layer_sample, mirrored, origin, request, turned
 from net_weights import random_weights
 from scipy.ndimage import gaussian_filter
 
 from waam_adapt.beads import plan_geometry, residual
 from waam_adapt.cli import register
 from waam_adapt.laws import net, net_file
+from waam_adapt.laws.corrector import CorrectionParams, Corrector
 from waam_adapt.laws.registry import make_law
 from waam_adapt.training import residual as training
 from waam_adapt.training import samples
 from waam_adapt.training.samples import Sample
-from waam_adapt.types import Predicted
+from waam_adapt.types import LastLayer, Predicted
 
 LONG = 3  # of the bands: waves of about two to four beads
 
@@ -179,6 +180,34 @@ def test_a_sample_knows_what_was_left_of_it(tmp_path):
     back = list(samples.load(tmp_path))
     assert (back[0].moments == found.moments).all()
     assert back[1].moments is None
+
+
+def believed(tmp_path, leaves) -> list[float]:
+    """Weights of what is told, before each of six layers; leaves: of what the layer ends too high, by what was told and
+    the weight that it was told with."""
+    model = str(network(tmp_path / 'net.npz', leaving(3.0)))
+    corrector = Corrector(CorrectionParams(law='growth_net', model=model))
+    z, last, found = rough(1).z, LastLayer(), []
+    for number in range(1, 7):
+        r = request(z=z, target=np.full(SHAPE, (number - 1) * H))
+        corrector.answer(number, r, origin(number - 1), last)
+        found.append(corrector.identifier.left_skill.weight)
+        told = grid_of(r).fine(corrector.law.predict(r).left)
+        error = H * leaves(told, found[-1]) + rough(number + 1).z
+        last = LastLayer(z, np.where(r.footprint, H, 0.0))
+        z = np.where(r.footprint, number * H + error, z)
+    return found
+
+
+def test_what_is_told_and_true_is_believed(tmp_path):
+    weights = believed(tmp_path, lambda told, weight: (1 - weight) * told)
+    assert weights[-1] > 0.8
+
+
+def test_what_is_told_and_not_there_is_believed_less_and_less(tmp_path):
+    weights = believed(tmp_path, lambda told, weight: -weight * told)
+    assert weights[0] > 0.8
+    assert weights[-1] < 0.5
 
 
 def command(*words: str) -> int:
