@@ -155,6 +155,14 @@ def test_a_network_without_its_say_leaves_nothing_either():
     assert (p.weighed(0.5).left == 0.05).all()
 
 
+def test_nothing_is_told_of_programs_of_others(tmp_path):
+    law = make_law('growth_net', model=str(network(tmp_path / 'n.npz', leaving(0.8))))
+    told, other = (law.predict(rough(ratio_high=high)) for high in (0.0, 1.8))
+    assert np.abs(told.left).max() > 0.01
+    assert np.abs(other.left).max() == 0
+    assert (told.growth == other.growth).all()
+
+
 def test_weights_of_before_leave_nothing(tmp_path):
     assert (residual.told(surface(rough()), growth_weights()) == 0).all()
 

@@ -137,8 +137,8 @@ def test_prismatic_part_needs_a_fifth_of_the_points(prism):
 
 
 def test_saving_counts_the_points_of_the_files(prism):
-    written = sum(text.count('GP1:') for text in write_ls(prism).values())
-    assert saving(prism, fragments(prism)).after == written
+    written = sum(text.count('GP1:') for text in write_ls(prism, tolerance=TOLERANCE).values())
+    assert saving(prism, fragments(prism, TOLERANCE)).after == written
 
 
 def test_saving_of_nothing_but_idle_moves_and_single_pieces_is_none():

@@ -90,8 +90,11 @@ class GrowthLaw:
         if not wide:  # walls rise otherwise: there the layers so far say more
             return found
         level = plan_level.level(shown, weights)
-        left = residual.told(residual.surface(request, grid, x, growth), weights)
-        return replace(found, level=level, left=left)
+        found = replace(found, level=level)
+        if request.of_other_planner:  # what the loop leaves was learned on plans of our own
+            return found
+        seen = residual.surface(request, grid, x, growth)
+        return replace(found, left=residual.told(seen, weights))
 
     @staticmethod
     def _counted(request: CorrectionInput, grid: Resampler) -> np.ndarray:
