@@ -25,7 +25,8 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -93,20 +94,15 @@ def burn(board, lines: list[str], shaper: tuple[str, ...]) -> None:
 
 
 @contextmanager
-def value_held(client) -> Iterator[None]:
-    """Overrides as `process_control` has them sent, never twice the same."""
+def meanwhile(step: Callable[[], None]) -> Iterator[None]:
+    """Does a step again and again, in a thread."""
     over = threading.Event()
 
-    def send() -> None:
-        sent = due = 0
-        while not over.wait(0.01):
-            now = client.frame['t_us']
-            if now >= due and client.frame['v_um_s']:
-                sent, due = sent + 1, now + OVERRIDE_US
-                client.text(f'$V {1000 - sent % 3} {1000 - sent % 3}')
-        print(f'firmware: {sent} overrides', file=sys.stderr)
+    def run() -> None:
+        while not over.is_set():
+            step()
 
-    thread = threading.Thread(target=send)
+    thread = threading.Thread(target=run)
     thread.start()
     try:
         yield
@@ -116,23 +112,28 @@ def value_held(client) -> Iterator[None]:
 
 
 @contextmanager
-def drained(board) -> Iterator[None]:
-    """The port of the plant is read all the while: full of reports, it would stop the emulator when a late host makes
-    the bead begin again."""
-    over = threading.Event()
+def value_held(client) -> Iterator[None]:
+    """Overrides as `process_control` has them sent, never twice the same."""
+    sent = due = 0
 
-    def read() -> None:
-        while not over.is_set():
-            if select.select([board.plant], [], [], 0.05)[0]:
-                board.said += os.read(board.plant, 4096).decode()
+    def send() -> None:
+        nonlocal sent, due
+        time.sleep(0.01)
+        now = client.frame['t_us']
+        if now >= due and client.frame['v_um_s']:
+            sent, due = sent + 1, now + OVERRIDE_US
+            client.text(f'$V {1000 - sent % 3} {1000 - sent % 3}')
 
-    thread = threading.Thread(target=read)
-    thread.start()
-    try:
+    with meanwhile(send):
         yield
-    finally:
-        over.set()
-        thread.join()
+    print(f'firmware: {sent} overrides', file=sys.stderr)
+
+
+def drain(board) -> None:
+    """Reads the port of the plant: full of reports, it would stop the emulator when a late host makes the bead begin
+    again."""
+    if select.select([board.plant], [], [], 0.05)[0]:
+        board.said += os.read(board.plant, 4096).decode()
 
 
 def worst_case(board, shaper: tuple[str, ...]) -> dict[str, float]:
@@ -140,7 +141,7 @@ def worst_case(board, shaper: tuple[str, ...]) -> dict[str, float]:
     board.client.wait(lambda: board.client.frame)
     heard = len(board.heard)
     board.fault('r')  # reports on
-    with value_held(board.client), drained(board):
+    with value_held(board.client), meanwhile(lambda: drain(board)):
         burn(board, [f'G1 X{i} Y{i} Z{190 - i / 2} F60000' for i in range(1, 111)], shaper)
         board.client.wait(lambda: board.client.frame['v_um_s'] == 0)
     tracked = [line for line in board.client.lines if line.startswith(('D ', '! RUN E212'))][-1]

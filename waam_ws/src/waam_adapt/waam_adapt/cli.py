@@ -98,13 +98,14 @@ def _arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--from', dest='jobs', type=Path, nargs='+', default=[], metavar='JOB', help='recorded jobs'
     )
-    p.add_argument(
+    other = p.add_mutually_exclusive_group()
+    other.add_argument(
         '--growth',
         type=Path,
         metavar='DATA',
         help='train the growth network instead, on layers of python3 -m waam_lab.growth_data DATA',
     )
-    p.add_argument(
+    other.add_argument(
         '--residual',
         type=Path,
         metavar='DATA',

@@ -33,6 +33,7 @@ KINDS = {'part': 0.65, 'wall': 0.15, 'build': 0.2}
 # of restored parts; walls and builds are laid as the planner chooses
 STRATEGIES = {'solid': 0.55, 'contour': 0.13, 'zigzag': 0.14, 'spiral': 0.1, 'combined': 0.08}
 FINISH = 1e-3  # m, of the finishing layers of three jobs in four
+Piece = tuple[Path, int, str, str]  # folder, seed, law and its weights
 FINISHES = (0.8e-3, 1.6e-3)  # m, of the others
 
 
@@ -116,7 +117,7 @@ def main(argv: list[str] | None = None) -> int:
     return 1 if failures else 0
 
 
-def attempt(piece: tuple[Path, int, str, str]) -> int | str:
+def attempt(piece: Piece) -> int | str:
     """One seed in a worker: its layers, or why there are none."""
     try:
         return make(*piece)
@@ -124,7 +125,7 @@ def attempt(piece: tuple[Path, int, str, str]) -> int | str:
         return str(e)
 
 
-def lost(_piece: tuple[Path, int, str, str], error: Exception) -> int | str:
+def lost(_piece: Piece, error: Exception) -> int | str:
     """The worker of a seed was lost again and again."""
     return f'not made: {error}'
 

@@ -115,8 +115,8 @@ class ProcessTrace:
 
 
 def _steady_runs(arc: np.ndarray) -> list[np.ndarray]:
-    """Of one arc (n, COLUMNS): the runs of exchanges before which the path has been straight and hardly
-    slower for BEFORE exchanges, as of `ProcessTrace._steady`."""
+    """Of one arc (n, COLUMNS): the runs of exchanges before which the path has been straight and hardly slower for
+    BEFORE exchanges, as of `ProcessTrace._steady`."""
     if len(arc) <= STRUCK / 1e-2:
         return []
     way = arc[:, 1:3] / arc[:, 3:4]
@@ -124,9 +124,8 @@ def _steady_runs(arc: np.ndarray) -> list[np.ndarray]:
     straight, slowest, fastest = np.ones(len(way), bool), speeds.copy(), speeds.copy()
     for back in range(1, BEFORE):
         earlier = speeds[:-back]
-        straight[back:] &= (way[back:] * way[:-back]).sum(axis=1) >= STRAIGHT * speeds[
-            back:
-        ] * earlier
+        along = (way[back:] * way[:-back]).sum(axis=1)
+        straight[back:] &= along >= STRAIGHT * speeds[back:] * earlier
         np.minimum(slowest[back:], earlier, out=slowest[back:])
         np.maximum(fastest[back:], earlier, out=fastest[back:])
     steady = straight & (slowest > np.maximum(SLOWER * fastest, 1e-3))

@@ -19,6 +19,7 @@ from scipy import sparse
 from .. import filters
 from ..feed.feed_forward import WEIGHTS
 from ..grids import CELLS_PER_BEAD, Resampler
+from ..types import CorrectionInput
 from . import kernels
 from .bead_path import Bead, beads_of, nearest_of
 
@@ -223,6 +224,13 @@ def _ahead(i: np.ndarray, where: np.ndarray, pace: np.ndarray, cell: float) -> n
     x = (cols[None, :] - where[i, 0]) * pace[i, 0]
     y = (rows[:, None] - where[i, 1]) * pace[i, 1]
     return np.clip(x + y, -1.0, 1.0)
+
+
+def inner_cells(request: CorrectionInput, grid: Resampler) -> np.ndarray:
+    """(rows, cols) share of the cells of the model's grid that lie away from the footprint's edge: what solver and
+    networks look at."""
+    margin = MARGIN * request.bead_width / request.resolution
+    return grid.mean(filters.inner_share(request.footprint, margin))
 
 
 def inner_mean(

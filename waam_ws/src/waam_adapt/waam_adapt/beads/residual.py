@@ -15,11 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from .. import filters
 from ..grids import Resampler
 from ..types import CorrectionInput
 from . import plan_geometry
-from .model import MARGIN
+from .model import inner_cells
 
 SCALES = (0.7, 1.4, 2.8, 5.6)  # cells: sigmas that part the bands of the surface
 SLOPES = (1.0, 2.0)  # cells: sigmas of the surface whose slope and curvature are looked at
@@ -96,8 +95,7 @@ def surface(
     growth (rows, cols): what the network predicts."""
     inside = x[0] > 0
     error, seen = known_mean(request.error / middle(request), grid)
-    margin = MARGIN * request.bead_width / request.resolution
-    counted = grid.mean(filters.inner_share(request.footprint, margin)) * (seen & inside)
+    counted = inner_cells(request, grid) * (seen & inside)
     counted = np.where(counted > COUNTED, counted, 0.0)
     known = counted > 0
     error = np.where(known, np.clip(error, -FAR, FAR), 0.0)

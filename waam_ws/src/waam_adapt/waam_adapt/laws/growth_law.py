@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter
 
 from .. import filters
 from ..beads import plan_geometry, plan_level, residual
-from ..beads.model import MARGIN
+from ..beads.model import inner_cells
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import Correction, CorrectionInput, Predicted
 from . import net, net_file
@@ -78,10 +78,10 @@ class GrowthLaw:
             return replace(nothing, doubt='the network gave an answer that is not finite')
         growth, sigma = nothing.growth, nothing.sigma
         growth[box], sigma[box] = told, np.exp(log_error.astype(float))
-        seen = self._counted(request, grid)
+        inner = inner_cells(request, grid)
         # how high the map is on average is no part of it: that is told by the figures of the plan
-        growth = (growth - (growth * seen).sum() / max(seen.sum(), 1e-9)) * seen
-        spread = np.maximum(gaussian_filter(seen, SMOOTH), 1e-3)
+        growth = (growth - (growth * inner).sum() / max(inner.sum(), 1e-9)) * inner
+        spread = np.maximum(gaussian_filter(inner, SMOOTH), 1e-3)
         growth = np.where(x[0] > 0, gaussian_filter(growth, SMOOTH) / spread, 0.0)
         wide = filters.thickest(request.footprint) * request.resolution >= request.bead_width
         most = MOST if wide else MOST_IN_WALL
@@ -89,19 +89,11 @@ class GrowthLaw:
         found = Predicted(growth, sigma, self.network.digest)
         if not wide:  # walls rise otherwise: there the layers so far say more
             return found
-        level = plan_level.level(shown, weights)
-        found = replace(found, level=level)
+        found = replace(found, level=plan_level.level(shown, weights))
         if request.of_other_planner:  # what the loop leaves was learned on plans of our own
             return found
-        seen = residual.surface(request, grid, x, growth)
-        return replace(found, left=residual.told(seen, weights))
-
-    @staticmethod
-    def _counted(request: CorrectionInput, grid: Resampler) -> np.ndarray:
-        """(rows, cols) share of the cells away from the edge: what the training has looked at, and the solver does."""
-        footprint = request.footprint
-        share = filters.inner_share(footprint, MARGIN * request.bead_width / request.resolution)
-        return grid.mean(share)
+        surface = residual.surface(request, grid, x, growth)
+        return replace(found, left=residual.told(surface, weights))
 
     def correct(self, request: CorrectionInput) -> Correction:
         """The solver's answer with what the network predicts; where it cannot, the reason and fallback."""
