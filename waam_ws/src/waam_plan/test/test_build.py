@@ -82,7 +82,7 @@ def test_block_with_a_hole_keeps_it_open(part):
         assert np.hypot(*(middle - 0.03).T).min() > 0.0095
 
 
-@pytest.mark.parametrize('thickness', [4.5, 6.0, 9.0, 11.5])
+@pytest.mark.parametrize('thickness', [4.5, 6.0, 8.5, 9.0])
 def test_thin_tube_is_laid_as_rings(part, thickness):
     tube = trimesh.creation.annulus(r_min=30 - thickness, r_max=30, height=8, sections=96)
     plan = plan_build(part(tube), S)

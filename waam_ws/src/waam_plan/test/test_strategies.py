@@ -317,3 +317,21 @@ def test_the_outline_of_a_mask_is_within_a_cell_of_it():
     assert (mask ^ again).sum() < 0.01 * mask.sum()
     (shape,) = outline(mask, SPEC)
     assert shape.hausdorff_distance(PLATE) < 1.5 * SPEC.resolution and len(shape.interiors) == 1
+
+
+@pytest.mark.parametrize('shape', ['strip', 'band'])
+@pytest.mark.parametrize('thickness', np.arange(6.8e-3, 14.1e-3, 0.6e-3))
+def test_no_groove_is_left_in_a_wall(shape, thickness):
+    """Beads farther apart than 0.8 of their width leave one that no correction fills."""
+    if shape == 'strip':
+        wall = box(0.005, 0.02, 0.075, 0.02 + thickness)
+    else:
+        middle = Point(0.04, 0.03)
+        wall = middle.buffer(0.016 + thickness / 2, 64).difference(
+            middle.buffer(0.016 - thickness / 2, 64)
+        )
+    for strategy in ('solid', 'contour'):
+        pieces = filled(wall, strategy)
+        inside = wall.buffer(-PlanSettings().bead_width / 2)
+        near = shapely.union_all(lines(pieces)).buffer(0.4 * PlanSettings().bead_width)
+        assert inside.difference(near).area < 0.02 * wall.area, strategy

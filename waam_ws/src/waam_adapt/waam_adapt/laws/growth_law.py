@@ -27,9 +27,10 @@ from .net_law import DOUBT, UNetLaw
 
 PACKAGED = net_file.PACKAGED.with_name('growth.npz')
 NO_MODEL = 'none'
-# Share of the planned height that is predicted at most, and in walls narrower than a bead. Setpoints cannot fill a
-# deeper hollow within a bead, and a hump that one layer leaves stands in the hollow of the next one, laid otherwise.
-MOST, MOST_IN_WALL = 0.15, 0.05
+# Share of the planned height that is predicted at most. Setpoints cannot fill a deeper hollow within a bead; a hump can
+# be left out as far as the beads go down. In walls narrower than a bead, a hump that one layer leaves stands in the
+# hollow of the next one, laid otherwise.
+HOLLOW, HUMP, IN_WALL = 0.15, 0.4, 0.05
 SMOOTH = 1.0  # cells: sigma of what is predicted; shorter waves setpoints cannot make
 
 
@@ -84,8 +85,8 @@ class GrowthLaw:
         spread = np.maximum(gaussian_filter(inner, SMOOTH), 1e-3)
         growth = np.where(x[0] > 0, gaussian_filter(growth, SMOOTH) / spread, 0.0)
         wide = filters.thickest(request.footprint) * request.resolution >= request.bead_width
-        most = MOST if wide else MOST_IN_WALL
-        growth, weights = np.clip(growth, -most, most), self.network.weights
+        hollow, hump = (HOLLOW, HUMP) if wide else (IN_WALL, IN_WALL)
+        growth, weights = np.clip(growth, -hollow, hump), self.network.weights
         found = Predicted(growth, sigma, self.network.digest)
         if not wide:  # walls rise otherwise: there the layers so far say more
             return found

@@ -1,4 +1,4 @@
-"""Paths for walls thinner than two beads: one bead along the middle, or two along the outlines."""
+"""Paths for thin walls: one bead along the middle, or two along the outlines."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from waam_plan.masks import ONE_BEAD
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import pieces
 
+# bead widths: two beads fill a wall up to this thickness; in a thicker one they leave a groove
+TWO_BEADS = 1.5
 LONG = 6.0  # outline over thickness: shorter pieces are spots, not walls
 
 
@@ -29,14 +31,17 @@ def mean_width(polygon: Polygon) -> float:
     return float(2 * polygon.area / polygon.length)
 
 
-def is_wall(polygon: Polygon, settings: PlanSettings) -> bool:
-    """True when the polygon is nowhere two beads thick."""
-    return polygon.buffer(-settings.bead_width).is_empty
+def is_wall(polygon: Polygon, settings: PlanSettings, beads: float = TWO_BEADS) -> bool:
+    """True when the polygon is nowhere thicker than so many beads."""
+    return polygon.buffer(-beads / 2 * settings.bead_width).is_empty
 
 
 def is_one_bead(polygon: Polygon, settings: PlanSettings) -> bool:
     """True for walls that are thicker than a bead only where they meet."""
-    thin = is_wall(polygon, settings) and mean_width(polygon) <= ONE_BEAD * settings.bead_width
+    thin = (
+        is_wall(polygon, settings, beads=2.0)
+        and mean_width(polygon) <= ONE_BEAD * settings.bead_width
+    )
     return thin and polygon.length > LONG * wall_width(polygon)
 
 

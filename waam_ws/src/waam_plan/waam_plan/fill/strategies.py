@@ -73,7 +73,7 @@ def solid(area: Area) -> list[Chain]:
 
 
 def _walls_and_rest(area: Area) -> tuple[list[Polygon], list[Polygon]]:
-    """Polygons under two beads, and the others."""
+    """Thin walls (`contour.is_wall`), and the others."""
     thin = [contour.is_wall(p, area.settings) for p in area.polygons]
     pairs = list(zip(area.polygons, thin, strict=True))
     return [p for p, t in pairs if t], [p for p, t in pairs if not t]
@@ -113,7 +113,11 @@ def rings_or_hatch(area: Area) -> list[Chain]:
 
 def is_narrow(polygon: Polygon, s: PlanSettings) -> bool:
     """Whether a restored polygon is too narrow for `contours`: under two beads, around a hole under two pitches."""
-    return contour.is_wall(polygon, s) and (not polygon.interiors or _is_strip(polygon, s))
+    return contour.is_wall(polygon, s, beads=2.0) and _open_or_strip(polygon, s)
+
+
+def _open_or_strip(polygon: Polygon, s: PlanSettings) -> bool:
+    return not polygon.interiors or _is_strip(polygon, s)
 
 
 def _is_strip(polygon: Polygon, s: PlanSettings) -> bool:
@@ -193,12 +197,13 @@ def _gaps(
 
 
 def _each(area: Area, runs_of: Callable[[Polygon], list[Chain]]) -> list[Chain]:
-    """Chains of every polygon; walls under two beads are one or two lines whatever the strategy."""
+    """Chains of every polygon; thin walls are one or two lines whatever the strategy."""
     s = area.settings
     near = s.first_ring < s.bead_width / 2  # the edge, beside which the surface goes on
     chains: list[Chain] = []
     for p in area.polygons:
-        runs = _wall(p, s) if is_narrow(p, s) else runs_of(p)
+        thin = contour.is_wall(p, s) and _open_or_strip(p, s)
+        runs = _wall(p, s) if thin else runs_of(p)
         chains += linked(runs, p, s.pitch, area.number, open_first=near)
     return chains
 
@@ -228,7 +233,7 @@ class Strategy:
 
 REGISTRY: dict[str, Strategy] = {
     'solid': Strategy(
-        'chosen per place: walls under two beads as one or two lines; bands around a hole as rings; '
+        'chosen per place: walls up to 1.5 beads thick as one or two lines; bands around a hole as rings; '
         'elsewhere zig-zag in builds, in restorations rings or zig-zag, as it lies more evenly',
         solid,
         edge_metal=EDGE_METAL,

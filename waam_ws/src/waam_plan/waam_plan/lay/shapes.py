@@ -115,7 +115,7 @@ def stiffened(sections: list[Section], settings: PlanSettings, remarks: list[str
     walls = [p for p in sections[0].polygons if contour.is_wall(p, settings)]
     ribs = [rib for wall in walls for rib in _ribs(wall, settings)]
     if not ribs:
-        remarks.append('no stiffeners: the lowest layer has no wall thinner than two beads')
+        remarks.append('no stiffeners: the lowest layer has no wall of one or two beads')
         return sections
     out = []
     for section in sections:
