@@ -81,6 +81,14 @@ def _arguments(p: argparse.ArgumentParser) -> None:
         help='validation and checkpoint (default 100; growth network 250)',
     )
     p.add_argument('--threads', type=int, default=1, help='of torch in every process (default 1)')
+    p.add_argument('--resume', action='store_true', help='go on from the checkpoint in --out')
+    p.add_argument(
+        '--from', dest='jobs', type=Path, nargs='+', default=[], metavar='JOB', help='recorded jobs'
+    )
+    _growth_arguments(p)
+
+
+def _growth_arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--device',
         default='auto',
@@ -93,10 +101,6 @@ def _arguments(p: argparse.ArgumentParser) -> None:
         nargs=3,
         metavar='CHANNELS',
         help='of the three levels of the growth network (default 16 28 48)',
-    )
-    p.add_argument('--resume', action='store_true', help='go on from the checkpoint in --out')
-    p.add_argument(
-        '--from', dest='jobs', type=Path, nargs='+', default=[], metavar='JOB', help='recorded jobs'
     )
     other = p.add_mutually_exclusive_group()
     other.add_argument(

@@ -33,8 +33,8 @@ KINDS = {'part': 0.65, 'wall': 0.15, 'build': 0.2}
 # of restored parts; walls and builds are laid as the planner chooses
 STRATEGIES = {'solid': 0.55, 'contour': 0.13, 'zigzag': 0.14, 'spiral': 0.1, 'combined': 0.08}
 FINISH = 1e-3  # m, of the finishing layers of three jobs in four
-Piece = tuple[Path, int, str, str]  # folder, seed, law and its weights
 FINISHES = (0.8e-3, 1.6e-3)  # m, of the others
+Piece = tuple[Path, int, str, str]  # folder, seed, law and its weights
 
 
 def kind_of(seed: int) -> str:

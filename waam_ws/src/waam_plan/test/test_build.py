@@ -96,6 +96,17 @@ def test_thin_tube_is_laid_as_rings(part, thickness):
     assert len(seams) == len(plan.layers)
 
 
+@pytest.mark.parametrize('thickness', [9.8, 11.5])
+def test_a_tube_too_thick_for_two_rings_is_laid_as_more_in_one_chain(part, thickness):
+    tube = trimesh.creation.annulus(r_min=30 - thickness, r_max=30, height=8, sections=96)
+    plan = plan_build(part(tube), S)
+    check(plan)
+    for layer in plan.layers:
+        assert layer.arc_starts == 1 and layer.beads >= 3
+    seams = {tuple(np.round(p.deposits[0].start[:2], 3)) for p in plan.layers}
+    assert len(seams) == len(plan.layers)
+
+
 def test_single_wall_is_one_bead_along_its_middle(part):
     plan = plan_build(part(trimesh.creation.box(extents=(80, 6, 10))), S)
     for layer in plan.layers:

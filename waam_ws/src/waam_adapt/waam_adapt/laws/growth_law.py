@@ -27,9 +27,9 @@ from .net_law import DOUBT, UNetLaw
 
 PACKAGED = net_file.PACKAGED.with_name('growth.npz')
 NO_MODEL = 'none'
-# Share of the planned height that is predicted at most. Setpoints cannot fill a deeper hollow within a bead; a hump can
-# be left out as far as the beads go down. In walls narrower than a bead, a hump that one layer leaves stands in the
-# hollow of the next one, laid otherwise.
+# Share of the planned height that is predicted at most. Setpoints cannot fill a deeper hollow within a bead; a hump is
+# avoided by laying less. In walls narrower than a bead, a hump that one layer leaves stands in the hollow of the next
+# one, laid otherwise.
 HOLLOW, HUMP, IN_WALL = 0.15, 0.4, 0.05
 SMOOTH = 1.0  # cells: sigma of what is predicted; shorter waves setpoints cannot make
 

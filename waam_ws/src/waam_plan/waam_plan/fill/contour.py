@@ -36,6 +36,15 @@ def is_wall(polygon: Polygon, settings: PlanSettings, beads: float = TWO_BEADS) 
     return polygon.buffer(-beads / 2 * settings.bead_width).is_empty
 
 
+def walls_and_rest(
+    polygons: list[Polygon], settings: PlanSettings
+) -> tuple[list[Polygon], list[Polygon]]:
+    """Walls of one or two beads, and the others."""
+    thin = [is_wall(p, settings) for p in polygons]
+    pairs = list(zip(polygons, thin, strict=True))
+    return [p for p, t in pairs if t], [p for p, t in pairs if not t]
+
+
 def is_one_bead(polygon: Polygon, settings: PlanSettings) -> bool:
     """True for walls that are thicker than a bead only where they meet."""
     thin = (

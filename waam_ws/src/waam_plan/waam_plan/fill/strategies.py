@@ -62,7 +62,7 @@ def restored(area: Area) -> list[Chain]:
 
 def solid(area: Area) -> list[Chain]:
     """Thin walls as one or two lines, bands around a hole as rings, everything else zig-zag."""
-    walls, thick = _walls_and_rest(area)
+    walls, thick = contour.walls_and_rest(area.polygons, area.settings)
     bands = [p for p in thick if band_lines(p, area.settings)]
     rest = [p for p in thick if p not in bands]
     if not walls and not bands:
@@ -70,13 +70,6 @@ def solid(area: Area) -> list[Chain]:
     lines = [[line] for p in walls for line in contour.wall_lines(p, area.settings, area.number)]
     chains = zigzag(area.part(rest)) if rest else []
     return [*chains, *(contours(area.part(bands)) if bands else []), *lines]
-
-
-def _walls_and_rest(area: Area) -> tuple[list[Polygon], list[Polygon]]:
-    """Thin walls (`contour.is_wall`), and the others."""
-    thin = [contour.is_wall(p, area.settings) for p in area.polygons]
-    pairs = list(zip(area.polygons, thin, strict=True))
-    return [p for p, t in pairs if t], [p for p, t in pairs if not t]
 
 
 def zigzag(area: Area) -> list[Chain]:

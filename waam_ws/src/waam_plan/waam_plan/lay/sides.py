@@ -38,7 +38,7 @@ def of_section(polygons: list[Polygon], on: np.ndarray, spec: GridSpec, s: PlanS
     """Of a build: all sides are free. on: the cells of the polygons."""
     if s.overrun <= 0 or s.strategy == 'shell':
         return Cover(polygons, on, on)
-    walls, rest = _divided(polygons, s)
+    walls, rest = contour.walls_and_rest(polygons, s)
     wide = [merged(rest).buffer(s.overrun, join_style='mitre')] if rest else []
     slits = _slits(walls, rest, s.overrun, CELLS_APART * spec.resolution)
     if slits:
@@ -100,13 +100,6 @@ def _between(a: Polygon, b: Polygon, near: BaseGeometry, step: float) -> BaseGeo
     parts = (of.min(axis=1) < first) & (of.max(axis=1) >= first) & (of.max(axis=1) < both)
     lines = shapely.linestrings(found.vertices[ends[parts & (ends >= 0).all(axis=1)]])
     return shapely.union_all(lines).intersection(near)
-
-
-def _divided(polygons: list[Polygon], s: PlanSettings) -> tuple[list[Polygon], list[Polygon]]:
-    """Walls of one or two beads, and the rest."""
-    thin = [contour.is_wall(p, s) for p in polygons]
-    pairs = list(zip(polygons, thin, strict=True))
-    return [p for p, t in pairs if t], [p for p, t in pairs if not t]
 
 
 def _widening(wall: Polygon, s: PlanSettings) -> float:
