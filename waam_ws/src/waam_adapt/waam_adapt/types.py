@@ -51,6 +51,7 @@ class BeadDeviation:
     slope: float = 1.0  # of growth on metal
     scale: float = 1.0  # what the error of the request was divided by for that slope
     prior: float = PRIOR  # weight of what a law guesses to be missing, before the job has shown it
+    gain_factor: float = 1.0  # of the law's gain, by how the passes lie on those below
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ def refine(
     missing = learned.missing + learned.prior * guess
     if request.predicted is not None:
         missing = missing - request.predicted.growth - request.predicted.left
-    need = (gain * error + missing) / learned.slope
+    need = (gain * learned.gain_factor * error + missing) / learned.slope
     start = model.of_cells(ratio, request.resolution)
     solved = model.on_cells(solve(model, need, weight, start, learned.lag, request.ratio_high))
     return ratio + grid.fine(model.near.astype(float)) * (grid.fine(solved) - ratio)

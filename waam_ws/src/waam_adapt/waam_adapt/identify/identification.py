@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..beads import alignment
 from ..beads.bead_bias import BeadBias
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
 from ..beads.residual import FAR, LEAST, known_mean
@@ -263,7 +264,16 @@ class Identifier:
     def _beads_of(self, request: CorrectionInput, model: BeadModel, slope: float) -> BeadDeviation:
         lag = self.beads.lag * request.bead_width
         missing = self.beads.wanted(self.layer, model) - self.beads.surplus
-        return BeadDeviation(missing, lag, slope, slope, self.beads.prior)
+        factor = self._gain_factor(request, model)
+        return BeadDeviation(missing, lag, slope, slope, self.beads.prior, factor)
+
+    def _gain_factor(self, request: CorrectionInput, model: BeadModel) -> float:
+        """By how the passes lie on those below; 1 where there are none, in single beads, and in programs of others,
+        whose patterns change from layer to layer."""
+        below = self.paths.get(self.layer - 1, ())
+        if not below or not model.overlapped or request.of_other_planner:
+            return 1.0
+        return alignment.gain(alignment.offset(request.paths, below, request.bead_width))
 
     def flow_factor(self, request: CorrectionInput) -> float:
         """Of the layer that the request is for. What eq 2.19 will take off its feed is put back: how high the beads
