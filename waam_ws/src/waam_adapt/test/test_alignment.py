@@ -69,6 +69,14 @@ def test_nothing_is_assumed_of_a_first_layer_nor_of_programs_of_others():
     assert asked(zigzag(), ratio_high=2.0).gain_factor == 1.0
 
 
+def test_the_passes_of_another_job_are_not_those_below():
+    who = Identifier(watch_beads=True)
+    who.start('job', 1)
+    who.prepare(pad(0.5e-3))
+    who.start('another', 2)
+    assert who.prepare(pad(0.5e-3)).learned.gain_factor == 1.0
+
+
 def test_the_setpoints_follow_the_factor():
     def middle(factor: float) -> float:
         learned = BeadDeviation(np.zeros((28, 40)), gain_factor=factor)
