@@ -44,9 +44,9 @@ def test_passes_across_those_below_do_not_lie_on_them():
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_the_farther_off_the_less_is_asked_for_within_bounds(one, other):
+def test_the_farther_off_the_less_is_answered_within_bounds(one, other):
     near, far = (alignment.gain(v) for v in sorted((one, other)))
-    assert alignment.GAIN_OFF <= far <= near <= alignment.GAIN_ON
+    assert 1.0 <= far <= near <= alignment.MOST
 
 
 def asked(below, **changes) -> BeadDeviation:
@@ -60,8 +60,8 @@ def asked(below, **changes) -> BeadDeviation:
 
 
 def test_a_layer_on_the_passes_below_asks_for_more_than_one_between_them():
-    assert asked(zigzag()).gain_factor == alignment.GAIN_ON
-    assert asked(moved(y=0.5 * PITCH)).gain_factor == alignment.GAIN_OFF
+    assert asked(zigzag()).gain_factor == alignment.MOST
+    assert asked(moved(y=0.5 * PITCH)).gain_factor == 1.0
 
 
 def test_nothing_is_assumed_of_a_first_layer_nor_of_programs_of_others():
@@ -83,6 +83,6 @@ def test_the_setpoints_follow_the_factor():
         x = refined(replace(pad(0.5e-3, error=0.2e-3), learned=learned), gain=0.8)
         return float(x[30:50, 40:80].mean())
 
-    assert [middle(f) - 1 for f in (0.87, 1.0, 1.2)] == pytest.approx(
-        [0.8 * f * 0.1 for f in (0.87, 1.0, 1.2)], abs=4e-3
+    assert [middle(f) - 1 for f in (1.0, 1.1, 1.2)] == pytest.approx(
+        [0.8 * f * 0.1 for f in (1.0, 1.1, 1.2)], abs=4e-3
     )

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .bead_path import beads_of
+from .bead_path import as_bytes, beads_of
 
-# Offsets (bead widths) up to which passes lie on those below, and from which on they do not, and what multiplies the
-# gain of a law there; between them it changes linearly. Chosen on 26 jobs (docs/adaptation.md).
+# Offsets (bead widths) up to which passes lie on those below, and from which on they do not; between them the factor
+# changes linearly. Chosen on 26 jobs (docs/adaptation.md).
 ON, OFF = 0.05, 0.15
-GAIN_ON, GAIN_OFF = 1.2, 1.0
+MOST = 1.2  # factor of the gain of passes that lie on those below
 
 
 def offset(paths: Sequence[np.ndarray], below: Sequence[np.ndarray], width: float) -> float:
@@ -24,11 +24,10 @@ def offset(paths: Sequence[np.ndarray], below: Sequence[np.ndarray], width: floa
 
     paths, below: beads from arc on to arc off, (n, 2) m in one frame, at least one each; width: m.
     """
-    here, there = (beads_of(_as_bytes(p), width) for p in (paths, below))
+    here, there = (beads_of(as_bytes(p), width) for p in (paths, below))
     points = np.concatenate([b.where for b in here])
-    where, tangent = (
-        np.concatenate(found) for found in zip(*((b.where, b.tangent) for b in there), strict=True)
-    )
+    where = np.concatenate([b.where for b in there])
+    tangent = np.concatenate([b.tangent for b in there])
     nearest = cKDTree(where).query(points)[1]
     away, along = points - where[nearest], tangent[nearest]
     across = np.abs(away[:, 0] * along[:, 1] - away[:, 1] * along[:, 0])
@@ -36,9 +35,5 @@ def offset(paths: Sequence[np.ndarray], below: Sequence[np.ndarray], width: floa
 
 
 def gain(passes_off: float) -> float:
-    """Factor of the gain of a law; passes_off: `offset`, bead widths."""
-    return float(np.interp(passes_off, (ON, OFF), (GAIN_ON, GAIN_OFF)))
-
-
-def _as_bytes(paths: Sequence[np.ndarray]) -> tuple[bytes, ...]:
-    return tuple(np.ascontiguousarray(p, float).tobytes() for p in paths)
+    """Factor of the gain of a law, 1 .. MOST; passes_off: `offset`, bead widths."""
+    return float(np.interp(passes_off, (ON, OFF), (MOST, 1.0)))

@@ -5,6 +5,7 @@ The nominal bead model and the channels of the growth network ask for the same o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -36,9 +37,14 @@ class Nearest(NamedTuple):
     far: np.ndarray
 
 
+def as_bytes(paths: Sequence[np.ndarray]) -> tuple[bytes, ...]:
+    """Paths (points, 2) m as `beads_of` and whatever else is kept by them want them."""
+    return tuple(np.ascontiguousarray(p, float).tobytes() for p in paths)
+
+
 @lru_cache(maxsize=4)
 def beads_of(paths: tuple[bytes, ...], width: float) -> tuple[Bead, ...]:
-    """paths: (points, 2) m of every bead as bytes of float64, in the order of laying. width: m."""
+    """paths: of every bead, in the order of laying, by `as_bytes`. width: m."""
     return tuple(resampled(np.frombuffer(p).reshape(-1, 2), width) for p in paths)
 
 

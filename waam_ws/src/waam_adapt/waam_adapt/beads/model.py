@@ -21,7 +21,7 @@ from ..feed.feed_forward import WEIGHTS
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import CorrectionInput
 from . import kernels
-from .bead_path import Bead, beads_of, nearest_of
+from .bead_path import Bead, as_bytes, beads_of, nearest_of
 
 SPREAD, POOL = 0.33, 0.2  # bead widths: sigma across and along
 GAP = 4.0  # bead widths between the beads of a layer laid end to end
@@ -103,7 +103,7 @@ def bead_model(paths: Sequence[np.ndarray], shape: tuple[int, int], width: float
     """paths: beads from arc on to arc off, (n, 2) m from the corner of cell (0, 0), with the points between which
     setpoints hold. shape: of the grid a quarter of a bead wide. width: m. The newest models are kept: layers come back
     in the same two directions."""
-    return _cached(tuple(np.ascontiguousarray(p, float).tobytes() for p in paths), shape, width)
+    return _cached(as_bytes(paths), shape, width)
 
 
 @lru_cache(maxsize=4)

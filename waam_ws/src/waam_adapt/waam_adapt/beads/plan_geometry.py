@@ -18,7 +18,7 @@ from .. import filters
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import CorrectionInput
 from . import kernels
-from .bead_path import Bead, beads_of, nearest_of
+from .bead_path import Bead, as_bytes, beads_of, nearest_of
 from .model import GAP, SPREAD
 
 NAMES = (
@@ -97,8 +97,7 @@ def travel(request: CorrectionInput, grid: Resampler) -> np.ndarray:
 
 
 def _ways_of(request: CorrectionInput, inside: np.ndarray, grid: Resampler) -> _Ways:
-    paths = tuple(np.ascontiguousarray(p, float).tobytes() for p in request.paths)
-    return _ways(paths, inside.tobytes(), grid.shape, request.bead_width)
+    return _ways(as_bytes(request.paths), inside.tobytes(), grid.shape, request.bead_width)
 
 
 def box(x: np.ndarray) -> tuple[slice, slice]:

@@ -97,7 +97,7 @@ class Identifier:
             self._before = Learned(**vars(first or Start()))
             self.seen = {}
             for kept in (self.planned, self.paths, self.predicted, self.levels, self.left):
-                kept.clear()  # another job's layers are none that lie below
+                kept.clear()  # those layers do not lie below
         elif layer > self.layer:
             self._before = Learned(**{f.name: getattr(self, f.name) for f in fields(Learned)})
         self.job_id, self.layer = job_id, layer
