@@ -28,9 +28,59 @@ main(interrupted)
 """
 
 
-def test_a_node_that_is_stopped_while_it_asks_whether_it_may_go_on_ends():
+STOPPED_WHILE_MADE = """
+import signal
+import time
+
+import rclpy
+from rclpy.action import ActionServer
+from rclpy.node import Node
+
+from waam_msgs.action import RunJob
+from waam_node.node import main
+
+
+def half_made():
+    node = Node('half_made')
+    signal.raise_signal(signal.SIGTERM)
+    while rclpy.ok():
+        time.sleep(0.01)
+    ActionServer(node, RunJob, 'run_job', lambda goal: None)
+    return node
+
+
+main(half_made)
+"""
+BAD_PARAMETER = """
+from waam_node.node import main
+
+
+def refused():
+    raise ValueError('rate: -1 is too small')
+
+
+main(refused)
+"""
+
+
+def ended(program: str) -> subprocess.CompletedProcess[str]:
     env = {**os.environ, 'ROS_DOMAIN_ID': str(fresh_domain())}
-    done = subprocess.run(
-        [sys.executable, '-c', STOPPED], env=env, capture_output=True, text=True, timeout=60.0
+    return subprocess.run(
+        [sys.executable, '-c', program], env=env, capture_output=True, text=True, timeout=60.0
     )
+
+
+def test_a_node_that_is_stopped_while_it_asks_whether_it_may_go_on_ends():
+    done = ended(STOPPED)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_node_that_is_stopped_while_it_is_made_ends_without_an_error():
+    done = ended(STOPPED_WHILE_MADE)
+    assert done.returncode == 0, done.stderr
+    assert 'error' not in done.stderr
+
+
+def test_a_bad_parameter_is_told_in_one_line():
+    done = ended(BAD_PARAMETER)
+    assert (done.returncode, done.stderr) == (2, 'error: rate: -1 is too small\n')

@@ -194,18 +194,19 @@ def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, _end)
     node = None
     try:
-        try:
-            node = factory()
-            node.get_logger().info(f'priority: {turn}')
-        except ValueError as e:
-            print(f'error: {e}', file=sys.stderr)
-            return 2
+        node = factory()
+        node.get_logger().info(f'priority: {turn}')
         gc.collect()
         gc.freeze()  # a collection over all imported modules takes 40 ms, every few seconds
         spin(node)
-    except Exception:
-        if not rclpy.ok():  # a callback that was running when the node was stopped
+    except Exception as e:
+        if (
+            not rclpy.ok()
+        ):  # it was being made, or a callback was running, when the node was stopped
             return 0
+        if node is None and isinstance(e, ValueError):
+            print(f'error: {e}', file=sys.stderr)
+            return 2
         traceback.print_exc()
         return 1
     finally:
