@@ -14,7 +14,7 @@ from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Temperature
 
-from waam_adapt.conversions import bead_paths, correction_input, ratio_high
+from waam_adapt.conversions import bead_paths, correction_input, next_thickness, ratio_high
 from waam_adapt.feed.params import FeedParams
 from waam_adapt.hold.params import HoldParams
 from waam_adapt.laws.corrector import CorrectionParams
@@ -176,7 +176,7 @@ def test_a_map_that_is_not_to_be_trusted_removes_the_correction(graph, correct, 
     [
         ('bead_width', math.nan), ('bead_width', 0.0), ('k_gain', 0.5), ('k_gain', math.inf),
         ('layer', 0), ('temperature', math.inf), ('previous_feed_factor', -1.0),
-        ('ratio_high', 0.5), ('ratio_high', math.inf),
+        ('ratio_high', 0.5), ('ratio_high', math.inf), ('next_thickness', -1e-3), ('next_thickness', 1.0),
         ('target', floats(np.zeros(3))), ('planned_height', floats(np.full(SPEC.shape, -1e-3))),
         ('previous_surface', floats(np.zeros(3))), ('learned', '{"kind": "waam learned"}'),
     ],
@@ -241,7 +241,7 @@ def test_a_record_of_before_tells_a_polygon_for_each_bead():
     old = SimpleNamespace(beads=[SimpleNamespace(points=points)])
     (path,) = bead_paths(old, SPEC)
     assert path.tolist() == [[0.01, 0.02], [0.03, 0.02]]
-    assert ratio_high(old) == 0.0
+    assert ratio_high(old) == next_thickness(old) == 0.0
 
 
 @pytest.mark.parametrize('points', [[], [(0.0, 0.0)], [(0.0, 0.0), (math.nan, 0.0)]])

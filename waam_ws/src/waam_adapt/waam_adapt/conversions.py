@@ -92,6 +92,7 @@ def correction_input(
         temperature=request.temperature,
         heat_factor=heat_factor(request),
         ratio_high=ratio_high(request),
+        next_thickness=next_thickness(request),
     )
 
 
@@ -143,6 +144,13 @@ def heat_factor(request: ComputeCorrection.Request) -> float:
 def ratio_high(request: ComputeCorrection.Request) -> float:
     """Largest relative layer height of a setpoint; 0 = the law's own limits. Older records do not tell it."""
     told = number('ratio_high', getattr(request, 'ratio_high', 0.0), 0.0, 10.0, nan_ok=True)
+    return 0.0 if np.isnan(told) else told
+
+
+def next_thickness(request: ComputeCorrection.Request) -> float:
+    """Median metal of the layer after this one, m; 0 = none, or not known. Older records do not tell it."""
+    name = 'next_thickness'
+    told = number(name, getattr(request, name, 0.0), 0.0, 0.05, nan_ok=True)
     return 0.0 if np.isnan(told) else told
 
 

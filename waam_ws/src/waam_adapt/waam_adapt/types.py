@@ -62,7 +62,8 @@ class Predicted:
     (rows, cols): its standard uncertainty. digest: of the network. doubt: why nothing is predicted (growth all 0), ''.
     weight: 0..1, of the network in this job; already applied to all it says. NaN: nothing was weighed.
     level: logarithm of the efficiency ratio that the geometry of this layer gives beside that of a job's others. left
-    (rows, cols): share of the planned height by which the loop would end too high on this surface, mean 0.
+    (rows, cols): share of the planned height by which the loop would end too high on this surface, mean 0. headroom
+    (rows, cols): share of the planned height by which the layer is to stay low for the thinner one on it, mean 0.
     """
 
     growth: np.ndarray
@@ -72,6 +73,7 @@ class Predicted:
     weight: float = math.nan
     level: float = 0.0
     left: np.ndarray | float = 0.0
+    headroom: np.ndarray | float = 0.0
 
     def weighed(self, weight: float, left: float | None = None) -> Predicted:
         """The same with another weight, 0..1; left: of what the loop leaves, None = the same."""
@@ -80,6 +82,7 @@ class Predicted:
             growth=weight * self.growth,
             level=weight * self.level,
             left=(weight if left is None else left) * self.left,
+            headroom=weight * self.headroom,
             weight=weight,
         )
 
@@ -109,6 +112,7 @@ class CorrectionInput:
     # of the growth of this layer; None = the law asks its network itself
     predicted: Predicted | None = None
     ratio_high: float = 0.0  # largest relative layer height of a setpoint; 0 = the law's own limits
+    next_thickness: float = 0.0  # m, median metal of the layer after this one; 0 = none, not known
 
     def __post_init__(self) -> None:
         for name in ('target', 'planned', 'sigma', 'shortfall'):
@@ -126,6 +130,7 @@ class CorrectionInput:
             ('bead_width', 5e-4, 0.05),
             ('k_gain', 0, 0.9),
             ('heat_factor', 0.1, 1.0),
+            ('next_thickness', 0.0, 0.05),
         ):
             value = getattr(self, name)
             if not low <= value <= high:

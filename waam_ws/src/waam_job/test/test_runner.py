@@ -90,6 +90,24 @@ def test_every_layer_but_the_first_is_announced_while_the_one_before_is_laid(
     assert not blind.announced
 
 
+def test_every_request_tells_how_thick_the_layer_after_it_will_be(make_cell, make_runner):
+    cell = make_cell()
+    inner, told = cell.correct, {}
+
+    def correct(job_id, request):
+        told[request.layer] = request
+        return inner(job_id, request)
+
+    cell.correct = correct
+    runner, _, _ = make_runner(cell)
+    assert runner.run().state == State.DONE
+    *below, top = sorted(told)
+    assert below and told[top].next_thickness == 0.0
+    for number in below:
+        planned = told[number + 1].planned
+        assert told[number].next_thickness == pytest.approx(np.median(planned[planned > 0]))
+
+
 def test_monitor_computes_but_does_not_apply(make_cell, make_runner):
     runner, _, folder = make_runner(make_cell(efficiency=0.8), loop_mode='monitor')
     runner.run()

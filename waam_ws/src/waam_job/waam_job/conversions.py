@@ -329,6 +329,7 @@ def correction_request(job_id: str, r: CorrectionRequest, stamp: Time) -> Comput
     request.bead_width, request.temperature = float(r.bead_width), float(r.temperature)
     request.k_gain, request.heat_factor = float(r.k_gain), float(r.heat_factor)
     request.learned, request.ratio_high = r.learned, float(r.ratio_high)
+    request.next_thickness = float(r.next_thickness)
     request.direction, request.paths = direction_to_msg(r.direction), paths_to_msg(r.beads)
     return request
 

@@ -70,6 +70,9 @@ def test_a_program_is_laid_in_closed_loop_and_its_path_stays(goal):
     assert (result.folder / job_folder.PROGRAM_DIALECT).read_text().startswith('# Programs of')
     assert abs(result.layer_means[-1]) < 0.3e-3
     assert [w.request.ratio_high for w in watch.layers] == [RATIO_HIGH, RATIO_HIGH]
+    second = watch.layers[1].request
+    told = [w.request.next_thickness for w in watch.layers]
+    assert told == pytest.approx([np.median(second.planned[second.footprint]), 0.0], rel=1e-5)
 
 
 def test_without_a_nominal_part_a_program_is_watched_only(goal):

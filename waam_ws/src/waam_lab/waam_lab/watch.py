@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +24,8 @@ from waam_process.segment import Segment
 class Watched(NamedTuple):
     """One layer before it is laid: what the correction was asked, m of metal that the setpoints drive (rows, cols), lag
     of the metal in bead widths, slope of growth on metal, share of the planned height that its beads are known to lack
-    (on the model's grid; 0 where its beads are not told), and what a growth network predicts."""
+    (on the model's grid; 0 where its beads are not told), and what a growth network predicts, with the headroom that
+    was asked for."""
 
     request: CorrectionInput
     driven: np.ndarray
@@ -62,6 +63,9 @@ class LayerWatch:
         slope = identifier.slope_of(model)
         law = corrector.law
         predicted = law.predict(core) if isinstance(law, GrowthLaw) else None
+        if predicted is not None:
+            room = identifier.skill.weight * predicted.headroom
+            predicted = replace(predicted, headroom=room)
         self.layers.append(Watched(core, asked, beads.lag, slope, missing, predicted))
         self._spec, self._factor = spec, answer.flow_factor * core.heat_factor
 

@@ -56,7 +56,8 @@ def refine(
     error, weight = inner_mean(error, known, footprint, grid, margin)
     missing = learned.missing + learned.prior * guess
     if request.predicted is not None:
-        missing = missing - request.predicted.growth - request.predicted.left
+        told = request.predicted
+        missing = missing - told.growth - told.left - told.headroom
     need = (gain * learned.gain_factor * error + missing) / learned.slope
     start = model.of_cells(ratio, request.resolution)
     solved = model.on_cells(solve(model, need, weight, start, learned.lag, request.ratio_high))

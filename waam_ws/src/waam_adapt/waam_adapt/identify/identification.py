@@ -56,11 +56,13 @@ class Learned(Start):
 
 class _Left(NamedTuple):
     """What the network said that the loop leaves of a layer (on the model's grid, unweighed), the weight that it was
-    believed with, and the surface that the layer was to end with (rows, cols) m."""
+    believed with, the surface that the layer was planned to end with (rows, cols) m, and the share of the planned
+    height by which it was asked to stay below."""
 
     told: np.ndarray
     weight: float
     wanted: np.ndarray
+    headroom: np.ndarray | float
 
 
 @dataclass
@@ -223,8 +225,9 @@ class Identifier:
         told. plan: (rows, cols) m, NaN where there is none; seen: share of the cells that is known."""
         if number not in self.left:
             return
-        told, weight, wanted = self.left[number]
+        told, weight, wanted, headroom = self.left[number]
         error, known = known_mean((layer.after - wanted) / np.nanmedian(plan), grid)
+        error = error + headroom
         counted = np.where(known & (told != 0), seen, 0.0)
         if counted.sum() < LEAST:
             return
@@ -250,7 +253,8 @@ class Identifier:
             self.predicted[self.layer] = found.growth
             if isinstance(found.left, np.ndarray):
                 wanted = request.target + np.nan_to_num(request.planned)
-                self.left[self.layer] = _Left(found.left, weight, wanted)
+                room = self.skill.weight * found.headroom
+                self.left[self.layer] = _Left(found.left, weight, wanted, room)
             request = request.told(found.weighed(self.skill.weight, weight))
             self.estimate = replace(self.estimate, network_weight=self.skill.weight)
         learned = self.shortfall

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from .. import filters
-from ..beads import plan_geometry, plan_level, residual
+from ..beads import headroom, plan_geometry, plan_level, residual
 from ..beads.model import inner_cells
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import Correction, CorrectionInput, Predicted
@@ -94,7 +94,8 @@ class GrowthLaw:
         if request.of_other_planner:  # what the loop leaves was learned on plans of our own
             return found
         surface = residual.surface(request, grid, x, growth)
-        return replace(found, left=residual.told(surface, weights))
+        left = residual.told(surface, weights)
+        return replace(found, left=left, headroom=headroom.under_thinner(request, growth, inner))
 
     def correct(self, request: CorrectionInput) -> Correction:
         """The solver's answer with what the network predicts; where it cannot, the reason and fallback."""

@@ -52,7 +52,7 @@ def sample(
 
     request: before the layer, with its paths. asked (rows, cols): m of metal that its setpoints asked for, with the
     factors of the feed. after (rows, cols): m, surface after it. lag: bead widths, slope: of growth on metal, both as
-    believed before it. predicted: of the network that it was laid with.
+    believed before it. predicted: of the network that it was laid with, with the headroom that was asked for.
     """
     width, footprint = request.bead_width, request.footprint
     grid = Resampler.of(request.z.shape, request.resolution, width / CELLS_PER_BEAD)
@@ -79,6 +79,7 @@ def sample(
         left, seen = residual.known_mean(
             (after - request.target - planned) / residual.middle(request), grid
         )
+        left = left + predicted.headroom
         moments = residual.moments(surface, np.where(seen, left, np.nan))
     whole = math.nan if whole is None else whole
     return Sample(shown[0], shown[1], shown[2], figures, seed, whole, moments)

@@ -124,6 +124,11 @@ class Program:
         """Layer `number` of the job, also of an earlier pass."""
         return next(p for plan in reversed(self._plans) for p in plan.layers if p.number == number)
 
+    def thickness(self, number: int) -> float:
+        """Median metal of layer `number` as it is planned now, m; 0 where there is none."""
+        found = [p.planned[p.planned > 0] for p in self.current.layers if p.number == number]
+        return float(np.median(found[0])) if found and found[0].size else 0.0
+
     def target_after(self, number: int) -> np.ndarray:
         """Wanted surface after layer `number` of the job, (rows, cols) m, NaN = do not care."""
         layers, i = self.current.layers, max(0, number - self.offset)

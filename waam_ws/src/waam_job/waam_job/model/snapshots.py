@@ -121,6 +121,7 @@ class CorrectionRequest:
     heat_factor: float = 1.0  # eq 2.19: feed of this layer will be multiplied by it
     learned: str = ''  # by former jobs (waam_process.learned), '' = none
     ratio_high: float = 0.0  # see Plan
+    next_thickness: float = 0.0  # m, median of the metal of the layer after this one, 0 = none
 
 
 @dataclass(frozen=True)

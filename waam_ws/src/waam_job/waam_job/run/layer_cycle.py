@@ -186,6 +186,7 @@ class LayerCycle:
             heat_factor=heat.factor,
             learned=self.learning.text,
             ratio_high=self.program.current.ratio_high,
+            next_thickness=self.program.thickness(layer.number + 1),
         )
 
     def _tell_next(self, number: int) -> None:
