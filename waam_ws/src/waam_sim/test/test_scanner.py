@@ -50,6 +50,33 @@ def test_noise_outliers_and_dropouts_have_their_statistics(make_cell):
     assert (np.abs(error) > 6 * p.noise).mean() == pytest.approx(p.outliers, rel=0.4)
 
 
+def pass_over(plant, waited: float) -> np.ndarray:
+    """Profiles (count, points) of a scan that is begun `waited` s later."""
+    plant.scanning = False
+    drive = Drive(plant, (-0.01, 0.03, 0.03), plant.time_us + 1_000_000)
+    drive.wait(waited)
+    plant.scanning = True
+    drive.move((0.01, 0.03, 0.03), 0.05)
+    return np.concatenate([p.z for p in drive.profiles])[:38]
+
+
+def test_noise_belongs_to_seed_scan_and_place_not_to_the_time(make_cell):
+    first, later, other = make_cell(seed=3), make_cell(seed=3), make_cell(seed=4)
+    a, b = pass_over(first, 0.1), pass_over(later, 2.0)
+    assert np.isnan(a).any() and np.array_equal(a, b, equal_nan=True)
+    assert not np.array_equal(a, pass_over(other, 0.1), equal_nan=True)
+
+    def alike(p, q) -> float:
+        both = np.isfinite(p) & np.isfinite(q)
+        p, q = np.clip(p[both] - 0.02, -1, 1), np.clip(q[both] - 0.02, -1, 1)
+        small = (np.abs(p - np.median(p)) < 1e-4) & (np.abs(q - np.median(q)) < 1e-4)
+        return float(np.corrcoef(p[small], q[small])[0, 1])
+
+    again = pass_over(first, 0.1)
+    assert alike(a, b) > 0.999 and abs(alike(a, again)) < 0.05, 'another scan of the same surface'
+    assert abs(alike(a[:-1], a[1:])) < 0.05, 'profiles side by side'
+
+
 def test_more_points_are_lost_on_slopes_and_by_a_fault(make_cell):
     plant = make_cell()
     y = plant.metal.spec.y - 0.03

@@ -16,6 +16,7 @@ import numba
 import numpy as np
 
 jit = numba.njit(cache=True, nogil=True)
+STRIDE = np.uint64(0x9E3779B97F4A7C15)  # from one random state to the next
 
 
 def _sources() -> int:
@@ -44,20 +45,24 @@ def state(*names: str) -> np.ndarray:
     return np.zeros(1, np.dtype([(n, np.float64) for n in names]))
 
 
-def random_state(seed: int, stream: int) -> np.ndarray:
-    """(1,) uint64 state of one stream of random numbers; streams of one seed are independent."""
-    return np.random.SeedSequence([seed & 0xFFFFFFFF, stream]).generate_state(1, np.uint64)
+def random_state(seed: int, *stream: int) -> np.ndarray:
+    """(1,) uint64 state of one stream of random numbers, named by whole numbers; those of one seed are independent."""
+    return np.random.SeedSequence([seed & 0xFFFFFFFF, *stream]).generate_state(1, np.uint64)
+
+
+@jit
+def mixed(z):
+    """A uint64 of which every bit depends on every bit of z (the finaliser of splitmix64)."""
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
 
 
 @jit
 def uniform(rng):
     """Next number in (0, 1) of a (1,) uint64 state (splitmix64, Steele, Lea and Flood 2014)."""
-    rng[0] += np.uint64(0x9E3779B97F4A7C15)
-    z = rng[0]
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = z ^ (z >> np.uint64(31))
-    return (np.float64(z >> np.uint64(11)) + 0.5) * (1.0 / 9007199254740992.0)
+    rng[0] += STRIDE
+    return (np.float64(mixed(rng[0]) >> np.uint64(11)) + 0.5) * (1.0 / 9007199254740992.0)
 
 
 @jit

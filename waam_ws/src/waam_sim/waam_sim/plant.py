@@ -104,12 +104,12 @@ class Plant:
             self.metal.z = keep(part, table)
         self.heat = Heat.of(part, p.heat)
         self.arc = Arc.cold(p.arc, random_state(seed, 1))
-        self.scanner = Scanner.of(p.scanner, random_state(seed, 2))
+        self.scanner = Scanner(p.scanner, seed)
         self.arclight = Arclight.of(p.arclight, seed)
         self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
         self.distance = Distance(p.distance, random_state(seed, 4))
         self.gantry = Gantry(p.gantry, random_state(seed, 6), parts.volume(part))
-        self._scanned = False
+        self._scanned = self._scanner_on = False
         self._lattice = lattice(seed)
         middle = parts.centre(part)
         self.placed = Placement.flat(p.part, self.heat.spec, middle, random_state(seed, 5))
@@ -221,6 +221,9 @@ class Plant:
         """The profiles exposed during the step just simulated; None when there is none."""
         if self.params.gantry.on:
             samples = self._lived
+        if self.scanning and not self._scanner_on:
+            self.scanner.begin()
+        self._scanner_on = self.scanning
         period = round(1e6 / self.params.scanner.rate)
         first_us = self.time_us - SAMPLE_US * (len(samples) - 1)
         if not self.scanning or self.faults.on('scanner_dead', self.now):
@@ -243,7 +246,7 @@ class Plant:
             samples=samples, offsets_us=times - first_us, zero=self._zero, before=self._before, z=self.metal.z,
             origin_x=spec.origin_x, origin_y=spec.origin_y, cell=spec.resolution, top=top, hot=placed.hot,
             kept=placed.kept, lp=placed.params, ls=placed.state, sp=self.scanner.params, lateral=self.scanner.lateral,
-            rng=self.scanner.rng, dropout=self.faults.share('scanner_dropout'), out=z, intensity=intensity,
+            rng=self.scanner.rng, place=self.scanner.place, dropout=self.faults.share('scanner_dropout'), out=z, intensity=intensity,
         )  # fmt: skip
         if self.arc_on:
             self.arclight.spoil(times, self.scanner.lateral, z, intensity)

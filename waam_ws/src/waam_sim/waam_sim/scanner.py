@@ -4,6 +4,10 @@ Frame `scanner`: x_s lateral (work +Y), z_s up, origin at torch_tcp + (offset_x,
 (0, x_s, z_s). The light is a fan in the plane x = const; the camera looks at it from the side of larger x under the
 triangulation angle. Points are missing where the camera's or the fan's line of sight is cut off (shadow), outside the
 measuring range, often on steep slopes, and now and then anywhere. Lengths in m.
+
+What a profile has of noise, outliers and lost points depends on the seed, on how many scans were made before and on
+where the torch is, not on when it came there. So two jobs with one seed see the same, in the laboratory and in the
+graph, whose clocks differ by what its computers take.
 """
 
 from __future__ import annotations
@@ -15,8 +19,11 @@ import numpy as np
 
 from waam_node.params import param
 
-from .compiled import bilinear, jit, normal, record, uniform
+from .compiled import STRIDE, bilinear, jit, mixed, normal, random_state, record, uniform
 from .placement import METAL, rise
+
+GRAIN = 0.5e-3  # torch positions nearer than this are one place to the noise
+DRAWS = 8  # random numbers that are set aside for a point
 
 
 @dataclass(frozen=True)
@@ -41,20 +48,34 @@ class ScannerParams:
     triangulation: float = param(0.50, 'angle between light and camera', 'rad', 0.05, 1.3)
 
 
-@dataclass
 class Scanner:
-    """Parameters, lateral coordinates (points,) and random state."""
+    """Parameters, lateral coordinates (points,) and where the random numbers come from."""
 
-    params: np.ndarray
-    lateral: np.ndarray
-    rng: np.ndarray
+    def __init__(self, params: ScannerParams, seed: int) -> None:
+        """The lateral coordinates span the fan evenly, m."""
+        self.params = record(params)
+        self.lateral = np.linspace(-0.5 * params.fan, 0.5 * params.fan, params.points)
+        self.place = np.zeros(3, np.int64)  # last torch position in GRAIN, and profiles there before
+        self._seed, self._scans = seed, 0
+        self.begin()
 
-    @classmethod
-    def of(cls, params: ScannerParams, rng: np.ndarray) -> Scanner:
-        """The lateral coordinates span the fan evenly, m. rng: of `random_state`; drawing numbers changes it."""
-        return cls(
-            record(params), np.linspace(-0.5 * params.fan, 0.5 * params.fan, params.points), rng
-        )
+    def begin(self) -> None:
+        """Another scan: its noise has nothing in common with that of the scans before."""
+        self.rng = random_state(self._seed, 2, self._scans)
+        self.place[:] = 0
+        self._scans += 1
+
+
+@jit
+def _noise_of(rng, place, x, y):
+    """Random state of a profile at a torch position (m) of a scan; `place` (3,) counts the profiles at one place."""
+    u, v = round(x / GRAIN), round(y / GRAIN)
+    same = u == place[0] and v == place[1]
+    place[0], place[1], place[2] = u, v, place[2] + 1 if same else 0
+    state = rng[0]
+    for k in range(3):
+        state = mixed(state + STRIDE + np.uint64(place[k]))
+    return state
 
 
 @jit
@@ -109,6 +130,7 @@ def profile(
     p,
     lateral,
     rng,
+    place,
     tcp_x,
     tcp_y,
     tcp_z,
@@ -122,6 +144,7 @@ def profile(
     the part lies (placement.py); shadows are those of a part that lies as scanned.
     """
     n = lateral.size
+    noise, point = _noise_of(rng, place, tcp_x, tcp_y), np.empty(1, np.uint64)
     x, source = tcp_x + p.offset_x, tcp_z + p.offset_z
     heights = np.empty(n)
     hidden = np.zeros(n, np.bool_)
@@ -143,8 +166,9 @@ def profile(
             p.dropout + extra_dropout + (p.steep_dropout - p.dropout) * min(steep / 1.5, 1.0) ** 2
         )
         intensity[j] = 0.9 / (1.0 + steep * steep)
-        u = uniform(rng)
-        error = p.noise * (1.0 + 0.5 * min(steep, 4.0)) * normal(rng)
+        point[0] = noise + np.uint64(DRAWS * j) * STRIDE
+        u = uniform(point)
+        error = p.noise * (1.0 + 0.5 * min(steep, 4.0)) * normal(point)
         lost_here = z_s < p.range_far or z_s > p.range_near or hidden[j] or u < lost
         eye = heights[j] + 0.5 * cell * slope
         if lost_here or _camera_blocked(
@@ -152,6 +176,6 @@ def profile(
         ):  # fmt: skip
             out[j] = np.nan
         elif u > 1.0 - p.outliers:
-            out[j] = z_s + error + p.outlier_size * normal(rng)
+            out[j] = z_s + error + p.outlier_size * normal(point)
         else:
             out[j] = z_s + error

@@ -96,7 +96,7 @@ def _make_scan(sources: int) -> Callable:
     @jit
     def scan(
         samples, offsets_us, zero, before, z, origin_x, origin_y, cell, top, hot, kept, lp, ls, sp, lateral, rng,
-        dropout, out, intensity,
+        place, dropout, out, intensity,
     ):  # fmt: skip
         """Profiles at times counted in us from the first sample; poses between samples are interpolated."""
         if not sources:
@@ -113,8 +113,8 @@ def _make_scan(sources: int) -> Callable:
             a += f * (b - a)
             profile(
                 z=z, origin_x=origin_x, origin_y=origin_y, cell=cell, top=top, hot=hot, kept=kept, placed=lp[0],
-                placed_state=ls[0], p=p, lateral=lateral, rng=rng, tcp_x=a[0], tcp_y=a[1], tcp_z=a[2],
-                extra_dropout=dropout, out=out[k], intensity=intensity[k],
+                placed_state=ls[0], p=p, lateral=lateral, rng=rng, place=place, tcp_x=a[0], tcp_y=a[1],
+                tcp_z=a[2], extra_dropout=dropout, out=out[k], intensity=intensity[k],
             )  # fmt: skip
 
     return scan
