@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import cKDTree
 from shapely import LineString, Point, Polygon, prepare
@@ -16,14 +18,36 @@ REACH = 2.0  # pitches: longest link with the arc on
 OPEN = 0.6  # pitches: a ring that is linked to the next one ends so much before its start, for the link lays metal, too
 
 
+@dataclass(frozen=True)
+class Apart:
+    """Places (n, 2) m that arc starts keep `least` (m) away from: the arc starts of the layer below."""
+
+    places: np.ndarray
+    least: float
+
+    def room(self, at: np.ndarray) -> float:
+        """From a point (2,) m to the nearest of the places, m."""
+        return float(np.linalg.norm(self.places - at, axis=1).min(initial=np.inf))
+
+
+NOWHERE = Apart(np.zeros((0, 2)), 0.0)
+SEAMS = 20  # places along a ring that are tried for its seam
+
+
 def linked(
-    runs: list[Chain], polygon: Polygon, pitch: float, number: int, open_first: bool = False
+    runs: list[Chain],
+    polygon: Polygon,
+    pitch: float,
+    number: int,
+    open_first: bool = False,
+    apart: Apart = NOWHERE,
 ) -> list[Chain]:
     """Chains that begin with the first run and go on to the nearest one left.
 
     runs: chains of lines (n, 2) m inside the polygon, a single closed line may begin anywhere. Even layers run
     the other way; rings that need an arc start of their own begin at the layer's seam. open_first: whether the first
-    ring of a chain may end before its start as the others do; a gap in it shows on the side of the part.
+    ring of a chain may end before its start as the others do; a gap in it shows on the side of the part. apart: what
+    a seam keeps away from.
     """
     left = [_turned(run) for run in runs] if number % 2 == 0 else list(runs)
     out: list[Chain] = []
@@ -38,7 +62,7 @@ def linked(
             if _went_on(out[-1], run, polygon, gap):
                 continue
         if _closed(run):
-            out.append(_seamed(run, number))
+            out.append(_seamed(run, number, apart))
         else:
             out.append(run if here is None else _begun_near(run, here))
     return out
@@ -90,10 +114,17 @@ def _begun_near(run: Chain, here: np.ndarray) -> Chain:
     return run if first <= last else _turned(run)
 
 
-def _seamed(run: Chain, number: int) -> Chain:
-    ring = run[0]
-    length = LineString(ring).length
-    return [begun_at(ring, seam_shift(number) * length)]
+def _seamed(run: Chain, number: int, apart: Apart) -> Chain:
+    """A ring that begins at the layer's seam or at the nearest of SEAMS places along it that has room.
+
+    A chain of rings whose start has no room would be turned round by `spread_starts`, and laid from the inside out.
+    """
+    ring = LineString(run[0])
+    steps = sorted(range(SEAMS), key=lambda k: min(k, SEAMS - k))
+    shifts = [(seam_shift(number) + k / SEAMS) % 1.0 * ring.length for k in steps]
+    rooms = [apart.room(np.array(ring.interpolate(d).coords[0])) for d in shifts]
+    good = [d for d, room in zip(shifts, rooms, strict=True) if room >= apart.least]
+    return [begun_at(run[0], good[0] if good else shifts[int(np.argmax(rooms))])]
 
 
 def _inside(a: np.ndarray, b: np.ndarray, polygon: Polygon) -> bool:
