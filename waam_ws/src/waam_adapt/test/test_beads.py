@@ -283,6 +283,25 @@ def test_lag_and_what_is_always_missing_are_learned_per_direction(lag):
     assert abs(bias.of(13, model)[here].mean()) < 0.05
 
 
+@pytest.mark.parametrize('lacking', [0.1, 0.3])
+def test_what_is_learned_by_place_has_no_level(lacking):
+    """A part of a layer lies low, most of it where the layer is thick. All of the metal is as much as the efficiency
+    says, so a layer that expects the low places must not be raised by them."""
+    model = bead_model(zigzag(), SIZE, W)
+    asked, seen, low = np.ones(len(model.first)), np.ones(SIZE), np.zeros(SIZE)
+    low[10:24, 10:30] = lacking
+    height = np.where(np.arange(SIZE[1]) < 20, 2.0, 1.0) * np.ones(SIZE)
+    full = model.growth(asked, 0.0)
+    bias = BeadBias().learn(2, model, asked, 0.9 * full - low, seen, 0.3, height=height)
+    missing, metal = bias.missing[0], np.where(full > 0.3, height, 0.0)
+    assert missing is not None and not bias.missing[1]
+    assert (metal * missing).sum() / metal.sum() == pytest.approx(0.0, abs=1e-3)
+    inside, outside = np.zeros(SIZE, bool), (full > 0.3) & (low == 0)
+    inside[14:20, 14:26] = True
+    difference = np.median(missing[inside]) - np.median(missing[outside])
+    assert difference == pytest.approx(lacking / 2, rel=0.15), 'one layer counts half'
+
+
 def test_what_the_ends_of_beads_lack_is_learned_from_all_of_them():
     """Some beads were never seen; what the others lack at their ends is expected there as well."""
     rng, bias, model = np.random.default_rng(3), BeadBias(), bead_model(zigzag(), SIZE, W)

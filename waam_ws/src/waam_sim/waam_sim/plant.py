@@ -246,7 +246,8 @@ class Plant:
             samples=samples, offsets_us=times - first_us, zero=self._zero, before=self._before, z=self.metal.z,
             origin_x=spec.origin_x, origin_y=spec.origin_y, cell=spec.resolution, top=top, hot=placed.hot,
             kept=placed.kept, lp=placed.params, ls=placed.state, sp=self.scanner.params, lateral=self.scanner.lateral,
-            rng=self.scanner.rng, place=self.scanner.place, dropout=self.faults.share('scanner_dropout'), out=z, intensity=intensity,
+            rng=self.scanner.rng, place=self.scanner.place, dropout=self.faults.share('scanner_dropout'), out=z,
+            intensity=intensity,
         )  # fmt: skip
         if self.arc_on:
             self.arclight.spoil(times, self.scanner.lateral, z, intensity)

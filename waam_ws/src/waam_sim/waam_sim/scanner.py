@@ -55,7 +55,7 @@ class Scanner:
         """The lateral coordinates span the fan evenly, m."""
         self.params = record(params)
         self.lateral = np.linspace(-0.5 * params.fan, 0.5 * params.fan, params.points)
-        self.place = np.zeros(3, np.int64)  # last torch position in GRAIN, and profiles there before
+        self.place = np.zeros(3, np.int64)  # of the last profile, in GRAIN; profiles there before
         self._seed, self._scans = seed, 0
         self.begin()
 

@@ -83,11 +83,13 @@ class BeadBias:
         seen: np.ndarray,
         learning: float,
         allowed: float | None = None,
+        height: np.ndarray | float = 1.0,
     ) -> BeadBias:
         """With one more layer, which counts at least `learning`. allowed: efficiency that the flow factor assumed.
 
         asked (m,): relative growth that the segments should have given; growth (rows, cols) over the planned height;
-        seen (rows, cols): share of the cells that is known and away from the edge.
+        seen (rows, cols): share of the cells that is known and away from the edge; height (rows, cols): planned, in any
+        unit, of layers that are not equally thick everywhere.
         """
         expected = model.growth(asked, self.lag * model.width)
         known = (seen > SEEN) & (expected > SEEN)
@@ -103,7 +105,8 @@ class BeadBias:
         inner = (model.arc > INNER * model.width) & (filters.depth(known) > INNER * CELLS_PER_BEAD)
         weight = learning * np.where(inner, INNER_SHARE, 1.0)
         after = after._with_ends(layer, model, lacks, known)
-        lacks = lacks - after.ends[_end(model)]
+        metal = np.where(known, seen * height, 0.0)
+        lacks = _without_level(lacks - after.ends[_end(model)], expected, metal)
         return after._with_missing(layer, lacks, known, weight)
 
     def _with_lag(
@@ -151,6 +154,16 @@ class BeadBias:
             missing=with_side(self.missing, side, missing),
             layers=with_side(self.layers, side, self.layers[side] + 1),
         )
+
+
+def _without_level(lacks: np.ndarray, expected: np.ndarray, metal: np.ndarray) -> np.ndarray:
+    """What is missing by place, without what is missing of all the metal: that is for the efficiency to follow. Left
+    in, it would come back two layers later, when the same direction is laid again.
+
+    lacks, expected (rows, cols): shares of the planned height; metal (rows, cols): that was planned, 0 = unknown.
+    """
+    level = float((metal * lacks).sum()) / float((metal * expected).sum())
+    return np.where(metal > 0, lacks - level * expected, 0.0)
 
 
 def _end(model: BeadModel) -> np.ndarray:

@@ -214,9 +214,11 @@ class Identifier:
             if found is not None:
                 self.skill = self.skill.learn(predicted, found)
             growth = growth - self.skill.weight * predicted  # what it knows needs not be learned
+        height, _ = known_mean(plan, grid)
         self.beads = self.beads.learn(
-            number, model, asked, growth, seen, learning=self.learning, allowed=allowed
-        )
+            number, model, asked, growth, seen,
+            learning=self.learning, allowed=allowed, height=height,
+        )  # fmt: skip
 
     def _judge_left(
         self, number: int, layer: Layer, plan: np.ndarray, grid: Resampler, seen: np.ndarray

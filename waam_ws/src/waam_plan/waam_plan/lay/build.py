@@ -276,9 +276,7 @@ def _layer(
     cover = sides.of_section(section.polygons, on, spec, settings)
     within = sides.settings_within(settings)
     apart = Apart(starts, settings.start_spread)
-    area = strategies.Area(
-        cover.polygons, cover.mask, spec, within, section.number, apart=apart
-    )
+    area = strategies.Area(cover.polygons, cover.mask, spec, within, section.number, apart=apart)
     chains = strategies.fill(area)
     if not chains or not on.any():
         raise PlanError(
