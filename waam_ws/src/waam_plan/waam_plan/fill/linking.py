@@ -138,18 +138,18 @@ def spread_starts(chains: list[Chain], before: np.ndarray, least: float) -> list
     """
     if not len(before):
         return chains
-    return [_spread(chain, before, least) for chain in chains]
+    return [_spread(chain, Apart(before, least)) for chain in chains]
 
 
-def _spread(chain: Chain, before: np.ndarray, least: float) -> Chain:
+def _spread(chain: Chain, apart: Apart) -> Chain:
     def room(c: Chain) -> float:
-        return float(np.linalg.norm(before - c[0][0], axis=1).min())
+        return apart.room(c[0][0])
 
-    if room(chain) >= least:
+    if room(chain) >= apart.least:
         return chain
     both = [chain, _turned(chain)]
-    choices = both + [c for way in both for c in _shifted(way, least)]
-    good = [c for c in choices if room(c) >= least]
+    choices = both + [c for way in both for c in _shifted(way, apart.least)]
+    good = [c for c in choices if room(c) >= apart.least]
     if good:
         return good[0]
     return max(choices, key=room)
