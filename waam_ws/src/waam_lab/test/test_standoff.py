@@ -10,7 +10,7 @@ import pytest
 
 from waam_lab import Fault, LabResult, parts, run
 
-ARC_SEEDS = (101, 102, 103, 104, 105, 106)
+ARC_SEEDS = range(101, 109)
 WARPS = {'part_warp': 3.5e-3, 'part_warp_energy': 2e4}
 
 
@@ -51,7 +51,7 @@ def test_the_arc_holds_it_at_half_of_what_it_would_be_off(weld):
     """Wander of contact tip and wire is noise to the arc: single jobs hold 0.25 to 0.64 mm, so several are judged."""
     found = [weld('arc', seed=seed) for seed in ARC_SEEDS]
     assert [r.error_code for r in found] == [0] * len(found), [r.message for r in found]
-    assert np.mean([r.contact_rms for r in found]) < 0.55e-3
+    assert np.mean([r.contact_rms for r in found]) < 0.5e-3
     assert max(r.contact_rms for r in found) < 0.7 * weld('none').contact_rms
     assert sum(r.arcs_lost for r in found) == 0
     assert [text for r in found for text in told(r)] == []

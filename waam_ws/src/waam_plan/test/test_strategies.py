@@ -13,7 +13,7 @@ from shapely.affinity import rotate
 from waam_plan.fill import path, strategies
 from waam_plan.fill.band import band_lines
 from waam_plan.fill.inside import keep_inside
-from waam_plan.fill.linking import Apart, near_starts, spread_starts
+from waam_plan.fill.linking import StartsBelow, near_starts, spread_starts
 from waam_plan.fill.medial import medial_lines
 from waam_plan.fill.rings import bead_count, contour_lines, spiral_lines
 from waam_plan.settings import STRATEGIES, PlanSettings
@@ -147,7 +147,8 @@ def test_arc_starts_move_between_layers(strategy):
     for shape in (PLATE, ELL):
         below = starts(filled(shape, strategy, 1))
         s = PlanSettings(strategy=strategy)
-        area = strategies.Area([shape], raster([shape], SPEC), SPEC, s, 2)
+        known = StartsBelow(below, s.start_spread)
+        area = strategies.Area([shape], raster([shape], SPEC), SPEC, s, 2, below=known)
         chains = spread_starts(strategies.fill(area), below, s.start_spread)
         long = [c for c in chains if sum(shapely.LineString(x).length for x in c) > 20e-3]
         gaps = [np.linalg.norm(below - c[0][0], axis=1).min() for c in long]
@@ -161,11 +162,11 @@ def test_rings_keep_away_from_starts_below_and_still_go_from_the_outside_in(wher
     outer = contour_lines(shape, PlanSettings(strategy='contour'))[0]
     below = np.array(LineString(outer).interpolate(where, normalized=True).coords)
     s = PlanSettings(strategy='contour', start_spread=least)
-    apart = Apart(below, least)
-    area = strategies.Area([shape], raster([shape], SPEC), SPEC, s, number, apart=apart)
+    known = StartsBelow(below, least)
+    area = strategies.Area([shape], raster([shape], SPEC), SPEC, s, number, below=known)
     chains = strategies.fill(area)
     assert len(chains) == 1 and len(chains[0]) > 2
-    assert apart.room(chains[0][0][0]) >= least
+    assert known.room(chains[0][0][0]) >= least
     assert spread_starts(chains, below, least) == chains, 'nothing is left to turn round'
     inset = [shape.exterior.distance(LineString(line)) for line in chains[0]]
     assert inset == sorted(inset)

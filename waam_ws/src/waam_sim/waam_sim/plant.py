@@ -109,7 +109,7 @@ class Plant:
         self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
         self.distance = Distance(p.distance, random_state(seed, 4))
         self.gantry = Gantry(p.gantry, random_state(seed, 6), parts.volume(part))
-        self._scanned = self._scanner_on = False
+        self._scanned = False
         self._lattice = lattice(seed)
         middle = parts.centre(part)
         self.placed = Placement.flat(p.part, self.heat.spec, middle, random_state(seed, 5))
@@ -221,9 +221,7 @@ class Plant:
         """The profiles exposed during the step just simulated; None when there is none."""
         if self.params.gantry.on:
             samples = self._lived
-        if self.scanning and not self._scanner_on:
-            self.scanner.begin()
-        self._scanner_on = self.scanning
+        self.scanner.switch(self.scanning)
         period = round(1e6 / self.params.scanner.rate)
         first_us = self.time_us - SAMPLE_US * (len(samples) - 1)
         if not self.scanning or self.faults.on('scanner_dead', self.now):

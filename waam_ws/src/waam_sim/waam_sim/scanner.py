@@ -56,14 +56,16 @@ class Scanner:
         self.params = record(params)
         self.lateral = np.linspace(-0.5 * params.fan, 0.5 * params.fan, params.points)
         self.place = np.zeros(3, np.int64)  # of the last profile, in GRAIN; profiles there before
-        self._seed, self._scans = seed, 0
-        self.begin()
+        self.rng = random_state(seed, 2)
+        self._seed, self._scans, self._on = seed, 0, False
 
-    def begin(self) -> None:
-        """Another scan: its noise has nothing in common with that of the scans before."""
-        self.rng = random_state(self._seed, 2, self._scans)
-        self.place[:] = 0
-        self._scans += 1
+    def switch(self, on: bool) -> None:
+        """A scan begins when the scanner is switched on; its noise has nothing in common with that of other scans."""
+        if on and not self._on:
+            self._scans += 1
+            self.rng = random_state(self._seed, 2, self._scans)
+            self.place[:] = 0
+        self._on = on
 
 
 @jit
@@ -117,6 +119,16 @@ def _fan_shadow(heights, lateral, source, hidden):
 
 
 @jit
+def _read(p, z_s, steep, lost, point):
+    """What a point at z_s (m) reads, NaN = lost; steep: slope; lost: share; point: (1,) random state of its own."""
+    u = uniform(point)
+    error = p.noise * (1.0 + 0.5 * min(steep, 4.0)) * normal(point)
+    if u < lost or z_s < p.range_far or z_s > p.range_near:
+        return math.nan
+    return z_s + error + (p.outlier_size * normal(point) if u > 1.0 - p.outliers else 0.0)
+
+
+@jit
 def profile(
     z,
     origin_x,
@@ -167,15 +179,9 @@ def profile(
         )
         intensity[j] = 0.9 / (1.0 + steep * steep)
         point[0] = noise + np.uint64(DRAWS * j) * STRIDE
-        u = uniform(point)
-        error = p.noise * (1.0 + 0.5 * min(steep, 4.0)) * normal(point)
-        lost_here = z_s < p.range_far or z_s > p.range_near or hidden[j] or u < lost
+        out[j] = math.nan if hidden[j] else _read(p, z_s, steep, lost, point)
         eye = heights[j] + 0.5 * cell * slope
-        if lost_here or _camera_blocked(
+        if not math.isnan(out[j]) and _camera_blocked(
             z=z, origin_x=origin_x, origin_y=origin_y, cell=cell, x=x, y=y, height=eye, top=top, slope=slope,
         ):  # fmt: skip
-            out[j] = np.nan
-        elif u > 1.0 - p.outliers:
-            out[j] = z_s + error + p.outlier_size * normal(point)
-        else:
-            out[j] = z_s + error
+            out[j] = math.nan

@@ -16,22 +16,22 @@ from waam_process.segment import Segment
 
 REACH = 2.0  # pitches: longest link with the arc on
 OPEN = 0.6  # pitches: a ring that is linked to the next one ends so much before its start, for the link lays metal, too
+SEAMS = 20  # places along a ring that are tried for its seam
 
 
 @dataclass(frozen=True)
-class Apart:
-    """Places (n, 2) m that arc starts keep `least` (m) away from: the arc starts of the layer below."""
+class StartsBelow:
+    """Arc starts of the layer below, (n, 2) m, and how far (m) those of this layer keep from them."""
 
-    places: np.ndarray
+    at: np.ndarray
     least: float
 
-    def room(self, at: np.ndarray) -> float:
-        """From a point (2,) m to the nearest of the places, m."""
-        return float(np.linalg.norm(self.places - at, axis=1).min(initial=np.inf))
+    def room(self, point: np.ndarray) -> float:
+        """From a point (2,) m to the nearest of the starts, m."""
+        return float(np.linalg.norm(self.at - point, axis=1).min(initial=np.inf))
 
 
-NOWHERE = Apart(np.zeros((0, 2)), 0.0)
-SEAMS = 20  # places along a ring that are tried for its seam
+NONE_BELOW = StartsBelow(np.zeros((0, 2)), 0.0)
 
 
 def linked(
@@ -40,14 +40,14 @@ def linked(
     pitch: float,
     number: int,
     open_first: bool = False,
-    apart: Apart = NOWHERE,
+    below: StartsBelow = NONE_BELOW,
 ) -> list[Chain]:
     """Chains that begin with the first run and go on to the nearest one left.
 
     runs: chains of lines (n, 2) m inside the polygon, a single closed line may begin anywhere. Even layers run
     the other way; rings that need an arc start of their own begin at the layer's seam. open_first: whether the first
-    ring of a chain may end before its start as the others do; a gap in it shows on the side of the part. apart: what
-    a seam keeps away from.
+    ring of a chain may end before its start as the others do; a gap in it shows on the side of the part. below: what
+    seams keep away from; a chain that had to be turned round for it would be laid from the inside out.
     """
     left = [_turned(run) for run in runs] if number % 2 == 0 else list(runs)
     out: list[Chain] = []
@@ -62,7 +62,7 @@ def linked(
             if _went_on(out[-1], run, polygon, gap):
                 continue
         if _closed(run):
-            out.append(_seamed(run, number, apart))
+            out.append([_begun_with_room(run[0], seam_shift(number), below)])
         else:
             out.append(run if here is None else _begun_near(run, here))
     return out
@@ -114,17 +114,18 @@ def _begun_near(run: Chain, here: np.ndarray) -> Chain:
     return run if first <= last else _turned(run)
 
 
-def _seamed(run: Chain, number: int, apart: Apart) -> Chain:
-    """A ring that begins at the layer's seam or at the nearest of SEAMS places along it that has room.
-
-    A chain of rings whose start has no room would be turned round by `spread_starts`, and laid from the inside out.
-    """
-    ring = LineString(run[0])
+def _begun_with_room(ring: np.ndarray, first: float, below: StartsBelow) -> np.ndarray:
+    """A closed line that begins at `first` (share of its length) or at the nearest of SEAMS places with room, and where
+    there is most when none has."""
+    line = LineString(ring)
     steps = sorted(range(SEAMS), key=lambda k: min(k, SEAMS - k))
-    shifts = [(seam_shift(number) + k / SEAMS) % 1.0 * ring.length for k in steps]
-    rooms = [apart.room(np.array(ring.interpolate(d).coords[0])) for d in shifts]
-    good = [d for d, room in zip(shifts, rooms, strict=True) if room >= apart.least]
-    return [begun_at(run[0], good[0] if good else shifts[int(np.argmax(rooms))])]
+    places = [(first + k / SEAMS) % 1.0 * line.length for k in steps]
+
+    def room(place: float) -> float:
+        return below.room(np.array(line.interpolate(place).coords[0]))
+
+    found = next((p for p in places if room(p) >= below.least), None)
+    return begun_at(ring, max(places, key=room) if found is None else found)
 
 
 def _inside(a: np.ndarray, b: np.ndarray, polygon: Polygon) -> bool:
@@ -134,35 +135,31 @@ def _inside(a: np.ndarray, b: np.ndarray, polygon: Polygon) -> bool:
 def spread_starts(chains: list[Chain], before: np.ndarray, least: float) -> list[Chain]:
     """Chains whose arc starts lie `least` (m) from those of the layer below where turning them round allows it.
 
-    before: (n, 2) m, starts of the layer below. A ring moves its seam, any other chain may begin at its other end.
+    before: (n, 2) m, starts of the layer below. A ring of its own moves its seam, any other chain may begin at its
+    other end.
     """
-    if not len(before):
-        return chains
-    return [_spread(chain, Apart(before, least)) for chain in chains]
+    below = StartsBelow(before, least)
+    return [_spread(chain, below) for chain in chains]
 
 
-def _spread(chain: Chain, apart: Apart) -> Chain:
-    def room(c: Chain) -> float:
-        return apart.room(c[0][0])
-
-    if room(chain) >= apart.least:
+def _spread(chain: Chain, below: StartsBelow) -> Chain:
+    if below.room(chain[0][0]) >= below.least:
         return chain
+    if _closed(chain):
+        return [_begun_with_room(chain[0], 0.0, below)]
     both = [chain, _turned(chain)]
-    choices = both + [c for way in both for c in _shifted(way, apart.least)]
-    good = [c for c in choices if room(c) >= apart.least]
-    if good:
-        return good[0]
-    return max(choices, key=room)
+    choices = both + [c for way in both for c in _shifted(way, below.least)]
+    rooms = [below.room(c[0][0]) for c in choices]
+    good = next((k for k, room in enumerate(rooms) if room >= below.least), int(np.argmax(rooms)))
+    return choices[good]
 
 
 def _shifted(chain: Chain, least: float) -> list[Chain]:
-    """The same chain with the seam of its first ring moved: anywhere when it is alone, a little when it goes on."""
+    """The same chain with the seam of its first ring moved a little, for the chain goes on beside it."""
     ring = chain[0]
-    if not np.allclose(ring[0], ring[-1], atol=1e-9):
+    if not _closed([ring]):
         return []
-    length = LineString(ring).length
-    anywhere, nearby = np.linspace(0.05, 0.95, 19) * length, np.array([1.2, -1.2, 2, -2]) * least
-    at = anywhere if len(chain) == 1 else nearby
+    at = np.array([1.2, -1.2, 2, -2]) * least
     return [[begun_at(ring, float(d)), *chain[1:]] for d in at]
 
 

@@ -15,7 +15,7 @@ from shapely import Polygon
 from waam_plan.fill import contour, path
 from waam_plan.fill.band import band_lines
 from waam_plan.fill.hatch import Chain
-from waam_plan.fill.linking import NOWHERE, Apart, linked
+from waam_plan.fill.linking import NONE_BELOW, StartsBelow, linked
 from waam_plan.fill.medial import medial_lines, thin_and_thick
 from waam_plan.fill.rings import contour_lines, gap_lines, spiral_lines
 from waam_plan.fill.seam import seam_shift
@@ -42,7 +42,7 @@ class Area:
     more: float = (
         0.0  # beads across beyond the fewest, of strategies with rings; see `rings.spacing`
     )
-    apart: Apart = NOWHERE  # what seams of rings keep away from
+    below: StartsBelow = NONE_BELOW  # what seams of rings keep away from
 
     def part(self, polygons: list[Polygon]) -> Area:
         """The same layer with other polygons."""
@@ -101,7 +101,7 @@ def rings_or_hatch(area: Area) -> list[Chain]:
     chains = zigzag(area.part(others)) if others else []
     for p in strips:
         runs = _hairpin(p, area.settings)
-        chains += linked(runs, p, area.settings.pitch, area.number, True, area.apart)
+        chains += linked(runs, p, area.settings.pitch, area.number, True, area.below)
     return chains + (contours(area.part(rest)) if rest else [])
 
 
@@ -150,12 +150,12 @@ def combined(area: Area) -> list[Chain]:
     chains: list[Chain] = []
     for p in area.polygons:
         if contour.is_wall(p, s):
-            chains += linked(_wall(p, s), p, s.pitch, area.number, apart=area.apart)
+            chains += linked(_wall(p, s), p, s.pitch, area.number, below=area.below)
             continue
         rings, inside = _rings_and_hatch(p, area)
-        chains += linked(inside, p, s.pitch, area.number, apart=area.apart)
+        chains += linked(inside, p, s.pitch, area.number, below=area.below)
         for ring in rings:
-            chains += linked([[ring]], p, s.pitch, area.number, apart=area.apart)
+            chains += linked([[ring]], p, s.pitch, area.number, below=area.below)
     return chains
 
 
@@ -198,7 +198,7 @@ def _each(area: Area, runs_of: Callable[[Polygon], list[Chain]]) -> list[Chain]:
     for p in area.polygons:
         thin = contour.is_wall(p, s) and _open_or_strip(p, s)
         runs = _wall(p, s) if thin else runs_of(p)
-        chains += linked(runs, p, s.pitch, area.number, near, area.apart)
+        chains += linked(runs, p, s.pitch, area.number, near, area.below)
     return chains
 
 

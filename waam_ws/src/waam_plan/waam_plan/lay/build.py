@@ -10,7 +10,7 @@ import numpy as np
 
 from waam_plan import masks
 from waam_plan.fill import contour, strategies
-from waam_plan.fill.linking import Apart, arc_starts, near_starts
+from waam_plan.fill.linking import StartsBelow, arc_starts, near_starts
 from waam_plan.lay import shapes, sides
 from waam_plan.lay.coverage import Point3, Section, check_overhang, cut_sections
 from waam_plan.lay.layer import LayerTask, lay
@@ -275,8 +275,8 @@ def _layer(
     """One layer: filled by the strategy, metal shared out cell by cell."""
     cover = sides.of_section(section.polygons, on, spec, settings)
     within = sides.settings_within(settings)
-    apart = Apart(starts, settings.start_spread)
-    area = strategies.Area(cover.polygons, cover.mask, spec, within, section.number, apart=apart)
+    below = StartsBelow(starts, settings.start_spread)
+    area = strategies.Area(cover.polygons, cover.mask, spec, within, section.number, below=below)
     chains = strategies.fill(area)
     if not chains or not on.any():
         raise PlanError(

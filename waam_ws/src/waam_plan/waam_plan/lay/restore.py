@@ -14,7 +14,7 @@ import numpy as np
 
 from waam_plan import masks
 from waam_plan.fill import strategies
-from waam_plan.fill.linking import Apart, arc_starts, near_starts
+from waam_plan.fill.linking import StartsBelow, arc_starts, near_starts
 from waam_plan.lay import sides
 from waam_plan.lay.layer import LayerTask, lay
 from waam_plan.lay.layout import best, most_even
@@ -199,8 +199,8 @@ def _laid(
     settings = _with_edges(settings, cover)
     beyond = (cover.mask & ~task.footprint).any()
     within = sides.settings_within(settings) if beyond else settings
-    apart = Apart(below, settings.start_spread)
-    area = strategies.Area(cover.polygons, cover.mask, spec, within, task.turn, apart=apart)
+    starts = StartsBelow(below, settings.start_spread)
+    area = strategies.Area(cover.polygons, cover.mask, spec, within, task.turn, below=starts)
     chains = most_even(area, masks.spread(task.planned, task.footprint, cover.mask))
     return lay(task, chains, below, spec=spec, safe_z=safe_z, settings=settings)
 
