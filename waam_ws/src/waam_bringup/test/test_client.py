@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import contextmanager
 from itertools import count
@@ -102,14 +103,17 @@ rclpy.spin(node)
 @contextmanager
 def process(code: str):
     env = os.environ | {'ROS_DOMAIN_ID': str(fresh_domain())}
-    child = subprocess.Popen(
-        [sys.executable, '-c', code], env=env, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    )
-    try:
-        yield child, env
-    finally:
-        child.kill()
-        child.wait()
+    with tempfile.TemporaryFile() as errors:
+        child = subprocess.Popen(
+            [sys.executable, '-c', code], env=env, stdout=subprocess.PIPE, stderr=errors
+        )
+        try:
+            yield child, env
+        finally:
+            child.kill()
+            print(f'the process ended with {child.wait()}')  # shown where the test fails
+            errors.seek(0)
+            print(errors.read().decode(errors='replace')[-4000:])
 
 
 @pytest.fixture

@@ -33,6 +33,14 @@ def runs_with_arc(client) -> bool:
     return f['state'] == RUN and bool(f['flags'] & ESTABLISHED) and f['v_um_s'] > 0
 
 
+def wait_until_in_use(cell: Cell, client) -> None:
+    """Waits until the controller works with what the cell says now."""
+    before = len(
+        cell.steps
+    )  # one more may be answered as before; the next one's answer is in use at the one after
+    client.wait(lambda: len(cell.steps) >= before + 3)
+
+
 def arc_changes(controller) -> list[str]:
     return [what for _, what in controller.events() if what in ('arc on', 'arc off')]
 
@@ -152,8 +160,7 @@ def test_wire_that_stays_frozen_holds_the_machine_until_it_is_cut(port):
     controller, cell, client = port
     cell.flags = CONTACT
     client.lease = True
-    count = len(cell.steps)
-    client.wait(lambda: len(cell.steps) > count + 3)  # connected, and its answer in use
+    wait_until_in_use(cell, client)
     client.identify()
     client.sequence = client.accepted = 0
     client.send('G28')
@@ -162,6 +169,7 @@ def test_wire_that_stays_frozen_holds_the_machine_until_it_is_cut(port):
     client.wait(lambda: sum(x.startswith('! HOLD E211') for x in client.lines) == 2)
     assert not any(f['v_um_s'] for f in client.frames) and 'arc on' not in arc_changes(controller)
     cell.flags = 0
+    wait_until_in_use(cell, client)
     client.ask('$R')
     client.wait(lambda: client.frame['flags'] & HOMED and client.frame['state'] == IDLE)
 
@@ -219,7 +227,7 @@ def test_over_temperature_ends_the_arc_and_keeps_it_off(port):
     client.wait(lambda: sum(x.startswith('! HOLD E210') for x in client.lines) == 2)
     assert arc_changes(controller).count('arc on') == count
     cell.flags = 0
-    client.next_frame()
+    wait_until_in_use(cell, client)
     client.ask('$R')
     client.wait(lambda: runs_with_arc(client))
 
