@@ -19,7 +19,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
-from waam_msgs.msg import ProfileBatch
+from waam_msgs.msg import JobStatus, ProfileBatch
 from waam_msgs.srv import InjectFault, LoadPart
 from waam_node.conversions import nanoseconds
 from waam_node.qos import LATCHED
@@ -183,6 +183,23 @@ def test_the_pyrometer_follows_its_aim_in_machine_coordinates(cell):
     assert observer.until(lambda: aim.get_subscription_count() == 1)
     edge = look_at(0.01, 0.01)
     assert look_at(0.1, 0.1) > edge + 30.0
+
+
+def test_time_does_not_run_ahead_of_a_job_that_computes(cell):
+    _, observer, controller = cell
+    here, seconds = (0.0, 0.0, 0.05), 0.5
+    status = observer.node.create_publisher(JobStatus, 'job_status', LATCHED)
+    status.publish(JobStatus(state=JobStatus.CORRECTING))
+
+    def took() -> float:
+        began = time.monotonic()
+        controller.run(here, seconds)
+        return time.monotonic() - began
+
+    controller.run(here, 0.1)
+    assert observer.until(lambda: took() > 0.8 * seconds)
+    status.publish(JobStatus(state=JobStatus.COOLING))
+    assert observer.until(lambda: took() < 0.8 * seconds)
 
 
 def test_bad_requests_are_refused_by_name(cell):

@@ -14,7 +14,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import SetBool, Trigger
 
-from waam_msgs.msg import ProfileBatch
+from waam_msgs.msg import JobStatus, ProfileBatch
 from waam_msgs.srv import InjectFault, LoadPart
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_node
@@ -24,9 +24,13 @@ from waam_process.grid import HeightGrid
 from . import part
 from .config import CellParams, plant_params
 from .conversions import Batcher, clock_to_msg, temperature_to_msg
+from .pace import Pace
 from .plant import Plant, warm_up
 from .port import PlantPort
 from .table import restore
+
+# of a job that computes as soon as the machine stands
+COMPUTING = (JobStatus.PREPARING, JobStatus.SCANNING, JobStatus.CORRECTING, JobStatus.FINISHING)
 
 
 class Cell(WaamNode):
@@ -51,12 +55,14 @@ class Cell(WaamNode):
         self._stop = threading.Event()
         self._port: PlantPort | None = None
         self._steps, self._busy, self._truths = 0, 0.0, 0
+        self._job_computes = False
         self._clock_us = round(p.clock_period * 1e6)
         self._pyro_us = round(1e6 / physics.pyrometer.rate)
         self._clock_out = self.create_publisher(Clock, '/clock', BEAT)
         self._temperature_out = self.create_publisher(Temperature, 'temperature', BEAT)
         self._profiles_out = self.create_publisher(ProfileBatch, 'profiles', PROFILES)
         self.create_subscription(PointStamped, 'pyrometer_aim', self._on_aim, LATCHED)
+        self.create_subscription(JobStatus, 'job_status', self._on_job, LATCHED)
         self.create_service(SetBool, 'scanner/enable', self._on_enable)
         self.create_service(LoadPart, 'cell/load_part', self._on_load)
         self.create_service(InjectFault, 'cell/inject_fault', self._on_fault)
@@ -106,6 +112,7 @@ class Cell(WaamNode):
 
     def _serve(self, port: PlantPort) -> None:
         """Answers steps until the controller hangs up; the answer goes out before anything is published."""
+        pace = Pace()
         try:
             while not self._stop.is_set():
                 samples, time_us = port.receive()
@@ -115,6 +122,7 @@ class Cell(WaamNode):
                     self._publish(samples, time_us)
                 self._busy += time.perf_counter() - start
                 self._steps += 1
+                self._stop.wait(pace.wait(samples, time_us, start, self._job_computes))
         except OSError as e:
             if not self._stop.is_set():
                 self.level, self.message = WARN, f'controller lost: {e}'
@@ -142,6 +150,9 @@ class Cell(WaamNode):
                 self._profiles_out.publish(rest)
         response.success, response.message = True, 'scanner on' if request.data else 'scanner off'
         return response
+
+    def _on_job(self, message: JobStatus) -> None:
+        self._job_computes = message.state in COMPUTING
 
     def _on_aim(self, message: PointStamped) -> None:
         if message.header.frame_id != 'machine':

@@ -1,0 +1,37 @@
+"""How fast simulated time may run while the job computes.
+
+At ten times real time, a second in which a layer is planned or corrected would cost ten seconds of machine time, and
+the part would cool for ten. So while the machine stands and the job computes, time runs no faster than the wall clock.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+ARC = 1  # bit of the controller's outputs
+STILL = 1e-8  # m in a step
+MOST = 10.0  # s of the wall clock: a job that computes for longer waits for something
+
+
+class Pace:
+    """Of one cell. Told of every step; it answers how long the next one is to wait."""
+
+    def __init__(self) -> None:
+        self._place = np.full(3, np.nan)
+        self._began: tuple[float, int] | None = None  # of the standstill: s of the wall clock, us
+
+    def wait(self, samples: np.ndarray, time_us: int, now: float, computes: bool) -> float:
+        """s. samples: of `plant_port.SAMPLE`, of the step that ended at `time_us` of controller time; now: s, steady
+        clock; computes: whether the job does."""
+        last = samples[-1]
+        place = np.array([last['table_x'], last['table_y'], last['tool_z']])
+        still = bool((np.abs(place - self._place) < STILL).all())
+        self._place = place
+        if not (computes and still) or last['outputs'] & ARC:
+            self._began = None
+            return 0.0
+        if self._began is None:
+            self._began = now, time_us
+        began, began_us = self._began
+        passed = now - began
+        return max(1e-6 * (time_us - began_us) - passed, 0.0) if passed < MOST else 0.0
