@@ -132,6 +132,24 @@ def test_flipped_bytes_never_crash_the_reading(job, tmp_path):
         assert sum(1 for _ in messages(tmp_path / 'x.mcap')) <= whole
 
 
+def test_no_byte_of_a_record_crashes_the_reading_when_it_is_flipped(tmp_path):
+    """Lengths of records within a chunk are among them, up to 2**64."""
+    file = tmp_path / 'x.mcap'
+    writer = Writer(str(file), compression=CompressionType.NONE)
+    writer.start()
+    channel = writer.register_channel('/telemetry', 'cdr', writer.register_schema('a', 'b', b''))
+    for n in range(3):
+        writer.add_message(channel, n, b'message', n)
+    writer.finish()
+    data, whole = file.read_bytes(), list(messages(file))
+    assert len(whole) == 3
+    for at in range(len(data)):
+        broken = bytearray(data)
+        broken[at] ^= 0xFF
+        file.write_bytes(broken)
+        assert sum(1 for _ in messages(file)) <= len(whole)
+
+
 def test_live_tail_follows_a_record_across_its_files(job, tmp_path):
     """A reader that started before the record sees all of it, in two files, with nothing twice."""
     (tmp_path / 'record').mkdir()

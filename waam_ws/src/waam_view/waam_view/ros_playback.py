@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import struct
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mcap.exceptions import McapError
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Temperature
-from zstandard import ZstdError
 
 from waam_msgs.msg import (
     Anomaly,
@@ -30,6 +27,7 @@ from waam_msgs.msg import (
 from waam_node import cdr, job_folder
 from waam_node.conversions import nanoseconds
 from waam_process.names import job_state
+from waam_record.salvage import BROKEN
 
 from . import blueprint as bp
 from . import conversions as cv
@@ -44,7 +42,6 @@ TYPES = {
 PERIOD_NS = 100_000_000  # of telemetry
 BATCH = 50
 LARGEST = 1 << 30  # bytes of one record
-TORN = (McapError, EOFError, ValueError, struct.error, ZstdError)
 
 
 class Growing:
@@ -93,7 +90,7 @@ def messages(file: Path, follow: Callable[[], bool] | None = None) -> Iterator[t
                     topics[record.id] = record.topic.rsplit('/', 1)[-1]
                 elif isinstance(record, Message):
                     yield topics.get(record.channel_id, ''), record.data
-        except TORN:  # everything intact has been returned
+        except BROKEN:  # everything intact has been returned
             return
 
 
