@@ -7,12 +7,20 @@ import os
 import pytest
 from hypothesis import HealthCheck, settings
 
+from waam_bringup.shared_memory import clean
+
 # `make test` tries the same examples everywhere, so that it fails where its change is at fault. WAAM_EXAMPLES=random
 # looks for new ones (and keeps those that fail).
 _ANYWHERE = {'deadline': None, 'suppress_health_check': [HealthCheck.too_slow]}
 settings.register_profile('same', derandomize=True, database=None, **_ANYWHERE)
 settings.register_profile('random', **_ANYWHERE)
 settings.load_profile(os.environ.get('WAAM_EXAMPLES', 'same'))
+
+
+@pytest.fixture(scope='module', autouse=True)
+def no_shared_memory_of_the_dead() -> None:
+    """Tests kill nodes, and each leaves 35 MB in /dev/shm. Where that is small, the next node would die of it."""
+    clean()
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
