@@ -5,8 +5,8 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export ROS_PYTHON_CHECK_FIELDS=1 OMP_NUM_THREADS=1
-export COLUMNS=300  # pytest leaves the reason out of its summary where the line has no room for it
 if [ $# -gt 0 ]; then exec python3 -m pytest "$@"; fi
+export COLUMNS=200  # pytest leaves the reason out of its summary where the line has no room for it
 again=(--reruns 1 -r R)
 # A file runs in one process; the files that take longest come first, so that none is left alone at the end. The tests of
 # the packages wait a third of their time; two graphs are what two cores bear.

@@ -35,10 +35,8 @@ def runs_with_arc(client) -> bool:
 
 def wait_until_in_use(cell: Cell, client) -> None:
     """Waits until the controller works with what the cell says now."""
-    before = len(
-        cell.steps
-    )  # one more may be answered as before; the next one's answer is in use at the one after
-    client.wait(lambda: len(cell.steps) >= before + 3)
+    before = len(cell.steps)
+    client.wait(lambda: len(cell.steps) > before + 3)
 
 
 def arc_changes(controller) -> list[str]:
@@ -180,8 +178,8 @@ def test_no_move_after_an_alarm_before_the_wire_is_known_to_be_free(port):
     cell.flags = ESTOP
     client.wait_line('^! ALARM E300')
     cell.flags = CONTACT
-    count = len(cell.steps)
-    client.wait(lambda: len(cell.steps) > count + 3 and not client.frame['flags'] & 64)
+    wait_until_in_use(cell, client)
+    client.wait(lambda: not client.frame['flags'] & 64)
     assert client.ask('$X') == '$X ok'
     at = [client.next_frame()[a] for a in ('x_um', 'y_um', 'z_um')]
     client.identify()

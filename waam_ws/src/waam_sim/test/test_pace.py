@@ -25,11 +25,12 @@ class Run:
         began = self.wall
         for _ in range(round(1e6 * seconds / STEP_US)):
             samples = np.zeros(10, SAMPLE)
-            self.x += speed * 1e-6 * STEP_US
-            samples['table_x'], samples['outputs'] = self.x, outputs
+            samples['table_x'] = self.x + speed * 1e-3 * np.arange(1, 11)
+            samples['outputs'] = outputs
+            self.x = float(samples['table_x'][-1])
             self.time_us += STEP_US
             self.wall += COMPUTED
-            self.wall += self.pace.wait(samples, self.time_us, self.wall, computes)
+            self.wall += self.pace.ahead(samples, self.time_us, self.wall, computes)
         return self.wall - began
 
 

@@ -122,7 +122,8 @@ class Cell(WaamNode):
                     self._publish(samples, time_us)
                 self._busy += time.perf_counter() - start
                 self._steps += 1
-                self._stop.wait(pace.wait(samples, time_us, start, self._job_computes))
+                if ahead := pace.ahead(samples, time_us, start, self._job_computes):
+                    self._stop.wait(ahead)
         except OSError as e:
             if not self._stop.is_set():
                 self.level, self.message = WARN, f'controller lost: {e}'

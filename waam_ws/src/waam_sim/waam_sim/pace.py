@@ -14,20 +14,15 @@ MOST = 10.0  # s of the wall clock: a job that computes for longer waits for som
 
 
 class Pace:
-    """Of one cell. Told of every step; it answers how long the next one is to wait."""
+    """Of one cell, told of every step."""
 
     def __init__(self) -> None:
-        self._place = np.full(3, np.nan)
         self._began: tuple[float, int] | None = None  # of the standstill: s of the wall clock, us
 
-    def wait(self, samples: np.ndarray, time_us: int, now: float, computes: bool) -> float:
-        """s. samples: of `plant_port.SAMPLE`, of the step that ended at `time_us` of controller time; now: s, steady
-        clock; computes: whether the job does."""
-        last = samples[-1]
-        place = np.array([last['table_x'], last['table_y'], last['tool_z']])
-        still = bool((np.abs(place - self._place) < STILL).all())
-        self._place = place
-        if not (computes and still) or last['outputs'] & ARC:
+    def ahead(self, samples: np.ndarray, time_us: int, now: float, computes: bool) -> float:
+        """s that the next step is to wait. samples: of `plant_port.SAMPLE`, of the step that ended at `time_us` of
+        controller time; now: s, steady clock; computes: whether the job does."""
+        if not computes or _works(samples[0], samples[-1]):
             self._began = None
             return 0.0
         if self._began is None:
@@ -35,3 +30,9 @@ class Pace:
         began, began_us = self._began
         passed = now - began
         return max(1e-6 * (time_us - began_us) - passed, 0.0) if passed < MOST else 0.0
+
+
+def _works(first: np.void, last: np.void) -> bool:
+    """Whether the machine moves between two samples, or its arc is on."""
+    moved = max(abs(last[axis] - first[axis]) for axis in ('table_x', 'table_y', 'tool_z'))
+    return bool(moved > STILL or last['outputs'] & ARC)
