@@ -54,6 +54,8 @@ from .model.records import AnomalyRecord, LayerRecord, Status
 from .model.seen import Look
 
 STATES = CONTROLLER_STATES
+TEMPERATURES = (-50.0, 2000.0)  # degC, of a part that is laid on
+HEAT_FACTORS = (0.1, 1.0)  # of eq 2.19
 
 
 def goal_from_msg(msg: RunJob.Goal, default_jobs_dir: str) -> JobGoal:
@@ -180,16 +182,24 @@ def aim_to_msg(
 
 
 def heat_from_msg(msg: HeatFactor) -> Heat:
-    """Temperatures in degC, the wait in s."""
+    """Temperatures in degC, the wait in s. What no part and no compensator can have is not plausible."""
+    reasons = tuple(msg.reasons)
+    for name, value, (low, high) in (
+        ('temperature', msg.temperature, TEMPERATURES),
+        ('heat factor', msg.factor, HEAT_FACTORS),
+    ):
+        if not low <= value <= high:  # NaN fails every comparison
+            reasons += (f'{name} is {value:g}, must be {low:g} .. {high:g}',)
+    plausible = msg.plausible and reasons == tuple(msg.reasons)
     return Heat(
         known=True,
         factor=msg.factor,
         temperature=msg.temperature,
         limit=msg.interpass_limit,
-        ready=msg.ready,
+        ready=msg.ready and plausible,
         wait=msg.estimated_wait,
-        plausible=msg.plausible,
-        reasons=tuple(msg.reasons),
+        plausible=plausible,
+        reasons=reasons,
         believed=msg.believed,
         doubt=msg.doubt,
     )
@@ -232,6 +242,8 @@ def scan_from_msg(msg: HeightMap) -> Scan:
         bead_width=msg.bead_width,
         bead_width_u=msg.bead_width_u,
         bead_width_expected=msg.bead_width_expected,
+        job_id=msg.job_id,
+        layer=msg.layer,
         handle=msg,
     )
 

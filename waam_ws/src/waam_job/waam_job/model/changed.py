@@ -100,15 +100,25 @@ def against(
     found = np.full(before.map.spec.shape, np.nan) if beside_arc is None else beside_arc.copy()
     for scan, window in seen:
         found[window.cells] = scan.map.z
-    everything = Window((0, found.shape[0]), (0, found.shape[1]))
-    change = found - beside(before.map, everything, planned)
-    if reason := unwitnessed(change):
+    if reason := unwitnessed(_change(before.map, found, planned)):
         return reason
-    known = change[np.isfinite(change)]
-    moved = float(np.median(known))
+    moved = moved_beside(before.map, found, planned)
     if abs(moved) > MOVED:
         return f'the surface beside the layer has moved by {moved * 1e3:+.2f} mm'
     return ''
+
+
+def moved_beside(before: HeightGrid, found: np.ndarray, planned: np.ndarray) -> float:
+    """By how much (m, median, up positive) the surface beside a layer has moved from the map before it to the one after
+    it, found (rows, cols) m; NaN where too few cells tell. planned: (rows, cols) m, metal of the layer."""
+    change = _change(before, found, planned)
+    known = change[np.isfinite(change)]
+    return float(np.median(known)) if known.size >= WITNESSES else float('nan')
+
+
+def _change(before: HeightGrid, found: np.ndarray, planned: np.ndarray) -> np.ndarray:
+    everything = Window((0, found.shape[0]), (0, found.shape[1]))
+    return found - beside(before, everything, planned)
 
 
 def joined(before: Scan, seen: list[tuple[Scan, Window]], now: float) -> Scan:

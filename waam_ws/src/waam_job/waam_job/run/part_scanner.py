@@ -14,6 +14,7 @@ from waam_process.loop_mode import LoopMode
 from waam_process.segment import Kind, Point, Segment
 
 from ..model import changed
+from ..model.asked_scan import foreign
 from ..model.cell import LaidBeads, Scan
 from ..model.geometry import part_grid
 from ..model.goal import Code, JobError
@@ -56,7 +57,7 @@ class PartScanner:
         while it was laid; passes are made only where that does not suffice.
         """
         if not self.settings.scan_changed_only:
-            return self.scan_after(layer.number)
+            return self._witnessed(layer, before)
         window = changed.window_of(self.spec, layer.planned)
         if window is None:
             return self.scan_after(layer.number)
@@ -77,6 +78,27 @@ class PartScanner:
             before = changed.with_seen(before, known, window)
         found = replace(changed.joined(before, seen, self.cell.now()), extent=text)
         return self._compared(layer.number, found)
+
+    def _witnessed(self, layer: PlannedLayer, before: Scan) -> Scan:
+        """The whole surface after `layer`. Where what lies beside it has moved since the scan `before`, it is scanned
+        once more; what two scans say is taken, and told."""
+        scan = self.scan_after(layer.number)
+        if not (before.plausible and scan.plausible):
+            return scan
+        moved = changed.moved_beside(before.map, scan.map.z, layer.planned)
+        if not abs(moved) > changed.MOVED:  # NaN: too few cells tell
+            return scan
+        self._note_moved(layer.number, moved, 'scanned again')
+        again = self.scan_after(layer.number)
+        moved = changed.moved_beside(before.map, again.map.z, layer.planned)
+        if again.plausible and abs(moved) > changed.MOVED:
+            self._note_moved(layer.number, moved, 'two scans agree: taken as it is')
+        return again
+
+    def _note_moved(self, layer: int, moved: float, reaction: str) -> None:
+        text = f'map after layer {layer}: the surface beside the layer moved by {moved * 1e3:+.2f} mm'
+        causes = 'part loose or warped, or scanner moved on its mount'
+        self.journal.note('WARNING', 'scan', f'{text} ({causes})', reaction)
 
     def _scan_windows(
         self, layer: PlannedLayer, windows: list[changed.Window]
@@ -162,9 +184,13 @@ class PartScanner:
             self.motion.execute(segments[:first])
         number, beads = self._laid
         laid = beads if number == layer else LaidBeads()
-        scan_id = self.cell.begin_scan(self.context.run_id, layer, spec, laid)
+        begun, job = self.cell.now(), self.context.run_id
+        scan_id = self.cell.begin_scan(job, layer, spec, laid)
         self.motion.execute(segments[first:])
-        return self.cell.finish_scan(scan_id, self.cell.now())
+        scan = self.cell.finish_scan(scan_id, self.cell.now())
+        if reason := foreign(scan, job, layer, spec, begun):
+            raise JobError(Code.SCAN_FAILED, f'scan_fusion gave another scan: {reason}')
+        return scan
 
     def _compare(self, layer: int, scan: Scan) -> None:
         """With what was wanted after this layer."""
