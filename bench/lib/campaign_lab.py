@@ -1,8 +1,9 @@
 """Wrong maps, corrections and temperatures in whole jobs of the laboratory: what does the job do with them?
 
 Each case alters what one part of the cell tells the job, from the second layer on or once. The last scan is never
-altered, so the figures of the job are true. `said`: the job failed with a reason of its own, or named what it saw in a warning; `harmless`: the
-part came out as of an undisturbed job, up to HARMLESS of its RMS. A case that is neither was wrong in silence.
+altered, so the figures of the job are true. `said`: the job failed with a reason of its own, or named what it saw in a
+warning; `harmless`: the part came out as of an undisturbed job, up to HARMLESS of its RMS. A case that is neither was
+wrong in silence.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ from waam_lab import laboratory, restore
 from waam_lab.cell import LabCell
 from waam_msgs.msg import CorrectionMap, HeatFactor, HeightMap
 from waam_sim.plant import Profiles
-
 
 HARMLESS = 1.25  # of the RMS of the undisturbed job
 ABOUT = {'scan', 'correction', 'temperature', 'node'}  # anomalies that may name the cause
@@ -232,6 +232,7 @@ def run_case(folder: Path, name: str, seed: int, whole: float = math.nan) -> dic
     return {
         'what': name, 'seed': seed, 'ended': result.verdict, 'message': result.message, 'layers': result.layers,
         'rms_mm': round(result.rms * 1e3, 4) if math.isfinite(result.rms) else None,
-        'said': (result.failed and not crashed) or bool(named), 'warnings': [f"{a['class']}: {a['text']}" for a in named][:4],
+        'said': (result.failed and not crashed) or bool(named),
+        'warnings': [f"{a['class']}: {a['text']}" for a in named][:4],
         'harmless': bool(result.rms <= HARMLESS * whole),
     }  # fmt: skip

@@ -1,0 +1,181 @@
+"""Disturbances of whole jobs, and what became of them. A trial is right when the arc was off within its lease where the
+lease ended, the job ended by itself, and nothing went wrong without being named.
+
+campaign.wrong_in_silence: jobs of the laboratory with wrong maps, corrections and temperatures that were neither told
+nor harmless (baseline: all of them).
+campaign.strokes_wrong: kills and suspensions of every node of a running graph at random moments (baseline: all).
+campaign.lease_worst_ms: longest time from the lease's last renewal to the arc being off in them (baseline: the lease).
+  WAAM_BENCH_STROKES=N  how many (default 26: each node each way once)
+campaign.strangers_wrong: foreign publishers on every topic, heartbeats of dead nodes, 50 more participants, wall clocks
+that jump by hours, a second `waam up` on the folder, a full /dev/shm (baseline: all of them).
+campaign.jobs_wrong: 20 jobs in one graph that did not end well (baseline: all of them).
+campaign.grown_mb_most, campaign.grown_descriptors_most, campaign.grown_threads_most: growth of the process of that
+graph that grew most, from the sixth job to the last (baseline: the number of jobs).
+  WAAM_BENCH_CAMPAIGN=FILE  keeps the trials, one JSON line each; strokes that are in it are not repeated
+campaign.table (a table): what is in that file, as docs/campaigns.md has it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+
+from lib.emit import emit
+
+NODES = (
+    'scan_fusion', 'correction_server', 'feed_forward', 'thermal_compensator', 'recorder', 'job_sequencer',
+    'process_control', 'dashboard', 'panel', 'stop_lane', 'bridge', 'cell', 'virtual_controller',
+)  # fmt: skip
+BEATING = ('scan_fusion', 'correction_server', 'recorder', 'job_sequencer')
+JUMPS = (3 * 3600.0, -3 * 3600.0, 400 * 86400.0)
+SEEDS = (1, 2)
+
+
+@contextmanager
+def trials():
+    """The trials, and where they work."""
+    from lib.campaign_graph import Trials
+
+    with tempfile.TemporaryDirectory(prefix='waam_bench_') as folder:
+        file = os.environ.get('WAAM_BENCH_CAMPAIGN', str(Path(folder) / 'campaign.jsonl'))
+        made = Trials(Path(folder), Path(file).resolve())
+        try:
+            yield made
+        finally:
+            made.graph.down()
+
+
+def in_the_laboratory() -> None:
+    """Every case of lib/campaign_lab.py on two seeds."""
+    from lib.campaign_lab import CASES, run_case
+
+    with trials() as t, tempfile.TemporaryDirectory() as folder:
+        rows = []
+        for seed in SEEDS:
+            whole = run_case(Path(folder), '', seed)['rms_mm'] * 1e-3
+            for name in CASES:
+                row = run_case(Path(folder), name, seed, whole)
+                row['right'] = row['said'] or row['harmless']
+                rows.append(row)
+                _append(t.file, row | {'what': f'job: {name}', 'number': seed})
+        emit('campaign.wrong_in_silence', *_wrong(rows), len(rows))
+
+
+def strokes() -> None:
+    """Nodes in turn, ways in turn."""
+    from lib.campaign_graph import stroke
+
+    with trials() as t:
+        present = set(_node_names())
+        nodes = [n for n in NODES if n in present]
+        done = {r['number'] for r in t.lines() if r['what'].startswith('stroke')}
+        for number in range(int(os.environ.get('WAAM_BENCH_STROKES', 2 * len(nodes)))):
+            if number not in done:
+                way = ('kill', 'suspend')[number // len(nodes) % 2]
+                node = nodes[number % len(nodes)]
+                t.run(f'stroke: {way} {node}', number, stroke(node, way))
+        rows = [r for r in t.lines() if r['what'].startswith('stroke')]
+        emit('campaign.strokes_wrong', *_wrong(rows), len(rows))
+        off = [r['off_ms'] for r in rows if r.get('off_ms')]
+        emit('campaign.lease_worst_ms', max(off, default=0.0), 'ms', 'the lease', 500.0)
+
+
+def strangers() -> None:
+    """What others on the bus, clocks and a second start can do."""
+    from lib import campaign_strangers as s
+    from lib.campaign_clock import jumps
+    from lib.campaign_folder import full_shared_memory, second_up
+
+    def trial(make: Callable, argument) -> Callable:
+        return make(argument)
+
+    with trials() as t:
+        for n in s.NAMES:
+            t.run(f'stranger: {n}', 0, trial(s.says, n))
+        for n in BEATING:
+            t.run(f'stranger: beats as {n}, which is killed', 0, trial(s.beats_of_the_dead, n))
+        t.run(f'stranger: {s.PARTICIPANTS} participants', 0, s.crowd)
+        for jump in JUMPS:
+            t.run(f'clock: jumps by {jump / 3600:+.0f} h and back', 0, trial(jumps, jump))
+        t.run('start: a second waam up on the folder', 0, second_up)
+        t.run('start: /dev/shm full in the arc', 0, full_shared_memory)
+        rows = [r for r in t.lines() if r['what'].startswith(('stranger', 'clock', 'start'))]
+        emit('campaign.strangers_wrong', *_wrong(rows), len(rows))
+
+
+def many_jobs() -> None:
+    """20 jobs in one graph."""
+    from lib.campaign_graph import twenty_jobs
+
+    with trials() as t:
+        row = t.run('jobs: 20 in one graph', 0, lambda graph, _: twenty_jobs(graph))
+        emit(
+            'campaign.jobs_wrong',
+            row.get('jobs', 20) - row.get('done', 0),
+            'jobs',
+            'all jobs',
+            row.get('jobs', 20),
+        )
+        for name in ('mb', 'descriptors', 'threads'):
+            grown = row.get(f'grown_{name}_most', float('nan'))
+            emit(f'campaign.grown_{name}_most', grown, name, 'jobs behind it', row.get('jobs', 20))
+
+
+def table() -> None:
+    """Of the file of WAAM_BENCH_CAMPAIGN: what was done, how often, how often right, what happened."""
+    rows = [
+        json.loads(line)
+        for line in Path(os.environ['WAAM_BENCH_CAMPAIGN']).read_text().splitlines()
+    ]
+    groups: dict[str, list[dict]] = defaultdict(list)
+    for row in rows:
+        groups[row['what']].append(row)
+    print('| what | times | right | ended | worst time to arc off, ms |\n|---|---|---|---|---|')
+    for what, of in sorted(groups.items()):
+        ends: dict[str, int] = defaultdict(int)
+        for row in of:
+            ends[row.get('error') or row.get('ended') or '–'] += 1
+        ended = ', '.join(f'{n} x {e}' for e, n in ends.items())
+        off = max((r['off_ms'] for r in of if r.get('off_ms')), default=None)
+        right = sum(bool(r['right']) for r in of)
+        print(
+            f'| {what} | {len(of)} | {right} | {ended} | {"–" if off is None else f"{off:.0f}"} |'
+        )
+
+
+def _wrong(rows: list[dict]) -> tuple[int, str, str]:
+    """Value, unit and baseline of `emit`."""
+    for row in rows:
+        if not row['right']:
+            print(f'wrong: {row}', file=sys.stderr)
+    return sum(not r['right'] for r in rows), 'trials', 'all trials'
+
+
+def _append(file: Path, row: dict) -> None:
+    with open(file, 'a') as f:
+        f.write(json.dumps(row) + '\n')
+
+
+def _node_names() -> list[str]:
+    from waam_bringup.graph import Settings, processes
+
+    return [p.name for p in processes(Settings(run=Path('/nowhere')))]
+
+
+FIGURES = {
+    'campaign.wrong_in_silence': in_the_laboratory,
+    'campaign.strokes_wrong': strokes,
+    'campaign.lease_worst_ms': strokes,
+    'campaign.strangers_wrong': strangers,
+    'campaign.jobs_wrong': many_jobs,
+    'campaign.grown_mb_most': many_jobs,
+    'campaign.grown_descriptors_most': many_jobs,
+    'campaign.grown_threads_most': many_jobs,
+}
+TABLES = {'campaign.table': table}

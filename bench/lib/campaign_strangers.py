@@ -1,0 +1,302 @@
+"""A stranger on the bus while an arc burns: what it publishes, and what the graph makes of it."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .campaign_graph import DONE, FAILED, JOB_S, LEASE_MS, Graph, Job, until
+
+SECONDS = 3.0  # that a stranger publishes
+PERIOD = 0.02  # s between two of its messages
+PARTICIPANTS = 50
+
+
+def _messages() -> dict[str, tuple[Any, str, str, Callable[[Any, random.Random], Any]]]:
+    """What it says: name -> (type, topic, name of the quality of service, how a message is made of the last true one,
+    None = none was heard)."""
+    from geometry_msgs.msg import PointStamped
+    from sensor_msgs.msg import PointCloud2, Temperature
+
+    from waam_msgs import msg as m
+
+    def changed(kind: Any, **values: Any) -> Callable[[Any, random.Random], Any]:
+        def make(last: Any, _: random.Random) -> Any:
+            message = last if last is not None else kind()
+            for name, value in values.items():
+                setattr(message, name, value)
+            return message
+
+        return make
+
+    def moved(last: Any, rng: random.Random) -> Any:
+        message = last if last is not None else m.Telemetry()
+        message.position.x += rng.uniform(-0.05, 0.05)
+        message.sequence += 1000
+        return message
+
+    def junk(last: Any, rng: random.Random) -> Any:
+        cloud = PointCloud2(height=1, width=100, point_step=12, row_step=1200)
+        cloud.data = rng.randbytes(1200)
+        return cloud
+
+    def fancied(last: Any, _: random.Random) -> Any:
+        message = last if last is not None else m.SegmentDone()
+        message.index += 10_000
+        return message
+
+    def soon(last: Any, _: random.Random) -> Any:
+        message = last if last is not None else m.LeaseTick()
+        message.controller_us += 3_600_000_000
+        return message
+
+    def upward(last: Any, _: random.Random) -> Any:
+        message = last if last is not None else m.HeightMap()
+        message.z = [v + 0.005 for v in message.z]
+        return message
+
+    return {
+        'telemetry of another place': (m.Telemetry, 'telemetry', 'TELEMETRY', moved),
+        'segments done that are not': (m.SegmentDone, 'segment_done', 'EVENTS', fancied),
+        'ticks of an hour ahead': (m.LeaseTick, 'lease_tick', 'BEAT', soon),
+        'machine state of an alarm': (
+            m.MachineState, 'machine_state', 'LATCHED', changed(m.MachineState, state=3, fault=300),
+        ),
+        'machine state disconnected': (
+            m.MachineState, 'machine_state', 'LATCHED', changed(m.MachineState, connected=False),
+        ),
+        'override of an operator': (
+            m.Override, 'override', 'NEWEST', changed(m.Override, speed_factor=0.5, wire_factor=1.2, source='stranger'),
+        ),
+        'override of NaN and 1000': (
+            m.Override, 'override', 'NEWEST', changed(m.Override, speed_factor=1000.0, wire_factor=math.nan),
+        ),
+        'factors of a process control': (
+            m.Override, 'process_override', 'NEWEST', changed(m.Override, speed_factor=0.5, wire_factor=0.5),
+        ),
+        'height maps 5 mm higher': (m.HeightMap, 'height_map', 'LATCHED', upward),
+        'heat factor of 0.3': (m.HeatFactor, 'heat_factor', 'LATCHED', changed(m.HeatFactor, factor=0.3)),
+        'heat factor of NaN': (m.HeatFactor, 'heat_factor', 'LATCHED', changed(m.HeatFactor, factor=math.nan)),
+        'temperature of 3000 degrees': (
+            Temperature, 'temperature', 'BEAT', changed(Temperature, temperature=3000.0),
+        ),
+        'temperature of NaN': (Temperature, 'temperature', 'BEAT', changed(Temperature, temperature=math.nan)),
+        'temperature of -40 degrees': (Temperature, 'temperature', 'BEAT', changed(Temperature, temperature=-40.0)),
+        'clouds of junk': (PointCloud2, 'points', 'SENSOR', junk),
+        'profiles without points': (m.ProfileBatch, 'profiles', 'PROFILES', changed(m.ProfileBatch)),
+        'aim of a pyrometer 1 km away': (PointStamped, 'pyrometer_aim', 'LATCHED', _far),
+        'job status failed': (m.JobStatus, 'job_status', 'LATCHED', changed(m.JobStatus, state=10)),
+        'job status of another job': (
+            m.JobStatus, 'job_status', 'LATCHED', changed(m.JobStatus, job_id='stranger', material='unknown'),
+        ),
+        'next layer without cells': (m.NextLayer, 'next_layer', 'LATCHED', changed(m.NextLayer)),
+        'layer plan without segments': (m.LayerPlan, 'layer_plan', 'LATCHED', changed(m.LayerPlan)),
+        'layer reports of NaN': (m.LayerReport, 'layer_report', 'EVENTS', changed(m.LayerReport)),
+    }  # fmt: skip
+
+
+def _far(last: Any, _: random.Random) -> Any:
+    from geometry_msgs.msg import PointStamped
+
+    message = PointStamped()
+    message.point.x = 1000.0
+    return message
+
+
+NAMES = (
+    'telemetry of another place', 'segments done that are not', 'ticks of an hour ahead', 'machine state of an alarm',
+    'machine state disconnected', 'override of an operator', 'override of NaN and 1000', 'factors of a process control',
+    'height maps 5 mm higher', 'heat factor of 0.3', 'heat factor of NaN', 'temperature of 3000 degrees',
+    'temperature of NaN', 'temperature of -40 degrees', 'clouds of junk', 'profiles without points',
+    'aim of a pyrometer 1 km away', 'job status failed', 'job status of another job', 'next layer without cells',
+    'layer plan without segments', 'layer reports of NaN',
+)  # fmt: skip
+
+
+class Stranger:
+    """A process on the bus. It speaks from `go` on: what `name` says, or as a node that `beats`."""
+
+    def __init__(self, domain: int, name: str, seed: int = 0) -> None:
+        here = Path(__file__).resolve().parent.parent
+        code = f'import sys; sys.path.insert(0, {str(here)!r}); from lib.campaign_strangers import speak; speak()'
+        command = [sys.executable, '-c', code, str(domain), name, str(seed)]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self._process.stdout
+        if self._process.stdout.readline().strip() != 'here':
+            raise RuntimeError('the stranger did not come')
+
+    def go(self) -> None:
+        """Begins to speak."""
+        assert self._process.stdin
+        self._process.stdin.write('go\n')
+        self._process.stdin.flush()
+
+    def wait(self) -> None:
+        """Until it has said all."""
+        self._process.wait(30.0)
+
+    def close(self) -> None:
+        """Leaves the bus."""
+        self._process.kill()
+        self._process.wait()
+
+
+def speak() -> None:
+    """In the process of a stranger; arguments: domain, what it says ('beats NODE' or a name of NAMES), seed."""
+    import rclpy
+    from rclpy.experimental import EventsExecutor
+
+    domain, name, seed = int(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+    rclpy.init(domain_id=domain)
+    node = rclpy.create_node('stranger')
+    executor = EventsExecutor()
+    executor.add_node(node)
+    turn = _beats(node, name.split()[1]) if name.startswith('beats ') else _says(node, name, seed)
+    waiting = threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.readline(), waiting.set()), daemon=True).start()
+    print('here', flush=True)
+    while not waiting.is_set():
+        executor.spin_once(timeout_sec=PERIOD)
+    end = time.monotonic() + (60.0 if name.startswith('beats ') else SECONDS)
+    while time.monotonic() < end:
+        turn()
+        executor.spin_once(timeout_sec=PERIOD)
+    os._exit(0)  # what is left of the executor is of no interest
+
+
+def _says(node: Any, name: str, seed: int) -> Callable[[], None]:
+    from waam_node import qos
+
+    kind, topic, quality, make = _messages()[name]
+    heard: list[Any] = []
+    profile = getattr(qos, quality)
+    node.create_subscription(kind, topic, heard.append, profile)
+    publisher = node.create_publisher(kind, topic, profile)
+    rng, due = random.Random(seed), [0.0]
+
+    def turn() -> None:
+        if time.monotonic() >= due[0]:
+            due[0] = time.monotonic() + PERIOD
+            publisher.publish(make(heard[-1] if heard else None, rng))
+        del heard[:-1]
+
+    return turn
+
+
+def _beats(node: Any, name: str) -> Callable[[], None]:
+    """Repeats every tick as the node `name`, from the first turn on."""
+    from waam_msgs.msg import Heartbeat, LeaseTick
+    from waam_node.qos import BEAT
+
+    publisher, speaks = node.create_publisher(Heartbeat, 'heartbeat', BEAT), []
+
+    def repeat(tick: Any) -> None:
+        if speaks:
+            beat = Heartbeat(node=name, controller_us=tick.controller_us, boot_id=tick.boot_id)
+            publisher.publish(beat)
+
+    node.create_subscription(LeaseTick, 'lease_tick', repeat, BEAT)
+    return lambda: speaks.append(True) if not speaks else None
+
+
+def says(name: str) -> Callable[[Graph, random.Random], dict]:
+    """A trial in which a stranger publishes `name` for SECONDS while an arc burns."""
+
+    def trial(graph: Graph, rng: random.Random) -> dict:
+        live = graph.live()
+        stranger, job = Stranger(live.domain, name, rng.randrange(1000)), Job(graph)
+        try:
+            if not until(lambda: graph.burns() or not job.runs(), 60.0):
+                raise RuntimeError('no arc')
+            stranger.go()
+            stranger.wait()
+        finally:
+            stranger.close()
+        facts = judged(graph, job)
+        if 'override' in name or 'factors' in name:
+            graph.down()  # they stay in force
+        return facts
+
+    return trial
+
+
+def judged(graph: Graph, job: Job, dead_is_wrong: bool = True) -> dict:
+    """The job ended by itself, as if nothing were or with a reason, and no node died."""
+    ended = job.wait(JOB_S)
+    until(lambda: job.told()[0] in (DONE, *FAILED), 5.0)
+    state, message = job.told()
+    dead = graph.dead()
+    if not ended or dead:
+        graph.down()
+    right = ended and not (dead and dead_is_wrong) and (state == DONE or bool(message))
+    return {
+        'ended': state,
+        'message': message[:200],
+        'rms_mm': job.rms_mm(),
+        'dead': dead,
+        'right': right,
+    }
+
+
+def beats_of_the_dead(node: str) -> Callable[[Graph, random.Random], dict]:
+    """A trial in which a stranger repeats the ticks as `node`, which is killed: its death must not be hidden."""
+
+    def trial(graph: Graph, rng: random.Random) -> dict:
+        live = graph.live()
+        stranger, job = Stranger(live.domain, f'beats {node}'), Job(graph)
+        try:
+            if not until(lambda: graph.burns() or not job.runs(), 60.0):
+                raise RuntimeError('no arc')
+            stranger.go()
+            time.sleep(rng.uniform(0.5, 1.5))
+            until(lambda: graph.burns() or not job.runs(), 20.0)
+            on = graph.burns()
+            live.kill(node)
+            out = until(lambda: not graph.burns(), 20.0)
+            off = graph.off_ms(on)
+            facts = judged(graph, job, dead_is_wrong=False)
+        finally:
+            stranger.close()
+        graph.down()
+        named = node in f'{facts["message"]} {job.error}'
+        return facts | {
+            'node': node, 'off_ms': None if off != off else round(off, 1),
+            'right': out and facts['right'] and named and not off > LEASE_MS,
+        }  # fmt: skip
+
+    return trial
+
+
+_CROWD = """
+import sys, time, rclpy
+nodes = []
+for i in range(int(sys.argv[2])):
+    context = rclpy.context.Context()
+    rclpy.init(context=context, domain_id=int(sys.argv[1]))
+    nodes.append(rclpy.create_node(f'participant_{i}', context=context))
+print('here', flush=True)
+time.sleep(float(sys.argv[3]))
+"""
+
+
+def crowd(graph: Graph, rng: random.Random) -> dict:
+    """A trial with PARTICIPANTS more participants on the bus, which come while an arc burns."""
+    live, job = graph.live(), Job(graph)
+    until(lambda: graph.burns() or not job.runs(), 60.0)
+    code = [sys.executable, '-c', _CROWD, str(live.domain), str(PARTICIPANTS), '60']
+    with subprocess.Popen(code, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout
+        came = process.stdout.readline().strip() == 'here'
+        facts = judged(graph, job)
+        process.kill()
+    return facts | {'participants': PARTICIPANTS if came else 0}
