@@ -36,6 +36,7 @@ class Settings:
     grpc_port: int = 0
     web_port: int = 0
     panel_port: int = 0  # of the operator's page; 0 = any free one
+    stop_port: int = 0  # of the second way for its STOP; 0 = none
     # s of silence while no job runs, after which a node is restarted; 0 = never
     hang_timeout: float = 15.0
     params_files: tuple[Path, ...] = ()
@@ -74,6 +75,7 @@ class Process:
     restart: bool = False
 
 
+STOP_LANE = 'stop_lane'  # in the graph when it has a port
 KEYS = {
     'package', 'executable', 'only', 'ros', 'lease', 'realtime', 'arguments', 'parameters', 'use_sim_time', 'restart',
     'machine', 'name',
@@ -120,6 +122,7 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
         'grpc_port': settings.grpc_port,
         'web_port': settings.web_port,
         'panel_port': settings.panel_port,
+        'stop_port': settings.stop_port,
         'jobs': str(jobs_dir()),
         'shop': str(shop_dir()),
         'calibrations': str(calibrations_dir()),
@@ -152,6 +155,7 @@ def processes(settings: Settings, description: dict | None = None) -> list[Proce
         d.get('name', n): {'executable': n, **d}
         for n, d in description.items()
         if n not in settings.without
+        and (settings.stop_port or n != STOP_LANE)
         and (settings.simulated or d.get('only') != 'sim')
         and d.get('machine', settings.machine) == settings.machine
     }
