@@ -123,6 +123,7 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
         'web_port': settings.web_port,
         'panel_port': settings.panel_port,
         'stop_port': settings.stop_port,
+        'panel_access': panel_access(settings),
         'jobs': str(jobs_dir()),
         'shop': str(shop_dir()),
         'calibrations': str(calibrations_dir()),
@@ -145,6 +146,28 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
     return re.sub(r'\$\{(\w+)\}', lambda m: str(known[m.group(1)]), value)
 
 
+ACCESS = {
+    'port': '--page-port', 'bind': '--bind', 'token_file': '--token-file', 'tls_cert': '--tls-cert',
+    'tls_key': '--tls-key', 'allowed_hosts': '--hosts',
+}  # fmt: skip
+
+
+def panel_access(settings: Settings) -> list[str]:
+    """What parameter files say of who may ask the panel, as options of stop_lane: both must have the same rules."""
+    found: dict[str, str] = {}
+    for file in settings.params_files:
+        try:
+            text = yaml.safe_load(file.read_text())
+        except (OSError, ValueError, yaml.YAMLError) as e:
+            raise GraphError(f'{file}: {e}') from None
+        for node in ('/**', 'panel', '/panel'):
+            told = text.get(node) if isinstance(text, dict) else None
+            values = told.get('ros__parameters') if isinstance(told, dict) else None
+            if isinstance(values, dict):
+                found |= {ACCESS[k]: str(v) for k, v in values.items() if k in ACCESS}
+    return [word for option in found.items() for word in option]
+
+
 def processes(settings: Settings, description: dict | None = None) -> list[Process]:
     """Every process in start order."""
     description = description or load()
@@ -165,7 +188,8 @@ def processes(settings: Settings, description: dict | None = None) -> list[Proce
 
 def _process(name: str, node: dict, settings: Settings, lease_nodes: list[str]) -> Process:
     package, exe = node['package'], node.get('executable', name)
-    arguments = [str(fill(a, settings, lease_nodes)) for a in node.get('arguments', [])]
+    filled = [fill(a, settings, lease_nodes) for a in node.get('arguments', [])]
+    arguments = [str(a) for f in filled for a in (f if isinstance(f, list) else [f])]
     if node.get('ros', True):
         arguments += _ros_arguments(name, node, settings, lease_nodes)
     return Process(

@@ -41,12 +41,12 @@ def panel_port() -> int:
     return PANEL_PORT
 
 
-def stop_port(panel: int) -> int:
+def stop_port(panel: int, bind: str = '127.0.0.1') -> int:
     """The one after that of the page, or any free one when it is taken."""
-    with socket.socket() as s:
+    with socket.socket(socket.AF_INET6 if ':' in bind else socket.AF_INET) as s:
         s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            s.bind(('127.0.0.1', panel + 1))
+            s.bind((bind, panel + 1))
         except (OSError, OverflowError):
             return free_port()
     return panel + 1

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import ipaddress
+import resource
 import socket
 import ssl
 import sys
@@ -82,6 +83,8 @@ class Gate:
         self, make: Callable[[], asyncio.Protocol], tls: ssl.SSLContext | None = None
     ) -> None:
         self.make, self.tls = make, tls
+        files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        self.most = IN_ALL if files < 0 else min(IN_ALL, files // 4)
         self.inside: dict[Guest, None] = {}  # in the order of arrival
         self.guests: dict[asyncio.Protocol, Guest] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -90,7 +93,6 @@ class Gate:
         """Accepts connections; the listener is closed at the end."""
         loop = asyncio.get_running_loop()
         listener.setblocking(False)
-        listener.listen(BACKLOG)
         sweep = loop.create_task(self._sweep())
         try:
             while True:
@@ -108,6 +110,7 @@ class Gate:
                 task = loop.create_task(self._welcome(guest))
                 self._tasks.add(task)
                 task.add_done_callback(self._tasks.discard)
+                await asyncio.sleep(0)  # those that were pushed out give their descriptors back
         finally:
             sweep.cancel()
             listener.close()
@@ -118,7 +121,7 @@ class Gate:
         same = [g for g in self.inside if g.source == source]
         if len(same) >= PER_SOURCE and not self._push_out(same):
             return None
-        if len(self.inside) >= IN_ALL:
+        if len(self.inside) >= self.most:
             counts: dict[str, list[Guest]] = {}
             for guest in self.inside:
                 counts.setdefault(guest.source, []).append(guest)
@@ -173,7 +176,7 @@ class Gate:
             guest.until = None
 
     def idle(self, protocol: object) -> None:
-        """It has its answer, or none will come."""
+        """It has its answer. One that was never admitted has no more time than before."""
         guest = self.guests.get(protocol)  # type: ignore[call-overload]
-        if guest:
+        if guest and guest.until is None:
             guest.until = asyncio.get_running_loop().time() + IDLE_S
