@@ -14,6 +14,8 @@ import os
 import signal
 import socket
 import sys
+import threading
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -23,7 +25,7 @@ from urllib.parse import urlsplit
 
 from waam_node import stop_socket
 from waam_shop.token_file import TokenFile
-from waam_shop.tokens import TokenBook
+from waam_shop.tokens import TokenBook, TokenError
 
 from .gate import BACKLOG, Gate
 from .security import COOKIE, Denied, Guard, open_tokens, tls_context
@@ -78,6 +80,7 @@ class KnownTokens:
         self.path, self._file = file.path, file
         self._book: TokenBook = file.book()
         self._key = file.key()
+        threading.Thread(target=self._follow, name='tokens', daemon=True).start()
 
     def book(self) -> TokenBook:
         """See `TokenFile.book`; never waits."""
@@ -87,13 +90,12 @@ class KnownTokens:
         """See `TokenFile.key`."""
         return self._key
 
-    async def follow(self) -> None:
-        """Reads the file again and again, in a thread. A file that cannot be read leaves the tokens as they were: who
-        could stop the cell can still stop it."""
+    def _follow(self) -> None:
+        """A file that cannot be read leaves the tokens as they were: who could stop the cell can still stop it."""
         while True:
-            await asyncio.sleep(TOKENS_S)
-            with suppress(Exception):
-                self._book = await asyncio.to_thread(self._file.book)
+            time.sleep(TOKENS_S)
+            with suppress(TokenError):
+                self._book = self._file.book()
 
 
 @dataclass(frozen=True)
@@ -211,7 +213,7 @@ def arguments() -> argparse.ArgumentParser:
     """The command line."""
     p = argparse.ArgumentParser(prog='stop_lane', description='STOP of the page by another way')
     p.add_argument('--socket', required=True, help='of the bridge: <run>/stop')
-    p.add_argument('--port', type=int, required=True, help='to listen on')
+    p.add_argument('--port', type=int, required=True, help='to listen on; 0 = any free one')
     p.add_argument('--page-port', type=int, required=True, help='of the page')
     p.add_argument('--bind', default='127.0.0.1', help='as of the page')
     p.add_argument('--token-file', default='', help='as of the page')
@@ -222,7 +224,7 @@ def arguments() -> argparse.ArgumentParser:
     return p
 
 
-def rules_of(args: argparse.Namespace) -> tuple[Rules, KnownTokens | None]:
+def rules_of(args: argparse.Namespace) -> Rules:
     """Raises ValueError as the panel does: tokens or TLS missing, damaged."""
     tls = bool(args.tls_cert)
     file = open_tokens(args.token_file, args.bind, tls)
@@ -231,29 +233,27 @@ def rules_of(args: argparse.Namespace) -> tuple[Rules, KnownTokens | None]:
     page = Guard.create(known, args.bind, args.page_port, hosts)  # type: ignore[arg-type]
     bare = tuple(h.strip().partition(':')[0] for h in hosts)
     names = Guard.create(None, args.bind, args.port, bare).hosts
-    return Rules(page, replace(page, hosts=names)), known
+    return Rules(page, replace(page, hosts=names))
 
 
 async def serve(args: argparse.Namespace) -> None:
     """Until it is cancelled. OSError when the port is taken."""
-    rules, known = rules_of(args)
-    tls = tls_context(args.tls_cert, args.tls_key)
     family = socket.AF_INET6 if ':' in args.bind else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     listener.bind((args.bind, args.port))
     listener.listen(BACKLOG)
-    print(f'STOP listens on {args.bind} port {listener.getsockname()[1]}', flush=True)
+    args.port = listener.getsockname()[1]
+    rules = rules_of(args)
+    tls = tls_context(args.tls_cert, args.tls_key)
+    print(f'STOP listens on {args.bind} port {args.port}', flush=True)
     gate = Gate(lambda: Visit(rules, args.socket), tls)
-    follow = asyncio.ensure_future(known.follow()) if known else None
     task = asyncio.ensure_future(gate.serve(listener))
     parent = asyncio.ensure_future(_await_orphaned(args.ends_with, task))
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
     with suppress(asyncio.CancelledError):
         await task
     parent.cancel()
-    if follow:
-        follow.cancel()
 
 
 async def _await_orphaned(parent: int, task: asyncio.Task[None]) -> None:
@@ -277,7 +277,7 @@ def main() -> None:
     except KeyboardInterrupt:
         pass
     sys.stdout.flush()
-    os._exit(code)  # a thread may still wait for a disk
+    os._exit(code)  # the thread of the tokens may wait for a disk
 
 
 if __name__ == '__main__':
