@@ -1,23 +1,24 @@
-"""STOP and HOLD past everything: the socket itself, the port's side, and the real node with its core's lock held."""
+"""STOP and HOLD past everything: the socket itself, the port's side, and the real node."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import subprocess
 import threading
 import time
 
 import pytest
 from bridge_fake_controller import FakeController
-from bridge_harness import Bridge, line_of, until
+from bridge_harness import BRIDGE, Bridge, line_of, until
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from waam_bridge import frames
+from waam_bridge import frames, program
 from waam_bridge.node_stop import StopLane
 from waam_bridge.transport import SerialTransport
 from waam_msgs.srv import Command
-from waam_node.stop_socket import HOLD, STOP, post, read, send
+from waam_node.stop_socket import HOLD, PIPE, STOP, post, read, send
 
 
 class Owner:
@@ -55,6 +56,17 @@ def test_an_order_is_bytes_on_the_wire_and_an_answer(lane):
     assert lane.acts == [frames.STOP_NOW, frames.HOLD_NOW]
     until(lambda: lane.after == [STOP, HOLD])
     assert os.stat(lane.path).st_mode & 0o777 == 0o600
+
+
+def test_a_shell_stops_without_starting_a_program(lane):
+    pipe = lane.path + PIPE
+    assert os.stat(pipe).st_mode & 0o777 == 0o600
+    for text in ('S', 'P', 'S' * 200):
+        subprocess.run(['bash', '-c', f'printf {text} 1<>"{pipe}"'], check=True, timeout=20)
+    subprocess.run(['bash', '-c', f'echo x >"{pipe}"'], check=True, timeout=20)
+    until(lambda: len(lane.acts) >= 3)
+    assert set(lane.acts) == {frames.STOP_NOW, frames.HOLD_NOW}
+    assert send(lane.path, STOP) == ''
 
 
 def test_what_follows_a_stop_never_holds_up_the_next_one(lane):
@@ -156,20 +168,23 @@ def cell(tmp_path_factory):
 
 
 def start(cell, job: str, count: int = 400):
-    until(lambda: cell.telemetry.state == frames.IDLE)
+    until(lambda: cell.telemetry.state == frames.IDLE and taken(cell, job, count), what=job)
+    until(lambda: cell.telemetry.state == frames.RUN)
+
+
+def taken(cell, job: str, count: int) -> bool:
+    """Whether the bridge takes segments; while a STOP is at work it does not."""
     p = cell.telemetry.position
     answer = cell.enqueue(line_of(count, start=(p.x, p.y, p.z)), job)
-    assert answer.error_code == 0, answer.message
-    until(lambda: cell.telemetry.state == frames.RUN)
+    assert answer.error_code in (0, program.WRONG_STATE), answer.message
+    return answer.error_code == 0
 
 
 def test_stop_ends_the_motion_and_drops_the_queue(cell):
     start(cell, 'lane')
     assert send(cell.socket, STOP) == ''
     until(lambda: cell.telemetry.state == frames.IDLE and 'dropped' in cell.state.message)
-    p = cell.telemetry.position
-    again = cell.enqueue(line_of(3, start=(p.x, p.y, p.z)), 'after')
-    assert again.error_code == 0, again.message
+    until(lambda: taken(cell, 'after', 3), what='the next job')
 
 
 def test_hold_holds_and_resume_goes_on(cell):
@@ -189,10 +204,6 @@ def test_stop_in_every_state_and_as_often_as_one_likes(cell):
 
 
 def test_a_socket_that_cannot_be_made_is_refused_by_name(tmp_path):
-    import subprocess
-
-    from bridge_harness import BRIDGE
-
     words = [*BRIDGE, '--ros-args', '-p', f'stop_socket:={tmp_path}/none/stop']
     end = subprocess.run(words, capture_output=True, text=True, timeout=60)
     assert end.returncode == 2 and "'stop_socket'" in end.stderr and 'Traceback' not in end.stderr

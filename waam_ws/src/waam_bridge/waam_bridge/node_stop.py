@@ -46,17 +46,21 @@ class StopLane:
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), URGENT)
         while not self._over:
             try:
-                order, whom = self._listener.receive()
+                messages = self._listener.receive()
             except OSError:
                 return
-            data = BYTES.get(order)
-            if data is None:
-                self._listener.answer(f'{order!r} is no order', whom)
-                continue
-            self._listener.answer(self._act(data) or OK, whom)
-            with self._wake:
-                self._due[order] = None
-                self._wake.notify()
+            for order, whom in messages:
+                self._take(order, whom)
+
+    def _take(self, order: bytes, whom: object) -> None:
+        data = BYTES.get(order)
+        if data is None:
+            self._listener.answer(f'{order!r} is no order', whom)
+            return
+        self._listener.answer(self._act(data) or OK, whom)
+        with self._wake:
+            self._due[order] = None
+            self._wake.notify()
 
     def _follow(self) -> None:
         while True:

@@ -3,17 +3,22 @@
 A datagram socket: nobody can hold it open, half a message does not exist, and a sender that dies leaves nothing behind.
 Only the account of the graph may write to it (mode 0600). Whoever sends gets one answer, `OK` or the reason. Standard
 library only: `waam stop` uses it before it loads anything else.
+
+Beside it lies a pipe for a shell, which can write a byte without starting a program: `printf S 1<>RUN/stop_now`. It
+answers nothing.
 """
 
 from __future__ import annotations
 
 import errno
 import os
+import select
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 NAME = 'stop'  # of the socket in the folder of the graph
+PIPE = '_now'  # behind the name of the socket: that of the pipe
 STOP, HOLD = b'S', b'P'
 OK = 'ok'
 LONGEST = 400  # bytes of an answer
@@ -31,23 +36,36 @@ def _short(path: str) -> Iterator[str]:
 
 
 class Listener:
-    """The bridge's end. OSError when the socket cannot be made. One that a killed process has left is replaced."""
+    """The bridge's end. OSError when socket or pipe cannot be made. Those that a killed process has left are replaced."""
 
     def __init__(self, path: str) -> None:
-        self._path = path
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         made = f'{path}.{os.getpid()}'
         with _short(made) as short:
             with suppress(FileNotFoundError):
                 os.unlink(made)
             self._socket.bind(short)
+        os.mkfifo(made + PIPE, 0o600)
+        self._pipe = os.open(made + PIPE, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
         os.chmod(made, 0o600)
-        os.rename(made, path)
-        self._mine = os.stat(path).st_ino
+        self._mine = {}
+        for end in (PIPE, ''):
+            os.rename(made + end, path + end)
+            self._mine[path + end] = os.stat(path + end).st_ino
+        self._poll = select.poll()
+        for source in (self._socket.fileno(), self._pipe):
+            self._poll.register(source, select.POLLIN)
 
-    def receive(self) -> tuple[bytes, object]:
-        """Waits for the next message: what was sent, at most 16 bytes, and whom to answer. b'' after `close`."""
-        return self._socket.recvfrom(16)
+    def receive(self) -> list[tuple[bytes, object]]:
+        """Waits for the next messages: what was sent, at most 16 bytes, and whom to answer. [] after `close`."""
+        found: list[tuple[bytes, object]] = []
+        for source, _ in self._poll.poll():
+            if source == self._pipe:
+                found += [(bytes([b]), None) for b in dict.fromkeys(os.read(source, 4096))]
+            else:
+                data, whom = self._socket.recvfrom(16)
+                found += [(data, whom)] if whom else []
+        return found
 
     def answer(self, text: str, whom: object) -> None:
         """Never waits; nothing when nobody waits for it."""
@@ -60,21 +78,37 @@ class Listener:
         """Ends `receive` in another thread, and removes the file if it is still the own one."""
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
-        with suppress(OSError):
-            if os.stat(self._path).st_ino == self._mine:
-                os.unlink(self._path)
+        for path, mine in self._mine.items():
+            with suppress(OSError):
+                if os.stat(path).st_ino == mine:
+                    os.unlink(path)
 
 
 def post(path: str, order: bytes) -> socket.socket:
     """Sends an order and never waits. The answer comes to the socket that is returned, which is not blocking. OSError
-    when no bridge listens, or takes nothing any more."""
+    when no bridge listens. Where the socket is full the order goes into the pipe, without an answer."""
+    made = _connected(path, 0.0)
+    try:
+        made.send(order)
+    except BlockingIOError:
+        pipe = os.open(path + PIPE, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            os.write(pipe, order)
+        finally:
+            os.close(pipe)
+    except BaseException:
+        made.close()
+        raise
+    return made
+
+
+def _connected(path: str, patience: float) -> socket.socket:
     made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
-        made.setblocking(False)
+        made.settimeout(patience)
         made.bind('')  # a name that the system chooses, for the answer
         with _short(path) as short:
             made.connect(short)
-        made.send(order)
     except BaseException:
         made.close()
         raise
@@ -85,7 +119,7 @@ def reason(error: OSError) -> str:
     """For a person: why nothing could be sent."""
     if error.errno in (errno.ENOENT, errno.ECONNREFUSED):
         return 'no bridge is up'
-    if error.errno == errno.EAGAIN:
+    if isinstance(error, BlockingIOError | TimeoutError):
         return 'the bridge takes nothing any more'
     return error.strerror or str(error)
 
@@ -94,7 +128,7 @@ def read(waiting: socket.socket) -> str | None:
     """The answer that has come, '' = done; None while there is none."""
     try:
         text = waiting.recv(LONGEST).decode('utf-8', 'replace')
-    except BlockingIOError:
+    except (BlockingIOError, TimeoutError):
         return None
     except OSError as e:
         return reason(e)
@@ -104,8 +138,8 @@ def read(waiting: socket.socket) -> str | None:
 def send(path: str, order: bytes, patience: float = PATIENCE_S) -> str:
     """Sends an order and waits at most `patience` s for the answer: '' = the controller has been told, else why not."""
     try:
-        with post(path, order) as waiting:
-            waiting.settimeout(patience)
+        with _connected(path, patience) as waiting:
+            waiting.send(order)
             answer = read(waiting)
     except OSError as e:
         return reason(e)

@@ -43,12 +43,13 @@ class FakeBridge:
     def _run(self) -> None:
         with contextlib.suppress(OSError):
             while True:
-                order, whom = self._listener.receive()
-                if not order:
+                messages = self._listener.receive()
+                if not messages:
                     return
-                self.got.append(order)
-                if self.says is not None:
-                    self._listener.answer(self.says, whom)
+                for order, whom in messages:
+                    self.got.append(order)
+                    if self.says is not None:
+                        self._listener.answer(self.says, whom)
 
     def close(self) -> None:
         self._listener.close()
