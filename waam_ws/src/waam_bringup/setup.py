@@ -13,7 +13,7 @@ setup(
         ('share/waam_bringup/launch', glob('launch/*.py')),
         ('share/waam_bringup/parts', glob('parts/*')),
     ],
-    entry_points={'console_scripts': ['waam = waam_bringup.cli:main']},
+    entry_points={'console_scripts': ['waam = waam_bringup.entry:main']},
     install_requires=['setuptools'],
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',

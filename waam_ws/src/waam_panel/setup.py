@@ -13,7 +13,12 @@ setup(
         ('share/waam_panel/config', glob('config/*')),
     ],
     install_requires=['setuptools'],
-    entry_points={'console_scripts': ['panel = waam_panel.panel_node:main']},
+    entry_points={
+        'console_scripts': [
+            'panel = waam_panel.panel_node:main',
+            'stop_lane = waam_panel.stop_lane:main',
+        ]
+    },
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='Operator panel of the WAAM cell: one web page to run a shift with',

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import duckdb
 
 from waam_node.files import sync_folder, write_atomically
+from waam_node.locks import locked
 
 from .catalog import (
     ArchiveError,
@@ -35,6 +35,7 @@ RETENTION = 'retention.json'  # the policy that is applied whenever jobs are tak
 HEAD = 'archive.json'  # what the folder is, and the version of its schema
 _MARKER = re.compile(r'(\d{8})\.json')
 _NUMBERED = re.compile(r'(?:new-)?(\d{8})\b.*')
+PATIENCE_S = 120.0  # that a writer waits for another one
 FAN = 12  # segments of one order of size that are merged into one
 Change = Callable[[str, Entry], Entry | None]  # None: the job goes
 
@@ -129,11 +130,15 @@ class Store:
 
     @contextmanager
     def writing(self) -> Iterator[Writer]:
-        """One writer at a time; another one waits. What a killed writer has left is removed first."""
+        """One writer at a time; another one waits, at most PATIENCE_S: then ArchiveError. What a killed writer has left
+        is removed first."""
         for folder in ('segments', *BULK):
             (self.root / folder).mkdir(parents=True, exist_ok=True)
-        with open(self.root / '.lock', 'w') as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(locked(self.root / '.lock', PATIENCE_S))
+            except OSError as e:
+                raise ArchiveError(f'{e.filename or self.root}: {e.strerror}') from None
             catalog = self.catalog()
             if not self.exists or self.check_version() < VERSION:
                 write_atomically(self.root / HEAD, json.dumps({'schema': VERSION}))

@@ -12,19 +12,22 @@ import time
 
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Temperature
+from std_srvs.srv import Trigger
 
 from waam_msgs.msg import Heartbeat, LeaseTick, LinkStatus, Override
 from waam_node import qos
 from waam_node.node import ERROR, OK, WARN, WaamNode
 from waam_node.node import main as node_main
+from waam_node.stop_socket import STOP
 
-from . import frames, overrides
+from . import commands, frames, overrides
 from .acceleration import CAPABILITY
 from .conversions import diagnostic_values
 from .core import Bridge
 from .csv_log import CsvLog
 from .node_publishers import Publishers
 from .node_services import Services
+from .node_stop import StopLane
 from .params import BridgeParams
 from .transport import SerialTransport, Transport
 
@@ -48,6 +51,7 @@ class BridgeNode(WaamNode):
         self.on_change(self._take_params)
         self.create_timer(1.0, self._on_second, clock=self.steady)
         self.transport = self._make_transport()
+        self._stop_lane = self._open_stop_lane(p.stop_socket)
         self.transport.start()
         if p.require_controller:
             self._await_controller()
@@ -65,7 +69,8 @@ class BridgeNode(WaamNode):
         )
         if self._out.csv:
             self.create_subscription(Temperature, 'temperature', self._on_temperature, qos.BEAT)
-        self._served = Services(self, self.core, self._lock, self._pump)
+        self._abort = self.create_client(Trigger, 'job_sequencer/abort')
+        self._served = Services(self, self.core, self._lock, self._pump, self._at_once)
         self._measures = False  # the controller has an accelerometer, and others can see it
 
     def _open_csv(self, path: str, rate: float) -> CsvLog | None:
@@ -76,6 +81,14 @@ class BridgeNode(WaamNode):
         except OSError as e:
             raise ValueError(f"bridge: parameter 'csv_log': {path}: {e.strerror}") from None
 
+    def _open_stop_lane(self, path: str) -> StopLane | None:
+        if not path:
+            return None
+        try:
+            return StopLane(path, self._at_once, self._after)
+        except OSError as e:
+            raise ValueError(f"bridge: parameter 'stop_socket': {path}: {e.strerror}") from None
+
     def _await_controller(self) -> None:
         self._settled.wait(self.params.identify_timeout + 5.0)
         if not self.core.connected:
@@ -83,12 +96,35 @@ class BridgeNode(WaamNode):
 
     def close(self) -> None:
         """A clean end leaves the machine in HOLD instead of running until its watchdog acts."""
+        if self._stop_lane:
+            self._stop_lane.close()
         with self._lock:
             if self.core.state == frames.RUN:
                 self.transport.write(frames.HOLD_NOW)
         self.transport.close()
         if self._out.csv:
             self._out.csv.close()
+
+    # ---- STOP and HOLD past everything, in threads of their own
+
+    def _at_once(self, data: bytes) -> str:
+        """Real-time bytes to the controller; '' or why they were not written. Waits for nothing."""
+        if data == frames.STOP_NOW:
+            self.core.link.sender.blocked = True  # what waits must not be sent any more
+        return self.transport.write_now(data)
+
+    def _after(self, order: bytes) -> None:
+        """The rest of it: the job ends, then the core does what the command of this name does."""
+        try:
+            if order == STOP and self._abort.service_is_ready():
+                self._abort.call_async(Trigger.Request())
+            code = commands.STOP if order == STOP else commands.HOLD
+            with self._lock:
+                commands.run(self.core, commands.Command(code), lambda *_: None, time.monotonic())
+            self._pump()
+            self.get_logger().warning('STOP' if order == STOP else 'HOLD')
+        except Exception as e:
+            self.on_crash(e)
 
     # ---- called by the transport, in its thread
 

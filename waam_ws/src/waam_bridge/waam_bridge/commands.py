@@ -31,6 +31,7 @@ from .standoff import OF_SOURCE
     CONFIGURE,
     SETTINGS,
 ) = range(1, 15)  # waam_msgs/srv/Command
+REAL_TIME = {STOP: frames.STOP_NOW, HOLD: frames.HOLD_NOW}  # bytes that act before their command
 
 
 @dataclass(frozen=True)

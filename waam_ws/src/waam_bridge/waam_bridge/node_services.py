@@ -20,10 +20,19 @@ from .program import Refusal
 
 
 class Services:
-    """`lock` guards the core; `pump` writes and publishes the results of a request."""
+    """`lock` guards the core; `pump` writes and publishes the results of a request; `at_once` puts real-time bytes on
+    the wire and waits for no lock."""
 
-    def __init__(self, node: Node, core: Bridge, lock: RLock, pump: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        core: Bridge,
+        lock: RLock,
+        pump: Callable[[], None],
+        at_once: Callable[[bytes], str],
+    ) -> None:
         self._node, self._core, self._lock, self._pump = node, core, lock, pump
+        self._at_once = at_once
         node.create_service(Enqueue, '~/enqueue', self._on_enqueue)
         node.create_service(ReplaceSegments, '~/replace', self._on_replace)
         create_deferred_service(node, Command, '~/command', self._on_command)
@@ -99,6 +108,8 @@ class Services:
         command = commands.Command(
             request.code, request.text, tuple(request.names), (v.x, v.y, v.z), request.value
         )
+        if command.code in commands.REAL_TIME:
+            self._at_once(commands.REAL_TIME[command.code])
         with self._lock:
             commands.run(self._core, command, answer, time.monotonic())
         self._pump()

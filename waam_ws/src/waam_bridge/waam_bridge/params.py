@@ -23,6 +23,9 @@ class BridgeParams:
     """Defaults fit a cell with 1.2 mm steel wire, a 5 kW source and 320 steps/mm."""
 
     port: str = param('/dev/serial/by-id/waam', 'serial port or pseudo-terminal of the controller')
+    stop_socket: str = param(
+        '', 'Unix socket for STOP and HOLD past everything (waam_node.stop_socket); empty = none'
+    )
     baud: int = param(115200, 'rate of a true UART; USB-CDC and pseudo-terminals ignore it', 'Bd')
     identity: str = param('WAAM_CONTROLLER_V1', 'name that the controller must give')
     require_controller: bool = param(

@@ -57,6 +57,9 @@ class Transport(Protocol):
     def write(self, data: bytes) -> None:
         """Never blocks; thread safe; without effect while it is closed."""
 
+    def write_now(self, data: bytes) -> str:
+        """As `write`, before all that waits, even within a line; '' or why it could not be written."""
+
 
 class SerialTransport:
     """A port (tty, USB-CDC, pseudo-terminal) with one thread that reads, hands lines over and reopens it.
@@ -104,7 +107,7 @@ class SerialTransport:
             if self._fd < 0:
                 return
             if not self._backlog:
-                data = data[self._write_now(data) :]
+                data = data[self._write_some(data) :]
             if not data:
                 return
             self._backlog += data
@@ -113,7 +116,17 @@ class SerialTransport:
                 self._reason = 'the port does not take data'
         self._wake()
 
-    def _write_now(self, data: bytes | bytearray) -> int:
+    def write_now(self, data: bytes) -> str:
+        """For real-time bytes: they go out before all that waits, even within a line. '' or why they do not."""
+        with self._lock:
+            if self._fd < 0:
+                return f'{self.port} is not open'
+            self._backlog[:0] = data[self._write_some(data) :]
+            problem = self._reason
+        self._wake()
+        return problem
+
+    def _write_some(self, data: bytes | bytearray) -> int:
         try:
             return os.write(self._fd, data)
         except BlockingIOError:
@@ -164,10 +177,10 @@ class SerialTransport:
 
     def _shut(self) -> None:
         with self._lock:
-            self._fd = -1
-            if self._serial is not None:
-                with contextlib.suppress(OSError):
-                    self._serial.close()
+            self._fd, port, self._serial = -1, self._serial, None
+        if port is not None:
+            with contextlib.suppress(OSError):
+                port.close()  # may wait until the port has sent what it holds: nobody waits with it
 
     def _loop(self) -> None:
         rest = b''
@@ -186,7 +199,7 @@ class SerialTransport:
 
     def _drain(self) -> None:
         with self._lock:
-            del self._backlog[: self._write_now(self._backlog)]
+            del self._backlog[: self._write_some(self._backlog)]
 
     def _read(self, rest: bytes) -> bytes:
         """Reads what is there, hands the whole lines over, and returns the incomplete one."""

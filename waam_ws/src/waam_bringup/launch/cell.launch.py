@@ -11,6 +11,7 @@ from launch.substitutions import LaunchConfiguration
 
 from launch import LaunchDescription
 from waam_bringup.graph import Settings, processes
+from waam_bringup.operate import panel_port, stop_port
 from waam_bringup.paths import run_dir
 from waam_process.operating import GANTRY, MACHINES
 
@@ -20,6 +21,7 @@ def _start(context):
     value = {k: LaunchConfiguration(k).perform(context) for k in names}
     run = Path(value['run'])
     run.mkdir(parents=True, exist_ok=True)
+    page = panel_port()
     settings = Settings(
         run=run,
         port=value['port'],
@@ -27,6 +29,8 @@ def _start(context):
         seed=int(value['seed']),
         epoch_us=int(time.time()) * 1_000_000,
         machine=value['machine'],
+        panel_port=page,
+        stop_port=stop_port(page),
     )
     return [
         ExecuteProcess(cmd=p.command, name=p.name, output='screen', additional_env=p.environment)

@@ -13,6 +13,7 @@ import pytest
 from waam_bringup import audited, paths, shop
 from waam_bringup.cli import build_parser, main
 from waam_bringup.run_state import RunState
+from waam_node.locks import locked
 from waam_shop.shop_folder import Shop
 
 
@@ -148,17 +149,54 @@ def test_the_name_of_the_sub_verb_is_in_the_log_and_a_page_is_a_command_when_it_
     assert found[4][1] == {'older_than': '90d'}
 
 
+SAFE = [line.split() for line in ('stop', 'job abort', 'job pause')]
+
+
+def carried_out(words: list[str], done: list) -> int:
+    args = build_parser().parse_args(words)
+    args.run_command = lambda _: done.append(words) or 0
+    return audited.carry_out(args)
+
+
 def test_without_the_log_only_what_makes_safe_is_done(monkeypatch, capsys):
     def full(*_, **__):
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr('waam_shop.audit_file.AuditLog.write', full)
-    parse = build_parser().parse_args
-    audited.record(parse(['stop']))
-    audited.record(parse(['job', 'abort']))
-    assert 'going on' in capsys.readouterr().err
+    done: list = []
+    for words in SAFE:
+        assert carried_out(words, done) == 0
+        assert 'not in the audit log' in capsys.readouterr().err
     with pytest.raises(ValueError, match='No space left'):
-        audited.record(parse(['queue', 'release', '1']))
+        carried_out(['queue', 'release', '1'], done)
+    assert done == SAFE
+
+
+@pytest.mark.parametrize('words', SAFE, ids=' '.join)
+def test_what_makes_safe_is_done_before_its_entry_and_says_who_holds_the_log(here, capsys, words):
+    """A `waam audit` that was suspended has the lock."""
+    log = Shop(paths.shop_dir()).audit('cell')
+    done: list = []
+    with locked(log.path.with_name('audit.jsonl.lock')):
+        assert carried_out(words, done) == 0
+    assert done == [words]
+    said = capsys.readouterr().err
+    assert f'held for more than 2 s by process {os.getpid()}' in said
+    assert carried_out(words, done) == 0 and capsys.readouterr().err == ''
+    assert [(e.what, e.outcome) for e in log.last(2)] == [(' '.join(words), 'ok')]
+
+
+def test_what_was_refused_is_in_the_log_as_refused(here):
+    args = build_parser().parse_args(['job', 'abort'])
+
+    def refuse(_):
+        raise ValueError('no job is running')
+
+    args.run_command = refuse
+    with pytest.raises(ValueError, match='no job'):
+        audited.carry_out(args)
+    entry = Shop(paths.shop_dir()).audit('cell').last(1)[0]
+    assert (entry.what, entry.outcome, entry.note) == ('job abort', 'refused', 'no job is running')
 
 
 def test_a_page_for_others_without_tokens_or_tls_is_refused_clearly(here):

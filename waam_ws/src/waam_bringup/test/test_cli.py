@@ -76,6 +76,7 @@ def test_a_graph_of_a_program_is_started_with_all_of_its_settings(tmp_path):
         grpc_port=9911,
         web_port=9912,
         panel_port=9913,
+        stop_port=9920,
         hang_timeout=7.0,
         params_files=(file,),
         without=('panel', 'dashboard'),

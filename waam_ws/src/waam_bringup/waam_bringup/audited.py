@@ -1,9 +1,12 @@
-"""Commands of the command line go into the audit log of the cell before they are carried out."""
+"""Commands of the command line go into the audit log of the cell before they are carried out; those that make the cell
+safe are carried out first."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +28,52 @@ SAFE = (
     ('stop', ''),
     ('job', 'abort'),
     ('job', 'pause'),
-)  # carried out whether the log can be written or not
+)  # carried out first, whether the log can be written or not
+PATIENCE_S = 3.0  # that such a command waits for its entry, at its end
 LEFT_OUT = ('command', *SUB_VERBS, 'run_command', 'foreground', 'cell', 'code')
 
 
-def record(args: argparse.Namespace) -> None:
-    """One entry; ValueError when it cannot be written, but for what makes the cell safe."""
+def carry_out(args: argparse.Namespace) -> int:
+    """Runs a command, with its entry; its exit status. ValueError when an entry cannot be written that must come
+    first: then nothing has been done."""
+    run: Callable[[argparse.Namespace], int] = args.run_command
+    if (args.command, sub_verb(args)) not in SAFE:
+        record(args)
+        return run(args)
+    outcome, note = 'refused', ''
+    try:
+        status = run(args)
+        outcome = 'refused' if status else 'ok'
+        return status
+    except Exception as e:
+        note = str(e)
+        raise
+    finally:
+        _record_soon(args, outcome, note)
+
+
+def _record_soon(args: argparse.Namespace, outcome: str, note: str) -> None:
+    """The entry of what has been done. It holds nobody up for longer than a moment; one that is missing is told."""
+    said = ['the disk does not answer']
+
+    def write() -> None:
+        try:
+            record(args, outcome, note, PATIENCE_S - 1.0)
+            said.clear()
+        except Exception as e:
+            said[:] = [str(e)]
+
+    thread = threading.Thread(target=write, daemon=True)
+    thread.start()
+    thread.join(PATIENCE_S)
+    if said:
+        print(f'waam: this is not in the audit log: {said[0]}', file=sys.stderr)
+
+
+def record(
+    args: argparse.Namespace, outcome: str = 'asked', note: str = '', patience: float = PATIENCE_S
+) -> None:
+    """One entry; ValueError when it cannot be written. patience: s that its lock is waited for."""
     verb = sub_verb(args)
     if not is_command(args.command, verb) or getattr(args, 'foreground', False) or _only_asks(args):
         return
@@ -39,14 +82,13 @@ def record(args: argparse.Namespace) -> None:
 
     from .paths import cell_name, shop_dir
 
+    what, who = f'{args.command} {verb}'.strip(), f'cli:{user()}'
     try:
         log = Shop(shop_dir()).audit(getattr(args, 'cell', None) or cell_name())
-        log.write(f'{args.command} {verb}'.strip(), f'cli:{user()}', 'cli', data=_values(args))
+        log.write(what, who, 'cli', outcome, data=_values(args), note=note, patience=patience)
     except OSError as e:
         text = f'the audit log in {shop_dir()} cannot be written ({e.strerror})'
-        if (args.command, verb) not in SAFE:
-            raise ValueError(text) from None
-        print(f'waam: {text}; going on', file=sys.stderr)
+        raise ValueError(text) from None
 
 
 def sub_verb(args: argparse.Namespace) -> str:

@@ -163,8 +163,7 @@ def main(argv: list[str] | None = None) -> int:
     before = os.environ.get(CELL)  # --cell sets it, for this command and what it starts
     try:
         args = build_parser().parse_args(joined(sys.argv[1:] if argv is None else argv))
-        audited.record(args)
-        status: int = args.run_command(args)
+        status = audited.carry_out(args)
         sys.stdout.flush()
         return status
     except (ValueError, OSError, ClientError) as e:

@@ -120,6 +120,10 @@ def _add_up_ports(p: argparse.ArgumentParser) -> None:
             'panel',
             "port of the operator's page on 127.0.0.1 (default 8600, any other one when that is taken)",
         ),
+        (
+            'stop',
+            "port of the second way for the page's STOP (default: the one after that of the page)",
+        ),
     ):
         p.add_argument(f'--{name}-port', type=int, default=0, help=text)
 
@@ -127,8 +131,9 @@ def _add_up_ports(p: argparse.ArgumentParser) -> None:
 def settings_of(args: argparse.Namespace, run: Path) -> Settings:
     """Of the arguments of `waam up`. ValueError for a parameter file that is missing, or a URDF that cannot be used."""
     from .graph import Settings
-    from .operate import free_port, panel_port
+    from .operate import free_port, panel_port, stop_port
 
+    page = args.panel_port or panel_port()
     settings = Settings(
         run=run,
         port=args.port,
@@ -138,7 +143,8 @@ def settings_of(args: argparse.Namespace, run: Path) -> Settings:
         epoch_us=int(time.time()) * 1_000_000,
         grpc_port=args.grpc_port or (free_port() if args.web_port else 0),
         web_port=args.web_port,
-        panel_port=args.panel_port or panel_port(),
+        panel_port=page,
+        stop_port=args.stop_port or stop_port(page),
         hang_timeout=args.hang_timeout,
         params_files=params_files(args),
         without=tuple(args.without),
@@ -158,6 +164,7 @@ def _up(args: argparse.Namespace) -> int:
         return supervisor.run(settings, domain)
     passed = [*sys.argv[2:], '--run', str(run), '--domain', str(domain)]
     passed += ['--grpc-port', str(settings.grpc_port), '--panel-port', str(settings.panel_port)]
+    passed += ['--stop-port', str(settings.stop_port)]
     state = up(settings, domain, args.timeout, passed)
     kind = 'simulated cell' if state.simulated else f'controller on {state.port}'
     print(

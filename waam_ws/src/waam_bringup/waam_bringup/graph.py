@@ -36,6 +36,7 @@ class Settings:
     grpc_port: int = 0
     web_port: int = 0
     panel_port: int = 0  # of the operator's page; 0 = any free one
+    stop_port: int = 0  # of the second way for its STOP; 0 = none
     # s of silence while no job runs, after which a node is restarted; 0 = never
     hang_timeout: float = 15.0
     params_files: tuple[Path, ...] = ()
@@ -74,6 +75,7 @@ class Process:
     restart: bool = False
 
 
+STOP_LANE = 'stop_lane'  # in the graph when it has a port
 KEYS = {
     'package', 'executable', 'only', 'ros', 'lease', 'realtime', 'arguments', 'parameters', 'use_sim_time', 'restart',
     'machine', 'name',
@@ -120,6 +122,8 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
         'grpc_port': settings.grpc_port,
         'web_port': settings.web_port,
         'panel_port': settings.panel_port,
+        'stop_port': settings.stop_port,
+        'panel_access': panel_access(settings),
         'jobs': str(jobs_dir()),
         'shop': str(shop_dir()),
         'calibrations': str(calibrations_dir()),
@@ -142,6 +146,28 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
     return re.sub(r'\$\{(\w+)\}', lambda m: str(known[m.group(1)]), value)
 
 
+ACCESS = {
+    'port': '--page-port', 'bind': '--bind', 'token_file': '--token-file', 'tls_cert': '--tls-cert',
+    'tls_key': '--tls-key', 'allowed_hosts': '--hosts',
+}  # fmt: skip
+
+
+def panel_access(settings: Settings) -> list[str]:
+    """What parameter files say of who may ask the panel, as options of stop_lane: both must have the same rules."""
+    found: dict[str, str] = {}
+    for file in settings.params_files:
+        try:
+            text = yaml.safe_load(file.read_text())
+        except (OSError, ValueError, yaml.YAMLError) as e:
+            raise GraphError(f'{file}: {e}') from None
+        for node in ('/**', 'panel', '/panel'):
+            told = text.get(node) if isinstance(text, dict) else None
+            values = told.get('ros__parameters') if isinstance(told, dict) else None
+            if isinstance(values, dict):
+                found |= {ACCESS[k]: str(v) for k, v in values.items() if k in ACCESS}
+    return [word for option in found.items() for word in option]
+
+
 def processes(settings: Settings, description: dict | None = None) -> list[Process]:
     """Every process in start order."""
     description = description or load()
@@ -152,6 +178,7 @@ def processes(settings: Settings, description: dict | None = None) -> list[Proce
         d.get('name', n): {'executable': n, **d}
         for n, d in description.items()
         if n not in settings.without
+        and (settings.stop_port or n != STOP_LANE)
         and (settings.simulated or d.get('only') != 'sim')
         and d.get('machine', settings.machine) == settings.machine
     }
@@ -161,7 +188,8 @@ def processes(settings: Settings, description: dict | None = None) -> list[Proce
 
 def _process(name: str, node: dict, settings: Settings, lease_nodes: list[str]) -> Process:
     package, exe = node['package'], node.get('executable', name)
-    arguments = [str(fill(a, settings, lease_nodes)) for a in node.get('arguments', [])]
+    filled = [fill(a, settings, lease_nodes) for a in node.get('arguments', [])]
+    arguments = [str(a) for f in filled for a in (f if isinstance(f, list) else [f])]
     if node.get('ros', True):
         arguments += _ros_arguments(name, node, settings, lease_nodes)
     return Process(

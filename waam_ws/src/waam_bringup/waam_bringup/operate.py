@@ -41,6 +41,17 @@ def panel_port() -> int:
     return PANEL_PORT
 
 
+def stop_port(panel: int, bind: str = '127.0.0.1') -> int:
+    """The one after that of the page, or any free one when it is taken."""
+    with socket.socket(socket.AF_INET6 if ':' in bind else socket.AF_INET) as s:
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            s.bind((bind, panel + 1))
+        except (OSError, OverflowError):
+            return free_port()
+    return panel + 1
+
+
 def default_domain(run: Path) -> int:
     """ROS_DOMAIN_ID when set, else one of 1..99 made from the folder, so that two graphs do not meet."""
     if os.environ.get('ROS_DOMAIN_ID'):
@@ -178,6 +189,7 @@ def arguments(settings: Settings, domain: int) -> list[str]:
     args += ['--rate', str(settings.rate), '--grpc-port', str(settings.grpc_port)]
     args += ['--web-port', str(settings.web_port), '--hang-timeout', str(settings.hang_timeout)]
     args += ['--panel-port', str(settings.panel_port or free_port())]
+    args += ['--stop-port', str(settings.stop_port)] if settings.stop_port else []
     args += ['--machine', settings.machine, '--port', settings.port]
     args += ['--machine-steps', *(f'{v:.10g}' for v in settings.machine_steps)]
     for name in settings.without:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import sys
 from pathlib import Path
+
+from waam_node.stop_socket import NAME
 
 from .cli_common import add_cell
 from .run_state import RunState
@@ -67,7 +70,21 @@ def _panel(args: argparse.Namespace) -> int:
         print(state.panel_url)
         _open(args, state.panel_url)
         return 0
-    return _serve(args, state, access)
+    return _serve(args, run, state, access)
+
+
+def _start_lane(
+    args: argparse.Namespace, socket: Path, port: int, second: int, access: dict[str, str]
+) -> None:
+    """The second way for STOP, with the rules of the page; it ends with this process."""
+    from .graph import STOP_LANE, executable
+
+    options = {
+        'socket': socket, 'port': second, 'page-port': port, 'bind': args.bind, 'hosts': ','.join(args.host),
+        'ends-with': os.getpid(), **{k.replace('_', '-'): v for k, v in access.items()},
+    }  # fmt: skip
+    words = [f'--{name}={value}' for name, value in options.items()]
+    subprocess.Popen([str(executable('waam_panel', STOP_LANE)), *words], stdin=subprocess.DEVNULL)
 
 
 def _open(args: argparse.Namespace, url: str) -> None:
@@ -94,25 +111,29 @@ def _access(args: argparse.Namespace) -> dict[str, str]:
     return texts
 
 
-def _serve(args: argparse.Namespace, state: RunState, access: dict[str, str]) -> int:
+def _serve(
+    args: argparse.Namespace, run: Path, state: RunState, access: dict[str, str]
+) -> int:
     """Runs the node in this process, on the domain of the graph."""
     from waam_panel.panel_node import main
 
-    from .operate import panel_port
+    from .operate import panel_port, stop_port
     from .paths import calibrations_dir, cell_name, jobs_dir, share, shop_dir
 
     port = args.port or panel_port()
+    second, socket = stop_port(port, args.bind), run / NAME
     os.environ['ROS_DOMAIN_ID'] = str(state.domain)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     folders = [str(jobs_dir() / 'parts'), str(share('waam_bringup') / 'parts')]
     values = {
         'bind': args.bind, 'port': port, 'jobs_dir': str(jobs_dir()), 'part_folders': folders,
         'shop_dir': str(shop_dir()), 'calibrations_dir': str(calibrations_dir()), 'cell': cell_name(),
-        'use_sim_time': state.simulated, **access,
+        'use_sim_time': state.simulated, 'stop_port': second, 'stop_socket': str(socket), **access,
     }  # fmt: skip
     if args.host:
         values['allowed_hosts'] = ','.join(args.host)
     parameters = [x for k, v in values.items() for x in ('-p', f'{k}:={json.dumps(v)}')]
+    _start_lane(args, socket, port, second, access)
     sys.argv = ['panel', '--ros-args', '-r', '__node:=panel_2', *parameters]
     name = args.host[0] if args.host else '127.0.0.1'
     scheme = 'https' if args.tls_cert else 'http'

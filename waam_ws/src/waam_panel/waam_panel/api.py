@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from typing import Any
 
 from aiohttp import web
 
+from waam_node.stop_socket import HOLD, STOP
 from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
 from waam_shop.roles import Role
 
-from . import alarms, calibrated, history
+from . import alarms, bodies, calibrated, history
 from .archive_page import QuestionError
-from .auditing import AuditFailure, stopped
+from .auditing import AuditFailure, done
 from .cell import CELL, Cell
 from .commanding import (
     BadRequest,
@@ -26,7 +26,7 @@ from .commanding import (
     session_of,
 )
 from .operations import Refused
-from .routes import Route
+from .routes import UPLOAD, Route
 from .security import CSRF_HEADER
 from .setup_form import LAST_SCAN, LOOP_MODE_LABELS, parse
 
@@ -52,6 +52,7 @@ def number(data: dict[str, Any], name: str, low: float, high: float) -> float:
 
 async def stop(cell: Cell, _: dict[str, Any]) -> str:
     """Ends the job and stops the machine; Refused only when neither answers. A release is withdrawn."""
+    cell.at_once(STOP)
     if cell.shop:
         cell.shop.stop_pressed()
     return await cell.do(cell.operations.stop)
@@ -59,6 +60,7 @@ async def stop(cell: Cell, _: dict[str, Any]) -> str:
 
 async def pause(cell: Cell, _: dict[str, Any]) -> str:
     """Holds the machine at once; a job that runs waits as well."""
+    cell.at_once(HOLD)
     return await cell.do(cell.operations.pause, cell.state.job_running)
 
 
@@ -205,14 +207,15 @@ COMMANDS: dict[str, Run] = {
 
 
 async def _stop(request: web.Request) -> web.Response:
-    """Works from a script (JSON answer) and as a plain form without any script (back to the page). The log waits."""
+    """Works from a script (JSON answer) and as a plain form without any script (back to the page). The log waits. The
+    body is read only where the browser does not say whose page it is, and then a few hundred bytes of it."""
     cell: Cell = request.app[CELL]
-    form = await request.post() if request.content_type.endswith('form-urlencoded') else {}
-    csrf = request.headers.get(CSRF_HEADER, '') or str(form.get('csrf', ''))
+    csrf = request.headers.get(CSRF_HEADER, '')
+    if not csrf and 'Origin' not in request.headers:
+        csrf = (await bodies.form(request)).get('csrf', '')
     cell.guard.check_stop(request.headers, session_of(request), csrf)
-    answer = await answered(stop, cell, {})
-    await stopped(request, answer.status == 200)
-    if form:
+    answer = await done(request, 'stop', await answered(stop, cell, {}))
+    if request.content_type == bodies.FORM_TYPE:
         raise web.HTTPSeeOther('/')
     return answer
 
@@ -220,10 +223,10 @@ async def _stop(request: web.Request) -> web.Response:
 async def _upload(request: web.Request) -> web.StreamResponse:
     """The file is the body, its name a query parameter."""
     cell = check_command(request)
-    data, name = await request.read(), request.query.get('name', '')
+    data, name = await bodies.read(request), request.query.get('name', '')
 
     async def run(cell: Cell, _: dict[str, Any]) -> dict[str, Any]:
-        stored = cell.parts.save(name, data)
+        stored = await cell.beside.thread('uploads', cell.parts.save, name, data)
         return {'message': f'{stored} is stored', 'name': stored}
 
     try:
@@ -240,7 +243,7 @@ async def _archive(request: web.Request) -> web.Response:
     cell: Cell = request.app[CELL]
     look = not cell.state.job_running
     try:
-        found = await asyncio.to_thread(cell.archive.answer, dict(request.query), look)
+        found = await cell.beside.thread('archive', cell.archive.answer, dict(request.query), look)
     except QuestionError as e:
         return web.json_response({'ok': False, 'message': str(e)}, status=400)
     except (ArchiveError, OSError) as e:
@@ -266,15 +269,18 @@ async def _map(request: web.Request) -> web.Response:
 
 
 async def _preview(request: web.Request) -> web.Response:
-    file = request.app[CELL].preview
-    if not file.is_file():
-        raise web.HTTPNotFound
-    return web.Response(body=file.read_bytes(), content_type='image/png')
+    cell = request.app[CELL]
+    try:
+        picture = await cell.beside.thread('files', cell.preview.read_bytes)
+    except OSError:
+        raise web.HTTPNotFound from None
+    return web.Response(body=picture, content_type='image/png')
 
 
 ROUTES = (
     # whoever sees the page may stop
-    Route('POST', '/api/stop', Role.VIEW, _stop), Route('POST', '/api/parts', Role.OPERATE, _upload),
+    Route('POST', '/api/stop', Role.VIEW, _stop, bodies.FORM),
+    Route('POST', '/api/parts', Role.OPERATE, _upload, UPLOAD),
     Route('GET', '/api/map/{name}', Role.VIEW, _map), Route('GET', '/api/preview.png', Role.VIEW, _preview),
     Route('GET', '/api/archive', Role.VIEW, _archive), read_route('/api/choices', _choices),
     read_route('/api/jobs', lambda cell: history.jobs(cell.jobs_dir)),

@@ -47,13 +47,13 @@ class Watch:
         self._asking: asyncio.Task[None] | None = None
 
     def look(
-        self, folder: Path | None, state: PanelState, ask: Ask, now: float, utc: float
+        self, folder: Path | None, change: int, state: PanelState, ask: Ask, now: float, utc: float
     ) -> None:
-        """Once a second, in the thread that serves; does not wait for an answer."""
+        """Once a second, in the thread that serves; does not wait for an answer. change: of the folder, `changed`."""
         machine = state.sections.get('machine')
         if folder is None or not machine or not machine['connected']:
             return
-        seen = machine['boot'], _changed(folder)
+        seen = machine['boot'], change
         if seen != self._seen:
             self._seen, self._due = seen, now + SETTLE_S
         busy = self._asking is not None and not self._asking.done()
@@ -80,7 +80,7 @@ class Watch:
             alarms.clear(SLOT)
 
 
-def _changed(folder: Path) -> int:
+def changed(folder: Path) -> int:
     """When a result was added or removed; 0 without a folder."""
     try:
         return folder.stat().st_mtime_ns

@@ -9,25 +9,29 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
 from aiohttp import web
 
-from waam_node import job_folder
+from waam_node import job_folder, stop_socket
 from waam_process.grid import HeightGrid
 from waam_view.job_data import error_after
 from waam_view.mailbox import Mailbox
 
 from . import calibrated, history, pictures
 from .archive_page import ArchivePage
+from .beside import Beside
+from .gate import Gate
 from .in_shop import InShop
 from .operations import Operations
 from .parts import PartFolders
 from .security import Guard
 from .setup_form import LAST_SCAN, JobSetup
 from .state import PanelState
+from .throttle import Throttle
 from .worker import WorkError, plan_arguments, work
 
 PUMP_S = 0.1
@@ -57,10 +61,16 @@ class Cell:
     shop: InShop | None = None  # queue, audit log, messages; None: without
     shop_turns: int = 10  # of the pump, for one look of the shop
     calibrations: Path | None = None  # folder of results; None: none are looked at
+    stop_socket: str = ''  # of the bridge, for STOP and HOLD past everything; '' = none
+    stop_port: int = 0  # of the second way for STOP of a page; 0 = none
+    gate: Gate | None = None  # who is connected; None: not counted
 
     def __post_init__(self) -> None:
         self.archive = ArchivePage(self.jobs_dir)
-        self.login_lock, self.work_lock = asyncio.Lock(), asyncio.Lock()
+        self.work_lock, self.beside = asyncio.Lock(), Beside()
+        self.throttle = Throttle(self.wrong_token_s)
+        self.entries = 0  # of the audit log that wait
+        self.writing: set[asyncio.Task[str]] = set()
         self._workers = ThreadPoolExecutor(4, 'command')
         self._stoppers = ThreadPoolExecutor(4, 'stop')  # never behind a slow command
         self._scratch = tempfile.TemporaryDirectory(prefix='waam_panel_')
@@ -74,7 +84,14 @@ class Cell:
             self.shop.close()
         self._workers.shutdown(wait=False, cancel_futures=True)
         self._stoppers.shutdown(wait=False, cancel_futures=True)
+        self.beside.close()
         self._scratch.cleanup()
+
+    def at_once(self, order: bytes) -> None:
+        """To the bridge, past everything; never waits. That it is not there says the command that follows."""
+        if self.stop_socket:
+            with suppress(OSError):
+                stop_socket.post(self.stop_socket, order).close()
 
     async def do(self, operation: Callable[..., Answer], *arguments: Any) -> Answer:
         """A blocking operation in a worker thread; stop has threads of its own."""
@@ -97,7 +114,7 @@ class Cell:
                     'adjustable': operations.adjustable,
                 }
                 now, utc = time.monotonic(), time.time()
-                self._calibrated.look(self.calibrations, self.state, self.settings, now, utc)
+                self._look_at_calibrations(now, utc)
             items, newest = self.mailbox.take(0.0)
             for name, message in (*items, *newest):
                 try:
@@ -105,10 +122,19 @@ class Cell:
                     self.state.apply(name, value, time.monotonic(), time.time())
                 except (ValueError, IndexError, TypeError) as e:
                     self.problem = f'{name}: {type(e).__name__}: {e}'
-            await self._judge()
+            self.beside.start('error map', self._judge)
             if turn % self.shop_turns == 0 and self.shop:
-                await self.shop.tick(self)
+                self.shop.tick(self)
             await asyncio.sleep(PUMP_S)
+
+    def _look_at_calibrations(self, now: float, utc: float) -> None:
+        async def look() -> None:
+            folder = self.calibrations
+            changed = await self.beside.thread('calibrations', calibrated.changed, folder)
+            self._calibrated.look(folder, changed, self.state, self.settings, now, utc)
+
+        if self.calibrations is not None:
+            self.beside.start('calibrations', look)
 
     async def _judge(self) -> None:
         """Draws the error of a scan once the job has written the surface wanted after its layer."""
@@ -119,7 +145,9 @@ class Cell:
         if self._judged == this or job_folder.job_of(scan['job_id']) != job['id']:
             return
         folder, layer = Path(job['dir']), scan['layer']
-        error = await asyncio.to_thread(error_after, folder, layer, scan['spec'], scan['z'])
+        error = await self.beside.thread(
+            'error map', error_after, folder, layer, scan['spec'], scan['z']
+        )
         if error is not None:
             self._judged = this
             reach = self.error_range

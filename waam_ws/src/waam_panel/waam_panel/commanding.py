@@ -1,8 +1,10 @@
-"""Requests that change something: sender checked, JSON read, audit log written, then carried out; and their routes."""
+"""Requests that change something: sender checked, JSON read, audit log written, then carried out; and their routes.
+
+What makes the cell safe (SAFE) is carried out first and written down afterwards.
+"""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -12,7 +14,8 @@ from waam_shop.job_queue import QueueError
 from waam_shop.roles import Role
 
 from . import history
-from .auditing import AuditFailure, asked, went_wrong
+from .auditing import AuditFailure, asked, done, went_wrong
+from .bodies import BadBody, json_of
 from .cell import CELL, Cell
 from .operations import Refused
 from .parts import PartsError
@@ -22,7 +25,7 @@ from .security import COOKIE, CSRF_HEADER
 from .setup_form import FormError
 from .worker import WorkError
 
-BODY = 64 << 10
+SAFE = ('pause', 'disarm')  # beside STOP, which has a handler of its own
 KNOWN = (
     Refused, FormError, ProgramRefused, PartsError, WorkError, history.HistoryError, QueueError,
 )  # fmt: skip
@@ -31,19 +34,6 @@ Run = Callable[[Cell, dict[str, Any]], Awaitable[Any]]
 
 class BadRequest(ValueError):
     """A request with invalid values."""
-
-
-async def json_of(request: web.Request) -> dict[str, Any]:
-    """The object in the body. Raises BadRequest."""
-    if request.content_type != 'application/json' or (request.content_length or 0) > BODY:
-        raise BadRequest('a small JSON object is wanted')
-    try:
-        data = json.loads(await request.text())
-    except ValueError:
-        raise BadRequest('not JSON') from None
-    if not isinstance(data, dict):
-        raise BadRequest('a JSON object is wanted')
-    return data
 
 
 async def answered(run: Run, cell: Cell, data: dict[str, Any]) -> web.Response:
@@ -78,9 +68,11 @@ def command(name: str, run: Run) -> Handler:
         cell = check_command(request)
         try:
             data = await json_of(request)
+            if name in SAFE:
+                return await done(request, name, await answered(run, cell, data))
             return await audited(request, name, data, lambda: answered(run, cell, data))
-        except (BadRequest, AuditFailure) as e:
-            status = 400 if isinstance(e, BadRequest) else 503
+        except (BadBody, AuditFailure) as e:
+            status = 400 if isinstance(e, BadBody) else 503
             return web.json_response({'ok': False, 'message': str(e)}, status=status)
 
     return handler
@@ -101,10 +93,11 @@ async def audited(
 
 
 def listing(read: Callable[[Cell], Any]) -> Handler:
-    """The handler of a GET that answers at once."""
+    """The handler of a GET that reads files, in a thread of its own."""
 
     async def handler(request: web.Request) -> web.Response:
-        return web.json_response(read(request.app[CELL]))
+        cell = request.app[CELL]
+        return web.json_response(await cell.beside.thread('files', read, cell))
 
     return handler
 
@@ -122,8 +115,8 @@ def logged(name: str, handler: Handler) -> Handler:
         told: dict[str, Any] = {'name': request.query.get('name', '')}
         if request.content_type == 'application/json':
             try:
-                told = await json_of(request)  # aiohttp keeps the body for the handler
-            except BadRequest as e:
+                told = await json_of(request)  # the handler gets the same
+            except BadBody as e:
                 told = {'body': str(e)}  # the handler says so, too
         try:
             return await audited(request, name, told, lambda: handler(request))

@@ -32,8 +32,8 @@ class InShop(Protocol):
     def stop_pressed(self) -> None:
         """What is released or about to start waits for a new release."""
 
-    async def tick(self, cell: Any) -> None:
-        """Once a second."""
+    def tick(self, cell: Any) -> None:
+        """Once a second; waits for nothing."""
 
     def close(self) -> None:
         """The last words of a panel."""

@@ -64,6 +64,12 @@ class PanelParams:
         '', 'folder of calibration results that may refuse a job; empty = none are looked at'
     )
     cell: str = param('cell', 'name of this cell in the shop')
+    stop_socket: str = param(
+        '', 'Unix socket of the bridge for STOP past everything; empty = only by its service'
+    )
+    stop_port: int = param(
+        0, "port of stop_lane, the second way for the page's STOP; 0 = none", '', 0, 65535
+    )
     allowed_hosts: str = param(
         '',
         'further names of this machine that the page may be asked for by, separated by commas; with or without port',
@@ -159,6 +165,8 @@ class Panel(WaamNode):
             upload_bytes=p.upload_mb << 20,
             shop=self._shop_link(port),
             calibrations=Path(p.calibrations_dir) if p.calibrations_dir else None,
+            stop_socket=p.stop_socket,
+            stop_port=p.stop_port,
         )
         return self._cell
 
@@ -180,7 +188,7 @@ class Panel(WaamNode):
         self.values = {
             'page': self.url, 'pages_open': cell.pages if cell else 0, 'dropped': self._mailbox.dropped,
         }  # fmt: skip
-        problem = self._server.problem or (cell.problem if cell else '')
+        problem = self._server.problem or (cell.beside.problem() or cell.problem if cell else '')
         self.level, self.message = (WARN, problem) if problem else (OK, 'ok')
 
     def close(self) -> None:

@@ -9,9 +9,10 @@ from aiohttp import web
 
 from waam_shop.roles import Role
 
-from . import calibrated
+from . import bodies, calibrated
+from .bodies import BadBody, json_of
 from .cell import CELL, Cell
-from .commanding import BadRequest, check_command, json_of, logged
+from .commanding import check_command, logged
 from .operations import Refused
 from .programs import (
     DIALECTS,
@@ -22,7 +23,7 @@ from .programs import (
     WorkError,
     parse_choice,
 )
-from .routes import Handler, Route
+from .routes import UPLOAD, Handler, Route
 from .setup_form import LOOP_MODE_LABELS, JobSetup
 
 PROGRAMS: web.AppKey[Programs] = web.AppKey('programs', Programs)
@@ -90,7 +91,7 @@ async def _answer(doing: Awaitable[dict[str, Any]]) -> web.Response:
     """200 done; 400 a field or the program is wrong; 409 the cell refuses."""
     try:
         said = await doing
-    except (BadRequest, ProgramRefused, PartsError) as e:
+    except (BadBody, ProgramRefused, PartsError) as e:
         return web.json_response({'ok': False, 'message': str(e)}, status=400)
     except (Refused, WorkError) as e:
         return web.json_response({'ok': False, 'message': str(e)}, status=409)
@@ -113,20 +114,23 @@ def _asked(run: Run) -> Handler:
 
 async def _upload(request: web.Request) -> web.StreamResponse:
     """The file is the body, its name a query parameter."""
-    programs, data = request.app[PROGRAMS], await request.read()
+    cell, programs = request.app[CELL], request.app[PROGRAMS]
+    name, data = request.query.get('name', ''), await bodies.read(request)
 
     async def save() -> dict[str, Any]:
-        name = programs.files.save(request.query.get('name', ''), data)
-        return {'message': f'{name} is stored', 'name': name}
+        stored = await cell.beside.thread('uploads', programs.files.save, name, data)
+        return {'message': f'{stored} is stored', 'name': stored}
 
     return await _answer(save())
 
 
 async def _list(request: web.Request) -> web.Response:
     cell, programs = request.app[CELL], request.app[PROGRAMS]
+    files, parts = programs.files, cell.parts
+    found = await cell.beside.thread('files', lambda: (files.listing(), parts.listing()))
     return web.json_response(
         {
-            'programs': programs.files.listing(), 'parts': cell.parts.listing(), 'dialects': DIALECTS,
+            'programs': found[0], 'parts': found[1], 'dialects': DIALECTS,
             'materials': cell.materials, 'loop_modes': list(LOOP_MODE_LABELS.items()),
             'loaded': programs.loaded.program if programs.loaded else '',
         }
@@ -140,7 +144,7 @@ def programs_of(cell: Cell) -> Programs:
 
 ROUTES = (
     Route('GET', '/api/programs', Role.VIEW, _list),
-    Route('POST', '/api/programs', Role.OPERATE, logged('program upload', _upload)),
+    Route('POST', '/api/programs', Role.OPERATE, logged('program upload', _upload), UPLOAD),
     Route('POST', '/api/program', Role.OPERATE, _asked(look)),
     Route('POST', '/api/program/layer', Role.OPERATE, _asked(layer)),
     Route('POST', '/api/program/load', Role.OPERATE, logged('program load', _asked(load))),

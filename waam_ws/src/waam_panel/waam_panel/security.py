@@ -215,6 +215,10 @@ class Guard:
 
     def _check_sender(self, headers: Mapping[str, str], cookie: str) -> None:
         self.check_read(headers, cookie)
+        self.check_origin(headers)
+
+    def check_origin(self, headers: Mapping[str, str]) -> None:
+        """A browser that says that a page of another site asks. Raises Denied."""
         if 'Origin' in headers and not self.same_origin(headers):
             raise Denied(403, 'another origin')
         if headers.get('Sec-Fetch-Site', 'same-origin') not in ('same-origin', 'none'):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import time
 from collections.abc import Awaitable, Callable
@@ -53,7 +52,9 @@ async def queue_add(cell: Cell, data: dict[str, Any]) -> dict[str, Any]:
     by = WHO.get()
     fields = fields_of(data, cell.materials)
     file = file_of(fields, cell.parts)
-    digest = await asyncio.to_thread(lambda: hashlib.sha256(file.read_bytes()).hexdigest())
+    digest = await cell.beside.thread(
+        'files', lambda: hashlib.sha256(file.read_bytes()).hexdigest()
+    )
     now = time.time()
     queue = await _change(cell, lambda q: q.add(fields, by, now, digest))
     return {'message': f'item {queue.last} waits', 'id': queue.last}
@@ -61,7 +62,7 @@ async def queue_add(cell: Cell, data: dict[str, Any]) -> dict[str, Any]:
 
 async def _change(cell: Cell, change: Callable[[Queue], Queue]) -> Queue:
     try:
-        return await asyncio.to_thread(shop_of(cell).queue.change, change)
+        return await cell.beside.thread('queue', shop_of(cell).queue.change, change)
     except OSError as e:
         raise Refused(f'the queue cannot be written: {e.strerror}') from None
 
@@ -134,7 +135,9 @@ async def notify_test(cell: Cell, _: dict[str, Any]) -> str:
         raise Refused(str(e)) from None
     title = f'{shop_of(cell).place.name}: test'
     failed = [
-        t.name for t in targets if not await asyncio.to_thread(send, t, title, 'A test message.')
+        t.name
+        for t in targets
+        if not await cell.beside.thread('test message', send, t, title, 'A test message.')
     ]
     if not targets:
         raise Refused('there are no targets (waam notify init)')
@@ -144,11 +147,13 @@ async def notify_test(cell: Cell, _: dict[str, Any]) -> str:
 
 
 def answers(read: Callable[[Cell], Any]) -> Handler:
-    """The handler of a GET that reads files, in a worker thread."""
+    """The handler of a GET that reads files of the shop, in a thread of its own."""
+    name = f'shop {read.__name__}'
 
     async def handler(request: web.Request) -> web.Response:
         try:
-            return web.json_response(await asyncio.to_thread(read, request.app[CELL]))
+            cell = request.app[CELL]
+            return web.json_response(await cell.beside.thread(name, read, cell))
         except (Refused, ValueError, OSError) as e:
             return web.json_response({'ok': False, 'message': str(e)}, status=409)
 

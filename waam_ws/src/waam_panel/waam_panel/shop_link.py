@@ -1,5 +1,7 @@
 """What ties a panel to its shop: once a second the queue is run, the state of the cell told, people are told. No ROS.
 
+Each has a task and a thread of its own (`beside`): a lock or a disk that hangs holds up that one, not the display.
+
 Two panels of one cell: only the first one does that, the other one shows.
 """
 
@@ -9,8 +11,10 @@ import asyncio
 import hashlib
 import socket
 import time
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from waam_shop.cells import CellStatus
 from waam_shop.durable import Ownership
@@ -20,6 +24,7 @@ from waam_shop.runner import CellView, Runner
 from waam_shop.shop_folder import Shop
 
 from . import calibrated
+from .beside import AUDIT
 from .cell import Cell
 from .deeds import Deed, Deeds
 from .in_shop import Place
@@ -31,6 +36,7 @@ from .queued import Start
 from .setup_form import FormError
 
 BELIEVED = ('machine',)  # without news of these nothing starts
+UNSAID = 1000  # entries that wait for a log that cannot be written
 STOPPED = 'STOP was pressed: release it again'
 
 
@@ -43,6 +49,9 @@ class ShopLink:
         self._owner = Ownership(shop.folder(place.name) / 'panel.lock')
         self._runner, self._people, self._deeds = Runner(), People(notifier), Deeds()
         self._starting: asyncio.Task[None] | None = None
+        self._unsaid: deque[Deed] = deque(maxlen=UNSAID)
+        self._lost = 0  # deeds for which there was no room
+        self._first = False  # this panel runs the queue
         self._stops = self._stops_seen = 0
         self._counts: dict[str, int] = {}
         self._next = ''
@@ -51,19 +60,29 @@ class ShopLink:
         """What is released or about to start waits for a new release."""
         self._stops += 1
 
-    async def tick(self, cell: Cell) -> None:
-        """What the disk refuses is reported."""
-        try:
-            if await asyncio.to_thread(self._owner.take):
-                await self._run_queue(cell)
-                await asyncio.to_thread(self.shop.tell, self.status(cell))
-                await asyncio.to_thread(self._people.look, cell.state)
-                await asyncio.to_thread(self._note, self._deeds.look(cell.state))
-        except (OSError, QueueError) as e:
-            self._runner = Runner()  # what it decided is perhaps not on the disk: it begins anew
-            cell.problem = f'shop: {e}'
+    def tick(self, cell: Cell) -> None:
+        """Starts what is due; what the disk refuses is reported by `beside`."""
+        beside = cell.beside
         if self.notifier.problem:
             cell.problem = self.notifier.problem
+
+        async def own() -> None:
+            self._first = await beside.thread('shop', self._owner.take)
+
+        async def tell() -> None:
+            await beside.thread('status', self.shop.tell, self.status(cell))
+
+        async def people() -> None:
+            await beside.thread('messages', self._people.look, cell.state)
+
+        beside.start('shop', own)
+        if not self._first:
+            return
+        beside.start('queue', lambda: self._run_queue(cell))
+        beside.start('status', tell)
+        beside.start('messages', people)
+        self._see(self._deeds.look(cell.state))
+        beside.start('audit log', lambda: self._say(cell))
 
     def close(self) -> None:
         """Tells that the cell is down."""
@@ -80,7 +99,13 @@ class ShopLink:
         if self._starting is not None and not self._starting.done():
             return
         view, stops = view_of(cell), self._stops
-        item = await asyncio.to_thread(self._step, view, stops != self._stops_seen)
+        try:
+            item = await cell.beside.thread(
+                'queue', self._step, view, stops != self._stops_seen
+            )
+        except (OSError, QueueError):
+            self._runner = Runner()  # what it decided is perhaps not on the disk: it begins anew
+            raise
         self._stops_seen = stops
         self._starting = asyncio.create_task(self._start(cell, item, stops)) if item else None
 
@@ -102,10 +127,10 @@ class ShopLink:
     async def _start(self, cell: Cell, item: Item, stops: int) -> None:
         """Puts the part on the table of a simulated cell and starts; what is refused waits for a new release."""
         try:
-            await self._log(item, 'asked')
+            await self._log(cell, item, 'asked')
             await calibrated.check(cell.calibrations, cell.settings)
             start = Start(cell, item.setup)
-            await asyncio.to_thread(_check_part, start.file, item.sha256)
+            await cell.beside.thread('files', _check_part, start.file, item.sha256)
             await start.load()
             if self._stops != stops:
                 raise Refused(STOPPED)
@@ -116,24 +141,37 @@ class ShopLink:
 
     async def _back(self, cell: Cell, item: Item, why: str) -> None:
         try:
-            await asyncio.to_thread(self.queue.change, lambda q: q.back(item.id, why))
-            await self._log(item, 'refused', why)
+            await cell.beside.thread('queue', self.queue.change, lambda q: q.back(item.id, why))
+            await self._log(cell, item, 'refused', why)
         except (OSError, QueueError) as e:
             cell.problem = f'queue: {e}'
 
-    async def _log(self, item: Item, outcome: str, note: str = '') -> None:
+    async def _log(self, cell: Cell, item: Item, outcome: str, note: str = '') -> None:
         data = {'id': item.id, 'part': item.part}
 
         def write() -> None:
             who = item.released_by
             self.audit.write('queue start', who, 'queue', outcome=outcome, data=data, note=note)
 
-        await asyncio.to_thread(write)
+        await cell.beside.thread(AUDIT, write)
 
-    def _note(self, deeds: list[Deed]) -> None:
-        """Into the audit log."""
-        for what, data in deeds:
-            self.audit.write(what, 'cell', 'cell', outcome='seen', data=data)
+    def _see(self, deeds: list[Deed]) -> None:
+        """They wait until the log takes them; those for which there is no room are counted."""
+        self._lost += max(0, len(self._unsaid) + len(deeds) - UNSAID)
+        self._unsaid.extend(deeds)
+
+    async def _say(self, cell: Cell) -> None:
+        """What the cell was seen to do, into the audit log, in order."""
+        while self._unsaid:
+            what, data = self._unsaid[0]
+            more = {'not written before': self._lost} if self._lost else {}
+
+            def write(what: str = what, data: dict[str, Any] = data | more) -> None:
+                self.audit.write(what, 'cell', 'cell', outcome='seen', data=data)
+
+            await cell.beside.thread(AUDIT, write)
+            self._lost -= sum(more.values())
+            self._unsaid.popleft()
 
     # ---- what others see
 

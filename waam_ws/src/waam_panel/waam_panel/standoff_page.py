@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from typing import Any
 
@@ -49,7 +48,7 @@ async def _settings(request: web.Request) -> web.Response:
     cell: Cell = request.app[CELL]
     limits = {'sources': STANDOFF_SOURCES, 'laws': STANDOFF_LAWS, 'limits_mm': LIMITS_MM}
     try:
-        found: StandoffSettings = await asyncio.to_thread(cell.operations.standoff)
+        found: StandoffSettings = await cell.do(cell.operations.standoff)
     except Refused as e:
         return web.json_response({'ok': False, 'message': str(e), **limits})
     distance = None if math.isnan(found.distance) else _told(found.distance)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import socket
 import ssl
 import threading
@@ -18,19 +19,21 @@ from aiohttp import web
 
 from waam_shop.roles import Role
 
-from . import api, history, program_page, routes, shop_api, standoff_page, stream
+from . import api, bodies, history, program_page, routes, shop_api, standoff_page, stream
 from .auditing import denied, signed_in
 from .cell import CELL, Cell
+from .gate import BACKLOG, IDLE_S, Gate, source_of
 from .routes import VISITOR, WHO, Handler, Route
 from .security import COOKIE, Denied
 from .worker import WorkError
 
+LINGER_S = 2.0  # that the rest of a refused body is read and thrown away, so that the answer arrives
 STATIC = Path(__file__).parent / 'static'
 FILES = {
     '.html': 'text/html', '.css': 'text/css', '.js': 'text/javascript', '.svg': 'image/svg+xml',
 }  # fmt: skip
 _POLICY = (
-    "default-src 'self'; img-src 'self' data: blob:; connect-src 'self'; object-src 'none'; base-uri 'none'; "
+    "default-src 'self'; img-src 'self' data: blob:; connect-src 'self'{stop}; object-src 'none'; base-uri 'none'; "
     "form-action 'self'; frame-ancestors 'none'; frame-src 'self' http://127.0.0.1:*"
 )
 _REPORT_POLICY = (
@@ -40,11 +43,20 @@ _REPORT_POLICY = (
 
 
 async def _admit(cell: Cell, request: web.Request) -> None:
-    """Host, session and role. Raises Denied; a role that is too low goes into the audit log."""
+    """Host, origin, session, role and the length of the body, from the head alone. Raises Denied; a role that is too
+    low goes into the audit log."""
     cell.guard.check_host(request.headers)
+    if request.method not in ('GET', 'HEAD'):
+        cell.guard.check_origin(request.headers)
     role = routes.role_of(request)
-    if role is None:
-        return
+    if role is not None:
+        await _check_role(cell, request, role)
+        if cell.gate:
+            cell.gate.busy(request.protocol)
+    bodies.check_announced(request, routes.limit_of(request, cell.upload_bytes))
+
+
+async def _check_role(cell: Cell, request: web.Request, role: Role) -> None:
     cookie = request.cookies.get(COOKIE, '')
     try:
         visitor = cell.guard.check_read(request.headers, cookie, role)
@@ -68,10 +80,15 @@ async def _checks(request: web.Request, handler: Handler) -> web.StreamResponse:
             response = web.HTTPSeeOther('/login')
         else:
             response = web.json_response({'ok': False, 'message': str(e)}, status=e.status)
+        if request.body_exists and not request.content.at_eof():
+            response.force_close()  # nobody wants the rest
     except web.HTTPException as e:
         response = e
+    finally:
+        if cell.gate:
+            cell.gate.idle(request.protocol)
     headers = response.headers
-    headers.setdefault('Content-Security-Policy', _POLICY)
+    headers.setdefault('Content-Security-Policy', _policy(cell, request))
     headers['X-Content-Type-Options'] = 'nosniff'
     headers['X-Frame-Options'] = 'DENY'
     headers['Referrer-Policy'] = 'same-origin'
@@ -82,8 +99,21 @@ async def _checks(request: web.Request, handler: Handler) -> web.StreamResponse:
     return response
 
 
+def _policy(cell: Cell, request: web.Request) -> str:
+    """The page may ask itself and, for STOP, the second way; its name is that of the page."""
+    name = request.host.rpartition(':')[0] or request.host
+    named = cell.stop_port and request.host.lower() in cell.guard.hosts
+    return _POLICY.format(stop=f' {name}:{cell.stop_port}' if named else '')
+
+
+@functools.cache
+def _file(name: str) -> bytes:
+    """A file of the page; read once."""
+    return (STATIC / name).read_bytes()
+
+
 def _page(name: str, **values: str) -> web.Response:
-    text = (STATIC / name).read_text(encoding='utf-8')
+    text = _file(name).decode()
     for key, value in values.items():
         text = text.replace('{{' + key + '}}', value)
     return web.Response(text=text, content_type='text/html')
@@ -92,7 +122,7 @@ def _page(name: str, **values: str) -> web.Response:
 async def _index(request: web.Request) -> web.Response:
     cell: Cell = request.app[CELL]
     csrf = cell.guard.csrf(request.cookies.get(COOKIE, ''))
-    return _page('index.html', csrf=csrf, boot=cell.boot)
+    return _page('index.html', csrf=csrf, boot=cell.boot, stop_port=str(cell.stop_port))
 
 
 async def _login_page(_request: web.Request) -> web.Response:
@@ -100,18 +130,22 @@ async def _login_page(_request: web.Request) -> web.Response:
 
 
 async def _login(request: web.Request) -> web.Response:
-    """Form with the token -> session cookie. Tries are taken one by one, wrong ones cost a second."""
+    """Form with the token -> session cookie. A wrong one makes the next try from the same address wait."""
     cell: Cell = request.app[CELL]
     if not cell.guard.same_origin(request.headers):
         raise Denied(403, 'another origin')
-    form = await request.post()
-    async with cell.login_lock:
-        try:
-            value, visitor = cell.guard.login(str(form.get('token', '')))
-        except Denied as e:
-            await denied(cell, request, str(e))
-            await asyncio.sleep(cell.wrong_token_s)
-            raise
+    token = (await bodies.form(request)).get('token', '')
+    loop, source = asyncio.get_running_loop(), source_of((request.remote,))
+    await asyncio.sleep(cell.throttle.wait(source, loop.time()))
+    if request.transport is None or request.transport.is_closing():
+        raise Denied(408, 'nobody waits for the answer')
+    try:
+        value, visitor = cell.guard.login(token)
+    except Denied as e:
+        cell.throttle.wrong(source, loop.time())
+        await denied(cell, request, str(e))
+        raise
+    cell.throttle.right(source)
     await signed_in(cell, visitor)
     response = web.HTTPSeeOther('/')
     secure = request.secure or request.headers.get('Origin', '').startswith('https')
@@ -121,16 +155,15 @@ async def _login(request: web.Request) -> web.Response:
 
 async def _style(_request: web.Request) -> web.Response:
     """What the door looks like; all else needs a session."""
-    return web.Response(
-        body=(STATIC / 'panel.css').read_bytes(), content_type='text/css', charset='utf-8'
-    )
+    return web.Response(body=_file('panel.css'), content_type='text/css', charset='utf-8')
 
 
 async def _static(request: web.Request) -> web.Response:
     file = STATIC / request.match_info['name']
     if file.parent != STATIC or file.suffix not in FILES or not file.is_file():
         raise web.HTTPNotFound
-    return web.Response(body=file.read_bytes(), content_type=FILES[file.suffix], charset='utf-8')
+    body = _file(file.name)
+    return web.Response(body=body, content_type=FILES[file.suffix], charset='utf-8')
 
 
 async def _report(request: web.Request) -> web.StreamResponse:
@@ -145,18 +178,22 @@ async def _report(request: web.Request) -> web.StreamResponse:
         raise web.HTTPInternalServerError(text=f'the report cannot be made: {e}') from None
     headers = {'Content-Security-Policy': _REPORT_POLICY}
     return web.Response(
-        body=page.read_bytes(), content_type='text/html', charset='utf-8', headers=headers
+        body=await cell.beside.thread('files', page.read_bytes),
+        content_type='text/html',
+        charset='utf-8',
+        headers=headers,
     )
 
 
 async def _cells(request: web.Request) -> web.Response:
     cell: Cell = request.app[CELL]
-    return _page('cells.html', csrf=cell.guard.csrf(request.cookies.get(COOKIE, '')))
+    csrf = cell.guard.csrf(request.cookies.get(COOKIE, ''))
+    return _page('cells.html', csrf=csrf, stop_port=str(cell.stop_port))
 
 
 ROUTES = (
     Route('GET', '/', Role.VIEW, _index), Route('GET', '/cells', Role.VIEW, _cells),
-    Route('GET', '/login', None, _login_page), Route('POST', '/api/login', None, _login),
+    Route('GET', '/login', None, _login_page), Route('POST', '/api/login', None, _login, bodies.FORM),
     Route('GET', '/static/panel.css', None, _style), Route('GET', '/static/{name}', Role.VIEW, _static),
     Route('GET', '/jobs/{id}/report.html', Role.VIEW, _report),
     Route('GET', '/jobs/{id}/{inner}/report.html', Role.VIEW, _report),
@@ -168,7 +205,7 @@ ALL_ROUTES = (
 
 def make_app(cell: Cell) -> web.Application:
     """All routes."""
-    app = web.Application(middlewares=[_checks], client_max_size=cell.upload_bytes + 65536)
+    app = web.Application(middlewares=[_checks])
     app[CELL] = cell
     app[program_page.PROGRAMS] = program_page.programs_of(cell)
     routes.add(app, ALL_ROUTES)
@@ -213,15 +250,21 @@ class WebServer:
         if listener is None:
             return
         cell = self._make_cell(self.port)
-        runner = web.AppRunner(make_app(cell), access_log=None, shutdown_timeout=1.0)
+        runner = web.AppRunner(
+            make_app(cell), access_log=None, shutdown_timeout=1.0, auto_decompress=False,
+            keepalive_timeout=IDLE_S, lingering_time=LINGER_S,
+        )  # fmt: skip
         await runner.setup()
-        await web.SockSite(runner, listener, ssl_context=self._tls).start()
+        assert runner.server
+        cell.gate = Gate(runner.server, self._tls)
+        doors = self._loop.create_task(cell.gate.serve(listener))
         pump = self._loop.create_task(cell.pump())
         self._ready.set()
         stop = self._loop.create_task(self._stop.wait())
-        await asyncio.wait((stop, pump), return_when=asyncio.FIRST_COMPLETED)
-        failed = pump.exception() if pump.done() else None
+        await asyncio.wait((stop, pump, doors), return_when=asyncio.FIRST_COMPLETED)
+        failed = next((t.exception() for t in (pump, doors) if t.done()), None)
         pump.cancel()
+        doors.cancel()
         cell.close()
         await runner.cleanup()
         if failed:
@@ -238,4 +281,5 @@ class WebServer:
             self.problem = f'cannot listen on {self._bind} port {self.port}: {e.strerror}'
             return None
         self.port = listener.getsockname()[1]
+        listener.listen(BACKLOG)
         return listener

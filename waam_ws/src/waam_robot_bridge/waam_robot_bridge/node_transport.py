@@ -49,6 +49,7 @@ class RobotTransport:
         self._stop = threading.Event()
         self._lock = threading.Lock()
         self._waiting = bytearray()  # bytes for the controller
+        self._urgent = self._open = False  # some of them act now; there is a controller
         self._reason = ''
         self.driver = RosDriver(node, params, self._news.set)
         self.welder = RosWelder(node)
@@ -77,6 +78,14 @@ class RobotTransport:
         with self._lock:
             self._waiting += data
 
+    def write_now(self, data: bytes) -> str:
+        """Real-time bytes act before all that waits, and before the controller's next step; '' or why they do not."""
+        with self._lock:
+            self._waiting[:0] = data
+            self._urgent = True
+        self._news.set()
+        return '' if self._open else 'the robot is not there'
+
     # ---- the thread
 
     def _run(self) -> None:
@@ -96,17 +105,21 @@ class RobotTransport:
     def _serve(self) -> None:
         controller = self._make()
         self._reason = ''
-        self._waiting.clear()
+        with self._lock:
+            self._waiting.clear()
+        self._open = True
         self._owner.on_open()
         rest = b''
         try:
             while not self._stop.is_set() and not self._reason:
                 self._news.wait(IDLE)
                 self._news.clear()
+                self._feed(controller)
                 self.driver.device = self.welder.problem()
                 rest = self._catch_up(controller, rest)
                 self._owner.on_idle()
         finally:
+            self._open = False
             self._samples[:] = 0
             if self._node.context.ok():
                 self.welder.command(self._samples[-1], controller.now_us)
@@ -157,11 +170,18 @@ class RobotTransport:
 
     def _wait(self, now_us: int) -> None:
         """For the cell to take a goal that is on its way, and for nodes that are late at controller time now_us."""
-        while self.driver.waits(now_us) and not self._stop.is_set():
+        while self.driver.waits(now_us) and not self._stop.is_set() and not self._urgent:
             self._news.wait(IDLE)
             self._news.clear()
-        if not self._keeps_up(now_us):
+        if not self._urgent and not self._keeps_up(now_us):
             self._stop.wait(SLOW)
+
+    def _feed(self, controller: RobotController) -> None:
+        """Bytes of the host; those of real time act at once."""
+        with self._lock:
+            data, self._urgent = bytes(self._waiting), False
+            self._waiting.clear()
+        controller.feed(data)
 
     def _catch_up(self, controller: RobotController, rest: bytes) -> bytes:
         """Steps until ROS time is reached; hands the controller's lines over and returns the incomplete one."""
@@ -170,10 +190,7 @@ class RobotTransport:
                 break
             if self._simulated:
                 self._wait(controller.now_us)
-            with self._lock:
-                data = bytes(self._waiting)
-                self._waiting.clear()
-            controller.feed(data)
+            self._feed(controller)
             controller.answer(self.welder.reading)
             controller.step(self._samples)
             self.welder.command(self._samples[-1], controller.now_us)

@@ -16,7 +16,12 @@ from typing import Any
 
 FIRST = '0' * 64
 LONGEST = 200  # letters of a text in an entry
+LOOKED_AT = 2000  # letters of a text that are searched for secrets; the rest is cut off before
 MOST = 24  # values of one entry
+LARGEST = 2**63  # from here on a whole number is told by its size: readers need not take longer ones
+BYTES = 16 << 10  # of a line; what would make it longer is left out, and said
+CUT = '…'
+LEFT_OUT = '(left out)'  # name of the value that says how many are
 SECRET_NAMES = re.compile(r'token|secret|passw|url|\bkey\b|csrf|cookie', re.IGNORECASE)
 SECRET_TEXT = re.compile(r'waam_[0-9a-f]{8}_[A-Za-z0-9_-]{20,}|\b[a-z][a-z0-9+.-]*://\S+')
 HIDDEN = '(hidden)'
@@ -87,21 +92,42 @@ def _refuse(constant: str) -> float:
 def hidden(data: Mapping[str, Any]) -> dict[str, Any]:
     """What of a command's values goes into the log: short, and without secrets, by name and by form."""
     kept: dict[str, Any] = {}
-    for name, value in list(data.items())[:MOST]:
-        if SECRET_NAMES.search(str(name)):
-            kept[str(name)[:40]] = HIDDEN
-        elif value is None or isinstance(value, bool | int):
-            kept[str(name)[:40]] = value
-        elif isinstance(value, float):
-            kept[str(name)[:40]] = value if abs(value) < 1e300 else str(value)
-        else:
-            kept[str(name)[:40]] = clean(str(value))
+    room = BYTES // 2  # the other half is for what an entry holds besides
+    for name, value in data.items():
+        key = _text(name)[:LOOKED_AT]
+        told, key = HIDDEN if SECRET_NAMES.search(key) else _short(value), key[:40]
+        room -= len(json.dumps({key: told}))
+        if len(kept) == MOST or room < 0:
+            break
+        kept[key] = told
+    if len(kept) < len(data):
+        kept[LEFT_OUT] = len(data) - len(kept)
     return kept
 
 
+def _short(value: Any) -> Any:
+    """A value that every reader takes."""
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, int):
+        small = abs(value) < LARGEST
+        return int(value) if small else f'whole number of {value.bit_length()} bits'
+    if isinstance(value, float):
+        return float(value) if abs(value) < 1e300 else str(value)
+    return clean(_text(value))
+
+
+def _text(value: Any) -> str:
+    try:
+        return str(value)
+    except (ValueError, RecursionError, MemoryError):
+        return f'{type(value).__name__} that cannot be shown'
+
+
 def clean(text: str) -> str:
-    """Without tokens and addresses, cut to LONGEST."""
-    return SECRET_TEXT.sub(HIDDEN, text)[:LONGEST]
+    """Without tokens and addresses, cut to LONGEST with a mark where more followed."""
+    told = SECRET_TEXT.sub(HIDDEN, text[:LOOKED_AT])
+    return told if len(told) <= LONGEST and len(text) <= LOOKED_AT else told[: LONGEST - 1] + CUT
 
 
 @dataclass

@@ -11,11 +11,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from waam_node.locks import PATIENCE_S, locked
+
 from .audit import FIRST, AuditError, Entry, Verdict, clean, hidden, parse, verify
-from .durable import locked, write_durably
+from .durable import write_durably
 
 NAME, HEAD = 'audit.jsonl', 'audit.head'
-BLOCK = 64 << 10  # read from the end to find the last entry; no entry is that long
+BLOCK = 64 << 10  # read from the end to find the last entry; more where that holds no whole line
 
 
 class AuditLog:
@@ -27,14 +29,15 @@ class AuditLog:
 
     def write(
         self, what: str, who: str, via: str, outcome: str = 'asked', role: str = '',
-        data: Mapping[str, Any] | None = None, note: str = '',
+        data: Mapping[str, Any] | None = None, note: str = '', patience: float = PATIENCE_S,
     ) -> Entry:  # fmt: skip
-        """Appends an entry; it is on the disk when this returns. Secrets in `data` and `note` are hidden. OSError."""
-        with locked(self.path.with_name(NAME + '.lock')):
+        """Appends an entry; it is on the disk when this returns. Secrets in `data` and `note` are hidden; what is too
+        long for a reader is cut, and marked so. OSError, also when the lock stays held for `patience` s."""
+        with locked(self.path.with_name(NAME + '.lock'), patience):
             n, prev, torn, missing = self._end()
             made = Entry(
-                n=n + 1, utc=round(time.time(), 3), cell=self.cell, who=clean(who), role=role, via=via,
-                what=what[:80], outcome=outcome, data=hidden(data or {}), note=clean(note), torn=torn,
+                n=n + 1, utc=round(time.time(), 3), cell=self.cell, who=clean(who), role=clean(role), via=via,
+                what=clean(what)[:80], outcome=outcome, data=hidden(data or {}), note=clean(note), torn=torn,
                 missing=missing, prev=prev,
             )  # fmt: skip
             entry = Entry(**{**vars(made), 'hash': made.computed()})
@@ -71,9 +74,15 @@ class AuditLog:
         """The last lines; behind the last line's end there is nothing, or the unfinished one."""
         with suppress(FileNotFoundError), open(self.path, 'rb') as f:
             size = f.seek(0, os.SEEK_END)
-            f.seek(max(0, size - BLOCK))
-            lines = f.read().split(b'\n')
-            return lines[1:] if size > BLOCK else lines
+            block = BLOCK
+            while True:
+                f.seek(max(0, size - block))
+                lines = f.read().split(b'\n')
+                if size <= block:
+                    return lines
+                if len(lines) > 2:  # the first one has lost its beginning
+                    return lines[1:]
+                block *= 4
         return []
 
     def _known(self) -> tuple[int, str] | None:
@@ -88,17 +97,22 @@ class AuditLog:
 
     def verify(self, expect: str = '') -> Verdict:
         """Walks the whole log. expect: a hash that was kept elsewhere."""
-        with locked(self.path.with_name(NAME + '.lock')):
+        with locked(self.path.with_name(NAME + '.lock')):  # only to see where it ends: others write on meanwhile
             known = self._known()
-            found = verify(self.lines(), known, expect)
-            if known is None and found.entries:
-                found.problems.append('the head file is missing')
+            size = self.path.stat().st_size if self.path.exists() else 0
+        found = verify(self.lines(size), known, expect)
+        if known is None and found.entries:
+            found.problems.append('the head file is missing')
         return found
 
-    def lines(self) -> Iterator[bytes]:
-        """All lines without their ends."""
+    def lines(self, size: int | None = None) -> Iterator[bytes]:
+        """All lines without their ends; size: of the first so many bytes."""
         with suppress(FileNotFoundError), open(self.path, 'rb') as f:
             for line in f:
+                if size is not None:
+                    if size <= 0:
+                        return
+                    line, size = line[:size], size - len(line)
                 yield line.rstrip(b'\n')
 
     def last(self, count: int) -> list[Entry]:

@@ -1,11 +1,9 @@
-"""Files that survive a kill or a power cut as the old or the new whole, and locks between processes."""
+"""Files that survive a kill or a power cut as the old or the new whole, and what one process has as long as it lives."""
 
 from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from waam_node.files import sync_folder
@@ -22,19 +20,6 @@ def write_durably(path: Path, text: str, mode: int = 0o644) -> None:
         os.fsync(f.fileno())
     os.replace(temporary, path)
     sync_folder(path.parent)
-
-
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Waits until no other process (or thread) has this lock; the folder is made. Let go by the end of the block or of
-    the process, whichever comes first."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
 
 
 class Ownership:

@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from .durable import locked, write_durably
+from waam_node.locks import locked
+
+from .durable import write_durably
 from .job_queue import Queue, QueueError
 
 NAME = 'queue.json'
@@ -39,7 +41,8 @@ class QueueFile:
         return self._queue
 
     def change(self, change: Callable[[Queue], Queue]) -> Queue:
-        """Reads, changes, writes, under the lock. Raises QueueError (then nothing has changed) and OSError."""
+        """Reads, changes, writes, under the lock. Raises QueueError (then nothing has changed) and OSError, also when
+        the lock stays held."""
         with locked(self.path.with_name(NAME + '.lock')):
             self._stamp = None  # two changes within one tick of the file system's clock
             before = self.read()

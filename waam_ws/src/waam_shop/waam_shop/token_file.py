@@ -9,7 +9,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from .durable import locked, write_durably
+from waam_node.locks import locked
+
+from .durable import write_durably
 from .roles import Role
 from .tokens import Token, TokenBook, TokenError, digest, shown
 
@@ -74,14 +76,23 @@ class TokenFile:
     def key(self) -> bytes:
         """Signs sessions, so that a page that is open keeps its rights when a panel starts again; made when missing."""
         file = self.path.with_name(self.path.name + '.key')
-        with suppress(FileExistsError):
-            file.parent.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            with open(descriptor, 'wb') as f:
-                f.write(secrets.token_bytes(KEY_BYTES))
+        if not file.exists():
+            self._make_key(file)
         key = file.read_bytes()
         if len(key) != KEY_BYTES or file.stat().st_mode & 0o077:
             raise TokenError(
                 f'{file}: damaged or readable by others; remove it (all sign in again)'
             )
         return key
+
+    @staticmethod
+    def _make_key(file: Path) -> None:
+        """Whole or not at all: panel and stop lane may make it at the same time, and both must have the same one."""
+        file.parent.mkdir(parents=True, exist_ok=True)
+        made = file.with_name(f'{file.name}.{os.getpid()}')
+        descriptor = os.open(made, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        with open(descriptor, 'wb') as f:
+            f.write(secrets.token_bytes(KEY_BYTES))
+        with suppress(FileExistsError):
+            os.link(made, file)
+        made.unlink()

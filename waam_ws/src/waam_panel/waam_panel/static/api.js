@@ -15,7 +15,7 @@ async function send(path, options) {
   const stop = new AbortController();
   const timer = setTimeout(() => stop.abort(), options.patience || 20000);
   try {
-    const answer = await fetch(path, { ...options, signal: stop.signal, credentials: 'same-origin' });
+    const answer = await fetch(path, { credentials: 'same-origin', ...options, signal: stop.signal });
     return await answer.json();
   } catch (e) {
     return { ok: false, message: e.name === 'AbortError' ? 'no answer' : 'the panel cannot be reached' };
@@ -31,6 +31,15 @@ export async function post(name, data = {}, { quiet = false, patience = 20000 } 
   if (!answer.ok) toast(answer.message, true);
   else if (!quiet) toast(answer.message);
   return answer;
+}
+
+// STOP goes two ways at once: to the panel, and past it to a process with a port of its own. One that stops is enough.
+export function postStop() {
+  const port = Number(document.querySelector('meta[name=stop-port]')?.content);
+  const ways = [send('/api/stop', { method: 'POST', patience: 8000, headers: { 'X-Waam-Csrf': csrf } })];
+  if (port) ways.push(send(`//${location.hostname}:${port}/api/stop`, { method: 'POST', patience: 8000, credentials: 'include' }));
+  const stopped = (way) => way.then((answer) => (answer.ok ? answer : Promise.reject(answer)));
+  return Promise.any(ways.map(stopped)).catch((e) => e.errors[0]);
 }
 
 export const upload = (file) => send(`/api/parts?name=${encodeURIComponent(file.name)}`, {

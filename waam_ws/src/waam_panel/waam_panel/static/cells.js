@@ -1,5 +1,5 @@
 // All cells at a glance and the queue of this one: asked for once a second, drawn anew where something has changed.
-import { $, duration, element, get, post, text, toast } from './api.js';
+import { $, duration, element, get, post, postStop, text, toast } from './api.js';
 
 const WAITING = 'waiting', RELEASED = 'released', RUNNING = 'running';
 const ranks = { view: 1, operate: 2, maintain: 3 };
@@ -93,8 +93,9 @@ async function me() {
 }
 
 async function stop() {
-  const answer = await post('stop', {}, { patience: 8000 });
-  if (!answer.ok) toast(`STOP: ${answer.message}. Use the emergency stop button.`, true);
+  const answer = await postStop();
+  if (answer.ok) toast(answer.message);
+  else toast(`STOP: ${answer.message}. Use the emergency stop button.`, true);
 }
 
 $('stop-form').addEventListener('submit', (e) => { e.preventDefault(); stop(); });

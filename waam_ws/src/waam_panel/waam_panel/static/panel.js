@@ -1,5 +1,5 @@
 // The page: binds buttons and keys, shows every frame of the stream.
-import { $, duration, element, fixed, get, post, rows, text, toast } from './api.js';
+import { $, duration, element, fixed, get, post, postStop, rows, text, toast } from './api.js';
 import { acknowledgeTop, bindAlarms, makeTable, showAlarms } from './alarms.js';
 import { bindArchive, drawChart } from './archive.js';
 import { bindPrograms, drawProgram, programs } from './programs.js';
@@ -16,8 +16,9 @@ const drawPlots = makePlots($('plots'));
 // ---- commands
 
 async function stop() {
-  const answer = await post('stop', {}, { patience: 8000 });
-  if (!answer.ok) toast(`STOP: ${answer.message}. Use the emergency stop button.`, true);
+  const answer = await postStop();
+  if (answer.ok) toast(answer.message);
+  else toast(`STOP: ${answer.message}. Use the emergency stop button.`, true);
 }
 const pause = () => (running ? post('pause') : stop());
 const GAIN = 0.2; // where the buttons start when the correction server uses its own
