@@ -7,7 +7,9 @@ import dataclasses
 import faulthandler
 import gc
 import os
+import secrets
 import signal
+import socket
 import sys
 import threading
 import time
@@ -31,6 +33,7 @@ from . import alive, priority
 from .params import check_value, from_dict
 from .qos import BEAT, EVENTS
 
+PROCESS = 'process'  # key in /diagnostics: the process that a node lives in
 SILENT_SERVICES = ('rcl_interfaces', 'type_description_interfaces')
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -47,6 +50,8 @@ class WaamNode(Node):
         self.params = self._load_params(params_type)
         self.level, self.message = OK, 'ok'
         self.values: dict[str, Any] = {}
+        # of this life of the node: another one by the same name has another
+        self.process = f'{name}@{socket.gethostname()}:{os.getpid()}:{secrets.token_hex(4)}'
         self._restarted = os.environ.get(alive.RESTARTED, '')
         self._sign_of_life = alive.SignOfLife()
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -126,6 +131,7 @@ class WaamNode(Node):
         )
         status.hardware_id = self.get_name()
         status.values = [KeyValue(key=str(k), value=str(v)) for k, v in self.values.items()]
+        status.values.append(KeyValue(key=PROCESS, value=self.process))
         if self._restarted:
             status.values.append(KeyValue(key='restarted', value=self._restarted))
         array = DiagnosticArray(status=[status])
