@@ -17,8 +17,16 @@ class Operator(Control):
         super().__init__()
         self._device, self._left = device, CHANGES
 
-    def pause(self) -> None:
-        """The machine holds. JobError ABORTED follows when the wire fails again and again."""
+    @property
+    def paused(self) -> bool:
+        """False: whoever asks waits no longer, for the wire is threaded meanwhile. JobError ABORTED follows when it
+        fails again and again."""
+        if super().paused:
+            self._thread_wire()
+            self.resume()
+        return False
+
+    def _thread_wire(self) -> None:
         if not self._left:
             self.abort(f'the wire failed again after {CHANGES} changes of the spool')
             return
