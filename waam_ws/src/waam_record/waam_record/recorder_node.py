@@ -6,7 +6,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from waam_msgs.srv import Record
 from waam_node.deferred import Deferred, create_deferred_service
-from waam_node.node import ERROR, OK, PROCESS, WARN, WaamNode
+from waam_node.namesake import PROCESS
+from waam_node.node import ERROR, OK, WARN, WaamNode
 from waam_node.node import main as run_main
 from waam_node.qos import EVENTS
 
