@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from . import frames
 from .lease import Lease
+from .lives import Lives
 
 # us of controller time that a node is late; after the second the lease has ended the arc
 LATE_US, LOST_US = 250_000, 500_000
@@ -14,6 +17,7 @@ class Arming:
 
     def __init__(self) -> None:
         self.lease = Lease()
+        self.lives = Lives()
         self.job = ''
         self.silent: list[str] = []
         self._seen = False  # telemetry has shown it
@@ -47,11 +51,23 @@ class Arming:
         """How far the arc lease may be renewed at controller time t_us, 0 = none."""
         return self.lease.seen_us(t_us) if self.job else 0
 
-    def beat(self, node: str, tick_us: int, boot: int, t_us: int, now: float) -> bool:
+    def beat(
+        self, node: str, tick_us: int, boot: int, t_us: int, now: float, source: str = ''
+    ) -> bool:
         """Takes a heartbeat; True when it moves the lease of an armed job."""
         before = self.lease.seen_us(t_us)
-        counts = self.lease.beat(node, tick_us, boot, t_us, now) and self.job
+        counts = self.lease.beat(node, tick_us, boot, t_us, now, source) and self.job
         return bool(counts) and self.lease.seen_us(t_us) > before
+
+    def twice(self, names: Iterable[str], now: float) -> str:
+        """Which of these nodes live twice, and where; '' = none. Nobody can say which of the two answers."""
+        found = []
+        for name in dict.fromkeys(names):
+            places, publishers = self.lives.of(name, now), self.lease.twice(name, now)
+            if len(places) > 1 or publishers:
+                where = f'processes {", ".join(places)}; publishers {", ".join(publishers)}'
+                found.append(f'two nodes called {name} ({where})')
+        return '; '.join(found)
 
     def waits(self, t_us: int) -> bool:
         """A node that an armed job requires is late at controller time t_us, but not lost: simulated time should give

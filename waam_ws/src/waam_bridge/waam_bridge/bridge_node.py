@@ -10,12 +10,13 @@ import sys
 import threading
 import time
 
-from rclpy.qos import QoSProfile
+from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Temperature
 from std_srvs.srv import Trigger
 
 from waam_msgs.msg import Heartbeat, LeaseTick, LinkStatus, Override
 from waam_node import qos
+from waam_node.namesake import PROCESS
 from waam_node.node import ERROR, OK, WARN, WaamNode
 from waam_node.node import main as node_main
 from waam_node.stop_socket import STOP
@@ -25,13 +26,16 @@ from .acceleration import CAPABILITY
 from .conversions import diagnostic_values
 from .core import Bridge
 from .csv_log import CsvLog
+from .node_beats import Beats
 from .node_publishers import Publishers
 from .node_services import Services
 from .node_stop import StopLane
+from .outbox import WARNING
 from .params import BridgeParams
 from .transport import SerialTransport, Transport
 
 ALIGN = 5e-5  # s that reading both clocks may take
+BEATS_S = 0.01  # a heartbeat that came just after the call that tells of it waits no longer
 SWITCH_INTERVAL = 0.001  # s: a long callback may keep the link's thread from running for so long
 
 
@@ -61,8 +65,11 @@ class BridgeNode(WaamNode):
         return SerialTransport(p.port, p.baud, self, p.reconnect_period)
 
     def _create_inputs(self) -> None:
-        beats = QoSProfile(depth=100, reliability=qos.BEAT.reliability)
-        self.create_subscription(Heartbeat, 'heartbeat', self._on_beat, beats)
+        self._beats_taken = 0.0  # s, steady clock
+        self._beats = Beats(self, self._on_foreign)
+        # only tells that there is one: the executor would not say who has published it
+        self.create_subscription(Heartbeat, 'heartbeat', self._on_beat, qos.NEWEST)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.EVENTS)
         self.create_subscription(Override, 'override', self._on_override, qos.NEWEST)
         self.create_subscription(
             Override, 'process_override', self._on_process_override, qos.NEWEST
@@ -102,6 +109,7 @@ class BridgeNode(WaamNode):
             if self.core.state == frames.RUN:
                 self.transport.write(frames.HOLD_NOW)
         self.transport.close()
+        self._beats.close()
         if self._out.csv:
             self._out.csv.close()
 
@@ -155,6 +163,8 @@ class BridgeNode(WaamNode):
 
     def on_idle(self) -> None:
         """Sends what is due; closes the port when the core has given the controller up."""
+        if time.monotonic() - self._beats_taken > BEATS_S:
+            self._take_beats()
         self._pump()
         if self.core.link.failed:
             self.transport.reopen(self.core.link.failed)
@@ -222,11 +232,26 @@ class BridgeNode(WaamNode):
         if self.context.ok():
             super()._publish_diagnostics()
 
-    def _on_beat(self, msg: Heartbeat) -> None:
+    def _on_beat(self, _: Heartbeat) -> None:
+        self._take_beats()
+
+    def _take_beats(self) -> None:
         with self._lock:
-            self.core.beat(msg.node, msg.controller_us, msg.boot_id, time.monotonic())
+            self._beats_taken = time.monotonic()
+            for beat, publisher in self._beats.take():
+                now = time.monotonic()
+                self.core.beat(beat.node, beat.controller_us, beat.boot_id, now, publisher)
             if self.core.link.out:
                 self._pump()
+
+    def _on_foreign(self, text: str) -> None:
+        self.core.notice(WARNING, 'node', text)
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        processes = [v.value for s in msg.status for v in s.values if v.key == PROCESS]
+        with self._lock:
+            for process in processes:
+                self.core.arming.lives.heard(process, time.monotonic())
 
     def _on_override(self, msg: Override) -> None:
         with self._lock:

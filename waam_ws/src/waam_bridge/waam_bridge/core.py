@@ -225,8 +225,11 @@ class Bridge:
         self.outbox.changed = True
         if new:
             severity = FAULT if t.flags & frames.ARC_ENABLED else WARNING
-            text = f'no heartbeat from {", ".join(new)}: the arc lease is withheld'
-            self.notice(severity, 'node', text, 'hold')
+            twice = self.arming.twice(new, now)
+            why = twice or f'no heartbeat from {", ".join(new)}'
+            self.notice(severity, 'node', f'{why}: the arc lease is withheld', 'hold')
+            if twice:
+                self.say(twice)
 
     def poll(self, now: float) -> bytes:
         """What is to be written now. Call it after every line and at least every 20 ms."""
@@ -260,10 +263,11 @@ class Bridge:
 
     # ---- lease and segments
 
-    def beat(self, node: str, tick_us: int, boot: int, now: float) -> None:
-        """Heartbeat of a node. When it moves the lease of an armed job, the controller hears of it at once."""
+    def beat(self, node: str, tick_us: int, boot: int, now: float, source: str = '') -> None:
+        """Heartbeat of a node, from this publisher. When it moves the lease of an armed job, the controller hears of it
+        at once."""
         t = self.link.telemetry
-        if t and self.arming.beat(node, tick_us, boot, t.t_us, now) and self.connected:
+        if t and self.arming.beat(node, tick_us, boot, t.t_us, now, source) and self.connected:
             self.link.beat(now)
 
     def permit(self, job: str, segments: list[Segment]) -> Permit:

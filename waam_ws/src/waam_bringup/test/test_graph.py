@@ -134,6 +134,20 @@ def test_state_survives_the_disk_and_a_dead_supervisor_is_noticed(tmp_path):
     assert describe_exit(-9) == 'killed by SIGKILL' and describe_exit(2) == 'exited with 2'
 
 
+@pytest.mark.parametrize('how', [['--foreground'], []])
+def test_a_second_graph_in_one_folder_is_refused_by_name_and_leaves_the_first_alone(tmp_path, how):
+    state = RunState(4711, 'up', 5, True, 'port')
+    command = [sys.executable, '-m', 'waam_bringup.cli', 'up', '--run', str(tmp_path), *how]
+    with run_state.held(tmp_path):
+        state.save(tmp_path)
+        ran = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert ran.returncode == 2, ran.stderr
+    assert f'a graph is up already in {tmp_path} (supervisor: pid 4711)' in ran.stderr
+    assert run_state.load(tmp_path) == state and not (tmp_path / 'logs').exists()
+    with run_state.held(tmp_path), pytest.raises(run_state.RunInUse), run_state.held(tmp_path):
+        pass
+
+
 @pytest.mark.parametrize('before,after', [('DEPOSITING', 'INTERRUPTED'), ('DONE', 'DONE')])
 def test_job_of_a_dead_sequencer_is_marked(tmp_path, before, after):
     job = tmp_path / 'job_folder'

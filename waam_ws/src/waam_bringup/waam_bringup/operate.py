@@ -68,9 +68,9 @@ def up(
         raise ClientError(f'a graph is up already in {settings.run} (waam status, waam stop)')
     names = {p.name for p in processes(settings) if p.ros}
     shared_memory.clean()  # of nodes that were killed
-    settings.run.mkdir(parents=True, exist_ok=True)
-    (settings.run / 'state.json').unlink(missing_ok=True)
-    with open(settings.run / 'supervisor.log', 'w') as log:
+    with run_state.held(settings.run):  # nobody else has begun in this moment
+        log = open(settings.run / 'supervisor.log', 'w')
+    with log:
         supervisor = subprocess.Popen(
             [
                 sys.executable,
@@ -91,11 +91,20 @@ def up(
             patience = timeout if settings.machine == ROBOT else NO_CONTROLLER_S
             client.wait_ready(names, timeout, lambda: _dead(settings.run, supervisor), patience)
     except BaseException as e:
-        stop(settings.run)
+        if _begun_by(settings.run, supervisor):
+            stop(settings.run)
+        elif supervisor.poll() is None:
+            supervisor.terminate()
         if isinstance(e, ClientError):
             raise ClientError(f'{e}\nlogs: {settings.run}/logs') from None
         raise
     return require_up(settings.run)
+
+
+def _begun_by(run: Path, supervisor: subprocess.Popen) -> RunState | None:
+    """The state that this supervisor has written, None = not yet."""
+    state = run_state.load(run)
+    return state if state and state.supervisor == supervisor.pid else None
 
 
 def _dead(run: Path, supervisor: subprocess.Popen) -> dict[str, str]:
@@ -104,7 +113,7 @@ def _dead(run: Path, supervisor: subprocess.Popen) -> dict[str, str]:
         return {
             'supervisor': f'{describe_exit(supervisor.returncode)}: {last_line(run / "supervisor.log")}'
         }
-    state = run_state.load(run)
+    state = _begun_by(run, supervisor)
     if state is None:
         return {}
     return {

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -61,6 +64,25 @@ def load(run: Path) -> RunState | None:
         return None
     nodes = {n: NodeState(**s) for n, s in data.pop('nodes').items()}
     return RunState(nodes=nodes, **data)
+
+
+class RunInUse(ValueError):
+    """Another graph is up in the folder; the text names its supervisor."""
+
+
+@contextmanager
+def held(run: Path) -> Iterator[None]:
+    """The folder belongs to this process for the length of the block, or RunInUse. The lock ends with the process."""
+    run.mkdir(parents=True, exist_ok=True)
+    with open(run / 'supervisor.lock', 'a') as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            state = load(run)
+            who = f' (supervisor: pid {state.supervisor})' if state else ''
+            text = f'a graph is up already in {run}{who}: waam status, waam stop'
+            raise RunInUse(text) from None
+        yield
 
 
 ENDED = (*JOB_ENDED, INTERRUPTED)  # states in a job's status.json

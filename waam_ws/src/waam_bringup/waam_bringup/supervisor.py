@@ -18,7 +18,7 @@ from typing import Any
 from waam_node import alive, priority
 from waam_node.files import write_atomically
 
-from . import shared_memory
+from . import run_state, shared_memory
 from .graph import Process, Settings, processes
 from .run_state import ENDED, NodeState, RunState, describe_exit, job_runs, job_status
 from .urgency import Urgency
@@ -201,11 +201,14 @@ def mark_interrupted(run: Path, reason: str) -> None:
 
 
 def run(settings: Settings, domain: int) -> int:
-    """Runs a graph in this process from start to stop: the body of `waam up --foreground`."""
-    supervisor = Supervisor(settings, domain)
-    try:
-        supervisor.start()
-        supervisor.watch()
-    finally:
-        supervisor.stop()
+    """Runs a graph in this process from start to stop: the body of `waam up --foreground`. RunInUse when one is up in
+    the folder already."""
+    with run_state.held(settings.run):
+        (settings.run / 'state.json').unlink(missing_ok=True)
+        supervisor = Supervisor(settings, domain)
+        try:
+            supervisor.start()
+            supervisor.watch()
+        finally:
+            supervisor.stop()
     return 0

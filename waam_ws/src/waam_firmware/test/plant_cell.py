@@ -7,6 +7,7 @@ test/test_plant_port.py allows this second layout and no other.
 
 from __future__ import annotations
 
+import math
 import socket
 import struct
 import threading
@@ -17,6 +18,7 @@ HEADER, SAMPLE, ANSWER = struct.Struct('<IIQ'), struct.Struct('<5dI4x'), struct.
 ESTOP, GAS_OK, LIMIT, CONTACT, HOT, DRIVE = 1, 2, 4, 8, 16, 32
 ACCELEROMETER, SHAKEN = 64, 32  # bit of the inputs; samples of a step
 COUNT = 9.80665 / 256  # m/s^2, of an ADXL345
+BURN_BACK_S = 0.13  # that the arc needs to climb to the contact tip
 RIPPLE = 0.02  # A and V; a real arc never reads the same twice
 
 
@@ -27,6 +29,8 @@ class Cell:
     path: Path
     current: float = 180.0
     wire: float | None = None  # m/s; None = as commanded
+    coast: float | None = None  # s: the wire ends; the wheel runs down, and after BURN_BACK_S there is no arc
+    ended_s: float = 0.0  # since then
     voltage: float | None = None  # V while the arc burns; None = as set, less `drop`
     drop: float = 0.0  # V
     shorted: bool = False  # the wire is in the pool until the source goes off
@@ -82,6 +86,14 @@ class Cell:
             if self.arcs == 2:  # the bead, and the pulse
                 self.flags &= ~CONTACT
         self.lit = on
+        if self.coast is not None:
+            full, self.ended_s = 5 / 60, self.ended_s + 0.01
+            self.wire = full * math.exp(-self.ended_s / self.coast)
+            self.current = 0.0 if self.ended_s > BURN_BACK_S else self.current
+
+    def thread_wire(self) -> None:
+        """A new spool."""
+        self.coast, self.ended_s, self.wire, self.current = None, 0.0, None, 180.0
 
     def _answer(self, last: tuple) -> bytes:
         *_, wire, voltage, outputs = last

@@ -140,6 +140,32 @@ def test_lost_arc(port):
     client.wait(lambda: client.frame['flags'] & 2 and client.frame['v_um_s'] > 0)
 
 
+@pytest.mark.parametrize('coast_s', [0.01, 0.3, 1.0])
+def test_at_the_end_of_the_wire_the_wire_is_the_cause_not_the_arc(port, coast_s):
+    """The wheel runs down, then the arc burns back and goes out: what came first is the cause."""
+    controller, cell, client = port
+    weld(client)
+    client.wait(lambda: client.frame['wire_um_s'] == client.frame['wire_cmd_um_s'] > 80_000)
+    begin = cell.steps[-1][0]
+    cell.coast = coast_s
+    assert client.wait_line('^! HOLD').startswith('! HOLD E206 ')
+    assert controller.time_of('arc off') - begin < 400_000
+    cell.thread_wire()
+    client.ask('$R')
+    client.wait(lambda: client.frame['flags'] & 2 and client.frame['v_um_s'] > 0)
+
+
+def test_without_wire_no_strike_is_a_fault_of_the_arc(port):
+    _, cell, client = port
+    cell.wire, cell.current = 0.0, 0.0
+    client.ready_for_arc()
+    client.send('G0 X50 Y50 Z100', 'M3 W5000 S22', 'G1 X200 F600')
+    assert client.wait_line('^! HOLD').startswith('! HOLD E206 ')
+    cell.thread_wire()
+    client.ask('$R')
+    client.wait(lambda: client.frame['flags'] & 2 and client.frame['v_um_s'] > 0)
+
+
 def test_no_arc_after_three_tries(port):
     controller, cell, client = port
     cell.current = 0.0

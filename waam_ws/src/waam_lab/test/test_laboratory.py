@@ -170,6 +170,21 @@ def test_a_fault_of_the_cell_ends_the_job_as_in_the_graph(parts, tmp_path):
     assert (r.folder / 'report.json').exists()
 
 
+def test_the_end_of_the_wire_costs_a_pause_and_no_bead(parts, repaired):
+    """The operator of the laboratory threads new wire and resumes; the arc strikes again at that place."""
+    r = run(restore(*parts, seed=3, faults=(Fault('wire_end', 0.0, layer=2),)))
+    assert r.error_code == 0, r.message
+    (fault,) = [a for a in r.anomalies if a['severity'] in ('FAULT', 'ALARM')]
+    assert fault['class'] == 'wire' and fault['layer'] == 2 and 'job paused' in fault['reaction']
+    assert r.layers == repaired.layers and r.rms < 1.3 * repaired.rms
+
+
+def test_wire_that_fails_again_and_again_ends_the_job(parts, monkeypatch):
+    monkeypatch.setattr('waam_sim.faults.Faults.on', lambda self, name, now: name == 'wire_end')
+    r = run(restore(*parts, seed=3, faults=(Fault('gas_loss', 0.0),)))
+    assert r.error_code == Code.ABORTED and 'after 5 changes' in r.message
+
+
 def test_a_blind_scanner_is_a_failed_job(parts):
     r = run(restore(*parts, overrides={'cell': {'scanner_dropout': 1.0}}))
     assert r.verdict == 'failed'

@@ -14,7 +14,6 @@ from pathlib import Path
 from waam_job.model.goal import Checked, check
 from waam_job.model.records import State
 from waam_job.ros.job_params import settings_of
-from waam_job.run.control import Control
 from waam_job.run.runner import JobRunner
 from waam_job.store.folder import JobFolder
 from waam_job.store.program import keep_program
@@ -30,6 +29,7 @@ from . import params, results
 from .cell import LabCell
 from .job import LabJob, LabResult
 from .metal_trace import MetalTrace
+from .operator import Operator
 from .watch import LayerWatch
 
 MEMORY = Path('/dev/shm')  # job folders that are not kept need no disk
@@ -53,7 +53,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
             began, cpu = cell.now(), time.process_time()
             settings = settings_of(known.job_sequencer, True)
             settings = replace(settings, keep_learned=job.keep_learned)
-            JobRunner(cell, checked, folder, Control(), settings).run()
+            JobRunner(cell, checked, folder, Operator(cell.device), settings).run()
             spent = time.process_time() - cpu
             if trace is not None:
                 _note_planned(trace, folder)

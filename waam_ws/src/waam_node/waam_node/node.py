@@ -7,7 +7,9 @@ import dataclasses
 import faulthandler
 import gc
 import os
+import secrets
 import signal
+import socket
 import sys
 import threading
 import time
@@ -28,6 +30,7 @@ from rclpy.service_introspection import ServiceIntrospectionState
 from waam_msgs.msg import Heartbeat, LeaseTick
 
 from . import alive, priority
+from .namesake import PROCESS, UP, Namesake, NamesakeError
 from .params import check_value, from_dict
 from .qos import BEAT, EVENTS
 
@@ -47,6 +50,10 @@ class WaamNode(Node):
         self.params = self._load_params(params_type)
         self.level, self.message = OK, 'ok'
         self.values: dict[str, Any] = {}
+        # of this life of the node: another one by the same name has another
+        me = f'{socket.gethostname()}:{os.getpid()}:{secrets.token_hex(4)}'
+        self.process = f'{self.get_name()}@{me}'
+        self._namesake = Namesake(self)
         self._restarted = os.environ.get(alive.RESTARTED, '')
         self._sign_of_life = alive.SignOfLife()
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -121,11 +128,14 @@ class WaamNode(Node):
             return
         if self.responsive():
             self._sign_of_life.give()
+        self._namesake.look()
         status = DiagnosticStatus(
             level=self.level, name=f'{self.get_name()}: state', message=self.message
         )
         status.hardware_id = self.get_name()
         status.values = [KeyValue(key=str(k), value=str(v)) for k, v in self.values.items()]
+        status.values.append(KeyValue(key=PROCESS, value=self.process))
+        status.values.append(KeyValue(key=UP, value=f'{self._namesake.up:.1f}'))
         if self._restarted:
             status.values.append(KeyValue(key='restarted', value=self._restarted))
         array = DiagnosticArray(status=[status])
@@ -187,7 +197,8 @@ def _end(*_: object) -> None:
 
 
 def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
-    """The main of every node: exit status 0 after a clean stop, 2 for bad parameters, 1 for a crash."""
+    """The main of every node: exit status 0 after a clean stop, 2 for bad parameters and for a node whose name is
+    taken, 1 for a crash."""
     faulthandler.register(signal.SIGUSR1)  # where every thread is, into the log
     turn = priority.take()  # before the middleware starts its threads
     rclpy.init(args=args)
@@ -204,7 +215,7 @@ def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
             not rclpy.ok()
         ):  # it was being made, or a callback was running, when the node was stopped
             return 0
-        if node is None and isinstance(e, ValueError):
+        if isinstance(e, NamesakeError) or (node is None and isinstance(e, ValueError)):
             print(f'error: {e}', file=sys.stderr)
             return 2
         traceback.print_exc()

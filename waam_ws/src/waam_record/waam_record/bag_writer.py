@@ -162,6 +162,10 @@ class BagWriter:
         self._finish(self._file)
         self.write_metadata()
 
+    def abandon(self) -> None:
+        """Closes the last file as it is, after a failure. Raises OSError when the disk takes no more; it is closed."""
+        self._file.stream.close()
+
     def _open(self) -> _File:
         path = self.directory / f'{self.name}_{len(self._done)}.mcap'
         stream = open(path, 'wb', buffering=1 << 20)  # noqa: SIM115  closed in _finish

@@ -80,7 +80,8 @@ class RecorderParams:
 
 
 class Session:
-    """One recording of the graph. All methods belong to one thread, which is not the one of the node's executor.
+    """One recording of the graph, which begins with `discover`. All methods belong to one thread, which is not the one
+    of the node's executor.
 
     simulated: messages are filed under ROS time (`now_ns` of `drain`) instead of their time of arrival;
     on_progress: is called after every subscription.
@@ -112,7 +113,11 @@ class Session:
         self._simulated, self._on_progress = simulated, on_progress
         self._layers, self._layer, self._split_at = params.split_layers, 0, 0
         self._noted: dict[str, str] = {}
-        self.discover()
+
+    @property
+    def directory(self) -> Path:
+        """The folder of the recording."""
+        return self.recording.directory
 
     def discover(self) -> int:
         """Subscribes to topics that are new in the graph, asks nodes for their parameters, and notes losses; returns
@@ -171,11 +176,14 @@ class Session:
         pairs = zip(self.recording.topics, self.recording.dropped, strict=True)
         return found | {f'dropped {t.name}': str(n) for t, n in pairs if n}
 
-    def stop(self) -> None:
-        """Asks for the end; `recording.finished` is set once the files are closed and verified."""
+    def stop(self, why: str = '') -> None:
+        """Asks for the end; `recording.finished` is set once the files are closed and verified. why: it ends without
+        STOP."""
+        ended = {'ended': why} if why else {}
         skipped = {f'skipped.{name}': why for name, why in self.taps.skipped.items()}
         files = job_files(self.recording.writer.directory)
-        self.recording.stop({**files, **self._loss_notes(), **skipped, 'lost': str(self.lost)})
+        lost = {**self._loss_notes(), 'lost': str(self.lost)}
+        self.recording.stop({**files, **lost, **skipped, **ended})
 
     def summary(self) -> tuple[str, bool]:
         """After `stop`: a sentence, and whether everything is on the disk as it should be."""

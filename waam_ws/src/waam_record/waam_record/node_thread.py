@@ -10,9 +10,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from rclpy.context import Context
 
@@ -21,44 +19,19 @@ from waam_msgs.srv import Record
 from .bag_writer import BagError
 from .node_session import RecorderParams, Session
 from .recording import Recording
+from .request import Answer, Request, Status
 
 IN_FLIGHT_S = 0.1  # STOP waits this long for messages that are on their way
 STATUS_S = 1.0  # time between two looks at the state of the recording
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Result of a request; messages and lost: of the recording that it concerned."""
-
-    success: bool
-    text: str
-    messages: int = 0
-    lost: int = 0
-
-
-@dataclass(frozen=True)
-class Status:
-    """For the diagnostics."""
-
-    active: bool = False  # something is being recorded
-    paused: bool = False
-    error: str = ''  # why recording ended early
-    lost: int = 0
-    values: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Request:
-    """A call of record/control, for the thread of the recording."""
-
-    code: int  # of Record.srv
-    directory: str
-    custom_data: dict[str, str]
-    reply: Callable[[Answer], None]  # is called once, from the thread of the recording
+START_S = 20.0  # START that has not begun to record by then has failed, and leaves nothing behind
+CLIENT_SILENT_S = 15.0  # steady time without a sign of life of the client that ends its recording
+NOT_BEGUN = 'it was stopped before it had begun'
+CLIENT = 'client'  # key of START's custom_data: the process (`waam_node.node.WaamNode.process`) that it records for
 
 
 class RecordingThread:
-    """Owns the session and everything it subscribes to. `ask`, `status`, `stuck_s` and `close` are for other threads.
+    """Owns the session and everything it subscribes to. `ask`, `alive`, `answer_late`, `status`, `stuck_s` and `close`
+    are for other threads.
 
     ros_now_ns: ROS time in ns, 0 = not known yet; simulated: messages are filed under it.
     """
@@ -73,12 +46,18 @@ class RecordingThread:
         self._context, self._params = context, params
         self._ros_now_ns, self._simulated = ros_now_ns, simulated
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
+        self._open: list[Request] = []  # asked and not done with, the oldest first
+        self._lock = threading.Lock()  # guards `_open`
+        self._current: Request | None = None
         self._session: Session | None = None
+        self._ended: Session | None = None  # the one that was stopped last
         self._unfinished: Callable[[], bool] | None = None  # of a request that is not answered yet
         self._closing: list[Recording] = []  # stopped, still being written
-        self._busy = threading.Lock()  # a request is in progress, from `ask` to the answer
         self._ending = threading.Event()
-        self._progressed = time.monotonic()
+        self._client = ''  # process that the session records for, '' = ends with STOP alone
+        self._client_silent = 0.0  # s of steady time
+        self._looked = self._progressed = time.monotonic()
+        self._why = ''  # why the last recording ended without STOP
         self.status = Status()
         self.failure: Exception | None = None
         self._thread = threading.Thread(target=self._run, name='recording', daemon=True)
@@ -93,10 +72,37 @@ class RecordingThread:
     # ---- for other threads
 
     def ask(self, request: Request) -> None:
-        """Hands a request over. Raises BagError while the one before is unfinished."""
-        if not self._busy.acquire(blocking=False):
-            raise BagError('the request before this one is still at work')
+        """Hands a request over. STOP is taken in every state, and ends a START that is still at work; anything else
+        raises BagError while a request before it is unfinished."""
+        with self._lock:
+            if request.code == Record.Request.STOP:
+                for started in self._open:
+                    started.cancelled |= request.concerns(started.directory)
+            elif self._open:
+                raise BagError('the request before this one is still at work')
+            self._open.append(request)
         self._requests.put(request)
+
+    def alive(self, process: str) -> None:
+        """A sign of life of a process that may be the client of the recording."""
+        if process == self._client:
+            self._client_silent = 0.0
+
+    def answer_late(self) -> None:
+        """Answers what the disk or the graph keeps this thread from answering; its work goes on, a START's is undone."""
+        now = time.monotonic()
+        with self._lock:
+            waiting = list(self._open)
+        for request in waiting:
+            late = now - request.asked
+            if request.code != Record.Request.START:
+                if late > self._params.close_timeout + 1.0:
+                    text = 'the disk does not answer; it is done when it does'
+                    request.answer(Answer(False, text))
+            elif late > START_S:
+                request.cancelled = True
+                text = f'recording had not begun after {late:.0f} s: given up (slow disk or graph)'
+                request.answer(Answer(False, text))
 
     @property
     def stuck_s(self) -> float:
@@ -111,12 +117,8 @@ class RecordingThread:
         if self._thread.is_alive():
             return False
         if self._session is not None:
-            self._drain()
-            self._session.stop()
-            self._closing.append(self._session.recording)
-        waits = [r.wait(max(0.0, end - time.monotonic())) for r in self._closing]
-        self._end()
-        return all(waits)
+            self._end('the recorder was ended')
+        return all(r.wait(max(0.0, end - time.monotonic())) for r in self._closing)
 
     # ---- the thread itself
 
@@ -127,6 +129,7 @@ class RecordingThread:
                 self._on_progress()
                 self._serve()
                 now = time.monotonic()
+                self._look_at_client(now)
                 if now >= look:
                     look = now + self._params.discovery_period
                     self._discover()
@@ -139,6 +142,8 @@ class RecordingThread:
 
     def _on_progress(self) -> None:
         self._progressed = time.monotonic()
+        if self._current is not None and self._current.cancelled:
+            raise BagError(NOT_BEGUN)
 
     def _serve(self) -> None:
         """Continues the current request, or takes the next one; waits one poll period for it."""
@@ -155,20 +160,24 @@ class RecordingThread:
             self._unfinished = self._take(request)
         except (BagError, OSError) as e:
             self._answer(request, Answer(False, str(e)))
+        finally:
+            self._current = None
 
-    def _answer(self, request: Request, answer: Answer) -> None:
+    def _answer(self, request: Request, answer: Answer) -> bool:
+        """False when `answer_late` has answered before."""
         self.status = self._look()
-        self._busy.release()  # first: whoever has the answer may ask again
-        request.reply(answer)
+        with self._lock:  # first: whoever has the answer may ask again
+            self._open.remove(request)
+        return request.answer(answer)
 
     def _take(self, request: Request) -> Callable[[], bool] | None:
         """Starts a request. Returns a function to call until it reports that it has answered."""
         if request.code == Record.Request.START:
             return self._start(request)
+        if request.code == Record.Request.STOP:
+            return self._stop(request)
         if self._session is None:
             raise BagError('nothing is being recorded')
-        if request.code == Record.Request.STOP:
-            return self._stop(request, self._session)
         self._drain()
         if request.code == Record.Request.SPLIT:
             self._session.recording.split()
@@ -180,55 +189,66 @@ class RecordingThread:
         return None
 
     def _start(self, request: Request) -> Callable[[], bool]:
-        """Answers when the publishers known now are connected, so that nothing after the answer is missed."""
-        if self._session is not None:
-            raise BagError(
-                f'{self._session.recording.directory} is being recorded; stop that first'
-            )
-        session = self._begin(request.directory, request.custom_data)
+        """Answers when the publishers known now are connected, so that nothing after the answer is missed. For the
+        folder that is being recorded it answers again."""
+        session = self._session
+        if session is None:
+            self._current = request
+            session = self._begin(request.directory, request.custom_data)
+        elif not request.concerns(session.directory):
+            raise BagError(f'{session.directory} is being recorded; stop that first')
         now = time.monotonic()
         give_up, settled = now + self._params.match_timeout, now + self._params.settle
 
         def ready() -> bool:
             nonlocal settled
             now, taps = time.monotonic(), session.taps
+            if request.cancelled:
+                self._end(NOT_BEGUN)
+                self._answer(request, Answer(False, NOT_BEGUN))
+                return True
             if session.discover() or (taps.unmatched() and now < give_up):
                 settled = now + self._params.settle
             if now < settled:
                 return False
             missing = ', '.join(taps.unmatched())
             text = f'; not connected yet: {missing}' if missing else ''
-            self._answer(request, _about(session, f'recording {len(taps.taps)} topics{text}'))
+            if not self._answer(request, _about(session, f'recording {len(taps.taps)} topics{text}')):
+                self._end(NOT_BEGUN)  # its client has been told that it failed
             return True
 
         return ready
 
-    def _stop(self, request: Request, session: Session) -> Callable[[], bool]:
-        """Answers when the files are closed and verified, or after `close_timeout` that they are not."""
+    def _stop(self, request: Request) -> Callable[[], bool] | None:
+        """Answers when the files are closed and verified, or after `close_timeout` that they are not. One that is
+        stopped already is answered again; one that is not recorded needs no STOP."""
         arrived = time.monotonic() + IN_FLIGHT_S
         give_up = arrived + self._params.close_timeout
-        asked = False
+        session = self._session
+        if session is None or not request.concerns(session.directory):
+            session = self._ended
+            if session is None or not request.directory or not request.concerns(session.directory):
+                what = f'{request.directory} is not' if request.directory else 'nothing is'
+                self._answer(request, Answer(True, f'{what} being recorded'))
+                return None
+        stopped = session
 
         def closed() -> bool:
-            nonlocal asked
             now = time.monotonic()
-            if now < arrived:
+            if stopped is self._session:
+                if now < arrived:
+                    return False
+                self._end()
+            if not stopped.recording.finished and now < give_up:
                 return False
-            if not asked:
-                self._drain()
-                session.stop()
-                self._closing.append(session.recording)
-                asked = True
-            if not session.recording.finished and now < give_up:
-                return False
-            self._session = None
-            self._answer(request, _about(session, *session.summary()))
-            session.close()
+            self._answer(request, _about(stopped, *stopped.summary()))
             return True
 
         return closed
 
     def _begin(self, directory: str, custom_data: dict[str, str]) -> Session:
+        self._why, self._client_silent = '', 0.0
+        self._client = custom_data.get(CLIENT, '')
         self._session = Session(
             self._context,
             Path(directory),
@@ -237,12 +257,32 @@ class RecordingThread:
             self._simulated,
             self._on_progress,
         )
+        try:
+            self._session.discover()
+        except Exception as e:
+            self._end(str(e))
+            raise
         return self._session
 
-    def _end(self) -> None:
-        if self._session is not None:
-            self._session.close()
-            self._session = None
+    def _end(self, why: str = '') -> None:
+        """No message is taken any more, and the files are closed as soon as the disk can. why: without a STOP."""
+        session = self._session
+        if session is None:
+            return
+        self._drain()
+        session.stop(why)
+        self._closing.append(session.recording)
+        session.close()
+        self._session, self._ended, self._why = None, session, why
+
+    def _look_at_client(self, now: float) -> None:
+        """Ends a recording whose client has died. A second at most counts per look: this process may have slept."""
+        self._client_silent += min(now - self._looked, 1.0)
+        self._looked = now
+        if self._session is None or not self._client or self._unfinished is not None:
+            return
+        if self._client_silent > CLIENT_SILENT_S:
+            self._end(f'{self._client} gave no sign of life for {CLIENT_SILENT_S:.0f} s')
 
     def _discover(self) -> None:
         if self._session is not None:
@@ -256,7 +296,8 @@ class RecordingThread:
         self._closing = [r for r in self._closing if not r.finished]
         late = [str(r.directory) for r in self._closing]
         if self._session is None:
-            return Status(values={'closing': ', '.join(late)} if late else {})
+            values = {'closing': ', '.join(late)} if late else {}
+            return Status(error=self._why and f'recording ended: {self._why}', values=values)
         recording, taps = self._session.recording, self._session.taps
         values = {
             'directory': recording.directory,

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from diagnostic_msgs.msg import DiagnosticArray
+
 from waam_msgs.srv import Record
 from waam_node.deferred import Deferred, create_deferred_service
+from waam_node.namesake import PROCESS
 from waam_node.node import ERROR, OK, WARN, WaamNode
 from waam_node.node import main as run_main
+from waam_node.qos import EVENTS
 
 from .bag_writer import BagError
 from .node_session import RecorderParams
-from .node_thread import Answer, RecordingThread, Request
+from .node_thread import RecordingThread
+from .request import Answer, Request
 
 CLOSE_S = 10.0  # at most, when the node is ended without STOP
 STUCK_S = 10.0  # a recording without progress for so long is stuck: the node stops its heartbeat
@@ -33,6 +38,7 @@ class Recorder(WaamNode):
         )
         self._recording.start(self.params.directory)
         self.create_timer(0.2, self._report, clock=self.steady)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, EVENTS)
         create_deferred_service(self, Record, '~/control', self._on_control)
 
     def _on_control(
@@ -57,8 +63,15 @@ class Recorder(WaamNode):
             return response
         return later
 
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            for value in status.values:
+                if value.key == PROCESS:
+                    self._recording.alive(value.value)
+
     def _report(self) -> None:
         recording = self._recording
+        recording.answer_late()
         if recording.failure is not None:
             raise recording.failure
         status = recording.status

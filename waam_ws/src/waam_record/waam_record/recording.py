@@ -7,6 +7,7 @@ import shutil
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -135,6 +136,9 @@ class Recording:
                     time.sleep(0.02)
         except Exception as e:  # whatever failed, the node must learn that recording has ended
             self.error = f'{type(e).__name__}: {e}'
+            self._queue.clear()
+            with suppress(Exception):  # a full disk refuses this as well
+                self.writer.abandon()
             self._finished.set()
 
     def _drain(self, until: float) -> None:

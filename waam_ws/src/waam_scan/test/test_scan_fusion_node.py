@@ -16,7 +16,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_srvs.srv import SetBool
 
-from waam_msgs.msg import Anomaly, HeightMap, ProfileBatch, Telemetry
+from waam_msgs.msg import Anomaly, HeightMap, JobStatus, ProfileBatch, Telemetry
 from waam_msgs.srv import BeginScan, FinishScan
 from waam_node.conversions import floats, grid_to_msg, map_from_msg, seconds, time_to_msg
 from waam_node.qos import EVENTS, LATCHED, PROFILES, SENSOR, TELEMETRY
@@ -50,6 +50,7 @@ class Cell(Node):
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, EVENTS)
         self.begin = self.create_client(BeginScan, 'scan_fusion/begin')
         self.finish = self.create_client(FinishScan, 'scan_fusion/finish')
+        self.status = self.create_publisher(JobStatus, 'job_status', LATCHED)
         self.sequence = 0
         if with_scanner:
             self.create_service(SetBool, 'scanner/enable', self._on_enable)
@@ -317,6 +318,22 @@ def test_no_scanner_bad_grid_and_no_scan_are_answered(graph):
     assert 'scanner/enable' in waiting.result().message
     nothing = g.finish(0, time.time())
     assert nothing.error_code == FINISH.NO_SCAN
+
+
+def test_a_scan_ends_with_its_job_and_a_late_request_of_that_job_begins_none(graph):
+    """Its client may have given the request up, or died."""
+    g = graph().ready()
+    g.wait(lambda: g.cell.status.get_subscription_count() > 0)
+    g.cell.status.publish(JobStatus(job_id='a', state=JobStatus.SCANNING))
+    begun = g.begin('a.r2')
+    assert begun.error_code == BEGIN.OK and g.cell.enabled == [True]
+    g.cell.status.publish(JobStatus(job_id='a', state=JobStatus.FAILED))
+    g.wait(lambda: g.cell.enabled == [True, False])
+    assert g.finish(begun.scan_id, time.time()).error_code == FINISH.NO_SCAN
+    late = g.begin('a.r2')
+    assert late.error_code == BEGIN.BUSY and 'a has ended' in late.message
+    assert g.cell.enabled == [True, False]
+    assert g.begin('b').error_code == BEGIN.OK, 'the next job'
 
 
 def test_an_unknown_parameter_is_refused_by_name():

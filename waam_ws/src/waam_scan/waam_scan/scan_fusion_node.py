@@ -12,8 +12,9 @@ from typing import Any
 from sensor_msgs.msg import Image
 
 import waam_node.node
-from waam_msgs.msg import Anomaly, HeightMap, Telemetry
+from waam_msgs.msg import Anomaly, HeightMap, JobStatus, Telemetry
 from waam_msgs.srv import BeginScan, FinishScan, LookScan
+from waam_node import job_folder
 from waam_node.cdr import read_pose
 from waam_node.conversions import image_to_msg, nanoseconds
 from waam_node.deferred import Deferred, create_deferred_service
@@ -35,6 +36,7 @@ from .stream.poses import PoseTrack
 from .stream.session import EndWatch, PreviousMap, Session, Surfaces
 
 RAW_KEPT = 500  # telemetry frames that are kept unread while no scan runs
+ENDED = (JobStatus.IDLE, JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED)
 CLOCK_GRAIN_NS = 100_000_000  # /clock comes at 20 Hz of simulated time
 
 
@@ -52,6 +54,7 @@ class ScanFusion(WaamNode):
         self._surfaces = Surfaces()  # of the last maps that were plausible
         self._beginning = False
         self._complete = Event()
+        self._ended_job = ''  # it gets no scan any more, however late it asks
         self._last_scan: tuple[str, int] = ('', -1)
         self._last_batch = time.monotonic()
         fusion.warm_up()
@@ -61,6 +64,7 @@ class ScanFusion(WaamNode):
         self._maps = self.create_publisher(HeightMap, 'height_map', LATCHED)
         self._images = self.create_publisher(Image, 'height_image', LATCHED)
         self.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY, raw=True)
+        self.create_subscription(JobStatus, 'job_status', self._on_job, LATCHED)
         ProfileInput(self, self._on_batch)
         for kind, name, work in (
             (BeginScan, '~/begin', self._begin),
@@ -84,6 +88,23 @@ class ScanFusion(WaamNode):
                 self._complete.set()
         elif session and len(self._raw) >= RAW_KEPT // 2:
             self._read_telemetry()
+
+    def _on_job(self, status: JobStatus) -> None:
+        """A scan does not outlive its job, whose request may have been given up before its answer came."""
+        self._ended_job = status.job_id if status.state in ENDED else ''
+        session = self._session
+        if session is None or session.closing or status.state not in ENDED:
+            return
+        self.get_logger().warning(f'scan {session.scan_id}: its job has ended, scanner off')
+        self._session = None
+        self._scanner_off()
+
+    def _scanner_off(self) -> None:
+        def done(trouble: str) -> None:
+            if trouble:
+                self.get_logger().warning(f'scanner not switched off: {trouble}')
+
+        start(self._scanner.set(False), done, lambda e: done(str(e)))
 
     def _read_telemetry(self) -> None:
         while self._raw:
@@ -121,7 +142,7 @@ class ScanFusion(WaamNode):
     async def _begin(
         self, request: BeginScan.Request, response: BeginScan.Response
     ) -> BeginScan.Response:
-        if busy := self._busy():
+        if busy := self._busy(request.job_id):
             return answer(response, BeginScan.Response.BUSY, busy)
         try:
             session = self._new_session(request)
@@ -132,8 +153,11 @@ class ScanFusion(WaamNode):
         self._session, self._beginning = session, True
         trouble = await self._scanner.set(True)
         self._beginning = False
+        if self._session is not session:
+            trouble = trouble or 'the job has ended'
         if trouble:
             self._session = None
+            self._scanner_off()  # it may have obeyed too late
             return answer(response, BeginScan.Response.NO_SCANNER, trouble)
         self._last_scan = (request.job_id, session.scan_id)
         response.scan_id = session.scan_id
@@ -141,8 +165,10 @@ class ScanFusion(WaamNode):
             response, BeginScan.Response.OK, f'scan {session.scan_id}, layer {session.layer}'
         )
 
-    def _busy(self) -> str:
+    def _busy(self, job_id: str) -> str:
         """Why no scan may begin now. One that was begun and left behind (its job ended) is given up."""
+        if self._ended_job and job_folder.job_of(job_id) == self._ended_job:
+            return f'job {self._ended_job} has ended'
         running = self._session
         if self._beginning or (running and running.closing):
             return 'another begin or finish is in progress'

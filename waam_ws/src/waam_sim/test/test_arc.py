@@ -175,6 +175,25 @@ def test_faults_of_arc_wire_and_gas(make_cell):
     assert plant.arc_on
 
 
+@pytest.mark.parametrize('coast', [0.02, 1.0])
+def test_at_the_end_of_the_wire_the_wheel_runs_down_and_the_arc_goes_out(make_cell, coast):
+    plant = make_cell(groups={'arc': ArcParams(wheel_coast=coast)})
+    drive = burning(plant)
+    drive.wait(0.5, WIRE, 22.0, ON)
+    metal = plant.metal.deposited
+    plant.faults.inject('wire_end', 0.0, plant.now)
+    readings = drive.wait(0.4, WIRE, 22.0, ON)
+    assert readings[19].wire_speed == pytest.approx(WIRE * np.exp(-0.2 / coast), abs=0.06 * WIRE)
+    assert not plant.arc_on and readings[-1].current < 1.0
+    drive.wait(2.0, WIRE, 22.0, ON)
+    assert not plant.arc_on, 'no wire, no strike'
+    assert plant.metal.deposited - metal < 0.05 * metal
+    plant.faults.inject('none', 0.0, plant.now)  # the new spool
+    drive.wait(1.0, WIRE, 22.0, ON)
+    assert plant.arc_on
+    assert drive.wait(0.5, WIRE, 22.0, ON)[-1].wire_speed == pytest.approx(WIRE, rel=0.03)
+
+
 def test_parameters_are_documented():
     for f in dataclasses.fields(ArcParams):
         assert f.metadata['description'], f.name

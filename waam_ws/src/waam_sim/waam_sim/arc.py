@@ -29,6 +29,9 @@ class ArcParams:
     wire_ratio: float = param(
         0.968, 'true wire speed over the reading of the measuring wheel', '', 0.5, 1.5
     )
+    wheel_coast: float = param(
+        0.1, 'time constant of the measuring wheel once no wire turns it', 's', 1e-3, 5.0
+    )
     wire_quantum: float = param(5e-4, 'resolution of the wire speed reading', 'm/s', 1e-6, 0.01)
     strike_min: float = param(0.05, 'shortest ignition delay', 's', 0.0, 1.0)
     strike_max: float = param(0.15, 'longest ignition delay', 's', 0.0, 1.0)
@@ -106,12 +109,17 @@ class Arc:
 
 
 @jit
-def advance_wire(p, s, line, rng, command, slip, dt):
-    """One sample of the drive; `slip`: share that the rolls lose (the wheel sees it). Sets s.wire and s.reading."""
+def advance_wire(p, s, line, rng, command, slip, empty, dt):
+    """One sample of the drive; `slip`: share that the rolls lose (the wheel sees it); `empty`: the wire has run out, so
+    nothing is fed and the wheel runs down. Sets s.wire and s.reading."""
     slot = int(s.slot)
     line[slot] = command
     delayed = line[(slot - int(p.wire_delay / dt + 0.5)) % DELAY_LINE]
     s.slot = (slot + 1) % DELAY_LINE
+    if empty:
+        s.reading *= max(1.0 - dt / p.wheel_coast, 0.0)
+        s.wire = 0.0
+        return
     drive = s.reading / max(1.0 - slip, 1e-3) if slip < 1.0 else 0.0
     drive += (delayed - drive) * min(dt / p.wire_lag, 1.0)
     s.reading = drive * (1.0 - slip)

@@ -24,6 +24,7 @@ class FaultKind:
 KINDS = {
     'arc_loss': FaultKind('seconds without arc', 0.0, 3600.0, 0.3, True),
     'wire_slip': FaultKind('share of wire speed lost', 0.0, 1.0, 0.4, False),
+    'wire_end': FaultKind('seconds until a new spool is threaded', 0.0, 3600.0, math.inf, True),
     'gas_loss': FaultKind('seconds without gas', 0.0, 3600.0, math.inf, True),
     'scanner_dropout': FaultKind('share of points lost', 0.0, 1.0, 0.5, False),
     'scanner_dead': FaultKind('seconds without profiles', 0.0, 3600.0, math.inf, True),

@@ -142,11 +142,11 @@ class Plant:
             asked = bool(samples['outputs'][-1] & OUTPUT_SENSING)
             samples = self.gantry.move(samples, metal.deposited, asked or self.sensing)
         self._lived = samples
-        blocked = gas_out = False
+        blocked = gas_out = empty = False
         slip = 0.0
         if faults.active:
             blocked, gas_out = faults.on('arc_loss', now), faults.on('gas_loss', now)
-            slip = faults.share('wire_slip')
+            slip, empty = faults.share('wire_slip'), faults.on('wire_end', now)
         self._note_scan()
         self._before = self._last.copy()
         live(
@@ -154,7 +154,7 @@ class Plant:
             touched=metal.touched, mp=metal.params, ms=metal.state, skin=heat.skin, bulk=heat.bulk,
             thickness=heat.thickness, hp=heat.params, hs=heat.state, ap=arc.params, als=arc.state, line=arc.line,
             rng=arc.rng, values=self._lattice, hot=placed.hot, kept=placed.kept, lp=placed.params, ls=placed.state,
-            blocked=blocked, gas_out=gas_out, slip=slip,
+            blocked=blocked, gas_out=gas_out, slip=slip, empty=empty,
         )  # fmt: skip
         self.time_us = time_us
         self._measure_distance(len(samples) * SAMPLE_US * 1e-6)

@@ -26,6 +26,7 @@ def _make_live(sources: int) -> Callable:
     def live(
         samples, now, zero, last, z, solid, touched, mp, ms, skin, bulk, thickness, hp, hs, ap, als, line, rng,
         values, hot, kept, lp, ls, blocked, gas_out, slip,
+        empty,
     ):  # fmt: skip
         if not sources:
             return
@@ -41,7 +42,7 @@ def _make_live(sources: int) -> Callable:
             gas = samples[i].outputs & 2 != 0 and not gas_out
             time = now - (n - 1 - i) * dt
             last[0], last[1], last[2] = x, y, height
-            advance_wire(a, astate, line, rng, samples[i].wire_cmd, slip, dt)
+            advance_wire(a, astate, line, rng, samples[i].wire_cmd, slip, empty, dt)
             if astate.lit > 0.0 and mstate.active > 0.0:
                 surface = mstate.surface
             elif on:

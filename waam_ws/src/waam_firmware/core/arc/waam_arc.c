@@ -102,6 +102,12 @@ static waam_fault_t purge(waam_arc_t *arc, bool flow, const waam_arc_config_t *c
     return NONE;
 }
 
+/* Why there is no current: a wire that was late before the current is the cause, at the end of the spool for one. */
+static waam_fault_t cause(const waam_arc_t *arc, waam_fault_t otherwise, const waam_arc_config_t *config)
+{
+    return arc->slow_wire_us >= config->lost_us ? WAAM_FAULT_WIRE : otherwise;
+}
+
 static waam_fault_t strike(waam_arc_t *arc, const waam_arc_config_t *config)
 {
     if (arc->above_us >= config->established_us) {
@@ -109,7 +115,7 @@ static waam_fault_t strike(waam_arc_t *arc, const waam_arc_config_t *config)
         enter(arc, WAAM_ARC_BURNING);
     } else if (arc->phase_us >= config->strike_us) {
         if (++arc->tries >= config->tries)
-            return fault(arc, WAAM_FAULT_NO_ARC, config);
+            return fault(arc, cause(arc, WAAM_FAULT_NO_ARC, config), config);
         enter(arc, WAAM_ARC_RETRY);
     }
     return NONE;
@@ -118,7 +124,7 @@ static waam_fault_t strike(waam_arc_t *arc, const waam_arc_config_t *config)
 static waam_fault_t burning(waam_arc_t *arc, const waam_arc_config_t *config)
 {
     if (arc->below_us >= config->lost_us)
-        return fault(arc, WAAM_FAULT_ARC_LOST, config);
+        return fault(arc, cause(arc, WAAM_FAULT_ARC_LOST, config), config);
     if (arc->slow_wire_us >= config->wire_fault_us)
         return fault(arc, WAAM_FAULT_WIRE, config);
     if (arc->no_gas_us >= config->gas_missing_us)

@@ -289,9 +289,12 @@ class RosCell:
         return [segment_from_msg(s) for s in response.segments]
 
     def record(self, start: bool, directory: str, custom: tuple[str, ...] = ()) -> str:
-        """Starts or stops the recording. A missing recorder is an error: a job without a record cannot be traced."""
+        """Starts or stops the recording in this folder; the recorder ends it by itself when this node dies. A missing
+        recorder is an error: a job without a record cannot be traced."""
         code = Record.Request.START if start else Record.Request.STOP
-        request = Record.Request(code=code, directory=directory, custom_data=list(custom))
+        request = Record.Request(code=code, directory=directory)
+        if start:
+            request.custom_data = [*custom, f'client={self.node.process}']
         try:
             silence = self._silence_of(self._record)
             response = call(self._record, request, self.timeout + 10.0, silence)

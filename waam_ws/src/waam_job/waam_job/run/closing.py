@@ -28,22 +28,23 @@ def fail(context: JobContext, error: JobError) -> None:
         journal.note('WARNING', 'operator', str(error), 'arc ended, queue dropped')
     elif not journal.faulted:
         journal.note('FAULT', CLASS_OF.get(error.code, 'node'), str(error), 'job ended')
-    journal.state(State.ABORTED if aborted else State.FAILED, str(error))
+    # told before it is written: a full disk changes nothing of that
+    _try(context, lambda: journal.state(State.ABORTED if aborted else State.FAILED, str(error)))
 
 
 def release(context: JobContext, verdict: Verdict) -> None:
-    """Leaves machine and folder in order. What cannot be done is noted, not raised."""
+    """Leaves machine and folder in order. What cannot be done is noted, not raised, and keeps nothing else from it."""
     cell = context.cell
     if context.status.state != State.DONE:
         _try(context, lambda: cell.command('STOP'))
     _try(context, lambda: cell.command('DISARM'))
-    _try(context, lambda: cell.record(False, ''))
+    _try(context, lambda: cell.record(False, context.record_folder))
     context.note_remarks()
-    context.journal.report(verdict)
+    _try(context, lambda: context.journal.report(verdict))
 
 
 def _try(context: JobContext, step: Callable[[], object]) -> None:
     try:
         step()
-    except JobError as e:
+    except (JobError, OSError) as e:
         context.journal.note('WARNING', 'link', f'at the end of the job: {e}', 'none')

@@ -84,6 +84,11 @@ class JobContext:
         return self.program.current
 
     @property
+    def record_folder(self) -> str:
+        """Of this run; the recorder knows the recording by it."""
+        return str(self.journal.folder.path / job_folder.record(self.run))
+
+    @property
     def work_zero(self) -> Point:
         """Machine coordinates of the part's lower corner."""
         return work_frame.work_zero(self.goal, self.settings)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from waam_node import job_folder
 
 from ..model.cell import Cell, Scan
 from ..model.geometry import Deviation
@@ -91,10 +90,9 @@ class JobRunner:
         journal.remarks = self.preparation.remarks()
         self.learning.begin()
         journal.say('; '.join(['arming and homing', *journal.remarks]))
-        record = journal.folder.path / job_folder.record(context.run)
         goal = context.goal
         custom = (f'job_id={context.run_id}', f'loop_mode={goal.loop_mode}', *goal.notes)
-        self.preparation.run(str(record), custom)
+        self.preparation.run(context.record_folder, custom)
 
     def _begin(self) -> tuple[Scan, int]:
         """The scan to begin with and the number of the first layer."""

@@ -86,9 +86,11 @@ class Watch:
     def _check_nodes(self, machine: Machine) -> None:
         self._silent_for = self._silent_for + self.limits.poll if machine.silent_nodes else 0.0
         if self._silent_for > self.limits.node_timeout:
-            names = ', '.join(machine.silent_nodes)
-            self.note('ALARM', 'node', f'{names} fell silent', 'arc lease withheld, job ended')
-            raise JobError(Code.NODE_LOST, f'node {names} fell silent; the arc lease was withheld')
+            why = f'{", ".join(machine.silent_nodes)} fell silent'
+            if machine.message.startswith('two nodes called'):
+                why = machine.message
+            self.note('ALARM', 'node', why, 'arc lease withheld, job ended')
+            raise JobError(Code.NODE_LOST, f'{why}; the arc lease was withheld')
 
     def _on_hold(self, machine: Machine) -> None:
         """A hold by the operator or for want of wire waits for resume; a hold by the lease is resumed when all nodes

@@ -97,7 +97,7 @@ def _struck(p, state, line, rng, wire, contact):  # type: ignore[no-untyped-def]
         )
         above = 0
         for _ in range(WAITS):
-            advance_wire(p, s, line, rng, command=wire, slip=0.0, dt=STEP)
+            advance_wire(p, s, line, rng, command=wire, slip=0.0, empty=False, dt=STEP)
             advance_arc(
                 p,
                 s,
