@@ -21,6 +21,8 @@ from waam_plan.plan import PlannedLayer
 from waam_process.grid import HeightGrid
 from waam_process.segment import Kind, Point, Segment
 
+from .shift import LIMIT, SEARCH, Shift
+
 PRESENT = 0.5  # share of the planned metal above which a place counts as laid
 # the same of the last bead that is done and of one that was begun: the neighbour that would fill its side is not there
 BEGUN = 0.25
@@ -177,7 +179,7 @@ def progress_of(
         return Progress(0, 0, 0)
     shares = metal_shares(layer, before, now)
     beads = list(dict.fromkeys(s.bead for s in deposits))
-    least = max(sum(s.bead in beads[:beads_done] for s in deposits), laid or 0)
+    least, most = laid_range(deposits, beads_done, laid)
     for number, bead in enumerate(beads, 1):
         mine = [i for i, s in enumerate(deposits[:least]) if s.bead == bead]
         if number <= beads_done or len(mine) > FEW:
@@ -186,13 +188,33 @@ def progress_of(
             which = f'{number} of {len(beads)}{begun}'
             _require(least_share, shares[mine], deposits[mine[0]], which)
     lengths, width = np.array([s.length for s in deposits]), max(s.width for s in deposits)
-    most = len(deposits)
     if laid is not None:
-        most = min(_farthest(deposits, least), first_bare(shares, lengths, width, least))
+        most = min(most, first_bare(shares, lengths, width, least))
     middles = np.array([s.midpoint[:2] for s in deposits])
     done = change_point(shares, lengths, middles, width, (least, most))
     bead = deposits[done].bead if done < len(deposits) else 0
     return Progress(done, len(deposits), bead, shares)
+
+
+def laid_range(deposits: list[Segment], beads_done: int, laid: int | None) -> tuple[int, int]:
+    """How many deposits at least, and at most, are on the part; beads_done, laid: as of `progress_of`."""
+    done = set(list(dict.fromkeys(s.bead for s in deposits))[:beads_done])
+    least = max(sum(s.bead in done for s in deposits), laid or 0)
+    return least, len(deposits) if laid is None else _farthest(deposits, least)
+
+
+def check_place(shift: Shift, layer: int) -> None:
+    """ResumeError where the part does not lie in its place, with what to do."""
+    if shift.moved:
+        raise ResumeError(
+            f'the part was moved: layer {layer} lies up to {shift.words} about its middle (limit '
+            f'{LIMIT * 1e3:.2f} mm). Move it back and resume again, or start a new job on the part as it lies'
+        )
+    if shift.other_part:
+        raise ResumeError(
+            f'another part lies there: {shift.misfit:.0%} of what is seen fits to the map before layer {layer} at no '
+            f'place within {SEARCH * 1e3:.0f} mm. Clamp the part of this job where it lay, or start a new job'
+        )
 
 
 def _require(least: float, shares: np.ndarray, first: Segment, which: str) -> None:

@@ -14,7 +14,16 @@ from waam_process.loop_mode import LoopMode
 
 from ..model.cell import Scan
 from ..model.goal import Code, JobError
-from ..model.resume import ResumeError, check_unmoved, cold_share, progress_of, rest_of
+from ..model.resume import (
+    ResumeError,
+    check_place,
+    check_unmoved,
+    cold_share,
+    laid_range,
+    progress_of,
+    rest_of,
+)
+from ..model.shift import expected_of, find_shift
 from ..store import checkpoint as checkpoints
 from .context import JobContext
 from .in_layer import Laid
@@ -97,7 +106,12 @@ class ResumeRun:
     def _between_passes(self, number: int) -> tuple[Scan, int]:
         """All layers planned so far are laid; only a scan (and the next pass) is missing."""
         self._say(number - 1, 'all of it is done')
-        return self.scanner.scan_after(number - 1, required=True), number
+        scan = self.scanner.scan_after(number - 1, required=True)
+        try:
+            self._check_place(self.program.layer(number - 1), self._stored_scan(number - 1), scan)
+        except ResumeError as e:
+            raise JobError(Code.BAD_RESUME, str(e)) from None
+        return scan, number
 
     def _in_layer(self, number: int) -> tuple[Scan, int]:
         """The rest of a layer gets the correction of the whole one, from the surface before it: metal that its first
@@ -108,6 +122,7 @@ class ResumeRun:
         self.journal.status.layer = number
         scan = self.scanner.scan_after(number - 1, required=True)
         try:
+            self._check_place(layer, before, scan, laid_range(layer.deposits, *self._laid(number)))
             check_unmoved(
                 layer, before.map, scan.map, 1.5 * self.program.current.settings.bead_width
             )
@@ -136,6 +151,28 @@ class ResumeRun:
         scan = self.cycle.lay(rest, before, Laid(earlier, asked.planned, scan))
         self._remember(number)
         return scan, number + 1
+
+    def _check_place(
+        self, layer: PlannedLayer, before: Scan, scan: Scan, laid: tuple[int, int] = (0, 0)
+    ) -> None:
+        """ResumeError where the part was moved since the map `before`, on which at least and at most so many deposits
+        of the layer were laid. What the shape does not show of a shift is noted."""
+        expected = expected_of(before.map, layer.volume, layer.deposits, *laid)
+        ahead = [s for p in self._layers_from(layer.number) for s in p.deposits]
+        places = np.array(
+            [s.start[:2] for s in ahead] or [(scan.map.spec.x.mean(), scan.map.spec.y.mean())]
+        )
+        shift = find_shift(expected, scan.map, places)
+        check_place(shift, layer.number)
+        if shift.unseen:
+            text = f'whether the part was moved is not known for certain: {shift.unseen}'
+            self.journal.note(
+                'WARNING', 'operator', text, 'look at the place of the part before the arc'
+            )
+            self.journal.say(text)
+        else:
+            text = f'the part lies in its place: up to {shift.words}'
+            self.journal.note('INFO', 'operator', text, 'none')
 
     def _spend(self, layer: PlannedLayer, rest: list[PlannedLayer]) -> None:
         """What was laid of a begun layer is no longer on the spool. JobError when it does not hold what is missing."""
