@@ -52,8 +52,14 @@ export function element(tag, content = '', style = '') {
   if (style) e.className = style;
   return e;
 }
-export function rows(table, pairs) {
-  table.replaceChildren(...pairs.map(([a, b]) => { const r = element('tr'); r.append(element('th', a), element('td', b)); return r; }));
+// Rows of name, value and, where it is not that of the table, the section that the value comes from (see sources.js).
+export function rows(table, triples) {
+  table.replaceChildren(...triples.map(([a, b, from]) => {
+    const r = element('tr');
+    r.append(element('th', a), element('td', b));
+    if (from) r.dataset.from = from;
+    return r;
+  }));
 }
 export function duration(seconds) {
   if (seconds === null || seconds === undefined) return '–';

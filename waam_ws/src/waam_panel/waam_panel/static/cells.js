@@ -64,6 +64,7 @@ function rows(queue) {
 async function look() {
   const found = await get('/api/cells');
   $('gone').hidden = Boolean(found);
+  document.body.classList.toggle('lost', !found);
   if (!found) return;
   text('here', found.here); text('stop-name', found.here);
   text('count', `(${found.queue.count} open)`);
