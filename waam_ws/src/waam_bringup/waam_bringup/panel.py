@@ -67,7 +67,7 @@ def _panel(args: argparse.Namespace) -> int:
         print(state.panel_url)
         _open(args, state.panel_url)
         return 0
-    return _serve(args, state, access)
+    return _serve(args, run, state, access)
 
 
 def _open(args: argparse.Namespace, url: str) -> None:
@@ -94,7 +94,7 @@ def _access(args: argparse.Namespace) -> dict[str, str]:
     return texts
 
 
-def _serve(args: argparse.Namespace, state: RunState, access: dict[str, str]) -> int:
+def _serve(args: argparse.Namespace, run: Path, state: RunState, access: dict[str, str]) -> int:
     """Runs the node in this process, on the domain of the graph."""
     from waam_panel.panel_node import main
 
@@ -108,7 +108,7 @@ def _serve(args: argparse.Namespace, state: RunState, access: dict[str, str]) ->
     values = {
         'bind': args.bind, 'port': port, 'jobs_dir': str(jobs_dir()), 'part_folders': folders,
         'shop_dir': str(shop_dir()), 'calibrations_dir': str(calibrations_dir()), 'cell': cell_name(),
-        'use_sim_time': state.simulated, **access,
+        'run_dir': str(run), 'use_sim_time': state.simulated, **access,
     }  # fmt: skip
     if args.host:
         values['allowed_hosts'] = ','.join(args.host)

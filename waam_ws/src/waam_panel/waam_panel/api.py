@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from typing import Any
 
 from aiohttp import web
@@ -193,11 +194,25 @@ async def start(cell: Cell, _: dict[str, Any]) -> str:
     return await cell.do(cell.operations.start, cell.setup, part, cell.jobs_dir)
 
 
+async def restart_programs(cell: Cell, _: dict[str, Any]) -> str:
+    """Starts again what has died or hangs. Refused while the arc is on, the machine moves or holds, or a job runs."""
+    stale = cell.state.stale(time.monotonic())
+    known = {n: v for n, v in cell.state.sections.items() if n not in stale and v}
+    telemetry, machine = known.get('telemetry', {}), known.get('machine', {})
+    if telemetry.get('arc') or telemetry.get('arc_enabled'):
+        raise Refused('the arc is on: press STOP first')
+    if {telemetry.get('state'), machine.get('state')} & {'RUN', 'HOLD'}:
+        raise Refused('the machine moves or holds: press STOP first')
+    if cell.state.job_running and 'job' in known:
+        raise Refused('a job is running: press STOP first')
+    return await cell.do(cell.operations.restart_programs)
+
+
 COMMANDS: dict[str, Run] = {
     'pause': pause, 'resume': resume, 'home': machine('HOME'), 'disarm': machine('DISARM'), 'reset': machine('RESET'),
     'arm': arm, 'jog': jog, 'jog_wire': jog_wire, 'zero': zero, 'override': override, 'gain': gain,
     'rescan': adjust('RESCAN'), 'skip_layer': adjust('SKIP_LAYER'), 'acknowledge': acknowledge, 'load': load,
-    'load_job': load_job,    'preview': preview, 'start': start,
+    'load_job': load_job,    'preview': preview, 'start': start, 'restart_programs': restart_programs,
 }  # fmt: skip
 
 
