@@ -112,11 +112,12 @@ class AlarmLog:
         """Newest first."""
         return reversed(self._alarms)
 
-    def job(self, doing: str) -> None:
-        """What the job does now: RUNNING, PAUSED, ENDED. What to do about its alarms may be another thing now."""
+    def job(self, doing: str, begins: bool = True) -> None:
+        """What the job does now: RUNNING, PAUSED, ENDED. What to do about its alarms may be another thing now. begins:
+        False = one that was not ENDED may have begun long ago."""
         if doing == self._doing:
             return
-        self._job += self._doing == ENDED
+        self._job += begins and self._doing == ENDED
         self._doing = doing
         self.version += 1
         for alarm in self:

@@ -145,7 +145,7 @@ class PanelState:
         if runs or (self.lost_job and self.lost_job['id'] == j.get('id')):
             self.lost_job = None
         doing = alarms.PAUSED if j['state'] == 'PAUSED' else alarms.RUNNING
-        self.alarms.job(doing if runs else alarms.ENDED)
+        self.alarms.job(doing if runs else alarms.ENDED, begins=before is not None)
         ended = j['state'] in JOB_ENDED
         if ended and before and before['state'] != j['state']:
             self.job_ends += 1

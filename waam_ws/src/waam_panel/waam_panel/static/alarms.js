@@ -1,12 +1,12 @@
 // Alarms: the newest one not acknowledged in the banner, all of them with what to do, and the table of all codes.
-import { $, element, post, text } from './api.js';
+import { $, day, element, post, text } from './api.js';
 
 let top = null;
 const KEPT = 200; // as the panel keeps
 const alarms = new Map();
 const weight = (a) => (!a.active && a.history ? 1 : a.severity);
-const name = (a) => `${a.kind === 'controller' ? 'E' : a.kind === 'job' ? 'job ' : ''}${a.code}`;
-const when = (a) => new Date(a.time * 1000).toLocaleString();
+const name = (a) => (a.kind === 'controller' ? `E${a.code} ` : a.kind === 'job' ? `job ${a.code}: ` : '') + a.title;
+const when = (a) => day(a.time);
 
 export function clearAlarms() { alarms.clear(); draw(null); }
 
@@ -23,7 +23,7 @@ function draw(id) {
   $('banner').hidden = !top;
   $('banner').classList.toggle('bad', Boolean(top && weight(top) >= 2));
   if (top) {
-    text('banner-title', `${name(top)} ${top.title}`);
+    text('banner-title', name(top));
     text('banner-when', when(top));
     text('banner-text', `${top.text || top.cause} → ${top.action}`);
   }
@@ -37,7 +37,7 @@ function entry(a) {
   const box = element('div', '', `alarm s${a.severity}${a.acknowledged ? ' done' : ''}`);
   const times = a.count > 1 ? `, ${a.count} times` : '';
   const state = a.active ? ' (still on)' : a.history ? ' (of a job before)' : '';
-  box.append(element('b', `${when(a)}  ${name(a)}  ${a.title}${state}${times}`));
+  box.append(element('b', `${when(a)}  ${name(a)}${state}${times}`));
   if (!a.acknowledged) {
     const button = element('button', 'Acknowledge');
     button.addEventListener('click', () => post('acknowledge', { id: a.id }, { quiet: true }));

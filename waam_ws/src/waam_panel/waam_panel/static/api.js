@@ -61,6 +61,11 @@ export function rows(table, triples) {
     return r;
   }));
 }
+// Date and time of a UTC in s, in the time of this device: 2026-11-28 14:05:12.
+export function day(utc) {
+  const two = (n) => String(n).padStart(2, '0'), d = new Date(utc * 1000);
+  return `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())} ${two(d.getHours())}:${two(d.getMinutes())}:${two(d.getSeconds())}`;
+}
 export function duration(seconds) {
   if (seconds === null || seconds === undefined) return '–';
   const m = Math.round(seconds / 60);

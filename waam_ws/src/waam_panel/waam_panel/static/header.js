@@ -21,7 +21,7 @@ function showMachine(m, t) {
 }
 
 function showArc(t) {
-  tile('arc', !t ? UNKNOWN : t.arc ? 'ON' : t.arc_enabled ? 'strikes' : 'off', t ? (t.gas ? 'gas on' : 'gas off') : why('telemetry'), { lit: t && t.arc_enabled });
+  tile('arc', !t ? '–' : t.arc ? 'ON' : t.arc_enabled ? 'strikes' : 'off', !t ? UNKNOWN : t.gas ? 'gas on' : 'gas off', { lit: t && t.arc_enabled });
 }
 
 function showJob(j, setup, running, lost) {

@@ -51,7 +51,7 @@ export function show(name) {
   document.querySelectorAll('[data-map]').forEach((b) => b.classList.toggle('on', b.dataset.map === name));
   $('viewer').hidden = name !== 'viewer';
   $('run-split').classList.toggle('viewing', name === 'viewer'); // it brings its own plots
-  $('map-box').dataset.from = FROM[name];
+  $('map-frame').dataset.from = $('map-note').dataset.from = FROM[name];
   note();
 }
 

@@ -160,7 +160,7 @@ function onLost(seconds) {
   letGo();
   if (!last) return;
   const stale = { ...last.stale, panel: `the panel does not answer since ${Math.round(seconds)} s` };
-  onFrame({ ...last, stale, running: null, samples: [], alarms: [], fresh: false });
+  onFrame({ ...last, stale, ages: { ...last.ages, panel: seconds }, running: null, samples: [], alarms: [], fresh: false });
 }
 
 function redraw() {

@@ -1,5 +1,6 @@
 // What can be believed. Every value on the page lies in an element with data-from: the sections of the stream that it
-// comes from (sources.py says which node and topic that is; 'panel' is the panel itself). Old is shown as old.
+// comes from (sources.py says which node and topic that is; 'panel' is the panel itself). Old is shown as old; what
+// never came is a dash anyway.
 let stale = {}, ages = {};
 
 export function hear(frame) { stale = frame.stale; ages = frame.ages; }
@@ -16,8 +17,8 @@ export function ago(section) {
 
 export function mark() {
   for (const e of document.querySelectorAll('[data-from]')) {
-    const names = e.dataset.from.split(' '), reason = names.map(why).find(Boolean) || '';
-    e.classList.toggle('stale', Boolean(reason));
-    if (reason) { e.title = reason; e.dataset.age = `old ${ago(names.find(why))}`; } else if (e.dataset.age) { e.title = ''; e.dataset.age = ''; }
+    const from = e.dataset.from.split(' ').find((name) => why(name) && (ago(name) || ago('panel')));
+    e.classList.toggle('stale', Boolean(from));
+    if (from) { e.title = why(from); e.dataset.age = `old ${ago(from) || ago('panel')}`; } else if (e.dataset.age) { e.title = ''; e.dataset.age = ''; }
   }
 }
