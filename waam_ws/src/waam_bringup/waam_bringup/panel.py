@@ -111,9 +111,7 @@ def _access(args: argparse.Namespace) -> dict[str, str]:
     return texts
 
 
-def _serve(
-    args: argparse.Namespace, run: Path, state: RunState, access: dict[str, str]
-) -> int:
+def _serve(args: argparse.Namespace, run: Path, state: RunState, access: dict[str, str]) -> int:
     """Runs the node in this process, on the domain of the graph."""
     from waam_panel.panel_node import main
 
@@ -128,7 +126,8 @@ def _serve(
     values = {
         'bind': args.bind, 'port': port, 'jobs_dir': str(jobs_dir()), 'part_folders': folders,
         'shop_dir': str(shop_dir()), 'calibrations_dir': str(calibrations_dir()), 'cell': cell_name(),
-        'use_sim_time': state.simulated, 'stop_port': second, 'stop_socket': str(socket), **access,
+        'run_dir': str(run), 'use_sim_time': state.simulated, 'stop_port': second,
+        'stop_socket': str(socket), **access,
     }  # fmt: skip
     if args.host:
         values['allowed_hosts'] = ','.join(args.host)

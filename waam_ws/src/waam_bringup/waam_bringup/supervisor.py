@@ -1,7 +1,8 @@
 """The plain supervisor: starts the processes of the graph, watches them, says what died, stops them in reverse order.
 
-A node that died is not restarted: a job in the middle of a layer must not continue with one that has lost its state.
-One that hangs while no job runs is killed and restarted, since the next job would fail on it.
+A node that died is not restarted by itself: a job in the middle of a layer must not continue with one that has lost its
+state. One that hangs while no job runs is killed and restarted, since the next job would fail on it. A person restarts
+both on the page (*Restart programs*, `waam_node.restart`).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from waam_node import alive, priority
+from waam_node import alive, priority, restart
 from waam_node.files import write_atomically
 
 from . import run_state, shared_memory
@@ -25,6 +26,7 @@ from .urgency import Urgency
 from .watchdog import Watchdog
 
 MAX_RESTARTS = 3  # restarts of one node per graph; a node that hangs repeatedly needs a person
+HANGS_S = 3.0  # of silence after which a node is restarted by a person who asks for it
 DUMP_S = 0.3  # for a hanging node to write where its threads are
 
 
@@ -48,6 +50,8 @@ class Supervisor:
         if settings.panel_port and any(p.name == 'panel' for p in self.specs):
             self.state.panel_url = f'http://127.0.0.1:{settings.panel_port}/'
         self._asked_to_stop = False
+        self._ports: dict[str, list[Path]] = {}  # of each node, as long as it lives
+        self._turn = 0
 
     def start(self) -> None:
         """Starts everything, the virtual controller first (the others wait for its port themselves)."""
@@ -73,7 +77,7 @@ class Supervisor:
                 start_new_session=True,  # Ctrl-C in the terminal reaches the supervisor, which stops them in order
             )
         self.children[spec.name] = child
-        if spec.restart:
+        if spec.ros:
             self.watchdog.watch(child.pid)
         return child
 
@@ -96,7 +100,9 @@ class Supervisor:
 
     def look(self) -> None:
         """One look at all processes."""
+        self._note_ports()
         self._reap()
+        self._restart_asked()
         self._restart_hanging()
         asking = [s.name for s in self.specs if priority.VARIABLE in s.environment]
         running = [self.children[n].pid for n in asking if self.children[n].poll() is None]
@@ -113,6 +119,7 @@ class Supervisor:
                 state.exit_code, state.ended_at = child.returncode, time.time()
                 changed = True
                 self.watchdog.forget(child.pid)
+                self.ports_of_dead.hold(self._ports.pop(name, []))
                 self._report_death(name, child.returncode)
         if changed:
             self._save()
@@ -132,29 +139,70 @@ class Supervisor:
     def _may_restart(self, spec: Process, silent: dict[int, float]) -> bool:
         state = self.state.nodes[spec.name]
         hangs = self.children[spec.name].pid in silent and state.exit_code is None
-        return hangs and state.restarts < MAX_RESTARTS
+        return spec.restart and hangs and state.restarts < MAX_RESTARTS
+
+    def _restart_asked(self) -> None:
+        """What a person asks for: everything that has died or hangs, whether a job is under way or not."""
+        word = restart.take(self.settings.run)
+        if word is None:
+            return
+        silent = self.watchdog.silent(time.monotonic(), HANGS_S)
+        started = []
+        for spec in self.specs:
+            state, pid = self.state.nodes[spec.name], self.children[spec.name].pid
+            if state.exit_code is not None:
+                how = describe_exit(state.exit_code)
+            elif pid in silent:
+                how = f'gave no sign of life for {silent[pid]:.0f} s'
+            else:
+                continue
+            self._start_again(spec, f'{spec.name} {how}; a person had it started again')
+            started.append(f'{spec.name} ({how})')
+        if started:
+            self.watchdog.forgive(time.monotonic())
+        try:
+            restart.answer(self.settings.run, word, started)
+        except OSError as e:
+            print(f'[waam] {self.settings.run}/{restart.ANSWER}: {e.strerror}', file=sys.stderr)
 
     def _restart(self, spec: Process, seconds: float) -> None:
+        how = f'gave no sign of life for {seconds:.0f} s while no job ran; it was ended and started again'
+        self._start_again(spec, f'{spec.name} {how}')
+
+    def _start_again(self, spec: Process, why: str) -> None:
         child, state = self.children[spec.name], self.state.nodes[spec.name]
-        state.reason = (
-            f'{spec.name} gave no sign of life for {seconds:.0f} s while no job ran; '
-            f'it was ended and started again at {time.strftime("%H:%M:%S")}'
-        )
+        state.reason = f'{why} at {time.strftime("%H:%M:%S")}'
         print(f'[waam] {state.reason}', file=sys.stderr)
+        if state.exit_code is None:
+            ports = shared_memory.ports_of(child.pid)
+            self._end_hanging(child)
+            self.ports_of_dead.hold(ports)
+            if spec.name == 'job_sequencer':
+                mark_interrupted(self.settings.run, why)
+        shared_memory.clean()
+        state.pid = self._launch(spec, 'a', **{alive.RESTARTED: state.reason}).pid
+        state.exit_code = state.ended_at = None
+        state.restarts += 1
+        self.state.message = state.reason
+        self._save()
+
+    def _end_hanging(self, child: subprocess.Popen) -> None:
         child.send_signal(signal.SIGUSR1)
         # one that was stopped (SIGSTOP) can write that, too, and lets go of locks that would outlive it
         child.send_signal(signal.SIGCONT)
         time.sleep(DUMP_S)
-        ports = shared_memory.ports_of(child.pid)
         child.kill()
         child.wait()
-        self.ports_of_dead.hold(ports)
         self.watchdog.forget(child.pid)
-        shared_memory.clean()
-        state.pid = self._launch(spec, 'a', **{alive.RESTARTED: state.reason}).pid
-        state.restarts += 1
-        self.state.message = state.reason
-        self._save()
+
+    def _note_ports(self) -> None:
+        """One node a look: of a dead one nobody can tell any more on which ports it listened."""
+        names = list(self.children)
+        if names:
+            self._turn = (self._turn + 1) % len(names)
+            name = names[self._turn]
+            if ports := shared_memory.ports_of(self.children[name].pid):
+                self._ports[name] = ports
 
     def _report_death(self, name: str, code: int) -> None:
         text = f'{name} {describe_exit(code)}'

@@ -44,16 +44,17 @@ class Watchdog:
         """Steady time of the newest sign of life; None = none yet."""
         return self._heard.get(pid)
 
-    def silent(self, now: float) -> dict[int, float]:
-        """Processes that were heard once and then not for `timeout`: pid -> s of silence."""
+    def silent(self, now: float, timeout: float | None = None) -> dict[int, float]:
+        """Processes that were heard once and then not for `timeout` s (None: the watchdog's): pid -> s of silence."""
+        timeout = self.timeout if timeout is None else timeout
         self._listen(now)
         if now - self._looked > SLEPT_S:
             self.forgive(now)
         self._looked = now
-        if self.timeout <= 0:
+        if timeout <= 0:
             return {}
         quiet = {p: now - t for p, t in self._heard.items() if t is not None}
-        return {p: s for p, s in quiet.items() if s > self.timeout}
+        return {p: s for p, s in quiet.items() if s > timeout}
 
     def _listen(self, now: float) -> None:
         while True:

@@ -121,18 +121,18 @@ def test_a_page_gets_each_sample_once_and_sees_what_is_old():
     state = PanelState(kept=50)
     for i in range(30):
         state.apply('telemetry', sample(i), 10.0, 0.0)
-    frame = state.frame(10.5, 0, -1)
+    frame = state.frame(10.5, 0)
     assert len(frame['samples']) == 30 and 'telemetry' not in frame['stale']
     assert 'temperature' in frame['stale']
     state.apply('telemetry', sample(30), 11.0, 0.0)
-    assert [s[0] for s in state.frame(11.0, 30, 0)['samples']] == [130.0]
+    assert [s[0] for s in state.frame(11.0, 30)['samples']] == [130.0]
     for i in range(200):
         state.apply('telemetry', sample(i), 12.0, 0.0)
-    assert len(state.frame(12.0, 31, 0)['samples']) == 50  # a page that was away: what is kept
-    assert 'telemetry' in state.frame(14.0, 0, 0)['stale']
+    assert len(state.frame(12.0, 31)['samples']) == 50  # a page that was away: what is kept
+    assert 'telemetry' in state.frame(14.0, 0)['stale']
     nan = float('nan')
     state.apply('telemetry', sample(1, current=nan, position=(nan, 0.0, 0.0)), 14.0, 0.0)
-    json.dumps(state.frame(14.0, 0, 0), allow_nan=False)
+    json.dumps(state.frame(14.0, 0), allow_nan=False)
 
 
 def test_commanded_speed_is_that_of_the_nearest_segment_with_the_override():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 from aiohttp import web
@@ -11,7 +12,7 @@ from waam_node.stop_socket import HOLD, STOP
 from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
 from waam_shop.roles import Role
 
-from . import alarms, bodies, calibrated, history
+from . import alarms, bodies, calibrated, history, numbers
 from .archive_page import QuestionError
 from .auditing import AuditFailure, done
 from .cell import CELL, Cell
@@ -28,7 +29,7 @@ from .commanding import (
 from .operations import Refused
 from .routes import UPLOAD, Route
 from .security import CSRF_HEADER
-from .setup_form import LAST_SCAN, LOOP_MODE_LABELS, parse
+from .setup_form import LAST_SCAN, LIMITS, LOOP_MODE_LABELS, parse
 
 STEPS_MM = (0.1, 1.0, 10.0, 50.0)
 JOG_SPEED = {0.1: 2e-3, 1.0: 5e-3, 10.0: 20e-3, 50.0: 40e-3}  # m/s per step size
@@ -39,12 +40,12 @@ WIRE_MM = 50.0  # longest wire jog of one request
 FACTORS = {'speed': SPEED_FACTOR, 'wire': WIRE_FACTOR}
 
 
-def number(data: dict[str, Any], name: str, low: float, high: float) -> float:
-    """A finite number within limits. Raises BadRequest."""
-    value = data.get(name)
-    if isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high:
-        return float(value)  # NaN fails every comparison
-    raise BadRequest(f'{name}: {value!r}, must be a number from {low:g} to {high:g}')
+def number(data: dict[str, Any], name: str, low: float, high: float, unit: str = '') -> float:
+    """A number within limits, of JSON or as people type it. Raises BadRequest."""
+    try:
+        return numbers.of(data.get(name), low, high, unit)
+    except numbers.NumberRefused as e:
+        raise BadRequest(f'{name}: {e}') from None
 
 
 # ---- what the commands do
@@ -103,7 +104,7 @@ async def jog(cell: Cell, data: dict[str, Any]) -> str:
 
 async def jog_wire(cell: Cell, data: dict[str, Any]) -> str:
     """mm: -50 to 50, negative = back."""
-    length = number(data, 'mm', -WIRE_MM, WIRE_MM)
+    length = number(data, 'mm', -WIRE_MM, WIRE_MM, 'mm')
     return await cell.do(cell.operations.jog_wire, length * 1e-3)
 
 
@@ -148,27 +149,28 @@ async def acknowledge(cell: Cell, data: dict[str, Any]) -> str:
 
 async def load(cell: Cell, data: dict[str, Any]) -> str:
     """Checks the setup and takes it; on the simulated cell the part is put on the table."""
-    if cell.state.job_running:
-        raise Refused('a job is running')
+    cell.check_no_job()
     setup = parse(data, cell.materials)
     cell.parts.find(setup.part)
     named = setup.as_found and setup.as_found != LAST_SCAN
     as_found = cell.parts.find(setup.as_found) if named else None
     said = await cell.do(cell.operations.load, setup, as_found)
     cell.setup, cell.going_on = setup, None
-    cell.state.sections['setup'] = setup.as_dict()
-    return said
+    cell.state.sections['setup'] = setup.as_dict() | {'words': setup.words}
+    return f'{said}: {setup.words}'
 
 
 async def load_job(cell: Cell, data: dict[str, Any]) -> str:
     """id: a job that was interrupted, failed or aborted; Arm and Start then go on with it."""
-    if cell.state.job_running:
-        raise Refused('a job is running')
+    cell.check_no_job()
     folder = history.find(cell.jobs_dir, str(data.get('id')))
     if not history.can_go_on(folder):
         raise Refused(f'{folder.name} is not an interrupted job')
     cell.setup, cell.going_on = None, folder
-    cell.state.sections['setup'] = {'part': f'{folder.name}, to go on'}
+    cell.state.sections['setup'] = {
+        'part': f'{folder.name}, to go on',
+        'words': f'go on with {folder.name} at the first bead that is not done',
+    }
     return 'loaded; Arm and Start scan the part and go on at the first bead that is not done'
 
 
@@ -183,8 +185,7 @@ async def start(cell: Cell, _: dict[str, Any]) -> str:
     """The two steps of a machine tool: arm, then start."""
     if cell.setup is None and cell.going_on is None:
         raise Refused('load a part first')
-    if cell.state.job_running:
-        raise Refused('a job is running')
+    cell.check_no_job()
     if not (cell.state.sections.get('machine') or {}).get('armed'):
         raise Refused('press Arm first')
     await calibrated.check(cell.calibrations, cell.settings)
@@ -195,11 +196,25 @@ async def start(cell: Cell, _: dict[str, Any]) -> str:
     return await cell.do(cell.operations.start, cell.setup, part, cell.jobs_dir)
 
 
+async def restart_programs(cell: Cell, _: dict[str, Any]) -> str:
+    """Starts again what has died or hangs. Refused while the arc is on, the machine moves or holds, or a job runs."""
+    stale = cell.state.stale(time.monotonic())
+    known = {n: v for n, v in cell.state.sections.items() if n not in stale and v}
+    telemetry, machine = known.get('telemetry', {}), known.get('machine', {})
+    if telemetry.get('arc') or telemetry.get('arc_enabled'):
+        raise Refused('the arc is on: press STOP first')
+    if {telemetry.get('state'), machine.get('state')} & {'RUN', 'HOLD'}:
+        raise Refused('the machine moves or holds: press STOP first')
+    if cell.state.job_running and 'job' in known:
+        raise Refused('a job is running: press STOP first')
+    return await cell.do(cell.operations.restart_programs)
+
+
 COMMANDS: dict[str, Run] = {
     'pause': pause, 'resume': resume, 'home': machine('HOME'), 'disarm': machine('DISARM'), 'reset': machine('RESET'),
     'arm': arm, 'jog': jog, 'jog_wire': jog_wire, 'zero': zero, 'override': override, 'gain': gain,
     'rescan': adjust('RESCAN'), 'skip_layer': adjust('SKIP_LAYER'), 'acknowledge': acknowledge, 'load': load,
-    'load_job': load_job,    'preview': preview, 'start': start,
+    'load_job': load_job,    'preview': preview, 'start': start, 'restart_programs': restart_programs,
 }  # fmt: skip
 
 
@@ -254,7 +269,7 @@ async def _archive(request: web.Request) -> web.Response:
 def _choices(cell: Cell) -> dict[str, Any]:
     return {
         'parts': cell.parts.listing(), 'materials': cell.materials, 'steps_mm': STEPS_MM,
-        'override_limits': FACTORS, 'simulated': cell.operations.simulated,
+        'override_limits': FACTORS, 'limits': LIMITS, 'simulated': cell.operations.simulated,
         'loop_modes': list(LOOP_MODE_LABELS.items()),
         'alarms': {k: {c: vars(a) for c, a in t.items()} for k, t in alarms.table().items()},
     }  # fmt: skip

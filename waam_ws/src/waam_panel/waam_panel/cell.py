@@ -26,7 +26,7 @@ from .archive_page import ArchivePage
 from .beside import Beside
 from .gate import Gate
 from .in_shop import InShop
-from .operations import Operations
+from .operations import Operations, Refused
 from .parts import PartFolders
 from .security import Guard
 from .setup_form import LAST_SCAN, JobSetup
@@ -102,6 +102,11 @@ class Cell:
         """Those that the controller has. Refused when it does not say."""
         return await self.do(self.operations.settings)
 
+    def check_no_job(self) -> None:
+        """Raises Refused while a job runs, or may run: its node does not answer."""
+        if self.state.job_running:
+            raise Refused(self.state.stale(time.monotonic()).get('job') or 'a job is running')
+
     # ---- what arrives
 
     async def pump(self) -> None:
@@ -122,6 +127,7 @@ class Cell:
                     self.state.apply(name, value, time.monotonic(), time.time())
                 except (ValueError, IndexError, TypeError) as e:
                     self.problem = f'{name}: {type(e).__name__}: {e}'
+            self.state.look(time.monotonic(), time.time())
             self.beside.start('error map', self._judge)
             if turn % self.shop_turns == 0 and self.shop:
                 self.shop.tick(self)

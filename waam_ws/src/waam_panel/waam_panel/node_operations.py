@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from waam_calibrate.results import told_by
 from waam_msgs.action import RunJob
 from waam_msgs.msg import Override
 from waam_msgs.srv import AdjustJob, Command, LoadPart
+from waam_node import restart
 from waam_node.node import CallError, WaamNode, call
 from waam_node.qos import NEWEST
 from waam_process.operating import BUILD_PLATE
@@ -36,8 +38,8 @@ LOAD_PATIENCE_S = 60.0
 class RosOperations:
     """See `operations.Operations`."""
 
-    def __init__(self, node: WaamNode) -> None:
-        self._node = node
+    def __init__(self, node: WaamNode, run: Path | None = None) -> None:
+        self._node, self._run = node, run
         client = node.create_client
         self._command = client(Command, 'bridge/command')
         self._switches = {
@@ -210,6 +212,22 @@ class RosOperations:
         if not sent.result().accepted:
             raise Refused('a job is running already')
         return 'started'
+
+    # ---- programs
+
+    def restart_programs(self) -> str:
+        """Disarms first: a program that wakes up once more before it is ended must not strike an arc."""
+        if self._run is None:
+            raise Refused(
+                'this cell was not started by waam up: start its programs where they were started'
+            )
+        with suppress(Refused):  # a bridge that is dead itself
+            self._send('DISARM', patience=STOP_PATIENCE_S)
+        try:
+            started = restart.ask(self._run)
+        except restart.NoSupervisor as e:
+            raise Refused(str(e)) from None
+        return f'started again: {", ".join(started)}' if started else 'no program is dead or hangs'
 
     def close(self) -> None:
         """Ends the threads without waiting for what they do."""

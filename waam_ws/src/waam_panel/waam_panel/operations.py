@@ -77,3 +77,6 @@ class Operations(Protocol):
 
     def resume_job(self, folder: Path) -> str:
         """Goes on with an interrupted job."""
+
+    def restart_programs(self) -> str:
+        """Programs that have died or hang are started again; which, and how they were found."""

@@ -76,6 +76,9 @@ class PanelParams:
     )
     jobs_dir: str = param('jobs', 'folder of the jobs')
     part_folders: tuple = param(('parts',), 'folders with parts; the first one takes uploads')
+    run_dir: str = param(
+        '', 'folder of the running graph of waam up, for Restart programs; empty = there is none'
+    )
     upload_mb: int = param(64, 'largest part that can be uploaded', 'MB', 1, 1024)
     sample_period: float = param(
         0.1, 'steady time between two samples of the plots', 's', 0.02, 2.0
@@ -117,7 +120,7 @@ class Panel(WaamNode):
             raise ValueError("panel: parameter 'part_folders' names no folder")
         self._mailbox = Mailbox()
         self._tap = TelemetryTap(self, '_panel_tap')
-        self._operations = RosOperations(self)
+        self._operations = RosOperations(self, Path(p.run_dir) if p.run_dir else None)
         for name, kind, topic, qos, newest in TOPICS:
             self.create_subscription(kind, topic, self._put(name, newest), qos)
         self.create_timer(p.sample_period, self._on_sample, clock=self.steady)

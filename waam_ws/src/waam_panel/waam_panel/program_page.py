@@ -16,6 +16,7 @@ from .commanding import check_command, logged
 from .operations import Refused
 from .programs import (
     DIALECTS,
+    SHIFT_MM,
     PartsError,
     ProgramChoice,
     ProgramRefused,
@@ -49,21 +50,19 @@ async def layer(cell: Cell, programs: Programs, data: dict[str, Any]) -> dict[st
 
 async def load(cell: Cell, programs: Programs, data: dict[str, Any]) -> dict[str, Any]:
     """Takes the program for the next start; on the simulated cell a plate is put on the table."""
-    if cell.state.job_running:
-        raise Refused('a job is running')
+    cell.check_no_job()
     choice = parse_choice(data, cell.materials)
     await programs.load(choice, cell.state.sections.get('machine'))
     programs.loaded = None
     said = await cell.do(cell.operations.load, JobSetup(part=choice.program, mode='build'), None)
     programs.loaded, cell.setup, cell.going_on = choice, None, None
-    cell.state.sections['setup'] = {'part': choice.program}
+    cell.state.sections['setup'] = {'part': choice.program, 'words': choice.words}
     return {'message': f'{choice.program}: {said}; arm, then start the program'}
 
 
 def _ready(cell: Cell, programs: Programs) -> ProgramChoice:
     """The loaded program, if it may start. Raises Refused."""
-    if cell.state.job_running:
-        raise Refused('a job is running')
+    cell.check_no_job()
     if programs.loaded is None or cell.setup is not None or cell.going_on is not None:
         raise Refused('load the program first')
     if not (cell.state.sections.get('machine') or {}).get('armed'):
@@ -132,7 +131,7 @@ async def _list(request: web.Request) -> web.Response:
         {
             'programs': found[0], 'parts': found[1], 'dialects': DIALECTS,
             'materials': cell.materials, 'loop_modes': list(LOOP_MODE_LABELS.items()),
-            'loaded': programs.loaded.program if programs.loaded else '',
+            'loaded': programs.loaded.program if programs.loaded else '', 'shift_mm': SHIFT_MM,
         }
     )  # fmt: skip
 

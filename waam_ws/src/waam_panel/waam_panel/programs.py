@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from waam_plan.read.files import DEFAULT, SUFFIXES, shipped
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import DEFAULT_MATERIAL
 
+from . import numbers
 from .parts import PartFolders, PartsError
 from .worker import WorkError, work
 
@@ -37,6 +37,14 @@ class ProgramChoice:
     loop_mode: str = LoopMode.MONITOR.value
     shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     operator_name: str = ''
+
+    @property
+    def words(self) -> str:
+        """What was understood, for the person who arms."""
+        shift = ', '.join(f'{v:g}' for v in self.shift_mm)
+        nominal = f'against {self.nominal}' if self.nominal else 'no nominal part'
+        loop = LoopMode(self.loop_mode).value.replace('_', ' ')
+        return f'{self.program}, dialect {self.dialect}; {self.material}, {loop}; {nominal}; shift {shift} mm'
 
     @property
     def what(self) -> tuple[object, ...]:
@@ -71,12 +79,14 @@ def parse_choice(data: Mapping[str, Any], materials: tuple[str, ...]) -> Program
 
 
 def _shift(value: Any) -> tuple[float, float, float]:
-    good = isinstance(value, list | tuple) and len(value) == 3
-    if not good or any(isinstance(v, bool) or not isinstance(v, int | float) for v in value):
+    """X, Y, Z; null = 0."""
+    if not isinstance(value, list | tuple) or len(value) != 3:
         raise ProgramRefused('shift_mm: three numbers, X, Y, Z')
-    if not all(math.isfinite(v) and abs(v) <= SHIFT_MM for v in value):
-        raise ProgramRefused(f'shift_mm: must be within {SHIFT_MM:g} mm')
-    return float(value[0]), float(value[1]), float(value[2])
+    try:
+        x, y, z = (0.0 if v is None else numbers.of(v, -SHIFT_MM, SHIFT_MM, 'mm') for v in value)
+    except numbers.NumberRefused as e:
+        raise ProgramRefused(f'shift_mm: {e}') from None
+    return x, y, z
 
 
 class Programs:

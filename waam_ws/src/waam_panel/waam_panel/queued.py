@@ -64,8 +64,8 @@ class Start:
         """Raises Refused."""
         cell = self.cell
         cell.setup, cell.going_on = self.setup, None  # what a page has loaded before does not start
-        shown = {'part': self.file.name} if self.choice else self.setup.as_dict()
-        cell.state.sections['setup'] = shown
+        words = self.choice.words if self.choice else self.setup.words
+        cell.state.sections['setup'] = self.setup.as_dict() | {'words': words}
         if self.choice:
             _, nominal = Programs(cell.parts).paths(self.choice)
             start = cell.operations.start_program

@@ -10,6 +10,8 @@ from typing import Any
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import DEFAULT_MATERIAL
 
+from . import numbers
+
 MODES = ('restore', 'build')
 LOOP_MODE_LABELS = {
     LoopMode.CLOSED_LOOP: 'closed loop',
@@ -25,7 +27,8 @@ class FormError(ValueError):
 
 @dataclass(frozen=True)
 class JobSetup:
-    """Names are those of files in the part folders. 0 and NaN: the default of the regime or of the correction."""
+    """Names are those of files in the part folders. 0 and NaN: the default of the regime or of the correction; 0
+    layers: all."""
 
     part: str = ''
     as_found: str = ''
@@ -50,10 +53,35 @@ class JobSetup:
         told = {'wire_lot': self.wire_lot, 'gas': self.gas}
         return ['started_from=panel', *(f'{k}={v}' for k, v in told.items() if v)]
 
+    @property
+    def words(self) -> str:
+        """What was understood, for the person who arms."""
+        height, width = (
+            f'{v:g} mm' if v else 'as the material says'
+            for v in (self.layer_height_mm, self.bead_width_mm)
+        )
+        said = [
+            f'{self.mode} {self.part}' + (f' from {self.as_found}' if self.as_found else ''),
+            f'{self.material}, {LOOP_MODE_LABELS[LoopMode(self.loop_mode)]}',
+            f'tolerance {self.tolerance_mm:g} mm',
+            _counted(self.layers, 'layer') if self.layers else 'all layers',
+            f'layer height {height}',
+            f'bead width {width}',
+        ]
+        if self.mode == 'restore':
+            said += [_counted(self.passes, 'pass'), f'allowance {self.allowance_mm:g} mm']
+        if not math.isnan(self.k_gain):
+            said.append(f'gain {self.k_gain:g}')
+        return '; '.join(said)
+
     def as_dict(self) -> dict[str, Any]:
         """For JSON: k_gain None instead of NaN."""
         data = asdict(self)
         return data | {'k_gain': None if math.isnan(self.k_gain) else self.k_gain}
+
+
+def _counted(number: int, what: str) -> str:
+    return f'{number} {what}' + ('' if number == 1 else 'es' if what.endswith('s') else 's')
 
 
 LIMITS = {  # 0 is allowed besides where 0 means 'default'
@@ -95,16 +123,16 @@ def parse(data: Mapping[str, Any], materials: tuple[str, ...]) -> JobSetup:
 def _field(name: str, value: Any, default: Any, materials: tuple[str, ...]) -> Any:
     if isinstance(default, str):
         return _text(name, value, CHOICES.get(name) or (materials if name == 'material' else ()))
-    if value is None and isinstance(default, float):
-        return default
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise FormError(f'{name}: {value!r} is not a number')
+    if value is None:
+        return default  # not given
     low, high = LIMITS[name]
-    if isinstance(default, int) and value != int(value):
-        raise FormError(f'{name}: {value} is not a whole number')
-    if not (low <= value <= high or (value == 0 and name in DEFAULTED)):
-        raise FormError(f'{name}: {value:g}, must be {low:g} to {high:g}')
-    return type(default)(value)
+    unit, whole = 'mm' if name.endswith('_mm') else '', isinstance(default, int)
+    try:
+        if name in DEFAULTED and numbers.of(value, 0.0, high, unit) == 0:
+            return default
+        return type(default)(numbers.of(value, low, high, unit, whole))
+    except numbers.NumberRefused as e:
+        raise FormError(f'{name}: {e}') from None
 
 
 def _text(name: str, value: Any, choices: tuple[str, ...]) -> str:

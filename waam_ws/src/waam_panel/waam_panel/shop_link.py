@@ -34,6 +34,7 @@ from .people import People
 from .programs import ProgramRefused
 from .queued import Start
 from .setup_form import FormError
+from .state import UNKNOWN
 
 BELIEVED = ('machine',)  # without news of these nothing starts
 UNSAID = 1000  # entries that wait for a log that cannot be written
@@ -177,8 +178,7 @@ class ShopLink:
 
     def status(self, cell: Cell) -> CellStatus:
         """For the list of cells."""
-        machine = cell.state.sections.get('machine') or {}
-        job = cell.state.sections.get('job') or {}
+        machine, job = _known(cell, 'machine'), _told_job(cell)
         alarm = cell.state.alarms.worst()
         return CellStatus(
             name=self.place.name, utc=time.time(), host=socket.gethostname(), domain=self.place.domain,
@@ -194,13 +194,29 @@ class ShopLink:
 
 def view_of(cell: Cell) -> CellView:
     """What decides whether a job of the queue may start."""
-    machine, job = cell.state.sections.get('machine') or {}, cell.state.sections.get('job') or {}
+    machine, job = _known(cell, 'machine'), _known(cell, 'job')
     late = [n for n in cell.state.stale(time.monotonic()) if n in BELIEVED]
     return CellView(
         connected=bool(machine.get('connected')), machine=str(machine.get('state', '')),
         job=str(job.get('id', '')), job_state=str(job.get('state', '')),
         job_message=str(job.get('message', '')), late=tuple(late),
     )  # fmt: skip
+
+
+def _known(cell: Cell, name: str) -> dict[str, Any]:
+    """What a section says, {} while it cannot be believed."""
+    stale = cell.state.stale(time.monotonic())
+    return {} if name in stale else cell.state.sections.get(name) or {}
+
+
+def _told_job(cell: Cell) -> dict[str, Any]:
+    """As it is told to others: of a job whose node is silent or has died, which one and why."""
+    state, why = cell.state, cell.state.stale(time.monotonic()).get('job', '')
+    if state.lost_job:
+        return {'id': state.lost_job['id'], 'state': UNKNOWN, 'message': state.lost_job['why']}
+    if why and state.job_running:
+        return {'id': state.sections['job'].get('id', ''), 'state': UNKNOWN, 'message': why}
+    return state.sections.get('job') or {}
 
 
 def _check_part(file: Path, sha256: str) -> None:

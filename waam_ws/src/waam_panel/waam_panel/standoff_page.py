@@ -32,7 +32,7 @@ def settings_of(data: dict[str, Any]) -> StandoffSettings:
 
 
 def _mm(data: dict[str, Any], name: str) -> float:
-    return number(data, name, *LIMITS_MM[name])
+    return number(data, name, *LIMITS_MM[name], 'mm')
 
 
 async def set_standoff(cell: Cell, data: dict[str, Any]) -> str:

@@ -12,18 +12,13 @@ import numpy as np
 
 from waam_process.names import JOB_ENDED, JOB_RUNNING
 
-from .alarms import AlarmLog
+from . import alarms
+from .sources import GONE_S, PROGRAMS, SOURCES, Sources, duration
 
-STALE_S = {
-    'telemetry': 1.5,
-    'machine': 4.0,
-    'link': 4.0,
-    'temperature': 4.0,
-    'heat': 10.0,
-    'standoff': 4.0,
-    'process': 4.0,
-}
 SILENT_S = 1.5  # a node that is late for a moment is no alarm
+JOB_NODE = SOURCES['job'].node
+UNKNOWN = 'UNKNOWN'  # how a job ended whose node died
+MINOR = ('dashboard', 'process_control')  # without them a job goes on
 PAUSED = 200  # controller code of a hold that was asked for: a state, no alarm
 
 
@@ -58,12 +53,13 @@ class PanelState:
 
     def __init__(self, kept: int) -> None:
         self.sections: dict[str, Any] = {'setup': None, 'programs': {}}
-        self.alarms = AlarmLog()
+        self.alarms = alarms.AlarmLog()
         self.samples: deque[list[Any]] = deque(maxlen=kept)
         self.taken = 0  # samples since the start
         self.maps: dict[str, tuple[int, dict[str, Any]]] = {}
         self.scan: dict[str, Any] | None = None  # the newest height map
-        self._arrived: dict[str, float] = {}
+        self.sources = Sources()
+        self.lost_job: dict[str, str] | None = None  # id and why: its node gave up on it
         self._plan: dict[str, Any] | None = None
         self._silent_since = math.inf
         self.job_ends = 0
@@ -72,16 +68,22 @@ class PanelState:
 
     def apply(self, name: str, value: Any, now: float, utc: float) -> None:
         """One converted message; see conversions.CONVERT for the names."""
-        self._arrived[name] = now
+        self.sources.heard(name, now)
+        if name in ('diagnostics', 'telemetry'):  # these want the steady time
+            getattr(self, f'_on_{name}')(value, now, utc)
+            return
         handler = getattr(self, f'_on_{name}', None)
         if handler:
             handler(value, utc)
         else:
             self.sections[name] = value
 
-    def _on_telemetry(self, s: Sample, _utc: float) -> None:
+    def _on_telemetry(self, s: Sample, now: float, _utc: float) -> None:
         mm = [rounded(v * 1e3, 3) for v in s.position]
-        heat, temperature = self.sections.get('heat'), self.sections.get('temperature')
+        stale = self.stale(now)
+        heat, temperature = (
+            None if name in stale else self.sections.get(name) for name in ('heat', 'temperature')
+        )
         commanded = self._commanded_speed(s)
         self.taken += 1
         self.samples.append([
@@ -112,17 +114,17 @@ class PanelState:
 
     def _on_machine(self, m: dict[str, Any], utc: float) -> None:
         self.sections['machine'] = m
-        alarms = self.alarms
+        log = self.alarms
         if not m['connected']:
-            alarms.set('link', utc, 'condition', 'disconnected', 3, m['message'])
+            log.set('link', utc, 'condition', 'disconnected', 3, m['message'])
         else:
-            alarms.clear('link')
+            log.clear('link')
         self._silent_since = min(self._silent_since, utc) if m['silent'] else math.inf
         if m['silent'] and utc - self._silent_since >= SILENT_S:
             text = f'silent: {", ".join(m["silent"])}'
-            alarms.set('silent', utc, 'condition', 'silent', 3, text)
+            log.set('silent', utc, 'condition', 'silent', 3, text)
         elif not m['silent']:
-            alarms.clear('silent')
+            log.clear('silent')
         self._machine_fault(m, utc)
 
     def _machine_fault(self, m: dict[str, Any], utc: float) -> None:
@@ -139,6 +141,11 @@ class PanelState:
     def _on_job(self, j: dict[str, Any], utc: float) -> None:
         before = self.sections.get('job')
         self.sections['job'] = j
+        runs = j['state'] in JOB_RUNNING
+        if runs or (self.lost_job and self.lost_job['id'] == j.get('id')):
+            self.lost_job = None
+        doing = alarms.PAUSED if j['state'] == 'PAUSED' else alarms.RUNNING
+        self.alarms.job(doing if runs else alarms.ENDED, begins=before is not None)
         ended = j['state'] in JOB_ENDED
         if ended and before and before['state'] != j['state']:
             self.job_ends += 1
@@ -154,13 +161,15 @@ class PanelState:
         elif a['severity'] >= 1 and not code:
             self.alarms.event(utc, 'anomaly', a['class'], a['severity'], a['text'])
 
-    def _on_diagnostics(self, rows: list[dict[str, Any]], utc: float) -> None:
+    def _on_diagnostics(self, rows: list[dict[str, Any]], now: float, utc: float) -> None:
         for row in rows:
+            self.sources.lives(row['node'], now)
             before = self.sections['programs'].get(row['node'], {})
             if row['restarted'] and row['restarted'] != before.get('restarted'):
                 self.alarms.event(utc, 'condition', 'restarted', 1, row['restarted'])
             self.sections['programs'][row['node']] = row
             if row['node'] == 'dashboard':
+                self.sources.heard('viewer', now)
                 self.sections['viewer'] = row['viewer'] if row['viewer'].startswith('http') else ''
 
     def _on_plan(self, p: dict[str, Any], _utc: float) -> None:
@@ -189,21 +198,49 @@ class PanelState:
         """By the state of the newest job_status."""
         return (self.sections.get('job') or {}).get('state') in JOB_RUNNING
 
-    def stale(self, now: float) -> list[str]:
-        """Sections that never came or are older than they may be."""
-        return [n for n, limit in STALE_S.items() if now - self._arrived.get(n, -math.inf) > limit]
+    def stale(self, now: float) -> dict[str, str]:
+        """Sections that cannot be believed: why."""
+        return self.sources.stale(now)
 
-    def frame(self, now: float, since: int, alarms_seen: int) -> dict[str, Any]:
-        """Sections, samples after number `since`, alarms when they changed."""
+    def look(self, now: float, utc: float) -> None:
+        """Call some times a second: silent nodes become an alarm; a job whose node is gone has ended unknown."""
+        silent = self.sources.silent(now, GONE_S)
+        gone = [n for n in PROGRAMS if n in silent]
+        if gone:
+            severity = 1 if all(n in MINOR for n in gone) else 3
+            text = f'no answer from {", ".join(gone)}'
+            self.alarms.set('gone', utc, 'condition', 'gone', severity, text)
+        else:
+            self.alarms.clear('gone')
+        if JOB_NODE in gone and self.job_running and self.lost_job is None:
+            id = str(self.sections['job'].get('id') or '')
+            self.lost_job = {'id': id, 'why': f'ended unknown: {JOB_NODE} died or hangs'}
+
+    def _programs(self, now: float) -> dict[str, dict[str, Any]]:
+        """What the nodes say of themselves; one that is silent says nothing any more."""
+        rows: dict[str, dict[str, Any]] = dict(self.sections['programs'])
+        for node, seconds in self.sources.silent(now).items():
+            gone = f'gone: does not answer since {duration(seconds)}'
+            rows[node] = rows[node] | {'level': 2, 'message': gone, 'gone': True}
+        return rows
+
+    def frame(self, now: float, since: int) -> dict[str, Any]:
+        """Sections, why some are not to be believed, ages, samples after number `since`. running: None = not known."""
         new = min(self.taken - since, len(self.samples))
-        frame = {
-            'sections': self.sections,
-            'running': self.job_running,
-            'stale': self.stale(now),
+        stale = self.stale(now)
+        return {
+            'sections': self.sections
+            | {'programs': self._programs(now), 'lost_job': self.lost_job},
+            'running': None if 'job' in stale and self.job_running else self.job_running,
+            'stale': stale,
+            'ages': self.sources.ages(now),
             'samples': [self.samples[i] for i in range(len(self.samples) - new, len(self.samples))],
             'maps': {n: v for n, (v, _) in self.maps.items()},
             'job_ends': self.job_ends,
         }
-        if alarms_seen != self.alarms.version:
-            frame['alarms'] = self.alarms.listing()
-        return frame
+
+    def history(self, before: int, most: int) -> tuple[int, list[list[Any]]]:
+        """At most `most` samples before number `before`, the oldest first, and the number of the first of them."""
+        first = max(before - most, self.taken - len(self.samples))
+        offset = len(self.samples) - self.taken
+        return first, [self.samples[i] for i in range(first + offset, before + offset)]

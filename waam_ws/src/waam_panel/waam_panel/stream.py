@@ -1,6 +1,8 @@
-"""The live stream: one WebSocket per page, read-only. Each page gets the newest when it is ready for it.
+"""The live stream: one WebSocket per page, read-only. A page gets what is now first: the state, and then what has
+changed of it. What was (alarms, curves) follows in pieces, the newest first, between the frames that are live.
 
-A page that does not read holds up only its own task: nothing is queued for it, and after a while it is disconnected.
+Every message is followed by a ping, and the next one waits for its pong: nothing piles up on a slow network, and a page
+that takes nothing for a while is disconnected.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ import asyncio
 import contextlib
 import json
 import time
+from typing import Any
 
 from aiohttp import WSMsgType, web
 
@@ -21,6 +24,70 @@ from .security import COOKIE, Denied
 FRAME_S = 0.2
 PATIENCE_S = 10.0  # a page that takes no frame for so long is disconnected
 MOST_PAGES = 16
+ALARMS = 4  # in a frame
+PIECE = 40  # samples of the past in a message
+
+
+class Page:
+    """What one page has been sent. Call `frame` for what it lacks now, `piece` for what it lacks of the past."""
+
+    def __init__(self, cell: Cell) -> None:
+        self._cell = cell
+        self._taken = self._back = cell.state.taken
+        self._sections: dict[str, str] = {}
+        self._alarms: dict[int, int] = {}
+
+    def frame(self) -> str:
+        """JSON. sections: those that have changed; alarms: at most ALARMS that have; top: that of the banner."""
+        state = self._cell.state
+        frame = state.frame(time.monotonic(), self._taken)
+        self._taken = state.taken
+        now = {n: _json(value) for n, value in frame['sections'].items()}
+        new = [n for n, text in now.items() if self._sections.get(n) != text]
+        self._sections = now
+        frame['sections'] = {n: frame['sections'][n] for n in new}
+        top = state.alarms.top()
+        frame |= {
+            'top': top.id if top else None,
+            'alarms': state.alarms.changed(self._alarms, ALARMS),
+        }
+        return _json({'boot': self._cell.boot, 'utc': time.time(), **frame})
+
+    def piece(self) -> str:
+        """JSON of the samples before those that it has, '' when it has all."""
+        first, samples = self._cell.state.history(self._back, PIECE)
+        self._back = first
+        return _json({'boot': self._cell.boot, 'history': samples}) if samples else ''
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, separators=(',', ':'))
+
+
+class _Line:
+    """The socket of a page; `send` returns when the page has taken the message."""
+
+    def __init__(self, socket: web.WebSocketResponse) -> None:
+        self.socket = socket
+        self._taken = asyncio.Event()
+
+    async def send(self, text: str) -> None:
+        """TimeoutError when it is not taken within PATIENCE_S."""
+        self._taken.clear()
+        async with asyncio.timeout(PATIENCE_S):
+            await self.socket.send_str(text)
+            await self.socket.ping()
+            await self._taken.wait()
+
+    async def listen(self) -> None:
+        """Until the page closes; it sends nothing but pongs."""
+        async for message in self.socket:
+            if message.type is WSMsgType.PING:
+                await self.socket.pong(message.data)
+            elif message.type is WSMsgType.PONG:
+                self._taken.set()
+            else:
+                return
 
 
 async def _stream(request: web.Request) -> web.WebSocketResponse:
@@ -28,14 +95,13 @@ async def _stream(request: web.Request) -> web.WebSocketResponse:
     cell.guard.check_stream(request.headers, request.cookies.get(COOKIE, ''))
     if cell.pages >= MOST_PAGES:
         raise Denied(503, f'{MOST_PAGES} pages are open already')
-    socket = web.WebSocketResponse(heartbeat=5.0, max_msg_size=1024, compress=False)
+    socket = web.WebSocketResponse(autoping=False, max_msg_size=1024, compress=False)
     await socket.prepare(request)
     cell.pages += 1
-    sender = asyncio.create_task(_send(cell, socket, request))
+    line = _Line(socket)
+    sender = asyncio.create_task(_send(cell, line, request))
     try:
-        async for message in socket:  # pages send nothing; reading notices when they close
-            if message.type not in (WSMsgType.PING, WSMsgType.PONG):
-                break
+        await line.listen()
     finally:
         sender.cancel()
         cell.pages -= 1
@@ -44,20 +110,20 @@ async def _stream(request: web.Request) -> web.WebSocketResponse:
     return socket
 
 
-async def _send(cell: Cell, socket: web.WebSocketResponse, request: web.Request) -> None:
-    taken, alarms = 0, -1
-    while not socket.closed and cell.guard.visitor(request.cookies.get(COOKIE, '')):
-        frame = cell.state.frame(time.monotonic(), taken, alarms)
-        taken, alarms = cell.state.taken, cell.state.alarms.version
-        text = json.dumps({'boot': cell.boot, 'utc': time.time(), **frame}, separators=(',', ':'))
-        try:
-            await asyncio.wait_for(socket.send_str(text), PATIENCE_S)
-        except (TimeoutError, ConnectionError):
-            if request.transport is not None:
-                request.transport.abort()  # closing politely would wait for the page again
-            return
-        await asyncio.sleep(FRAME_S)
-    await socket.close()  # signed out: the session has run out, or its token was revoked
+async def _send(cell: Cell, line: _Line, request: web.Request) -> None:
+    page = Page(cell)
+    try:
+        while not line.socket.closed and cell.guard.visitor(request.cookies.get(COOKIE, '')):
+            due = time.monotonic() + FRAME_S
+            await line.send(page.frame())
+            while time.monotonic() < due and (piece := page.piece()):
+                await line.send(piece)
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
+    except (TimeoutError, ConnectionError):
+        if request.transport is not None:
+            request.transport.abort()  # closing politely would wait for the page again
+        return
+    await line.socket.close()  # signed out: the session has run out, or its token was revoked
 
 
 ROUTES = (Route('GET', '/stream', Role.VIEW, _stream),)

@@ -41,6 +41,8 @@ def _line(row: dict[str, Any]) -> list[str]:
         return [row['name'], state, '', '', '', _queue(row), '', str(row['domain']), '']
     machine = row['machine'] if row['connected'] else 'not connected'
     job = row['job_state'] or '?'
+    if job == 'UNKNOWN':
+        job = f'{row["job"]} {row["job_message"]}'
     if row['layers'] and row['progress'] < 1:
         job += f' {row["layer"]}/{row["layers"]}'
     left = '' if row['time_left'] is None else f'{row["time_left"] / 60:.0f} min'

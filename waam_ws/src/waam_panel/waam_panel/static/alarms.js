@@ -1,22 +1,33 @@
 // Alarms: the newest one not acknowledged in the banner, all of them with what to do, and the table of all codes.
-import { $, element, post, text } from './api.js';
+import { $, day, element, post, text } from './api.js';
 
 let top = null;
-const KINDS = ['anomaly', 'job', 'condition', 'controller']; // the most specific last: its line says most
-const over = (a) => !a.active && (a.kind === 'condition' || a.kind === 'controller');
-const weight = (a) => (over(a) ? 1 : a.severity); // what is over is only a warning
-const rank = (a) => (a.active ? 100 : 0) + 10 * weight(a) + KINDS.indexOf(a.kind);
-const name = (a) => `${a.kind === 'controller' ? 'E' : a.kind === 'job' ? 'job ' : ''}${a.code}`;
+const KEPT = 200; // as the panel keeps
+const alarms = new Map();
+const weight = (a) => (!a.active && a.history ? 1 : a.severity);
+const name = (a) => (a.kind === 'controller' ? `E${a.code} ` : a.kind === 'job' ? `job ${a.code}: ` : '') + a.title;
+const when = (a) => day(a.time);
 
-export function showAlarms(list) {
-  const open = list.filter((a) => !a.acknowledged);
-  top = open.reduce((worst, a) => (!worst || rank(a) > rank(worst) ? a : worst), null);
+export function clearAlarms() { alarms.clear(); draw(null); }
+
+// changed: alarms that are new or not as they were; id: of the one for the banner, null = none.
+export function showAlarms(changed, id) {
+  for (const a of changed) alarms.set(a.id, a);
+  if (changed.length || id !== (top && top.id)) draw(id);
+}
+
+function draw(id) {
+  const list = [...alarms.values()].sort((a, b) => b.id - a.id);
+  for (const a of list.splice(KEPT)) alarms.delete(a.id);
+  top = alarms.get(id) || null;
   $('banner').hidden = !top;
   $('banner').classList.toggle('bad', Boolean(top && weight(top) >= 2));
   if (top) {
-    text('banner-title', `${name(top)} ${top.title}`);
+    text('banner-title', name(top));
+    text('banner-when', when(top));
     text('banner-text', `${top.text || top.cause} → ${top.action}`);
   }
+  const open = list.filter((a) => !a.acknowledged && !a.history);
   $('alarm-count').hidden = !open.length;
   text('alarm-count', String(open.length));
   $('alarm-list').replaceChildren(...(list.length ? list.map(entry) : [element('p', 'No alarms since the panel started.', 'note')]));
@@ -25,8 +36,8 @@ export function showAlarms(list) {
 function entry(a) {
   const box = element('div', '', `alarm s${a.severity}${a.acknowledged ? ' done' : ''}`);
   const times = a.count > 1 ? `, ${a.count} times` : '';
-  const when = new Date(a.time * 1000).toLocaleTimeString();
-  box.append(element('b', `${when}  ${name(a)}  ${a.title}${a.active ? ' (still on)' : ''}${times}`));
+  const state = a.active ? ' (still on)' : a.history ? ' (of a job before)' : '';
+  box.append(element('b', `${when(a)}  ${name(a)}${state}${times}`));
   if (!a.acknowledged) {
     const button = element('button', 'Acknowledge');
     button.addEventListener('click', () => post('acknowledge', { id: a.id }, { quiet: true }));

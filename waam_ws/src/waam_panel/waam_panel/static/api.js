@@ -61,8 +61,19 @@ export function element(tag, content = '', style = '') {
   if (style) e.className = style;
   return e;
 }
-export function rows(table, pairs) {
-  table.replaceChildren(...pairs.map(([a, b]) => { const r = element('tr'); r.append(element('th', a), element('td', b)); return r; }));
+// Rows of name, value and, where it is not that of the table, the section that the value comes from (see sources.js).
+export function rows(table, triples) {
+  table.replaceChildren(...triples.map(([a, b, from]) => {
+    const r = element('tr');
+    r.append(element('th', a), element('td', b));
+    if (from) r.dataset.from = from;
+    return r;
+  }));
+}
+// Date and time of a UTC in s, in the time of this device: 2026-11-28 14:05:12.
+export function day(utc) {
+  const two = (n) => String(n).padStart(2, '0'), d = new Date(utc * 1000);
+  return `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())} ${two(d.getHours())}:${two(d.getMinutes())}:${two(d.getSeconds())}`;
 }
 export function duration(seconds) {
   if (seconds === null || seconds === undefined) return '–';

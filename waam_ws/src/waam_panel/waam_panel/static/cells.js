@@ -1,5 +1,5 @@
 // All cells at a glance and the queue of this one: asked for once a second, drawn anew where something has changed.
-import { $, duration, element, get, post, postStop, text, toast } from './api.js';
+import { $, day, duration, element, get, post, postStop, text, toast } from './api.js';
 
 const WAITING = 'waiting', RELEASED = 'released', RUNNING = 'running';
 const ranks = { view: 1, operate: 2, maintain: 3 };
@@ -64,6 +64,7 @@ function rows(queue) {
 async function look() {
   const found = await get('/api/cells');
   $('gone').hidden = Boolean(found);
+  document.body.classList.toggle('lost', !found);
   if (!found) return;
   text('here', found.here); text('stop-name', found.here);
   text('count', `(${found.queue.count} open)`);
@@ -78,7 +79,7 @@ async function log() {
   text('log-verdict', found.problems.length ? `BROKEN: ${found.problems[0]}` : `${found.entries} entries, unbroken`);
   $('log').replaceChildren(...found.newest.reverse().map((e) => {
     const row = element('tr'), values = Object.entries(e.data).map(([k, v]) => `${k}=${v}`).join(', ');
-    row.append(...[new Date(1000 * e.utc).toLocaleString(), `${e.who} (${e.via})`, e.what, e.outcome, [values, e.note].filter(Boolean).join('; ')].map((c) => element('td', c)));
+    row.append(...[day(e.utc), `${e.who} (${e.via})`, e.what, e.outcome, [values, e.note].filter(Boolean).join('; ')].map((c) => element('td', c)));
     return row;
   }));
 }

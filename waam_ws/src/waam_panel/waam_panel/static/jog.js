@@ -26,28 +26,34 @@ export function makeSteps(box, steps) {
 const move = (key, held) => post('jog', { axis: key[0], direction: key[1] === '+' ? 1 : -1, step, held }, { quiet: true, patience: 3000 });
 const wire = (mm, held) => post('jog_wire', { mm: held ? Math.sign(mm) * 5 : mm }, { quiet: true, patience: 3000 });
 
+const held = new Set(); // how to let go of what is held
+export function letGo() { for (const end of held) end(); }
+
 // Press: after HELD_MS it is held and repeats; released before, it is one click.
 function hold(button, act) {
-  let timer = 0, held = false, down = false;
+  let timer = 0, repeats = false, down = false;
   async function again() {
-    held = true;
+    repeats = true;
     const answer = await act(true);
-    if (down && answer.ok) timer = setTimeout(again, AGAIN_MS);
+    if (down && answer.ok && !button.disabled) timer = setTimeout(again, AGAIN_MS);
   }
   const end = (click) => {
     if (!down) return;
     down = false;
     clearTimeout(timer);
-    if (click && !held) act(false);
+    held.delete(drop);
+    if (click && !repeats && !button.disabled) act(false);
   };
+  const drop = () => end(false);
   button.addEventListener('pointerdown', (e) => {
     if (e.button || button.disabled) return;
     button.setPointerCapture(e.pointerId);
-    down = true; held = false;
+    down = true; repeats = false;
+    held.add(drop);
     timer = setTimeout(again, HELD_MS);
   });
   button.addEventListener('pointerup', () => end(true));
-  for (const name of ['pointercancel', 'lostpointercapture', 'blur']) button.addEventListener(name, () => end(false));
+  for (const name of ['pointercancel', 'lostpointercapture', 'blur']) button.addEventListener(name, drop);
   button.addEventListener('contextmenu', (e) => e.preventDefault());
   button.addEventListener('keydown', (e) => {
     if ((e.key === 'Enter' || e.key === ' ') && !e.repeat) { e.preventDefault(); act(false); }
@@ -56,13 +62,14 @@ function hold(button, act) {
 
 export function bindJog() {
   document.querySelectorAll('[data-jog]').forEach((b) => hold(b, (held) => move(b.dataset.jog, held)));
+  window.addEventListener('blur', letGo); window.addEventListener('pagehide', letGo);
+  document.addEventListener('visibilitychange', () => { if (document.hidden) letGo(); });
   document.querySelectorAll('[data-wire]').forEach((b) => hold(b, (held) => wire(Number(b.dataset.wire), held)));
 }
 
 const ARROWS = { ArrowLeft: 'x-', ArrowRight: 'x+', ArrowUp: 'y+', ArrowDown: 'y-', PageUp: 'z+', PageDown: 'z-' };
-export function jogKey(event) {
-  if (!ARROWS[event.key]) return false;
-  event.preventDefault();
-  if (!event.repeat) move(ARROWS[event.key], false);
-  return true;
+// One step a key: { name: function }, see keys.js.
+export const jogKeys = () => Object.fromEntries(Object.entries(ARROWS).map(([key, way]) => [key, () => press(way)]));
+function press(way) {
+  if (!document.querySelector(`[data-jog="${way}"]`).disabled) move(way, false);
 }

@@ -6,6 +6,7 @@ const DIVERGING = [[5, 48, 97], [67, 147, 195], [209, 229, 240], [247, 247, 247]
 const SEQUENTIAL = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
 const UNKNOWN = -32768;
 const UNITS = { height: ['mm', 1e3], error: ['mm', 1e3], psi: ['', 1] };
+const FROM = { height: 'height', error: 'height', psi: 'correction', path: 'plan', viewer: 'viewer' };
 const maps = {}, wanted = {};
 let shown = 'height', torch = null, arc = false;
 const view = { turn: -0.6, tilt: 0.9, zoom: 1 };
@@ -50,6 +51,7 @@ export function show(name) {
   document.querySelectorAll('[data-map]').forEach((b) => b.classList.toggle('on', b.dataset.map === name));
   $('viewer').hidden = name !== 'viewer';
   $('run-split').classList.toggle('viewing', name === 'viewer'); // it brings its own plots
+  $('map-frame').dataset.from = $('map-note').dataset.from = FROM[name];
   note();
 }
 

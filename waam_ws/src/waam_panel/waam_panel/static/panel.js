@@ -1,16 +1,20 @@
 // The page: binds buttons and keys, shows every frame of the stream.
 import { $, duration, element, fixed, get, post, postStop, rows, text, toast } from './api.js';
-import { acknowledgeTop, bindAlarms, makeTable, showAlarms } from './alarms.js';
+import { acknowledgeTop, bindAlarms, clearAlarms, makeTable, showAlarms } from './alarms.js';
 import { bindArchive, drawChart } from './archive.js';
 import { bindPrograms, drawProgram, programs } from './programs.js';
-import { bindJog, jogKey, makeSteps } from './jog.js';
+import { showHeader } from './header.js';
+import { bindJog, jogKeys, letGo, makeSteps } from './jog.js';
+import { bindKeys } from './keys.js';
 import { bindMap, draw as drawMap, hasMap, moveTorch, refresh, show as showMap } from './map.js';
-import { addSamples, makePlots, setJob } from './plots.js';
+import { bindNumbers } from './numbers.js';
+import { addPast, addSamples, clearSamples, makePlots, setJob } from './plots.js';
 import { bindSetup, choices } from './setup.js';
+import { hear, known, mark, why } from './sources.js';
 import { bindStandoff, drawStandoff, readStandoff, showStandoff } from './standoff.js';
 import { follow } from './stream.js';
 
-let sections = {}, factors = {}, running = false, again = 0, jobEnds = -1, page = 'run';
+let sections = {}, factors = {}, running = null, last = null, again = 0, jobEnds = -1, page = 'run';
 const drawPlots = makePlots($('plots'));
 
 // ---- commands
@@ -24,7 +28,7 @@ const pause = () => (running ? post('pause') : stop());
 const GAIN = 0.2; // where the buttons start when the correction server uses its own
 
 function override(kind, percent) {
-  const t = sections.telemetry;
+  const t = known(sections, 'telemetry');
   if (!t) return;
   const now = kind === 'speed' ? t.speed_override : t.wire_override, [low, high] = factors[kind] ?? [-Infinity, Infinity];
   post('override', { [kind]: Math.min(high, Math.max(low, Math.round(now * 100 + percent) / 100)) }, { quiet: true });
@@ -43,21 +47,19 @@ function bind() {
   document.querySelectorAll('nav [data-page]').forEach((b) => b.addEventListener('click', () => open(b.dataset.page)));
   $('theme').addEventListener('click', () => theme(!document.documentElement.classList.contains('dark')));
   $('jobs-again').addEventListener('click', jobs);
-  document.addEventListener('keydown', key);
+  for (const id of ['restart', 'said-restart']) $(id).addEventListener('click', () => post('restart_programs', {}, { patience: 60000 }));
   window.addEventListener('resize', redraw);
   $('map-tabs').addEventListener('click', redraw);
-  bindAlarms(open); bindArchive(); bindJog(); bindMap(); bindPrograms(); bindSetup(); bindStandoff();
+  bindKeys(keys(), stop);
+  bindAlarms(open); bindArchive(); bindJog(); bindMap(); bindNumbers(); bindPrograms(); bindSetup(); bindStandoff();
 }
 
-function key(e) {
-  if (e.key === 'Escape') { e.preventDefault(); if (e.shiftKey) stop(); else pause(); return; }
-  if (e.ctrlKey || e.altKey || e.metaKey || ['INPUT', 'SELECT', 'TEXTAREA'].includes(e.target.tagName)) return;
-  if (page === 'move' && jogKey(e)) return;
-  const pages = document.querySelectorAll('nav [data-page]');
-  if (/^[1-8]$/.test(e.key)) { open(pages[e.key - 1].dataset.page); return; }
-  const act = { p: pause, a: () => $('arm').click(), S: () => $('start').click(), r: () => $('resume').click(), k: acknowledgeTop,
-    t: () => $('theme').click(), h: () => page === 'move' && $('home').click() }[e.key];
-  if (act && !e.repeat) act();
+// name of a key: see keys.js
+function keys() {
+  const pages = [...document.querySelectorAll('nav [data-page]')].map((b, i) => [String(i + 1), () => open(b.dataset.page)]);
+  const onMove = Object.entries({ h: () => $('home').click(), ...jogKeys() }).map(([k, act]) => [k, () => { if (page === 'move') act(); }]);
+  return { ...Object.fromEntries([...pages, ...onMove]), Escape: pause, p: pause, a: () => $('arm').click(), 'shift+s': () => $('start').click(),
+    r: () => { if (!$('resume').hidden) $('resume').click(); }, k: acknowledgeTop, t: () => $('theme').click() };
 }
 
 function open(name) {
@@ -86,14 +88,11 @@ function showValues(t, heat, temperature) {
   text('v-feed-state', t ? t.wire_feed : ''); $('feed-value').classList.toggle('bad', Boolean(t && t.wire_feed === 'underfeed'));
   text('v-speed', fixed(t && t.speed, 1)); text('v-speed-set', fixed(t && t.speed_commanded, 1));
   text('v-temperature', fixed(temperature && temperature.value, 0)); text('v-limit', fixed(heat && heat.limit, 0));
-  const ready = !heat ? '' : !heat.plausible ? 'not believed' : heat.ready ? 'ready' : `wait ${heat.wait === null ? '' : duration(heat.wait)}`;
+  const ready = !heat || why('heat') ? '' : !heat.plausible ? 'not believed' : heat.ready ? 'ready' : `wait ${heat.wait === null ? '' : duration(heat.wait)}`;
   text('v-ready', ready);
   $('heat-value').classList.toggle('bad', Boolean(heat && !heat.plausible));
   ['x', 'y', 'z'].forEach((axis, i) => text(`p-${axis}`, fixed(t && t.position[i], 2)));
   text('o-speed', t ? `${Math.round(t.speed_override * 100)} %` : '–'); text('o-wire', t ? `${Math.round(t.wire_override * 100)} %` : '–');
-  text('arc-state', t ? (t.arc ? 'ON' : t.arc_enabled ? 'strikes' : 'off') : '–');
-  $('arc-tile').classList.toggle('lit', Boolean(t && t.arc_enabled));
-  text('gas-state', t ? (t.gas ? 'gas on' : 'gas off') : '');
 }
 
 const percent = (v) => (v === null ? '–' : `${fixed(100 * v, 1)} %`);
@@ -113,61 +112,23 @@ function showProcess(p) {
 function showWidth(w, ratio) {
   $('width-box').hidden = !w;
   if (!w) return;
-  rows($('width-facts'), [['planned setpoints give, mm', fixed(w.expected_mm, 2)], [`measured after layer ${w.layer}, mm`, `${fixed(w.width_mm, 2)} ± ${fixed(w.u_mm, 2)} (${w.sections} sections)`],
-    ['held by the voltage', ratio ? `yes, beads ${fixed(ratio, 3)} times as wide as the table says` : 'no']]);
-}
-
-function showMachine(m, t) {
-  const state = m && !m.connected ? 'NOT CONNECTED' : t ? t.state : m ? m.state : '–';
-  text('machine-state', state);
-  const lost = Boolean(m && !m.homed); // after safe torque off or power-up nobody knows where the axes stand
-  $('position').classList.toggle('unknown', lost);
-  text('p-note', lost ? 'not homed: where it stands is not known' : 'mm from the work zero');
-  text('machine-detail', m ? `${m.homed ? 'homed' : 'not homed'}, ${m.armed ? 'ARMED' : 'not armed'}` : 'no data yet');
-  $('machine-tile').classList.toggle('bad', state === 'ALARM' || state === 'NOT CONNECTED');
-  $('machine-tile').classList.toggle('held', state === 'HOLD');
-}
-
-function showJob(j, setup) {
-  const state = j ? j.state : '–', loaded = setup ? `loaded: ${setup.part}` : 'no part loaded';
-  text('job-name', j && j.id && running ? j.id : loaded);
-  text('job-state', !j ? '–' : state === 'IDLE' ? 'no job' : running && j.layers ? `${state} ${j.layer}/${j.layers}` : state);
-  const error = j && j.rms_mm !== null ? `, error ${fixed(j.rms_mm, 2)} mm` : '';
-  const bead = j && j.beads ? `bead ${j.bead}/${j.beads}, ` : '';
-  text('job-detail', !j ? '' : running ? `${bead}${Math.round(100 * j.progress)} %, left ${duration(j.time_left)}${error}` : j.message || error.slice(2));
-  $('job-progress').value = j && running ? j.progress : 0;
-  $('job-tile').classList.toggle('held', state === 'PAUSED');
-  text('o-gain', j && j.k_gain !== null && j.k_gain !== undefined ? fixed(j.k_gain, 2) : 'auto');
-}
-
-function showButtons(m, t, j, setup) {
-  const idle = Boolean(m && m.connected && m.state === 'IDLE' && (!t || t.state === 'IDLE'));
-  const still = idle && !running, paused = (j && j.state === 'PAUSED') || (!running && m && m.state === 'HOLD');
-  $('arm').disabled = !still || !setup || m.armed;
-  $('start').disabled = !still || !setup || !m.armed;
-  $('pause').hidden = Boolean(paused); $('resume').hidden = !paused;
-  $('pause').disabled = !running && !(t && t.state === 'RUN');
-  for (const id of ['home', 'zero']) $(id).disabled = !still;
-  $('load').disabled = running;
-  $('disarm').disabled = running || !(m && m.armed);
-  $('reset').disabled = !(m && (m.state === 'ALARM' || m.state === 'HOLD')) || running;
-  const jogs = !running && Boolean(m && m.connected && t && (t.state === 'IDLE' || t.state === 'RUN'));
-  document.querySelectorAll('[data-jog], [data-wire]').forEach((b) => { b.disabled = !jogs; });
-  document.querySelectorAll('[data-over]').forEach((b) => { b.disabled = !(m && m.connected); });
-  const takes = running && sections.cell && sections.cell.adjustable;
-  document.querySelectorAll('[data-gain], .wishes button').forEach((b) => { b.disabled = !takes; });
+  rows($('width-facts'), [['planned setpoints give, mm', fixed(w.expected_mm, 2), 'height'], [`measured after layer ${w.layer}, mm`, `${fixed(w.width_mm, 2)} ± ${fixed(w.u_mm, 2)} (${w.sections} sections)`, 'height'],
+    ['held by the voltage', ratio ? `yes, beads ${fixed(ratio, 3)} times as wide as the table says` : 'no', 'correction']]);
 }
 
 function showFacts(s) {
-  const m = s.machine, l = s.link || {};
-  const mm = (p) => p.map((v) => fixed(v, 1)).join(', ');
-  rows($('facts'), !m ? [['controller', 'no data yet']] : [
-    ['connection', m.connected ? 'connected' : `not connected: ${m.message}`], ['port', m.port], ['identification', `${m.identity} ${m.firmware}`],
+  const m = s.machine, l = s.link || {}, mm = (p) => p.map((v) => fixed(v, 1)).join(', ');
+  const state = !m || why('machine') ? `not known: ${why('machine')}` : m.connected ? 'connected' : `not connected: ${m.message}`;
+  const of = (from, pairs) => pairs.map(([a, b]) => [a, b, from]);
+  rows($('facts'), [['connection', state, 'machine'], ...of('machine', !m || !m.connected ? [] : [
+    ['port', m.port], ['identification', `${m.identity} ${m.firmware}`],
     ['capabilities', m.capabilities.join(', ') || '–'], ['work zero, mm (machine)', mm(m.work_offset)], ['range, mm', `${mm(m.limit_min)} to ${mm(m.limit_max)}`],
-    ['armed for', m.armed_job || '–'], ['fault', m.fault ? `E${m.fault} ${m.fault_text}` : 'none'], ['round trip, ms (99 %)', fixed(l.round_trip_ms, 1)],
-    ['telemetry, Hz / lost', `${fixed(l.rate, 0)} / ${l.lost ?? '–'}`], ['resent lines', String(l.resends ?? '–')], ['last words', m.message || '–'],
-  ]);
-  rows($('programs'), Object.values(s.programs).map((p) => [p.node, (p.level ? `! ${p.message}` : p.message) + (p.restarted ? ` (${p.restarted})` : '')]));
+    ['armed for', m.armed_job || '–'], ['fault', m.fault ? `E${m.fault} ${m.fault_text}` : 'none'], ['last words', m.message || '–']]),
+  ...of('link', [['round trip, ms (99 %)', fixed(l.round_trip_ms, 1)],
+    ['telemetry, Hz / lost', `${fixed(l.rate, 0)} / ${l.lost ?? '–'}`], ['resent lines', String(l.resends ?? '–')]])]);
+  const table = $('programs');
+  rows(table, Object.values(s.programs).map((p) => [p.node, (p.level ? `! ${p.message}` : p.message) + (p.restarted ? ` (${p.restarted})` : ''), 'panel']));
+  Object.values(s.programs).forEach((p, i) => table.rows[i].classList.toggle('gone', Boolean(p.gone)));
 }
 
 function showViewer(address) {
@@ -178,19 +139,31 @@ function showViewer(address) {
 }
 
 function onFrame(frame) {
-  sections = frame.sections; running = frame.running;
+  sections = frame.sections; running = frame.running; last = frame;
   const s = sections;
+  hear(frame);
+  if (frame.fresh) { clearSamples(); clearAlarms(); }
   setJob(s.job && s.job.id);
   addSamples(frame.samples);
-  document.querySelectorAll('[data-from]').forEach((e) => e.classList.toggle('stale', frame.stale.includes(e.dataset.from)));
-  showValues(s.telemetry, s.heat, s.temperature); showStandoff(s.standoff, s.telemetry, frame.stale.includes('standoff'), running); showProcess(s.process); showWidth(s.width, s.width_ratio); showMachine(s.machine, s.telemetry); showJob(s.job, s.setup);
-  showButtons(s.machine, s.telemetry, s.job, s.setup); showViewer(s.viewer);
+  showValues(s.telemetry, s.heat, s.temperature); showProcess(s.process); showWidth(s.width, s.width_ratio);
+  showStandoff(s.standoff, s.telemetry, why('standoff'), why('machine'), running); showViewer(known(s, 'viewer'));
+  showHeader(s, running, why('panel'));
   if (page === 'machine') showFacts(s);
-  moveTorch(s.telemetry); refresh(frame.maps);
-  if (frame.alarms) showAlarms(frame.alarms);
+  moveTorch(known(s, 'telemetry')); refresh(frame.maps);
+  showAlarms(frame.alarms, frame.top);
   if (frame.job_ends !== jobEnds) { if (jobEnds >= 0) { jobs(); if (hasMap('error')) showMap('error'); } jobEnds = frame.job_ends; }
+  mark();
   redraw();
 }
+
+// Nothing comes any more: all that is shown is old.
+function onLost(seconds) {
+  letGo();
+  if (!last) return;
+  const stale = { ...last.stale, panel: `the panel does not answer since ${Math.round(seconds)} s` };
+  onFrame({ ...last, stale, ages: { ...last.ages, panel: seconds }, running: null, samples: [], alarms: [], fresh: false });
+}
+
 function redraw() {
   if (page === 'run') { drawPlots(); drawMap(); }
   if (page === 'standoff') drawStandoff();
@@ -198,6 +171,7 @@ function redraw() {
 
 async function jobs() {
   const list = await get('/api/jobs');
+  text('jobs-note', list ? '' : 'No answer from the panel: the list is old.');
   if (!list) return;
   clearTimeout(again);
   if (page === 'jobs' && list.length && !list[0].report && !running) again = setTimeout(jobs, 1500); // the job still writes its report
@@ -227,7 +201,7 @@ async function begin() {
   let kept = null;
   try { kept = localStorage.getItem('theme'); } catch { /* private window */ }
   theme(kept === 'dark');
-  follow(onFrame);
+  follow(onFrame, (past) => { addPast(past); redraw(); }, onLost);
   const found = await choices();
   if (found) { factors = found.override_limits; makeSteps($('steps'), found.steps_mm); makeTable(found.alarms); }
 }

@@ -1,11 +1,11 @@
 // Time plots: the newest minutes of machine time, commanded thin and grey, actual strong.
 const KEEP = 7200, SPAN = 120; // samples, s of machine time
-const ROWS = [ // title, unit, columns of a sample (see state.py), lowest span of the axis
-  { name: 'current', unit: 'A', columns: [1], span: 20 },
-  { name: 'voltage', unit: 'V', columns: [2], span: 4 },
-  { name: 'wire', unit: 'm/min', columns: [3, 4], span: 1 },
-  { name: 'travel', unit: 'mm/s', columns: [5, 6], span: 2 },
-  { name: 'interpass, limit', unit: '°C', columns: [8, 7], span: 20 },
+const ROWS = [ // title, unit, columns of a sample (see state.py), lowest span of the axis, sections
+  { name: 'current', unit: 'A', columns: [1], span: 20, from: 'telemetry' },
+  { name: 'voltage', unit: 'V', columns: [2], span: 4, from: 'telemetry' },
+  { name: 'wire', unit: 'm/min', columns: [3, 4], span: 1, from: 'telemetry' },
+  { name: 'travel', unit: 'mm/s', columns: [5, 6], span: 2, from: 'telemetry' },
+  { name: 'interpass, limit', unit: '°C', columns: [8, 7], span: 20, from: 'temperature heat' },
 ];
 const data = [];
 
@@ -16,6 +16,12 @@ export function addSamples(samples) {
   }
   if (data.length > KEEP) data.splice(0, data.length - KEEP);
 }
+// Samples from before those that are there; those of another run have another time.
+export function addPast(samples) {
+  const first = data.length ? data[0][0] : Infinity;
+  if (samples.every((s) => s[0] <= first)) data.unshift(...samples);
+}
+export function clearSamples() { data.length = 0; }
 // Samples of the present job, for the path that was welded.
 let job = '', since = 0;
 export function setJob(id) {
@@ -26,6 +32,7 @@ export const trail = () => data.filter((s) => s[0] >= since);
 export function makePlots(box) {
   const canvases = ROWS.map((row) => {
     const canvas = document.createElement('canvas');
+    canvas.dataset.from = row.from;
     canvas.setAttribute('role', 'img');
     canvas.setAttribute('aria-label', `${row.name}, ${row.unit}, over time`);
     box.append(canvas);

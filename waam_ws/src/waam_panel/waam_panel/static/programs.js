@@ -1,7 +1,9 @@
 // G-code: choose or upload a program, its checks, its layers from above, load, start.
 import { $, duration, element, get, post, text, toast } from './api.js';
+import { limit, readFields } from './numbers.js';
 import { colour, prepare } from './plots.js';
 
+const AXES = ['x', 'y', 'z'];
 const MARKS = { good: '✓', warning: '!', bad: '✗', open: '–' };
 let found = null, beads = [], asked = 0;
 
@@ -19,22 +21,28 @@ export async function programs() {
   fill($('g-nominal'), [['', 'none: monitor'], ...named(list.parts)]);
   fill($('g-dialect'), list.dialects.map((d) => [d, d]));
   fill($('g-material'), list.materials.map((m) => [m, m]));
+  for (const axis of AXES) limit($(`g-${axis}`), [-list.shift_mm, list.shift_mm]);
   const first = !$('g-loop_mode').value;
   fill($('g-loop_mode'), list.loop_modes);
   if (first) $('g-loop_mode').value = 'monitor';
 }
 
+// All fields, or null when a number was not understood.
 function choice() {
-  const data = { shift_mm: ['x', 'y', 'z'].map((a) => Number($(`g-${a}`).value)) };
+  const shift = readFields('g-', AXES);
+  if (!shift) return null;
+  const data = { shift_mm: AXES.map((a) => shift[a]) };
   for (const name of ['program', 'dialect', 'nominal', 'material', 'loop_mode', 'operator_name']) data[name] = $(`g-${name}`).value;
   return data;
 }
 
 async function look() {
+  const data = choice();
+  if (!data) return;
   const mine = ++asked;
   text('g-note', 'Looking …');
   $('g-look').disabled = true;
-  const answer = await post('program', choice(), { quiet: true, patience: 130000 });
+  const answer = await post('program', data, { quiet: true, patience: 130000 });
   $('g-look').disabled = false;
   if (mine !== asked) return;
   found = answer.ok ? answer : null;
@@ -102,7 +110,12 @@ export function drawProgram() {
   }
 }
 
-async function send(file) {
+async function send(name, patience) {
+  const data = choice();
+  if (data) text('g-note', (await post(name, data, { patience })).message);
+}
+
+async function store(file) {
   const csrf = document.querySelector('meta[name=csrf]').content;
   try {
     const answer = await fetch(`/api/programs?name=${encodeURIComponent(file.name)}`, {
@@ -118,13 +131,13 @@ export function bindPrograms() {
   $('g-layer').addEventListener('input', showLayer);
   $('g-nominal').addEventListener('change', (e) => { $('g-loop_mode').value = e.target.value ? 'closed_loop' : 'monitor'; });
   $('gcode-form').addEventListener('submit', (e) => { e.preventDefault(); look(); });
-  $('g-load').addEventListener('click', async () => text('g-note', (await post('program/load', choice(), { patience: 190000 })).message));
+  $('g-load').addEventListener('click', () => send('program/load', 190000));
   $('g-start').addEventListener('click', async () => text('g-note', (await post('program/start', {}, { patience: 130000 })).message));
-  $('g-enqueue').addEventListener('click', async () => text('g-note', (await post('queue_add', choice())).message));
+  $('g-enqueue').addEventListener('click', () => send('queue_add', 20000));
   $('g-upload').addEventListener('change', async (e) => {
     const file = e.target.files[0];
     if (!file) return;
-    const answer = await send(file);
+    const answer = await store(file);
     toast(answer.message, !answer.ok);
     e.target.value = '';
     if (!answer.ok) return;

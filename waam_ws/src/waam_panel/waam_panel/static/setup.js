@@ -1,7 +1,9 @@
 // Set up: choose or upload a part, load, preview.
 import { $, element, get, post, text, toast, upload } from './api.js';
+import { limit, readFields } from './numbers.js';
 
-const FIELDS = ['part', 'as_found', 'mode', 'material', 'loop_mode', 'layers', 'tolerance_mm', 'layer_height_mm', 'bead_width_mm', 'passes', 'allowance_mm', 'operator_name', 'wire_lot', 'gas', 'name'];
+const WORDS = ['part', 'as_found', 'mode', 'material', 'loop_mode', 'operator_name', 'wire_lot', 'gas', 'name'];
+const NUMBERS = ['layers', 'tolerance_mm', 'layer_height_mm', 'bead_width_mm', 'passes', 'allowance_mm'];
 let simulated = false;
 
 function fill(select, values, chosen) {
@@ -19,22 +21,22 @@ export async function choices() {
   fill($('f-as_found'), [first, ['(last scan)', 'last scan (for the preview)'], ...parts], $('f-as_found').value);
   fill($('f-loop_mode'), found.loop_modes, $('f-loop_mode').value);
   fill($('f-material'), found.materials.map((m) => [m, m]), $('f-material').value);
+  for (const name of NUMBERS) limit($(`f-${name}`), found.limits[name]);
   return found;
 }
 
+// All fields, or null when a number was not understood.
 function form() {
-  const data = {};
-  for (const name of FIELDS) {
-    const input = $(`f-${name}`);
-    data[name] = input.type === 'number' ? Number(input.value) : input.value;
-  }
+  const data = readFields('f-', NUMBERS);
+  if (data) for (const name of WORDS) data[name] = $(`f-${name}`).value;
   return data;
 }
 
 async function load() {
-  const answer = await post('load', form(), { patience: 70000 });
+  const data = form();
+  if (!data) return;
+  const answer = await post('load', data, { patience: 70000 });
   if (answer.ok) $('preview').focus();
-  return answer;
 }
 
 async function preview() {
@@ -53,7 +55,7 @@ async function preview() {
 export function bindSetup() {
   $('load').addEventListener('click', load);
   $('preview').addEventListener('click', preview);
-  $('enqueue').addEventListener('click', () => post('queue_add', form()));
+  $('enqueue').addEventListener('click', () => { const data = form(); if (data) post('queue_add', data); });
   $('setup-form').addEventListener('submit', (e) => { e.preventDefault(); load(); });
   $('f-upload').addEventListener('change', async (e) => {
     const file = e.target.files[0];

@@ -1,5 +1,6 @@
 // The page Standoff: set, measured and correction as they are, and what the next jobs are held by.
 import { $, element, fixed, get, post, rows, text } from './api.js';
+import { limit, readFields } from './numbers.js';
 import { draw } from './plots.js';
 
 const NAMES = ['source', 'law', 'set_mm', 'up_mm', 'down_mm', 'wander_mm'];
@@ -20,7 +21,7 @@ export async function readStandoff() {
   const found = await get('/api/standoff');
   if (!found) return;
   options($('s-source'), found.sources); options($('s-law'), found.laws);
-  for (const [name, [low, high]] of Object.entries(found.limits_mm)) { $(`s-${name}`).min = low; $(`s-${name}`).max = high; }
+  for (const [name, limits] of Object.entries(found.limits_mm)) limit($(`s-${name}`), limits);
   if (found.ok) for (const name of NAMES) $(`s-${name}`).value = found[name] ?? '';
   ofTheArc();
   text('standoff-note', found.ok ? 'Set between jobs; it holds until the bridge is started again.' : found.message);
@@ -32,9 +33,9 @@ function ofTheArc() {
 }
 
 async function apply() {
-  const number = (name) => ($(`s-${name}`).value === '' ? null : Number($(`s-${name}`).value));
-  const answer = await post('standoff', { source: $('s-source').value, law: $('s-law').value,
-    set_mm: number('set_mm'), up_mm: number('up_mm'), down_mm: number('down_mm'), wander_mm: number('wander_mm') });
+  const mm = readFields('s-', ['set_mm', 'up_mm', 'down_mm', 'wander_mm']);
+  if (!mm) return;
+  const answer = await post('standoff', { source: $('s-source').value, law: $('s-law').value, ...mm });
   if (answer.ok) readStandoff();
 }
 
@@ -42,15 +43,16 @@ function options(select, names) {
   if (select.options.length !== names.length) select.replaceChildren(...names.map((n) => element('option', n)));
 }
 
-export function showStandoff(s, telemetry, old, running) {
-  $('s-apply').disabled = running;
-  $('standoff-value').hidden = !s || old && !running;
-  if (!s) { rows($('standoff-facts'), [['state', 'off']]); return; }
+// old, machineOld: why they cannot be believed; running: null = not known
+export function showStandoff(s, telemetry, old, machineOld, running) {
+  $('s-apply').disabled = running !== false;
+  $('standoff-value').hidden = !s || Boolean(old && !machineOld && running === false);
+  if (!s) { rows($('standoff-facts'), [['state', machineOld ? `not known: ${machineOld}` : 'off']]); return; }
   text('v-standoff', fixed(s.measured_mm, 1)); text('v-standoff-set', fixed(s.set_mm, 1));
   text('v-standoff-z', s.alarm ? 'alarm' : `Z ${signed(s.correction_mm)}`);
   $('standoff-value').classList.toggle('bad', Boolean(s.alarm));
   rows($('standoff-facts'), [['measured by', s.source], ['set, mm', fixed(s.set_mm, 2)], ['measured, mm', fixed(s.measured_mm, 2)],
-    ['correction of the programmed Z, mm', signed(s.correction_mm)], ['state', s.alarm ? `! ${s.alarm}: ${s.correction_mm ? 'on its way to the programmed Z, or kept above metal that is too high' : 'programmed Z until the next arc'}` : old ? 'off' : 'ok']]);
+    ['correction of the programmed Z, mm', signed(s.correction_mm)], ['state', s.alarm ? `! ${s.alarm}: ${s.correction_mm ? 'on its way to the programmed Z, or kept above metal that is too high' : 'programmed Z until the next arc'}` : machineOld ? `not known: ${machineOld}` : old ? 'off' : 'ok']]);
   if (telemetry && !old) keep([telemetry.t, s.set_mm, s.measured_mm, s.correction_mm]);
 }
 
