@@ -15,6 +15,6 @@ bench:
 	@$(RUN) python3 bench/run.py $(ONLY)
 lint:
 	@bash scripts/setup.sh --test
-	@$(RUN) ruff format . && ruff check --fix . && mypy
+	@$(RUN) ruff format . && ruff check --fix . && mypy && waam_ws/src/waam_firmware/lint.sh
 clean:
 	rm -rf waam_ws/build waam_ws/install waam_ws/log .venv .setup.*

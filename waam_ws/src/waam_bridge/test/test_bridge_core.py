@@ -41,6 +41,24 @@ def test_an_alarm_at_power_up_is_known_as_soon_as_the_link_is_ready():
     assert seen[0] == (ALARM, 306)
 
 
+def test_why_the_watchdog_has_reset_the_controller_is_in_the_alarm():
+    """A board tells it before its answer to `$I`; the telemetry that follows says the code alone."""
+    why = 'undefined instruction: pc 08001234 lr 08005679'
+
+    class Explains(FakeCore):
+        def say(self, text: str) -> None:
+            if text.startswith('$I'):
+                super().say(f'! ALARM E307 {why}')
+            super().say(text)
+
+    fake = Explains()
+    fake.state, fake.fault, fake.homed = ALARM, 307, False
+    cell = Cell(fake).ready()
+    cell.until(lambda: cell.bridge.link.newest.seq > 5)
+    assert (cell.bridge.state, cell.bridge.fault, cell.bridge.fault_text) == (ALARM, 307, why)
+    assert [n.text for n in cell.notices if '307' in n.text] == [f'ALARM E307 {why}']
+
+
 def test_something_else_is_no_controller():
     fake = FakeCore()
     fake.name = 'OTHER_DEVICE'

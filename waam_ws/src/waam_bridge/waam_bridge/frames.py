@@ -34,7 +34,7 @@ CODES = {
     300: 'emergency stop', 301: 'limit switch',
     302: 'soft limit', 303: 'process inputs lost or implausible', 304: 'not homed',
     305: 'not armed', 306: 'power-up: reset needed', 307: 'the watchdog has reset the controller',
-    308: 'fault of a drive',
+    308: 'fault of a drive', 309: 'the controller fell 20 ms behind',
 }  # fmt: skip
 
 

@@ -288,6 +288,7 @@ static void toggle(char what)
     switch (what) {
     case 'e': in->estop = !in->estop; break;
     case 'l': in->limit_switch = !in->limit_switch; break;
+    case 'b': in->late = !in->late; break;
     case 'p': in->process = (waam_process_t)((in->process + 1) % 3); break;
     case 'h': bench.no_heartbeat = !bench.no_heartbeat; break;
     case 'c': bench.no_current = !bench.no_current; break;

@@ -37,12 +37,17 @@ static uint32_t random_below(uint32_t limit) /* xorshift64* */
 static void load(const char *path)
 {
     FILE *file = input_count < INPUTS_MAX ? fopen(path, "rb") : NULL;
-    uint8_t *bytes = file ? malloc(INPUT_MAX) : NULL;
-    if (!bytes) {
+    if (!file) {
         fprintf(stderr, "cannot read %s\n", path);
         exit(2);
     }
-    inputs[input_count++] = (input_t){bytes, fread(bytes, 1, INPUT_MAX, file)};
+    input_t *input = &inputs[input_count++];
+    input->bytes = malloc(INPUT_MAX);
+    if (!input->bytes) {
+        fclose(file);
+        exit(2);
+    }
+    input->size = fread(input->bytes, 1, INPUT_MAX, file);
     fclose(file);
 }
 

@@ -26,6 +26,8 @@ void board_ranges(waam_config_t *config);
 void board_idle(void);
 /* Everything off that can hurt: arc, gas, drives, setpoints. Callable from a fault. */
 void board_safe(void);
+/* Never returns: the watchdog resets the processor. */
+__attribute__((noreturn)) void board_await_reset(void);
 /* The watchdog had reset the processor. Once only. */
 bool board_was_hung(void);
 /* A number that no earlier start of this controller had. */

@@ -14,7 +14,6 @@
 #define REPORT_NS 100000000u
 #define ARC_V 22.0f
 #define ARC_GAIN 0.68f
-#define SCB_AIRCR (*(reg_t *)0xE000ED0Cu)
 
 #define SYSTICK ((reg_t *)0xE000E010u) /* control, reload, value */
 #define CORE_HZ 168000000u
@@ -117,6 +116,26 @@ static void say_load(void)
 
 void board_start_watchdog(void) { hungry = 0; }
 
+/* Uses up the stack; what comes after the call keeps the compiler from making a loop of it. */
+static __attribute__((noinline)) uint32_t fill_stack(uint32_t depth)
+{
+    volatile uint32_t frame[64];
+    frame[depth % 64] = depth;
+    return faulty('o') ? fill_stack(depth + 1) + frame[depth % 64] : 0;
+}
+
+static void break_down(void)
+{
+    if (faulty('u'))
+        __asm__ volatile("udf #0");
+    if (faulty('b'))
+        *(reg_t *)0xA0000000u = 0;
+    if (faulty('o'))
+        fill_stack(0);
+    if (faulty('n'))
+        SCB_ICSR = SCB_ICSR_NMIPENDSET;
+}
+
 void board_feed_watchdog(void)
 {
     char question = asked;
@@ -128,6 +147,12 @@ void board_feed_watchdog(void)
         say_load();
     while (faulty('h')) { /* the main loop hangs, interrupts go on */
     }
+    if (faulty('i')) { /* it stands still for 50 ms */
+        while (hungry < FAST_HZ / 20) {
+        }
+        fault['i' - 'a'] = false;
+    }
+    break_down();
 }
 
 /* A processor that sleeps would be woken by QEMU some thousand times per second only; one that spins is on time, and the
@@ -155,6 +180,17 @@ bool board_init(void)
 }
 
 void board_safe(void) { arc = (waam_fast_outputs_t){0}; }
+
+/* The watchdog, which QEMU does not have. */
+void board_await_reset(void)
+{
+    say("watchdog reset\n");
+    hung = true;
+    for (;;) {
+        SCB_AIRCR = SCB_AIRCR_RESET;
+        barrier();
+    }
+}
 
 bool board_was_hung(void)
 {
@@ -214,15 +250,18 @@ void board_sample(waam_fast_inputs_t *now)
     if (++hungry <= WATCHDOG_TICKS)
         return;
     board_safe();
-    say("watchdog reset\n");
-    hung = true;
-    SCB_AIRCR = 0x05FA0004u;
-    barrier();
+    board_await_reset();
 }
 
 void board_arc(const waam_fast_outputs_t *outputs)
 {
+    if (outputs->late && arc.arc)
+        say_number(hungry), say("fast ticks, then the arc went off\n");
     arc = *outputs;
+    if (arc.late)
+        slow.wire_mm_s = 0.0;
+    if (faulty('x')) /* a bad address in an interrupt */
+        *(reg_t *)0xA0000000u = 0;
     arc_ticks = arc.arc ? arc_ticks + 1 : 0;
 }
 

@@ -173,6 +173,12 @@ void board_safe(void)
     TIM3->CCER = 0;
 }
 
+void board_await_reset(void)
+{
+    for (;;) {
+    }
+}
+
 bool board_was_hung(void)
 {
     bool watchdog = RCC->CSR & 1u << 29;
@@ -243,6 +249,8 @@ static uint32_t duty(float share)
 void board_arc(const waam_fast_outputs_t *outputs)
 {
     set_pin(PIN_ARC, outputs->arc);
+    if (outputs->late)
+        TIM4->CCR[0] = 0; /* the feeder: the tick that would stop it does not come */
     TIM4->CCR[1] = outputs->arc ? duty(outputs->voltage_v / SOURCE_FULL_V) : 0;
 }
 

@@ -21,6 +21,6 @@ for image in "$build"/*.elf; do
     arm-none-eabi-size -A "$image" | awk -v name="$(basename "$image" .elf)" '
         $1 == ".vectors" || $1 == ".text" || $1 == ".ARM.exidx" { flash += $2 }
         $1 == ".data" { flash += $2; ram += $2 }
-        $1 == ".bss" || $1 == ".noinit" || $1 == ".stack" { ram += $2 }
+        $1 == ".bss" || $1 == ".noinit" || $1 == ".guard" || $1 == ".stack" { ram += $2 }
         END { printf "%-24s %8d (%4.1f %%) %8d (%4.1f %%)\n", name, flash, flash / 10485.76, ram, ram / 1310.72 }'
 done

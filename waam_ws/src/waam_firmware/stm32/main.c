@@ -4,15 +4,17 @@
  *     USART2         received bytes (port_serial.c)
  *     TIM2, 10 kHz   samples, arc regulator, bus of the accelerometer, time of the tick
  *     main loop      tick of the core, link, watchdog
+ * and PendSV below them all, when the main loop stands still (fault.c).
  */
 #include "board.h"
 #include "counters.h"
+#include "fault.h"
 #include "load.h"
 #include "port.h"
 #include "registers.h"
 #include "steps.h"
 
-#define TICKS_BEHIND_MAX 20u  /* later than this is no control any more: ALARM */
+#define TICKS_BEHIND_MAX (WAAM_ORDERS_US / TICK_US) /* later than this is no control any more: ALARM */
 #define RX_PER_TICK 256u      /* bytes worked on in one tick, up to the end of a line: planning is what takes time */
 #define SEND_RESERVE 1536u    /* kept free for answers to what has been received */
 
@@ -57,6 +59,8 @@ void TIM2_IRQHandler(void)
     board_sample(&in);
     waam_core_fast(&core, &in, &out);
     board_arc(&out);
+    if (out.late)
+        fault_main_loop_stands();
     accelerometer();
     if (++part == TICK_US / FAST_US) {
         part = 0;
@@ -95,13 +99,15 @@ static void tick(void)
 {
     uint32_t begun = load_begin(LOAD_TICK);
     board_inputs(&inputs);
-    if (!trusted || late)
+    inputs.late = late;
+    if (!trusted)
         inputs.process = WAAM_PROCESS_LOST;
     take_bytes();
     waam_core_tick(&core, TICK_US, &inputs, &outputs);
     push_steps();
     board_outputs(&outputs);
     late = false;
+    fault_main_loop_runs();
     load_end(LOAD_TICK, begun);
 }
 
@@ -121,7 +127,8 @@ static void start(void)
     trusted = board_init();
     waam_config_t config = waam_config_default();
     config.boot_id = board_boot_id();
-    config.watchdog_reset = board_was_hung();
+    config.reset_reason = fault_take();
+    config.watchdog_reset = board_was_hung() || config.reset_reason;
     config.accelerometer = true; /* the driver; whether a sensor answers shows when it is asked for */
     board_ranges(&config);
     waam_core_init(&core, &config, send_line, NULL);

@@ -11,12 +11,38 @@ typedef volatile uint32_t reg_t;
 #define NVIC_ISPR ((reg_t *)0xE000E200u)
 #define NVIC_IPR ((volatile uint8_t *)0xE000E400u)
 #define SCB_CPACR (*(reg_t *)0xE000ED88u)
+#define SCB_ICSR (*(reg_t *)0xE000ED04u)
+#define SCB_AIRCR (*(reg_t *)0xE000ED0Cu)
+#define SCB_SHPR3 (*(reg_t *)0xE000ED20u)
+#define SCB_SHCSR (*(reg_t *)0xE000ED24u)
+#define SCB_CFSR (*(reg_t *)0xE000ED28u)
+#define SCB_HFSR (*(reg_t *)0xE000ED2Cu)
+#define SCB_MMFAR (*(reg_t *)0xE000ED34u)
+#define SCB_BFAR (*(reg_t *)0xE000ED38u)
+#define MPU_CTRL (*(reg_t *)0xE000ED94u)
+#define MPU_RNR (*(reg_t *)0xE000ED98u)
+#define MPU_RBAR (*(reg_t *)0xE000ED9Cu)
+#define MPU_RASR (*(reg_t *)0xE000EDA0u)
 #define SCB_DEMCR (*(reg_t *)0xE000EDFCu)
 #define DWT_CTRL (*(reg_t *)0xE0001000u)
 #define DWT_CYCCNT (*(reg_t *)0xE0001004u)
 #define DBGMCU_IDCODE (*(reg_t *)0xE0042000u)
 #define DBGMCU_APB1_FZ (*(reg_t *)0xE0042008u)
 #define DEVICE_F405_F407 0x413u
+
+#define SCB_ICSR_NMIPENDSET (1u << 31)
+#define SCB_ICSR_PENDSVSET (1u << 28)
+#define SCB_AIRCR_RESET 0x05FA0004u
+#define SCB_SHCSR_FAULTS (7u << 16)                     /* memory, bus and usage faults have handlers of their own */
+#define SCB_CFSR_STACKING (1u << 4 | 1u << 5 | 1u << 12 | 1u << 13) /* M(L)STKERR, MLSPERR, STKERR, LSPERR */
+#define SCB_CFSR_MMARVALID (1u << 7)
+#define SCB_CFSR_BUS (0xFFu << 8)
+#define SCB_CFSR_BFARVALID (1u << 15)
+#define SCB_CFSR_UNDEFINSTR (1u << 16)
+#define MPU_CTRL_ENABLE 1u
+#define MPU_CTRL_PRIVDEFENA (1u << 2)
+#define MPU_RASR_ENABLE 1u
+#define MPU_RASR_XN (1u << 28)
 
 enum { IRQ_PVD = 1, IRQ_TIM2 = 28, IRQ_TIM3 = 29, IRQ_USART1 = 37, IRQ_USART2 = 38, IRQ_COUNT = 82 };
 
@@ -113,6 +139,12 @@ static inline void irq_enable(unsigned irq, uint8_t priority)
 {
     NVIC_IPR[irq] = (uint8_t)(priority << 4);
     NVIC_ISER[irq / 32] = 1u << (irq % 32);
+}
+static inline uint32_t exception_number(void)
+{
+    uint32_t number;
+    __asm__ volatile("mrs %0, ipsr" : "=r"(number));
+    return number;
 }
 static inline void interrupts_off(void) { __asm__ volatile("cpsid i" ::: "memory"); }
 static inline void interrupts_on(void) { __asm__ volatile("cpsie i" ::: "memory"); }

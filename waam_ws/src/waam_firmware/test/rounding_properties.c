@@ -173,6 +173,6 @@ int main(int argc, char **argv)
         curve();
     }
     require(slowed > programs, "corners that were rounded at all", slowed, programs);
-    printf("%u random shapers, %u corners each and a curve: all properties hold\n", (unsigned)programs, CORNERS - 1);
+    printf("%u random shapers, %d corners each and a curve: all properties hold\n", (unsigned)programs, CORNERS - 1);
     return 0;
 }

@@ -50,16 +50,22 @@ static void run(unsigned ms)
     }
 }
 
+static void send_checked(const char *line)
+{
+    char sealed[160];
+    uint8_t check = 0;
+    for (const char *c = line; *c; c++)
+        check ^= (uint8_t)*c;
+    int length = snprintf(sealed, sizeof sealed, "%s*%u\n", line, check);
+    for (int i = 0; i < length; i++)
+        waam_core_rx(&core, (uint8_t)sealed[i]);
+}
+
 static void send_line(const char *gcode)
 {
     char line[160];
-    uint8_t check = 0;
-    int length = snprintf(line, sizeof line, "N%u %s", (unsigned)core.link.accepted + 1, gcode);
-    for (int i = 0; i < length; i++)
-        check ^= (uint8_t)line[i];
-    length += snprintf(line + length, sizeof line - (size_t)length, "*%u\n", check);
-    for (int i = 0; i < length; i++)
-        waam_core_rx(&core, (uint8_t)line[i]);
+    snprintf(line, sizeof line, "N%u %s", (unsigned)core.link.accepted + 1, gcode);
+    send_checked(line);
 }
 
 /* An arc that burns in the middle of a long move. */
@@ -112,9 +118,70 @@ static void test_the_fast_tick_cuts_the_source_itself(void)
     config = waam_config_default();
     weld();
     voltage_v = 2.0f;
-    for (unsigned i = 0; i < 1100 && fast_out.arc; i++)
-        fast(); /* the tick is dead; the fast tick goes on */
-    CHECK(!fast_out.arc && fast_out.voltage_v == 0.0f);
+    unsigned i;
+    for (i = 0; i < 1100 && fast_out.arc; i++) {
+        fast();
+        core.fast.age_us = 0; /* a tick has come, and not looked yet */
+    }
+    CHECK(!fast_out.arc && fast_out.voltage_v == 0.0f && core.fast.trip == WAAM_TRIP_SHORT && i < 1010);
+}
+
+/* 60 s of fast ticks; then the tick comes back and says what was. */
+static void test_orders_that_no_tick_renews_end_after_20_ms(void)
+{
+    config = waam_config_default();
+    weld();
+    for (unsigned i = 1; i < 200; i++) {
+        fast();
+        CHECK(fast_out.arc && !fast_out.late);
+    }
+    for (unsigned i = 0; i < 600000; i++) {
+        fast();
+        CHECK(!fast_out.arc && fast_out.late && fast_out.voltage_v == 0.0f);
+    }
+    waam_core_tick(&core, 1000, &in, &out);
+    CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_LATE && strstr(last, "E309 the controller's tick stood still"));
+    CHECK(!out.arc && out.wire_mm_s == 0.0);
+    fast();
+    CHECK(!fast_out.arc && !fast_out.late);
+    run(100);
+    CHECK(core.state == WAAM_ALARM && core.fast.trip == WAAM_TRIP_NONE && !fast_out.late);
+}
+
+/* A tick may be late by all but 20 ms, again and again. */
+static void test_a_healthy_tick_loses_no_arc(void)
+{
+    config = waam_config_default();
+    weld();
+    srand(7);
+    for (int i = 0; i < 2000; i++) {
+        for (int k = i % 3 ? rand() % 25 : rand() % 190; k > 0; k--) /* run: ten more */
+            fast();
+        run(1);
+        CHECK(fast_out.arc && core.state == WAAM_RUN);
+    }
+}
+
+/* Each tick takes longer than it may: none is missing, and all are late. */
+static void test_ticks_that_fall_behind_are_an_alarm(void)
+{
+    config = waam_config_default();
+    weld();
+    in.late = true;
+    run(1);
+    CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_LATE && !out.arc && strstr(last, "20 ms behind"));
+}
+
+/* In ALARM nothing is hidden by a late tick. */
+static void test_a_late_tick_does_not_hide_the_alarm_before_it(void)
+{
+    config = waam_config_default();
+    waam_core_init(&core, &config, on_line, NULL);
+    in = (waam_inputs_t){.late = true};
+    for (int i = 0; i < 300; i++)
+        fast();
+    run(3);
+    CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_POWER_UP);
 }
 
 static void test_a_sample_that_is_no_number_is_bridged_and_a_row_of_them_is_a_fault(void)
@@ -162,7 +229,7 @@ static void test_a_trip_that_comes_late_is_not_forgotten(void)
     weld();
     waam_guard_arc(&core, 1000);
     voltage_v = 2.0f;
-    for (unsigned i = 0; i < 1100 && fast_out.arc; i++)
+    for (unsigned i = 0; i < 1100 && fast_out.arc; i++, core.fast.age_us = 0)
         fast();
     CHECK(!fast_out.arc);
     waam_guard_orders(&core, 1000);
@@ -269,6 +336,10 @@ static void test_a_board_starts_in_alarm_and_says_why(void)
     config.watchdog_reset = true;
     waam_core_init(&core, &config, on_line, NULL);
     CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_WATCHDOG);
+    config.reset_reason = "undefined instruction: pc 08001234";
+    waam_core_init(&core, &config, on_line, NULL);
+    send_checked("$I");
+    CHECK(strstr(last, "! ALARM E307 undefined instruction: pc 08001234"));
     in = (waam_inputs_t){.process = WAAM_PROCESS_OK};
     out = (waam_outputs_t){0};
     run(1000);
@@ -296,6 +367,10 @@ int main(void)
     test_a_lost_arc_is_struck_again_where_that_is_configured();
     test_any_fault_can_be_an_alarm();
     test_the_fast_tick_cuts_the_source_itself();
+    test_orders_that_no_tick_renews_end_after_20_ms();
+    test_a_healthy_tick_loses_no_arc();
+    test_ticks_that_fall_behind_are_an_alarm();
+    test_a_late_tick_does_not_hide_the_alarm_before_it();
     test_a_sample_that_is_no_number_is_bridged_and_a_row_of_them_is_a_fault();
     test_a_reading_at_the_end_of_the_converters_range_is_implausible();
     test_a_trip_that_comes_late_is_not_forgotten();

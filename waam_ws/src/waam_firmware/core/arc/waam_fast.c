@@ -11,6 +11,7 @@ void waam_fast_command(waam_fast_t *fast, const waam_fast_order_t *order)
     fast->order[next] = *order;
     atomic_signal_fence(memory_order_release); /* the interrupt runs on the same core */
     fast->current = next;
+    fast->age_us = 0;
 }
 
 bool waam_fast_mean(waam_fast_t *fast, float *voltage_v, float *current_a)
@@ -64,6 +65,17 @@ static void regulate(waam_fast_t *fast, const waam_config_t *config, const waam_
     fast->regulating = fast->regulator.on;
 }
 
+/* What gives the orders may hang; what it asked for last must not go on for ever. */
+static bool late(waam_fast_t *fast)
+{
+    if (fast->age_us < WAAM_ORDERS_US)
+        fast->age_us += WAAM_FAST_US;
+    bool is = fast->age_us >= WAAM_ORDERS_US;
+    if (is && fast->trip == WAAM_TRIP_NONE)
+        fast->trip = WAAM_TRIP_LATE;
+    return is;
+}
+
 void waam_fast_tick(waam_fast_t *fast, const waam_config_t *config, const waam_fast_inputs_t *inputs,
                     waam_fast_outputs_t *outputs)
 {
@@ -73,7 +85,8 @@ void waam_fast_tick(waam_fast_t *fast, const waam_config_t *config, const waam_f
         watch(fast, config, order, inputs);
         regulate(fast, config, order);
     }
-    outputs->arc = order->arc && fast->trip == WAAM_TRIP_NONE;
+    outputs->late = late(fast);
+    outputs->arc = order->arc && !outputs->late && fast->trip == WAAM_TRIP_NONE;
     outputs->voltage_v = !outputs->arc ? 0.0f : by_source && fast->regulating ? fast->output : order->setpoint_v;
     fast->fasted = true;
 }

@@ -2,6 +2,7 @@
  *
  * It runs in an interrupt above the tick. The tick hands its orders over in one of two buffers and then names it, so the
  * fast tick never sees half an order; what it reports are single words, written whole, or sums in a second pair of buffers.
+ * Orders have an age: where no tick renews them for WAAM_ORDERS_US, the fast tick takes the arc off.
  */
 #ifndef WAAM_FAST_H
 #define WAAM_FAST_H
@@ -11,6 +12,7 @@
 #include "waam_types.h"
 
 #define WAAM_FAST_US 100u
+#define WAAM_ORDERS_US 20000u /* orders of this age hold no more */
 
 typedef struct {
     bool valid;                 /* the two values are connected (else the fast tick only passes orders on) */
@@ -20,6 +22,7 @@ typedef struct {
 typedef struct {
     bool arc;                   /* enable the source; never more than the last tick allowed, less after a trip */
     float voltage_v;            /* setpoint of the source */
+    bool late;                  /* the tick stands still: the wire stops as well, whatever the tick has asked for */
 } waam_fast_outputs_t;
 
 typedef struct {
@@ -39,6 +42,7 @@ typedef struct {
 typedef struct {
     waam_fast_order_t order[2];
     volatile uint8_t current;   /* which of the two holds */
+    volatile uint32_t age_us;   /* of the orders; stops at WAAM_ORDERS_US */
     waam_fast_sum_t sum[2];     /* good samples since the tick looked last */
     volatile uint8_t filling;
     volatile bool ticked, fasted, linked; /* signs of life, all three since the watchdog was fed last */

@@ -43,6 +43,6 @@ const char *waam_trip_text(waam_trip_t trip)
     static const char *const texts[] = {
         "", "stubbing: the wire stays short-circuited", "burn-back: the arc climbs to the contact tip",
         "arc sensor: not a number or out of range", "arc voltage sensor stuck", "arc current sensor stuck",
-        "arc current although the source is off"};
+        "arc current although the source is off", "the controller's tick stood still for 20 ms"};
     return texts[trip];
 }

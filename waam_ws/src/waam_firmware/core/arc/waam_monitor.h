@@ -11,7 +11,8 @@ typedef enum {
     WAAM_TRIP_BAD_SAMPLE,       /* not a number, or outside what the sensor can give */
     WAAM_TRIP_STUCK_VOLTAGE,
     WAAM_TRIP_STUCK_CURRENT,
-    WAAM_TRIP_STRAY_CURRENT     /* current although the source is off */
+    WAAM_TRIP_STRAY_CURRENT,    /* current although the source is off */
+    WAAM_TRIP_LATE              /* of the fast tick itself: nobody has renewed its orders */
 } waam_trip_t;
 
 typedef struct {

@@ -59,10 +59,8 @@ void waam_text_places(waam_text_t *t, double value, unsigned decimals)
     uint64_t scale, fraction = whole_part(t, value, decimals, &scale);
     if (decimals)
         waam_text_char(t, '.');
-    while (scale > 1) {
-        scale /= 10;
-        waam_text_char(t, (char)('0' + fraction / scale % 10));
-    }
+    for (uint64_t unit = scale / 10; unit > 0; unit /= 10)
+        waam_text_char(t, (char)('0' + fraction / unit % 10));
 }
 
 void waam_text_fixed(waam_text_t *t, double value, unsigned decimals)
@@ -71,11 +69,8 @@ void waam_text_fixed(waam_text_t *t, double value, unsigned decimals)
     if (!fraction)
         return;
     waam_text_char(t, '.');
-    while (fraction) {
-        scale /= 10;
-        waam_text_char(t, (char)('0' + fraction / scale));
-        fraction %= scale;
-    }
+    for (uint64_t unit = scale / 10; unit > 0 && fraction % (unit * 10) > 0; unit /= 10)
+        waam_text_char(t, (char)('0' + fraction / unit % 10));
 }
 
 void waam_text_seal(waam_text_t *t, bool strong)

@@ -57,7 +57,8 @@ typedef enum {
     WAAM_E_NOT_ARMED = 305,
     WAAM_E_POWER_UP = 306,
     WAAM_E_WATCHDOG = 307,
-    WAAM_E_DRIVE = 308
+    WAAM_E_DRIVE = 308,
+    WAAM_E_LATE = 309           /* no tick for 20 ms, or ticks that are so far behind */
 } waam_code_t;
 
 /* What can go wrong with the arc; what is done about it is configured (waam_guard.c). */
@@ -115,6 +116,7 @@ typedef struct {
     double temperature_max_c;   /* of torch or drives */
     bool starts_in_alarm;       /* after power-up (306): nothing but a reset leads to IDLE */
     bool watchdog_reset;        /* the shell found that the watchdog had reset the processor (307) */
+    const char *reset_reason;   /* what had happened then, told to every host; NULL: not known. Kept by the shell */
     bool drives_off_in_estop;   /* no torque from an emergency stop or a drive's fault to the reset after it */
     bool drives_off_in_alarm;   /* the same for every other ALARM; see doc/stm32f407.md */
     uint32_t link_timeout_us;   /* no valid line for this long while in RUN: HOLD 201 */
@@ -129,6 +131,7 @@ typedef enum { WAAM_PROCESS_ABSENT = 0, WAAM_PROCESS_OK, WAAM_PROCESS_LOST } waa
 
 typedef struct {
     bool estop, limit_switch, gas_ok;
+    bool late;                  /* the shell is 20 ms behind with its ticks: no control any more */
     bool home_switch[WAAM_AXES];
     waam_process_t process;     /* are the five values below connected */
     double current_a, voltage_v, wire_mm_s; /* current and voltage: not used where the fast tick has them */

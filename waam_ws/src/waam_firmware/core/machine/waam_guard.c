@@ -39,6 +39,8 @@ void waam_guard_inputs(waam_core_t *core, const waam_inputs_t *inputs, uint32_t 
         waam_core_alarm(core, WAAM_E_DRIVE, "fault of a drive");
     else if (limit)
         waam_core_alarm(core, WAAM_E_LIMIT_SWITCH, "limit switch");
+    else if (inputs->late)
+        waam_core_alarm(core, WAAM_E_LATE, "the controller's ticks are 20 ms behind");
     else if (inputs->process == WAAM_PROCESS_LOST)
         waam_core_alarm(core, WAAM_E_INPUTS, "process inputs lost");
     else if (inputs->process == WAAM_PROCESS_OK && !waam_guard_plausible(core))
@@ -153,6 +155,10 @@ static void trip(waam_core_t *core)
     case WAAM_TRIP_NONE: break;
     case WAAM_TRIP_SHORT: waam_core_fault(core, WAAM_FAULT_STUBBING, NULL); break;
     case WAAM_TRIP_LONG_ARC: waam_core_fault(core, WAAM_FAULT_BURN_BACK, NULL); break;
+    case WAAM_TRIP_LATE:
+        if (core->state != WAAM_ALARM)
+            waam_core_alarm(core, WAAM_E_LATE, waam_trip_text(core->trip));
+        break;
     default: waam_core_fault(core, WAAM_FAULT_SENSOR, waam_trip_text(core->trip)); break;
     }
 }

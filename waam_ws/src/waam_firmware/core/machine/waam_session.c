@@ -128,6 +128,8 @@ void waam_order_identify(waam_request_t *r)
         core->executed = 0;
         waam_core_new_program(core);
     }
+    if (core->fault == WAAM_E_WATCHDOG && core->config.reset_reason)
+        waam_core_tell(core, WAAM_E_WATCHDOG, core->config.reset_reason);
     describe(r);
 }
 
