@@ -119,7 +119,7 @@ def _between(points: np.ndarray, at: np.ndarray, others: np.ndarray, mark: bool)
     around = points[rest[tree.query(points[control, :2], k)[1].reshape(len(control), k)], 2]
     rough = float(np.quantile(np.abs(np.median(around, axis=1) - points[control, 2]), 0.9))
     span = float(np.ptp(np.quantile(points[rest, 2], (0.02, 0.98))))
-    if (off > max(5 * rough, 0.2 * span, 1e-6 * abs(float(points[ask[0], 2])))).mean() < 0.8:
+    if (off > max(5 * rough, (0.2 if mark else 2.0) * span, 1e-6 * abs(float(points[ask[0], 2])))).mean() < 0.8:
         return False
     everything = _some(np.flatnonzero(at | others), LOOKED_AT, rng)
     mixed = cKDTree(points[everything, :2])
@@ -129,7 +129,8 @@ def _between(points: np.ndarray, at: np.ndarray, others: np.ndarray, mark: bool)
         return True
     _, count = np.unique(points[rest, 2], return_counts=True)
     flat = count.max() / len(rest) > FLAT
-    far = abs(float(points[ask[0], 2]) - float(np.median(points[rest, 2]))) > 20 * max(span, 1e-9)
+    extent = float(np.ptp(np.quantile(points[rest, :2], (0.02, 0.98), axis=0), axis=0).max())
+    far = points[ask[0], 2] != 0 and float(np.median(off)) > 0.5 * extent
     return mark and (far or (not flat and at.sum() < 2 * others.sum()))
 
 

@@ -24,6 +24,7 @@ from waam_plan.read.layers import Bead, Layer, layers_of
 from waam_plan.read.level_metal import RATIO_HIGH, levelled
 from waam_plan.read.motion import Motion, Program
 from waam_plan.read.place import check_machine
+from waam_plan.read.regime import doubts
 from waam_plan.read.way import Metal, check_way
 from waam_plan.settings import PlanSettings
 from waam_process.bead import AREA_FACTOR
@@ -325,7 +326,7 @@ def _assembled(
         settings,
         mode=mode,
         name=program.name,
-        warnings=_misfits(program, top, nominal),
+        warnings=[*program.warnings, *doubts(program), *_misfits(program, top, nominal)],
         remarks=[said, *program.remarks],
         ratio_high=RATIO_HIGH,
     )

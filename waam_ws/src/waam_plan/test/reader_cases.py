@@ -1,0 +1,5 @@
+"""All cases of the readers."""
+
+from reader_clouds import CASES as CLOUDS
+
+CASES = [*CLOUDS]
