@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from array import array
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -55,10 +56,10 @@ class Model:
     items: list[Use] = field(default_factory=list)
 
 
-def read_model(text: bytes, part: str) -> Model:
+def read_model(text: Iterable[bytes], part: str) -> Model:
     """ValueError names part, line, object and fault."""
     reader = _Reader()
-    parse(text, part, reader.open, reader.close, reader.prefixes)
+    parse(text, part, reader.open, reader.close, reader.text, reader.prefixes)
     if not reader.found:
         raise ValueError(f'{part} holds no model')
     return reader.model
@@ -73,7 +74,7 @@ class _Reader:
         self.path: list[str] = []
         self.id, self.object = '', Object()
         self.points, self.corners = array('d'), array('q')
-        self.cura = ''
+        self.cura = self.said = ''
 
     def open(self, tag: str, attributes: dict[str, str]) -> None:
         space, _, name = tag.rpartition(' ')
@@ -98,11 +99,17 @@ class _Reader:
         elif name == 'item' and parent == 'build':
             self.model.items.append(self._use(attributes))
         elif name == 'metadata' and CURA.fullmatch(attributes.get('name', '')):
-            self.cura = attributes['name']
-            self.object.left_out = f'the slicer ({shown(self.cura)})'
+            self.cura, self.said = attributes['name'], ''
+
+    def text(self, data: str) -> None:
+        if self.cura:
+            self.said += data
 
     def close(self, tag: str) -> None:
         self.path.pop()
+        if self.cura and self.said.strip().lower() != 'false':
+            self.object.left_out = f'the slicer ({self.cura})'
+        self.cura = ''
         if tag.rpartition(' ')[2] == 'object' and self.path and self.path[-1] == 'resources':
             self._finish()
 

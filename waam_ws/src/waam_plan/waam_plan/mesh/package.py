@@ -6,12 +6,15 @@ import io
 import posixpath
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from xml.parsers import expat
 
 from waam_plan.texts import shown
 
 LARGEST = 1_000_000_000  # bytes of all parts that are read
+MOST_PACKED = 200  # times; a model of numbers is packed five to twenty times
+SMALL = 10_000_000  # bytes, which may be packed as they like
+CHUNK = 1_000_000  # bytes
 DEEPEST = 64  # elements in elements
 MODEL = '/3dmodel'  # end of the type of the relationship that names the start part
 
@@ -41,21 +44,29 @@ class Package:
         return list(self._held)
 
     def read(self, name: str) -> bytes:
-        """What a part holds."""
+        """What a small part holds."""
+        return b''.join(self.chunks(name))
+
+    def chunks(self, name: str) -> Iterator[bytes]:
+        """What a part holds, piece by piece."""
         if name not in self._held:
             raise ValueError(f'{shown(name)} is referred to, but not in the archive')
         info = self._held[name]
         if info.flag_bits & 1:
             raise ValueError(f'{shown(name)} is encrypted; save it without a password')
+        if info.file_size > max(SMALL, MOST_PACKED * info.compress_size):
+            raise ValueError(
+                f'{shown(name)} is packed {info.file_size // max(1, info.compress_size)} times, which no model is'
+            )
         try:
             with self._zip.open(info) as f:
-                text = f.read(self._left + 1)
+                while piece := f.read(CHUNK):
+                    self._left -= len(piece)
+                    if self._left < 0:
+                        raise ValueError(f'the parts are larger than {LARGEST // 1_000_000} MB')
+                    yield piece
         except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as e:
             raise ValueError(f'{shown(name)}: not a readable archive ({e})') from e
-        self._left -= len(text)
-        if self._left < 0:
-            raise ValueError(f'{shown(name)}: the parts are larger than {LARGEST // 1_000_000} MB')
-        return text
 
     def start(self) -> str:
         """Name of the part with the build, as `_rels/.rels` says; without that file the only model there is."""
@@ -72,7 +83,7 @@ class Package:
             if tag == 'Relationship' and attributes.get('Type', '').endswith(MODEL):
                 found.append(attributes)
 
-        parse(self.read('_rels/.rels'), '_rels/.rels', lambda tag, a: open_(tag.split(' ')[-1], a))
+        parse(self.chunks('_rels/.rels'), '_rels/.rels', lambda tag, a: open_(tag.split(' ')[-1], a))
         if len({a.get('Target') for a in found}) != 1:
             raise ValueError(f'_rels/.rels names {len(found)} models to begin with, not one')
         if found[0].get('TargetMode', '').lower() == 'external':
@@ -89,13 +100,14 @@ def part_name(path: str, beside: str) -> str:
 
 
 def parse(
-    text: bytes,
+    text: Iterable[bytes],
     name: str,
     start: Callable[[str, dict[str, str]], None],
     end: Callable[[str], None] = lambda tag: None,
+    characters: Callable[[str], None] = lambda text: None,
     prefixes: dict[str, str] | None = None,
 ) -> None:
-    """Calls start(tag, attributes) and end(tag), names as 'namespace local'. ValueError names part, line and fault.
+    """Calls start(tag, attributes), end(tag) and characters(text), names as 'namespace local'. ValueError names part, line and fault.
 
     prefixes: gets the namespace of every prefix. Document types, and with them entities, are refused.
     """
@@ -125,9 +137,12 @@ def parse(
     parser.StartDoctypeDeclHandler = refuse
     parser.EntityDeclHandler = refuse
     parser.StartElementHandler, parser.EndElementHandler = open_, close
+    parser.CharacterDataHandler = characters
     parser.StartNamespaceDeclHandler = declared
     try:
-        parser.Parse(text, True)
+        for piece in text:
+            parser.Parse(piece, False)
+        parser.Parse(b'', True)
     except expat.ExpatError as error:
         raise ValueError(f'{shown(name)} is not readable XML ({error})') from error
     except ValueError as error:

@@ -13,6 +13,7 @@ import trimesh
 
 from waam_plan.mesh import bodies, ply
 from waam_plan.mesh.crossing import crossings
+from waam_plan.mesh.polygons import read_obj, read_off
 from waam_plan.mesh.repair import repaired
 from waam_plan.mesh.stl import read_stl
 from waam_plan.mesh.threemf import read_3mf
@@ -196,8 +197,11 @@ def _parse(path: Path, data: bytes, scale: float) -> tuple[trimesh.Trimesh, list
                 corners, notes = read_stl(data)
                 faces = np.arange(3 * len(corners)).reshape(-1, 3)
                 loaded = trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
+            elif kind in ('obj', 'off'):
+                vertices, faces, notes = (read_obj if kind == 'obj' else read_off)(text_of(data))
+                loaded = trimesh.Trimesh(vertices, faces, process=False)
             else:
-                loaded = _by_trimesh(data, kind)
+                loaded = _ply(data)
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise PartError(f'{path}: not a readable {kind.upper()} file ({error})') from error
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
@@ -215,21 +219,15 @@ def _parse(path: Path, data: bytes, scale: float) -> tuple[trimesh.Trimesh, list
     return trimesh.Trimesh(loaded.vertices, faces, process=False), notes
 
 
-def _by_trimesh(data: bytes, kind: str) -> trimesh.Trimesh:
-    """PLY, OBJ and OFF. ValueError where the cause is known."""
-    if kind == 'ply':
-        if ply.read_header(data).count('face') == 0:
-            raise ValueError('it holds points and no faces; a scan belongs to --as-found')
-        text = '' if b'format ascii' not in data[: ply.HEAD] else text_of(data)
-    else:
-        text = text_of(data)
-        data = text.encode()
-    if comma := re.search(r'(?m)^[^#\n]*?(?<![\d.,/])([-+]?\d+,\d+)(?![\d,])', text):
-        line = text.count('\n', 0, comma.start(1)) + 1
-        raise ValueError(
-            f"line {line}: '{comma[1]}' has a decimal comma; export with decimal points"
-        )
-    return trimesh.load(io.BytesIO(data), file_type=kind, process=False, force='mesh')
+def _ply(data: bytes) -> trimesh.Trimesh:
+    """ValueError where the cause is known."""
+    header = ply.read_header(data)
+    if header.count('face') == 0:
+        raise ValueError('it holds points and no faces; a scan belongs to --as-found')
+    if not header.order and (comma := re.search(rb'\d,\d', data[header.end :])):
+        line = data.count(b'\n', 0, header.end + comma.start()) + 1
+        raise ValueError(f'line {line}: a number has a decimal comma; export with decimal points')
+    return trimesh.load(io.BytesIO(data), file_type='ply', process=False, force='mesh')
 
 
 def _report(mesh: trimesh.Trimesh, collapsed: int) -> PartReport:

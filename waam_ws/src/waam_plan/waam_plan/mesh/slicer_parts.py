@@ -71,7 +71,7 @@ class _Reader:
         self.piece: Piece | None = None
 
     def read(self, text: bytes) -> None:
-        parse(text, self.name, self.open, self.close)
+        parse([text], self.name, self.open, self.close)
 
     def open(self, tag: str, attributes: dict[str, str]) -> None:
         if tag == 'object':

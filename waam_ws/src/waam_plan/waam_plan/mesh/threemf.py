@@ -41,7 +41,7 @@ class _Build:
     def model(self, part: str) -> Model:
         """Of a part, read once."""
         if part not in self.models:
-            self.models[part] = model = read_model(self.package.read(part), part)
+            self.models[part] = model = read_model(self.package.chunks(part), part)
             if model.unit not in UNITS:
                 raise ValueError(f'the unit {model.unit!r} is unknown')
             if part != self.start and model.unit != self.models[self.start].unit:
