@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from waam_plan.lay.build import plan_build
 from waam_plan.lay.restore import plan_restoration
-from waam_plan.mesh.clouds import cloud_grid, is_cloud, read_cloud
+from waam_plan.mesh.clouds import Cloud, cloud_grid, is_cloud, read_cloud
 from waam_plan.mesh.inputs import flat, of_part
 from waam_plan.mesh.part import PartError, load_part
 from waam_plan.mesh.threemf import read_3mf
@@ -54,9 +54,9 @@ def test_3mf_knows_its_unit(tmp_path, unit, metres):
 
 def test_3mf_transforms_are_applied_from_the_inside_out():
     turn = '0 1 0 -1 0 0 0 0 1 100 0 0'  # x to y, y to -x, then 100 along x
-    vertices, _ = read_3mf(three_mf(transform=turn))
+    vertices, *_ = read_3mf(three_mf(transform=turn))
     np.testing.assert_allclose(vertices.min(axis=0), (0.080, 0, 0), atol=1e-12)
-    twice, _ = read_3mf(three_mf(transform=turn, nested=True))
+    twice, *_ = read_3mf(three_mf(transform=turn, nested=True))
     np.testing.assert_allclose(twice.max(axis=0), (0.100, 0.100, 0.010), atol=1e-12)
 
 
@@ -85,7 +85,7 @@ def test_damaged_3mf_never_raises_anything_else(data):
     for _ in range(data.draw(st.integers(1, 4))):
         raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
     try:
-        vertices, faces = read_3mf(bytes(raw))
+        vertices, faces, _ = read_3mf(bytes(raw))
     except ValueError:
         return
     assert faces.max() < len(vertices)
@@ -123,7 +123,7 @@ def test_clouds_of_all_kinds_give_the_same_points(tmp_path, kind):
     else:
         np.savetxt(path, points, delimiter=';' if kind == 'csv' else ' ', header='x y z')
     assert is_cloud(path)
-    np.testing.assert_allclose(read_cloud(path), points * 1e-3, atol=1e-7)
+    np.testing.assert_allclose(read_cloud(path).points, points * 1e-3, atol=1e-7)
 
 
 def test_a_mesh_in_a_ply_is_no_cloud(tmp_path):
@@ -137,7 +137,7 @@ def test_a_mesh_in_a_ply_is_no_cloud(tmp_path):
         ('a.pcd', b'FIELDS x y z\n', 'no DATA'),
         ('a.pcd', pcd(hills(500), 'binary')[:-40], 'truncated'),
         ('a.pcd', pcd(hills(500), 'binary').replace(b'DATA binary', b'DATA binary_compressed'), 'save it as'),
-        ('a.xyz', b'nothing here', 'too few'),
+        ('a.xyz', b'nothing here', 'no line with numbers'),
         ('a.csv', b'1,2\n3,4\n', 'not a readable'),
     ],
 )  # fmt: skip
@@ -161,13 +161,13 @@ def test_the_grid_of_a_cloud_is_its_surface_without_splashes():
 
 def test_a_scanned_zone_without_a_part_becomes_flat():
     s = PlanSettings()
-    zone = flat(hills() * 1e-3, s)
+    zone = flat(Cloud(hills() * 1e-3, []), s)
     plan = plan_restoration(zone.found, zone.nominal, s)
     level = np.nanmax(zone.nominal.z)
     np.testing.assert_allclose(plan.final_target[plan.region], level, atol=1e-9)
     assert plan.region.sum() * 0.25e-6 == pytest.approx(60e-3 * 30e-3, rel=0.05)
     assert len(plan.layers) == 2 or len(plan.layers) == 3
-    lower = flat(hills() * 1e-3, s, level=0.020)
+    lower = flat(Cloud(hills() * 1e-3, []), s, level=0.020)
     assert np.nanmax(lower.nominal.z) == pytest.approx(level - s.layer_height, abs=0.1e-3)
 
 

@@ -318,7 +318,8 @@ def _restored(surfaces: Surfaces, args: argparse.Namespace, settings: PlanSettin
     from waam_plan.lay.restore import plan_restoration
 
     plan = plan_restoration(surfaces.found, surfaces.nominal, settings, args.layers)
-    return replace(plan, name=args.part.stem, offset=surfaces.offset)
+    remarks = [*surfaces.notes, *plan.remarks]
+    return replace(plan, name=args.part.stem, offset=surfaces.offset, remarks=remarks)
 
 
 def settings_from(args: argparse.Namespace) -> PlanSettings:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from scipy import ndimage
 
 from waam_plan.masks import fill_unknown
+from waam_plan.mesh import arrays, ply
+from waam_plan.mesh.no_return import usable
 from waam_plan.mesh.part import MAX_BYTES, PartError
+from waam_plan.mesh.pcd import read_pcd
+from waam_plan.mesh.text_cloud import Table, read_table
+from waam_plan.mesh.units import UNITS, wrong_size
+from waam_plan.texts import text_of
 from waam_process.grid import GridSpec, HeightGrid
 
 FORMATS = ('.pcd', '.xyz', '.csv', '.txt', '.npy')
@@ -19,80 +24,72 @@ FEWEST = 100  # points
 ISOLATED = 2.0e-3
 
 
+@dataclass(frozen=True)
+class Cloud:
+    """points: (n, 3) m, finite, without marks for "no return". notes: what was left out or assumed, for a person."""
+
+    points: np.ndarray
+    notes: list[str]
+
+
 def is_cloud(path: Path | str) -> bool:
-    """Whether a file is read as points by its suffix; a PLY is when it has no faces."""
+    """Whether a file is read as points: by its suffix, a PLY without faces, an NPZ that is no height map."""
     path = Path(path)
-    if path.suffix.lower() == '.ply':
-        head = path.read_bytes()[:4096] if path.is_file() else b''
-        found = re.search(rb'element\s+face\s+(\d+)', head)
-        return bool(head) and (found is None or found.group(1) == b'0')
-    return path.suffix.lower() in FORMATS
+    suffix = path.suffix.lower()
+    if suffix in ('.ply', '.npz') and path.is_file():
+        if suffix == '.npz':
+            return not arrays.is_map(path.read_bytes())
+        with path.open('rb') as f:
+            return ply.is_points(f.read(ply.HEAD))
+    return suffix in FORMATS
 
 
-def read_cloud(path: Path | str, scale: float = 1e-3) -> np.ndarray:
-    """(n, 3) finite points, m; scale: m per unit of the file. PartError names file and fault."""
+def read_cloud(path: Path | str, scale: float = 1e-3) -> Cloud:
+    """scale: m per unit of the file. PartError names file, fault, place and remedy."""
     path = Path(path)
+    if not (np.isfinite(scale) and scale > 0):
+        raise PartError(f'scale is {scale}, must be a positive length in m per unit of the file')
     try:
         if path.stat().st_size > MAX_BYTES:
             raise PartError(f'{path}: larger than {MAX_BYTES // 1_000_000} MB; thin the cloud out')
-        points = _read(path)
-    except PartError:
-        raise
-    except (OSError, ValueError, KeyError, IndexError, EOFError) as error:
+        table = _read(path)
+    except FileNotFoundError:
+        raise PartError(f'{path}: no such file') from None
+    except (OSError, ValueError, MemoryError, OverflowError) as error:
+        if isinstance(error, PartError):
+            raise
         raise PartError(f'{path}: not a readable point cloud ({error})') from error
-    points = points[np.isfinite(points).all(axis=1)]
+    if table.unit and not np.isclose(UNITS[table.unit], scale):
+        raise PartError(
+            f'{path}: the header says {table.unit}, the scale is {scale:g} m per unit; '
+            f'give --scale {UNITS[table.unit]:g}'
+        )
+    points, notes = usable(table.points, table.intensity)
+    notes = [f'{path.name}: {text}' for text in (*table.notes, *notes)]
     if len(points) < FEWEST:
-        raise PartError(f'{path}: {len(points)} finite points are too few for a surface')
-    return points * scale
+        said = f' ({"; ".join(notes)})' if notes else ''
+        raise PartError(f'{path}: {len(points)} points are too few for a surface{said}')
+    size = float(np.ptp(points[:, :2], axis=0).max()) * scale
+    if wrong := wrong_size(size, scale, 'cloud'):
+        raise PartError(f'{path}: {wrong}')
+    return Cloud(points * scale, notes)
 
 
-def _read(path: Path) -> np.ndarray:
-    kind = path.suffix.lower()
+def _read(path: Path) -> Table:
+    kind, data = path.suffix.lower(), path.read_bytes()
+    if not data:
+        raise PartError(f'{path}: the file is empty')
     if kind == '.pcd':
-        return _pcd(path.read_bytes())
+        return read_pcd(data)
     if kind == '.npy':
-        points = np.load(path, allow_pickle=False)
-    elif kind == '.ply':
-        points = np.asarray(trimesh.load(path, process=False).vertices)
-    elif kind in FORMATS:
-        text = re.sub(r'[;,\t]+', ' ', path.read_text(errors='replace'))
-        lines = [s for s in text.splitlines() if s.strip() and s.lstrip()[0] in '+-.0123456789']
-        points = np.loadtxt(lines, usecols=(0, 1, 2), ndmin=2) if lines else np.zeros((0, 3))
-    else:
-        raise ValueError(f'known kinds are {", ".join((*FORMATS, ".ply"))}')
-    if points.ndim != 2 or points.shape[1] < 3:
-        raise ValueError(f'an array of shape {points.shape} holds no points')
-    return np.asarray(points[:, :3], float)
-
-
-def _pcd(data: bytes) -> np.ndarray:
-    """Points of a PCD file, text or binary."""
-    found = re.search(rb'^DATA (\w+)\s*?\n', data, re.M)
-    if not found:
-        raise ValueError('there is no DATA line')
-    words = {
-        line.split()[0]: line.split()[1:]
-        for line in data[: found.start()].decode('ascii', 'replace').splitlines()
-        if line.split() and not line.startswith('#')
-    }
-    names = words['FIELDS']
-    count = int(words['POINTS'][0])
-    body, kind = data[found.end() :], found.group(1)
-    columns = [names.index(axis) for axis in 'xyz']
-    if kind == b'ascii':
-        return np.loadtxt(body.decode('ascii').splitlines(), usecols=columns, ndmin=2)
-    if kind != b'binary':
-        raise ValueError(f'data are {kind.decode()}; save it as binary or ascii')
-    repeat = words.get('COUNT', ['1'] * len(names))
-    types = zip(names, words['TYPE'], words['SIZE'], repeat, strict=True)
-    kinds = {'F': 'f', 'I': 'i', 'U': 'u'}
-    fields = [(f'{n}_{i}', f'<{kinds[t]}{s}', (int(c),)) for i, (n, t, s, c) in enumerate(types)]
-    layout = np.dtype(fields)
-    stored = [name for name, _, _ in fields]
-    if len(body) < count * layout.itemsize:
-        raise ValueError(f'truncated: {count} points are announced')
-    rows = np.frombuffer(body, layout, count)
-    return np.column_stack([rows[stored[c]][:, 0] for c in columns]).astype(float)
+        return arrays.read_npy(data)
+    if kind == '.npz':
+        return arrays.read_npz(data)
+    if kind == '.ply':
+        return ply.read_points(data)
+    if kind in FORMATS:
+        return read_table(text_of(data))
+    raise ValueError(f'known kinds are {", ".join((*FORMATS, ".ply", ".npz"))}')
 
 
 def cloud_grid(points: np.ndarray, spec: GridSpec) -> HeightGrid:

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
+from waam_plan.mesh import bodies, ply
 from waam_plan.mesh.crossing import crossings
+from waam_plan.mesh.polygons import read_obj, read_off
 from waam_plan.mesh.repair import repaired
+from waam_plan.mesh.stl import read_stl
 from waam_plan.mesh.threemf import read_3mf
+from waam_plan.mesh.units import wrong_size
+from waam_plan.mesh.weld import welded
 from waam_plan.settings import PlanSettings, Triple
+from waam_plan.texts import text_of
 from waam_robot.tilt import tilted
 
 FORMATS = ('.stl', '.ply', '.3mf', '.obj', '.off')
-SMALLEST, LARGEST = 1e-3, 2.0  # m, plausible size of a part
 MAX_BYTES = 500_000_000
-UNITS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'inch': 0.0254, 'um': 1e-6}
 
 
 class PartError(ValueError):
@@ -39,6 +44,7 @@ class PartReport:
     collapsed_faces: int  # two corners in one point, removed
     repairs: tuple[str, ...] = ()  # repairs that were made, on request
     crossing: str = ''  # faces that pass through each other, if it was checked
+    notes: tuple[str, ...] = ()  # what was left out, welded or assumed
 
     def lines(self) -> list[str]:
         """For a person."""
@@ -49,7 +55,7 @@ class PartReport:
             text.append(f'open: {self.boundary_edges} boundary edges')
         if self.collapsed_faces:
             text.append(f'{self.collapsed_faces} collapsed faces were removed')
-        text += [f'repaired: {r}' for r in self.repairs]
+        text += [*self.notes, *(f'repaired: {r}' for r in self.repairs)]
         return text + ([self.crossing] if self.crossing else [])
 
 
@@ -101,23 +107,39 @@ def load_part(
     if not (np.isfinite(scale) and scale > 0):
         raise PartError(f'scale is {scale}, must be a positive length in m per unit of the file')
     data = _read(path)
-    mesh = _parse(path, data, scale)
+    mesh, notes = _parse(path, data, scale)
     mesh.apply_scale(scale)
+    mesh.merge_vertices()
+    collapsed = _without_collapsed(mesh)
+    if len(mesh.faces) == 0 or mesh.area <= 0:
+        raise PartError(f'{path}: empty mesh, no face has an area; export the part again')
+    if wrong := wrong_size(float(np.max(mesh.extents)), scale, 'part'):
+        raise PartError(f'{path}: {wrong}')
+    mesh, weld = welded(mesh)
+    if weld:
+        notes.append(weld)
+        collapsed += _without_collapsed(mesh)
+    done: list[str] = []
+    if repair:
+        try:
+            mesh, done = repaired(mesh)
+        except ValueError as error:
+            raise PartError(f'{path}: {error}') from None
+    crossing = _crossing(mesh) if look_for_crossings else ''
+    report = _report(mesh, collapsed)
+    report = replace(report, repairs=tuple(done), crossing=crossing, notes=tuple(notes))
+    if require_closed:
+        _check_closed(path, mesh, report)
+    return Part(path.stem, path, mesh, hashlib.sha256(data).hexdigest(), report)
+
+
+def _without_collapsed(mesh: trimesh.Trimesh) -> int:
+    """Removes faces with two corners in one point from the mesh; how many."""
     a, b, c = mesh.faces.T
     collapsed = (a == b) | (b == c) | (c == a)
     mesh.update_faces(~collapsed)
     mesh.remove_unreferenced_vertices()
-    if len(mesh.faces) == 0 or mesh.area <= 0:
-        raise PartError(f'{path}: empty mesh, no face has an area; export the part again')
-    _check_size(path, mesh, scale)
-    done: list[str] = []
-    if repair:
-        mesh, done = repaired(mesh)
-    crossing = _crossing(mesh) if look_for_crossings else ''
-    report = replace(_report(mesh, int(collapsed.sum())), repairs=tuple(done), crossing=crossing)
-    if require_closed:
-        _check_closed(path, mesh, report)
-    return Part(path.stem, path, mesh, hashlib.sha256(data).hexdigest(), report)
+    return int(collapsed.sum())
 
 
 def _crossing(mesh: trimesh.Trimesh) -> str:
@@ -162,80 +184,50 @@ def _read(path: Path) -> bytes:
     return data
 
 
-def _parse(path: Path, data: bytes, scale: float) -> trimesh.Trimesh:
+def _parse(path: Path, data: bytes, scale: float) -> tuple[trimesh.Trimesh, list[str]]:
+    """The mesh in units of the file, and what a person should know."""
     kind = path.suffix.lower()[1:]
-    if kind == 'stl':
-        _check_stl(path, data)
+    notes: list[str] = []
     try:
         with np.errstate(invalid='ignore', over='ignore'):  # of vertices that are refused below
             if kind == '3mf':
-                vertices, faces = read_3mf(data)
+                vertices, faces, notes = read_3mf(data)
                 loaded = trimesh.Trimesh(vertices / scale, faces, process=False)
+            elif kind == 'stl':
+                corners, notes = read_stl(data)
+                faces = np.arange(3 * len(corners)).reshape(-1, 3)
+                loaded = trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
+            elif kind in ('obj', 'off'):
+                vertices, faces, notes = (read_obj if kind == 'obj' else read_off)(text_of(data))
+                loaded = trimesh.Trimesh(vertices, faces, process=False)
             else:
-                loaded = trimesh.load(io.BytesIO(data), file_type=kind, process=False, force='mesh')
+                loaded = _ply(data)
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise PartError(f'{path}: not a readable {kind.upper()} file ({error})') from error
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
         raise PartError(f'{path}: empty mesh, the file holds no triangle')
+    faces = np.asarray(loaded.faces)
+    if faces.min() < 0 or faces.max() >= len(loaded.vertices):
+        raise PartError(f'{path}: a face refers to a vertex that is not there; the file is damaged')
     bad = ~np.isfinite(loaded.vertices).all(axis=1)
     if bad.any():
-        face = (
-            int(np.flatnonzero(bad[loaded.faces].any(axis=1))[0]) if bad[loaded.faces].any() else -1
-        )
+        face = int(np.flatnonzero(bad[faces].any(axis=1))[0]) if bad[faces].any() else -1
         raise PartError(
             f'{path}: {int(bad.sum())} vertices are not finite numbers (NaN or infinite), first in face {face}; '
             'the file is damaged, export it again'
         )
-    mesh = trimesh.Trimesh(loaded.vertices, loaded.faces, process=False)
-    mesh.merge_vertices()
-    return mesh
+    return trimesh.Trimesh(loaded.vertices, faces, process=False), notes
 
 
-def _check_stl(path: Path, data: bytes) -> None:
-    """Truncation and the mix-up of text and binary, which lenient readers pass over."""
-    head = data[:512].lstrip().lower()
-    if head.startswith(b'solid') and b'facet' in data[:4096].lower():
-        if b'endsolid' not in data[-512:].lower():
-            raise PartError(
-                f'{path}: truncated text STL, there is no "endsolid"; copy or export it again'
-            )
-        return
-    if head.startswith(b'solid') and len(data) < 512 and b'endsolid' in data.lower():
-        raise PartError(f'{path}: empty mesh, the file holds no triangle')
-    if len(data) < 84:
-        raise PartError(f'{path}: {len(data)} bytes are too few for an STL file; it is truncated')
-    count = int.from_bytes(data[80:84], 'little')
-    want = 84 + 50 * count
-    if len(data) < want:
-        raise PartError(
-            f'{path}: truncated or corrupt STL: the header announces {count} triangles = {want} bytes, '
-            f'the file has {len(data)}; copy or export it again'
-        )
-    if len(data) > want + 1024:
-        raise PartError(
-            f'{path}: corrupt STL: the header announces {count} triangles = {want} bytes, the file has '
-            f'{len(data)}; export it again'
-        )
-    if count == 0:
-        raise PartError(f'{path}: empty mesh, the header announces 0 triangles')
-
-
-def _check_size(path: Path, mesh: trimesh.Trimesh, scale: float) -> None:
-    size = float(np.max(mesh.extents))
-    if SMALLEST <= size <= LARGEST:
-        return
-    fits = [
-        f'{value:g} ({unit})'
-        for unit, value in UNITS.items()
-        if 5e-3 <= size / scale * value <= LARGEST and value != scale
-    ]
-    hint = (
-        f'scale {" or ".join(fits)} would fit' if fits else 'no usual unit fits, check the export'
-    )
-    raise PartError(
-        f'{path}: wrong units? With scale {scale:g} m per unit the part is {size * 1e3:.4g} mm large '
-        f'(accepted {SMALLEST * 1e3:g} to {LARGEST * 1e3:g} mm); {hint}'
-    )
+def _ply(data: bytes) -> trimesh.Trimesh:
+    """ValueError where the cause is known."""
+    header = ply.read_header(data)
+    if header.count('face') == 0:
+        raise ValueError('it holds points and no faces; a scan belongs to --as-found')
+    if not header.order and (comma := re.search(rb'\d,\d', data[header.end :])):
+        line = data.count(b'\n', 0, header.end + comma.start()) + 1
+        raise ValueError(f'line {line}: a number has a decimal comma; export with decimal points')
+    return trimesh.load(io.BytesIO(data), file_type='ply', process=False, force='mesh')
 
 
 def _report(mesh: trimesh.Trimesh, collapsed: int) -> PartReport:
@@ -281,10 +273,12 @@ def _check_closed(path: Path, mesh: trimesh.Trimesh, report: PartReport) -> None
         )
     if abs(mesh.volume) < 1e-12:
         raise PartError(f'{path}: zero volume, the part is flat; give it a thickness')
-    if mesh.volume < 0:
-        raise PartError(
-            f'{path}: inverted normals, they point into the part; flip them and export again, or --repair'
-        )
+    try:
+        wrong = bodies.fault(mesh, bodies.bodies_of(mesh))
+    except ValueError as error:
+        wrong = str(error)
+    if wrong:
+        raise PartError(f'{path}: {wrong}')
 
 
 def _holes(edges: np.ndarray) -> list[np.ndarray]:

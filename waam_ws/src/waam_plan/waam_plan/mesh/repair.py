@@ -5,21 +5,24 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
+from waam_plan.mesh.bodies import turned_out
+
 LONGEST_HOLE = 5000  # edges
 
 
 def repaired(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
-    """A copy without double faces and holes (closed by a fan), normals outwards; and what was done, for a person."""
+    """A copy without double faces and holes (closed by a fan), normals out of the bodies, and what was done, for a
+    person. ValueError for too many bodies."""
     done: list[str] = []
     mesh = _without_doubles(mesh, done)
     mesh = _closed(mesh, done)
     before = mesh.faces.copy()
     trimesh.repair.fix_winding(mesh)
-    if mesh.is_watertight:
-        trimesh.repair.fix_inversion(mesh, multibody=True)
     turned = int((before != mesh.faces).any(axis=1).sum())
     if turned:
-        done.append(f'{turned} faces turned so that all normals point outwards')
+        done.append(f'{turned} faces turned so that those of a body are wound alike')
+    if mesh.is_watertight:
+        done += turned_out(mesh)
     return mesh, done
 
 

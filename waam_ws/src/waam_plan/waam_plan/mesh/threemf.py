@@ -1,96 +1,147 @@
-"""3MF: a ZIP with an XML model inside; enough of it to get the triangles of what is to be built."""
+"""3MF: the triangles of what is to be built. What is not understood is refused, what is left out is counted.
+
+Core specification 1.3 and the production extension (models in several parts); materials and colours mean nothing here.
+"""
 
 from __future__ import annotations
 
-import io
-import zipfile
-import zlib
-from xml.etree import ElementTree
+from collections import Counter
 
 import numpy as np
 
+from waam_plan.mesh.model_part import Model, Object, Use, read_model
+from waam_plan.mesh.package import Package, part_name
+from waam_plan.mesh.slicer_parts import Pieces, pieces_of
+
 UNITS = {'micron': 1e-6, 'millimeter': 1e-3, 'centimeter': 1e-2, 'inch': 0.0254, 'foot': 0.3048}
 UNITS['meter'] = 1.0
-LARGEST = 1_000_000_000  # bytes of XML
-DEEPEST = 16  # components in components
+MOST_VISITS = 100_000  # of objects, by items and components
 MOST = 10_000_000  # triangles
 
-Mesh = tuple[np.ndarray, np.ndarray]  # vertices (n, 3), faces (m, 3)
+Key = tuple[str, str]  # part, id of an object
 
 
-def read_3mf(data: bytes) -> Mesh:
-    """Vertices in m and faces of all items of the build. ValueError says what is wrong."""
-    root = _model(data)
-    unit = root.get('unit', 'millimeter')
-    if unit not in UNITS:
-        raise ValueError(f'the unit {unit!r} is unknown')
-    objects = {o.get('id'): o for o in _all(root, 'object')}
-    meshes: list[Mesh] = []
-    for item in _all(root, 'item'):
-        _collect(objects, item.get('objectid'), _matrix(item.get('transform')), meshes, 0)
-    if not meshes:
-        raise ValueError('the build holds no object with a mesh')
-    first = np.cumsum([0, *(len(v) for v, _ in meshes)])
-    vertices = np.concatenate([v for v, _ in meshes]) * UNITS[unit]
-    return vertices, np.concatenate([f + k for (_, f), k in zip(meshes, first, strict=False)])
+def read_3mf(data: bytes) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Vertices (n, 3) in m and faces (m, 3) of all items of the build, and what was left out. ValueError says what is
+    wrong, and where."""
+    return _Build(Package(data)).mesh()
 
 
-def _model(data: bytes) -> ElementTree.Element:
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as z:
-            names = [n for n in z.namelist() if n.lower().endswith('.model')]
-            if not names:
-                raise ValueError('there is no .model in the archive')
-            name = min(names, key=lambda n: (n.lower() != '3d/3dmodel.model', n))
-            if z.getinfo(name).file_size > LARGEST:
-                raise ValueError(f'{name} is larger than {LARGEST // 1_000_000} MB')
-            with z.open(name) as f:
-                text = f.read(LARGEST + 1)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
-        raise ValueError(f'not a readable archive ({error})') from error
-    if b'<!DOCTYPE' in text or b'<!ENTITY' in text:
-        raise ValueError('the model declares a document type; 3MF has none')
-    try:
-        return ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise ValueError(f'{name} is not readable XML ({error})') from error
+class _Build:
+    """The objects of all parts that the build refers to."""
 
+    def __init__(self, package: Package) -> None:
+        self.package = package
+        self.start = package.start()
+        self.models: dict[str, Model] = {}
+        self.pieces: Pieces = pieces_of(package)
+        self.out: list[tuple[np.ndarray, np.ndarray]] = []
+        self.left_out: Counter[str] = Counter()
 
-def _all(element: ElementTree.Element, tag: str) -> list[ElementTree.Element]:
-    return [e for e in element.iter() if e.tag.rsplit('}', 1)[-1] == tag]
+    def model(self, part: str) -> Model:
+        """Of a part, read once."""
+        if part not in self.models:
+            self.models[part] = model = read_model(self.package.chunks(part), part)
+            if model.unit not in UNITS:
+                raise ValueError(f'the unit {model.unit!r} is unknown')
+            if part != self.start and model.unit != self.models[self.start].unit:
+                raise ValueError(f'{part} counts in {model.unit}, {self.start} in another unit')
+        return self.models[part]
 
+    def object(self, key: Key) -> Object:
+        """ValueError where it is not there."""
+        part, number = key
+        found = self.model(part).objects.get(number)
+        if found is None:
+            raise ValueError(f'object {number} of {part} is referred to, but not there')
+        return found
 
-def _matrix(text: str | None) -> np.ndarray:
-    """(4, 3) of rows m00 m01 m02 ... m32; points are rows and stand to its left."""
-    if not text:
-        return np.vstack([np.eye(3), np.zeros(3)])
-    values = [float(v) for v in text.split()]
-    if len(values) != 12:
-        raise ValueError(f'a transform of {len(values)} numbers, 12 are needed')
-    return np.array(values).reshape(4, 3)
+    def key(self, use: Use, part: str) -> Key:
+        """Which object an item or a component of `part` refers to."""
+        return (part_name(use.path, part) if use.path else part), use.object
 
+    def mesh(self) -> tuple[np.ndarray, np.ndarray, list[str]]:
+        """See `read_3mf`."""
+        model = self.model(self.start)
+        if not model.items:
+            raise ValueError('the build is empty; place the part on the plate and export again')
+        items = [i for i in model.items if i.printable]
+        self.left_out['items that are switched off (printable="0")'] += len(model.items) - len(items)
+        self._count([self.key(i, self.start) for i in items])
+        for item in items:
+            self._collect(self.key(item, self.start), item.at)
+        said = [f'left out: {count} {what}' for what, count in self.left_out.items() if count]
+        if not self.out:
+            raise ValueError(f'the build holds no object with a mesh{"".join(f"; {s}" for s in said)}')
+        first = np.cumsum([0, *(len(v) for v, _ in self.out)])
+        vertices = np.concatenate([v for v, _ in self.out]) * UNITS[model.unit]
+        return vertices, np.concatenate([f + k for (_, f), k in zip(self.out, first, strict=False)]), said
 
-def _collect(
-    objects: dict, number: str | None, at: np.ndarray, out: list[Mesh], depth: int
-) -> None:
-    """Meshes of an object and of its components, placed."""
-    if depth > DEEPEST:
-        raise ValueError('components refer to each other without end')
-    if number not in objects:
-        raise ValueError(f'object {number} is referred to, but not there')
-    for component in _all(objects[number], 'component'):
-        inner = _matrix(component.get('transform'))
-        both = np.vstack([inner[:3] @ at[:3], inner[3] @ at[:3] + at[3]])
-        _collect(objects, component.get('objectid'), both, out, depth + 1)
-    vertices = [[float(v.get(a, '')) for a in 'xyz'] for v in _all(objects[number], 'vertex')]
-    faces = [
-        [int(t.get(a, '')) for a in ('v1', 'v2', 'v3')] for t in _all(objects[number], 'triangle')
-    ]
-    if not faces:
-        return
-    points, corners = np.array(vertices, float).reshape(-1, 3), np.array(faces)
-    if corners.min() < 0 or corners.max() >= len(points):
-        raise ValueError(f'object {number}: a triangle refers to a vertex that is not there')
-    if sum(len(f) for _, f in out) + len(corners) > MOST:
-        raise ValueError(f'more than {MOST} triangles')
-    out.append((points @ at[:3] + at[3], corners))
+    def _count(self, items: list[Key]) -> None:
+        """ValueError for components in a circle and for more visits or triangles than are allowed, before any is made."""
+        visits: dict[Key, int] = {}
+        faces: dict[Key, int] = {}
+        open_: list[Key] = []
+        todo = [(key, False) for key in items]
+        while todo:
+            key, done = todo.pop()
+            if done:
+                inner = [self.key(c, key[0]) for c in self.object(key).components]
+                visits[key] = 1 + sum(visits[k] for k in inner)
+                faces[key] = len(self.object(key).faces) + sum(faces[k] for k in inner)
+                open_.pop()
+            elif key in open_:
+                raise ValueError(f'object {key[1]} of {key[0]} is a component of itself')
+            elif key not in visits:
+                open_.append(key)
+                todo.append((key, True))
+                todo += [(self.key(c, key[0]), False) for c in self.object(key).components]
+            if len(open_) > MOST_VISITS:
+                raise ValueError('components refer to each other without end')
+        if sum(visits[k] for k in items) > MOST_VISITS:
+            count = sum(visits[k] for k in items)
+            raise ValueError(
+                f'components of components make {count:.3g} objects, more than {MOST_VISITS} are not built'
+            )
+        if sum(faces[k] for k in items) > MOST:
+            raise ValueError(f'more than {MOST} triangles')
+
+    def _collect(self, key: Key, at: np.ndarray) -> None:
+        """Meshes of an object and of its components, placed; at: (4, 3)."""
+        todo = [(key, at)]
+        while todo:
+            key, at = todo.pop()
+            found = self.object(key)
+            if found.left_out:
+                self.left_out[f'objects of {found.left_out}'] += 1
+                continue
+            for component in found.components:
+                inner = self.key(component, key[0])
+                piece = self.pieces.components.get((key[1], component.object))
+                if piece and key[0] == self.start and (what := piece.left_out):
+                    self.left_out[f'volumes of the slicer: {what}'] += 1
+                    continue
+                a = component.at
+                todo.append((inner, np.vstack([a[:3] @ at[:3], a[3] @ at[:3] + at[3]])))
+            if len(found.faces):
+                self._add(key, found, at)
+
+    def _add(self, key: Key, found: Object, at: np.ndarray) -> None:
+        keep = np.ones(len(found.faces), bool)
+        for piece in self.pieces.ranges.get(key[1], []) if key[0] == self.start else []:
+            if piece.last >= len(keep) or piece.first > piece.last:
+                raise ValueError(
+                    f'object {key[1]}: a volume of the slicer has the triangles {piece.first} to {piece.last}, there '
+                    f'are {len(keep)}'
+                )
+            if what := piece.left_out:
+                self.left_out[f'volumes of the slicer: {what}'] += 1
+                keep[piece.first : piece.last + 1] = False
+        faces = found.faces[keep]
+        size = np.linalg.det(at[:3])
+        if abs(size) < 1e-12:
+            raise ValueError(f'object {key[1]}: its transform makes it flat')
+        if size < 0:  # a reflection turns the faces inside out
+            faces = faces[:, ::-1]
+        if len(faces):
+            self.out.append((found.vertices @ at[:3] + at[3], faces))

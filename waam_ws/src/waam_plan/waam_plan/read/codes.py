@@ -17,7 +17,7 @@ WHY_NOT = {
     'G41': 'cutter compensation belongs into the CAM system',
     'G42': 'cutter compensation belongs into the CAM system',
     'G43': 'there is one tool; a dialect may ignore the code',
-    'G55': 'there is one work zero (G54)',
+    **{f'G{n:g}': 'there is one work zero (G54)' for n in (52, 55, 56, 57, 58, 59, 59.1, 59.2, 59.3)},
     'G93': 'write speeds as units per minute (G94)',
     'G95': 'write speeds as units per minute (G94)',
     'G10': 'a program does not move the work zero',
@@ -26,3 +26,4 @@ WHY_NOT = {
 }
 
 OTHER_AXES = 'ABCUVW'  # of machines with more than X, Y and Z
+HOMING = 'ELOPRT'  # words of G28 on printers: how, not where to

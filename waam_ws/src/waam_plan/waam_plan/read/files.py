@@ -11,6 +11,7 @@ from waam_plan.read.dialect import Dialect, DialectError, dialect_of
 from waam_plan.read.motion import Program
 from waam_plan.read.reader import read_program
 from waam_plan.read.words import ProgramError
+from waam_plan.texts import text_of
 
 FOLDER = Path(__file__).with_name('dialects')
 SUFFIXES = ('.gcode', '.gco', '.g', '.nc', '.ngc', '.tap', '.cnc')
@@ -60,10 +61,10 @@ def load_program(path: Path, dialect: str = '') -> Program:
 
 
 def program_text(path: Path) -> str:
-    """What the file holds. Bytes that are no UTF-8 become '?', which only comments may hold. Raises ProgramError."""
+    """What the file holds, in whatever Unicode. Other bytes become U+FFFD, which only comments may hold. ProgramError."""
     try:
         if path.stat().st_size > MAX_BYTES:
             raise ProgramError(f'{path}: larger than {MAX_BYTES // 1_000_000} MB')
-        return path.read_bytes().decode('utf-8', 'replace')
+        return text_of(path.read_bytes())
     except OSError as e:
         raise ProgramError(f'{path}: {e.strerror or e}') from None

@@ -12,6 +12,10 @@ from waam_process.segment import Point
 INCH = 0.0254
 FARTHEST = 10.0  # m, of a coordinate
 AXES = 'XYZ'
+UNSURE = {  # firmwares do not agree; they do on all else
+    ('M83', 'G90'): 'G90 after M83: E stays relative (Klipper, RepRap, Prusa; Marlin differs)',
+    ('M82', 'G91'): 'G91 after M82: E is relative, too (Klipper, Marlin; RepRap differs)',
+}
 
 
 class Modal:
@@ -20,7 +24,9 @@ class Modal:
     def __init__(self, extruder: str = '') -> None:
         self.extruder = extruder
         self.unit, self.plane, self.motion = 1e-3, 17, ''  # motion: G0 .. G3, '' = none is in force
-        self.relative = self.wire_relative = self.centre_absolute = False
+        self.relative = self.centre_absolute = False
+        self.wire_told = ''  # M82 or M83, '' = E is as X, Y and Z are
+        self.unsure = ''  # what firmwares read in different ways, since the last M82 or M83
         self.place = [math.nan] * 3  # m, NaN = not known
         self.offset = [0.0, 0.0, 0.0]  # of G92: work = program + offset
         self.fed = 0.0  # m, position of the extruder
@@ -38,13 +44,22 @@ class Modal:
             elif name in ('G17', 'G18', 'G19'):
                 self.plane = int(name[1:])
             elif name in ('G90', 'G91'):
-                self.relative = self.wire_relative = name == 'G91'
+                self._absolute(name)
             elif name in ('G90.1', 'G91.1'):
                 self.centre_absolute = name == 'G90.1'
             elif name in ('M82', 'M83') and self.extruder:
-                self.wire_relative = name == 'M83'
+                self.wire_told, self.unsure = name, ''
             elif name == 'G92.1':
                 self.offset = [0.0, 0.0, 0.0]
+
+    @property
+    def wire_relative(self) -> bool:
+        """Whether E is: after M83 and while G91 is in force, as Klipper has it."""
+        return self.relative or self.wire_told == 'M83'
+
+    def _absolute(self, name: str) -> None:
+        self.relative = name == 'G91'
+        self.unsure = UNSURE.get((self.wire_told, name), '')
 
     def leave(self, words: LineWords) -> None:
         """After a move in the machine's own coordinates the named axes, or all of them, are somewhere unknown."""

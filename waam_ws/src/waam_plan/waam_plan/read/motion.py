@@ -52,6 +52,7 @@ class Program:
     idle: str = 'keep'  # as of Dialect
     height: str = 'surface'  # as of Dialect
     remarks: list[str] = field(default_factory=list)  # what was left out, and why
+    warnings: list[str] = field(default_factory=list)  # what may be meant otherwise
 
     @property
     def burning(self) -> list[Motion]:

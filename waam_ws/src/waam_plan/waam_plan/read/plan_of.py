@@ -24,6 +24,7 @@ from waam_plan.read.layers import Bead, Layer, layers_of
 from waam_plan.read.level_metal import RATIO_HIGH, levelled
 from waam_plan.read.motion import Motion, Program
 from waam_plan.read.place import check_machine
+from waam_plan.read.regime import doubts
 from waam_plan.read.way import Metal, check_way
 from waam_plan.settings import PlanSettings
 from waam_process.bead import AREA_FACTOR
@@ -46,8 +47,24 @@ def plan_program(
     found: what the program is laid on, in a build the plate at 0. nominal: the wanted surface on the same grid; without
     it the layers of the program say what is wanted. layers: at most so many from the bottom; 0 = all. level: the metal
     of each layer is shared out along its path so that it comes out level, in place of the program's own wire. Raises
-    PlanError or ProgramError.
+    PlanError or ProgramError, which names implausible speeds first.
     """
+    try:
+        return _plan(program, settings, found, nominal, layers=layers, mode=mode, level=level)
+    except PlanError as error:
+        raise PlanError('; '.join([*doubts(program), str(error)])) from None
+
+
+def _plan(
+    program: Program,
+    settings: PlanSettings,
+    found: HeightGrid,
+    nominal: HeightGrid | None,
+    *,
+    layers: int,
+    mode: str,
+    level: bool,
+) -> Plan:
     kept = layers_of(program)[: layers or None]
     spec, base = found.spec, targets.found_surface(found, settings, mode)
     with collector_paused():
@@ -325,7 +342,7 @@ def _assembled(
         settings,
         mode=mode,
         name=program.name,
-        warnings=_misfits(program, top, nominal),
+        warnings=[*program.warnings, *doubts(program), *_misfits(program, top, nominal)],
         remarks=[said, *program.remarks],
         ratio_high=RATIO_HIGH,
     )

@@ -2,7 +2,8 @@
 
 The order within a line is that of RS274/NGC: modes, feed, wire and arc, dwell, motion, end. So M3 and M5 act before
 the move of their line. With the wire as an axis (E) the rules are those of printers: G0 moves like G1, G90 and G91
-count for E too until M82 or M83 says otherwise, the P of G4 is in ms.
+count for E too until M82 or M83 says otherwise, M83 stays in force over a G90, the P of G4 is in ms, M220 and M221
+are shares of speed and wire.
 """
 
 from __future__ import annotations
@@ -10,12 +11,13 @@ from __future__ import annotations
 import math
 
 from waam_plan.read import arc as arcs
-from waam_plan.read.codes import GROUPS, MOVES, OTHER_AXES, QUIET, WHY_NOT
+from waam_plan.read.codes import GROUPS, HOMING, MOVES, OTHER_AXES, QUIET, WHY_NOT
 from waam_plan.read.dialect import Dialect, Setting
 from waam_plan.read.line_words import LineWords
 from waam_plan.read.modal import AXES, Modal
 from waam_plan.read.motion import Motion, Program
-from waam_plan.read.words import Line, ProgramError, Word, read_lines, refuse
+from waam_plan.read.extrusion import Extrusion
+from waam_plan.read.words import Line, Passing, ProgramError, Word, read_lines, refuse
 from waam_process.segment import Point
 
 LONGEST_DWELL = 3600.0  # s
@@ -25,9 +27,11 @@ MOST_MOTIONS = 5_000_000
 def read_program(text: str, dialect: Dialect, name: str = 'program') -> Program:
     """Raises ProgramError, which names line and word, for everything that has no meaning here."""
     reader = _Reader(dialect)
-    for line in read_lines(text, dialect.block_delete, dialect.macros):
+    homing = frozenset(['G28'] if dialect.extruder else [])
+    for line in read_lines(text, Passing(dialect.block_delete, dialect.macros, dialect.skip, homing)):
         if reader.ended:
-            break
+            reader.behind(line)
+            continue
         reader.line(line)
     reader.finish()
     if not any(m.arc for m in reader.motions):
@@ -36,7 +40,13 @@ def read_program(text: str, dialect: Dialect, name: str = 'program') -> Program:
         )
     diameter = dialect.extruder.diameter if dialect.extruder else 0.0
     return Program(
-        name, reader.motions, diameter, dialect.idle, dialect.height, list(reader.remarks.values())
+        name,
+        reader.motions,
+        diameter,
+        dialect.idle,
+        dialect.height,
+        list(reader.remarks.values()),
+        reader.warnings,
     )
 
 
@@ -47,6 +57,8 @@ class _Reader:
         self.dialect = dialect
         self.motions: list[Motion] = []
         self.remarks: dict[str, str] = {}
+        self.warnings: list[str] = []
+        self.extrusion = Extrusion()
         self.modal = Modal(dialect.extruder.letter if dialect.extruder else '')
         self.speed = math.nan
         self.burning, self.lit_in, self.mark, self.ended = False, 0, 0, False
@@ -59,7 +71,11 @@ class _Reader:
         for comment in line.comments:
             self.mark += any(p.search(comment) for p in self.dialect.layer)
         words = LineWords(line)
-        if not line.words or (words.codes and words.codes[0].code in self.dialect.skip):
+        if not line.words:
+            return
+        if words.codes and words.codes[0].code in self.dialect.skip:
+            if words.codes[0].code == 'G10' and words.has('L'):
+                raise refuse(line.number, 'G10 L', WHY_NOT['G10'])
             return
         words.check_groups()
         names = [w.code for w in words.codes]
@@ -78,8 +94,17 @@ class _Reader:
         if self.ended and self.burning:
             raise refuse(line.number, line.words[0].text, f'the arc of line {self.lit_in} burns')
 
+    def behind(self, line: Line) -> None:
+        """A line after the end of the program: a controller does not read it either."""
+        if line.words:
+            self.remarks.setdefault(
+                'end', f'what follows the end of the program is not read (from line {line.number} on)'
+            )
+
     def finish(self) -> None:
-        """ProgramError when the arc is never put out."""
+        """ProgramError when the arc is never put out, or most moves that name E lay nothing."""
+        if said := self.extrusion.doubt():
+            self.warnings.append(said)
         if self.burning:
             raise ProgramError(
                 f'line {self.lit_in}: the arc that is lit here is never put out '
@@ -94,7 +119,7 @@ class _Reader:
             return
         if not value > 0:
             raise refuse(words.number, words.text('F'), 'a feed must be above 0')
-        self.speed = value * self.modal.unit / 60
+        self.speed = value * self.modal.unit / 60  # as written: M220 comes on top
 
     def _setpoints(self, words: LineWords) -> None:
         d = self.dialect
@@ -113,6 +138,7 @@ class _Reader:
             known |= name in QUIET or any(name in group for group in GROUPS[:5])
             known |= name in ('G4', 'G92', 'G92.1', 'G53') or self._sets(name)
             known |= bool(self.dialect.extruder) and name in ('M82', 'M83')
+            known |= bool(self.dialect.extruder) and self.extrusion.share(name, words, self.remarks)
             if name == 'G64':
                 words.take('P'), words.take('Q')
             if name in ('G28', 'G30'):
@@ -149,7 +175,8 @@ class _Reader:
             raise refuse(words.number, word.text, 'moves in machine coordinates with the arc on')
         self.modal.leave(words)
         if word.code != 'G53':
-            for axis in OTHER_AXES:  # of machines that have more: homing them moves nothing here
+            more = OTHER_AXES + (HOMING if self.dialect.extruder else '')
+            for axis in more:  # of machines that have more: homing them moves nothing here
                 words.take(axis)
         self.remarks.setdefault(
             word.code, f'{word.code} is left to the job (first in line {words.number})'
@@ -189,8 +216,12 @@ class _Reader:
             raise refuse(words.number, word.text, 'no G0, G1, G2 or G3 says how to go there')
         start, end = modal.here, modal.target(words)
         round_ = modal.arc(words, end) if centre else None
-        fed = modal.feed(words)
+        fed = modal.feed(words) * self.extrusion.wire
         modal.place = list(end)
+        if modal.extruder and modal.extruder in words.values and start != end:
+            self.extrusion.count(words.number, math.dist(start, end), fed)
+            if modal.unsure and fed > 0:
+                self.remarks.setdefault('E', f'line {words.number}: {modal.unsure}')
         if start != end or round_:
             self._go(words, start, end, round_, fed)
 
@@ -235,7 +266,7 @@ class _Reader:
         fed: float = 0.0,
         dwell: float = 0.0,
     ) -> Motion:
-        speed = math.nan if rapid else self.speed
+        speed = math.nan if rapid else self.speed * self.extrusion.pace
         length = round_.length if round_ else math.dist(start, end)
         wire = self.wire
         if self.dialect.extruder:

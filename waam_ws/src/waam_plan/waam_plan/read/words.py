@@ -9,15 +9,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
 
+from waam_plan.texts import decimal_comma, numbered_lines, shown
+
 LARGEST = 1e7  # of a value in its own unit; more is damage
 LONGEST = 1000  # characters of a line
-SHOWN = 24  # characters of a word in a message
 
 _NUMBER = r'[-+]?(?:\d+\.?\d*|\.\d+)'
 _WORD = re.compile(rf'\s*([A-Za-z])\s*({_NUMBER})', re.ASCII)
 # X1e-05: an exponent to people, X1 E-05 to a printer
 _EXPONENT = re.compile(r'e\s*[-+]?\.?\d', re.ASCII)
 _TEXT_CODE = re.compile(r'\s*(?:N\s*\d+\s*)?M11[78](?!\d)', re.ASCII | re.IGNORECASE)
+_FLAG = re.compile(r'\s*([A-Za-z])(?=\s|$)', re.ASCII)
+_FIRST = re.compile(r'\s*(?:N\s*\d+\s*)?([GMT])\s*(\d+\.?\d*)', re.ASCII | re.IGNORECASE)
+_MOVE = re.compile(r'(?<![A-Za-z])G0*[0-3](?![\d.])', re.ASCII | re.IGNORECASE)
 _CHECK = re.compile(r'\*\s*(\d+)\s*$', re.ASCII)
 
 
@@ -30,16 +34,9 @@ def refuse(line: int, word: str, why: str) -> ProgramError:
     return ProgramError(f'line {line}: {shown(word)}: {why}')
 
 
-def shown(text: str) -> str:
-    """A piece of the program, short and printable."""
-    plain = text.strip().encode('ascii', 'replace').decode()
-    plain = ''.join(c if c.isprintable() else '?' for c in plain)
-    return plain if len(plain) <= SHOWN else f'{plain[:SHOWN]}...'
-
-
 @dataclass(frozen=True)
 class Word:
-    """letter: a capital. text: as written."""
+    """letter: a capital. value: NaN where a letter stands alone. text: as written."""
 
     letter: str
     value: float
@@ -60,23 +57,34 @@ class Line:
     comments: tuple[str, ...] = ()
 
 
-def read_lines(
-    text: str, delete: bool = False, macros: frozenset[str] = frozenset()
-) -> Iterator[Line]:
-    """Every line of a program. delete: lines that begin with '/' are left out (the switch of block delete is on).
-    macros: lines that begin with such a name, in capitals, are passed over.
+@dataclass(frozen=True)
+class Passing:
+    """What of a line is not looked at. delete: lines that begin with '/' (the switch of block delete is on). macros:
+    lines that begin with such a name, in capitals. skip: what follows such a code. flags: codes after which letters
+    may stand without a number."""
 
-    '%' alone on a line is passed over. Raises ProgramError.
-    """
-    for number, raw in enumerate(text.splitlines(), 1):
-        if macros and raw.partition(';')[0].partition(' ')[0].strip() in macros:
+    delete: bool = False
+    macros: frozenset[str] = frozenset()
+    skip: frozenset[str] = frozenset()
+    flags: frozenset[str] = frozenset()
+
+
+def read_lines(text: str, passing: Passing | None = None) -> Iterator[Line]:
+    """Every line of a program. '%' alone on a line is passed over. Raises ProgramError."""
+    passing = passing or Passing()
+    for number, raw in numbered_lines(_one_end(text)):
+        if passing.macros and raw.partition(';')[0].partition(' ')[0].strip() in passing.macros:
             continue
-        line = _line(number, raw, delete)
+        line = _line(number, raw, passing)
         if line.words or line.comments:
             yield line
 
 
-def _line(number: int, raw: str, delete: bool) -> Line:
+def _one_end(text: str) -> str:
+    return text.removeprefix('\ufeff').replace('\r\n', '\n').replace('\r', '\n')
+
+
+def _line(number: int, raw: str, passing: Passing) -> Line:
     body, comments = _uncommented(number, raw)
     if len(body) > LONGEST:
         raise refuse(number, body, f'the line has {len(body)} characters, at most {LONGEST}')
@@ -84,8 +92,15 @@ def _line(number: int, raw: str, delete: bool) -> Line:
     if body.strip() == '%':
         body = ''
     if body.lstrip().startswith('/'):
-        body = '' if delete else body.replace('/', ' ', 1)
-    return Line(number, tuple(_words(number, body)), comments)
+        body = '' if passing.delete else body.replace('/', ' ', 1)
+    first = _FIRST.match(body)
+    code = f'{first[1].upper()}{float(first[2]):g}' if first and len(first[2]) < 9 else ''
+    if first and code in passing.skip:
+        rest = re.sub(r'"[^"]*"', '', body[first.end() :])
+        if not _TEXT_CODE.match(body) and (move := _MOVE.search(rest)):
+            raise refuse(number, move[0], f'stands in a line that is passed over for its {code}')
+        body = first[0] + (' L' + found[1] if (found := re.search(r'L\s*(\d+)', rest)) else '')
+    return Line(number, tuple(_words(number, body, code in passing.flags)), comments)
 
 
 def _uncommented(number: int, raw: str) -> tuple[str, tuple[str, ...]]:
@@ -120,14 +135,18 @@ def _xor(a: int, b: int) -> int:
     return a ^ b
 
 
-def _words(number: int, body: str) -> Iterator[Word]:
+def _words(number: int, body: str, flags: bool) -> Iterator[Word]:
     if text := _TEXT_CODE.match(body):  # a message to the operator follows
         body = text[0]
     at, first = 0, True
     while body[at:].strip():
         found = _WORD.match(body, at)
+        if not found and flags and (alone := _FLAG.match(body, at)):
+            yield Word(alone[1].upper(), math.nan, alone[1])
+            at = alone.end()
+            continue
         if not found:
-            raise refuse(number, body[at:], 'cannot be read')
+            raise refuse(number, body[at:], _why(body, at))
         word = _word(number, found[1], found[2])
         at = found.end()
         if word.letter != 'E' and found[1].isupper() and _EXPONENT.match(body, at):
@@ -142,3 +161,12 @@ def _word(number: int, letter: str, digits: str) -> Word:
     if not (math.isfinite(value) and abs(value) <= LARGEST):
         raise refuse(number, letter + digits, f'beyond {LARGEST:g}')
     return Word(letter.upper(), value, letter + digits)
+
+
+def _why(body: str, at: int) -> str:
+    """Why the line cannot be read from here on."""
+    start = len(body[:at].rstrip('0123456789')) if body[at] == ',' else at
+    word = re.match(r'[-+]?\d*,\d*', body[start:], re.ASCII)
+    if word and decimal_comma(word[0]):
+        return f"cannot be read: '{word[0]}' has a decimal comma; write decimal points"
+    return 'cannot be read'

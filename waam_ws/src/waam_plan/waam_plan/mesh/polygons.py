@@ -1,0 +1,121 @@
+"""OBJ and OFF: corners and faces in text. Faces of more than three corners must be convex, so that fans of triangles
+are the same face."""
+
+from __future__ import annotations
+
+import re
+from array import array
+
+import numpy as np
+
+from waam_plan.texts import numbered_lines, shown, why_no_number
+
+LOOKS = {'vt', 'vn', 'vp', 'g', 'o', 's', 'usemtl', 'mtllib', 'maplib', 'usemap', 'mg', 'lod', 'bevel',
+         'c_interp', 'd_interp', 'shadow_obj', 'trace_obj'}  # fmt: skip
+NO_FACES = {'l': 'lines', 'p': 'points'}  # of an OBJ, which have no area
+BENT = 1e-6  # share of the longest edges' area that a convex corner may turn back
+_NUMBER = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)', re.ASCII | re.I)
+Mesh = tuple[np.ndarray, np.ndarray, list[str]]  # vertices (n, 3), faces (m, 3), notes
+
+
+class _Maker:
+    """Collects corners and faces."""
+
+    def __init__(self) -> None:
+        self.points, self.faces = array('d'), array('q')
+        self.polygons: list[tuple[int, list[int]]] = []  # line, corners: more than three
+
+    @property
+    def count(self) -> int:
+        return len(self.points) // 3
+
+    def vertex(self, line: int, words: list[str]) -> None:
+        if len(words) < 3:
+            raise ValueError(f'line {line}: a vertex of {len(words)} numbers')
+        for word in words[:3]:
+            if not _NUMBER.fullmatch(word):
+                raise ValueError(f'line {line}: {why_no_number(word)}')
+            self.points.append(float(word))
+
+    def face(self, line: int, corners: list[int]) -> None:
+        if len(corners) < 3:
+            raise ValueError(f'line {line}: a face of {len(corners)} corners')
+        for corner in corners:
+            if not 0 <= corner < self.count:
+                raise ValueError(f'line {line}: corner {corner + 1} is not there, there are {self.count}')
+        for i in range(1, len(corners) - 1):
+            self.faces.extend((corners[0], corners[i], corners[i + 1]))
+        if len(corners) > 3:
+            self.polygons.append((line, corners))
+
+    def mesh(self, notes: list[str]) -> Mesh:
+        vertices = np.array(self.points).reshape(-1, 3)
+        for line, corners in self.polygons:
+            if not _convex(vertices[corners]):
+                raise ValueError(
+                    f'line {line}: a face of {len(corners)} corners is not convex; export triangles'
+                )
+        return vertices, np.array(self.faces, np.int64).reshape(-1, 3), notes
+
+
+def _convex(corners: np.ndarray) -> bool:
+    edges = np.roll(corners, -1, axis=0) - corners
+    turns = np.cross(edges, np.roll(edges, -1, axis=0))
+    normal = np.cross(corners[:-1] - corners[0], corners[1:] - corners[0]).sum(axis=0)
+    size = np.linalg.norm(normal)
+    longest = float((edges**2).sum(axis=1).max())
+    return bool(size == 0 or (turns @ normal / size >= -BENT * longest).all())
+
+
+def _words(text: str) -> list[tuple[int, list[str]]]:
+    lines = ((n, line.partition('#')[0].split()) for n, line in numbered_lines(text))
+    return [(n, words) for n, words in lines if words]
+
+
+def read_obj(text: str) -> Mesh:
+    """ValueError names the line."""
+    made, left = _Maker(), dict.fromkeys(NO_FACES, 0)
+    for line, words in _words(text.replace('\\\n', ' ')):
+        kind, rest = words[0], words[1:]
+        if kind == 'v':
+            made.vertex(line, rest)
+        elif kind == 'f':
+            made.face(line, [_corner(line, word, made.count) for word in rest])
+        elif kind in NO_FACES:
+            left[kind] += 1
+        elif kind not in LOOKS:
+            raise ValueError(f"line {line}: '{shown(kind)}' is not read; export the part as triangles")
+    return made.mesh([f'left out: {n} {NO_FACES[k]} of the file' for k, n in left.items() if n])
+
+
+def _corner(line: int, word: str, count: int) -> int:
+    """From 0; negative ones count back from the last vertex."""
+    number = word.partition('/')[0]
+    if not re.fullmatch(r'-?\d{1,12}', number, re.ASCII) or int(number) == 0:
+        raise ValueError(f"line {line}: '{shown(word)}' is no corner")
+    return int(number) - 1 if int(number) > 0 else count + int(number)
+
+
+def read_off(text: str) -> Mesh:
+    """ValueError names the line."""
+    rows = _words(text)
+    if not rows or not re.fullmatch(r'(ST|C|N)*OFF', rows[0][1][0]):
+        raise ValueError("it does not begin with 'OFF'")
+    rows[0][1].pop(0)
+    rows = [(line, words) for line, words in rows if words]
+    if not rows or not all(re.fullmatch(r'\d{1,12}', w) for w in rows[0][1]) or len(rows[0][1]) < 2:
+        raise ValueError('the numbers of vertices and faces are missing')
+    vertices, faces = int(rows[0][1][0]), int(rows[0][1][1])
+    if vertices + faces != len(rows) - 1:
+        raise ValueError(
+            f'truncated or damaged: {vertices} vertices and {faces} faces are announced, {len(rows) - 1} lines are there'
+        )
+    made = _Maker()
+    for line, words in rows[1 : 1 + vertices]:
+        made.vertex(line, words)
+    for line, words in rows[1 + vertices :]:
+        count = int(words[0]) if re.fullmatch(r'\d{1,6}', words[0]) else -1
+        if not 0 < count < len(words) or not all(re.fullmatch(r'\d{1,12}', w) for w in words[1 : count + 1]):
+            raise ValueError(f"line {line}: '{shown(' '.join(words))}' is no face")
+        made.face(line, [int(w) for w in words[1 : count + 1]])
+    return made.mesh([])
