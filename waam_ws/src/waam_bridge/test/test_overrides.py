@@ -60,3 +60,17 @@ def test_the_same_factors_are_not_sent_again():
     cell.step(2)
     overrides.process(cell.bridge, 1.1001, 1.1, 'process_control', cell.now)
     assert not cell.bridge.link.out
+
+
+def test_a_job_begins_with_factors_of_one_and_tells_what_was_in_force():
+    cell = Cell().ready()
+    overrides.operator(cell.bridge, 0.5, 1.2, 'panel', cell.now)
+    assert told(cell) == (500, 1200)
+    cell.bridge.armed('job_1', [], cell.now)
+    assert told(cell) == (1000, 1000)
+    (notice,) = [n for n in cell.notices if 'override' in n.text]
+    assert notice.severity == outbox.WARNING
+    assert 'speed 50%' in notice.text and 'wire 120%' in notice.text
+    overrides.operator(cell.bridge, 0.9, math.nan, 'panel', cell.now)
+    cell.bridge.armed('job_1', [], cell.now)  # the same job again keeps its factors
+    assert told(cell) == (900, 1000)

@@ -315,6 +315,8 @@ class Bridge:
 
     def armed(self, job: str, names: list[str], now: float) -> None:
         """ARM was accepted: `job` may use the arc while the nodes `names` answer. now: s, steady clock."""
+        if job != self.armed_job:
+            overrides.begin_job(self, now)
         t = self.link.telemetry
         self.broken = ''
         self.arming.arm(job, names, t.t_us if t else 0, now)

@@ -57,6 +57,17 @@ def expire(machine: Machine, now: float) -> None:
         _send(machine, 'override', now)
 
 
+def begin_job(machine: Machine, now: float) -> None:
+    """A job begins with the operator's factors at 1: those of another job are taken back, and told."""
+    if machine.overrides == NONE:
+        return
+    speed, wire = machine.overrides
+    machine.overrides = NONE
+    text = f'override of speed {speed:.0%} and wire {wire:.0%} was in force: a job begins with 100 %'
+    machine.notice(WARNING, 'operator', text)
+    _send(machine, 'override', now)
+
+
 def product(machine: Machine) -> tuple[float, float]:
     """What the controller is told: both multiplied, inside the operator's ranges."""
     speed, wire = (o * p for o, p in zip(machine.overrides, machine.process, strict=True))
