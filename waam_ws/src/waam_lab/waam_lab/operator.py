@@ -1,4 +1,4 @@
-"""The operator of the laboratory: whoever waits for wire would wait for ever without one."""
+"""The operator of the laboratory: whoever waits for one would wait for ever without."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ CHANGES = 5  # of the spool in one job; then something else is wrong
 
 
 class Operator(Control):
-    """Threads new wire when the machine holds for want of it, and resumes."""
+    """Threads new wire when the machine holds for want of it; resumes whatever has paused the job, which its anomalies
+    tell."""
 
     def __init__(self, device: Machine) -> None:
         super().__init__()
@@ -22,7 +23,8 @@ class Operator(Control):
         """False: whoever asks waits no longer, for the wire is threaded meanwhile. JobError ABORTED follows when it
         fails again and again."""
         if super().paused:
-            self._thread_wire()
+            if self._device.bridge.fault:
+                self._thread_wire()
             self.resume()
         return False
 

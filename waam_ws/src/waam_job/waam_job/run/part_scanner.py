@@ -19,6 +19,7 @@ from ..model.cell import LaidBeads, Scan
 from ..model.geometry import part_grid
 from ..model.goal import Code, JobError
 from ..model.lanes import lanes, scanned
+from ..model.outlook import WITHIN_REACH
 from ..model.program import deviation_of
 from ..model.records import State
 from ..model.seen import BesideArc
@@ -207,11 +208,15 @@ class PartScanner:
         row, col = np.unravel_index(np.nanargmax(np.abs(error)), error.shape)
         spec = scan.map.spec
         closed = self.goal.loop_mode == LoopMode.CLOSED_LOOP and layer < self.program.total
+        reach = WITHIN_REACH * self.program.thickness(layer + 1)
+        within = abs(float(error[row, col])) <= reach
+        reaction = 'the next layer corrects it' if within else 'more than the next layer can correct'
+        reaction = reaction if closed else 'none'
         self.journal.note(
             'WARNING',
             'height',
             f'{error[row, col] * 1e3:+.2f} mm after layer {layer}',
-            'the next layer corrects it' if closed else 'none',
+            reaction,
             (float(spec.x[col]), float(spec.y[row]), float(scan.map.z[row, col])),
         )
 

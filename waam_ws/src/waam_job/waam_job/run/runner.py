@@ -19,6 +19,7 @@ from .context import JobContext
 from .control import Control
 from .layer_cycle import LayerCycle
 from .learning import Learning
+from .outlook import Outlook
 from .part_scanner import PartScanner
 from .passes import Passes
 from .preflight import Preflight
@@ -52,6 +53,7 @@ class JobRunner:
         self.passes = Passes(context)
         self.preflight = Preflight(context, self.scanner)
         self.learning = Learning(context)
+        self.outlook = Outlook(context)
         self.cycle = LayerCycle(context, self.scanner, self.preparation, self.learning)
         self.resume = ResumeRun(context, self.scanner, self.passes, self.cycle) if run > 1 else None
         self.verdict = Verdict(settings.share_in_tolerance, checked.goal.tolerance)
@@ -108,6 +110,7 @@ class JobRunner:
             for layer in self.context.program.layers:
                 if layer.number >= first:
                     scan = self.cycle.lay(layer, scan)
+                    self.outlook.after(layer, scan)
             if not self.passes.next(scan):
                 return scan
 

@@ -119,6 +119,10 @@ class Watch:
         self.note('FAULT', kind, text, 'hold, job ended')
         raise JobError(Code.DEPOSITION_FAILED, f'controller holds: {text}')
 
+    def hold(self, why: str, kind: str) -> None:
+        """Pauses the job for the reason `why` (class `kind` of anomalies) until resume; JobError on abort."""
+        self._pause(why, kind)
+
     def _pause(self, why: str = '', kind: str = 'link') -> None:
         """Holds the machine until resume or abort."""
         self.control.pause()
