@@ -272,7 +272,9 @@ def test_an_override_that_nobody_takes_is_refused(cell):
     assert status == 409 and 'override: not in force after 5 s' in answer['message']
     cell.bridge.destroy_subscription(cell.override_reader)
     cell.until(
-        lambda: 'the bridge is not in the graph' in cell.post('override', {'wire': 0.9})[1]['message'],
+        lambda: (
+            'the bridge is not in the graph' in cell.post('override', {'wire': 0.9})[1]['message']
+        ),
         'the reason',
     )
     cell.obeys = True

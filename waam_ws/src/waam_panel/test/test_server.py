@@ -98,7 +98,9 @@ def test_a_field_that_a_command_does_not_know_is_refused_by_name(panel, name):
     """What was meant may have been narrower: `acknowledge` with a mistyped id acknowledged all alarms."""
     panel.cell.state.alarms.set('x', 1.0, 'controller', '204', 3, 'the arc was lost')
     status, answer = ask(panel, name, {'idd': 3})
-    assert status in (400, 409) and 'unknown field' in answer['message'] and 'idd' in answer['message']
+    assert (
+        status in (400, 409) and 'unknown field' in answer['message'] and 'idd' in answer['message']
+    )
     assert panel.operations.asked == []
     assert not any(a['acknowledged'] for a in panel.cell.state.alarms.listing())
 
