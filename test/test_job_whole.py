@@ -1,4 +1,4 @@
-"""A job ends whole, with real processes: wire that runs out, a recorder that answers too late, a sequencer that dies."""
+"""A job ends whole, with real processes: wire that runs out, a late recorder, a sequencer that dies."""
 
 from __future__ import annotations
 

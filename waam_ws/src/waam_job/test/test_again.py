@@ -101,7 +101,7 @@ def test_the_rest_of_the_layer_is_laid_from_where_the_arc_went_out(make_cell, ma
     check_chain(rest)
     held = next(s for s in whole if s.index == rest[0].index)
     assert rest[1:] == whole[len(whole) - len(rest) + 1 :]
-    back = math.dist(rest[0].start, tuple(0.5 * (a + b) for a, b in zip(held.start, held.end, strict=True)))  # fmt: skip
+    back = math.dist(rest[0].start, held.midpoint)
     assert back == pytest.approx(2.5e-3 + OVERLAP, abs=0.2e-3)
     indices = [s.index for s in cell.executed if s.index >= whole[0].index]
     assert indices == sorted(set(indices)), 'no segment is laid twice or left out'

@@ -44,8 +44,8 @@ class Motion:
         on_done: Callable[[Segment], None] | None = None,
         newest: Callable[[], list[Segment]] | None = None,
     ) -> None:
-        """Runs consecutive segments; calls `on_done` with each newly finished one (the last of several at once). newest:
-        the segments with the setpoints in force, when those may change."""
+        """Runs consecutive segments; calls `on_done` with each newly finished one (the last of several at once).
+        newest: the segments with the setpoints in force, when those may change."""
         self.cell.enqueue(self.job_id, segments, True)
         self.watch.again = Again(self.cell, self.job_id, newest or (lambda: segments), self.until)
         try:
