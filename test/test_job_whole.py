@@ -1,4 +1,4 @@
-"""A job ends whole, with real processes: wire that runs out, a recorder that answers too late, a sequencer that dies."""
+"""A job ends whole, with real processes: wire that runs out, a late recorder, a sequencer that dies."""
 
 from __future__ import annotations
 
@@ -130,7 +130,9 @@ def test_stop_instead_of_a_new_spool_ends_the_job_whole(bench, background):
     assert_another_job_starts(bench)
 
 
-def test_a_start_of_the_record_that_is_answered_too_late_leaves_nothing_at_work(make_graph, tmp_path):
+def test_a_start_of_the_record_that_is_answered_too_late_leaves_nothing_at_work(
+    make_graph, tmp_path
+):
     late = tmp_path / 'late.yaml'
     late.write_text('job_sequencer:\n  ros__parameters:\n    service_timeout: 1.0\n')
     with make_graph(params_files=(late,), hang_timeout=0.0) as bench:

@@ -21,7 +21,9 @@ class Lease:
         self._heard: dict[str, float] = {}  # s, steady clock
         self._since = (0, 0.0)  # us, s: when they were required
         self._bound: dict[str, str] = {}  # publisher of each required node since it was required
-        self._sources: dict[str, dict[str, float]] = {}  # publishers by name, and when they were heard
+        self._sources: dict[
+            str, dict[str, float]
+        ] = {}  # publishers by name, and when they were heard
 
     def restart(self, boot: int) -> None:
         """Another boot of the controller: its clock restarts, old ticks are void."""

@@ -105,6 +105,24 @@ def test_leaving_out_an_unknown_node_is_refused(tmp_path):
         processes(settings(tmp_path, without=('rekorder',)))
 
 
+@pytest.mark.parametrize(
+    ('text', 'word'),
+    [
+        ('brigde:\n  ros__parameters: {queue_size: 5}\n', "no node 'brigde'; known are bridge"),
+        ('virtual_controller:\n  ros__parameters: {}\n', "no node 'virtual_controller'"),
+        ('[1, 2]', 'must hold node'),
+        ('a: [', 'params.yaml'),
+    ],
+)
+def test_a_parameter_file_for_a_node_that_there_is_not_is_refused(tmp_path, text, word):
+    file = tmp_path / 'params.yaml'
+    file.write_text(text)
+    with pytest.raises(GraphError, match=word):
+        processes(settings(tmp_path, params_files=(file,)))
+    file.write_text('/**:\n  ros__parameters: {}\n/bridge:\n  ros__parameters: {}\ncell: {}\n')
+    assert processes(settings(tmp_path, params_files=(file,)))
+
+
 def test_unknown_key_and_variable_are_named(tmp_path):
     file = tmp_path / 'graph.yaml'
     file.write_text('bridge: {package: waam_bridge, paramters: {}}')

@@ -271,7 +271,13 @@ class GraphClient:
         """
         name = UUID(uuid=list(uuid4().bytes))
         sent = action.send_goal_async(goal, feedback_callback=feedback, goal_uuid=name)
-        if not self.until(sent.done, ANSWER_S):
+        try:
+            answered = self.until(sent.done, ANSWER_S)
+        except KeyboardInterrupt:  # it may be accepted yet: then it is cancelled
+            sent.add_done_callback(_cancel)
+            self.until(sent.done, ANSWER_S)
+            raise
+        if not answered:
             assumed = RunJob.Impl.SendGoalService.Response(accepted=True)
             return ClientGoalHandle(action, name, assumed), False
         handle = sent.result()
@@ -302,6 +308,11 @@ class GraphClient:
             if not answered and len(asked) < ASKINGS and time.monotonic() > again:
                 asked.append(handle.get_result_async())
                 again += ANSWER_S
+
+
+def _cancel(sent: Future) -> None:
+    if sent.result().accepted:
+        sent.result().cancel_goal_async()
 
 
 def _done(asked: list[Future]) -> list[Future]:

@@ -168,9 +168,27 @@ def panel_access(settings: Settings) -> list[str]:
     return [word for option in found.items() for word in option]
 
 
+def check_params(file: Path, description: dict[str, dict[str, Any]]) -> None:
+    """ROS passes over the values of a node that there is not. GraphError names it, or says why the file is none."""
+    try:
+        data = yaml.safe_load(file.read_text())
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as e:
+        raise GraphError(f'--params-file {file}: {e}') from None
+    if not isinstance(data, dict):
+        raise GraphError(f'--params-file {file}: must hold node: ros__parameters: name: value')
+    known = sorted({d.get('name', n) for n, d in description.items() if d.get('ros', True)})
+    for key in map(str, data):
+        if '*' not in key and key.rpartition('/')[2] not in known:
+            raise GraphError(
+                f"--params-file {file}: there is no node '{key}'; known are {', '.join(known)}, /**"
+            )
+
+
 def processes(settings: Settings, description: dict | None = None) -> list[Process]:
     """Every process in start order."""
     description = description or load()
+    for file in settings.params_files:
+        check_params(file, description)
     for name in settings.without:
         if name not in description:
             raise GraphError(f"--without {name}: no such node; known are {', '.join(description)}")

@@ -68,9 +68,10 @@ def up(
         raise ClientError(f'a graph is up already in {settings.run} (waam status, waam stop)')
     names = {p.name for p in processes(settings) if p.ros}
     shared_memory.clean()  # of nodes that were killed
+    log_file = settings.run / 'supervisor.log'
     with run_state.held(settings.run):  # nobody else has begun in this moment
-        log = open(settings.run / 'supervisor.log', 'w')
-    with log:
+        log_file.write_text('')
+    with open(log_file, 'a') as log:
         supervisor = subprocess.Popen(
             [
                 sys.executable,

@@ -29,7 +29,9 @@ class Cell:
     path: Path
     current: float = 180.0
     wire: float | None = None  # m/s; None = as commanded
-    coast: float | None = None  # s: the wire ends; the wheel runs down, and after BURN_BACK_S there is no arc
+    coast: float | None = (
+        None  # s: the wire ends; the wheel runs down, and after BURN_BACK_S there is no arc
+    )
     ended_s: float = 0.0  # since then
     voltage: float | None = None  # V while the arc burns; None = as set, less `drop`
     drop: float = 0.0  # V

@@ -38,6 +38,7 @@ from waam_job.model.goal import Code, JobError
 from waam_job.model.records import AnomalyRecord, LayerRecord, State, Status
 from waam_job.model.seen import Look
 from waam_job.model.telemetry import TelemetryStats
+from waam_job.run.again import BURNS_A
 from waam_msgs.srv import RenewCorrection
 from waam_node.conversions import segment_from_msg, time_to_msg
 from waam_process.grid import GridError, GridSpec
@@ -86,6 +87,7 @@ class LabCell:
         self.reports: list[LayerRecord] = []
         self.anomalies: list[AnomalyRecord] = []
         self.spent: dict[State, float] = {}
+        self._burned: Point | None = None
         self._since: tuple[State, float] = (State.IDLE, 0.0)
         self._stats = TelemetryStats()
         self._view = MachineView()
@@ -129,6 +131,7 @@ class LabCell:
             arc=t.flags & ARC_ESTABLISHED != 0,
         )
         self._frame = t
+        self._burned = position if t.current_ma > 1e3 * BURNS_A else self._burned
         self.scanning.on_frame(t)
         self._control.on_frame(t)
 
@@ -166,6 +169,7 @@ class LabCell:
             state=convert.STATES[t.state],
             position=(t.x_um * 1e-6, t.y_um * 1e-6, t.z_um * 1e-6),
             arc_on=t.flags & ARC_ENABLED != 0,
+            burned=self._burned,
         )
 
     def heat(self) -> Heat:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from .qos import EVENTS
-
-if TYPE_CHECKING:
-    from .node import WaamNode
 
 PROCESS = 'process'  # key in /diagnostics: the process that a node lives in, `<name>@<host>:<pid>:<random>`
 UP = 'up'  # key in /diagnostics: s of steady time since the node began
@@ -24,11 +21,11 @@ class NamesakeError(RuntimeError):
 
 
 class Namesake:
-    """Call `look` once a second. One that was killed stays in the graph until the middleware notices; so only another
-    node that speaks counts, and the younger of the two ends."""
+    """Call `look` once a second; process: of the node. One that was killed stays in the graph until the middleware
+    notices; so only another node that speaks counts, and the younger of the two ends."""
 
-    def __init__(self, node: WaamNode) -> None:
-        self._node, self._began = node, time.monotonic()
+    def __init__(self, node: Node, process: str) -> None:
+        self._node, self._process, self._began = node, process, time.monotonic()
         self._listening: Subscription | None = None
 
     @property
@@ -56,9 +53,9 @@ class Namesake:
             values = {v.key: v.value for v in status.values}
             other = values.get(PROCESS, '')
             name, _, place = other.partition('@')
-            if name != self._node.get_name() or other == self._node.process:
+            if name != self._node.get_name() or other == self._process:
                 continue
-            if older(values.get(UP, ''), other, self.up, self._node.process):
+            if older(values.get(UP, ''), other, self.up, self._process):
                 host, pid, _ = place.rsplit(':', 2)
                 raise NamesakeError(
                     f'a node called {name} runs already: process {pid} on {host}; '

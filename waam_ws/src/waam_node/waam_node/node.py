@@ -53,7 +53,7 @@ class WaamNode(Node):
         # of this life of the node: another one by the same name has another
         me = f'{socket.gethostname()}:{os.getpid()}:{secrets.token_hex(4)}'
         self.process = f'{self.get_name()}@{me}'
-        self._namesake = Namesake(self)
+        self._namesake = Namesake(self, self.process)
         self._restarted = os.environ.get(alive.RESTARTED, '')
         self._sign_of_life = alive.SignOfLife()
         self.steady = Clock(clock_type=ClockType.STEADY_TIME)

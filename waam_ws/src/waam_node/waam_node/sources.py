@@ -48,7 +48,7 @@ class _Info(ctypes.Structure):  # rmw_message_info_t
 
 @functools.cache
 def _libraries() -> tuple[Any, Any]:
-    """take(subscription, bytes, info, allocation) of rcl and default_allocator() of rcutils: both are loaded already."""
+    """take(subscription, bytes, info, allocation) of rcl, default_allocator() of rcutils; both are loaded already."""
     take = ctypes.CDLL('librcl.so').rcl_take_serialized_message
     take.argtypes = [
         ctypes.c_void_p,

@@ -89,7 +89,6 @@ class Graph:
         node.create_service(Command, 'bridge/command', self._on_command)
         for name in ('pause', 'resume'):  # abort is missing: a job_sequencer that hangs
             node.create_service(Trigger, f'job_sequencer/{name}', self._on_switch(name))
-        node.create_subscription(Override, 'override', self.overrides.append, NEWEST)
         node.create_subscription(
             Heartbeat, 'heartbeat', lambda m: self.beats.append(m.controller_us), BEAT
         )
@@ -104,6 +103,8 @@ class Graph:
         for name in (*NAMES, *OF_SOURCE):
             text = {'standoff_source': 'none', 'standoff_law': 'pid'}
             self.bridge.declare_parameter(name, text.get(name, 0.004))
+        self.obeys = True
+        self.listen()
         self._executor.add_node(self.bridge)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -116,6 +117,16 @@ class Graph:
     def _spin(self) -> None:
         while not self._over.is_set():
             self._executor.spin_once(timeout_sec=0.05)
+
+    def listen(self) -> None:
+        reader = self.bridge.create_subscription(Override, 'override', self._on_override, NEWEST)
+        self.override_reader = reader
+
+    def _on_override(self, message: Override) -> None:
+        self.overrides.append(message)
+        if self.obeys:
+            factors = {'speed_override': message.speed_factor, 'wire_override': 1.0}
+            self.telemetry.publish(Telemetry(**factors))
 
     def _on_command(self, request, response):
         self.commands.append(request)
@@ -245,12 +256,29 @@ def test_the_standoff_control_is_set_by_parameters_of_the_bridge(cell):
     assert np.isnan(value('standoff_set')), 'all together or none'
 
 
-def test_overrides_are_published(cell):
-    cell.until(
-        lambda: cell.post('override', {'speed': 0.8})[0] == 200 and cell.overrides, 'override'
-    )
+def test_an_override_is_said_until_telemetry_shows_it(cell):
+    cell.obeys = False  # the first ones are lost
+    threading.Timer(1.2, lambda: setattr(cell, 'obeys', True)).start()
+    status, answer = cell.post('override', {'speed': 0.8})
+    assert (status, answer['message']) == (200, 'override in force: speed 0.8')
     last = cell.overrides[-1]
     assert (last.speed_factor, last.source) == (0.8, 'panel') and last.wire_factor != last.wire_factor  # fmt: skip
+    assert len(cell.overrides) >= 2
+
+
+def test_an_override_that_nobody_takes_is_refused(cell):
+    cell.obeys = False
+    status, answer = cell.post('override', {'wire': 0.9})
+    assert status == 409 and 'override: not in force after 5 s' in answer['message']
+    cell.bridge.destroy_subscription(cell.override_reader)
+    cell.until(
+        lambda: (
+            'the bridge is not in the graph' in cell.post('override', {'wire': 0.9})[1]['message']
+        ),
+        'the reason',
+    )
+    cell.obeys = True
+    cell.listen()
 
 
 def test_what_the_cell_says_is_on_the_page_and_goes_stale(cell):

@@ -15,6 +15,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from waam_panel.api import COMMANDS
+from waam_panel.shop_api import QUEUE
+
 SETUP = {'part': 'block.stl', 'as_found': 'block_worn.stl'}
 MACHINE = {
     'connected': True, 'silent': [], 'state': 'IDLE', 'fault': 0, 'fault_text': '', 'message': '', 'armed': False,
@@ -88,6 +91,18 @@ def test_values_out_of_their_limits_are_refused_and_go_nowhere(panel, name, data
     status, answer = ask(panel, name, data)
     assert status == 400 and not answer['ok'] and answer['message']
     assert panel.operations.asked == []
+
+
+@pytest.mark.parametrize('name', [*COMMANDS, *QUEUE, 'standoff', 'notify_test', 'program/start'])
+def test_a_field_that_a_command_does_not_know_is_refused_by_name(panel, name):
+    """What was meant may have been narrower: `acknowledge` with a mistyped id acknowledged all alarms."""
+    panel.cell.state.alarms.set('x', 1.0, 'controller', '204', 3, 'the arc was lost')
+    status, answer = ask(panel, name, {'idd': 3})
+    assert (
+        status in (400, 409) and 'unknown field' in answer['message'] and 'idd' in answer['message']
+    )
+    assert panel.operations.asked == []
+    assert not any(a['acknowledged'] for a in panel.cell.state.alarms.listing())
 
 
 STANDOFF = {

@@ -32,6 +32,15 @@ KNOWN = (
 Run = Callable[[Cell, dict[str, Any]], Awaitable[Any]]
 
 
+FORMS = ('load', 'queue_add')  # they check their fields themselves
+FIELDS = {  # of every other command that takes any
+    'jog': ('axis', 'direction', 'step', 'held'), 'jog_wire': ('mm',), 'override': ('speed', 'wire'),
+    'gain': ('value',), 'acknowledge': ('id',), 'load_job': ('id',), 'queue_release': ('id',),
+    'queue_move': ('id', 'place'), 'queue_remove': ('id',), 'queue_hold': ('id',),
+    'standoff': ('source', 'law', 'set_mm', 'up_mm', 'down_mm', 'wander_mm'),
+}  # fmt: skip
+
+
 class BadRequest(ValueError):
     """A request with invalid values."""
 
@@ -46,6 +55,15 @@ async def answered(run: Run, cell: Cell, data: dict[str, Any]) -> web.Response:
         return web.json_response({'ok': False, 'message': str(e)}, status=400)
     more = said if isinstance(said, dict) else {'message': said}
     return web.json_response({'ok': True, 'message': 'done'} | more)
+
+
+def check_fields(name: str, data: dict[str, Any]) -> None:
+    """What a command does not know may have been meant to limit it. BadRequest names it and what there is."""
+    known = FIELDS.get(name, ())
+    if name in FORMS or not (unknown := [n for n in data if n not in known]):
+        return
+    takes = f'it takes {", ".join(known)}' if known else 'it takes none'
+    raise BadRequest(f'{name}: unknown field {", ".join(map(repr, unknown))}; {takes}')
 
 
 def session_of(request: web.Request) -> str:
@@ -70,9 +88,10 @@ def command(name: str, run: Run) -> Handler:
             data = await json_of(request)
             if name in SAFE:
                 return await done(request, name, await answered(run, cell, data))
+            check_fields(name, data)
             return await audited(request, name, data, lambda: answered(run, cell, data))
-        except (BadBody, AuditFailure) as e:
-            status = 400 if isinstance(e, BadBody) else 503
+        except (BadBody, BadRequest, AuditFailure) as e:
+            status = 503 if isinstance(e, AuditFailure) else 400
             return web.json_response({'ok': False, 'message': str(e)}, status=status)
 
     return handler

@@ -15,14 +15,13 @@ from std_srvs.srv import Trigger
 
 from waam_calibrate.results import told_by
 from waam_msgs.action import RunJob
-from waam_msgs.msg import Override
 from waam_msgs.srv import AdjustJob, Command, LoadPart
 from waam_node import restart
 from waam_node.node import CallError, WaamNode, call
-from waam_node.qos import NEWEST
 from waam_process.operating import BUILD_PLATE
 
 from . import conversions as cv
+from .node_override import OverrideOrder
 from .node_standoff import BridgeStandoff
 from .operations import Refused
 from .programs import ProgramChoice
@@ -48,7 +47,7 @@ class RosOperations:
         self._adjust = client(AdjustJob, 'job_sequencer/adjust')
         self._load = client(LoadPart, 'cell/load_part')
         self._job = ActionClient(node, RunJob, 'job_sequencer/run_job')
-        self._override = node.create_publisher(Override, 'override', NEWEST)
+        self.order = OverrideOrder(node)
         self._standoff = BridgeStandoff(node)
         self._pair = ThreadPoolExecutor(8, 'pair')
 
@@ -125,11 +124,8 @@ class RosOperations:
         return self._send('SET_ZERO', value=1.0)
 
     def override(self, speed: float, wire: float) -> str:
-        """Sent; what the controller made of it is in the telemetry."""
-        message = Override(speed_factor=speed, wire_factor=wire, source='panel')
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._override.publish(message)
-        return 'sent'
+        """What is in force then. Refused when the telemetry does not show it in time."""
+        return self.order.send(speed, wire)
 
     def settings(self) -> dict[str, float]:
         """See `waam_calibrate.results.told_by`. Refused while segments wait, or by a machine that has none."""
@@ -208,6 +204,7 @@ class RosOperations:
         sent = self._job.send_goal_async(goal)
         sent.add_done_callback(lambda _: answered.set())
         if not answered.wait(max(0.1, end - time.monotonic())):
+            sent.add_done_callback(_withdraw)
             raise Refused(f'job_sequencer did not answer within {START_PATIENCE_S:.0f} s')
         if not sent.result().accepted:
             raise Refused('a job is running already')
@@ -232,3 +229,9 @@ class RosOperations:
     def close(self) -> None:
         """Ends the threads without waiting for what they do."""
         self._pair.shutdown(wait=False, cancel_futures=True)
+
+
+def _withdraw(sent: Any) -> None:
+    """A goal that is accepted after the operator was told that it was not: the job must not run."""
+    if sent.result().accepted:
+        sent.result().cancel_goal_async()

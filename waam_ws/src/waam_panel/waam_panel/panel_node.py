@@ -175,16 +175,24 @@ class Panel(WaamNode):
 
     def _put(self, name: str, newest: bool) -> Any:
         """A callback that only hands over."""
+        if name == 'process':
+            return self._on_process
         if newest:
             return lambda message: self._mailbox.replace(name, (name, message))
         return lambda message: self._mailbox.put((name, message))
+
+    def _on_process(self, message: ProcessControl) -> None:
+        self._operations.order.process(message)
+        self._mailbox.replace('process', ('process', message))
 
     def _on_sample(self) -> None:
         """Decodes a few of the frames since the last time; simulated time can run fast."""
         frames = self._tap.take()
         step = -(-len(frames) // FRAMES)
         for raw in frames[-1::-step][::-1] if frames else ():
-            self._mailbox.put(('telemetry', deserialize_message(raw, Telemetry)))
+            message = deserialize_message(raw, Telemetry)
+            self._operations.order.telemetry(message)
+            self._mailbox.put(('telemetry', message))
 
     def _report(self) -> None:
         cell = self._cell

@@ -5,14 +5,12 @@ import subprocess
 import sys
 import time
 
-import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from waam_msgs.srv import Record
-from waam_node.testing import fresh_domain
 
 START = 'from waam_record.recorder_node import main; main()'
 
@@ -66,19 +64,6 @@ class Graph:
         if self.process.poll() is None:
             self.process.terminate()
         self.process.communicate(timeout=60)
-
-
-@pytest.fixture
-def graph():
-    made = []
-
-    def make(*parameters: str, **options: str) -> Graph:
-        made.append(Graph(fresh_domain(), *parameters, **options))
-        return made[-1]
-
-    yield make
-    for g in made:
-        g.close()
 
 
 SLOW_DISK = '''

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from recorder_graph import SLOW_DISK, START, graph  # noqa: F401
+from recorder_graph import START
 
 from waam_msgs.msg import Telemetry
 from waam_msgs.srv import Record
@@ -46,7 +46,7 @@ def grows(g, telemetry, folder: Path, seconds: float = 2.5) -> bool:
 
 
 @pytest.fixture
-def blocked(graph, tmp_path):  # noqa: F811
+def blocked(graph, tmp_path):
     """A recorder whose disk answers nothing while the file `gate` is there."""
 
     def make(start_s: float = 20.0, *parameters: str):
@@ -102,13 +102,15 @@ def test_stop_while_the_disk_is_blocked_answers_and_acts_when_it_is_free(blocked
     gate.unlink()
     g.spin_until(start.done, 30)
     assert not start.result().success
-    end = time.monotonic() + 60  # it answers within half a second, a busy computer closes files more slowly
+    end = (
+        time.monotonic() + 60
+    )  # it answers within half a second, a busy computer closes files more slowly
     while not g.call(Record.Request.STOP, directory=str(folder)).success:
         assert time.monotonic() < end
     assert check(folder).sound and not grows(g, telemetry, folder)
 
 
-def test_requests_are_known_by_their_folder(graph, tmp_path):  # noqa: F811
+def test_requests_are_known_by_their_folder(graph, tmp_path):
     g = graph()
     telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
     folder, other = tmp_path / 'record', tmp_path / 'other'
@@ -125,7 +127,7 @@ def test_requests_are_known_by_their_folder(graph, tmp_path):  # noqa: F811
     assert g.call(Record.Request.STOP).success
 
 
-def test_a_recording_ends_with_its_client(graph, tmp_path):  # noqa: F811
+def test_a_recording_ends_with_its_client(graph, tmp_path):
     g = graph(program=CLIENT_DIES + START)
     telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
     signs = g.node.create_publisher(DiagnosticArray, '/diagnostics', EVENTS)
@@ -171,7 +173,7 @@ def small_disk(tmp_path):
     subprocess.run(['umount', '-l', str(disk)], check=True)
 
 
-def test_a_full_disk_ends_the_recording_and_the_next_one_can_start(graph, small_disk, tmp_path):  # noqa: F811
+def test_a_full_disk_ends_the_recording_and_the_next_one_can_start(graph, small_disk, tmp_path):
     g = graph('min_free_mb:=0')
     telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
     folder = small_disk / 'record'

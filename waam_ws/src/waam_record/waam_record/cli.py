@@ -162,7 +162,10 @@ def _control(
         future = client.call_async(request)
         rclpy.spin_until_future_complete(node, future, timeout_sec=30.0)
         if not future.done():
-            return _error('the recorder did not answer within 30 s')
+            if code == 'START':  # nobody would end what begins now
+                undo = Record.Request(code=Record.Request.STOP, directory=folder)
+                rclpy.spin_until_future_complete(node, client.call_async(undo), timeout_sec=1.0)
+            return _error('the recorder did not answer within 30 s; a START is withdrawn')
         answer = future.result()
     finally:
         rclpy.try_shutdown()

@@ -89,7 +89,7 @@ class RecordingThread:
             self._client_silent = 0.0
 
     def answer_late(self) -> None:
-        """Answers what the disk or the graph keeps this thread from answering; its work goes on, a START's is undone."""
+        """Answers what disk or graph keep this thread from answering; its work goes on, a START's is undone."""
         now = time.monotonic()
         with self._lock:
             waiting = list(self._open)
@@ -213,7 +213,9 @@ class RecordingThread:
                 return False
             missing = ', '.join(taps.unmatched())
             text = f'; not connected yet: {missing}' if missing else ''
-            if not self._answer(request, _about(session, f'recording {len(taps.taps)} topics{text}')):
+            if not self._answer(
+                request, _about(session, f'recording {len(taps.taps)} topics{text}')
+            ):
                 self._end(NOT_BEGUN)  # its client has been told that it failed
             return True
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 from diagnostic_msgs.msg import DiagnosticArray
 
 from waam_msgs.srv import Record
@@ -55,7 +57,8 @@ class Recorder(WaamNode):
             if request.code not in CODES:
                 raise BagError(f'code {request.code} is not one of 1..5')
             data = _custom_data(request)
-            self._recording.ask(Request(request.code, request.directory, data, reply))
+            now = time.monotonic()
+            self._recording.ask(Request(request.code, request.directory, data, reply, now))
             if request.code == Record.Request.START:
                 self.get_logger().info(f'recording into {request.directory}')
         except BagError as e:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,7 +32,7 @@ class Status:
 
 
 class Request:
-    """A call of record/control, for the thread of the recording. code: of Record.srv.
+    """A call of record/control, for the thread of the recording. code: of Record.srv; asked: s, steady clock.
 
     `reply` is called once, whoever has an answer first. A START that was `cancelled` must not record."""
 
@@ -43,10 +42,11 @@ class Request:
         directory: str,
         custom_data: dict[str, str],
         reply: Callable[[Answer], None],
+        asked: float,
     ) -> None:
         self.code, self.directory, self.custom_data = code, directory, custom_data
         self.cancelled = False
-        self.asked = time.monotonic()
+        self.asked = asked
         self._reply, self._answered = reply, False
         self._lock = threading.Lock()
 

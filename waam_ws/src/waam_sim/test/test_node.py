@@ -215,6 +215,20 @@ def test_bad_requests_are_refused_by_name(cell):
     controller.run((0.0, 0.0, 0.05), 0.1)
 
 
+def test_a_part_that_is_asked_for_too_late_is_not_changed_in_the_midst_of_a_job(cell):
+    _, observer, controller = cell
+    status = observer.node.create_publisher(JobStatus, 'job_status', LATCHED)
+
+    def said(state: int, words: str) -> bool:
+        status.publish(JobStatus(state=state))
+        controller.run((0.0, 0.0, 0.05), 0.05)
+        plate = Vector3(x=0.1, y=0.1, z=0.01)
+        return words in observer.call(LoadPart, 'cell/load_part', plate=plate, seed=-1).message
+
+    assert observer.until(lambda: said(JobStatus.COOLING, 'a job runs'))
+    assert observer.until(lambda: said(JobStatus.DONE, 'part on the table'))
+
+
 def test_controller_gone_and_back(cell):
     _, observer, controller = cell
     clocks = observer.seen['/clock']

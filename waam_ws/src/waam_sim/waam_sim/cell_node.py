@@ -55,7 +55,7 @@ class Cell(WaamNode):
         self._stop = threading.Event()
         self._port: PlantPort | None = None
         self._steps, self._busy, self._truths = 0, 0.0, 0
-        self._job_computes = False
+        self._job_computes = self._job_runs = False
         self._clock_us = round(p.clock_period * 1e6)
         self._pyro_us = round(1e6 / physics.pyrometer.rate)
         self._clock_out = self.create_publisher(Clock, '/clock', BEAT)
@@ -154,6 +154,7 @@ class Cell(WaamNode):
 
     def _on_job(self, message: JobStatus) -> None:
         self._job_computes = message.state in COMPUTING
+        self._job_runs = JobStatus.IDLE < message.state < JobStatus.DONE
 
     def _on_aim(self, message: PointStamped) -> None:
         if message.header.frame_id != 'machine':
@@ -170,6 +171,8 @@ class Cell(WaamNode):
             with self._lock:
                 if self._plant.arc_on:
                     raise part.PartError('the arc is on: a part can be changed only without it')
+                if self._job_runs:  # a request that waited may come in the midst of it
+                    raise part.PartError('a job runs: a part can be changed only between jobs')
                 seed = self.params.seed if request.seed < 0 else request.seed
                 self._plant.load(loaded, seed, self._table)
             response.message = f'part on the table, {loaded.z.max() * 1e3:.2f} mm high'

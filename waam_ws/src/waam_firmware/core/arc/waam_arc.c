@@ -1,12 +1,14 @@
 #include "waam_arc.h"
 
+#include <math.h>
+
 #define GAS_WAIT_US 1000000u /* longest wait for the flow switch after the purge */
 #define NONE WAAM_FAULT_NONE
 
 static void enter(waam_arc_t *arc, waam_arc_phase_t phase)
 {
     arc->phase = phase;
-    arc->phase_us = arc->above_us = arc->below_us = arc->slow_wire_us = arc->free_us = 0;
+    arc->phase_us = arc->above_us = arc->below_us = arc->slow_wire_us = arc->stalled_us = arc->free_us = 0;
 }
 
 void waam_arc_start(waam_arc_t *arc)
@@ -102,10 +104,11 @@ static waam_fault_t purge(waam_arc_t *arc, bool flow, const waam_arc_config_t *c
     return NONE;
 }
 
-/* Why there is no current: a wire that was late before the current is the cause, at the end of the spool for one. */
+/* Why there is no current: a wire that stalls is the cause, at the end of the spool for one. The wheel needs a while to
+ * run down. */
 static waam_fault_t cause(const waam_arc_t *arc, waam_fault_t otherwise, const waam_arc_config_t *config)
 {
-    return arc->slow_wire_us >= config->lost_us ? WAAM_FAULT_WIRE : otherwise;
+    return arc->stalled_us >= config->lost_us / 2 ? WAAM_FAULT_WIRE : otherwise;
 }
 
 static waam_fault_t strike(waam_arc_t *arc, const waam_arc_config_t *config)
@@ -163,6 +166,7 @@ waam_fault_t waam_arc_tick(waam_arc_t *arc, uint32_t dt_us, const waam_inputs_t 
     count(&arc->above_us, current && inputs->voltage_v > config->free_v, dt_us);
     count(&arc->below_us, !current, dt_us);
     count(&arc->slow_wire_us, inputs->wire_mm_s < config->wire_fault_ratio * wire_command_mm_s, dt_us);
+    count(&arc->stalled_us, inputs->wire_mm_s < config->wire_fault_ratio * fmin(wire_command_mm_s, arc->wire_mm_s), dt_us);
     switch (arc->phase) {
     case WAAM_ARC_PURGE: return purge(arc, inputs->gas_ok, config);
     case WAAM_ARC_STRIKE: return strike(arc, config);

@@ -22,6 +22,7 @@ typedef struct {
     uint32_t tries;
     uint64_t above_us, below_us; /* current above and below the threshold */
     uint64_t slow_wire_us, no_gas_us, free_us;
+    uint64_t stalled_us;   /* wire below what was ordered and below the setpoint of the block */
     uint32_t pulses;       /* given in this stick check */
     bool may_pulse;        /* armed, homed, with a lease that lasts long enough */
     bool unchecked;        /* the arc went off without a stick check: no move before one */

@@ -25,6 +25,7 @@ class Machine:
     silent_nodes: tuple[str, ...] = ()
     message: str = ''
     position: Point = (0.0, 0.0, 0.0)
+    burned: Point | None = None  # m, work frame: where current flowed last; None = it never did
     executed: int = -1  # index of the last segment done
     executed_job: str = ''
     limit_min: Point = (0.0, 0.0, 0.0)

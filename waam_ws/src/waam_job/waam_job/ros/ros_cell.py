@@ -56,6 +56,7 @@ from ..model.goal import Code, JobError
 from ..model.records import AnomalyRecord, LayerRecord, State, Status
 from ..model.seen import Look
 from ..model.telemetry import TelemetryStats
+from ..run.again import BURNS_A
 from .ros_parameters import ParameterReader
 
 ENQUEUE_CHUNK = 400
@@ -70,6 +71,7 @@ class RosCell:
         self.job_id = ''
         self._machine, self._heat = Machine(), Heat()
         self._seen = 0.0
+        self._burned: Point | None = None
         self._stats, self._lock = TelemetryStats(), threading.Lock()
         node.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY)
         node.create_subscription(MachineState, 'machine_state', self._on_machine, LATCHED)
@@ -105,6 +107,8 @@ class RosCell:
         with self._lock:
             self._seen = time.monotonic()
             self._state, self._pos, self._arc = m.state, (p.x, p.y, p.z), m.arc_enabled
+            if m.arc_current > BURNS_A:
+                self._burned = self._pos
             self._stats.add(
                 sequence=m.sequence,
                 controller_us=m.controller_us,
@@ -157,6 +161,7 @@ class RosCell:
                 state=convert.STATES[self._state],
                 position=self._pos,
                 arc_on=self._arc,
+                burned=self._burned,
             )
 
     def heat(self) -> Heat:

@@ -345,7 +345,7 @@ class LayerCycle:
 
         within.begin()
         try:
-            self.motion.execute(placed, on_done)
+            self.motion.execute(placed, on_done, lambda: within.placed)
         finally:
             within.end()
         record.add_segments(within.placed)

@@ -8,6 +8,7 @@ from waam_process.segment import Point, Segment
 
 from ..model.cell import Cell, Machine
 from ..model.goal import Code, JobError
+from .again import Again
 from .watch import Watch
 
 
@@ -38,10 +39,24 @@ class Motion:
         self.until(lambda m: m.state == 'IDLE', timeout, 'the machine did not come to rest')
 
     def execute(
+        self,
+        segments: list[Segment],
+        on_done: Callable[[Segment], None] | None = None,
+        newest: Callable[[], list[Segment]] | None = None,
+    ) -> None:
+        """Runs consecutive segments; calls `on_done` with each newly finished one (the last of several at once).
+        newest: the segments with the setpoints in force, when those may change."""
+        self.cell.enqueue(self.job_id, segments, True)
+        self.watch.again = Again(self.cell, self.job_id, newest or (lambda: segments), self.until)
+        try:
+            self._await(segments, on_done)
+        finally:
+            self.watch.again = None
+        self.next_index, self.position = segments[-1].index + 1, segments[-1].end
+
+    def _await(
         self, segments: list[Segment], on_done: Callable[[Segment], None] | None = None
     ) -> None:
-        """Runs consecutive segments; calls `on_done` with each newly finished one (the last of several at once)."""
-        self.cell.enqueue(self.job_id, segments, True)
         by_index = {s.index: s for s in segments}
         last, seen = segments[-1].index, -1
         # an override may stretch a segment tenfold; what a pause takes does not count
@@ -59,4 +74,3 @@ class Motion:
             if self.now() > deadline:
                 text = f'no segment was finished for {allowed:.0f} s: {done} of {last} are done'
                 raise JobError(Code.TIMEOUT, text)
-        self.next_index, self.position = last + 1, segments[-1].end

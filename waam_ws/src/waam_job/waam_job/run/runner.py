@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-
 from ..model.cell import Cell, Scan
 from ..model.geometry import Deviation
 from ..model.goal import Checked, Code, JobError

@@ -9,6 +9,7 @@ from waam_process.names import CLASS_OF_FAULT
 
 from ..model.cell import Cell, Machine
 from ..model.goal import Code, JobError
+from .again import Again
 from .control import Control
 
 LEASE_EXPIRED = 202  # controller code, docs/link_protocol.md
@@ -47,6 +48,7 @@ class Watch:
         self.note, self.paused = note, paused
         self._silent_for = 0.0
         self._lease_holds = 0
+        self.again: Again | None = None  # the path that is being laid
         self.held = 0.0  # s of ROS time in pauses so far: no deadline counts them
 
     def tick(self) -> Machine:
@@ -138,12 +140,17 @@ class Watch:
         self._check_abort()
         self.held += self.cell.now() - began
         self.paused(False, '', '')
-        if self.cell.machine().state == 'HOLD':
+        machine = self.cell.machine()
+        if machine.state != 'HOLD':
+            return
+        if machine.fault == WIRE and self.again is not None and self.again.gap(machine):
+            self.again.lay(machine, lambda: self._go_on('STOP'))
+        else:
             self._go_on()
 
-    def _go_on(self) -> None:
-        """Waits until the machine reports RUN; an older state would be mistaken for a new hold."""
-        self.cell.command('RESUME')
+    def _go_on(self, command: str = 'RESUME') -> None:
+        """Waits until the machine reports another state; an older one would be mistaken for a new hold."""
+        self.cell.command(command)
         for _ in range(round(RESUMED_S / RESUMED_LOOK_S)):
             self.cell.wait(RESUMED_LOOK_S)
             if self.cell.machine().state != 'HOLD':
