@@ -70,13 +70,14 @@ def environment(tmp_path: Path, **more: str) -> dict[str, str]:
     return kept | {'WAAM_JOBS': str(tmp_path / 'jobs')} | more
 
 
-
 @pytest.mark.parametrize('verb', VERBS)
 @pytest.mark.parametrize(
     'options,cell',
     [('', 'cell'), ('--run {run}', 'run'), ('--cell cell2', 'cell2'), ('--run={run}', 'run'), ('--ce cell2', 'cell2')],
 )  # fmt: skip
-def test_the_bridge_is_told_with_every_way_to_write_the_options(tmp_path, bridge_in, verb, options, cell):
+def test_the_bridge_is_told_with_every_way_to_write_the_options(
+    tmp_path, bridge_in, verb, options, cell
+):
     folders = {'cell': 'jobs/.run', 'cell2': 'jobs/cells/cell2/.run', 'run': 'here'}
     bridges = {name: bridge_in(tmp_path / folder) for name, folder in folders.items()}
     words = [*verb.split(), *options.format(run=tmp_path / 'here').split()]
@@ -100,7 +101,7 @@ def test_it_acts_while_the_audit_log_is_held(tmp_path, bridge_in, verb):
         )  # fmt: skip
     assert bridge.until(1) == [VERBS[verb]]
     assert 'not in the audit log' in ran.stderr and f'process {os.getpid()}' in ran.stderr
-    assert ('no graph is up' in ran.stdout + ran.stderr)
+    assert 'no graph is up' in ran.stdout + ran.stderr
 
 
 @pytest.mark.parametrize('name', ['audit.jsonl', 'audit.jsonl.lock'])
@@ -120,9 +121,18 @@ def test_it_ends_although_the_disk_hangs(tmp_path, bridge_in, name):
 
 def test_the_installed_command_acts_first_as_well(tmp_path, bridge_in):
     bridge = bridge_in(tmp_path / 'jobs/.run')
-    words = ['-c', 'import sys; from waam_bringup.entry import main; sys.exit(main())', 'job', 'abort']
+    words = [
+        '-c',
+        'import sys; from waam_bringup.entry import main; sys.exit(main())',
+        'job',
+        'abort',
+    ]
     ran = subprocess.run(
-        [sys.executable, *words], env=environment(tmp_path), capture_output=True, text=True, timeout=120
+        [sys.executable, *words],
+        env=environment(tmp_path),
+        capture_output=True,
+        text=True,
+        timeout=120,
     )
     assert bridge.until(1) == [STOP] and ran.returncode == 2
 

@@ -111,9 +111,7 @@ def _access(args: argparse.Namespace) -> dict[str, str]:
     return texts
 
 
-def _serve(
-    args: argparse.Namespace, run: Path, state: RunState, access: dict[str, str]
-) -> int:
+def _serve(args: argparse.Namespace, run: Path, state: RunState, access: dict[str, str]) -> int:
     """Runs the node in this process, on the domain of the graph."""
     from waam_panel.panel_node import main
 

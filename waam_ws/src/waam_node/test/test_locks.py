@@ -25,7 +25,10 @@ def holder(tmp_path):
     """Another process that has the lock until it is told."""
     path = tmp_path / 'folder' / 'x.lock'
     process = subprocess.Popen(
-        [sys.executable, '-c', HOLD, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, '-c', HOLD, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     assert process.stdout.readline() == 'held\n'
     yield path, process

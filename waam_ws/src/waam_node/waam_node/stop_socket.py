@@ -36,7 +36,7 @@ def _short(path: str) -> Iterator[str]:
 
 
 class Listener:
-    """The bridge's end. OSError when socket or pipe cannot be made. Those that a killed process has left are replaced."""
+    """The bridge's end. OSError when socket or pipe cannot be made. What a killed process has left is replaced."""
 
     def __init__(self, path: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

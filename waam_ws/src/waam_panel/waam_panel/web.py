@@ -27,7 +27,9 @@ from .routes import VISITOR, WHO, Handler, Route
 from .security import COOKIE, Denied
 from .worker import WorkError
 
-LINGER_S = 2.0  # that the rest of a refused body is read and thrown away, so that the answer arrives
+LINGER_S = (
+    2.0  # that the rest of a refused body is read and thrown away, so that the answer arrives
+)
 STATIC = Path(__file__).parent / 'static'
 FILES = {
     '.html': 'text/html', '.css': 'text/css', '.js': 'text/javascript', '.svg': 'image/svg+xml',

@@ -216,15 +216,20 @@ def test_no_secret_gets_into_the_log():
     assert clean(f'wrong token {token}') == 'wrong token (hidden)'
 
 
-HUGE = st.integers(-(10**4200), 10**4200) | st.integers(10**3990, 10**4000) | st.integers(2**62, 2**65)
+HUGE = (
+    st.integers(-(10**4200), 10**4200) | st.integers(10**3990, 10**4000) | st.integers(2**62, 2**65)
+)
 ODD = st.text(max_size=400) | st.text('\U0001f600\ud800\n"\\', max_size=400)
 ANYTHING = VALUES | HUGE | ODD | st.binary(max_size=50) | st.floats()
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
     st.lists(
-        st.tuples(ODD, ODD, ODD, st.dictionaries(ODD | st.integers(), ANYTHING, max_size=40)), max_size=4
+        st.tuples(ODD, ODD, ODD, st.dictionaries(ODD | st.integers(), ANYTHING, max_size=40)),
+        max_size=4,
     )
 )
 def test_what_is_written_can_be_read_whatever_was_asked(tmp_path_factory, requests):
@@ -249,11 +254,16 @@ def test_requests_that_were_too_long_for_the_log_are_shortened_with_a_mark(log):
     nested: object = 1
     for _ in range(50_000):
         nested = [nested]
-    told = log.write('x', 'w', 'panel', data={f'n{i}': nines for i in range(24)} | {'deep': nested}).data
+    told = log.write(
+        'x', 'w', 'panel', data={f'n{i}': nines for i in range(24)} | {'deep': nested}
+    ).data
     assert told['n0'].startswith('whole number of 13288 bits') and told[LEFT_OUT] == 1
     told = log.write('x', 'w', 'panel', data={str(i): '\U0001f600' * 5000 for i in range(24)}).data
     assert told['0'].endswith(CUT) and told[LEFT_OUT] >= 1
-    assert log.write('x', 'w', 'panel', data={'deep': nested}).data['deep'] == 'list that cannot be shown'
+    assert (
+        log.write('x', 'w', 'panel', data={'deep': nested}).data['deep']
+        == 'list that cannot be shown'
+    )
     assert log.verify().good
 
 
