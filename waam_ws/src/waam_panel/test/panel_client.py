@@ -1,9 +1,14 @@
-"""One connection to a served panel, byte by byte, and STOP from another one."""
+"""One connection to a served panel, byte by byte, and STOP from another one; and what stands for the bridge."""
 
 from __future__ import annotations
 
+import contextlib
 import socket
+import threading
 import time
+from pathlib import Path
+
+from waam_node.stop_socket import OK, Listener
 
 
 class Client:
@@ -66,3 +71,27 @@ def cookie(panel) -> str:
         return ''
     value, _ = panel.cell.guard.login(panel.tokens['view'])
     return f'waam_session={value}'
+
+
+class FakeBridge:
+    """Counts what comes to the socket; `says` is its answer, None = none."""
+
+    def __init__(self, path: Path) -> None:
+        self.got: list[bytes] = []
+        self.says: str | None = OK
+        self._listener = Listener(str(path))
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                messages = self._listener.receive()
+                if not messages:
+                    return
+                for order, whom in messages:
+                    self.got.append(order)
+                    if self.says is not None:
+                        self._listener.answer(self.says, whom)
+
+    def close(self) -> None:
+        self._listener.close()
