@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from panel_client import Client, stops
 
-from waam_panel.gate import IN_ALL, PER_SOURCE, source_of
+from waam_panel.gate import IN_ALL, PER_SOURCE, Gate, source_of
 from waam_panel.throttle import LONGEST_S, SOURCES, Throttle
 
 FORM = 'application/x-www-form-urlencoded'
@@ -234,3 +234,41 @@ def test_a_log_that_cannot_be_written_is_said_in_the_answer_and_in_the_diagnosti
         assert status == 200 and b'No space left' in said, path
         assert 'No space left' in panel.cell.problem and path in panel.cell.problem
     assert [a[0] for a in panel.operations.asked] == ['stop', 'pause', 'command']
+
+
+class NoSocket:
+    """Stands for a connection; ended: it was turned out."""
+
+    def __init__(self) -> None:
+        self.ended = False
+
+    def shutdown(self, _how: int) -> None:
+        self.ended = True
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from('aaabc'), st.sampled_from(['come', 'busy', 'leave'])),
+        max_size=400,
+    )
+)
+def test_whoever_comes_is_let_in_unless_all_of_his_are_being_answered(events):
+    """Sources are never above their share, all together never above the bound, and only those who wait are turned
+    out."""
+    gate = Gate(lambda: None)  # type: ignore[arg-type,return-value]
+    gate.most = 60
+    for now, (source, what) in enumerate(events):
+        mine = [g for g in gate.inside if g.source == source]
+        if what == 'busy' and mine:
+            mine[-1].until = None
+        elif what == 'leave' and mine:
+            gate.leave(mine[0])
+        elif what == 'come':
+            busy = [g for g in gate.inside if g.until is None]
+            guest = gate._enter(NoSocket(), source, float(now))  # type: ignore[arg-type]
+            assert not any(g.socket.ended for g in busy)
+            room = len(mine) < PER_SOURCE and len(busy) < gate.most
+            assert guest is not None or not room or all(g.until is None for g in mine)
+            assert guest is None or guest in gate.inside
+        counts = [sum(g.source == s for g in gate.inside) for s in 'abc']
+        assert max(counts) <= PER_SOURCE and sum(counts) <= gate.most

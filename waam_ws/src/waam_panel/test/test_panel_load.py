@@ -158,6 +158,16 @@ def test_a_form_that_never_comes_ends_in_time(panel, monkeypatch):
     assert panel.operations.asked == []
 
 
+def test_a_page_of_another_site_makes_the_panel_read_nothing(panel):
+    """Lists are files and threads; a link that somebody follows is let through."""
+    for mode, status in (('no-cors', 403), ('cors', 403), ('websocket', 403), ('navigate', 200)):
+        for path in ('/api/jobs', '/api/audit', '/api/archive', '/'):
+            client = Client(panel)
+            client.head('GET', path, Sec_Fetch_Site='cross-site', Sec_Fetch_Mode=mode)
+            assert client.answer()[0] == status, (mode, path)
+            client.close()
+
+
 def test_nothing_but_bodies_reads_a_body():
     """So that no route forgets its limit."""
     folder = Path(bodies.__file__).parent

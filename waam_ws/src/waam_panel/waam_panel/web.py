@@ -48,6 +48,7 @@ async def _admit(cell: Cell, request: web.Request) -> None:
     """Host, origin, session, role and the length of the body, from the head alone. Raises Denied; a role that is too
     low goes into the audit log."""
     cell.guard.check_host(request.headers)
+    cell.guard.check_site(request.headers)
     if request.method not in ('GET', 'HEAD'):
         cell.guard.check_origin(request.headers)
     role = routes.role_of(request)
