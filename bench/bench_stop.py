@@ -47,7 +47,9 @@ def measure() -> None:
                     for way, count in ways.items():
                         took = tries(getattr(cell, way), max(1, round(share * count)))
                         found[name] += took
-                        print(f'# {machine} {name} {way}: {told(took)}', file=sys.stderr, flush=True)
+                        print(
+                            f'# {machine} {name} {way}: {told(took)}', file=sys.stderr, flush=True
+                        )
                 time.sleep(SETTLE_S)
     report(found)
 

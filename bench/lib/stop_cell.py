@@ -42,9 +42,15 @@ class StopCell:
         for folder in (self.run, self.jobs):
             folder.mkdir()
         self._mounted = self.root and self._mount()
-        self._kept = {k: os.environ.get(k) for k in ('WAAM_JOBS', 'WAAM_RUN', 'STOP_STAMPS', 'ROS_DOMAIN_ID')}
+        self._kept = {
+            k: os.environ.get(k) for k in ('WAAM_JOBS', 'WAAM_RUN', 'STOP_STAMPS', 'ROS_DOMAIN_ID')
+        }
         self.domain, self.page, self.second = fresh_domain(), free_port(), free_port()
-        os.environ |= {'WAAM_JOBS': str(self.jobs), 'WAAM_RUN': str(self.run), 'STOP_STAMPS': str(self.stamps)}
+        os.environ |= {
+            'WAAM_JOBS': str(self.jobs),
+            'WAAM_RUN': str(self.run),
+            'STOP_STAMPS': str(self.stamps),
+        }
         self.shop = self.jobs / '.shop' / 'cells' / 'cell'
         self._tap = self._client = self._supervisor = None
         self._over = threading.Event()
@@ -76,7 +82,13 @@ class StopCell:
             real, link = self.run / 'controller.real', self.run / 'controller'
             words = description['virtual_controller']['arguments']
             words[words.index('${run}/controller')] = str(real)
-            tap = [sys.executable, str(HERE / 'stop_tap.py'), str(real), str(link), str(self.stamps)]
+            tap = [
+                sys.executable,
+                str(HERE / 'stop_tap.py'),
+                str(real),
+                str(link),
+                str(self.stamps),
+            ]
             self._tap = subprocess.Popen(tap)
         settings = Settings(
             run=self.run, rate=1.0, panel_port=self.page, stop_port=self.second, hang_timeout=0.0,
@@ -155,7 +167,11 @@ class StopCell:
     def command(self) -> float:
         """`waam job abort`, from its start."""
         words = [str(ROOT / 'waam'), 'job', 'abort', '--run', str(self.run)]
-        quiet = {'stdin': subprocess.DEVNULL, 'stdout': subprocess.DEVNULL, 'stderr': subprocess.DEVNULL}
+        quiet = {
+            'stdin': subprocess.DEVNULL,
+            'stdout': subprocess.DEVNULL,
+            'stderr': subprocess.DEVNULL,
+        }
         began = time.monotonic_ns()
         process = subprocess.Popen(words, start_new_session=True, **quiet)
         try:

@@ -31,7 +31,11 @@ def nothing(cell) -> Iterator[None]:
 @contextmanager
 def programs(*commands: list[str]) -> Iterator[None]:
     """Processes, each in a session of its own, that are killed at the end."""
-    quiet = {'stdin': subprocess.DEVNULL, 'stdout': subprocess.DEVNULL, 'stderr': subprocess.DEVNULL}
+    quiet = {
+        'stdin': subprocess.DEVNULL,
+        'stdout': subprocess.DEVNULL,
+        'stderr': subprocess.DEVNULL,
+    }
     running = [subprocess.Popen(c, start_new_session=True, **quiet) for c in commands]
     try:
         time.sleep(0.5)
@@ -66,7 +70,11 @@ def held(name: str):
 @contextmanager
 def threads(cell) -> Iterator[None]:
     """Everything that reads files is asked for at once, while both locks are held."""
-    with lock(cell.shop / 'audit.jsonl.lock'), lock(cell.shop / 'queue.json.lock'), pour('lists')(cell):
+    with (
+        lock(cell.shop / 'audit.jsonl.lock'),
+        lock(cell.shop / 'queue.json.lock'),
+        pour('lists')(cell),
+    ):
         yield
 
 

@@ -31,7 +31,9 @@ def strangers(port: int, csrf: str) -> None:
     for n in itertools.count():
         path = ('stop', 'login', 'parts', 'jog')[n % 4]
         kind = 'application/x-www-form-urlencoded'
-        request(port, f'POST /api/{path}', BODY, n % 8 > 3, Origin='http://x.example', Content_Type=kind)
+        request(
+            port, f'POST /api/{path}', BODY, n % 8 > 3, Origin='http://x.example', Content_Type=kind
+        )
 
 
 def operators(port: int, csrf: str) -> None:
@@ -65,6 +67,9 @@ if __name__ == '__main__':
     if what == 'half_open':
         half_open([int(port), *map(int, more)])
     run = {'strangers': strangers, 'operators': operators, 'lists': lists}[what]
-    threads = [threading.Thread(target=run, args=(int(port), csrf)) for _ in range(24 if run is lists else 6)]
+    threads = [
+        threading.Thread(target=run, args=(int(port), csrf))
+        for _ in range(24 if run is lists else 6)
+    ]
     for thread in threads:
         thread.start()

@@ -100,6 +100,43 @@ def test_panel_gets_its_port_and_folders_and_its_address_is_in_the_state(tmp_pat
     assert Supervisor(without, 1).state.panel_url == ''
 
 
+def lane_of(made: Settings) -> list[str]:
+    return next((p.command[1:] for p in processes(made) if p.name == 'stop_lane'), [])
+
+
+@pytest.mark.parametrize('machine', ['gantry', 'robot'])
+def test_stop_has_a_second_way_beside_the_page(tmp_path, machine):
+    made = settings(tmp_path, panel_port=8601, stop_port=8602, machine=machine)
+    run = str(tmp_path / 'stop')
+    assert lane_of(made) == ['--socket', run, '--port', '8602', '--page-port', '8601']
+    commands = {p.name: p.command for p in processes(made)}
+    assert f'stop_socket:="{run}"' in commands['bridge']
+    assert f'stop_socket:="{run}"' in commands['panel'] and 'stop_port:=8602' in commands['panel']
+    assert lane_of(settings(tmp_path, panel_port=8601)) == []
+    assert lane_of(settings(tmp_path, stop_port=8602, without=('stop_lane',))) == []
+
+
+def test_the_second_way_has_the_rules_that_parameter_files_give_to_the_page(tmp_path):
+    """With tokens on this machine a STOP without a session would go past them."""
+    first, second = tmp_path / 'a.yaml', tmp_path / 'b.yaml'
+    first.write_text('panel: {ros__parameters: {token_file: /t, upload_mb: 5}}\nbridge: {}\n')
+    second.write_text(
+        '/**: {ros__parameters: {bind: 10.0.0.1, tls_cert: /c, tls_key: /k, token_file: /u}}'
+    )
+    made = settings(tmp_path, panel_port=1, stop_port=2, params_files=(first, second))
+    assert lane_of(made)[6:] == [
+        '--token-file', '/u', '--bind', '10.0.0.1', '--tls-cert', '/c', '--tls-key', '/k',
+    ]  # fmt: skip
+    for text in ('', '- 5', 'panel: 3', 'panel: {ros__parameters: [1]}'):
+        first.write_text(text)
+        assert (
+            len(lane_of(settings(tmp_path, panel_port=1, stop_port=2, params_files=(first,)))) == 6
+        )
+    first.write_text('{')
+    with pytest.raises(GraphError, match='a.yaml'):
+        processes(settings(tmp_path, stop_port=2, params_files=(first,)))
+
+
 def test_leaving_out_an_unknown_node_is_refused(tmp_path):
     with pytest.raises(GraphError, match='rekorder'):
         processes(settings(tmp_path, without=('rekorder',)))

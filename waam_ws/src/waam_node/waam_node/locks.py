@@ -16,13 +16,14 @@ AGAIN_S = 0.01  # between tries, at first
 
 
 @contextmanager
-def locked(path: Path, patience: float = PATIENCE_S) -> Iterator[None]:
-    """Waits at most `patience` s until no other process (or thread) has this lock; the folder is made. Let go by the
-    end of the block or of the process, whichever comes first. OSError (EBUSY) with the holder when it stays held."""
+def locked(path: Path, patience: float | None = None) -> Iterator[None]:
+    """Waits at most `patience` s (PATIENCE_S when none is said) until no other process (or thread) has this lock; the
+    folder is made. Let go by the end of the block or of the process, whichever comes first. OSError (EBUSY) with the
+    holder when it stays held."""
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
-        _take(descriptor, path, patience)
+        _take(descriptor, path, PATIENCE_S if patience is None else patience)
         yield
     finally:
         os.close(descriptor)

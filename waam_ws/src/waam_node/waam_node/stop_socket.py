@@ -16,6 +16,7 @@ import select
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 NAME = 'stop'  # of the socket in the folder of the graph
 PIPE = '_now'  # behind the name of the socket: that of the pipe
@@ -36,7 +37,7 @@ def _short(path: str) -> Iterator[str]:
 
 
 class Listener:
-    """The bridge's end. OSError when socket or pipe cannot be made. Those that a killed process has left are replaced."""
+    """The bridge's end. OSError when socket or pipe cannot be made. What a killed process has left is replaced."""
 
     def __init__(self, path: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -56,9 +57,9 @@ class Listener:
         for source in (self._socket.fileno(), self._pipe):
             self._poll.register(source, select.POLLIN)
 
-    def receive(self) -> list[tuple[bytes, object]]:
+    def receive(self) -> list[tuple[bytes, Any]]:
         """Waits for the next messages: what was sent, at most 16 bytes, and whom to answer. [] after `close`."""
-        found: list[tuple[bytes, object]] = []
+        found: list[tuple[bytes, Any]] = []
         for source, _ in self._poll.poll():
             if source == self._pipe:
                 found += [(bytes([b]), None) for b in dict.fromkeys(os.read(source, 4096))]
@@ -67,12 +68,12 @@ class Listener:
                 found += [(data, whom)] if whom else []
         return found
 
-    def answer(self, text: str, whom: object) -> None:
+    def answer(self, text: str, whom: Any) -> None:
         """Never waits; nothing when nobody waits for it."""
         if whom:
             with suppress(OSError):
                 data = text.encode('utf-8', 'replace')[:LONGEST]
-                self._socket.sendto(data, socket.MSG_DONTWAIT, whom)  # type: ignore[arg-type]
+                self._socket.sendto(data, socket.MSG_DONTWAIT, whom)
 
     def close(self) -> None:
         """Ends `receive` in another thread, and removes the file if it is still the own one."""

@@ -11,7 +11,6 @@ import socket
 import ssl
 import subprocess
 import sys
-import threading
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,8 +18,9 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from panel_client import FakeBridge
 
-from waam_node.stop_socket import OK, STOP, Listener
+from waam_node.stop_socket import STOP
 from waam_panel.gate import IN_ALL
 from waam_panel.security import Denied, Guard
 from waam_panel.stop_lane import HEAD, Headers, Rules, parse
@@ -29,30 +29,6 @@ from waam_shop.token_file import TokenFile
 
 PAGE = 8600
 ORIGIN = f'http://127.0.0.1:{PAGE}'
-
-
-class FakeBridge:
-    """Counts what comes to the socket; `says` is its answer, None = none."""
-
-    def __init__(self, path: Path) -> None:
-        self.got: list[bytes] = []
-        self.says: str | None = OK
-        self._listener = Listener(str(path))
-        threading.Thread(target=self._run, daemon=True).start()
-
-    def _run(self) -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                messages = self._listener.receive()
-                if not messages:
-                    return
-                for order, whom in messages:
-                    self.got.append(order)
-                    if self.says is not None:
-                        self._listener.answer(self.says, whom)
-
-    def close(self) -> None:
-        self._listener.close()
 
 
 @dataclass

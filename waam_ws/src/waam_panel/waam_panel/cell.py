@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import secrets
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -84,6 +85,11 @@ class Cell:
             self.shop.close()
         self._workers.shutdown(wait=False, cancel_futures=True)
         self._stoppers.shutdown(wait=False, cancel_futures=True)
+        if self.entries:
+            text = (
+                f'{self.entries} entries of the audit log were not written before the panel ended'
+            )
+            print(f'waam: {text}', file=sys.stderr, flush=True)
         self.beside.close()
         self._scratch.cleanup()
 

@@ -217,6 +217,13 @@ class Guard:
         self.check_read(headers, cookie)
         self.check_origin(headers)
 
+    def check_site(self, headers: Mapping[str, str]) -> None:
+        """What a browser fetches for a page of another site; links that somebody follows are let through. Raises
+        Denied."""
+        site, mode = headers.get('Sec-Fetch-Site', ''), headers.get('Sec-Fetch-Mode', 'navigate')
+        if site == 'cross-site' and mode != 'navigate':
+            raise Denied(403, 'another site')
+
     def check_origin(self, headers: Mapping[str, str]) -> None:
         """A browser that says that a page of another site asks. Raises Denied."""
         if 'Origin' in headers and not self.same_origin(headers):

@@ -101,9 +101,7 @@ class ShopLink:
             return
         view, stops = view_of(cell), self._stops
         try:
-            item = await cell.beside.thread(
-                'queue', self._step, view, stops != self._stops_seen
-            )
+            item = await cell.beside.thread('queue', self._step, view, stops != self._stops_seen)
         except (OSError, QueueError):
             self._runner = Runner()  # what it decided is perhaps not on the disk: it begins anew
             raise

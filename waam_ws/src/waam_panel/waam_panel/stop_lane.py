@@ -177,7 +177,8 @@ class Visit(asyncio.Protocol):
         body = json.dumps({'ok': status == 200, 'message': message}).encode()
         lines = [
             f'HTTP/1.1 {status} {HTTPStatus(status).phrase}', 'Content-Type: application/json', 'Connection: close',
-            f'Content-Length: {len(body)}', 'Cache-Control: no-store', 'X-Content-Type-Options: nosniff', 'Vary: Origin',
+            f'Content-Length: {len(body)}', 'Cache-Control: no-store', 'X-Content-Type-Options: nosniff',
+            'Vary: Origin',
         ]  # fmt: skip
         if origin:  # one of the page's own, compared as a whole
             lines += [f'Access-Control-Allow-Origin: {origin}']

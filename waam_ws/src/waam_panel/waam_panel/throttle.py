@@ -21,7 +21,9 @@ class Throttle:
 
     def wrong(self, source: str, now: float) -> None:
         """It was a wrong token."""
-        self._free[source] = min(max(self._free.get(source, now), now) + self._cost, now + LONGEST_S)
+        self._free[source] = min(
+            max(self._free.get(source, now), now) + self._cost, now + LONGEST_S
+        )
         self._free.move_to_end(source)
         while len(self._free) > SOURCES:
             self._free.popitem(last=False)

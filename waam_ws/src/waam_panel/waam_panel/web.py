@@ -27,7 +27,9 @@ from .routes import VISITOR, WHO, Handler, Route
 from .security import COOKIE, Denied
 from .worker import WorkError
 
-LINGER_S = 2.0  # that the rest of a refused body is read and thrown away, so that the answer arrives
+LINGER_S = (
+    2.0  # that the rest of a refused body is read and thrown away, so that the answer arrives
+)
 STATIC = Path(__file__).parent / 'static'
 FILES = {
     '.html': 'text/html', '.css': 'text/css', '.js': 'text/javascript', '.svg': 'image/svg+xml',
@@ -46,6 +48,7 @@ async def _admit(cell: Cell, request: web.Request) -> None:
     """Host, origin, session, role and the length of the body, from the head alone. Raises Denied; a role that is too
     low goes into the audit log."""
     cell.guard.check_host(request.headers)
+    cell.guard.check_site(request.headers)
     if request.method not in ('GET', 'HEAD'):
         cell.guard.check_origin(request.headers)
     role = routes.role_of(request)

@@ -5,14 +5,28 @@ from __future__ import annotations
 import contextlib
 import hmac
 import json
+import os
 from dataclasses import replace
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from waam_shop.audit import FIRST, AuditError, Entry, clean, hidden, parse, verify
+from waam_node.locks import locked
+from waam_shop.audit import (
+    BYTES,
+    CUT,
+    FIRST,
+    LEFT_OUT,
+    AuditError,
+    Entry,
+    clean,
+    hidden,
+    parse,
+    verify,
+)
 from waam_shop.audit_file import AuditLog
+from waam_shop.queue_file import QueueFile
 from waam_shop.roles import Role
 from waam_shop.token_file import TokenFile
 from waam_shop.tokens import Token, TokenBook, TokenError, digest, shown
@@ -200,3 +214,92 @@ def test_no_secret_gets_into_the_log():
     assert SECRET not in text and 'a:b' not in text and told['axis'] == 'x' and told['step'] == 0.1
     assert len(told['many']) <= 200 and told['Password'] == told['token'] == '(hidden)'
     assert clean(f'wrong token {token}') == 'wrong token (hidden)'
+
+
+HUGE = (
+    st.integers(-(10**4200), 10**4200) | st.integers(10**3990, 10**4000) | st.integers(2**62, 2**65)
+)
+ODD = st.text(max_size=400) | st.text('\U0001f600\ud800\n"\\', max_size=400)
+ANYTHING = VALUES | HUGE | ODD | st.binary(max_size=50) | st.floats()
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    st.lists(
+        st.tuples(ODD, ODD, ODD, st.dictionaries(ODD | st.integers(), ANYTHING, max_size=40)),
+        max_size=4,
+    )
+)
+def test_what_is_written_can_be_read_whatever_was_asked(tmp_path_factory, requests):
+    """The writer keeps the promise that the reader relies on: the chain holds after any request."""
+    log = AuditLog(tmp_path_factory.mktemp('log'), 'cell')
+    for what, who, note, data in requests:
+        entry = log.write(what, who, 'panel', data=data, note=note)
+        assert parse(entry.line().rstrip('\n').encode()) == entry
+        assert len(entry.line()) <= BYTES
+    found = log.verify()
+    assert found.good and found.entries == len(requests), found.problems
+    told = log.last(9)[-1:] if requests else []
+    for entry in told:
+        data = requests[-1][3]
+        assert len(entry.data) >= min(len(data), 1)
+        if len(entry.data) < len({str(k)[:40] for k in data}):
+            assert entry.data[LEFT_OUT] >= 1
+
+
+def test_requests_that_were_too_long_for_the_log_are_shortened_with_a_mark(log):
+    nines = int('9' * 4000)
+    nested: object = 1
+    for _ in range(50_000):
+        nested = [nested]
+    told = log.write(
+        'x', 'w', 'panel', data={f'n{i}': nines for i in range(24)} | {'deep': nested}
+    ).data
+    assert told['n0'].startswith('whole number of 13288 bits') and told[LEFT_OUT] == 1
+    told = log.write('x', 'w', 'panel', data={str(i): '\U0001f600' * 5000 for i in range(24)}).data
+    assert told['0'].endswith(CUT) and told[LEFT_OUT] >= 1
+    assert (
+        log.write('x', 'w', 'panel', data={'deep': nested}).data['deep']
+        == 'list that cannot be shown'
+    )
+    assert log.verify().good
+
+
+def test_a_log_that_an_earlier_version_made_too_long_is_gone_on_with(log):
+    """An entry of 100 kB, as the request with numbers of 4000 digits made it."""
+    last = log.last(1)[0]
+    entry = replace(last, n=last.n + 1, prev=last.hash, data={f'n{i}': 10**3990 for i in range(25)})
+    entry = replace(entry, hash=entry.computed())
+    with open(log.path, 'a') as f:
+        f.write(entry.line())
+    log.head.write_text(json.dumps({'n': entry.n, 'hash': entry.hash}))
+    log.write('home', 'local', 'panel')
+    found = log.verify()
+    assert found.good and found.last_n == entry.n + 1, found.problems
+
+
+def test_searching_a_long_text_for_secrets_takes_no_time():
+    """The pattern of an address is quadratic in what it looks at."""
+    clean('a.' * 500_000)
+    hidden({'x': 'a+.-' * 250_000, 'a.' * 100_000: 1})
+
+
+@pytest.mark.parametrize('file', ['audit', 'queue', 'tokens'])
+def test_a_lock_that_is_held_is_an_error_that_names_file_and_holder(tmp_path, monkeypatch, file):
+    """Here the holder is a thread of this process, by another opening of the file."""
+    monkeypatch.setattr('waam_node.locks.PATIENCE_S', 0.2)
+    log, queue = AuditLog(tmp_path, 'c'), QueueFile(tmp_path)
+    tokens = TokenFile(tmp_path / 'tokens.json')
+    use = {
+        'audit': (log.path, lambda: log.write('x', 'w', 'cli', patience=0.2)),
+        'queue': (queue.path, lambda: queue.change(lambda q: q)),
+        'tokens': (tokens.path, lambda: tokens.create('x', Role.VIEW)),
+    }
+    path, change = use[file]
+    lock = path.with_name(path.name + '.lock')
+    with locked(lock), pytest.raises(OSError, match='held for more than') as e:
+        change()
+    assert str(lock) in str(e.value) and str(os.getpid()) in str(e.value)
+    change()

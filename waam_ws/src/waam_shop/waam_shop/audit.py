@@ -18,7 +18,9 @@ FIRST = '0' * 64
 LONGEST = 200  # letters of a text in an entry
 LOOKED_AT = 2000  # letters of a text that are searched for secrets; the rest is cut off before
 MOST = 24  # values of one entry
-LARGEST = 2**63  # from here on a whole number is told by its size: readers need not take longer ones
+LARGEST = (
+    2**63
+)  # from here on a whole number is told by its size: readers need not take longer ones
 BYTES = 16 << 10  # of a line; what would make it longer is left out, and said
 CUT = '…'
 LEFT_OUT = '(left out)'  # name of the value that says how many are

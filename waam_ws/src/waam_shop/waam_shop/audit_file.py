@@ -97,7 +97,7 @@ class AuditLog:
 
     def verify(self, expect: str = '') -> Verdict:
         """Walks the whole log. expect: a hash that was kept elsewhere."""
-        with locked(self.path.with_name(NAME + '.lock')):  # only to see where it ends: others write on meanwhile
+        with locked(self.path.with_name(NAME + '.lock')):  # to see where it ends; then others write
             known = self._known()
             size = self.path.stat().st_size if self.path.exists() else 0
         found = verify(self.lines(size), known, expect)

@@ -1,4 +1,4 @@
-"""Files that survive a kill or a power cut as the old or the new whole, and what one process has as long as it lives."""
+"""Files that survive a kill or a power cut as the old or the new whole, and what one process has while it lives."""
 
 from __future__ import annotations
 
