@@ -56,6 +56,11 @@ class Screen:
         state = 'visible' if visible else 'hidden'
         self.page.locator(selector).first.wait_for(state=state, timeout=PATIENCE_MS)
 
+    def none(self, selector: str) -> None:
+        from playwright.sync_api import expect
+
+        expect(self.page.locator(selector)).to_have_count(0, timeout=PATIENCE_MS)
+
     def click(self, selector: str) -> None:
         self.page.click(selector)  # waits until it is enabled and nothing lies over it
 
