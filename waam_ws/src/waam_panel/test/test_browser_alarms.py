@@ -16,7 +16,8 @@ CODES = [(kind, code) for kind, rows in alarms.table().items() for code in rows]
 TOLD = 'HOLD E204 the current of the arc has vanished at x 123.456 y 123.456 z 12.345 (layer 12, bead 34)'
 SHOW_ALL = """async (list) => {
   const { clearAlarms, showAlarms } = await import('/static/alarms.js');
-  const bad = [], date = /^\\d{4}-\\d\\d-\\d\\d \\d\\d:\\d\\d:\\d\\d$/, banner = document.getElementById('banner'), wanted = (a) => `${a.text || a.cause} → ${a.action}`;
+  const bad = [], date = /^\\d{4}-\\d\\d-\\d\\d \\d\\d:\\d\\d:\\d\\d$/;
+  const banner = document.getElementById('banner'), wanted = (a) => `${a.text || a.cause} → ${a.action}`;
   for (const a of list) {
     clearAlarms();
     showAlarms([a], a.id);
