@@ -195,8 +195,8 @@ def texts(count: int) -> list[tuple[str, float | None]]:
     rng = np.random.default_rng(41)
     found: list[tuple[str, float | None]] = []
     wrong = (
-        '1.234,5', '1,234.5', '1 000', '1e', '1e-1', 'NaN', '0x1', '\uff11', '\u0661', '0,2 in', '0.2.1', '-', ',', '1-', '',
-        '9' * 50,
+        '1.234,5', '1,234.5', '1 000', '1e', '1e-1', 'NaN', '0x1', '\uff11', '\u0661', '0,2 in', '0.2.1', '-', ',',
+        '1-', '', '9' * 50,
     )  # fmt: skip
     for n in range(count):
         if n % 5 == 4:
