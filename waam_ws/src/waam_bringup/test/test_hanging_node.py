@@ -8,6 +8,7 @@ import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -17,8 +18,9 @@ from waam_bringup import run_state
 from waam_bringup.client import GraphClient
 from waam_bringup.graph import Settings, processes
 from waam_bringup.shared_memory import ports_of
-from waam_bringup.supervisor import MAX_RESTARTS, Supervisor
+from waam_bringup.supervisor import HANGS_S, MAX_RESTARTS, Supervisor
 from waam_bringup.watchdog import SLEPT_S, Watchdog
+from waam_node import restart
 from waam_node.alive import SignOfLife
 from waam_node.testing import fresh_domain
 
@@ -148,6 +150,58 @@ def test_where_a_hanging_node_stood_is_in_its_log(supervisor, tmp_path):
     log = tmp_path / 'logs' / 'recorder.log'
     assert turn_until(supervisor, lambda: 'Current thread' in log.read_text(), 10)
     assert supervisor.state.nodes['recorder'].exit_code is None
+
+
+def test_a_person_has_what_died_or_hangs_started_again_in_a_job_too(supervisor, tmp_path):
+    set_job(tmp_path, 'DEPOSITING')
+    dead, hangs = supervisor.state.nodes['recorder'], supervisor.state.nodes['feed_forward']
+    turn_until(supervisor, lambda: set(supervisor._ports) == {'recorder', 'feed_forward'}, 10)
+    ports = set(supervisor._ports['recorder'])
+    os.kill(dead.pid, signal.SIGKILL)
+    os.kill(hangs.pid, signal.SIGSTOP)
+    turn_until(supervisor, lambda: False, HANGS_S + 1.5)
+    assert dead.exit_code == -signal.SIGKILL and not dead.restarts + hangs.restarts
+    with ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(restart.ask, tmp_path)
+        assert turn_until(supervisor, asked.done, 30)
+    started = asked.result()
+    assert len(started) == 2 and 'recorder (killed by SIGKILL)' in started
+    assert 'feed_forward (gave no sign of life for' in started[1]
+    assert turn_until(supervisor, lambda: all_heard(supervisor), 30)
+    assert dead.exit_code is None and (dead.restarts, hangs.restarts) == (1, 1)
+    assert ports and not ports & set(ports_of(dead.pid))
+    with ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(restart.ask, tmp_path)
+        assert turn_until(supervisor, asked.done, 30) and asked.result() == []
+
+
+def test_without_a_supervisor_a_request_is_not_left_behind(tmp_path):
+    with pytest.raises(restart.NoSupervisor, match='no supervisor takes the request'):
+        restart.ask(tmp_path, taken_s=0.2)
+    assert restart.take(tmp_path) is None
+    with pytest.raises(restart.NoSupervisor, match='no graph'):
+        restart.ask(tmp_path / 'gone')
+
+
+def test_a_hanging_job_sequencer_that_is_started_again_leaves_its_job_interrupted(tmp_path):
+    nodes = {'job_sequencer': {'package': 'waam_job'}}
+    made = Supervisor(Settings(run=tmp_path, hang_timeout=HANG_S), fresh_domain(), nodes)
+    made.start()
+    try:
+        assert turn_until(made, lambda: all_heard(made), 60)
+        set_job(tmp_path, 'DEPOSITING')
+        os.kill(made.children['job_sequencer'].pid, signal.SIGSTOP)
+        turn_until(made, lambda: False, HANGS_S + 1.5)
+        with ThreadPoolExecutor(1) as pool:
+            asked = pool.submit(restart.ask, tmp_path)
+            assert turn_until(made, asked.done, 30) and len(asked.result()) == 1
+        told = json.loads((tmp_path / 'a_job' / 'status.json').read_text())
+        assert (
+            told['state'] == 'INTERRUPTED'
+            and 'job_sequencer gave no sign of life' in told['message']
+        )
+    finally:
+        made.stop()
 
 
 def test_the_simulated_cell_and_the_controller_are_never_started_again(tmp_path):

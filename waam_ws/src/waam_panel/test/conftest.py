@@ -19,8 +19,9 @@ from waam_panel.operations import Refused
 from waam_panel.parts import PartFolders
 from waam_panel.security import Guard
 from waam_panel.shop_link import ShopLink
+from waam_panel.sources import PROGRAMS
 from waam_panel.standoff_settings import StandoffSettings
-from waam_panel.state import PanelState
+from waam_panel.state import PanelState, Sample
 from waam_panel.web import WebServer
 from waam_shop.notifier import Notifier
 from waam_shop.notify_settings import NotifySettings
@@ -100,6 +101,71 @@ class Panel:
     operations: FakeOperations
     folder: Path
     tokens: dict[str, str] = field(default_factory=dict)  # role -> token, of a panel with tokens
+    saying: dict[str, object] = field(
+        default_factory=dict
+    )  # section -> what its program says again and again
+    living: tuple[str, ...] = ()  # nodes that give signs of life
+
+    def speak(self, *said: tuple[str, object]) -> None:
+        """From now on the programs of the cell live and say this, some times a second."""
+        self.living = PROGRAMS
+        self.saying = dict(said)
+
+    def say(self) -> None:
+        """Once; called by the fixture."""
+        for name, value in dict(self.saying).items():
+            self.cell.mailbox.put((name, value))
+        rows = [
+            {'node': n, 'level': 0, 'message': 'ok', 'viewer': '', 'restarted': ''}
+            for n in self.living
+        ]
+        if rows:
+            self.cell.mailbox.put(('diagnostics', rows))
+
+    @staticmethod
+    def job(state: str, **values) -> dict:
+        """A job_status as `conversions.job` gives it."""
+        told = {
+            'id': '20260101_jaw',
+            'dir': '',
+            'state': state,
+            'loop_mode': 'closed_loop',
+            'material': 'er70s-6',
+        }
+        told |= {
+            'k_gain': 0.2,
+            'layer': 1,
+            'layers': 3,
+            'bead': 2,
+            'beads': 9,
+            'pass': 1,
+            'passes': 1,
+            'progress': 0.3,
+        }
+        told |= {'time_left': 600.0, 'rms_mm': 0.1, 'max_mm': 0.3, 'error_code': 0, 'message': ''}
+        return told | ({'id': '', 'layers': 0} if state == 'IDLE' else {}) | values
+
+    @staticmethod
+    def still(**values) -> Sample:
+        """A frame of a machine that stands."""
+        told = {
+            't': 1.0,
+            'position': (0.01, 0.02, 0.03),
+            'current': 0.0,
+            'voltage': 0.0,
+            'feed_commanded': 0.0,
+        }
+        told |= {
+            'feed': 0.0,
+            'speed': 0.0,
+            'state': 'IDLE',
+            'arc': False,
+            'arc_enabled': False,
+            'gas': False,
+        }
+        return Sample(
+            **told | {'speed_override': 1.0, 'wire_override': 1.0, 'lease_left': 0.4} | values
+        )
 
     @property
     def url(self) -> str:
@@ -145,7 +211,16 @@ def make_panel(tmp_path) -> Iterator:
         made.append(Panel(server, cells[0], operations, tmp_path, given))
         return made[-1]
 
+    over = threading.Event()
+
+    def speak() -> None:
+        while not over.wait(0.2):
+            for panel in list(made):
+                panel.say()
+
+    threading.Thread(target=speak, daemon=True).start()
     yield make
+    over.set()
     for panel in made:
         panel.operations.hang.set()
         panel.server.close()

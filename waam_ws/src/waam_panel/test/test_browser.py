@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,11 @@ class Screen:
         state = 'visible' if visible else 'hidden'
         self.page.locator(selector).first.wait_for(state=state, timeout=PATIENCE_MS)
 
+    def none(self, selector: str) -> None:
+        from playwright.sync_api import expect
+
+        expect(self.page.locator(selector)).to_have_count(0, timeout=PATIENCE_MS)
+
     def click(self, selector: str) -> None:
         self.page.click(selector)  # waits until it is enabled and nothing lies over it
 
@@ -67,7 +73,7 @@ class Screen:
 
 @pytest.fixture(scope='module')
 def cell(tmp_path_factory, write_part, domain):
-    """(address of the page, client of the graph, folder with parts that are not yet uploaded)."""
+    """(address of the page, client of the graph, a part that is not yet uploaded, state of the graph)."""
     folder = tmp_path_factory.mktemp('shift')
     part, worn = write_part(folder / 'usb_stick')
     (folder / 'jobs' / 'parts').mkdir(parents=True)
@@ -79,7 +85,7 @@ def cell(tmp_path_factory, write_part, domain):
             state,
             client,
         ):
-            yield state.panel_url, client, part
+            yield state.panel_url, client, part, state
     finally:
         os.environ.pop('WAAM_JOBS') if before is None else os.environ.update(WAAM_JOBS=before)
 
@@ -118,7 +124,7 @@ def pictures_of_a_bead(s: Screen) -> None:
 
 
 def test_a_whole_shift(cell, browser):
-    address, client, part = cell
+    address, client, part, _ = cell
     s = Screen(browser, 1280, 800)
     s.page.goto(address)
 
@@ -203,6 +209,46 @@ def test_a_whole_shift(cell, browser):
     assert 'lot 4711' in report.text_content('body') and 'Kim' in report.text_content('body')
     s.picture('jobs')
     assert s.said == []
+
+
+def test_a_dead_job_sequencer_is_said_and_started_again_from_the_page(cell, browser):
+    """In the arc. After STOP the page leads out: no command line is needed."""
+    address, _, part, state = cell
+    s = Screen(browser, 1280, 800)
+    s.page.goto(address)
+    s.shows('#machine-state', 'ALARM|IDLE')
+    if s.page.text_content('#machine-state') == 'ALARM':  # just switched on
+        s.click('nav [data-page=move]')
+        s.click('#reset')
+    s.shows('#machine-state', 'IDLE')
+    s.click('nav [data-page=setup]')
+    s.page.set_input_files('#f-upload', part)
+    s.has_value('#f-part', 'block.stl')
+    s.page.select_option('#f-as_found', 'block_worn.stl')
+    s.page.fill('#f-tolerance_mm', '0,3')
+    s.click('#load')
+    s.shows('#said-text', 'tolerance 0.3 mm')
+    start(s)
+    gets_to(s, 'DEPOSITING')
+    s.shows('#arc-state', 'ON')
+    os.kill(state.nodes['job_sequencer'].pid, signal.SIGKILL)
+    s.shows('#job-state', '^not known$')
+    s.shows(
+        '#said-text', 'What the job does is not known: job_sequencer does not answer.*The machine: '
+    )
+    s.shows('#arc-state', 'off')  # the lease has run out
+    s.click('#said-restart')
+    s.shows('#toast', 'press STOP first')
+    s.click('#stop')
+    s.shows('#machine-state', 'IDLE')
+    s.click('#said-restart')
+    s.shows('#toast', r'started again: job_sequencer \(killed by SIGKILL\)')
+    s.shows('#job-state', 'no job')
+    s.shows('#job-detail', 'ended unknown: job_sequencer died')
+    s.click('nav [data-page=jobs]')
+    s.shows('#job-list tr:nth-child(2)', 'INTERRUPTED')
+    s.page.wait_for_selector('#arm:enabled')
+    assert [t for t in s.said if '409' not in t] == []
 
 
 # ---- without ROS: the page itself

@@ -95,6 +95,77 @@ def test_the_list_is_bounded_and_forgets_what_was_dealt_with_first():
     assert [a['code'] for a in log.listing()] == ['106', '105', '104', '103', '102']
 
 
+def code_of(top) -> str | None:
+    return top.code if top else None
+
+
+def test_the_banner_has_the_cause_of_the_end_of_a_job_and_nothing_of_a_job_before():
+    log = AlarmLog()
+    log.job(alarms.RUNNING)
+    log.event(1.0, 'anomaly', 'scan', 1, 'dirty')
+    log.set('fault', 2.0, 'controller', 204, 2, 'arc lost')
+    assert code_of(log.top()) == '204'
+    log.clear('fault')
+    log.job(alarms.ENDED)
+    log.event(3.0, 'job', 108, 2, 'layer 2: HOLD E204 arc lost')
+    assert code_of(log.top()) == '204'
+    log.event(4.0, 'job', 107, 2, 'too few points')  # says all itself, and is newer
+    assert code_of(log.top()) == '107'
+    log.acknowledge(log.top().id)
+    assert log.acknowledge(log.top().id) == 2  # the cause, and the end that it has caused
+    assert code_of(log.top()) == 'scan'
+    log.set('link', 5.0, 'condition', 'disconnected', 3, '')
+    log.job(alarms.RUNNING)
+    assert code_of(log.top()) == 'disconnected'  # it still holds
+    log.clear('link')
+    assert log.top() is None and log.worst() is None
+    assert [a['history'] for a in log.listing()] == [True] * 5
+    log.event(6.0, 'anomaly', 'scan', 1, 'dirty')  # again, in this job
+    assert code_of(log.top()) == 'scan' and log.top().count == 2
+
+
+def test_a_generic_end_of_a_job_gives_way_to_the_newest_fault_of_it():
+    log = AlarmLog()
+    log.job(alarms.RUNNING)
+    log.set('gone', 1.0, 'condition', 'gone', 3, 'no answer from scan_fusion')
+    log.clear('gone')
+    log.job(alarms.ENDED)
+    log.event(2.0, 'job', 109, 2, 'scan_fusion did not answer')
+    assert code_of(log.top()) == 'gone'
+    log = AlarmLog()
+    log.event(2.0, 'job', 108, 2, 'E205 no arc')  # nobody told of E205
+    assert code_of(log.top()) == '108'
+
+
+def test_what_to_do_depends_on_what_the_job_does():
+    log = AlarmLog()
+    log.job(alarms.RUNNING)
+    log.event(1.0, 'controller', 202, 2, 'lease ran out')
+    log.event(1.0, 'controller', 204, 2, 'arc lost')
+
+    def action(code: str) -> str:
+        return next(a['action'] for a in log.listing() if a['code'] == code)
+
+    assert 'resumes by itself' in action('202') and 'start the job again' in action('204')
+    log.job(alarms.PAUSED)
+    assert 'resumes by itself' not in action('202')
+    assert 'spool' in action('204') and 'Resume' in action('204')
+    log.job(alarms.ENDED)
+    assert 'does not go on by itself' in action('202') and 'Resume' not in action('204')
+    log.job(alarms.RUNNING)  # another job: these belong to the one before
+    assert 'does not go on by itself' in action('202')
+
+
+def test_no_text_for_an_ended_job_speaks_of_resuming_it():
+    for kind, rows in alarms.otherwise()[alarms.ENDED].items():
+        assert set(rows) <= set(alarms.table()[kind])
+        assert not [c for c, text in rows.items() if re.search(r'\bResume\b|by itself when', text)]
+    for kind, rows in alarms.table().items():
+        for code, advice in rows.items():
+            waits = re.search(r'job (waits|resumes)|Resume strikes', advice.action)
+            assert not waits or code in alarms.otherwise()[alarms.ENDED].get(kind, {}), (kind, code)
+
+
 # ---- state
 
 

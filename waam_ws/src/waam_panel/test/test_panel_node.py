@@ -168,15 +168,23 @@ class Graph:
             return e.code, json.load(e)
 
     def frame(self, good) -> dict:
-        """The first frame of the stream for which `good` holds."""
+        """The first state of a page for which `good` holds: what has come so far, put together."""
 
         async def go() -> dict:
             origin = {'Origin': self.url.rstrip('/')}
             async with aiohttp.ClientSession() as session:
                 async with session.ws_connect(f'{self.url}stream', headers=origin) as stream:
-                    while not good(frame := await stream.receive_json(timeout=30)):
-                        pass
-                    return frame
+                    sections, alarms = {}, {}
+                    while True:
+                        frame = await stream.receive_json(timeout=30)
+                        if 'history' in frame:
+                            continue
+                        sections |= frame['sections']
+                        alarms |= {a['id']: a for a in frame['alarms']}
+                        newest = sorted(alarms.values(), key=lambda a: -a['id'])
+                        frame |= {'sections': sections, 'alarms': newest}
+                        if good(frame):
+                            return frame
 
         return asyncio.run(asyncio.wait_for(go(), 40))
 

@@ -117,11 +117,12 @@ class AlarmLog:
         False = one that was not ENDED may have begun long ago."""
         if doing == self._doing:
             return
+        before = self._job
         self._job += begins and self._doing == ENDED
         self._doing = doing
         self.version += 1
-        for alarm in self:
-            if not alarm.acknowledged:
+        for alarm in self:  # what is said of these is another thing now
+            if alarm.job == before:
                 alarm.version = self.version
 
     def event(self, now: float, kind: str, code: str | int, severity: int, text: str) -> Alarm:

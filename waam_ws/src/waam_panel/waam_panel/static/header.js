@@ -53,7 +53,7 @@ function showLine(s, m, t, j, running, lostPage) {
 }
 
 function showButtons(m, t, j, setup, running, adjustable) {
-  const ready = Boolean(m && m.connected && t), idle = ready && m.state === 'IDLE' && t.state === 'IDLE';
+  const ready = Boolean(m && m.connected), idle = ready && m.state === 'IDLE' && (!t || t.state === 'IDLE');
   const still = idle && running === false, paused = (j && j.state === 'PAUSED') || (running === false && m && m.state === 'HOLD');
   $('arm').disabled = !still || !j || !setup || m.armed;
   $('start').disabled = !still || !j || !setup || !m.armed;
@@ -63,7 +63,7 @@ function showButtons(m, t, j, setup, running, adjustable) {
   $('load').disabled = running !== false;
   $('disarm').disabled = Boolean(running) || !(m && m.armed);
   $('reset').disabled = !(m && (m.state === 'ALARM' || m.state === 'HOLD')) || Boolean(running);
-  const jogs = running === false && ready && (t.state === 'IDLE' || t.state === 'RUN');
+  const jogs = running === false && ready && Boolean(t) && (t.state === 'IDLE' || t.state === 'RUN');
   document.querySelectorAll('[data-jog], [data-wire]').forEach((b) => { b.disabled = !jogs; });
   document.querySelectorAll('[data-over]').forEach((b) => { b.disabled = !ready; });
   document.querySelectorAll('[data-gain], .wishes button').forEach((b) => { b.disabled = !(running && adjustable); });

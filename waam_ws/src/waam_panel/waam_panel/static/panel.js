@@ -146,7 +146,7 @@ function onFrame(frame) {
   setJob(s.job && s.job.id);
   addSamples(frame.samples);
   showValues(s.telemetry, s.heat, s.temperature); showProcess(s.process); showWidth(s.width, s.width_ratio);
-  showStandoff(s.standoff, s.telemetry, why('standoff'), why('machine'), running); showViewer(known(s, 'viewer'));
+  showStandoff(s.standoff, s.telemetry, why('standoff'), why('machine'), running); showViewer(s.viewer);
   showHeader(s, running, why('panel'));
   if (page === 'machine') showFacts(s);
   moveTorch(known(s, 'telemetry')); refresh(frame.maps);

@@ -1,0 +1,303 @@
+"""The operator's page in a real browser: what it shows that is not known, and what it takes that was not meant.
+
+panel.stale_shown: fields that look present 3 s after their source died: every program of a graph is killed and
+suspended in turn while the arc burns (baseline: fields that were looked at). panel.numbers_wrong: of 200 texts typed
+into number fields, in each of three locales, those that reached the job as another number, or were taken though they
+are no number (baseline: texts typed).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from lib.emit import emit
+from lib.live_graph import LiveGraph
+
+DEAD_S = 3.0
+PATIENCE_MS = 120_000
+NODES = (
+    'job_sequencer', 'bridge', 'scan_fusion', 'correction_server', 'feed_forward', 'thermal_compensator',
+    'process_control', 'recorder', 'dashboard', 'cell', 'virtual_controller',
+)  # fmt: skip
+LOCALES = ('en-US', 'de-DE', 'uk-UA')
+TEXTS = 200
+# of elements that show something of a section: text, whether it is marked, sections
+FIELDS = """() => [...document.querySelectorAll('[data-from]')].filter((e) => !e.closest('[hidden]')).map((e) => {
+  const said = [...e.querySelectorAll('b, s, td, span, canvas')].filter((x) => x.closest('[data-from]') === e);
+  const texts = said.map((x) => (x.tagName === 'CANVAS' ? 'drawn' : x.textContent.trim()));
+  const words = texts.filter((x) => x && x !== '–');
+  return [e.dataset.from.split(' '), words, Boolean(e.closest('.stale'))];
+})"""
+UNKNOWN = (
+    'not known',
+    'does not answer',
+    'nothing on',
+    'NOT CONNECTED',
+    'no part loaded',
+    'loaded: ',
+)
+
+
+@contextmanager
+def browser():
+    """A Chromium."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as p:
+        path = shutil.which('chromium') or shutil.which('google-chrome')
+        made = p.chromium.launch(executable_path=path, args=['--no-sandbox'])
+        yield made
+        made.close()
+
+
+def shows(page, selector: str, pattern: str, patience_ms: int = PATIENCE_MS) -> None:
+    import re
+
+    from playwright.sync_api import expect
+
+    expect(page.locator(selector)).to_have_text(re.compile(pattern), timeout=patience_ms)
+
+
+# ---- panel.stale_shown
+
+
+def sections_of(node: str) -> set[str]:
+    """Sections of the page that a program is the source of; the controller's come through the bridge."""
+    from waam_panel.sources import SOURCES
+
+    if node == 'virtual_controller':
+        return {'telemetry'}
+    return {name for name, source in SOURCES.items() if source.node == node}
+
+
+def looked_at(page, sections: set[str]) -> tuple[int, int]:
+    """Fields of these sections that show something, and how many of them look present."""
+    fields = present = 0
+    for names, words, stale in page.evaluate(FIELDS):
+        if not sections & set(names):
+            continue
+        known = [w for w in words if not any(u in w for u in UNKNOWN)]
+        fields += len(words)
+        present += 0 if stale else len(known)
+    return fields, present
+
+
+def begin(page) -> None:
+    """The arc burns, or at least the machine stands and all programs answer."""
+    from playwright.sync_api import Error
+
+    page.wait_for_selector('body:not(.lost)')
+    try:
+        page.click('#stop')
+        shows(page, '#machine-state', 'IDLE|ALARM')
+        if page.text_content('#machine-state') == 'ALARM':
+            page.click('nav [data-page=move]')
+            page.click('#reset')
+            shows(page, '#machine-state', 'IDLE')
+        page.click('nav [data-page=setup]')
+        page.select_option('#f-part', 'block.stl')
+        page.select_option('#f-as_found', 'block_worn.stl')
+        page.click('#load')
+        shows(page, '#said-text', 'Loaded: ')
+        page.click('#arm')
+        page.click('#start')
+        shows(page, '#arc-state', 'ON')
+    except (Error, AssertionError) as e:
+        print(f'without an arc: {str(e).splitlines()[0]}', file=sys.stderr)
+    page.click('nav [data-page=machine]')
+    page.evaluate('new Promise((done) => setTimeout(done, 1000))')
+
+
+def one_death(page, graph: LiveGraph, node: str, kill: bool) -> tuple[int, int]:
+    """Fields that were looked at, and those that look present DEAD_S after the death."""
+    begin(page)
+    sections = sections_of(node)
+    before, _ = looked_at(page, sections)
+    pid = graph._supervisor.children[node].pid
+    if kill:
+        graph.kill(node)
+    else:
+        os.kill(pid, signal.SIGSTOP)
+    died = time.monotonic()
+    page.evaluate(f'new Promise((done) => setTimeout(done, {1000 * DEAD_S}))')
+    _, present = looked_at(page, sections)
+    gone = page.text_content('#programs')
+    if node != 'virtual_controller' and f'{node}! gone' not in gone:
+        before, present = before + 1, present + 1
+    late = time.monotonic() - died
+    print(
+        json.dumps([node, 'killed' if kill else 'suspended', before, present, round(late, 2)]),
+        file=sys.stderr,
+    )
+    if kill:
+        graph.revive(node)
+    else:
+        os.kill(pid, signal.SIGCONT)
+    return before, present
+
+
+def stale_shown() -> None:
+    from waam_bringup.client import GraphClient
+    from waam_bringup.graph import Settings
+    from waam_bringup.operate import free_port
+    from waam_node.stl import write_worn_block
+    from waam_node.testing import fresh_domain
+
+    looked = present = 0
+    with tempfile.TemporaryDirectory() as folder, browser() as chromium:
+        root = Path(folder)
+        parts = root / 'jobs' / 'parts'
+        parts.mkdir(parents=True)
+        x, y = np.linspace(0, 26, 27), np.linspace(0, 20, 21)
+        trough = 4 * np.clip(1.5 - np.hypot(*np.meshgrid((x - 13) / 9, (y - 10) / 7)), 0, 1)
+        for made, name in zip(
+            write_worn_block(root, x, y, 12.0, trough), ('block', 'block_worn'), strict=True
+        ):
+            made.rename(parts / f'{name}.stl')
+        os.environ['WAAM_JOBS'] = str(root / 'jobs')
+        for kill in (True, False):
+            port, domain = free_port(), fresh_domain()
+            graph = LiveGraph(
+                Settings(run=root / f'run{kill}', rate=1.0, panel_port=port), domain, 90.0
+            )
+            graph.start()
+            try:
+                with GraphClient(domain) as client:
+                    graph.ready(client)
+                    page = chromium.new_page(viewport={'width': 1280, 'height': 800})
+                    page.set_default_timeout(PATIENCE_MS)
+                    page.goto(f'http://127.0.0.1:{port}/')
+                    for node in NODES:
+                        graph.ready(client)
+                        a, b = one_death(page, graph, node, kill)
+                        looked, present = looked + a, present + b
+                    page.close()
+            finally:
+                graph.stop()
+    emit('panel.stale_shown', present, 'fields', 'fields looked at', looked)
+
+
+# ---- panel.numbers_wrong
+
+
+def texts(count: int) -> list[tuple[str, float | None]]:
+    """Texts for a length of 0.02 to 5 mm, and what they mean: None = no number, or none within the limits."""
+    rng = np.random.default_rng(41)
+    found: list[tuple[str, float | None]] = []
+    wrong = (
+        '1.234,5', '1,234.5', '1 000', '1e', '1e-1', 'NaN', '0x1', '\uff11', '\u0661', '0,2 in', '0.2.1', '-', ',',
+        '1-', '', '9' * 50,
+    )  # fmt: skip
+    for n in range(count):
+        if n % 5 == 4:
+            text = wrong[(n // 5) % len(wrong)]
+            found.append((text, None))
+            continue
+        value = round(float(rng.uniform(0.02, 5.0)), int(rng.integers(1, 4)))
+        value = max(value, 0.02) * (10.0 if n % 10 == 7 else 1.0)
+        text = f'{value:.4f}'.rstrip('0').rstrip('.')
+        text = text.replace('.', ',') if n % 2 else text
+        text = ('', ' ', '\u00a0')[n % 3] + text + ('', ' mm', 'mm', ' ')[n % 4]
+        found.append(
+            (
+                text,
+                float(text.strip(' m\u00a0').replace(',', '.')) if 0.02 <= value <= 5.0 else None,
+            )
+        )
+    return found
+
+
+def numbers_wrong() -> None:
+    from waam_bringup.operate import free_port
+    from waam_node.testing import fresh_domain
+    from waam_panel.setup_form import FormError, parse
+
+    wrong = typed = 0
+    with tempfile.TemporaryDirectory() as folder, browser() as chromium:
+        root, port = Path(folder), free_port()
+        (root / 'parts').mkdir()
+        (root / 'parts' / 'a.stl').write_bytes(b'solid')
+        values = {'port': port, 'jobs_dir': root, 'part_folders': f'[{root}/parts]'}
+        given = [x for k, v in values.items() for x in ('-p', f'{k}:={v}')]
+        start = 'from waam_panel.panel_node import main; main()'
+        environment = {
+            **os.environ,
+            'ROS_DOMAIN_ID': str(fresh_domain()),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        }
+        panel = subprocess.Popen(
+            [sys.executable, '-c', start, '--ros-args', *given], env=environment
+        )
+        try:
+            for locale in LOCALES:
+                context = chromium.new_context(locale=locale)
+                page = open_page(context, f'http://127.0.0.1:{port}/')
+                for text, meant in texts(TEXTS):
+                    taken = type_into(page, text)
+                    typed += 1
+                    for data in taken:  # empty: the default, which stands in the field
+                        try:
+                            got = parse(data, (data['material'],)).tolerance_mm
+                        except FormError:
+                            got = None
+                        if got != (0.2 if not text.strip() else meant):
+                            wrong += 1
+                            print(f'{locale}: {text!r} became {got}', file=sys.stderr)
+                    if not taken and (meant is not None or not text.strip()):
+                        wrong += 1
+                        print(f'{locale}: {text!r} was not taken', file=sys.stderr)
+                context.close()
+        finally:
+            panel.terminate()
+            panel.wait(20)
+    emit('panel.numbers_wrong', wrong, 'texts', 'texts typed', typed)
+
+
+def open_page(context, url: str):
+    """The page *Set up* of a panel that is just starting; what it would load is kept, and refused."""
+    from playwright.sync_api import Error
+
+    page, end = context.new_page(), time.monotonic() + 60
+    page.set_default_timeout(PATIENCE_MS)
+    page.loaded = []
+
+    def keep(route) -> None:
+        page.loaded.append(json.loads(route.request.post_data))
+        route.fulfill(json={'ok': False, 'message': 'kept'})
+
+    page.route('**/api/load', keep)
+    while True:
+        try:
+            page.goto(url)
+            break
+        except Error:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.2)
+    page.click('nav [data-page=setup]')
+    page.wait_for_selector('#f-tolerance_mm[data-high]')
+    page.wait_for_selector('#load:enabled')
+    return page
+
+
+def type_into(page, text: str) -> list[dict]:
+    """What is posted when this stands in the field of the tolerance and Load is pressed."""
+    page.loaded.clear()
+    page.evaluate("document.getElementById('toast').textContent = ''")
+    page.fill('#f-tolerance_mm', text)
+    page.click('#load')
+    shows(page, '#toast', '.')
+    return list(page.loaded)
+
+
+FIGURES = {'panel.stale_shown': stale_shown, 'panel.numbers_wrong': numbers_wrong}
