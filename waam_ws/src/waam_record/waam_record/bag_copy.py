@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import yaml
 from mcap.reader import make_reader
 from mcap.records import Channel, Message, Metadata, Schema
+
+from waam_process.safe_files import FileError, parse_yaml
 
 from .bag_reader import bag_files, custom_data_of, info
 from .bag_writer import BagError, BagWriter, Topic
@@ -92,12 +93,21 @@ def _salvage(file: Path, writer: BagWriter, seen: dict[tuple[str, str], int]) ->
 
 def topic_of(channel: Channel, schema: Schema) -> Topic:
     """A topic as another recording keeps it."""
-    profiles = tuple(yaml.safe_load(channel.metadata.get('offered_qos_profiles') or '[]'))
+    profiles = _profiles(channel.metadata.get('offered_qos_profiles') or '[]')
     type_hash = channel.metadata.get('topic_type_hash', '')
     latched = bool(profiles) and all(
         p.get('durability') in ('transient_local', 1) for p in profiles
     )
     return Topic(channel.topic, schema.name, schema.data.decode(), type_hash, profiles, latched)
+
+
+def _profiles(text: str) -> tuple[dict, ...]:
+    """Of the publishers; none where the text is damaged."""
+    try:
+        found = parse_yaml(text, 'offered_qos_profiles')
+    except FileError:
+        return ()
+    return tuple(p for p in found if isinstance(p, dict)) if isinstance(found, list) else ()
 
 
 def messages(

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import yaml
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
+from waam_process.safe_files import FileError, is_file, parse_yaml, read_mapping
+
 from .bag_writer import BagError
 from .salvage import BROKEN, MESSAGE, Damage, decompressed, records
-
-_Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 @dataclass
@@ -73,6 +74,8 @@ def bag_files(path: Path) -> list[Path]:
     files = sorted(path.glob('*.mcap'), key=lambda f: (len(f.name), f.name))
     if not files:
         raise BagError(f'{path}: no .mcap file there')
+    if strange := [f for f in files if not is_file(f)]:
+        raise BagError(f'{strange[0]}: a symbolic link, or no regular file')
     return files
 
 
@@ -100,17 +103,28 @@ def info(path: Path) -> Info:
         if not _indexed_info(file, result, told):
             _streamed_info(file, result, told)
     metadata = (path if path.is_dir() else path.parent) / 'metadata.yaml'
-    if metadata.is_file():
-        root = yaml.load(metadata.read_text(encoding='utf-8'), _Loader) or {}
-        result.custom_data = root.get('rosbag2_bagfile_information', {}).get('custom_data') or {}
+    if os.path.lexists(metadata):
+        result.custom_data = _stated(metadata)
     else:  # the last record of a file says most; to read one takes a tenth of a second
         found = (custom_data_of(record) for record in reversed(told))
         result.custom_data = next((data for data in found if data), {})
     for key, value in result.custom_data.items():
         kind, _, name = key.partition('.')
         if kind in ('lost', 'dropped') and name in result.topics:
-            setattr(result.topics[name], kind, int(value))
+            with suppress(ValueError, TypeError):  # a stranger's word
+                setattr(result.topics[name], kind, int(value))
     return result
+
+
+def _stated(metadata: Path) -> dict[str, str]:
+    """custom_data of a metadata.yaml. BagError for a damaged one."""
+    try:
+        information = read_mapping(metadata).get('rosbag2_bagfile_information') or {}
+        return dict(information.get('custom_data') or {})
+    except (FileError, AttributeError, TypeError, ValueError) as e:
+        raise BagError(
+            str(e) if isinstance(e, FileError) else f'{metadata}: damaged ({e})'
+        ) from None
 
 
 def custom_data_of(record: Metadata) -> dict[str, str]:
@@ -118,9 +132,9 @@ def custom_data_of(record: Metadata) -> dict[str, str]:
     if record.name != 'rosbag2':
         return {}
     try:
-        stated = yaml.load(record.metadata['serialized_metadata'], _Loader) or {}
+        stated = parse_yaml(record.metadata['serialized_metadata'], record.name) or {}
         return dict(stated.get('custom_data') or {})
-    except (KeyError, AttributeError, TypeError, ValueError, yaml.YAMLError):
+    except (KeyError, AttributeError, TypeError, ValueError):
         return {}
 
 
