@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import os
-import zlib
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Message, Metadata, Schema
 
 from waam_process.safe_files import FileError, is_file, parse_yaml, read_mapping
 
+from .bag_check import FileCheck, check_metadata
 from .bag_writer import BagError
-from .salvage import BROKEN, MESSAGE, Damage, decompressed, records
+from .salvage import BROKEN, Damage, records
 
 
 @dataclass
@@ -187,53 +186,12 @@ def _times(result: Info, t: int) -> None:
 
 
 def check(path: Path) -> Check:
-    """Opens every file again, verifies the checksum of every chunk and compares counted messages
-    with the index."""
-    result = Check()
-    for file in bag_files(path):
-        try:
-            found = _count_chunks(file)
-            with open(file, 'rb') as f:
-                summary = make_reader(f).get_summary()
-            stated = summary.statistics.message_count if summary and summary.statistics else None
-            if stated != found:
-                result.problems.append(
-                    f'{file.name}: {found} messages found, its index says {stated}'
-                )
-        except BagError as e:
-            result.problems.append(str(e))
-            continue
-        except BROKEN as e:
-            result.problems.append(f'{file.name}: no usable index ({type(e).__name__})')
-            continue
-        result.messages += found
+    """Reads every file from end to end and compares it with its checksums and indexes (`bag_check`), and a folder with
+    its metadata.yaml. Raises BagError when there is no recording."""
+    result, found = Check(), [FileCheck(file).run() for file in bag_files(path)]
+    for file in found:
+        result.messages += file.messages
+        result.problems += file.problems
+    if Path(path).is_dir() and not result.problems:
+        result.problems += check_metadata(Path(path), found)
     return result
-
-
-def _count_chunks(file: Path) -> int:
-    """Messages of one file, from the bytes of its chunks. Raises BagError."""
-    found, complete = 0, False
-    with open(file, 'rb') as f:
-        try:
-            for record in StreamReader(f, emit_chunks=True, validate_crcs=True).records:
-                if isinstance(record, Chunk):
-                    found += _messages_in(record)
-                complete = complete or isinstance(record, Footer)
-        except BROKEN as e:
-            raise BagError(
-                f'{file}: damaged at byte {f.tell()} ({type(e).__name__}: {e})'
-            ) from None
-    if not complete:
-        raise BagError(f'{file}: ends without a footer')
-    return found
-
-
-def _messages_in(chunk: Chunk) -> int:
-    data = decompressed(chunk.compression, chunk.data, chunk.uncompressed_size)
-    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise ValueError('checksum of a chunk is wrong')
-    count = position = 0
-    while position < len(data):
-        count += data[position] == MESSAGE
-        position += 9 + int.from_bytes(data[position + 1 : position + 9], 'little')
-    return count
