@@ -15,6 +15,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from waam_process.safe_files import parse_json
+
 from .schema import BULK, FIRST_VERSION, SMALL, VERSION
 
 FORMAT = 'waam archive segment'
@@ -92,11 +94,11 @@ def parse(content: str, name: str) -> Segment:
         head = _HEAD.match(content)
         if head is None or int(head.group(1)) != zlib.crc32(content[head.end() :].encode()):
             raise ValueError('the check sum does not fit')
-        data = json.loads(content)
+        data = parse_json(content, name)
         if data['format'] != FORMAT:
             raise ValueError('another kind of file')
         schema = data.pop('schema')
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as e:
+    except (ValueError, KeyError, TypeError, AttributeError) as e:
         why = e if type(e) is ValueError else type(e).__name__
         raise ArchiveError(f'{name}: damaged ({why}); waam jobs verify --repair') from None
     check_version(schema, name)

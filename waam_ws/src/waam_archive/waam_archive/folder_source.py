@@ -4,16 +4,25 @@ damaged map or telemetry file is named in the notes, and the rest is taken."""
 from __future__ import annotations
 
 import hashlib
-import json
+import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from waam_node import job_folder
 from waam_process.materials import MaterialError, get
 from waam_process.names import INTERRUPTED, JOB_ENDED
+from waam_process.safe_files import (
+    FileError,
+    Missing,
+    is_file,
+    opened,
+    parse_json,
+    parse_yaml,
+    read_npz,
+    read_text,
+)
 
 from .beads import Paths, bead_rows
 from .content import Content, Surface
@@ -21,7 +30,6 @@ from .rows import Told, all_rows
 from .surfaces import add_counts, add_surfaces
 from .values import mapping, number, text
 
-_Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 TOLD = (job_folder.JOB, job_folder.REPORT, job_folder.RECORDS, job_folder.STATUS)
 TRACK = (
     't', 'x', 'y', 'z', 'current', 'voltage', 'wire_feed', 'wire_feed_commanded', 'speed', 'temperature', 'arc',
@@ -42,9 +50,9 @@ class NotFinished(SourceError):
 def is_job(folder: Path) -> bool:
     """A folder of one run. The folder of a demo, which holds a report of several, is none."""
     return (
-        (folder / job_folder.JOB).is_file()
-        or (folder / job_folder.RECORDS).is_file()
-        or ((folder / job_folder.REPORT).is_file() and (folder / job_folder.MAPS).is_dir())
+        is_file(folder / job_folder.JOB)
+        or is_file(folder / job_folder.RECORDS)
+        or (is_file(folder / job_folder.REPORT) and (folder / job_folder.MAPS).is_dir())
     )
 
 
@@ -60,7 +68,7 @@ def _files(folder: Path) -> list[Path]:
     fixed = [folder / n for n in (*TOLD, job_folder.TELEMETRY)]
     plans = sorted(folder.glob('plan*.npz'))
     found = [*fixed, *plans, *job_folder.map_files(folder), *job_folder.track_pieces(folder)]
-    return [f for f in found if f.is_file()]
+    return [f for f in found if is_file(f)]
 
 
 def content_hash(folder: Path) -> str:
@@ -73,7 +81,7 @@ def content_hash(folder: Path) -> str:
 
 def hash_file(file: Path) -> str:
     """sha256 of its content."""
-    with open(file, 'rb') as f:
+    with opened(file) as f:
         return hashlib.file_digest(f, 'sha256').hexdigest()
 
 
@@ -100,21 +108,21 @@ def tell(folder: Path) -> Told:
 def _text(file: Path) -> str | None:
     """None when there is no such file. SourceError when it is no text."""
     try:
-        return file.read_text(encoding='utf-8')
-    except FileNotFoundError:
+        return read_text(file)
+    except Missing:
         return None
-    except (OSError, UnicodeDecodeError) as e:
-        raise SourceError(f'{file}: cannot be read ({e})') from None
+    except FileError as e:
+        raise SourceError(str(e)) from None
 
 
 def _parse(file: Path, content: str | None) -> dict[str, Any] | None:
     if content is None:
         return None
     try:
-        data = json.loads(content) if file.suffix == '.json' else yaml.load(content, _Loader)
-    except (ValueError, yaml.YAMLError, RecursionError) as e:
-        reason = ' '.join(str(e).split())[:200] or type(e).__name__
-        raise SourceError(f'{file}: damaged ({reason})') from None
+        parse = parse_json if file.suffix == '.json' else parse_yaml
+        data = parse(content, str(file))
+    except FileError as e:
+        raise SourceError(str(e)) from None
     if not isinstance(data, dict):
         raise SourceError(f'{file}: damaged (it holds no mapping)')
     return data
@@ -160,20 +168,19 @@ def wire_of(told: Told) -> tuple[float | None, float | None, float | None]:
 # ---- arrays --------------------------------------------------------------------------------------
 
 
-def _load(file: Path, notes: list[str]) -> dict[str, np.ndarray]:
+def _load(file: Path, folder: Path, notes: list[str]) -> dict[str, np.ndarray]:
     """Arrays of a file; empty, with a note, when it is damaged."""
     try:
-        with np.load(file, allow_pickle=False) as f:
-            return {k: f[k] for k in f.files}
-    except Exception as e:  # numpy, zipfile and zlib raise what they like for damaged bytes
-        notes.append(f'{file}: damaged, left out ({type(e).__name__}: {str(e)[:120]})')
+        return read_npz(file, folder)
+    except FileError as e:
+        notes.append(f'{e}; left out')
         return {}
 
 
 def _surfaces(folder: Path, notes: list[str]) -> list[Surface]:
     found = []
     for file in job_folder.map_files(folder):
-        if not (data := _load(file, notes)):
+        if not (data := _load(file, folder, notes)):
             continue
         try:
             found.append(_surface(job_folder.layer_of(file), data))
@@ -194,13 +201,13 @@ def _surface(layer: int, data: dict[str, np.ndarray]) -> Surface:
 def _telemetry(folder: Path, notes: list[str]) -> dict[str, np.ndarray]:
     """Columns (n,) of the track; of a job that was cut off, of its pieces."""
     joined = folder / job_folder.TELEMETRY
-    files = [f for f in (joined, *job_folder.track_pieces(folder)) if f.is_file()]
-    parts = [p for f in files if (p := _track(f, notes))]
+    files = [f for f in (joined, *job_folder.track_pieces(folder)) if os.path.lexists(f)]
+    parts = [p for f in files if (p := _track(f, folder, notes))]
     return {k: np.concatenate([p[k] for p in parts]) for k in TRACK} if parts else {}
 
 
-def _track(file: Path, notes: list[str]) -> dict[str, np.ndarray]:
-    data = _load(file, notes)
+def _track(file: Path, folder: Path, notes: list[str]) -> dict[str, np.ndarray]:
+    data = _load(file, folder, notes)
     try:
         track = {k: np.asarray(data[k], float) for k in TRACK} if data else {}
     except (KeyError, ValueError, TypeError) as e:
@@ -216,7 +223,7 @@ def _paths(folder: Path, notes: list[str]) -> Paths:
     """Planned beads of all passes; a later pass counts layers on."""
     parts = []
     for file in sorted(folder.glob('plan*.npz')):
-        data = _load(file, notes)
+        data = _load(file, folder, notes)
         try:
             on = data['kind'] == DEPOSIT if data else np.empty(0, bool)
             if on.any():

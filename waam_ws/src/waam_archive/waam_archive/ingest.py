@@ -34,8 +34,9 @@ class Outcome:
         return bool(self.added or self.updated)
 
 
-def sources(path: Path, depth: int = DEPTH) -> Iterator[Path]:
-    """Job folders and recordings at or below a path. SourceError when there is no such path."""
+def sources(path: Path, depth: int = DEPTH, refused: list[str] | None = None) -> Iterator[Path]:
+    """Job folders and recordings at or below a path. SourceError when there is no such path. refused: takes folders
+    that cannot be looked into, with the reason."""
     if not path.exists():
         raise SourceError(f'{path}: no such file or folder')
     if path.is_file() and path.suffix != '.mcap':
@@ -44,9 +45,16 @@ def sources(path: Path, depth: int = DEPTH) -> Iterator[Path]:
         yield _whole(path)
         return
     if depth and not (path / HEAD).is_file():
-        for below in sorted(path.iterdir()):
+        try:
+            found = sorted(path.iterdir())
+        except OSError as e:
+            if refused is None:
+                raise SourceError(f'{path}: {e.strerror}') from None
+            refused.append(f'{path}: {e.strerror}')
+            return
+        for below in found:
             if below.is_dir() and not below.is_symlink() and not below.name.startswith('.'):
-                yield from sources(below, depth - 1)
+                yield from sources(below, depth - 1, refused)
 
 
 def _whole(path: Path) -> Path:
@@ -75,8 +83,12 @@ def pending(store: Store, paths: Iterable[Path], outcome: Outcome, named: bool) 
     gone = {} if named else store.deleted()
     found = []
     for path in paths:
-        for source in sources(path):
-            place, stamp = str(source.resolve()), stamp_of(source)
+        for source in sources(path, refused=outcome.refused):
+            try:
+                place, stamp = str(source.resolve()), stamp_of(source)
+            except (OSError, ValueError) as e:
+                outcome.refused.append(str(e))
+                continue
             job, before = known.get(place, ('', ''))
             if before == stamp:
                 outcome.unchanged.append(job)
@@ -139,6 +151,9 @@ def _taken(
         return None
     except (SourceError, OSError) as e:
         outcome.refused.append(str(e))
+        return None
+    except Exception as e:  # one job that no check has foreseen takes no other one along
+        outcome.refused.append(f'{source}: {type(e).__name__}: {" ".join(str(e).split())[:200]}')
         return None
     outcome.notes += content.notes
     twin = next((c for c in batch if c.job == content.job), None)

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from mcap.records import Channel, Message, Schema
 
 from waam_node import cdr, job_folder
 from waam_process.loop_mode import with_loop_mode
 from waam_process.names import JOB_STATES
+from waam_process.safe_files import FileError, parse_yaml
 from waam_record.bag_reader import bag_files, info
 from waam_record.bag_writer import BagError
 from waam_record.decode import DecodeError, Decoder
@@ -70,7 +70,7 @@ def read(path: Path) -> Content:
     try:
         files = bag_files(path)
         custom = info(path).custom_data
-    except (BagError, OSError, yaml.YAMLError, ValueError, AttributeError) as e:
+    except (BagError, OSError, ValueError, AttributeError) as e:
         raise SourceError(f'{path}: {e}') from None
     found = _Found()
     for file in files:
@@ -157,8 +157,8 @@ def _told(found: _Found, custom: dict[str, str]) -> Told:
     """What a job folder would say, out of the messages."""
     asked_text = str(custom.get(job_folder.JOB) or '')
     try:
-        asked = mapping(yaml.safe_load(asked_text))
-    except yaml.YAMLError:
+        asked = mapping(parse_yaml(asked_text, job_folder.JOB))
+    except FileError:
         asked = {}
     last = found.messages['job_status'][-1:]
     status = with_loop_mode(_plain(last[0][1])) if last else {}

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from datetime import UTC, datetime
 
 from waam_node.files import write_atomically
+from waam_process.safe_files import read_json
 
 from .catalog import ArchiveError, Catalog, Entry
 from .policy import Decision, Held, Words, decide
@@ -18,7 +19,7 @@ def kept_policy(store: Store) -> Words:
     """The one of the archive; an empty one when there is none. ArchiveError."""
     file = store.root / RETENTION
     try:
-        return Words.parse(json.loads(file.read_text(encoding='utf-8')))
+        return Words.parse(read_json(file))
     except FileNotFoundError:
         return Words()
     except (OSError, ValueError) as e:

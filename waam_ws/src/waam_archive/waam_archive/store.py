@@ -14,6 +14,7 @@ import duckdb
 
 from waam_node.files import sync_folder, write_atomically
 from waam_node.locks import locked
+from waam_process.safe_files import FileError, Missing, read_json, read_text
 
 from .catalog import (
     ArchiveError,
@@ -63,7 +64,7 @@ class Store:
     def check_version(self) -> int:
         """Version of the schema. ArchiveError when another kind of folder, or one of a newer version, lies here."""
         try:
-            data = json.loads((self.root / HEAD).read_text(encoding='utf-8'))
+            data = read_json(self.root / HEAD)
             version: int = data['schema']
         except (OSError, ValueError, KeyError, TypeError) as e:
             raise ArchiveError(f'{self.root / HEAD}: not the head of an archive ({e})') from None
@@ -85,8 +86,8 @@ class Store:
     def deleted(self) -> dict[str, str]:
         """Sources of jobs that were deleted, with their stamps: they come back only when somebody names them."""
         try:
-            data = json.loads((self.root / DELETED).read_text(encoding='utf-8'))
-        except FileNotFoundError:
+            data = read_json(self.root / DELETED)
+        except Missing:
             return {}
         except (OSError, ValueError) as e:
             raise ArchiveError(f'{self.root / DELETED}: damaged ({e})') from None
@@ -119,8 +120,8 @@ class Store:
             before = self._known.get(number)
             if before is not None and before[0] == stamp:
                 return before[1]
-            content = file.read_text(encoding='utf-8')
-        except (OSError, UnicodeDecodeError) as e:
+            content = read_text(file, limit=1 << 30)
+        except (OSError, FileError) as e:
             raise ArchiveError(f'{file}: damaged ({e}); waam jobs verify --repair') from None
         segment = parse(content, str(file))
         if segment.number != number:

@@ -14,6 +14,7 @@ from typing import Any
 from waam_node import job_folder
 from waam_node.files import write_atomically
 from waam_process.names import INTERRUPTED, JOB_ENDED
+from waam_process.safe_files import FileError, read_mapping, read_text
 
 
 @dataclass
@@ -59,8 +60,8 @@ class RunState:
 def load(run: Path) -> RunState | None:
     """The state of the graph in this folder, or None when none was ever started there."""
     try:
-        data: dict[str, Any] = json.loads((run / 'state.json').read_text())
-    except (OSError, json.JSONDecodeError):
+        data = read_mapping(run / 'state.json')
+    except FileError:
         return None
     nodes = {n: NodeState(**s) for n, s in data.pop('nodes').items()}
     return RunState(nodes=nodes, **data)
@@ -91,9 +92,9 @@ ENDED = (*JOB_ENDED, INTERRUPTED)  # states in a job's status.json
 def job_status(run: Path) -> tuple[Path, dict[str, Any]] | None:
     """status.json of the newest job of the graph in this folder, and what it says; None when there is none."""
     try:
-        file = Path((run / 'job').read_text()) / job_folder.STATUS
-        return file, json.loads(file.read_text())
-    except (OSError, json.JSONDecodeError):
+        file = Path(read_text(run / 'job')) / job_folder.STATUS
+        return file, read_mapping(file)
+    except FileError:
         return None
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from waam_process.safe_files import FileError, read_npz, read_text, read_yaml
+
 from .evidence import EvidenceError
 from .regulator import Swing
 from .resonance import Samples
@@ -44,10 +46,12 @@ def save(folder: Path, result: Result, report: str) -> Path:
 def load(path: Path) -> Result:
     """ResultError names the file and what is wrong with it."""
     try:
-        return from_data(yaml.safe_load(path.read_text()))
+        return from_data(read_yaml(path))
     except ResultError as e:
         raise ResultError(f'{path}: {e}') from None
-    except (OSError, UnicodeDecodeError, ValueError, yaml.YAMLError) as e:
+    except FileError as e:
+        raise ResultError(str(e)) from None
+    except (ValueError, TypeError, AttributeError) as e:
         raise ResultError(f'{path}: cannot be read: {e}') from None
 
 
@@ -78,12 +82,12 @@ def save_samples(path: Path, samples: Samples, sweep: Sweep) -> None:
 def load_samples(path: Path) -> tuple[Samples, Sweep]:
     """Samples and the sweep that they were taken in. EvidenceError when the file does not hold them."""
     try:
-        with np.load(path, allow_pickle=False) as data:
-            values, rest = (np.asarray(data[n], float) for n in ('values', 'rest'))
-            rate, limit = float(data['rate']), float(data['range'])
-            samples = Samples(values, rest, rate, limit, int(data['lost']))
-            return samples, Sweep(*map(float, data['sweep']))
-    except (OSError, KeyError, ValueError, TypeError, EOFError) as e:
+        data = read_npz(path)
+        values, rest = (np.asarray(data[n], float) for n in ('values', 'rest'))
+        rate, limit = float(data['rate']), float(data['range'])
+        samples = Samples(values, rest, rate, limit, int(data['lost']))
+        return samples, Sweep(*map(float, data['sweep']))
+    except (KeyError, ValueError, TypeError) as e:
         raise EvidenceError(f'{path} holds no samples of a sweep: {e}') from None
 
 
@@ -91,7 +95,7 @@ def load_swing(path: Path) -> Swing:
     """A relay experiment from a text file: time (s), output (V), arc voltage (V) in each line, commas between; a first
     line with names is allowed. EvidenceError names the file."""
     try:
-        lines = [line for line in path.read_text().splitlines() if line.strip()]
+        lines = [line for line in read_text(path).splitlines() if line.strip()]
         named = bool(lines) and any(c.isalpha() for c in lines[0].replace('e', '').replace('E', ''))
         if not lines[named:]:
             raise ValueError('no line of numbers')

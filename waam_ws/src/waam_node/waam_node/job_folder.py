@@ -106,7 +106,9 @@ def is_record(name: str) -> bool:
 
 def record_folders(folder: Path) -> list[Path]:
     """Recordings of all runs of a job, in their order."""
-    found = [f for f in folder.glob('record*') if f.is_dir() and is_record(f.name)]
+    found = [
+        f for f in folder.glob('record*') if is_record(f.name) and f.is_dir() and not f.is_symlink()
+    ]
     return sorted(found, key=lambda f: int(f.name.partition('_')[2] or 1))
 
 

@@ -19,6 +19,7 @@ from aiohttp import web
 
 from waam_node import job_folder, stop_socket
 from waam_process.grid import HeightGrid
+from waam_process.safe_files import is_file, read_bytes
 from waam_view.job_data import error_after
 from waam_view.mailbox import Mailbox
 
@@ -190,16 +191,16 @@ class Cell:
             lines = (await work(arguments)).splitlines()
         return '\n'.join(line for line in lines if not line.startswith('written:'))
 
-    async def report_page(self, name: str, inner: str) -> Path:
-        """report.html of a job, or of a run inside a demo. Raises HistoryError, WorkError."""
+    async def report_page(self, name: str, inner: str) -> bytes:
+        """report.html of a job, or of a run inside a demo. Raises HistoryError, WorkError, FileError."""
         folder = history.find(self.jobs_dir, name)
         folder = history.find(folder, inner) if inner else folder
-        if not (folder / job_folder.REPORT).is_file():
+        if not is_file(folder / job_folder.REPORT):
             raise history.HistoryError(f'{name} has no report')
         async with self.work_lock:
             if history.report_is_old(folder):
                 await work(['report', str(folder)])
-        return folder / job_folder.REPORT_PAGE
+            return await asyncio.to_thread(read_bytes, folder / job_folder.REPORT_PAGE)
 
 
 CELL: web.AppKey[Cell] = web.AppKey('cell', Cell)  # where the server keeps it

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from waam_node.job_folder import JOB, REPORT, REPORT_PAGE, STATUS
 from waam_process.loop_mode import LOOP_MODES, with_loop_mode
 from waam_process.names import INTERRUPTED
+from waam_process.safe_files import FileError, Missing, is_file, read_mapping
 
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]*')
 SHOWN_FIRST = tuple(reversed(LOOP_MODES))  # of a demo: the closed loop
@@ -23,12 +23,11 @@ class HistoryError(ValueError):
 
 
 def facts_of(file: Path) -> dict[str, Any]:
-    """The object in a JSON file of a job; {} for none."""
+    """The object in a JSON file of a job; {} for none and for a damaged one."""
     try:
-        data = json.loads(file.read_text(encoding='utf-8'))
-    except (OSError, ValueError):
+        return read_mapping(file)
+    except FileError:
         return {}
-    return data if isinstance(data, dict) else {}
 
 
 def jobs(folder: Path, shown: int = SHOWN) -> list[dict[str, Any]]:
@@ -41,19 +40,28 @@ def jobs(folder: Path, shown: int = SHOWN) -> list[dict[str, Any]]:
 def _is_job(folder: Path) -> bool:
     if folder.is_symlink() or not folder.is_dir() or not _NAME.fullmatch(folder.name):
         return False
-    return any((folder / n).is_file() for n in (REPORT, STATUS, JOB))
+    return any(is_file(folder / n) for n in (REPORT, STATUS, JOB))
 
 
 def _row(folder: Path) -> dict[str, Any]:
-    status, report = with_loop_mode(facts_of(folder / STATUS)), facts_of(folder / REPORT)
+    told, damaged = {}, []
+    for name in (STATUS, REPORT):
+        told[name] = {}
+        try:
+            told[name] = read_mapping(folder / name)
+        except Missing:
+            continue
+        except FileError as e:
+            damaged.append(str(e).removeprefix(f'{folder}/'))
+    status, report = with_loop_mode(told[STATUS]), told[REPORT]
     run: dict[str, Any] = next(
         (report[p] for p in SHOWN_FIRST if isinstance(report.get(p), dict)), {}
     )
     runs = [p for p in SHOWN_FIRST if p in report]
     return {
         'id': folder.name,
-        'state': str(status.get('state') or ('DONE' if report else 'UNKNOWN')),
-        'message': str(status.get('message') or ''),
+        'state': 'UNREADABLE' if damaged else _state(status, report),
+        'message': '; '.join(damaged) or str(status.get('message') or ''),
         'part': str(report.get('part') or ''),
         'material': str(report.get('material') or ''),
         'loop_mode': ', '.join(runs) or str(status.get('loop_mode') or ''),
@@ -66,15 +74,20 @@ def _row(folder: Path) -> dict[str, Any]:
     }
 
 
+def _state(status: dict[str, Any], report: dict[str, Any]) -> str:
+    return str(status.get('state') or ('DONE' if report else 'UNKNOWN'))
+
+
 def can_go_on(folder: Path) -> bool:
     """It ended before its last layer and its goal is on disk."""
     state = facts_of(folder / STATUS).get('state')
-    return state in UNFINISHED and (folder / JOB).is_file()
+    return state in UNFINISHED and is_file(folder / JOB)
 
 
 def _number(value: Any) -> float | None:
-    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if good else None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None
 
 
 def find(folder: Path, name: str) -> Path:
@@ -85,6 +98,6 @@ def find(folder: Path, name: str) -> Path:
 
 
 def report_is_old(folder: Path) -> bool:
-    """report.html is missing or older than report.json."""
+    """report.html is missing, no file, or older than report.json."""
     page, data = folder / REPORT_PAGE, folder / REPORT
-    return not page.is_file() or page.stat().st_mtime < data.stat().st_mtime
+    return not is_file(page) or page.stat().st_mtime < data.stat().st_mtime

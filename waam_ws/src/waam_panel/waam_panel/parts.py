@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from waam_process.safe_files import FileError, is_file, read_bytes
+
 SUFFIXES = ('.stl', '.ply', '.obj', '.off')
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9 ._+-]{0,79}')
 LISTED = 500
+LARGEST_PART = 1 << 30  # bytes, of a file in a queue
 
 
 class PartsError(ValueError):
@@ -31,7 +35,7 @@ class PartFolders:
             for file in sorted(folder.glob('*')) if folder.is_dir() else ():
                 if (
                     file.suffix.lower() in self.suffixes
-                    and file.is_file()
+                    and is_file(file)
                     and file.name not in found
                 ):
                     stat = file.stat()
@@ -45,7 +49,7 @@ class PartFolders:
             raise PartsError(f'{name!r} is not the name of a {self.kind}')
         for folder in self.folders:
             file = folder / name
-            if file.suffix.lower() in self.suffixes and file.is_file():
+            if file.suffix.lower() in self.suffixes and is_file(file):
                 return file.resolve()
         raise PartsError(f'there is no {self.kind} {name!r}')
 
@@ -60,9 +64,11 @@ class PartFolders:
         folder = self.folders[0]
         folder.mkdir(parents=True, exist_ok=True)
         file = _free(folder, name, data)
-        if not file.exists():
+        if not is_file(file):
             temporary = folder / f'.{file.name}.new'
-            temporary.write_bytes(data)
+            temporary.unlink(missing_ok=True)
+            with open(temporary, 'xb') as f:
+                f.write(data)
             os.replace(temporary, file)
         return file.name
 
@@ -70,7 +76,22 @@ class PartFolders:
 def _free(folder: Path, name: str, data: bytes) -> Path:
     """The file to write: the name itself, the same content under it, or a numbered one."""
     file, number = folder / name, 1
-    while file.exists() and file.read_bytes() != data:
+    while os.path.lexists(file) and not _holds(file, data):
         number += 1
         file = folder / f'{Path(name).stem}-{number}{Path(name).suffix}'
     return file
+
+
+def sha256_of(file: Path) -> str:
+    """Of its content. Raises PartsError."""
+    try:
+        return hashlib.sha256(read_bytes(file, limit=LARGEST_PART)).hexdigest()
+    except FileError as e:
+        raise PartsError(str(e)) from None
+
+
+def _holds(file: Path, data: bytes) -> bool:
+    try:
+        return read_bytes(file, limit=len(data)) == data
+    except FileError:
+        return False

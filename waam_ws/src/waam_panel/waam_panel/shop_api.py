@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import asdict
@@ -20,6 +19,7 @@ from .cell import CELL, Cell
 from .commanding import BadRequest, command_routes
 from .in_shop import InShop
 from .operations import Refused
+from .parts import sha256_of
 from .queued import fields_of, file_of
 from .routes import WHO, Handler, Route, visitor
 from .security import Visitor
@@ -52,9 +52,7 @@ async def queue_add(cell: Cell, data: dict[str, Any]) -> dict[str, Any]:
     by = WHO.get()
     fields = fields_of(data, cell.materials)
     file = file_of(fields, cell.parts)
-    digest = await cell.beside.thread(
-        'files', lambda: hashlib.sha256(file.read_bytes()).hexdigest()
-    )
+    digest = await cell.beside.thread('files', sha256_of, file)
     now = time.time()
     queue = await _change(cell, lambda q: q.add(fields, by, now, digest))
     return {'message': f'item {queue.last} waits', 'id': queue.last}

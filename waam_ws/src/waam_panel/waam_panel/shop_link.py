@@ -8,7 +8,6 @@ Two panels of one cell: only the first one does that, the other one shows.
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import socket
 import time
 from collections import deque
@@ -29,7 +28,7 @@ from .cell import Cell
 from .deeds import Deed, Deeds
 from .in_shop import Place
 from .operations import Refused
-from .parts import PartsError
+from .parts import PartsError, sha256_of
 from .people import People
 from .programs import ProgramRefused
 from .queued import Start
@@ -218,5 +217,5 @@ def _told_job(cell: Cell) -> dict[str, Any]:
 
 
 def _check_part(file: Path, sha256: str) -> None:
-    if sha256 and hashlib.sha256(file.read_bytes()).hexdigest() != sha256:
+    if sha256 and sha256_of(file) != sha256:
         raise QueueError(f'{file.name} has changed since it was put into the queue')

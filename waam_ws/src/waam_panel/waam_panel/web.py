@@ -17,6 +17,7 @@ from pathlib import Path
 
 from aiohttp import web
 
+from waam_process.safe_files import FileError
 from waam_shop.roles import Role
 
 from . import api, bodies, history, program_page, routes, shop_api, standoff_page, stream
@@ -175,17 +176,12 @@ async def _report(request: web.Request) -> web.StreamResponse:
     name, inner = request.match_info['id'], request.match_info.get('inner', '')
     try:
         page = await cell.report_page(name, inner)
-    except history.HistoryError as e:
+    except (history.HistoryError, FileError) as e:
         raise web.HTTPNotFound(text=str(e)) from None
     except WorkError as e:
         raise web.HTTPInternalServerError(text=f'the report cannot be made: {e}') from None
     headers = {'Content-Security-Policy': _REPORT_POLICY}
-    return web.Response(
-        body=await cell.beside.thread('files', page.read_bytes),
-        content_type='text/html',
-        charset='utf-8',
-        headers=headers,
-    )
+    return web.Response(body=page, content_type='text/html', charset='utf-8', headers=headers)
 
 
 async def _cells(request: web.Request) -> web.Response:

@@ -170,7 +170,7 @@ def parse(text: str) -> Learned:
         raise LearnedError(f'{len(text)} characters long, must be {MOST_BYTES} at most')
     try:
         data = json.loads(text, parse_constant=_no_constant)
-    except (ValueError, RecursionError) as e:
+    except (ValueError, RecursionError, MemoryError) as e:
         raise LearnedError(f'not JSON ({e})') from None
     if not isinstance(data, dict) or data.get('kind') != KIND:
         raise LearnedError(f"not a file of what jobs have taught (kind is not '{KIND}')")

@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import yaml
 from mcap.reader import make_reader
 from mcap.records import Channel, Message, Metadata, Schema
+
+from waam_process.safe_files import FileError, parse_yaml
 
 from .bag_reader import bag_files, custom_data_of, info
 from .bag_writer import BagError, BagWriter, Topic
@@ -49,10 +50,14 @@ class Selection:
 
 def recover(path: Path, output: Path) -> Recovered:
     """Writes everything that is whole in a recording (directory or file) as a new, indexed recording, file by file.
-    The source stays as it is."""
+    The source stays as it is. BagError, and nothing written, when no message is whole."""
     files = bag_files(path)
+    if not any(isinstance(record, Message) for file in files for record in records(file)):
+        damage = [f'{file}: {r}' for file in files for r in records(file) if isinstance(r, Damage)]
+        reason = '; '.join(damage[:3]) or 'no message was ever written'
+        raise BagError(f'{path}: nothing can be recovered ({reason})')
     writer = BagWriter(output, name=Path(output).resolve().name)
-    damage: list[str] = []
+    damage = []
     seen: dict[tuple[str, str], int] = {}
     for number, file in enumerate(files):
         if number:
@@ -92,12 +97,21 @@ def _salvage(file: Path, writer: BagWriter, seen: dict[tuple[str, str], int]) ->
 
 def topic_of(channel: Channel, schema: Schema) -> Topic:
     """A topic as another recording keeps it."""
-    profiles = tuple(yaml.safe_load(channel.metadata.get('offered_qos_profiles') or '[]'))
+    profiles = _profiles(channel.metadata.get('offered_qos_profiles') or '[]')
     type_hash = channel.metadata.get('topic_type_hash', '')
     latched = bool(profiles) and all(
         p.get('durability') in ('transient_local', 1) for p in profiles
     )
     return Topic(channel.topic, schema.name, schema.data.decode(), type_hash, profiles, latched)
+
+
+def _profiles(text: str) -> tuple[dict, ...]:
+    """Of the publishers; none where the text is damaged."""
+    try:
+        found = parse_yaml(text, 'offered_qos_profiles')
+    except FileError:
+        return ()
+    return tuple(p for p in found if isinstance(p, dict)) if isinstance(found, list) else ()
 
 
 def messages(

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import zlib
+import os
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import yaml
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Message, Metadata, Schema
 
+from waam_process.safe_files import FileError, is_file, parse_yaml, read_mapping
+
+from .bag_check import FileCheck, check_metadata
 from .bag_writer import BagError
-from .salvage import BROKEN, MESSAGE, Damage, decompressed, records
-
-_Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+from .salvage import BROKEN, Damage, records
 
 
 @dataclass
@@ -73,6 +73,8 @@ def bag_files(path: Path) -> list[Path]:
     files = sorted(path.glob('*.mcap'), key=lambda f: (len(f.name), f.name))
     if not files:
         raise BagError(f'{path}: no .mcap file there')
+    if strange := [f for f in files if not is_file(f)]:
+        raise BagError(f'{strange[0]}: a symbolic link, or no regular file')
     return files
 
 
@@ -100,17 +102,28 @@ def info(path: Path) -> Info:
         if not _indexed_info(file, result, told):
             _streamed_info(file, result, told)
     metadata = (path if path.is_dir() else path.parent) / 'metadata.yaml'
-    if metadata.is_file():
-        root = yaml.load(metadata.read_text(encoding='utf-8'), _Loader) or {}
-        result.custom_data = root.get('rosbag2_bagfile_information', {}).get('custom_data') or {}
+    if os.path.lexists(metadata):
+        result.custom_data = _stated(metadata)
     else:  # the last record of a file says most; to read one takes a tenth of a second
         found = (custom_data_of(record) for record in reversed(told))
         result.custom_data = next((data for data in found if data), {})
     for key, value in result.custom_data.items():
         kind, _, name = key.partition('.')
         if kind in ('lost', 'dropped') and name in result.topics:
-            setattr(result.topics[name], kind, int(value))
+            with suppress(ValueError, TypeError):  # a stranger's word
+                setattr(result.topics[name], kind, int(value))
     return result
+
+
+def _stated(metadata: Path) -> dict[str, str]:
+    """custom_data of a metadata.yaml. BagError for a damaged one."""
+    try:
+        information = read_mapping(metadata).get('rosbag2_bagfile_information') or {}
+        return dict(information.get('custom_data') or {})
+    except (FileError, AttributeError, TypeError, ValueError) as e:
+        raise BagError(
+            str(e) if isinstance(e, FileError) else f'{metadata}: damaged ({e})'
+        ) from None
 
 
 def custom_data_of(record: Metadata) -> dict[str, str]:
@@ -118,9 +131,9 @@ def custom_data_of(record: Metadata) -> dict[str, str]:
     if record.name != 'rosbag2':
         return {}
     try:
-        stated = yaml.load(record.metadata['serialized_metadata'], _Loader) or {}
+        stated = parse_yaml(record.metadata['serialized_metadata'], record.name) or {}
         return dict(stated.get('custom_data') or {})
-    except (KeyError, AttributeError, TypeError, ValueError, yaml.YAMLError):
+    except (KeyError, AttributeError, TypeError, ValueError):
         return {}
 
 
@@ -173,53 +186,12 @@ def _times(result: Info, t: int) -> None:
 
 
 def check(path: Path) -> Check:
-    """Opens every file again, verifies the checksum of every chunk and compares counted messages
-    with the index."""
-    result = Check()
-    for file in bag_files(path):
-        try:
-            found = _count_chunks(file)
-            with open(file, 'rb') as f:
-                summary = make_reader(f).get_summary()
-            stated = summary.statistics.message_count if summary and summary.statistics else None
-            if stated != found:
-                result.problems.append(
-                    f'{file.name}: {found} messages found, its index says {stated}'
-                )
-        except BagError as e:
-            result.problems.append(str(e))
-            continue
-        except BROKEN as e:
-            result.problems.append(f'{file.name}: no usable index ({type(e).__name__})')
-            continue
-        result.messages += found
+    """Reads every file from end to end and compares it with its checksums and indexes (`bag_check`), and a folder with
+    its metadata.yaml. Raises BagError when there is no recording."""
+    result, found = Check(), [FileCheck(file).run() for file in bag_files(path)]
+    for file in found:
+        result.messages += file.messages
+        result.problems += file.problems
+    if Path(path).is_dir() and not result.problems:
+        result.problems += check_metadata(Path(path), found)
     return result
-
-
-def _count_chunks(file: Path) -> int:
-    """Messages of one file, from the bytes of its chunks. Raises BagError."""
-    found, complete = 0, False
-    with open(file, 'rb') as f:
-        try:
-            for record in StreamReader(f, emit_chunks=True, validate_crcs=True).records:
-                if isinstance(record, Chunk):
-                    found += _messages_in(record)
-                complete = complete or isinstance(record, Footer)
-        except BROKEN as e:
-            raise BagError(
-                f'{file}: damaged at byte {f.tell()} ({type(e).__name__}: {e})'
-            ) from None
-    if not complete:
-        raise BagError(f'{file}: ends without a footer')
-    return found
-
-
-def _messages_in(chunk: Chunk) -> int:
-    data = decompressed(chunk.compression, chunk.data, chunk.uncompressed_size)
-    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise ValueError('checksum of a chunk is wrong')
-    count = position = 0
-    while position < len(data):
-        count += data[position] == MESSAGE
-        position += 9 + int.from_bytes(data[position + 1 : position + 9], 'little')
-    return count

@@ -169,7 +169,12 @@ class BagWriter:
     def _open(self) -> _File:
         path = self.directory / f'{self.name}_{len(self._done)}.mcap'
         stream = open(path, 'wb', buffering=1 << 20)  # noqa: SIM115  closed in _finish
-        writer = Writer(stream, chunk_size=self._chunk_bytes, compression=self._compression)
+        writer = Writer(
+            stream,
+            chunk_size=self._chunk_bytes,
+            compression=self._compression,
+            enable_data_crcs=True,
+        )
         writer.start(profile='ros2', library=LIBRARY)
         file = _File(path, stream, writer)
         self._file = file

@@ -156,7 +156,8 @@ def _recover(args: argparse.Namespace) -> int:
         return error(e)
     for text in saved.damage:
         print(f'note: {text}', file=sys.stderr)
-    print(f'{saved.messages} messages saved in {saved.output}')
+    lost = f'; {len(saved.damage)} damages, see the notes' if saved.damage else ''
+    print(f'{saved.messages} messages saved in {saved.output}{lost}')
     return 0
 
 

@@ -3,7 +3,6 @@ publication."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from mcap.records import Channel, Message, Schema
 
 from waam_node import cdr, job_folder
 from waam_process.loop_mode import with_loop_mode
+from waam_process.safe_files import FileError, parse_json
 
 from .bag_reader import bag_files, info
 from .decode import Decoder
@@ -91,13 +91,23 @@ def load(path: Path, tick: Callable[[int], None] = lambda n: None) -> Record:
     for key, text in custom.items():
         kind, _, node = key.partition('.')
         if kind == 'parameters':
-            record.parameters[node] = json.loads(text)
+            record.parameters[node] = _parameters(folder, key, text)
     if not record.calls['finish']:
         raise ReplayError(
             f'{folder}: holds no call of scan_fusion/finish. Service events are needed '
             '(recorder parameter hidden: true; records made before they existed lack them)'
         )
     return record
+
+
+def _parameters(folder: Path, key: str, text: str) -> dict[str, Any]:
+    try:
+        found = parse_json(text, key)
+    except (FileError, AttributeError) as e:
+        raise ReplayError(f'{folder}: {e}') from None
+    if not isinstance(found, dict):
+        raise ReplayError(f'{folder}: {key} holds no parameters')
+    return found
 
 
 class _Reader:

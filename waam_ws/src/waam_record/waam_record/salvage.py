@@ -43,6 +43,7 @@ _KINDS: dict[int, Any] = {
     FOOTER: Footer,
 }
 FOOTER_SIZE = 8 + 8 + 4
+LARGEST = 1 << 30  # bytes of a chunk, unpacked
 _CHUNK_TIMES = 8 + 8 + 8 + 4  # bytes of a chunk before the name of its compression
 
 
@@ -143,6 +144,8 @@ def _chunk_head(content: bytes) -> tuple[str, int, bytes]:
 def decompressed(compression: str, data: bytes, size: int) -> bytes:
     """The data of a whole chunk; size: what it becomes. Raises one of `BROKEN`."""
     if compression == 'zstd':
+        if size > LARGEST:
+            raise ValueError(f'a chunk claims {size} bytes')
         return zstandard.decompress(data, max_output_size=size)
     if compression == 'lz4':
         return lz4.frame.decompress(data)
@@ -176,6 +179,12 @@ def _inside(data: bytes) -> Iterator[McapRecord]:
 
 
 _MESSAGE_HEAD = struct.Struct('<HIQQ')
+
+
+def message_head(content: bytes) -> tuple[int, int]:
+    """Channel and log time (ns) of a message record. Raises struct.error."""
+    channel, _, log_time, _ = _MESSAGE_HEAD.unpack_from(content)
+    return channel, log_time
 
 
 def _message(data: bytes, at: int, length: int) -> Message:

@@ -13,6 +13,7 @@ from typing import Any
 from waam_node.files import write_atomically
 from waam_node.job_folder import is_record, record_folders
 from waam_node.spread import Workers, spread
+from waam_process.safe_files import read_json
 
 from .summary import as_json
 from .tune import tune
@@ -123,7 +124,7 @@ def _key(piece: Piece, software: str) -> str:
 def _read(file: Path, key: str) -> Found | None:
     """None: not there, torn, or of another record, setting or version."""
     try:
-        data = json.loads(file.read_text(encoding='utf-8'))
+        data = read_json(file)
         return data['result'] if data['key'] == key else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return None

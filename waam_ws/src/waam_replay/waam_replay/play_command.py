@@ -18,6 +18,7 @@ from typing import IO
 
 import yaml
 
+from waam_process.safe_files import parse_json
 from waam_record.bag_reader import info
 from waam_record.read_record import ReplayError, record_folder
 
@@ -77,7 +78,7 @@ def nodes(folder: Path, domain: int) -> Iterator[Callable[[], str]]:
 
         try:
             for node, module in ASKED.items():
-                values = json.loads(custom.get(f'parameters.{node}', '{}'))
+                values = parse_json(custom.get(f'parameters.{node}', '{}'), f'parameters.{node}')
                 values['use_sim_time'] = True
                 file = scratch / f'{node}.yaml'
                 file.write_text(yaml.safe_dump({node: {'ros__parameters': values}}))

@@ -8,6 +8,8 @@ import re
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
+from waam_process.safe_files import FileError, parse_json
+
 FIRST = 'cell'  # name of the cell that has none
 NAME = re.compile(r'[a-z][a-z0-9_]{0,30}')
 FRESH_S = 5.0  # a cell that has told nothing for longer is silent
@@ -68,8 +70,8 @@ class CellStatus:
 def parse(name: str, text: str) -> CellStatus:
     """The status of the cell `name` from the text of its file; what is not understood is left at its default."""
     try:
-        data = json.loads(text)
-    except (ValueError, RecursionError):
+        data = parse_json(text, name)
+    except FileError:
         data = None
     if not isinstance(data, dict):
         return CellStatus(name)

@@ -13,6 +13,8 @@ import re
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
+from waam_process.safe_files import FileError, parse_json
+
 WAITING, RELEASED, RUNNING = 'waiting', 'released', 'running'
 DONE, FAILED, ABORTED, INTERRUPTED = 'done', 'failed', 'aborted', 'interrupted'
 OPEN = (WAITING, RELEASED, RUNNING)
@@ -155,8 +157,8 @@ class Queue:
     def parse(cls, text: str) -> Queue:
         """From the text of the file. Raises QueueError; never anything else, whatever the text is."""
         try:
-            data = json.loads(text, parse_constant=_refuse)
-        except (ValueError, RecursionError):
+            data = parse_json(text, 'queue')
+        except FileError:
             raise QueueError('not JSON') from None
         if not isinstance(data, dict) or data.get('version') != VERSION:
             raise QueueError(f'not a queue of version {VERSION}')

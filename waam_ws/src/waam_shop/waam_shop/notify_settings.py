@@ -56,7 +56,7 @@ def parse(text: str) -> NotifySettings:
         mark = getattr(e, 'problem_mark', None)
         where = f'line {mark.line + 1}: ' if mark else ''
         raise NotifyError(f'{where}not YAML') from None
-    except (ValueError, RecursionError):
+    except (ValueError, RecursionError, MemoryError):
         raise NotifyError('not YAML') from None
     if data is None:
         return NotifySettings()

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from waam_node.locks import locked
+from waam_process.safe_files import FileError, read_text
 
 from .durable import write_durably
 from .job_queue import Queue, QueueError
@@ -31,11 +32,14 @@ class QueueFile:
             status = self.path.stat()
             stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
             if stamp != self._stamp:
-                self._queue = Queue.parse(self.path.read_text(encoding='utf-8'))
+                self._queue = Queue.parse(read_text(self.path))
                 self._stamp = stamp
         except FileNotFoundError:
             self._stamp, self._queue = None, Queue()
-        except (OSError, UnicodeDecodeError, QueueError) as e:
+        except FileError as e:
+            self._stamp = None
+            raise QueueError(str(e)) from None
+        except (OSError, QueueError) as e:
             self._stamp = None
             raise QueueError(f'{self.path}: {e}') from None
         return self._queue

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from waam_process.safe_files import FileError, read_text
+
 from .audit_file import AuditLog
 from .cells import NAME, CellStatus, check_name, parse
 from .queue_file import QueueFile
@@ -53,8 +55,8 @@ class Shop:
 
     def status(self, cell: str) -> CellStatus | None:
         """What the panel of a cell has told last; None when it has told nothing yet."""
-        with suppress(OSError, UnicodeDecodeError):
-            return parse(cell, (self.folder(cell) / STATUS).read_text(encoding='utf-8'))
+        with suppress(FileError):
+            return parse(cell, read_text(self.folder(cell) / STATUS, limit=1 << 20))
         return None
 
     def tell(self, status: CellStatus) -> None:
@@ -62,7 +64,9 @@ class Shop:
         folder = self.folder(status.name)
         folder.mkdir(parents=True, exist_ok=True)
         temporary = folder / f'{STATUS}.new'
-        temporary.write_text(status.text(), encoding='utf-8')
+        temporary.unlink(missing_ok=True)
+        with open(temporary, 'x', encoding='utf-8') as f:
+            f.write(status.text())
         os.replace(temporary, folder / STATUS)
 
     def cells(self) -> list[CellStatus]:

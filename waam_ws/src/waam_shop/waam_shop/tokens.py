@@ -15,6 +15,8 @@ import re
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from waam_process.safe_files import FileError, parse_json
+
 from .roles import ROLES, Role, role_of
 
 PREFIX = 'waam'
@@ -65,8 +67,8 @@ class TokenBook:
     def parse(cls, text: str) -> TokenBook:
         """From the text of the file. Raises TokenError; never anything else, whatever the text is."""
         try:
-            data = json.loads(text)
-        except (ValueError, RecursionError):
+            data = parse_json(text, 'tokens')
+        except FileError:
             hint = ' (a token itself? only hashes are kept: waam token create)'
             raise TokenError(f'not a file of tokens{hint}') from None
         if not isinstance(data, dict) or data.get('version') != VERSION:

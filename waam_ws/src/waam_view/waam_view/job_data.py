@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import math
-import zipfile
+import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from waam_node import job_folder
 from waam_process.grid import GridSpec
+from waam_process.safe_files import FileError, Missing, is_file, read_mapping, read_npz
 
 
 class JobError(ValueError):
@@ -101,20 +100,17 @@ def read_report(folder: Path) -> dict[str, Any]:
     """report.json of a folder. Raises JobError."""
     file = Path(folder) / job_folder.REPORT
     try:
-        report = json.loads(file.read_text(encoding='utf-8'))
-    except FileNotFoundError:
+        return read_mapping(file)
+    except Missing:
         raise JobError(f'{file} is not there: not the folder of a finished job') from None
-    except (OSError, ValueError) as e:
-        raise JobError(f'{file}: {e}') from None
-    if not isinstance(report, dict):
-        raise JobError(f'{file}: must hold an object')
-    return report
+    except FileError as e:
+        raise JobError(str(e)) from None
 
 
 def load_job(folder: Path, report: dict[str, Any], loop_mode: str) -> Job:
     """The run in one loop mode with what its folder holds; `notes` says what could not be read."""
     run = report.get(loop_mode) or {}
-    place = Path(folder) / str(run.get('folder') or '.')
+    place = run_folder(folder, run)
     notes: list[str] = []
     scans = [s for f in job_folder.map_files(place) if (s := load_scan(f, notes))]
     return Job(
@@ -129,11 +125,20 @@ def load_job(folder: Path, report: dict[str, Any], loop_mode: str) -> Job:
     )
 
 
+def run_folder(folder: Path, run: Any) -> Path:
+    """Folder of a run of a report: the report's own, or one in it. JobError for any other place."""
+    name = str((run if isinstance(run, dict) else {}).get('folder') or '.')
+    place = Path(folder) / name
+    if name != '.' and (name != Path(name).name or name == '..' or place.is_symlink()):
+        raise JobError(f'{folder}: its report names the folder {name[:80]!r}, which is not in it')
+    return place
+
+
 def _arrays(file: Path, notes: list[str]) -> dict[str, np.ndarray]:
     try:
-        with np.load(file, allow_pickle=False) as f:
-            return {k: f[k] for k in f.files}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as e:
+        below = file.parent.parent if file.parent.name == job_folder.MAPS else file.parent
+        return read_npz(file, below)
+    except FileError as e:
         notes.append(f'{file.name} cannot be read ({e})')
         return {}
 
@@ -165,7 +170,7 @@ def error_after(folder: Path, layer: int, spec: GridSpec, z: np.ndarray) -> np.n
     it may be that of another scan after the same layer.
     """
     file = Path(folder) / job_folder.map_after(layer)
-    stored = load_scan(file, []) if file.is_file() else None
+    stored = load_scan(file, []) if is_file(file) else None
     if stored is None or GridSpec(*stored.origin, stored.resolution, *stored.z.shape) != spec:
         return None
     return replace(stored, maps={**stored.maps, 'z': z}).error
@@ -173,17 +178,17 @@ def error_after(folder: Path, layer: int, spec: GridSpec, z: np.ndarray) -> np.n
 
 def _telemetry(place: Path, notes: list[str]) -> dict[str, np.ndarray]:
     file = place / job_folder.TELEMETRY
-    data = _arrays(file, notes) if file.is_file() else {}
+    data = _arrays(file, notes) if os.path.lexists(file) else {}
     return data if 't' in data and len(data['t']) else {}
 
 
 def _asked(place: Path, notes: list[str]) -> dict[str, Any]:
     file = place / job_folder.JOB
-    if not file.is_file():
-        return {}
     try:
-        return yaml.safe_load(file.read_text(encoding='utf-8')) or {}
-    except (OSError, yaml.YAMLError) as e:
+        return read_mapping(file)
+    except Missing:
+        return {}
+    except FileError as e:
         notes.append(f'job.yaml cannot be read ({e})')
         return {}
 

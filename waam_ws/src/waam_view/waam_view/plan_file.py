@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from waam_process.grid import GridSpec
+from waam_process.safe_files import parse_json, read_npz
 from waam_process.segment import Kind
 
 
@@ -82,9 +81,8 @@ class PlanFile:
 def read_plan(path: Path | str) -> PlanFile:
     """Raises PlanFileError."""
     try:
-        with np.load(path, allow_pickle=False) as f:
-            data = {key: f[key] for key in f.files}
-        about = json.loads(str(data['about']))
+        data = read_npz(Path(path))
+        about = parse_json(str(data['about']), 'about')
         (x, y), (rows, cols) = data['origin'].tolist(), data['nominal'].shape
         spec = GridSpec(x, y, float(data['resolution']), rows, cols)
         return PlanFile(
@@ -97,7 +95,7 @@ def read_plan(path: Path | str) -> PlanFile:
             nominal=data['nominal'],
             runs=_runs(data),
         )
-    except (OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile) as error:
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, MemoryError) as error:
         raise PlanFileError(f'{path}: not a stored plan ({error})') from None
 
 

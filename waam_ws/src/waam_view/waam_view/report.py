@@ -17,12 +17,13 @@ from waam_node import job_folder
 from waam_node.files import write_atomically
 from waam_process import names
 from waam_process.loop_mode import LOOP_MODES, LoopMode
+from waam_process.safe_files import is_file
 
 from . import figures
 from .bend_section import bend_section
 from .comparison import comparison_page, machines
 from .html import cards, duration, escape, fmt, page, picture, table
-from .job_data import Job, JobError, flatten, load_job, number, read_report
+from .job_data import Job, JobError, flatten, load_job, number, read_report, run_folder
 from .layer_tables import layers_section
 from .loop_summary import loop_summary
 from .passes import passes_section
@@ -52,9 +53,8 @@ def write_report(folder: Path) -> Path:
 def write_all(folder: Path) -> list[Path]:
     """The report of a folder, after those of the runs inside it (demo). Raises JobError."""
     report = read_report(Path(folder))
-    inside = {str((report.get(p) or {}).get('folder') or '.') for p in LOOP_MODES} - {'.'}
-    below = [Path(folder) / name for name in sorted(inside)]
-    written = [write_report(f) for f in below if (f / job_folder.REPORT).is_file()]
+    inside = {run_folder(folder, report.get(p)) for p in LOOP_MODES} - {Path(folder)}
+    written = [write_report(f) for f in sorted(inside) if is_file(f / job_folder.REPORT)]
     return [*written, write_report(folder)]
 
 

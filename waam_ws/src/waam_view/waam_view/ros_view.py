@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import rerun as rr
 
 from waam_node import job_folder
+from waam_process.safe_files import FileError, read_mapping
 
 from . import blueprint as bp
 from .drawing import free_port
@@ -82,8 +82,8 @@ def _title(path: Path) -> str:
 def job_ended(folder: Path) -> bool:
     """True when status.json says that the job is over."""
     try:
-        status = json.loads((folder / job_folder.STATUS).read_text(encoding='utf-8'))
-    except (OSError, ValueError):
+        status = read_mapping(folder / job_folder.STATUS)
+    except FileError:
         return False
     return status.get('state') in ENDED
 

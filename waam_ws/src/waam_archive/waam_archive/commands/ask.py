@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from waam_process.safe_files import read_yaml
 
 from ..figures import GROUPS, Prices, grouped, key_figures
 from ..metrics import METRICS
@@ -140,7 +143,7 @@ def read_prices(file: Path) -> Prices:
     import yaml
 
     try:
-        return Prices.parse(yaml.safe_load(file.read_text(encoding='utf-8')))
+        return Prices.parse(read_yaml(file))
     except (ValueError, yaml.YAMLError) as e:
         raise ValueError(f'{file}: {" ".join(str(e).split())}') from None
 
@@ -184,7 +187,10 @@ def _print_record(record: dict[str, Any], page: Path | None) -> None:
 
 
 def _sql(args: argparse.Namespace) -> int:
-    columns, rows = opened(args, bulk=True).sql(args.query)
+    archive = opened(args, bulk=True)
+    columns, rows = archive.sql(args.query)
+    for line in archive.left_out:
+        print(f'waam: warning: {line}', file=sys.stderr)
     if args.json:
         print_json([dict(zip(columns, r, strict=True)) for r in rows])
     else:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from waam_node.files import write_atomically
 from waam_node.job_folder import CHECKPOINT, CHECKPOINT_BEFORE
+from waam_process.safe_files import FileError, Missing, parse_json, read_text
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class CheckpointError(ValueError):
 def parse(text: str, name: str) -> Checkpoint:
     """Raises CheckpointError when the text is torn, changed or of another kind."""
     try:
-        data = json.loads(text)
+        data = parse_json(text, name)
         crc, own = data.pop('crc32'), _crc(data)
         checkpoint = Checkpoint(**data)
     except (ValueError, KeyError, TypeError, AttributeError) as e:
@@ -69,7 +70,7 @@ def save(folder: Path, checkpoint: Checkpoint) -> None:
 def _whole(file: Path) -> str:
     """Text of a checkpoint that is fit to be kept; '' when the file is missing, torn or changed."""
     try:
-        text = file.read_text()
+        text = read_text(file)
         parse(text, file.name)
     except (OSError, ValueError):
         return ''
@@ -81,9 +82,9 @@ def load(folder: Path) -> tuple[Checkpoint | None, list[str]]:
     doubts: list[str] = []
     for name in (CHECKPOINT, CHECKPOINT_BEFORE):
         try:
-            return parse((folder / name).read_text(errors='replace'), name), doubts
-        except FileNotFoundError:
+            return parse(read_text(folder / name), name), doubts
+        except Missing:
             continue
-        except (CheckpointError, OSError) as e:
+        except (CheckpointError, FileError) as e:
             doubts.append(str(e))
     return None, doubts

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import yaml
@@ -18,6 +17,7 @@ import yaml
 from waam_node import job_folder
 from waam_node.files import write_atomically
 from waam_process.grid import GridSpec
+from waam_process.safe_files import FileError, read_mapping, read_npz
 
 
 def clean(value: Any) -> Any:
@@ -69,13 +69,7 @@ class JobFolder:
 
     def read_yaml(self, name: str) -> dict:
         """Raises ValueError that names the file when it cannot be read."""
-        try:
-            data = yaml.safe_load((self.path / name).read_text())
-        except (OSError, yaml.YAMLError) as e:
-            raise ValueError(f'{self.path / name}: {e}') from None
-        if not isinstance(data, dict):
-            raise ValueError(f'{self.path / name}: holds no mapping')
-        return data
+        return read_mapping(self.path / name, self.path)
 
     def next_run(self) -> int:
         """Number of the run that would start now; 1 is the job's first."""
@@ -84,18 +78,24 @@ class JobFolder:
     def read_json(self, name: str) -> dict | None:
         """None when the file is missing or torn."""
         try:
-            return json.loads((self.path / name).read_text())
-        except (OSError, ValueError):
+            return read_mapping(self.path / name, self.path)
+        except FileError:
             return None
 
     def read_map(self, number: int) -> dict[str, np.ndarray] | None:
         """Maps (rows, cols) after layer `number` by name (docs/job_folder.md); None when it is missing or torn."""
-        return _load_npz(self.path / job_folder.map_after(number))
+        return self._arrays(self.path / job_folder.map_after(number))
 
     def last_map(self) -> int:
         """Number of the newest whole scan, -1 = none."""
         numbers = [job_folder.layer_of(f) for f in job_folder.map_files(self.path)]
         return next((n for n in reversed(numbers) if self.read_map(n)), -1)
+
+    def _arrays(self, file: Path) -> dict[str, np.ndarray] | None:
+        try:
+            return read_npz(file, self.path)
+        except FileError:
+            return None
 
     def write_track(self, run: int, number: int, columns: dict[str, np.ndarray]) -> None:
         """A piece of the telemetry track, columns (n,) SI, to be joined at the end."""
@@ -107,7 +107,7 @@ class JobFolder:
         """degC that the newest whole piece of the telemetry track ends with, NaN when there is none."""
         pieces = reversed(job_folder.track_pieces(self.path))
         for piece in (*pieces, self.path / job_folder.TELEMETRY):
-            shown = (_load_npz(piece) or {}).get('temperature')
+            shown = (self._arrays(piece) or {}).get('temperature')
             if shown is not None and shown.size:
                 return float(shown[-1])
         return math.nan
@@ -115,7 +115,7 @@ class JobFolder:
     def join_tracks(self) -> None:
         """telemetry.npz out of all pieces, in the order of their names; the pieces go."""
         pieces = job_folder.track_pieces(self.path)
-        parts = [p for p in map(_load_npz, [self.path / job_folder.TELEMETRY, *pieces]) if p]
+        parts = [p for p in map(self._arrays, [self.path / job_folder.TELEMETRY, *pieces]) if p]
         if pieces and parts:
             joined = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
             _replace_npz(self.path / job_folder.TELEMETRY, joined)
@@ -138,7 +138,8 @@ class JobFolder:
 
     def append_json(self, name: str, data: dict) -> None:
         """One more line of a file of JSON lines; a crash leaves at most the last one torn."""
-        with open(self.path / name, 'a', encoding='utf-8') as f:
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+        with open(os.open(self.path / name, flags, 0o666), 'a', encoding='utf-8') as f:
             f.write(json.dumps(clean(data)) + '\n')
 
     def write_map(self, number: int, spec: GridSpec, **maps: np.ndarray) -> None:
@@ -156,18 +157,11 @@ class JobFolder:
 
 def _replace_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
     unfinished = path.with_name(f'.{path.name}')
+    unfinished.unlink(missing_ok=True)  # torn, or a link that somebody put there
     np.savez_compressed(unfinished, allow_pickle=False, **arrays)
     with open(unfinished, 'rb') as f:
         os.fsync(f.fileno())
     os.replace(unfinished, path)
-
-
-def _load_npz(path: Path) -> dict[str, np.ndarray] | None:
-    try:
-        with np.load(path) as f:
-            return {k: f[k] for k in f.files}
-    except (OSError, ValueError, EOFError, BadZipFile):
-        return None
 
 
 def point_latest(jobs_dir: Path, target: str) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from waam_node import job_folder
+from waam_node.files import write_atomically
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.post.gcode import gcode
 from waam_plan.post.store import save_plan
@@ -234,9 +235,10 @@ class Journal:
     def plan(self, plan: Plan, pass_number: int) -> None:
         """plan.npz and program.gcode; later passes have their number in the name. `plan`: its layers count from 1."""
         folder = self.folder.path
-        (folder / job_folder.program(pass_number)).write_text(gcode(plan))
+        write_atomically(folder / job_folder.program(pass_number), gcode(plan))
         finished = folder / job_folder.plan(pass_number)
         unfinished = finished.with_name(f'.{finished.name}')
+        unfinished.unlink(missing_ok=True)
         save_plan(plan, unfinished)
         unfinished.replace(finished)
 

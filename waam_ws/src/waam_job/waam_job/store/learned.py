@@ -11,6 +11,7 @@ from pathlib import Path
 
 from waam_node.files import write_atomically
 from waam_process.learned import Learned, LearnedError, nothing, parse, plain
+from waam_process.safe_files import FileError, Missing, read_text
 
 
 def file_name(text: str) -> str:
@@ -22,10 +23,12 @@ def file_name(text: str) -> str:
 def read(path: Path) -> Learned:
     """LearnedError names the file and what is wrong with it. FileNotFoundError when there is none."""
     try:
-        return parse(path.read_text(encoding='utf-8'))
-    except FileNotFoundError:
-        raise
-    except (OSError, UnicodeDecodeError, LearnedError) as e:
+        return parse(read_text(path))
+    except Missing as e:
+        raise FileNotFoundError(str(e)) from None
+    except FileError as e:
+        raise LearnedError(str(e)) from None
+    except LearnedError as e:
         raise LearnedError(f'{path}: {e}') from None
 
 

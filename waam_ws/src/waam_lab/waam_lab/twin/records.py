@@ -9,13 +9,13 @@ import hashlib
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
 from waam_job.model.geometry import aim_at
 from waam_node import job_folder
 from waam_process.grid import GridSpec
+from waam_process.safe_files import FileError, read_npz
 
 NEEDED = ('t', 'x', 'y', 'z', 'current', 'voltage', 'wire_feed', 'arc', 'layer')
 MAPPED = ('z', 'origin', 'resolution', 'planned')
@@ -164,7 +164,6 @@ def _deposits(plan: dict[str, np.ndarray]) -> dict[int, np.ndarray]:
 
 def _npz(file: Path) -> dict[str, np.ndarray]:
     try:
-        with np.load(file, allow_pickle=False) as f:
-            return {k: f[k] for k in f.files}
-    except (OSError, ValueError, EOFError, BadZipFile, KeyError) as e:
-        raise RecordError(f'{file}: cannot be read ({e})') from None
+        return read_npz(file)
+    except FileError as e:
+        raise RecordError(str(e)) from None

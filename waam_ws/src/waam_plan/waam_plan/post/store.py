@@ -6,13 +6,13 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from waam_plan.plan import Plan, PlanError, PlannedLayer
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
+from waam_process.safe_files import parse_json, read_npz
 from waam_process.segment import Kind, Segment
 
 VERSION = 1
@@ -72,12 +72,11 @@ def save_plan(plan: Plan, path: Path | str) -> None:
 def load_plan(path: Path | str) -> Plan:
     """The plan of `save_plan` (maps of layers to float32). Raises PlanError when the file is not one."""
     try:
-        with np.load(path, allow_pickle=False) as f:
-            data = {key: f[key] for key in f.files}
-        about = json.loads(str(data['about']))
+        data = read_npz(Path(path))
+        about = parse_json(str(data['about']), 'about')
         version = about['version']
         plan = _plan(data, about) if version == VERSION else None
-    except (OSError, EOFError, KeyError, TypeError, ValueError, BadZipFile) as error:
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, MemoryError) as error:
         raise PlanError(f'{path}: not a stored plan ({error})') from error
     if plan is None:
         raise PlanError(f'{path}: plan of version {version}, this program reads {VERSION}')

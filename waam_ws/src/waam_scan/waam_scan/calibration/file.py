@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from waam_process.safe_files import FileError, Missing, read_yaml
+
 from ..transform import Mounting
 from .solve import PARAMETERS, Calibration
 
@@ -94,11 +96,11 @@ def save_calibration(
 def load_calibration(path: Path) -> StoredCalibration:
     """Reads and checks a file. CalibrationFileError when it is none, was changed, or does not observe the pose."""
     try:
-        data = yaml.safe_load(Path(path).read_text())
-    except FileNotFoundError:
+        data = read_yaml(Path(path))
+    except Missing:
         raise CalibrationFileError(f'{path}: no such file') from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as e:
-        raise CalibrationFileError(f'{path}: cannot be read: {e}') from None
+    except FileError as e:
+        raise CalibrationFileError(str(e)) from None
     if not isinstance(data, dict) or data.get('waam_calibration') != VERSION:
         raise CalibrationFileError(f'{path}: not a calibration file of version {VERSION}')
     if data.get('sha256') != digest(data):
