@@ -8,7 +8,8 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 from waam_job.cli_program import asked_of
 from waam_msgs.action import RunJob
@@ -21,6 +22,9 @@ from .client import ClientError, GraphClient
 from .operate import ended, graph_watch, require_up
 from .paths import jobs_dir
 from .progress import JobProgress
+
+if TYPE_CHECKING:  # the planner is loaded only when a job is checked
+    from waam_job.model.goal import Checked
 
 _R = RunJob.Result
 REFUSED = (
@@ -70,8 +74,8 @@ def make_goal(args: argparse.Namespace, jobs: Path, learned: Path | None = None)
     return goal
 
 
-def check_arguments(args: argparse.Namespace) -> list[float]:
-    """Refuses what can be refused without a graph. Returns x, y, z that the job reaches up to, m from work zero."""
+def check_arguments(args: argparse.Namespace) -> Checked:
+    """Refuses what can be refused without a graph. Returns the job with part and program read."""
     from waam_job.model.goal import JobError, JobGoal, check
 
     goal = JobGoal(jobs_dir=Path('.'), **_goal_fields(args), **asked_of(args).goal_fields())
@@ -79,13 +83,13 @@ def check_arguments(args: argparse.Namespace) -> list[float]:
         if getattr(args, name) < 0:
             raise ValueError(f'--{name} is {getattr(args, name)}, must not be negative')
     try:
-        upper = check(goal).bounds[1].tolist()
+        checked = check(goal)
     except JobError as e:
         raise ValueError(str(e)) from None
     if args.as_found and not args.as_found.exists():
         raise ValueError(f'--as-found {args.as_found}: no such file')
     check_calibration(args)
-    return upper
+    return checked
 
 
 def check_calibration(args: argparse.Namespace) -> None:
@@ -97,12 +101,12 @@ def check_calibration(args: argparse.Namespace) -> None:
 
 def run_job(args: argparse.Namespace, run: Path, domain: int) -> int:
     """0 done, 1 failed, 2 refused, 130 cancelled."""
-    upper = check_arguments(args)
+    checked = check_arguments(args)
     state = require_up(run)
     jobs = (args.jobs or jobs_dir()).resolve()
     with GraphClient(domain) as client:
         if state.simulated:
-            place_part(client, args, upper)
+            place_part(client, args, checked)
         elif args.as_found:
             raise ValueError(
                 '--as-found is for the simulated cell; on a real one the part is on the table'
@@ -155,20 +159,26 @@ def override(speed: float, wire: float, domain: int) -> tuple[float, float]:
         return client.override(speed, wire, os.environ.get('USER') or 'command line')
 
 
-def place_part(client: GraphClient, args: argparse.Namespace, upper: list[float]) -> None:
-    """Simulated cell: the worn part, or for a build a plate under all that it reaches (`upper`, m from work zero)."""
+def place_part(client: GraphClient, args: argparse.Namespace, checked: Checked) -> None:
+    """Simulated cell: the worn part where the program expects it, or for a build a plate under all that it reaches."""
     if running := client.running_job():
         raise ClientError(
             f'a job is running already: {running.job_id} (waam status, waam job abort)'
         )
     if asked_of(args).mode == 'build':
-        client.load_part('', build_plate(upper), -1)
+        client.load_part('', build_plate(checked.bounds[1].tolist()), -1)
         return
     if not args.as_found:
         raise ValueError(
             'the simulated table is empty: say with --as-found which worn mesh lies on it (or use --mode build)'
         )
-    client.load_part(str(args.as_found.resolve()), (0.0, 0.0, 0.0), -1)
+    lies = checked.on_table(args.as_found)
+    for note in lies.notes:
+        print(f'as found: {note}')
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / 'as_found.npz'
+        lies.heights.save_npz(file)
+        client.load_part(str(file), (0.0, 0.0, 0.0), -1)
 
 
 def report_result(result: RunJob.Result, gone: Sequence[str] = ()) -> int:

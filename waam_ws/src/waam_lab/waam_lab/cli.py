@@ -60,12 +60,12 @@ def register(commands: argparse._SubParsersAction) -> None:
 def _add_part(p: argparse.ArgumentParser) -> None:
     p.add_argument('part', type=Path, help=PART_HELP)
     add_program(p)
-    p.add_argument('--as-found', type=Path, help='STL (mm) of the worn part that lies on the table')
+    p.add_argument('--as-found', type=Path, help='mesh or cloud of the worn part on the table')
     p.add_argument(
         '--mode', choices=('restore', 'build'), help='default: restore with --as-found, else build'
     )
     p.add_argument('--material', default=DEFAULT_MATERIAL, help='key of the material table')
-    p.add_argument('--scale', type=float, default=1e-3, help='metres per unit of the part file')
+    p.add_argument('--scale', type=float, default=1e-3, help='metres per unit of both files')
     p.add_argument('--repair', action='store_true', help='close holes of the mesh')
     p.add_argument('--allowance', type=float, default=0.0, metavar='MM', help='left for machining')
 

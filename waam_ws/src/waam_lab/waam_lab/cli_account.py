@@ -30,7 +30,7 @@ def run_account(args: argparse.Namespace) -> int:
     out = args.out or Path(os.environ.get('WAAM_JOBS', 'jobs')) / make_job_id(
         f'account-{args.part.stem}'
     )
-    job = over_seeds(job_of(args, out), parse_seeds(args.seeds)[:1])[0]
+    job = over_seeds(job_of(args, out)[0], parse_seeds(args.seeds)[:1])[0]
     trace = MetalTrace()
     result = run(job, trace)
     console = Console(highlight=False)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from waam_job.cli_program import asked_of
@@ -75,8 +76,9 @@ def settings_of(
     return wanted, plan
 
 
-def job_of(args: argparse.Namespace, out: Path) -> LabJob:
-    """The job of the command line, checked as far as possible before it runs. Raises ValueError."""
+def job_of(args: argparse.Namespace, out: Path) -> tuple[LabJob, tuple[str, ...]]:
+    """The job of the command line, checked as far as possible before it runs, and what of the worn part's file was left
+    out or assumed. Raises ValueError."""
     overrides, plan = settings_of(args.set, args.cell_file)
     if args.urdf is not None:
         if args.machine != ROBOT:
@@ -107,11 +109,10 @@ def job_of(args: argparse.Namespace, out: Path) -> LabJob:
         keep=args.keep_jobs,
         learned=args.learned,
     )
-    _check(job, args)
-    return job
+    return job, _check(job, args)
 
 
-def _check(job: LabJob, args: argparse.Namespace) -> None:
+def _check(job: LabJob, args: argparse.Namespace) -> tuple[str, ...]:
     for name in ('layers', 'workers'):
         if getattr(args, name) < 0:
             raise ValueError(f'--{name} is {getattr(args, name)}, must not be negative')
@@ -124,7 +125,7 @@ def _check(job: LabJob, args: argparse.Namespace) -> None:
         checked = check(job.goal)
     except JobError as e:
         raise ValueError(str(e)) from None
-    on_table(job, checked, known, physics_of(job, known))
+    return on_table(job, checked, known, physics_of(job, known)).notes
 
 
 def run_campaign(args: argparse.Namespace) -> int:
@@ -132,7 +133,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     seeds = parse_seeds(args.seeds)
     jobs_dir = Path(os.environ.get('WAAM_JOBS', 'jobs'))
     out = args.out or jobs_dir / make_job_id(f'lab-{args.part.stem}')
-    job = job_of(args, out)
+    job, notes = job_of(args, out)
     console = Console(highlight=False)
     pieces = Pieces(out / 'pieces', software_revision())
     trials, taken = [], None
@@ -154,7 +155,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     told = shlex.join(['waam', *sys.argv[1:]])
     wall = time.monotonic() - started
     campaign = report.Campaign(
-        job, results, wall, workers, told, args.cluster, tuple(trials), taken
+        job, results, wall, workers, told, args.cluster, tuple(trials), taken, notes
     )
     page = report.write(out, campaign)
     pieces.clear()
@@ -178,6 +179,8 @@ def show(campaign: report.Campaign, console: Console) -> None:
         f'[{colour}]{share.count} of {share.of} jobs in tolerance[/], of all such jobs '
         f'{share.low * 100:.0f} to {share.high * 100:.0f} % (95 % confidence)'
     )
+    for text in campaign.warnings:
+        console.print(f'[yellow]warning:[/] {escape(text)}')
     failed = campaign.failed
     for r in failed[:5]:
         console.print(f'[red]seed {r.seed} failed:[/] {r.message}')

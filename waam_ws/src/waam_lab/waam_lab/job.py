@@ -32,7 +32,8 @@ class LabJob:
     """One job on one cell."""
 
     goal: JobGoal  # as of run_job; its jobs_dir is used only with `keep`
-    as_found: Path | None = None  # mesh (mm) of the worn part on the table; None = a flat plate
+    # mesh or cloud of the worn part on the table, in coordinates and units of the nominal one; None = a flat plate
+    as_found: Path | None = None
     seed: int = 1  # of everything random in the cell
     # node -> parameter -> value, on top of the graph's files; unknown names are refused
     overrides: Overrides = field(default_factory=dict)

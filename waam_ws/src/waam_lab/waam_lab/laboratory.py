@@ -18,6 +18,7 @@ from waam_job.run.runner import JobRunner
 from waam_job.store.folder import JobFolder
 from waam_job.store.program import keep_program
 from waam_node import job_folder
+from waam_plan.mesh.placed import Table
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.operating import MACHINES, build_plate
 from waam_sim import part as parts
@@ -46,7 +47,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
     _check_cell(job)
     checked = check(replace(job.goal, learned_dir=job.learned))
     physics = physics_of(job, known)
-    plant = Plant(on_table(job, checked, known, physics), physics, job.seed)
+    plant = Plant(on_table(job, checked, known, physics).heights, physics, job.seed)
     cell = LabCell(known, plant, job.faults, trace, watch, job.machine)
     try:
         with _folder(job, checked, known) as folder:
@@ -100,16 +101,17 @@ def physics_of(job: LabJob, known: params.LabParams) -> PlantParams:
 
 def on_table(
     job: LabJob, checked: Checked, known: params.LabParams, physics: PlantParams
-) -> HeightGrid:
-    """What lies in the cell; for a build a plate that is large enough. ValueError when it cannot be read or is too
-    large."""
+) -> Table:
+    """What lies in the cell; for a build a plate that is large enough. ValueError when it cannot be read, is too large or
+    does not lie on the nominal part."""
     metal = physics.metal
     if job.as_found is not None:
-        return parts.from_stl(str(job.as_found), metal.cell, metal.margin, physics.robot.tilt)
+        lies = checked.on_table(job.as_found, metal.cell, metal.margin)
+        return replace(lies, heights=parts.placed(lies.heights, metal.cell))
     if job.goal.mode == 'restore':
         raise ValueError("as_found (--as-found): a restoration needs the mesh of the worn part")
     wanted = build_plate(checked.bounds[1], known.job_sequencer.plate_zero)
-    return parts.plate(*wanted, metal.cell, metal.margin)
+    return Table(parts.plate(*wanted, metal.cell, metal.margin))
 
 
 def _note_planned(trace: MetalTrace, folder: JobFolder) -> None:

@@ -56,6 +56,18 @@ class Campaign:
     cluster: str = ''  # address of the cluster that did the work; '' = workers of this machine
     trials: tuple[layouts.Trial, ...] = ()  # layouts that were tried before, on other cells
     taken: layouts.Trial | None = None  # the one of them that the results belong to
+    notes: tuple[str, ...] = ()  # what of the worn part's file was left out or assumed
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the planner warns of, as the first job that was planned tells it, and the notes."""
+        told: list[str] = [f'as found: {text}' for text in self.notes]
+        for r in self.results:
+            first = [a for a in r.anomalies if a.get('class') == 'height' and not a.get('layer')]
+            texts = [str(a.get('text')) for a in first if a.get('severity') == 'WARNING']
+            if r.anomalies or not r.failed:
+                return told + [f'seed {r.seed}: {text}' for text in dict.fromkeys(texts)]
+        return told
 
     @property
     def by(self) -> str:
@@ -175,6 +187,7 @@ def html(c: Campaign, maps: bands.Maps | None) -> str:
         _subtitle(c),
         _verdict(c),
         _cards(c),
+        _warnings(c),
         '<h2>Over all cells</h2>' + _bands(c),
         _layouts(c),
         _pictures(c, maps),
@@ -204,6 +217,13 @@ def _verdict(c: Campaign) -> str:
     said = f'{share.count} of {share.of} jobs in tolerance'
     small = f'of all such jobs: {chance} (95 % confidence)'
     return f'<div class="verdict {kind}">{escape(said)}<small>{escape(small)}</small></div>'
+
+
+def _warnings(c: Campaign) -> str:
+    if not c.warnings:
+        return ''
+    items = ''.join(f'<li>{escape(text)}</li>' for text in c.warnings)
+    return f'<h2>Warnings</h2><ul class="warnings">{items}</ul>'
 
 
 def _cards(c: Campaign) -> str:

@@ -154,7 +154,7 @@ async def load(cell: Cell, data: dict[str, Any]) -> str:
     cell.parts.find(setup.part)
     named = setup.as_found and setup.as_found != LAST_SCAN
     as_found = cell.parts.find(setup.as_found) if named else None
-    said = await cell.do(cell.operations.load, setup, as_found)
+    said = await cell.do(cell.operations.load, setup, await cell.on_table(setup, as_found))
     cell.setup, cell.going_on = setup, None
     cell.state.sections['setup'] = setup.as_dict() | {'words': setup.words}
     return f'{said}: {setup.words}'

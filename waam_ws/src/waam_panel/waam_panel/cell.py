@@ -182,6 +182,16 @@ class Cell:
         HeightGrid(self.state.scan['spec'], self.state.scan['z']).save_npz(file)
         return file
 
+    async def on_table(self, setup: JobSetup, worn: Path | None) -> Path | None:
+        """What the simulated cell is to put on its table: the worn part where the program expects it, a height map; the
+        file itself where there is none, or the cell is real. Raises WorkError, PartsError."""
+        if worn is None or setup.mode == 'build' or not self.operations.simulated:
+            return worn
+        file = Path(self._scratch.name) / 'table.npz'
+        async with self.work_lock:
+            await work(['table', str(self.parts.find(setup.part)), str(worn), str(file)])
+        return file
+
     async def make_preview(self, setup: JobSetup) -> str:
         """Plans the part; the picture lies at `preview`. Returns the table. Raises WorkError, PartsError."""
         out = self.preview.parent

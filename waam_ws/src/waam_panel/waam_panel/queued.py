@@ -57,7 +57,10 @@ class Start:
             except WorkError as e:
                 raise Refused(str(e)) from None
         elif self.setup.as_found:
-            as_found = cell.parts.find(self.setup.as_found)
+            try:
+                as_found = await cell.on_table(self.setup, cell.parts.find(self.setup.as_found))
+            except WorkError as e:
+                raise Refused(str(e)) from None
         await cell.do(cell.operations.load, self.setup, as_found)
 
     async def run(self) -> None:

@@ -2,6 +2,7 @@
 
 python3 -m waam_panel.worker plan PART ... --out DIR     like `waam plan`, material defaults filled in
 python3 -m waam_panel.worker report FOLDER               report.html of a job
+python3 -m waam_panel.worker table PART WORN OUT         WORN as it lies in the simulated cell, a height map (.npz)
 python3 -m waam_panel.worker program JSON                a look at a program, JSON
 """
 
@@ -77,12 +78,28 @@ def _program(text: str) -> int:
     return 0
 
 
+def _table(part: str, worn: str, out: str) -> int:
+    from waam_plan.mesh.part import load_part
+    from waam_plan.mesh.placed import on_table
+    from waam_plan.settings import PlanSettings
+
+    try:
+        nominal = load_part(part, 1e-3, require_closed=False)
+        on_table(nominal, Path(worn), 1e-3, PlanSettings()).heights.save_npz(out)
+    except ValueError as e:
+        print(e, file=sys.stderr)
+        return 2
+    return 0
+
+
 def main(arguments: list[str]) -> int:
     """0; otherwise one line on stderr says why."""
     if arguments[:1] == ['report']:
         from waam_view.report import main as report
 
         return report(arguments[1:])
+    if arguments[:1] == ['table']:
+        return _table(*arguments[1:])
     if arguments[:1] == ['program']:
         return _program(arguments[1])
     from waam_plan.cli import register

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from waam_plan.lay.restore import plan_restoration
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.robot import parts
 from waam_plan.robot.abb import write_rapid
@@ -244,8 +245,11 @@ def test_fanuc_has_its_parameters_in_registers(small):
     cell = RobotCell(positioner='turn', origin=CENTRE, fanuc=FanucSettings(lead=0.2))
     files = write_ls(small, cell=cell)
     main, first = lines(files['WAAM.LS']), lines(files['WAAM001.LS'])
-    for text in ('R[32]=0.20', 'R[50]=0.30', 'R[71]=1', 'R[92]=1', 'R[101]=50.00'):
+    for text in ('R[32]=0.20', 'R[71]=1', 'R[92]=1', 'R[101]=50.00'):
         assert text in main
+    assert any('R[101]mm/sec' in line for line in first)
+    waits = any(line == 'WAIT R[50]' for line in first)  # where the idle moves are too short
+    assert ('R[50]=0.30' in main) == waits
     roles = [line for line in first if line.startswith('R[10]=')]
     assert [line[6:11] for line in roles] == ['R[71]', 'R[72]', 'R[73]']  # first, inner, last bead
     assert [line[6:11] for line in first if line.startswith('R[11]=')] == [
@@ -262,6 +266,83 @@ def test_fanuc_has_its_parameters_in_registers(small):
     changed = read_ls(files, cell=cell)
     ratios = [b.feed / a.feed for a, b in zip(moves, changed, strict=True) if a.arc]
     assert sorted({round(r, 3) for r in ratios}) == [1.0, 1.25]
+
+
+# ---- what is declared is used, and what is used is declared
+
+
+def named(pattern: str, text: str) -> set[str]:
+    return set(re.findall(pattern, text))
+
+
+def names_of_fanuc(files: dict[str, str]) -> tuple[set[str], set[str]]:
+    """Registers and points that are set, and those that are read. PR and P count as a whole."""
+    declared, used = set(), set()
+    for file, text in files.items():
+        program, places = text.split('/POS')
+        for line in lines(program):
+            assigned = re.match(r'(P?R\[\d+)(?:,\d)?\]=', line)
+            declared |= {assigned[1]} if assigned else set()
+            used |= named(r'P?R\[\d+', line[assigned.end() :] if assigned else line)
+            used |= {f'{file} {p}' for p in named(r'(?<![A-Z])P\[\d+', line)}
+        declared |= {f'{file} {p}' for p in named(r'(?m)^P\[\d+', places)}
+        declared |= {f'CALL {file[:-3]}'} if file != 'WAAM.LS' else set()
+        used |= named(r'CALL \w+', program)
+    return declared, used
+
+
+def names_of_kuka(files: dict[str, str]) -> tuple[set[str], set[str]]:
+    declared, used = set(), set()
+    for file, text in files.items():
+        module = file.split('.')[0]
+        text = re.sub(r'"[^"]*"', '', text)
+        if file.endswith('.dat'):
+            declared |= {f'{module} {n}' for n in named(r'DECL \w+ (\w+)=', text)}
+        else:
+            used |= {f'{module} {n}' for n in named(r'\b(?:XP\d+|WDAT\d+|WP)\b', text)}
+            declared |= {f'{n}()' for n in named(r'DEF (WAAM\d+)\(', text)}
+            used |= {f'{n}()' for n in named(r'(?m)^(WAAM\d+)\(', text)}
+    return declared, used
+
+
+def names_of_abb(files: dict[str, str]) -> tuple[set[str], set[str]]:
+    declared, used = set(), set()
+    for file, text in files.items():
+        module = file.split('.')[0]
+        local = named(r'LOCAL (?:CONST|PERS) \w+ (\w+):=', text)
+        declared |= {f'{module} {n}' for n in local}
+        body = re.sub(r'(?m)^ *(?:LOCAL )?(?:CONST|PERS) .*$', '', text)
+        used |= {f'{module} {n}' for n in named(r'(?<![\w\\])(?:p|v|z|wd|sm)\d+\b', body)}
+        declared |= named(r'(?m)^ *PERS wobjdata (\w+):', text) | named(r'PROC (WAAM\d+)', text)
+        used |= named(r'WObj:=(\w+)', body) | named(r'(?m)^ *(WAAM\d+);', body)
+    return declared, used
+
+
+NAMES = {'fanuc': names_of_fanuc, 'kuka': names_of_kuka, 'abb': names_of_abb}
+
+
+@pytest.mark.parametrize('language', LANGUAGES)
+@pytest.mark.parametrize('law', ['harmonic', 'plain'])
+@pytest.mark.parametrize('positioner', ['none', 'turn'])
+def test_what_a_program_declares_is_used_and_the_reverse(language, law, positioner):
+    """Over the settings that leave something out: one bead or many, arc off before or after, no voltage, no wait."""
+    spec = GridSpec.covering(0.0, 0.0, 0.06, 0.05, 1e-3)
+    for size, fanuc, flow in (
+        (0.05, FanucSettings(), 0.3),
+        (0.006, FanucSettings(lead=-0.2, voltage_output=0), 0.0),
+        (0.03, FanucSettings(smoothing=40, registers=False), 0.3),
+    ):
+        inside = (np.abs(spec.x[None] - 0.03) < size / 2) & (np.abs(spec.y[:, None] - 0.025) < 0.02)
+        nominal = HeightGrid(spec, np.where(inside, 0.01, np.nan))
+        found = HeightGrid(spec, np.where(inside, 0.006, 0.0))
+        plan = plan_restoration(found, nominal, PlanSettings(idle_law=law))
+        cell = RobotCell(positioner=positioner, origin=CENTRE, fanuc=fanuc, pre_flow=flow)
+        files = LANGUAGES[language][0](plan, cell=cell)
+        declared, used = NAMES[language](files)
+        assert used and declared == used
+        if language == 'fanuc' and fanuc.registers:
+            assert ('R[101' in used) == (law == 'plain')
+            assert any('R[101]mm/sec' in text for text in files.values()) == (law == 'plain')
 
 
 def test_fanuc_puts_the_arc_out_after_the_end(small):

@@ -293,11 +293,11 @@ def _warping(args: argparse.Namespace) -> Displacements | None:
 
 
 def _restoration(part: Part, args: argparse.Namespace, settings: PlanSettings) -> Plan:
-    from waam_plan.mesh.inputs import of_part
     from waam_plan.mesh.part import check_fits
+    from waam_plan.mesh.placed import surfaces_of
 
     check_fits(part.tilted(settings.tilt_deg), settings)
-    surfaces = of_part(part, args.as_found, args.scale, settings, args.zone)
+    surfaces = surfaces_of(part, args.as_found, args.scale, settings, args.zone)
     return _restored(surfaces, args, settings)
 
 

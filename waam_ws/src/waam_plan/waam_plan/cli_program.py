@@ -52,6 +52,7 @@ def program_plan(args: argparse.Namespace, settings: PlanSettings) -> Plan:
     """The program as layers and beads, checked like a plan. Raises ValueError with a text for the user."""
     from waam_process.grid import GridSpec, HeightGrid
 
+    from .agreement import check
     from .mesh.part import load_part
     from .mesh.surface import top_surface
     from .read.files import load_program
@@ -73,5 +74,7 @@ def program_plan(args: argparse.Namespace, settings: PlanSettings) -> Plan:
     found = HeightGrid.full(spec, 0.0)
     if args.as_found:
         found = top_surface(load_part(args.as_found, args.scale, False).mesh, spec, offset)
+        if nominal is not None:
+            check(found, nominal, settings, bottom=0.0)
     mode = args.mode or ('restore' if args.as_found else 'build')
     return plan_program(program, settings, found, nominal, layers=args.layers, mode=mode)

@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
+from waam_process.grid import GridSpec
+
 EIGHT = np.ones((3, 3), bool)
 # bead widths: a wall up to this thickness is one bead, beyond it two overlap better
 ONE_BEAD = 1.05
@@ -54,8 +56,8 @@ def flanks(z: np.ndarray, cell: float) -> np.ndarray:
     return found
 
 
-def _disc(radius: int) -> np.ndarray:
-    at = np.arange(-radius, radius + 1)
+def _disc(radius: float) -> np.ndarray:
+    at = np.arange(-int(radius), int(radius) + 1)
     return at[:, None] ** 2 + at[None] ** 2 <= radius**2
 
 
@@ -108,6 +110,38 @@ def drop_small(mask: np.ndarray, cells: float) -> np.ndarray:
     keep = size >= cells
     keep[0] = False
     return keep[labels]
+
+
+def label(mask: np.ndarray) -> np.ndarray:
+    """Number of the island (8 neighbours) of every cell, from 1; 0 = not set."""
+    labels: np.ndarray = ndimage.label(mask, EIGHT)[0]
+    return labels
+
+
+def highest_near(z: np.ndarray, cells: float) -> np.ndarray:
+    """The highest known value within `cells` of every cell; NaN stays NaN."""
+    around = ndimage.grey_dilation(np.where(np.isfinite(z), z, -np.inf), footprint=_disc(cells))
+    return np.where(np.isfinite(z), around, np.nan)
+
+
+def drop_spots(height: np.ndarray, area: float, spec: GridSpec) -> np.ndarray:
+    """What stands above 0 (m), without islands smaller than `area` (m2); 0 elsewhere and for NaN."""
+    positive = np.nan_to_num(height, nan=0.0) > 0
+    return np.where(drop_small(positive, area / spec.resolution**2), height, 0.0)
+
+
+def largest(mask: np.ndarray, spec: GridSpec) -> str:
+    """Area of the set cells and the place of the largest island of them, for a person: '12 mm2 at x = ...'."""
+    labels, count = ndimage.label(mask, EIGHT)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    sizes[0] = 0
+    at = np.argmax(sizes)
+    # the innermost cell of it: the middle of a ring would lie off the ring
+    row, col = np.unravel_index(np.argmax(distance_inside(labels == at)), mask.shape)
+    area = mask.sum() * spec.resolution**2 * 1e6
+    place = f'{area:.3g} mm2' if area < 1000 else f'{area:.0f} mm2'
+    more = f' in {count} places, the largest' if count > 1 else ''
+    return f'{place}{more} at x = {spec.x[col] * 1e3:.1f} mm, y = {spec.y[row] * 1e3:.1f} mm'
 
 
 def fill_unknown(z: np.ndarray) -> np.ndarray:

@@ -44,6 +44,7 @@ _LIMITS: dict[str, Pair] = {
     'finish_layers': (0, 5),
     'finish_growth': (1.0, 2.0),
     'allowance': (-5e-3, 10e-3),
+    'wear_limit': (1e-3, 1.0),
     'smoothing': (0.0, 2.0),
     'edge_inset': (0.0, 1.0),
     'overrun': (0.0, 10e-3),
@@ -129,6 +130,8 @@ class PlanSettings:
     finish_growth: float = 1.0  # thickness of a finishing layer over that of the one above it
     max_layer_ratio: float = 1.4  # thickest layer over layer_height
     allowance: float = 0.0  # metal wanted above nominal, for machining
+    # a scan of which nearly all lies lower than this is not one of a worn part, but lies in another place
+    wear_limit: float = 15e-3
     smoothing: float = 0.5  # window over which the as-found surface is smoothed, in bead widths
     edge_inset: float = 0.2  # distance of bead ends from the edge of the region, in pitches
     overrun: float = 1.0e-3  # metal laid over the free sides of the part, to be machined off

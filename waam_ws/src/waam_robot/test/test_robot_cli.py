@@ -68,6 +68,36 @@ def test_files_of_the_source_there_and_back(waam, tmp_path):
     assert np.array(again) == pytest.approx(told, abs=1e-8)
 
 
+def segment(kind: str, **shift: float) -> str:
+    moved = ''.join(f'<{axis}>{mm}</{axis}>' for axis, mm in shift.items())
+    return f'<Segment><JointType>{kind}</JointType><Frame>{moved}</Frame></Segment>'
+
+
+@pytest.mark.parametrize('joints', [1, 2, 5, 7])
+def test_a_chain_of_any_number_of_joints(waam, tmp_path, joints):
+    """Each turns about z and is 100 mm long: all at 10 degrees, the tip lies where the sum says."""
+    link = segment('RotZ', X=100)
+    xml, points = tmp_path / 'chain.xml', tmp_path / 'points.txt'
+    fixed = segment('Fixed', Z=50)
+    xml.write_text(f'<Segments>{fixed}{link * joints}</Segments>')
+    turns = np.radians(10) * np.arange(1, joints + 1)
+    x, y = 100 * np.cos(turns).sum(), 100 * np.sin(turns).sum()
+    status, out, _ = waam('fk', '-c', xml, *[10] * joints)
+    assert status == 0
+    for name, value in (('X', x), ('Y', y), ('Z', 50.0)):
+        assert f'{name} {value:9.3f}' in out
+    points.write_text('; '.join(['0.1745329251994'] * joints))
+    status, out, _ = waam('fk', '-c', xml, '-i', points)
+    numbers = [float(v) for v in out.split(';')]
+    assert status == 0 and numbers[9:] == pytest.approx([x, y, 50.0], abs=1e-6)
+    wrong = waam('fk', '-c', xml, *[10] * (joints + 1))
+    assert wrong[0] == 2 and f'the chain has {joints} joints, and {joints + 1} numbers' in wrong[2]
+    points.write_text('; '.join(['0.1'] * (joints + 1)))
+    assert f'{joints + 1} numbers' in waam('fk', '-c', xml, '-i', points)[2]
+    xml.write_text(f'<Segments>{fixed}</Segments>')
+    assert 'the chain has no joint' in waam('fk', '-c', xml, 1)[2]
+
+
 def test_split_prints_table_2_2(waam, tmp_path):
     file = tmp_path / 'points.txt'
     file.write_text(

@@ -28,7 +28,7 @@ examples:
   waam robot ik -c robot.xml -i i_input.txt -o i_output.txt     poses -> angles, branch nearest to the state before
   waam robot split points.txt -o split.txt --speed 20     a path divided between robot and positioner
 
-Files hold one point per line, numbers between semicolons. f_input: six angles, rad. i_input: six angles of the state
+Files hold one point per line, numbers between semicolons. f_input: six angles, rad (with -c one per joint). i_input: six angles of the state
 before, the rotation matrix by rows, x; y; z in mm. split: X; Y; Z (mm); W; P; R (deg) of the tool on the part.
 With -c, angles are those of the XML: J2 = 0 upright, J3 against the upper arm.
 
@@ -58,7 +58,7 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 
 def _register_kinematics(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     for name, names, text, verb in (
-        ('fk', 'J1 J2 J3 J4 J5 J6', 'joint angles -> where flange and tool are', forward_verb),
+        ('fk', 'J1 J2 J3 J4 J5 J6, with -c as many as the chain has joints', 'joint angles -> where flange and tool are', forward_verb),
         ('ik', 'X Y Z W P R', 'where the tool is -> joint angles, all branches', inverse_verb),
     ):
         p = verbs.add_parser(name, help=text, description=text)
@@ -144,14 +144,20 @@ def forward_verb(args: argparse.Namespace) -> str:
     import numpy as np
 
     from . import points
-    from .arm import M20IB25, forward, limit_text
+    from .arm import AXES, M20IB25, forward, limit_text
 
     chain = _chain(args)
+    joints = len(chain.joints) if chain else AXES
+    if not joints:
+        raise ValueError(f'{args.config}: the chain has no joint')
     if args.input:
-        angles = _read(args.input, points.read_angles)
+        angles = _read(args.input, lambda text: points.read_angles(text, joints))
         poses = chain.forward(angles) if chain else forward(M20IB25, _counting(args).to_dh(angles))
         return points.pose_lines(poses)
-    angles = np.radians(_six(args, 'joint angles in degrees, or -i FILE'))
+    if chain and len(args.numbers) != joints:
+        told = f'the chain has {joints} joints, and {len(args.numbers)} numbers are given'
+        raise ValueError(f'{told}; wanted their angles in degrees, or -i FILE')
+    angles = np.radians(_numbers(args, joints, 'joint angles in degrees, or -i FILE'))
     if chain:
         tip = _pose_text('tip', chain.forward(angles))
         beyond = chain.beyond(angles)
@@ -185,7 +191,7 @@ def inverse_verb(args: argparse.Namespace) -> str:
         except ArmError as e:
             raise ValueError(f'{args.input}: {e} (points count from 0)') from None
         return points.number_lines(from_dh(np.array(chosen)))
-    numbers = _six(args, 'X Y Z in mm and W P R in degrees, or -i FILE')
+    numbers = _numbers(args, 6, 'X Y Z in mm and W P R in degrees, or -i FILE')
     pose = pose_from_wpr(numbers[:3] * 1e-3, np.radians(numbers[3:]))
     return _branch_table(arm, pose, args, chain is not None)
 
@@ -253,11 +259,12 @@ def split_verb(args: argparse.Namespace) -> str:
 # ---- arguments ---------------------------------------------------------------------------------
 
 
-def _six(args: argparse.Namespace, wanted: str) -> np.ndarray:
+def _numbers(args: argparse.Namespace, count: int, wanted: str) -> np.ndarray:
     import numpy as np
 
-    if len(args.numbers) != 6:
-        raise ValueError(f'{len(args.numbers)} numbers given; wanted six: {wanted}')
+    if len(args.numbers) != count:
+        told = 'six' if count == 6 else str(count)
+        raise ValueError(f'{len(args.numbers)} numbers given; wanted {told}: {wanted}')
     if not np.isfinite(args.numbers).all():
         raise ValueError('a number that is not finite')
     return np.array(args.numbers)

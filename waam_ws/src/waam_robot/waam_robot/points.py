@@ -1,6 +1,6 @@
 """The text files of the source's program (section 3.3): one point per line, numbers between semicolons, rad and mm.
 
-forward: six angles -> twelve numbers: the rows of the rotation matrix, then the position. inverse: six angles of the
+forward: an angle per joint, six of an arm -> twelve numbers: the rows of the rotation matrix, then the position. inverse: six angles of the
 state before, then those twelve -> six angles. The text calls the nine numbers the directions of the axes, its table 3.4
 prints rows; its example of an inverse line has 22 numbers and is refused (docs/equations.md).
 """
@@ -47,9 +47,10 @@ def read_numbers(text: str, wanted: int, what: str) -> np.ndarray:
     return np.array(rows)
 
 
-def read_angles(text: str) -> np.ndarray:
-    """(N, 6) rad: input of the forward problem."""
-    return read_numbers(text, AXES, 'six angles in rad')
+def read_angles(text: str, joints: int = AXES) -> np.ndarray:
+    """(N, joints) rad: input of the forward problem."""
+    told = 'six angles' if joints == AXES else f'{joints} angles'
+    return read_numbers(text, joints, f'{told} in rad, one per joint')
 
 
 def read_inverse(text: str) -> tuple[np.ndarray, np.ndarray]:

@@ -186,7 +186,7 @@ class Cell(WaamNode):
         metal = self._plant.params.metal
         if request.mesh_path:
             tilt = self._plant.params.robot.tilt
-            return part.from_stl(request.mesh_path, metal.cell, metal.margin, tilt)
+            return part.from_file(request.mesh_path, metal.cell, metal.margin, tilt)
         return part.plate(
             request.plate.x, request.plate.y, request.plate.z, metal.cell, metal.margin
         )

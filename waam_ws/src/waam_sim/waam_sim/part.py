@@ -1,8 +1,10 @@
-"""The work-piece on the table: the top surface of an STL file, or a flat plate, as heights over the table (m)."""
+"""The work-piece on the table: the top surface of an STL file, a height map or a flat plate, as heights over the table
+(m)."""
 
 from __future__ import annotations
 
 import math
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +47,31 @@ def from_stl(path: str, cell: float, margin: float, tilt: float = 0.0) -> Height
     z = np.full(spec.shape, -1.0)
     rasterise(z, np.ascontiguousarray(triangles), spec.origin_x, spec.origin_y, cell)
     return HeightGrid(spec, np.maximum(z, 0.0))
+
+
+def from_file(path: str, cell: float, margin: float, tilt: float = 0.0) -> HeightGrid:
+    """`from_stl`, or a height map (.npz, m) that is in the work frame already, as it lies on the table."""
+    if Path(path).suffix.lower() != '.npz':
+        return from_stl(path, cell, margin, tilt)
+    try:
+        return placed(HeightGrid.load_npz(path), cell)
+    except (OSError, KeyError, EOFError, zipfile.BadZipFile) as e:
+        raise PartError(f'{path}: not a height map ({e})') from None
+
+
+def placed(heights: HeightGrid, cell: float) -> HeightGrid:
+    """Heights over the table in the work frame (m), on cells of `cell`: the nearest of those given."""
+    x0, x1, y0, y1 = heights.spec.extent
+    if not np.isfinite(heights.z).all() or (heights.z < 0).any():
+        raise PartError('the height map has cells below the table, or without a height')
+    if max(x1 - x0, y1 - y0) > 2 * LARGEST or heights.z.max() > LARGEST:
+        raise PartError(f'the height map is too large: parts up to {LARGEST * 1e3:.0f} mm fit')
+    if abs(heights.spec.resolution - cell) < 1e-9:
+        return heights
+    spec = GridSpec.covering(x0, y0, x1, y1, cell)
+    row, col = heights.spec.cell(*np.meshgrid(spec.x, spec.y))
+    row, col = row.clip(0, heights.spec.rows - 1), col.clip(0, heights.spec.cols - 1)
+    return HeightGrid(spec, heights.z[row, col])
 
 
 def centre(part: HeightGrid) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from waam_plan.mesh.part import Part, PartError, load_part
+from waam_plan.mesh.placed import TABLE_CELL, TABLE_MARGIN, Table, on_table
 from waam_plan.read import place
 from waam_plan.read.dialect import DialectError
 from waam_plan.read.files import load_program
@@ -217,17 +218,27 @@ class Checked:
     """A goal that passed the check, with what was read for it."""
 
     goal: JobGoal
-    part: Part | None  # None only with a program
+    part: Part | None  # tilted as the goal says; None only with a program
     material: Material
     program: Program | None = None  # already shifted; None = the part is planned
     offset: Point = (0.0, 0.0, 0.0)  # added to the part's coordinates, m
     box: np.ndarray | None = None  # (2, 3) m, work frame: what is scanned
     remarks: tuple[str, ...] = ()  # of program and part
+    in_file: Part | None = None  # the part as its file has it
 
     @property
     def part_sha256(self) -> str:
         """Of the mesh; '' without one."""
         return self.part.sha256 if self.part else ''
+
+    def on_table(
+        self, worn: Path, cell: float = TABLE_CELL, margin: float = TABLE_MARGIN
+    ) -> Table:
+        """The worn part of a restoration as it lies in a simulated cell (`waam_plan.mesh.placed`), its file in the
+        coordinates and units of the nominal part. ValueError where the two do not fit each other."""
+        settings = PlanSettings(**planner_fields(self.goal, self.material))
+        placed = self.offset if self.program is not None else None
+        return on_table(self.in_file, worn, self.goal.scale, settings, cell, margin, placed)
 
     @property
     def bounds(self) -> np.ndarray:
@@ -262,9 +273,10 @@ def check(goal: JobGoal) -> Checked:
         problems += [(Code.BAD_GOAL, p) for p in _contradictions(goal, material)]
     if problems or material is None:
         raise JobError(problems[0][0], '; '.join(text for _, text in problems))
+    in_file = part
     if part is not None:
         part = part.tilted(PlanSettings(**planner_fields(goal, material)).tilt_deg)
-    return _placed(Checked(goal, part, material, program))
+    return _placed(Checked(goal, part, material, program, in_file=in_file))
 
 
 def _program(goal: JobGoal) -> Program | None:

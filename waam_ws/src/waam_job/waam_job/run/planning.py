@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from waam_plan.agreement import check
 from waam_plan.lay.build import plan_build
 from waam_plan.lay.restore import plan_restoration
 from waam_plan.mesh.surface import top_surface
@@ -50,6 +51,7 @@ def make_plan(
         if goal.mode == 'build':
             return plan_build(part, settings, goal.layers, found.spec)
         nominal = top_surface(part.mesh, found.spec, checked.offset)
+        check(found, nominal, settings, bottom=0.0)
         wanted = max(1, goal.layers - laid) if goal.layers else 0
         return plan_restoration(found, nominal, settings, wanted, laid, below)
     except ValueError as e:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from waam_plan.mesh.part import PartError, check_fits
+from waam_plan.mesh.placed import check_whole
 from waam_plan.plan import Plan, PlanError, check_points
 from waam_plan.read.place import path_box
 from waam_plan.settings import PlanSettings
@@ -78,6 +79,7 @@ class Preflight:
                 check_points(path_box(program), settings)
             elif part is not None:
                 check_fits(part, settings)
+                check_whole(part, self.scanner.spec, self.checked.offset)
         except (PartError, PlanError) as e:
             return [JobError(Code.PLAN_FAILED, str(e))]
         return []

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from waam_plan import masks
+from waam_plan import agreement, masks
 from waam_plan.fill import strategies
 from waam_plan.fill.linking import StartsBelow, arc_starts, near_starts
 from waam_plan.lay import sides
@@ -24,7 +24,8 @@ from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import outline
 from waam_process.grid import GridSpec, HeightGrid
 
-UNKNOWN_LIMIT = 0.3  # share of the part's cells that may be missing in the scan
+WALL = 1.0e-3  # m to the side of a wall, within which a height says nothing about the metal
+SPOT = 2e-6  # m2, smaller places are no places
 
 
 def plan_restoration(
@@ -40,7 +41,7 @@ def plan_restoration(
     layers: greatest number of layers, counted from the bottom; 0 = all. Asking for more than there are gives a
     warning. laid: number of layers already laid; directions and starts continue to alternate from them, numbers begin
     at 1. below: (n, 2) m, arc starts of the last layer laid.
-    Raises PlanError when the grids differ, the scan misses too much or the machine cannot reach.
+    Raises PlanError when the grids differ, the scan does not lie on the part (`agreement`) or the machine cannot reach.
     """
     if layers < 0:
         raise PlanError(f'layers is {layers}, must be 0 (all) or a positive number')
@@ -48,7 +49,7 @@ def plan_restoration(
         raise PlanError(f'{", ".join(only)}: only a build knows this, a restoration does not')
     warnings: list[str] = []
     wanted = nominal.z + settings.allowance
-    found = _known_surface(as_found, nominal, warnings)
+    found = _known_surface(as_found, nominal, settings, warnings)
     smooth = _smooth(found, nominal, settings)
     depth = wanted - smooth
     schedule = choose_schedule(depth, settings)
@@ -67,7 +68,7 @@ def plan_restoration(
         planned, filled = _layers(job, total, use, below)
     region = np.any([p.footprint for p in planned], axis=0) if planned else count > 0
     res = nominal.spec.resolution
-    _warn(wanted - found, count, planned, use == total, settings, nominal, warnings)
+    _warn(job, planned, use == total, nominal, warnings)
     starts = [below, *(arc_starts(p.segments) for p in planned)]
     warnings += near_starts(starts, settings.start_spread, first=0)
     plan = Plan(
@@ -87,22 +88,23 @@ def plan_restoration(
     return plan
 
 
-def _known_surface(as_found: HeightGrid, nominal: HeightGrid, warnings: list[str]) -> np.ndarray:
+def _known_surface(
+    as_found: HeightGrid, nominal: HeightGrid, settings: PlanSettings, warnings: list[str]
+) -> np.ndarray:
     """As-found heights on the part, small unknown patches filled from their neighbours, NaN off the part."""
     if as_found.spec != nominal.spec:
         raise PlanError(f'the scan lies on {as_found.spec}, the nominal surface on {nominal.spec}')
     part = np.isfinite(nominal.z)
     if not part.any():
         raise PlanError('the nominal surface is empty: does the part lie inside the grid?')
+    agreement.check(as_found, nominal, settings)
     unknown = part & ~np.isfinite(as_found.z)
     share = unknown.sum() / part.sum()
-    if share > UNKNOWN_LIMIT:
-        raise PlanError(
-            f'the scan misses {share:.0%} of the part (limit {UNKNOWN_LIMIT:.0%}): check that the part lies '
-            'where the program expects it and scan again'
-        )
     if unknown.any():
-        warnings.append(f'{share:.1%} of the part was not seen by the scan; filled from neighbours')
+        place = masks.largest(unknown, nominal.spec)
+        warnings.append(
+            f'{share:.1%} of the part was not seen by the scan, {place}; filled from neighbours'
+        )
     return np.where(part, masks.fill_unknown(as_found.z), np.nan)
 
 
@@ -236,36 +238,43 @@ def _metal(job: _Restoration, on: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 
 def _warn(
-    missing: np.ndarray,
-    count: np.ndarray,
+    job: _Restoration,
     planned: list[PlannedLayer],
     complete: bool,
-    settings: PlanSettings,
     nominal: HeightGrid,
     warnings: list[str],
 ) -> None:
-    """Warns of what the plan cannot reach, with figures and places."""
+    """Warns of what the plan cannot reach, with figures and places.
+
+    A wall of the part hides what lies within WALL of it: there a shift of a cell is a step of the whole wall, and no
+    metal. So the surface stands above nominal only where it stands above all that is wanted within that distance, and
+    metal is missing only where it is missing from all that was found there.
+    """
+    settings, spec, missing = job.settings, nominal.spec, job.wanted - job.found
+    cells = WALL / spec.resolution
     if not planned:
         warnings.append(
             f'nothing to restore: nowhere more than {settings.min_layer * settings.layer_height * 1e3:.2f} mm is '
             f'missing (largest depth {np.nanmax(missing) * 1e3:.2f} mm)'
         )
-    above = np.where(np.isfinite(missing), -missing, 0.0)
+    above = masks.drop_spots(job.found - masks.highest_near(job.wanted, cells), SPOT, spec)
     if above.max() > settings.min_layer * settings.layer_height:
         warnings.append(
-            f'the surface stands up to {above.max() * 1e3:.2f} mm above nominal at {_place(above, nominal)}; '
-            'deposition cannot lower it, machine it first'
+            f'the surface stands up to {above.max() * 1e3:.2f} mm above nominal, '
+            f'{_where(above, settings.min_layer * settings.layer_height, spec)}; deposition cannot lower it, machine it '
+            'first'
         )
     if complete and planned:
         laid = np.sum([p.planned for p in planned], axis=0)
-        short = np.where(count > 0, missing - laid, 0.0)
+        least = job.wanted - masks.highest_near(job.found, cells) - laid
+        short = masks.drop_spots(np.where(job.count > 0, least, 0.0), SPOT, spec)
         if short.max() > 0.1 * settings.layer_height:
             warnings.append(
-                f'the thickest layer limits the metal; {short.max() * 1e3:.2f} mm stay missing at '
-                f'{_place(short, nominal)}'
+                f'the thickest layer limits the metal; {short.max() * 1e3:.2f} mm stay missing, '
+                f'{_where(short, 0.1 * settings.layer_height, spec)}'
             )
     for layer in planned:
-        want = layer.planned.sum() * nominal.spec.resolution**2 + layer.beside
+        want = layer.planned.sum() * spec.resolution**2 + layer.beside
         if abs(layer.volume - want) > 0.03 * want:
             warnings.append(
                 f'layer {layer.number}: segments lay {layer.volume * 1e9:.0f} mm3 of {want * 1e9:.0f} mm3 planned '
@@ -273,6 +282,10 @@ def _warn(
             )
 
 
-def _place(z: np.ndarray, grid: HeightGrid) -> str:
-    row, col = np.unravel_index(int(np.argmax(z)), z.shape)
-    return f'x = {grid.spec.x[col] * 1e3:.1f} mm, y = {grid.spec.y[row] * 1e3:.1f} mm'
+def _where(height: np.ndarray, limit: float, spec: GridSpec) -> str:
+    """The island with the highest cell, of those above `limit`: its area, and the place of the cell."""
+    row, col = np.unravel_index(int(np.argmax(height)), height.shape)
+    labels = masks.label(height > limit)
+    area = (labels == labels[row, col]).sum() * spec.resolution**2 * 1e6
+    at = f'x = {spec.x[col] * 1e3:.1f} mm, y = {spec.y[row] * 1e3:.1f} mm'
+    return f'on {area:.0f} mm2 around {at}'

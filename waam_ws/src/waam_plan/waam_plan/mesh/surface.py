@@ -22,17 +22,53 @@ def top_surface(
     """Highest z (m) of a mesh over every cell centre, NaN where the mesh has nothing above the cell.
 
     mesh: anything with `triangles` (n, 3, 3) in m (a trimesh); offset: added to its coordinates, m.
-    Exact at cell centres: each triangle's plane is evaluated there. Vertical faces have no top and are left out.
+    Exact at cell centres: each triangle's plane is evaluated there. Vertical faces have no top and are left out. NaN as
+    well where faces are missing (`behind`).
     """
+    z, through = _tops(mesh, spec, offset)
+    return HeightGrid(spec, np.where(through, np.nan, z))
+
+
+def behind(
+    mesh: trimesh.Trimesh, spec: GridSpec, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> np.ndarray:
+    """(rows, cols) bool: where faces are missing in a mesh that has an inside, so that one looks through the hole at the
+    far side from within. Arguments as of `top_surface`."""
+    return _tops(mesh, spec, offset)[1]
+
+
+def _tops(
+    mesh: trimesh.Trimesh, spec: GridSpec, offset: tuple[float, float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Highest z (m, NaN = nothing) and whether the face there is seen from its back, (rows, cols) each.
+
+    A closed mesh has no back to be seen, however it is wound. Of an open one the way round that most of its top has is
+    the outside.
+    """
+    is_open = not getattr(mesh, 'is_watertight', True)
+    if is_open and not mesh.is_winding_consistent:
+        from trimesh.repair import fix_winding
+
+        mesh = mesh.copy()
+        fix_winding(mesh)
     triangles = np.asarray(mesh.triangles, float) + np.asarray(offset, float)
-    z = np.full(spec.rows * spec.cols, -np.inf)
-    for cell, height in _hits(triangles, spec):
-        np.maximum.at(z, cell, height)
-    return HeightGrid(spec, np.where(np.isfinite(z), z, np.nan).reshape(spec.shape))
+    up, down = np.full((2, spec.rows * spec.cols), -np.inf)
+    for cell, height, upwards in _hits(triangles, spec):
+        np.maximum.at(up, cell[upwards], height[upwards])
+        np.maximum.at(down, cell[~upwards], height[~upwards])
+    top = np.maximum(up, down)
+    seen = np.isfinite(top)
+    backs = down > up
+    if backs.sum() > seen.sum() / 2:
+        backs = up > down
+    z = np.where(seen, top, np.nan).reshape(spec.shape)
+    return z, (backs & seen & is_open).reshape(spec.shape)
 
 
-def _hits(triangles: np.ndarray, spec: GridSpec) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Flat cell indices and heights of the cell centres under each triangle, in chunks."""
+def _hits(
+    triangles: np.ndarray, spec: GridSpec
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Flat cell indices and heights of the cell centres under each triangle, and whether it looks up, in chunks."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     twice_area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (
         c[:, 0] - a[:, 0]
@@ -59,7 +95,7 @@ def _hits(triangles: np.ndarray, spec: GridSpec) -> Iterator[tuple[np.ndarray, n
         ) / twice_area[t]
         inside = (wb >= -EDGE) & (wc >= -EDGE) & (wb + wc <= 1 + EDGE)
         height = a[t, 2] + wb * (b[t, 2] - a[t, 2]) + wc * (c[t, 2] - a[t, 2])
-        yield (row * spec.cols + col)[inside], height[inside]
+        yield (row * spec.cols + col)[inside], height[inside], twice_area[t][inside] > 0
         first = last
 
 

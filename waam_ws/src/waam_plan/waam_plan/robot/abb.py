@@ -114,7 +114,8 @@ def _module(name: str, moves: list[Move], cell: RobotCell) -> str:
     weld = [*welds([s.move for s in found]), None]
     module = _Module(name, cell)
     flow = f'[0,{cell.pre_flow:.3f},{NO_ARC},0,0,0,0,0,{NO_ARC},0,0,{NO_ARC},0,0,{NO_ARC},{cell.post_flow:.3f}]'
-    module.data.append(f'LOCAL PERS seamdata sm1:={flow};')
+    if any(weld):
+        module.data.append(f'LOCAL PERS seamdata sm1:={flow};')
     first = found[0].move.segment.speed
     if weld[0]:
         module.start(start, first, weld[0])

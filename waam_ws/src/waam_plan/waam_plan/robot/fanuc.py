@@ -10,12 +10,14 @@ motion group 2 (J1 tilts, J2 turns) and motions are coordinated (COORD). `read_l
 
 Registers, as in S3 figure 4.26: R[3] CNT of the beads, R[32], R[33] time before, after the end of a bead at which the
 arc goes off, R[50] pre-flow, R[71..73] factor of the wire feed in the first, inner and last bead of a layer, R[91..93]
-factor of the voltage, R[101] speed of idle moves in mm/s. The main program sets them, so they can be changed there.
+factor of the voltage, R[101] speed of idle moves in mm/s, of those at `idle_speed` (all with idle_law plain). The main
+program sets those that a fragment uses, so they can be changed there.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 from waam_plan.plan import Plan
@@ -43,7 +45,8 @@ def write_ls(
         plan, name, tolerance, lambda part, moves: [_program(part, _body(moves, cell, idle), cell)]
     )
     parts = {f'{part}.LS': text[0] for part, text in found.texts.items()}
-    return {f'{name}.LS': _main(name, found.calls, cell, idle), **parts}
+    used = {int(n) for text in parts.values() for n in re.findall(r'\bR\[(\d+)\]', text)}
+    return {f'{name}.LS': _main(name, found.calls, cell, _registers(cell, idle, used)), **parts}
 
 
 @dataclass
@@ -198,10 +201,9 @@ def _dwell(time: float, switches: list[Switch], cell: RobotCell) -> list[str]:
     return [*lines, *_wait(left)]
 
 
-def _main(name: str, calls: list[Call], cell: RobotCell, idle: float) -> str:
+def _main(name: str, calls: list[Call], cell: RobotCell, registers: list[str]) -> str:
     f = cell.fanuc
-    lines = _registers(cell, idle) if f.registers else []
-    lines += [f'PR[1,{i}]=0' for i in range(1, 7)]
+    lines = registers + [f'PR[1,{i}]=0' for i in range(1, 7)]
     shift = 0.0
     for part, lift in calls:
         if lift != shift:
@@ -212,7 +214,8 @@ def _main(name: str, calls: list[Call], cell: RobotCell, idle: float) -> str:
     return _program(name, _Body(lines, []), cell)
 
 
-def _registers(cell: RobotCell, idle: float) -> list[str]:
+def _registers(cell: RobotCell, idle: float, used: set[int]) -> list[str]:
+    """Those of the numbers `used` that are parameters."""
     f = cell.fanuc
     values = {
         CNT: f'{f.smoothing}',
@@ -222,7 +225,7 @@ def _registers(cell: RobotCell, idle: float) -> list[str]:
         IDLE: f'{idle * 1e3:.2f}',
     }
     values |= {first + i: '1' for first in (FEED, VOLTAGE) for i in range(3)}
-    return [f'R[{n}]={text}' for n, text in sorted(values.items())]
+    return [f'R[{n}]={text}' for n, text in sorted(values.items()) if n in used]
 
 
 def _program(name: str, body: _Body, cell: RobotCell) -> str:
