@@ -208,7 +208,7 @@ def _file(points: np.ndarray, kind: str) -> bytes:
 MARKS += [
     Case('NaN in an organised array', 'a.npy', lambda: organised(np.nan), ('without a finite number',), check=is_surface(N - len(some(3)))),
     Case('zeros in an organised array', 'a.npy', lambda: organised(0.0), (MARK,), check=is_surface(N - len(some(3)))),
-    Case('infinity', 'a.npy', lambda: npy(marked((None, None, np.inf))), ('infinite',), check=is_surface(LEFT)),
+    Case('infinity', 'a.npy', lambda: npy(marked((None, None, np.inf))), ('infinite, huge',), check=is_surface(LEFT)),
     Case('z 0 in the shadow', 'a.xyz', lambda: text(shaded(False)).encode(), (MARK, f'{N - LIT} points'), check=is_surface(LIT)),
     Case('z 0 with intensity 0', 'a.csv', lambda: text(shaded(True), ',', 'x,y,z,intensity').encode(), (MARK, 'intensity 0'), check=is_surface(LIT)),
     Case('a plate at z 0 with a trough', 'a.xyz', lambda: text(plate(-2)).encode(), check=same(lambda: plate(-2))),

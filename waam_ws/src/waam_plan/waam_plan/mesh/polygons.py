@@ -18,6 +18,9 @@ _NUMBER = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf
 Mesh = tuple[np.ndarray, np.ndarray, list[str]]  # vertices (n, 3), faces (m, 3), notes
 
 
+MOST_CORNERS = 10_000  # of a face
+
+
 class _Maker:
     """Collects corners and faces."""
 
@@ -40,6 +43,8 @@ class _Maker:
     def face(self, line: int, corners: list[int]) -> None:
         if len(corners) < 3:
             raise ValueError(f'line {line}: a face of {len(corners)} corners')
+        if len(corners) > MOST_CORNERS:
+            raise ValueError(f'line {line}: a face of {len(corners)} corners, {MOST_CORNERS} at most')
         for corner in corners:
             if not 0 <= corner < self.count:
                 raise ValueError(f'line {line}: corner {corner + 1} is not there, there are {self.count}')

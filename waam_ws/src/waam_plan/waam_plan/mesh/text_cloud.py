@@ -18,6 +18,7 @@ from waam_plan.texts import numbered_lines, shown
 
 COMMENTS = ('#', '//', '%', '!')
 BLOCK = 50_000  # lines that are read together
+LONGEST = 20_000  # characters of a line
 LOOKED_AT = 1000  # lines by which separator and decimal sign are known
 NO_VALUE = {'', 'nan', '-nan', '+nan', 'na', 'n/a', 'null', 'none', '-', '--', 'inf', '+inf', '-inf'}
 NO_VALUE |= {'infinity', '-infinity', '1.#qnan', '-1.#qnan', '1.#ind', '-1.#ind', '1.#inf', '-1.#inf'}
@@ -149,6 +150,8 @@ class _Rows:
     def _data(self) -> Iterator[tuple[int, str]]:
         for number, line in numbered_lines(self.text):
             line = line.strip(' \n\v\f')
+            if len(line) > LONGEST:
+                raise ValueError(f'line {number}: {len(line)} characters are no row of points')
             if line.strip() and not line.lstrip().startswith(COMMENTS):
                 yield number, line
 
