@@ -43,7 +43,9 @@ SEEDS = {
     'text.pcd': pcd('ascii', reader_clouds.text(SMALL).encode()),
     'binary.pcd': pcd('binary', SMALL.astype('<f4').tobytes()),
     'packed.pcd': pcd('binary_compressed', lzf()),
-    'cloud.ply': reader_clouds.ply('float x, float y, float z', SMALL.astype('<f4').tobytes(), 'binary_little_endian', N),
+    'cloud.ply': reader_clouds.ply(
+        'float x, float y, float z', SMALL.astype('<f4').tobytes(), 'binary_little_endian', N
+    ),
     'a.npy': reader_clouds.npy(SMALL.reshape(1, N, 3)),
     'a.npz': reader_clouds.npz(points=SMALL),
     'text.stl': reader_meshes.ascii_stl().encode(),
@@ -90,7 +92,9 @@ def damaged(draw, data: bytes) -> bytes:
         elif how == 'repeat':
             out[at:at] = out[at : at + draw(st.integers(1, 200))]
         elif how == 'number':
-            out[at : at + 1] = draw(st.sampled_from([b'999999999999', b'-1', b'1e999', b'nan', b',', b'\r', b'\0\0']))
+            out[at : at + 1] = draw(
+                st.sampled_from([b'999999999999', b'-1', b'1e999', b'nan', b',', b'\r', b'\0\0'])
+            )
         elif how == 'end':
             del out[at:]
     return bytes(out)

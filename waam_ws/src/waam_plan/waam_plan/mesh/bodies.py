@@ -38,7 +38,9 @@ def bodies_of(mesh: trimesh.Trimesh) -> list[Body]:
     )
     count = int(label.max()) + 1
     if count > MOST_BODIES:
-        raise ValueError(f'{count} bodies are more than {MOST_BODIES}; leave out what is not to be built')
+        raise ValueError(
+            f'{count} bodies are more than {MOST_BODIES}; leave out what is not to be built'
+        )
     triangles = np.asarray(mesh.triangles)
     corners = triangles - mesh.bounds.mean(axis=0)
     six = np.einsum('ij,ij->i', corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
@@ -50,19 +52,20 @@ def bodies_of(mesh: trimesh.Trimesh) -> list[Body]:
     high = np.array([triangles[f].max(axis=(0, 1)) for f in faces]) + TOUCHING
     pairs = [
         np.flatnonzero(
-            (low[:i] <= low[i] + TOUCHING).all(axis=1) & (high[:i] >= high[i] - TOUCHING).all(axis=1)
+            (low[:i] <= low[i] + TOUCHING).all(axis=1)
+            & (high[:i] >= high[i] - TOUCHING).all(axis=1)
         ).tolist()
         for i in range(count)
     ]
     work = sum(FEWEST * (len(faces[j]) + PAIR) for inside in pairs for j in inside)
     if work > MOST_WORK:
-        raise ValueError(f'{count} bodies lie within the boxes of too many others; leave out what is not to be built')
+        raise ValueError(
+            f'{count} bodies lie within the boxes of too many others; leave out what is not to be built'
+        )
     rays = min(ASKED, FEWEST * MOST_WORK // max(1, work))
     out: list[Body] = []
     for i, own in enumerate(faces):
-        around = tuple(
-            j for j in pairs[i] if _within(triangles[own], triangles[faces[j]], rays)
-        )
+        around = tuple(j for j in pairs[i] if _within(triangles[own], triangles[faces[j]], rays))
         out.append(Body(own, float(volume[order[i]]), around, (low[i] + high[i]) / 2))
     return out
 

@@ -10,7 +10,9 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 # values that drivers write where no light came back
-MARKS = np.array([0.0, 99.99, 999.0, 999.99, 9999.0, 99999.0, 32767.0, 32768.0, 65535.0, 1e6, 1e9, 1e10])
+MARKS = np.array(
+    [0.0, 99.99, 999.0, 999.99, 9999.0, 99999.0, 32767.0, 32768.0, 65535.0, 1e6, 1e9, 1e10]
+)
 LARGEST = 1e15  # in any unit
 FEW, MANY = 3, 10  # equal points: of a mark above, and of any other value
 LOOKED_AT = 100_000  # points among which neighbours are looked for
@@ -91,7 +93,9 @@ def _look_at(
     else:
         return
     drop |= at
-    notes.append(f'{_points(at)} with z = {value:.6g}{why} dropped: a scanner\'s mark for no return')
+    notes.append(
+        f'{_points(at)} with z = {value:.6g}{why} dropped: a scanner\'s mark for no return'
+    )
 
 
 def _one_place(points: np.ndarray, mark: bool) -> np.ndarray | None:
@@ -120,7 +124,9 @@ def _between(points: np.ndarray, at: np.ndarray, others: np.ndarray, mark: bool)
     around = points[rest[tree.query(points[control, :2], k)[1].reshape(len(control), k)], 2]
     rough = float(np.quantile(np.abs(np.median(around, axis=1) - points[control, 2]), 0.9))
     span = float(np.ptp(np.quantile(points[rest, 2], (0.02, 0.98))))
-    if (off > max(5 * rough, (0.2 if mark else 2.0) * span, 1e-6 * abs(float(points[ask[0], 2])))).mean() < 0.8:
+    if (
+        off > max(5 * rough, (0.2 if mark else 2.0) * span, 1e-6 * abs(float(points[ask[0], 2])))
+    ).mean() < 0.8:
         return False
     everything = _some(np.flatnonzero(at | others), LOOKED_AT, rng)
     mixed = cKDTree(points[everything, :2])
