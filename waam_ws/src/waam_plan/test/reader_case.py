@@ -24,7 +24,7 @@ NAMED = (part.PartError, ProgramError, DialectError, PlanError)
 @dataclass(frozen=True)
 class Case:
     """data: of the file `name`. refused: whether it must be. words: regular expressions in the message, or in the
-    notes of what was read. check: of what was read, may raise AssertionError. part: of a scan, its nominal part (STL)."""
+    notes of what was read. check: of what was read, may raise AssertionError. part: nominal, of a scan (STL)."""
 
     about: str
     name: str

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 _BOMS = (
     (codecs.BOM_UTF8, 'utf-8'),
@@ -71,3 +73,13 @@ def why_no_number(word: str) -> str:
     if decimal_comma(word):
         return f'{text}: it has a decimal comma; export with decimal points'
     return text
+
+
+def rows_of_numbers(lines: Sequence[str], delimiter: str | None = None) -> np.ndarray:
+    """(rows, columns) of lines of equal length; delimiter: None = blanks. ValueError names the cause."""
+    try:
+        return np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2)
+    except ValueError as error:
+        words = (w for line in lines[:100] for w in line.split())
+        word = next((w for w in words if decimal_comma(w)), None)
+        raise ValueError(why_no_number(word) if word else str(error)) from None

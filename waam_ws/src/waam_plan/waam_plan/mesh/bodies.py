@@ -10,8 +10,9 @@ import trimesh
 FLAT = 1e-15  # m3; less is no body
 TOUCHING = 1e-9  # m
 MOST_BODIES = 2000
-ASKED = 40  # faces of a body whose middles are looked at
-MOST_WORK = 20_000_000  # rays times faces
+FEWEST, ASKED = 3, 40  # rays, from the middles of so many faces of a body
+PAIR = 2000  # faces that a pair costs beside its own
+MOST_WORK = 100_000_000  # rays times faces, in all
 WAY = np.array([0.137, 0.071, 0.988])  # of the rays, along no edge that a CAD system draws
 
 
@@ -37,7 +38,9 @@ def bodies_of(mesh: trimesh.Trimesh) -> list[Body]:
     )
     count = int(label.max()) + 1
     if count > MOST_BODIES:
-        raise ValueError(f'{count} bodies are more than {MOST_BODIES}; leave out what is not to be built')
+        raise ValueError(
+            f'{count} bodies are more than {MOST_BODIES}; leave out what is not to be built'
+        )
     triangles = np.asarray(mesh.triangles)
     corners = triangles - mesh.bounds.mean(axis=0)
     six = np.einsum('ij,ij->i', corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
@@ -47,19 +50,29 @@ def bodies_of(mesh: trimesh.Trimesh) -> list[Body]:
     faces = [by_label[i] for i in order]
     low = np.array([triangles[f].min(axis=(0, 1)) for f in faces]) - TOUCHING
     high = np.array([triangles[f].max(axis=(0, 1)) for f in faces]) + TOUCHING
+    pairs = [
+        np.flatnonzero(
+            (low[:i] <= low[i] + TOUCHING).all(axis=1)
+            & (high[:i] >= high[i] - TOUCHING).all(axis=1)
+        ).tolist()
+        for i in range(count)
+    ]
+    work = sum(FEWEST * (len(faces[j]) + PAIR) for inside in pairs for j in inside)
+    if work > MOST_WORK:
+        raise ValueError(
+            f'{count} bodies lie within the boxes of too many others; leave out what is not to be built'
+        )
+    rays = min(ASKED, FEWEST * MOST_WORK // max(1, work))
     out: list[Body] = []
     for i, own in enumerate(faces):
-        inside = (low[:i] <= low[i] + TOUCHING).all(axis=1) & (high[:i] >= high[i] - TOUCHING).all(axis=1)
-        around = tuple(
-            int(j) for j in np.flatnonzero(inside) if _within(triangles[own], triangles[faces[j]])
-        )
+        around = tuple(j for j in pairs[i] if _within(triangles[own], triangles[faces[j]], rays))
         out.append(Body(own, float(volume[order[i]]), around, (low[i] + high[i]) / 2))
     return out
 
 
-def _within(inner: np.ndarray, outer: np.ndarray) -> bool:
+def _within(inner: np.ndarray, outer: np.ndarray, rays: int) -> bool:
     """Whether a body lies in another, by rays from the middles of its faces; both (n, 3, 3) m."""
-    count = max(3, min(len(inner), ASKED, MOST_WORK // len(outer)))
+    count = min(len(inner), rays)
     some = inner[np.linspace(0, len(inner) - 1, count).astype(int)]
     a, u, v = outer[:, 0], outer[:, 1] - outer[:, 0], outer[:, 2] - outer[:, 0]
     h = np.cross(WAY, v)

@@ -52,7 +52,9 @@ def read_cloud(path: Path | str, scale: float = 1e-3) -> Cloud:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise PartError(f'{path}: larger than {MAX_BYTES // 1_000_000} MB; thin the cloud out')
-        table = _read(path)
+        with np.errstate(all='ignore'):  # numbers beyond all bounds are dropped or refused below
+            table = _read(path)
+            points, notes = usable(table.points, table.intensity)
     except FileNotFoundError:
         raise PartError(f'{path}: no such file') from None
     except (OSError, ValueError, MemoryError, OverflowError) as error:
@@ -64,7 +66,6 @@ def read_cloud(path: Path | str, scale: float = 1e-3) -> Cloud:
             f'{path}: the header says {table.unit}, the scale is {scale:g} m per unit; '
             f'give --scale {UNITS[table.unit]:g}'
         )
-    points, notes = usable(table.points, table.intensity)
     notes = [f'{path.name}: {text}' for text in (*table.notes, *notes)]
     if len(points) < FEWEST:
         said = f' ({"; ".join(notes)})' if notes else ''

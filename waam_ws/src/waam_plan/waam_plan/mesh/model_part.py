@@ -59,7 +59,7 @@ class Model:
 def read_model(text: Iterable[bytes], part: str) -> Model:
     """ValueError names part, line, object and fault."""
     reader = _Reader()
-    parse(text, part, reader.open, reader.close, reader.text, reader.prefixes)
+    parse(text, part, reader.begin, reader.close, reader.text, reader.prefixes)
     if not reader.found:
         raise ValueError(f'{part} holds no model')
     return reader.model
@@ -76,7 +76,7 @@ class _Reader:
         self.points, self.corners = array('d'), array('q')
         self.cura = self.said = ''
 
-    def open(self, tag: str, attributes: dict[str, str]) -> None:
+    def begin(self, tag: str, attributes: dict[str, str]) -> None:
         space, _, name = tag.rpartition(' ')
         parent = self.path[-1] if self.path else ''
         self.path.append(name)
@@ -85,7 +85,9 @@ class _Reader:
         elif name == 'triangle' and parent == 'triangles':
             self.corners.extend([self._index(attributes, a) for a in ('v1', 'v2', 'v3')])
         elif parent == 'object' and name not in IN_OBJECT:
-            raise ValueError(f"object {self.id} is a {shown(name)}, which is not read; save it as a mesh")
+            raise ValueError(
+                f"object {self.id} is a {shown(name)}, which is not read; save it as a mesh"
+            )
         elif parent == 'mesh' and name not in IN_MESH:
             raise ValueError(
                 f"object {self.id}: its mesh has {shown(name)}, which is not read; save it as triangles"
@@ -154,7 +156,9 @@ class _Reader:
         word = attributes.get(name, '').strip()
         if not re.fullmatch(r'\d{1,12}', word, re.ASCII):
             n = len(self.corners) // 3
-            raise ValueError(f"object {self.id}, triangle {n}: {name}: '{shown(word)}' is no vertex")
+            raise ValueError(
+                f"object {self.id}, triangle {n}: {name}: '{shown(word)}' is no vertex"
+            )
         return int(word)
 
     def _use(self, attributes: dict[str, str]) -> Use:

@@ -10,7 +10,10 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 # values that drivers write where no light came back
-MARKS = np.array([0.0, 99.99, 999.0, 999.99, 9999.0, 99999.0, 32767.0, 32768.0, 65535.0, 1e6, 1e9, 1e10])
+MARKS = np.array(
+    [0.0, 99.99, 999.0, 999.99, 9999.0, 99999.0, 32767.0, 32768.0, 65535.0, 1e6, 1e9, 1e10]
+)
+LARGEST = 1e15  # in any unit
 FEW, MANY = 3, 10  # equal points: of a mark above, and of any other value
 LOOKED_AT = 100_000  # points among which neighbours are looked for
 ASKED = 2000  # points of one value that are compared with their neighbours
@@ -25,9 +28,9 @@ APART_SHARE = 5e-4  # of all points; a smaller group apart from the others is no
 def usable(points: np.ndarray, intensity: np.ndarray | None = None) -> tuple[np.ndarray, list[str]]:
     """The points (n, 3) of the surface, in any unit, and what was left out and why. intensity: (n,) or None."""
     notes: list[str] = []
-    bad = ~np.isfinite(points).all(axis=1)
+    bad = ~(np.abs(points) < LARGEST).all(axis=1)
     if bad.any():
-        notes.append(f'{_points(bad)} without a finite number (NaN, infinite) dropped')
+        notes.append(f'{_points(bad)} without a finite number (NaN, infinite, huge) dropped')
         points = points[~bad]
         intensity = None if intensity is None else intensity[~bad]
     drop = np.zeros(len(points), bool)
@@ -90,19 +93,21 @@ def _look_at(
     else:
         return
     drop |= at
-    notes.append(f'{_points(at)} with z = {value:.6g}{why} dropped: a scanner\'s mark for no return')
+    notes.append(
+        f'{_points(at)} with z = {value:.6g}{why} dropped: a scanner\'s mark for no return'
+    )
 
 
 def _one_place(points: np.ndarray, mark: bool) -> np.ndarray | None:
     """The place (3,) that many of these points of one height share, where most places are taken once."""
     if not len(points):
         return None
-    places, count = np.unique(points[:, :2], axis=0, return_counts=True)
+    places, count = np.unique(points[:, 0] + 1j * points[:, 1], return_counts=True)
     most = int(np.argmax(count))
     typical = float(np.median(np.delete(count, most))) if len(count) > 1 else 1.0
-    zero = not places[most].any() and points[0, 2] == 0
+    zero = places[most] == 0 and points[0, 2] == 0
     if count[most] >= (FEW if zero or mark else MANY) and count[most] > 2 * typical:
-        return np.array([*places[most], points[0, 2]])
+        return np.array([places[most].real, places[most].imag, points[0, 2]])
     return None
 
 
@@ -119,7 +124,9 @@ def _between(points: np.ndarray, at: np.ndarray, others: np.ndarray, mark: bool)
     around = points[rest[tree.query(points[control, :2], k)[1].reshape(len(control), k)], 2]
     rough = float(np.quantile(np.abs(np.median(around, axis=1) - points[control, 2]), 0.9))
     span = float(np.ptp(np.quantile(points[rest, 2], (0.02, 0.98))))
-    if (off > max(5 * rough, (0.2 if mark else 2.0) * span, 1e-6 * abs(float(points[ask[0], 2])))).mean() < 0.8:
+    if (
+        off > max(5 * rough, (0.2 if mark else 2.0) * span, 1e-6 * abs(float(points[ask[0], 2])))
+    ).mean() < 0.8:
         return False
     everything = _some(np.flatnonzero(at | others), LOOKED_AT, rng)
     mixed = cKDTree(points[everything, :2])
@@ -144,9 +151,9 @@ def _apart(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if len(points) < 2 * MANY:
         return none
     low, high = np.quantile(points, (0.01, 0.99), axis=0)
-    size = high - low
-    spacing = float(np.sqrt(max(size[0] * size[1], 1e-300) / len(points)))
-    cell = max(float(size.max()) / 100, 3 * spacing)
+    some = points[_some(np.arange(len(points)), LOOKED_AT, np.random.default_rng(1))]
+    near = cKDTree(some).query(some[:ASKED], 5)[0][:, -1]
+    cell = max(float((high - low).max()) / 100, 2 * float(np.quantile(near, 0.9)))
     if not np.isfinite(cell) or cell <= 0:
         return none
     first, inverse, count = _cells(points, low, cell)

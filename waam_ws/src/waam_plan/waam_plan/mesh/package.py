@@ -34,7 +34,9 @@ class Package:
             if name in self._held:
                 raise ValueError(f'the archive holds {shown(info.filename)} twice')
             if '..' in name.split('/') or '\\' in info.filename:
-                raise ValueError(f'the archive holds {shown(info.filename)}, which is no name of a part')
+                raise ValueError(
+                    f'the archive holds {shown(info.filename)}, which is no name of a part'
+                )
             self._held[name] = info
         self._left = LARGEST
 
@@ -65,7 +67,14 @@ class Package:
                     if self._left < 0:
                         raise ValueError(f'the parts are larger than {LARGEST // 1_000_000} MB')
                     yield piece
-        except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as e:
+        except (
+            zipfile.BadZipFile,
+            zlib.error,
+            EOFError,
+            NotImplementedError,
+            RuntimeError,
+            OSError,
+        ) as e:
             raise ValueError(f'{shown(name)}: not a readable archive ({e})') from e
 
     def start(self) -> str:
@@ -75,7 +84,9 @@ class Package:
             if not models:
                 raise ValueError('there is no .model in the archive')
             if len(models) > 1:
-                raise ValueError('_rels/.rels, which says where the model begins, is not in the archive')
+                raise ValueError(
+                    '_rels/.rels, which says where the model begins, is not in the archive'
+                )
             return models[0]
         found: list[Mapping[str, str]] = []
 
@@ -83,7 +94,9 @@ class Package:
             if tag == 'Relationship' and attributes.get('Type', '').endswith(MODEL):
                 found.append(attributes)
 
-        parse(self.chunks('_rels/.rels'), '_rels/.rels', lambda tag, a: open_(tag.split(' ')[-1], a))
+        parse(
+            self.chunks('_rels/.rels'), '_rels/.rels', lambda tag, a: open_(tag.split(' ')[-1], a)
+        )
         if len({a.get('Target') for a in found}) != 1:
             raise ValueError(f'_rels/.rels names {len(found)} models to begin with, not one')
         if found[0].get('TargetMode', '').lower() == 'external':
@@ -107,7 +120,9 @@ def parse(
     characters: Callable[[str], None] = lambda text: None,
     prefixes: dict[str, str] | None = None,
 ) -> None:
-    """Calls start(tag, attributes), end(tag) and characters(text), names as 'namespace local'. ValueError names part, line and fault.
+    """Calls start(tag, attributes), end(tag) and characters(text), names as 'namespace local'.
+
+    ValueError names part, line and fault.
 
     prefixes: gets the namespace of every prefix. Document types, and with them entities, are refused.
     """

@@ -108,13 +108,15 @@ def load_part(
         raise PartError(f'scale is {scale}, must be a positive length in m per unit of the file')
     data = _read(path)
     mesh, notes = _parse(path, data, scale)
-    mesh.apply_scale(scale)
+    with np.errstate(over='ignore', invalid='ignore'):
+        mesh.apply_scale(scale)
+        size = float(np.ptp(mesh.vertices, axis=0).max())
+    if wrong := wrong_size(size, scale, 'part'):
+        raise PartError(f'{path}: {wrong}')
     mesh.merge_vertices()
     collapsed = _without_collapsed(mesh)
     if len(mesh.faces) == 0 or mesh.area <= 0:
         raise PartError(f'{path}: empty mesh, no face has an area; export the part again')
-    if wrong := wrong_size(float(np.max(mesh.extents)), scale, 'part'):
-        raise PartError(f'{path}: {wrong}')
     mesh, weld = welded(mesh)
     if weld:
         notes.append(weld)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waam_plan.mesh.text_cloud import INTENSITIES, Table
-from waam_plan.texts import shown
+from waam_plan.texts import rows_of_numbers, shown
 
 KINDS = {
     ('F', 4): '<f4', ('F', 8): '<f8', ('I', 1): '<i1', ('I', 2): '<i2', ('I', 4): '<i4', ('I', 8): '<i8',
@@ -54,7 +54,9 @@ def read_pcd(data: bytes) -> Table:
     if any(h.counts[i] != 1 for i in wanted):
         raise ValueError('COUNT of x, y or z is not 1')
     lower = [n.lower() for n in h.names]
-    wanted += [lower.index(n) for n in INTENSITIES if n in lower and h.counts[lower.index(n)] == 1][:1]
+    wanted += [lower.index(n) for n in INTENSITIES if n in lower and h.counts[lower.index(n)] == 1][
+        :1
+    ]
     if h.data == 'ascii':
         values = _ascii(h, body, wanted)
     elif h.data == 'binary':
@@ -93,7 +95,9 @@ def _header(text: str, data: str) -> _Header:
     notes = []
     view = words.get('VIEWPOINT', [])
     if view and [float(v) if re.fullmatch(r'[-+.\deE]+', v) else np.nan for v in view] != UPRIGHT:
-        notes.append(f'VIEWPOINT ({" ".join(view)[:60]}) is not applied: points are taken as they stand')
+        notes.append(
+            f'VIEWPOINT ({" ".join(view)[:60]}) is not applied: points are taken as they stand'
+        )
     header = _Header(names, kinds, counts, count, data, notes)
     if not 0 < header.size <= WIDEST or min(counts) < 1:
         raise ValueError(f'COUNT: points of {header.size} bytes')
@@ -111,12 +115,10 @@ def _ascii(h: _Header, body: bytes, wanted: list[int]) -> np.ndarray:
     first = np.concatenate([[0], np.cumsum(h.counts)]).astype(int)
     lines = [line for line in re.split(r'[\r\n]+', body.decode('ascii', 'replace')) if line.strip()]
     if len(lines) != h.points:
-        raise ValueError(f'truncated or damaged: {h.points} points are announced, {len(lines)} are there')
-    try:
-        values = np.loadtxt(lines, comments=None, ndmin=2)
-    except ValueError as e:
-        comma = any(re.search(r'\d,\d', line) for line in lines[:100])
-        raise ValueError('the points have decimal commas' if comma else str(e)) from None
+        raise ValueError(
+            f'truncated or damaged: {h.points} points are announced, {len(lines)} are there'
+        )
+    values = rows_of_numbers(lines)
     if values.shape[1] != first[-1]:
         raise ValueError(f'a point has {values.shape[1]} numbers, FIELDS names {first[-1]}')
     return values[:, first[wanted]]
@@ -179,7 +181,9 @@ def unpacked(data: bytes, size: int) -> bytes:
             at += 1
             length += 2
             if back > len(out):
-                raise ValueError('the compressed data are damaged: they point before their beginning')
+                raise ValueError(
+                    'the compressed data are damaged: they point before their beginning'
+                )
             piece = out[-back : len(out) - back + length] if back > length else out[-back:]
             out += (piece * (length // len(piece) + 1))[:length]
     except IndexError:

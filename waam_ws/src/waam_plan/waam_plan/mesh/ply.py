@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waam_plan.mesh.text_cloud import INTENSITIES, Table
-from waam_plan.texts import shown
+from waam_plan.texts import rows_of_numbers, shown
 
 TYPES = {
     'char': 'i1', 'int8': 'i1', 'uchar': 'u1', 'uint8': 'u1', 'short': 'i2', 'int16': 'i2', 'ushort': 'u2',
@@ -102,7 +102,9 @@ def read_points(data: bytes) -> Table:
     e = h.elements[0]
     for axis in 'xyz':
         if e.names.count(axis) != 1:
-            raise ValueError(f'the vertex has the properties {", ".join(e.names)[:60]}: {axis} is needed')
+            raise ValueError(
+                f'the vertex has the properties {", ".join(e.names)[:60]}: {axis} is needed'
+            )
     if not all(e.kinds):
         raise ValueError('the vertex has a property that is a list')
     lower = [n.lower() for n in e.names]
@@ -127,11 +129,7 @@ def _ascii(h: Header, e: Element, data: bytes, wanted: list[int]) -> np.ndarray:
         raise ValueError(f'truncated: {e.count} vertices are announced, {len(lines)} are there')
     if not lines:
         return np.zeros((0, len(wanted)))
-    try:
-        values = np.loadtxt(lines, comments=None, ndmin=2)
-    except ValueError as error:
-        comma = any(re.search(r'\d,\d', line) for line in lines[:100])
-        raise ValueError('the vertices have decimal commas' if comma else str(error)) from None
+    values = rows_of_numbers(lines)
     if values.shape[1] != len(e.kinds):
         raise ValueError(f'a vertex has {values.shape[1]} numbers, the header says {len(e.kinds)}')
     return values[:, wanted]

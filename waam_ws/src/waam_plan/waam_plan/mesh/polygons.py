@@ -18,6 +18,9 @@ _NUMBER = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf
 Mesh = tuple[np.ndarray, np.ndarray, list[str]]  # vertices (n, 3), faces (m, 3), notes
 
 
+MOST_CORNERS = 10_000  # of a face
+
+
 class _Maker:
     """Collects corners and faces."""
 
@@ -40,9 +43,15 @@ class _Maker:
     def face(self, line: int, corners: list[int]) -> None:
         if len(corners) < 3:
             raise ValueError(f'line {line}: a face of {len(corners)} corners')
+        if len(corners) > MOST_CORNERS:
+            raise ValueError(
+                f'line {line}: a face of {len(corners)} corners, {MOST_CORNERS} at most'
+            )
         for corner in corners:
             if not 0 <= corner < self.count:
-                raise ValueError(f'line {line}: corner {corner + 1} is not there, there are {self.count}')
+                raise ValueError(
+                    f'line {line}: corner {corner + 1} is not there, there are {self.count}'
+                )
         for i in range(1, len(corners) - 1):
             self.faces.extend((corners[0], corners[i], corners[i + 1]))
         if len(corners) > 3:
@@ -84,7 +93,9 @@ def read_obj(text: str) -> Mesh:
         elif kind in NO_FACES:
             left[kind] += 1
         elif kind not in LOOKS:
-            raise ValueError(f"line {line}: '{shown(kind)}' is not read; export the part as triangles")
+            raise ValueError(
+                f"line {line}: '{shown(kind)}' is not read; export the part as triangles"
+            )
     return made.mesh([f'left out: {n} {NO_FACES[k]} of the file' for k, n in left.items() if n])
 
 
@@ -108,14 +119,17 @@ def read_off(text: str) -> Mesh:
     vertices, faces = int(rows[0][1][0]), int(rows[0][1][1])
     if vertices + faces != len(rows) - 1:
         raise ValueError(
-            f'truncated or damaged: {vertices} vertices and {faces} faces are announced, {len(rows) - 1} lines are there'
+            f'truncated or damaged: {vertices} vertices and {faces} faces are announced, '
+            f'{len(rows) - 1} lines are there'
         )
     made = _Maker()
     for line, words in rows[1 : 1 + vertices]:
         made.vertex(line, words)
     for line, words in rows[1 + vertices :]:
         count = int(words[0]) if re.fullmatch(r'\d{1,6}', words[0]) else -1
-        if not 0 < count < len(words) or not all(re.fullmatch(r'\d{1,12}', w) for w in words[1 : count + 1]):
+        if not 0 < count < len(words) or not all(
+            re.fullmatch(r'\d{1,12}', w) for w in words[1 : count + 1]
+        ):
             raise ValueError(f"line {line}: '{shown(' '.join(words))}' is no face")
         made.face(line, [int(w) for w in words[1 : count + 1]])
     return made.mesh([])

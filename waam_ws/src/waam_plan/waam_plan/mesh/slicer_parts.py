@@ -71,9 +71,9 @@ class _Reader:
         self.piece: Piece | None = None
 
     def read(self, text: bytes) -> None:
-        parse([text], self.name, self.open, self.close)
+        parse([text], self.name, self.begin, self.close)
 
-    def open(self, tag: str, attributes: dict[str, str]) -> None:
+    def begin(self, tag: str, attributes: dict[str, str]) -> None:
         if tag == 'object':
             self.object = attributes.get('id', '')
         elif tag == 'volume' and self.object:

@@ -23,7 +23,7 @@ _KIND = np.dtype([('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('extra', '<
 
 
 def read_stl(data: bytes) -> tuple[np.ndarray, list[str]]:
-    """Corners (n, 3, 3) in units of the file, and what a person should know. ValueError says what is wrong, and where."""
+    """Corners (n, 3, 3) in units of the file, and notes for a person. ValueError says what is wrong, and where."""
     count = int.from_bytes(data[80:84], 'little')
     exact = len(data) == HEADER + FACET * count >= HEADER + FACET
     if exact or not _is_text(data):
@@ -89,7 +89,9 @@ def _no_number(text: str, found: re.Match[str]) -> ValueError:
         try:
             float(word)
         except ValueError:
-            comma = ' has a decimal comma; export with decimal points' if decimal_comma(word) else ''
+            comma = (
+                ' has a decimal comma; export with decimal points' if decimal_comma(word) else ''
+            )
             why = comma or ' is no number'
             return ValueError(f"line {_line(text, found.start(i))}: '{shown(word)}'{why}")
     raise AssertionError('all of them are numbers')

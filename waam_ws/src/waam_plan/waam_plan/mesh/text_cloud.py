@@ -14,13 +14,38 @@ from itertools import islice
 import numpy as np
 
 from waam_plan.mesh.units import UNITS
-from waam_plan.texts import numbered_lines, shown
+from waam_plan.texts import numbered_lines, rows_of_numbers, shown
 
 COMMENTS = ('#', '//', '%', '!')
 BLOCK = 50_000  # lines that are read together
+MOST_PASSED = 1_000_000  # empty lines and comments
+LONGEST = 20_000  # characters of a line
 LOOKED_AT = 1000  # lines by which separator and decimal sign are known
-NO_VALUE = {'', 'nan', '-nan', '+nan', 'na', 'n/a', 'null', 'none', '-', '--', 'inf', '+inf', '-inf'}
-NO_VALUE |= {'infinity', '-infinity', '1.#qnan', '-1.#qnan', '1.#ind', '-1.#ind', '1.#inf', '-1.#inf'}
+NO_VALUE = {
+    '',
+    'nan',
+    '-nan',
+    '+nan',
+    'na',
+    'n/a',
+    'null',
+    'none',
+    '-',
+    '--',
+    'inf',
+    '+inf',
+    '-inf',
+}
+NO_VALUE |= {
+    'infinity',
+    '-infinity',
+    '1.#qnan',
+    '-1.#qnan',
+    '1.#ind',
+    '-1.#ind',
+    '1.#inf',
+    '-1.#inf',
+}
 INTENSITIES = ('intensity', 'amplitude', 'reflectance', 'reflectivity')
 _NUMBER = re.compile(r'[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?', re.ASCII)
 _GROUPED = re.compile(r"[-+]?\d{1,3}(?:([.,' \u00a0\u202f])\d{3})+(?:[.,]\d+)?", re.ASCII)
@@ -121,7 +146,9 @@ class _Rows:
         number, first = head[0]
         header = None if _numeric(first) else (number, first)
         body = head[1:] if header else head
-        if len(body) > 1 and re.fullmatch(r'\d+', body[0][1]):  # number of points, as some programs write it
+        if len(body) > 1 and re.fullmatch(
+            r'\d+', body[0][1]
+        ):  # number of points, as some programs write it
             self.announced_line, self.announced = body[0][0], int(body[0][1])
             body = body[1:]
         if not body:
@@ -147,10 +174,19 @@ class _Rows:
             raise ValueError(f'line {self.first}: {self.width} columns, x y z are needed')
 
     def _data(self) -> Iterator[tuple[int, str]]:
+        passed = 0
         for number, line in numbered_lines(self.text):
             line = line.strip(' \n\v\f')
+            if len(line) > LONGEST:
+                raise ValueError(f'line {number}: {len(line)} characters are no row of points')
             if line.strip() and not line.lstrip().startswith(COMMENTS):
                 yield number, line
+            else:
+                passed += 1
+                if passed > MOST_PASSED:
+                    raise ValueError(
+                        f'line {number}: more than {MOST_PASSED} empty lines and comments'
+                    )
 
     def _commented(self, before: int) -> list[str]:
         """Names of a header that is written as a comment above the first row."""
@@ -216,9 +252,7 @@ class _Rows:
             if comma:
                 lines = [line.replace(',', '.') for line in lines]
             try:
-                values = np.loadtxt(
-                    lines, delimiter=self.form.delimiter or None, comments=None, ndmin=2
-                )
+                values = rows_of_numbers(lines, self.form.delimiter or None)
                 if values.shape[1] == self.width:
                     return values[:, wanted]
             except ValueError:
@@ -271,8 +305,5 @@ def _numeric(line: str) -> bool:
 def _header_words(line: str) -> list[str]:
     """Names of a header, each with its unit in brackets."""
     line = re.sub(r'\s+(?=[\[(])', '', line.replace('"', '').strip())
-    if re.search(r'[;\t,]', line):
-        words = re.split(r'\s*[;\t,]\s*', line)
-    else:
-        words = line.split()
+    words = re.split(r'\s*[;\t,]\s*', line) if re.search(r'[;\t,]', line) else line.split()
     return [w.strip() for w in words if w.strip()]

@@ -66,19 +66,27 @@ class _Build:
         if not model.items:
             raise ValueError('the build is empty; place the part on the plate and export again')
         items = [i for i in model.items if i.printable]
-        self.left_out['items that are switched off (printable="0")'] += len(model.items) - len(items)
+        self.left_out['items that are switched off (printable="0")'] += len(model.items) - len(
+            items
+        )
         self._count([self.key(i, self.start) for i in items])
         for item in items:
             self._collect(self.key(item, self.start), item.at)
         said = [f'left out: {count} {what}' for what, count in self.left_out.items() if count]
         if not self.out:
-            raise ValueError(f'the build holds no object with a mesh{"".join(f"; {s}" for s in said)}')
+            raise ValueError(
+                f'the build holds no object with a mesh{"".join(f"; {s}" for s in said)}'
+            )
         first = np.cumsum([0, *(len(v) for v, _ in self.out)])
         vertices = np.concatenate([v for v, _ in self.out]) * UNITS[model.unit]
-        return vertices, np.concatenate([f + k for (_, f), k in zip(self.out, first, strict=False)]), said
+        return (
+            vertices,
+            np.concatenate([f + k for (_, f), k in zip(self.out, first, strict=False)]),
+            said,
+        )
 
     def _count(self, items: list[Key]) -> None:
-        """ValueError for components in a circle and for more visits or triangles than are allowed, before any is made."""
+        """ValueError for components in a circle, and for too many visits or triangles, before any is made."""
         visits: dict[Key, int] = {}
         faces: dict[Key, int] = {}
         open_: list[Key] = []

@@ -9,8 +9,18 @@ import numpy as np
 SMALLEST, LARGEST = 5e-3, 2.0  # m, plausible size of a part or a scan; a bead is 3 to 8 mm wide
 UNITS = {'m': 1.0, 'mm': 1e-3, 'cm': 1e-2, 'inch': 0.0254, 'um': 1e-6}
 NEAR = 0.15  # share by which two sizes may differ and still be one
-FACTORS = {1000.0: 'm and mm, or mm and um', 25.4: 'inch and mm', 10.0: 'cm and mm', 1e6: 'm and um'}
-FACTORS |= {1 / 0.0254: 'm and inch', 2.54: 'inch and cm', 100.0: 'm and cm', 25400.0: 'inch and um'}
+FACTORS = {
+    1000.0: 'm and mm, or mm and um',
+    25.4: 'inch and mm',
+    10.0: 'cm and mm',
+    1e6: 'm and um',
+}
+FACTORS |= {
+    1 / 0.0254: 'm and inch',
+    2.54: 'inch and cm',
+    100.0: 'm and cm',
+    25400.0: 'inch and um',
+}
 
 
 def wrong_size(size: float, scale: float, what: str) -> str:
@@ -41,7 +51,7 @@ def wrong_ratio(found: np.ndarray, part: np.ndarray, path: Path) -> str:
         for f, word in ((factor, 'smaller'), (1 / factor, 'larger')):
             if (np.abs(ratio / f - 1) < NEAR).all():
                 return (
-                    f'{path}: wrong units? It is {factor:.4g} times {word} than the part in x and y, as {units} differ; '
+                    f'{path}: wrong units? It is {factor:.4g} times {word} than the part in x and y, as {units} do; '
                     'save both files in one unit (--scale counts for both)'
                 )
     return ''

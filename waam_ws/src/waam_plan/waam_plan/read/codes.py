@@ -17,7 +17,10 @@ WHY_NOT = {
     'G41': 'cutter compensation belongs into the CAM system',
     'G42': 'cutter compensation belongs into the CAM system',
     'G43': 'there is one tool; a dialect may ignore the code',
-    **{f'G{n:g}': 'there is one work zero (G54)' for n in (52, 55, 56, 57, 58, 59, 59.1, 59.2, 59.3)},
+    **{
+        f'G{n:g}': 'there is one work zero (G54)'
+        for n in (52, 55, 56, 57, 58, 59, 59.1, 59.2, 59.3)
+    },
     'G93': 'write speeds as units per minute (G94)',
     'G95': 'write speeds as units per minute (G94)',
     'G10': 'a program does not move the work zero',

@@ -60,7 +60,9 @@ class Extrusion:
             return False
         value = words.take('S')
         if value is None or not LOWEST <= value / 100 <= HIGHEST:
-            raise refuse(words.number, name, f'needs S, {LOWEST:.0%} to {HIGHEST:.0%} of the {SHARES[name]}')
+            raise refuse(
+                words.number, name, f'needs S, {LOWEST:.0%} to {HIGHEST:.0%} of the {SHARES[name]}'
+            )
         if name == 'M220':
             self.pace = value / 100
         else:
@@ -68,6 +70,7 @@ class Extrusion:
         if value != 100:
             what = SHARES[name]
             remarks.setdefault(
-                f'{name} {value}', f'line {words.number}: {name}: the {what} is {value:g} % from here on'
+                f'{name} {value}',
+                f'line {words.number}: {name}: the {what} is {value:g} % from here on',
             )
         return True

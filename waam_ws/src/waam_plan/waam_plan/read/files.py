@@ -61,7 +61,7 @@ def load_program(path: Path, dialect: str = '') -> Program:
 
 
 def program_text(path: Path) -> str:
-    """What the file holds, in whatever Unicode. Other bytes become U+FFFD, which only comments may hold. ProgramError."""
+    """What the file holds, in whatever Unicode; other bytes become U+FFFD, for comments only. ProgramError."""
     try:
         if path.stat().st_size > MAX_BYTES:
             raise ProgramError(f'{path}: larger than {MAX_BYTES // 1_000_000} MB')

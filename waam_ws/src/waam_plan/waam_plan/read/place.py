@@ -8,6 +8,7 @@ import numpy as np
 
 from waam_plan.plan import PlanError, check_reach
 from waam_plan.read.motion import Program
+from waam_plan.read.regime import doubts
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Point, Segment
 
@@ -47,11 +48,13 @@ def part_offset(bounds: np.ndarray, box: np.ndarray) -> tuple[Point, str]:
 
 
 def check_machine(program: Program, segments: list[Segment], settings: PlanSettings) -> None:
-    """As `check_reach`, for the segments of a program: the error begins with line and word."""
+    """As `check_reach`, for the segments of a program: the error begins with line and word,
+    or with a speed that no process has."""
     try:
         check_reach(segments, settings)
     except PlanError as e:
-        raise PlanError(f'{_leaves(program, settings)}{e}') from None
+        said = ''.join(f'{text}; ' for text in doubts(program))
+        raise PlanError(f'{said}{_leaves(program, settings)}{e}') from None
 
 
 def _leaves(program: Program, settings: PlanSettings) -> str:

@@ -47,24 +47,8 @@ def plan_program(
     found: what the program is laid on, in a build the plate at 0. nominal: the wanted surface on the same grid; without
     it the layers of the program say what is wanted. layers: at most so many from the bottom; 0 = all. level: the metal
     of each layer is shared out along its path so that it comes out level, in place of the program's own wire. Raises
-    PlanError or ProgramError, which names implausible speeds first.
+    PlanError or ProgramError.
     """
-    try:
-        return _plan(program, settings, found, nominal, layers=layers, mode=mode, level=level)
-    except PlanError as error:
-        raise PlanError('; '.join([*doubts(program), str(error)])) from None
-
-
-def _plan(
-    program: Program,
-    settings: PlanSettings,
-    found: HeightGrid,
-    nominal: HeightGrid | None,
-    *,
-    layers: int,
-    mode: str,
-    level: bool,
-) -> Plan:
     kept = layers_of(program)[: layers or None]
     spec, base = found.spec, targets.found_surface(found, settings, mode)
     with collector_paused():

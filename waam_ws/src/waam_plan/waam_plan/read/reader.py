@@ -13,10 +13,10 @@ import math
 from waam_plan.read import arc as arcs
 from waam_plan.read.codes import GROUPS, HOMING, MOVES, OTHER_AXES, QUIET, WHY_NOT
 from waam_plan.read.dialect import Dialect, Setting
+from waam_plan.read.extrusion import Extrusion
 from waam_plan.read.line_words import LineWords
 from waam_plan.read.modal import AXES, Modal
 from waam_plan.read.motion import Motion, Program
-from waam_plan.read.extrusion import Extrusion
 from waam_plan.read.words import Line, Passing, ProgramError, Word, read_lines, refuse
 from waam_process.segment import Point
 
@@ -28,7 +28,9 @@ def read_program(text: str, dialect: Dialect, name: str = 'program') -> Program:
     """Raises ProgramError, which names line and word, for everything that has no meaning here."""
     reader = _Reader(dialect)
     homing = frozenset(['G28'] if dialect.extruder else [])
-    for line in read_lines(text, Passing(dialect.block_delete, dialect.macros, dialect.skip, homing)):
+    for line in read_lines(
+        text, Passing(dialect.block_delete, dialect.macros, dialect.skip, homing)
+    ):
         if reader.ended:
             reader.behind(line)
             continue
@@ -98,7 +100,8 @@ class _Reader:
         """A line after the end of the program: a controller does not read it either."""
         if line.words:
             self.remarks.setdefault(
-                'end', f'what follows the end of the program is not read (from line {line.number} on)'
+                'end',
+                f'what follows the end of the program is not read (from line {line.number} on)',
             )
 
     def finish(self) -> None:
