@@ -210,7 +210,7 @@ class Cell:
         async with self.work_lock:
             if history.report_is_old(folder):
                 await work(['report', str(folder)])
-            return await asyncio.to_thread(read_bytes, folder / job_folder.REPORT_PAGE)
+            return await self.beside.thread('files', read_bytes, folder / job_folder.REPORT_PAGE)
 
 
 CELL: web.AppKey[Cell] = web.AppKey('cell', Cell)  # where the server keeps it
