@@ -37,6 +37,7 @@ from waam_view.node_tap import TelemetryTap
 from .cell import Cell
 from .conversions import CONVERT
 from .in_shop import Place
+from .known_tokens import KnownTokens
 from .node_operations import RosOperations
 from .parts import PartFolders
 from .security import Guard, is_local, open_tokens, tls_context
@@ -113,7 +114,8 @@ class Panel(WaamNode):
         super().__init__('panel', PanelParams)
         p = self.params
         self._tls = tls_context(p.tls_cert, p.tls_key)
-        self._tokens = open_tokens(p.token_file, p.bind, self._tls is not None)
+        file = open_tokens(p.token_file, p.bind, self._tls is not None)
+        self._tokens = KnownTokens(file) if file else None
         self._shop = Shop(Path(p.shop_dir or Path(p.jobs_dir) / '.shop'))
         self._shop.folder(p.cell)  # refuses a name that is none
         if not p.part_folders:

@@ -4,7 +4,7 @@ Local (no tokens): only requests whose Host is this machine's loopback name and 
 rebinds its name to 127.0.0.1 has the wrong Host), commands only with the anti-forgery value that our own page carries.
 With tokens: besides, a session cookie that is handed out for one of them. Sessions are signed, not stored, so a page
 that is open keeps its rights when the panel starts again; the token behind one is looked up with every request, so a
-token that is revoked is out at once.
+token that is revoked is out within a second (`known_tokens`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 from urllib.parse import urlsplit
 
 from waam_shop.roles import Role
@@ -57,6 +58,16 @@ class Visitor:
 
     who: str
     role: Role
+
+
+class Tokens(Protocol):
+    """The tokens that let people in: a file, or what is known of it."""
+
+    def book(self) -> TokenBook:
+        """Raises TokenError: damaged, or readable by others."""
+
+    def key(self) -> bytes:
+        """Signs sessions."""
 
 
 def open_tokens(file: str, bind: str, tls: bool) -> TokenFile | None:
@@ -112,13 +123,13 @@ class Guard:
     """Checks every request. tokens None = local use; hosts: names (with port) under which the page may be asked for;
     key: signs sessions."""
 
-    tokens: TokenFile | None
+    tokens: Tokens | None
     hosts: frozenset[str]
     key: bytes
 
     @classmethod
     def create(
-        cls, tokens: TokenFile | None, bind: str, port: int, more_hosts: tuple[str, ...] = ()
+        cls, tokens: Tokens | None, bind: str, port: int, more_hosts: tuple[str, ...] = ()
     ) -> Guard:
         """more_hosts: names of this machine for other binds, with or without port."""
         names = {f'{n}:{port}' for n in LOCAL_NAMES}

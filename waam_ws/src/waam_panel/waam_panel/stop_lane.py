@@ -14,8 +14,6 @@ import os
 import signal
 import socket
 import sys
-import threading
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -24,17 +22,15 @@ from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
 from waam_node import stop_socket
-from waam_shop.token_file import TokenFile
-from waam_shop.tokens import TokenBook, TokenError
 
 from .gate import BACKLOG, Gate
+from .known_tokens import KnownTokens
 from .security import COOKIE, Denied, Guard, open_tokens, tls_context
 
 PATH = '/api/stop'
 HEAD = 8192  # bytes of request line and headers
 ANSWER_S = 1.0  # for the bridge
 PARENT_S = 0.5  # between two looks at the parent
-TOKENS_S = 1.0  # between two looks at the file of tokens
 URGENT = -10  # nice value, where the account may have it
 Head = tuple[str, str, dict[str, str]]  # method, path, headers by name in small letters
 
@@ -71,31 +67,6 @@ def parse(head: bytes) -> Head:
             raise Denied(400, 'headers that cannot be read')
         found[name.lower()] = value.strip()
     return words[0], words[1], found
-
-
-class KnownTokens:
-    """The tokens as they were when the file was read last; what the disk does holds up nobody who asks."""
-
-    def __init__(self, file: TokenFile) -> None:
-        self.path, self._file = file.path, file
-        self._book: TokenBook = file.book()
-        self._key = file.key()
-        threading.Thread(target=self._follow, name='tokens', daemon=True).start()
-
-    def book(self) -> TokenBook:
-        """See `TokenFile.book`; never waits."""
-        return self._book
-
-    def key(self) -> bytes:
-        """See `TokenFile.key`."""
-        return self._key
-
-    def _follow(self) -> None:
-        """A file that cannot be read leaves the tokens as they were: who could stop the cell can still stop it."""
-        while True:
-            time.sleep(TOKENS_S)
-            with suppress(TokenError):
-                self._book = self._file.book()
 
 
 @dataclass(frozen=True)
@@ -231,7 +202,7 @@ def rules_of(args: argparse.Namespace) -> Rules:
     file = open_tokens(args.token_file, args.bind, tls)
     known = KnownTokens(file) if file else None
     hosts = tuple(h for h in args.hosts.split(',') if h.strip())
-    page = Guard.create(known, args.bind, args.page_port, hosts)  # type: ignore[arg-type]
+    page = Guard.create(known, args.bind, args.page_port, hosts)
     bare = tuple(h.strip().partition(':')[0] for h in hosts)
     names = Guard.create(None, args.bind, args.port, bare).hosts
     return Rules(page, replace(page, hosts=names))

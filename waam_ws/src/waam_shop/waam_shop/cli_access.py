@@ -18,8 +18,8 @@ EPILOG = """\
   waam token revoke "tablet at cell 2"
 
 Roles: view looks; operate also moves, starts, stops and steers the queue; maintain also reads the audit log and sends
-test messages. A token is shown once; only its hash is kept. It is good for all cells of the shop and is out at once
-when it is revoked.
+test messages. A token is shown once; only its hash is kept. It is good for all cells of the shop and is out within a
+second when it is revoked.
 """
 
 
@@ -41,7 +41,7 @@ def register(commands: argparse._SubParsersAction, places: Places) -> None:
     q = verbs.add_parser('list', help='all tokens, without their secrets')
     add_json(q)
     q.set_defaults(run_command=lambda args: _list(args, places))
-    q = verbs.add_parser('revoke', help='out at once, open pages too')
+    q = verbs.add_parser('revoke', help='out within a second, open pages too')
     q.add_argument('who', help='name or id')
     add_json(q)
     q.set_defaults(run_command=lambda args: _revoke(args, places))
