@@ -24,7 +24,7 @@ from lib.emit import emit
 from lib.live_graph import LiveGraph
 
 DEAD_S = 3.0
-PATIENCE_MS = 120_000
+PATIENCE_MS = 60_000
 NODES = (
     'job_sequencer', 'bridge', 'scan_fusion', 'correction_server', 'feed_forward', 'thermal_compensator',
     'process_control', 'recorder', 'dashboard', 'cell', 'virtual_controller',
@@ -80,15 +80,15 @@ def sections_of(node: str) -> set[str]:
     return {name for name, source in SOURCES.items() if source.node == node}
 
 
-def looked_at(page, sections: set[str]) -> tuple[int, int]:
-    """Fields of these sections that show something, and how many of them look present."""
-    fields = present = 0
+def looked_at(page, sections: set[str]) -> tuple[int, list[str]]:
+    """Fields of these sections that show something, and those of them that look present."""
+    fields, present = 0, []
     for names, words, stale in page.evaluate(FIELDS):
         if not sections & set(names):
             continue
         known = [w for w in words if not any(u in w for u in UNKNOWN)]
         fields += len(words)
-        present += 0 if stale else len(known)
+        present += [] if stale else [f'{names}: {w}' for w in known]
     return fields, present
 
 
@@ -113,7 +113,7 @@ def begin(page) -> None:
         page.click('#start')
         shows(page, '#arc-state', 'ON')
     except (Error, AssertionError) as e:
-        print(f'without an arc: {str(e).splitlines()[0]}', file=sys.stderr)
+        print('without an arc:', *str(e).splitlines()[:5], file=sys.stderr)
     page.click('nav [data-page=machine]')
     page.evaluate('new Promise((done) => setTimeout(done, 1000))')
 
@@ -143,7 +143,7 @@ def one_death(page, graph: LiveGraph, node: str, kill: bool) -> tuple[int, int]:
         graph.revive(node)
     else:
         os.kill(pid, signal.SIGCONT)
-    return before, present
+    return before + 1, len(present)
 
 
 def stale_shown() -> None:
