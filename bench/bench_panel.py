@@ -33,7 +33,9 @@ LOCALES = ('en-US', 'de-DE', 'uk-UA')
 TEXTS = 200
 # of elements that show something of a section: text, whether it is marked, sections
 FIELDS = """() => [...document.querySelectorAll('[data-from]')].filter((e) => !e.closest('[hidden]')).map((e) => {
-  const said = [...e.querySelectorAll('b, s, td, span, canvas')].filter((x) => x.closest('[data-from]') === e);
+  const off = (x) => x.closest('#standoff') && document.getElementById('standoff-facts').textContent.includes('off');
+  const mine = (x) => x.closest('[data-from]') === e && !off(x);
+  const said = [...e.querySelectorAll('b, s, td, span, canvas')].filter(mine);
   const texts = said.map((x) => (x.tagName === 'CANVAS' ? 'drawn' : x.textContent.trim()));
   const words = texts.filter((x) => x && x !== '–');
   return [e.dataset.from.split(' '), words, Boolean(e.closest('.stale'))];
@@ -100,10 +102,12 @@ def begin(page) -> None:
     try:
         page.click('#stop')
         shows(page, '#machine-state', 'IDLE|ALARM')
+        page.click('nav [data-page=move]')
         if page.text_content('#machine-state') == 'ALARM':
-            page.click('nav [data-page=move]')
             page.click('#reset')
             shows(page, '#machine-state', 'IDLE')
+        if page.is_enabled('#disarm'):  # by a job whose program was killed
+            page.click('#disarm')
         page.click('nav [data-page=setup]')
         page.select_option('#f-part', 'block.stl')
         page.select_option('#f-as_found', 'block_worn.stl')
