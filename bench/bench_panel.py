@@ -82,14 +82,14 @@ def sections_of(node: str) -> set[str]:
     return {name for name, source in SOURCES.items() if source.node == node}
 
 
-def looked_at(page, sections: set[str]) -> tuple[int, list[str]]:
+def looked_at(page, sections: set[str]) -> tuple[list[str], list[str]]:
     """Fields of these sections that show something, and those of them that look present."""
-    fields, present = 0, []
+    fields, present = [], []
     for names, words, stale in page.evaluate(FIELDS):
         if not sections & set(names):
             continue
         known = [w for w in words if not any(u in w for u in UNKNOWN)]
-        fields += len(words)
+        fields += [f'{names}: {w}' for w in words]
         present += [] if stale else [f'{names}: {w}' for w in known]
     return fields, present
 
@@ -115,7 +115,7 @@ def begin(page) -> None:
         shows(page, '#said-text', 'Loaded: ')
         page.click('#arm')
         page.click('#start')
-        shows(page, '#arc-state', 'ON')
+        shows(page, '#arc-state', 'ON', 20_000)
     except (Error, AssertionError) as e:
         print('without an arc:', *str(e).splitlines()[:5], file=sys.stderr)
     page.click('nav [data-page=machine]')
@@ -135,6 +135,7 @@ def one_death(page, graph: LiveGraph, node: str, kill: bool) -> tuple[int, int]:
     died = time.monotonic()
     page.evaluate(f'new Promise((done) => setTimeout(done, {1000 * DEAD_S}))')
     _, present = looked_at(page, sections)
+    present = [x for x in present if 'drawn' not in x or x in before]  # what was off is no field
     gone = page.text_content('#programs')
     if node != 'virtual_controller' and f'{node}! gone' not in gone:
         before, present = before + 1, present + 1
@@ -147,7 +148,7 @@ def one_death(page, graph: LiveGraph, node: str, kill: bool) -> tuple[int, int]:
         graph.revive(node)
     else:
         os.kill(pid, signal.SIGCONT)
-    return before + 1, len(present)
+    return len(before) + 1, len(present)
 
 
 def stale_shown() -> None:
