@@ -24,7 +24,7 @@ from lib.emit import emit
 from lib.live_graph import LiveGraph
 
 DEAD_S = 3.0
-PATIENCE_MS = 120_000
+PATIENCE_MS = 60_000
 NODES = (
     'job_sequencer', 'bridge', 'scan_fusion', 'correction_server', 'feed_forward', 'thermal_compensator',
     'process_control', 'recorder', 'dashboard', 'cell', 'virtual_controller',
@@ -33,7 +33,9 @@ LOCALES = ('en-US', 'de-DE', 'uk-UA')
 TEXTS = 200
 # of elements that show something of a section: text, whether it is marked, sections
 FIELDS = """() => [...document.querySelectorAll('[data-from]')].filter((e) => !e.closest('[hidden]')).map((e) => {
-  const said = [...e.querySelectorAll('b, s, td, span, canvas')].filter((x) => x.closest('[data-from]') === e);
+  const off = (x) => x.closest('#standoff') && document.getElementById('standoff-facts').textContent.includes('off');
+  const mine = (x) => x.closest('[data-from]') === e && !off(x);
+  const said = [...e.querySelectorAll('b, s, td, span, canvas')].filter(mine);
   const texts = said.map((x) => (x.tagName === 'CANVAS' ? 'drawn' : x.textContent.trim()));
   const words = texts.filter((x) => x && x !== '–');
   return [e.dataset.from.split(' '), words, Boolean(e.closest('.stale'))];
@@ -80,15 +82,15 @@ def sections_of(node: str) -> set[str]:
     return {name for name, source in SOURCES.items() if source.node == node}
 
 
-def looked_at(page, sections: set[str]) -> tuple[int, int]:
-    """Fields of these sections that show something, and how many of them look present."""
-    fields = present = 0
+def looked_at(page, sections: set[str]) -> tuple[list[str], list[str]]:
+    """Fields of these sections that show something, and those of them that look present."""
+    fields, present = [], []
     for names, words, stale in page.evaluate(FIELDS):
         if not sections & set(names):
             continue
         known = [w for w in words if not any(u in w for u in UNKNOWN)]
-        fields += len(words)
-        present += 0 if stale else len(known)
+        fields += [f'{names}: {w}' for w in words]
+        present += [] if stale else [f'{names}: {w}' for w in known]
     return fields, present
 
 
@@ -100,10 +102,12 @@ def begin(page) -> None:
     try:
         page.click('#stop')
         shows(page, '#machine-state', 'IDLE|ALARM')
+        page.click('nav [data-page=move]')
         if page.text_content('#machine-state') == 'ALARM':
-            page.click('nav [data-page=move]')
             page.click('#reset')
             shows(page, '#machine-state', 'IDLE')
+        if page.is_enabled('#disarm'):  # by a job whose program was killed
+            page.click('#disarm')
         page.click('nav [data-page=setup]')
         page.select_option('#f-part', 'block.stl')
         page.select_option('#f-as_found', 'block_worn.stl')
@@ -111,9 +115,9 @@ def begin(page) -> None:
         shows(page, '#said-text', 'Loaded: ')
         page.click('#arm')
         page.click('#start')
-        shows(page, '#arc-state', 'ON')
+        shows(page, '#arc-state', 'ON', 20_000)
     except (Error, AssertionError) as e:
-        print(f'without an arc: {str(e).splitlines()[0]}', file=sys.stderr)
+        print('without an arc:', *str(e).splitlines()[:5], file=sys.stderr)
     page.click('nav [data-page=machine]')
     page.evaluate('new Promise((done) => setTimeout(done, 1000))')
 
@@ -131,6 +135,7 @@ def one_death(page, graph: LiveGraph, node: str, kill: bool) -> tuple[int, int]:
     died = time.monotonic()
     page.evaluate(f'new Promise((done) => setTimeout(done, {1000 * DEAD_S}))')
     _, present = looked_at(page, sections)
+    present = [x for x in present if 'drawn' not in x or x in before]  # what was off is no field
     gone = page.text_content('#programs')
     if node != 'virtual_controller' and f'{node}! gone' not in gone:
         before, present = before + 1, present + 1
@@ -143,7 +148,7 @@ def one_death(page, graph: LiveGraph, node: str, kill: bool) -> tuple[int, int]:
         graph.revive(node)
     else:
         os.kill(pid, signal.SIGCONT)
-    return before, present
+    return len(before) + 1, len(present)
 
 
 def stale_shown() -> None:

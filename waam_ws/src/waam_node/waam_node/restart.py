@@ -10,6 +10,7 @@ import json
 import secrets
 import time
 from pathlib import Path
+from typing import Any
 
 from .files import write_atomically
 
@@ -43,7 +44,7 @@ def ask(run: Path, taken_s: float = TAKEN_S, done_s: float = DONE_S) -> list[str
     raise NoSupervisor(f'the supervisor did not say within {done_s:.0f} s what it has started')
 
 
-def _read(file: Path) -> dict[str, object] | None:
+def _read(file: Path) -> dict[str, Any] | None:
     try:
         data = json.loads(file.read_text(encoding='utf-8'))
     except (OSError, ValueError, RecursionError):

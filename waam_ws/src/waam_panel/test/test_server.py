@@ -351,3 +351,47 @@ def test_no_filter_becomes_sql_or_a_path(panel, made_jobs, text):
     made_jobs(1, arrays=False)
     status, body = get(panel, f'/api/archive?part={quote(text)}')
     assert status == 200 and json.loads(body)['count'] == 0
+
+
+def test_a_job_whose_node_died_is_told_to_other_cells_as_unknown(panel):
+    """In the list of cells at once, in the audit log a little later; the queue starts nothing meanwhile."""
+    from waam_panel.shop_link import view_of
+
+    link = panel.cell.shop
+    panel.speak(('machine', MACHINE), ('job', panel.job('DEPOSITING')))
+    until(lambda: link.status(panel.cell).job_state == 'DEPOSITING', 'the job')
+    panel.living = ('bridge',)
+    del panel.saying['job']
+    until(lambda: link.status(panel.cell).job_state == 'UNKNOWN', 'not known')
+    assert link.status(panel.cell).job_message.startswith('job_sequencer does not answer since')
+    assert view_of(panel.cell).job_state == ''
+    until(lambda: panel.cell.state.lost_job, 'given up')
+    told = link.status(panel.cell)
+    assert (told.job, told.job_message) == (
+        '20260101_jaw',
+        'ended unknown: job_sequencer died or hangs',
+    )
+    status, answer = ask(panel, 'load', SETUP)
+    assert status == 409 and 'job_sequencer does not answer since' in answer['message']
+    panel.speak(('machine', MACHINE), ('job', panel.job('IDLE')))  # it was started again
+    until(lambda: view_of(panel.cell).job_state == 'IDLE', 'back')
+    assert link.status(panel.cell).job_message.startswith('ended unknown')
+    panel.saying['job'] = panel.job('SCANNING', id='20260102_next')
+    until(lambda: link.status(panel.cell).job == '20260102_next', 'the next job')
+
+
+def test_programs_are_not_started_again_while_the_cell_works(panel):
+    stands = ('machine', MACHINE), ('telemetry', panel.still()), ('job', panel.job('IDLE'))
+    for name, value, why in (
+        ('telemetry', panel.still(arc_enabled=True), 'the arc is on'),
+        ('telemetry', panel.still(state='RUN'), 'moves or holds'),
+        ('machine', MACHINE | {'state': 'HOLD'}, 'moves or holds'),
+        ('job', panel.job('COOLING'), 'a job is running'),
+    ):
+        panel.speak(*stands)
+        panel.saying[name] = value
+        until(lambda w=why: w in ask(panel, 'restart_programs')[1]['message'], why)
+        panel.operations.asked.clear()  # of before the cell had said anything
+        assert why in ask(panel, 'restart_programs')[1]['message'] and not panel.operations.asked
+    panel.speak(*stands)
+    until(lambda: ask(panel, 'restart_programs')[0] == 200, 'started again')

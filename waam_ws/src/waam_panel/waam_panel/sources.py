@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-ALIVE_S = 2.5  # s without a sign of life after which a node does not answer
+ALIVE_S = 2.2  # s without a sign of life after which a node does not answer
 GONE_S = 5.0  # s after which it is told as an alarm, and as the end of its job
 
 
@@ -25,11 +25,11 @@ class Source:
 
 SOURCES = {
     'telemetry': Source('bridge', 'telemetry', 1.5),
-    'machine': Source('bridge', 'machine_state', 2.5),
-    'link': Source('bridge', 'link_status', 2.5),
+    'machine': Source('bridge', 'machine_state', 2.2),
+    'link': Source('bridge', 'link_status', 2.2),
     'standoff': Source('bridge', 'standoff', 3.0),
-    'temperature': Source('cell', 'temperature', 2.5),
-    'heat': Source('thermal_compensator', 'heat_factor', 2.5),
+    'temperature': Source('cell', 'temperature', 2.2),
+    'heat': Source('thermal_compensator', 'heat_factor', 2.2),
     'process': Source('process_control', 'process_control', 3.0),
     'job': Source('job_sequencer', 'job_status'),
     'plan': Source('job_sequencer', 'layer_plan'),

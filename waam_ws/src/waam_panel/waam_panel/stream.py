@@ -116,8 +116,10 @@ async def _send(cell: Cell, line: _Line, request: web.Request) -> None:
         while not line.socket.closed and cell.guard.visitor(request.cookies.get(COOKIE, '')):
             due = time.monotonic() + FRAME_S
             await line.send(page.frame())
-            while time.monotonic() < due and (piece := page.piece()):
+            while piece := page.piece():
                 await line.send(piece)
+                if time.monotonic() > due:
+                    break
             await asyncio.sleep(max(0.0, due - time.monotonic()))
     except (TimeoutError, ConnectionError):
         if request.transport is not None:

@@ -8,7 +8,7 @@ const UNKNOWN = -32768;
 const UNITS = { height: ['mm', 1e3], error: ['mm', 1e3], psi: ['', 1] };
 const FROM = { height: 'height', error: 'height', psi: 'correction', path: 'plan', viewer: 'viewer' };
 const maps = {}, wanted = {};
-let shown = 'height', torch = null, arc = false;
+let shown = 'height', torch = null, arc = false, latest = {};
 const view = { turn: -0.6, tilt: 0.9, zoom: 1 };
 
 function blend(table, share) {
@@ -31,10 +31,12 @@ function decode(map, name) {
   return { ...map, values, picture, table };
 }
 
-// Fetches what changed; several changes while one is on its way count as one.
+// Fetches what changed of what is shown (a map is large); several changes while one is on its way count as one.
 export async function refresh(versions) {
+  latest = versions;
   for (const [name, version] of Object.entries(versions)) {
     if (wanted[name] === version) continue;
+    if (name !== shown && name !== 'path') { delete maps[name]; delete wanted[name]; continue; } // an old one is not shown later
     wanted[name] = version;
     const map = await get(`/api/map/${name}`);
     if (!map) { delete wanted[name]; continue; }
@@ -44,7 +46,7 @@ export async function refresh(versions) {
 }
 
 export function moveTorch(telemetry) { torch = telemetry ? telemetry.position : null; arc = telemetry ? telemetry.arc : false; }
-export const hasMap = (name) => Boolean(maps[name]);
+export const hasMap = (name) => Boolean(latest[name]);
 
 export function show(name) {
   shown = name;
