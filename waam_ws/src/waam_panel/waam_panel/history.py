@@ -60,8 +60,8 @@ def _row(folder: Path) -> dict[str, Any]:
     runs = [p for p in SHOWN_FIRST if p in report]
     return {
         'id': folder.name,
-        'state': 'UNREADABLE' if damaged else _state(status, report),
-        'message': '; '.join(damaged) or str(status.get('message') or ''),
+        'state': _state(status, report, not damaged),
+        'message': '; '.join([*damaged, str(status.get('message') or '')]).removesuffix('; '),
         'part': str(report.get('part') or ''),
         'material': str(report.get('material') or ''),
         'loop_mode': ', '.join(runs) or str(status.get('loop_mode') or ''),
@@ -74,8 +74,9 @@ def _row(folder: Path) -> dict[str, Any]:
     }
 
 
-def _state(status: dict[str, Any], report: dict[str, Any]) -> str:
-    return str(status.get('state') or ('DONE' if report else 'UNKNOWN'))
+def _state(status: dict[str, Any], report: dict[str, Any], whole: bool) -> str:
+    """A report alone tells that the job is done, unless a damaged file may say something else."""
+    return str(status.get('state') or ('DONE' if report and whole else 'UNKNOWN'))
 
 
 def can_go_on(folder: Path) -> bool:

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .safe_files import read_npz
+
 
 class GridError(ValueError):
     """A grid with invalid geometry or data; the text names the field."""
@@ -146,9 +148,10 @@ class HeightGrid:
 
     @classmethod
     def load_npz(cls, path: str | Path) -> HeightGrid:
-        """Reads what `save_npz` wrote; a sigma that is NaN everywhere becomes None. KeyError for other npz files."""
-        with np.load(path, allow_pickle=False) as f:
-            z, origin = f['z'], f['origin']
-            spec = GridSpec(float(origin[0]), float(origin[1]), float(f['resolution']), *z.shape)
-            sigma = f['sigma'] if np.isfinite(f['sigma']).any() else None
-            return cls(spec, z, sigma)
+        """Reads what `save_npz` wrote; a sigma that is NaN everywhere becomes None. KeyError for other npz files,
+        FileError for a damaged one."""
+        f = read_npz(Path(path))
+        z, origin = f['z'], f['origin']
+        spec = GridSpec(float(origin[0]), float(origin[1]), float(f['resolution']), *z.shape)
+        sigma = f['sigma'] if np.isfinite(f['sigma']).any() else None
+        return cls(spec, z, sigma)

@@ -33,7 +33,7 @@ class FileError(ValueError):
     """A file that cannot be read as what it should be; the text names it and says why."""
 
 
-class Missing(FileError):
+class Missing(FileError, FileNotFoundError):
     """There is no such file."""
 
 

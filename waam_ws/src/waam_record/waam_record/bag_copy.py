@@ -50,14 +50,10 @@ class Selection:
 
 def recover(path: Path, output: Path) -> Recovered:
     """Writes everything that is whole in a recording (directory or file) as a new, indexed recording, file by file.
-    The source stays as it is. BagError, and nothing written, when no message is whole."""
+    The source stays as it is."""
     files = bag_files(path)
-    if not any(isinstance(record, Message) for file in files for record in records(file)):
-        damage = [f'{file}: {r}' for file in files for r in records(file) if isinstance(r, Damage)]
-        reason = '; '.join(damage[:3]) or 'no message was ever written'
-        raise BagError(f'{path}: nothing can be recovered ({reason})')
     writer = BagWriter(output, name=Path(output).resolve().name)
-    damage = []
+    damage: list[str] = []
     seen: dict[tuple[str, str], int] = {}
     for number, file in enumerate(files):
         if number:

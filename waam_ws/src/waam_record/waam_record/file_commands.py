@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -154,6 +155,10 @@ def _recover(args: argparse.Namespace) -> int:
         saved = recover(args.path, target)
     except (ValueError, OSError) as e:
         return error(e)
+    if not saved.messages:
+        shutil.rmtree(saved.output)  # made just now, and empty
+        reason = '; '.join(saved.damage[:3]) or 'no message was ever written'
+        return error(f'{args.path}: nothing can be recovered ({reason})')
     for text in saved.damage:
         print(f'note: {text}', file=sys.stderr)
     lost = f'; {len(saved.damage)} damages, see the notes' if saved.damage else ''

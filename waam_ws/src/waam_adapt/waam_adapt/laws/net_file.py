@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from waam_process.safe_files import parse_json, read_npz
+
 from ..beads import plan_level, residual
 from .features import CHANNELS
 from .net import CONVS, ModelError, Network, digest
@@ -34,9 +36,8 @@ def load(path: Path, channels: int = CHANNELS) -> Network:
     """channels: of the input. ModelError when the file is missing, cannot be read, misses a layer or does not have the
     hash that it names."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            content = {k: file[k] for k in file.files}
-        meta = json.loads(content.pop('meta').tobytes())
+        content = read_npz(path)
+        meta = parse_json(content.pop('meta').tobytes().decode(), 'meta')
         card, wanted = dict(meta['card']), str(meta['sha256'])
     except FileNotFoundError:
         raise ModelError(f'{path}: no such model file') from None

@@ -47,15 +47,20 @@ class ResumeRun:
             context.journal.folder,
         )
         self.number = 0  # of the layer that was under way
+        self.lost = ''  # why the records of the runs before cannot be used
         self.checkpoint, self.doubts = checkpoints.load(self.folder.path)
 
     def load(self) -> list[JobError] | None:
         """Reads records and plans of earlier runs. Returns the problems of the wire; None when nothing was planned."""
         self.number = self.folder.last_map() + 1
-        self.journal.take_over(self.number)
-        if self.number > 0:
-            self._load_plans(self.number)
-        self.program.remember(self.journal.passes_before)
+        self.lost = self.journal.take_over(self.number)
+        try:
+            if self.number > 0:
+                self._load_plans(self.number)
+            self.program.remember(self.journal.passes_before)
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError, StopIteration) as e:
+            text = f'plans and records do not belong together ({type(e).__name__}: {e})'
+            raise JobError(Code.BAD_RESUME, text) from None
         return self.wire_problems() if self.program.planned else None
 
     def wire_problems(self) -> list[JobError]:
@@ -83,6 +88,8 @@ class ResumeRun:
         """
         for text in self.doubts:
             self.journal.note('WARNING', 'node', text, 'the generation before is used')
+        if self.lost:
+            self.journal.note('WARNING', 'node', self.lost, 'the report begins with this run')
         if not self.program.planned:
             text = 'resumed before the first layer'
             self.journal.note('INFO', 'operator', text, 'started anew')
@@ -202,15 +209,25 @@ class ResumeRun:
     def _map(self, number: int) -> dict[str, np.ndarray]:
         """What is stored of the surface after layer `number`. JobError when it cannot be read."""
         stored = self.folder.read_map(number)
+        name, spec = job_folder.map_after(number), self.scanner.spec
         if stored is None:
-            name = job_folder.map_after(number)
             raise JobError(Code.BAD_RESUME, f'{name} is missing or torn')
+        place = [spec.origin_x, spec.origin_y, spec.resolution]
+        told = [*np.ravel(stored.get('origin', ())), *np.ravel(stored.get('resolution', ()))]
+        maps = [stored.get(n) for n in ('z', 'sigma', 'count')]
+        maps += [stored[n] for n in ('asked',) if n in stored]
+        same = len(told) == 3 and np.allclose(told, place, atol=1e-9)
+        if not same or any(
+            m is None or m.shape != spec.shape or m.dtype.kind not in 'fiu' for m in maps
+        ):
+            raise JobError(Code.BAD_RESUME, f'{name} holds no maps on the grid of this job')
         return stored
 
     def _stored_scan(self, number: int) -> Scan:
         stored = self._map(number)
         z, sigma = (stored[n].astype(float) for n in ('z', 'sigma'))
-        width, u, expected = (float(v) for v in stored.get('bead_width', np.full(3, np.nan)))
+        widths = np.ravel(stored.get('bead_width', np.full(3, np.nan)))
+        width, u, expected = (float(v) for v in widths) if widths.size == 3 else (np.nan,) * 3
         return Scan(
             map=HeightGrid(self.scanner.spec, z, sigma),
             count=stored['count'],
@@ -228,9 +245,9 @@ class ResumeRun:
 
     def _remember(self, number: int) -> None:
         """Layer `number` becomes the one that the next scan is compared with."""
-        stored = self.folder.read_map(number - 1) or {}
+        stored = self._map(number - 1)
         self.cycle.history = History()
-        if 'asked' in stored:
+        if 'asked' in stored and 'feed_factor' in stored:
             self.cycle.history = History(
                 growth=stored['asked'].astype(float),
                 surface=stored['z'].astype(float),

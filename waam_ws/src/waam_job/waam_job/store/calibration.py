@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-import yaml
+from waam_process.safe_files import read_yaml
 
 DAY = 86400.0
 
@@ -39,12 +39,12 @@ def read(file: str) -> Calibration:
     if not file:
         return Calibration()
     try:
-        data = yaml.safe_load(Path(file).read_text())
+        data = read_yaml(Path(file))
         date, sha256 = str(data['date']), str(data['sha256'])
         found = Calibration(file, date, sha256, str(data.get('artefact', '')))
     except FileNotFoundError:
         return Calibration(file, trouble='no such file')
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, AttributeError) as e:
+    except (ValueError, KeyError, TypeError, AttributeError) as e:
         return Calibration(file, trouble=f'not a calibration file ({type(e).__name__}: {e})')
     if math.isnan(found.age_days(datetime.now(UTC))):
         return Calibration(file, trouble=f"its date '{date}' is none")

@@ -16,6 +16,7 @@ from waam_plan.post.gcode import gcode
 from waam_plan.post.store import save_plan
 from waam_process.materials import Material
 from waam_process.names import FAULTS
+from waam_process.safe_files import FileError, Missing
 from waam_process.segment import Point
 
 from ..model.cell import Cell, Correction, Scan
@@ -195,9 +196,20 @@ class Journal:
             },
         )
 
-    def take_over(self, last_layer: int) -> None:
-        """Reads records.json of the runs before; what it holds of layers after `last_layer` is laid again."""
-        data = self.folder.read_json(job_folder.RECORDS) or {}
+    def take_over(self, last_layer: int) -> str:
+        """Reads records.json of the runs before; what it holds of layers after `last_layer` is laid again. Returns why
+        it cannot be used, '' when it can or when there is none."""
+        try:
+            self._take_over(self.folder.read_yaml(job_folder.RECORDS), last_layer)
+        except Missing:
+            pass
+        except FileError as e:
+            return str(e)
+        except (KeyError, TypeError, ValueError, AttributeError) as e:
+            return f'{job_folder.RECORDS}: damaged ({type(e).__name__}: {e})'
+        return ''
+
+    def _take_over(self, data: dict[str, Any], last_layer: int) -> None:
         self.spent_before = float(data.get('elapsed') or 0.0)
         self.models = data.get('models') or {}
         old = [LayerRecord.from_json(r) for r in data.get('layers', [])]

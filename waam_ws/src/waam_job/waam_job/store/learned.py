@@ -24,8 +24,8 @@ def read(path: Path) -> Learned:
     """LearnedError names the file and what is wrong with it. FileNotFoundError when there is none."""
     try:
         return parse(read_text(path))
-    except Missing as e:
-        raise FileNotFoundError(str(e)) from None
+    except Missing:
+        raise
     except FileError as e:
         raise LearnedError(str(e)) from None
     except LearnedError as e:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ import numpy as np
 from mcap.records import Channel, Message, Schema
 
 from waam_node.cdr import read_pose
+from waam_process.safe_files import parse_json
 from waam_record.bag_reader import info
 from waam_record.salvage import Damage, records
 
@@ -53,7 +53,7 @@ def recorded_mounting(path: Path) -> Mounting:
     text = info(record_files(path)[0]).custom_data.get('parameters.scan_fusion')
     if text is None:
         return Mounting()
-    p = json.loads(text)
+    p = parse_json(text, f'{path}: parameters.scan_fusion')
     if p.get('calibration'):
         raise FileError(
             f'{path}: the job used the calibration {p["calibration"]}: name it with --calibration'
