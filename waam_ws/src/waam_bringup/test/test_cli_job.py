@@ -18,6 +18,7 @@ from waam_job.ros.node_requests import new_folder, recheck, reopen
 from waam_msgs.action import RunJob
 from waam_node import job_folder
 from waam_plan.mesh.part import FORMATS
+from waam_process.grid import HeightGrid
 
 
 @pytest.fixture
@@ -66,6 +67,32 @@ def test_a_build_gets_a_plate_that_is_large_enough(parse, tmp_path):
     ((mesh, plate, seed),) = loaded
     assert mesh == '' and seed == -1
     assert plate == pytest.approx((0.300, 0.200, 0.010))
+
+
+def test_a_worn_part_is_put_where_the_program_expects_it(parse, tmp_path):
+    """In the nominal part's coordinates and units; the worn box has lost its end at low x, and with it its corner."""
+    files, loaded = (tmp_path / 'nominal.stl', tmp_path / 'worn.stl'), []
+    for file, length, height in zip(files, (0.060, 0.050), (0.020, 0.016), strict=True):
+        box = trimesh.creation.box(extents=(length, 0.030, height))
+        box.apply_translation(
+            (0.5 - length / 2, 0.1, height / 2 + 0.3)
+        )  # m; the same end at high x
+        box.export(file)
+
+    def load(path, plate, seed):
+        loaded.append(HeightGrid.load_npz(path))
+
+    client = Mock(running_job=lambda: None, load_part=load)
+    args = parse('run', files[0], '--as-found', files[1], '--scale', '1')
+    jobs.place_part(client, args, jobs.check_arguments(args))
+    (lies,) = loaded
+    assert lies.sample(0.030, 0.015) == pytest.approx(0.016, abs=1e-6)
+    assert lies.sample(0.0595, 0.015) == pytest.approx(0.016, abs=1e-6)
+    assert lies.sample(0.0625, 0.015) == lies.sample(-0.002, 0.015) == 0.0
+    box.apply_translation((0, 0, -0.020))
+    box.export(files[1])
+    with pytest.raises(ValueError, match='wholly below the part'):
+        jobs.place_part(client, args, jobs.check_arguments(args))
 
 
 def test_wire_lot_and_gas_are_notes_of_the_job(parse, box, tmp_path):

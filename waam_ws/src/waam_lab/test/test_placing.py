@@ -96,7 +96,8 @@ def test_warnings_of_the_plan_are_shown_once_with_their_place(tmp_path, capsys):
     """A hump of 3 mm on the worn top, 14 mm across: nothing can lower it."""
 
     def with_hump(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-        hump = trimesh.creation.cylinder(7.0, 10.0, transform=trimesh.transformations.translation_matrix((14, 40, 18.0)))
+        hump = trimesh.creation.cylinder(7.0, 10.0)
+        hump.apply_translation((14, 40, 18.0))
         return trimesh.util.concatenate([mesh, hump])
 
     job = written(tmp_path, 1e-3, np.zeros(3), with_hump)

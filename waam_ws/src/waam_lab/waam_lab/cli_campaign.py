@@ -155,7 +155,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     told = shlex.join(['waam', *sys.argv[1:]])
     wall = time.monotonic() - started
     campaign = report.Campaign(
-        job, results, wall, workers, told, args.cluster, tuple(trials), taken, notes
+        job, results, wall, workers, told, args.cluster, tuple(trials), taken=taken, notes=notes
     )
     page = report.write(out, campaign)
     pieces.clear()

@@ -99,11 +99,9 @@ def physics_of(job: LabJob, known: params.LabParams) -> PlantParams:
     return job.plant or plant_params(known.cell)
 
 
-def on_table(
-    job: LabJob, checked: Checked, known: params.LabParams, physics: PlantParams
-) -> Table:
-    """What lies in the cell; for a build a plate that is large enough. ValueError when it cannot be read, is too large or
-    does not lie on the nominal part."""
+def on_table(job: LabJob, checked: Checked, known: params.LabParams, physics: PlantParams) -> Table:
+    """What lies in the cell; for a build a plate that is large enough. ValueError when it cannot be read, is too large
+    or does not lie on the nominal part."""
     metal = physics.metal
     if job.as_found is not None:
         lies = checked.on_table(job.as_found, metal.cell, metal.margin)

@@ -25,7 +25,7 @@ STEP = 2.0  # mm
 
 
 def body(heights: np.ndarray, step: float = STEP) -> trimesh.Trimesh:
-    """A closed block on z = 0, lower corner at the origin; heights (m, n) mm at the corners of its top, `step` mm apart."""
+    """A closed block on z = 0, lower corner at the origin; heights (m, n) mm of its top, on corners `step` mm apart."""
     m, n = heights.shape
     x, y = np.meshgrid(np.arange(m) * step, np.arange(n) * step, indexing='ij')
     top = np.stack([x, y, heights], axis=2).reshape(-1, 3)
@@ -223,7 +223,10 @@ def test_no_wear_is_taken_for_another_place(seed):
 def test_hardly_any_overlap_is_refused_with_what_was_found(tmp_path):
     nominal, worn = (body(h) for h in worn_plate(np.random.default_rng(5)))
     part = written(tmp_path, 'nominal', nominal)
-    for shift, told in ((30.0, r'misses \d\d%.*covers \d+% of the part'), (900.0, 'no cell in common')):
+    for shift, told in (
+        (30.0, r'misses \d\d%.*covers \d+% of the part'),
+        (900.0, 'no cell in common'),
+    ):
         aside = worn.copy()
         aside.apply_translation((shift, 0, 0))
         for place in (planned, planned_on_table):

@@ -15,7 +15,9 @@ MOST = 10e-3  # m, a cell that is farther off counts as this far: what is worn o
 MISFIT = 2e-3  # m, mean distance below which nothing is asked
 BETTER = 0.3  # of the mean distance, for another way round to be the right one
 BARE = 0.5e-3  # m above the bottom of the part: nothing stands there
-REMEDY = 'check that the part lies where the program expects it: part and scan in the same coordinates'
+REMEDY = (
+    'check that the part lies where the program expects it: part and scan in the same coordinates'
+)
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def _turned(found: np.ndarray, wanted: np.ndarray) -> str:
 
 
 def _distance(missing: np.ndarray) -> float:
-    """m, mean over the cells of the part, from the median: wear is no misfit. What was not seen (NaN) counts as MOST."""
+    """m, mean over the cells of the part, from the median: wear is no misfit. Not seen (NaN) counts as MOST."""
     if not np.isfinite(missing).any():
         return MOST
     off = np.abs(missing - np.nanmedian(missing))

@@ -28,8 +28,9 @@ examples:
   waam robot ik -c robot.xml -i i_input.txt -o i_output.txt     poses -> angles, branch nearest to the state before
   waam robot split points.txt -o split.txt --speed 20     a path divided between robot and positioner
 
-Files hold one point per line, numbers between semicolons. f_input: six angles, rad (with -c one per joint). i_input: six angles of the state
-before, the rotation matrix by rows, x; y; z in mm. split: X; Y; Z (mm); W; P; R (deg) of the tool on the part.
+Files hold one point per line, numbers between semicolons. f_input: six angles, rad (with -c one per joint).
+i_input: six angles of the state before, the rotation matrix by rows, x; y; z in mm.
+split: X; Y; Z (mm); W; P; R (deg) of the tool on the part.
 With -c, angles are those of the XML: J2 = 0 upright, J3 against the upper arm.
 
 The arm without -c is the M-20iB/25 of source 003. No robot is moved by any of this.
@@ -58,7 +59,12 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 
 def _register_kinematics(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     for name, names, text, verb in (
-        ('fk', 'J1 J2 J3 J4 J5 J6, with -c as many as the chain has joints', 'joint angles -> where flange and tool are', forward_verb),
+        (
+            'fk',
+            'J1 J2 J3 J4 J5 J6 (with -c: of its joints)',
+            'joint angles -> where flange and tool are',
+            forward_verb,
+        ),
         ('ik', 'X Y Z W P R', 'where the tool is -> joint angles, all branches', inverse_verb),
     ):
         p = verbs.add_parser(name, help=text, description=text)

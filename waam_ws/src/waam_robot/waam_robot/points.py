@@ -1,8 +1,9 @@
 """The text files of the source's program (section 3.3): one point per line, numbers between semicolons, rad and mm.
 
-forward: an angle per joint, six of an arm -> twelve numbers: the rows of the rotation matrix, then the position. inverse: six angles of the
-state before, then those twelve -> six angles. The text calls the nine numbers the directions of the axes, its table 3.4
-prints rows; its example of an inverse line has 22 numbers and is refused (docs/equations.md).
+forward: an angle per joint, six of an arm -> twelve numbers: the rows of the rotation matrix, then the position.
+inverse: six angles of the state before, then those twelve -> six angles. The text calls the nine numbers the
+directions of the axes, its table 3.4 prints rows; its example of an inverse line has 22 numbers and is refused
+(docs/equations.md).
 """
 
 from __future__ import annotations

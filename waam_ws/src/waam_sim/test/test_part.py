@@ -8,7 +8,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_sim.part import PartError, centre, from_stl, plate
+from waam_process.grid import GridSpec, HeightGrid
+from waam_sim.part import PartError, centre, from_file, from_stl, plate
 
 CELL, MARGIN = 4e-4, 0.01
 
@@ -64,3 +65,35 @@ def test_files_that_are_no_parts_are_refused_by_name(tmp_path):
     trimesh.creation.box((2000, 10, 10)).export(huge)
     with pytest.raises(PartError, match='2000.0 x 10.0 x 10.0 mm'):
         from_stl(str(huge), CELL, MARGIN)
+
+
+def test_a_height_map_lies_where_it_is(tmp_path):
+    """In the work frame, not moved to its corner; on the cells of the plant, whatever its own are."""
+    spec = GridSpec(-0.004, 0.002, 1e-3, 30, 40)
+    z = np.where((np.arange(40) > 9) & (np.arange(30)[:, None] > 5), 0.013, 0.0)
+    HeightGrid(spec, z).save_npz(tmp_path / 'part.npz')
+    part = from_file(str(tmp_path / 'part.npz'), CELL, MARGIN)
+    assert part.spec.resolution == CELL and part.spec.extent[0] == pytest.approx(-0.004)
+    assert part.sample(0.0085, 0.0100) == pytest.approx(0.013)
+    assert part.sample(0.0040, 0.0100) == part.sample(0.0085, 0.0060) == 0.0
+    assert set(np.unique(part.z)) == {0.0, 0.013}
+    same = from_file(str(tmp_path / 'part.npz'), 1e-3, MARGIN)
+    np.testing.assert_array_equal(same.z, z)
+
+
+@pytest.mark.parametrize(
+    ('change', 'told'),
+    [
+        (lambda z: np.where(z > 0, np.nan, z), 'without a height'),
+        (lambda z: z - 0.01, 'below the table'),
+        (lambda z: z + 0.6, 'too large'),
+    ],
+)
+def test_a_height_map_that_is_no_part_is_refused(tmp_path, change, told):
+    z = change(np.where(np.arange(20) > 9, 0.01, 0.0) * np.ones((20, 1)))
+    HeightGrid(GridSpec(0.0, 0.0, 1e-3, 20, 20), z).save_npz(tmp_path / 'part.npz')
+    with pytest.raises(PartError, match=told):
+        from_file(str(tmp_path / 'part.npz'), CELL, MARGIN)
+    (tmp_path / 'part.npz').write_bytes(b'PK\\x03\\x04 nothing')
+    with pytest.raises(PartError, match='not a height map'):
+        from_file(str(tmp_path / 'part.npz'), CELL, MARGIN)

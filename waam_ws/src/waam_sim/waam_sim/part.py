@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -54,9 +53,10 @@ def from_file(path: str, cell: float, margin: float, tilt: float = 0.0) -> Heigh
     if Path(path).suffix.lower() != '.npz':
         return from_stl(path, cell, margin, tilt)
     try:
-        return placed(HeightGrid.load_npz(path), cell)
-    except (OSError, KeyError, EOFError, zipfile.BadZipFile) as e:
+        heights = HeightGrid.load_npz(path)
+    except Exception as e:  # numpy raises whatever its parsers raise
         raise PartError(f'{path}: not a height map ({e})') from None
+    return placed(heights, cell)
 
 
 def placed(heights: HeightGrid, cell: float) -> HeightGrid:

@@ -231,9 +231,7 @@ class Checked:
         """Of the mesh; '' without one."""
         return self.part.sha256 if self.part else ''
 
-    def on_table(
-        self, worn: Path, cell: float = TABLE_CELL, margin: float = TABLE_MARGIN
-    ) -> Table:
+    def on_table(self, worn: Path, cell: float = TABLE_CELL, margin: float = TABLE_MARGIN) -> Table:
         """The worn part of a restoration as it lies in a simulated cell (`waam_plan.mesh.placed`), its file in the
         coordinates and units of the nominal part. ValueError where the two do not fit each other."""
         settings = PlanSettings(**planner_fields(self.goal, self.material))

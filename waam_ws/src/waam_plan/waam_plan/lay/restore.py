@@ -258,16 +258,16 @@ def _warn(
             f'missing (largest depth {np.nanmax(missing) * 1e3:.2f} mm)'
         )
     above = masks.drop_spots(job.found - masks.highest_near(job.wanted, cells), SPOT, spec)
-    if above.max() > settings.min_layer * settings.layer_height:
+    least = settings.min_layer * settings.layer_height
+    if above.max() > least:
         warnings.append(
-            f'the surface stands up to {above.max() * 1e3:.2f} mm above nominal, '
-            f'{_where(above, settings.min_layer * settings.layer_height, spec)}; deposition cannot lower it, machine it '
-            'first'
+            f'the surface stands up to {above.max() * 1e3:.2f} mm above nominal, {_where(above, least, spec)}; '
+            'deposition cannot lower it, machine it first'
         )
     if complete and planned:
         laid = np.sum([p.planned for p in planned], axis=0)
-        least = job.wanted - masks.highest_near(job.found, cells) - laid
-        short = masks.drop_spots(np.where(job.count > 0, least, 0.0), SPOT, spec)
+        missing = job.wanted - masks.highest_near(job.found, cells) - laid
+        short = masks.drop_spots(np.where(job.count > 0, missing, 0.0), SPOT, spec)
         if short.max() > 0.1 * settings.layer_height:
             warnings.append(
                 f'the thickest layer limits the metal; {short.max() * 1e3:.2f} mm stay missing, '

@@ -32,8 +32,8 @@ def top_surface(
 def behind(
     mesh: trimesh.Trimesh, spec: GridSpec, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
-    """(rows, cols) bool: where faces are missing in a mesh that has an inside, so that one looks through the hole at the
-    far side from within. Arguments as of `top_surface`."""
+    """(rows, cols) bool: where faces are missing in a mesh that has an inside, so that one looks through the hole at
+    the far side from within. Arguments as of `top_surface`."""
     return _tops(mesh, spec, offset)[1]
 
 
