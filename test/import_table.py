@@ -24,7 +24,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_bridge': {'waam_node', 'waam_process'},
     'waam_sim': {'waam_node', 'waam_process', 'waam_robot'},
     'waam_record': {'waam_node', 'waam_process'},
-    'waam_scan': {'waam_node', 'waam_process', 'waam_record'},
+    'waam_scan': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},  # readers of clouds
     'waam_plan': {'waam_process', 'waam_robot'},
     'waam_robot': set(),
     'waam_robot_bridge': {'waam_bridge', 'waam_node', 'waam_process', 'waam_robot'},

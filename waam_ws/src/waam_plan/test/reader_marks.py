@@ -136,4 +136,33 @@ MARKS += [
         ('60 points are too few', MARK),
         True,
     ),
+    Case(
+        'z 0 in four of five points',
+        'a.npy',
+        lambda: npy(
+            np.where(np.isin(np.arange(N), some())[:, None], surface(), surface() * (1, 1, 0))
+        ),
+        (MARK, f'{LEFT} points'),
+        check=is_surface(len(some())),
+    ),
+    Case(
+        'z 0 between heights around 0',
+        'a.npy',
+        lambda: npy(
+            np.where(np.isin(np.arange(N), some())[:, None], (1, 1, 0), (1, 1, 1))
+            * (surface() - (0, 0, 18.5))
+        ),
+        (MARK, f'{len(some())} points'),
+        check=is_surface(LEFT, -1.5),
+    ),
+    Case(
+        'a plate that may be none',
+        'a.npy',
+        lambda: npy(plate(20)),
+        ('kept, as a plate',),
+        check=same(lambda: plate(20)),
+    ),
+    Case(
+        'an archive for a text', 'a.xyz', lambda: b'\x1f\x8b' + bytes(500), ('binary data',), True
+    ),
 ]

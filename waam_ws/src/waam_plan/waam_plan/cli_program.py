@@ -71,6 +71,8 @@ def program_plan(args: argparse.Namespace, settings: PlanSettings) -> Plan:
         offset, how = part_offset(part.bounds, box)
         nominal = top_surface(part.mesh, spec, offset)
         print(how)
+        for note in part.report.notes:
+            print(f'{args.nominal.name}: {note}')
     found = HeightGrid.full(spec, 0.0)
     if args.as_found:
         found = top_surface(load_part(args.as_found, args.scale, False).mesh, spec, offset)

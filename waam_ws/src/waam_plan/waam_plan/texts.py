@@ -62,7 +62,7 @@ def decimal_comma(word: str) -> bool:
 
 def shown(text: str) -> str:
     """A piece of a file, short and printable."""
-    plain = text.strip().encode('ascii', 'replace').decode()
+    plain = text.strip()[: SHOWN + 1].encode('ascii', 'replace').decode()
     plain = ''.join(c if c.isprintable() else '?' for c in plain)
     return plain if len(plain) <= SHOWN else f'{plain[:SHOWN]}...'
 

@@ -292,7 +292,7 @@ def _placed(checked: Checked) -> Checked:
     if program is None:
         assert part is not None
         x, y, z = (-float(v) for v in part.bounds[0])
-        return replace(checked, offset=(x, y, z))
+        return replace(checked, offset=(x, y, z), remarks=part.report.notes)
     path = place.path_box(program)
     half = planner_fields(goal, checked.material)['bead_width'] / 2
     box = path + [[-half, -half, 0.0], [half, half, 0.0]]
@@ -303,4 +303,4 @@ def _placed(checked: Checked) -> Checked:
     lies = part.bounds + offset
     if goal.mode == 'restore':
         box = np.array([np.minimum(box[0], lies[0]), np.maximum(box[1], lies[1])])
-    return replace(checked, offset=offset, box=box, remarks=(how,))
+    return replace(checked, offset=offset, box=box, remarks=(how, *part.report.notes))

@@ -26,7 +26,10 @@ ISOLATED = 2.0e-3
 
 @dataclass(frozen=True)
 class Cloud:
-    """points: (n, 3) m, finite, without marks for "no return". notes: what was left out or assumed, for a person."""
+    """points: (n, 3), in m where nothing else is said, finite, without marks for "no return".
+
+    notes: what was left out or assumed, for a person.
+    """
 
     points: np.ndarray
     notes: list[str]
@@ -49,10 +52,27 @@ def read_cloud(path: Path | str, scale: float = 1e-3) -> Cloud:
     path = Path(path)
     if not (np.isfinite(scale) and scale > 0):
         raise PartError(f'scale is {scale}, must be a positive length in m per unit of the file')
+    cloud, unit = read_points(path)
+    if unit and not np.isclose(UNITS[unit], scale):
+        raise PartError(
+            f'{path}: the header says {unit}, the scale is {scale:g} m per unit; '
+            f'give --scale {UNITS[unit]:g}'
+        )
+    if len(cloud.points) < FEWEST:
+        said = f' ({"; ".join(cloud.notes)})' if cloud.notes else ''
+        raise PartError(f'{path}: {len(cloud.points)} points are too few for a surface{said}')
+    size = float(np.ptp(cloud.points[:, :2], axis=0).max()) * scale
+    if wrong := wrong_size(size, scale, 'cloud'):
+        raise PartError(f'{path}: {wrong}')
+    return Cloud(cloud.points * scale, cloud.notes)
+
+
+def read_points(path: Path) -> tuple[Cloud, str]:
+    """The cloud in units of the file, and the unit that its header says ('' = none). PartError names file and fault."""
     try:
         if path.stat().st_size > MAX_BYTES:
             raise PartError(f'{path}: larger than {MAX_BYTES // 1_000_000} MB; thin the cloud out')
-        with np.errstate(all='ignore'):  # numbers beyond all bounds are dropped or refused below
+        with np.errstate(all='ignore'):  # numbers beyond all bounds are dropped or refused
             table = _read(path)
             points, notes = usable(table.points, table.intensity)
     except FileNotFoundError:
@@ -61,19 +81,7 @@ def read_cloud(path: Path | str, scale: float = 1e-3) -> Cloud:
         if isinstance(error, PartError):
             raise
         raise PartError(f'{path}: not a readable point cloud ({error})') from error
-    if table.unit and not np.isclose(UNITS[table.unit], scale):
-        raise PartError(
-            f'{path}: the header says {table.unit}, the scale is {scale:g} m per unit; '
-            f'give --scale {UNITS[table.unit]:g}'
-        )
-    notes = [f'{path.name}: {text}' for text in (*table.notes, *notes)]
-    if len(points) < FEWEST:
-        said = f' ({"; ".join(notes)})' if notes else ''
-        raise PartError(f'{path}: {len(points)} points are too few for a surface{said}')
-    size = float(np.ptp(points[:, :2], axis=0).max()) * scale
-    if wrong := wrong_size(size, scale, 'cloud'):
-        raise PartError(f'{path}: {wrong}')
-    return Cloud(points * scale, notes)
+    return Cloud(points, [f'{path.name}: {text}' for text in (*table.notes, *notes)]), table.unit
 
 
 def _read(path: Path) -> Table:
@@ -90,7 +98,7 @@ def _read(path: Path) -> Table:
         return ply.read_points(data)
     if kind in FORMATS:
         return read_table(text_of(data))
-    raise ValueError(f'known kinds are {", ".join((*FORMATS, ".ply", ".npz"))}')
+    raise ValueError(f'not a cloud; known kinds are {", ".join((*FORMATS, ".ply", ".npz"))}')
 
 
 def cloud_grid(points: np.ndarray, spec: GridSpec) -> HeightGrid:

@@ -19,6 +19,7 @@ LOOKED_AT = 100_000  # points among which neighbours are looked for
 ASKED = 2000  # points of one value that are compared with their neighbours
 NEIGHBOURS = 8
 SCATTERED = 0.25  # share of other neighbours from which on points lie between the others
+LEAST_OTHERS = 0.05  # share of the other points; fewer are no surface between marks
 FLAT = 0.2  # share of the other points at one height: then a plate may be as flat, too
 MOST_CELLS = 200_000  # cubes, in which groups are looked for
 FARTHEST = 2**20 - 1  # cubes
@@ -88,10 +89,15 @@ def _look_at(
     dark = intensity is not None and (intensity[at] == 0).mean() > 0.95
     if dark and intensity is not None and (intensity[others] != 0).mean() > 0.9:
         why = ' and intensity 0'
-    elif _between(points, at, others, mark):
-        why = ''
     else:
-        return
+        why, judged = '', _judged(points, at, others, mark)
+        if judged == 'doubt':
+            notes.append(
+                f'{_points(at)} with z = {value:.6g} stand out of the others and are kept, as a plate; remove them if '
+                'they are marks for no return'
+            )
+        if judged != 'mark':
+            return
     drop |= at
     notes.append(
         f'{_points(at)} with z = {value:.6g}{why} dropped: a scanner\'s mark for no return'
@@ -111,34 +117,41 @@ def _one_place(points: np.ndarray, mark: bool) -> np.ndarray | None:
     return None
 
 
-def _between(points: np.ndarray, at: np.ndarray, others: np.ndarray, mark: bool) -> bool:
-    """Whether points of one height stand out of their neighbours and are no flat face of the part."""
+def _judged(points: np.ndarray, at: np.ndarray, others: np.ndarray, mark: bool) -> str:
+    """'mark' where points of one height stand out of their neighbours and are no flat face of the part, 'doubt' where
+    they stand out and may be one, else ''."""
     rng = np.random.default_rng(1)
     rest = _some(np.flatnonzero(others), LOOKED_AT, rng)
     ask = _some(np.flatnonzero(at), ASKED, rng)
-    tree = cKDTree(points[rest, :2])
-    k = min(NEIGHBOURS, len(rest))
-    near = points[rest[tree.query(points[ask, :2], k)[1].reshape(len(ask), k)], 2]
-    off = np.abs(np.median(near, axis=1) - points[ask, 2])
     control = _some(rest, ASKED, rng)
-    around = points[rest[tree.query(points[control, :2], k)[1].reshape(len(control), k)], 2]
-    rough = float(np.quantile(np.abs(np.median(around, axis=1) - points[control, 2]), 0.9))
-    span = float(np.ptp(np.quantile(points[rest, 2], (0.02, 0.98))))
-    if (
-        off > max(5 * rough, (0.2 if mark else 2.0) * span, 1e-6 * abs(float(points[ask[0], 2])))
-    ).mean() < 0.8:
-        return False
+    z = points[:, 2]
+    off = np.abs(np.median(z[_near(points, ask, rest)], axis=1) - z[ask])
+    rough = np.abs(np.median(z[_near(points, control, rest)], axis=1) - z[control])
+    least = max(5 * float(np.quantile(rough, 0.9)), 1e-6 * abs(float(z[ask[0]])))
+    span = float(np.ptp(np.quantile(z[rest], (0.02, 0.98))))
+    _, count = np.unique(z[rest], return_counts=True)
+    stands = (off > max(least, (0.2 if mark else 2.0) * span)).mean() > 0.8
+    alone = mark and at.sum() > 20 * count.max() and (off > least).mean() > 0.3
+    if not (stands or alone):
+        return ''
+    share = others.sum() / (others.sum() + at.sum())
     everything = _some(np.flatnonzero(at | others), LOOKED_AT, rng)
-    mixed = cKDTree(points[everything, :2])
-    k = min(NEIGHBOURS + 1, len(everything))
-    who = everything[mixed.query(points[ask, :2], k)[1].reshape(len(ask), k)]
-    if (~at[who]).mean() > SCATTERED:
-        return True
-    _, count = np.unique(points[rest, 2], return_counts=True)
+    between = (~at[_near(points, ask, everything)]).mean()
+    if share > LEAST_OTHERS and between > min(SCATTERED, share / 2):
+        return 'mark'
+    if not (mark and stands):
+        return ''
     flat = count.max() / len(rest) > FLAT
     extent = float(np.ptp(np.quantile(points[rest, :2], (0.02, 0.98), axis=0), axis=0).max())
-    far = points[ask[0], 2] != 0 and float(np.median(off)) > 0.5 * extent
-    return mark and (far or (not flat and at.sum() < 2 * others.sum()))
+    far = z[ask[0]] != 0 and float(np.median(off)) > 0.5 * extent
+    return 'mark' if far or (not flat and at.sum() < 2 * others.sum()) else 'doubt'
+
+
+def _near(points: np.ndarray, ask: np.ndarray, among: np.ndarray) -> np.ndarray:
+    """(len(ask), k) numbers of the nearest of `among`, seen from above."""
+    k = min(NEIGHBOURS, len(among))
+    found = cKDTree(points[among, :2]).query(points[ask, :2], k)[1]
+    return among[found.reshape(len(ask), k)]
 
 
 def _some(index: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:

@@ -18,7 +18,7 @@ from waam_plan.mesh.repair import repaired
 from waam_plan.mesh.stl import read_stl
 from waam_plan.mesh.threemf import read_3mf
 from waam_plan.mesh.units import wrong_size
-from waam_plan.mesh.weld import welded
+from waam_plan.mesh.weld import edge_use, welded
 from waam_plan.settings import PlanSettings, Triple
 from waam_plan.texts import text_of
 from waam_robot.tilt import tilted
@@ -233,7 +233,7 @@ def _ply(data: bytes) -> trimesh.Trimesh:
 
 
 def _report(mesh: trimesh.Trimesh, collapsed: int) -> PartReport:
-    boundary = int((_edge_use(mesh)[1] == 1).sum())
+    boundary = int((edge_use(mesh)[1] == 1).sum())
     closed = bool(mesh.is_watertight)
     volume = float(mesh.volume) if closed else float('nan')
     bodies = int(mesh.body_count)
@@ -248,13 +248,8 @@ def _report(mesh: trimesh.Trimesh, collapsed: int) -> PartReport:
     )
 
 
-def _edge_use(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
-    """Unique edges (n, 2) and how many faces use each."""
-    return np.unique(mesh.edges_sorted, axis=0, return_counts=True)
-
-
 def _check_closed(path: Path, mesh: trimesh.Trimesh, report: PartReport) -> None:
-    edges, use = _edge_use(mesh)
+    edges, use = edge_use(mesh)
     if (use > 2).any():
         at = mesh.vertices[edges[use > 2][0]].mean(axis=0)
         raise PartError(

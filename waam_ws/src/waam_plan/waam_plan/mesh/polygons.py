@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from array import array
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -18,7 +19,7 @@ _NUMBER = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf
 Mesh = tuple[np.ndarray, np.ndarray, list[str]]  # vertices (n, 3), faces (m, 3), notes
 
 
-MOST_CORNERS = 10_000  # of a face
+LONGEST = 100_000  # characters of a line
 
 
 class _Maker:
@@ -43,10 +44,6 @@ class _Maker:
     def face(self, line: int, corners: list[int]) -> None:
         if len(corners) < 3:
             raise ValueError(f'line {line}: a face of {len(corners)} corners')
-        if len(corners) > MOST_CORNERS:
-            raise ValueError(
-                f'line {line}: a face of {len(corners)} corners, {MOST_CORNERS} at most'
-            )
         for corner in corners:
             if not 0 <= corner < self.count:
                 raise ValueError(
@@ -76,9 +73,12 @@ def _convex(corners: np.ndarray) -> bool:
     return bool(size == 0 or (turns @ normal / size >= -BENT * longest).all())
 
 
-def _words(text: str) -> list[tuple[int, list[str]]]:
-    lines = ((n, line.partition('#')[0].split()) for n, line in numbered_lines(text))
-    return [(n, words) for n, words in lines if words]
+def _words(text: str) -> Iterator[tuple[int, list[str]]]:
+    for number, line in numbered_lines(text):
+        if len(line) > LONGEST:
+            raise ValueError(f'line {number}: {len(line)} characters, {LONGEST} at most')
+        if words := line.partition('#')[0].split():
+            yield number, words
 
 
 def read_obj(text: str) -> Mesh:
@@ -110,26 +110,29 @@ def _corner(line: int, word: str, count: int) -> int:
 def read_off(text: str) -> Mesh:
     """ValueError names the line."""
     rows = _words(text)
-    if not rows or not re.fullmatch(r'(ST|C|N)*OFF', rows[0][1][0]):
+    line, words = next(rows, (0, ['']))
+    if not re.fullmatch(r'(ST|C|N)*OFF', words[0]):
         raise ValueError("it does not begin with 'OFF'")
-    rows[0][1].pop(0)
-    rows = [(line, words) for line, words in rows if words]
-    if not rows or not all(re.fullmatch(r'\d{1,12}', w) for w in rows[0][1]) or len(rows[0][1]) < 2:
+    counts = words[1:] or next(rows, (0, []))[1]
+    if len(counts) < 2 or not all(re.fullmatch(r'\d{1,12}', w) for w in counts):
         raise ValueError('the numbers of vertices and faces are missing')
-    vertices, faces = int(rows[0][1][0]), int(rows[0][1][1])
-    if vertices + faces != len(rows) - 1:
+    vertices, faces = int(counts[0]), int(counts[1])
+    made, found = _Maker(), 0
+    for found, (line, words) in enumerate(rows, 1):
+        if found <= vertices:
+            made.vertex(line, words)
+        elif found <= vertices + faces:
+            made.face(line, _off_face(line, words))
+    if found != vertices + faces:
         raise ValueError(
-            f'truncated or damaged: {vertices} vertices and {faces} faces are announced, '
-            f'{len(rows) - 1} lines are there'
+            f'truncated or damaged: {vertices} vertices and {faces} faces are announced, {found} lines are there'
         )
-    made = _Maker()
-    for line, words in rows[1 : 1 + vertices]:
-        made.vertex(line, words)
-    for line, words in rows[1 + vertices :]:
-        count = int(words[0]) if re.fullmatch(r'\d{1,6}', words[0]) else -1
-        if not 0 < count < len(words) or not all(
-            re.fullmatch(r'\d{1,12}', w) for w in words[1 : count + 1]
-        ):
-            raise ValueError(f"line {line}: '{shown(' '.join(words))}' is no face")
-        made.face(line, [int(w) for w in words[1 : count + 1]])
     return made.mesh([])
+
+
+def _off_face(line: int, words: list[str]) -> list[int]:
+    count = int(words[0]) if re.fullmatch(r'\d{1,6}', words[0]) else -1
+    corners = words[1 : count + 1]
+    if not 0 < count < len(words) or not all(re.fullmatch(r'\d{1,12}', w) for w in corners):
+        raise ValueError(f"line {line}: '{shown(' '.join(words[:20]))}' is no face")
+    return [int(w) for w in corners]

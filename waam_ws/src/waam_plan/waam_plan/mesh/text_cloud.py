@@ -88,6 +88,8 @@ class _Form:
 
 def read_table(text: str) -> Table:
     """ValueError names line and cause."""
+    if '\0' in text[:4096]:
+        raise ValueError('it is no text: binary data')
     rows = _Rows(text)
     names, form, columns, unit = rows.names, rows.form, [0, 1, 2], ''
     notes: list[str] = []

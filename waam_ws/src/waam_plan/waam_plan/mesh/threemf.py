@@ -15,7 +15,7 @@ from waam_plan.mesh.slicer_parts import Pieces, pieces_of
 
 UNITS = {'micron': 1e-6, 'millimeter': 1e-3, 'centimeter': 1e-2, 'inch': 0.0254, 'foot': 0.3048}
 UNITS['meter'] = 1.0
-MOST_VISITS = 100_000  # of objects, by items and components
+MOST_VISITS = 20_000  # of objects, by items and components
 MOST = 10_000_000  # triangles
 
 Key = tuple[str, str]  # part, id of an object
@@ -89,7 +89,7 @@ class _Build:
         """ValueError for components in a circle, and for too many visits or triangles, before any is made."""
         visits: dict[Key, int] = {}
         faces: dict[Key, int] = {}
-        open_: list[Key] = []
+        open_: set[Key] = set()
         todo = [(key, False) for key in items]
         while todo:
             key, done = todo.pop()
@@ -97,11 +97,11 @@ class _Build:
                 inner = [self.key(c, key[0]) for c in self.object(key).components]
                 visits[key] = 1 + sum(visits[k] for k in inner)
                 faces[key] = len(self.object(key).faces) + sum(faces[k] for k in inner)
-                open_.pop()
+                open_.discard(key)
             elif key in open_:
                 raise ValueError(f'object {key[1]} of {key[0]} is a component of itself')
             elif key not in visits:
-                open_.append(key)
+                open_.add(key)
                 todo.append((key, True))
                 todo += [(self.key(c, key[0]), False) for c in self.object(key).components]
             if len(open_) > MOST_VISITS:

@@ -11,9 +11,17 @@ TOLERANCE = 20e-6  # m; far below a bead, far above the rounding of a file
 NEAREST = 8
 
 
+def edge_use(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+    """Unique edges (n, 2), in the order of their vertex numbers, and how many faces use each."""
+    count = len(mesh.vertices)
+    edges = np.asarray(mesh.edges_sorted, np.int64)
+    key, use = np.unique(edges[:, 0] * count + edges[:, 1], return_counts=True)
+    return np.column_stack([key // count, key % count]), use
+
+
 def welded(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str]:
     """The mesh (m) with corners of open edges within TOLERANCE made one, and what was done ('' = nothing)."""
-    edges, use = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
+    edges, use = edge_use(mesh)
     rim = np.unique(edges[use == 1])
     if len(rim) < 2:
         return mesh, ''

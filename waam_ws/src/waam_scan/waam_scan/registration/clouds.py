@@ -2,61 +2,49 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 
+from waam_plan.mesh.clouds import is_cloud, read_points
+from waam_plan.mesh.part import PartError, load_part
+
 from ..recordings.files import FileError, load_map
 
-CLOUDS = ('.ply', '.pcd', '.xyz')
 MESHES = ('.stl', '.obj', '.off')
+FEWEST = 200  # points
 
 
 def load_points(path: Path, scale: float = 1e-3) -> np.ndarray:
-    """(n, 3) finite points in m of a PLY, PCD, XYZ or NPY cloud (m per unit: scale) or of a map (.npz, in m)."""
+    """(n, 3) finite points in m of a cloud (m per unit: scale) or of a map (.npz, in m).
+
+    Clouds are those of `waam plan`; what is left out of one (marks for "no return", stray points) is said on stderr.
+    """
     path = Path(path)
     if not (np.isfinite(scale) and scale > 0):
         raise FileError(f'--scale {scale} must be a positive length in m')
-    if path.suffix.lower() == '.npz':
+    if path.suffix.lower() == '.npz' and not is_cloud(path):
         grid = load_map(path)
         x, y = np.meshgrid(grid.spec.x, grid.spec.y)
         points = np.column_stack([x.ravel(), y.ravel(), grid.z.ravel()])
+        points = points[np.isfinite(points).all(axis=1)]
     else:
         points = _read(path) * scale
-    points = points[np.isfinite(points).all(axis=1)]
-    if len(points) < 200:
+    if len(points) < FEWEST:
         raise FileError(f'{path}: only {len(points)} points')
     return points
 
 
 def _read(path: Path) -> np.ndarray:
-    if not path.is_file():
-        raise FileError(f'{path}: no such file')
-    if path.suffix.lower() == '.npy':
-        return _read_npy(path)
-    if path.suffix.lower() not in CLOUDS:
-        raise FileError(f'{path}: not a cloud; known are .npz maps, .npy, {", ".join(CLOUDS)}')
-    import open3d as o3d
-
+    """In units of the file."""
     try:
-        with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-            cloud = o3d.io.read_point_cloud(str(path), remove_nan_points=True)
-    except (MemoryError, RuntimeError) as e:  # the header promises more data than the file has
-        raise FileError(f'{path}: damaged ({e})') from None
-    points = np.asarray(cloud.points)
-    if len(points) == 0:
-        raise FileError(f'{path}: no points in it, or damaged')
-    return points
-
-
-def _read_npy(path: Path) -> np.ndarray:
-    try:
-        points = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as e:
-        raise FileError(f'{path}: not a NumPy array: {e}') from None
-    if points.ndim != 2 or points.shape[1] < 3 or points.dtype.kind not in 'fiu':
-        raise FileError(f'{path}: a cloud is (n, 3) numbers, not {points.shape} {points.dtype}')
-    return points[:, :3].astype(float)
+        cloud, _ = read_points(path)
+    except PartError as error:
+        raise FileError(str(error)) from None
+    for note in cloud.notes:
+        print(note, file=sys.stderr)
+    return cloud.points
 
 
 def is_mesh(path: Path) -> bool:
@@ -73,18 +61,10 @@ def is_mesh(path: Path) -> bool:
 
 def load_triangles(path: Path, scale: float = 1e-3) -> np.ndarray:
     """(n, 3, 3) in m of a mesh file."""
-    import trimesh
-
     try:
-        mesh = trimesh.load(Path(path), force='mesh')
-        triangles = np.asarray(mesh.triangles, float) * scale
-    except FileNotFoundError:
-        raise FileError(f'{path}: no such file') from None
-    except Exception as e:  # trimesh's readers raise all kinds of exceptions
-        raise FileError(f'{path}: not a mesh that can be read: {e}') from None
-    if len(triangles) == 0 or not np.isfinite(triangles).all():
-        raise FileError(f'{path}: no triangles in it')
-    return triangles
+        return np.asarray(load_part(path, scale, require_closed=False).mesh.triangles, float)
+    except PartError as error:
+        raise FileError(str(error)) from None
 
 
 def save_cloud(path: Path, points: np.ndarray) -> None:
