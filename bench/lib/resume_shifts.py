@@ -160,7 +160,8 @@ def cut_off(job: Any, layer: int, share: float, scratch: Path, name: str) -> Cut
 
 
 def moved(grid: Any, pose: Pose) -> np.ndarray:
-    """(rows, cols) m: the surface with all that stands on the table shifted and turned about the middle of the metal."""
+    """(rows, cols) m: the surface with all that stands on the table shifted,
+    and turned about the middle of the metal."""
     from scipy.ndimage import map_coordinates
 
     spec = grid.spec

@@ -12,8 +12,8 @@ WITHIN_REACH = 0.4  # of a layer's thickness: more than that no single layer cor
 
 
 def diverges(rms: Sequence[float], tolerance: float, thickness: float) -> bool:
-    """Whether the RMS errors after the layers so far, the last one last, have grown LAYERS times in a row to more than a
-    loop that converges shows. thickness: of a layer."""
+    """Whether the RMS errors after the layers so far, the last one last, have grown LAYERS times in a row, to more than
+    a loop that converges shows. thickness: of a layer."""
     last = list(rms[-LAYERS - 1 :])
     if len(last) <= LAYERS or last[-1] <= max(TOLERANCES * tolerance, THICKNESSES * thickness):
         return False
