@@ -128,6 +128,7 @@ def test_displacements_are_read_with_their_scale():
         (['0 0 0 0 0 nan'], "line 1: 'nan' is no finite number"),
         (['0 0 0 0 0 0', '0 0 0 1 0 0'], 'line 2: this place has been given another move'),
         (['# nothing'], 'f.csv: no displacements'),
+        (['1,5 2,5 3,5'], 'f.csv, line 1: decimal commas'),
     ],
 )
 def test_bad_displacements_are_refused_with_their_line(lines, told):

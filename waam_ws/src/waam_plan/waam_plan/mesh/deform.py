@@ -15,6 +15,7 @@ from scipy.interpolate import RBFInterpolator
 
 from waam_plan.mesh.part import Part, PartError
 from waam_plan.settings import PlanSettings
+from waam_plan.texts import decimal_comma
 
 ALL = 1500  # samples up to which all of them count at every place
 NEAREST = 64  # of more samples
@@ -53,7 +54,13 @@ def displacements(lines: Iterable[str], scale: float, where: str) -> Displacemen
     """
     rows: dict[tuple[float, ...], tuple[float, ...]] = {}
     for number, line in enumerate(lines, 1):
-        words = line.split('#')[0].replace(',', ' ').split()
+        text = line.split('#')[0]
+        if any(decimal_comma(word) for word in text.split()[1:]):
+            raise PartError(
+                f'{where}, line {number}: decimal commas, or blanks and commas between numbers; export with decimal '
+                'points'
+            )
+        words = text.replace(',', ' ').split()
         if not words:
             continue
         if len(words) != COLUMNS:

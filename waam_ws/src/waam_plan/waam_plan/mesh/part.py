@@ -203,7 +203,7 @@ def _parse(path: Path, data: bytes, scale: float) -> tuple[trimesh.Trimesh, list
                 vertices, faces, notes = (read_obj if kind == 'obj' else read_off)(text_of(data))
                 loaded = trimesh.Trimesh(vertices, faces, process=False)
             else:
-                loaded = _ply(data)
+                loaded, notes = _ply(data)
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise PartError(f'{path}: not a readable {kind.upper()} file ({error})') from error
     if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
@@ -221,7 +221,7 @@ def _parse(path: Path, data: bytes, scale: float) -> tuple[trimesh.Trimesh, list
     return trimesh.Trimesh(loaded.vertices, faces, process=False), notes
 
 
-def _ply(data: bytes) -> trimesh.Trimesh:
+def _ply(data: bytes) -> tuple[trimesh.Trimesh, list[str]]:
     """ValueError where the cause is known."""
     header = ply.read_header(data)
     if header.count('face') == 0:
@@ -229,7 +229,10 @@ def _ply(data: bytes) -> trimesh.Trimesh:
     if not header.order and (comma := re.search(rb'\d,\d', data[header.end :])):
         line = data.count(b'\n', 0, header.end + comma.start()) + 1
         raise ValueError(f'line {line}: a number has a decimal comma; export with decimal points')
-    return trimesh.load(io.BytesIO(data), file_type='ply', process=False, force='mesh')
+    mesh = trimesh.load(io.BytesIO(data), file_type='ply', process=False, force='mesh')
+    if len(mesh.faces) <= header.count('face'):
+        return mesh, []
+    return mesh, ['faces of more than three corners were divided from their first corner']
 
 
 def _report(mesh: trimesh.Trimesh, collapsed: int) -> PartReport:
