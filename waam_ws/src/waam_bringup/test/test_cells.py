@@ -216,7 +216,17 @@ def test_a_page_of_its_own_brings_a_second_way_for_stop_with_its_rules(monkeypat
 
     started: list[list[str]] = []
     monkeypatch.setattr('subprocess.Popen', lambda words, **_: started.append(words))
-    words = 'panel --bind 0.0.0.0 --port 8700 --host a.local --host b.local'.split()
+    words = [
+        'panel',
+        '--bind',
+        '0.0.0.0',
+        '--port',
+        '8700',
+        '--host',
+        'a.local',
+        '--host',
+        'b.local',
+    ]
     access = {'token_file': '/t', 'tls_cert': '/c', 'tls_key': '/k'}
     panel._start_lane(build_parser().parse_args(words), tmp_path / 'stop', 8700, 8701, access)
     ((program, *told),) = started
