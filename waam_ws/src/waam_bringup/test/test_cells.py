@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from waam_bringup import audited, paths, shop
+from waam_bringup import audited, panel, paths, shop
 from waam_bringup.cli import build_parser, main
 from waam_bringup.run_state import RunState
 from waam_node.locks import locked
@@ -209,3 +209,34 @@ def test_a_page_for_others_without_tokens_or_tls_is_refused_clearly(here):
     assert "needs 'token_file' (waam token create) and 'tls_cert' with 'tls_key'" in panel()
     main(['token', 'create', 'tablet', '--role', 'view'])
     assert "needs 'tls_cert' and 'tls_key'" in panel()
+
+
+def test_a_page_of_its_own_brings_a_second_way_for_stop_with_its_rules(monkeypatch, tmp_path):
+    from waam_panel.stop_lane import arguments
+
+    started: list[list[str]] = []
+    monkeypatch.setattr('subprocess.Popen', lambda words, **_: started.append(words))
+    words = [
+        'panel',
+        '--bind',
+        '0.0.0.0',
+        '--port',
+        '8700',
+        '--host',
+        'a.local',
+        '--host',
+        'b.local',
+    ]
+    access = {'token_file': '/t', 'tls_cert': '/c', 'tls_key': '/k'}
+    panel._start_lane(build_parser().parse_args(words), tmp_path / 'stop', 8700, 8701, access)
+    ((program, *told),) = started
+    lane = arguments().parse_args(told)
+    assert program.endswith('/stop_lane') and lane.socket == str(tmp_path / 'stop')
+    assert (lane.port, lane.page_port, lane.bind, lane.hosts) == (
+        8701,
+        8700,
+        '0.0.0.0',
+        'a.local,b.local',
+    )
+    assert (lane.token_file, lane.tls_cert, lane.tls_key) == ('/t', '/c', '/k')
+    assert lane.ends_with == os.getpid()

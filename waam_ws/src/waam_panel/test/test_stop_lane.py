@@ -221,7 +221,11 @@ def test_it_leaves_with_status_2_and_a_reason_when_it_cannot_listen(lane):
         [sys.executable, '-m', 'waam_panel.stop_lane', '--socket', 'x', '--port', str(lane.port),
          '--page-port', '1'], capture_output=True, text=True, timeout=60,
     )  # fmt: skip
-    assert again.returncode == 2 and 'in use' in again.stderr and 'Traceback' not in again.stderr
+    assert (
+        again.returncode == 2
+        and f'port {lane.port}: Address already in use' in again.stderr
+        and 'Traceback' not in again.stderr
+    )
 
 
 @settings(

@@ -103,6 +103,7 @@ class ShopLink:
             item = await cell.beside.thread('queue', self._step, view, stops != self._stops_seen)
         except (OSError, QueueError):
             self._runner = Runner()  # what it decided is perhaps not on the disk: it begins anew
+            self._counts, self._next = {}, ''  # not known
             raise
         self._stops_seen = stops
         self._starting = asyncio.create_task(self._start(cell, item, stops)) if item else None

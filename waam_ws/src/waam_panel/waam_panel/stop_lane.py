@@ -209,11 +209,14 @@ def rules_of(args: argparse.Namespace) -> Rules:
 
 
 async def serve(args: argparse.Namespace) -> None:
-    """Until it is cancelled. OSError when the port is taken."""
+    """Until it is cancelled. ValueError when the port is taken."""
     family = socket.AF_INET6 if ':' in args.bind else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    listener.bind((args.bind, args.port))
+    try:
+        listener.bind((args.bind, args.port))
+    except OSError as e:
+        raise ValueError(f'cannot listen on {args.bind} port {args.port}: {e.strerror}') from None
     listener.listen(BACKLOG)
     args.port = listener.getsockname()[1]
     rules = rules_of(args)
