@@ -35,7 +35,7 @@ TEXTS = 200
 FIELDS = """() => [...document.querySelectorAll('[data-from]')].filter((e) => !e.closest('[hidden]')).map((e) => {
   const off = (x) => x.closest('#standoff') && document.getElementById('standoff-facts').textContent.includes('off');
   const mine = (x) => x.closest('[data-from]') === e && !off(x);
-  const said = [...e.querySelectorAll('b, s, td, span, canvas')].filter(mine);
+  const said = [e, ...e.querySelectorAll('*')].filter((x) => x.matches('b, s, td, span, canvas') && mine(x));
   const texts = said.map((x) => (x.tagName === 'CANVAS' ? 'drawn' : x.textContent.trim()));
   const words = texts.filter((x) => x && x !== '–');
   return [e.dataset.from.split(' '), words, Boolean(e.closest('.stale'))];
@@ -141,7 +141,7 @@ def one_death(page, graph: LiveGraph, node: str, kill: bool) -> tuple[int, int]:
         before, present = before + 1, present + 1
     late = time.monotonic() - died
     print(
-        json.dumps([node, 'killed' if kill else 'suspended', before, present, round(late, 2)]),
+        json.dumps([node, 'killed' if kill else 'suspended', len(before), present, round(late, 2)]),
         file=sys.stderr,
     )
     if kill:

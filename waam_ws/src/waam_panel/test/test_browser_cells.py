@@ -52,8 +52,8 @@ def picture(page, name: str) -> None:
 
 
 def tell(panel, **job) -> None:
-    panel.cell.mailbox.put(('machine', MACHINE))
-    panel.cell.mailbox.put(('job', JOB | job))
+    """From now on, again and again."""
+    panel.speak(('machine', MACHINE), ('job', JOB | job))
 
 
 def shows_when_told(panel, page, selector: str, pattern: str) -> None:

@@ -157,3 +157,18 @@ def test_requests_of_the_page_are_read_alike_and_say_what_was_understood(panel):
         )
     assert ask(panel, 'jog_wire', json.dumps({'mm': 10**4000}).encode())[0] == 400
     assert len(panel.operations.asked) == before
+
+
+def test_a_jog_is_one_of_those_that_the_page_has(panel):
+    good = {'axis': 'x', 'direction': 1, 'step': 1.0, 'held': False}
+    machine_says(panel)
+    for wrong in (
+        {'step': True},
+        {'direction': True},
+        {'held': 'false'},
+        {'step': '1'},
+        {'step': 2},
+        {'axis': ['x']},
+    ):
+        assert ask(panel, 'jog', good | wrong)[0] == 400, wrong
+    assert not panel.operations.asked and ask(panel, 'jog', good)[0] == 200

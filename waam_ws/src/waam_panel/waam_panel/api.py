@@ -92,10 +92,17 @@ async def arm(cell: Cell, _: dict[str, Any]) -> str:
 
 async def jog(cell: Cell, data: dict[str, Any]) -> str:
     """axis x, y, z; direction +1, -1; step in mm; held: a short piece at the speed that belongs to the step."""
-    axis, step = data.get('axis'), data.get('step')
-    if axis not in ('x', 'y', 'z') or step not in STEPS_MM or data.get('direction') not in (1, -1):
-        raise BadRequest('jog: axis x, y or z; step 0.1, 1, 10 or 50; direction 1 or -1')
-    held = bool(data.get('held'))
+    axis, step, held = data.get('axis'), data.get('step'), data.get('held', False)
+    known = axis in ('x', 'y', 'z') and step in STEPS_MM and data.get('direction') in (1, -1)
+    if (
+        not known
+        or isinstance(step, bool)
+        or data['direction'] is True
+        or held not in (True, False)
+    ):
+        raise BadRequest(
+            'jog: axis x, y or z; step 0.1, 1, 10 or 50; direction 1 or -1; held true or false'
+        )
     speed = HOLD_SPEED[step] if held else JOG_SPEED[step]
     length = data['direction'] * (speed * HOLD_S if held else step * 1e-3)
     move = tuple(length if a == axis else 0.0 for a in 'xyz')

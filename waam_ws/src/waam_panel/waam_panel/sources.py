@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 ALIVE_S = 2.2  # s without a sign of life after which a node does not answer
-GONE_S = 5.0  # s after which it is told as an alarm, and as the end of its job
+GONE_S = 10.0  # s after which it is told as an alarm, and as the end of its job; a busy computer is no alarm
 
 
 @dataclass(frozen=True)
