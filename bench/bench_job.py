@@ -111,7 +111,7 @@ def shifts() -> None:
     for d in found:
         if d in went_on or (d in still and d['code']):
             print(d, file=sys.stderr)
-    told = sum(bool(d['told']) for d in went_on)
+    told = sum(d['told_mm'] > 0.9 * d['shift_mm'] for d in went_on)
     print(f'{len(went_on)} of {len(moved)} shifted ones went on, {told} told so', file=sys.stderr)
     emit('resume.shift_missed', len(went_on) - told, 'jobs', 'jobs with a shifted part', len(moved))
     refused = sum(d['code'] != 0 for d in still)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -160,8 +161,7 @@ def cut_off(job: Any, layer: int, share: float, scratch: Path, name: str) -> Cut
 
 
 def moved(grid: Any, pose: Pose) -> np.ndarray:
-    """(rows, cols) m: the surface with all that stands on the table shifted,
-    and turned about the middle of the metal."""
+    """(rows, cols) m: all that stands on the table is shifted and turned about the middle of the metal."""
     from scipy.ndimage import map_coordinates
 
     spec = grid.spec
@@ -216,10 +216,10 @@ def trial(base: CutJob, number: int, scratch: Path) -> dict[str, Any]:
     if number % 2:
         pose = Pose(size * math.cos(angle), size * math.sin(angle), turn)
     end = base.go_on(pose, scratch / 'trial', noise, seed=500 + number)
-    told = [t for t in end.notes if 'not known for certain' in t]
+    told = [float(v) for t in end.notes for v in re.findall(r'from x: \+- ([0-9.]+) mm', t)]
     return {
         'base': base.name, 'shift_mm': 1e3 * pose.shift, 'noise': noise, 'refused': end.code == 113,
-        'code': end.code, 'told': told[-1] if told else '', 'text': end.text,
+        'code': end.code, 'told_mm': max(told, default=0.0), 'text': end.text,
     }  # fmt: skip
 
 

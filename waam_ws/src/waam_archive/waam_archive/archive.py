@@ -277,7 +277,9 @@ def _select(table: str, version: int, listed: str, stale: bool) -> str:
 
 def tables_of(query: str) -> tuple[str, ...]:
     """The tables of the archive that a query names; all where it cannot be read."""
-    with duckdb.connect() as db:
+    with duckdb.connect(config={'enable_external_access': 'false'}) as db:
+        if [s.type for s in _statements(db, query)] != [duckdb.StatementType.SELECT]:
+            return tuple(TABLES)
         for table in TABLES:
             db.execute(f'CREATE TABLE "{table}" AS {Archive._view(table, Catalog(), [], False)}')
         try:
@@ -285,6 +287,13 @@ def tables_of(query: str) -> tuple[str, ...]:
         except (duckdb.Error, RuntimeError):
             return tuple(TABLES)
     return tuple(t for t in TABLES if t in {n.lower() for n in named})
+
+
+def _statements(db: duckdb.DuckDBPyConnection, query: str) -> list[Any]:
+    try:
+        return db.extract_statements(query)
+    except duckdb.Error:
+        return []
 
 
 def _whole(file: Path, sha256: str) -> bool:

@@ -44,7 +44,8 @@ def _is_job(folder: Path) -> bool:
 
 
 def _row(folder: Path) -> dict[str, Any]:
-    told, damaged = {}, []
+    told: dict[str, dict[str, Any]] = {}
+    damaged: list[str] = []
     for name in (STATUS, REPORT):
         told[name] = {}
         try:

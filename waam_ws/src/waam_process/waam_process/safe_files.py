@@ -24,7 +24,7 @@ TEXT_BYTES = 64 << 20  # of JSON, YAML and text
 ARRAY_BYTES = 1 << 30  # of all arrays of an npz file together, unpacked
 VALUES = 5_000_000  # of a JSON or YAML file, aliases followed
 DEEPEST = 200  # lists and mappings within each other
-LARGEST = 1 << 64  # of a whole number
+LARGEST = 1 << 1023  # of a whole number: what a double holds
 MEMBERS = 1000  # arrays of an npz file
 Parsed = TypeVar('Parsed')
 
@@ -202,7 +202,7 @@ def _bounded(data: Any) -> Any:
     while open_:
         value, done = open_.pop()
         if isinstance(value, int) and abs(value) >= LARGEST:
-            raise ValueError('a whole number of more than 64 bits')
+            raise ValueError('a whole number beyond a double')
         if not isinstance(value, dict | list | tuple | set) or (
             not done and sizes.get(id(value), 0) > 0
         ):

@@ -288,8 +288,8 @@ class FileCheck:
                 self.wrong('its summary repeats a schema or channel that is not in its data')
         self._statistics()
         groups: dict[int, list[int]] = {}
-        for opcode, at, end, _ in self.summary:
-            first = groups.setdefault(opcode, [at, end])
+        for code, at, end, _ in self.summary:
+            first = groups.setdefault(code, [at, end])
             first[1] = end
         for r in self._of(Opcode.SUMMARY_OFFSET):
             there = groups.get(r.group_opcode)
