@@ -60,7 +60,7 @@ def path_of(route: Route) -> str:
     return route.path.replace('{name}', 'height').replace('{id}', 'x').replace('{inner}', 'y')
 
 
-def until(condition, what: str, timeout: float = 20.0) -> None:
+def until(condition, what: str, timeout: float = 60.0) -> None:
     end = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < end, what
@@ -269,15 +269,22 @@ def test_stop_while_the_part_is_put_on_the_table_starts_nothing(ready):
 def test_a_part_that_has_changed_or_a_cell_that_refuses_needs_a_new_release(ready):
     visit = Visit(ready)
     visit.post('queue_add', **SETUP)
-    (ready.folder / 'parts/block.stl').write_bytes(b'another part')
+    file = ready.folder / 'parts/block.stl'
+    whole = file.read_bytes()
+    file.write_bytes(b'another part')
     visit.post('queue_release', id=1)
     until(lambda: 'has changed' in item(ready).note, 'changed')
     assert item(ready).state == 'waiting' and ready.operations.asked == []
     visit.post('queue_add', **SETUP)
-    ready.operations.refuse = 'the table is not empty'
     visit.post('queue_release', id=2)
-    until(lambda: item(ready, 2).note == 'the table is not empty', 'refused')
-    assert item(ready, 2).state == 'waiting'
+    until(lambda: 'block.stl' in item(ready, 2).note, 'no part')
+    assert item(ready, 2).state == 'waiting' and ready.operations.asked == []
+    file.write_bytes(whole)
+    visit.post('queue_add', **SETUP)
+    ready.operations.refuse = 'the table is not empty'
+    visit.post('queue_release', id=3)
+    until(lambda: item(ready, 3).note == 'the table is not empty', 'refused')
+    assert item(ready, 3).state == 'waiting'
 
 
 PROGRAM = 'G21 G90 G94\nM64 P0\nG1 X0 Y0 Z2 F600\nM62 P0\nG1 X40 F600\nM63 P0\n'

@@ -228,8 +228,13 @@ def test_preview_plans_the_part_and_says_why_it_cannot(panel, write_part):
     status, answer = ask(panel, 'preview')
     assert status == 200, answer
     assert 'layer' in answer['table'] and get(panel, '/api/preview.png')[1].startswith(b'\x89PNG')
-    (panel.folder / 'parts/torn.stl').write_bytes(part.read_bytes()[:200])
-    ask(panel, 'load', SETUP | {'part': 'torn.stl'})
+    torn = panel.folder / 'parts/torn.stl'
+    torn.write_bytes(part.read_bytes()[:200])
+    status, answer = ask(panel, 'load', SETUP | {'part': 'torn.stl'})
+    assert status == 409 and 'torn.stl' in answer['message']  # nothing lies on the table then
+    torn.write_bytes(part.read_bytes())
+    assert ask(panel, 'load', SETUP | {'part': 'torn.stl'})[0] == 200
+    torn.write_bytes(part.read_bytes()[:200])
     status, answer = ask(panel, 'preview')
     assert status == 409 and 'torn.stl' in answer['message']
     assert get(panel, '/api/preview.png')[0] == 404
