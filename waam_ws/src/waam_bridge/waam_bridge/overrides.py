@@ -63,7 +63,9 @@ def begin_job(machine: Machine, now: float) -> None:
         return
     speed, wire = machine.overrides
     machine.overrides = NONE
-    text = f'override of speed {speed:.0%} and wire {wire:.0%} was in force: a job begins with 100 %'
+    text = (
+        f'override of speed {speed:.0%} and wire {wire:.0%} was in force: a job begins with 100 %'
+    )
     machine.notice(WARNING, 'operator', text)
     _send(machine, 'override', now)
 

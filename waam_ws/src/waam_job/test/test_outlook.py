@@ -103,6 +103,8 @@ def test_a_large_error_is_not_promised_to_the_next_layer(make_cell, make_runner)
 
     cell.finish_scan = pit
     make_runner(cell)[0].run()
-    told = [a for a in cell.anomalies if a.class_name == 'height' and '-4.' in a.text or '-3.' in a.text]
+    told = [
+        a for a in cell.anomalies if a.class_name == 'height' and '-4.' in a.text or '-3.' in a.text
+    ]
     assert told and told[0].reaction == 'more than the next layer can correct'
     assert np.isfinite(told[0].position).all()

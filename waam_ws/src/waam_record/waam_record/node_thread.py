@@ -298,8 +298,9 @@ class RecordingThread:
         self._closing = [r for r in self._closing if not r.finished]
         late = [str(r.directory) for r in self._closing]
         if self._session is None:
-            values = {'closing': ', '.join(late)} if late else {}
-            return Status(error=self._why and f'recording ended: {self._why}', values=values)
+            closing = {'closing': ', '.join(late)} if late else {}
+            why = self._why and f'recording ended: {self._why}'
+            return Status(error=why, values=closing)
         recording, taps = self._session.recording, self._session.taps
         values = {
             'directory': recording.directory,

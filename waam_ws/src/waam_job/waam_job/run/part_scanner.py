@@ -97,7 +97,9 @@ class PartScanner:
         return again
 
     def _note_moved(self, layer: int, moved: float, reaction: str) -> None:
-        text = f'map after layer {layer}: the surface beside the layer moved by {moved * 1e3:+.2f} mm'
+        text = (
+            f'map after layer {layer}: the surface beside the layer moved by {moved * 1e3:+.2f} mm'
+        )
         causes = 'part loose or warped, or scanner moved on its mount'
         self.journal.note('WARNING', 'scan', f'{text} ({causes})', reaction)
 
@@ -210,7 +212,9 @@ class PartScanner:
         closed = self.goal.loop_mode == LoopMode.CLOSED_LOOP and layer < self.program.total
         reach = WITHIN_REACH * self.program.thickness(layer + 1)
         within = abs(float(error[row, col])) <= reach
-        reaction = 'the next layer corrects it' if within else 'more than the next layer can correct'
+        reaction = (
+            'the next layer corrects it' if within else 'more than the next layer can correct'
+        )
         reaction = reaction if closed else 'none'
         self.journal.note(
             'WARNING',
