@@ -219,10 +219,17 @@ class FileCheck:
         self._waiting = found
         self.chunks.append(
             ChunkIndex(
-                length, at, chunk.compression, len(chunk.data), chunk.message_end_time, 0, {},
-                chunk.message_start_time, chunk.uncompressed_size,
+                chunk_length=length,
+                chunk_start_offset=at,
+                compression=chunk.compression,
+                compressed_size=len(chunk.data),
+                message_end_time=chunk.message_end_time,
+                message_index_length=0,
+                message_index_offsets={},
+                message_start_time=chunk.message_start_time,
+                uncompressed_size=chunk.uncompressed_size,
             )
-        )  # fmt: skip
+        )
 
     def _message_index(self, at: int, length: int, index: MessageIndex) -> None:
         chunk = self.chunks[-1] if self.chunks else None

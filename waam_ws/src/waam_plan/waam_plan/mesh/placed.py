@@ -91,7 +91,7 @@ def _standing(found: HeightGrid, on_part: np.ndarray) -> Table:
     """Nothing lies under the table, and bare table where nothing was seen beside the part."""
     unseen = on_part & ~np.isfinite(found.z)
     z = np.where(on_part, masks.fill_unknown(found.z), np.nan_to_num(found.z, nan=0.0))
-    notes = ()
+    notes: tuple[str, ...] = ()
     if unseen.any():
         place = masks.largest(unseen, found.spec)
         notes = (f'not seen, filled from neighbours: {place}',)
