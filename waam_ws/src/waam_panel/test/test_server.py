@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from waam_panel.api import COMMANDS
+from waam_panel.commanding import SAFE
 from waam_panel.shop_api import QUEUE
 
 SETUP = {'part': 'block.stl', 'as_found': 'block_worn.stl'}
@@ -93,7 +94,18 @@ def test_values_out_of_their_limits_are_refused_and_go_nowhere(panel, name, data
     assert panel.operations.asked == []
 
 
-@pytest.mark.parametrize('name', [*COMMANDS, *QUEUE, 'standoff', 'notify_test', 'program/start'])
+COMMANDS_WITH_CARE = [n for n in COMMANDS if n not in SAFE]
+
+
+@pytest.mark.parametrize('name', SAFE)
+def test_what_makes_the_cell_safe_is_done_whatever_else_is_asked(panel, name):
+    status, answer = ask(panel, name, {'idd': 3})
+    assert status == 200 and answer['ok'] and panel.operations.asked
+
+
+@pytest.mark.parametrize(
+    'name', [*COMMANDS_WITH_CARE, *QUEUE, 'standoff', 'notify_test', 'program/start']
+)
 def test_a_field_that_a_command_does_not_know_is_refused_by_name(panel, name):
     """What was meant may have been narrower: `acknowledge` with a mistyped id acknowledged all alarms."""
     panel.cell.state.alarms.set('x', 1.0, 'controller', '204', 3, 'the arc was lost')
