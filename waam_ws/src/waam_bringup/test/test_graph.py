@@ -127,14 +127,15 @@ def test_the_second_way_has_the_rules_that_parameter_files_give_to_the_page(tmp_
     assert lane_of(made)[6:] == [
         '--token-file', '/u', '--bind', '10.0.0.1', '--tls-cert', '/c', '--tls-key', '/k',
     ]  # fmt: skip
-    for text in ('', '- 5', 'panel: 3', 'panel: {ros__parameters: [1]}'):
+    for text in ('panel: 3', 'panel: {ros__parameters: [1]}'):
         first.write_text(text)
         assert (
             len(lane_of(settings(tmp_path, panel_port=1, stop_port=2, params_files=(first,)))) == 6
         )
-    first.write_text('{')
-    with pytest.raises(GraphError, match='a.yaml'):
-        processes(settings(tmp_path, stop_port=2, params_files=(first,)))
+    for text in ('', '- 5', '{'):
+        first.write_text(text)
+        with pytest.raises(GraphError, match='a.yaml'):
+            processes(settings(tmp_path, stop_port=2, params_files=(first,)))
 
 
 def test_leaving_out_an_unknown_node_is_refused(tmp_path):

@@ -15,10 +15,12 @@ import zipfile
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO, TypeVar
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
-import numpy as np
 import yaml
+
+if TYPE_CHECKING:
+    import numpy as np
 
 TEXT_BYTES = 64 << 20  # of JSON, YAML and text
 ARRAY_BYTES = 1 << 30  # of all arrays of an npz file together, unpacked
@@ -250,6 +252,8 @@ def _arrays(f: BinaryIO, limit: int) -> dict[str, np.ndarray]:
 
 def _array(stream: Any, size: int) -> np.ndarray:
     """ValueError where the header claims another size than the member has."""
+    import numpy as np  # the command line reads its files without it
+
     version = np.lib.format.read_magic(stream)
     read = {
         (1, 0): np.lib.format.read_array_header_1_0,

@@ -84,7 +84,7 @@ def test_a_file_changed_by_hand_is_refused(written, tmp_path):
     [
         ('', 'version'),
         ('waam_calibration: 2', 'version'),
-        ('[1, 2', 'read'),
+        ('[1, 2', 'damaged'),
         ('waam_calibration: 1', 'hand'),
     ],
 )
