@@ -96,6 +96,9 @@ def test_an_operator_sees_all_cells_and_steers_the_queue_of_one(make_panel, brow
     page.click('#queue tr:nth-child(1) button:text("Release")')
     shows_when_told(here, page, '#queue tr:nth-child(1)', 'running[^$]*released by operate 0')
     picture(page, 'cells_released')
+    end = time.monotonic() + 60  # the part is looked at by a process of its own before it is loaded
+    while len(here.operations.asked) < 2 and time.monotonic() < end:
+        page.wait_for_timeout(50)
     assert [a[0] for a in here.operations.asked] == ['load', 'start']
     assert page.locator('#log-box').is_hidden() and said == []
     there.server.close()

@@ -139,9 +139,13 @@ def read_mapping(file: Path, folder: Path | None = None) -> dict[str, Any]:
     return data
 
 
-def parse_json(text: str, name: str) -> Any:
-    """JSON as the standard has it: no NaN, no Infinity, no number beyond a double, no key twice. FileError."""
-    return _parsed(name, lambda: _bounded(_decoder.decode(text.strip())))
+def parse_json(text: str, name: str, finite: bool = True) -> Any:
+    """JSON as the standard has it: no NaN, no Infinity, no number beyond a double, no key twice. FileError.
+
+    finite: False where NaN and Infinity mean something, as in parameters of nodes.
+    """
+    decoder = _decoder if finite else _open_decoder
+    return _parsed(name, lambda: _bounded(decoder.decode(text.strip())))
 
 
 def parse_yaml(text: str, name: str) -> Any:
@@ -177,6 +181,7 @@ def _float(text: str) -> float:
 
 
 _decoder = json.JSONDecoder(object_pairs_hook=_pairs, parse_float=_float, parse_constant=_float)
+_open_decoder = json.JSONDecoder(object_pairs_hook=_pairs)
 
 
 class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]

@@ -120,3 +120,16 @@ def test_losses_of_the_graph_appear_in_info(tmp_path, keys):
     recording.stop(keys)
     assert recording.wait(5)
     assert info(tmp_path / 'record').topics['/blob'].lost == int(keys.get('lost', 0))
+
+
+def test_a_disk_that_needs_longer_than_the_period_of_syncs_gets_everything(tmp_path, monkeypatch):
+    """The next sync was due before the last one had ended: nothing was ever written."""
+    monkeypatch.setattr('os.fsync', lambda _: time.sleep(0.05))
+    recording = Recording(BagWriter(tmp_path / 'record'), Limits(sync_s=0.02))
+    topic = recording.add_topic(TOPIC)
+    for i in range(200):
+        recording.put(topic, 10**18 + i, 10**18, i, DATA)
+        time.sleep(0.002)
+    recording.stop({})
+    assert recording.wait(30)
+    assert recording.checked.sound and recording.checked.messages == 200

@@ -102,7 +102,7 @@ def load(path: Path, tick: Callable[[int], None] = lambda n: None) -> Record:
 
 def _parameters(folder: Path, key: str, text: str) -> dict[str, Any]:
     try:
-        found = parse_json(text, key)
+        found = parse_json(text, key, finite=False)
     except (FileError, AttributeError) as e:
         raise ReplayError(f'{folder}: {e}') from None
     if not isinstance(found, dict):

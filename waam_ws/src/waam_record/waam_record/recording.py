@@ -128,7 +128,8 @@ class Recording:
                 now = time.monotonic()
                 if now - synced >= self.limits.sync_s and not self._finished.is_set():
                     self._sync()
-                    synced = now
+                    # counted from its end: a disk that needs longer than that still gets something to write
+                    synced = time.monotonic()
                     if now - renewed >= self.limits.metadata_s:
                         self.writer.write_metadata()
                         renewed = now

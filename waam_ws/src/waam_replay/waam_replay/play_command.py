@@ -78,7 +78,8 @@ def nodes(folder: Path, domain: int) -> Iterator[Callable[[], str]]:
 
         try:
             for node, module in ASKED.items():
-                values = parse_json(custom.get(f'parameters.{node}', '{}'), f'parameters.{node}')
+                name = f'parameters.{node}'
+                values = parse_json(custom.get(name, '{}'), name, finite=False)
                 values['use_sim_time'] = True
                 file = scratch / f'{node}.yaml'
                 file.write_text(yaml.safe_dump({node: {'ros__parameters': values}}))

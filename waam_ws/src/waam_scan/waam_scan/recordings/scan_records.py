@@ -53,7 +53,7 @@ def recorded_mounting(path: Path) -> Mounting:
     text = info(record_files(path)[0]).custom_data.get('parameters.scan_fusion')
     if text is None:
         return Mounting()
-    p = parse_json(text, f'{path}: parameters.scan_fusion')
+    p = parse_json(text, f'{path}: parameters.scan_fusion', finite=False)
     if p.get('calibration'):
         raise FileError(
             f'{path}: the job used the calibration {p["calibration"]}: name it with --calibration'
