@@ -81,8 +81,11 @@ def content_hash(folder: Path) -> str:
 
 def hash_file(file: Path) -> str:
     """sha256 of its content."""
+    total = hashlib.sha256()
     with opened(file) as f:
-        return hashlib.file_digest(f, 'sha256').hexdigest()
+        while block := f.read(1 << 20):
+            total.update(block)
+    return total.hexdigest()
 
 
 def job_id(folder: Path) -> str:

@@ -412,3 +412,13 @@ def test_programs_are_not_started_again_while_the_cell_works(panel):
         assert why in ask(panel, 'restart_programs')[1]['message'] and not panel.operations.asked
     panel.speak(*stands)
     until(lambda: ask(panel, 'restart_programs')[0] == 200, 'started again')
+
+
+def test_a_job_whose_program_was_started_again_at_once_has_ended_unknown(panel):
+    """The new job_sequencer tells IDLE before the old one was missed."""
+    state, job = panel.cell.state, {'error_code': 0, 'message': '', 'layer': 1, 'layers': 3}
+    state.apply('job', job | {'id': 'one', 'state': 'DEPOSITING'}, 1.0, 1.0)
+    state.apply('job', job | {'id': '', 'state': 'IDLE'}, 2.0, 2.0)
+    assert state.lost_job == {'id': 'one', 'why': 'ended unknown: job_sequencer died or hangs'}
+    state.apply('job', job | {'id': 'two', 'state': 'VALIDATING'}, 3.0, 3.0)
+    assert state.lost_job is None

@@ -94,15 +94,12 @@ async def jog(cell: Cell, data: dict[str, Any]) -> str:
     """axis x, y, z; direction +1, -1; step in mm; held: a short piece at the speed that belongs to the step."""
     axis, step, held = data.get('axis'), data.get('step'), data.get('held', False)
     known = axis in ('x', 'y', 'z') and step in STEPS_MM and data.get('direction') in (1, -1)
-    if (
-        not known
-        or isinstance(step, bool)
-        or data['direction'] is True
-        or held not in (True, False)
-    ):
+    numbers = isinstance(step, int | float) and not isinstance(step, bool)
+    if not known or not numbers or data['direction'] is True or held not in (True, False):
         raise BadRequest(
             'jog: axis x, y or z; step 0.1, 1, 10 or 50; direction 1 or -1; held true or false'
         )
+    assert step is not None  # a number, asked above
     speed = HOLD_SPEED[step] if held else JOG_SPEED[step]
     length = data['direction'] * (speed * HOLD_S if held else step * 1e-3)
     move = tuple(length if a == axis else 0.0 for a in 'xyz')

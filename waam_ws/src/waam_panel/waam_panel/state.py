@@ -144,6 +144,8 @@ class PanelState:
         runs = j['state'] in JOB_RUNNING
         if runs or (self.lost_job and self.lost_job['id'] == j.get('id')):
             self.lost_job = None
+        if before and before['state'] in JOB_RUNNING and j['state'] == 'IDLE':
+            self._lose(before)  # a job_sequencer that was started again knows nothing of it
         doing = alarms.PAUSED if j['state'] == 'PAUSED' else alarms.RUNNING
         self.alarms.job(doing if runs else alarms.ENDED, begins=before is not None)
         ended = j['state'] in JOB_ENDED
@@ -213,8 +215,12 @@ class PanelState:
         else:
             self.alarms.clear('gone')
         if JOB_NODE in gone and self.job_running and self.lost_job is None:
-            id = str(self.sections['job'].get('id') or '')
-            self.lost_job = {'id': id, 'why': f'ended unknown: {JOB_NODE} died or hangs'}
+            self._lose(self.sections['job'])
+
+    def _lose(self, job: dict[str, Any]) -> None:
+        """Nobody can say any more how this job ended."""
+        why = f'ended unknown: {JOB_NODE} died or hangs'
+        self.lost_job = {'id': str(job.get('id') or ''), 'why': why}
 
     def _programs(self, now: float) -> dict[str, dict[str, Any]]:
         """What the nodes say of themselves; one that is silent says nothing any more."""
