@@ -7,7 +7,7 @@ import json
 import pytest
 from panel_requests import MACHINE
 from test_browser import CHROMIUM, Screen
-from test_numbers import READ, REFUSED
+from test_panel_numbers import READ, REFUSED
 
 from waam_panel import numbers
 
