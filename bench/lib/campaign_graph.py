@@ -236,16 +236,18 @@ def _after(graph: Graph, job: Job, node: str, way: str, on: int) -> dict:
 
 
 def _recover(graph: Graph, node: str) -> None:
-    """The next trial begins with a whole graph."""
+    """The next trial begins with a whole graph, whose controller was stopped and holds nothing any more."""
     if node in ('cell', 'bridge', 'virtual_controller'):  # the part or the link is gone
         graph.down()
         return
     from waam_bringup.client import GraphClient
+    from waam_msgs.srv import Command
 
     live = graph.live()
     live.revive(node)
     with GraphClient(live.domain) as client:
         live.ready(client)
+        client.call(Command, 'bridge/command', Command.Request(code=Command.Request.STOP))
 
 
 def twenty_jobs(graph: Graph, jobs: int = 20) -> dict:
