@@ -5,7 +5,7 @@ campaign.wrong_in_silence: jobs of the laboratory with wrong maps, corrections a
 nor harmless (baseline: all of them).
 campaign.strokes_wrong: kills and suspensions of every node of a running graph at random moments (baseline: all).
 campaign.lease_worst_ms: longest time from the lease's last renewal to the arc being off in them (baseline: the lease).
-  WAAM_BENCH_STROKES=N  how many (default 26: each node each way once)
+  WAAM_BENCH_STROKES=N  how many (default 22: each node each way once)
 campaign.strangers_wrong: foreign publishers on every topic, heartbeats of dead nodes, 50 more participants, wall clocks
 that jump by hours, a second `waam up` on the folder, a full /dev/shm (baseline: all of them).
 campaign.jobs_wrong: 20 jobs in one graph that did not end well (baseline: all of them).
@@ -30,7 +30,7 @@ from lib.emit import emit
 
 NODES = (
     'scan_fusion', 'correction_server', 'feed_forward', 'thermal_compensator', 'recorder', 'job_sequencer',
-    'process_control', 'dashboard', 'panel', 'stop_lane', 'bridge', 'cell', 'virtual_controller',
+    'process_control', 'dashboard', 'panel', 'bridge', 'cell',
 )  # fmt: skip
 BEATING = ('scan_fusion', 'correction_server', 'recorder', 'job_sequencer')
 JUMPS = (3 * 3600.0, -3 * 3600.0, 400 * 86400.0)

@@ -50,7 +50,9 @@ def listen(panel, enough, slow: float = 0.0) -> list[str]:
             async with session.ws_connect(
                 f'{panel.url}/stream', headers=headers, max_msg_size=0
             ) as ws:
+                end = time.monotonic() + 120
                 while not enough(found):
+                    assert time.monotonic() < end, f'not enough in {len(found)} messages'
                     found.append(await ws.receive_str(timeout=30))
                     await asyncio.sleep(slow)
         return found
