@@ -96,7 +96,7 @@ def strangers() -> None:
         return make(argument)
 
     with trials() as t:
-        for n in s.NAMES:
+        for n in s.names():
             t.run(f'stranger: {n}', 0, trial(s.says, n))
         for n in BEATING:
             t.run(f'stranger: beats as {n}, which is killed', 0, trial(s.beats_of_the_dead, n))

@@ -111,14 +111,9 @@ def _far(last: Any, _: random.Random) -> Any:
     return message
 
 
-NAMES = (
-    'telemetry of another place', 'segments done that are not', 'ticks of an hour ahead', 'machine state of an alarm',
-    'machine state disconnected', 'override of an operator', 'override of NaN and 1000', 'factors of a process control',
-    'height maps 5 mm higher', 'heat factor of 0.3', 'heat factor of NaN', 'temperature of 3000 degrees',
-    'temperature of NaN', 'temperature of -40 degrees', 'clouds of junk', 'profiles without points',
-    'aim of a pyrometer 1 km away', 'job status failed', 'job status of another job', 'next layer without cells',
-    'layer plan without segments', 'layer reports of NaN',
-)  # fmt: skip
+def names() -> list[str]:
+    """All that a stranger can say."""
+    return list(_messages())
 
 
 class Stranger:
@@ -152,7 +147,7 @@ class Stranger:
 
 
 def speak() -> None:
-    """In the process of a stranger; arguments: domain, what it says ('beats NODE' or a name of NAMES), seed."""
+    """In the process of a stranger; arguments: domain, what it says ('beats NODE' or one of `names`), seed."""
     import rclpy
     from rclpy.experimental import EventsExecutor
 
