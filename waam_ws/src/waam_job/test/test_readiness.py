@@ -149,6 +149,28 @@ def test_zero_that_the_controller_does_not_take_over_ends_the_job(make_cell, mak
     assert not cell.executed
 
 
+def test_the_first_path_begins_where_the_torch_is_after_the_work_zero(make_cell, make_runner):
+    """Position and work zero come by two topics: the older position is counted from the zero before."""
+    cell = make_cell()
+    inner, since, start = cell.machine, [], cell.machine_state.position
+    command = cell.command
+
+    def zeroed(name, **fields):
+        command(name, **fields)
+        if name == 'SET_ZERO':
+            since.append(cell.now())
+
+    def machine():
+        late = bool(since) and cell.now() < since[0] + 2.0
+        place = (0.2, 0.1, 0.05) if late else inner().position
+        at = since[0] - 0.1 if late else cell.now()
+        return replace(inner(), position=place, position_at=at, state_at=since[0] if since else 0.0)
+
+    cell.command, cell.machine = zeroed, machine
+    make_runner(cell)[0].run()
+    assert cell.executed[0].start == pytest.approx(start, abs=1e-9)
+
+
 @pytest.mark.parametrize('limit,scans', [(900.0, 2), (0.0, 1)])
 def test_old_map_is_taken_again_before_metal_is_laid_by_it(limit, scans, make_cell, make_runner):
     cell = make_cell(temperature=400.0)

@@ -218,6 +218,7 @@ def machine_fields(msg: MachineState) -> dict:
         'limit_min': (msg.limit_min.x, msg.limit_min.y, msg.limit_min.z),
         'limit_max': (msg.limit_max.x, msg.limit_max.y, msg.limit_max.z),
         'work_offset': (msg.work_offset.x, msg.work_offset.y, msg.work_offset.z),
+        'state_at': seconds(msg.header.stamp),
         'identity': msg.identity,
         'firmware': msg.firmware_version,
         'port': msg.port,

@@ -25,12 +25,16 @@ class Machine:
     silent_nodes: tuple[str, ...] = ()
     message: str = ''
     position: Point = (0.0, 0.0, 0.0)
+    position_at: float = float('inf')  # s of ROS time of the telemetry that brought it
     burned: Point | None = None  # m, work frame: where current flowed last; None = it never did
     executed: int = -1  # index of the last segment done
     executed_job: str = ''
     limit_min: Point = (0.0, 0.0, 0.0)
     limit_max: Point = (0.0, 0.0, 0.0)
     work_offset: Point = (0.0, 0.0, 0.0)  # zero of the work frame in machine coordinates
+    state_at: float = (
+        0.0  # s of ROS time of the machine_state that brought it and the fields beside it
+    )
     identity: str = ''
     firmware: str = ''
     port: str = ''

@@ -70,7 +70,7 @@ class RosCell:
         self.node, self.timeout = node, service_timeout
         self.job_id = ''
         self._machine, self._heat = Machine(), Heat()
-        self._seen = 0.0
+        self._seen, self._pos_at = 0.0, 0.0
         self._burned: Point | None = None
         self._stats, self._lock = TelemetryStats(), threading.Lock()
         node.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY)
@@ -107,6 +107,7 @@ class RosCell:
         with self._lock:
             self._seen = time.monotonic()
             self._state, self._pos, self._arc = m.state, (p.x, p.y, p.z), m.arc_enabled
+            self._pos_at = seconds(m.header.stamp)
             if m.arc_current > BURNS_A:
                 self._burned = self._pos
             self._stats.add(
@@ -160,6 +161,7 @@ class RosCell:
                 age=time.monotonic() - self._seen,
                 state=convert.STATES[self._state],
                 position=self._pos,
+                position_at=self._pos_at,
                 arc_on=self._arc,
                 burned=self._burned,
             )

@@ -8,6 +8,7 @@ from .context import JobContext
 
 LOOK_S = 0.1
 READY_LOOKS = 100  # that a node which has just started gets, LOOK_S apart
+AFTER_ZERO_S = 0.05  # of ROS time: what the two stamps may differ by
 CONFIRM_S = 10.0  # that the controller may take to confirm a command
 
 
@@ -50,6 +51,11 @@ class Preparation:
             lambda m: not readiness.spark_problems(m, self.run_id, self.zero),
             CONFIRM_S,
             'homing, arming and work zero were not all confirmed by the controller',
+        )
+        # the position comes by another topic: one from before is still counted from the old zero
+        since = self.cell.machine().state_at + AFTER_ZERO_S
+        self.motion.until(
+            lambda m: m.position_at > since, CONFIRM_S, 'no telemetry came after the work zero'
         )
 
     def not_ready(self) -> list[str]:
