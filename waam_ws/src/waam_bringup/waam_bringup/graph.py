@@ -62,7 +62,7 @@ class Settings:
 @dataclass(frozen=True)
 class Process:
     """One process: name (= node name), command line, whether it is a ROS node, whether the arc lease needs it, what is
-    added to its environment, and whether it may be started again when it hangs between jobs."""
+    added to its environment, and when it is started again."""
 
     name: str
     command: list[str]
@@ -72,7 +72,8 @@ class Process:
     executable: str = ''
     arguments: list[str] = field(default_factory=list)
     environment: dict[str, str] = field(default_factory=dict)
-    restart: bool = False
+    restart: bool = False  # when it hangs between jobs
+    restart_always: bool = False  # whenever it has died
 
 
 STOP_LANE = 'stop_lane'  # in the graph when it has a port
@@ -219,7 +220,8 @@ def _process(name: str, node: dict, settings: Settings, lease_nodes: list[str]) 
         executable=exe,
         arguments=arguments,
         environment={priority.VARIABLE: '1'} if settings.paced and node.get('realtime') else {},
-        restart=node.get('ros', True) and node.get('restart', True),
+        restart=node.get('ros', True) and bool(node.get('restart', True)),
+        restart_always=node.get('restart') == 'always',
     )
 
 
