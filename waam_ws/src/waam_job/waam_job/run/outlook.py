@@ -47,7 +47,8 @@ class Outlook:
         worst = f'{error[row, col] * 1e3:+.2f} mm at x {x:.0f}, y {y:.0f} mm'
         del self._rms[:-1]
         context.watch.hold(
-            f'the error grows from layer to layer: {grown} mm RMS after layer {layer.number}, worst {worst}; {self._remedy()}',
+            f'the error grows from layer to layer: {grown} mm RMS after layer {layer.number}, worst {worst}; '
+            + self._remedy(),
             'height',
         )
 
@@ -57,6 +58,6 @@ class Outlook:
         if abs(metal - 1.0) < OVERRIDDEN:
             return REMEDY
         return (
-            f'an override is in force (speed {speed:.0%}, wire {wire:.0%}: {metal:.2f} x the metal): set both to 100 %, '
-            f'then resume; {REMEDY}'
+            f'an override is in force (speed {speed:.0%}, wire {wire:.0%}: {metal:.2f} x the metal): set both to 100 '
+            f'%, then resume; {REMEDY}'
         )
