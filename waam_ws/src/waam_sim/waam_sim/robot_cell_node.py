@@ -66,7 +66,8 @@ class RobotCell(Cell):
     def _connect(self) -> None:
         """The thread's work: time goes on, 10 ms by 10 ms."""
         robot = self._robot
-        controller = TrajectoryController(self, self._lock, robot.follow, self._names, robot.beyond)
+        controller = TrajectoryController(self, self._lock, robot.follow, self._names, robot.beyond,
+            lambda: self._time_us)  # fmt: skip
         welder = Welder(self, lambda: self._time_us)
         self.level, self.message = OK, 'running'
         due = time.monotonic()
