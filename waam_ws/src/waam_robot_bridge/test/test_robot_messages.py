@@ -194,7 +194,9 @@ def test_states_of_goals_that_have_ended_are_not_told_for_ever(monkeypatch):
         context.try_shutdown()
 
 
-@pytest.mark.parametrize('late_us,speed,taken', [(39_000, 0.0, True), (41_000, 0.0, False), (0, 0.1, False)])  # fmt: skip
+@pytest.mark.parametrize(
+    'late_us,speed,taken', [(39_000, 0.0, True), (41_000, 0.0, False), (0, 0.1, False)]
+)
 def test_the_simulated_robot_refuses_what_a_stock_controller_refuses(late_us, speed, taken):
     sent = goal(points=5)  # 0.04 s
     sent.rates[-1] = speed
