@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -81,6 +82,19 @@ KEYS = {
     'package', 'executable', 'only', 'ros', 'lease', 'realtime', 'arguments', 'parameters', 'use_sim_time', 'restart',
     'machine', 'name',
 }  # fmt: skip
+
+
+def middleware(given: Mapping[str, str]) -> dict[str, str]:
+    """What the middleware of every process is told where the environment `given` says nothing: an open cell is a safety
+    hole, so others are looked for on this computer only."""
+    if given.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST') != 'LOCALHOST':
+        return {}  # who wants others to come in says how
+    profile = share('waam_bringup') / 'config' / 'fastdds.xml'
+    wanted = {
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile),
+    }
+    return {k: v for k, v in wanted.items() if not given.get(k)}
 
 
 def load(path: Path | None = None) -> dict[str, dict[str, Any]]:
@@ -161,7 +175,7 @@ def panel_access(settings: Settings) -> list[str]:
             text = yaml.safe_load(file.read_text())
         except (OSError, ValueError, yaml.YAMLError) as e:
             raise GraphError(f'{file}: {e}') from None
-        for node in ('/**', 'panel', '/panel'):
+        for node in ('/**', '/**/panel', 'panel', '/panel'):
             told = text.get(node) if isinstance(text, dict) else None
             values = told.get('ros__parameters') if isinstance(told, dict) else None
             if isinstance(values, dict):
@@ -179,7 +193,8 @@ def check_params(file: Path, description: dict[str, dict[str, Any]]) -> None:
         raise GraphError(f'--params-file {file}: must hold node: ros__parameters: name: value')
     known = sorted({d.get('name', n) for n, d in description.items() if d.get('ros', True)})
     for key in map(str, data):
-        if '*' not in key and key.rpartition('/')[2] not in known:
+        name = key.rpartition('/')[2]
+        if '*' not in name and name not in known:
             raise GraphError(
                 f"--params-file {file}: there is no node '{key}'; known are {', '.join(known)}, /**"
             )

@@ -20,7 +20,7 @@ from waam_node import alive, priority, restart
 from waam_node.files import write_state
 
 from . import run_state, shared_memory
-from .graph import Process, Settings, processes
+from .graph import Process, Settings, middleware, processes
 from .run_state import ENDED, NodeState, RunState, describe_exit, job_runs, job_status
 from .urgency import Urgency
 from .watchdog import Watchdog
@@ -67,7 +67,7 @@ class Supervisor:
         """Starts one process; mode: of opening its log."""
         run = self.settings.run
         base = dict(os.environ, ROS_DOMAIN_ID=str(self.state.domain), PYTHONUNBUFFERED='1')
-        base.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        base |= middleware(base)
         base |= {'ROS_LOG_DIR': str(run / 'logs' / 'ros'), alive.ADDRESS: self.watchdog.address}
         with open(run / 'logs' / f'{spec.name}.log', mode) as log:
             child = subprocess.Popen(

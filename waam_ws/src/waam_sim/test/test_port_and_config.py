@@ -112,7 +112,7 @@ def test_nobody_listening_is_an_os_error(tmp_path):
 
 
 def test_yaml_lists_every_parameter_with_its_default():
-    values = yaml.safe_load((PACKAGE / 'config' / 'cell.yaml').read_text())['cell'][
+    values = yaml.safe_load((PACKAGE / 'config' / 'cell.yaml').read_text())['/**/cell'][
         'ros__parameters'
     ]
     known = {f.name: f.default for f in dataclasses.fields(CellParams)}
