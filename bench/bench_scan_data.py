@@ -39,7 +39,7 @@ def bead_tops() -> None:
     """Raw profiles and the robot's log: direction, pose and clock come out of the data."""
     from waam_scan.commands.wall_report import laser_files
     from waam_scan.recordings.files import read_arc_log, read_laser_csv
-    from waam_scan.recordings.wall import fuse_wall
+    from waam_scan.recordings.wall_maps import fuse_wall
 
     folder = DATA / 'wall_profiles'
     scans = [read_laser_csv(p) for p in laser_files(folder)]

@@ -127,6 +127,79 @@ def test_passes_of_both_directions_become_one_map(tmp_path, capsys):
     assert np.sqrt(np.mean((grid.z - surface(x, y))[known] ** 2)) < 10e-6
 
 
+def damaged_pass(path, **changes):
+    """A pass with other arrays."""
+    write_pass(path)
+    arrays = dict(np.load(path))
+    np.savez(path, **{k: changes[k](v) if k in changes else v for k, v in arrays.items()})
+
+
+def only(n, keep):
+    """Profile n keeps `keep` points."""
+
+    def change(values):
+        values = values.copy()
+        values[n, keep:] = np.nan
+        return values
+
+    return change
+
+
+@pytest.mark.parametrize(
+    'changes, word',
+    [
+        ({'z': lambda z: z * np.nan}, 'not a single return'),
+        ({'z': lambda z: z[:, :0], 'x': lambda x: x[:, :0]}, 'not a single return'),
+        ({'z': lambda z: z[:-1]}, 'do not fit together'),
+        ({'poses': lambda p: p[:1], 'pose_stamps': lambda t: t[:1]}, 'do not fit together'),
+        ({'poses': lambda p: p * np.nan}, 'poses must be finite'),
+        ({'poses': lambda p: p + 900.0}, 'does not fit with the others'),
+        ({'stamps': lambda t: t + 10**13}, 'not one profile could be used'),
+        ({'stamps': lambda t: t.astype(float)}, 'stamps must be a row of integers'),
+    ],
+)
+def test_a_bad_pass_is_left_out_by_name_and_seven_others_stay(tmp_path, capsys, changes, word):
+    files = [tmp_path / f'p{k}.npz' for k in range(7)]
+    for k, file in enumerate(files):
+        write_pass(file, seed=k)
+    bad = tmp_path / 'bad.npz'
+    damaged_pass(bad, **changes)
+    paths = [*files[:3], bad, *files[3:]]
+    assert run('fuse', *paths, '--cell', 0.5, '--out', tmp_path / 'm', *MOUNT) == 0
+    said = capsys.readouterr()
+    assert said.out.count('395 profiles used') == 7
+    notes = said.err.splitlines()
+    assert f'left out: {bad}: ' in notes[0] and word in notes[0], notes
+    assert notes[-1] == 'note: 1 scan left out; the rest is used'
+    assert run('fuse', *files, '--cell', 0.5, '--out', tmp_path / 'w', *MOUNT) == 0
+    a, b = (load_map(tmp_path / d / 'p0.npz').z for d in ('m', 'w'))
+    assert np.array_equal(a, b, equal_nan=True)
+
+
+def test_profiles_of_one_point_are_left_out_by_number(tmp_path, capsys):
+    write_pass(tmp_path / 'a.npz')
+    damaged_pass(tmp_path / 'b.npz', z=only(17, 1))
+    paths = (tmp_path / 'a.npz', tmp_path / 'b.npz')
+    assert run('fuse', *paths, '--cell', 0.5, '--out', tmp_path, *MOUNT) == 0
+    said = capsys.readouterr()
+    assert '394 profiles used' in said.out
+    assert f'{tmp_path / "b.npz"}, profile 17: only one point' in said.err
+    damaged_pass(tmp_path / 'c.npz', z=lambda z: np.where(np.arange(z.shape[1]) < 1, z, np.nan))
+    assert run('fuse', tmp_path / 'c.npz', '--out', tmp_path / 'none', *MOUNT) == 1
+    said = capsys.readouterr()
+    assert 'c.npz' in said.err and 'more than one point' in said.err
+    assert not (tmp_path / 'none').exists()
+
+
+def test_a_bad_cloud_among_others_is_left_out(tmp_path, capsys):
+    (tmp_path / 'broken.pcd').write_bytes(b'# .PCD v0.7\nFIELDS x y z\nDATA binary\n\x00')
+    write_cloud(tmp_path / 'good.npy', cloud(), 'npy')
+    paths = (tmp_path / 'broken.pcd', tmp_path / 'good.npy')
+    assert run('fuse', *paths, '--cell', 0.5, '--out', tmp_path / 'm') == 0
+    assert 'broken.pcd' in capsys.readouterr().err
+    assert (tmp_path / 'm/good.npz').exists() and not (tmp_path / 'm/broken.npz').exists()
+
+
 def test_bad_input_is_one_line_that_names_it(tmp_path, capsys):
     (tmp_path / 'notes.txt').write_text('hello')
     (tmp_path / 'broken.pcd').write_bytes(b'# .PCD v0.7\nFIELDS x y z\nDATA binary\n\x00')

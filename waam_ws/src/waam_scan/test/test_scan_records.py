@@ -177,6 +177,21 @@ def test_a_scan_without_telemetry_is_refused(tmp_path):
         list(passes(tmp_path))
 
 
+def test_a_bad_scan_of_a_job_is_left_out_and_the_others_keep_their_numbers(tmp_path, capsys):
+    p = layer(1)
+    silent = Pass(p.stamps, p.x, p.z * np.nan, p.pose_stamps, p.poses)
+    record(tmp_path / 'record', [layer(0), silent, layer(2)])
+    assert run('fuse', tmp_path, '--cell', 0.5, '--out', tmp_path / 'maps') == 0
+    notes = capsys.readouterr().err.splitlines()
+    assert 'scan 1: not a single return in it' in notes[0] and len(notes) == 2
+    made = sorted(f.name for f in (tmp_path / 'maps').glob('*.npz'))
+    assert made == ['scan_000.npz', 'scan_002.npz']
+    lonely = Pass(p.stamps + 10**13, p.x, p.z, p.pose_stamps, p.poses)
+    record(tmp_path / 'late' / 'record', [layer(0), lonely])
+    assert run('fuse', tmp_path / 'late', '--cell', 0.5, '--out', tmp_path / 'late_maps') == 0
+    assert 'scan 1: no telemetry around its profiles' in capsys.readouterr().err
+
+
 def test_the_calibration_file_of_a_job_must_be_given(tmp_path, capsys):
     record(tmp_path / 'record', [layer(0)], PARAMETERS | {'calibration': 'monday.yaml'})
     assert run('fuse', tmp_path, '--out', tmp_path / 'maps') == 1

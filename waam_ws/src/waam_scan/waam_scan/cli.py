@@ -6,8 +6,12 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import cli_register
+
+if TYPE_CHECKING:
+    from .recordings.left_out import LeftOut
 
 FUSE_EPILOG = """\
 PATH is a recorded job, a folder with the recording of a wall, a pass of a scanner with poses, or a cloud.
@@ -38,6 +42,10 @@ examples:
   waam scan fuse jobs/latest --cell 0.5
   waam scan fuse pass_1.npz pass_2.npz --calibration calibration.yaml --cell 0.25
   waam scan fuse wall.pcd --cell 0.5 --fill 2
+What is bad is left out by name and the rest goes on: a line that cannot be read, a profile of one point or of less than
+a tenth of the usual number, a scan without returns, telemetry or motion. Each is said with file, line (or profile,
+counted from 0) and reason, with the count at the end. Only when nothing is left it fails.
+
 A cell smaller than the way between two profiles leaves gaps: nothing is filled in unless --fill says up to which
 area; what was filled is then marked in the map (array "filled", count 0, no sigma) and hatched in the picture. """
 FILTER_EPILOG = """\
@@ -170,27 +178,46 @@ def _guarded(action: Callable[[], None]) -> int:
 
 
 def run_fuse(args: argparse.Namespace) -> int:
-    """A map per record and folder, one of all single files. Exit status: 0, or 1 with the reason on stderr."""
-    from .commands.fuse_files import fuse_files, fuse_record
+    """A map per record and folder, one of all single files. What is bad is left out by name. Exit status: 0, or 1 with
+    the reason on stderr when nothing is left."""
+    from .commands.fuse_files import check_paths, fuse_files, fuse_record
     from .commands.wall_report import fuse_folder
+    from .recordings.left_out import LeftOut
     from .recordings.scan_records import record_files
 
     def action() -> None:
         options, cell = _fuse_options(args), args.cell * 1e-3
+        check_paths(args.paths)
+        left_out, made = LeftOut(), 0
         recorded = [p for p in args.paths if record_files(p)]
         files = [p for p in args.paths if not p.is_dir() and p not in recorded]
         for path in args.paths:
             out = args.out or Path('maps') / path.resolve().stem
             if args.out and len(args.paths) > 1:
                 out = args.out / path.resolve().stem
-            if path in recorded:
-                fuse_record(path, out, cell, options)
-            elif path.is_dir():
-                fuse_folder(path, out, cell, args.ply)
+            try:
+                if path in recorded:
+                    made += fuse_record(path, out, cell, options, left_out)
+                elif path.is_dir():
+                    fuse_folder(path, out, cell, args.ply, left_out)
+                    made += 1
+            except ValueError as e:
+                if len(args.paths) == 1:
+                    raise
+                left_out.add('scan', path, '', e)
         if files:
-            fuse_files(files, args.out or Path('maps'), cell, options)
+            made += fuse_files(files, args.out or Path('maps'), cell, options, left_out)
+        if not made:
+            raise left_out.nothing_left(', '.join(map(str, args.paths)))
+        _tell(left_out)
 
     return _guarded(action)
+
+
+def _tell(left_out: LeftOut) -> None:
+    """What was left out, on stderr."""
+    for line in left_out.lines():
+        print(f'note: {line}', file=sys.stderr)
 
 
 def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
@@ -215,12 +242,22 @@ def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
 
 
 def run_filter(args: argparse.Namespace) -> int:
-    """Filters recorded profiles file by file. Exit status: 0, or 1 with the reason on stderr."""
+    """Filters recorded profiles file by file. What is bad is left out by name. Exit status: 0, or 1 with the reason on
+    stderr when nothing is left."""
     from .commands.inprocess_report import filter_file
+    from .recordings.left_out import LeftOut
 
     def action() -> None:
+        left_out, made = LeftOut(), 0
         for path in args.files:
-            filter_file(path, args.out, not args.height)
+            try:
+                filter_file(path, args.out, not args.height, left_out)
+                made += 1
+            except ValueError as e:
+                left_out.add('file', path, '', e)
+        if not made:
+            raise left_out.nothing_left(', '.join(map(str, args.files)))
+        _tell(left_out)
 
     return _guarded(action)
 
@@ -244,11 +281,20 @@ def run_picture(args: argparse.Namespace) -> int:
 
 
 def run_info(args: argparse.Namespace) -> int:
-    """One line per file. Exit status: 0, or 1 with the reason on stderr."""
+    """One line per file; one that cannot be read is named and the rest goes on. Exit status: 0, or 1 when none can."""
     from .commands.file_info import describe
+    from .recordings.left_out import LeftOut
 
     def action() -> None:
+        left_out, told = LeftOut(), 0
         for path in args.files:
-            print(f'{path}: {describe(path)}')
+            try:
+                print(f'{path}: {describe(path, left_out)}')
+                told += 1
+            except ValueError as e:
+                left_out.add('file', path, '', e)
+        if not told:
+            raise left_out.nothing_left(', '.join(map(str, args.files)))
+        _tell(left_out)
 
     return _guarded(action)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from ..calibration.file import rpy_of, save_calibration
 from ..calibration.pass_file import load_pass
 from ..calibration.scan_pass import Pass
 from ..calibration.solve import PARAMETERS, Calibration, CalibrationError, calibrate
+from ..recordings.left_out import LeftOut
 from ..recordings.scan_records import passes as recorded
 from ..recordings.scan_records import record_files
 from ..transform import Mounting
@@ -28,15 +30,29 @@ SUSPECT = 3.0
 SHARED = 5e-6  # m
 
 
-def _read(path: Path) -> list[Pass]:
-    """The pass of a file, or all scans of a recording."""
-    return list(recorded(path)) if record_files(path) else [load_pass(path)]
+def read_passes(paths: list[Path]) -> list[Pass]:
+    """The pass of a file, or all scans of a recording. A pass that is bad is left out by name, on stderr; an error when
+    none is left."""
+    left_out, found = LeftOut(), []
+    for path in paths:
+        try:
+            if record_files(path):
+                found += list(recorded(path, left_out=left_out))
+            else:
+                found.append(load_pass(path))
+        except ValueError as e:
+            left_out.add('scan', path, '', e)
+    if not found and left_out:
+        raise left_out.nothing_left(', '.join(map(str, paths)))
+    for line in left_out.lines():
+        print(f'note: {line}', file=sys.stderr)
+    return found
 
 
 def calibrate_files(args: argparse.Namespace) -> int:
     """Reads artefact and passes, writes calibration and picture. CalibrationError when the pose is not observed."""
     artefact = load_artefact(args.artefact)
-    passes = [scan for path in args.scans for scan in _read(path)]
+    passes = read_passes(args.scans)
     start = Mounting.from_rpy(
         tuple(v * 1e-3 for v in args.start_xyz),
         tuple(np.radians(args.start_rpy)),

@@ -18,21 +18,23 @@ from ..recordings.files import (
     read_laser_csv,
     read_text,
 )
+from ..recordings.left_out import LeftOut
 
 
-def describe(path: Path) -> str:
-    """FileError when the file is none of the known kinds or damaged."""
+def describe(path: Path, left_out: LeftOut | None = None) -> str:
+    """FileError when the file is none of the known kinds or damaged. Damaged lines and profiles go into left_out;
+    without it they are an error."""
     if path.suffix == '.npz':
         return _pass(path) if 'pose_stamps' in _names(path) else _map(path)
     if path.suffix.lower() in ('.pcd', '.ply', '.xyz', '.npy'):
         return _cloud(path)
     head = [f.strip() for f in read_text(path).lstrip().split('\n')[0].split('\r')[0].split(',')]
     if head == LASER_HEADER:
-        return _laser(path)
+        return _laser(path, left_out)
     if head == INPROCESS_HEADER:
-        return _inprocess(path)
+        return _inprocess(path, left_out)
     if head[:1] == ['time'] and 'ArcOn' in head:
-        return _arc_log(path)
+        return _arc_log(path, left_out)
     raise FileError(f'{path}, line 1: header {",".join(head)[:60]!r} is of no known kind of file')
 
 
@@ -81,8 +83,8 @@ def _map(path: Path) -> str:
     )
 
 
-def _laser(path: Path) -> str:
-    scan = read_laser_csv(path)
+def _laser(path: Path, left_out: LeftOut | None) -> str:
+    scan = read_laser_csv(path, left_out)
     dt = np.diff(scan.stamps) * 1e-9
     points = np.isfinite(scan.x).sum(axis=1)
     rate = f', {1 / np.median(dt):.1f} Hz, longest gap {dt.max():.3f} s' if len(dt) else ''
@@ -93,8 +95,8 @@ def _laser(path: Path) -> str:
     )
 
 
-def _inprocess(path: Path) -> str:
-    scan = read_inprocess_csv(path)
+def _inprocess(path: Path, left_out: LeftOut | None) -> str:
+    scan = read_inprocess_csv(path, left_out)
     points = np.isfinite(scan.x).sum(axis=1)
     span = scan.t[-1] - scan.t[0]
     rate = f', {(len(points) - 1) / span:.1f} Hz' if span > 0 else ''
@@ -105,10 +107,10 @@ def _inprocess(path: Path) -> str:
     )
 
 
-def _arc_log(path: Path) -> str:
+def _arc_log(path: Path, left_out: LeftOut | None) -> str:
     from ..recordings.wall import find_scans
 
-    log = read_arc_log(path)
+    log = read_arc_log(path, left_out)
     starts = int((np.diff(log.arc.astype(int), prepend=0) == 1).sum())
     speed = np.mean(log.speed[log.arc]) * 1e3 if log.arc.any() else float('nan')
     return (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..fusion.height_map import FusedMap, Fusion
 from ..fusion.limits import FusionLimits
 from ..fusion.quality import assess
 from ..recordings.files import FileError, save_map
+from ..recordings.left_out import LeftOut
 from ..recordings.scan_records import passes, recorded_mounting
 from ..registration.clouds import load_points
 from ..stream.assembler import Assembler, ProfileBlock
@@ -91,7 +93,7 @@ def _box(p: Pass, mounting: Mounting) -> tuple[np.ndarray, np.ndarray]:
     """Corners (3,) that hold all points, from the extremes of poses and profiles; robust against single spikes in z."""
     good = np.isfinite(p.x) & np.isfinite(p.z)
     if not good.any():
-        raise ValueError('a pass without a single return')
+        raise ValueError('not a single return in it')
     xs = np.array([p.x[good].min(), p.x[good].max()])
     zs = np.percentile(p.z[good], [0.1, 99.9]) + np.array([-2e-3, 2e-3])
     corners = np.array([[x, z] for x in xs for z in zs])
@@ -100,42 +102,119 @@ def _box(p: Pass, mounting: Mounting) -> tuple[np.ndarray, np.ndarray]:
     return origins.min(axis=0) + offsets.min(axis=0), origins.max(axis=0) + offsets.max(axis=0)
 
 
-def fuse_files(paths: list[Path], out: Path, cell: float, options: argparse.Namespace) -> None:
-    """Passes (.npz) into one map, clouds into one map each; writes NPZ and PNG, prints what they are worth.
-
-    options: scale (m per unit of clouds), mounting (None: the default), fill (m², largest hole), ply (bool).
-    """
-    clouds = [p for p in paths if p.suffix.lower() in CLOUDS]
-    files = [p for p in paths if p.suffix.lower() == '.npz']
-    other = [p for p in paths if p not in clouds and p not in files]
+def check_paths(paths: list[Path]) -> None:
+    """FileError names a path that is not there, or a file that is of no known kind: before any work is done."""
     for path in paths:
         if not path.exists():
             raise FileError(f'{path}: no such file or folder')
-    if other:
-        raise FileError(
-            f'{other[0]}: neither a recording (folder, .mcap), a pass (.npz) nor a cloud ({", ".join(CLOUDS)})'
-        )
-    out.mkdir(parents=True, exist_ok=True)
-    for path in clouds:
-        write(out / path.stem, fuse_cloud(load_points(path, options.scale), cell), options)
-    if files:
-        fused, used = fuse_passes(
-            [load_pass(p) for p in files], options.mounting or Mounting(), cell
-        )
-        for path, assembler in zip(files, used, strict=True):
+        if not path.is_dir() and path.suffix.lower() not in (*CLOUDS, '.npz', '.mcap'):
+            raise FileError(
+                f'{path}: neither a recording (folder, .mcap), a pass (.npz) nor a cloud ({", ".join(CLOUDS)})'
+            )
+
+
+def fuse_files(
+    paths: list[Path], out: Path, cell: float, options: argparse.Namespace, left_out: LeftOut
+) -> int:
+    """Passes (.npz) into one map, clouds into one map each; writes NPZ and PNG, prints what they are worth. What is bad
+    goes into left_out. Returns the number of maps.
+
+    options: scale (m per unit of clouds), mounting (None: the default), fill (m², largest hole), ply (bool).
+    """
+    made = 0
+    for path in [p for p in paths if p.suffix.lower() in CLOUDS]:
+        try:
+            write(out / path.stem, fuse_cloud(load_points(path, options.scale), cell), options)
+            made += 1
+        except ValueError as e:
+            left_out.add('scan', path, '', e)
+    mounting = options.mounting or Mounting()
+    good: dict[Path, Pass] = {}
+    for path in [p for p in paths if p.suffix.lower() == '.npz']:
+        try:
+            good[path] = usable(load_pass(path), path, mounting, left_out)
+        except ValueError as e:
+            left_out.add('scan', path, '', e)
+    _without_far(good, mounting, cell, left_out)
+    if good:
+        fused, used = fuse_passes(list(good.values()), mounting, cell)
+        for path, assembler in zip(good, used, strict=True):
             _tell(path, assembler)
-        write(out / files[0].stem, fused, options)
+            if not assembler.counts.used:
+                why = '; '.join(assembler.counts.reasons())
+                left_out.add('scan', path, '', f'not one profile could be used: {why}')
+        if fused.points_used:
+            write(out / next(iter(good)).stem, fused, options)
+            made += 1
+        elif not left_out:
+            left_out.add('scan', next(iter(good)), '', 'not one usable point')
+    return made
 
 
-def fuse_record(path: Path, out: Path, cell: float, options: argparse.Namespace) -> None:
+def _without_far(
+    good: dict[Path, Pass], mounting: Mounting, cell: float, left_out: LeftOut
+) -> None:
+    """Passes that lie so far from the others that no map holds them all leave `good`; ValueError when two are left
+    that do not fit."""
+    while good:
+        boxes = {path: np.array(_box(p, mounting)) for path, p in good.items()}
+        low = np.min([b[0] for b in boxes.values()], axis=0)
+        high = np.max([b[1] for b in boxes.values()], axis=0)
+        try:
+            grid_around(low, high, cell)
+            return
+        except ValueError as e:
+            alone = [p for p, b in boxes.items() if _too_large(b, cell)]
+            if not alone and len(good) <= 2:
+                raise ValueError(f'{", ".join(map(str, good))}: {e}') from None
+            middle = np.median([b.mean(axis=0) for b in boxes.values()], axis=0)
+            far = {p: np.linalg.norm(b.mean(axis=0) - middle) for p, b in boxes.items()}
+            worst = alone[0] if alone else max(far, key=lambda p: far[p])
+            left_out.add('scan', worst, '', f'does not fit with the others: {e}')
+            del good[worst]
+
+
+def _too_large(box: np.ndarray, cell: float) -> bool:
+    try:
+        grid_around(box[0], box[1], cell)
+    except ValueError:
+        return True
+    return False
+
+
+def usable(p: Pass, name: Path | str, mounting: Mounting, left_out: LeftOut) -> Pass:
+    """The pass without its profiles of one point, which no neighbour supports; they go into left_out. ValueError when
+    no other profile with a point is left."""
+    points = (np.isfinite(p.x) & np.isfinite(p.z)).sum(axis=1)
+    single = points == 1
+    if p.x.shape[1] == 1 or not single.any():  # a scanner of one point is no damage
+        _box(p, mounting)
+        return p
+    if not (points > 1).any():
+        raise ValueError(f'none of its {len(points)} profiles has more than one point')
+    for k in np.flatnonzero(single):
+        left_out.add('profile', name, f'profile {k}', 'only one point')
+    return replace(p, stamps=p.stamps[~single], x=p.x[~single], z=p.z[~single])
+
+
+def fuse_record(
+    path: Path, out: Path, cell: float, options: argparse.Namespace, left_out: LeftOut
+) -> int:
     """Every scan of a recorded job into a map of its own, scan_000 ...; options as in `fuse_files`, mounting None:
-    that of the job."""
+    that of the job. What is bad goes into left_out. Returns the number of maps."""
     mounting = options.mounting or recorded_mounting(path)
-    out.mkdir(parents=True, exist_ok=True)
-    for k, scan in enumerate(passes(path)):
-        fused, used = fuse_passes([scan], mounting, cell)
-        _tell(scan.name, used[0])
-        write(out / f'scan_{k:03}', fused, options)
+    made = 0
+    for scan in passes(path, left_out=left_out):
+        try:
+            good = usable(scan, scan.name, mounting, left_out)
+            fused, used = fuse_passes([good], mounting, cell)
+            _tell(scan.name, used[0])
+            number = scan.name.rpartition(' ')[2]
+            write(out / f'scan_{int(number):03}', fused, options)
+            made += 1
+        except ValueError as e:
+            left_out.add('scan', scan.name, '', e)
+    return made
 
 
 def _tell(name: Path | str, assembler: Assembler) -> None:
@@ -148,6 +227,7 @@ def write(name: Path, fused: FusedMap, options: argparse.Namespace) -> None:
     """name.npz, name.png and, when asked, name.ply; with the quality of the map on the screen."""
     if fused.points_used == 0:
         raise FileError(f'{name.name}: not one usable point')
+    name.parent.mkdir(parents=True, exist_ok=True)
     z, more = fused.z, {}
     if options.fill > 0:
         z, mask = fill_holes(fused.z, fused.spec.resolution, options.fill)

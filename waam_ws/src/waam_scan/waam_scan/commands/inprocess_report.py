@@ -8,13 +8,17 @@ import numpy as np
 
 from ..recordings.files import InprocessScan, read_inprocess_csv
 from ..recordings.inprocess import CrownSeries, SeriesQuality, filter_scan, median_filter, quality
+from ..recordings.left_out import LeftOut
 
 COLUMNS = 't_s,raw_median_mm,crown_mm,crown_u_mm,height_mm,height_u_mm,used'
 
 
-def filter_file(path: Path, out: Path, distance: bool = True) -> CrownSeries:
-    """Reads, filters, writes NAME_filtered.csv and .png into `out` and prints the comparison."""
-    scan = read_inprocess_csv(path)
+def filter_file(
+    path: Path, out: Path, distance: bool = True, left_out: LeftOut | None = None
+) -> CrownSeries:
+    """Reads, filters, writes NAME_filtered.csv and .png into `out` and prints the comparison. Damaged lines go into
+    left_out; without it they are an error."""
+    scan = read_inprocess_csv(path, left_out)
     series = filter_scan(scan, distance=distance)
     out.mkdir(parents=True, exist_ok=True)
     name = out / f'{path.stem}_filtered'

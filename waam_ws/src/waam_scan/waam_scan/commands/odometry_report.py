@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
 
+from ..recordings.left_out import LeftOut
 from ..registration.clouds import load_points, save_cloud
 from ..registration.odometry import Track, track
 
@@ -18,22 +20,37 @@ def track_files(args: argparse.Namespace) -> int:
 
     if not 0.05 <= args.voxel <= 20.0:
         raise ValueError(f'--voxel {args.voxel} mm is outside 0.05 .. 20 mm')
-    frames = [load_points(p, args.scale) for p in args.clouds]
+    clouds, frames = _frames(args.clouds, args.scale)
     with Progress(transient=True) as bar:
         task = bar.add_task('odometry', total=len(frames))
         found = track(
             frames, args.voxel * 1e-3, args.change, args.seed,
             lambda done: bar.update(task, completed=done),
         )  # fmt: skip
-    for name, pose, ok in zip(args.clouds, found.poses, found.refined, strict=True):
+    for name, pose, ok in zip(clouds, found.poses, found.refined, strict=True):
         x, y, z = pose[:3, 3] * 1e3
         print(f'{name.name}: {x:.3f} {y:.3f} {z:.3f} mm{"" if ok else " (KISS-ICP only)"}')
     for text in found.notes:
         print(f'note: {text}')
     args.out.mkdir(parents=True, exist_ok=True)
-    write(args.out, found, frames, [p.name for p in args.clouds])
+    write(args.out, found, frames, [p.name for p in clouds])
     print(f'written: {args.out}')
     return 0
+
+
+def _frames(paths: list[Path], scale: float) -> tuple[list[Path], list[np.ndarray]]:
+    """Those that can be read; a bad one is left out by name, on stderr. An error when none is left."""
+    left_out, found = LeftOut(), {}
+    for path in paths:
+        try:
+            found[path] = load_points(path, scale)
+        except ValueError as e:
+            left_out.add('scan', path, '', e)
+    if not found:
+        raise left_out.nothing_left(', '.join(map(str, paths)))
+    for line in left_out.lines():
+        print(f'note: {line}', file=sys.stderr)
+    return list(found), list(found.values())
 
 
 def write(out: Path, found: Track, frames: list[np.ndarray], names: list[str]) -> None:

@@ -13,10 +13,13 @@ import numpy as np
 
 from waam_process.grid import GridError, GridSpec, HeightGrid
 
+from .left_out import LeftOut
+
 LASER_HEADER = ['TimeReceived', 'X', 'Z', 'Intensity']
 ARC_COLUMNS = ('x', 'y', 'z', 'speed', 'ArcOn', 'WFS', 'I', 'U')
 INPROCESS_HEADER = ['Layer', 'ScanID', 'Timestamp', 'SensorTimestamp', 'PointNr', 'X', 'Z']
 HOUR = 3600.0
+SHORT = 0.1  # a profile with less than this share of the usual number of points is damaged
 
 
 class FileError(ValueError):
@@ -69,8 +72,11 @@ def read_text(path: Path) -> str:
         raise FileError(f'{path}: cannot be read: {e}') from None
 
 
-def records(path: Path, header: list[str]) -> Iterator[tuple[int, list[str]]]:
-    """(line number, fields) of a comma-separated file with any line ends, bare CR too; blank lines are skipped."""
+def records(
+    path: Path, header: list[str], left_out: LeftOut | None = None
+) -> Iterator[tuple[int, list[str]]]:
+    """(line number, fields) of a comma-separated file with any line ends, bare CR too; blank lines are skipped. Lines
+    with another number of fields are an error, or go into left_out."""
     lines = re.split(r'\r\n|\r|\n', read_text(path))
     names = [f.strip() for f in lines[0].split(',')]
     if names[: len(header)] != header:
@@ -79,9 +85,11 @@ def records(path: Path, header: list[str]) -> Iterator[tuple[int, list[str]]]:
         if line.strip():
             fields = line.split(',')
             if len(fields) != len(names):
-                raise FileError(
-                    f'{path}, line {number}: {len(fields)} fields, the header has {len(names)}'
-                )
+                wrong = f'{path}, line {number}: {len(fields)} fields, the header has {len(names)}'
+                if left_out is None:
+                    raise FileError(wrong)
+                left_out.add('line', path, f'line {number}', wrong)
+                continue
             yield number, fields
 
 
@@ -104,50 +112,81 @@ def stack(rows: list[np.ndarray]) -> np.ndarray:
     return out
 
 
-def read_laser_csv(path: Path) -> LaserScan:
-    """`LaserCoordinateN.csv`: TimeReceived,X,Z,Intensity with the points of a profile space-separated in mm."""
-    stamps: list[int] = []
-    columns: tuple[list[np.ndarray], ...] = ([], [], [])
-    for line, fields in records(path, LASER_HEADER):
-        stamps.append(_date_ns(path, line, fields[0]))
-        rows = [numbers(path, line, LASER_HEADER[k], fields[k]) for k in (1, 2, 3)]
-        sizes = [len(r) for r in rows]
-        if len(set(sizes)) != 1 or sizes[0] == 0:
-            raise FileError(
-                f'{path}, line {line}: X, Z and Intensity have {sizes} values, need equal numbers'
-            )
-        for column, row in zip(columns, rows, strict=True):
-            column.append(row)
-    if not stamps:
+def read_laser_csv(path: Path, left_out: LeftOut | None = None) -> LaserScan:
+    """`LaserCoordinateN.csv`: TimeReceived,X,Z,Intensity with the points of a profile space-separated in mm.
+
+    A damaged line is an error. With left_out it is left out by name, and so are profiles of less than a tenth of the
+    usual number of points (one point, NaN only).
+    """
+    found: list[tuple[int, int, list[np.ndarray]]] = []
+    for line, fields in records(path, LASER_HEADER, left_out):
+        try:
+            found.append((line, *_profile(path, line, fields)))
+        except FileError as e:
+            if left_out is None:
+                raise
+            left_out.add('profile', path, f'line {line}', e)
+    if left_out is not None:
+        found = _long_enough(path, found, left_out)
+    if not found:
         raise FileError(f'{path}: no profile in it')
-    x, z, intensity = (stack(c) for c in columns)
-    return LaserScan(np.array(stamps, np.int64), x * 1e-3, z * 1e-3, intensity)
+    x, z, intensity = (stack([rows[k] for _, _, rows in found]) for k in range(3))
+    return LaserScan(np.array([f[1] for f in found], np.int64), x * 1e-3, z * 1e-3, intensity)
+
+
+def _profile(path: Path, line: int, fields: list[str]) -> tuple[int, list[np.ndarray]]:
+    """Stamp in ns, and X, Z, Intensity as they are."""
+    stamp = _date_ns(path, line, fields[0])
+    rows = [numbers(path, line, LASER_HEADER[k], fields[k]) for k in (1, 2, 3)]
+    sizes = [len(r) for r in rows]
+    if len(set(sizes)) != 1 or sizes[0] == 0:
+        raise FileError(
+            f'{path}, line {line}: X, Z and Intensity have {sizes} values, need equal numbers'
+        )
+    return stamp, rows
+
+
+def _long_enough(
+    path: Path, found: list[tuple[int, int, list[np.ndarray]]], left_out: LeftOut
+) -> list[tuple[int, int, list[np.ndarray]]]:
+    points = [int((np.isfinite(r[0]) & np.isfinite(r[1])).sum()) for _, _, r in found]
+    usual = float(np.median(points)) if points else 0.0
+    kept = []
+    for one, n in zip(found, points, strict=True):
+        if n >= max(2.0, SHORT * usual):
+            kept.append(one)
+            continue
+        what = f'only {n} of the usual {usual:.0f} points' if n else 'not one point (NaN)'
+        left_out.add('profile', path, f'line {one[0]}', what)
+    return kept
 
 
 def _date_ns(path: Path, line: int, text: str) -> int:
     try:
         stamp = datetime.fromisoformat(text.strip()).replace(tzinfo=UTC)
-    except ValueError:
+    except (ValueError, OverflowError):
         raise FileError(
             f'{path}, line {line}, field TimeReceived: {text[:40]!r} is not a date and time'
         ) from None
     return round(stamp.timestamp() * 1000) * 1_000_000
 
 
-def read_arc_log(path: Path) -> ArcLog:
-    """`arc_log.csv`: `time` as minute:second.tenth, position in mm, speed and WFS in m/min, I in A, U in V."""
+def read_arc_log(path: Path, left_out: LeftOut | None = None) -> ArcLog:
+    """`arc_log.csv`: `time` as minute:second.tenth, position in mm, speed and WFS in m/min, I in A, U in V. A damaged
+    line is an error; with left_out it is left out by name."""
     header = [f.strip() for f in re.split(r'[\r\n]', read_text(path), maxsplit=1)[0].split(',')]
     missing = [c for c in ('time', *ARC_COLUMNS) if c not in header]
     if missing:
         raise FileError(f'{path}, line 1: no column {", ".join(missing)}')
     at = {name: header.index(name) for name in ('time', *ARC_COLUMNS)}
     rows = []
-    for line, fields in records(path, header):
-        t = _minute_second(path, line, fields[at['time']])
-        rest = [numbers(path, line, name, fields[at[name]]) for name in ARC_COLUMNS]
-        if any(len(r) != 1 or np.isnan(r[0]) for r in rest):
-            raise FileError(f'{path}, line {line}: a field is empty or not a number')
-        rows.append([t, *(r[0] for r in rest)])
+    for line, fields in records(path, header, left_out):
+        try:
+            rows.append(_arc_line(path, line, fields, at))
+        except FileError as e:
+            if left_out is None:
+                raise
+            left_out.add('line', path, f'line {line}', e)
     if not rows:
         raise FileError(f'{path}: no line with data')
     a = np.array(rows)
@@ -163,6 +202,14 @@ def read_arc_log(path: Path) -> ArcLog:
     )
 
 
+def _arc_line(path: Path, line: int, fields: list[str], at: dict[str, int]) -> list[float]:
+    t = _minute_second(path, line, fields[at['time']])
+    rest = [numbers(path, line, name, fields[at[name]]) for name in ARC_COLUMNS]
+    if any(len(r) != 1 or np.isnan(r[0]) for r in rest):
+        raise FileError(f'{path}, line {line}: a field is empty or not a number')
+    return [t, *(float(r[0]) for r in rest)]
+
+
 def _minute_second(path: Path, line: int, text: str) -> float:
     match = re.fullmatch(r'\s*(\d{1,2}):(\d{1,2}(?:\.\d+)?)\s*', text)
     if not match or int(match[1]) > 59 or float(match[2]) >= 60:
@@ -172,18 +219,19 @@ def _minute_second(path: Path, line: int, text: str) -> float:
     return 60.0 * int(match[1]) + float(match[2])
 
 
-def read_inprocess_csv(path: Path) -> InprocessScan:
-    """One point per line (Layer, ScanID, Timestamp in s, ..., X, Z in mm), grouped by layer and scan number."""
+def read_inprocess_csv(path: Path, left_out: LeftOut | None = None) -> InprocessScan:
+    """One point per line (Layer, ScanID, Timestamp in s, ..., X, Z in mm), grouped by layer and scan number. A damaged
+    line is an error; with left_out it is left out by name."""
     groups: dict[tuple[int, int], list[np.ndarray]] = {}
-    for line, f in records(path, INPROCESS_HEADER):
-        v = numbers(
-            path, line, 'Layer, ScanID, Timestamp, X, Z', ' '.join((f[0], f[1], f[2], f[5], f[6]))
-        )
-        if len(v) != 5 or np.isnan(v).any():
-            raise FileError(
-                f'{path}, line {line}: Layer, ScanID, Timestamp, X and Z must be numbers'
-            )
-        groups.setdefault((int(v[0]), int(v[1])), []).append(v[2:])
+    for line, f in records(path, INPROCESS_HEADER, left_out):
+        try:
+            key, point = _point(path, line, f)
+        except FileError as e:
+            if left_out is None:
+                raise
+            left_out.add('line', path, f'line {line}', e)
+            continue
+        groups.setdefault(key, []).append(point)
     if not groups:
         raise FileError(f'{path}: no point in it')
     blocks = [np.array(g) for g in groups.values()]
@@ -193,6 +241,15 @@ def read_inprocess_csv(path: Path) -> InprocessScan:
         x=stack([b[:, 1] for b in blocks]) * 1e-3,
         z=stack([b[:, 2] for b in blocks]) * 1e-3,
     )
+
+
+def _point(path: Path, line: int, f: list[str]) -> tuple[tuple[int, int], np.ndarray]:
+    v = numbers(
+        path, line, 'Layer, ScanID, Timestamp, X, Z', ' '.join((f[0], f[1], f[2], f[5], f[6]))
+    )
+    if len(v) != 5 or np.isnan(v).any():
+        raise FileError(f'{path}, line {line}: Layer, ScanID, Timestamp, X and Z must be numbers')
+    return (int(v[0]), int(v[1])), v[2:]
 
 
 def save_map(

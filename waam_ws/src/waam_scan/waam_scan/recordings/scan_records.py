@@ -19,6 +19,7 @@ from ..calibration.scan_pass import Pass
 from ..stream.profiles import ProfileBlock, read_batch
 from ..transform import Mounting
 from .files import FileError
+from .left_out import LeftOut
 
 PAUSE = 1.0  # s without profiles: the scanner was off, a new scan begins
 MARGIN_NS = 1_000_000_000  # telemetry that is kept before and after a scan
@@ -113,9 +114,10 @@ def _padded(values: np.ndarray, width: int) -> np.ndarray:
     return out
 
 
-def passes(path: Path, pause: float = PAUSE) -> Iterator[Pass]:
+def passes(path: Path, pause: float = PAUSE, left_out: LeftOut | None = None) -> Iterator[Pass]:
     """The scans of a recording, one after the other as they are read; profiles more than `pause` s apart belong to
-    different ones. What a damaged file still holds is used. FileError when there is no scan in it."""
+    different ones. What a damaged file still holds is used. FileError when there is no scan in it, and for one without
+    telemetry; with left_out that one goes there, as does what is damaged."""
     files = record_files(path)
     if not files:
         raise FileError(f'{path}: no .mcap file there')
@@ -129,12 +131,25 @@ def passes(path: Path, pause: float = PAUSE) -> Iterator[Pass]:
             if block is None:
                 continue
             if scan.starts_anew(block, round(pause * 1e9)):
-                yield scan.finish()
+                yield from _finished(scan, left_out)
             scan.add(block)
     if scan.blocks:
-        yield scan.finish()
+        yield from _finished(scan, left_out)
+    if left_out is not None and scan.number:
+        for text in scan.damage:
+            left_out.add('block', path, '', text)
     if not scan.number:
         raise FileError(f'{path}: no profile in it ({found_in(scan.damage)})')
+
+
+def _finished(scan: _Scan, left_out: LeftOut | None) -> Iterator[Pass]:
+    try:
+        yield scan.finish()
+    except FileError as e:
+        if left_out is None:
+            raise
+        left_out.add('scan', f'{scan.name}, scan {scan.number}', '', e)
+        scan.blocks, scan.number = [], scan.number + 1
 
 
 def found_in(damage: list[str]) -> str:

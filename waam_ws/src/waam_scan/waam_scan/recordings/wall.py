@@ -23,7 +23,7 @@ from ..fusion.limits import FusionLimits
 from ..stream.assembler import Assembler, ProfileBlock
 from ..stream.poses import PoseStatus, PoseTrack
 from ..transform import Mounting, rotation_rpy
-from .bead import Bead, BeadTop, WallError, bead_top, find_bead
+from .bead import WallError, find_bead
 from .files import HOUR, ArcLog, LaserScan
 
 MAX_POSE_GAP_NS = 250_000_000  # at steady speed; the log leaves out a line now and then
@@ -109,24 +109,6 @@ def clock_lag(laser: LaserScan, log: ArcLog, motion: ScanMotion) -> float:
     levels = np.linspace(3e-3, min(9e-3, float(rise.max())), 7)
     seen = lift_time(hour_seconds(laser.stamps)[ramp], distance[ramp] - level, levels)
     return float(np.median(lift_time(t_robot, rise, levels) - seen))
-
-
-def match_scans(lasers: list[LaserScan], log: ArcLog) -> tuple[list[ScanMotion], list[float]]:
-    """The motion of every laser file and the lag of its clock (s): the nearest in time, clocks less than 15 s apart."""
-    motions = find_scans(log)
-    found, lags = [], []
-    for number, laser in enumerate(lasers, 1):
-        t = float(np.median(hour_seconds(laser.stamps)))
-        near = min(motions, key=lambda m: abs(float(np.median(m.t)) - t), default=None)
-        if near is None or abs(float(np.median(near.t)) - t) > 15.0:
-            raise WallError(
-                f'scan {number} at {t // 60:.0f} min {t % 60:.1f} s: no scanning motion in the arc log then'
-            )
-        found.append(near)
-        lags.append(clock_lag(laser, log, near))
-    if len({id(m) for m in found}) < len(found):
-        raise WallError('two laser files belong to the same motion of the arc log')
-    return found, lags
 
 
 @dataclass(frozen=True)
@@ -254,40 +236,3 @@ def scanner_shift(scans: list[RecordedScan], log: ArcLog, cell: float) -> tuple[
     bead = find_bead(fuse(scans[0], spec, (0.0, 0.0))[0], fuse(scans[-1], spec, (0.0, 0.0))[0])
     x_min, x_max, y = weld_line(log)
     return 0.5 * (x_min + x_max) - 0.5 * (bead.start + bead.end), y - bead.axis
-
-
-@dataclass(frozen=True)
-class WallMaps:
-    """Everything that a folder of recordings gives."""
-
-    scans: list[RecordedScan]
-    lags: list[float]  # s, of the clock of every laser file
-    shift: tuple[float, float]  # (x, y) m of the scanner against the torch
-    maps: list[FusedMap]  # one per scan
-    assemblers: list[Assembler]  # one per scan
-    bead: Bead  # the new bead
-    tops: list[BeadTop]  # one per scan but the first
-
-
-def fuse_wall(lasers: list[LaserScan], log: ArcLog, cell: float = 1e-3) -> WallMaps:
-    """One map per laser file on a common grid (work axes = robot axes, z = 0 on the substrate), and the bead's top."""
-    if len(lasers) < 2:
-        raise WallError('at least two scans are needed: one before the bead and one after')
-    motions, lags = match_scans(lasers, log)
-    lag = float(np.median(lags))
-    scans = [prepare(s, log, m, lag) for s, m in zip(lasers, motions, strict=True)]
-    shift = scanner_shift(scans, log, cell)
-    spec = grid_of(scans, cell, shift)
-    fused = [fuse(s, spec, shift) for s in scans]
-    maps = [m for m, _ in fused]
-    bead = find_bead(maps[0], maps[-1])
-    tops = [bead_top(profile_points(s, shift), bead) for s in scans[1:]]
-    return WallMaps(
-        scans=scans,
-        lags=lags,
-        shift=shift,
-        maps=maps,
-        assemblers=[a for _, a in fused],
-        bead=bead,
-        tops=tops,
-    )
