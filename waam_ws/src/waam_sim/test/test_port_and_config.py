@@ -20,7 +20,8 @@ from waam_sim.port import PlantPort, PortError
 
 PACKAGE = Path(__file__).parents[1]
 PURE = [
-    'arc', 'compiled', 'config', 'disturbance', 'drive', 'faults', 'heat', 'metal', 'part', 'plant', 'port',
+    'arc', 'compiled', 'config', 'disturbance', 'drive', 'faults', 'heat', 'metal', 'metal_film', 'metal_models',
+    'metal_sections', 'part', 'plant', 'pool', 'port',
     'pyrometer', 'scanner', 'distance', 'placement', 'gantry',
 ]  # fmt: skip
 

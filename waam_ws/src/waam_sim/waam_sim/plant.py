@@ -24,7 +24,7 @@ from .disturbance import lattice
 from .faults import Faults
 from .gantry import Accelerations, Gantry, GantryParams
 from .heat import Heat, HeatParams
-from .metal import Metal
+from .metal_models import MetalModel, make, number
 from .metal_params import MetalParams
 from .placement import Placement, PlacementParams
 from .pyrometer import Pyrometer, PyrometerParams
@@ -86,6 +86,7 @@ class Plant:
 
     def __init__(self, part: HeightGrid, params: PlantParams | None = None, seed: int = 1) -> None:
         self.params = params or PlantParams()
+        self._model = number(self.params.metal.model)
         self.faults = Faults()
         self.scanning = self.sensing = False
         self.time_us = 0
@@ -99,7 +100,7 @@ class Plant:
         """Clamps a cold part; everything random starts again from the seed. `table`: file that keeps its surface."""
         p = self.params
         self.seed = seed
-        self.metal = Metal.on(part, p.metal)
+        self.metal: MetalModel = make(part, p.metal)
         if table is not None:
             self.metal.z = keep(part, table)
         self.heat = Heat.of(part, p.heat)
@@ -154,7 +155,7 @@ class Plant:
             touched=metal.touched, mp=metal.params, ms=metal.state, skin=heat.skin, bulk=heat.bulk,
             thickness=heat.thickness, hp=heat.params, hs=heat.state, ap=arc.params, als=arc.state, line=arc.line,
             rng=arc.rng, values=self._lattice, hot=placed.hot, kept=placed.kept, lp=placed.params, ls=placed.state,
-            blocked=blocked, gas_out=gas_out, slip=slip, empty=empty,
+            blocked=blocked, gas_out=gas_out, slip=slip, empty=empty, model=self._model,
         )  # fmt: skip
         self.time_us = time_us
         self._measure_distance(len(samples) * SAMPLE_US * 1e-6)

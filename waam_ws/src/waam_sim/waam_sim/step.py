@@ -15,6 +15,9 @@ from .compiled import SOURCES, bilinear, jit
 from .heat import add_arc, conduct, grow
 from .metal import advance as advance_metal
 from .metal import under_wire
+from .metal_film import advance as advance_film
+from .metal_models import FILM, SECTIONS
+from .metal_sections import advance as advance_sections
 from .placement import distort, rise, warm
 from .scanner import profile
 
@@ -25,8 +28,7 @@ def _make_live(sources: int) -> Callable:
     @jit
     def live(
         samples, now, zero, last, z, solid, touched, mp, ms, skin, bulk, thickness, hp, hs, ap, als, line, rng,
-        values, hot, kept, lp, ls, blocked, gas_out, slip,
-        empty,
+        values, hot, kept, lp, ls, blocked, gas_out, slip, empty, model,
     ):  # fmt: skip
         if not sources:
             return
@@ -62,10 +64,24 @@ def _make_live(sources: int) -> Callable:
                 skin, hstate.origin_x, hstate.origin_y, h.cell,
                 x + AHEAD * mstate.head_x, y + AHEAD * mstate.head_y, h.ambient,
             )  # fmt: skip
-            advance_metal(
-                z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
-                height_z=height, lit=lit, wire_speed=astate.wire, power=power, temperature=base, ctwd=ctwd, gas=gas,
-            )  # fmt: skip
+            if model == SECTIONS:
+                advance_sections(
+                    z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
+                    height_z=height, lit=lit, wire_speed=astate.wire, power=power, temperature=base, ctwd=ctwd,
+                    gas=gas,
+                )  # fmt: skip
+            elif model == FILM:
+                advance_film(
+                    z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
+                    height_z=height, lit=lit, wire_speed=astate.wire, power=power, temperature=base, ctwd=ctwd,
+                    gas=gas,
+                )  # fmt: skip
+            else:
+                advance_metal(
+                    z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
+                    height_z=height, lit=lit, wire_speed=astate.wire, power=power, temperature=base, ctwd=ctwd,
+                    gas=gas,
+                )  # fmt: skip
             if mstate.portion > 0.0:
                 at_x, at_y = mstate.portion_x, mstate.portion_y
                 grow(skin, bulk, thickness, h, hstate, at_x, at_y, mstate.portion)
