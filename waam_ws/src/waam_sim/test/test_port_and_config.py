@@ -22,6 +22,7 @@ PACKAGE = Path(__file__).parents[1]
 PURE = [
     'arc', 'compiled', 'config', 'disturbance', 'drive', 'faults', 'heat', 'metal', 'part', 'plant', 'port',
     'pyrometer', 'scanner', 'distance', 'placement', 'gantry',
+    'variation',
 ]  # fmt: skip
 
 
