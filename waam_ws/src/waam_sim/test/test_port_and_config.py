@@ -23,6 +23,7 @@ PURE = [
     'arc', 'compiled', 'config', 'disturbance', 'drive', 'faults', 'heat', 'metal', 'metal_film', 'metal_models',
     'metal_sections', 'part', 'plant', 'pool', 'port',
     'pyrometer', 'scanner', 'distance', 'placement', 'gantry',
+    'variation',
 ]  # fmt: skip
 
 

@@ -44,6 +44,7 @@ class RobotCell(Cell):
 
     def _prepare(self) -> None:
         self._robot, self._names = self._made()
+        self._plant.put_on_robot()
 
     def _made(self) -> tuple[SimRobot, tuple[str, ...]]:
         """The robot and the names of its joints. ParameterError for a URDF that cannot be used, with the file."""
