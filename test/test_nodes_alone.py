@@ -41,7 +41,7 @@ def test_unknown_parameter_is_refused_by_name(program, package, name):
 @pytest.mark.parametrize('program,package,name', NODES)
 def test_misspelt_parameter_in_a_file_is_refused(program, package, name, tmp_path):
     text = yaml.safe_load((share(package) / 'config' / f'{name}.yaml').read_text())
-    values = text[name]['ros__parameters']
+    values = text[f'/**/{name}']['ros__parameters']
     first = next(iter(values))
     values[first + 'x'] = values.pop(first)
     file = tmp_path / 'params.yaml'

@@ -13,11 +13,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from std_srvs.srv import Trigger
+
+from waam_bringup.client import GraphClient
+
 from .campaign_graph import DONE, FAILED, JOB_S, LEASE_MS, Graph, Job, until
 
 SECONDS = 3.0  # that a stranger publishes
 PERIOD = 0.02  # s between two of its messages
 PARTICIPANTS = 50
+UNDISTURBED_MM = 0.16  # RMS that the job of the trials never has without a stranger
 
 
 def _messages() -> dict[str, tuple[Any, str, str, Callable[[Any, random.Random], Any]]]:
@@ -226,21 +231,37 @@ def says(name: str) -> Callable[[Graph, random.Random], dict]:
 
 
 def judged(graph: Graph, job: Job, dead_is_wrong: bool = True) -> dict:
-    """The job ended by itself, as if nothing were or with a reason, and no node died."""
+    """The job ended by itself, as if nothing were or with a reason, and no node died. One that pauses and says why is
+    aborted, as its text says."""
+    until(lambda: not job.runs() or _pause(job), JOB_S)
+    paused = _pause(job)
+    if paused and job.runs():
+        with GraphClient(graph.live().domain) as client:
+            client.call(Trigger, 'job_sequencer/abort', Trigger.Request())
     ended = job.wait(JOB_S)
     until(lambda: job.told()[0] in (DONE, *FAILED), 5.0)
     state, message = job.told()
     dead = graph.dead()
     if not ended or dead:
         graph.down()
-    right = ended and not (dead and dead_is_wrong) and (state == DONE or bool(message))
+    rms = job.rms_mm()
+    as_ever = state == DONE and rms is not None and rms < UNDISTURBED_MM
+    right = (
+        ended and not (dead and dead_is_wrong) and (as_ever or (state != DONE and bool(message)))
+    )
     return {
         'ended': state,
-        'message': message[:200],
+        'message': (paused or message)[:200],
         'rms_mm': job.rms_mm(),
         'dead': dead,
         'right': right,
     }
+
+
+def _pause(job: Job) -> str:
+    """Why the job waits for a person; '' = it does not."""
+    state, message = job.told()
+    return message if state == 'PAUSED' else ''
 
 
 def beats_of_the_dead(node: str) -> Callable[[Graph, random.Random], dict]:

@@ -107,7 +107,7 @@ def segments(y=20e-3, n=10):
 @pytest.mark.parametrize('name', CONFIGS)
 def test_parameter_files_list_every_parameter_with_its_default(name):
     path = f'{get_package_share_directory("waam_adapt")}/config/{name}.yaml'
-    values = yaml.safe_load(Path(path).read_text())[name]['ros__parameters']
+    values = yaml.safe_load(Path(path).read_text())[f'/**/{name}']['ros__parameters']
     defaults = {f.name: f.default for f in dataclasses.fields(CONFIGS[name])}
     assert list(values) == list(defaults)
     for key, value in defaults.items():

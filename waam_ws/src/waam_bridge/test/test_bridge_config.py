@@ -12,7 +12,7 @@ PACKAGE = Path(__file__).parents[1]
 
 
 def test_the_yaml_lists_every_parameter_with_its_default():
-    loaded = yaml.safe_load((PACKAGE / 'config/bridge.yaml').read_text())['bridge'][
+    loaded = yaml.safe_load((PACKAGE / 'config/bridge.yaml').read_text())['/**/bridge'][
         'ros__parameters'
     ]
     assert repr(from_dict(BridgeParams, loaded)) == repr(BridgeParams())  # NaN differs from NaN

@@ -91,6 +91,8 @@ def _arm(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
         _need_rest(bridge, 'ARM')
     if bridge.standoff.problem:
         raise CommandError(requests.WRONG_STATE, f'ARM: {bridge.standoff.problem}')
+    if unfit := bridge.unfit():
+        raise CommandError(requests.WRONG_STATE, f'ARM: {unfit}')
     if twice := bridge.arming.twice(c.names, now):
         raise CommandError(requests.WRONG_STATE, f'ARM: {twice}')
     bridge.ask('A', c.text, reply, now, lambda: bridge.armed(c.text, list(c.names), now))

@@ -44,6 +44,8 @@ class Bridge:
         self.held_because = ''
         self.message = 'not connected'
         self.pace: Pace = as_programmed  # what the machine makes of the speeds of segments
+        # why there must be no arc for now: asked before a job is armed
+        self.unfit: Callable[[], str] = lambda: ''
         self.offset: Point | None = None  # m, work zero in machine coordinates
         self.flags = 0
         self.modal = Modal()

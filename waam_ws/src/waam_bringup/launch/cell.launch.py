@@ -3,6 +3,7 @@
 For full ROS installations. Starts the same processes as `waam up`, from the same description.
 """
 
+import os
 import time
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 
 from launch import LaunchDescription
-from waam_bringup.graph import Settings, processes
+from waam_bringup.graph import Settings, middleware, processes
 from waam_bringup.operate import panel_port, stop_port
 from waam_bringup.paths import run_dir
 from waam_process.operating import GANTRY, MACHINES
@@ -33,7 +34,12 @@ def _start(context):
         stop_port=stop_port(page),
     )
     return [
-        ExecuteProcess(cmd=p.command, name=p.name, output='screen', additional_env=p.environment)
+        ExecuteProcess(
+            cmd=p.command,
+            name=p.name,
+            output='screen',
+            additional_env={**middleware(os.environ), **p.environment},
+        )
         for p in processes(settings)
     ]
 

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import signal
+import socket
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -104,6 +105,28 @@ def test_a_node_that_hangs_between_jobs_is_started_again_and_says_why(supervisor
 def reasons(message: DiagnosticArray) -> list[str]:
     rows = [s for s in message.status if s.hardware_id == 'recorder']
     return [v.value for s in rows for v in s.values if v.key == 'restarted']
+
+
+def test_the_second_way_for_stop_is_started_again_beside_a_job(tmp_path):
+    """It holds no state; without it the page has one way less for STOP."""
+    lane = {'package': 'waam_panel', 'executable': 'stop_lane', 'ros': False, 'restart': 'always'}
+    lane['arguments'] = ['--socket', '${run}/stop', '--port', '${stop_port}', '--page-port', '1']
+    with socket.create_server(('127.0.0.1', 0)) as s:
+        port = s.getsockname()[1]
+    settings = Settings(run=tmp_path, stop_port=port)
+    made = Supervisor(settings, fresh_domain(), {'stop_lane': lane})
+    made.start()
+    try:
+        set_job(tmp_path, 'DEPOSITING')
+        state = made.state.nodes['stop_lane']
+        for times in (1, 2):
+            before = made.children['stop_lane'].pid
+            os.kill(before, signal.SIGKILL)
+            assert turn_until(made, lambda n=times: state.restarts == n, 20.0)
+            assert run_state.process_exists(state.pid) and state.pid != before
+        assert 'stop_lane killed by SIGKILL' in run_state.load(tmp_path).nodes['stop_lane'].reason
+    finally:
+        made.stop()
 
 
 def test_during_a_job_nothing_is_started_again_but_after_it(supervisor, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,7 @@ class Settings:
 @dataclass(frozen=True)
 class Process:
     """One process: name (= node name), command line, whether it is a ROS node, whether the arc lease needs it, what is
-    added to its environment, and whether it may be started again when it hangs between jobs."""
+    added to its environment, and when it is started again."""
 
     name: str
     command: list[str]
@@ -72,7 +73,8 @@ class Process:
     executable: str = ''
     arguments: list[str] = field(default_factory=list)
     environment: dict[str, str] = field(default_factory=dict)
-    restart: bool = False
+    restart: bool = False  # when it hangs between jobs
+    restart_always: bool = False  # whenever it has died
 
 
 STOP_LANE = 'stop_lane'  # in the graph when it has a port
@@ -80,6 +82,19 @@ KEYS = {
     'package', 'executable', 'only', 'ros', 'lease', 'realtime', 'arguments', 'parameters', 'use_sim_time', 'restart',
     'machine', 'name',
 }  # fmt: skip
+
+
+def middleware(given: Mapping[str, str]) -> dict[str, str]:
+    """What the middleware of every process is told where the environment `given` says nothing: an open cell is a safety
+    hole, so others are looked for on this computer only."""
+    if given.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST') != 'LOCALHOST':
+        return {}  # who wants others to come in says how
+    profile = share('waam_bringup') / 'config' / 'fastdds.xml'
+    wanted = {
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile),
+    }
+    return {k: v for k, v in wanted.items() if not given.get(k)}
 
 
 def load(path: Path | None = None) -> dict[str, dict[str, Any]]:
@@ -160,7 +175,7 @@ def panel_access(settings: Settings) -> list[str]:
             text = yaml.safe_load(file.read_text())
         except (OSError, ValueError, yaml.YAMLError) as e:
             raise GraphError(f'{file}: {e}') from None
-        for node in ('/**', 'panel', '/panel'):
+        for node in ('/**', '/**/panel', 'panel', '/panel'):
             told = text.get(node) if isinstance(text, dict) else None
             values = told.get('ros__parameters') if isinstance(told, dict) else None
             if isinstance(values, dict):
@@ -178,7 +193,8 @@ def check_params(file: Path, description: dict[str, dict[str, Any]]) -> None:
         raise GraphError(f'--params-file {file}: must hold node: ros__parameters: name: value')
     known = sorted({d.get('name', n) for n, d in description.items() if d.get('ros', True)})
     for key in map(str, data):
-        if '*' not in key and key.rpartition('/')[2] not in known:
+        name = key.rpartition('/')[2]
+        if '*' not in name and name not in known:
             raise GraphError(
                 f"--params-file {file}: there is no node '{key}'; known are {', '.join(known)}, /**"
             )
@@ -219,7 +235,8 @@ def _process(name: str, node: dict, settings: Settings, lease_nodes: list[str]) 
         executable=exe,
         arguments=arguments,
         environment={priority.VARIABLE: '1'} if settings.paced and node.get('realtime') else {},
-        restart=node.get('ros', True) and node.get('restart', True),
+        restart=node.get('ros', True) and bool(node.get('restart', True)),
+        restart_always=node.get('restart') == 'always',
     )
 
 

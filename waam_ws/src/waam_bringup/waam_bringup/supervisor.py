@@ -1,8 +1,8 @@
 """The plain supervisor: starts the processes of the graph, watches them, says what died, stops them in reverse order.
 
 A node that died is not restarted by itself: a job in the middle of a layer must not continue with one that has lost its
-state. One that hangs while no job runs is killed and restarted, since the next job would fail on it. A person restarts
-both on the page (*Restart programs*, `waam_node.restart`).
+state. Only what holds none (`restart: always`) is. One that hangs while no job runs is killed and restarted, since the
+next job would fail on it. A person restarts both on the page (*Restart programs*, `waam_node.restart`).
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from pathlib import Path
 from typing import Any
 
 from waam_node import alive, priority, restart
-from waam_node.files import write_atomically
+from waam_node.files import write_state
 
 from . import run_state, shared_memory
-from .graph import Process, Settings, processes
+from .graph import Process, Settings, middleware, processes
 from .run_state import ENDED, NodeState, RunState, describe_exit, job_runs, job_status
 from .urgency import Urgency
 from .watchdog import Watchdog
 
+DEAD_S, MAX_DEAD_S = 1.0, 60.0  # until a process that must not be missing is started again
 MAX_RESTARTS = 3  # restarts of one node per graph; a node that hangs repeatedly needs a person
 HANGS_S = 3.0  # of silence after which a node is restarted by a person who asks for it
 DUMP_S = 0.3  # for a hanging node to write where its threads are
@@ -51,6 +52,7 @@ class Supervisor:
             self.state.panel_url = f'http://127.0.0.1:{settings.panel_port}/'
         self._asked_to_stop = False
         self._ports: dict[str, list[Path]] = {}  # of each node, as long as it lives
+        self._died: dict[str, float] = {}  # s of the steady clock
         self._turn = 0
 
     def start(self) -> None:
@@ -65,7 +67,7 @@ class Supervisor:
         """Starts one process; mode: of opening its log."""
         run = self.settings.run
         base = dict(os.environ, ROS_DOMAIN_ID=str(self.state.domain), PYTHONUNBUFFERED='1')
-        base.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        base |= middleware(base)
         base |= {'ROS_LOG_DIR': str(run / 'logs' / 'ros'), alive.ADDRESS: self.watchdog.address}
         with open(run / 'logs' / f'{spec.name}.log', mode) as log:
             child = subprocess.Popen(
@@ -103,6 +105,7 @@ class Supervisor:
         self._note_ports()
         self._reap()
         self._restart_asked()
+        self._restart_dead()
         self._restart_hanging()
         asking = [s.name for s in self.specs if priority.VARIABLE in s.environment]
         running = [self.children[n].pid for n in asking if self.children[n].poll() is None]
@@ -117,6 +120,7 @@ class Supervisor:
             state = self.state.nodes[name]
             if state.exit_code is None and child.poll() is not None:
                 state.exit_code, state.ended_at = child.returncode, time.time()
+                self._died[name] = time.monotonic()
                 changed = True
                 self.watchdog.forget(child.pid)
                 self.ports_of_dead.hold(self._ports.pop(name, []))
@@ -140,6 +144,16 @@ class Supervisor:
         state = self.state.nodes[spec.name]
         hangs = self.children[spec.name].pid in silent and state.exit_code is None
         return spec.restart and hangs and state.restarts < MAX_RESTARTS
+
+    def _restart_dead(self) -> None:
+        """A process that holds no state and must not be missing, beside a job too: after 1 s, the next times later."""
+        for spec in self.specs:
+            state = self.state.nodes[spec.name]
+            if not spec.restart_always or state.exit_code is None:
+                continue
+            dead = time.monotonic() - self._died[spec.name]
+            if dead > min(DEAD_S * 2**state.restarts, MAX_DEAD_S):
+                self._start_again(spec, f'{spec.name} {describe_exit(state.exit_code)}')
 
     def _restart_asked(self) -> None:
         """What a person asks for: everything that has died or hangs, whether a job is under way or not."""
@@ -179,7 +193,8 @@ class Supervisor:
             self.ports_of_dead.hold(ports)
             if spec.name == 'job_sequencer':
                 mark_interrupted(self.settings.run, why)
-        shared_memory.clean()
+        if spec.ros:
+            shared_memory.clean()
         state.pid = self._launch(spec, 'a', **{alive.RESTARTED: state.reason}).pid
         state.exit_code = state.ended_at = None
         state.restarts += 1
@@ -245,7 +260,7 @@ def mark_interrupted(run: Path, reason: str) -> None:
         state='INTERRUPTED',
         message=f'{reason}; the arc lease ended with it. {data.get("message", "")}',
     )
-    write_atomically(file, json.dumps(data, indent=1))
+    write_state(file, json.dumps(data, indent=1))
 
 
 def run(settings: Settings, domain: int) -> int:

@@ -88,6 +88,18 @@ def test_the_job_pauses_with_figures_place_and_remedy(resumed, make_cell, make_r
         assert all(b.layer - a.layer >= 2 for a, b in zip(told, told[1:], strict=False))
 
 
+def test_an_override_in_force_is_the_first_cause_that_is_named(make_cell, make_runner):
+    cell = make_cell()
+    sinking(cell, 0.8e-3)
+    runner, control, _ = make_runner(cell, layer_height=1e-3, plan_settings=('finish_layers=0',))
+    control.override(0.5, 1.2)
+    inner = cell.wait
+    cell.wait = lambda s: (inner(s), control.paused and control.abort('enough'))
+    runner.run()
+    told = [a.text for a in cell.anomalies if 'grows from layer to layer' in a.text]
+    assert told and 'override is in force (speed 50%, wire 120%: 2.40 x the metal)' in told[0]
+
+
 def test_a_large_error_is_not_promised_to_the_next_layer(make_cell, make_runner):
     cell = make_cell()
     inner = cell.finish_scan

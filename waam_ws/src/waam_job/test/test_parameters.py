@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parents[1]
 
 def test_file_names_every_parameter_with_its_default():
     text = (PACKAGE / 'config' / 'job_sequencer.yaml').read_text()
-    values = yaml.safe_load(text)['job_sequencer']['ros__parameters']
+    values = yaml.safe_load(text)['/**/job_sequencer']['ros__parameters']
     assert set(values) == {f.name for f in fields(JobParams)}
     loaded = from_dict(JobParams, {**values, 'lease_nodes': []})
     assert loaded == JobParams()

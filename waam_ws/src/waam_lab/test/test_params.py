@@ -16,10 +16,13 @@ def test_defaults_are_those_that_the_graph_starts_its_nodes_with():
     for node, (package, _) in params.NODES.items():
         name = node.removeprefix('robot_')  # a robot's bridge is the node `bridge` as well
         file = graph / package / 'config' / f'{name}.yaml'
-        assert params.defaults(node) == yaml.safe_load(file.read_text())[name]['ros__parameters']
+        assert (
+            params.defaults(node)
+            == yaml.safe_load(file.read_text())[f'/**/{name}']['ros__parameters']
+        )
     made = params.make()
     law = yaml.safe_load((graph / 'waam_adapt/config/correction_server.yaml').read_text())
-    assert made.correction_server.law == law['correction_server']['ros__parameters']['law']
+    assert made.correction_server.law == law['/**/correction_server']['ros__parameters']['law']
 
 
 def test_later_overrides_win():

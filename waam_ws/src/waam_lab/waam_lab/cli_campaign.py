@@ -64,11 +64,11 @@ def settings_of(
     wanted: dict[str, dict[str, Any]] = {}
     if cell_file is not None:
         found = params.read_file(cell_file)
-        if strange := [node for node in found if node != 'cell']:
+        if strange := [node for node in found if node.rpartition('/')[2] != 'cell']:
             raise ValueError(
                 f"--cell-file {cell_file}: holds '{strange[0]}', must hold only 'cell'"
             )
-        wanted['cell'] = dict(found['cell'])
+        wanted['cell'] = params.of_node(found, 'cell')
     for node, values in params.parse_settings(
         t for t in texts if not t.startswith('plan.')
     ).items():

@@ -69,7 +69,7 @@ def defaults(node: str) -> dict[str, Any]:
     package, _ = NODES[node]
     name = 'bridge' if node in BRIDGES.values() else node  # every machine's node is called so
     file = Path(get_package_share_directory(package)) / 'config' / f'{name}.yaml'
-    return read_file(file).get(name, {})
+    return of_node(read_file(file), name)
 
 
 def read_file(path: Path) -> dict[str, dict[str, Any]]:
@@ -91,7 +91,11 @@ def read_file(path: Path) -> dict[str, dict[str, Any]]:
 
 def of_node(file: Mapping[str, Mapping[str, Any]], node: str) -> dict[str, Any]:
     """What `read_file` found for a node, by its name or by the wildcard of all nodes."""
-    return {k: v for key in (EVERY, f'/{node}', node) for k, v in file.get(key, {}).items()}
+    return {
+        k: v
+        for key in (EVERY, f'/**/{node}', f'/{node}', node)
+        for k, v in file.get(key, {}).items()
+    }
 
 
 def make(*overrides: Overrides) -> LabParams:

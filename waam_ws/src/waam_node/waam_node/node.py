@@ -31,6 +31,8 @@ from waam_msgs.msg import Heartbeat, LeaseTick
 
 from . import alive, priority
 from .namesake import PROCESS, UP, Namesake, NamesakeError
+from .parameter_files import check as check_files
+from .parameter_files import files_in
 from .params import check_value, from_dict
 from .qos import BEAT, EVENTS
 
@@ -75,6 +77,7 @@ class WaamNode(Node):
         return service
 
     def _load_params(self, params_type: type) -> Any:
+        check_files(files_in(sys.argv), self.get_fully_qualified_name())
         overrides = {n: p.value for n, p in self._parameter_overrides.items()}
         params = from_dict(params_type, overrides, self.get_name())
         for f in dataclasses.fields(params_type):

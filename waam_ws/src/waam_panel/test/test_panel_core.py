@@ -400,7 +400,7 @@ def test_parameters_file_readme_and_code_agree():
 
     package = Path(__file__).parents[1]
     listed = yaml.safe_load((package / 'config/panel.yaml').read_text())
-    listed = listed['panel']['ros__parameters']
+    listed = listed['/**/panel']['ros__parameters']
     expected = {f.name: f.default for f in dataclasses.fields(PanelParams)}
     assert {k: tuple(v) if isinstance(v, list) else v for k, v in listed.items()} == expected
     assert markdown(PanelParams) in (package / 'README.md').read_text()

@@ -137,7 +137,9 @@ def _work_high(file: Path) -> tuple[float, ...] | None:
     try:
         data = yaml.safe_load(file.read_bytes()[:MAX_BYTES])
         blocks = [
-            data[key]['ros__parameters'] for key in ('/**', '/bridge', 'bridge') if key in data
+            data[key]['ros__parameters']
+            for key in ('/**', '/**/bridge', '/bridge', 'bridge')
+            if key in data
         ]
         high = next((b['work_high'] for b in blocks[::-1] if 'work_high' in b), None)
     except OSError as e:

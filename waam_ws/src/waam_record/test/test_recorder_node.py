@@ -259,6 +259,6 @@ def test_unknown_parameter_is_refused_by_name(graph):
 
 def test_yaml_lists_every_parameter():
     file = Path(__file__).parents[1] / 'config/recorder.yaml'
-    listed = yaml.safe_load(file.read_text())['recorder']['ros__parameters']
+    listed = yaml.safe_load(file.read_text())['/**/recorder']['ros__parameters']
     assert markdown(RecorderParams) in file.parents[1].joinpath('README.md').read_text()
     assert listed == {f.name: f.default for f in dataclasses.fields(RecorderParams)}

@@ -121,12 +121,15 @@ class Graph:
         until(future.done, what='answer')
         return future.result()
 
-    def command(self, code: int, **values) -> None:
+    def ask(self, code: int, **values) -> Command.Response:
         vector = values.pop('vector', None)
         request = Command.Request(code=code, **values)
         if vector:
             request.vector.x, request.vector.y, request.vector.z = vector
-        answer = self.call(self._command, request)
+        return self.call(self._command, request)
+
+    def command(self, code: int, **values) -> None:
+        answer = self.ask(code, **values)
         assert answer.error_code == 0, answer.message
 
     def enqueue(self, segments: list[Segment]) -> Enqueue.Response:

@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).parents[1]
 
 def test_the_yaml_lists_every_parameter_with_its_default():
     text = (PACKAGE / 'config/bridge.yaml').read_text()
-    loaded = yaml.safe_load(text)['bridge']['ros__parameters']
+    loaded = yaml.safe_load(text)['/**/bridge']['ros__parameters']
     assert repr(from_dict(RobotParams, loaded)) == repr(RobotParams())  # NaN differs from NaN
     assert list(loaded) == [f.name for f in dataclasses.fields(RobotParams)]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import time
@@ -25,6 +26,7 @@ class Welder:
 
     def __init__(self, graph: Graph) -> None:
         self.arc, self.heard = False, 0.0  # s, steady clock: when it was told last
+        self._told = 0
         self._out = graph.node.create_publisher(DynamicInterfaceGroupValues, 'weld_state', qos.BEAT)
         graph.node.create_subscription(
             DynamicInterfaceGroupValues, 'weld_command', self._on_command, qos.BEAT
@@ -38,7 +40,9 @@ class Welder:
 
     def _tell(self) -> None:
         one = InterfaceValue(interface_names=['gas_ok', 'current', 'voltage', 'wire_speed'])
-        one.values = [1.0, *((150.0, 22.0, 0.1) if self.arc else (0.0, 0.0, 0.0))]
+        self._told += 1  # a reading that never changes is an alarm
+        ripple = 0.3 * (self._told % 7)
+        one.values = [1.0, *((150.0 + ripple, 22.0 + ripple, 0.1) if self.arc else (0.0, 0.0, 0.0))]
         msg = DynamicInterfaceGroupValues(interface_groups=['welding'], interface_values=[one])
         self._out.publish(msg)
 
@@ -46,10 +50,11 @@ class Welder:
 class Cell(Graph):
     """Bridge, driver and welding device."""
 
-    def __init__(self, logs: Path, late: float = 0.0) -> None:
+    def __init__(self, logs: Path, **driver: float) -> None:
         super().__init__(logs, cell=False, state_timeout='0.3')
         self.welder = Welder(self)
-        self.driver = self.start('driver', [sys.executable, str(DRIVER), '--late', str(late)])
+        options = [a for key, value in driver.items() for a in (f'--{key}', str(value))]
+        self.driver = self.start('driver', [sys.executable, str(DRIVER), *options])
         self.processes.append(self.driver)
 
     def home(self) -> None:
@@ -108,5 +113,37 @@ def test_a_driver_that_lags_is_told_before_the_arc(tmp_path):
         cell.home()
         until(lambda: 'the last joint states are 0.3' in cell.state.message, what='the reason')
         assert not cell.state.homed and not cell.welder.arc
+    finally:
+        cell.close()
+
+
+@pytest.mark.parametrize('delay,offset', [(0.0, 0.05), (0.08, 0.0), (0.08, -0.05), (0.04, 0.05)])
+def test_goals_that_come_late_or_by_another_clock_are_taken(tmp_path, delay, offset):
+    """A JointTrajectoryController refuses a goal that has ended by its clock, also one that only stands."""
+    cell = Cell(tmp_path, delay=delay, offset=offset)
+    try:
+        cell.strike()
+        time.sleep(1.5)
+        assert cell.welder.arc, cell.state.message
+        assert 'ERROR' not in (tmp_path / 'driver.log').read_text()
+    finally:
+        cell.close()
+
+
+@pytest.mark.parametrize(
+    'driver,words',
+    [
+        ({'offset': 0.2}, 'joint states are stamped .* in the future: the clocks'),
+        ({'delay': 0.2}, 'goals take .* to the driver, delay is 40 ms: raise delay'),
+    ],
+)
+def test_what_cannot_be_followed_in_time_is_not_armed(tmp_path, driver, words):
+    cell = Cell(tmp_path, **driver)
+    try:
+        cell.home()
+        until(lambda: cell.state.homed and cell.telemetry[-1].state == 0, what='homing')
+        cell.command(Command.Request.SET_ZERO, vector=(0.0, 0.0, 0.0))
+        answer = cell.ask(Command.Request.ARM, text='job', names=['bridge'])
+        assert answer.error_code and re.search(words, answer.message), answer.message
     finally:
         cell.close()

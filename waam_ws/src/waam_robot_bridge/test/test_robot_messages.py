@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rclpy.action import ActionClient
+from rclpy.action import ActionClient, GoalResponse
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
@@ -33,6 +34,7 @@ from waam_sim.node_robot import goal_from_msg
 def goal(seed: int = 1, points: int = 5, start_us: int = 1_750_000_000_123_456) -> Goal:
     rng = np.random.default_rng(seed)
     joints, rates = rng.uniform(-3, 3, (2, points, 8))
+    rates[-1] = 0.0
     return Goal(start_us, np.arange(points) * 0.01, np.zeros((points, 3)), joints, rates)
 
 
@@ -190,3 +192,18 @@ def test_states_of_goals_that_have_ended_are_not_told_for_ever(monkeypatch):
     finally:
         node.destroy_node()
         context.try_shutdown()
+
+
+@pytest.mark.parametrize(
+    'late_us,speed,taken', [(39_000, 0.0, True), (41_000, 0.0, False), (0, 0.1, False)]
+)
+def test_the_simulated_robot_refuses_what_a_stock_controller_refuses(late_us, speed, taken):
+    sent = goal(points=5)  # 0.04 s
+    sent.rates[-1] = speed
+    judge = node_robot.TrajectoryController._judge
+    made = SimpleNamespace(
+        _names=NAMES, _beyond=lambda joints: '', _lock=threading.Lock(), _follow=lambda *_: None,
+        _now_us=lambda: sent.start_us + late_us, _node=MagicMock(),
+    )  # fmt: skip
+    made._broken = lambda *a: node_robot.TrajectoryController._broken(made, *a)
+    assert (judge(made, convert.goal_to_msg(sent, NAMES)) == GoalResponse.ACCEPT) is taken

@@ -22,6 +22,7 @@ from . import conversions as convert
 from .controller import JointState
 from .goals import Goal
 from .params import RobotParams
+from .timing import Timing
 
 GOOD = (FollowJointTrajectory.Result.SUCCESSFUL,)
 KEPT = 200  # joint states
@@ -41,6 +42,7 @@ class RosDriver:
         self._names, self._on_news = params.joint_names, on_state
         self._node, self._action = node, params.trajectory_action
         self._client = ActionClient(node, FollowJointTrajectory, params.trajectory_action)
+        self.timing = Timing(params.delay)
         self._known: dict[str, tuple[int, float, float]] = {}
         self._states: deque[JointState] = deque(maxlen=KEPT)
         self._next: Goal | None = None
@@ -77,7 +79,8 @@ class RosDriver:
         number = self._number
         self._refused = ''
         future = self._client.send_goal_async(convert.goal_to_msg(goal, self._names))
-        future.add_done_callback(lambda f: self._on_answer(number, f))
+        sent = time.monotonic()
+        future.add_done_callback(lambda f: self._on_answer(number, f, goal, sent))
 
     def state(self, now_us: int) -> JointState | None:
         """The newest complete one that is not later than now_us, else the oldest that is known; where states between
@@ -109,16 +112,29 @@ class RosDriver:
             return f"no action server '{self._action}': is the trajectory controller running?"
         return ''
 
-    def _on_answer(self, number: int, future: Any) -> None:
+    def _on_answer(self, number: int, future: Any, goal: Goal, sent: float) -> None:
         handle = future.result()
+        self.timing.answered(time.monotonic() - sent)
         if number == self._number and self._next is None:
             self._asked = (0, 0.0)
             self._on_news()
         if not handle.accepted:
             if number == self._number:
-                self._refuse(f"the driver refused a goal of '{self._action}': joint names?")
+                self._refuse(f"the driver refused a goal of '{self._action}': {self._why(goal)}")
             return
         handle.get_result_async().add_done_callback(lambda f: self._on_result(number, f))
+
+    def _why(self, goal: Goal) -> str:
+        """What is known of a refused goal, whose answer gives no reason."""
+        begun = self._now_us() - goal.start_us
+        ends = goal.time[-1] * 1e3 - begun * 1e-3
+        return (
+            f'its log says why. Here the goal ends in {ends:.0f} ms; {self.timing.summary()}; its joints must be '
+            f'exactly {", ".join(self._names)}'
+        )
+
+    def _now_us(self) -> int:
+        return self._node.get_clock().now().nanoseconds // 1000
 
     def _on_result(self, number: int, future: Any) -> None:
         result = future.result().result
@@ -132,10 +148,9 @@ class RosDriver:
     def _on_state(self, msg: JointStateMsg) -> None:
         """Joints may come in several messages, as arm and positioner have drivers of their own."""
         self._send()
-        stamp = (
-            convert.us_from_time(msg.header.stamp)
-            or self._node.get_clock().now().nanoseconds // 1000
-        )
+        now = self._now_us()
+        stamp = convert.us_from_time(msg.header.stamp) or now
+        self.timing.stamped((now - stamp) * 1e-6)
         rates = msg.velocity if len(msg.velocity) == len(msg.name) else [0.0] * len(msg.name)
         for name, at, rate in zip(msg.name, msg.position, rates, strict=False):
             self._known[name] = (stamp, at, rate if np.isfinite(rate) else 0.0)

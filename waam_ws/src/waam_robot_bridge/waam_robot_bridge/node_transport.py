@@ -156,7 +156,7 @@ class RobotTransport:
         )
 
     @property
-    def _simulated(self) -> bool:
+    def simulated(self) -> bool:
         """The clock is that of a simulated cell, which waits for this bridge."""
         clock = self._node.get_clock()
         return isinstance(clock, ROSClock) and clock.ros_time_is_active
@@ -164,7 +164,7 @@ class RobotTransport:
     def _now_us(self) -> int:
         """ROS time; joint states may be ahead of a simulated clock, and for a moment it waits for them."""
         clock, newest = self._node.get_clock().now().nanoseconds // 1000, self.driver.newest_us
-        if self._simulated and time.monotonic() - self.driver.heard < PATIENCE:
+        if self.simulated and time.monotonic() - self.driver.heard < PATIENCE:
             clock = min(clock, newest + BEHIND_US)
         return max(clock, newest)
 
@@ -188,7 +188,7 @@ class RobotTransport:
         for _ in range(MOST_STEPS):
             if controller.now_us + 1000 * STEP_MS > self._now_us():
                 break
-            if self._simulated:
+            if self.simulated:
                 self._wait(controller.now_us)
             self._feed(controller)
             controller.answer(self.welder.reading)

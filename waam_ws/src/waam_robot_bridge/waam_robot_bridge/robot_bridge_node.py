@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from waam_bridge import faults
 from waam_bridge.bridge_node import BridgeNode
-from waam_bridge.outbox import INFO
+from waam_bridge.outbox import INFO, WARNING
 from waam_node.node import main as node_main
 
 from .node_transport import RobotTransport
 from .pace import Pacer, Slowed
 from .params import RobotParams
+from .timing import Timing
 
 
 class RobotBridgeNode(BridgeNode):
@@ -23,8 +24,15 @@ class RobotBridgeNode(BridgeNode):
         pacer = Pacer(made.station, self.params)
         pacer.on_slowed = self._on_slowed
         self.core.pace = pacer
+        self.core.unfit = lambda: '' if made.simulated else self._late(made.driver.timing)
         self.get_logger().info(f'where a drive is too weak, segments are timed by {pacer.by}')
         return made
+
+    def _late(self, timing: Timing) -> str:
+        """Why a robot that answers so late should get no arc; below the limit it is told."""
+        if told := timing.told():
+            self.core.notice(WARNING, 'link', f'robot: {told}')
+        return timing.problem()
 
     def _keeps_up(self, now_us: int) -> bool:
         with self._lock:

@@ -15,7 +15,7 @@ HERE = Path(__file__).parents[1]
 
 def test_the_yaml_lists_every_parameter_with_its_default():
     text = yaml.safe_load((HERE / 'config/scan_fusion.yaml').read_text())
-    listed = text['scan_fusion']['ros__parameters']
+    listed = text['/**/scan_fusion']['ros__parameters']
     params = from_dict(FusionParams, listed)
     assert set(listed) == {f.name for f in dataclasses.fields(FusionParams)}
     assert params == FusionParams()

@@ -20,8 +20,10 @@ from waam_sim.port import PlantPort, PortError
 
 PACKAGE = Path(__file__).parents[1]
 PURE = [
-    'arc', 'compiled', 'config', 'disturbance', 'drive', 'faults', 'heat', 'metal', 'part', 'plant', 'port',
+    'arc', 'compiled', 'config', 'disturbance', 'drive', 'faults', 'heat', 'metal', 'metal_film', 'metal_models',
+    'metal_sections', 'part', 'plant', 'pool', 'port',
     'pyrometer', 'scanner', 'distance', 'placement', 'gantry',
+    'variation',
 ]  # fmt: skip
 
 
@@ -112,7 +114,7 @@ def test_nobody_listening_is_an_os_error(tmp_path):
 
 
 def test_yaml_lists_every_parameter_with_its_default():
-    values = yaml.safe_load((PACKAGE / 'config' / 'cell.yaml').read_text())['cell'][
+    values = yaml.safe_load((PACKAGE / 'config' / 'cell.yaml').read_text())['/**/cell'][
         'ros__parameters'
     ]
     known = {f.name: f.default for f in dataclasses.fields(CellParams)}

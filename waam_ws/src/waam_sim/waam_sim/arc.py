@@ -18,6 +18,7 @@ import numpy as np
 from waam_node.params import param
 
 from .compiled import jit, normal, record, state, uniform
+from .variation import CURRENT, VOLTAGE, smooth
 
 
 @dataclass(frozen=True)
@@ -77,16 +78,23 @@ class ArcParams:
         0.0, 'sigma of the wire behind the measuring wheel: diameter, slip, spool', '', 0.0, 0.2
     )
     feed_wander_time: float = param(6.0, 'correlation time of it', 's', 0.05, 1e3)
+    drift_current: float = param(0.0, 'sigma of the slow drift of the current', 'A', 0.0, 50.0)
+    drift_voltage: float = param(0.0, 'sigma of the slow drift of the voltage', 'V', 0.0, 5.0)
+    drift_correlation: float = param(-0.4, 'correlation of both drifts', '', -1.0, 1.0)
+    drift_time: float = param(
+        3.0, 'time with arc in which their autocorrelation falls to 1/e', 's', 0.2, 1e3
+    )
     gas_delay: float = param(0.03, 'time from gas valve to flow switch', 's', 0.0, 1.0)
 
 
 DELAY_LINE = 256
 REFERENCE_CTWD = 15e-3
-WANDERS = np.uint64(0x5BD1E995A53C9E37)  # makes a second stream of random numbers from the first
+# each makes another stream of random numbers from the first
+WANDERS, DRIFTS = np.uint64(0x5BD1E995A53C9E37), np.uint64(0xC2B2AE3D27D4EB4F)
 
 _STATE = (
     'slot', 'wire', 'reading', 'lit', 'strike', 'starving', 'current', 'length', 'flow', 'voltage', 'voltage_read',
-    'current_read', 'starts', 'failed', 'ctwd', 'tip', 'feed', 'fed',
+    'current_read', 'starts', 'failed', 'ctwd', 'tip', 'feed', 'fed', 'burnt',
 )  # fmt: skip
 
 
@@ -97,15 +105,17 @@ class Arc:
     params: np.ndarray
     state: np.ndarray
     line: np.ndarray  # (256,) m/s, commands of the last milliseconds
-    rng: np.ndarray  # (2,) random states: of the arc, and of what wanders
+    rng: (
+        np.ndarray
+    )  # (3,) random states: of the arc, of what wanders, of what drifts (that one stays)
 
     @classmethod
     def cold(cls, params: ArcParams, rng: np.ndarray) -> Arc:
         """Wire at rest, no arc, source off. rng: of `random_state`."""
         s = state(*_STATE)
         s['strike'] = -1.0
-        both = np.array([rng[0], rng[0] ^ WANDERS], np.uint64)
-        return cls(record(params), s, np.zeros(DELAY_LINE), both)
+        streams = np.array([rng[0], rng[0] ^ WANDERS, rng[0] ^ DRIFTS], np.uint64)
+        return cls(record(params), s, np.zeros(DELAY_LINE), streams)
 
 
 @jit
@@ -210,14 +220,27 @@ def advance_arc(p, s, rng, on, gas, blocked, voltage_set, ctwd, dt):
 
 
 @jit
+def drift(p, s, key):
+    """(A, V): slow drift of current and voltage, by the time that the arc has burnt, not by that of the clock."""
+    if p.drift_current == 0.0 and p.drift_voltage == 0.0:
+        return 0.0, 0.0
+    first = smooth(key, CURRENT, s.burnt, p.drift_time)
+    other = smooth(key, VOLTAGE, s.burnt, p.drift_time)
+    r = p.drift_correlation
+    return p.drift_current * first, p.drift_voltage * (r * first + math.sqrt(1.0 - r * r) * other)
+
+
+@jit
 def _electric(p, s, rng, on, voltage_set, ctwd, dt):
     """Current and voltage, and their readings."""
     keep = max(1.0 - dt / p.length_time, 0.0)
     s.length = keep * s.length + (1.0 - keep * keep) ** 0.5 * p.length_noise * normal(rng)
     if s.lit > 0.0:
-        target = steady_current(p, s.wire, ctwd) - p.current_noise * s.length
+        s.burnt += dt
+        amperes, volts = drift(p, s, rng[2])
+        target = steady_current(p, s.wire, ctwd) - p.current_noise * s.length + amperes
         s.current += (max(target, 5.0) - s.current) * min(dt / p.current_lag, 1.0)
-        s.voltage = max(voltage_set - p.resistance * s.current + s.length, 5.0)
+        s.voltage = max(voltage_set - p.resistance * s.current + s.length + volts, 5.0)
         s.current_read = max(s.current + p.sensor_noise * normal(rng), 0.0)
     else:
         s.current *= max(1.0 - dt / 1e-3, 0.0)

@@ -16,6 +16,9 @@ import numba
 import numpy as np
 
 jit = numba.njit(cache=True, nogil=True)
+# For functions that only compiled ones call, and that call into other modules themselves: they are compiled with those,
+# so that no stale machine code of them is ever stored.
+inner = numba.njit(nogil=True)
 STRIDE = np.uint64(0x9E3779B97F4A7C15)  # from one random state to the next
 
 

@@ -19,6 +19,7 @@ from .plant import PlantParams
 from .pyrometer import PyrometerParams
 from .robot import RobotParams
 from .scanner import ScannerParams
+from .variation import VariationParams
 
 GROUPS = {
     'metal': MetalParams,
@@ -31,6 +32,7 @@ GROUPS = {
     'distance': DistanceParams,
     'robot': RobotParams,
     'gantry': GantryParams,
+    'variation': VariationParams,
 }
 
 

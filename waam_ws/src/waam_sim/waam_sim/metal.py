@@ -37,6 +37,7 @@ _STATE = (
     'origin_x', 'origin_y', 'active', 'x', 'y', 'pool_x', 'pool_y', 'head_x', 'head_y', 'from_x', 'from_y', 'path',
     'volume', 'carry_path', 'carry_time', 'power', 'speed', 'width', 'height', 'surface', 'deposited', 'lost',
     'portion', 'portion_x', 'portion_y',
+    'dir_x', 'dir_y', 'store',  # of the other models, `pool`
 )  # fmt: skip
 
 

@@ -11,6 +11,11 @@ from waam_node.params import param
 class MetalParams:
     """Bead, melt and metal balance. The metal balance is deliberately not the one of the controller's tables."""
 
+    model: str = param(
+        'portions',
+        'how the melt becomes a bead: portions that share themselves out, sections that overlap, a film that levels',
+        choices=('portions', 'sections', 'film'),
+    )
     cell: float = param(4e-4, 'edge of a cell of the height field', 'm', 1e-4, 2e-3)
     margin: float = param(0.015, 'rim of bare table around the part', 'm', 0.0, 0.1)
     wire_diameter: float = param(1.185e-3, 'true diameter of the wire', 'm', 5e-4, 2.5e-3)
@@ -76,3 +81,49 @@ class MetalParams:
     noise_height: float = param(2e-3, 'correlation length of the noise along z', 'm', 2e-4, 0.1)
     portion_path: float = param(2e-4, 'path between two portions of melt', 'm', 2e-5, 2e-3)
     portion_time: float = param(0.02, 'time between two portions of melt at most', 's', 1e-3, 0.2)
+    # of model sections alone
+    sections_pool_length: float = param(
+        0.2, 'path on which a section takes what is molten, in bead widths', '', 0.02, 2.0
+    )
+    sections_narrowing: float = param(
+        0.25, 'share of width that is missing at an arc start', '', 0.0, 0.6
+    )
+    sections_narrow_path: float = param(
+        4e-3, 'path on which the width comes up after a start', 'm', 1e-4, 0.05
+    )
+    sections_sag: float = param(
+        0.7, 'by which a section may begin below the ground under it, in bead heights', '', 0.1, 3.0
+    )
+    sections_fillet: float = param(
+        1.0, 'share of a valley beside another bead that fills to the tangent', '', 0.0, 1.0
+    )
+    sections_edge_share: float = param(
+        0.35, 'share of its height that a section has where nothing is below', '', 0.0, 1.0
+    )
+    # of model film alone
+    film_mobility: float = param(
+        6e-6, 'D of a film as thick as the bead at 150 degrees', 'm^2/s', 0.0, 1e-4
+    )
+    film_hot_mobility_per_k: float = param(1.5e-3, 'gain of it per kelvin above', '1/K', 0.0, 0.02)
+    film_bump: float = param(
+        0.55, 'radius of what is poured, in halves of the bead width', '', 0.2, 1.0
+    )
+    film_trail: float = param(
+        0.3, 'distance of the pour behind the arc, in bead widths', '', 0.02, 2.0
+    )
+    film_remelt: float = param(2e-4, 'depth of ground that melts again', 'm', 0.0, 2e-3)
+    film_pressure: float = param(
+        0.3, 'by which the arc presses the film down, in bead heights', '', 0.0, 1.0
+    )
+    film_hot_start: float = param(
+        0.15, 'share of width that is missing at an arc start', '', 0.0, 0.6
+    )
+    film_warm_path: float = param(
+        6e-3, 'path on which the width comes up after a start', 'm', 1e-4, 0.05
+    )
+    film_edge_flow: float = param(
+        0.1, 'share of the flow that goes where nothing is below', '', 0.0, 1.0
+    )
+    film_freezing: float = param(
+        0.08, 'time that the pool stays liquid after the arc', 's', 0.0, 2.0
+    )

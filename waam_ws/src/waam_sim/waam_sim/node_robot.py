@@ -59,7 +59,8 @@ class TrajectoryController:
 
     A goal is taken before it is accepted, so that time can wait for it (`waam_robot_bridge.node_transport`). It has its
     result at once, not when it ends: one that replaces another ends that one. names: of the
-    joints; beyond: which of joints (N, n) is beyond its limit, '' = none.
+    joints; beyond: which of joints (N, n) is beyond its limit, '' = none; now_us: time of the cell. As ros2_control's
+    controller it refuses a goal that has ended already, or has a speed at its end.
     """
 
     def __init__(
@@ -69,9 +70,10 @@ class TrajectoryController:
         follow: Follow,
         names: Sequence[str] = NAMES,
         beyond: Callable[[np.ndarray], str] = lambda joints: '',
+        now_us: Callable[[], int] = lambda: 0,
     ) -> None:
         self._node, self._lock, self._follow = node, lock, follow
-        self._names, self._beyond = names, beyond
+        self._names, self._beyond, self._now_us = names, beyond, now_us
         self._states = node.create_publisher(JointState, 'joint_states', qos.BEAT)
         self._server = ActionServer(
             node,
@@ -91,7 +93,7 @@ class TrajectoryController:
     def _judge(self, goal: FollowJointTrajectory.Goal) -> GoalResponse:
         try:
             taken = goal_from_msg(goal, self._names)
-            said = self._beyond(taken[2])
+            said = self._broken(*taken) or self._beyond(taken[2])
         except ValueError as e:
             said = str(e)
         if said:
@@ -100,6 +102,12 @@ class TrajectoryController:
         with self._lock:
             self._follow(*taken)
         return GoalResponse.ACCEPT
+
+    def _broken(self, start_us: int, time: np.ndarray, _: np.ndarray, rates: np.ndarray) -> str:
+        late = (self._now_us() - start_us) * 1e-6 - float(time[-1])
+        if start_us and late > 0:
+            return f'it has ended {late:.3f} s ago'
+        return 'a joint still moves at its end' if np.abs(rates[-1]).max() > 1e-9 else ''
 
     def _execute(self, handle: Any) -> FollowJointTrajectory.Result:
         handle.succeed()

@@ -24,7 +24,7 @@ from .disturbance import lattice
 from .faults import Faults
 from .gantry import Accelerations, Gantry, GantryParams
 from .heat import Heat, HeatParams
-from .metal import Metal
+from .metal_models import MetalModel, make, number
 from .metal_params import MetalParams
 from .placement import Placement, PlacementParams
 from .pyrometer import Pyrometer, PyrometerParams
@@ -32,6 +32,7 @@ from .robot import RobotParams
 from .scanner import Scanner, ScannerParams
 from .step import live, scan
 from .table import keep
+from .variation import Variation, VariationParams
 
 OUTPUT_ARC, OUTPUT_GAS, OUTPUT_SENSING = 1, 2, 4
 INPUT_GAS_OK = 2
@@ -54,6 +55,7 @@ class PlantParams:
     distance: DistanceParams = field(default_factory=DistanceParams)
     robot: RobotParams = field(default_factory=RobotParams)
     gantry: GantryParams = field(default_factory=GantryParams)
+    variation: VariationParams = field(default_factory=VariationParams)
     work_zero: tuple[float, float, float] = (0.100, 0.080, 0.020)
 
 
@@ -86,8 +88,9 @@ class Plant:
 
     def __init__(self, part: HeightGrid, params: PlantParams | None = None, seed: int = 1) -> None:
         self.params = params or PlantParams()
+        self._model = number(self.params.metal.model)
         self.faults = Faults()
-        self.scanning = self.sensing = False
+        self.scanning = self.sensing = self._on_robot = False
         self.time_us = 0
         self._lived = np.zeros(0, SAMPLE)
         self._last = np.full(3, np.nan)
@@ -99,12 +102,13 @@ class Plant:
         """Clamps a cold part; everything random starts again from the seed. `table`: file that keeps its surface."""
         p = self.params
         self.seed = seed
-        self.metal = Metal.on(part, p.metal)
+        self.metal: MetalModel = make(part, p.metal)
         if table is not None:
             self.metal.z = keep(part, table)
         self.heat = Heat.of(part, p.heat)
         self.arc = Arc.cold(p.arc, random_state(seed, 1))
-        self.scanner = Scanner(p.scanner, seed)
+        self.scanner = self._mounted()
+        self.variation = Variation.of(p.variation, seed)
         self.arclight = Arclight.of(p.arclight, seed)
         self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
         self.distance = Distance(p.distance, random_state(seed, 4))
@@ -115,6 +119,17 @@ class Plant:
         self.placed = Placement.flat(p.part, self.heat.spec, middle, random_state(seed, 5))
         self.aim(*middle)
         self._zero = np.array(p.work_zero, float)
+
+    def put_on_robot(self) -> None:
+        """A robot carries the scanner: its scans share `robot_scan_error`, not the error of a gantry."""
+        self._on_robot = True
+        self.scanner = self._mounted()
+
+    def _mounted(self) -> Scanner:
+        p = self.params.scanner
+        if self._on_robot:
+            p = dataclasses.replace(p, shared_error=self.params.robot.scan_error)
+        return Scanner(p, self.seed)
 
     def aim(self, x: float, y: float) -> None:
         """Turns the pyrometer to a point (m, work frame); one with a spot of its own stays there."""
@@ -137,6 +152,7 @@ class Plant:
     def step(self, samples: np.ndarray, time_us: int) -> Reading:
         """Simulates samples (n,) of SAMPLE, 1 ms each, the last at time_us."""
         metal, heat, arc, faults, placed = self.metal, self.heat, self.arc, self.faults, self.placed
+        vary = self.variation
         now = time_us * 1e-6
         if self.params.gantry.on:
             asked = bool(samples['outputs'][-1] & OUTPUT_SENSING)
@@ -154,7 +170,8 @@ class Plant:
             touched=metal.touched, mp=metal.params, ms=metal.state, skin=heat.skin, bulk=heat.bulk,
             thickness=heat.thickness, hp=heat.params, hs=heat.state, ap=arc.params, als=arc.state, line=arc.line,
             rng=arc.rng, values=self._lattice, hot=placed.hot, kept=placed.kept, lp=placed.params, ls=placed.state,
-            blocked=blocked, gas_out=gas_out, slip=slip, empty=empty,
+            vp=vary.params, vs=vary.state, key=vary.key, blocked=blocked, gas_out=gas_out, slip=slip, empty=empty,
+            model=self._model,
         )  # fmt: skip
         self.time_us = time_us
         self._measure_distance(len(samples) * SAMPLE_US * 1e-6)
@@ -178,7 +195,9 @@ class Plant:
     def _note_scan(self) -> None:
         """A part that is moved after it was scanned is moved when the first scan is over."""
         self._scanned = self._scanned or self.scanning
-        if self._scanned and not self.scanning:
+        if self.scanning:
+            self.variation.scanned()
+        elif self._scanned:
             self.placed.state['moved'] = 1.0
 
     def _measure_distance(self, dt: float) -> None:
@@ -244,8 +263,8 @@ class Plant:
             samples=samples, offsets_us=times - first_us, zero=self._zero, before=self._before, z=self.metal.z,
             origin_x=spec.origin_x, origin_y=spec.origin_y, cell=spec.resolution, top=top, hot=placed.hot,
             kept=placed.kept, lp=placed.params, ls=placed.state, sp=self.scanner.params, lateral=self.scanner.lateral,
-            rng=self.scanner.rng, place=self.scanner.place, dropout=self.faults.share('scanner_dropout'), out=z,
-            intensity=intensity,
+            rng=self.scanner.rng, place=self.scanner.place, shared=self.scanner.shared,
+            dropout=self.faults.share('scanner_dropout'), out=z, intensity=intensity,
         )  # fmt: skip
         if self.arc_on:
             self.arclight.spoil(times, self.scanner.lateral, z, intensity)

@@ -36,6 +36,13 @@ class RobotParams:
     axis_offset: float = param(5e-5, "of the positioner's turn axis", 'm', 0.0, 0.01)
     link_length: float = param(1e-4, 'of every length of the arm', 'm', 0.0, 0.01)
     backlash: float = param(3e-5, 'of the gear of every axis, whole width', 'rad', 0.0, 0.01)
+    scan_error: float = param(
+        0.0,
+        'sigma of the error in z that scans share where a robot carries it, for `scanner_shared_error`',
+        'm',
+        0.0,
+        2e-3,
+    )
     tilt: float = param(
         0.0, 'of the part by the positioner, as `tilt` of the bridge', 'rad', -1.745, 1.745
     )

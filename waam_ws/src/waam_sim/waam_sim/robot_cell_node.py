@@ -44,6 +44,7 @@ class RobotCell(Cell):
 
     def _prepare(self) -> None:
         self._robot, self._names = self._made()
+        self._plant.put_on_robot()
 
     def _made(self) -> tuple[SimRobot, tuple[str, ...]]:
         """The robot and the names of its joints. ParameterError for a URDF that cannot be used, with the file."""
@@ -66,7 +67,8 @@ class RobotCell(Cell):
     def _connect(self) -> None:
         """The thread's work: time goes on, 10 ms by 10 ms."""
         robot = self._robot
-        controller = TrajectoryController(self, self._lock, robot.follow, self._names, robot.beyond)
+        controller = TrajectoryController(self, self._lock, robot.follow, self._names, robot.beyond,
+            lambda: self._time_us)  # fmt: skip
         welder = Welder(self, lambda: self._time_us)
         self.level, self.message = OK, 'running'
         due = time.monotonic()

@@ -21,9 +21,11 @@ from waam_node.params import param
 
 from .compiled import STRIDE, bilinear, jit, mixed, normal, random_state, record, uniform
 from .placement import METAL, rise
+from .variation import NODE
 
 GRAIN = 0.5e-3  # torch positions nearer than this are one place to the noise
 DRAWS = 8  # random numbers that are set aside for a point
+NODES = 64  # of the error that scans share, along x and y; it repeats beyond
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,17 @@ class ScannerParams:
         0.35, 'share of points lost on slopes steeper than 1.5', '', 0.0, 1.0
     )
     triangulation: float = param(0.50, 'angle between light and camera', 'rad', 0.05, 1.3)
+    shared_error: float = param(
+        0.0,
+        'sigma of an error in z that depends on where the torch is, and returns',
+        'm',
+        0.0,
+        2e-3,
+    )
+    shared_length: float = param(
+        0.04, 'distance at which its autocorrelation falls to 1/e', 'm', 2e-3, 1.0
+    )
+    shared_kept: float = param(0.97, 'its correlation from one scan to the next', '', 0.0, 1.0)
 
 
 class Scanner:
@@ -53,6 +66,11 @@ class Scanner:
 
     def __init__(self, params: ScannerParams, seed: int) -> None:
         """The lateral coordinates span the fan evenly, m."""
+        self.shared = np.zeros(
+            (NODES, NODES)
+        )  # the error that scans share, at its nodes, in sigmas
+        self._kept = params.shared_kept if params.shared_error > 0.0 else math.nan
+        self._slow = np.random.default_rng([seed & 0xFFFFFFFF, 29])
         self.params = record(params)
         self.lateral = np.linspace(-0.5 * params.fan, 0.5 * params.fan, params.points)
         self.place = np.zeros(3, np.int64)  # of the last profile, in GRAIN; profiles there before
@@ -65,7 +83,15 @@ class Scanner:
             self._scans += 1
             self.rng = random_state(self._seed, 2, self._scans)
             self.place[:] = 0
+            self._change_shared()
         self._on = on
+
+    def _change_shared(self) -> None:
+        """Most of the error that scans share stays."""
+        if not math.isnan(self._kept):
+            kept = self._kept if self._scans > 1 else 0.0
+            new = self._slow.standard_normal(self.shared.shape)
+            self.shared = kept * self.shared + math.sqrt(1.0 - kept * kept) * new
 
 
 @jit
@@ -129,6 +155,19 @@ def _read(p, z_s, steep, lost, point):
 
 
 @jit
+def shared_error(nodes, u, v):
+    """Unit-variance smooth error of scans at node coordinates u (x), v (y); nodes: (64, 64)."""
+    iu, iv = int(math.floor(u)), int(math.floor(v))
+    fu, fv = u - iu, v - iv
+    fu, fv = fu * fu * (3.0 - 2.0 * fu), fv * fv * (3.0 - 2.0 * fv)
+    r0, r1, c0, c1 = iv & 63, (iv + 1) & 63, iu & 63, (iu + 1) & 63
+    low = (1.0 - fu) * nodes[r0, c0] + fu * nodes[r0, c1]
+    high = (1.0 - fu) * nodes[r1, c0] + fu * nodes[r1, c1]
+    power = (fu * fu + (1.0 - fu) ** 2) * (fv * fv + (1.0 - fv) ** 2)
+    return ((1.0 - fv) * low + fv * high) / math.sqrt(power)
+
+
+@jit
 def profile(
     z,
     origin_x,
@@ -143,6 +182,7 @@ def profile(
     lateral,
     rng,
     place,
+    shared,
     tcp_x,
     tcp_y,
     tcp_z,
@@ -158,6 +198,10 @@ def profile(
     n = lateral.size
     noise, point = _noise_of(rng, place, tcp_x, tcp_y), np.empty(1, np.uint64)
     x, source = tcp_x + p.offset_x, tcp_z + p.offset_z
+    off = 0.0
+    if p.shared_error > 0.0:
+        nodes = NODE / p.shared_length
+        off = p.shared_error * shared_error(shared, tcp_x * nodes, tcp_y * nodes)
     heights = np.empty(n)
     hidden = np.zeros(n, np.bool_)
     for j in range(n):
@@ -166,7 +210,7 @@ def profile(
     slope = 1.0 / math.tan(p.triangulation)
     for j in range(n):
         y = tcp_y + lateral[j]
-        z_s = heights[j] - source
+        z_s = heights[j] - source + off
         if heights[j] > METAL:
             z_s += rise(hot, kept, placed, placed_state, x, y)
         a, b = max(j - 1, 0), min(j + 1, n - 1)

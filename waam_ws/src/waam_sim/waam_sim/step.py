@@ -15,8 +15,12 @@ from .compiled import SOURCES, bilinear, jit
 from .heat import add_arc, conduct, grow
 from .metal import advance as advance_metal
 from .metal import under_wire
+from .metal_film import advance as advance_film
+from .metal_models import FILM, SECTIONS
+from .metal_sections import advance as advance_sections
 from .placement import distort, rise, warm
 from .scanner import profile
+from .variation import arriving, beside, pass_path, spatter, strike
 
 AHEAD = 8e-3  # where the temperature that the bead meets is taken, ahead of the arc
 
@@ -25,13 +29,12 @@ def _make_live(sources: int) -> Callable:
     @jit
     def live(
         samples, now, zero, last, z, solid, touched, mp, ms, skin, bulk, thickness, hp, hs, ap, als, line, rng,
-        values, hot, kept, lp, ls, blocked, gas_out, slip,
-        empty,
+        values, hot, kept, lp, ls, vp, vs, key, blocked, gas_out, slip, empty, model,
     ):  # fmt: skip
         if not sources:
             return
         m, mstate, h, hstate, a, astate = mp[0], ms[0], hp[0], hs[0], ap[0], als[0]
-        placed, placed_state = lp[0], ls[0]
+        placed, placed_state, vary, varied = lp[0], ls[0], vp[0], vs[0]
         n = samples.size
         dt = 1e-3
         for i in range(n):
@@ -42,6 +45,11 @@ def _make_live(sources: int) -> Callable:
             gas = samples[i].outputs & 2 != 0 and not gas_out
             time = now - (n - 1 - i) * dt
             last[0], last[1], last[2] = x, y, height
+            path, idle, was_lit = varied.path, varied.idle, astate.lit > 0.0
+            pass_path(varied, x, y, was_lit, dt)
+            if on:
+                aside_x, aside_y = beside(vary, varied, key)
+                x, y = x + aside_x, y + aside_y
             advance_wire(a, astate, line, rng, samples[i].wire_cmd, slip, empty, dt)
             if astate.lit > 0.0 and mstate.active > 0.0:
                 surface = mstate.surface
@@ -57,20 +65,42 @@ def _make_live(sources: int) -> Callable:
                 ctwd=ctwd, dt=dt,
             )  # fmt: skip
             lit = astate.lit > 0.0
+            if lit and not was_lit:
+                strike(vary, varied, key, idle)
+            wire = astate.wire * arriving(vary, varied, astate.fed) if lit else astate.wire
             power = astate.voltage * astate.current if lit else 0.0
             base = bilinear(
                 skin, hstate.origin_x, hstate.origin_y, h.cell,
                 x + AHEAD * mstate.head_x, y + AHEAD * mstate.head_y, h.ambient,
             )  # fmt: skip
-            advance_metal(
-                z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
-                height_z=height, lit=lit, wire_speed=astate.wire, power=power, temperature=base, ctwd=ctwd, gas=gas,
-            )  # fmt: skip
+            if model == SECTIONS:
+                advance_sections(
+                    z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
+                    height_z=height, lit=lit, wire_speed=wire, power=power, temperature=base, ctwd=ctwd,
+                    gas=gas,
+                )  # fmt: skip
+            elif model == FILM:
+                advance_film(
+                    z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
+                    height_z=height, lit=lit, wire_speed=wire, power=power, temperature=base, ctwd=ctwd,
+                    gas=gas,
+                )  # fmt: skip
+            else:
+                advance_metal(
+                    z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
+                    height_z=height, lit=lit, wire_speed=wire, power=power, temperature=base, ctwd=ctwd,
+                    gas=gas,
+                )  # fmt: skip
             if mstate.portion > 0.0:
                 at_x, at_y = mstate.portion_x, mstate.portion_y
                 grow(skin, bulk, thickness, h, hstate, at_x, at_y, mstate.portion)
                 mstate.portion = 0.0
             if lit:
+                if vary.lumps > 0.0:
+                    mstate.deposited += spatter(
+                        p=vary, s=varied, key=key, z=z, origin_x=mstate.origin_x, origin_y=mstate.origin_y,
+                        cell=m.cell, x=x, y=y, pool=0.5 * mstate.width, before=path,
+                    )  # fmt: skip
                 add_arc(skin, thickness, h, hstate, x, y, power * dt)
                 warm(placed, placed_state, x, y, power * dt)
             hstate.clock += dt
@@ -97,7 +127,7 @@ def _make_scan(sources: int) -> Callable:
     @jit
     def scan(
         samples, offsets_us, zero, before, z, origin_x, origin_y, cell, top, hot, kept, lp, ls, sp, lateral, rng,
-        place, dropout, out, intensity,
+        place, shared, dropout, out, intensity,
     ):  # fmt: skip
         """Profiles at times counted in us from the first sample; poses between samples are interpolated."""
         if not sources:
@@ -114,8 +144,8 @@ def _make_scan(sources: int) -> Callable:
             a += f * (b - a)
             profile(
                 z=z, origin_x=origin_x, origin_y=origin_y, cell=cell, top=top, hot=hot, kept=kept, placed=lp[0],
-                placed_state=ls[0], p=p, lateral=lateral, rng=rng, place=place, tcp_x=a[0], tcp_y=a[1],
-                tcp_z=a[2], extra_dropout=dropout, out=out[k], intensity=intensity[k],
+                placed_state=ls[0], p=p, lateral=lateral, rng=rng, place=place, shared=shared, tcp_x=a[0],
+                tcp_y=a[1], tcp_z=a[2], extra_dropout=dropout, out=out[k], intensity=intensity[k],
             )  # fmt: skip
 
     return scan

@@ -157,7 +157,7 @@ def test_yaml_lists_every_parameter():
     from waam_view.dashboard_node import DashboardParams
 
     file = Path(__file__).parents[1] / 'config/dashboard.yaml'
-    listed = yaml.safe_load(file.read_text())['dashboard']['ros__parameters']
+    listed = yaml.safe_load(file.read_text())['/**/dashboard']['ros__parameters']
     assert markdown(DashboardParams) in file.parents[1].joinpath('README.md').read_text()
     defaults = {f.name: f.default for f in dataclasses.fields(DashboardParams)}
     assert listed == {k: list(v) if isinstance(v, tuple) else v for k, v in defaults.items()}

@@ -16,6 +16,8 @@ REMEDY = (
     ' less overhang'
 )
 
+OVERRIDDEN = 0.03  # of the metal per path, from which on an override is named
+
 
 class Outlook:
     """Looks at the surface after every layer of a closed loop. An operator who resumes is asked again only when the
@@ -45,6 +47,17 @@ class Outlook:
         worst = f'{error[row, col] * 1e3:+.2f} mm at x {x:.0f}, y {y:.0f} mm'
         del self._rms[:-1]
         context.watch.hold(
-            f'the error grows from layer to layer: {grown} mm RMS after layer {layer.number}, worst {worst}; {REMEDY}',
+            f'the error grows from layer to layer: {grown} mm RMS after layer {layer.number}, worst {worst}; '
+            + self._remedy(),
             'height',
+        )
+
+    def _remedy(self) -> str:
+        """What a person can do; an override comes first, since it changes the metal behind the loop's back."""
+        (speed, wire), metal = self.context.control.factors, self.context.control.metal_factor
+        if abs(metal - 1.0) < OVERRIDDEN:
+            return REMEDY
+        return (
+            f'an override is in force (speed {speed:.0%}, wire {wire:.0%}: {metal:.2f} x the metal): set both to 100 '
+            f'%, then resume; {REMEDY}'
         )

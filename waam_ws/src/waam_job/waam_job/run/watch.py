@@ -76,7 +76,8 @@ class Watch:
                 f'no telemetry for {machine.age:.1f} s: bridge or link is gone (the controller ends the arc itself)',
             )
         if not machine.connected:
-            raise JobError(Code.LINK_LOST, machine.message or 'the controller is not connected')
+            why = f': {machine.message}' if machine.message else ''
+            raise JobError(Code.LINK_LOST, f'the controller is not connected{why}')
 
     def _check_alarm(self, machine: Machine) -> None:
         if machine.state == 'ALARM':

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from waam_node import job_folder
-from waam_node.files import write_atomically
+from waam_node.files import write_atomically, write_state
 from waam_process.grid import GridSpec
 from waam_process.safe_files import FileError, read_mapping, read_npz
 
@@ -135,6 +135,10 @@ class JobFolder:
     def write_json(self, name: str, data: dict) -> None:
         """Replaces the file as a whole. NaN and infinity become null, numpy scalars plain numbers."""
         write_atomically(self.path / name, json.dumps(clean(data), indent=1))
+
+    def write_state(self, name: str, data: dict) -> None:
+        """`write_json` that a full disk does not stop (`waam_node.files.write_state`)."""
+        write_state(self.path / name, json.dumps(clean(data), indent=1))
 
     def append_json(self, name: str, data: dict) -> None:
         """One more line of a file of JSON lines; a crash leaves at most the last one torn."""

@@ -94,7 +94,7 @@ class Journal:
         """A new phase of the job."""
         self.status.state, self.status.message = state, message
         self.cell.status(self.status)
-        self.folder.write_json(job_folder.STATUS, {**asdict(self.status), 'state': state.name})
+        self.folder.write_state(job_folder.STATUS, {**asdict(self.status), 'state': state.name})
 
     def say(self, message: str) -> None:
         """A new message within the phase."""

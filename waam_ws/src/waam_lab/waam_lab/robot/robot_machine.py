@@ -59,6 +59,7 @@ class RobotMachine(Machine):
         station = station_of(params)
         start, taught = np.array(PARK), np.array(plant.params.work_zero)
         true = _true(params, plant.params.robot, station)
+        plant.put_on_robot()
         self.robot = SimRobot(true, plant.params.robot, plant.seed, start, taught, EPOCH_US)
         self.driver = LabDriver(self.robot)
         self._params, self._station = params, station

@@ -109,7 +109,11 @@ class Replay:
         return float(self.readings.celsius[0]) if t.size and t[0] < struck else math.nan
 
     def run(self, physics: PlantParams, seed: int | None = None) -> Laid:
-        """seed: of the scatter of beads; None = without any."""
+        """seed: of the scatter of beads; None = without any. ValueError: a metal model other than portions."""
+        if (model := physics.metal.model) != 'portions':
+            raise ValueError(
+                f"metal_model is '{model}': recorded jobs are laid again with 'portions' only"
+            )
         metal, heat = self._cold(physics, seed is not None)
         values = _EVEN if seed is None else lattice(seed)
         ratio = physics.arc.wire_ratio
