@@ -33,7 +33,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_archive': {'waam_node', 'waam_process', 'waam_record'},
     'waam_job': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},
     'waam_lab': {
-        'waam_adapt', 'waam_bridge', 'waam_job', 'waam_node', 'waam_plan', 'waam_process', 'waam_robot',
+        'waam_adapt', 'waam_bridge', 'waam_job', 'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_robot',
         'waam_robot_bridge', 'waam_scan', 'waam_sim', 'waam_view',
     },
     'waam_replay': {'waam_adapt', 'waam_node', 'waam_process', 'waam_record', 'waam_scan'},
@@ -109,6 +109,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_lab/waam_lab/report.py': 'writes the report of a campaign',
     'waam_lab/waam_lab/twin/page.py': 'writes the cell file and the report of a fit',
     'waam_lab/waam_lab/twin/records.py': 'reads job folders',
+    'waam_lab/waam_lab/recorded/(page|read).py': 'read recordings, write the cell file and the report of a fit',
     'waam_view/waam_view/(job_data|plan_file|plan_scene|report_writer).py': 'job folders, plans, reports',
     'waam_view/waam_view/(drawing|viewer|web_viewer).py': 'start viewers and write their files',
     'waam_shop/waam_shop/(audit_file|durable|queue_file|shop_folder|token_file).py': 'the files of a shop',

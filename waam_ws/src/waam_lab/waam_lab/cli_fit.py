@@ -29,6 +29,7 @@ examples:
   waam lab fit jobs --out mycell                                       mycell/cell.yaml, report.html, fit.json
   waam lab part.stl --as-found worn.stl --cell-file mycell/cell.yaml   what the next job will be on that cell
   waam up --cell-file mycell/cell.yaml                                 the whole graph on that cell
+  waam lab fit arc.mcap wall_folder --out mycell                       recordings that are no jobs
 
 Every layer is laid once more on the simulated cell: the torch goes where telemetry.npz says that it went, on the
 surface that was scanned before. What grows is compared with the scan after it, the heat with the pyrometer, the current
@@ -39,9 +40,15 @@ leaves the parameter as it was. Some are never told by a job, such as the wire's
 with what would tell. docs/twin.md says how well intervals hold. A cell whose arcs would not strike at the beads of the
 records is named.
 
+Recordings that are no jobs say less, and each kind something else: an arc log (telemetry in an .mcap, as
+`waam record import` makes it of anybody's log) current, voltage, their scatter, drift and correlation; a temperature
+record with places that cool (an .mcap, too) conduction and losses; a folder with scans of a wall and the robot's log,
+as for `waam scan fuse`, how much metal came and how unevenly. It is said what was fitted, the misfit before and after,
+and what the recording cannot tell. Jobs and recordings are two fits: give the cell file of the first with --cell-file.
+
 A fit that was ended (Ctrl-C, power) goes on where it was with the same command.
 
-exit status: 0 fitted, 2 refused (no jobs, no maps, no arc; the text says which), 130 ended with Ctrl-C
+exit status: 0 fitted, 2 refused (no jobs, no maps, no arc, nothing told; the text says which), 130 ended with Ctrl-C
 """
 
 
@@ -57,7 +64,11 @@ def register(commands: argparse._SubParsersAction) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     p.add_argument(
-        'jobs', type=Path, nargs='+', metavar='JOBS', help='job folders, or folders that hold some'
+        'jobs',
+        type=Path,
+        nargs='+',
+        metavar='JOBS',
+        help='job folders, or folders that hold some; or recordings',
     )
     p.add_argument('--out', type=Path, help='folder of the results (default: jobs/<time>_fit)')
     p.add_argument(
@@ -105,12 +116,21 @@ def run_fit(args: argparse.Namespace) -> int:
     from . import params
     from .cli_campaign import settings_of
     from .pieces import Kept
+    from .recorded.read import is_recording, is_wall
     from .twin import page
     from .twin.fit import fit
     from .twin.records import read_all
 
     overrides, _ = settings_of([], args.cell_file)
     base = plant_params(params.make(overrides).cell)
+    recorded = [p for p in args.jobs if is_recording(p) or is_wall(p)]
+    if recorded:
+        if others := [str(p) for p in args.jobs if p not in recorded]:
+            raise ValueError(
+                f'{others[0]} is no recording, {recorded[0]} is: fit jobs and recordings one after the other, '
+                'the second with the --cell-file of the first'
+            )
+        return _fit_recorded(args, recorded, base)
     records = read_all(args.jobs)
     out = args.out or _jobs_dir() / make_job_id('fit')
     workers = Workers(args.workers, args.cluster, ('waam_lab.twin.solve',))
@@ -127,6 +147,22 @@ def run_fit(args: argparse.Namespace) -> int:
     # into a file or a pipe rich takes 80 columns, and cuts the names of parameters
     show(found, Console(highlight=False, width=None if sys.stdout.isatty() else 120))
     print(f'cell file: {os.path.relpath(out / page.CELL_FILE)}')
+    print(f'report: {os.path.relpath(target)}')
+    return 0
+
+
+def _fit_recorded(args: argparse.Namespace, paths: list[Path], base: PlantParams) -> int:
+    from waam_job.store.folder import make_job_id
+
+    from .recorded import page
+    from .recorded.fit import fit_recordings
+    from .twin.page import CELL_FILE
+
+    found = fit_recordings(paths, base)
+    out = args.out or _jobs_dir() / make_job_id('fit')
+    target = page.write(out, found, shlex.join(['waam', *sys.argv[1:]]))
+    print('\n'.join(page.lines(found)))
+    print(f'cell file: {os.path.relpath(out / CELL_FILE)}')
     print(f'report: {os.path.relpath(target)}')
     return 0
 
