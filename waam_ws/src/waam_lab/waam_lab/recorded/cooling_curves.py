@@ -28,7 +28,8 @@ def curves(t: np.ndarray, celsius: np.ndarray) -> tuple[list[Curve], list[str]]:
     """Cooling curves of a record (n,) s, (n,) degrees Celsius, and what was left out."""
     notes = []
     floor = float(celsius.min()) if celsius.size else 0.0
-    if celsius.size and float((celsius <= floor + 1e-6).mean()) > FLOOR_SHARE:
+    varies = celsius.size > 0 and float(celsius.max()) > floor + RISE
+    if varies and float((celsius <= floor + 1e-6).mean()) > FLOOR_SHARE:
         notes.append(f'the instrument reads nothing below {floor:.0f} degC')
         good = celsius > floor + ABOVE_FLOOR
     else:
