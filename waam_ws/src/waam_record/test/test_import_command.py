@@ -192,6 +192,27 @@ def test_heights_by_layer_and_segment_become_maps(tmp_path, capsys):
     assert np.isnan(maps[1].z[2]) and maps[1].count.tolist() == [1, 1, 0, 1]
 
 
+def test_a_column_for_each_segment_is_the_same_table(tmp_path, capsys):
+    path = tmp_path / 'wide.csv'
+    path.write_text('layer,s1,s2,s3\n1,2.0,2.1,2.2\n2,4.0,,4.2\nx,1,1,1\n')
+    run('import', path)
+    text = capsys.readouterr().out
+    assert text.count('segment_height, unit: mm}  # GUESSED') == 3
+    (tmp_path / 'm.yaml').write_text(text)
+    assert run('import', path, '--mapping', tmp_path / 'm.yaml', '-o', tmp_path / 'o') == 0
+    assert (
+        '1 rows left out: layer or segment is no whole number from 0 (line 4)'
+        in capsys.readouterr().out
+    )
+    with AnyReader([tmp_path / 'o']) as reader:
+        maps = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()]
+    assert [m.layer for m in maps] == [1, 2]
+    assert maps[0].z.tolist() == pytest.approx([2e-3, 2.1e-3, 2.2e-3]) and np.isnan(maps[1].z[1])
+    (tmp_path / 'm.yaml').write_text(text.replace('layer: {is: layer}', 'layer: {is: number}'))
+    assert run('import', path, '--mapping', tmp_path / 'm.yaml', '-o', tmp_path / 'p') == 1
+    assert 'need a column layer' in capsys.readouterr().err
+
+
 def test_two_logs_of_one_run(tmp_path, capsys):
     arc, scan = tmp_path / 'arc.csv', tmp_path / 'scan.csv'
     arc.write_text('time,x,y,z\n36:51.1,1,2,3\n36:51.2,2,2,3\n36:51.3,20,2,3\n')

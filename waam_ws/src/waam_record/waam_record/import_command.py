@@ -53,7 +53,7 @@ is: position_x _y _z, travel_speed, wire_feed_speed, wire_feed_commanded, arc_cu
     temperature                                                              -> /temperature
     profile_x, profile_height | profile_distance, profile_intensity          -> /profiles (lists, or one point per line
                                                                                 with point_profile)
-    layer, segment, segment_height                                           -> /height_map
+    layer, segment, segment_height (or a column segment_height per segment)  -> /height_map
     joints -> joint_states; number -> /<file>/<column>; ignore
 unit: m mm um in | m/s mm/s m/min mm/min cm/min in/min | A kA mA | V mV | C K F
 

@@ -14,6 +14,7 @@ from ..log_column import Column
 from ..standard import Standard
 from . import messages as own
 from . import times
+from .heights import long_table, maps, wide_table
 from .mapping import FileMap
 from .quantities import PROFILE, ROLES, TELEMETRY, plain, si
 from .tally import Tally
@@ -89,10 +90,12 @@ def check(table: Table, one: FileMap, name: str) -> None:
         raise BagError(
             f'{name}: the mapping says nothing of column {lacking[0]!r}; `{{is: ignore}}` leaves it out'
         )
-    segments = [r for r in ('layer', 'segment', 'segment_height') if one.column_of(r)]
-    if one.column_of('segment_height') and (len(segments) < 3 or one.segment_length <= 0):
+    heights = sum(c.role == 'segment_height' for c in one.columns.values())
+    if heights and not (one.column_of('layer') and one.segment_length > 0):
+        raise BagError(f'{name}: heights by segment need a column layer and segment_length_mm')
+    if heights and (heights > 1) == bool(one.column_of('segment')):
         raise BagError(
-            f'{name}: heights by segment need layer, segment and segment_length_mm in the mapping'
+            f'{name}: heights need a column segment, or several columns with heights: a segment each'
         )
     if any(one.column_of(r) for r in PROFILE) and not (
         one.column_of('profile_x') and _height_role(one)
@@ -275,24 +278,18 @@ def _points(file: _File) -> list[Column]:
 
 def _heights(file: _File) -> list[Column]:
     one = file.map
-    if not one.column_of('segment_height'):
+    names = [n for n, c in one.columns.items() if c.role == 'segment_height']
+    if not names:
         return []
-    layer, segment, z = (
-        file.values(one.column_of(r)) for r in ('layer', 'segment', 'segment_height')
+    layer, z = (
+        file.values(one.column_of('layer')),
+        np.stack([file.values(n) for n in names], axis=1),
     )
-    whole = (layer == np.round(layer)) & (segment == np.round(segment))
-    good = whole & (layer >= 0) & (layer < 1e5) & (segment >= 0) & (segment < 1e5)
-    for line in np.array(file.lines)[~good]:
-        file.tally.add('rows left out: layer or segment is no whole number from 0', int(line))
-    found: list = []
-    if good.any():
-        first, width = int(segment[good].min()), int(np.ptp(segment[good])) + 1
-        for number_, k in enumerate(np.unique(layer[good])):
-            at = np.flatnonzero(good & (layer == k))
-            row = np.full(width, np.nan)
-            row[segment[at].astype(int) - first] = z[at]
-            stamp = max(file.stamps[i] for i in at)
-            found.append((stamp, own.heights(stamp, int(k), number_, row, one.segment_length)))
+    if one.column_of('segment'):
+        rows = long_table(layer, file.values(one.column_of('segment')), z[:, 0])
+    else:
+        rows = wide_table(layer, z)
+    found = maps(rows, file.stamps, file.lines, file.tally, one.segment_length)
     return [Column(own.own_topic('/height_map', own.MAP), found)]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from statistics import median
 
@@ -43,6 +44,7 @@ def propose(table: Table) -> FileMap:
         columns[name] = column
         if note:
             notes[f'column {name}'] = note
+    _wide(columns, notes)
     one = FileMap(table.form, time, columns, notes=notes)
     return _travel(_segments(one, notes), notes)
 
@@ -221,6 +223,31 @@ def _has_segments(table: Table) -> bool:
     return all(
         any(n in plain for n in ROLES[r].names) for r in ('layer', 'segment', 'segment_height')
     )
+
+
+def _wide(columns: dict[str, Column], notes: dict[str, str]) -> None:
+    """A column layer and columns s1, s2, s3 ...: a height of each segment."""
+    layer = next((n for n in columns if parts_of(n)[0] in ROLES['layer'].names), None)
+    found: dict[str, list[tuple[int, str]]] = {}
+    for name, c in columns.items():
+        numbered = re.fullmatch(r'(.*?)_?(\d{1,4})', parts_of(name)[0], re.ASCII)
+        if numbered and c.role == 'number':
+            found.setdefault(numbered[1], []).append((int(numbered[2]), name))
+    for pairs in found.values():
+        numbers = [n for n, _ in pairs]
+        if (
+            layer
+            and len(pairs) >= 3
+            and numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+        ):
+            columns[layer] = Column('layer')
+            notes.pop(f'column {layer}', None)
+            for _, name in pairs:
+                unit = parts_of(name)[1]
+                known = unit if unit in UNITS['length'] else 'mm'
+                columns[name] = Column('segment_height', known)
+                notes[f'column {name}'] = f'{GUESSED}: the height of a segment'
+            return
 
 
 def _segments(one: FileMap, notes: dict[str, str]) -> FileMap:

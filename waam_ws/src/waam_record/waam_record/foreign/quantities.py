@@ -68,7 +68,12 @@ TELEMETRY = (
     'arc_voltage', 'arc_on',
 )  # fmt: skip
 PROFILE = ('profile_x', 'profile_height', 'profile_distance', 'profile_intensity')
-MANY = ('number', 'ignore', 'temperature')  # roles that several columns of a file may have
+MANY = (
+    'number',
+    'ignore',
+    'temperature',
+    'segment_height',
+)  # roles that several columns of a file may have
 TIME_NAMES = (
     'rosbagtimestamp', 'timestamp', 'time', 'stamp', 't', '%time', 'timereceived', 'time_stamp', 'datetime',
     'date_time', 'zeit', 'date', 'secs', 'seconds', 'elapsed', 'elapsed_time',
