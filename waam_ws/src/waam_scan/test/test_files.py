@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from waam_process.grid import GridSpec
 from waam_scan.commands.file_info import describe
@@ -15,6 +17,7 @@ from waam_scan.recordings.files import (
     read_laser_csv,
     save_map,
 )
+from waam_scan.recordings.left_out import LeftOut, NothingLeft
 
 DATA = Path(__file__).resolve().parents[5] / 'shared/data'
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f'no recordings at {DATA}')
@@ -151,3 +154,65 @@ def test_the_recorded_profiles_beside_the_arc_are_read():
     scan = read_inprocess_csv(DATA / 'inprocess_profiles/Representative_Layer_raw_points.csv')
     points = np.isfinite(scan.x).sum(axis=1)
     assert (len(points), points.min(), points.max()) == (399, 1, 56)
+
+
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    st.sampled_from(
+        [(read_laser_csv, LASER), (read_arc_log, ARC), (read_inprocess_csv, INPROCESS)]
+    ),
+    st.lists(
+        st.tuples(st.integers(0, 300), st.text('0123456789.,:- \r\nnaife\x00é', max_size=3)),
+        max_size=5,
+    ),
+)
+def test_damaged_files_are_read_with_names_of_what_is_left_out_or_refused(tmp_path, kind, changes):
+    reader, text = kind
+    for at, put in changes:
+        text = text[:at] + put + text[at + 1 :]
+    path, left_out = write(tmp_path, text), LeftOut()
+    try:
+        reader(path, left_out)
+    except FileError as e:
+        assert str(path) in str(e)
+    for line in left_out.lines()[:-1]:
+        assert str(path) in line and 'line ' in line
+
+
+def test_many_bad_lines_are_counted_not_listed(tmp_path):
+    text = LASER + ''.join('noon,1 2,3 4,5 6\r\n' for _ in range(500))
+    left_out = LeftOut()
+    scan = read_laser_csv(write(tmp_path, text), left_out)
+    lines = left_out.lines()
+    assert len(scan.stamps) == 2 and len(lines) == 14
+    assert '488 more of its profiles, the last one line 504' in lines[-2]
+    assert lines[-1] == '500 profiles left out; the rest is used'
+    assert isinstance(left_out.nothing_left('x'), NothingLeft)
+
+
+def test_info_and_filter_name_a_bad_file_and_go_on(tmp_path, capsys):
+    import argparse
+
+    from waam_scan import cli
+
+    good, bad = (
+        write(tmp_path, INPROCESS + '25,3,x,y\n', 'good.csv'),
+        write(tmp_path, 'dust', 'bad.csv'),
+    )
+    parser = argparse.ArgumentParser()
+    cli.register(parser.add_subparsers())
+
+    def run(*words):
+        args = parser.parse_args(['scan', *map(str, words)])
+        return args.run_command(args)
+
+    assert run('info', bad, good) == 0
+    said = capsys.readouterr()
+    assert '2 profiles' in said.out and f'left out: {bad}' in said.err
+    assert (
+        f'left out: {good}, line 5: 4 fields' in said.err and '1 file, 1 line left out' in said.err
+    )
+    assert run('info', bad) == 1
+    assert capsys.readouterr().err.count('\n') == 1
