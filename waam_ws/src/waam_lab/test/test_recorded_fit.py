@@ -93,13 +93,19 @@ def test_short_arcs_do_not_tell_their_drift():
 def test_a_log_without_an_arc_is_refused_by_name():
     log = arc_log(TRUE, 30.0)
     nothing = np.nan * log.t
-    for change in (
-        {'arc_established': 0.0 * log.t},
-        {'arc_current': nothing},
-        {'wire_feed_speed': nothing},
-    ):
+    for change in ({'arc_established': 0.0 * log.t}, {'arc_current': nothing}):
         with pytest.raises(RecordError, match='made: 0.0 s of steady arc'):
             arc_fit.fit_arc(replace(log, telemetry={**log.telemetry, **change}), ArcParams())
+
+
+def test_a_log_without_wire_feed_tells_scatter_and_not_the_mean():
+    log = arc_log(TRUE)
+    log = replace(log, telemetry={**log.telemetry, 'wire_feed_speed': np.nan * log.t})
+    found, kept = arc_fit.fit_arc(log, ArcParams())
+    told = {p.name for p in found.parameters if p.told}
+    assert 'arc_current_ref' not in told and {'arc_length_noise', 'arc_drift_current'} <= told
+    assert kept.current_ref == ArcParams().current_ref
+    assert any('no wire feed' in note for note in found.notes)
 
 
 def cooling(params, passes=6, period=50.0, noise=0.5, warm=400.0):

@@ -227,3 +227,16 @@ def test_info_tells_what_a_file_holds(tmp_path, capsys):
     assert 'pass of 395 profiles of 200 points' in lines[0] and '205 poses' in lines[0]
     assert 'cloud of 500 points' in lines[1]
     assert 'map of ' in lines[2] and ' holes' in lines[2]
+
+
+def test_calibration_goes_on_without_a_bad_pass(tmp_path, capsys):
+    from waam_scan.commands.calibration_report import read_passes
+
+    write_pass(tmp_path / 'a.npz')
+    (tmp_path / 'b.npz').write_bytes(b'dust')
+    (found,) = read_passes([tmp_path / 'a.npz', tmp_path / 'b.npz'])
+    assert found.name == 'a'
+    err = capsys.readouterr().err
+    assert f'left out: {tmp_path / "b.npz"}: not a recorded pass' in err
+    with pytest.raises(ValueError, match='b.npz'):
+        read_passes([tmp_path / 'b.npz'])

@@ -12,6 +12,7 @@ from scipy.ndimage import median_filter
 AFTER_STRIKE, BEFORE_END = 0.6, 0.25  # s that do not count
 LONGEST_GAP = 1.0  # s between two rows of one arc
 SHORTEST = 2.0  # s of an arc that counts
+FEED = 0.110  # m/s, of a log that does not say
 OPEN_VOLTS = 45.0  # V; above there is no arc
 BLOCKS = 8  # for standard errors
 NAMES = ('current', 'fast_current', 'slow_current', 'fast_voltage', 'slow_voltage', 'slope', 'rest', 'correlation',
@@ -29,6 +30,7 @@ class Steady:
     run: np.ndarray
 
     held: float = 0.0  # share of rows that only repeated the reading before; they are left out
+    fed: bool = True  # whether the log has the wire feed; otherwise it is taken as constant
 
     @property
     def longest(self) -> float:
@@ -42,8 +44,11 @@ class Steady:
 
 
 def steady(t: np.ndarray, columns: Mapping[str, np.ndarray]) -> Steady:
-    """From telemetry (see `read`); rows without current, voltage or wire are left out."""
+    """From telemetry (see `read`); rows without current or voltage are left out, and those
+    without wire feed, unless no row has one."""
     wire, current, voltage = (columns[k] for k in ('wire_feed_speed', 'arc_current', 'arc_voltage'))
+    fed = bool(np.isfinite(wire).any())
+    wire = wire if fed else np.full(t.size, FEED)
     known = np.isfinite(wire) & np.isfinite(current) & np.isfinite(voltage)
     lit = (columns['arc_established'] > 0.5) & (current > 10.0) & (voltage < OPEN_VOLTS)
     cut = (~lit[1:]) | (~lit[:-1]) | (np.diff(t) > LONGEST_GAP)
@@ -57,9 +62,8 @@ def steady(t: np.ndarray, columns: Mapping[str, np.ndarray]) -> Steady:
         use[inside], run[inside] = True, number
         number += 1
     use &= known
-    return _fresh(
-        Steady(t[use], _feed(t[use], wire[use], run[use]), current[use], voltage[use], run[use])
-    )
+    feed = _feed(t[use], wire[use], run[use])
+    return _fresh(Steady(t[use], feed, current[use], voltage[use], run[use], fed=fed))
 
 
 def _feed(t: np.ndarray, wire: np.ndarray, run: np.ndarray) -> np.ndarray:
@@ -78,7 +82,7 @@ def _fresh(seen: Steady) -> Steady:
     same = (np.diff(seen.current) == 0) & (np.diff(seen.voltage) == 0) & (np.diff(seen.run) == 0)
     new = np.concatenate([[True], ~same]) if seen.t.size else np.empty(0, bool)
     held = 1.0 - float(new.mean()) if new.size else 0.0
-    return replace(_part(seen, np.flatnonzero(new)), held=held)
+    return replace(_part(seen, np.flatnonzero(new)), held=held, fed=seen.fed)
 
 
 def seconds_of(seen: Steady) -> np.ndarray:

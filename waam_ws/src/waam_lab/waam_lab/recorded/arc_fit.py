@@ -118,7 +118,7 @@ def fit_arc(recording: Recording, base: ArcParams) -> tuple[Finding, ArcParams]:
     seen = steady(recording.t, recording.telemetry)
     if seen.seconds < FEWEST:
         raise RecordError(
-            f'{recording.name}: {seen.seconds:.1f} s of steady arc with current, voltage and wire feed; '
+            f'{recording.name}: {seen.seconds:.1f} s of steady arc with current and voltage; '
             f'{FEWEST:.0f} s are needed'
         )
     told, error = figures(seen), errors(seen)
@@ -142,6 +142,8 @@ def fit_arc(recording: Recording, base: ArcParams) -> tuple[Finding, ArcParams]:
         notes.append(f'{seen.held:.0%} of the rows repeat the reading before and do not count')
     if seen.longest <= max(DRIFTS * told['drift_time'], FEWEST):
         notes.append(f'the longest arc of {seen.longest:.1f} s is too short for its drift')
+    if not seen.fed:
+        notes.append('it has no wire feed: taken as constant, arc_current_ref is not told')
     if not any(able.values()):
         notes.append('no parameter is decided by it, the cell stays as it was')
     finding = Finding(
@@ -177,6 +179,7 @@ def _able(told: dict[str, float], error: dict[str, float], seen: Steady) -> dict
     """Which parameters the log decides."""
     able = {k: math.hypot(error[figure], doubt) <= TELLS for k, (figure, doubt) in FIELDS.items()}
     able['current_noise'] &= told['slope'] > 0
+    able['current_ref'] &= seen.fed
     able['drift_correlation'] = _doubt_of_correlation(told, seen) <= 0.25
     drifts = _long_enough(told, seen)
     return {k: v and (drifts or not k.startswith('drift')) for k, v in able.items()}
