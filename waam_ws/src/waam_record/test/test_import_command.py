@@ -230,6 +230,24 @@ def test_two_logs_of_one_run(tmp_path, capsys):
     assert '/telemetry comes from' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ('first', 'scanned', 'start'),
+    [
+        ('59:58.0', '18:00:05', '17:00:00'),
+        ('00:03.0', '17:59:50', '18:00:00'),
+        ('20:00.0', '18:21:00', '18:00:00'),
+    ],
+)
+def test_minutes_take_the_hour_that_brings_two_logs_together(
+    tmp_path, capsys, first, scanned, start
+):
+    arc, scan = tmp_path / 'arc.csv', tmp_path / 'scan.csv'
+    arc.write_text(f'time,x,y,z\n{first},1,2,3\n{first},2,2,3\n')
+    scan.write_text(f'TimeReceived,X,Z\n2025-04-15 {scanned},1 2 3,99 99 99\n' * 2)
+    run('import', arc, scan)
+    assert f'start: 2025-04-15T{start}Z  # GUESSED: from scan.csv' in capsys.readouterr().out
+
+
 def test_ros_exports_keep_the_stamps_of_their_messages(tmp_path):
     path = tmp_path / 'joint_states.csv'
     path.write_text(

@@ -35,7 +35,7 @@ def read_logs(paths: list[Path], mapping: dict[str, FileMap] | None, name: str) 
         table = read_table(data, str(path), None if given is None else given.form)
         logs.append(Log(path, table, given or propose(table)))
     if mapping is None:
-        found = together({log.path.name: log.map for log in logs}, _dates(logs))
+        found = together({log.path.name: log.map for log in logs}, *_firsts(logs))
         for log in logs:
             log.map = found[log.path.name]
     return logs
@@ -50,15 +50,17 @@ def _bytes(path: Path) -> bytes:
         raise BagError(f'{path}: {e.strerror or e}') from None
 
 
-def _dates(logs: list[Log]) -> dict[str, int]:
-    """First stamps of the files that have a date."""
-    found = {}
+def _firsts(logs: list[Log]) -> tuple[dict[str, int], dict[str, int]]:
+    """First stamps (ns) of the files that have a date, and of the others since their start."""
+    dates, clocks = {}, {}
     for log in logs:
-        if log.map.time.column and not log.map.time.start_ns:
-            stamps, _ = stamps_of(log.table, log.map, Tally())
-            if stamps:
-                found[log.path.name] = min(stamps)
-    return found
+        start = log.map.time.start_ns
+        stamps, _ = stamps_of(log.table, log.map, Tally()) if log.map.time.column else ([], [])
+        if stamps and start:
+            clocks[log.path.name] = stamps[0] - start
+        elif stamps:
+            dates[log.path.name] = min(stamps)
+    return dates, clocks
 
 
 def proposal(logs: list[Log]) -> str:

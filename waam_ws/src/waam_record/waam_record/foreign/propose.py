@@ -267,23 +267,27 @@ def _travel(one: FileMap, notes: dict[str, str]) -> FileMap:
     return replace(one, travel=Travel('+x', 10e-3))
 
 
-def together(files: dict[str, FileMap], first_ns: dict[str, int]) -> dict[str, FileMap]:
-    """Files without a date take it from one that has one, and profiles the positions of a file that has them.
-    first_ns: file -> its first stamp, of those with a date."""
+def together(
+    files: dict[str, FileMap], dates: dict[str, int], clocks: dict[str, int]
+) -> dict[str, FileMap]:
+    """Files without a date take it from one that has one, and profiles the positions of a file that has them. dates:
+    file -> its first stamp (ns), of those with a date; clocks: file -> its first time since its start, of the others."""
     posed = any(one.column_of(r) for one in files.values() for r in TELEMETRY[:3])
     out = {}
     for name, one in files.items():
         if posed and one.travel is not None:
             notes = {k: v for k, v in one.notes.items() if k != 'travel'}
             one = replace(one, travel=None, notes=notes)
-        if first_ns and one.time.start_ns and name not in first_ns:
-            one = _dated(one, *min(first_ns.items(), key=lambda item: item[1]))
+        if dates and one.time.start_ns and name not in dates:
+            source, ns = min(dates.items(), key=lambda item: item[1])
+            one = _dated(one, source, ns, clocks.get(name, 0))
         out[name] = one
     return out
 
 
-def _dated(one: FileMap, source: str, ns: int) -> FileMap:
-    period = times.WRAPS.get(one.time.form, 3600 * times.S)
-    start = ns // period * period
+def _dated(one: FileMap, source: str, ns: int, clock: int) -> FileMap:
+    """The full hour (or day) that brings the first row nearest to the first stamp of the other file."""
+    period = times.WRAPS.get(one.time.form)
+    start = round((ns - clock) / period) * period if period else ns // times.S * times.S
     guesses = {'start': f'{GUESSED}: from {source}', 'offset': f'{GUESSED}: two clocks differ'}
     return replace(one, time=replace(one.time, start_ns=start), notes={**one.notes, **guesses})
