@@ -138,7 +138,8 @@ def test_times_of_others(text, form, ns):
 
 
 @pytest.mark.parametrize(
-    'text', ['61:00.0', '12:60', 'inf', 'nan', '1_000', '1e400', '2022/13/01/10:00', '٣:١']
+    'text',
+    ['61:00.0', '12:60', 'inf', 'nan', '1_000', '1e400', '1e999999', '2022/13/01/10:00', '٣:١'],
 )
 def test_times_that_are_none(text):
     for form in times.FORMATS:
@@ -185,6 +186,12 @@ def test_any_mapping_is_read_or_refused_by_name(value):
         read_mapping(text, 'm.yaml')
     except BagError as e:
         assert str(e).startswith('m.yaml')
+
+
+def test_numbers_that_are_too_large_for_a_time_are_no_reason_to_stop():
+    whole(b'time_s,x\n1e999999,1\n2e999999,2\n3e99999,3\n')
+    with pytest.raises(BagError, match='no row is left: 3 rows left out: time is outside 1970'):
+        whole(b'time_s,x\n1e30,1\n2e30,2\n3e30,3\n')
 
 
 def test_number_is_strict():

@@ -248,14 +248,16 @@ def test_minutes_take_the_hour_that_brings_two_logs_together(
     assert f'start: 2025-04-15T{start}Z  # GUESSED: from scan.csv' in capsys.readouterr().out
 
 
-def test_ros_exports_keep_the_stamps_of_their_messages(tmp_path):
+def test_ros_exports_keep_the_stamps_of_their_messages(tmp_path, capsys):
     path = tmp_path / 'joint_states.csv'
     path.write_text(
         'rosbagTimestamp,secs,nsecs,frame_id,- joint_a,- joint_b,position\n'
         '1666985301185212971,1666985301,177676916,\'\',"[0.05, -0.0521]"\n'
         '1666985301285212971,1666985301,277676916,\'\',"[x]"\n'
     )
-    assert run('import', path, '--yes', '-o', tmp_path / 'o') == 0
+    run('import', path)
+    (tmp_path / 'm.yaml').write_text(capsys.readouterr().out)
+    assert run('import', path, '--mapping', tmp_path / 'm.yaml', '-o', tmp_path / 'o') == 0
     with AnyReader([tmp_path / 'o']) as reader:
         ((c, stamp, raw),) = list(reader.messages())
         message = reader.deserialize(raw, c.msgtype)

@@ -213,10 +213,10 @@ def _written(one: FileMap) -> list[str]:
         '    time:',
     ]
     if time.column:
-        lines += [
-            f'      column: {_key(time.column)}',
-            f'      format: {time.form}{note.get("format", "")}',
-        ]
+        lines.append(f'      column: {_key(time.column)}')
+        if time.nanoseconds:
+            lines.append(f'      nanoseconds: {_key(time.nanoseconds)}')
+        lines.append(f'      format: {time.form}{note.get("format", "")}')
     else:
         lines.append(f'      rate_hz: {time.rate_hz:g}{note.get("rate", "")}')
     if time.start_ns:

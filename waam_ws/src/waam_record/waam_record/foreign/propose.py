@@ -271,7 +271,7 @@ def together(
     files: dict[str, FileMap], dates: dict[str, int], clocks: dict[str, int]
 ) -> dict[str, FileMap]:
     """Files without a date take it from one that has one, and profiles the positions of a file that has them. dates:
-    file -> its first stamp (ns), of those with a date; clocks: file -> its first time since its start, of the others."""
+    file -> its first stamp (ns), of those with a date; clocks: file -> its first time since its start, of others."""
     posed = any(one.column_of(r) for one in files.values() for r in TELEMETRY[:3])
     out = {}
     for name, one in files.items():

@@ -38,7 +38,7 @@ def _number(text: str, unit: int) -> int:
         if not abs(value) <= LAST:  # NaN compares with an error, infinity is too large
             raise ValueError('outside 1970 to 2038')
         return round(value)
-    except (InvalidOperation, OverflowError):
+    except (ArithmeticError, OverflowError):
         raise ValueError('not a number') from None
 
 
@@ -135,7 +135,7 @@ def _any_number(text: str) -> Decimal:
         value = Decimal(text.strip().replace(',', '.'))
     except InvalidOperation:
         raise ValueError('not a number') from None
-    if not value.is_finite() or '_' in text:
+    if '_' in text or not value.is_finite() or value.adjusted() > 40:
         raise ValueError('not a number')
     return value
 
