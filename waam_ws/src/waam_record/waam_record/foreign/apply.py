@@ -249,7 +249,8 @@ def _profile(
 
 
 def _list(text: str, decimal: str) -> np.ndarray:
-    return np.array([number(c, decimal) for c in text.split()], float)
+    values = np.array([number(c, decimal) for c in text.split()], float)
+    return np.where(np.abs(values) < 1e9, values, np.nan)  # no length
 
 
 def _points(file: _File) -> list[Column]:
