@@ -236,8 +236,8 @@ def _after(graph: Graph, job: Job, node: str, way: str, on: int) -> dict:
 
 
 def _recover(graph: Graph, node: str, pid: int) -> None:
-    """The next trial begins with a whole graph, whose controller was stopped and holds nothing any more. pid: of the node
-    that was killed, which the supervisor may have started again."""
+    """The next trial begins with a whole graph, whose controller was stopped and holds nothing any more. pid: of the
+    node that was killed, which the supervisor may have started again."""
     if node in ('cell', 'bridge', 'virtual_controller'):  # the part or the link is gone
         graph.down()
         return
