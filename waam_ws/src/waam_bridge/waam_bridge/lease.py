@@ -59,8 +59,8 @@ class Lease:
         return not self.twice(node, now)
 
     def twice(self, node: str, now: float, afresh: bool = False) -> list[str]:
-        """The publishers that call themselves `node`, when there are two or more. now: s, steady clock; afresh: for a new
-        job, to which the publisher of the one before means nothing: it died, and its successor has its name."""
+        """The publishers that call themselves `node`, when there are two or more. now: s, steady clock; afresh: for a
+        new job, to which the publisher of the one before means nothing: it died, and its successor has its name."""
         heard = self._sources.get(node, {})
         here = {s for s, at in heard.items() if now - at <= SECOND_S}
         bound = None if afresh else self._bound.get(node)  # it may be the one that is dead
