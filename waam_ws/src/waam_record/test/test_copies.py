@@ -7,6 +7,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
+from waam_node import cdr
 from waam_record import cli
 from waam_record.bag_copy import Copy, Selection, convert, messages, qos_conflicts, type_conflicts
 from waam_record.bag_reader import bag_files, check, info
@@ -148,26 +149,10 @@ def test_a_job_folder_stands_for_its_record(tmp_path, capsys):
     assert check(tmp_path / 'job/record_recovered').messages == 50
 
 
-def test_csv_log(tmp_path):
-    log = tmp_path / 'weld.csv'
-    log.write_text('timestamp,voltage,wfs,note\r\n10.5,20.25,6,x\r\n\r\n11.5,21,12,y\r\n')
-    assert import_logs([log], tmp_path / 'out') == 4
-    with AnyReader([tmp_path / 'out']) as reader:
-        found = [
-            (c.topic, t, reader.deserialize(raw, c.msgtype).data) for c, t, raw in reader.messages()
-        ]
-    assert ('/weld/arc_voltage', 10_500_000_000, 20.25) in found
-    assert ('/weld/wire_feed_speed', 11_500_000_000, 0.2) in found
-
-
 @pytest.mark.parametrize(
     ('name', 'text', 'message'),
     [
-        ('a.csv', 'x,y\n1,2\n', 'no column with time'),
-        ('a.csv', 'time,y\n1,2\nsoon,3\n', r"a.csv, line 3: 'soon' is not a time stamp"),
-        ('a.csv', 'time,y\n1,a\n', 'no column with numbers'),
-        ('a.csv', 'time', 'header and at least one row'),
-        ('a.dat', 'nothing', 'no table'),
+        ('a.dat', '[Connect DataFile]', 'no table'),
         ('a.txt', '', 'neither of'),
     ],
 )
@@ -195,7 +180,8 @@ def test_ros1_bag_becomes_standard_messages(tmp_path):
 @needs_data
 def test_logs_of_the_same_weld(tmp_path):
     names = ('plate25_weld_params.csv', 'plate25_joint_states.csv', 'pyro_Plate19.dat')
-    assert import_logs([DATA / n for n in names], tmp_path / 'out') > 9000
+    paths = [DATA / n for n in names]
+    assert run('import', *paths, '--yes', '-o', tmp_path / 'out') == 0
     kinds = {n: t.type for n, t in info(tmp_path / 'out').topics.items()}
     assert kinds['/plate25_joint_states/joint_states'] == 'sensor_msgs/msg/JointState'
     assert kinds['/pyro_plate19/ratio'] == 'sensor_msgs/msg/Temperature'
@@ -205,10 +191,8 @@ def test_logs_of_the_same_weld(tmp_path):
             for c, _, raw in reader.messages()
             if c.topic == '/pyro_plate19/process'
         ]
-        feeds = [
-            reader.deserialize(raw, c.msgtype).data
-            for c, _, raw in reader.messages()
-            if c.topic == '/plate25_weld_params/wire_feed_speed'
-        ]
     assert 930.8 in hot and min(hot) == 550.0
-    assert abs(feeds[0] - 7.7 / 60) < 1e-6
+    frames = [m.data for t, m in messages(bag_files(tmp_path / 'out')) if t.name == '/telemetry']
+    stamps, values = cdr.read_frames(frames)
+    assert stamps[0] == 1666985301168724060, 'the stamp of the message, not that of its arrival'
+    assert abs(values['wire_feed_speed'][0] - 7.7 / 60) < 1e-6

@@ -17,6 +17,8 @@ _EXAMPLES = """examples:
   waam record convert jobs/latest/record -o small --regex 'height_map|correction' --start 60
   waam record merge monday tuesday -o both --compression none
   waam record import run.bag pyrometer.dat -o run
+  waam record import weld.csv > mapping.yaml  what the columns of somebody else's log may be, to check
+  waam record import weld.csv --mapping mapping.yaml -o weld.mcap
   waam record run /tmp/record --types sensor_msgs/msg/Temperature      until Ctrl-C, like ros2 bag record
   waam record start /tmp/record --note wire=ER70S-6                    the recorder of the graph
   waam record status                          messages, losses per topic, now

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 from waam_node import job_folder
 
+from . import import_command
+
 if TYPE_CHECKING:
     from .bag_copy import Selection
     from .bag_reader import Info
@@ -78,13 +80,7 @@ def _register_copies(verbs: argparse._SubParsersAction) -> None:
     verb.add_argument('paths', type=recording, nargs='+', metavar='PATH', help=PATH)
     _add_copy_options(verb)
     verb.set_defaults(run_command=_merge)
-    text = 'ROS 1 bags (.bag), CSV logs and pyrometer files (.dat) as one recording with standard types'
-    verb = verbs.add_parser('import', help=text, description=text)
-    verb.add_argument('paths', type=Path, nargs='+', metavar='FILE')
-    verb.add_argument(
-        '-o', '--output', type=Path, required=True, metavar='FOLDER', help='new folder'
-    )
-    verb.set_defaults(run_command=_import)
+    import_command.register(verbs)
 
 
 def _add_copy_options(verb: argparse.ArgumentParser) -> None:
@@ -218,14 +214,6 @@ def _copy(args: argparse.Namespace, paths: list[Path], selection: Selection, tex
         args.output,
         total,
         lambda tick: convert(paths, args.output, selection, settings, tick),
-    )
-
-
-def _import(args: argparse.Namespace) -> int:
-    from .importing import import_logs
-
-    return _run(
-        'importing', args.output, None, lambda tick: import_logs(args.paths, args.output, tick)
     )
 
 

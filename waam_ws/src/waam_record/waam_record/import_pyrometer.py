@@ -13,6 +13,15 @@ KEPT = {'TProc': 'process', 'TRatio': 'ratio', 'TWB': 'wide_band', 'TNB': 'narro
 KIND = 'sensor_msgs/msg/Temperature'
 
 
+def is_pyrometer(path: Path) -> bool:
+    """Whether a file begins as this device writes it."""
+    try:
+        with open(path, 'rb') as f:
+            return f.read(4096).lstrip().startswith(b'[Connect DataFile]')
+    except OSError:
+        return False
+
+
 def read_pyrometer(path: Path) -> list[Column]:
     """Temperatures (degrees Celsius) on one topic per channel. Date and time of the file are taken as UTC (it names no
     zone). BagError names file and line of what cannot be read."""

@@ -1,4 +1,5 @@
-"""Foreign recordings into MCAP: ROS 1 bags and SQLite bags (read by `rosbags`), CSV logs and pyrometer files."""
+"""Foreign recordings into MCAP: ROS 1 bags and SQLite bags (read by `rosbags`) and pyrometer files, which say
+themselves what they hold. Logs with columns: `foreign`."""
 
 from __future__ import annotations
 
@@ -7,31 +8,43 @@ from pathlib import Path
 
 from .bag_copy import Selection
 from .bag_writer import BagError, BagWriter, Topic
-from .import_csv import read_csv
-from .import_pyrometer import read_pyrometer
+from .import_pyrometer import is_pyrometer, read_pyrometer
 from .log_column import QOS, Column
 
 Progress = Callable[[int], None]
+BAGS = ('.bag', '.db3')
+
+
+def known(path: Path) -> bool:
+    """Whether a file says itself what it holds."""
+    return path.is_dir() or path.suffix.lower() in BAGS or is_pyrometer(path)
+
+
+def read_known(path: Path) -> list[Column]:
+    """Topics of a bag or a pyrometer file. BagError names file and line."""
+    if not path.exists():
+        raise BagError(f'{path}: no such file')
+    if path.is_dir() or path.suffix.lower() in BAGS:
+        return read_bag(path)
+    if is_pyrometer(path):
+        return read_pyrometer(path)
+    raise BagError(f'{path}: neither of {", ".join(BAGS)}, a bag folder nor a pyrometer file')
 
 
 def import_logs(paths: list[Path], output: Path, progress: Progress = lambda n: None) -> int:
-    """Writes foreign logs as one recording, by time; returns the number of messages. BagError names file and line."""
-    readers = {'.csv': read_csv, '.dat': read_pyrometer, '.bag': read_bag, '.db3': read_bag}
-    columns: list[Column] = []
-    for path in paths:
-        reader = read_bag if path.is_dir() else readers.get(path.suffix.lower())
-        if not path.exists():
-            raise BagError(f'{path}: no such file')
-        if reader is None:
-            raise BagError(f'{path}: neither of {", ".join(readers)} nor a bag folder')
-        columns += reader(path)
+    """Writes bags and pyrometer files as one recording, by time; returns the number of messages. BagError names file
+    and line."""
+    columns = [c for path in paths for c in read_known(path)]
+    return write(columns, output, [p.name for p in paths], progress)
+
+
+def write(
+    columns: list[Column], output: Path, sources: list[str], progress: Progress = lambda n: None
+) -> int:
+    """One recording of topics, by time; returns the number of messages."""
     names = [c.topic.name for c in columns]
     if twice := [n for n in names if names.count(n) > 1]:
         raise BagError(f"topic '{twice[0]}' comes from two of the files: import them one by one")
-    return _write(columns, output, [p.name for p in paths], progress)
-
-
-def _write(columns: list[Column], output: Path, sources: list[str], progress: Progress) -> int:
     rows = [(stamp, number, data) for number, c in enumerate(columns) for stamp, data in c.messages]
     if not rows:
         raise BagError('there is not one message in these files')

@@ -187,6 +187,8 @@ def usable(p: Pass, name: Path | str, mounting: Mounting, left_out: LeftOut) -> 
     no other profile with a point is left."""
     points = (np.isfinite(p.x) & np.isfinite(p.z)).sum(axis=1)
     single = points == 1
+    if points.sum() == 1:
+        raise ValueError('only one point in it')
     if p.x.shape[1] == 1 or not single.any():  # a scanner of one point is no damage
         _box(p, mounting)
         return p
