@@ -7,7 +7,7 @@ from pathlib import Path
 
 from waam_job.cli_program import PART_HELP, add_loop_mode, add_program
 from waam_node import spread
-from waam_process.operating import DEFAULT_MATERIAL, GANTRY, MACHINES
+from waam_process.operating import DEFAULT_MATERIAL, DEFAULT_PRESET, GANTRY, MACHINES, PRESETS
 
 from . import cli_fit
 
@@ -20,6 +20,7 @@ examples:
   waam lab part.stl --as-found worn.stl --layer-height 1.2 --set correction_server.law=unet
   waam lab part.stl --as-found worn.stl --set cell.metal_transfer=0.88 --set plan.levels=adaptive
   waam lab part.stl --as-found worn.stl --cell-file mycell.yaml        a cell with other physics
+  waam lab part.stl --as-found worn.stl --preset rough                 a cell as rough as the roughest recordings
   waam lab part.stl --as-found worn.stl --choose                       which layout of the beads suits this part
   waam lab part.stl --as-found worn.stl --machine robot                the same job on a robot
   waam lab part.stl --as-found worn.stl --machine robot --urdf my_arm.urdf   on another arm
@@ -98,6 +99,12 @@ def _add_process(p: argparse.ArgumentParser) -> None:
         "'simulated', or --set job_sequencer.cell=NAME",
     )
     p.add_argument('--cell-file', type=Path, help='parameters of the simulated cell (YAML)')
+    p.add_argument(
+        '--preset',
+        choices=PRESETS,
+        default=DEFAULT_PRESET,
+        help=f'how rough the cell is (default: {DEFAULT_PRESET}); --cell-file and --set win',
+    )
     p.add_argument(
         '--machine',
         choices=MACHINES,

@@ -43,7 +43,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
     asked and what grew, for `waam_lab.growth_data`.
     A job that fails on the way (a fault of the cell, a map that cannot be believed) is a result with verdict 'failed'.
     """
-    known = params.make(job.overrides)
+    known = params.make(job.overrides, preset=job.preset)
     _check_cell(job)
     checked = check(replace(job.goal, learned_dir=job.learned))
     physics = physics_of(job, known)
@@ -147,6 +147,7 @@ def _begin(jobs: Path, job: LabJob, checked: Checked, known: params.LabParams) -
         'program_sha256': keep_program(job.goal, folder),
         'laboratory': True,
         'seed': job.seed,
+        'preset': job.preset if job.plant is None else '',
         'machine': job.machine,
     }
     folder.write_yaml(job_folder.JOB, {**facts, **own, **made})
