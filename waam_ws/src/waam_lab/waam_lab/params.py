@@ -101,7 +101,7 @@ def of_node(file: Mapping[str, Mapping[str, Any]], node: str) -> dict[str, Any]:
 def of_preset(name: str) -> dict[str, Any]:
     """What a preset says of the node `cell`. ValueError names the presets that there are."""
     folder = Path(get_package_share_directory('waam_sim')) / 'config' / 'presets'
-    return read_file(folder / f'{check_preset(name)}.yaml')['cell']
+    return of_node(read_file(folder / f'{check_preset(name)}.yaml'), 'cell')
 
 
 def make(*overrides: Overrides, preset: str = DEFAULT_PRESET) -> LabParams:

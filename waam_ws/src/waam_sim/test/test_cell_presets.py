@@ -20,7 +20,7 @@ USUAL = {f.name: f.default for f in dataclasses.fields(CellParams)}
 
 
 def values(name: str) -> dict:
-    return yaml.safe_load((FOLDER / f'{name}.yaml').read_text())['cell']['ros__parameters']
+    return yaml.safe_load((FOLDER / f'{name}.yaml').read_text())['/**/cell']['ros__parameters']
 
 
 def test_there_is_a_file_for_every_preset_and_no_other():
