@@ -27,7 +27,10 @@ LEASE_MS = 500.0
 RATE = 6.0  # simulated seconds per second: slow enough to hit the middle of a bead
 UP_S, JOB_S = 150.0, 120.0  # longest wait for a graph, and for a job to end after a disturbance
 VIEWERS = ('dashboard', 'panel', 'process_control')  # whose death stops no job
-WORDS = {'cell': ('ALARM', 'cell', 'telemetry', 'scanner'), 'bridge': ('telemetry', 'bridge')}
+WORDS = {
+    'cell': ('ALARM', 'cell', 'telemetry', 'scanner', 'process inputs'),
+    'bridge': ('telemetry', 'bridge'),
+}
 DONE, FAILED = 'DONE', ('FAILED', 'INTERRUPTED', 'ABORTED')
 
 

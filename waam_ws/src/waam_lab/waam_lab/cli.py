@@ -26,14 +26,13 @@ examples:
   waam lab part.stl --as-found worn.stl --machine robot --urdf my_arm.urdf   on another arm
   waam lab pad.gcode --dialect slicer --nominal pad.stl                what a program of another slicer will give
   waam lab part.stl --as-found worn.stl --seeds 500 --cluster auto     on all machines of a Ray cluster
-  waam lab part.stl --as-found worn.stl --account                      where the metal of the last layer came from
   waam lab fit jobs                                                    fit the cell to records (waam lab fit --help)
 
 --set takes parameters of the nodes (their READMEs list them) and, as plan.NAME, settings of the planner in SI.
 --cell-file is a ROS parameter file with the keys of waam_sim/config/cell.yaml; what it leaves out stays as it is.
 
 Written to --out: report.html (open it in a browser), report.json, maps.npz; with --keep-jobs the job folders, for
-waam report and waam replay. --account writes account.png and account.json instead.
+waam report and waam replay.
 The same seed gives the same figures, whatever the number of workers and machines. A worker that is lost costs its
 own job, which is run again. A campaign that was ended (Ctrl-C, power) goes on with the same command and its --out: jobs
 that are done are not run again.
@@ -138,23 +137,10 @@ def _add_campaign(p: argparse.ArgumentParser) -> None:
         help='first try the part with narrower beads and with finishing layers that grow downwards, each on so many '
         'cells of different physics (default: 2), and take what comes out best; the report then is on other cells',
     )
-    p.add_argument(
-        '--account',
-        type=int,
-        nargs='?',
-        const=0,
-        metavar='LAYER',
-        help='say where the metal of a layer came from, at turns, corners and ends (default: the last layer); '
-        'one job, on the first seed',
-    )
     p.add_argument('--keep-jobs', action='store_true', help='keep the folder of every job')
 
 
 def _run(args: argparse.Namespace) -> int:
-    if args.account is not None:
-        from .cli_account import run_account
-
-        return run_account(args)
     from .cli_campaign import run_campaign
 
     return run_campaign(args)
