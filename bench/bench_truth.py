@@ -109,7 +109,8 @@ def ratio(simulated: float, recorded: float) -> float:
     return max(simulated / recorded, recorded / simulated)
 
 
-def main() -> None:
+def measure() -> None:
+    """Every line in one run: walls, arcs and cooling of both presets, and of the recordings."""
     if not (DATA / 'wall_profiles').is_dir():
         print(f'{DATA}: no recordings here, nothing to compare with', file=sys.stderr)
         return
@@ -132,5 +133,8 @@ def main() -> None:
     emit('truth.worst_ratio', worst['recorded'], '', 'preset gentle', round(worst['gentle'], 4))
 
 
-if __name__ == '__main__':
-    main()
+NAMES = (
+    'top_rms', 'section', 'growth', 'correlation_length', 'width', 'middle', 'scan_noise', 'scan_noise_step', 'scan_lost',
+    'current', 'voltage', 'current_1s', 'voltage_1s', 'arc_correlation', 'cooling', 'worst_ratio',
+)  # fmt: skip
+FIGURES = {f'truth.{name}': measure for name in NAMES}
