@@ -134,7 +134,7 @@ def measure() -> None:
 
 
 NAMES = (
-    'top_rms', 'section', 'growth', 'correlation_length', 'width', 'middle', 'scan_noise', 'scan_noise_step', 'scan_lost',
-    'current', 'voltage', 'current_1s', 'voltage_1s', 'arc_correlation', 'cooling', 'worst_ratio',
+    'top_rms', 'section', 'growth', 'correlation_length', 'width', 'middle', 'scan_noise', 'scan_noise_step',
+    'scan_lost', 'current', 'voltage', 'current_1s', 'voltage_1s', 'arc_correlation', 'cooling', 'worst_ratio',
 )  # fmt: skip
 FIGURES = {f'truth.{name}': measure for name in NAMES}
