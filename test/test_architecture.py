@@ -100,7 +100,7 @@ def test_graph_nodes_have_parameter_files_with_their_own_name():
             continue
         name = node.get('name', name)
         file = SRC / node['package'] / 'config' / f'{name}.yaml'
-        assert set(yaml.safe_load(file.read_text())) == {name}, file
+        assert set(yaml.safe_load(file.read_text())) == {f'/**/{name}'}, file
 
 
 def test_repository_holds_no_machine_paths_or_registry_hosts():

@@ -27,7 +27,10 @@ LEASE_MS = 500.0
 RATE = 6.0  # simulated seconds per second: slow enough to hit the middle of a bead
 UP_S, JOB_S = 150.0, 120.0  # longest wait for a graph, and for a job to end after a disturbance
 VIEWERS = ('dashboard', 'panel', 'process_control')  # whose death stops no job
-WORDS = {'cell': ('ALARM', 'cell', 'telemetry', 'scanner'), 'bridge': ('telemetry', 'bridge')}
+WORDS = {
+    'cell': ('ALARM', 'cell', 'telemetry', 'scanner', 'process inputs'),
+    'bridge': ('telemetry', 'bridge'),
+}
 DONE, FAILED = 'DONE', ('FAILED', 'INTERRUPTED', 'ABORTED')
 
 
@@ -203,10 +206,10 @@ def stroke(node: str, way: str) -> Callable[[Graph, random.Random], dict]:
         pid = graph.pids()[node]
         live.kill(node) if way == 'kill' else os.kill(pid, signal.SIGSTOP)
         facts = _after(graph, job, node, way, on)
-        if way == 'suspend':
+        if way == 'suspend' and graph.pids()[node] == pid:
             live.kill(node)
             job.wait(JOB_S)
-        _recover(graph, node)
+        _recover(graph, node, pid)
         return {'node': node, 'in_arc': bool(on), 'state': at, **facts}
 
     return trial
@@ -235,8 +238,9 @@ def _after(graph: Graph, job: Job, node: str, way: str, on: int) -> dict:
     }  # fmt: skip
 
 
-def _recover(graph: Graph, node: str) -> None:
-    """The next trial begins with a whole graph, whose controller was stopped and holds nothing any more."""
+def _recover(graph: Graph, node: str, pid: int) -> None:
+    """The next trial begins with a whole graph, whose controller was stopped and holds nothing any more. pid: of the
+    node that was killed, which the supervisor may have started again."""
     if node in ('cell', 'bridge', 'virtual_controller'):  # the part or the link is gone
         graph.down()
         return
@@ -244,7 +248,8 @@ def _recover(graph: Graph, node: str) -> None:
     from waam_msgs.srv import Command
 
     live = graph.live()
-    live.revive(node)
+    if graph.pids()[node] == pid:
+        live.revive(node)
     with GraphClient(live.domain) as client:
         live.ready(client)
         client.call(Command, 'bridge/command', Command.Request(code=Command.Request.STOP))

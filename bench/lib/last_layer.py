@@ -46,9 +46,6 @@ class OtherNoise(MetalTrace):
         if number == self.last:
             plant._lattice[AREA_LAYER:] = lattice(self.seed)[AREA_LAYER:]
 
-    def on_exchange(self, samples: np.ndarray, plant: Plant) -> None:
-        """Nothing is noted."""
-
 
 class Known(Predicted):
     """A prediction that is believed."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import threading
 from contextlib import suppress
 
@@ -71,7 +72,10 @@ class LiveGraph:
 
         with self._lock:
             supervisor = self._supervisor
-            supervisor.children[name].wait()
+            try:
+                supervisor.children[name].wait(5.0)
+            except subprocess.TimeoutExpired:
+                return  # the supervisor was faster
             supervisor.look()  # its death is in state.json
             shared_memory.clean()
             spec = next(s for s in supervisor.specs if s.name == name)

@@ -117,7 +117,7 @@ def _cell(job: Any, noise: float, seed: int) -> tuple[Any, Any, Any]:
     from waam_lab.laboratory import on_table, physics_of
     from waam_sim.plant import Plant
 
-    known = params.make(job.overrides)
+    known = params.make(job.overrides, preset=job.preset)
     checked = check(job.goal)
     physics = physics_of(job, known)
     table = on_table(job, checked, known, physics)

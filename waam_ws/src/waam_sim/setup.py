@@ -1,3 +1,5 @@
+from glob import glob
+
 from setuptools import find_packages, setup
 
 setup(
@@ -8,6 +10,7 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/waam_sim']),
         ('share/waam_sim', ['package.xml']),
         ('share/waam_sim/config', ['config/cell.yaml']),
+        ('share/waam_sim/config/presets', glob('config/presets/*.yaml')),
         ('share/waam_sim/urdf', ['urdf/small_arm.urdf']),
     ],
     install_requires=['setuptools'],

@@ -57,6 +57,18 @@ def test_a_node_that_was_started_again_counts_at_the_next_arm():
     assert arming.beat('a', 3, 0, 10, later, 'new')
 
 
+def test_another_job_is_armed_although_nobody_disarmed_the_one_whose_node_died():
+    arming = Arming()
+    arming.arm('j', ['a'], 0, 0.0)
+    arming.beat('a', 1, 0, 10, 0.0, 'old')
+    later = SECOND_S + 1.0
+    arming.beat('a', 2, 0, 10, later, 'new')
+    assert 'old' in arming.twice(['a'], later)  # for the job that was armed with the dead one
+    assert arming.twice(['a'], later, afresh=True) == ''
+    arming.beat('a', 3, 0, 10, later, 'third')
+    assert 'new, third' in arming.twice(['a'], later, afresh=True)
+
+
 def test_processes_are_counted_while_they_speak():
     lives = Lives()
     lives.heard('a@cell:1:x', 0.0)

@@ -59,11 +59,12 @@ class Arming:
         counts = self.lease.beat(node, tick_us, boot, t_us, now, source) and self.job
         return bool(counts) and self.lease.seen_us(t_us) > before
 
-    def twice(self, names: Iterable[str], now: float) -> str:
-        """Which of these nodes live twice, and where; '' = none. Nobody can say which of the two answers."""
+    def twice(self, names: Iterable[str], now: float, afresh: bool = False) -> str:
+        """Which of these nodes live twice, and where; '' = none. Nobody can say which of the two answers. afresh: for a
+        new job."""
         found = []
         for name in dict.fromkeys(names):
-            places, publishers = self.lives.of(name, now), self.lease.twice(name, now)
+            places, publishers = self.lives.of(name, now), self.lease.twice(name, now, afresh)
             if len(places) > 1 or publishers:
                 where = f'processes {", ".join(places)}; publishers {", ".join(publishers)}'
                 found.append(f'two nodes called {name} ({where})')

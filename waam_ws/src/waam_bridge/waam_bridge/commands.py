@@ -93,7 +93,8 @@ def _arm(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
         raise CommandError(requests.WRONG_STATE, f'ARM: {bridge.standoff.problem}')
     if unfit := bridge.unfit():
         raise CommandError(requests.WRONG_STATE, f'ARM: {unfit}')
-    if twice := bridge.arming.twice(c.names, now):
+    another = bridge.armed_job != c.text
+    if twice := bridge.arming.twice(c.names, now, afresh=another):
         raise CommandError(requests.WRONG_STATE, f'ARM: {twice}')
     bridge.ask('A', c.text, reply, now, lambda: bridge.armed(c.text, list(c.names), now))
 

@@ -58,11 +58,12 @@ class Lease:
             return False
         return not self.twice(node, now)
 
-    def twice(self, node: str, now: float) -> list[str]:
-        """The publishers that call themselves `node`, when there are two or more. now: s, steady clock."""
+    def twice(self, node: str, now: float, afresh: bool = False) -> list[str]:
+        """The publishers that call themselves `node`, when there are two or more. now: s, steady clock; afresh: for a
+        new job, to which the publisher of the one before means nothing: it died, and its successor has its name."""
         heard = self._sources.get(node, {})
         here = {s for s, at in heard.items() if now - at <= SECOND_S}
-        bound = self._bound.get(node)  # it may be the one that is dead
+        bound = None if afresh else self._bound.get(node)  # it may be the one that is dead
         if bound is not None and here - {bound}:
             here.add(bound)
         self._sources[node] = {s: heard[s] for s in here if s in heard}

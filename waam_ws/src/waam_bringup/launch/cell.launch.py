@@ -14,11 +14,11 @@ from launch import LaunchDescription
 from waam_bringup.graph import Settings, middleware, processes
 from waam_bringup.operate import panel_port, stop_port
 from waam_bringup.paths import run_dir
-from waam_process.operating import GANTRY, MACHINES
+from waam_process.operating import DEFAULT_PRESET, GANTRY, MACHINES, PRESETS
 
 
 def _start(context):
-    names = ('port', 'rate', 'seed', 'run', 'machine')
+    names = ('port', 'rate', 'seed', 'run', 'machine', 'preset')
     value = {k: LaunchConfiguration(k).perform(context) for k in names}
     run = Path(value['run'])
     run.mkdir(parents=True, exist_ok=True)
@@ -30,6 +30,7 @@ def _start(context):
         seed=int(value['seed']),
         epoch_us=int(time.time()) * 1_000_000,
         machine=value['machine'],
+        preset=value['preset'],
         panel_port=page,
         stop_port=stop_port(page),
     )
@@ -64,6 +65,12 @@ def generate_launch_description():
                 default_value=GANTRY,
                 description='what moves the torch',
                 choices=list(MACHINES),
+            ),
+            DeclareLaunchArgument(
+                'preset',
+                default_value=DEFAULT_PRESET,
+                description='how rough the simulated cell is',
+                choices=list(PRESETS),
             ),
             OpaqueFunction(function=_start),
         ]

@@ -81,6 +81,7 @@ def test_a_graph_of_a_program_is_started_with_all_of_its_settings(tmp_path):
         params_files=(file,),
         without=('panel', 'dashboard'),
         machine='robot',
+        preset='rough',
     )
     default = Settings(run=tmp_path / 'other')
     told = settings_of(build_parser().parse_args(['up', *arguments(wanted, 42)]), tmp_path)

@@ -45,6 +45,31 @@ def test_simulated_graph_has_controller_and_cell_and_real_one_has_not(tmp_path):
     assert 'use_sim_time:=false' in ' '.join(real['bridge'].command)
 
 
+@pytest.mark.parametrize('machine', ['gantry', 'robot'])
+def test_a_preset_is_read_after_the_defaults_of_the_cell_and_before_what_the_user_says(
+    tmp_path, machine
+):
+    file = tmp_path / 'own.yaml'
+    file.write_text('cell: {ros__parameters: {metal_transfer: 0.9}}\n')
+    wanted = settings(tmp_path, preset='rough', params_files=(file,), machine=machine)
+    made = {p.name: p.command for p in processes(wanted)}
+    files = [
+        Path(a).name
+        for a, b in zip(made['cell'][1:], made['cell'], strict=False)
+        if b == '--params-file'
+    ]
+    assert files == ['cell.yaml', 'rough.yaml', 'own.yaml']
+    assert not any('rough.yaml' in word for n, c in made.items() if n != 'cell' for word in c)
+    with pytest.raises(GraphError, match="--preset: .*'wild'.*gentle, recorded, rough"):
+        processes(settings(tmp_path, preset='wild'))
+
+
+def test_the_state_of_a_graph_names_the_preset_of_its_simulated_cell(tmp_path):
+    made = Supervisor(settings(tmp_path, preset='recorded'), 42)
+    real = Supervisor(settings(tmp_path, port='/dev/null'), 42)
+    assert (made.state.preset, real.state.preset) == ('recorded', '')
+
+
 def test_a_robot_stands_in_for_the_gantry_under_the_same_names(tmp_path):
     gantry = {p.name: p for p in processes(settings(tmp_path))}
     robot = {p.name: p for p in processes(settings(tmp_path, machine='robot'))}

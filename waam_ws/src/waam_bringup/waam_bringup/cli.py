@@ -126,6 +126,7 @@ def _register_demo(commands: argparse._SubParsersAction) -> None:
     keep_old_name(p, '--profiles', modes)
     p.add_argument('--rate', type=float, default=0.0)
     cli_graph.add_params_file(p)
+    cli_graph.add_preset(p)
     p.add_argument(
         '--fresh',
         action='store_true',

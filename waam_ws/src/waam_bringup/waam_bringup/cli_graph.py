@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from waam_process.operating import GANTRY, MACHINES, ROBOT
+from waam_process.operating import DEFAULT_PRESET, GANTRY, MACHINES, PRESETS, ROBOT
 
 from . import cli_relay
 from .cli_common import add_run, run_and_domain
@@ -79,6 +79,7 @@ def _add_up(p: argparse.ArgumentParser) -> None:
         help='leave a node out (repeatable)',
     )
     add_params_file(p)
+    add_preset(p)
     p.add_argument('--timeout', type=float, default=60.0, help='longest wait for readiness, s')
     p.add_argument(
         '--hang-timeout',
@@ -100,6 +101,16 @@ def add_params_file(p: argparse.ArgumentParser) -> None:
         default=[],
         type=Path,
         help='ROS parameter file for all nodes (repeatable)',
+    )
+
+
+def add_preset(p: argparse.ArgumentParser) -> None:
+    """Option --preset."""
+    p.add_argument(
+        '--preset',
+        choices=PRESETS,
+        default=DEFAULT_PRESET,
+        help=f'how rough the simulated cell is (default: {DEFAULT_PRESET}); what a parameter file says of it wins',
     )
 
 
@@ -149,6 +160,7 @@ def settings_of(args: argparse.Namespace, run: Path) -> Settings:
         params_files=params_files(args),
         without=tuple(args.without),
         machine=args.machine,
+        preset=args.preset,
     )
     return settings if args.urdf is None else _with_arm(settings, args.urdf)
 
@@ -166,7 +178,7 @@ def _up(args: argparse.Namespace) -> int:
     passed += ['--grpc-port', str(settings.grpc_port), '--panel-port', str(settings.panel_port)]
     passed += ['--stop-port', str(settings.stop_port)]
     state = up(settings, domain, args.timeout, passed)
-    kind = 'simulated cell' if state.simulated else f'controller on {state.port}'
+    kind = f'simulated cell ({state.preset})' if state.simulated else f'controller on {state.port}'
     print(
         f'up: {len(state.nodes)} processes, {kind}, ROS_DOMAIN_ID={state.domain}, logs in {run}/logs'
     )

@@ -42,7 +42,8 @@ def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> i
     folder.mkdir(parents=True)
     started = time.monotonic()
     console.print(
-        f'Restoring {PART} ({WORN} lies on the simulated table), seed {args.seed}. Starting the graph ...'
+        f'Restoring {PART} ({WORN} lies on the simulated table), seed {args.seed}, cell {args.preset}. '
+        'Starting the graph ...'
     )
     # a demo needs no operator's page, and two cores are few
     settings = Settings(
@@ -52,6 +53,7 @@ def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> i
         without=('panel',),
         machine=args.machine,
         params_files=params_files,
+        preset=args.preset,
     )
     zero = None
     with graph(settings, default_domain(folder)) as (_, client):
@@ -60,7 +62,7 @@ def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> i
             offset = client.machine.work_offset
             zero = (offset.x, offset.y, offset.z)
     beside = _gantry(args, folder) if _has_gantry(args) else None
-    report = combine(folder, results, args.machine, zero, beside)
+    report = combine(folder, results, args.machine, zero, beside, args.preset)
     point_latest(jobs, folder.name)
     page = _page(folder)
     show(report, console, time.monotonic() - started)
@@ -75,7 +77,9 @@ def _has_gantry(args: argparse.Namespace) -> bool:
 
 def _gantry(args: argparse.Namespace, folder: Path) -> Path:
     """The same part closed loop on the gantry, without what was learned: the folder of its job."""
-    settings = Settings(run=folder / '.gantry', seed=args.seed, without=('panel',))
+    settings = Settings(
+        run=folder / '.gantry', seed=args.seed, without=('panel',), preset=args.preset
+    )
     asked = argparse.Namespace(**{**vars(args), 'fresh': True})
     with graph(settings, default_domain(folder)) as (_, client):
         return _one(client, asked, folder, LoopMode.CLOSED_LOOP, settings.run, GANTRY)
@@ -142,9 +146,10 @@ def combine(
     machine: str = GANTRY,
     work_zero: tuple[float, float, float] | None = None,
     beside: Path | None = None,
+    preset: str = '',
 ) -> dict:
     """The demo's report.json: both runs, their ratio and the machine (docs/job_folder.md). work_zero: m; beside: folder
-    of the closed loop on the gantry."""
+    of the closed loop on the gantry; preset: of the simulated cell."""
     runs, last = {}, {}
     for loop_mode, path in results.items():
         last = json.loads((path / job_folder.REPORT).read_text())
@@ -159,6 +164,7 @@ def combine(
         'verdict': last['verdict'],
         'verdict_with_rim': last['verdict_with_rim'],
         'machine': machine,
+        'preset': preset,
         'work_zero_m': work_zero,
         **runs,
     }

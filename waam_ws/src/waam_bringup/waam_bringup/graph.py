@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from waam_node import priority
-from waam_process.operating import GANTRY, ROBOT
+from waam_process.operating import DEFAULT_PRESET, GANTRY, ROBOT, check_preset
 from waam_shop.cells import FIRST
 
 from .paths import calibrations_dir, cell_name, jobs_dir, share, shop_dir
@@ -43,6 +43,7 @@ class Settings:
     params_files: tuple[Path, ...] = ()
     without: tuple[str, ...] = ()
     machine: str = GANTRY  # or another of MACHINES
+    preset: str = DEFAULT_PRESET  # of PRESETS: how rough the simulated cell is
 
     @property
     def simulated(self) -> bool:
@@ -78,6 +79,7 @@ class Process:
 
 
 STOP_LANE = 'stop_lane'  # in the graph when it has a port
+CELL = 'cell'  # node of the simulated cell, whatever its machine
 KEYS = {
     'package', 'executable', 'only', 'ros', 'lease', 'realtime', 'arguments', 'parameters', 'use_sim_time', 'restart',
     'machine', 'name',
@@ -203,6 +205,10 @@ def check_params(file: Path, description: dict[str, dict[str, Any]]) -> None:
 def processes(settings: Settings, description: dict | None = None) -> list[Process]:
     """Every process in start order."""
     description = description or load()
+    try:
+        check_preset(settings.preset)
+    except ValueError as e:
+        raise GraphError(f'--preset: {e}') from None
     for file in settings.params_files:
         check_params(file, description)
     for name in settings.without:
@@ -240,11 +246,18 @@ def _process(name: str, node: dict, settings: Settings, lease_nodes: list[str]) 
     )
 
 
+def preset_file(preset: str) -> Path:
+    """Parameter file of a preset of the simulated cell; a user's files come after it and win."""
+    return share('waam_sim') / 'config' / 'presets' / f'{preset}.yaml'
+
+
 def _ros_arguments(name: str, node: dict, settings: Settings, lease_nodes: list[str]) -> list[str]:
     arguments = ['--ros-args', '-r', f'__node:={name}']
     defaults = share(node['package']) / 'config' / f'{name}.yaml'
     if defaults.exists():
         arguments += ['--params-file', str(defaults)]
+    if name == CELL:
+        arguments += ['--params-file', str(preset_file(settings.preset))]
     values = {k: fill(v, settings, lease_nodes) for k, v in node.get('parameters', {}).items()}
     values['use_sim_time'] = node.get('use_sim_time', settings.simulated)
     for key, value in values.items():

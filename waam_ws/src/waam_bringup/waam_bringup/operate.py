@@ -200,7 +200,7 @@ def arguments(settings: Settings, domain: int) -> list[str]:
     args += ['--web-port', str(settings.web_port), '--hang-timeout', str(settings.hang_timeout)]
     args += ['--panel-port', str(settings.panel_port or free_port())]
     args += ['--stop-port', str(settings.stop_port)] if settings.stop_port else []
-    args += ['--machine', settings.machine, '--port', settings.port]
+    args += ['--machine', settings.machine, '--port', settings.port, '--preset', settings.preset]
     args += ['--machine-steps', *(f'{v:.10g}' for v in settings.machine_steps)]
     for name in settings.without:
         args += ['--without', name]

@@ -40,6 +40,7 @@ class RunState:
     web_url: str = ''
     panel_url: str = ''
     message: str = ''
+    preset: str = ''  # of the simulated cell
     nodes: dict[str, NodeState] = field(default_factory=dict)  # by name
 
     def save(self, run: Path) -> None:

@@ -29,6 +29,8 @@ def print_status(run: Path, state: RunState, domain: int) -> int:
             how += f', started again {node.restarts} x: {node.reason}'
         table.add_row(name, str(node.pid), how)
     console.print(table)
+    if state.preset:
+        console.print(f'cell: simulated, preset {state.preset}')
     if machine is None:
         console.print('machine: the bridge does not answer')
     elif not machine.connected:

@@ -45,6 +45,7 @@ class Supervisor:
         self.ports_of_dead = shared_memory.HeldPorts()
         port = settings.port or str(settings.run / 'controller')
         self.state = RunState(os.getpid(), 'starting', domain, settings.simulated, port)
+        self.state.preset = settings.preset if settings.simulated else ''
         if settings.web_port:
             stream = f'rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{settings.grpc_port}%2Fproxy'
             self.state.web_url = f'http://127.0.0.1:{settings.web_port}/?url={stream}'

@@ -94,6 +94,11 @@ def test_bad_input_is_refused_before_anything_runs(parts, tmp_path, capsys, argu
     assert not (tmp_path / 'out').exists()
 
 
+def test_an_unknown_preset_is_refused_naming_the_three(parts, capsys):
+    told = refused(capsys, parts[0], '--as-found', parts[1], '--preset', 'wild')
+    assert "'wild'" in told and "'gentle', 'recorded', 'rough'" in told
+
+
 def test_missing_files_are_named(parts, tmp_path, capsys):
     gone = tmp_path / 'gone.stl'
     for part, worn in ((gone, parts[1]), (parts[0], gone)):

@@ -9,6 +9,7 @@ import yaml
 
 from waam_lab import params
 from waam_node.params import ParameterError
+from waam_process.operating import DEFAULT_PRESET
 
 
 def test_defaults_are_those_that_the_graph_starts_its_nodes_with():
@@ -32,6 +33,18 @@ def test_later_overrides_win():
     )
     made = params.make(first, second).correction_server
     assert (made.gain, made.learning) == (0.7, 0.1)
+
+
+def test_a_preset_comes_after_the_files_and_before_the_overrides():
+    usual, rough = params.make(preset='gentle').cell, params.make(preset='rough').cell
+    assert params.make().cell == params.make(preset=DEFAULT_PRESET).cell
+    assert usual.metal_area_noise_layer == params.defaults('cell')['metal_area_noise_layer']
+    assert rough.metal_area_noise_layer > 1.5 * usual.metal_area_noise_layer
+    own = params.make({'cell': {'metal_area_noise_layer': 0.01}}, preset='rough').cell
+    assert own.metal_area_noise_layer == 0.01
+    assert own.metal_area_noise_fixed == rough.metal_area_noise_fixed
+    with pytest.raises(ValueError, match='gentle, recorded, rough'):
+        params.make(preset='wild')
 
 
 def test_no_heartbeat_is_asked_for():

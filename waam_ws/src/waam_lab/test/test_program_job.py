@@ -58,9 +58,9 @@ def test_a_program_is_laid_in_closed_loop_and_its_path_stays(goal):
     assert result.layers == 2 and result.fallbacks == 0
     plan = load_plan(result.folder / job_folder.plan())
     for layer in plan.layers:
-        sent = [s for s in trace.layers[layer.number].segments if s.kind == Kind.DEPOSIT]
+        sent = [s for s in trace.layers[layer.number] if s.kind == Kind.DEPOSIT]
         assert [(s.start, s.end) for s in sent] == [(s.start, s.end) for s in layer.deposits]
-    second = [s for s in trace.layers[2].segments if s.kind == Kind.DEPOSIT]
+    second = [s for s in trace.layers[2] if s.kind == Kind.DEPOSIT]
     assert any(abs(s.speed - 0.01) > 1e-4 for s in second)  # corrected
     assert {round(s.speed_programmed, 6) for s in second} == {0.01}
     kept = result.folder / job_folder.PROGRAM_GIVEN
@@ -80,7 +80,7 @@ def test_without_a_nominal_part_a_program_is_watched_only(goal):
     trace = MetalTrace()
     result = run(LabJob(bare, seed=3), trace)
     assert result.error_code == 0, result.message
-    sent = [s for s in trace.layers[1].segments if s.kind == Kind.DEPOSIT]
+    sent = [s for s in trace.layers[1] if s.kind == Kind.DEPOSIT]
     assert {round(s.speed, 6) for s in sent} == {0.01}
     feed = 7.6 * 0.01  # of the file, within what the lead of the wire at corners takes and gives
     assert np.median([s.wire_feed_speed for s in sent]) == pytest.approx(feed, rel=0.02)

@@ -111,8 +111,6 @@ class LabCell:
     def _on_exchange(self, samples: np.ndarray, plant: Plant) -> None:
         self.contact.on_exchange(samples, plant)
         self.process.on_exchange(samples, plant)
-        if self._trace is not None:
-            self._trace.on_exchange(samples, plant)
 
     # ---- what the cell tells -------------------------------------------------------------------
 

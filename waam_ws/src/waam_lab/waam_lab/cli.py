@@ -7,7 +7,7 @@ from pathlib import Path
 
 from waam_job.cli_program import PART_HELP, add_loop_mode, add_program
 from waam_node import spread
-from waam_process.operating import DEFAULT_MATERIAL, GANTRY, MACHINES
+from waam_process.operating import DEFAULT_MATERIAL, DEFAULT_PRESET, GANTRY, MACHINES, PRESETS
 
 from . import cli_fit
 
@@ -20,19 +20,19 @@ examples:
   waam lab part.stl --as-found worn.stl --layer-height 1.2 --set correction_server.law=unet
   waam lab part.stl --as-found worn.stl --set cell.metal_transfer=0.88 --set plan.levels=adaptive
   waam lab part.stl --as-found worn.stl --cell-file mycell.yaml        a cell with other physics
+  waam lab part.stl --as-found worn.stl --preset rough                 a cell as rough as the roughest recordings
   waam lab part.stl --as-found worn.stl --choose                       which layout of the beads suits this part
   waam lab part.stl --as-found worn.stl --machine robot                the same job on a robot
   waam lab part.stl --as-found worn.stl --machine robot --urdf my_arm.urdf   on another arm
   waam lab pad.gcode --dialect slicer --nominal pad.stl                what a program of another slicer will give
   waam lab part.stl --as-found worn.stl --seeds 500 --cluster auto     on all machines of a Ray cluster
-  waam lab part.stl --as-found worn.stl --account                      where the metal of the last layer came from
   waam lab fit jobs                                                    fit the cell to records (waam lab fit --help)
 
 --set takes parameters of the nodes (their READMEs list them) and, as plan.NAME, settings of the planner in SI.
 --cell-file is a ROS parameter file with the keys of waam_sim/config/cell.yaml; what it leaves out stays as it is.
 
 Written to --out: report.html (open it in a browser), report.json, maps.npz; with --keep-jobs the job folders, for
-waam report and waam replay. --account writes account.png and account.json instead.
+waam report and waam replay.
 The same seed gives the same figures, whatever the number of workers and machines. A worker that is lost costs its
 own job, which is run again. A campaign that was ended (Ctrl-C, power) goes on with the same command and its --out: jobs
 that are done are not run again.
@@ -99,6 +99,12 @@ def _add_process(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument('--cell-file', type=Path, help='parameters of the simulated cell (YAML)')
     p.add_argument(
+        '--preset',
+        choices=PRESETS,
+        default=DEFAULT_PRESET,
+        help=f'how rough the cell is (default: {DEFAULT_PRESET}); --cell-file and --set win',
+    )
+    p.add_argument(
         '--machine',
         choices=MACHINES,
         default=GANTRY,
@@ -131,23 +137,10 @@ def _add_campaign(p: argparse.ArgumentParser) -> None:
         help='first try the part with narrower beads and with finishing layers that grow downwards, each on so many '
         'cells of different physics (default: 2), and take what comes out best; the report then is on other cells',
     )
-    p.add_argument(
-        '--account',
-        type=int,
-        nargs='?',
-        const=0,
-        metavar='LAYER',
-        help='say where the metal of a layer came from, at turns, corners and ends (default: the last layer); '
-        'one job, on the first seed',
-    )
     p.add_argument('--keep-jobs', action='store_true', help='keep the folder of every job')
 
 
 def _run(args: argparse.Namespace) -> int:
-    if args.account is not None:
-        from .cli_account import run_account
-
-        return run_account(args)
     from .cli_campaign import run_campaign
 
     return run_campaign(args)

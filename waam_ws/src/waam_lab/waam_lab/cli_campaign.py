@@ -105,6 +105,7 @@ def job_of(args: argparse.Namespace, out: Path) -> tuple[LabJob, tuple[str, ...]
         goal,
         as_found,
         overrides=overrides,
+        preset=args.preset,
         machine=args.machine,
         keep=args.keep_jobs,
         learned=args.learned,
@@ -120,7 +121,7 @@ def _check(job: LabJob, args: argparse.Namespace) -> tuple[str, ...]:
         raise ValueError(f'--learned {job.learned}: no such folder')
     if job.as_found is not None and job.goal.mode == 'build':
         raise ValueError('--as-found belongs to mode restore; a build begins on a flat plate')
-    known = params.make(job.overrides)
+    known = params.make(job.overrides, preset=job.preset)
     try:
         checked = check(job.goal)
     except JobError as e:
@@ -167,7 +168,9 @@ def run_campaign(args: argparse.Namespace) -> int:
 def show(campaign: report.Campaign, console: Console) -> None:
     """The bands as a table, and what failed."""
     goal, share = campaign.job.goal, in_tolerance(campaign.results)
-    table = Table(title=f'{goal.file.name}, tolerance ±{goal.tolerance * 1e3:g} mm')
+    table = Table(
+        title=f'{goal.file.name}, tolerance ±{goal.tolerance * 1e3:g} mm, cell {campaign.job.preset}'
+    )
     for name in ('', 'mean', 'next part, 95 %', 'best', 'worst', 'seed'):
         table.add_column(name, justify='left' if not name else 'right')
     for row, band in campaign.rows():

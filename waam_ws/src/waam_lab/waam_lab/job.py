@@ -12,7 +12,7 @@ import numpy as np
 
 from waam_job.model.goal import JobGoal
 from waam_process.grid import GridSpec
-from waam_process.operating import DEFAULT_MATERIAL, GANTRY
+from waam_process.operating import DEFAULT_MATERIAL, DEFAULT_PRESET, GANTRY
 from waam_sim.plant import PlantParams
 
 from .params import Overrides
@@ -37,6 +37,7 @@ class LabJob:
     seed: int = 1  # of everything random in the cell
     # node -> parameter -> value, on top of the graph's files; unknown names are refused
     overrides: Overrides = field(default_factory=dict)
+    preset: str = DEFAULT_PRESET  # of PRESETS: how rough the cell is, before the overrides
     plant: PlantParams | None = None  # physics of the cell; None = as parameters of node `cell`
     faults: tuple[Fault, ...] = ()
     machine: str = GANTRY  # of MACHINES; a robot has six axes and a positioner (waam_robot_bridge)
@@ -48,7 +49,7 @@ class LabJob:
 
 
 # of LabJob, beside those of its goal
-OWN = ('overrides', 'plant', 'faults', 'machine', 'keep', 'learned', 'keep_learned')
+OWN = ('overrides', 'preset', 'plant', 'faults', 'machine', 'keep', 'learned', 'keep_learned')
 
 
 def restore(part: Path, as_found: Path, seed: int = 1, **options: Any) -> LabJob:

@@ -19,7 +19,6 @@ from waam_job.store.folder import JobFolder
 from waam_job.store.program import keep_program
 from waam_node import job_folder
 from waam_plan.mesh.placed import Table
-from waam_process.grid import GridSpec, HeightGrid
 from waam_process.operating import MACHINES, build_plate
 from waam_sim import part as parts
 from waam_sim.config import GROUPS, plant_params
@@ -39,11 +38,11 @@ MEMORY = Path('/dev/shm')  # job folders that are not kept need no disk
 def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None = None) -> LabResult:
     """Runs a job. JobError: the goal is refused; ValueError: a parameter, fault or part is; both say what is wrong.
 
-    trace: notes what happened while metal was laid, for `waam_lab.metal_account`. watch: notes what the correction was
-    asked and what grew, for `waam_lab.growth_data`.
+    trace: notes what was sent to the machine. watch: notes what the correction was asked and what grew, for
+    `waam_lab.growth_data`.
     A job that fails on the way (a fault of the cell, a map that cannot be believed) is a result with verdict 'failed'.
     """
-    known = params.make(job.overrides)
+    known = params.make(job.overrides, preset=job.preset)
     _check_cell(job)
     checked = check(replace(job.goal, learned_dir=job.learned))
     physics = physics_of(job, known)
@@ -56,8 +55,6 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
             settings = replace(settings, keep_learned=job.keep_learned)
             JobRunner(cell, checked, folder, Operator(cell.device), settings).run()
             spent = time.process_time() - cpu
-            if trace is not None:
-                _note_planned(trace, folder)
             found = results.read(folder, job, cell.now() - began, spent)
             seen = cell.contact
             return replace(
@@ -112,16 +109,6 @@ def on_table(job: LabJob, checked: Checked, known: params.LabParams, physics: Pl
     return Table(parts.plate(*wanted, metal.cell, metal.margin))
 
 
-def _note_planned(trace: MetalTrace, folder: JobFolder) -> None:
-    """The maps of the metal that every layer was to add; the one before a layer has them."""
-    for number in range(folder.last_map()):
-        found = folder.read_map(number)
-        if found is not None and 'planned' in found:
-            x, y = (float(v) for v in found['origin'])
-            spec = GridSpec(x, y, float(found['resolution']), *found['planned'].shape)
-            trace.on_planned(number + 1, HeightGrid(spec, found['planned'].astype(float)))
-
-
 @contextmanager
 def _folder(job: LabJob, checked: Checked, known: params.LabParams) -> Iterator[JobFolder]:
     """The job's folder with its job.yaml; gone afterwards unless it is to be kept."""
@@ -147,6 +134,7 @@ def _begin(jobs: Path, job: LabJob, checked: Checked, known: params.LabParams) -
         'program_sha256': keep_program(job.goal, folder),
         'laboratory': True,
         'seed': job.seed,
+        'preset': job.preset if job.plant is None else '',
         'machine': job.machine,
     }
     folder.write_yaml(job_folder.JOB, {**facts, **own, **made})

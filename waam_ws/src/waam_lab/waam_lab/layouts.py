@@ -13,7 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waam_process.materials import get
+from waam_sim.config import plant_params
 
+from . import params
 from .job import LabJob, LabResult
 from .plants import random_plant
 
@@ -59,7 +61,9 @@ def on_cells(job: LabJob, cells: int) -> list[LabJob]:
     seeds = range(FIRST_CELL, FIRST_CELL + cells)
     if job.plant is not None or 'cell' in job.overrides:
         return [replace(job, seed=seed) for seed in seeds]
-    return [replace(job, seed=s, plant=random_plant(np.random.default_rng(s))) for s in seeds]
+    usual = plant_params(params.make(preset=job.preset).cell)
+    plants = {s: random_plant(np.random.default_rng(s), usual) for s in seeds}
+    return [replace(job, seed=s, plant=plant) for s, plant in plants.items()]
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from waam_adapt.thermal.params import ThermalParams
 from waam_bridge.params import BridgeParams
 from waam_job.ros.job_params import JobParams
 from waam_node.params import ParameterError, from_dict
-from waam_process.operating import GANTRY, ROBOT
+from waam_process.operating import DEFAULT_PRESET, GANTRY, ROBOT, check_preset
 from waam_robot_bridge.params import RobotParams
 from waam_scan.fusion_params import FusionParams
 from waam_sim.config import CellParams
@@ -98,9 +98,17 @@ def of_node(file: Mapping[str, Mapping[str, Any]], node: str) -> dict[str, Any]:
     }
 
 
-def make(*overrides: Overrides) -> LabParams:
-    """Defaults, changed by `overrides`, later ones first. ParameterError names what is unknown or out of range."""
+def of_preset(name: str) -> dict[str, Any]:
+    """What a preset says of the node `cell`. ValueError names the presets that there are."""
+    folder = Path(get_package_share_directory('waam_sim')) / 'config' / 'presets'
+    return of_node(read_file(folder / f'{check_preset(name)}.yaml'), 'cell')
+
+
+def make(*overrides: Overrides, preset: str = DEFAULT_PRESET) -> LabParams:
+    """Defaults, changed by the preset of the cell and by `overrides`, later ones first. ValueError names what is
+    unknown or out of range."""
     values = {node: defaults(node) for node in NODES}
+    values['cell'] |= of_preset(preset)
     values['job_sequencer']['lease_nodes'] = ()  # the laboratory has no nodes with a heartbeat
     for override in overrides:
         for node, changed in override.items():

@@ -5,16 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from matplotlib.collections import LineCollection
 from matplotlib.ticker import MaxNLocator
-from scipy.ndimage import uniform_filter
 
 from waam_view.canvas import BLUE, GREEN, INK, new_figure, png, style
 from waam_view.figures import nice_range
 
 from .bands import Maps
-from .metal_account import PARTS, Account
-from .metal_trace import LayerTrace
 
 AROUND = 3.0  # mm shown beyond the region
 
@@ -84,36 +80,6 @@ def _bar(figure: Any, image: Any, axes: Any, unit: str, **options: Any) -> Any:
     bar.set_label(unit, fontsize=8)
     bar.ax.tick_params(labelsize=7)
     return bar
-
-
-def account_maps(found: Account, layer: LayerTrace) -> bytes:
-    """What every part of the account adds (mm of height, smoothed over three cells), with the path."""
-    spec, cell = found.spec, found.spec.resolution**2
-    shown = [*((PARTS[k], v) for k, v in found.parts.items())]
-    shown.append(('all of them: grown less wanted', found.grown - found.wanted))
-    rows, cols = np.nonzero(found.wanted > 0)
-    x, y, around = spec.x * 1e3, spec.y * 1e3, 5.0
-    left, right = x[cols.min()] - around, x[cols.max()] + around
-    low, high = y[rows.min()] - around, y[rows.max()] + around
-    each = 3.4 * (high - low) / (right - left) + 0.25
-    figure = new_figure(10.4, min(11.0, 3 * each))
-    lines = [np.array([s.start[:2], s.end[:2]]) * 1e3 for s in layer.segments if s.arc]
-    for axes, (title, values) in zip(figure.subplots(3, 3).ravel(), shown, strict=True):
-        image = axes.imshow(
-            uniform_filter(values, 3) / cell * 1e3,
-            origin='lower',
-            extent=tuple(v * 1e3 for v in spec.extent),
-            cmap='RdBu_r',
-            vmin=-0.4,
-            vmax=0.4,
-        )
-        axes.add_collection(LineCollection(lines, colors=INK, linewidths=0.4))
-        axes.set_xlim(left, right)
-        axes.set_ylim(low, high)
-        axes.set_title(title, fontsize=7.5)
-        axes.tick_params(labelsize=6)
-    figure.colorbar(image, ax=figure.axes, fraction=0.02, pad=0.01).set_label('mm', fontsize=8)
-    return png(figure)
 
 
 def histogram(errors: np.ndarray, tolerance: float) -> bytes:

@@ -113,6 +113,7 @@ def facts(c: Campaign) -> dict[str, Any]:
         'material': goal.material,
         'loop_mode': goal.loop_mode,
         'tolerance_mm': goal.tolerance * 1e3,
+        'preset': c.job.preset if c.job.plant is None else '',
         'overrides': {node: dict(values) for node, values in c.job.overrides.items()},
         'command': c.told,
         'layouts': [_trial(t, t is c.taken) for t in c.trials],
@@ -205,7 +206,7 @@ def _subtitle(c: Campaign) -> str:
         goal.material,
         goal.loop_mode.replace('_', ' '),
         f'tolerance ±{goal.tolerance * 1e3:g} mm',
-        f'{len(c.results)} simulated cells',
+        f'{len(c.results)} simulated cells' + (f' ({c.job.preset})' if c.job.plant is None else ''),
     ]
     return f'<p class="soft">{escape(" · ".join(facts))}</p>'
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 DEFAULT_MATERIAL = 'er70s-6'  # key of the material table, where a job names none
+# how rough the simulated cell is (waam_sim/config/presets): as it was at first, as recordings show, their upper end
+PRESETS = ('gentle', 'recorded', 'rough')
+DEFAULT_PRESET = 'gentle'  # the one place that says which, where none is named
 GANTRY, ROBOT = MACHINES = ('gantry', 'robot')  # what may move the torch
 
 # range of an operator's factor on the programmed value (Override.msg; the controller checks it again)
@@ -16,6 +19,13 @@ PROCESS_FACTOR = (0.5, 1.5)
 # m, x, y, z: the plate on the simulated table for a build, and work zero seen from its corner (job_sequencer)
 BUILD_PLATE = (0.240, 0.200, 0.010)
 PLATE_ZERO = (0.020, 0.020, 0.010)
+
+
+def check_preset(name: str) -> str:
+    """`name` itself; ValueError names the presets that there are."""
+    if name not in PRESETS:
+        raise ValueError(f"preset '{name}' of the simulated cell: known are {', '.join(PRESETS)}")
+    return name
 
 
 def build_plate(

@@ -316,6 +316,8 @@ def _lay_carried(z, solid, touched, p, s, values, height_z, temperature, time):
     volume = s.volume * max(area, 0.2)
     width = bead_width(p, s.power, s.speed, temperature)
     width *= 1.0 + p.width_noise * noise(values, WIDTH, u, v, w)
+    if p.width_follows > 0.0:
+        width *= max(area, 0.2) ** p.width_follows
     width *= 1.0 - p.start_narrowing * math.exp(-s.path / p.start_length)
     s.width = max(width, MIN_WIDTH)
     rate = volume / max(s.carry_path, MIN_SPEED * s.carry_time)

@@ -75,6 +75,9 @@ class MetalParams:
         0.045, 'sigma of bead area that changes with height', '', 0.0, 0.3
     )
     width_noise: float = param(0.03, 'sigma of bead width', '', 0.0, 0.3)
+    width_follows: float = param(
+        0.0, 'd ln(width) / d ln(bead area) of that noise of area', '', 0.0, 1.0
+    )
     noise_length: float = param(
         9e-3, 'correlation length of the noise in the plane', 'm', 1e-3, 0.1
     )

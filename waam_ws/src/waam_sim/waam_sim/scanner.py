@@ -21,7 +21,7 @@ from waam_node.params import param
 
 from .compiled import STRIDE, bilinear, jit, mixed, normal, random_state, record, uniform
 from .placement import METAL, rise
-from .variation import NODE
+from .variation import NODE, smooth
 
 GRAIN = 0.5e-3  # torch positions nearer than this are one place to the noise
 DRAWS = 8  # random numbers that are set aside for a point
@@ -41,6 +41,13 @@ class ScannerParams:
     range_near: float = param(-0.085, 'nearest measurable z_s', 'm', -1.0, 0.0)
     range_far: float = param(-0.165, 'farthest measurable z_s', 'm', -1.0, 0.0)
     noise: float = param(3e-5, 'sigma of z on a flat surface', 'm', 0.0, 1e-2)
+    noise_length: float = param(
+        0.0,
+        'along the profile, at which its autocorrelation falls to 1/e; 0 = points differ',
+        'm',
+        0.0,
+        2e-3,
+    )
     outliers: float = param(0.002, 'share of points that are wrong by millimetres', '', 0.0, 1.0)
     outlier_size: float = param(1.5e-3, 'sigma of such an error', 'm', 0.0, 0.1)
     dropout: float = param(0.004, 'share of points lost on a flat surface', '', 0.0, 1.0)
@@ -145,10 +152,13 @@ def _fan_shadow(heights, lateral, source, hidden):
 
 
 @jit
-def _read(p, z_s, steep, lost, point):
-    """What a point at z_s (m) reads, NaN = lost; steep: slope; lost: share; point: (1,) random state of its own."""
+def _read(p, z_s, steep, lost, point, noise, along):
+    """What a point at z_s (m) reads, NaN = lost; steep: slope; lost: share; point: (1,) random state of its own; noise:
+    random state of the profile; along: m from its first point."""
     u = uniform(point)
     error = p.noise * (1.0 + 0.5 * min(steep, 4.0)) * normal(point)
+    if p.noise_length > 0.0:
+        error = p.noise * (1.0 + 0.5 * min(steep, 4.0)) * smooth(noise, 0, along, p.noise_length)
     if u < lost or z_s < p.range_far or z_s > p.range_near:
         return math.nan
     return z_s + error + (p.outlier_size * normal(point) if u > 1.0 - p.outliers else 0.0)
@@ -223,7 +233,11 @@ def profile(
         )
         intensity[j] = 0.9 / (1.0 + steep * steep)
         point[0] = noise + np.uint64(DRAWS * j) * STRIDE
-        out[j] = math.nan if hidden[j] else _read(p, z_s, steep, lost, point)
+        out[j] = (
+            math.nan
+            if hidden[j]
+            else _read(p, z_s, steep, lost, point, noise, lateral[j] - lateral[0])
+        )
         eye = heights[j] + 0.5 * cell * slope
         if not math.isnan(out[j]) and _camera_blocked(
             z=z, origin_x=origin_x, origin_y=origin_y, cell=cell, x=x, y=y, height=eye, top=top, slope=slope,

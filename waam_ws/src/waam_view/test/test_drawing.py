@@ -1,6 +1,7 @@
 """The drawing thread never holds anybody up; layout and recordings are as named."""
 
 import dataclasses
+import os
 import re
 import subprocess
 import sys
@@ -178,3 +179,24 @@ def test_core_modules_do_not_know_ros():
                 r'(import|from) (rclpy|\w+_msgs|waam_node(?!\.files| import job_folder))',
                 file.read_text(),
             ), file.name
+
+
+def test_a_recording_that_has_ended_leaves_no_threads(tmp_path):
+    """A dashboard draws hundreds of jobs in its life: rerun kept six threads of each."""
+    scene, threads = Scene(1e-3), []
+    for job in range(5):
+        (tmp_path / str(job)).mkdir()
+        scene.new_job()
+        scene.record(tmp_path / str(job) / 'job.rrd')
+        scene.status(job + 1, 'running')
+        scene.remove('file')
+        end = time.monotonic() + 10.0
+        while threads and tasks() > threads[0] and time.monotonic() < end:
+            time.sleep(0.02)  # they end by themselves
+        threads.append(tasks())
+        assert (tmp_path / str(job) / 'job.rrd').stat().st_size > 1000
+    assert max(threads) == threads[0]
+
+
+def tasks() -> int:
+    return len(os.listdir('/proc/self/task'))

@@ -15,6 +15,7 @@ from waam_process.grid import GridSpec
 from waam_process.names import controller_state
 
 from . import blueprint as bp
+from .recordings import APPLICATION, end, release, send_layout
 from .surface import LayerPath, colours, mesh, picture
 
 LEVELS = {0: 'INFO', 1: 'WARN', 2: 'ERROR', 3: 'CRITICAL'}
@@ -98,7 +99,7 @@ class Scene:
         if self.robot is None:
             self.robot = eyes
             for recording in self.recordings.values():
-                recording.send_blueprint(bp.blueprint(self.error_range, self.window, robot=eyes))
+                send_layout(recording, bp.blueprint(self.error_range, self.window, robot=eyes))
 
     def remove(self, name: str) -> None:
         """Flushes and closes a recording; its file is complete afterwards."""
@@ -108,11 +109,13 @@ class Scene:
         if name == 'file':
             self._write_held(recording)
             if self._span is not None:  # whoever opens the file sees the whole job
-                recording.send_blueprint(
-                    bp.blueprint(self.error_range, whole_ns=self._span, robot=self.robot)
+                send_layout(
+                    recording,
+                    bp.blueprint(self.error_range, whole_ns=self._span, robot=self.robot),
                 )
-        recording.flush()
-        recording.disconnect()
+        end(recording)
+        del recording
+        release()
 
     def new_job(self) -> None:
         """Clears everything of the last part."""
@@ -129,12 +132,10 @@ class Scene:
         """Everything from now on also goes into a file, until `remove('file')`."""
         batches = rr.ChunkBatcherConfig(flush_tick=FILE_TICK, flush_num_bytes=FILE_BYTES)
         recording = rr.RecordingStream(
-            'waam', recording_id=file.parent.name, batcher_config=batches
+            APPLICATION, recording_id=file.parent.name, batcher_config=batches
         )
-        recording.set_sinks(
-            rr.FileSink(str(file)),
-            default_blueprint=bp.blueprint(self.error_range, robot=self.robot),
-        )
+        recording.set_sinks(rr.FileSink(str(file)))
+        send_layout(recording, bp.blueprint(self.error_range, robot=self.robot), active=False)
         self.add('file', recording)
 
     def log(self, t: int, entity: str, what: rr.AsComponents) -> None:

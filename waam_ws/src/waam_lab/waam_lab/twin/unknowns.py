@@ -114,6 +114,10 @@ NEVER: Mapping[str, str] = {
     'thermocouple',
     'metal_area_noise_fixed': 'scatter that returns in every layer looks like a part that was planned wrongly, unless '
     'one part is laid many times',
+    'variation_lateral, variation_layer, metal_width_follows': 'one figure of unevenness, metal_area_noise_layer, '
+    'takes all scatter of beads; a preset of the cell says the others',
+    'arc_drift_current, arc_drift_voltage': 'slow changes of the current are those of drift, wire and contact distance '
+    'together; a preset of the cell says them',
     'metal_slump_slope, metal_overhang_share': 'edges are left out of the comparison: scanners see them badly',
     'arc_wire_delay, arc_wire_lag': 'telemetry has ten rows a second; `waam calibrate lead` measures them at 100',
     'arc_strike_min, arc_strike_max, arc_strike_failure': 'a job strikes too few arcs to tell',

@@ -1,0 +1,125 @@
+"""Correction laws over families of cells that none of them was made for: is the default ever worse than a formula?
+
+Families: the three metal models of waam_sim, each with random cells (`waam_lab.plants.family_plant`). Drifts: none; the
+wire -1 % per layer ('fall'); a random walk of 5 % per layer ('walk'); scatter 2.3 times the packaged one ('rough').
+Pads of 48 x 29 mm and 14 layers of 2 mm laid on the simulated cell (bench/lib/law_pads.py), RMS of the surfaces after
+layers 6 to 14, without the last 5 mm of the beads ('inside') and with them ('with ends'); the outermost 2 mm are not
+judged. Every law has its default gain.
+
+law.worst_over_explicit: mean RMS of the default law over that of the better of the explicit laws (damped_inverse,
+  proportional), the worst of all families, drifts and both ways of judging. Wanted: at most 1.03.
+law.worst_base_over_explicit: the same of the base law, bead_solver.
+law.gain_pct: by how much the default law (with its network) is better than the base law, mean over all combinations,
+  paired by cell, inside; 95 % interval beside it.
+A table on stderr has one line per combination.
+
+Seeds: the random cells 0, 1 and 2 for reporting (plants.REPORTING), each with noise, ground and walk of seed
+0, 1 or 2. What is chosen is chosen on plants.CHOOSING: WAAM_BENCH_CHOOSING=1. WAAM_BENCH_COUNT (3) cells per
+family, WAAM_BENCH_LAW (default: that of correction_server) the law that is judged. Some 7 minutes on one core.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from lib.adapt_loop import Settings, run
+from lib.adapt_stats import interval, progress, table
+from lib.emit import emit
+from lib.law_pads import CellPad, drifts, physics_of
+
+from waam_adapt.laws.corrector import CorrectionParams
+from waam_lab.plants import CHOOSING, REPORTING
+from waam_sim.metal_models import MODELS
+
+LAW = os.environ.get('WAAM_BENCH_LAW', CorrectionParams().law)
+BASE, EXPLICIT = 'bead_solver', ('damped_inverse', 'proportional')
+CELLS = range(int(os.environ.get('WAAM_BENCH_COUNT', '3')))
+SEEDS = CHOOSING if os.environ.get('WAAM_BENCH_CHOOSING') else REPORTING
+DRIFTS = {'none': ('none', 1.0), 'fall': ('fall', 1.0), 'walk': ('walk', 1.0), 'rough': ('none', 2.3)}  # fmt: skip
+LAYERS, JUDGED = 14, 5  # of a pad; those before the first that counts
+SIZE = {'length': 48e-3, 'breadth': 28.8e-3}
+WAYS = ('inside', 'with ends')
+
+
+@dataclass(frozen=True)
+class Case:
+    """One family under one drift; rms: law -> (cells, 2) m, inside and with ends."""
+
+    model: str
+    drift: str
+    rms: dict[str, np.ndarray]
+
+    def over_explicit(self, law: str) -> np.ndarray:
+        """(2,) mean RMS of a law over that of the better explicit law."""
+        best = np.min([self.rms[e].mean(axis=0) for e in EXPLICIT], axis=0)
+        return self.rms[law].mean(axis=0) / best
+
+
+def one(law: str, model: str, drift: str, cell: int) -> np.ndarray:
+    """(2,) m: RMS over the layers that count, inside and with ends."""
+    kind, scatter = DRIFTS[drift]
+    pad = CellPad(
+        seed=cell, cell=physics_of(model, cell, scatter, SEEDS), wire=drifts(kind, LAYERS, cell),
+        **SIZE,
+    )  # fmt: skip
+    figures = np.array(run(pad, Settings(law), LAYERS).figures)[JUDGED:, :2]
+    return np.sqrt((figures**2).mean(axis=0))
+
+
+def measure() -> list[Case]:
+    """Every law on every combination."""
+    laws = tuple(dict.fromkeys((LAW, BASE, *EXPLICIT)))
+    found = []
+    for model, drift in progress([(m, d) for m in MODELS for d in DRIFTS], 'laws'):
+        rms = {law: np.array([one(law, model, drift, c) for c in CELLS]) for law in laws}
+        found.append(Case(model, drift, rms))
+    return found
+
+
+def show(cases: list[Case]) -> None:
+    def line(case: Case) -> tuple[str, ...]:
+        mm = [1e3 * case.rms[law].mean(axis=0) for law in case.rms]
+        ratio = case.over_explicit(LAW)
+        return (
+            case.model, case.drift, *(f'{a:.3f} / {b:.3f}' for a, b in mm), f'{ratio[0]:.3f} / {ratio[1]:.3f}'
+        )  # fmt: skip
+
+    table(
+        f'Pads of {LAYERS} layers, {len(CELLS)} cells each: RMS inside / with ends, mm',
+        ('family', 'drift', *cases[0].rms, f'{LAW} over the best explicit'),
+        [line(c) for c in cases],
+    )
+
+
+def worst(cases: list[Case], law: str) -> tuple[float, str]:
+    """The largest ratio and where it is."""
+    every = [
+        (float(ratio), f'{c.model}, {c.drift}, {way}')
+        for c in cases
+        for ratio, way in zip(c.over_explicit(law), WAYS, strict=True)
+    ]
+    return max(every)
+
+
+def bench() -> None:
+    cases = measure()
+    show(cases)
+    for law, name in ((LAW, 'law.worst_over_explicit'), (BASE, 'law.worst_base_over_explicit')):
+        value, where = worst(cases, law)
+        emit(name, value, '1', f'asked; {law}; worst on {where}', 1.03)
+    gains = np.concatenate([1 - c.rms[LAW][:, 0] / c.rms[BASE][:, 0] for c in cases])
+    share, low, high = interval(100 * gains)
+    print(f'{LAW} over {BASE}: {share:.1f} % ({low:.1f} .. {high:.1f})', file=sys.stderr)
+    emit(
+        'law.gain_pct', share, '%', f'asked; {LAW} over {BASE}, 95 % {low:.1f} .. {high:.1f}', 10.0
+    )
+
+
+FIGURES = {
+    'law.worst_over_explicit': bench,
+    'law.worst_base_over_explicit': bench,
+    'law.gain_pct': bench,
+}
