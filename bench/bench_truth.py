@@ -109,7 +109,8 @@ def ratio(simulated: float, recorded: float) -> float:
     return max(simulated / recorded, recorded / simulated)
 
 
-def main() -> None:
+def truth() -> None:
+    """All of it, in one run."""
     if not (DATA / 'wall_profiles').is_dir():
         print(f'{DATA}: no recordings here, nothing to compare with', file=sys.stderr)
         return
@@ -132,5 +133,11 @@ def main() -> None:
     emit('truth.worst_ratio', worst['recorded'], '', 'preset gentle', round(worst['gentle'], 4))
 
 
-if __name__ == '__main__':
-    main()
+FIGURES = dict.fromkeys(
+    (
+        'truth.top_rms', 'truth.section', 'truth.width', 'truth.middle', 'truth.growth', 'truth.correlation_length',
+        'truth.scan_noise', 'truth.scan_noise_step', 'truth.scan_lost', 'truth.current', 'truth.current_1s',
+        'truth.voltage', 'truth.voltage_1s', 'truth.arc_correlation', 'truth.cooling', 'truth.worst_ratio',
+    ),
+    truth,
+)  # fmt: skip
