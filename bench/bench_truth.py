@@ -109,8 +109,8 @@ def ratio(simulated: float, recorded: float) -> float:
     return max(simulated / recorded, recorded / simulated)
 
 
-def measure() -> None:
-    """Every line in one run: walls, arcs and cooling of both presets, and of the recordings."""
+def truth() -> None:
+    """All of it, in one run."""
     if not (DATA / 'wall_profiles').is_dir():
         print(f'{DATA}: no recordings here, nothing to compare with', file=sys.stderr)
         return
@@ -133,8 +133,11 @@ def measure() -> None:
     emit('truth.worst_ratio', worst['recorded'], '', 'preset gentle', round(worst['gentle'], 4))
 
 
-NAMES = (
-    'top_rms', 'section', 'growth', 'correlation_length', 'width', 'middle', 'scan_noise', 'scan_noise_step',
-    'scan_lost', 'current', 'voltage', 'current_1s', 'voltage_1s', 'arc_correlation', 'cooling', 'worst_ratio',
+FIGURES = dict.fromkeys(
+    (
+        'truth.top_rms', 'truth.section', 'truth.width', 'truth.middle', 'truth.growth', 'truth.correlation_length',
+        'truth.scan_noise', 'truth.scan_noise_step', 'truth.scan_lost', 'truth.current', 'truth.current_1s',
+        'truth.voltage', 'truth.voltage_1s', 'truth.arc_correlation', 'truth.cooling', 'truth.worst_ratio',
+    ),
+    truth,
 )  # fmt: skip
-FIGURES = {f'truth.{name}': measure for name in NAMES}

@@ -121,6 +121,11 @@ def test_a_layer_begins_after_a_pause_or_a_scan_and_not_between_beads(make_cell)
     plant.scanning = False
     walls(plant, 1, 0.1)
     assert plant.variation.state['layers'][0] == 3
+    plant.scanning = True  # beside the arc, as for corrections within a layer
+    walls(plant, 2, 0.1)
+    plant.scanning = False
+    walls(plant, 1, 0.1)
+    assert plant.variation.state['layers'][0] == 3
 
 
 def test_metal_of_a_layer_scales_and_the_current_does_not(make_cell):
@@ -246,6 +251,52 @@ def test_the_error_moves_whole_profiles_and_a_robot_has_its_own(make_cell):
         spread.append(np.std([seen(plant, x) for x in np.arange(-0.02, 0.02, 4e-3)]))
     assert spread[0] < 1e-7 and spread[2] < 1e-7, 'robot_scan_error is 0'
     assert 0.8e-4 < spread[1] < 3.5e-4
+
+
+def test_noise_along_a_profile_has_its_sigma_and_its_length(make_cell):
+    scanner = ScannerParams(
+        noise=3e-5, noise_length=3e-4, outliers=0.0, dropout=0.0, fan=0.03, points=600
+    )
+    plant = make_cell(groups={'scanner': scanner})
+    samples = np.zeros(10, SAMPLE)
+    samples['table_y'], samples['tool_z'] = -(0.08 + 0.03), 0.04
+    plant.scanning, rows = True, []
+    for k in range(60):
+        samples['table_x'] = -(0.1 - 0.02 + 1e-3 * k)
+        plant.step(samples, plant.time_us + 10_000)
+        rows.append(plant.profiles(samples).z[0])
+    z = np.array(rows, float)[10:]
+    z -= z.mean()
+    assert z.std() == pytest.approx(3e-5, rel=0.08)
+    lag = round(3e-4 / (0.03 / 599))
+    assert np.mean([at_lag(row, lag) for row in z]) == pytest.approx(math.exp(-1), abs=0.05)
+    assert abs(np.corrcoef(z[0], z[1])[0, 1]) < 0.3, 'profiles have noise of their own'
+
+
+def test_more_metal_makes_wider_beads_where_the_width_follows(make_cell):
+    corr = []
+    for follows in (0.0, 0.5):
+        plant = make_cell(
+            noise=True,
+            area_noise_fixed=0.15,
+            area_noise_layer=0.0,
+            width_noise=0.0,
+            width_follows=follows,
+        )
+        grown = sum(walls(plant, 4, 0.1, lines=True))
+        inside = (plant.metal.spec.x > 0.03) & (plant.metal.spec.x < 0.07)
+        pairs = []
+        for k in range(4):
+            near = np.abs(plant.metal.spec.y - 0.01 - 0.012 * k) < 6e-3
+            bead = grown[np.ix_(near, inside)]
+            pairs.append((bead.sum(axis=0), (bead > 0.5 * bead.max(axis=0)).sum(axis=0)))
+        corr.append(
+            np.mean(
+                [np.corrcoef(area, width)[0, 1] for area, width in pairs if width.std() > 0]
+                or [0.0]
+            )
+        )
+    assert corr[1] > 0.4 and corr[0] < 0.3
 
 
 def test_the_same_seed_varies_alike_whatever_the_clock(make_cell):

@@ -113,7 +113,7 @@ class Plant:
         self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
         self.distance = Distance(p.distance, random_state(seed, 4))
         self.gantry = Gantry(p.gantry, random_state(seed, 6), parts.volume(part))
-        self._scanned = False
+        self._scanned = self._was_scanning = self._beside_arc = False
         self._lattice = lattice(seed)
         middle = parts.centre(part)
         self.placed = Placement.flat(p.part, self.heat.spec, middle, random_state(seed, 5))
@@ -193,11 +193,15 @@ class Plant:
         )
 
     def _note_scan(self) -> None:
-        """A part that is moved after it was scanned is moved when the first scan is over."""
+        """A part that is moved after it was scanned is moved when the first scan is over. A layer begins after a scan;
+        profiles beside a burning arc are none."""
         self._scanned = self._scanned or self.scanning
         if self.scanning:
+            self._beside_arc = self.arc_on or (self._was_scanning and self._beside_arc)
+        elif self._was_scanning and not self._beside_arc:
             self.variation.scanned()
-        elif self._scanned:
+        self._was_scanning = self.scanning
+        if self._scanned and not self.scanning:
             self.placed.state['moved'] = 1.0
 
     def _measure_distance(self, dt: float) -> None:

@@ -152,16 +152,22 @@ def _fan_shadow(heights, lateral, source, hidden):
 
 
 @jit
-def _read(p, z_s, steep, lost, point, noise, along):
-    """What a point at z_s (m) reads, NaN = lost; steep: slope; lost: share; point: (1,) random state of its own; noise:
-    random state of the profile; along: m from its first point."""
+def _read(p, z_s, steep, lost, point, sigma):
+    """What a point at z_s (m) reads, NaN = lost; steep: slope; lost: share; point: (1,) random state of its own; sigma:
+    of noise that differs from point to point, on a flat surface."""
     u = uniform(point)
-    error = p.noise * (1.0 + 0.5 * min(steep, 4.0)) * normal(point)
-    if p.noise_length > 0.0:
-        error = p.noise * (1.0 + 0.5 * min(steep, 4.0)) * smooth(noise, 0, along, p.noise_length)
+    error = sigma * (1.0 + 0.5 * min(steep, 4.0)) * normal(point)
     if u < lost or z_s < p.range_far or z_s > p.range_near:
         return math.nan
     return z_s + error + (p.outlier_size * normal(point) if u > 1.0 - p.outliers else 0.0)
+
+
+@jit
+def _add_noise_along(p, noise, lateral, slopes, out):
+    """Noise that is correlated along the profile; noise: random state of the profile; slopes (points,)."""
+    for j in range(out.size):
+        sigma = p.noise * (1.0 + 0.5 * min(slopes[j], 4.0))
+        out[j] += sigma * smooth(noise, 0, lateral[j] - lateral[0], p.noise_length)
 
 
 @jit
@@ -218,6 +224,9 @@ def profile(
         heights[j] = bilinear(z, origin_x, origin_y, cell, x, tcp_y + lateral[j], 0.0)
     _fan_shadow(heights, lateral, source, hidden)
     slope = 1.0 / math.tan(p.triangulation)
+    smoothed = p.noise_length > 0.0
+    slopes = np.empty(n if smoothed else 0)
+    sigma = 0.0 if smoothed else p.noise
     for j in range(n):
         y = tcp_y + lateral[j]
         z_s = heights[j] - source + off
@@ -233,13 +242,13 @@ def profile(
         )
         intensity[j] = 0.9 / (1.0 + steep * steep)
         point[0] = noise + np.uint64(DRAWS * j) * STRIDE
-        out[j] = (
-            math.nan
-            if hidden[j]
-            else _read(p, z_s, steep, lost, point, noise, lateral[j] - lateral[0])
-        )
+        out[j] = math.nan if hidden[j] else _read(p, z_s, steep, lost, point, sigma)
+        if smoothed:
+            slopes[j] = steep
         eye = heights[j] + 0.5 * cell * slope
         if not math.isnan(out[j]) and _camera_blocked(
             z=z, origin_x=origin_x, origin_y=origin_y, cell=cell, x=x, y=y, height=eye, top=top, slope=slope,
         ):  # fmt: skip
             out[j] = math.nan
+    if smoothed:
+        _add_noise_along(p, noise, lateral, slopes, out)
