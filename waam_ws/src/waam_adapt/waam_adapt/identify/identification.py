@@ -273,7 +273,8 @@ class Identifier:
         lag = self.beads.lag * request.bead_width
         missing = self.beads.wanted(self.layer, model) - self.beads.surplus
         factor = self._gain_factor(request, model)
-        return BeadDeviation(missing, lag, slope, slope, self.beads.prior, factor)
+        beads = self.beads
+        return BeadDeviation(missing, lag, slope, slope, beads.prior, factor, beads.fill)
 
     def _gain_factor(self, request: CorrectionInput, model: BeadModel) -> float:
         """By how the passes lie on those below; 1 where there are none, in single beads, and in programs of others,
