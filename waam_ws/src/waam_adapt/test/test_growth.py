@@ -197,7 +197,7 @@ def test_weights_of_the_other_network_are_refused(tmp_path):
 
 
 def test_what_was_predicted_is_not_learned_again(tmp_path):
-    """A layer grows exactly as predicted: the bead bias has nothing to learn. Without the network it has."""
+    """A layer grows exactly as predicted: nothing is left to learn beside the forecast, and much beside the model."""
     missing = {}
     for name in ('growth_net', 'bead_solver'):
         model = str(weights_file(tmp_path / 'g.npz')) if name == 'growth_net' else ''
@@ -214,7 +214,8 @@ def test_what_was_predicted_is_not_learned_again(tmp_path):
         grown = first.z + np.where(first.footprint, H * grid.fine(expected + predicted), 0.0)
         second = request(z=grown, target=grown)
         corrector.answer(2, second, origin(1), LastLayer(first.z, asked))
-        learned = corrector.identifier.beads.missing[1]
+        who = corrector.identifier
+        learned = (who.beads_told if name == 'growth_net' else who.beads).missing[1]
         missing[name] = float(np.sqrt(np.mean(learned**2)))
     assert missing['growth_net'] < 0.5 * missing['bead_solver']
 
@@ -255,7 +256,7 @@ def test_a_network_that_predicts_nonsense_loses_its_say(tmp_path):
     assert 0.8 <= weights[0] <= 1.0
     assert weights[1] < 0.6
     assert weights[3] < 0.3
-    assert all(b < a for a, b in zip(weights, weights[1:], strict=False))
+    assert max(weights[3:]) < 0.3
     against = lay(corrector_of(tmp_path), 2, lambda expected, predicted: expected - predicted)
     assert says(against)[2] < weights[2]
     assert 'weight of the network' in found[3].correction.reasons[0]

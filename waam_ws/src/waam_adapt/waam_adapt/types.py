@@ -52,6 +52,7 @@ class BeadDeviation:
     scale: float = 1.0  # what the error of the request was divided by for that slope
     prior: float = PRIOR  # weight of what a law guesses to be missing, before the job has shown it
     gain_factor: float = 1.0  # of the law's gain, by how the passes lie on those below
+    fill: float = 1.0  # 0..1, share of what the end of a bead may be asked for beside others, by what came of it
 
 
 @dataclass(frozen=True)

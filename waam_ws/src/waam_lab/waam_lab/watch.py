@@ -58,10 +58,10 @@ class LayerWatch:
         )
         asked = asked_growth(core.planned, psi, answer.k_gain, residual)
         identifier = corrector.identifier
-        model, beads = identifier.model_of(core), identifier.beads
+        law, model = corrector.law, identifier.model_of(core)
+        beads = identifier.beads_told if isinstance(law, GrowthLaw) else identifier.beads
         missing = beads.of(request.layer, model) if model is not None else 0.0
         slope = identifier.slope_of(model)
-        law = corrector.law
         predicted = law.predict(core) if isinstance(law, GrowthLaw) else None
         if predicted is not None:
             room = identifier.skill.weight * predicted.headroom

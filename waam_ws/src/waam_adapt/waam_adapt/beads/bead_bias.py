@@ -30,7 +30,19 @@ DRIFT, MAX_DRIFT = 0.15, 0.05  # weight of the newest layer in the surplus; most
 # which humps and craters are as fine as that.
 DETAIL, DETAIL_FROM = 1.0, 2.0
 MIN_CELLS = 50
-MAX_MISSING = 1.0  # layer heights; more is a fault of the scan
+# Layer heights that a place may lack: the most, and what is believed where asking for more moved nothing. Metal that
+# is asked for at the end of a bead and arrives elsewhere is missing there for good: asked for again and again, it heaps
+# up behind the end.
+MAX_MISSING, LEAST_MISSING = 1.0, 0.25
+RESPONSE, RESPONSE_SIGMA, RESPONSE_SCATTER = (
+    0.3,
+    0.15,
+    0.25,
+)  # of growth near ends; prior, and of one layer
+RESPONSE_FORGETTING = 0.9  # per layer
+# Response at which ends are filled no more than LEAST_FILL, and from which on as far as the solver may.
+FILL, LEAST_FILL = (0.25, 0.75), 0.2
+MOVED = 0.02  # RMS of what was expected otherwise than two layers before, from which on a layer tells the response
 END_RATE = 0.5  # weight of the newest layer in that: the mean over many beads has little noise
 PRIOR_FADING = 0.7  # per layer, of the weight of a law's guess of what ends lack
 SEEN = 0.3  # share of a cell that must be known
@@ -50,11 +62,22 @@ class BeadBias:
     surplus: float = 0.0
     # (2*END_PIECES + 1,): what all beads miss alike, by `BeadModel.end`; 0 far from the ends.
     ends: np.ndarray = field(default_factory=lambda: np.zeros(2 * END_PIECES + 1))
+    # Of growth near the ends on what the model expects there, from layer to layer of one direction; 1 = as it says.
+    response: float = RESPONSE
+    response_information: float = RESPONSE_SIGMA**-2
+    # (2, rows, cols) of even and odd layers: expected and grown of the newest, NaN = unknown
+    newest: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
 
     @property
     def prior(self) -> float:
         """See `BeadDeviation.prior`."""
         return PRIOR * PRIOR_FADING ** sum(self.layers)
+
+    @property
+    def fill(self) -> float:
+        """See `BeadDeviation.fill`."""
+        none, all_of_it = FILL
+        return min(max((self.response - none) / (all_of_it - none), LEAST_FILL), 1.0)
 
     def of(self, layer: int, model: BeadModel) -> np.ndarray:
         """What layer `layer` will lack: what all beads do at their ends, and what was seen at the place."""
@@ -98,7 +121,9 @@ class BeadBias:
         ratio = float(np.median(growth[known] / expected[known]))
         after = self._with_lag(model, asked, growth / ratio, expected, known)
         expected = model.growth(asked, after.lag * model.width)
-        lacks = np.clip(np.where(known, ratio * expected - growth, 0.0), -MAX_MISSING, MAX_MISSING)
+        after = after._with_response(layer, model, expected, growth / ratio, known)
+        most = min(max(after.response, LEAST_MISSING), 1.0) * MAX_MISSING
+        lacks = np.clip(np.where(known, ratio * expected - growth, 0.0), -most, most)
         if allowed is not None:
             news = float(np.clip(ratio / allowed - 1, -MAX_DRIFT, MAX_DRIFT))
             after = replace(after, surplus=self.surplus + DRIFT * (news - self.surplus))
@@ -130,6 +155,36 @@ class BeadBias:
         lag = self.lag + float(slope @ rest) / scale / (self.information + news)
         lag = min(max(lag, LAG_LIMITS[0]), LAG_LIMITS[1])
         return replace(self, lag=lag, information=LAG_FORGETTING * self.information + news)
+
+    def _with_response(
+        self,
+        layer: int,
+        model: BeadModel,
+        expected: np.ndarray,
+        growth: np.ndarray,
+        known: np.ndarray,
+    ) -> BeadBias:
+        """A scalar Kalman filter on the slope of what grew otherwise than two layers before on what was expected
+        otherwise, near arc on and off."""
+        side = layer % 2
+        both = np.where(known, np.stack([expected, growth]), np.nan)
+        after = replace(self, newest=with_side(self.newest, side, both))
+        before = self.newest[side]
+        if before is None or before.shape != both.shape:
+            return after
+        x, y = (both - before)[:, model.arc <= INNER * model.width]
+        use = np.isfinite(x) & np.isfinite(y)
+        if use.sum() < MIN_CELLS or (sxx := float(x[use] @ x[use])) < MOVED**2 * use.sum():
+            return after
+        slope = float(x[use] @ y[use]) / sxx
+        rest = float(((y - slope * x)[use] ** 2).mean())
+        noise = ALIKE * rest / sxx + RESPONSE_SCATTER**2
+        known_before = RESPONSE_FORGETTING * self.response_information
+        information = known_before + 1 / noise
+        response = (known_before * self.response + slope / noise) / information
+        return replace(
+            after, response=min(max(response, 0.0), 1.0), response_information=information
+        )
 
     def _with_ends(
         self, layer: int, model: BeadModel, lacks: np.ndarray, known: np.ndarray

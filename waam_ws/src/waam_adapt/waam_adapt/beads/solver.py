@@ -60,7 +60,10 @@ def refine(
         missing = missing - told.growth - told.left - told.headroom
     need = (gain * learned.gain_factor * error + missing) / learned.slope
     start = model.of_cells(ratio, request.resolution)
-    solved = model.on_cells(solve(model, need, weight, start, learned.lag, request.ratio_high))
+    asked = solve(
+        model, need, weight, start, learned.lag, ratio_high=request.ratio_high, fill=learned.fill
+    )
+    solved = model.on_cells(asked)
     return ratio + grid.fine(model.near.astype(float)) * (grid.fine(solved) - ratio)
 
 
@@ -71,16 +74,18 @@ def solve(
     start: np.ndarray,
     lag: float,
     ratio_high: float = 0.0,
+    fill: float = 1.0,
 ) -> np.ndarray:
     """(m,) relative layer height of the segments.
 
     need, weight (rows, cols): growth that is wanted beside the plan's, in planned heights, and how much a cell counts.
-    start (m,): x0, what is asked where nothing is known. lag: m. ratio_high: see `CorrectionInput`.
+    start (m,): x0, what is asked where nothing is known. lag: m. ratio_high: see `CorrectionInput`; fill: see
+    `BeadDeviation`.
     """
     a, w = model.spread @ model.driven(lag) @ model.read, weight.ravel()
     entries = a.data, a.indices.astype(np.uint32), a.indptr.astype(np.uint32), w
     metal = np.asarray(a.sum(axis=0)).ravel()
-    high = _highest(model, (a.T @ w) / np.maximum(metal, TINY), ratio_high) - 1
+    high = _highest(model, (a.T @ w) / np.maximum(metal, TINY), ratio_high, fill) - 1
     low, x0 = RATIO_LOW - 1, start - 1
     # sums of the rows are no less than the curvature, for nothing in A'wA is negative
     diagonal, rows = kernels.curvature(*entries, len(x0))
@@ -102,10 +107,10 @@ def solve(
     return 1 + _projected(gradient, np.clip(x0, low, high), low, high, steepest)
 
 
-def _highest(model: BeadModel, counted: np.ndarray, ratio_high: float) -> np.ndarray:
+def _highest(model: BeadModel, counted: np.ndarray, ratio_high: float, fill: float) -> np.ndarray:
     """(m,) relative layer height that each segment may be asked for; counted (m,): share of its metal on cells that
     count, 0 where nothing is known. ratio_high: of all segments, 0 = as they are."""
-    filled = 1 + (END_HIGH - 1) * np.minimum(counted / COUNTED, 1.0)
+    filled = 1 + fill * (END_HIGH - 1) * np.minimum(counted / COUNTED, 1.0)
     at_end = (model.to_arc < END_REACH * model.width) & (counted > 0)
     return np.minimum(np.where(at_end, filled, RATIO_HIGH), ratio_high or np.inf)
 

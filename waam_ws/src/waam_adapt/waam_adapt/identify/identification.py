@@ -51,6 +51,8 @@ class Learned(Start):
     # of even and odd layers
     averages: tuple[BlockAverages | None, BlockAverages | None] = (None, None)
     kinds: Kinds = Kinds()  # of layers, by the pattern of their paths
+    # what the beads do beside what the network foretells, for its side of the comparison with `beads` alone
+    beads_told: BeadBias = BeadBias()
     left_skill: Skill = Skill()  # of what the network says that the loop leaves
 
 
@@ -81,6 +83,7 @@ class Identifier:
     beads: BeadBias = BeadBias()
     planned: dict[int, np.ndarray] = field(default_factory=dict)  # maps of the newest layers
     paths: dict[int, tuple[np.ndarray, ...]] = field(default_factory=dict)  # of the same
+    beads_told: BeadBias = BeadBias()  # beside what the network foretells
     skill: Skill = Skill()
     # growth that the network told of the same, unweighed
     predicted: dict[int, np.ndarray] = field(default_factory=dict)
@@ -172,7 +175,8 @@ class Identifier:
         plan = layer.commanded if layer.planned is None else layer.planned
         missing = self.beads.of(number, model)
         if (predicted := self.predicted.get(number)) is not None:
-            missing = missing - self.skill.weight * predicted
+            with_it = self.beads_told.of(number, model) - predicted
+            missing = missing + self.skill.weight * (with_it - missing)
         return level(
             model,
             layer.after - layer.before,
@@ -208,16 +212,21 @@ class Identifier:
         known = footprint & np.isfinite(growth)
         growth, seen = inner_mean(growth, known, footprint, grid, margin)
         self._judge_left(number, layer, plan, grid, seen)
-        predicted = self.predicted.get(number)
-        if predicted is not None:
-            found = beside_model(model, asked, growth, seen, self.beads.lag)
-            if found is not None:
-                self.skill = self.skill.learn(predicted, found)
-            growth = growth - self.skill.weight * predicted  # what it knows needs not be learned
+        predicted = self.predicted.get(number, np.zeros(growth.shape))
+        found = beside_model(model, asked, growth, seen, self.beads.lag)
+        if found is not None and number in self.predicted:
+            alone = self.beads.of(number, model)
+            with_it = self.beads_told.of(number, model) - predicted
+            self.skill = self.skill.learn(
+                alone - with_it, found._replace(growth=found.growth + alone)
+            )
         height, _ = known_mean(plan, grid)
-        self.beads = self.beads.learn(
-            number, model, asked, growth, seen,
-            learning=self.learning, allowed=allowed, height=height,
+        self.beads, self.beads_told = (
+            beads.learn(
+                number, model, asked, grown, seen,
+                learning=self.learning, allowed=allowed, height=height,
+            )
+            for beads, grown in ((self.beads, growth), (self.beads_told, growth - predicted))
         )  # fmt: skip
 
     def _judge_left(
@@ -271,9 +280,14 @@ class Identifier:
 
     def _beads_of(self, request: CorrectionInput, model: BeadModel, slope: float) -> BeadDeviation:
         lag = self.beads.lag * request.bead_width
-        missing = self.beads.wanted(self.layer, model) - self.beads.surplus
+        missing = self.beads.wanted(self.layer, model)
+        if self.layer in self.predicted:
+            with_it = self.beads_told.wanted(self.layer, model)
+            missing = missing + self.skill.weight * (with_it - missing)
+        missing = missing - self.beads.surplus
         factor = self._gain_factor(request, model)
-        return BeadDeviation(missing, lag, slope, slope, self.beads.prior, factor)
+        beads = self.beads
+        return BeadDeviation(missing, lag, slope, slope, beads.prior, factor, beads.fill)
 
     def _gain_factor(self, request: CorrectionInput, model: BeadModel) -> float:
         """By how the passes lie on those below; 1 where there are none, in single beads, and in programs of others,
