@@ -12,6 +12,7 @@ from waam_sim import part
 from waam_sim.arc import ArcParams
 from waam_sim.compiled import random_state
 from waam_sim.drive import Drive
+from waam_sim.metal_models import MODELS
 from waam_sim.plant import OUTPUT_ARC, OUTPUT_GAS, Plant, PlantParams
 from waam_sim.scanner import Scanner, ScannerParams, shared_error
 from waam_sim.variation import NODE, Variation, VariationParams, arriving, beside, smooth, strike
@@ -273,11 +274,13 @@ def test_noise_along_a_profile_has_its_sigma_and_its_length(make_cell):
     assert abs(np.corrcoef(z[0], z[1])[0, 1]) < 0.3, 'profiles have noise of their own'
 
 
-def test_more_metal_makes_wider_beads_where_the_width_follows(make_cell):
+@pytest.mark.parametrize('model', MODELS)
+def test_more_metal_makes_wider_beads_where_the_width_follows(make_cell, model):
     corr = []
     for follows in (0.0, 0.5):
         plant = make_cell(
             noise=True,
+            model=model,
             area_noise_fixed=0.15,
             area_noise_layer=0.0,
             width_noise=0.0,
@@ -296,7 +299,7 @@ def test_more_metal_makes_wider_beads_where_the_width_follows(make_cell):
                 or [0.0]
             )
         )
-    assert corr[1] > 0.4 and corr[0] < 0.3
+    assert corr[1] > 0.4 and corr[0] < 0.3, corr
 
 
 def test_the_same_seed_varies_alike_whatever_the_clock(make_cell):

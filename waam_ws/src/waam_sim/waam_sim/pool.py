@@ -66,6 +66,8 @@ def melted(p, s, values, height_z, temperature, narrowing, narrow_path):
     area += p.area_noise_layer * noise(values, AREA_LAYER, u, v, w)
     width = bead_width(p, s.power, s.speed, temperature)
     width *= 1.0 + p.width_noise * noise(values, WIDTH, u, v, w)
+    if p.width_follows > 0.0:
+        width *= max(area, 0.2) ** p.width_follows
     width *= 1.0 - narrowing * math.exp(-s.path / narrow_path)
     s.width = max(width, MIN_WIDTH)
     volume = s.volume * max(area, 0.2)
