@@ -257,11 +257,14 @@ def test_demo_compares_both_runs(tmp_path):
 
 def test_a_demo_on_a_robot_shows_the_robot(tmp_path):
     whole = write_demo(tmp_path)
-    whole |= {'machine': 'robot', 'work_zero_m': [0.1, 0.08, 0.02]}
+    whole |= {'machine': 'robot', 'work_zero_m': [0.1, 0.08, 0.02], 'preset': 'rough<'}
     (tmp_path / 'report.json').write_text(json.dumps(whole))
     text = write_report(tmp_path).read_text()
     assert '<h2>Robot</h2><figure>' in text and len(pictures(text)) == 5
     assert 'machine: <b>robot</b>' in text
+    assert (
+        'simulated cell: <b>rough&lt;</b>' in text
+    )  # whoever sees the page knows what it was laid on
     (tmp_path / 'report.json').write_text(json.dumps(whole | {'work_zero_m': [5.0, 0.0, 0.0]}))
     assert 'No picture' in write_report(tmp_path).read_text()
 

@@ -23,9 +23,11 @@ def comparison_page(folder: Path, jobs: list[Job], machines: str = '') -> str:
     name = report.get('name') or report.get('job_id') or Path(folder).name
     modes = ' against '.join(j.loop_mode.replace('_', ' ') for j in jobs)
     machine = f'machine: <b>{escape(report["machine"])}</b> · ' if report.get('machine') else ''
+    preset = report.get('preset')
+    cell = f'simulated cell: <b>{escape(preset)}</b> · ' if preset else ''
     parts = [
         f'<h1>{escape(name)}</h1>',
-        f'<p class=soft>{escape(modes)} · {machine}part: <b>{escape(report.get("part", ""))}</b> · '
+        f'<p class=soft>{escape(modes)} · {machine}{cell}part: <b>{escape(report.get("part", ""))}</b> · '
         f'material: <b>{escape(report.get("material", ""))}</b> · tolerance: '
         f'<b>±{jobs[0].tolerance_mm:g} mm</b> · {escape(report.get("created", ""))}</p>',
         _verdict(report, jobs),
