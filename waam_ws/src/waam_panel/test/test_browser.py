@@ -167,6 +167,7 @@ def test_a_whole_shift(cell, browser):
     s.click('nav [data-page=setup]')
     s.page.set_input_files('#f-upload', part)
     s.has_value('#f-part', 'block.stl')
+    assert s.page.locator('#f-part option[value="jaw_nominal.stl"]').count() == 1  # of the demo
     s.page.select_option('#f-as_found', 'block_worn.stl')
     s.click('#load')
     s.shows('#job-name', 'loaded: block.stl')

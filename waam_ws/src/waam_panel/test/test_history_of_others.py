@@ -91,3 +91,17 @@ def test_parts_are_files_and_no_links(tmp_path):
             sha256_of(tmp_path / 'parts' / name)
         assert parts.save(name, b'2') != name
     assert (tmp_path / 'secret').read_text() == 'told to nobody'
+
+
+def test_parts_that_the_owner_of_the_cell_offers_may_be_links(tmp_path):
+    """colcon installs them so: the demo's parts were missing on the page."""
+    (tmp_path / 'source').mkdir()
+    (tmp_path / 'source/jaw.stl').write_text('a part')
+    (tmp_path / 'given').mkdir()
+    (tmp_path / 'given/jaw.stl').symlink_to(tmp_path / 'source/jaw.stl')
+    (tmp_path / 'given/gone.stl').symlink_to(tmp_path / 'source/gone.stl')
+    os.mkfifo(tmp_path / 'given/pipe.stl')
+    parts = PartFolders((tmp_path / 'up', tmp_path / 'given'))
+    assert [row['name'] for row in parts.listing()] == ['jaw.stl']
+    assert parts.find('jaw.stl') == tmp_path / 'source/jaw.stl'
+    assert sha256_of(parts.find('jaw.stl'))

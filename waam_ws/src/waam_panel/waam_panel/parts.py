@@ -22,7 +22,8 @@ class PartsError(ValueError):
 
 @dataclass(frozen=True)
 class PartFolders:
-    """The first folder takes uploads; all are searched, one level deep."""
+    """The first folder takes uploads; all are searched, one level deep. In the others, which the cell's owner has
+    named, links count as what they lead to: colcon installs the demo's parts as links."""
 
     folders: tuple[Path, ...]
     suffixes: tuple[str, ...] = SUFFIXES
@@ -33,11 +34,7 @@ class PartFolders:
         found: dict[str, tuple[float, int]] = {}
         for folder in self.folders:
             for file in sorted(folder.glob('*')) if folder.is_dir() else ():
-                if (
-                    file.suffix.lower() in self.suffixes
-                    and is_file(file)
-                    and file.name not in found
-                ):
+                if self._is_one(file) and file.name not in found:
                     stat = file.stat()
                     found[file.name] = (stat.st_mtime, stat.st_size)
         rows = sorted(found.items(), key=lambda item: -item[1][0])[:LISTED]
@@ -49,9 +46,13 @@ class PartFolders:
             raise PartsError(f'{name!r} is not the name of a {self.kind}')
         for folder in self.folders:
             file = folder / name
-            if file.suffix.lower() in self.suffixes and is_file(file):
+            if self._is_one(file):
                 return file.resolve()
         raise PartsError(f'there is no {self.kind} {name!r}')
+
+    def _is_one(self, file: Path) -> bool:
+        there = is_file(file) if file.parent == self.folders[0] else file.is_file()
+        return there and file.suffix.lower() in self.suffixes
 
     def save(self, name: str, data: bytes) -> str:
         """Stores an upload under its name, with a number when another file has it. Returns the name."""
