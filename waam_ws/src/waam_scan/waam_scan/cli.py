@@ -6,12 +6,8 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from . import cli_register
-
-if TYPE_CHECKING:
-    from .recordings.left_out import LeftOut
 
 FUSE_EPILOG = """\
 PATH is a recorded job, a folder with the recording of a wall, a pass of a scanner with poses, or a cloud.
@@ -182,7 +178,7 @@ def run_fuse(args: argparse.Namespace) -> int:
     the reason on stderr when nothing is left."""
     from .commands.fuse_files import check_paths, fuse_files, fuse_record
     from .commands.wall_report import fuse_folder
-    from .recordings.left_out import LeftOut
+    from .recordings.left_out import LeftOut, tell
     from .recordings.scan_records import record_files
 
     def action() -> None:
@@ -209,15 +205,9 @@ def run_fuse(args: argparse.Namespace) -> int:
             made += fuse_files(files, args.out or Path('maps'), cell, options, left_out)
         if not made:
             raise left_out.nothing_left(', '.join(map(str, args.paths)))
-        _tell(left_out)
+        tell(left_out)
 
     return _guarded(action)
-
-
-def _tell(left_out: LeftOut) -> None:
-    """What was left out, on stderr."""
-    for line in left_out.lines():
-        print(f'note: {line}', file=sys.stderr)
 
 
 def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
@@ -245,7 +235,7 @@ def run_filter(args: argparse.Namespace) -> int:
     """Filters recorded profiles file by file. What is bad is left out by name. Exit status: 0, or 1 with the reason on
     stderr when nothing is left."""
     from .commands.inprocess_report import filter_file
-    from .recordings.left_out import LeftOut
+    from .recordings.left_out import LeftOut, tell
 
     def action() -> None:
         left_out, made = LeftOut(), 0
@@ -257,7 +247,7 @@ def run_filter(args: argparse.Namespace) -> int:
                 left_out.add('file', path, '', e)
         if not made:
             raise left_out.nothing_left(', '.join(map(str, args.files)))
-        _tell(left_out)
+        tell(left_out)
 
     return _guarded(action)
 
@@ -283,7 +273,7 @@ def run_picture(args: argparse.Namespace) -> int:
 def run_info(args: argparse.Namespace) -> int:
     """One line per file; one that cannot be read is named and the rest goes on. Exit status: 0, or 1 when none can."""
     from .commands.file_info import describe
-    from .recordings.left_out import LeftOut
+    from .recordings.left_out import LeftOut, tell
 
     def action() -> None:
         left_out, told = LeftOut(), 0
@@ -295,6 +285,6 @@ def run_info(args: argparse.Namespace) -> int:
                 left_out.add('file', path, '', e)
         if not told:
             raise left_out.nothing_left(', '.join(map(str, args.files)))
-        _tell(left_out)
+        tell(left_out)
 
     return _guarded(action)

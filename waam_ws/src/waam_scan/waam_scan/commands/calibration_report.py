@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,7 @@ from ..calibration.file import rpy_of, save_calibration
 from ..calibration.pass_file import load_pass
 from ..calibration.scan_pass import Pass
 from ..calibration.solve import PARAMETERS, Calibration, CalibrationError, calibrate
-from ..recordings.left_out import LeftOut
+from ..recordings.left_out import LeftOut, tell
 from ..recordings.scan_records import passes as recorded
 from ..recordings.scan_records import record_files
 from ..transform import Mounting
@@ -44,8 +43,7 @@ def read_passes(paths: list[Path]) -> list[Pass]:
             left_out.add('scan', path, '', e)
     if not found and left_out:
         raise left_out.nothing_left(', '.join(map(str, paths)))
-    for line in left_out.lines():
-        print(f'note: {line}', file=sys.stderr)
+    tell(left_out)
     return found
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 
-from ..recordings.left_out import LeftOut
+from ..recordings.left_out import LeftOut, tell
 from ..registration.clouds import load_points, save_cloud
 from ..registration.odometry import Track, track
 
@@ -48,8 +47,7 @@ def _frames(paths: list[Path], scale: float) -> tuple[list[Path], list[np.ndarra
             left_out.add('scan', path, '', e)
     if not found:
         raise left_out.nothing_left(', '.join(map(str, paths)))
-    for line in left_out.lines():
-        print(f'note: {line}', file=sys.stderr)
+    tell(left_out)
     return list(found), list(found.values())
 
 

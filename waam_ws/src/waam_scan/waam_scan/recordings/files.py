@@ -13,7 +13,7 @@ import numpy as np
 
 from waam_process.grid import GridError, GridSpec, HeightGrid
 
-from .left_out import LeftOut
+from .left_out import LeftOut, leave_out
 
 LASER_HEADER = ['TimeReceived', 'X', 'Z', 'Intensity']
 ARC_COLUMNS = ('x', 'y', 'z', 'speed', 'ArcOn', 'WFS', 'I', 'U')
@@ -86,9 +86,7 @@ def records(
             fields = line.split(',')
             if len(fields) != len(names):
                 wrong = f'{path}, line {number}: {len(fields)} fields, the header has {len(names)}'
-                if left_out is None:
-                    raise FileError(wrong)
-                left_out.add('line', path, f'line {number}', wrong)
+                leave_out(left_out, 'line', path, f'line {number}', FileError(wrong))
                 continue
             yield number, fields
 
@@ -123,9 +121,7 @@ def read_laser_csv(path: Path, left_out: LeftOut | None = None) -> LaserScan:
         try:
             found.append((line, *_profile(path, line, fields)))
         except FileError as e:
-            if left_out is None:
-                raise
-            left_out.add('profile', path, f'line {line}', e)
+            leave_out(left_out, 'profile', path, f'line {line}', e)
     if left_out is not None:
         found = _long_enough(path, found, left_out)
     if not found:
@@ -184,9 +180,7 @@ def read_arc_log(path: Path, left_out: LeftOut | None = None) -> ArcLog:
         try:
             rows.append(_arc_line(path, line, fields, at))
         except FileError as e:
-            if left_out is None:
-                raise
-            left_out.add('line', path, f'line {line}', e)
+            leave_out(left_out, 'line', path, f'line {line}', e)
     if not rows:
         raise FileError(f'{path}: no line with data')
     a = np.array(rows)
@@ -227,9 +221,7 @@ def read_inprocess_csv(path: Path, left_out: LeftOut | None = None) -> Inprocess
         try:
             key, point = _point(path, line, f)
         except FileError as e:
-            if left_out is None:
-                raise
-            left_out.add('line', path, f'line {line}', e)
+            leave_out(left_out, 'line', path, f'line {line}', e)
             continue
         groups.setdefault(key, []).append(point)
     if not groups:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from dataclasses import dataclass, field
 
@@ -70,3 +71,18 @@ class LeftOut:
         few = '; '.join(str(i) for i in self.items[:3])
         more = f'; and {len(self.items) - 3} more' if len(self.items) > 3 else ''
         return NothingLeft(f'{where}: nothing is left ({self.count()} left out): {few}{more}')
+
+
+def leave_out(
+    left_out: LeftOut | None, kind: str, file: object, place: str, error: Exception
+) -> None:
+    """Into left_out, as of `LeftOut.add`; where nobody collects it is the error."""
+    if left_out is None:
+        raise error
+    left_out.add(kind, file, place, error)
+
+
+def tell(left_out: LeftOut) -> None:
+    """What was left out, on stderr."""
+    for line in left_out.lines():
+        print(f'note: {line}', file=sys.stderr)

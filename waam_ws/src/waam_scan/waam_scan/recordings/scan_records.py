@@ -19,7 +19,7 @@ from ..calibration.scan_pass import Pass
 from ..stream.profiles import ProfileBlock, read_batch
 from ..transform import Mounting
 from .files import FileError
-from .left_out import LeftOut
+from .left_out import LeftOut, leave_out
 
 PAUSE = 1.0  # s without profiles: the scanner was off, a new scan begins
 MARGIN_NS = 1_000_000_000  # telemetry that is kept before and after a scan
@@ -146,9 +146,7 @@ def _finished(scan: _Scan, left_out: LeftOut | None) -> Iterator[Pass]:
     try:
         yield scan.finish()
     except FileError as e:
-        if left_out is None:
-            raise
-        left_out.add('scan', f'{scan.name}, scan {scan.number}', '', e)
+        leave_out(left_out, 'scan', f'{scan.name}, scan {scan.number}', '', e)
         scan.blocks, scan.number = [], scan.number + 1
 
 

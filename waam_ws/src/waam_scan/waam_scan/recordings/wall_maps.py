@@ -10,7 +10,7 @@ from ..fusion.height_map import FusedMap
 from ..stream.assembler import Assembler
 from .bead import Bead, BeadTop, WallError, bead_top, find_bead
 from .files import ArcLog, LaserScan
-from .left_out import LeftOut
+from .left_out import LeftOut, leave_out
 from .wall import (
     RecordedScan,
     ScanMotion,
@@ -34,9 +34,7 @@ class Careful:
 
     def bad(self, k: int, error: Exception, kind: str = 'scan') -> None:
         """Scan k cannot be used."""
-        if self.left_out is None:
-            raise error
-        self.left_out.add(kind, self.names[k], '', error)
+        leave_out(self.left_out, kind, self.names[k], '', error)
 
 
 def match_scans(
