@@ -1,7 +1,8 @@
 """Correction laws over families of cells that none of them was made for: is the default ever worse than a formula?
 
 Families: the three metal models of waam_sim, each with random cells (`waam_lab.plants.family_plant`). Drifts: none; the
-wire -1 % per layer ('fall'); a random walk of 5 % per layer ('walk'); scatter 2.3 times the packaged one ('rough').
+efficiency -1 % per layer ('fall'); a random walk of 5 % per layer ('walk'); scatter 2.3 times the packaged one
+('rough').
 Pads of 48 x 29 mm and 14 layers of 2 mm laid on the simulated cell (bench/lib/law_pads.py), RMS of the surfaces after
 layers 6 to 14, without the last 5 mm of the beads ('inside') and with them ('with ends'); the outermost 2 mm are not
 judged. Every law has its default gain.
@@ -28,7 +29,7 @@ import numpy as np
 from lib.adapt_loop import Settings, run
 from lib.adapt_stats import interval, progress, table
 from lib.emit import emit
-from lib.law_pads import CellPad, drifts, physics_of
+from lib.law_pads import CellPad, physics_of
 
 from waam_adapt.laws.corrector import CorrectionParams
 from waam_lab.plants import CHOOSING, REPORTING
@@ -61,10 +62,7 @@ class Case:
 def one(law: str, model: str, drift: str, cell: int) -> np.ndarray:
     """(2,) m: RMS over the layers that count, inside and with ends."""
     kind, scatter = DRIFTS[drift]
-    pad = CellPad(
-        seed=cell, cell=physics_of(model, cell, scatter, SEEDS), wire=drifts(kind, LAYERS, cell),
-        **SIZE,
-    )  # fmt: skip
+    pad = CellPad(seed=cell, cell=physics_of(model, cell, scatter, kind, SEEDS), **SIZE)
     figures = np.array(run(pad, Settings(law), LAYERS).figures)[JUDGED:, :2]
     return np.sqrt((figures**2).mean(axis=0))
 

@@ -16,6 +16,7 @@ from waam_process.grid import HeightGrid
 from waam_process.plant_port import SAMPLE
 from waam_sim import part as parts
 from waam_sim.plant import OUTPUT_ARC, OUTPUT_GAS, SAMPLE_US, Plant, PlantParams
+from waam_sim.variation import VariationParams
 
 from .adapt_plants import MARGIN, Pad
 
@@ -25,34 +26,28 @@ LIFT = 5e-3  # m between the beads
 SCATTER = ('area_noise_fixed', 'area_noise_layer', 'width_noise')
 
 
-def physics_of(model: str, cell: int, scatter: float, seeds: int = CHOOSING) -> PlantParams:
-    """A random cell of a family with the packaged scatter times `scatter`."""
+DRIFTS = {
+    'none': VariationParams(),
+    'fall': VariationParams(efficiency_per_layer=-0.01),
+    'walk': VariationParams(efficiency_walk=0.05),
+}
+
+
+def physics_of(
+    model: str, cell: int, scatter: float, drift: str, seeds: int = CHOOSING
+) -> PlantParams:
+    """A random cell of a family with the packaged scatter times `scatter` and a drift of DRIFTS."""
     found, usual = family_plant(model, cell, seeds), PlantParams().metal
     noise = {name: scatter * getattr(usual, name) for name in SCATTER}
-    return replace(found, metal=replace(found.metal, margin=2e-3, **noise))
-
-
-def drifts(kind: str, layers: int, seed: int) -> np.ndarray:
-    """(layers,) factor of the wire: 'none', 'fall' (-1 % per layer), 'walk' (5 % per layer, turned back at 20 %)."""
-    if kind == 'fall':
-        return 0.99 ** np.arange(layers)
-    out = np.ones(layers)
-    if kind == 'walk':
-        steps, at = 0.05 * np.random.default_rng([47, seed]).standard_normal(layers), 0.0
-        for n in range(1, layers):
-            at += steps[n]
-            at = at if abs(at) <= 0.2 else np.sign(at) * 0.4 - at
-            out[n] = 1 + at
-    return out
+    metal = replace(found.metal, margin=2e-3, **noise)
+    return replace(found, metal=metal, variation=DRIFTS[drift])
 
 
 @dataclass
 class CellPad(Pad):
-    """A `Pad` whose metal is that of a simulated cell. wire: factor of the wire of every layer; its `physics` give the
-    ground and the scanner alone."""
+    """A `Pad` whose metal is that of a simulated cell; its `physics` give the ground and the scanner alone."""
 
     cell: PlantParams = field(default_factory=PlantParams)
-    wire: np.ndarray = field(default_factory=lambda: np.ones(100))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -96,11 +91,11 @@ class CellPad(Pad):
 
     def deposit(self, start, end, feed, speed, noisy: bool = True) -> None:
         """Lays one layer; the cell always scatters."""
-        factor, top = self.wire[self.laid], BASE + self.laid * self.height
+        top = BASE + self.laid * self.height
         n = len(feed) // len(self.beads)
         for b in range(len(self.beads)):
             k = slice(b * n, (b + 1) * n)
-            self._bead(start[k], end[k], factor * feed[k], speed[k], top)
+            self._bead(start[k], end[k], feed[k], speed[k], top)
         waited = 0.0
         while waited < LONGEST and (waited < 20.0 or self.plant.heat.mean > COOL):
             self._live(np.repeat(self._tip[None] + (0.0, 0.0, LIFT), 10_000, axis=0), 0.0, 0)
