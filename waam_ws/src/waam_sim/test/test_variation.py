@@ -80,9 +80,7 @@ def test_the_crest_of_a_bead_follows_the_wire(make_cell):
 
 
 def test_layers_differ_by_their_sigma_and_efficiency_drifts(make_cell):
-    made = Variation.of(
-        VariationParams(layer=0.1, efficiency_per_layer=-0.01, efficiency_per_m=1e-3), 5
-    )
+    made = Variation.of(VariationParams(layer=0.1, efficiency_per_layer=-0.01), 5)
     p, s = made.params[0], made.state[0]
     shares = []
     for _ in range(3000):
@@ -90,13 +88,13 @@ def test_layers_differ_by_their_sigma_and_efficiency_drifts(make_cell):
         layer = made.state['layers'][0]
         s = made.state[0]
         shares.append(
-            arriving(p, s, 0.0) / max(1 - 0.01 * (layer - 1), 0.1) if layer < 80 else s['gain']
+            arriving(p, s) / max(1 - 0.01 * (layer - 1), 0.1) if layer < 80 else s['gain']
         )
     assert np.std(shares) == pytest.approx(0.1, rel=0.06) and abs(np.mean(shares) - 1) < 0.01
-    flat = Variation.of(VariationParams(efficiency_per_layer=-0.01, efficiency_per_m=1e-3), 5)
+    flat = Variation.of(VariationParams(efficiency_per_layer=-0.01), 5)
     for _ in range(6):
         strike(flat.params[0], flat.state[0], flat.key, 60.0)
-    assert arriving(flat.params[0], flat.state[0], 10.0) == pytest.approx(1 - 0.05 + 0.01)
+    assert arriving(flat.params[0], flat.state[0]) == pytest.approx(1 - 0.05)
 
 
 def test_efficiency_walks_by_steps_that_add_up():
@@ -105,7 +103,7 @@ def test_efficiency_walks_by_steps_that_add_up():
         made = Variation.of(VariationParams(efficiency_walk=0.02), seed)
         for _ in range(10):
             strike(made.params[0], made.state[0], made.key, 60.0)
-        ends.append(arriving(made.params[0], made.state[0], 0.0))
+        ends.append(arriving(made.params[0], made.state[0]))
     assert np.std(ends) == pytest.approx(0.02 * 3, rel=0.12)
 
 
@@ -148,7 +146,7 @@ def test_metal_of_a_layer_scales_and_the_current_does_not(make_cell):
 
 
 def test_lumps_stay_on_the_metal_beside_the_bead(make_cell):
-    lumps = VariationParams(lumps=300.0, lump_height=5e-4, lump_diameter=1.6e-3, lump_reach=0.012)
+    lumps = VariationParams(lumps=300.0)
     clean, plant = make_cell(), make_cell(groups={'variation': lumps})
     bead = walls(clean, 1, 0.1)[0]
     volume = plant.metal.volume

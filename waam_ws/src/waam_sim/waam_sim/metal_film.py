@@ -15,11 +15,15 @@ import numpy as np
 
 from .compiled import inner
 from .metal import REFERENCE_TEMPERATURE
-from .pool import follow_speed, gather, laid, melted, strike, touch
+from .pool import laid, make_advance, melted, touch
 
 STABLE = 0.2  # of D f/h dt/cell^2 in one step of the film
 MOST_STEPS = 24  # of the film for one portion
 REACH = 1.5  # bead heights below the pool from which on nothing carries it
+HOT_MOBILITY = 1.5e-3  # gain of mobility per kelvin above the reference
+WARM_PATH = 6e-3  # m on which the width comes up after a start
+EDGE_FLOW = 0.1  # share of the flow that goes where nothing is below
+FREEZING = 0.08  # s that the pool stays liquid after the arc
 ARC_RADIUS = 0.22  # bead widths, of the arc's pressure
 
 
@@ -75,7 +79,7 @@ def _level(z, solid, p, s, inside, press, r0, c0, floor, rate, steps):
                     fall = min(max(fall, -s.height), s.height)
                     flow = rate * min(thick / s.height, 2.0) * fall
                     if below < floor:
-                        flow *= p.film_edge_flow
+                        flow *= EDGE_FLOW
                     most = min(widest, 0.2 * thick)
                     flow = min(max(flow, -most), most)
                     change[i, j] -= flow
@@ -90,17 +94,8 @@ def _run(z, solid, touched, p, s, volume, duration, pressure, temperature, time)
     """Pours volume (m^3) at the pool and lets the film level for `duration` s."""
     radius = 0.5 * s.width
     r0, r1, c0, c1 = touch(
-        z,
-        solid,
-        touched,
-        p,
-        s,
-        x=s.pool_x,
-        y=s.pool_y,
-        radius=radius,
-        depth=p.film_remelt,
-        time=time,
-    )
+        z, solid, touched, p, s, x=s.pool_x, y=s.pool_y, radius=radius, depth=p.film_remelt, time=time
+    )  # fmt: skip
     inside, press = np.zeros((r1 - r0, c1 - c0)), np.zeros((r1 - r0, c1 - c0))
     spot = ARC_RADIUS * s.width
     highest, thickest = -1e9, 0.0
@@ -131,32 +126,20 @@ def _run(z, solid, touched, p, s, volume, duration, pressure, temperature, time)
                     n += 1
     if n > 0:
         s.surface = level / n
-    hot = 1.0 + p.film_hot_mobility_per_k * (temperature - REFERENCE_TEMPERATURE)
+    hot = 1.0 + HOT_MOBILITY * (temperature - REFERENCE_TEMPERATURE)
     mobility = p.film_mobility * max(hot, 0.2)
     rate = mobility * duration / (p.cell * p.cell)
     wanted = rate * min(thickest / s.height, 2.0) / STABLE
     steps = min(max(int(math.ceil(wanted)), 1), MOST_STEPS)
     floor = s.surface - REACH * s.height
-    _level(
-        z,
-        solid,
-        p,
-        s,
-        inside=inside,
-        press=press,
-        r0=r0,
-        c0=c0,
-        floor=floor,
-        rate=rate / steps,
-        steps=steps,
-    )
+    _level(z, solid, p, s, inside, press, r0=r0, c0=c0, floor=floor, rate=rate / steps, steps=steps)
 
 
 @inner
 def _take(z, solid, touched, p, s, values, height_z, temperature, time):
     """Pours what has melted since the last portion, behind the arc, and lets it level as long as that took."""
     duration = s.carry_time
-    volume = melted(p, s, values, height_z, temperature, p.film_hot_start, p.film_warm_path)
+    volume = melted(p, s, values, height_z, temperature, p.film_hot_start, WARM_PATH)
     trail = p.film_trail * s.width
     behind = trail * (1.0 - math.exp(-s.path / trail))
     s.pool_x, s.pool_y = s.x - behind * s.dir_x, s.y - behind * s.dir_y
@@ -168,71 +151,16 @@ def _take(z, solid, touched, p, s, values, height_z, temperature, time):
 
 
 @inner
-def advance(
-    z,
-    solid,
-    touched,
-    p,
-    s,
-    values,
-    time,
-    dt,
-    x,
-    y,
-    height_z,
-    lit,
-    wire_speed,
-    power,
-    temperature,
-    ctwd,
-    gas,
-):
-    """One sample of `dt`, as of `metal.advance`."""
-    step = follow_speed(s, x, y, dt)
-    if not lit:
-        if s.active > 0.0:
-            if s.volume > 0.0:
-                _take(
-                    z,
-                    solid,
-                    touched,
-                    p,
-                    s,
-                    values=values,
-                    height_z=height_z,
-                    temperature=temperature,
-                    time=time,
-                )
-            if s.width > 0.0:
-                _run(
-                    z, solid, touched, p, s, volume=0.0, duration=p.film_freezing, pressure=0.0,
-                    temperature=temperature, time=time,
-                )  # fmt: skip
-            s.active = 0.0
-        return
-    if s.active == 0.0:
-        strike(z, p, s, x, y)
-    if gather(
-        p,
-        s,
-        x,
-        y,
-        step=step,
-        dt=dt,
-        wire_speed=wire_speed,
-        power=power,
-        temperature=temperature,
-        ctwd=ctwd,
-        gas=gas,
-    ):
+def _end(z, solid, touched, p, s, values, height_z, temperature, time):
+    """The last portion, and what flows until the pool is solid."""
+    if s.volume > 0.0:
         _take(
-            z,
-            solid,
-            touched,
-            p,
-            s,
-            values=values,
-            height_z=height_z,
-            temperature=temperature,
-            time=time,
+            z, solid, touched, p, s, values, height_z=height_z, temperature=temperature, time=time
         )
+    if s.width > 0.0:
+        _run(
+            z, solid, touched, p, s, volume=0.0, duration=FREEZING, pressure=0.0, temperature=temperature, time=time,
+        )  # fmt: skip
+
+
+advance = make_advance(_take, _end)

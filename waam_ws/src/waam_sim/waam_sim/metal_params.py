@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from waam_node.params import param
 
+from .metal_models import MODELS
+
 
 @dataclass(frozen=True)
 class MetalParams:
@@ -14,7 +16,7 @@ class MetalParams:
     model: str = param(
         'portions',
         'how the melt becomes a bead: portions that share themselves out, sections that overlap, a film that levels',
-        choices=('portions', 'sections', 'film'),
+        choices=tuple(MODELS),
     )
     cell: float = param(4e-4, 'edge of a cell of the height field', 'm', 1e-4, 2e-3)
     margin: float = param(0.015, 'rim of bare table around the part', 'm', 0.0, 0.1)
@@ -100,14 +102,10 @@ class MetalParams:
     sections_fillet: float = param(
         1.0, 'share of a valley beside another bead that fills to the tangent', '', 0.0, 1.0
     )
-    sections_edge_share: float = param(
-        0.35, 'share of its height that a section has where nothing is below', '', 0.0, 1.0
-    )
     # of model film alone
     film_mobility: float = param(
         6e-6, 'D of a film as thick as the bead at 150 degrees', 'm^2/s', 0.0, 1e-4
     )
-    film_hot_mobility_per_k: float = param(1.5e-3, 'gain of it per kelvin above', '1/K', 0.0, 0.02)
     film_bump: float = param(
         0.55, 'radius of what is poured, in halves of the bead width', '', 0.2, 1.0
     )
@@ -120,13 +118,4 @@ class MetalParams:
     )
     film_hot_start: float = param(
         0.15, 'share of width that is missing at an arc start', '', 0.0, 0.6
-    )
-    film_warm_path: float = param(
-        6e-3, 'path on which the width comes up after a start', 'm', 1e-4, 0.05
-    )
-    film_edge_flow: float = param(
-        0.1, 'share of the flow that goes where nothing is below', '', 0.0, 1.0
-    )
-    film_freezing: float = param(
-        0.08, 'time that the pool stays liquid after the arc', 's', 0.0, 2.0
     )

@@ -14,12 +14,13 @@ import math
 import numpy as np
 
 from .compiled import bilinear, inner
-from .pool import follow_speed, gather, laid, melted, splat, strike, touch
+from .pool import laid, make_advance, melted, splat, touch
 
 ACROSS = 32  # pieces that a section is divided into
 SMEAR = 5  # places along the path that share a section
 REACH = 1.5  # bead heights below the pool from which on nothing carries it
 TRIES = 18  # halvings of the search for the height of a section
+EDGE_SHARE = 0.35  # of its height that a section has where nothing is below
 FULLEST = 6.0  # sections of one bead that the store holds at most, times pool length
 
 
@@ -44,7 +45,7 @@ def _tangents(top, first, last):
 
 
 @inner
-def _section(ground, carried, base, high, fillet, edge_share, top):
+def _section(ground, carried, base, high, fillet, top):
     """Surface `top` of a section of height `high` over `base`; ground (n,) m, carried (n,): 1 where something is below.
     Returns the sum of what it adds (m)."""
     n = ground.size
@@ -54,7 +55,7 @@ def _section(ground, carried, base, high, fillet, edge_share, top):
         if carried[j] > 0.0:
             top[j] = max(ground[j], base + dome)
         else:
-            top[j] = ground[j] + edge_share * dome
+            top[j] = ground[j] + EDGE_SHARE * dome
     if fillet > 0.0:
         hull = top.copy()
         first = 0
@@ -101,14 +102,11 @@ def _over(solid, p, s, x, y, along_x, along_y, wanted):
     low, high = 0.0, 8.0 * s.height
     for _ in range(TRIES):
         middle = 0.5 * (low + high)
-        if (
-            _section(ground, carried, base, middle, p.sections_fillet, p.sections_edge_share, top)
-            < area
-        ):
+        if _section(ground, carried, base, middle, p.sections_fillet, top) < area:
             low = middle
         else:
             high = middle
-    total = _section(ground, carried, base, high, p.sections_fillet, p.sections_edge_share, top)
+    total = _section(ground, carried, base, high, p.sections_fillet, top)
     for j in range(ACROSS):
         top[j] = (top[j] - ground[j]) * (area / total if total > 0.0 else 0.0)
     return top, core
@@ -159,7 +157,7 @@ def _lay_cap(z, solid, touched, p, s, volume, time):
             ahead = dx * s.head_x + dy * s.head_y >= -0.25 * radius
             fits = solid[r0 + i, c0 + j] >= s.surface - REACH * s.height
             if q > 0.0 and ahead:
-                share[i, j] = q if fits else p.sections_edge_share * q
+                share[i, j] = q if fits else EDGE_SHARE * q
     total = share.sum() if share.size else 0.0
     if total <= 0.0:
         s.lost += volume
@@ -193,60 +191,14 @@ def _take(z, solid, touched, p, s, values, height_z, temperature, time):
 
 
 @inner
-def advance(
-    z,
-    solid,
-    touched,
-    p,
-    s,
-    values,
-    time,
-    dt,
-    x,
-    y,
-    height_z,
-    lit,
-    wire_speed,
-    power,
-    temperature,
-    ctwd,
-    gas,
-):
-    """One sample of `dt`, as of `metal.advance`."""
-    step = follow_speed(s, x, y, dt)
-    if not lit:
-        if s.active > 0.0:
-            rest = s.store + s.volume
-            if rest > 0.0:
-                if s.width <= 0.0:
-                    s.width = p.width_ref
-                s.store, s.volume = 0.0, 0.0
-                _lay_cap(z, solid, touched, p, s, rest, time)
-            s.active = 0.0
-        return
-    if s.active == 0.0:
-        strike(z, p, s, x, y)
-    if gather(
-        p,
-        s,
-        x,
-        y,
-        step=step,
-        dt=dt,
-        wire_speed=wire_speed,
-        power=power,
-        temperature=temperature,
-        ctwd=ctwd,
-        gas=gas,
-    ):
-        _take(
-            z,
-            solid,
-            touched,
-            p,
-            s,
-            values=values,
-            height_z=height_z,
-            temperature=temperature,
-            time=time,
-        )
+def _end(z, solid, touched, p, s, values, height_z, temperature, time):
+    """What is left when the arc ends becomes a cap."""
+    rest = s.store + s.volume
+    if rest > 0.0:
+        if s.width <= 0.0:
+            s.width = p.width_ref
+        s.store, s.volume = 0.0, 0.0
+        _lay_cap(z, solid, touched, p, s, rest, time)
+
+
+advance = make_advance(_take, _end)

@@ -24,7 +24,8 @@ from .disturbance import lattice
 from .faults import Faults
 from .gantry import Accelerations, Gantry, GantryParams
 from .heat import Heat, HeatParams
-from .metal_models import MetalModel, make, number
+from .metal import Metal
+from .metal_models import number
 from .metal_params import MetalParams
 from .placement import Placement, PlacementParams
 from .pyrometer import Pyrometer, PyrometerParams
@@ -102,7 +103,7 @@ class Plant:
         """Clamps a cold part; everything random starts again from the seed. `table`: file that keeps its surface."""
         p = self.params
         self.seed = seed
-        self.metal: MetalModel = make(part, p.metal)
+        self.metal = Metal.on(part, p.metal)
         if table is not None:
             self.metal.z = keep(part, table)
         self.heat = Heat.of(part, p.heat)

@@ -7,6 +7,7 @@ goes, not in how much of it there is. Lengths in m, times in s, temperatures in 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from .compiled import inner
 from .disturbance import AREA_FIXED, AREA_LAYER, WIDTH, noise
@@ -122,3 +123,40 @@ def splat(z, p, s, x, y, volume):
             else:
                 outside += part
     return outside
+
+
+def make_advance(take: Callable, end: Callable) -> Callable:
+    """`advance` of a model, as of `metal.advance`, from its two compiled steps: take lays the portion that is due, end
+    is called once when the arc goes out. Both: (z, solid, touched, p, s, values, height_z, temperature, time)."""
+
+    @inner
+    def advance(
+        z, solid, touched, p, s, values, time, dt, x, y, height_z, lit, wire_speed, power, temperature, ctwd, gas,
+    ):  # fmt: skip
+        step = follow_speed(s, x, y, dt)
+        if not lit:
+            if s.active > 0.0:
+                end(
+                    z, solid, touched, p, s, values, height_z=height_z, temperature=temperature, time=time,
+                )  # fmt: skip
+                s.active = 0.0
+            return
+        if s.active == 0.0:
+            strike(z, p, s, x, y)
+        if gather(
+            p, s, x, y, step=step, dt=dt, wire_speed=wire_speed, power=power, temperature=temperature, ctwd=ctwd,
+            gas=gas,
+        ):  # fmt: skip
+            take(
+                z,
+                solid,
+                touched,
+                p,
+                s,
+                values,
+                height_z=height_z,
+                temperature=temperature,
+                time=time,
+            )
+
+    return advance

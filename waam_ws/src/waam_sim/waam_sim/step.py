@@ -67,7 +67,7 @@ def _make_live(sources: int) -> Callable:
             lit = astate.lit > 0.0
             if lit and not was_lit:
                 strike(vary, varied, key, idle)
-            wire = astate.wire * arriving(vary, varied, astate.fed) if lit else astate.wire
+            wire = astate.wire * arriving(vary, varied) if lit else astate.wire
             power = astate.voltage * astate.current if lit else 0.0
             base = bilinear(
                 skin, hstate.origin_x, hstate.origin_y, h.cell,

@@ -21,6 +21,9 @@ from .placement import METAL
 
 ACROSS_X, ACROSS_Y, LAYER, WALK, LUMP, CURRENT, VOLTAGE = range(7)  # streams of `white`
 NODE = 0.825  # of smooth noise: path over distance of two nodes at which its autocorrelation has fallen to 1/e
+LAYER_PAUSE = 8.0  # s without arc after which a layer begins; after a scan one begins, too
+# m, mean height and diameter of a lump (assumed: the recorded wall has none), and how far from the arc one falls
+LUMP_HEIGHT, LUMP_DIAMETER, LUMP_REACH = 4e-4, 1.2e-3, 0.015
 LUMP_PATH = 1e-3  # m of path on which at most one lump falls
 LEAST = 0.1  # share of the wire that arrives at least
 
@@ -40,26 +43,13 @@ class VariationParams:
         0.02, 'path on which its autocorrelation falls to 1/e', 'm', 1e-3, 1.0
     )
     layer: float = param(0.0, 'sigma of metal that is common to a layer', '', 0.0, 0.3)
-    layer_pause: float = param(
-        8.0,
-        'pause without arc after which a layer begins; after a scan one begins, too',
-        's',
-        1.0,
-        1e3,
-    )
     efficiency_per_layer: float = param(
         0.0, 'relative change of the deposition efficiency from layer to layer', '', -0.05, 0.05
-    )
-    efficiency_per_m: float = param(
-        0.0, 'relative change of the deposition efficiency by wire', '1/m', -0.01, 0.01
     )
     efficiency_walk: float = param(
         0.0, 'sigma of a random step of the deposition efficiency at every layer', '', 0.0, 0.2
     )
     lumps: float = param(0.0, 'lumps of spatter that stay, by path', '1/m', 0.0, 500.0)
-    lump_height: float = param(4e-4, 'mean height of a lump', 'm', 0.0, 5e-3)
-    lump_diameter: float = param(1.2e-3, 'mean diameter of a lump', 'm', 1e-4, 1e-2)
-    lump_reach: float = param(0.015, 'farthest from the arc that one falls', 'm', 1e-3, 0.2)
 
 
 _STATE = ('path', 'idle', 'scanned', 'layers', 'walk', 'gain', 'lumps', 'last_x', 'last_y')
@@ -134,7 +124,7 @@ def pass_path(s, x, y, lit, dt):
 @jit
 def strike(p, s, key, idle):
     """The arc strikes after `idle` s without it: perhaps a layer begins."""
-    if s.layers > 0.0 and s.scanned == 0.0 and idle < p.layer_pause:
+    if s.layers > 0.0 and s.scanned == 0.0 and idle < LAYER_PAUSE:
         return
     s.scanned = 0.0
     s.layers += 1.0
@@ -144,9 +134,9 @@ def strike(p, s, key, idle):
 
 
 @jit
-def arriving(p, s, fed):
-    """Share of the wire that arrives beside what the metal model knows; fed: m of wire."""
-    drift = p.efficiency_per_layer * max(s.layers - 1.0, 0.0) + p.efficiency_per_m * fed + s.walk
+def arriving(p, s):
+    """Share of the wire that arrives beside what the metal model knows."""
+    drift = p.efficiency_per_layer * max(s.layers - 1.0, 0.0) + s.walk
     return max(s.gain * (1.0 + drift), LEAST)
 
 
@@ -159,10 +149,10 @@ def spatter(p, s, key, z, origin_x, origin_y, cell, x, y, pool, before):
     for k in range(first, last):
         if white(key[0], LUMP, k, 0) >= p.lumps * LUMP_PATH:
             continue
-        away = p.lump_reach * math.sqrt(white(key[0], LUMP, k, 1))
+        away = LUMP_REACH * math.sqrt(white(key[0], LUMP, k, 1))
         angle = 2.0 * math.pi * white(key[0], LUMP, k, 2)
         size = 0.5 + white(key[0], LUMP, k, 3)
-        radius, height = 0.5 * size * p.lump_diameter, size * p.lump_height
+        radius, height = 0.5 * size * LUMP_DIAMETER, size * LUMP_HEIGHT
         if away < pool + radius:
             continue
         at_x, at_y = x + away * math.cos(angle), y + away * math.sin(angle)
