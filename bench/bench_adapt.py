@@ -31,12 +31,11 @@ from lib.adapt_wall import Wall
 from lib.emit import emit
 
 from waam_adapt.laws.corrector import CorrectionParams
-from waam_adapt.laws.registry import BEAD_LAWS, LAWS
 
 LAW = os.environ.get('WAAM_BENCH_LAW', CorrectionParams().law)
 SEEDS = range(int(os.environ.get('WAAM_BENCH_COUNT', '10')))
 CALLS = int(os.environ.get('WAAM_BENCH_CALLS', '300'))
-EXPLICIT = [law for law in LAWS if law != 'zero' and law not in BEAD_LAWS]
+EXPLICIT = ['damped_inverse', 'proportional']
 GAINS = (0.3, 0.5, 0.7, 0.9, 1.1)
 PAD_LAYERS, WALL_LAYERS = 20, 100
 

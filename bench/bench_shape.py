@@ -7,7 +7,7 @@ RMS of the strategies. `shape.plants_worst_mm`: worst mean RMS on cells of other
 chosen on. `shape.parts_worst_mm`: worst mean RMS of the six parts of `waam_lab.parts`. `shape.corner_lag_mm`: the block
 of 60 x 40 x 60 mm there, built; how far the mean height of its lowest corner lies below that of its middle after the
 last layer, in the scan. Corner: a square of CORNER at each corner, less the rim; middle: the middle quarter of the top.
-`shape.network_gain_pct`: RMS of jobs with law `growth_net` against `bead_solver` on the same seeds; the smaller one of
+`shape.network_gain_pct`: RMS of jobs with law `unet` against `bead_solver` on the same seeds; the smaller one of
 the gains after layers 2 to 5 and at the end; 95 % intervals on stderr. `shape.fallback_share`: share of the layers of
 these jobs and of the six parts that the network did not answer.
 `shape.learned_gain_pct`: RMS at the end of jobs that start with what one job of the same cell, another part and other
@@ -150,7 +150,7 @@ def law(name: str) -> dict:
 
 
 def network() -> None:
-    laws = ('bead_solver', 'growth_net')
+    laws = ('bead_solver', 'unet')
     without, with_it = (jaw_jobs(seeds(SEEDS), **law(n)) for n in laws)
     told('jaw without the network', without)
     told('jaw with the network', with_it)
@@ -164,7 +164,7 @@ def network() -> None:
 
     found = [*with_it]
     for name in parts.PARTS:
-        found += part_jobs(name, seeds(FEW)[:1], **law('growth_net'))
+        found += part_jobs(name, seeds(FEW)[:1], **law('unet'))
     share = sum(r.fallbacks for r in found) / sum(r.layers for r in found)
     emit('shape.fallback_share', share, '', 'law unet, 2 of 6 layers', 1 / 3)
 
@@ -250,8 +250,8 @@ def last_layer() -> None:
         ways = ', '.join(f'{n} {v:.4f}' for n, v in zip(again.WAYS, row, strict=True))
         print(f'last layer, seed {seed}: {ways} mm', file=sys.stderr)
     solver, net, known = (float(v) for v in np.mean(found, axis=0))
-    emit('shape.last_layer_known_mm', known, 'mm', 'law growth_net', net)
-    emit('shape.last_layer_solver_mm', solver, 'mm', 'law growth_net', net)
+    emit('shape.last_layer_known_mm', known, 'mm', 'law unet', net)
+    emit('shape.last_layer_solver_mm', solver, 'mm', 'law unet', net)
 
 
 def corners(height: np.ndarray, region: np.ndarray, cell: float) -> Iterator[float]:

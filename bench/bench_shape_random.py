@@ -23,7 +23,7 @@ from lib.seeds import seeds
 
 RANDOM_PARTS = (21, 22, 23, 24, 25, 26)
 UNSEEN = tuple(range(61, 81))
-LAWS = ('growth_net', 'damped_inverse')
+LAWS = ('unet', 'damped_inverse')
 
 
 def random_part(folder: Path, number: int) -> tuple[Path, Path]:

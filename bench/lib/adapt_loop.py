@@ -15,6 +15,7 @@ from waam_process.heat import heat_factor
 
 from .adapt_plants import Pad
 from .adapt_wall import HOT_MODEL, Wall
+from .cell_by_cell import Proportional
 
 Plant = Pad | Wall
 
@@ -47,12 +48,16 @@ class Settings:
     model: str = ''
 
     def corrector(self) -> Corrector:
-        return Corrector(
+        plain = self.law == Proportional.name  # of the benchmarks alone
+        server = Corrector(
             CorrectionParams(
-                law=self.law, gain=self.gain, k_gain=self.k_gain, identify=self.identify,
+                law='zero' if plain else self.law, gain=self.gain, k_gain=self.k_gain, identify=self.identify,
                 min_coverage=self.min_coverage, model=self.model,
             )
         )  # fmt: skip
+        if plain:
+            server.law = Proportional(self.gain)
+        return server
 
 
 def run(

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
-from waam_adapt.laws.growth_law import GrowthLaw
+from waam_adapt.laws.unet_law import UNetLaw
 from waam_adapt.types import CorrectionInput, Predicted
 from waam_lab import LabJob, LabResult
 from waam_lab.laboratory import run
@@ -25,7 +25,7 @@ from waam_sim.plant import Plant
 # weight of what a round has shown; it falls, so that noise is averaged
 WEIGHTS = (1.0, 0.7, 0.6, 0.5, 0.4, 0.35, 0.3, 0.25, 0.22, 0.2)
 FRESH_NOISE = (9001, 9002, 9003, 9004)  # for judging
-WAYS = ('bead_solver', 'growth_net', 'known')
+WAYS = ('bead_solver', 'unet', 'known')
 MOST_SEEN, MOST = (
     0.5,
     0.8,
@@ -57,10 +57,10 @@ class Known(Predicted):
 
 @contextmanager
 def expecting(last: int, growth: np.ndarray | None) -> Iterator[None]:
-    """The law growth_net is told the growth of layer `last` (share of the plan, model's grid), and believes it."""
-    own, asked = GrowthLaw.predict, 0
+    """The law unet is told the growth of layer `last` (share of the plan, model's grid), and believes it."""
+    own, asked = UNetLaw.predict, 0
 
-    def predict(law: GrowthLaw, request: CorrectionInput) -> Predicted:
+    def predict(law: UNetLaw, request: CorrectionInput) -> Predicted:
         nonlocal asked
         asked += 1
         found = own(law, request)
@@ -68,7 +68,7 @@ def expecting(last: int, growth: np.ndarray | None) -> Iterator[None]:
             return found
         return Known(growth, found.sigma, found.digest, level=found.level)
 
-    with mock.patch.object(GrowthLaw, 'predict', predict):
+    with mock.patch.object(UNetLaw, 'predict', predict):
         yield
 
 

@@ -6,15 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from waam_adapt.laws import features, net, net_file
+from waam_adapt.beads import plan_geometry
+from waam_adapt.laws import net, net_file
 
 WIDTHS = (4, 8, 8)
 
 
 def random_weights(
-    seed: int = 0, head: float = 0.1, channels: int = features.CHANNELS
+    seed: int = 0, head: float = 0.1, channels: int = plan_geometry.CHANNELS
 ) -> dict[str, np.ndarray]:
-    """head: scale of the last layer; 0 = adds nothing to the explicit law."""
+    """head: scale of the last layer; 0 = predicts nothing."""
     rng = np.random.default_rng(seed)
     a, b, c = WIDTHS
     n = channels
@@ -30,7 +31,7 @@ def random_weights(
 
 
 def card(low: float = -1e9, high: float = 1e9) -> dict:
-    return {'seen': {name: [low, high] for name in features.SUMMARIES}}
+    return {'seen': {name: [low, high] for name in plan_geometry.SUMMARIES}}
 
 
 def model(path: Path, seed: int = 0, head: float = 0.1, **changes) -> Path:

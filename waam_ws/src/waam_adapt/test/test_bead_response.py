@@ -76,7 +76,7 @@ def test_a_map_of_another_size_and_equal_layers_teach_no_response():
 def test_an_end_is_asked_for_no_more_than_has_arrived_there(fill):
     model = bead_model(zigzag(), SIZE, W)
     crater = np.where((model.end < 0) & (model.end > -4), 0.9, 0.0)
-    deviation = BeadDeviation(crater, prior=0.0, fill=fill)
+    deviation = BeadDeviation(crater, fill=fill)
     request = pad(1.5e-3).told(learned=deviation)
     asked = laws.DampedInverse(1.0).height_request(request)
     assert asked is not None

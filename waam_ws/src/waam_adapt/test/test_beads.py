@@ -1,11 +1,9 @@
-"""The bead model, what is learned beside it, and the last layer of law unet that solves through it."""
+"""The bead model, what is learned beside it, and the law that solves through it."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from net_weights import model as weights
-from scipy.ndimage import gaussian_filter
 from scipy.optimize import lsq_linear
 
 from waam_adapt import filters
@@ -307,7 +305,6 @@ def test_what_the_ends_of_beads_lack_is_learned_from_all_of_them():
     rng, bias, model = np.random.default_rng(3), BeadBias(), bead_model(zigzag(), SIZE, W)
     lacking, seen = np.where((model.end < 0) & (model.end > -6), 0.4, 0.0), np.ones(SIZE)
     seen[:14] = 0.0
-    before = bias.prior
     for layer in (2, 4, 6):
         asked = 1 + 0.1 * rng.standard_normal(len(model.first))
         growth = model.growth(asked, 0.0) - lacking + 0.03 * rng.standard_normal(SIZE)
@@ -315,20 +312,6 @@ def test_what_the_ends_of_beads_lack_is_learned_from_all_of_them():
     unseen = (seen == 0) & (model.growth(np.ones(len(model.first)), 0.0) > 0)
     assert bias.of(8, model)[unseen & (lacking > 0)].mean() == pytest.approx(0.4, abs=0.1)
     assert abs(bias.of(8, model)[unseen & (lacking == 0)].mean()) < 0.03
-    assert bias.prior < 0.5 * before
-
-
-def test_a_guess_of_what_ends_lack_counts_until_the_job_has_shown_it():
-    request, grid = pad(0.5e-3), Resampler.of(pad(0.5e-3).z.shape, 0.5e-3, CELL)
-    guess = np.where(np.arange(SIZE[1]) < 8, 0.2, 0.0) * np.ones(SIZE)
-
-    def at_left(prior: float) -> float:
-        known = replace(request, learned=BeadDeviation(np.zeros(SIZE), prior=prior))
-        x = bead_solver.refine(known, np.ones(request.z.shape), 1.0, grid, guess)
-        return float(x[30:50, 14:20].mean()) - 1
-
-    assert at_left(0.5) == pytest.approx(0.1, abs=0.03)
-    assert at_left(0.0) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_an_efficiency_that_drifts_ahead_of_the_flow_factor_is_expected():
@@ -382,65 +365,18 @@ def test_growth_over_the_inner_cells_ignores_holes():
     assert weight.max() == pytest.approx(1.0)
 
 
-def test_law_unet_solves_for_the_beads_only_when_they_are_told(tmp_path):
-    path = str(weights(tmp_path / 'm.npz', head=0.0))
-    law = make_law('unet', gain=1.0, model=path)
+def test_the_beads_are_solved_for_only_when_they_are_told():
+    law = make_law('bead_solver', gain=1.0)
     y, x = np.mgrid[: pad(0.75e-3).z.shape[0], : pad(0.75e-3).z.shape[1]]
     told = pad(0.75e-3, error=2e-4 * np.sin(x / 5) * np.cos(y / 4))
     plain = laws.DampedInverse(1.0).correct(told)
     ours, untold = law.correct(told), law.correct(replace(told, paths=()))
-    assert untold.psi == pytest.approx(plain.psi, abs=1e-12)
+    assert (untold.psi == plain.psi).all()
+    assert untold.law == 'damped_inverse'
+    assert (ours.law, ours.fallback, ours.model_hash) == ('bead_solver', False, '')
     assert np.abs(ours.psi - plain.psi).max() > 0.05
     assert np.abs(ours.psi).max() <= 1
-    assert not ours.fallback
-    again = law.correct(told)
-    assert ours.psi.tobytes() == again.psi.tobytes()
-
-
-def test_without_a_network_the_bead_model_starts_from_the_explicit_law(tmp_path):
-    silent = make_law('unet', model=str(weights(tmp_path / 'm.npz', head=0.0)))
-    bare, request = make_law('unet', model='none'), pad(0.75e-3, error=2e-4)
-    result = bare.correct(request)
-    assert (result.law, result.model_hash, result.fallback) == ('unet', '', False)
-    assert result.psi == pytest.approx(silent.correct(request).psi, abs=1e-6)
-    plain = laws.DampedInverse().correct(replace(request, paths=()))
-    assert (bare.correct(replace(request, paths=())).psi == plain.psi).all()
-
-
-def test_where_the_network_cannot_answer_the_bead_model_does_and_says_so(tmp_path):
-    law, request = (
-        make_law('unet', model=str(weights(tmp_path / 'm.npz'))),
-        pad(0.75e-3, error=2e-4),
-    )
-    assert not law.correct(request).fallback
-    card = {**law.network.card, 'seen': {**law.network.card['seen'], 'error': [-1e-9, 0.0]}}
-    narrow = replace(law, network=replace(law.network, card=card))
-    result = narrow.correct(request)
-    assert result.fallback and result.model_hash == ''
-    assert 'unlike the training: error' in result.reasons[0]
-    assert 'the bead model answers without the network' in result.reasons[0]
-    assert (result.psi == make_law('unet', model='none').correct(request).psi).all()
-    untold = replace(request, paths=())
-    assert (narrow.correct(untold).psi == laws.DampedInverse().correct(untold).psi).all()
-
-
-def test_the_law_bead_solver_is_the_network_law_without_a_network():
-    rng = np.random.default_rng(3)
-    hills = 3e-4 * rng.standard_normal(
-        (round(SIZE[0] * CELL / 0.75e-3), round(SIZE[1] * CELL / 0.75e-3))
-    )
-    request = pad(0.75e-3, error=gaussian_filter(hills, 4.0) * 10)
-    ours, same = (
-        make_law(n, model=m).correct(request) for n, m in (('bead_solver', ''), ('unet', 'none'))
-    )
-    plain = make_law('damped_inverse').correct(request)
-    assert (ours.law, ours.fallback, ours.model_hash) == ('bead_solver', False, '')
-    np.testing.assert_array_equal(ours.psi, same.psi)
-    assert np.abs(ours.psi - plain.psi).max() > 0.05
-    untold = replace(request, paths=())
-    np.testing.assert_array_equal(
-        make_law('bead_solver').correct(untold).psi, make_law('damped_inverse').correct(untold).psi
-    )
+    assert ours.psi.tobytes() == law.correct(told).psi.tobytes()
 
 
 def test_what_is_asked_for_has_no_waves_finer_than_a_bead():

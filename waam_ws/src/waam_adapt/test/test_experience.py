@@ -34,7 +34,7 @@ def corrector(tmp_path) -> Corrector:
     file = tmp_path / 'g.npz'
     seen = {name: [-1e9, 1e9] for name in plan_geometry.SUMMARIES}
     net_file.save(file, random_weights(channels=plan_geometry.CHANNELS), {'seen': seen})
-    return Corrector(CorrectionParams(law='growth_net', model=str(file)))
+    return Corrector(CorrectionParams(law='unet', model=str(file)))
 
 
 def job(corrector: Corrector, learned: Learned | None, name: str, efficiency=0.88, layers=5):

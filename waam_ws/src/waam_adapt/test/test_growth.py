@@ -26,18 +26,18 @@ from waam_adapt.beads import bead_path, model, plan_geometry
 from waam_adapt.beads.bead_path import beads_of, nearest_of
 from waam_adapt.beads.model import SPREAD, bead_model
 from waam_adapt.grids import CELLS_PER_BEAD
-from waam_adapt.laws import growth_law, net_file
+from waam_adapt.laws import net_file, unet_law
 from waam_adapt.laws.checks import MapOrigin
 from waam_adapt.laws.corrector import CorrectionParams, Corrector
-from waam_adapt.laws.growth_law import GrowthLaw
 from waam_adapt.laws.registry import make_law
+from waam_adapt.laws.unet_law import UNetLaw
 from waam_adapt.training import samples
 from waam_adapt.types import LastLayer, Predicted
 
 
 @pytest.fixture
 def law(tmp_path):
-    return make_law('growth_net', model=str(weights_file(tmp_path / 'g.npz')))
+    return make_law('unet', model=str(weights_file(tmp_path / 'g.npz')))
 
 
 def test_channels_keep_their_values_when_the_part_is_turned_or_mirrored():
@@ -98,14 +98,14 @@ def test_sums_over_the_passes_are_those_of_their_definition():
 def test_answer_names_the_network_and_differs_from_the_bead_solver(law):
     result, plain = law.correct(request()), make_law('bead_solver').correct(request())
     assert not result.fallback
-    assert (result.law, result.model_hash) == ('growth_net', law.network.digest)
+    assert (result.law, result.model_hash) == ('unet', law.network.digest)
     assert np.abs(result.psi - plain.psi).max() > 0.05
     assert (result.confidence <= plain.confidence + 1e-12).all()
     assert result.confidence.max() < plain.confidence.max()
 
 
 def test_no_more_is_predicted_than_setpoints_can_make_least_of_all_in_thin_walls(tmp_path):
-    law = make_law('growth_net', model=str(weights_file(tmp_path / 'g.npz', scale=30.0)))
+    law = make_law('unet', model=str(weights_file(tmp_path / 'g.npz', scale=30.0)))
     wide = request()
     thin = request(planned=np.where(np.arange(96)[:, None] // 11 == 4, wide.planned, 0.0))  # 5.5 mm
     told, in_wall = law.predict(wide).growth, law.predict(thin).growth
@@ -152,15 +152,15 @@ def test_the_network_is_asked_before_the_layer_has_cooled(tmp_path):
     corrector.answer(1, request(temperature=150.0), origin, LastLayer())
     corrector.prepare(replace(asked, z=np.zeros(SHAPE), temperature=np.nan))
     for temperature, more in ((165.0, 0), (128.0, 0), (300.0, 1)):
-        before = growth_law._answer.cache_info().misses
+        before = unet_law._answer.cache_info().misses
         warm = replace(asked, temperature=temperature)
         found = corrector.answer(2, warm, origin, LastLayer()).correction
         assert not found.fallback
-        assert growth_law._answer.cache_info().misses == before + more
+        assert unet_law._answer.cache_info().misses == before + more
 
 
 def test_less_is_laid_where_more_will_grow():
-    r, law = request(), GrowthLaw.load('none', make_law('damped_inverse'))
+    r, law = request(), UNetLaw.load('none', make_law('damped_inverse'))
     growth = np.zeros(grid_of(r).shape)
     growth[14:18, 10:14] = 0.3
     told = replace(r, predicted=Predicted(growth, np.zeros_like(growth), 'abc'))
@@ -179,7 +179,7 @@ def test_without_the_network_the_bead_solver_answers_and_says_so(tmp_path, how, 
         weights_file(path, low=50.0, high=60.0)
     elif how == 'nan':
         weights_file(path, scale=1e38)
-    law = make_law('growth_net', model=str(path))
+    law = make_law('unet', model=str(path))
     with np.errstate(all='ignore'):
         result = law.correct(request())
     assert result.fallback
@@ -190,8 +190,8 @@ def test_without_the_network_the_bead_solver_answers_and_says_so(tmp_path, how, 
 
 def test_weights_of_the_other_network_are_refused(tmp_path):
     path = tmp_path / 'other.npz'
-    net_file.save(path, random_weights(), {'seen': {}})
-    result = make_law('growth_net', model=str(path)).correct(request())
+    net_file.save(path, random_weights(channels=15), {'seen': {}})
+    result = make_law('unet', model=str(path)).correct(request())
     assert result.fallback
     assert 'shape' in result.reasons[0]
 
@@ -199,12 +199,12 @@ def test_weights_of_the_other_network_are_refused(tmp_path):
 def test_what_was_predicted_is_not_learned_again(tmp_path):
     """A layer grows exactly as predicted: nothing is left to learn beside the forecast, and much beside the model."""
     missing = {}
-    for name in ('growth_net', 'bead_solver'):
-        model = str(weights_file(tmp_path / 'g.npz')) if name == 'growth_net' else ''
+    for name in ('unet', 'bead_solver'):
+        model = str(weights_file(tmp_path / 'g.npz')) if name == 'unet' else ''
         corrector = Corrector(CorrectionParams(law=name, model=model))
         first = request()
         answer = corrector.answer(1, first, origin(0), LastLayer())
-        predicted = make_law('growth_net', model=str(tmp_path / 'g.npz')).predict(first).growth
+        predicted = make_law('unet', model=str(tmp_path / 'g.npz')).predict(first).growth
         c, grid = answer.correction, grid_of(first)
         asked = np.where(first.footprint, H / (1 + c.k_gain * c.psi) + c.residual_height, 0.0)
         model_ = bead_model(first.paths, grid.shape, WIDTH)
@@ -215,9 +215,9 @@ def test_what_was_predicted_is_not_learned_again(tmp_path):
         second = request(z=grown, target=grown)
         corrector.answer(2, second, origin(1), LastLayer(first.z, asked))
         who = corrector.identifier
-        learned = (who.beads_told if name == 'growth_net' else who.beads).missing[1]
+        learned = (who.beads_told if name == 'unet' else who.beads).missing[1]
         missing[name] = float(np.sqrt(np.mean(learned**2)))
-    assert missing['growth_net'] < 0.5 * missing['bead_solver']
+    assert missing['unet'] < 0.5 * missing['bead_solver']
 
 
 def lay(corrector: Corrector, layers: int, grows, job: str = 'job', times: int = 1):
@@ -247,7 +247,7 @@ def says(answers) -> list[float]:
 
 def corrector_of(tmp_path, **params) -> Corrector:
     model = str(weights_file(tmp_path / 'g.npz'))
-    return Corrector(CorrectionParams(law='growth_net', model=model, **params))
+    return Corrector(CorrectionParams(law='unet', model=model, **params))
 
 
 def test_a_network_that_predicts_nonsense_loses_its_say(tmp_path):

@@ -117,7 +117,7 @@ def test_training_finds_the_growth_in_turns_and_gives_the_same_bits_again(tmp_pa
     for name, values in weights[0].items():
         assert values.tobytes() == weights[1][name].tobytes()
     growth.export(trainer, layers, metrics, tmp_path / 'g.npz')
-    law = make_law('growth_net', model=str(tmp_path / 'g.npz'))
+    law = make_law('unet', model=str(tmp_path / 'g.npz'))
     r = request()
     found = law.predict(r)
     assert found.doubt == ''
@@ -129,7 +129,7 @@ def test_training_finds_the_growth_in_turns_and_gives_the_same_bits_again(tmp_pa
 
 def arguments(folder: Path, *more: str) -> list[str]:
     return [
-        'train', '--growth', str(folder / 'data'), '--out', str(folder / 'net'), '--batch', '2', '--check-every', '2',
+        'train', str(folder / 'data'), '--out', str(folder / 'net'), '--batch', '2', '--check-every', '2',
         '--widths', '4', '4', '4', '--device', 'cpu', *more,
     ]  # fmt: skip
 
@@ -145,18 +145,18 @@ def test_the_command_trains_exports_and_goes_on(layers, tmp_path, capsys):
         return args.run_command(args)
 
     assert run('--steps', '2') == 0
-    out = tmp_path / 'net' / 'growth.npz'
+    out = tmp_path / 'net' / 'unet.npz'
     loaded = net_file.load(out, CHANNELS)
     assert loaded.card['training']['steps'] == 2
     assert loaded.digest in out.with_suffix('.md').read_text()
     assert (tmp_path / 'net' / 'curves.png').read_bytes()[:4] == b'\x89PNG'
-    assert 'growth.npz: explains' in capsys.readouterr().out
+    assert 'unet.npz: explains' in capsys.readouterr().out
     assert run('--steps', '4') == 1
     assert '--resume' in capsys.readouterr().err
     assert run('--steps', '4', '--resume') == 0
     assert net_file.load(out, CHANNELS).digest != loaded.digest
     assert run('--steps', '2', '--start', str(out), '--out', str(tmp_path / 'finer')) == 0
-    assert (tmp_path / 'finer' / 'growth.npz').exists()
+    assert (tmp_path / 'finer' / 'unet.npz').exists()
 
 
 def test_two_processes_train_one_network(layers, tmp_path):
@@ -169,10 +169,8 @@ def test_two_processes_train_one_network(layers, tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.count('2 process(es) on cpu') == 1
-    assert (
-        net_file.load(tmp_path / 'net' / 'growth.npz', CHANNELS).card['training']['processes'] == 2
-    )
+    assert net_file.load(tmp_path / 'net' / 'unet.npz', CHANNELS).card['training']['processes'] == 2
     alone = growth.Trainer(layers[2:], replace(SMALL, steps=2))
     growth.train(alone)
-    weights = np.load(tmp_path / 'net' / 'growth.npz')
+    weights = np.load(tmp_path / 'net' / 'unet.npz')
     assert not np.array_equal(weights['head.weight'], arrays(alone.net)['head.weight'])

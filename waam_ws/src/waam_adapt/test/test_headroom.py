@@ -60,7 +60,7 @@ def test_less_metal_is_asked_for_where_room_is_left():
 
 
 def test_the_law_leaves_room_only_under_a_thinner_layer(tmp_path):
-    law = make_law('growth_net', model=str(network(tmp_path / 'n.npz', leaving(0.5))))
+    law = make_law('unet', model=str(network(tmp_path / 'n.npz', leaving(0.5))))
     thick = rough()
     thin = law.predict(replace(thick, next_thickness=0.4 * float(thick.planned.max())))
     assert np.abs(thin.headroom).max() > 0

@@ -5,8 +5,11 @@ from hypothesis import strategies as st
 
 from waam_adapt import filters
 from waam_adapt.laws import explicit as laws
+from waam_adapt.laws.bead_solver_law import BeadSolver
 from waam_adapt.laws.checks import safe_correct
-from waam_adapt.laws.registry import make_law
+from waam_adapt.laws.corrector import CorrectionParams
+from waam_adapt.laws.registry import GONE, make_law
+from waam_adapt.laws.registry import LAWS as REGISTERED
 from waam_adapt.types import (
     MIN_GAIN,
     RATIO_HIGH,
@@ -15,10 +18,11 @@ from waam_adapt.types import (
     CorrectionInput,
     split_ratio,
 )
+from waam_node.params import ParameterError, from_dict
 
 SHAPE, RES, WIDTH, H = (80, 120), 0.5e-3, 6e-3, 2e-3
 PITCH = 0.73 * WIDTH
-LAWS = [laws.DampedInverse(), laws.Proportional(), laws.LogLog()]
+LAWS = [laws.DampedInverse(), BeadSolver(laws.DampedInverse())]
 named = pytest.mark.parametrize('law', LAWS, ids=lambda law: law.name)
 
 
@@ -122,7 +126,6 @@ def test_edge_slope_of_the_outermost_bead_does_not_ask_for_metal():
     depth = filters.depth(footprint()) * RES
     z -= 1e-3 * np.clip(1 - depth / 2e-3, 0, 1)
     assert np.abs(laws.DampedInverse().correct(given_surface(z)).psi).max() < 0.02
-    assert laws.Proportional().correct(given_surface(z)).psi.min() < -0.5
 
 
 @pytest.mark.parametrize('angle', [0.0, 30.0, 90.0])
@@ -193,22 +196,20 @@ def test_impossible_input_is_refused_naming_the_field(changes, word):
         given_surface(np.zeros(SHAPE), **changes)
 
 
-@given(st.floats(-0.8, -0.3), st.floats(-0.5e-3, 0.5e-3))
-def test_log_log_hits_a_wall_that_grows_by_its_model(exponent, missing):
-    """Height goes with speed**exponent: what the law asks of the speed gives the height that is missing."""
-    law = laws.LogLog(gain=1.0, exponent=exponent)
-    result = law.correct(given_surface(np.full(SHAPE, -missing), sigma=np.zeros(SHAPE), k_gain=0.9))
-    free = footprint() & (np.abs(result.psi) < 1)
-    laid = H * result.speed_factor**exponent
-    assert laid[free] == pytest.approx(H + missing, rel=1e-9)
-    assert free[footprint()].all() or abs(missing) > 0.2e-3
-
-
 def test_unknown_law_names_the_known_ones():
     with pytest.raises(
-        CorrectionError, match="'magic'; known are damped_inverse, bead_solver, unet, growth_net"
+        CorrectionError, match="'magic'; known are damped_inverse, bead_solver, unet, zero"
     ):
         make_law('magic', 0.9, 0.1)
+
+
+@pytest.mark.parametrize(('old', 'new'), GONE.items())
+def test_laws_of_former_versions_say_what_to_write(old, new):
+    with pytest.raises(CorrectionError, match=f"'{old}' is gone: write '{new}'"):
+        make_law(old)
+    with pytest.raises(ParameterError, match=f"'{old}' is gone, write '{new}'"):
+        from_dict(CorrectionParams, {'law': old})
+    assert new in REGISTERED
 
 
 class Broken:

@@ -126,7 +126,7 @@ def test_a_level_that_is_told_is_met_at_once(tmp_path):
     off = {}
     for name, told in (('knows', slope), ('nothing', 0.0)):
         model = str(weights_with_level(tmp_path, told, f'{name}.npz'))
-        corrector = Corrector(CorrectionParams(law='growth_net', model=model))
+        corrector = Corrector(CorrectionParams(law='unet', model=model))
         off[name] = abs(heights_of(corrector, planned, shares)[4] - 1)
         assert corrector.identifier.estimate.efficiency_ratio == pytest.approx(0.9, abs=0.04)
     assert off["nothing"] > 0.05

@@ -137,9 +137,9 @@ def test_noise_teaches_nothing():
 
 
 def test_less_is_laid_where_the_loop_would_end_too_high(tmp_path):
-    plain = make_law('growth_net', model=str(network(tmp_path / 'a.npz')))
+    plain = make_law('unet', model=str(network(tmp_path / 'a.npz')))
     # hollows are filled too little, hills taken away too little
-    telling = make_law('growth_net', model=str(network(tmp_path / 'b.npz', leaving(0.5))))
+    telling = make_law('unet', model=str(network(tmp_path / 'b.npz', leaving(0.5))))
     r = rough()
     hill = gaussian_filter(r.z, 6)
     inside = np.zeros(SHAPE, bool)
@@ -156,7 +156,7 @@ def test_a_network_without_its_say_leaves_nothing_either():
 
 
 def test_nothing_is_told_of_programs_of_others(tmp_path):
-    law = make_law('growth_net', model=str(network(tmp_path / 'n.npz', leaving(0.8))))
+    law = make_law('unet', model=str(network(tmp_path / 'n.npz', leaving(0.8))))
     told, other = (law.predict(rough(ratio_high=high)) for high in (0.0, 1.8))
     assert np.abs(told.left).max() > 0.01
     assert np.abs(other.left).max() == 0
@@ -194,7 +194,7 @@ def believed(tmp_path, leaves) -> list[float]:
     """Weights of what is told, before each of six layers; leaves: of what the layer ends too high, by what was told and
     the weight that it was told with."""
     model = str(network(tmp_path / 'net.npz', leaving(3.0)))
-    corrector = Corrector(CorrectionParams(law='growth_net', model=model))
+    corrector = Corrector(CorrectionParams(law='unet', model=model))
     z, last, found = rough(1).z, LastLayer(), []
     for number in range(1, 7):
         r = request(z=z, target=np.full(SHAPE, (number - 1) * H))
@@ -231,23 +231,23 @@ def test_the_command_adds_round_upon_round(tmp_path, capsys):
     start, out = network(tmp_path / 'start.npz'), tmp_path / 'out'
     for seed in range(8):
         samples.save(tmp_path / 'laid', seed, [laid(seed, 0.5)])
-    words = ('--residual', str(tmp_path / 'laid'), '--out', str(out))
+    words = (str(tmp_path / 'laid'), '--residual', '--out', str(out))
     assert command(*words, '--start', str(start)) == 0
-    once = net_file.load(out / 'growth.npz', plan_geometry.CHANNELS)
+    once = net_file.load(out / 'unet.npz', plan_geometry.CHANNELS)
     assert 'of what the loop leaves' in capsys.readouterr().out
     assert once.weights[residual.WEIGHTS][LONG] < -0.1
     assert (once.weights['head.weight'] == growth_weights()['head.weight']).all()
-    assert command(*words, '--start', str(out / 'growth.npz')) == 0
-    twice = net_file.load(out / 'growth.npz', plan_geometry.CHANNELS)
+    assert command(*words, '--start', str(out / 'unet.npz')) == 0
+    twice = net_file.load(out / 'unet.npz', plan_geometry.CHANNELS)
     assert twice.weights[residual.WEIGHTS] == pytest.approx(
         2 * once.weights[residual.WEIGHTS], rel=1e-3
     )
     assert len(twice.card['residual']) == 2
-    assert (out / 'growth.md').read_text().count('of jobs left out') == 2
+    assert (out / 'unet.md').read_text().count('of jobs left out') == 2
 
 
 def test_layers_that_were_laid_without_a_network_are_refused(tmp_path, capsys):
     samples.save(tmp_path / 'layers', 1, [layer_sample(1)])
     start = str(network(tmp_path / 'start.npz'))
-    assert command('--residual', str(tmp_path / 'layers'), '--start', start, '--out', 'x') == 1
-    assert '--law growth_net' in capsys.readouterr().err
+    assert command(str(tmp_path / 'layers'), '--residual', '--start', start, '--out', 'x') == 1
+    assert '--law unet' in capsys.readouterr().err

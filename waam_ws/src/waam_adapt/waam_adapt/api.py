@@ -44,8 +44,8 @@ def correct(
     unknown. height_exponent: d ln(height)/d ln(speed) of the process, -1 over overlapped beads (all
     metal counts), about -0.3 .. -0.6 for a single-bead wall, which answers more weakly. sigma_mm:
     standard uncertainty, map. k_gain: largest change of speed, 0.3 = 70 .. 130 %. law, gain,
-    regularisation, model: as of correction_server; law 'unet' also uses the paths (every array one
-    bead, from arc on to arc off) and temperature, degC of the layer below.
+    regularisation, model: as of correction_server; laws 'bead_solver' and 'unet' also use the
+    paths (every array one bead, from arc on to arc off), 'unet' the temperature, degC of the layer below.
 
     Returns one array (n,) per path: below 1 over a hollow (slower, more metal), above 1 over a
     hump, 1 where nothing is known or outside the map. CorrectionError (a ValueError) names the

@@ -17,7 +17,6 @@ import numpy as np
 RATIO_LOW, RATIO_HIGH = 0.4, 2.6
 MIN_GAIN = 1e-3  # less authority over speed than this is none
 MIN_PLANNED = 0.05e-3  # m; thinner than this the plan adds no metal
-PRIOR = 0.7  # weight of a law's guess of what ends lack, before the first layer
 
 
 T = TypeVar('T')
@@ -50,7 +49,6 @@ class BeadDeviation:
     lag: float = 0.0  # of the metal along the travel, m
     slope: float = 1.0  # of growth on metal
     scale: float = 1.0  # what the error of the request was divided by for that slope
-    prior: float = PRIOR  # weight of what a law guesses to be missing, before the job has shown it
     gain_factor: float = 1.0  # of the law's gain, by how the passes lie on those below
     fill: float = 1.0  # 0..1, share of what the end of a bead may be asked for beside others, by what came of it
 

@@ -58,7 +58,7 @@ def layer_record(job_id: str, n: int, beads: int) -> LayerRecord:
     return LayerRecord(
         job_id, 'closed_loop', n, temperature=20.0 + 40 * n, current_mean=180.0, voltage_mean=22.0,
         wire_feed_mean=0.08, travel_speed_mean=0.01, energy=39600.0, wire_used=0.8, arc_on_time=10.0,
-        arc_starts=beads + (n == 1), height_error_rms=3e-4, law='growth_net', correction_applied=True,
+        arc_starts=beads + (n == 1), height_error_rms=3e-4, law='unet', correction_applied=True,
     )  # fmt: skip
 
 

@@ -47,16 +47,10 @@ PACKAGES = (
 )
 
 
-def _recorded_requests(folder: Path) -> list[Any]:
-    """Requests of the correction server in a recorded job, for `waam train --from`."""
-    return importlib.import_module('waam_replay.corrections').requests_of(folder)
-
-
 TWO_WORDS = ('lab fit',)  # verbs of two words, whose first word is a verb of its own
 
 # what a package needs of another one that it must not know
 OPTIONS: dict[str, dict[str, Any]] = {
-    'waam_adapt': {'read_requests': _recorded_requests},
     'waam_archive': {'jobs_dir': jobs_dir},
     'waam_record': {'graph': Graph(add_run, lambda args: run_and_domain(args)[1])},
     'waam_shop': {'places': places()},

@@ -49,7 +49,7 @@ def test_kinds_come_in_their_shares():
 
 
 def test_a_job_leaves_its_layers_and_what_bead_model_and_loop_missed(tmp_path, capsys):
-    words = [str(tmp_path), '--seeds', '2001-2001', '--law', 'growth_net']
+    words = [str(tmp_path), '--seeds', '2001-2001', '--law', 'unet']
     assert growth_data.main(words) == 0
     layers = list(samples.load(tmp_path))
     assert '1/1 seed 2001' in capsys.readouterr().err

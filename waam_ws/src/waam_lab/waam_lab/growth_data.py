@@ -89,13 +89,11 @@ def main(argv: list[str] | None = None) -> int:
     )
     p.add_argument(
         '--law',
-        choices=('bead_solver', 'growth_net'),
+        choices=('bead_solver', 'unet'),
         default='bead_solver',
-        help='growth_net: layers for waam train --residual (default: bead_solver, for --growth)',
+        help='unet: layers for waam train --residual (default: bead_solver, for --growth)',
     )
-    p.add_argument(
-        '--model', default='', help='weights of law growth_net (default: the packaged ones)'
-    )
+    p.add_argument('--model', default='', help='weights of law unet (default: the packaged ones)')
     add_options(p, 'a seed is the work of one')
     args = p.parse_args(argv)
     folder = args.folder.resolve()

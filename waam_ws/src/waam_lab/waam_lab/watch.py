@@ -10,7 +10,7 @@ import numpy as np
 
 from waam_adapt import conversions as convert
 from waam_adapt.laws.corrector import Corrector
-from waam_adapt.laws.growth_law import GrowthLaw
+from waam_adapt.laws.unet_law import UNetLaw
 from waam_adapt.training import samples
 from waam_adapt.types import CorrectionInput, Predicted
 from waam_job.model.geometry import asked_growth, driven_growth
@@ -59,10 +59,10 @@ class LayerWatch:
         asked = asked_growth(core.planned, psi, answer.k_gain, residual)
         identifier = corrector.identifier
         law, model = corrector.law, identifier.model_of(core)
-        beads = identifier.beads_told if isinstance(law, GrowthLaw) else identifier.beads
+        beads = identifier.beads_told if isinstance(law, UNetLaw) else identifier.beads
         missing = beads.of(request.layer, model) if model is not None else 0.0
         slope = identifier.slope_of(model)
-        predicted = law.predict(core) if isinstance(law, GrowthLaw) else None
+        predicted = law.predict(core) if isinstance(law, UNetLaw) else None
         if predicted is not None:
             room = identifier.skill.weight * predicted.headroom
             predicted = replace(predicted, headroom=room)

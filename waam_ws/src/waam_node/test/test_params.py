@@ -18,7 +18,7 @@ class Example:
 
     cell: float = param(0.5e-3, 'edge of a cell', 'm', 1e-4, 5e-3)
     depth: int = param(10, 'queue', '', 1)
-    law: str = param('zero', 'which law', choices=('zero', 'proportional'))
+    law: str = param('zero', 'which law', choices=('zero', 'proportional'), gone={'old': 'zero'})
     offset: tuple = param((0.0, 0.0), 'offset', 'm')
     on: bool = param(True, 'switch')
 
@@ -45,6 +45,7 @@ def test_unknown_parameter_is_named_with_a_hint():
         ('depth', 1.5, 'type int'),
         ('depth', True, 'type int'),
         ('law', 'magic', 'zero, proportional'),
+        ('law', 'old', "'old' is gone, write 'zero'"),
         ('on', 1, 'type bool'),
     ],
 )

@@ -29,9 +29,11 @@ def param(
     maximum: float | None = None,
     choices: tuple | None = None,
     changeable: bool = False,
+    gone: dict[str, str] | None = None,
 ) -> Any:
     """A dataclass field with what a parameter needs. Lists are given as tuples or lists. changeable: while the node
-    runs, if the node takes the new value (`WaamNode.on_change`); the others are read-only."""
+    runs, if the node takes the new value (`WaamNode.on_change`); the others are read-only. gone: choices of former
+    versions, each with what to write in its place."""
     meta = {
         'description': description,
         'unit': unit,
@@ -39,6 +41,7 @@ def param(
         'maximum': maximum,
         'choices': choices,
         'changeable': changeable,
+        'gone': gone or {},
     }
     if isinstance(default, list | tuple):
         frozen = tuple(default)
@@ -67,6 +70,8 @@ def check_value(name: str, value: Any, field: dataclasses.Field) -> Any:
     if high is not None and value > high:
         raise ParameterError(f"parameter '{name}' is {value}{unit}, above its limit {high}{unit}")
     choices = meta.get('choices')
+    if value in (gone := meta.get('gone', {})):
+        raise ParameterError(f"parameter '{name}': {value!r} is gone, write {gone[value]!r}")
     if choices and value not in choices:
         raise ParameterError(
             f"parameter '{name}' is {value!r}, must be one of {', '.join(choices)}"

@@ -102,7 +102,7 @@ def test_how_it_was_laid_is_told_in_words(job, tmp_path):
     run = whole['closed_loop']
     layers = [dict(x) for x in run['layers'] if not x.get('final')]
     for x in layers:
-        x |= {'law': 'growth_net', 'correction_applied': True, 'fallback': False}
+        x |= {'law': 'unet', 'correction_applied': True, 'fallback': False}
     layers[0]['fallback'] = True
     layers[1] |= {'bead_width': 6.41e-3, 'bead_width_u': 0.07e-3, 'width_ratio': 1.05}
     passes = [{'pass_number': 1, 'schedule': '3 finishing layers of <1.00> mm'}]
@@ -122,7 +122,7 @@ def test_how_it_was_laid_is_told_in_words(job, tmp_path):
     assert 'former jobs of this cell: 2 jobs (fedcba987654).' in section
     assert 'Kept for the next one: abcdef012345.' in section
     assert f'{layers[-1]["flow_factor"]:.3f} at the last' in section
-    network = any(x['law'] == 'growth_net' for x in layers)
+    network = any(x['law'] == 'unet' for x in layers)
     assert ('from the network how layers differ' in section) == network
     assert 'Bead width: 6.41 mm where beads stood free' in section
     assert 'held by the voltage in 1 layer.' in section

@@ -16,7 +16,7 @@ from waam_process.learned import END_PIECES
 
 from .. import filters
 from ..grids import CELLS_PER_BEAD
-from ..types import PRIOR, with_side
+from ..types import with_side
 from .model import BeadModel
 
 LAG_SIGMA = 0.3  # bead widths, of the lag before any layer
@@ -44,7 +44,6 @@ RESPONSE_FORGETTING = 0.9  # per layer
 FILL, LEAST_FILL = (0.25, 0.75), 0.2
 MOVED = 0.02  # RMS of what was expected otherwise than two layers before, from which on a layer tells the response
 END_RATE = 0.5  # weight of the newest layer in that: the mean over many beads has little noise
-PRIOR_FADING = 0.7  # per layer, of the weight of a law's guess of what ends lack
 SEEN = 0.3  # share of a cell that must be known
 
 
@@ -67,11 +66,6 @@ class BeadBias:
     response_information: float = RESPONSE_SIGMA**-2
     # (2, rows, cols) of even and odd layers: expected and grown of the newest, NaN = unknown
     newest: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
-
-    @property
-    def prior(self) -> float:
-        """See `BeadDeviation.prior`."""
-        return PRIOR * PRIOR_FADING ** sum(self.layers)
 
     @property
     def fill(self) -> float:

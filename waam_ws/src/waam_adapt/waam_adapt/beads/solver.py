@@ -36,13 +36,11 @@ def refine(
     ratio: np.ndarray,
     gain: float,
     grid: Resampler,
-    guess: np.ndarray | float = 0.0,
 ) -> np.ndarray:
     """(rows, cols) relative layer height that the beads of `request.paths` need.
 
     ratio (rows, cols): what a law asks of every cell; kept away from the beads, and where nothing is known.
-    gain: share of the height error that the layer is to remove. guess: share of the planned height, on `grid`, that a
-    law believes to be missing at the ends of beads; it counts until the job has shown what is (`BeadDeviation.prior`).
+    gain: share of the height error that the layer is to remove. grid: of the bead model.
     """
     learned = request.learned or BeadDeviation(np.zeros(grid.shape))
     model = bead_model(request.paths, grid.shape, request.bead_width)
@@ -54,7 +52,7 @@ def refine(
         error -= request.shortfall  # the model has its own, `learned.missing`
     margin = MARGIN * request.bead_width / request.resolution
     error, weight = inner_mean(error, known, footprint, grid, margin)
-    missing = learned.missing + learned.prior * guess
+    missing = learned.missing
     if request.predicted is not None:
         told = request.predicted
         missing = missing - told.growth - told.left - told.headroom

@@ -287,7 +287,7 @@ class Identifier:
         missing = missing - self.beads.surplus
         factor = self._gain_factor(request, model)
         beads = self.beads
-        return BeadDeviation(missing, lag, slope, slope, beads.prior, factor, beads.fill)
+        return BeadDeviation(missing, lag, slope, slope, factor, beads.fill)
 
     def _gain_factor(self, request: CorrectionInput, model: BeadModel) -> float:
         """By how the passes lie on those below; 1 where there are none, in single beads, and in programs of others,

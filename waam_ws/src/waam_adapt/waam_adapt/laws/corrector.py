@@ -22,8 +22,8 @@ from ..identify.identification import Identifier
 from ..in_layer.renewal import Belief
 from ..types import Correction, CorrectionInput, LastLayer
 from .checks import MapLimits, MapOrigin, reasons_against, safe_correct
-from .growth_law import GrowthLaw
-from .registry import BEAD_LAWS, LAWS, make_law
+from .registry import BEAD_LAWS, GONE, LAWS, make_law
+from .unet_law import UNetLaw
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ class CorrectionParams:
     """Parameters of the node correction_server."""
 
     law: str = param(
-        'growth_net',
+        'unet',
         'correction law',
         choices=tuple(LAWS),
+        gone=GONE,
     )
     model: str = param(
         '',
-        "file with the weights of law unet or growth_net; '' = the packaged ones, "
-        'none = the bead model alone',
+        "file with the weights of law unet; '' = the packaged ones, none = the bead model alone",
     )
     k_gain: float = param(
         0.3, 'authority over travel speed when a request names none', '', 0.0, 0.3
@@ -157,7 +157,7 @@ class Corrector:
                     request.bead_width,
                 )
             )
-        if isinstance(self.law, GrowthLaw) and not reasons:
+        if isinstance(self.law, UNetLaw) and not reasons:
             request = request.told(self.law.predict(request))
         flow, expected = 1.0, request
         if self.params.identify:
@@ -177,7 +177,7 @@ class Corrector:
         """Answers for a layer whose surface and temperature are not known yet and forgets the answer: what its plan
         alone decides, and what the network says of it about as warm as the layer before, is kept by the functions that
         compute it, so that `answer` need not. Answers are the same without it."""
-        if isinstance(self.law, GrowthLaw):
+        if isinstance(self.law, UNetLaw):
             warm = [replace(request, temperature=t) for t in plan_geometry.alike(self._temperature)]
             request = request.told([self.law.predict(r) for r in warm][0])
         safe_correct(self.law, request, ())
@@ -185,7 +185,7 @@ class Corrector:
     @property
     def network(self) -> str:
         """Hash of the growth network, '' without one."""
-        found = self.law.network if isinstance(self.law, GrowthLaw) else None
+        found = self.law.network if isinstance(self.law, UNetLaw) else None
         return found.digest if found else ''
 
     def _after(self, learned: Learned | None, origin: MapOrigin) -> Learned | None:

@@ -6,14 +6,12 @@ into `registry.LAWS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from .. import filters
 from ..types import (
-    MIN_GAIN,
     RATIO_HIGH,
     RATIO_LOW,
     Correction,
@@ -33,58 +31,6 @@ class Zero:
     def correct(self, request: CorrectionInput) -> Correction:
         """psi 0 everywhere."""
         return nothing(request.z.shape, request.k_gain, self.name)
-
-
-def cell_by_cell(
-    request: CorrectionInput, name: str, faster: Callable[[np.ndarray], np.ndarray]
-) -> Correction:
-    """A law without neighbours and residual. faster: relative change of speed (rows, cols) for the missing share of the
-    planned metal (rows, cols), 0 for 0."""
-    if request.k_gain < MIN_GAIN:
-        return nothing(request.z.shape, request.k_gain, name)
-    known = request.footprint & np.isfinite(request.error)
-    missing = np.where(known, request.error, 0.0) / np.where(known, request.planned, 1.0)
-    psi = np.clip(faster(missing) / request.k_gain, -1.0, 1.0)
-    confidence = np.where(known, filters.reliability(request.sigma, known.shape), 0.0)
-    return Correction(psi, confidence, np.zeros_like(psi), name, request.k_gain)
-
-
-@dataclass(frozen=True)
-class Proportional:
-    """psi = -gain*error/(k_gain*planned), cell by cell: no smoothing, no knowledge of the bead, no
-    residual for the feed.
-
-    Kept as the plain reference that published cells use; `DampedInverse` is the one to weld with.
-    """
-
-    gain: float = 0.7
-    name: str = 'proportional'
-
-    def correct(self, request: CorrectionInput) -> Correction:
-        """See the class; psi 0 where the map or the footprint is unknown."""
-        return cell_by_cell(request, self.name, lambda missing: -self.gain * missing)
-
-
-@dataclass(frozen=True)
-class LogLog:
-    """Speed from the inverse of one fixed model ln(height) = exponent*ln(speed) + b, cell by cell, no residual.
-
-    1 + k_gain*psi = (wanted/planned)**(1/exponent); b cancels, for the plan's height belongs to the plan's speed. What
-    published single-bead cells do with their regression; exponent: -0.5 lies amid the fits of the material table.
-    """
-
-    gain: float = 0.7
-    exponent: float = -0.5
-    name: str = 'log_log'
-
-    def correct(self, request: CorrectionInput) -> Correction:
-        """See the class; psi 0 where the map or the footprint is unknown."""
-
-        def faster(missing: np.ndarray) -> np.ndarray:
-            ratio = np.clip(1 + self.gain * missing, RATIO_LOW, RATIO_HIGH)
-            return ratio ** (1 / self.exponent) - 1
-
-        return cell_by_cell(request, self.name, faster)
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,10 @@ import numpy as np
 
 from waam_process.safe_files import parse_json, read_npz
 
-from ..beads import plan_level, residual
-from .features import CHANNELS
+from ..beads import plan_geometry, plan_level, residual
 from .net import CONVS, ModelError, Network, digest
 
-PACKAGED = Path(__file__).parents[1] / 'models' / 'correction.npz'
+PACKAGED = Path(__file__).parents[1] / 'models' / 'unet.npz'
 
 
 def save(path: Path, weights: dict[str, np.ndarray], card: dict[str, Any]) -> str:
@@ -32,7 +31,7 @@ def save(path: Path, weights: dict[str, np.ndarray], card: dict[str, Any]) -> st
     return code
 
 
-def load(path: Path, channels: int = CHANNELS) -> Network:
+def load(path: Path, channels: int = plan_geometry.CHANNELS) -> Network:
     """channels: of the input. ModelError when the file is missing, cannot be read, misses a layer or does not have the
     hash that it names."""
     try:

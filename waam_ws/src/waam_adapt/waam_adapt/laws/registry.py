@@ -11,9 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..types import CorrectionError, CorrectionLaw
-from .explicit import DampedInverse, LogLog, Proportional, Zero
-from .growth_law import GrowthLaw
-from .net_law import UNetLaw
+from .bead_solver_law import BeadSolver
+from .explicit import DampedInverse, Zero
+from .unet_law import UNetLaw
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class LawSettings:
 
     gain: float = 0.9  # share of the height error that one layer is to remove
     regularisation: float = 0.1  # of the deconvolution of overlapping beads
-    # weights of law unet or growth_net: a file, '' = the packaged ones, 'none' = its bead model alone
+    # weights of law unet: a file, '' = the packaged ones, 'none' = its bead model alone
     model: str = ''
 
     @property
@@ -32,23 +32,26 @@ class LawSettings:
 
 
 # Laws that solve for the beads, so that it is worth comparing layers with the bead model.
-BEAD_LAWS = ('bead_solver', 'unet', 'growth_net')
+BEAD_LAWS = ('bead_solver', 'unet')
 
 LAWS: dict[str, Callable[[LawSettings], CorrectionLaw]] = {
     'damped_inverse': lambda s: s.inverse,
-    'bead_solver': lambda s: UNetLaw(s.inverse, None, name='bead_solver'),
+    'bead_solver': lambda s: BeadSolver(s.inverse),
     'unet': lambda s: UNetLaw.load(s.model, s.inverse),
-    'growth_net': lambda s: GrowthLaw.load(s.model, s.inverse),
-    'proportional': lambda s: Proportional(s.gain),
-    'log_log': lambda s: LogLog(s.gain),
     'zero': lambda s: Zero(),
 }
+
+
+# Laws of former versions, and what to write in their place.
+GONE = {'growth_net': 'unet', 'proportional': 'damped_inverse', 'log_log': 'damped_inverse'}
 
 
 def make_law(
     name: str, gain: float = 0.9, regularisation: float = 0.1, model: str = ''
 ) -> CorrectionLaw:
     """The law of that name with its settings (`LawSettings`); CorrectionError names the known ones."""
+    if name in GONE:
+        raise CorrectionError(f"law '{name}' is gone: write '{GONE[name]}'")
     if name not in LAWS:
         raise CorrectionError(f"unknown law '{name}'; known are {', '.join(LAWS)}")
     return LAWS[name](LawSettings(gain, regularisation, model))

@@ -21,7 +21,7 @@ from torch.nn import functional as F
 from ..beads import plan_geometry
 from ..grids import CELLS_PER_BEAD
 from ..laws import net_file
-from ..laws.growth_law import SMOOTH
+from ..laws.unet_law import SMOOTH
 from . import curves, loop, plan_level
 from .growth_card import card_text
 from .samples import Sample

@@ -33,7 +33,7 @@ def fit(layers: Sequence[Sample]) -> tuple[np.ndarray, dict[str, Any]]:
     jobs = [np.sum(found[seed], axis=0) for seed in sorted(found)]
     if len(jobs) < FOLDS:
         text = f'{len(jobs)} jobs that were laid with a network, {FOLDS} are needed'
-        raise ValueError(f'{text}: make some with python3 -m waam_lab.growth_data --law growth_net')
+        raise ValueError(f'{text}: make some with python3 -m waam_lab.growth_data --law unet')
     total = np.sum(jobs, axis=0)
     left = sum(
         _left(out, _solved(total - out))

@@ -1,8 +1,7 @@
 """The correction network in torch, for training; `net` computes the same in numpy.
 
-A small U-Net: encoder and decoder with skips, 3x3 kernels, ReLU. It gives the change of the
-relative layer height to add
-to the explicit law's, and the logarithm of the error that will be left.
+A small U-Net: encoder and decoder with skips, 3x3 kernels, ReLU. It gives what a layer
+will grow beside the bead model, as a share of the planned height, and the logarithm of the error of that.
 """
 
 from __future__ import annotations
@@ -12,18 +11,18 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from ..laws.features import CHANNELS
+from ..beads.plan_geometry import CHANNELS
 from ..laws.net import HEAD_LIMIT, LOG_LIMITS
 
 
 class UNet(nn.Module):
     """x (batch, channels, rows, cols), rows and cols divisible by 4 -> change (batch, rows, cols), log_error alike.
 
-    The head starts at zero: an untrained network adds nothing to the explicit law.
+    The head starts at zero: an untrained network adds nothing to the bead solver.
     """
 
     def __init__(
-        self, widths: tuple[int, int, int] = (8, 16, 32), channels: int = CHANNELS
+        self, widths: tuple[int, int, int] = (16, 28, 48), channels: int = CHANNELS
     ) -> None:
         super().__init__()
         a, b, c = widths

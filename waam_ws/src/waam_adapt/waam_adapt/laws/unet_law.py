@@ -1,4 +1,4 @@
-"""The law that solves for the beads with what a growth network predicts of them.
+"""The law that solves for the beads with what a U-Net predicts of them.
 
 The network sees the plan's geometry only (`beads.plan_geometry`) and says where a layer will grow more or less than the
 bead model expects: humps in turns, hollows beside them, links between rings, places that only one pass reaches. The
@@ -22,11 +22,11 @@ from ..beads.model import inner_cells
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import Correction, CorrectionInput, Predicted
 from . import net, net_file
+from .bead_solver_law import BeadSolver
 from .explicit import DampedInverse
-from .net_law import DOUBT, UNetLaw
 
-PACKAGED = net_file.PACKAGED.with_name('growth.npz')
-NO_MODEL = 'none'
+NO_MODEL = 'none'  # in place of a file of weights: the bead model without a network
+DOUBT = 0.25  # share of the planned height: predicted error at which the confidence is a half
 # Share of the planned height that is predicted at most. Setpoints cannot fill a deeper hollow within a bead; a hump is
 # avoided by laying less. In walls narrower than a bead, a hump that one layer leaves stands in the hollow of the next
 # one, laid otherwise.
@@ -35,26 +35,26 @@ SMOOTH = 1.0  # cells: sigma of what is predicted; shorter waves setpoints canno
 
 
 @dataclass(frozen=True)
-class GrowthLaw:
-    """`bead_solver` with a growth network. network None: `broken` says why, and every answer announces it; without
+class UNetLaw:
+    """`bead_solver` with a U-Net. network None: `broken` says why, and every answer announces it; without
     words (NO_MODEL) it is `bead_solver`.
 
     confidence of the result: that of the bead solver times 1/(1 + (sigma/DOUBT)^2), sigma predicted by the network.
     """
 
-    solver: UNetLaw
+    solver: BeadSolver
     network: net.Network | None
     broken: str = ''
-    name: str = 'growth_net'
+    name: str = 'unet'
 
     @classmethod
-    def load(cls, path: str, explicit: DampedInverse) -> GrowthLaw:
+    def load(cls, path: str, explicit: DampedInverse) -> UNetLaw:
         """path '' = the packaged weights, NO_MODEL = none."""
-        solver = UNetLaw(explicit, None, name=cls.name)
+        solver = BeadSolver(explicit, cls.name)
         if path == NO_MODEL:
             return cls(solver, None)
         try:
-            return cls(solver, _model(Path(path) if path else PACKAGED))
+            return cls(solver, _model(Path(path) if path else net_file.PACKAGED))
         except net.ModelError as e:
             return cls(solver, None, str(e))
 

@@ -1,0 +1,31 @@
+"""The base law: the explicit law's answer, solved for the beads where the request tells their paths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..beads import solver
+from ..grids import CELLS_PER_BEAD, Resampler
+from ..types import Correction, CorrectionInput, split_ratio
+from .explicit import DampedInverse
+
+
+@dataclass(frozen=True)
+class BeadSolver:
+    """psi from the relative layer heights that the beads need by the nominal bead model (`beads.solver`), started from
+    the explicit law; without paths the explicit law answers."""
+
+    explicit: DampedInverse
+    name: str = 'bead_solver'
+
+    def correct(self, request: CorrectionInput) -> Correction:
+        """A fallback without correction when no cell of the footprint is known."""
+        plain = self.explicit.height_request(request)
+        if plain is None or not request.paths:
+            return self.explicit.correct(request)
+        cell = request.bead_width / CELLS_PER_BEAD
+        grid = Resampler.of(request.z.shape, request.resolution, cell)
+        solved = solver.refine(request, plain.ratio, self.explicit.gain, grid)
+        ratio = 1 + plain.confidence * (solved - 1)
+        psi, residual = split_ratio(ratio, plain.planned, request.k_gain)
+        return Correction(psi, plain.confidence, residual, self.name, request.k_gain)
