@@ -109,8 +109,3 @@ def test_ripple_of_the_beads_is_not_amplified():
     opened = run(reference, laws.Zero(), apply=False)
     assert pitch_ripple(closed.error, plant) < 1.5 * pitch_ripple(opened.error, reference)
     assert pitch_ripple(closed.psi, plant) < 0.02
-
-
-def test_fewer_beads_are_driven_to_the_limit_than_by_the_proportional_law():
-    damped, plain = (run(Plant(), law) for law in (laws.DampedInverse(), laws.Proportional()))
-    assert np.mean(np.abs(damped.psi) >= 1) < 0.5 * np.mean(np.abs(plain.psi) >= 1)
