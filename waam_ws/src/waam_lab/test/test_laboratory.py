@@ -22,7 +22,6 @@ from waam_process.learned import UNTRIED, parse
 from waam_sim.faults import Faults
 from waam_sim.plant import PlantParams
 
-
 QUIET = {'preset': 'gentle'}
 
 

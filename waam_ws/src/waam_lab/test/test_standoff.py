@@ -16,8 +16,8 @@ WARPS = {'part_warp': 3.5e-3, 'part_warp_energy': 2e4}
 
 @pytest.fixture(scope='module')
 def weld(tmp_path_factory):
-    """weld(source, fault, **parameters of the cell) -> result of one layer on a plate that warps; the rest of the cell is
-    quiet, so that what is off is the torch's distance."""
+    """weld(source, fault, **parameters of the cell) -> result of one layer on a plate that warps. Else the cell is
+    quiet: what is off is the torch's distance."""
     folder: Path = tmp_path_factory.mktemp('parts')
 
     @cache

@@ -26,7 +26,7 @@ def outcome(report: dict[str, Any]) -> str:
         return f'The part is in tolerance: {figures}.'
     if verdict != 'out of tolerance':
         return ''
-    said = f'The part is OUT OF TOLERANCE: only {figures}. Nothing has failed: this is what the loop leaves on that cell.'
+    said = f'The part is OUT OF TOLERANCE: only {figures}. Nothing has failed: that is what the loop leaves there.'
     if preset == 'gentle':
         return said
     return f'{said} `waam demo --preset gentle` shows the same part on a cell that scatters less.'

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from waam_job.store.folder import clean
 from waam_node.files import write_atomically
@@ -33,7 +34,9 @@ def cell_file(found: Recorded, scatter: Mapping[str, Any]) -> str:
     told = {p.name: p.value for p in found.joined}
     names = ', '.join(dict.fromkeys(f.recording for f in found.findings))
     lines = [f'# Fitted by waam lab fit to {names}', *(f'# {note}' for note in found.notes)]
-    lines += [f'# Of the cell that it was fitted on, so that no preset counts: {", ".join(scatter)}']
+    lines += [
+        f'# Of the cell that it was fitted on, so that no preset counts: {", ".join(scatter)}'
+    ]
     return '\n'.join(lines) + '\n' + block(scatter, told)
 
 

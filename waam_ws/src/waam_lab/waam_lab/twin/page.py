@@ -54,7 +54,9 @@ def cell_file(found: Fitted, scatter: Mapping[str, Any]) -> str:
     lines += [f'# Not told by these records, so left as usual: {silent}'] if silent else []
     if found.strikes is not None and not found.strikes.safe:
         lines += [f'# {UNSAFE} {found.strikes.words}']
-    lines += [f'# Of the cell that it was fitted on, so that no preset counts: {", ".join(scatter)}']
+    lines += [
+        f'# Of the cell that it was fitted on, so that no preset counts: {", ".join(scatter)}'
+    ]
     return '\n'.join(lines) + '\n' + block(scatter, found.values())
 
 
