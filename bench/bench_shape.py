@@ -2,8 +2,10 @@
 
 One set of jobs gives `shape.in_tolerance_share`, `shape.rms_mean_mm`, `shape.rms_worst_mm`, `shape.rms_edges_mm`,
 `shape.largest_mm` (99.5 % of the cells, worst seed), `shape.level_worst_mm` (mean error after layers 4 ... last, any
-seed) and `shape.time_ratio`, on the preset that users get; the same figures as `shape.gentle_...` on `gentle`. All but
-a rim of 1 mm along the edge is judged. `shape.strategies_worst_mm`: worst mean RMS of the strategies.
+seed) and `shape.time_ratio`, on the preset that users get. On `gentle` they are
+`shape.gentle_in_tolerance_share`, `shape.gentle_rms_mean_mm`, `shape.gentle_rms_worst_mm`, `shape.gentle_rms_edges_mm`,
+`shape.gentle_largest_mm`, `shape.gentle_level_worst_mm` and `shape.gentle_time_ratio`. All but a rim of 1 mm along the
+edge is judged. `shape.strategies_worst_mm`: worst mean RMS of the strategies.
 `shape.plants_worst_mm`: worst mean RMS on cells of other physics than the one that settings were chosen on.
 `shape.parts_worst_mm`: worst mean RMS of the six parts of `waam_lab.parts`. `shape.corner_lag_mm`: the block
 of 60 x 40 x 60 mm there, built; how far the mean height of its lowest corner lies below that of its middle after the
