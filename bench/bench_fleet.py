@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from lib.emit import emit
+from lib.preset import preset
 
 JOBS = int(os.environ.get('WAAM_BENCH_FLEET_JOBS', '40'))
 
@@ -30,7 +31,7 @@ JOBS = int(os.environ.get('WAAM_BENCH_FLEET_JOBS', '40'))
 def short_jobs(folder: Path, count: int) -> list:
     from waam_lab import over_seeds, parts
 
-    job = parts.job(folder, 'block', layers=1, loop_mode='open_loop')
+    job = parts.job(folder, 'block', layers=1, loop_mode='open_loop', preset=preset())
     return over_seeds(job, list(range(1, count + 1)))
 
 

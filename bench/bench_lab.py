@@ -17,8 +17,9 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-from lib.emit import emit
 from lib.jaw import jaw_job
+from lib.preset import emit_on_cell as emit
+from lib.preset import preset
 from lib.seeds import seeds
 
 GRAPH_RATE = 13.0  # s/s, `make demo` on two cores (README.md)
@@ -38,6 +39,7 @@ def in_graph(seed: int) -> tuple[dict, float]:
             loop_modes=['closed_loop'],
             rate=0.0,
             fresh=True,
+            preset=preset(),
         )
         started = time.monotonic()
         stdout, sys.stdout = sys.stdout, sys.stderr

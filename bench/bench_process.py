@@ -26,7 +26,8 @@ from pathlib import Path
 
 import numpy as np
 from bench_shape import workers
-from lib.emit import emit
+from lib.preset import emit_on_cell as emit
+from lib.preset import preset
 from lib.seeds import seeds
 
 SEEDS = seeds(tuple(range(1, 21)))
@@ -41,7 +42,7 @@ def in_laboratory(value: str, output: str = 'override') -> list:
 
     overrides = {'cell': WANDERS, 'process_control': {'value': value, 'output': output}}
     with tempfile.TemporaryDirectory() as folder:
-        made = {'layers': 1, 'loop_mode': 'open_loop', 'overrides': overrides}
+        made = {'layers': 1, 'loop_mode': 'open_loop', 'overrides': overrides, 'preset': preset()}
         found = run_many(
             [parts.job(Path(folder), 'block', seed, **made) for seed in SEEDS], workers=workers()
         )
@@ -89,7 +90,8 @@ def _widths(held: bool) -> list:
         sheet = 7e-3 * np.random.default_rng([seed, 7]).uniform(0.92, 1.08)
         cell = {**WANDERS, 'metal_width_ref': float(sheet)}
         overrides = {'cell': cell, 'correction_server': {'hold_width': held}}
-        return {'layers': LAYERS, 'bead_width': 1e-3 * WIDTH, 'overrides': overrides}
+        own = {'overrides': overrides, 'preset': preset()}
+        return {'layers': LAYERS, 'bead_width': 1e-3 * WIDTH, **own}
 
     with tempfile.TemporaryDirectory() as folder:
         found = run_many(

@@ -56,6 +56,7 @@ from __future__ import annotations
 import sys
 
 from lib.emit import emit
+from lib.preset import emit_on_cell
 from lib.seeds import seeds
 
 POSES, SOME = 100_000, 1000
@@ -235,7 +236,7 @@ def cell_rms() -> None:
             said = r.message if r.failed else f'{r.rms * 1e3:.4f} mm, {r.share_in_tolerance:.3f}'
             print(f'robot.rms_ratio, {kind}, seed {r.seed}: {said}', file=sys.stderr)
         rms[kind] = float(np.mean([r.rms for r in found])) * 1e3
-    emit('robot.rms_ratio', rms['robot'] / rms['gantry'], '1', 'gantry', 1.0)
+    emit_on_cell('robot.rms_ratio', rms['robot'] / rms['gantry'], '1', 'gantry', 1.0)
 
 
 def cell_kills() -> None:
@@ -337,7 +338,7 @@ def overhangs() -> None:
             print(f'robot.overhang_deg, {degrees:g} deg: {said}', file=sys.stderr)
             if all(w.rms <= 0.3e-3 and not w.contacts for w in walls):
                 best = degrees
-    emit('robot.overhang_deg', best, 'deg', 'level', PlanSettings().overhang_limit_deg)
+    emit_on_cell('robot.overhang_deg', best, 'deg', 'level', PlanSettings().overhang_limit_deg)
 
 
 FIGURES = {

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 from bench_shape import FIRST, done, told, workers
 from lib.adapt_stats import interval
-from lib.emit import emit
+from lib.preset import emit_on_cell as emit
+from lib.preset import preset
 from lib.seeds import seeds
 
 RANDOM_PARTS = (21, 22, 23, 24, 25, 26)
@@ -45,7 +46,7 @@ def chosen() -> None:
     usual, taken = [], []
     for number in RANDOM_PARTS:
         with tempfile.TemporaryDirectory() as folder:
-            job = restore(*random_part(Path(folder), number), tolerance=0.2e-3)
+            job = restore(*random_part(Path(folder), number), tolerance=0.2e-3, preset=preset())
             layout = layouts.best(choose(job, 2, workers())).layout
             of_layout = layouts.laid(job, layout)
             jobs = over_seeds(job, seeds(FIRST)) + over_seeds(of_layout, seeds(FIRST))
@@ -67,7 +68,7 @@ def unseen() -> None:
     some, jobs = seeds((1,)), []
     with tempfile.TemporaryDirectory() as folder:
         for number in UNSEEN:
-            job = restore(*random_part(Path(folder), number), tolerance=0.2e-3)
+            job = restore(*random_part(Path(folder), number), tolerance=0.2e-3, preset=preset())
             for law in LAWS:
                 overrides = {'correction_server': {'law': law}}
                 jobs += over_seeds(replace(job, overrides=overrides), some)

@@ -41,6 +41,7 @@ import numpy as np
 from bench_shape import workers
 from lib.emit import emit
 from lib.paths import SOURCES
+from lib.preset import emit_on_cell, preset
 from scipy.signal import lfilter
 
 SEEDS = range(101, 111)
@@ -248,6 +249,7 @@ def in_laboratory(
                 'block',
                 seed,
                 layers=layers,
+                preset=preset(),
                 faults=(Fault(fault),) if fault else (),
                 overrides={
                     'cell': cell.get(seed, cell),
@@ -275,7 +277,7 @@ def warping_job() -> None:
 
     without = rms('none')
     for name, source in (('rms_mm', 'laser'), ('rms_arc_mm', 'arc')):
-        emit(f'standoff.{name}', rms(source), 'mm', 'no tracking, same seeds', without)
+        emit_on_cell(f'standoff.{name}', rms(source), 'mm', 'no tracking, same seeds', without)
 
 
 def wrong_map(seed: int) -> dict[str, float]:
@@ -301,7 +303,7 @@ def wrong_maps() -> None:
         worst = max(r.contact_worst for r in found if r.contact_worst >= 0) * 1e3
         text = f'{source}: {lost[source]} arcs lost, {none} jobs without a second of arc, largest {worst:.2f} mm'
         print(f'standoff: {text}', file=sys.stderr)
-    emit('standoff.arc_lost', lost['laser'], 'arcs', 'no tracking, same jobs', lost['none'])
+    emit_on_cell('standoff.arc_lost', lost['laser'], 'arcs', 'no tracking, same jobs', lost['none'])
 
 
 def faults_in_the_cell() -> None:
@@ -323,8 +325,8 @@ def faults_in_the_cell() -> None:
         print(f'standoff: {text}', file=sys.stderr)
         close += sum(r.contact_least < 7.5e-3 for r in found)
         least = min(least, nearest)
-    emit('standoff.cell_too_close', close, 'jobs', 'wanted', 0.0)
-    emit('standoff.cell_closest_mm', least, 'mm', 'half the contact distance', 7.5)
+    emit_on_cell('standoff.cell_too_close', close, 'jobs', 'wanted', 0.0)
+    emit_on_cell('standoff.cell_closest_mm', least, 'mm', 'half the contact distance', 7.5)
 
 
 FIGURES = {

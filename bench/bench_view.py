@@ -29,6 +29,7 @@ from types import SimpleNamespace
 import numpy as np
 from lib.emit import emit
 from lib.limit import within
+from lib.preset import preset
 
 from waam_node import priority
 
@@ -126,7 +127,7 @@ def measure(folder: Path, watched: bool, domain: int) -> np.ndarray:
 
     without = () if watched else WATCHERS
     settings = Settings(
-        run=folder / 'run', seed=7, rate=1.0, without=without,
+        run=folder / 'run', seed=7, rate=1.0, without=without, preset=preset(),
         grpc_port=free_port() if watched else 0, web_port=free_port() if watched else 0,
     )  # fmt: skip
     with graph(settings, domain, 90.0) as (state, client):

@@ -2,7 +2,8 @@
 
 ONLY is the full name of a figure (link.segments_per_s), of a group (link: all names that begin with `link.`), or
 `help`, which lists all names. Without it every figure is measured. Figures that come out of one measurement are
-printed together.
+printed together. Figures that were measured on simulated cells say their `preset`; `WAAM_BENCH_PRESET=recorded` takes
+another one where it is not the figure itself that says which.
 
 A benchmark is a module bench_*.py with
     FIGURES: name of each figure -> function that measures it and calls `emit`

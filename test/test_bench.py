@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import sys
 from pathlib import Path
@@ -119,3 +120,23 @@ def test_a_link_benchmark_that_fails_leaves_no_controller_behind(run):
         raise ZeroDivisionError
     assert not Path(port).exists(), 'its terminal is still there'
     assert not path.parent.exists()
+
+
+def test_figures_of_simulated_cells_name_their_preset(monkeypatch, capsys):
+    monkeypatch.syspath_prepend(str(BENCH))
+    from lib.emit import emit
+    from lib.jaw import jaw_job
+    from lib.preset import emit_on_cell, preset
+
+    monkeypatch.delenv('WAAM_BENCH_PRESET', raising=False)
+    assert preset() == jaw_job().preset == 'gentle' and preset('recorded') == 'recorded'
+    monkeypatch.setenv('WAAM_BENCH_PRESET', 'rough')
+    assert preset('recorded') == jaw_job().preset == 'rough'
+    assert jaw_job(preset='gentle').preset == 'gentle'
+    emit_on_cell('a.b', 1.0, '', 'base', None)
+    emit('a.c', 1.0, '', 'base', None)
+    first, second = map(json.loads, capsys.readouterr().out.splitlines())
+    assert first['preset'] == 'rough' and 'preset' not in second
+    monkeypatch.setenv('WAAM_BENCH_PRESET', 'wild')
+    with pytest.raises(SystemExit, match="WAAM_BENCH_PRESET: .*'wild'.*recorded"):
+        preset()

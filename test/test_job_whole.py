@@ -14,6 +14,7 @@ import pytest
 from waam_msgs.action import RunJob
 from waam_msgs.msg import JobStatus
 from waam_msgs.srv import InjectFault
+from waam_process.operating import DEFAULT_PRESET
 from waam_record.bag_reader import check
 
 WIRE = 'the wire is slower than commanded'
@@ -111,6 +112,16 @@ def gaps(folder: Path) -> float:
     grown = (last['z'] - first['z'])[on]
     deep = missing > 1e-3
     return float(np.mean(grown[deep] < 0.5 * missing[deep]))
+
+
+def test_a_job_on_the_cell_that_users_get_ends_without_a_fault(make_graph):
+    with make_graph(preset=DEFAULT_PRESET) as bench:
+        assert bench.state().preset == DEFAULT_PRESET
+        result = bench.job()
+    assert result.error_code == 0, result.message
+    run = report_of(result)
+    assert run['verdict'] in ('in tolerance', 'out of tolerance')
+    assert run['rms_mm'] < 0.35 and run['faults'] == 0 and run['telemetry_lost'] == 0
 
 
 def test_stop_instead_of_a_new_spool_ends_the_job_whole(bench, background):

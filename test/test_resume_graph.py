@@ -41,7 +41,7 @@ def tallest_needle(run: Path) -> float:
 
 def test_power_cut_in_a_bead_then_resume(tmp_path, part, background, bench_class):
     run, domain = tmp_path / 'run', fresh_domain()
-    settings = Settings(run=run, seed=3, without=('dashboard', 'panel'))
+    settings = Settings(run=run, seed=3, without=('dashboard', 'panel'), preset='gentle')
     with power_on(replace(settings, rate=6.0), domain) as (client, pids):
         bench = bench_class(run, tmp_path / 'jobs', domain, client, part)
         bench.load()

@@ -17,6 +17,8 @@ sys.path.insert(0, str(SOURCES / 'waam_archive' / 'test'))
 from made_jobs import FIRST  # noqa: E402
 from made_record import make_record  # noqa: E402
 
+from .preset import preset
+
 COPIED = ('records.json', 'status.json', 'telemetry.npz', 'plan.npz')  # maps are left out
 
 
@@ -24,7 +26,9 @@ def laid(folder: Path, count: int, layers: int) -> list[Path]:
     """Folders of so many jobs of the laboratory: a block of so many layers, on cells of different seeds."""
     from waam_lab import over_seeds, parts, run_many
 
-    job = parts.job(folder, 'block', layers=layers, keep=True, jobs_dir=folder / 'jobs')
+    job = parts.job(
+        folder, 'block', layers=layers, keep=True, jobs_dir=folder / 'jobs', preset=preset()
+    )
     results = run_many(over_seeds(job, list(range(1, count + 1))))
     failed = [r.message for r in results if r.failed]
     if failed:

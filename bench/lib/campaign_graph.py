@@ -22,6 +22,7 @@ from typing import Any
 
 from .job_part import SEED, goal, write_part
 from .live_graph import LiveGraph
+from .preset import preset
 
 LEASE_MS = 500.0
 RATE = 6.0  # simulated seconds per second: slow enough to hit the middle of a bead
@@ -51,7 +52,13 @@ class Graph:
             from waam_bringup.graph import Settings
             from waam_node.testing import fresh_domain
 
-            settings = Settings(run=self.run, seed=SEED, rate=self.rate, without=self.without)
+            settings = Settings(
+                run=self.run,
+                seed=SEED,
+                rate=self.rate,
+                without=self.without,
+                preset=preset(),
+            )
             self._live = LiveGraph(settings, fresh_domain(), UP_S)
             self._live.start()
             with GraphClient(self._live.domain) as client:

@@ -22,6 +22,8 @@ from waam_lab.cell import LabCell
 from waam_msgs.msg import CorrectionMap, HeatFactor, HeightMap
 from waam_sim.plant import Profiles
 
+from .preset import preset
+
 HARMLESS = 1.25  # of the RMS of the undisturbed job
 ABOUT = {'scan', 'correction', 'temperature', 'node'}  # anomalies that may name the cause
 
@@ -209,7 +211,7 @@ def _write_part(folder: Path) -> tuple[Path, Path]:
 def run_case(folder: Path, name: str, seed: int, whole: float = math.nan) -> dict:
     """One job with the case `name` ('' = undisturbed). whole: m, RMS of the undisturbed job."""
     nominal, worn = _write_part(folder)
-    job = restore(nominal, worn, seed, layer_height=1.4e-3)
+    job = restore(nominal, worn, seed, layer_height=1.4e-3, preset=preset())
 
     class Cell(Altered):
         case = CASES[name] if name else Case()

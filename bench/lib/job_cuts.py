@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from .job_part import SEED, goal, write_part
+from .preset import preset
 
 DOMAIN = int(os.environ.get('WAAM_BENCH_DOMAIN', 216))
 JOB_S, UP_S = 300.0, 120.0  # longest wait for a job and for a graph, s
@@ -75,7 +76,7 @@ class Campaign:
             return self._client
         self.down()
         for attempt in (1, 2):  # an operator would try again, too; the line of the trial says so
-            graph = power_on(Settings(run=self.run, seed=SEED), DOMAIN, UP_S)
+            graph = power_on(Settings(run=self.run, seed=SEED, preset=preset()), DOMAIN, UP_S)
             try:
                 self._client, self.pids = graph.__enter__()
                 break

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from .job_part import SEED, goal
+from .preset import preset
 
 DOMAIN = int(os.environ.get('WAAM_BENCH_DOMAIN', 217))
 BLOCK = (70.0, 50.0, 150.0)  # mm: as high as the machine allows, 75 layers
@@ -170,7 +171,9 @@ def run_long_job(scratch: Path, hours: float, file: Path | None) -> tuple[Endura
     from waam_process.operating import BUILD_PLATE
 
     scratch.mkdir(parents=True, exist_ok=True)
-    settings = Settings(run=scratch / 'run', seed=SEED, params_files=(parameters(scratch),))
+    settings = Settings(
+        run=scratch / 'run', seed=SEED, params_files=(parameters(scratch),), preset=preset()
+    )
     with power_on(settings, DOMAIN) as (client, _):
         pids = {n: s.pid for n, s in run_state.load(scratch / 'run').nodes.items()}
         watch = Endurance(hours, pids, file, min(EVERY, hours * 3600 / 24))

@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from .preset import preset
+
 
 class PowerCut(BaseException):
     """Nothing in the job may catch this, as nothing can catch a power cut."""
@@ -200,9 +202,12 @@ def bases(scratch: Path) -> Iterator[CutJob]:
     for k in range(JOBS):
         share = float(rng.uniform(0.05, 0.95))
         if k % 4 == 3:
-            job, layer = restore(*block, seed=k), int(rng.integers(1, 3))
+            job, layer = restore(*block, seed=k, preset=preset()), int(rng.integers(1, 3))
         else:
-            job, layer = build(built[k % 4], seed=k, layers=3), int(rng.integers(1, 4))
+            job, layer = (
+                build(built[k % 4], seed=k, layers=3, preset=preset()),
+                int(rng.integers(1, 4)),
+            )
         yield cut_off(job, layer, share, scratch / 'jobs', f'{job.goal.part.stem}_{k}_{layer}')
 
 

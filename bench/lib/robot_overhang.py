@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from .preset import preset
+
 # mm: along y; of the post along x and z; of the arm over the ground
 WIDTH, POST, HIGH, ROOT = 70.0, 12.0, 60.0, 20.0
 
@@ -57,7 +59,7 @@ def build(degrees: float, seed: int, folder: Path) -> Wall:
     tilt = float(np.radians(degrees))
     job = restore(
         part, found, seed, machine='robot', plan_settings=(f'tilt_deg={degrees:g}', 'clamp=true'),
-        overrides={'robot_bridge': {'tilt': tilt}, 'cell': {'robot_tilt': tilt}},
+        overrides={'robot_bridge': {'tilt': tilt}, 'cell': {'robot_tilt': tilt}}, preset=preset(),
     )  # fmt: skip
     result = run(job)
     said = result.message if result.failed else f'{result.rms * 1e3:.3f} mm, {result.layers} layers'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -11,6 +12,7 @@ import trimesh
 
 from waam_bringup import cli_job, demo, jobs
 from waam_bringup.cli import build_parser
+from waam_bringup.run_state import RunState
 from waam_job.conversions import goal_from_msg
 from waam_job.model.goal import JobError, check
 from waam_job.model.limits import K_GAIN_MAX
@@ -98,6 +100,12 @@ def test_a_worn_part_is_put_where_the_program_expects_it(parse, tmp_path):
 def test_wire_lot_and_gas_are_notes_of_the_job(parse, box, tmp_path):
     args = parse('run', box, '--wire-lot', 'L7', '--gas', 'M21', '--note', 'shift=2')
     assert list(jobs.make_goal(args, tmp_path).notes) == ['shift=2', 'wire_lot=L7', 'gas=M21']
+
+
+def test_a_job_notes_the_preset_of_a_simulated_cell():
+    state = RunState(1, 'up', 7, True, 'port')
+    assert jobs.cell_notes(replace(state, preset='rough')) == ['preset=rough']
+    assert jobs.cell_notes(state) == []  # a real cell
 
 
 def test_fresh_and_the_folder_of_what_was_learned_reach_the_goal(parse, box, tmp_path):

@@ -64,6 +64,12 @@ def test_a_preset_is_read_after_the_defaults_of_the_cell_and_before_what_the_use
         processes(settings(tmp_path, preset='wild'))
 
 
+def test_a_graph_that_names_no_preset_has_the_recorded_cell(tmp_path):
+    (cell,) = [p for p in processes(settings(tmp_path)) if p.name == 'cell']
+    (file,) = [w for w in cell.command if '/presets/' in w]
+    assert Path(file).name == 'recorded.yaml'
+
+
 def test_the_state_of_a_graph_names_the_preset_of_its_simulated_cell(tmp_path):
     made = Supervisor(settings(tmp_path, preset='recorded'), 42)
     real = Supervisor(settings(tmp_path, port='/dev/null'), 42)

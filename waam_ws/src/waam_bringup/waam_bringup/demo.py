@@ -66,6 +66,8 @@ def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> i
     point_latest(jobs, folder.name)
     page = _page(folder)
     show(report, console, time.monotonic() - started)
+    if said := _outcome(report):
+        print(said)
     print(f'folder: {os.path.relpath(folder)}\nreport: {os.path.relpath(page)}')
     failed = [p for p in args.loop_modes if report[p]['error_code']]
     return 1 if failed else 0
@@ -108,7 +110,12 @@ def _one(
             k_gain=math.nan,
             tolerance=0.2,
             scale=1e-3,
-            note=[f'seed={args.seed}', 'wire_lot=simulated', 'gas=simulated'],
+            note=[
+                f'seed={args.seed}',
+                f'preset={args.preset}',
+                'wire_lot=simulated',
+                'gas=simulated',
+            ],
             strategy='',
             set=[],
             allowance=0.0,
@@ -182,6 +189,12 @@ def combine(
         report[GANTRY] = {**run, 'folder': beside.name}
     write_atomically(folder / job_folder.REPORT, json.dumps(report, indent=1))
     return report
+
+
+def _outcome(report: dict) -> str:
+    from waam_view.outcome import outcome
+
+    return outcome(report)
 
 
 def _page(folder: Path) -> Path:

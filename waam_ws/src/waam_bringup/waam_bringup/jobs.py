@@ -22,6 +22,7 @@ from .client import ClientError, GraphClient
 from .operate import ended, graph_watch, require_up
 from .paths import jobs_dir
 from .progress import JobProgress
+from .run_state import RunState
 
 if TYPE_CHECKING:  # the planner is loaded only when a job is checked
     from waam_job.model.goal import Checked
@@ -74,6 +75,11 @@ def make_goal(args: argparse.Namespace, jobs: Path, learned: Path | None = None)
     return goal
 
 
+def cell_notes(state: RunState) -> list[str]:
+    """Preset of the simulated cell as a note of the job, so that its report names it."""
+    return [f'preset={state.preset}'] if state.preset else []
+
+
 def check_arguments(args: argparse.Namespace) -> Checked:
     """Refuses what can be refused without a graph. Returns the job with part and program read."""
     from waam_job.model.goal import JobError, JobGoal, check
@@ -111,8 +117,10 @@ def run_job(args: argparse.Namespace, run: Path, domain: int) -> int:
             raise ValueError(
                 '--as-found is for the simulated cell; on a real one the part is on the table'
             )
+        goal = make_goal(args, jobs)
+        goal.notes = [*goal.notes, *cell_notes(state)]
         with JobProgress(args.part.stem) as progress:
-            result = client.run_job(make_goal(args, jobs), progress, graph_watch(run))
+            result = client.run_job(goal, progress, graph_watch(run))
     return report_result(result, ended(run))
 
 

@@ -1,4 +1,4 @@
-"""The process control in whole jobs of the laboratory."""
+"""The process control in whole jobs of the laboratory. The cell is quiet but for the wanders that a test puts in."""
 
 import math
 from pathlib import Path
@@ -17,7 +17,7 @@ def laid(tmp_path_factory):
 
     def lay(value: str = 'none', cell: dict = WANDERS, **control):
         overrides = {'cell': cell, 'process_control': {'value': value, **control}}
-        made = {'layers': 1, 'loop_mode': 'open_loop', 'overrides': overrides}
+        made = {'layers': 1, 'loop_mode': 'open_loop', 'overrides': overrides, 'preset': 'gentle'}
         return run(parts.job(folder, 'block', 101, **made))
 
     return lay

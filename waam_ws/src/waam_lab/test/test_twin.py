@@ -23,6 +23,7 @@ from waam_lab.twin.electric import Steady, current, scatter
 from waam_lab.twin.replay import Replay
 from waam_lab.twin.unknowns import ALL, NEVER, REPLAYED, physics
 from waam_node.spread import Workers
+from waam_process.operating import PRESETS
 from waam_sim.config import CellParams, plant_params
 from waam_sim.plant import PlantParams
 
@@ -78,7 +79,10 @@ def test_a_cell_is_found_from_its_records(job, tmp_path, capsys, monkeypatch):
 
     loaded = params.read_file(tmp_path / 'cell/cell.yaml')
     cell = plant_params(params.make(loaded).cell)
-    assert set(loaded['cell']) - {'heat_ambient', 'heat_initial'} == told
+    scatter = set(params.of_preset('gentle'))
+    assert set(loaded['cell']) - {'heat_ambient', 'heat_initial'} == told | scatter
+    others = [plant_params(params.make(loaded, preset=name).cell) for name in PRESETS]
+    assert others == [cell] * 3, 'the fitted cell, whatever the preset'
     assert cell.metal.transfer == pytest.approx(found['metal_transfer']['value'], rel=1e-3)
     assert cell.metal.spatter_per_m == USUAL.metal.spatter_per_m
     page = (tmp_path / 'cell/report.html').read_text()

@@ -20,7 +20,7 @@ examples:
   waam lab part.stl --as-found worn.stl --layer-height 1.2 --set correction_server.law=unet
   waam lab part.stl --as-found worn.stl --set cell.metal_transfer=0.88 --set plan.levels=adaptive
   waam lab part.stl --as-found worn.stl --cell-file mycell.yaml        a cell with other physics
-  waam lab part.stl --as-found worn.stl --preset rough                 a cell as rough as the roughest recordings
+  waam lab part.stl --as-found worn.stl --preset gentle                a cell that scatters less than recorded ones do
   waam lab part.stl --as-found worn.stl --choose                       which layout of the beads suits this part
   waam lab part.stl --as-found worn.stl --machine robot                the same job on a robot
   waam lab part.stl --as-found worn.stl --machine robot --urdf my_arm.urdf   on another arm

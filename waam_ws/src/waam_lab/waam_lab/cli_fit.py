@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from .twin.records import JobRecord
     from .twin.solve import Each, Task
 
+# Preset of the cell that is fitted. Others bring scatter that no record tells apart from what is fitted; it would count
+# twice.
+BASE = 'gentle'
 EXAMPLES = """\
 examples:
   waam lab fit jobs/20260101T080000Z_jaw jobs/20260102T093000Z_ring    two jobs of one cell
@@ -122,7 +125,9 @@ def run_fit(args: argparse.Namespace) -> int:
     from .twin.records import read_all
 
     overrides, _ = settings_of([], args.cell_file)
-    base = plant_params(params.make(overrides).cell)
+    base = plant_params(params.make(overrides, preset=BASE).cell)
+    scatter = params.of_preset(BASE)
+    scatter |= {k: v for k, v in overrides.get('cell', {}).items() if k in scatter}
     recorded = [p for p in args.jobs if is_recording(p) or is_wall(p)]
     if recorded:
         if others := [str(p) for p in args.jobs if p not in recorded]:
@@ -130,7 +135,7 @@ def run_fit(args: argparse.Namespace) -> int:
                 f'{others[0]} is no recording, {recorded[0]} is: fit jobs and recordings one after the other, '
                 'the second with the --cell-file of the first'
             )
-        return _fit_recorded(args, recorded, base)
+        return _fit_recorded(args, recorded, base, scatter)
     records = read_all(args.jobs)
     out = args.out or _jobs_dir() / make_job_id('fit')
     workers = Workers(args.workers, args.cluster, ('waam_lab.twin.solve',))
@@ -142,7 +147,7 @@ def run_fit(args: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             print(f'waam: ended, {bar.done}; the same command goes on there', file=sys.stderr)
             raise
-    target = page.write(out, found, shlex.join(['waam', *sys.argv[1:]]))
+    target = page.write(out, found, shlex.join(['waam', *sys.argv[1:]]), scatter)
     kept.clear()
     # into a file or a pipe rich takes 80 columns, and cuts the names of parameters
     show(found, Console(highlight=False, width=None if sys.stdout.isatty() else 120))
@@ -151,7 +156,9 @@ def run_fit(args: argparse.Namespace) -> int:
     return 0
 
 
-def _fit_recorded(args: argparse.Namespace, paths: list[Path], base: PlantParams) -> int:
+def _fit_recorded(
+    args: argparse.Namespace, paths: list[Path], base: PlantParams, scatter: dict[str, Any]
+) -> int:
     from waam_job.store.folder import make_job_id
 
     from .recorded import page
@@ -160,7 +167,7 @@ def _fit_recorded(args: argparse.Namespace, paths: list[Path], base: PlantParams
 
     found = fit_recordings(paths, base)
     out = args.out or _jobs_dir() / make_job_id('fit')
-    target = page.write(out, found, shlex.join(['waam', *sys.argv[1:]]))
+    target = page.write(out, found, shlex.join(['waam', *sys.argv[1:]]), scatter)
     print('\n'.join(page.lines(found)))
     print(f'cell file: {os.path.relpath(out / CELL_FILE)}')
     print(f'report: {os.path.relpath(target)}')

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 DEFAULT_MATERIAL = 'er70s-6'  # key of the material table, where a job names none
-# how rough the simulated cell is (waam_sim/config/presets): as it was at first, as recordings show, their upper end
-PRESETS = ('gentle', 'recorded', 'rough')
-DEFAULT_PRESET = 'gentle'  # the one place that says which, where none is named
+PRESETS = {  # how rough the simulated cell is (waam_sim/config/presets), in words for people
+    'gentle': 'gentler than metal',
+    'recorded': 'beads, arc and scans scatter as in recordings of real cells',
+    'rough': 'the upper end of the recordings, with warp and spatter',
+}
+DEFAULT_PRESET = 'recorded'  # the one place that says which, where none is named
 GANTRY, ROBOT = MACHINES = ('gantry', 'robot')  # what may move the torch
 
 # range of an operator's factor on the programmed value (Override.msg; the controller checks it again)

@@ -19,8 +19,9 @@ from synthetic_job import write_demo, write_job  # noqa: E402
 
 from waam_robot.station import Station  # noqa: E402
 from waam_view import canvas, figures  # noqa: E402
-from waam_view.html import STYLE  # noqa: E402
+from waam_view.html import STYLE, escape  # noqa: E402
 from waam_view.job_data import JobError, load_job, read_report  # noqa: E402
+from waam_view.outcome import outcome  # noqa: E402
 from waam_view.report import cost_label, main, write_all, write_report  # noqa: E402
 from waam_view.robot_picture import joints_over  # noqa: E402
 
@@ -253,6 +254,29 @@ def test_demo_compares_both_runs(tmp_path):
             assert f'{layer["height_error_rms"] * 1e3:.3f}' in text
     assert f'{whole["ratio"]:.3f}' in text
     assert len(pictures(text)) == 4
+
+
+@pytest.mark.parametrize(
+    'changed, words',
+    [
+        ({'verdict': 'out of tolerance'}, ('OUT OF TOLERANCE: only 89.3% ', 'RMS 0.129 mm', 'Nothing has failed')),
+        ({'verdict': 'in tolerance'}, ('The part is in tolerance: 89.3% ',)),
+        ({'verdict': 'not judged: nothing was seen'}, ()),
+        ({'verdict': 'out of tolerance', 'error_code': 21}, ()),
+    ],
+)  # fmt: skip
+def test_a_demo_says_in_words_what_came_out_on_which_cell(tmp_path, changed, words):
+    whole = write_demo(tmp_path)
+    run = {'rms_mm': 0.1292, 'share_in_tolerance': 0.8933, 'error_code': 0, **changed}
+    whole |= {'preset': 'recorded', 'closed_loop': whole['closed_loop'] | run}
+    (tmp_path / 'report.json').write_text(json.dumps(whole))
+    text, said = write_report(tmp_path).read_text(), outcome(whole)
+    assert bool(said) == bool(words) and escape(said) in text
+    assert all(w in said for w in words)
+    assert ("'recorded' (beads, arc and scans scatter" in said) == bool(words)
+    assert ('--preset gentle' in said) == (changed['verdict'] == 'out of tolerance' and bool(words))
+    assert '--preset gentle' not in outcome(whole | {'preset': 'gentle'})
+    assert outcome(whole | {'preset': ''}) == ''  # no simulated cell
 
 
 def test_a_demo_on_a_robot_shows_the_robot(tmp_path):

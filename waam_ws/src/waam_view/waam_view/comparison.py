@@ -15,6 +15,7 @@ from . import figures, robot_picture
 from .html import cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, load_job, number
 from .loop_summary import loop_summary
+from .outcome import outcome
 
 
 def comparison_page(folder: Path, jobs: list[Job], machines: str = '') -> str:
@@ -31,6 +32,7 @@ def comparison_page(folder: Path, jobs: list[Job], machines: str = '') -> str:
         f'material: <b>{escape(report.get("material", ""))}</b> · tolerance: '
         f'<b>±{jobs[0].tolerance_mm:g} mm</b> · {escape(report.get("created", ""))}</p>',
         _verdict(report, jobs),
+        _outcome(report),
         _cards(report, jobs),
         *(loop_summary(j) for j in jobs if j.loop_mode == LoopMode.CLOSED_LOOP),
         _maps(jobs),
@@ -67,6 +69,11 @@ def _verdict(report: dict, jobs: list[Job]) -> str:
         for j in jobs
     )
     return f'<div class="verdict {style}">{escape(word.upper())}<small>{escape(each)}</small></div>'
+
+
+def _outcome(report: dict) -> str:
+    said = outcome(report)
+    return f'<p>{escape(said)}</p>' if said else ''
 
 
 def _cards(report: dict, jobs: list[Job]) -> str:

@@ -4,37 +4,40 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-
-import yaml
+from typing import Any
 
 from waam_job.store.folder import clean
 from waam_node.files import write_atomically
 from waam_view.html import escape, page, table
 
-from ..twin.page import CELL_FILE, FACTS, PAGE, number
+from ..twin.page import CELL_FILE, FACTS, PAGE, block, number
 from .finding import Finding
 from .fit import Recorded
 
 
-def write(folder: Path, found: Recorded, told: str) -> Path:
-    """Writes the three files; returns the path of the page. told: the command line, or ''."""
+def write(folder: Path, found: Recorded, told: str, scatter: Mapping[str, Any]) -> Path:
+    """Writes the three files; returns the path of the page. told: the command line, or ''. scatter: of a preset, as in
+    `waam_lab.twin.page.block`."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / CELL_FILE, cell_file(found))
+    write_atomically(folder / CELL_FILE, cell_file(found, scatter))
     facts = {'command': told, **asdict(found)}
     write_atomically(folder / FACTS, json.dumps(clean(facts), indent=1))
     write_atomically(folder / PAGE, _html(found, told))
     return folder / PAGE
 
 
-def cell_file(found: Recorded) -> str:
-    """A ROS parameter file with what the recordings tell, and nothing else."""
-    values = {p.name: float(number(p.value)) for p in found.joined}
+def cell_file(found: Recorded, scatter: Mapping[str, Any]) -> str:
+    """A ROS parameter file with what the recordings tell, the same cell with every preset."""
+    told = {p.name: p.value for p in found.joined}
     names = ', '.join(dict.fromkeys(f.recording for f in found.findings))
     lines = [f'# Fitted by waam lab fit to {names}', *(f'# {note}' for note in found.notes)]
-    block = yaml.safe_dump({'cell': {'ros__parameters': values}}, sort_keys=False)
-    return '\n'.join(lines) + '\n' + block
+    lines += [
+        f'# Of the cell that it was fitted on, so that no preset counts: {", ".join(scatter)}'
+    ]
+    return '\n'.join(lines) + '\n' + block(scatter, told)
 
 
 def lines(found: Recorded) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -24,10 +25,10 @@ MOST_JOBS = 4  # with pictures
 UNSAFE = 'Forecasts on this cell may end without an arc.'
 
 
-def write(folder: Path, found: Fitted, told: str) -> Path:
-    """Writes the three files; returns the path of the page. told: the command line, or ''."""
+def write(folder: Path, found: Fitted, told: str, scatter: Mapping[str, Any]) -> Path:
+    """Writes the three files; returns the path of the page. told: the command line, or ''. scatter: see `block`."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / CELL_FILE, cell_file(found))
+    write_atomically(folder / CELL_FILE, cell_file(found, scatter))
     write_atomically(folder / FACTS, json.dumps(clean(facts(found, told)), indent=1))
     write_atomically(folder / PAGE, html(found, told))
     return folder / PAGE
@@ -38,17 +39,25 @@ def number(value: float) -> str:
     return f'{value:.4g}'
 
 
-def cell_file(found: Fitted) -> str:
-    """A ROS parameter file for `waam up --cell-file` and `waam lab --cell-file`; only what the records tell."""
-    values = {k: float(number(v)) for k, v in found.values().items()}
+def block(scatter: Mapping[str, Any], told: Mapping[str, float]) -> str:
+    """The parameters as YAML: what was fitted, and the rest of what a preset sets (`scatter`) as it was on the cell of
+    the fit, so that no preset adds scatter to what was fitted."""
+    values = dict(scatter) | {k: float(number(v)) for k, v in told.items()}
+    return yaml.safe_dump({'cell': {'ros__parameters': values}}, sort_keys=False)
+
+
+def cell_file(found: Fitted, scatter: Mapping[str, Any]) -> str:
+    """A ROS parameter file for `waam up --cell-file` and `waam lab --cell-file`, the same cell with every preset."""
     jobs = ', '.join(m.job for m in found.misfits)
     silent = ', '.join(e.unknown.name for e in found.estimates if not e.told)
     lines = [f'# Fitted by waam lab fit to {jobs}']
     lines += [f'# Not told by these records, so left as usual: {silent}'] if silent else []
     if found.strikes is not None and not found.strikes.safe:
         lines += [f'# {UNSAFE} {found.strikes.words}']
-    block = yaml.safe_dump({'cell': {'ros__parameters': values}}, sort_keys=False)
-    return '\n'.join(lines) + '\n' + block
+    lines += [
+        f'# Of the cell that it was fitted on, so that no preset counts: {", ".join(scatter)}'
+    ]
+    return '\n'.join(lines) + '\n' + block(scatter, found.values())
 
 
 def facts(found: Fitted, told: str) -> dict[str, Any]:
