@@ -24,7 +24,7 @@ pool covers; with more scatter `truth.top_rms` and `truth.section` leave 1.25 be
 Without a recording here: the error that scans of a robot share (one cloud in `wall_scan`; it takes several: 0.107 mm in
 clouds that are kept back), scatter that is common to a layer (three layers; see recorded.yaml), drift of the deposition
 efficiency (no recording weighs it), lumps of spatter (none on the wall), warp, the surface of multi-bead layers (no
-public scan). `inprocess_profiles` are what `arclight_*` was made from (docs/recordings.md); no preset changes it.
+public scan).
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from waam_msgs.msg import CorrectionMap, JobStatus, LayerReport, NextLayer, ProcessEstimate
-from waam_msgs.srv import ComputeCorrection, ComputeFeed, RenewCorrection
+from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node.conversions import grid_from_msg
 from waam_process import materials
 
@@ -18,12 +18,11 @@ from . import conversions as convert
 from .feed.feed_forward import Limits, Setpoints
 from .feed.feed_forward import compute as compute_setpoints
 from .feed.params import FeedParams
-from .in_layer import renewal
 from .laws.checks import error_figures
 from .thermal.compensator import Compensator
 
 if TYPE_CHECKING:  # the nodes that identify nothing start without SciPy
-    from .laws.corrector import CorrectionParams, Corrector
+    from .laws.corrector import Corrector
 
 
 def correct(
@@ -47,33 +46,6 @@ def correct(
     msg.error_rms, msg.error_max = error_figures(core)
     estimate = convert.estimate_to_msg(answer.estimate, answer.width, request.job_id, request.layer)
     return msg, estimate, answer.learned.text() if answer.learned else ''
-
-
-def renew(
-    p: CorrectionParams, request: RenewCorrection.Request
-) -> tuple[CorrectionMap, float, float]:
-    """The correction of the rest of a layer, and the change of the relative layer height against that of the request:
-    RMS over the footprint, and largest size. ValueError names the field that cannot be used."""
-    if request.correction.layer != request.layer or request.correction.job_id != request.job_id:
-        was = f"layer {request.correction.layer} of '{request.correction.job_id}'"
-        raise ValueError(
-            f"correction is for {was}, not layer {request.layer} of '{request.job_id}'"
-        )
-    found = renewal_of(p, request)
-    change = found.change[np.asarray(request.planned_height).reshape(found.change.shape) > 0]
-    rms = float(np.sqrt(np.mean(change**2))) if change.size else 0.0
-    most = float(np.abs(change).max()) if change.size else 0.0
-    return convert.renewed_to_msg(request.correction, found.correction), rms, most
-
-
-def renewal_of(p: CorrectionParams, request: RenewCorrection.Request) -> renewal.Renewal:
-    """What a request to renew comes to. ValueError names the field that cannot be used."""
-    spec = grid_from_msg(request.correction.grid)
-    planned = convert.named_map('planned_height', request.planned_height, spec)
-    width = convert.number('bead_width', request.bead_width, 5e-4, 0.05)
-    base = convert.correction_of(request.correction, spec)
-    seen = convert.seen_beside_arc(request, spec)
-    return renewal.renew(base, planned, seen, spec.resolution, width, p.belief)
 
 
 def prepare(corrector: Corrector, msg: NextLayer) -> None:

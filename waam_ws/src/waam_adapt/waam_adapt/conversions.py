@@ -16,7 +16,7 @@ from waam_msgs.msg import (
     ProcessEstimate,
     Segment,
 )
-from waam_msgs.srv import ComputeCorrection, RenewCorrection
+from waam_msgs.srv import ComputeCorrection
 from waam_node.conversions import (
     floats,
     grid_from_msg,
@@ -31,7 +31,6 @@ from waam_process.learned import Learned, LearnedError, parse
 
 from .feed.feed_forward import Field, Path, Setpoints
 from .hold.width import SeenWidth, WidthEstimate
-from .in_layer.renewal import Seen
 from .laws.checks import MapOrigin
 from .thermal.interpass import Heat
 from .thermal.response import LaidLayer
@@ -216,39 +215,6 @@ def correction_to_msg(
     msg.law, msg.model_hash = result.law, result.model_hash
     msg.fallback, msg.reasons = result.fallback, list(result.reasons)
     msg.saturated_cells, msg.width_ratio = result.saturated_cells, float(width_ratio)
-    return msg
-
-
-def correction_of(msg: CorrectionMap, spec: GridSpec) -> Correction:
-    """A correction as it was answered. CorrectionError names the field."""
-    return Correction(
-        psi=named_map('correction.psi', msg.psi, spec),
-        confidence=named_map('correction.confidence', msg.confidence, spec),
-        residual_height=named_map('correction.residual_height', msg.residual_height, spec),
-        law=msg.law,
-        k_gain=number('correction.k_gain', msg.k_gain, 0.0, 0.9),
-        model_hash=msg.model_hash,
-        fallback=msg.fallback,
-        reasons=tuple(msg.reasons),
-    )
-
-
-def seen_beside_arc(request: RenewCorrection.Request, spec: GridSpec) -> Seen:
-    """CorrectionError names the field."""
-    names = ('ground', 'growth', 'count', 'age')
-    return Seen(*(named_map(n, getattr(request, n), spec) for n in names))
-
-
-def renewed_to_msg(before: CorrectionMap, after: Correction) -> CorrectionMap:
-    """The answer `before` with another psi and residual height."""
-    msg = CorrectionMap(header=before.header, job_id=before.job_id, layer=before.layer)
-    msg.grid, msg.confidence = before.grid, before.confidence
-    msg.psi, msg.residual_height = floats(after.psi), floats(after.residual_height)
-    msg.k_gain, msg.flow_factor = before.k_gain, before.flow_factor
-    msg.law, msg.model_hash, msg.fallback = before.law, before.model_hash, before.fallback
-    msg.reasons, msg.saturated_cells = list(before.reasons), after.saturated_cells
-    msg.error_rms, msg.error_max = before.error_rms, before.error_max
-    msg.width_ratio = before.width_ratio
     return msg
 
 

@@ -6,7 +6,7 @@ import time
 from typing import TypeAlias
 
 from waam_msgs.msg import CorrectionMap, NextLayer, ProcessEstimate
-from waam_msgs.srv import ComputeCorrection, RenewCorrection
+from waam_msgs.srv import ComputeCorrection
 from waam_node import node, qos
 
 from . import answers
@@ -30,8 +30,7 @@ class CorrectionServer(node.WaamNode):
         )
         self.create_subscription(NextLayer, 'next_layer', self.on_next_layer, qos.LATCHED)
         self.create_service(ComputeCorrection, '~/compute', self.on_compute)
-        self.create_service(RenewCorrection, '~/renew', self.on_renew)
-        self.counts = {'computed': 0, 'renewed': 0, 'prepared': 0, 'fallbacks': 0, 'refused': 0}
+        self.counts = {'computed': 0, 'prepared': 0, 'fallbacks': 0, 'refused': 0}
 
     def on_compute(self, request: ComputeCorrection.Request, response: Response) -> Response:
         """The service: BAD_INPUT with a text that names the field when the request cannot be used."""
@@ -46,24 +45,6 @@ class CorrectionServer(node.WaamNode):
         response.correction.latency = time.perf_counter() - begin
         self.map_publisher.publish(response.correction)
         self.show(response.correction)
-        return response
-
-    def on_renew(
-        self, request: RenewCorrection.Request, response: RenewCorrection.Response
-    ) -> RenewCorrection.Response:
-        """The rest of a layer; BAD_INPUT with a text that names the field when the request cannot be used."""
-        begin = time.perf_counter()
-        try:
-            renewed = answers.renew(self.params, request)
-        except ValueError as e:
-            self.counts['refused'] += 1
-            response.error_code, response.message = RenewCorrection.Response.BAD_INPUT, str(e)
-            self.get_logger().error(f'refused: {e}')
-            return response
-        response.correction, response.change_rms, response.change_max = renewed
-        response.correction.latency = time.perf_counter() - begin
-        self.counts['renewed'] += 1
-        self.values = {**self.values, **self.counts}
         return response
 
     def on_next_layer(self, msg: NextLayer) -> None:

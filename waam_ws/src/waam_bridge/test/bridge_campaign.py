@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from bridge_cable import Cable
 from controller_lib import ControllerLib
 
-from waam_bridge import commands, frames, program, replacing
+from waam_bridge import commands, frames, program
 from waam_bridge.commands import Command
 from waam_bridge.core import Bridge
 from waam_bridge.frames import ALARM, HOLD, HOMED, IDLE, RUN
@@ -56,7 +56,6 @@ class Report:
     bad_frames: int = 0
     holds: dict[int, int] = field(default_factory=dict)
     stops: int = 0
-    replaced: int = 0  # setpoints of segments
     faults: dict[str, int] = field(default_factory=dict)
     bytes: int = 0
     arc_off_max_ms: float = 0.0
@@ -107,8 +106,7 @@ def steps(segment: Segment, scale: Sequence[float] = 3 * (STEPS_PER_MM,)) -> tup
 
 class Campaign:
     """`rate`: probability per byte, each way, of each fault. `rough`: cables are pulled and the host stalls. `settings`
-    of the controller, as `$C` takes them. `replacing`: probability per round that setpoints of what waits are replaced.
-    """
+    of the controller, as `$C` takes them."""
 
     def __init__(
         self,
@@ -117,12 +115,8 @@ class Campaign:
         rate: float = 1e-4,
         rough: bool = True,
         settings: Iterable[str] = (),
-        replacing: float = 0.0,
     ) -> None:
-        self.total, self.rough, self.replacing = segments, rough, replacing
-        self._other = random.Random(
-            seed + 1
-        )  # of the replacements: the rest happens without them as well
+        self.total, self.rough = segments, rough
         self.dice = random.Random(seed)
         self.controller = ControllerLib(boot=seed)
         settings = tuple(settings)
@@ -297,21 +291,6 @@ class Campaign:
             batch[0] = batch[0].at(start=bridge.position)
         self._enqueue(batch, JOB, batch[-1].index == self.total - 1)
 
-    def _replace(self) -> None:
-        """Other wire speeds for what waits, from anywhere on; what was accepted is what must run."""
-        bridge, dice = self.bridge, self._other
-        if dice.random() >= self.replacing or bridge.modal.job != JOB or bridge.modal.index is None:
-            return
-        tail = [s for s in self.waiting if s.index <= bridge.modal.index]
-        tail = tail[dice.randrange(len(tail)) :] if tail else []
-        new = [s.at(wire_feed_speed=dice.choice((0.07, 0.075, 0.08))) if s.arc else s for s in tail]
-        with contextlib.suppress(program.Refusal):
-            last = bool(new) and new[-1].index == self.total - 1
-            _, count = replacing.replace(bridge, JOB, new, last)
-            taken = {s.index: s for s in new[len(new) - count :]}
-            self.waiting = deque(taken.get(s.index, s) for s in self.waiting)
-            self.report.replaced += count
-
     def _operator(self) -> None:
         """Resumes what is held; stops what is broken, so that the rest can be sent again."""
         bridge = self.bridge
@@ -331,7 +310,6 @@ class Campaign:
         begin = self.now
         while self.report.segments < self.total and not self.report.third:
             self._feed()
-            self._replace()
             self._operator()
             self.round()
             if self.rough:

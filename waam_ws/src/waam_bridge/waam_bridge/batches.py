@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from waam_process.names import CONTROLLER_STATES
 from waam_process.segment import Point, Segment
 
@@ -15,7 +13,7 @@ from .program import Modal, Permit, Refusal
 
 def permit(machine: Machine, job: str, segments: list[Segment]) -> Permit:
     """Raises Refusal. The answer is used with `program.prepare` and `commit`."""
-    offset = check_state(machine, job)
+    offset = _check_state(machine, job)
     modal, known = _chain(machine, job)
     new = [s for s in segments if s.index > known]
     if any(s.arc for s in new) and machine.armed_job != job:
@@ -29,7 +27,7 @@ def permit(machine: Machine, job: str, segments: list[Segment]) -> Permit:
     return Permit(machine.generation, modal, known, here, offset, limits, machine.pace)
 
 
-def check_state(machine: Machine, job: str) -> Point:
+def _check_state(machine: Machine, job: str) -> Point:
     """The work zero, m in machine coordinates."""
     if not machine.connected:
         raise Refusal(program.NOT_CONNECTED, machine.message)
@@ -68,13 +66,7 @@ def commit(machine: Machine, granted: Permit, batch: program.Batch) -> None:
         raise Refusal(program.WRONG_STATE, f'interrupted: {machine.message}')
     if batch.after.job != machine.modal.job:
         machine.done = -1
-    append(machine, batch)
-
-
-def append(machine: Machine, batch: program.Batch) -> None:
-    """The lines of a batch follow those that are there."""
     machine.modal = batch.after
-    sender = machine.link.sender
-    machine.waiting += [replace(w, seq=sender.next + w.seq) for w in batch.waiting]
+    put = machine.link.sender.put
     for gcode, mark in batch.lines:
-        sender.put(gcode, mark)
+        put(gcode, mark)

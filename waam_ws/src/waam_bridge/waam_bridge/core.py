@@ -5,7 +5,6 @@ The owner feeds it lines and time, writes what `poll` returns, and publishes wha
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 
 from waam_process.segment import Point, Segment
@@ -27,7 +26,7 @@ from .outbox import (
 )
 from .params import BridgeParams
 from .pending import Pending, Reply
-from .program import Mark, Modal, Pace, Permit, Waiting, as_programmed
+from .program import Mark, Modal, Pace, Permit, as_programmed
 from .standoff import Standoff
 
 
@@ -50,7 +49,6 @@ class Bridge:
         self.flags = 0
         self.modal = Modal()
         self.done = -1  # last executed index of modal.job
-        self.waiting: deque[Waiting] = deque()  # segments of the chain that are not executed
         self.generation = 0  # of the chain of segments: permits of an older one are void
         self.broken = ''  # why the program cannot go on
         self.dropping = ''  # why the queue is dropped once telemetry has shown what was executed
@@ -216,8 +214,6 @@ class Bridge:
         for mark in self.link.sender.executed(line):
             self.done = mark.index
             self.outbox.done.append(mark)
-        while self.waiting and self.waiting[0].segment.index <= self.done:
-            self.waiting.popleft()
 
     def _on_tick(self, t: frames.Telemetry, now: float) -> None:
         self._tick = self.outbox.tick_us = t.t_us
@@ -260,7 +256,6 @@ class Bridge:
     def _reopen(self) -> None:
         """The next segment starts from where the machine is, and repeats all modal words."""
         self.modal = Modal(job=self.modal.job)
-        self.waiting.clear()
         self.generation += 1
 
     # ---- lease and segments

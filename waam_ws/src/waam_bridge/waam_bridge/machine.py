@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import Protocol
 
 from waam_process.segment import Point
@@ -12,7 +11,7 @@ from .link import Link
 from .outbox import Outbox
 from .params import BridgeParams
 from .pending import Pending
-from .program import Modal, Pace, Waiting
+from .program import Modal, Pace
 
 
 class Machine(Protocol):
@@ -33,7 +32,6 @@ class Machine(Protocol):
     flags: int
     modal: Modal
     done: int
-    waiting: deque[Waiting]
     generation: int
     broken: str
     dropping: str

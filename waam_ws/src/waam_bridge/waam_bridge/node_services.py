@@ -9,12 +9,11 @@ from threading import RLock
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
-from waam_msgs.srv import Command, Enqueue, ReplaceSegments
+from waam_msgs.srv import Command, Enqueue
 from waam_node.conversions import segment_from_msg
 from waam_node.deferred import Deferred, create_deferred_service
-from waam_process.segment import Segment
 
-from . import commands, program, replacing, requests
+from . import commands, program, requests
 from .core import Bridge
 from .program import Refusal
 
@@ -34,7 +33,6 @@ class Services:
         self._node, self._core, self._lock, self._pump = node, core, lock, pump
         self._at_once = at_once
         node.create_service(Enqueue, '~/enqueue', self._on_enqueue)
-        node.create_service(ReplaceSegments, '~/replace', self._on_replace)
         create_deferred_service(node, Command, '~/command', self._on_command)
 
     def offer_accelerometer(self) -> None:
@@ -68,34 +66,6 @@ class Services:
         except ValueError as e:
             response.error_code, response.message = _code(e), str(e)
         return response
-
-    def _on_replace(
-        self, request: ReplaceSegments.Request, response: ReplaceSegments.Response
-    ) -> ReplaceSegments.Response:
-        try:
-            segments = [segment_from_msg(m) for m in request.segments]
-            response.first, response.replaced = self._replace(
-                request.job_id, segments, request.last
-            )
-            self._pump()
-        except ValueError as e:
-            response.error_code, response.message = _code(e), str(e)
-        return response
-
-    def _replace(self, job: str, segments: list[Segment], last: bool) -> tuple[int, int]:
-        """Checks outside the lock, while lines go out: those that may be written meanwhile are left as they are."""
-        for attempt in range(replacing.TRIES):
-            with self._lock:
-                ahead = replacing.AHEAD << attempt
-                exchange = replacing.permit(self._core, job, segments, ahead)
-            batch = replacing.prepare(exchange, segments, last)
-            try:
-                with self._lock:
-                    replacing.commit(self._core, exchange, batch)
-                return exchange.first, batch.accepted
-            except replacing.Late:
-                continue
-        return 0, 0
 
     def _on_command(self, request: Command.Request, response: Command.Response) -> Deferred:
         later = Deferred()

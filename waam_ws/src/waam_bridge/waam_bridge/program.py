@@ -63,15 +63,6 @@ class Modal:
     words: tuple[tuple[str, str], ...] = ()  # last written X Y Z F W S; empty = nothing is known
 
 
-@dataclass(frozen=True)
-class Waiting:
-    """A segment that was handed over and is not executed."""
-
-    seq: int  # number of its first line; in a batch counted from 0
-    segment: Segment
-    before: Modal  # what the controller will know when that line comes
-
-
 # segments (work frame) and work zero (m, machine coordinates) -> the same segments, none faster than the machine can
 Pace = Callable[[Sequence[Segment], Point], list[Segment]]
 
@@ -104,7 +95,6 @@ class Batch:
     after: Modal
     accepted: int
     duplicates: int
-    waiting: tuple[Waiting, ...] = ()  # the accepted ones
 
 
 def number(value: float, digits: int) -> str:
@@ -243,15 +233,11 @@ def prepare(permit: Permit, segments: list[Segment], last: bool) -> Batch:
             raise Refusal(WRONG_STATE, 'the machine is moving: its position is not known yet')
         end, tolerance, before = permit.here, START_TOLERANCE, 'the position of the machine'
     writer = Writer(modal)
-    waiting: list[Waiting] = []
     for s in new:
         _check_index(s, index)
         check_segment(s, permit.offset, permit.limits)
         assert end is not None  # of the chain, or where the machine is
         _check_joint(s, end, before, tolerance)
-        words = tuple(writer.words.items())
-        state = Modal(modal.job, index, end, writer.arc, words)
-        waiting.append(Waiting(len(writer.lines), s, state))
         writer.segment(s, modal.job)
         index, end = s.index, s.end
         tolerance, before = CHAIN_TOLERANCE, f'the end of segment {index}'
@@ -259,4 +245,4 @@ def prepare(permit: Permit, segments: list[Segment], last: bool) -> Batch:
         writer.arc_end()
     words = tuple(writer.words.items())
     after = replace(modal, index=index, end=end if new else modal.end, arc=writer.arc, words=words)
-    return Batch(writer.lines, after, len(new), len(segments) - len(new), tuple(waiting))
+    return Batch(writer.lines, after, len(new), len(segments) - len(new))

@@ -125,16 +125,6 @@ class Sender:
         self.blocked = True
         return before - len(self._marks)
 
-    def cut(self, first: int) -> None:
-        """Forgets the lines from `first` on, which others will replace. ValueError when one was written already."""
-        if first <= self._high:
-            raise ValueError(f'line {first} was written already, up to {self._high}')
-        while self._lines and self.next > first:
-            self._lines.pop()
-            self.next -= 1
-        while self._marks and self._marks[-1][0] >= first:
-            self._marks.pop()
-
     def ack(self, seq: int, blocks: int, room: int | None, now: float) -> None:
         """Everything up to `seq` is accepted. `room`: free bytes then, None when not reported (telemetry)."""
         if self.blocked or seq > self._high or seq < self.acked:

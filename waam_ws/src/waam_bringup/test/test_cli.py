@@ -49,7 +49,7 @@ def test_the_demo_takes_parameter_files_and_refuses_missing_ones(tmp_path, capsy
 
     given = []
     monkeypatch.setattr(demo, 'run_demo', lambda args, files: given.extend(files) or 0)
-    file = tmp_path / 'in_layer.yaml'
+    file = tmp_path / 'nodes.yaml'
     file.write_text('{}')
     assert main(['demo', '--params-file', str(file)]) == 0 and given == [file]
     assert main(['demo', '--params-file', str(tmp_path / 'none.yaml')]) == 2

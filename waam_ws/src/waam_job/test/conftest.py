@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from waam_job.model.cell import Correction, Heat, Machine, Renewed, Scan, Sums
-from waam_job.model.seen import Look
+from waam_job.model.cell import Correction, Heat, Machine, Scan, Sums
 from waam_node.stl import write_worn_block
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.learned import Taught, parse
@@ -53,8 +52,7 @@ class FakeCell:
         self.told_learned: list = []  # what every request told of former jobs
         self.tracks_taken = 0
         self.wire, self.arc_time = 0.0, 0.0  # m and s since the last sums
-        self.renewals, self.replaced = [], 0  # asked beside the arc; setpoints replaced
-        self.pace = 8  # segments between two looks of the job
+        self.pace = 8  # segments that are executed at once
 
     def now(self) -> float:
         return self.time
@@ -185,53 +183,6 @@ class FakeCell:
             coverage > 0.5,
             () if coverage > 0.5 else ('coverage too low',),
         )
-
-    def begin_look(self, job_id, layer, spec) -> int:
-        self.looks_begun = getattr(self, 'looks_begun', 0) + 1
-        self.look_at = self.looks_begun
-        return self.look_at
-
-    def look(self, scan_id, last) -> Look:
-        assert scan_id == self.look_at
-        if last:
-            self.look_at = None
-        spec = self.surface.spec
-        z = np.full(spec.shape, np.nan)
-        seen = np.abs(spec.x - self.machine_state.position[0] - 0.012) < 0.006  # a scanner near by
-        z[:, seen] = self.surface.z[:, seen]
-        return Look(z, np.full(spec.shape, 50, np.uint16))
-
-    def renew(self, job_id, request) -> Renewed:
-        self.renewals.append(replace(request, growth=request.growth.copy()))
-        base, on = request.correction, request.planned > 0
-        off = np.where(np.isfinite(request.growth), request.growth, 0.0)
-        change = (
-            -0.3 * float(np.median(off[off != 0])) / float(request.planned.max())
-            if off.any()
-            else 0.0
-        )
-        ratio = 1 / (1 + base.k_gain * base.psi) + change
-        psi = np.clip((1 / ratio - 1) / max(base.k_gain, 1e-9), -1, 1)
-        new = replace(base, psi=np.where(on, psi, base.psi))
-        return Renewed(new, abs(change), abs(change))
-
-    def replace(self, job_id, segments, last) -> tuple[int, int]:
-        assert segments[-1].index == self.queue[-1].index
-        kept = [s for s in segments if s.index >= self.queue[0].index + 3]
-        if not kept:
-            return 0, 0
-        old = self.queue[len(self.queue) - len(kept) :]
-        for a, b in zip(old, kept, strict=True):
-            assert (a.index, a.start, a.end, a.arc, a.bead) == (
-                b.index,
-                b.start,
-                b.end,
-                b.arc,
-                b.bead,
-            )
-        self.queue[len(self.queue) - len(kept) :] = kept
-        self.replaced += len(kept)
-        return kept[0].index, len(kept)
 
     def correct(self, job_id, request) -> Correction:
         on = request.planned > 0

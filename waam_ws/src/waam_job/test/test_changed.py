@@ -46,7 +46,7 @@ def test_the_window_holds_the_metal_and_its_surroundings_and_joins_without_a_shi
     np.testing.assert_allclose(part.y, spec.y[window.cells[0]], atol=1e-12)
     before, truth = (np.random.default_rng(k).normal(size=spec.shape) for k in (0, 1))
     seen = scan_of(truth[window.cells], part, handle='message')
-    found = joined(scan_of(before, spec), [(seen, window)], 5.0)
+    found = joined(scan_of(before, spec), seen, window)
     np.testing.assert_array_equal(found.map.z, np.where(inside, truth, before))
     assert found.handle is None and window.size == inside.sum()
 
@@ -75,25 +75,24 @@ def test_the_ring_beside_the_metal_is_the_witness(change, said):
     more = int(SPREAD / EDGE)
     flowed[20 - more : 40 + more, 30 - more : 50 + more] = 1.5e-3
     seen = change(scan_of(flowed[window.cells], window.spec(spec)))
-    reason = against(before, [(seen, window)], planned)
+    reason = against(before, seen, window, planned)
     assert said in reason and bool(said) == bool(reason)
 
 
-def test_two_windows_join_with_what_both_know_and_none_is_as_new_as_now():
+def test_a_joined_map_is_as_new_and_as_certain_as_its_window():
     spec = GridSpec(0, 0, EDGE, 20, 30)
-    before = scan_of(np.zeros(spec.shape), spec, stamp=1.0)
-    pieces = [Window((0, 10), (0, 30)), Window((10, 20), (5, 20))]
-    scans = [
-        replace(scan_of(np.full((w.rows[1] - w.rows[0], w.cols[1] - w.cols[0]), z), w.spec(spec)),
-                stamp=stamp, points_used=10, bead_width=width, bead_width_u=u)
-        for w, z, stamp, width, u in zip(
-            pieces, (1e-3, 2e-3), (7.0, 8.0), (5e-3, 6e-3), (1e-4, np.nan), strict=True)
-    ]  # fmt: skip
-    found = joined(before, list(zip(scans, pieces, strict=True)), 9.0)
-    assert found.stamp == 8.0 and found.points_used == 20 and found.bead_width == 5e-3
-    assert (found.map.z[:10] == 1e-3).all() and (found.map.z[10:, 5:20] == 2e-3).all()
-    assert (found.map.z[10:, :5] == 0).all() and (found.map.z[10:, 20:] == 0).all()
-    assert joined(before, [], 9.0).stamp == 9.0
+    before = scan_of(np.zeros(spec.shape), spec, stamp=1.0, points_used=99)
+    window = Window((10, 20), (5, 20))
+    seen = scan_of(np.full((10, 15), 2e-3), window.spec(spec), stamp=8.0, points_used=10)
+    seen = replace(seen, bead_width=6e-3, bead_width_u=1e-4, reasons=('a remark',))
+    found = joined(before, seen, window)
+    assert found.stamp == 8.0 and found.points_used == 10 and found.bead_width == 6e-3
+    assert found.reasons == ('a remark',)
+    assert (found.map.z[10:, 5:20] == 2e-3).all()
+    assert not found.map.z[:10].any() and not found.map.z[10:, :5].any()
+    assert not found.map.z[10:, 20:].any()
+    blind = replace(seen, map=HeightGrid(window.spec(spec), seen.map.z, None))
+    assert found.map.sigma is not None and joined(before, blind, window).map.sigma is None
 
 
 def with_stamps(cell) -> None:

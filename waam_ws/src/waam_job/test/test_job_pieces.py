@@ -343,6 +343,15 @@ def test_layers_that_were_recorded_before_the_loop_mode_had_its_name_are_read():
     assert LayerRecord.from_json(data).loop_mode == 'open_loop'
 
 
+def test_layers_that_were_corrected_while_they_were_laid_are_read():
+    """By an older version; any other name that is not known stays an error."""
+    data = asdict(LayerRecord('job', 'closed_loop', 3, wire_used=0.5))
+    old = data | {'in_layer_looks': 4, 'in_layer_corrections': 2, 'in_layer_change': None}
+    assert asdict(LayerRecord.from_json(old)) == asdict(LayerRecord.from_json(data))
+    with pytest.raises(TypeError, match='in_layers'):
+        LayerRecord.from_json(data | {'in_layers': 1})
+
+
 def test_the_limit_of_k_gain_is_the_same_everywhere():
     interfaces = Path(__file__).parents[2] / 'waam_msgs'
     for file, field in (

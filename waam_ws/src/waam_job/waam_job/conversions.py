@@ -26,9 +26,6 @@ from waam_msgs.srv import (
     BeginScan,
     ComputeCorrection,
     ComputeFeed,
-    LookScan,
-    RenewCorrection,
-    ReplaceSegments,
 )
 from waam_node import job_folder
 from waam_node.conversions import (
@@ -45,13 +42,11 @@ from waam_process.grid import GridSpec, HeightGrid
 from waam_process.loop_mode import with_loop_mode
 from waam_process.names import CONTROLLER_STATES, SEVERITIES
 from waam_process.operating import DEFAULT_MATERIAL
-from waam_process.segment import Segment
 
 from .model import cell
 from .model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Scan
 from .model.goal import JobGoal
 from .model.records import AnomalyRecord, LayerRecord, Status
-from .model.seen import Look
 
 STATES = CONTROLLER_STATES
 TEMPERATURES = (-50.0, 2000.0)  # degC, of a part that is laid on
@@ -256,41 +251,6 @@ def begin_request(
     request = BeginScan.Request(job_id=job_id, layer=layer, grid=grid_to_msg(spec))
     request.laid = paths_to_msg(laid.paths)
     request.laid_width = floats(np.concatenate([np.empty(0), *laid.widths]))
-    return request
-
-
-def look_request(job_id: str, layer: int, spec: GridSpec) -> BeginScan.Request:
-    """A scan beside the arc while `layer` is laid."""
-    return BeginScan.Request(job_id=job_id, layer=layer, grid=grid_to_msg(spec), in_process=True)
-
-
-def look_from_msg(response: LookScan.Response) -> Look:
-    """Raises ValueError when array lengths do not fit the grid."""
-    spec = grid_from_msg(response.map.grid)
-    count = np.frombuffer(response.map.count, np.uint16).reshape(spec.shape)
-    return Look(map_from_msg(response.map.z, spec), count)
-
-
-def renew_request(job_id: str, r: cell.RenewRequest) -> RenewCorrection.Request:
-    """The layer's correction goes as the message that it came in."""
-    request = RenewCorrection.Request(job_id=job_id, layer=r.layer, correction=r.correction.handle)
-    request.planned_height = floats(r.planned)
-    request.ground, request.growth = floats(r.ground), floats(r.growth)
-    request.count, request.age = floats(r.count), floats(r.age)
-    request.bead_width = float(r.bead_width)
-    return request
-
-
-def renewed_from_msg(response: RenewCorrection.Response) -> cell.Renewed:
-    """Raises ValueError when array lengths do not fit the grid."""
-    correction = correction_from_msg(response.correction)
-    return cell.Renewed(correction, response.change_rms, response.change_max)
-
-
-def replace_request(job_id: str, segments: list[Segment], last: bool) -> ReplaceSegments.Request:
-    """Segments up to the last one that waits."""
-    request = ReplaceSegments.Request(job_id=job_id, last=last)
-    request.segments = [segment_to_msg(s) for s in segments]
     return request
 
 

@@ -15,7 +15,7 @@ from waam_adapt import answers
 from waam_adapt import conversions as adapt_convert
 from waam_adapt.laws.corrector import Corrector
 from waam_adapt.thermal.compensator import Compensator
-from waam_bridge import commands, program, replacing
+from waam_bridge import commands, program
 from waam_bridge import conversions as bridge_convert
 from waam_bridge.frames import ARC_ENABLED, ARC_ESTABLISHED, Telemetry
 from waam_bridge.outbox import WARNING, Outbox
@@ -27,8 +27,6 @@ from waam_job.model.cell import (
     Heat,
     LaidBeads,
     NextLayer,
-    Renewed,
-    RenewRequest,
     Scan,
     Sums,
 )
@@ -36,10 +34,8 @@ from waam_job.model.cell import Machine as MachineView
 from waam_job.model.geometry import aim_point
 from waam_job.model.goal import Code, JobError
 from waam_job.model.records import AnomalyRecord, LayerRecord, State, Status
-from waam_job.model.seen import Look
 from waam_job.model.telemetry import TelemetryStats
 from waam_job.run.again import BURNS_A
-from waam_msgs.srv import RenewCorrection
 from waam_node.conversions import segment_from_msg, time_to_msg
 from waam_process.grid import GridError, GridSpec
 from waam_process.operating import GANTRY
@@ -247,39 +243,6 @@ class LabCell:
         if self._watch is not None:
             self._watch.on_scan(scan.map.z)
         return scan
-
-    def begin_look(self, job_id: str, layer: int, spec: GridSpec) -> int:
-        """JobError SCAN_FAILED when the grid is too large."""
-        try:
-            return self.scanning.begin_look(job_id, layer, spec)
-        except GridError as e:
-            raise JobError(Code.SCAN_FAILED, f'scan_fusion/begin: {e}') from None
-
-    def look(self, scan_id: int, last: bool) -> Look:
-        """JobError SCAN_FAILED when the scan is gone."""
-        try:
-            return convert.look_from_msg(self.scanning.look(scan_id, last))
-        except ScanError as e:
-            raise JobError(Code.SCAN_FAILED, f'scan_fusion/look: {e}') from None
-
-    def renew(self, job_id: str, request: RenewRequest) -> Renewed:
-        """JobError UNKNOWN when the request is refused."""
-        message = convert.renew_request(job_id, request)
-        response = RenewCorrection.Response()
-        try:
-            found = answers.renew(self.params.correction_server, message)
-        except ValueError as e:
-            raise JobError(Code.UNKNOWN, f'correction_server/renew: {e}') from None
-        response.correction, response.change_rms, response.change_max = found
-        return convert.renewed_from_msg(response)
-
-    def replace(self, job_id: str, segments: list[Segment], last: bool) -> tuple[int, int]:
-        """JobError DEPOSITION_FAILED when the bridge refuses them; then none was replaced."""
-        try:
-            return replacing.replace(self.device.bridge, job_id, segments, last)
-        except program.Refusal as e:
-            text = f'bridge/replace: {e} (error {e.code})'
-            raise JobError(Code.DEPOSITION_FAILED, text) from None
 
     def correct(self, job_id: str, request: CorrectionRequest) -> Correction:
         """JobError UNKNOWN when the request is refused."""

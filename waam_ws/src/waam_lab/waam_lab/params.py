@@ -6,7 +6,6 @@ One source: a default that changes in a package's config/<node>.yaml changes her
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ from waam_adapt.laws.corrector import CorrectionParams
 from waam_adapt.thermal.params import ThermalParams
 from waam_bridge.params import BridgeParams
 from waam_job.ros.job_params import JobParams
-from waam_node.params import ParameterError, from_dict
+from waam_node.params import ParameterError, from_dict, hint
 from waam_process.operating import DEFAULT_PRESET, GANTRY, ROBOT, check_preset
 from waam_robot_bridge.params import RobotParams
 from waam_scan.fusion_params import FusionParams
@@ -113,7 +112,7 @@ def make(*overrides: Overrides, preset: str = DEFAULT_PRESET) -> LabParams:
     for override in overrides:
         for node, changed in override.items():
             if node not in NODES:
-                raise ParameterError(f"unknown node '{node}'{_near(node, NODES)}")
+                raise ParameterError(f"unknown node '{node}'{hint(node, NODES)}")
             values[node] = {**values[node], **changed}
     filled = {node: from_dict(kind, values[node], node) for node, (_, kind) in NODES.items()}
     return LabParams(**filled)
@@ -128,15 +127,9 @@ def parse_settings(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
         if not equals or not dot:
             raise ParameterError(f"'{text}' is not of the form node.parameter=value")
         if node not in NODES:
-            raise ParameterError(f"unknown node '{node}' in '{text}'{_near(node, NODES)}")
+            raise ParameterError(f"unknown node '{node}' in '{text}'{hint(node, NODES)}")
         known = [f.name for f in dataclasses.fields(NODES[node][1])]
         if name not in known:
-            raise ParameterError(f"unknown parameter '{node}.{name}'{_near(name, known)}")
+            raise ParameterError(f"unknown parameter '{node}.{name}'{hint(name, known)}")
         found.setdefault(node, {})[name] = yaml.safe_load(value)
     return found
-
-
-def _near(name: str, known: Iterable[str]) -> str:
-    names = list(known)
-    close = difflib.get_close_matches(name, names, 1)
-    return f"; did you mean '{close[0]}'?" if close else f'; known are {", ".join(names)}'

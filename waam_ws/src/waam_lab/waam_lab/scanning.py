@@ -6,12 +6,10 @@ import numpy as np
 
 from waam_bridge.frames import Telemetry
 from waam_msgs.msg import HeightMap
-from waam_msgs.srv import LookScan
 from waam_process.grid import GridSpec
-from waam_scan.conversions import look_to_msg, map_to_msg
+from waam_scan.conversions import map_to_msg
 from waam_scan.fusion.height_map import Fusion
 from waam_scan.fusion_params import FusionParams
-from waam_scan.in_process.profile_filter import ProfileFilter
 from waam_scan.stream.assembler import Assembler
 from waam_scan.stream.poses import PoseTrack
 from waam_scan.stream.profiles import ProfileBlock
@@ -54,44 +52,13 @@ class Scanning:
 
     def begin(self, job_id: str, layer: int, spec: GridSpec, laid: LaidBeads) -> int:
         """Number of the scan. GridError when the grid is larger than allowed."""
-        return self._begin(job_id, layer, spec, laid, None)
-
-    def begin_look(self, job_id: str, layer: int, spec: GridSpec) -> int:
-        """A scan beside the arc; its profiles are filtered and `look` tells what they show."""
-        beside_arc = ProfileFilter(self.params.in_process)
-        return self._begin(job_id, layer, spec, LaidBeads(), beside_arc)
-
-    def look(self, scan_id: int, last: bool) -> LookScan.Response:
-        """What was seen since the last look. ScanError when this scan does not run."""
-        session = self._session
-        if session is None or session.scan_id != scan_id or session.beside_arc is None:
-            raise ScanError(f'scan {scan_id} is not running beside an arc')
-        self._hand_over()
-        response = LookScan.Response(map=look_to_msg(session, session.look()))
-        response.points_kept = session.beside_arc.kept
-        response.points_refused = session.beside_arc.refused
-        if last:
-            self._session, self.plant.scanning = None, False
-            self._waiting.clear()
-        return response
-
-    def _begin(
-        self,
-        job_id: str,
-        layer: int,
-        spec: GridSpec,
-        laid: LaidBeads,
-        beside_arc: ProfileFilter | None,
-    ) -> int:
         p = self.params
         job, last = self._last
         scan_id = last + 1 if job == job_id else 0
         fusion = Fusion(spec, p.mounting, p.fusion, 1)
         gap, earliest = round(p.max_gap * 1e9), self.machine.time_us * 1000
         assembler = Assembler(fusion, self.track, gap, p.max_waiting, earliest, p.intensity)
-        self._session = Session(
-            job_id, layer, scan_id, assembler, laid, beside_arc, self.machine.now
-        )
+        self._session = Session(job_id, layer, scan_id, assembler, laid, self.machine.now)
         self._last = (job_id, scan_id)
         self.plant.scanning = True
         return scan_id

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waam_node.params import ParameterError, from_dict, markdown, param
+from waam_node.params import ParameterError, from_dict, hint, markdown, param
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,20 @@ def test_unknown_parameter_is_named_with_a_hint():
         ParameterError, match="fusion: unknown parameter 'cel'; did you mean 'cell'"
     ):
         from_dict(Example, {'cel': 1.0}, 'fusion')
+
+
+@pytest.mark.parametrize('name', ['in_layer', 'in_layer_gain', 'in_process_gate', 'arclight_glare'])
+def test_a_parameter_that_is_gone_is_named_with_what_to_do(name):
+    with pytest.raises(ParameterError) as e:
+        from_dict(Example, {name: 1.0}, 'fusion')
+    text = str(e.value)
+    assert text.startswith(f"fusion: unknown parameter '{name}'; it is gone")
+    assert 'leave it out' in text and 'upgrading.md' in text and 'did you mean' not in text
+
+
+def test_a_name_that_is_only_like_one_that_is_gone_gets_a_hint():
+    assert hint('min_layer', ['in_layer']) == "; did you mean 'in_layer'?"
+    assert hint('queue', ['cell', 'law']) == '; known are cell, law'
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ CHECKPOINT = 'checkpoint.json'
 CHECKPOINT_BEFORE = 'checkpoint.before.json'  # the generation before
 REPORT = 'report.json'
 REPORT_PAGE = 'report.html'
-IN_LAYER = 'in_layer.jsonl'  # corrections within layers, a line for each that was put into force
 LEARNED = 'learned.json'  # what former jobs had taught when the job started
 TELEMETRY = 'telemetry.npz'
 TOLERANCE_MAP = 'tolerance_map.csv'

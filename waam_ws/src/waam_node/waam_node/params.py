@@ -12,9 +12,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import Any
 
 ALWAYS_ALLOWED = ('use_sim_time', 'start_type_description_service')
+# how parameters of older versions begin -> why they are gone
+GONE = {
+    name: 'layers are not corrected any more while they are laid'
+    for name in ('in_layer', 'in_process_', 'arclight_')
+}
 
 
 class ParameterError(ValueError):
@@ -81,8 +87,6 @@ def check_value(name: str, value: Any, field: dataclasses.Field) -> Any:
 
 def from_dict(cls: type, values: dict[str, Any], node_name: str = '') -> Any:
     """The dataclass filled from a dictionary; refuses unknown keys by name, with the nearest known one."""
-    import difflib
-
     known = {f.name: f for f in dataclasses.fields(cls)}
     where = f'{node_name}: ' if node_name else ''
     for name in values:
@@ -91,14 +95,24 @@ def from_dict(cls: type, values: dict[str, Any], node_name: str = '') -> Any:
             and name not in ALWAYS_ALLOWED
             and not name.startswith('qos_overrides.')
         ):
-            near = difflib.get_close_matches(name, known, 1)
-            hint = f"; did you mean '{near[0]}'?" if near else f'; known are {", ".join(known)}'
-            raise ParameterError(f"{where}unknown parameter '{name}'{hint}")
+            raise ParameterError(f"{where}unknown parameter '{name}'{hint(name, known)}")
     try:
         filled = {n: check_value(n, values[n], f) for n, f in known.items() if n in values}
     except ParameterError as e:
         raise ParameterError(f'{where}{e}') from None
     return cls(**filled)
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """What to write in the place of a name that is not known: none where it is gone, or the nearest known one."""
+    for begin, why in GONE.items():
+        if name.startswith(begin):
+            return f'; it is gone, {why}: leave it out (docs/upgrading.md)'
+    import difflib
+
+    names = list(known)
+    near = difflib.get_close_matches(name, names, 1)
+    return f"; did you mean '{near[0]}'?" if near else f'; known are {", ".join(names)}'
 
 
 def markdown(cls: type) -> str:

@@ -1,6 +1,7 @@
 """The plan verb from the command line to the files, and plans on disk."""
 
 import argparse
+import json
 import re
 
 import numpy as np
@@ -180,6 +181,22 @@ def test_a_plan_that_was_stored_without_metal_beside_it_still_loads(box_file, tm
         np.savez(tmp_path / 'old.npz', **{k: stored[k] for k in stored.files if k != 'beside'})
     old = load_plan(tmp_path / 'old.npz')
     assert len(old.layers) == 2 and [p.beside for p in old.layers] == [0.0, 0.0]
+
+
+def test_a_plan_that_was_stored_with_a_setting_that_is_gone_still_loads(box_file, tmp_path):
+    plan = plan_build(load_part(box_file((30, 20, 4))), PlanSettings())
+    save_plan(plan, tmp_path / 'p.npz')
+    for name, known in (('scanner_trails', True), ('scanner_rails', False)):
+        with np.load(tmp_path / 'p.npz') as stored:
+            about = json.loads(str(stored['about']))
+            about['settings'][name] = False
+            columns = {k: stored[k] for k in stored.files} | {'about': np.array(json.dumps(about))}
+            np.savez(tmp_path / 'old.npz', **columns)
+        if known:
+            assert load_plan(tmp_path / 'old.npz').settings == plan.settings
+        else:
+            with pytest.raises(PlanError, match=name):
+                load_plan(tmp_path / 'old.npz')
 
 
 @pytest.mark.parametrize('data', [b'', b'not a zip', None])

@@ -187,8 +187,6 @@ class PlanSettings:
     scanner_range: Pair = (-0.150, -0.100)  # measured z_s, lowest and highest
     machine_min: Triple = (-0.100, -0.080, -0.020)  # reach of torch_tcp in the work frame
     machine_max: Triple = (0.300, 0.220, 0.180)  # its other end
-    # parallel beads are laid the way round that shows the scanner most of them finished
-    scanner_trails: bool = False
     wire_diameter: float = 1.2e-3  # of the estimate and of programs written to a file
     efficiency: float = 0.92  # metal in the bead over wire melted
     voltage: float = 22.0  # V, of a program that is written to a file

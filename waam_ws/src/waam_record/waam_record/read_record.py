@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from mcap.records import Channel, Message, Schema
@@ -25,13 +25,21 @@ SERVICES = {
     'finish': 'scan_fusion/finish',
     'correct': 'correction_server/compute',
     'feed': 'feed_forward/compute',
-    'renew': 'correction_server/renew',
 }
 SUFFIX = '/_service_event'
+GONE = 'correction_server/renew' + SUFFIX  # of versions that corrected a layer while it was laid
 
 
 class ReplayError(ValueError):
     """A recording that cannot be computed again; the text says what is missing."""
+
+
+def refuse_gone() -> NoReturn:
+    """A record of a version that corrected a layer while it was laid: raises ReplayError."""
+    raise ReplayError(
+        'a layer of this job was corrected while it was laid (correction_server/renew), which this version does not '
+        'compute: replay it with the version that recorded it (job.yaml names it; docs/upgrading.md)'
+    )
 
 
 @dataclass
@@ -153,6 +161,8 @@ class _Reader:
         for key, service in SERVICES.items():
             if name.endswith(service + SUFFIX):
                 take = self._event(key)
+        if name.endswith(GONE):
+            take = self._gone
         if take is None:
             return
         self.decoder.add(schema.name, schema.data.decode())
@@ -174,6 +184,9 @@ class _Reader:
     def _estimate(self, m: Message, name: str) -> None:
         if not self._repeated(m, name):
             self.record.estimates.append(self.decoder.message(name, m.data))
+
+    def _gone(self, _: Message, name: str) -> None:
+        refuse_gone()
 
     def _event(self, key: str) -> Callable[[Message, str], None]:
         def take(m: Message, name: str) -> None:

@@ -11,6 +11,7 @@ from waam_node.params import ParameterError
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.read_record import ReplayError, load
 from waam_replay import cli, summary
+from waam_replay.steps import steps
 from waam_replay.tune import tune
 
 ALL = {'maps': (3, 3), 'psi': (2, 2), 'setpoints': (2, 2)}
@@ -93,6 +94,7 @@ def test_the_raised_scanner_raises_the_map(job):
         ('k_gain=0.2', "'k_gain=0.2' is not of the form node.parameter=value"),
         ('correction_server.k_gain', 'is not of the form'),
         ('correction_server.k_gain=7', 'above its limit 0.3'),
+        ('correction_server.in_layer_gain=0.3', "'correction_server.in_layer_gain'; it is gone"),
         ('correction_server.law=magic', "'magic', must be one of"),
         ('correction_server.gain=often', 'must be of type float'),
     ],
@@ -112,6 +114,22 @@ def test_a_record_without_questions_is_refused(tmp_path):
         tune(tmp_path)
     with pytest.raises(ReplayError, match='no record there'):
         tune(tmp_path / 'nowhere')
+
+
+@pytest.mark.parametrize('read', [tune, lambda path: steps(path / 'record')])
+@pytest.mark.parametrize(('count', 'text'), [(1, 'the version that recorded it'), (0, 'holds no')])
+def test_a_layer_that_was_corrected_while_it_was_laid_needs_the_version_that_recorded_it(
+    read, count, text, tmp_path
+):
+    """Of a service that was there and never called nothing is said."""
+    writer = BagWriter(tmp_path / 'record')
+    kind = 'waam_msgs/srv/RenewCorrection_Event'
+    writer.add_topic(Topic('/correction_server/renew/_service_event', kind, 'uint32 layer\n'))
+    for k in range(count):
+        writer.write(0, 1, 1, k, b'\0\1\0\0\1\0\0\0')
+    writer.close()
+    with pytest.raises(ReplayError, match=text):
+        read(tmp_path)
 
 
 def test_parameters_of_another_version_are_named(make_job, tmp_path):

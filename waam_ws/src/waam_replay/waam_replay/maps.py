@@ -77,7 +77,8 @@ class Mapper:
         for begin in self.record.calls['begin']:
             if begin.response is None or begin.response.error_code:
                 continue
-            if getattr(begin.request, 'in_process', False):  # beside the arc: no map of the part
+            # of older versions: a scan beside the arc, which gave no map of the part
+            if getattr(begin.request, 'in_process', False):
                 continue
             end = next((f for f in finishes if f.at_ns > begin.at_ns), None)
             if end is None or end.response is None or end.response.error_code:

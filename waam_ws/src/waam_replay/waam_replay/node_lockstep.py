@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
 from waam_msgs.msg import CorrectionMap, HeightMap, ProfileBatch, Telemetry
-from waam_msgs.srv import BeginScan, ComputeCorrection, ComputeFeed, FinishScan, RenewCorrection
+from waam_msgs.srv import BeginScan, ComputeCorrection, ComputeFeed, FinishScan
 from waam_node.files import write_atomically
 from waam_node.node import CallError, call
 from waam_node.qos import LATCHED, PROFILES, TELEMETRY
@@ -32,14 +32,12 @@ KINDS = {
     'finish': (FinishScan, 'scan_fusion/finish', 'scan_fusion'),
     'correct': (ComputeCorrection, 'correction_server/compute', 'correction_server'),
     'feed': (ComputeFeed, 'feed_forward/compute', 'feed_forward'),
-    'renew': (RenewCorrection, 'correction_server/renew', 'correction_server'),
 }
 REFUSED = {  # requests that every node refuses without side effects: they show that answers arrive
     'begin': BeginScan.Request(),
     'finish': FinishScan.Request(scan_id=2**32 - 1),
     'correct': ComputeCorrection.Request(),
     'feed': ComputeFeed.Request(),
-    'renew': RenewCorrection.Request(),
 }
 AT_ONCE = 200  # messages between two waits for the nodes: less than their queues hold
 
@@ -200,9 +198,6 @@ class Lockstep:
         elif kind == 'correct' and not wanted.error_code:
             name = f'psi of layer {wanted.correction.layer}'
             self._compare('psi', answer.correction, wanted.correction, name)
-        elif kind == 'renew' and not wanted.error_code:
-            fields = different_fields(answer.correction, wanted.correction)
-            self.report.add('psi', f'rest of layer {wanted.correction.layer}', fields)
         elif kind == 'feed' and not wanted.error_code:
             fields = different_fields(answer, wanted)
             self.report.add(

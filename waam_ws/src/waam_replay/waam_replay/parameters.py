@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +11,7 @@ import yaml
 
 from waam_adapt.feed.params import FeedParams
 from waam_adapt.laws.corrector import CorrectionParams
-from waam_node.params import ParameterError, from_dict, param
+from waam_node.params import ParameterError, from_dict, hint, param
 from waam_process.loop_mode import LoopMode
 from waam_scan.fusion_params import FusionParams
 
@@ -57,17 +56,12 @@ def parse(settings: list[str]) -> dict[str, dict[str, Any]]:
         if not separator or not dot:
             raise ParameterError(f"'{text}' is not of the form node.parameter=value")
         if node not in NODES:
-            raise ParameterError(f"unknown node '{node}' in '{text}'{_near(node, list(NODES))}")
+            raise ParameterError(f"unknown node '{node}' in '{text}'{hint(node, NODES)}")
         known = [f.name for f in dataclasses.fields(NODES[node])]
         if name not in known:
-            raise ParameterError(f"unknown parameter '{node}.{name}'{_near(name, known)}")
+            raise ParameterError(f"unknown parameter '{node}.{name}'{hint(name, known)}")
         found[node][name] = yaml.safe_load(value)
     return found
-
-
-def _near(name: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(name, known, 1)
-    return f"; did you mean '{close[0]}'?" if close else f'; known are {", ".join(known)}'
 
 
 def effective(

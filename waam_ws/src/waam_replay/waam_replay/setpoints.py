@@ -60,15 +60,8 @@ def field_of(again: PsiAgain) -> Field:
     return Field(again.spec, rounded(r.psi), rounded(r.residual_height), k_gain, flow, ratio)
 
 
-def one(
-    call: Exchange,
-    again: PsiAgain | None,
-    params: FeedParams,
-    job: JobParams,
-    within: Field | None = None,
-) -> FeedAgain:
-    """again: the correction computed again; None when the job asked for none (open loop). within: the one of the rest
-    of the layer, in its place."""
+def one(call: Exchange, again: PsiAgain | None, params: FeedParams, job: JobParams) -> FeedAgain:
+    """again: the correction computed again; None when the job asked for none (open loop)."""
     request = call.request
     material = materials.get(request.material, params.materials_file or None)
     limits = Limits.of(
@@ -78,9 +71,7 @@ def one(
     volts = np.where(voltage > 0, voltage, material.voltage)
     heat = request.heat_factor if np.isnan(job.heat_factor) else job.heat_factor
     apply = request.apply_correction and job.apply_correction
-    field = within
-    if field is None and again is not None and len(request.correction.psi):
-        field = field_of(again)
+    field = field_of(again) if again is not None and len(request.correction.psi) else None
     result = compute(
         path,
         material,

@@ -14,7 +14,15 @@ from mcap.records import Channel, Message, Schema
 from waam_node import cdr
 from waam_record.bag_reader import bag_files
 from waam_record.decode import Decoder
-from waam_record.read_record import REQUEST, RESPONSE, SERVICES, SUFFIX, ReplayError
+from waam_record.read_record import (
+    GONE,
+    REQUEST,
+    RESPONSE,
+    SERVICES,
+    SUFFIX,
+    ReplayError,
+    refuse_gone,
+)
 from waam_record.salvage import records
 
 Inputs = list[tuple[bool, bytes]]  # (is a batch of profiles, serialised message)
@@ -113,6 +121,8 @@ def _kind(topic: str) -> str:
     last = topic.rpartition('/')[2]
     if last in ('telemetry', 'profiles'):
         return last
+    if topic.endswith(GONE):
+        return 'gone'
     return next((k for k, name in SERVICES.items() if topic.endswith(name + SUFFIX)), '')
 
 
@@ -122,6 +132,8 @@ def _take(
     if kind == 'telemetry':
         tape.telemetry.append((m.publish_time, m.data))
         return
+    if kind == 'gone':
+        refuse_gone()
     msg = decoder.message(type_name, m.data)
     if kind == 'profiles':
         newest = msg.header.stamp.sec * 1_000_000_000 + msg.header.stamp.nanosec

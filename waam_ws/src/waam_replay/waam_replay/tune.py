@@ -20,9 +20,8 @@ from .corrections import Corrections, PsiAgain
 from .maps import MapAgain, Mapper
 from .parameters import Parameters, effective
 from .prediction import Prediction, predict
-from .recorded import RecordedCorrection, RecordedMap
+from .recorded import RecordedMap
 from .setpoints import FeedAgain, one
-from .within import RenewedAgain, renewed
 
 
 @dataclass
@@ -43,7 +42,6 @@ class Tuning:
     parameters: Parameters
     maps: list[MapAgain] = field(default_factory=list)
     layers: list[Layer] = field(default_factory=list)
-    renewals: list[RenewedAgain] = field(default_factory=list)  # within layers
     seconds: float = 0.0
 
     @property
@@ -56,14 +54,11 @@ class Tuning:
         """How many of maps, corrections and sets of setpoints equal the recorded ones to the last bit, of how many."""
         psi = [layer.psi for layer in self.layers if layer.psi]
         feed = [layer.feed for layer in self.layers if layer.feed]
-        groups: dict[str, Sequence[MapAgain | PsiAgain | FeedAgain | RenewedAgain]] = {
+        groups: dict[str, Sequence[MapAgain | PsiAgain | FeedAgain]] = {
             'maps': self.maps,
             'psi': psi,
             'setpoints': feed,
         }
-        if self.renewals:
-            groups['corrections within layers'] = self.renewals
-            groups['setpoints within layers'] = [r.feed for r in self.renewals if r.feed]
         return {name: (sum(a.identical for a in g), len(g)) for name, g in groups.items()}
 
     @property
@@ -84,10 +79,6 @@ class Tuning:
                     h.update(np.ascontiguousarray(a).tobytes())
             if layer.prediction:
                 h.update(layer.prediction.again.tobytes())
-        for r in self.renewals:
-            h.update(r.result.psi.tobytes())
-            if r.feed:
-                h.update(np.ascontiguousarray(r.feed.result.speed).tobytes())
         return h.hexdigest()
 
 
@@ -103,7 +94,6 @@ def tune(
     result = Tuning(record, parameters)
     result.maps = Mapper(record, parameters.scan_fusion).all()
     _corrections(result)
-    result.renewals = renewed(record.calls['renew'], parameters.correction_server)
     _setpoints(result)
     _predictions(result)
     result.seconds = time.perf_counter() - started
@@ -136,20 +126,11 @@ def _setpoints(result: Tuning) -> None:
         number = call.request.correction.layer if len(call.request.correction.psi) else 0
         layer = next((x for x in reversed(result.layers) if x.psi and x.number == number), None)
         p = result.parameters
-        if layer and layer.feed and (within := _within(result, call.request.correction)):
-            feed = one(call, layer.psi, p.feed_forward, p.job, within.field)
-            within.feed = feed
-            continue
         again = one(call, layer.psi if layer else None, p.feed_forward, p.job)
         if layer is None:
             layer = Layer(again.layer)
             result.layers.append(layer)
         layer.feed = again
-
-
-def _within(result: Tuning, correction: RecordedCorrection) -> RenewedAgain | None:
-    """The answer within a layer that setpoints were asked for with; None when it is the layer's own correction."""
-    return next((r for r in result.renewals if r.feed is None and r.belongs_to(correction)), None)
 
 
 def _predictions(result: Tuning) -> None:

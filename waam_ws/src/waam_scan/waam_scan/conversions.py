@@ -10,7 +10,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from waam_msgs.msg import GridInfo, HeightMap, ProfileBatch
-from waam_msgs.srv import BeginScan, FinishScan, LookScan
+from waam_msgs.srv import BeginScan, FinishScan
 from waam_node.conversions import floats, grid_from_msg, grid_to_msg, nanoseconds, paths_from_msg
 from waam_process.grid import GridError, GridSpec
 
@@ -20,7 +20,7 @@ from .stream.point_fields import CloudLayout, profiles_of
 from .stream.profiles import ProfileBlock, block_of
 from .stream.session import LaidBeads, Session
 
-Response = TypeVar('Response', BeginScan.Response, FinishScan.Response, LookScan.Response)
+Response = TypeVar('Response', BeginScan.Response, FinishScan.Response)
 
 
 def block_from_msg(msg: ProfileBatch) -> ProfileBlock:
@@ -98,14 +98,7 @@ def map_to_msg(session: Session, fused: FusedMap, doubts: list[str], width: Bead
     return msg
 
 
-def look_to_msg(session: Session, seen: FusedMap) -> HeightMap:
-    """What a look beside the arc has shown, NaN elsewhere. It is no map of the part: nobody judges its coverage."""
-    msg = map_to_msg(session, seen, [], BeadWidth())
-    msg.reasons = []
-    return msg
-
-
 def answer(response: Response, code: int, message: str) -> Response:
-    """The response of begin, finish or look with its code and text."""
+    """The response of begin or finish with its code and text."""
     response.error_code, response.message = code, message
     return response

@@ -10,7 +10,6 @@ from waam_node.params import ParameterError, param
 
 from .fusion.limits import FusionLimits
 from .fusion.plausibility import PlausibilityLimits
-from .in_process.profile_filter import ProfileLimits
 from .transform import Mounting
 
 
@@ -94,27 +93,6 @@ class FusionParams:
     max_rejected: float = param(
         0.2, 'share of profiles that may be rejected, and of batches that may be lost', '', 0.0, 1.0
     )
-    in_process_gate: float = param(
-        1e-3,
-        'points beside the arc further than this from what the profiles before showed there are refused',
-        'm',
-        1e-5,
-        1e-2,
-    )
-    in_process_least: int = param(
-        12,
-        'points of a piece of profile beside the arc that is new and may be a surface',
-        '',
-        2,
-        1000,
-    )
-    in_process_lost: int = param(
-        12,
-        'profiles beside the arc after which a place that was not seen again is forgotten',
-        '',
-        1,
-        1000,
-    )
     scanner_wait: float = param(
         1.0, 'how long to wait for the service scanner/enable to be there (steady)', 's', 0.05, 60.0
     )
@@ -157,11 +135,6 @@ class FusionParams:
             self.support,
             self.slots,
         )
-
-    @property
-    def in_process(self) -> ProfileLimits:
-        """What the filter of profiles beside the arc needs of them."""
-        return ProfileLimits(self.in_process_gate, self.in_process_least, self.in_process_lost)
 
     @property
     def plausibility(self) -> PlausibilityLimits:

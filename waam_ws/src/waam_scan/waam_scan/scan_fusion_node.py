@@ -13,7 +13,7 @@ from sensor_msgs.msg import Image
 
 import waam_node.node
 from waam_msgs.msg import Anomaly, HeightMap, JobStatus, Telemetry
-from waam_msgs.srv import BeginScan, FinishScan, LookScan
+from waam_msgs.srv import BeginScan, FinishScan
 from waam_node import job_folder
 from waam_node.cdr import read_pose
 from waam_node.conversions import image_to_msg, nanoseconds
@@ -22,11 +22,9 @@ from waam_node.node import WaamNode
 from waam_node.qos import LATCHED, TELEMETRY
 from waam_process.grid import GridError
 
-from .conversions import answer, checked_grid, laid_beads, look_to_msg, map_to_msg
+from .conversions import answer, checked_grid, laid_beads, map_to_msg
 from .fusion import height_map as fusion
 from .fusion_params import FusionParams
-from .in_process import profile_filter
-from .in_process.profile_filter import ProfileFilter
 from .node_input import Make, ProfileInput
 from .node_monitor import FusionMonitor
 from .node_scanner import ScannerSwitch
@@ -58,7 +56,6 @@ class ScanFusion(WaamNode):
         self._last_scan: tuple[str, int] = ('', -1)
         self._last_batch = time.monotonic()
         fusion.warm_up()
-        profile_filter.warm_up()
         self._monitor = FusionMonitor(self, self._track)
         self._scanner = ScannerSwitch(self, p.scanner_wait, p.answer_wait)
         self._maps = self.create_publisher(HeightMap, 'height_map', LATCHED)
@@ -69,7 +66,6 @@ class ScanFusion(WaamNode):
         for kind, name, work in (
             (BeginScan, '~/begin', self._begin),
             (FinishScan, '~/finish', self._finish),
-            (LookScan, '~/look', self._look),
         ):
             create_deferred_service(self, kind, name, partial(self._serve, work))
         self.create_timer(1.0, lambda: self._monitor.report(self._session), clock=self.steady)
@@ -188,10 +184,7 @@ class ScanFusion(WaamNode):
         job, last = self._last_scan
         scan_id = last + 1 if job == request.job_id else 0
         laid = laid_beads(request)
-        beside_arc = ProfileFilter(p.in_process) if request.in_process else None
-        return Session(
-            request.job_id, request.layer, scan_id, assembler, laid, beside_arc, time.monotonic()
-        )
+        return Session(request.job_id, request.layer, scan_id, assembler, laid, time.monotonic())
 
     async def _finish(
         self, request: FinishScan.Request, response: FinishScan.Response
@@ -215,25 +208,6 @@ class ScanFusion(WaamNode):
             return self._fuse(session, response)
         finally:
             self._session = None
-
-    async def _look(
-        self, request: LookScan.Request, response: LookScan.Response
-    ) -> LookScan.Response:
-        """What was seen beside the arc since the last look: what is here, without waiting for more."""
-        session = self._session
-        other = session is None or session.scan_id != request.scan_id or self._beginning
-        if session is None or other or session.beside_arc is None:
-            text = f'scan {request.scan_id} is not running beside an arc'
-            return answer(response, LookScan.Response.NO_SCAN, text)
-        self._read_telemetry()
-        response.map = look_to_msg(session, session.look())
-        arc = session.beside_arc
-        response.points_kept, response.points_refused = arc.kept, arc.refused
-        if request.last:
-            self._session = None
-            if trouble := await self._scanner.set(False):
-                self.get_logger().warning(f'scanner not switched off: {trouble}')
-        return answer(response, LookScan.Response.OK, '')
 
     async def _everything(self, session: Session) -> bool:
         """True when everything has arrived or nothing more comes; False when it would never end."""
@@ -277,10 +251,8 @@ class ScanFusion(WaamNode):
         """A defect of this node: it is logged, and the caller gets an answer."""
         self.get_logger().error(''.join(traceback.format_exception(error)))
         self._session, self._beginning = None, False
-        code = {
-            FinishScan.Response: FinishScan.Response.TIMEOUT,
-            LookScan.Response: LookScan.Response.NO_SCAN,
-        }.get(type(response), BeginScan.Response.BUSY)
+        finish = isinstance(response, FinishScan.Response)
+        code = FinishScan.Response.TIMEOUT if finish else BeginScan.Response.BUSY
         return answer(response, code, f'internal error of scan_fusion: {error}')
 
 

@@ -120,11 +120,6 @@ def test_a_layer_begins_after_a_pause_or_a_scan_and_not_between_beads(make_cell)
     plant.scanning = False
     walls(plant, 1, 0.1)
     assert plant.variation.state['layers'][0] == 3
-    plant.scanning = True  # beside the arc, as for corrections within a layer
-    walls(plant, 2, 0.1)
-    plant.scanning = False
-    walls(plant, 1, 0.1)
-    assert plant.variation.state['layers'][0] == 3
 
 
 def test_metal_of_a_layer_scales_and_the_current_does_not(make_cell):

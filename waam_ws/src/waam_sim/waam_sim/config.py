@@ -9,7 +9,6 @@ from typing import Any
 from waam_node.params import param
 
 from .arc import ArcParams
-from .arclight import ArclightParams
 from .distance import DistanceParams
 from .gantry import GantryParams
 from .heat import HeatParams
@@ -26,7 +25,6 @@ GROUPS = {
     'heat': HeatParams,
     'arc': ArcParams,
     'scanner': ScannerParams,
-    'arclight': ArclightParams,
     'pyrometer': PyrometerParams,
     'part': PlacementParams,
     'distance': DistanceParams,

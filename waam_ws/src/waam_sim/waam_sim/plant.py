@@ -17,7 +17,6 @@ from waam_process.plant_port import SAMPLE
 
 from . import part as parts
 from .arc import Arc, ArcParams, wire_reading
-from .arclight import Arclight, ArclightParams
 from .compiled import random_state
 from .distance import NOTHING_WRONG, Distance, DistanceParams, Wrong
 from .disturbance import lattice
@@ -50,7 +49,6 @@ class PlantParams:
     heat: HeatParams = field(default_factory=HeatParams)
     arc: ArcParams = field(default_factory=ArcParams)
     scanner: ScannerParams = field(default_factory=ScannerParams)
-    arclight: ArclightParams = field(default_factory=ArclightParams)
     pyrometer: PyrometerParams = field(default_factory=PyrometerParams)
     part: PlacementParams = field(default_factory=PlacementParams)
     distance: DistanceParams = field(default_factory=DistanceParams)
@@ -110,11 +108,10 @@ class Plant:
         self.arc = Arc.cold(p.arc, random_state(seed, 1))
         self.scanner = self._mounted()
         self.variation = Variation.of(p.variation, seed)
-        self.arclight = Arclight.of(p.arclight, seed)
         self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
         self.distance = Distance(p.distance, random_state(seed, 4))
         self.gantry = Gantry(p.gantry, random_state(seed, 6), parts.volume(part))
-        self._scanned = self._was_scanning = self._beside_arc = False
+        self._scanned = self._was_scanning = False
         self._lattice = lattice(seed)
         middle = parts.centre(part)
         self.placed = Placement.flat(p.part, self.heat.spec, middle, random_state(seed, 5))
@@ -194,12 +191,10 @@ class Plant:
         )
 
     def _note_scan(self) -> None:
-        """A part that is moved after it was scanned is moved when the first scan is over. A layer begins after a scan;
-        profiles beside a burning arc are none."""
+        """A part that is moved after it was scanned is moved when the first scan is over. A layer begins after a
+        scan."""
         self._scanned = self._scanned or self.scanning
-        if self.scanning:
-            self._beside_arc = self.arc_on or (self._was_scanning and self._beside_arc)
-        elif self._was_scanning and not self._beside_arc:
+        if self._was_scanning and not self.scanning:
             self.variation.scanned()
         self._was_scanning = self.scanning
         if self._scanned and not self.scanning:
@@ -271,8 +266,6 @@ class Plant:
             rng=self.scanner.rng, place=self.scanner.place, shared=self.scanner.shared,
             dropout=self.faults.share('scanner_dropout'), out=z, intensity=intensity,
         )  # fmt: skip
-        if self.arc_on:
-            self.arclight.spoil(times, self.scanner.lateral, z, intensity)
         return Profiles(times, z, intensity)
 
     def temperature(self, dt: float) -> float:

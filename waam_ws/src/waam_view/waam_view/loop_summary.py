@@ -17,8 +17,7 @@ def loop_summary(job: Job) -> str:
     laid = [x for x in job.layers if not x.get('final')]
     if not laid:
         return ''
-    said = [*_schedule(job), _corrections(job, laid), _flow(laid), _width(job)]
-    said += [_within(job), _former_jobs(job)]
+    said = [*_schedule(job), _corrections(job, laid), _flow(laid), _width(job), _former_jobs(job)]
     items = ''.join(f'<li>{escape(text)}</li>' for text in said if text)
     return f'<h2>How it was laid</h2><ul>{items}</ul>'
 
@@ -82,20 +81,6 @@ def _flow(laid: list[dict]) -> str:
     return (
         f'Wire: factor for the metal that the cell loses {flow[0]:.3f} at the first layer, '
         f'{flow[-1]:.3f} at the last; learned from the scans{source}.'
-    )
-
-
-def _within(job: Job) -> str:
-    """What was corrected while layers were laid; '' where nobody looked."""
-    looked = [x for x in job.layers if number(x.get('in_layer_looks')) > 0]
-    if not looked:
-        return ''
-    times = sum(int(number(x.get('in_layer_corrections'))) for x in looked)
-    segments = sum(int(number(x.get('in_layer_segments'))) for x in looked)
-    most = max(100 * number(x.get('in_layer_change')) for x in looked)
-    return (
-        f'Within layers: {len(looked)} were watched beside the arc; {times} corrections of the rest of a layer gave '
-        f'{segments} times other setpoints to a segment, by {most:.1f} % of the layer height at most.'
     )
 
 

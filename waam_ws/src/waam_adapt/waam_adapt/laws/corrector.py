@@ -19,7 +19,6 @@ from ..identify.estimate import Estimate
 from ..identify.evidence import Layer
 from ..identify.experience import start_of, taught_by
 from ..identify.identification import Identifier
-from ..in_layer.renewal import Belief
 from ..types import Correction, CorrectionInput, LastLayer
 from .checks import MapLimits, MapOrigin, reasons_against, safe_correct
 from .registry import BEAD_LAWS, GONE, LAWS, make_law
@@ -68,42 +67,6 @@ class CorrectionParams:
     hold_width: bool = param(
         False, 'hold the planned bead width by the voltage, from the widths that the scans show'
     )
-    in_layer_gain: float = param(
-        0.3,
-        'largest weight of what was seen beside the arc, for the rest of the layer',
-        '',
-        0.0,
-        1.0,
-    )
-    in_layer_level_sigma: float = param(
-        0.06,
-        'by how much of its height all of a layer may be off before it is seen; 0 = the level is not corrected within',
-        '',
-        0.0,
-        0.3,
-    )
-    in_layer_points: float = param(
-        30.0,
-        'points behind a cell of the map beside the arc that give it half of that',
-        '',
-        1.0,
-        1e4,
-    )
-    in_layer_half_life: float = param(
-        60.0, 'after which what was seen beside the arc is believed half as much', 's', 1.0, 1e5
-    )
-    in_layer_reach: float = param(
-        1.2, 'bead widths over which beads share what they did unlike the plan', '', 0.1, 10.0
-    )
-    in_layer_limit: float = param(
-        0.3, 'largest change of the relative layer height within a layer', '', 0.0, 0.5
-    )
-
-    @property
-    def belief(self) -> Belief:
-        """How much is believed of what was seen beside the arc."""
-        names = Belief.__dataclass_fields__
-        return Belief(**{n: getattr(self, f'in_layer_{n}') for n in names})
 
 
 @dataclass(frozen=True)

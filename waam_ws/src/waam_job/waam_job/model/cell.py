@@ -13,7 +13,6 @@ from waam_process.grid import GridSpec
 from waam_process.segment import Point, Segment
 
 from .records import AnomalyRecord, LayerRecord, Status
-from .seen import Look
 from .snapshots import (
     Correction,
     CorrectionRequest,
@@ -22,8 +21,6 @@ from .snapshots import (
     LaidBeads,
     Machine,
     NextLayer,
-    Renewed,
-    RenewRequest,
     Scan,
     Sums,
 )
@@ -35,11 +32,8 @@ __all__ = [
     'FeedRequest',
     'Heat',
     'LaidBeads',
-    'Look',
     'Machine',
     'NextLayer',
-    'RenewRequest',
-    'Renewed',
     'Scan',
     'Sums',
 ]
@@ -101,19 +95,6 @@ class Cell(Protocol):
 
     def finish_scan(self, scan_id: int, until: float) -> Scan:
         """The map of all profiles up to ROS time `until`, s."""
-
-    def begin_look(self, job_id: str, layer: int, spec: GridSpec) -> int:
-        """Switches the scanner on beside the arc while `layer` is laid. Returns the number of the scan."""
-
-    def look(self, scan_id: int, last: bool) -> Look:
-        """What was seen since the look before; last: the scanner is switched off."""
-
-    def renew(self, job_id: str, request: RenewRequest) -> Renewed:
-        """The correction of the rest of a layer."""
-
-    def replace(self, job_id: str, segments: list[Segment], last: bool) -> tuple[int, int]:
-        """Other setpoints for segments that wait in the bridge, up to the last one that it was given. Returns the index
-        of the first one that was replaced and their number; those before it were on their way already."""
 
     def correct(self, job_id: str, request: CorrectionRequest) -> Correction:
         """Psi, residual height and flow factor for a layer."""

@@ -18,8 +18,6 @@ from .snapshots import Scan
 BEYOND = 3e-3  # m around the metal of a layer that is scanned with it
 SPREAD = 1.5e-3  # m beyond its planned footprint that metal may flow: no witness of what was there
 WITNESSES = 50  # cells that must tell whether the surface beside the layer is still where it was
-SEEN_SIGMA = 0.05e-3  # m, of what was seen beside the arc, at least
-COUNTED = ('profiles_used', 'profiles_rejected', 'points_used', 'points_rejected')  # of a scan
 MOVED = 0.1e-3  # m, median change of those cells; a part that was touched or sank differs by more
 
 
@@ -60,18 +58,6 @@ def window_of(spec: GridSpec, planned: np.ndarray) -> Window | None:
     return Window(*spans)
 
 
-def with_seen(before: Scan, seen: np.ndarray, window: Window) -> Scan:
-    """The map before the layer with what was seen beside the arc in the window: seen (rows, cols) m, NaN = nothing."""
-    inside = np.zeros(before.map.spec.shape, bool)
-    inside[window.cells] = True
-    hit = inside & np.isfinite(seen)
-    z = np.where(hit, seen, before.map.z)
-    sigma = before.map.sigma
-    if sigma is not None:
-        sigma = np.where(hit, np.maximum(np.nan_to_num(sigma), SEEN_SIGMA), sigma)
-    return replace(before, map=HeightGrid(before.map.spec, z, sigma))
-
-
 def beside(before: HeightGrid, window: Window, planned: np.ndarray) -> np.ndarray:
     """Heights (m, shape of the window) before a layer where it laid nothing near, NaN elsewhere: the witnesses.
     planned: (rows, cols) m."""
@@ -86,20 +72,13 @@ def unwitnessed(heights: np.ndarray) -> str:
     return '' if known >= WITNESSES else f'only {known} cells beside the layer are known'
 
 
-def against(
-    before: Scan,
-    seen: list[tuple[Scan, Window]],
-    planned: np.ndarray,
-    beside_arc: np.ndarray | None = None,
-) -> str:
-    """Why the maps of windows do not fit to the one before, in words; '' when they do. planned: (rows, cols) m, metal
-    of the layer; beside_arc: (rows, cols) m, what was seen of the rest beside the arc, NaN = nothing."""
-    for scan, _ in seen:
-        if not scan.plausible:
-            return '; '.join(scan.reasons) or 'its map is not plausible'
-    found = np.full(before.map.spec.shape, np.nan) if beside_arc is None else beside_arc.copy()
-    for scan, window in seen:
-        found[window.cells] = scan.map.z
+def against(before: Scan, seen: Scan, window: Window, planned: np.ndarray) -> str:
+    """Why the map of a window does not fit to the one before, in words; '' when it does. planned: (rows, cols) m, metal
+    of the layer."""
+    if not seen.plausible:
+        return '; '.join(seen.reasons) or 'its map is not plausible'
+    found = np.full(before.map.spec.shape, np.nan)
+    found[window.cells] = seen.map.z
     if reason := unwitnessed(_change(before.map, found, planned)):
         return reason
     moved = moved_beside(before.map, found, planned)
@@ -121,27 +100,13 @@ def _change(before: HeightGrid, found: np.ndarray, planned: np.ndarray) -> np.nd
     return found - beside(before, everything, planned)
 
 
-def joined(before: Scan, seen: list[tuple[Scan, Window]], now: float) -> Scan:
-    """The map before the layer with windows replaced by what was seen of them; now: s, its stamp where none was
-    scanned. Points are those of all windows, bead width that of the most certain one. It has no message of its own."""
+def joined(before: Scan, seen: Scan, window: Window) -> Scan:
+    """The map before the layer with a window replaced by what was seen of it. It has no message of its own."""
     z, count = before.map.z.copy(), np.array(before.count, copy=True)
-    sigma = None if before.map.sigma is None else before.map.sigma.copy()
-    for scan, window in seen:
-        z[window.cells], count[window.cells] = scan.map.z, scan.count
-        if sigma is not None and scan.map.sigma is not None:
-            sigma[window.cells] = scan.map.sigma
-        elif scan.map.sigma is None:
-            sigma = None
+    z[window.cells], count[window.cells] = seen.map.z, seen.count
+    sigma = None
+    if before.map.sigma is not None and seen.map.sigma is not None:
+        sigma = before.map.sigma.copy()
+        sigma[window.cells] = seen.map.sigma
     whole = HeightGrid(before.map.spec, z, sigma)
-    scans = [scan for scan, _ in seen]
-    last = scans[-1] if scans else replace(before, stamp=now, reasons=())
-    totals = {n: sum(getattr(s, n) for s in scans) for n in COUNTED}
-    width = min(scans, key=lambda s: _or_inf(s.bead_width_u), default=Scan(whole, count, 0.0, True))
-    widths = {n: getattr(width, n) for n in ('bead_width', 'bead_width_u', 'bead_width_expected')}
-    return replace(
-        last, map=whole, count=count, coverage=whole.coverage, handle=None, **totals, **widths
-    )
-
-
-def _or_inf(value: float) -> float:
-    return float('inf') if np.isnan(value) else value
+    return replace(seen, map=whole, count=count, coverage=whole.coverage, handle=None)

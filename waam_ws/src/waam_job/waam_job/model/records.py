@@ -14,6 +14,7 @@ from waam_process.segment import Clamp, Kind, Segment
 
 from .snapshots import Correction, Scan, Sums
 
+GONE = 'in_layer_'  # how fields of older records begin that nothing reads any more
 ALPHA_HEIGHT, ALPHA_CURRENT = 1.0, 1e-4  # weights of eq 2.4, 1/mm2 and 1/A2
 
 
@@ -136,16 +137,13 @@ class LayerRecord:
     bead_width_u: float = math.nan
     bead_width_expected: float = math.nan
     width_ratio: float = 0.0
-    in_layer_looks: int = 0
-    in_layer_corrections: int = 0
-    in_layer_segments: int = 0
-    in_layer_change: float = 0.0
-    in_layer_seen: float = 0.0
 
     @classmethod
     def from_json(cls, data: dict) -> LayerRecord:
-        """From `dataclasses.asdict` that went through JSON, where NaN is null."""
-        return cls(**_without_nulls(with_loop_mode(data)))
+        """From `dataclasses.asdict` that went through JSON, where NaN is null. Of older jobs: without what corrected a
+        layer while it was laid."""
+        kept = {k: v for k, v in with_loop_mode(data).items() if not k.startswith(GONE)}
+        return cls(**_without_nulls(kept))
 
     def add_errors(self, errors: np.ndarray) -> None:
         """Height errors (m, any shape, NaN ignored) of the surface before this layer (or after the last)."""

@@ -154,31 +154,6 @@ class FeedRequest:
     apply: bool  # False = the correction is only recorded
 
 
-@dataclass(frozen=True)
-class RenewRequest:
-    """What was seen of a layer while it is laid, for the correction of the rest; maps (rows, cols) in m."""
-
-    layer: int
-    correction: Correction  # that the layer began with
-    planned: np.ndarray  # metal of the layer
-    ground: (
-        np.ndarray
-    )  # surface less the map before, where no metal of the layer lies; NaN = not seen
-    growth: np.ndarray  # surface less what it should be, where all of it lies; NaN = not seen
-    count: np.ndarray  # points behind either
-    age: np.ndarray  # s since then
-    bead_width: float  # m
-
-
-@dataclass(frozen=True)
-class Renewed:
-    """The correction of the rest of a layer, and how far it is from the layer's own, as relative layer height."""
-
-    correction: Correction
-    change_rms: float
-    change_max: float
-
-
 @dataclass
 class Sums:
     """Running sums over telemetry since the last `take`: what a layer report needs."""

@@ -49,23 +49,6 @@ class JobParams:
         'the pass after a layer covers only what it has changed, as long as the surface beside it stays where it '
         'was; the rest of the map is kept',
     )
-    in_layer: bool = param(
-        False,
-        'correct the rest of a layer while it is laid, by what the scanner shows beside the arc (docs/in_layer.md)',
-    )
-    in_layer_from: float = param(
-        0.0,
-        'length along x from which a part is corrected within its layers without in_layer; 0 = none is',
-        'm',
-        0.0,
-        10.0,
-    )
-    in_layer_period: float = param(
-        5.0, 'between two looks beside the arc, beside those when a bead begins', 's', 0.5, 600.0
-    )
-    in_layer_preview: float = param(
-        3.0, 'path ahead of the torch that keeps its setpoints', 's', 0.0, 60.0
-    )
     height_warning: float = param(
         1.0e-3, 'height error after a layer that is noted as an anomaly, with its place', 'm', 1e-5
     )
@@ -120,10 +103,6 @@ def settings_of(p: JobParams, simulated: bool) -> Settings:
         cooling_timeout=p.cooling_timeout,
         scan_max_age=p.scan_max_age,
         scan_changed_only=p.scan_changed_only,
-        in_layer=p.in_layer,
-        in_layer_from=p.in_layer_from,
-        in_layer_period=p.in_layer_period,
-        in_layer_preview=p.in_layer_preview,
         height_warning=p.height_warning,
         cold_metal=p.cold_metal,
         restart_metal=p.restart_metal,

@@ -32,10 +32,7 @@ from waam_msgs.srv import (
     ComputeFeed,
     Enqueue,
     FinishScan,
-    LookScan,
     Record,
-    RenewCorrection,
-    ReplaceSegments,
 )
 from waam_node.conversions import (
     seconds,
@@ -54,7 +51,6 @@ from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, Machi
 from ..model.geometry import aim_point
 from ..model.goal import Code, JobError
 from ..model.records import AnomalyRecord, LayerRecord, State, Status
-from ..model.seen import Look
 from ..model.telemetry import TelemetryStats
 from ..run.again import BURNS_A
 from .ros_parameters import ParameterReader
@@ -94,9 +90,6 @@ class RosCell:
         self._correct = client(ComputeCorrection, 'correction_server/compute')
         self._feed = client(ComputeFeed, 'feed_forward/compute')
         self._record = client(Record, 'recorder/control')
-        self._look = client(LookScan, 'scan_fusion/look')
-        self._renew = client(RenewCorrection, 'correction_server/renew')
-        self._replace = client(ReplaceSegments, 'bridge/replace')
         self._reader = ParameterReader(node)
         self._parameters: dict[str, dict[str, Any]] = {}
 
@@ -261,27 +254,6 @@ class RosCell:
         request = FinishScan.Request(scan_id=scan_id, until=time_to_msg(until))
         response = self._call(self._finish, request, Code.SCAN_FAILED, self.timeout + 10.0)
         return convert.scan_from_msg(response.map)
-
-    def begin_look(self, job_id: str, layer: int, spec: GridSpec) -> int:
-        """JobError SCAN_FAILED when the grid or the scanner is refused, NODE_LOST without an answer."""
-        request = convert.look_request(job_id, layer, spec)
-        return self._call(self._begin, request, Code.SCAN_FAILED).scan_id
-
-    def look(self, scan_id: int, last: bool) -> Look:
-        """JobError SCAN_FAILED when the scan is gone, NODE_LOST without an answer."""
-        request = LookScan.Request(scan_id=scan_id, last=last)
-        return convert.look_from_msg(self._call(self._look, request, Code.SCAN_FAILED))
-
-    def renew(self, job_id: str, request: model.RenewRequest) -> model.Renewed:
-        """JobError UNKNOWN when the request is refused, NODE_LOST without an answer."""
-        message = convert.renew_request(job_id, request)
-        return convert.renewed_from_msg(self._call(self._renew, message, Code.UNKNOWN))
-
-    def replace(self, job_id: str, segments: list[Segment], last: bool) -> tuple[int, int]:
-        """JobError DEPOSITION_FAILED when they are refused, NODE_LOST without an answer."""
-        message = convert.replace_request(job_id, segments, last)
-        response = self._call(self._replace, message, Code.DEPOSITION_FAILED)
-        return response.first, response.replaced
 
     def correct(self, job_id: str, request: CorrectionRequest) -> Correction:
         """JobError UNKNOWN when the request is refused, NODE_LOST without an answer."""

@@ -55,16 +55,16 @@ class Again:
         self,
         cell: Cell,
         job_id: str,
-        newest: Callable[[], list[Segment]],
+        segments: list[Segment],
         until: Callable[[Callable[[Machine], bool], float, str], None],
     ) -> None:
-        self.cell, self.job_id, self.newest, self.until = cell, job_id, newest, until
+        self.cell, self.job_id, self.segments, self.until = cell, job_id, segments, until
 
     def gap(self, held: Machine) -> float:
         """m of path between the place where current was seen last and the torch; 0 = there is none that can be laid
         again."""
         done = held.executed if held.executed_job == self.job_id else -1
-        running = next((s for s in self.newest() if s.index > done), None)
+        running = next((s for s in self.segments if s.index > done), None)
         if held.burned is None or running is None or not running.arc:
             return 0.0
         way = math.dist(held.burned, held.position)
@@ -74,9 +74,8 @@ class Again:
         """stop: ends the hold and drops the queue. Then the torch goes back, and the rest is handed over anew under the
         same indices. Raises JobError."""
         done = held.executed if held.executed_job == self.job_id else -1
-        segments = self.newest()
-        rest = [s for s in segments if s.index > done]
-        laid = [s for s in segments if s.index <= done]
+        rest = [s for s in self.segments if s.index > done]
+        laid = [s for s in self.segments if s.index <= done]
         place = place_behind([*laid, rest[0]], held.position, self.gap(held) + OVERLAP)
         stop()
         self.until(lambda m: m.state == 'IDLE', 10.0, 'the machine did not come to rest')

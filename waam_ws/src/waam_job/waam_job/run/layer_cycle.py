@@ -9,7 +9,7 @@ import numpy as np
 
 from waam_plan.plan import PlannedLayer, renumber
 from waam_process.loop_mode import LoopMode
-from waam_process.segment import Kind, Segment
+from waam_process.segment import Segment
 
 from ..model.altered import AlteredMetal
 from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, NextLayer, Scan
@@ -18,12 +18,19 @@ from ..model.records import LayerRecord, State
 from ..store.journal import Following
 from .context import JobContext
 from .cooling import Cooling
-from .in_layer import InLayer, Laid
 from .learning import Learning
 from .part_scanner import PartScanner
 from .preparation import Preparation
 from .progress import BeadProgress
-from .work_frame import part_length
+
+
+@dataclass(frozen=True)
+class Laid:
+    """What there is of a layer that was cut off: deposits; asked (rows, cols) m, metal that the setpoints asked for
+    when they were laid."""
+
+    deposits: list[Segment]
+    asked: np.ndarray
 
 
 @dataclass
@@ -76,16 +83,14 @@ class LayerCycle:
         self._tell_next(layer.number + 1)
         self.preparation.check_spark()
         placed = self._placed(segments)
-        within = self._within(layer, scan, correction, placed, record, laid)
         altered = AlteredMetal(placed, laid.deposits if laid else ())
         if laid is not None:
             asked = altered.with_earlier(asked, laid.asked, scan.map.spec)
 
         def following() -> Following:
             """What the setpoints in force ask for, with the operator's override."""
-            wanted = asked if within is None else within.asked
-            by = correction if within is None else within.correction
-            return Following(layer, altered.asked(wanted, scan.map.spec), by, feed_factor)
+            wanted = altered.asked(asked, scan.map.spec)
+            return Following(layer, wanted, correction, feed_factor)
 
         def keep() -> None:
             self._keep_scan(scan, following())
@@ -93,7 +98,7 @@ class LayerCycle:
         if resumed:  # what the rest is asked for from now on
             keep()
         try:
-            self._deposit(placed, layer, record, within, altered, keep)
+            self._deposit(placed, layer, record, altered, keep)
         except Exception:
             keep()
             raise
@@ -105,8 +110,7 @@ class LayerCycle:
         self.journal.layer(record)
         if resumed:  # what lies there is not what was planned on one map
             return self.scanner.scan_after(layer.number)
-        seen = within.seen.final() if within is not None else None
-        return self.scanner.scan_after_layer(layer, scan, seen)
+        return self.scanner.scan_after_layer(layer, scan)
 
     def found(self, layer: PlannedLayer, before: Scan) -> Scan:
         """For a layer that was cut off after its last segment: its record, and the scan after it."""
@@ -257,37 +261,11 @@ class LayerCycle:
         asked = asked_growth(layer.planned, c.psi, c.k_gain, c.residual_height)
         return driven_growth(asked, layer.planned, self.program.current.spec, segments)
 
-    def _within(
-        self,
-        layer: PlannedLayer,
-        scan: Scan,
-        correction: Correction | None,
-        placed: list[Segment],
-        record: LayerRecord,
-        laid: Laid | None,
-    ) -> InLayer | None:
-        """What corrects the rest of the layer while it is laid; None when nothing does: the record says why."""
-        wanted = self.settings.corrects_within(part_length(self.context.checked))
-        if not wanted or self.loop_mode != LoopMode.CLOSED_LOOP:
-            return None
-        against = self._against_within(scan, correction, placed)
-        if against or correction is None:
-            record.reasons.append(f'no in-layer correction: {against}')
-            return None
-        return InLayer(self.context, layer, scan, correction, placed, record, laid)
-
-    @staticmethod
-    def _against_within(scan: Scan, correction: Correction | None, placed: list[Segment]) -> str:
-        if not scan.plausible or correction is None or correction.handle is None:
-            return 'the map before the layer is not plausible'
-        return '' if any(s.kind == Kind.DEPOSIT for s in placed) else 'nothing is laid'
-
     def _deposit(
         self,
         placed: list[Segment],
         layer: PlannedLayer,
         record: LayerRecord,
-        within: InLayer | None,
         altered: AlteredMetal,
         keep: Callable[[], None],
     ) -> None:
@@ -310,11 +288,7 @@ class LayerCycle:
         )
         material = self.context.checked.material
         self.scanner.laid(layer.number, laid_beads(placed, material))
-        if within is None:
-            self.motion.execute(placed, on_done)
-        else:
-            self._execute(placed, on_done, within, record, keep)
-            self.scanner.laid(layer.number, laid_beads(within.placed, material))
+        self.motion.execute(placed, on_done)
         last = placed[-1].index
         self.journal.checkpoint(0, progress.beads_before + layer.beads, last, progress.laid(last))
         record.duration = self.cell.now() - started
@@ -323,32 +297,6 @@ class LayerCycle:
             text = f'{record.telemetry_lost} telemetry frames were lost in this layer'
             self.journal.note('WARNING', 'link', text, 'means over the others')
         record.faults = self.journal.faults_in(layer.number)
-
-    def _execute(
-        self,
-        placed: list[Segment],
-        tell: Callable[[Segment], None],
-        within: InLayer,
-        record: LayerRecord,
-        keep: Callable[[], None],
-    ) -> None:
-        """Runs the layer, and what is put into force on the way is what the folder knows of it."""
-        known = 0
-
-        def on_done(segment: Segment) -> None:
-            nonlocal known
-            tell(segment)
-            within.on_done(segment)
-            if record.in_layer_corrections > known:
-                known = record.in_layer_corrections
-                keep()
-
-        within.begin()
-        try:
-            self.motion.execute(placed, on_done, lambda: within.placed)
-        finally:
-            within.end()
-        record.add_segments(within.placed)
 
     def _placed(self, segments: list[Segment]) -> list[Segment]:
         """The segments with the approach from where the torch is, numbered on from the last one laid."""

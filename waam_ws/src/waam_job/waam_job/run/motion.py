@@ -39,15 +39,11 @@ class Motion:
         self.until(lambda m: m.state == 'IDLE', timeout, 'the machine did not come to rest')
 
     def execute(
-        self,
-        segments: list[Segment],
-        on_done: Callable[[Segment], None] | None = None,
-        newest: Callable[[], list[Segment]] | None = None,
+        self, segments: list[Segment], on_done: Callable[[Segment], None] | None = None
     ) -> None:
-        """Runs consecutive segments; calls `on_done` with each newly finished one (the last of several at once).
-        newest: the segments with the setpoints in force, when those may change."""
+        """Runs consecutive segments; calls `on_done` with each newly finished one (the last of several at once)."""
         self.cell.enqueue(self.job_id, segments, True)
-        self.watch.again = Again(self.cell, self.job_id, newest or (lambda: segments), self.until)
+        self.watch.again = Again(self.cell, self.job_id, segments, self.until)
         try:
             self._await(segments, on_done)
         finally:

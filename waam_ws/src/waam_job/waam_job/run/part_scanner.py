@@ -18,11 +18,9 @@ from ..model.asked_scan import foreign
 from ..model.cell import LaidBeads, Scan
 from ..model.geometry import part_grid
 from ..model.goal import Code, JobError
-from ..model.lanes import lanes, scanned
 from ..model.outlook import WITHIN_REACH
 from ..model.program import deviation_of
 from ..model.records import State
-from ..model.seen import BesideArc
 from .context import JobContext
 
 WHOLE = 'whole part scanned: '  # before the reason, in the report
@@ -50,13 +48,9 @@ class PartScanner:
         top = self.program.built_height(layer) if self.program.planned else 0.0
         return self._compared(layer, self.scan(layer, top, required))
 
-    def scan_after_layer(
-        self, layer: PlannedLayer, before: Scan, beside_arc: BesideArc | None = None
-    ) -> Scan:
+    def scan_after_layer(self, layer: PlannedLayer, before: Scan) -> Scan:
         """The surface after `layer`, which was laid on that of `before`: only what it has changed is scanned, if the
-        settings say so and nothing speaks against it; the scan says which (`extent`). beside_arc: what was seen of it
-        while it was laid; passes are made only where that does not suffice.
-        """
+        settings say so and nothing speaks against it; the scan says which (`extent`)."""
         if not self.settings.scan_changed_only:
             return self._witnessed(layer, before)
         window = changed.window_of(self.spec, layer.planned)
@@ -65,19 +59,14 @@ class PartScanner:
         witnesses = changed.beside(before.map, window, layer.planned)
         if reason := self._whole_because(before) or changed.unwitnessed(witnesses):
             return replace(self.scan_after(layer.number), extent=WHOLE + reason)
-        passes = lanes(window, self.spec, self.context.plan_settings(), beside_arc)
-        seen = self._scan_windows(layer, scanned(passes))
-        known = None if beside_arc is None else beside_arc.z
-        if reason := changed.against(before, seen, layer.planned, known):
+        seen = self._scan_window(layer, window)
+        if reason := changed.against(before, seen, window, layer.planned):
             self.journal.note('WARNING', 'scan', reason, 'the whole part is scanned')
             return replace(self.scan_after(layer.number), extent=WHOLE + reason)
         self._kept_since = self._kept_since or before.stamp
-        share = sum(w.size for _, w in seen) / before.map.z.size
-        words = [f'{share:.0%} of the map scanned, what the layer has changed']
-        text = '; '.join(words + [lane.why for lane in passes if lane.why])
-        if known is not None:
-            before = changed.with_seen(before, known, window)
-        found = replace(changed.joined(before, seen, self.cell.now()), extent=text)
+        share = window.size / before.map.z.size
+        text = f'{share:.0%} of the map scanned, what the layer has changed'
+        found = replace(changed.joined(before, seen, window), extent=text)
         return self._compared(layer.number, found)
 
     def _witnessed(self, layer: PlannedLayer, before: Scan) -> Scan:
@@ -103,17 +92,10 @@ class PartScanner:
         causes = 'part loose or warped, or scanner moved on its mount'
         self.journal.note('WARNING', 'scan', f'{text} ({causes})', reaction)
 
-    def _scan_windows(
-        self, layer: PlannedLayer, windows: list[changed.Window]
-    ) -> list[tuple[Scan, changed.Window]]:
-        """One scan per window, up to the first that is not plausible."""
-        top, seen = self.program.built_height(layer.number), []
+    def _scan_window(self, layer: PlannedLayer, window: changed.Window) -> Scan:
+        top = self.program.built_height(layer.number)
         self.journal.state(State.SCANNING, f'scanning what layer {layer.number} has changed')
-        for window in windows:
-            seen.append((self._once(layer.number, top, window.spec(self.spec)), window))
-            if not seen[-1][0].plausible:
-                break
-        return seen
+        return self._once(layer.number, top, window.spec(self.spec))
 
     def _whole_because(self, before: Scan) -> str:
         """Why the whole part must be scanned; '' when it need not be."""

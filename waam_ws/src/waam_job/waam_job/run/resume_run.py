@@ -26,8 +26,7 @@ from ..model.resume import (
 from ..model.shift import expected_of, find_shift
 from ..store import checkpoint as checkpoints
 from .context import JobContext
-from .in_layer import Laid
-from .layer_cycle import History, LayerCycle
+from .layer_cycle import History, Laid, LayerCycle
 from .part_scanner import PartScanner
 from .passes import Passes
 from .planning import wire_of, wire_problems
@@ -155,7 +154,7 @@ class ResumeRun:
         self._spend(layer, [rest])
         left = min(s.index for s in rest.deposits)
         earlier = [s for s in layer.deposits if s.index < left]
-        scan = self.cycle.lay(rest, before, Laid(earlier, asked.planned, scan))
+        scan = self.cycle.lay(rest, before, Laid(earlier, asked.planned))
         self._remember(number)
         return scan, number + 1
 

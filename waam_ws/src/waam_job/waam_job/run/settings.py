@@ -26,10 +26,6 @@ class Settings:
     scan_max_age: float = 900.0  # s, an older map is scanned again; 0 = any age
     # the pass after a layer covers only what it has changed (model/changed.py)
     scan_changed_only: bool = False
-    in_layer: bool = False  # the rest of a layer is corrected while it is laid (run/in_layer.py)
-    in_layer_from: float = 0.0  # m, length along x from which a part has it without; 0 = none has
-    in_layer_period: float = 5.0  # s between two looks beside the arc
-    in_layer_preview: float = 3.0  # s of path ahead of the torch that keep their setpoints
     height_warning: float = 1.0e-3  # m, height error after a layer that is noted
     cold_metal: float = 2e-4  # 1/K, less metal on a part that has cooled since an interruption
     restart_metal: float = 0.8  # share of its metal that an interrupted path gets after its restart
@@ -42,7 +38,3 @@ class Settings:
     share_in_tolerance: float = 0.95  # of the judged area, for a good verdict
     lease_nodes: tuple[str, ...] = ()  # whose heartbeat the arc lease needs
     limits: Limits = field(default_factory=Limits)
-
-    def corrects_within(self, length: float) -> bool:
-        """Whether layers of a part of this length along x, m, are corrected while they are laid."""
-        return self.in_layer or 0.0 < self.in_layer_from <= length

@@ -38,12 +38,5 @@ def plan_settings(checked: Checked, settings: Settings, machine: Machine) -> Pla
         'machine_min': minus(machine.limit_min, zero),
         'machine_max': minus(machine.limit_max, zero),
         'grid': settings.resolution,
-        'scanner_trails': settings.corrects_within(part_length(checked)),
     }
     return PlanSettings(**fields | planner_fields(checked.goal, checked.material))
-
-
-def part_length(checked: Checked) -> float:
-    """m along x, the way that the scanner rides ahead of the torch."""
-    (x0, _, _), (x1, _, _) = checked.bounds.tolist()
-    return float(x1 - x0)

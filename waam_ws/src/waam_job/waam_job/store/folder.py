@@ -140,12 +140,6 @@ class JobFolder:
         """`write_json` that a full disk does not stop (`waam_node.files.write_state`)."""
         write_state(self.path / name, json.dumps(clean(data), indent=1))
 
-    def append_json(self, name: str, data: dict) -> None:
-        """One more line of a file of JSON lines; a crash leaves at most the last one torn."""
-        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
-        with open(os.open(self.path / name, flags, 0o666), 'a', encoding='utf-8') as f:
-            f.write(json.dumps(clean(data)) + '\n')
-
     def write_map(self, number: int, spec: GridSpec, **maps: np.ndarray) -> None:
         """Maps (rows, cols) after layer `number` with their geometry; float maps are stored as float32."""
         small = {

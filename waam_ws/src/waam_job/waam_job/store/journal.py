@@ -283,10 +283,6 @@ class Journal:
             maps |= {'asked': following.asked, 'feed_factor': np.array(following.feed_factor)}
         self.folder.write_map(number, scan.map.spec, **maps)
 
-    def in_layer(self, facts: dict[str, Any]) -> None:
-        """One more line in in_layer.jsonl: a correction of the rest of a layer that was put into force."""
-        self.folder.append_json(job_folder.IN_LAYER, {'run': self.run, **facts})
-
     def track(self) -> None:
         """The telemetry since the last call, thinned to 10 Hz, goes to disk: a long job does not grow in memory, and a
         crash costs no more of it than TRACK_PERIOD."""

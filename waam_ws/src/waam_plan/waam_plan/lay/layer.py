@@ -12,7 +12,6 @@ from waam_plan.fill.hatch import Chain
 from waam_plan.fill.inside import keep_inside
 from waam_plan.fill.linking import spread_starts
 from waam_plan.lay.allocate import edge_surplus, metal_heights
-from waam_plan.lay.trailing import trailing
 from waam_plan.lay.travel import Ceiling, to_segments
 from waam_plan.plan import PlannedLayer
 from waam_plan.settings import PlanSettings
@@ -63,8 +62,6 @@ def lay(
     starts: (n, 2) m, arc starts of the layer below, which those of this one keep away from.
     """
     spread = spread_starts(chains, starts, settings.start_spread)
-    if settings.scanner_trails:
-        spread = trailing(spread, starts, settings)
     pieces = path.lay_out(spread, HeightGrid(spec, task.ground), settings)
     if task.inside is not None:
         pieces = keep_inside(pieces, task.inside)

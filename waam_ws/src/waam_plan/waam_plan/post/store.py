@@ -18,6 +18,7 @@ from waam_process.segment import Kind, Segment
 VERSION = 1
 _FLOATS = ('speed', 'dwell', 'height', 'width', 'speed_programmed', 'wire_feed_speed', 'voltage')
 _INTS = ('index', 'layer', 'bead')
+GONE = ('scanner_trails',)  # settings of older files that only told how the stored path came about
 
 
 def save_plan(plan: Plan, path: Path | str) -> None:
@@ -88,7 +89,9 @@ def _plan(data: dict[str, np.ndarray], about: dict) -> Plan:
     x, y = data['origin'].tolist()
     spec = GridSpec(x, y, float(data['resolution']), rows, cols)
     settings: dict[str, Any] = {
-        k: tuple(v) if isinstance(v, list) else v for k, v in about['settings'].items()
+        k: tuple(v) if isinstance(v, list) else v
+        for k, v in about['settings'].items()
+        if k not in GONE
     }
     segments = _segments(data)
     count = len(data['planned'])

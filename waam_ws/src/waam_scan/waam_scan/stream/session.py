@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from waam_process.grid import GridSpec
 
 from ..bead_width import BeadWidth, bead_width
-from ..fusion.height_map import FusedMap, Fusion
+from ..fusion.height_map import FusedMap
 from ..fusion.plausibility import PlausibilityLimits, jump_reasons, map_reasons, stream_reasons
-from ..in_process.profile_filter import ProfileFilter
 from .assembler import Assembler
 from .profiles import ProfileBlock, SequenceWatch
 
@@ -90,17 +89,13 @@ class EndWatch:
 
 @dataclass
 class Session:
-    """A scan in progress. `batches`, `lost`, `refused` count batches received, missing by sequence, and malformed.
-
-    beside_arc: filters the profiles of a scan while the arc burns; such a scan has looks and no end.
-    """
+    """A scan in progress. `batches`, `lost`, `refused` count batches received, missing by sequence, and malformed."""
 
     job_id: str
     layer: int
     scan_id: int
     assembler: Assembler
     laid: LaidBeads = LaidBeads()
-    beside_arc: ProfileFilter | None = None
     began: float = 0.0  # s, steady clock of the caller
     batches: int = 0
     refused: int = 0
@@ -122,8 +117,6 @@ class Session:
     def add(self, sequence: int, block: ProfileBlock) -> None:
         """A batch; missing numbers count as lost."""
         before = self.assembler.newest_ns
-        if self.beside_arc is not None:
-            block = replace(block, z=self.beside_arc.block(block.x, block.z))
         self.assembler.add(block)
         after = self.assembler.newest_ns
         self.sequences.follow(sequence, before is None or (after is not None and after > before))
@@ -154,14 +147,6 @@ class Session:
         """No more profiles: the map."""
         self.assembler.close()
         return self.assembler.fusion.result()
-
-    def look(self) -> FusedMap:
-        """What was seen since the last look; the next one begins with nothing. Profiles that wait for telemetry wait
-        for the next look."""
-        self.assembler.resolve()
-        done = self.assembler.fusion
-        self.assembler.fusion = Fusion(done.spec, done.mounting, done.limits, done.threads)
-        return done.result()
 
     def doubts(
         self, fused: FusedMap, before: PreviousMap | None, limits: PlausibilityLimits

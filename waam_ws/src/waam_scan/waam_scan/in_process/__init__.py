@@ -1,1 +1,0 @@
-"""Profiles that are measured beside the burning arc."""
