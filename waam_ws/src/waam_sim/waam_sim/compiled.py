@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import zlib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +35,18 @@ def _sources() -> int:
 SOURCES = _sources()
 
 
+@cache
+def _floats(names: tuple[str, ...]) -> np.dtype:
+    """A record of float64. One object for equal names: numba compares the fields of types that are two objects at every
+    call of a compiled function, which takes longer than what most of them do."""
+    return np.dtype([(n, np.float64) for n in names])
+
+
 def record(values: Any) -> np.ndarray:
     """(1,) structured array with the numeric fields of a dataclass as float64, by name."""
-    names = [f.name for f in dataclasses.fields(values) if isinstance(f.default, int | float)]
-    out = np.zeros(1, np.dtype([(n, np.float64) for n in names]))
+    fields = dataclasses.fields(values)
+    names = tuple(f.name for f in fields if isinstance(f.default, int | float))
+    out = np.zeros(1, _floats(names))
     for n in names:
         out[n] = getattr(values, n)
     return out
@@ -45,7 +54,7 @@ def record(values: Any) -> np.ndarray:
 
 def state(*names: str) -> np.ndarray:
     """(1,) structured array of float64 zeros with these fields."""
-    return np.zeros(1, np.dtype([(n, np.float64) for n in names]))
+    return np.zeros(1, _floats(names))
 
 
 def random_state(seed: int, *stream: int) -> np.ndarray:

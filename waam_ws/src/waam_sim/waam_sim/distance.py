@@ -93,10 +93,10 @@ class Distance:
         """Readings that came in `dt` s."""
         if self.params.kind == 'none':
             return 0
-        count = 0
+        count, cycle = 0, self.cycle
         self._due -= dt
         while self._due <= 1e-9:
-            self._due += self.cycle
+            self._due += cycle
             count += 1
         return count
 
@@ -110,10 +110,9 @@ class Distance:
         self.reading += count
         if wrong.stuck:
             return
-        x, y = self.spot(float(tip[0]), float(tip[1]))
-        far = spot_distance(
-            *surface, self._record, self.rng, x, y, float(tip[2]), lit, wrong.dropout
-        )
+        tip_x, tip_y, height = tip.tolist()
+        x, y = self.spot(tip_x, tip_y)
+        far = spot_distance(*surface, self._record, self.rng, x, y, height, lit, wrong.dropout)
         if wrong.inverted:
             far = 2.0 * self.params.height - far
         said = self._answer(far + self._drift) * wrong.unit

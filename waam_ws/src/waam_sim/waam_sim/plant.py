@@ -9,6 +9,7 @@ import dataclasses
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from waam_process.grid import HeightGrid
 from waam_process.plant_port import SAMPLE
 
 from . import part as parts
-from .arc import Arc, ArcParams, wire_reading
+from .arc import CURRENT_READ, FLOW, LIT, VOLTAGE_READ, Arc, ArcParams
 from .arclight import Arclight, ArclightParams
 from .compiled import random_state
 from .distance import NOTHING_WRONG, Distance, DistanceParams, Wrong
@@ -60,8 +61,7 @@ class PlantParams:
     work_zero: tuple[float, float, float] = (0.100, 0.080, 0.020)
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """What the controller's inputs see at the end of a step: bits, A, V, m/s; number and value of the newest reading of
     the distance sensor (mm, or counts of the infrared sensor, NaN = no echo); samples (n, 3) of the accelerometer in
     the step, m/s^2, none while the controller has it off."""
@@ -72,7 +72,7 @@ class Reading:
     wire_speed: float
     distance: float = math.nan
     distance_reading: int = 0
-    shaken: np.ndarray = field(default_factory=lambda: NO_SAMPLES)
+    shaken: np.ndarray = NO_SAMPLES
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Plant:
         self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
         self.distance = Distance(p.distance, random_state(seed, 4))
         self.gantry = Gantry(p.gantry, random_state(seed, 6), parts.volume(part))
-        self._scanned = self._was_scanning = self._beside_arc = False
+        self._was_scanning = self._beside_arc = False
         self._lattice = lattice(seed)
         middle = parts.centre(part)
         self.placed = Placement.flat(p.part, self.heat.spec, middle, random_state(seed, 5))
@@ -148,7 +148,7 @@ class Plant:
     @property
     def arc_on(self) -> bool:
         """Whether the arc burns."""
-        return bool(self.arc.state['lit'][0] > 0.0)
+        return self.arc.value(LIT) > 0.0
 
     def step(self, samples: np.ndarray, time_us: int) -> Reading:
         """Simulates samples (n,) of SAMPLE, 1 ms each, the last at time_us."""
@@ -165,7 +165,7 @@ class Plant:
             blocked, gas_out = faults.on('arc_loss', now), faults.on('gas_loss', now)
             slip, empty = faults.share('wire_slip'), faults.on('wire_end', now)
         self._note_scan()
-        self._before = self._last.copy()
+        self._before[:] = self._last
         live(
             samples=samples, now=now, zero=self._zero, last=self._last, z=metal.z, solid=metal.solid,
             touched=metal.touched, mp=metal.params, ms=metal.state, skin=heat.skin, bulk=heat.bulk,
@@ -176,40 +176,41 @@ class Plant:
         )  # fmt: skip
         self.time_us = time_us
         self._measure_distance(len(samples) * SAMPLE_US * 1e-6)
-        s = arc.state[0]
-        inputs = INPUT_GAS_OK if s['flow'] >= 1.0 else 0
+        inputs = INPUT_GAS_OK if arc.value(FLOW) >= 1.0 else 0
         if faults.active and faults.on('drive_fault', now):
             inputs |= INPUT_DRIVE_FAULT
+        shaken = NO_SAMPLES
         if self.params.gantry.on:
             inputs |= INPUT_ACCELEROMETER
-        seen = self.accelerations()
+            seen = self.accelerations()
+            shaken = shaken if seen is None else seen.values
         return Reading(
             inputs,
-            float(s['current_read']),
-            float(s['voltage_read']),
-            float(wire_reading(arc.params[0], s)),
+            arc.value(CURRENT_READ),
+            arc.value(VOLTAGE_READ),
+            arc.wire_reading,
             self.distance.value,
             self.distance.reading,
-            NO_SAMPLES if seen is None else seen.values,
+            shaken,
         )
 
     def _note_scan(self) -> None:
         """A part that is moved after it was scanned is moved when the first scan is over. A layer begins after a scan;
         profiles beside a burning arc are none."""
-        self._scanned = self._scanned or self.scanning
         if self.scanning:
             self._beside_arc = self.arc_on or (self._was_scanning and self._beside_arc)
-        elif self._was_scanning and not self._beside_arc:
-            self.variation.scanned()
-        self._was_scanning = self.scanning
-        if self._scanned and not self.scanning:
+        elif self._was_scanning:
+            if not self._beside_arc:
+                self.variation.scanned()
             self.placed.state['moved'] = 1.0
+        self._was_scanning = self.scanning
 
     def _measure_distance(self, dt: float) -> None:
         """Readings of the distance sensor in the `dt` s of a step; only the newest is kept."""
-        sensor, moved = self.distance, self._last - self._before
-        if not math.isnan(moved[0]):
-            sensor.turn(float(moved[0]), float(moved[1]))
+        sensor = self.distance
+        (x, y, _), (from_x, from_y, _) = self._last.tolist(), self._before.tolist()
+        if not math.isnan(x - from_x):
+            sensor.turn(x - from_x, y - from_y)
         if count := sensor.pass_time(dt):
             spec, placed = self.metal.spec, self.placed
             surface = (
