@@ -112,7 +112,7 @@ def on_table(job: LabJob, checked: Checked, known: params.LabParams, physics: Pl
 
 @contextmanager
 def _few_objects() -> Iterator[None]:
-    """The collector of garbage looks at what the job makes, not at all that the process has: a twentieth of the time."""
+    """The collector of garbage looks at what the job makes, not at all that the process has."""
     gc.freeze()
     try:
         yield

@@ -21,7 +21,7 @@ BEFORE = 30  # exchanges in which the path must be straight and no slower than S
 SLOWER = 0.6
 STRAIGHT = 0.99  # cosine
 COLUMNS = 7  # layer, way along x and y in m, s, A, V, width of the pool in m
-TABLE_X, TABLE_Y = (SAMPLE.names.index(n) for n in ('table_x', 'table_y'))
+TABLE_X, TABLE_Y = ((SAMPLE.names or ()).index(n) for n in ('table_x', 'table_y'))
 POOL = 50  # exchanges: in 0.5 s the pool travels its own length, and what is shorter averages out in it
 
 

@@ -19,7 +19,7 @@ from waam_process.plant_port import SAMPLE
 from . import part as parts
 from .arc import CURRENT_READ, FLOW, LIT, VOLTAGE_READ, Arc, ArcParams
 from .arclight import Arclight, ArclightParams
-from .compiled import random_state
+from .compiled import Settled, random_state
 from .distance import NOTHING_WRONG, Distance, DistanceParams, Wrong
 from .disturbance import lattice
 from .faults import Faults
@@ -90,6 +90,7 @@ class Plant:
     def __init__(self, part: HeightGrid, params: PlantParams | None = None, seed: int = 1) -> None:
         self.params = params or PlantParams()
         self._model = number(self.params.metal.model)
+        self._live = Settled(live)
         self.faults = Faults()
         self.scanning = self.sensing = self._on_robot = False
         self.time_us = 0
@@ -166,14 +167,13 @@ class Plant:
             slip, empty = faults.share('wire_slip'), faults.on('wire_end', now)
         self._note_scan()
         self._before[:] = self._last
-        live(
-            samples=samples, now=now, zero=self._zero, last=self._last, z=metal.z, solid=metal.solid,
-            touched=metal.touched, mp=metal.params, ms=metal.state, skin=heat.skin, bulk=heat.bulk,
-            thickness=heat.thickness, hp=heat.params, hs=heat.state, ap=arc.params, als=arc.state, line=arc.line,
-            rng=arc.rng, values=self._lattice, hot=placed.hot, kept=placed.kept, lp=placed.params, ls=placed.state,
-            vp=vary.params, vs=vary.state, key=vary.key, blocked=blocked, gas_out=gas_out, slip=slip, empty=empty,
-            model=self._model,
+        arrays = (
+            self._zero, self._last, metal.z, metal.solid, metal.touched, metal.params, metal.state, heat.skin,
+            heat.bulk, heat.thickness, heat.params, heat.state, arc.params, arc.state, arc.line, arc.rng,
+            self._lattice, placed.hot, placed.kept, placed.params, placed.state, vary.params, vary.state, vary.key,
         )  # fmt: skip
+        samples = np.ascontiguousarray(samples, SAMPLE)
+        self._live(arrays, samples, now, blocked, gas_out, slip, empty, self._model)
         self.time_us = time_us
         self._measure_distance(len(samples) * SAMPLE_US * 1e-6)
         inputs = INPUT_GAS_OK if arc.value(FLOW) >= 1.0 else 0
