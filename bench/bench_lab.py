@@ -2,6 +2,8 @@
 
 lab.speed: simulated seconds per second of processor time: closed-loop jobs of the demo's jaw with scans, planning and
 the job folder (baseline: the whole graph, 13 s per second of wall time on two cores, the README's figure);
+lab.speed_ratio: the same over that of commit 986bae11, which knew one cell, today's `gentle`: the smaller one of the
+ratios of `gentle` and `recorded`, each the median of three jobs in turn. Needs the history of git;
 lab.agreement_pct: largest difference of the RMS height error between laboratory and graph, same job and same seed, over
 five seeds (baseline: the graph against itself, first seed twice; its timing depends on the load).
 
@@ -11,12 +13,14 @@ five seeds (baseline: the graph against itself, first seed twice; its timing dep
 from __future__ import annotations
 
 import json
+import statistics
 import sys
 import tempfile
 import time
 from pathlib import Path
 from types import SimpleNamespace
 
+from lib import lab_before
 from lib.jaw import jaw_job
 from lib.preset import emit_on_cell as emit
 from lib.preset import preset
@@ -24,6 +28,9 @@ from lib.seeds import seeds
 
 GRAPH_RATE = 13.0  # s/s, `make demo` on two cores (README.md)
 SEEDS = (1, 2, 3, 7, 11)
+BEFORE = '986bae11'  # lab.speed_ratio
+PRESETS = ('gentle', 'recorded')
+TURNS = 3
 
 
 def in_graph(seed: int) -> tuple[dict, float]:
@@ -74,6 +81,21 @@ def speed() -> None:
     emit('lab.speed', rate, 's/s', 'the graph on two cores (README)', GRAPH_RATE)
 
 
+def speed_ratio() -> None:
+    """Both in turn, because what else the computer does changes what a second of its processor is worth."""
+    rates: dict[str, list[float]] = {name: [] for name in (BEFORE, *PRESETS)}
+    with lab_before.tree(BEFORE) as environment:
+        for _ in range(TURNS):
+            rates[BEFORE].append(lab_before.speed(environment))
+            for name in PRESETS:
+                rates[name].append(lab_before.speed({}, preset=name))
+    for name, found in rates.items():
+        print(f'{name}: {", ".join(f"{r:.1f}" for r in found)} s/s', file=sys.stderr)
+    middle = {name: statistics.median(found) for name, found in rates.items()}
+    slower = min(middle[name] for name in PRESETS)
+    emit('lab.speed_ratio', slower / middle[BEFORE], '', f'commit {BEFORE}', 1.0)
+
+
 def agreement() -> None:
     wanted = seeds(SEEDS)
     found = in_laboratory(wanted)
@@ -87,4 +109,4 @@ def agreement() -> None:
     emit('lab.agreement_pct', 100 * difference, '%', 'the graph against itself', 100 * itself)
 
 
-FIGURES = {'lab.speed': speed, 'lab.agreement_pct': agreement}
+FIGURES = {'lab.speed': speed, 'lab.speed_ratio': speed_ratio, 'lab.agreement_pct': agreement}

@@ -33,7 +33,7 @@ def _telemetry(payload: bytes) -> Telemetry:
     unsigned = f[0] | f[1] | f[2] | f[3] | f[12] | f[13] | f[14] | f[15] | f[16] | f[18] | f[19]
     if unsigned < 0 or f[2] > 3 or f[14] > 65535 or f[1] >> 63:
         raise FrameError('telemetry out of range')
-    if max(f[0], *f[3:]) >= _U32 or min(f) < -_I31:
+    if max(f[3:]) >= _U32 or f[0] >= _U32 or min(f) < -_I31:
         raise FrameError('telemetry out of range')
     return f
 
@@ -182,8 +182,8 @@ def parse(line: bytes) -> Frame:
 
     Raises FrameError when the check fails or the line is not of the protocol; never anything else.
     """
-    payload, digits = unseal(line[:-1] if line[-1:] == b'\r' else line)
-    kind = None if payload[:1] == b'$' else _KINDS.get(payload[:2])
+    payload, digits = unseal(line[:-1] if line.endswith(b'\r') else line)
+    kind = _KINDS.get(payload[:2])
     if kind is None and payload[:1] != b'$':
         raise FrameError(f'not understood: {_text(payload)}')
     try:

@@ -85,6 +85,18 @@ def test_two_jobs_in_one_second_get_two_folders(tmp_path):
     assert (tmp_path / 'latest').resolve() == b.path.resolve()
 
 
+def test_a_folder_that_goes_with_its_job_keeps_no_track(tmp_path):
+    folder = JobFolder.create(tmp_path, 'x')
+    track = {'t': np.arange(3.0)}
+    replace(folder, passing=True).write_track(1, 1, track)
+    assert not (folder.path / 'track').exists()
+    replace(folder, passing=True).join_tracks()
+    assert not (folder.path / 'telemetry.npz').exists()
+    folder.write_track(1, 1, track)
+    folder.join_tracks()
+    assert (folder.path / 'telemetry.npz').exists()
+
+
 def test_json_has_no_nan(tmp_path):
     folder = JobFolder.create(tmp_path, 'x')
     folder.write_json('a.json', {'v': [math.nan, np.float32(1.5)], 't': (1, np.int64(2))})

@@ -155,7 +155,9 @@ def test_overrides_act_and_unknown_ones_are_refused_by_name(parts, repaired):
         run(restore(*parts, overrides={'correction_sever': {'gain': 1.0}}))
     with pytest.raises(ParameterError, match="correction_server: unknown parameter 'gian'.*'gain'"):
         run(restore(*parts, overrides={'correction_server': {'gian': 1.0}}))
-    with pytest.raises(ParameterError, match="job_sequencer: unknown parameter 'in_layer'; it is gone"):
+    with pytest.raises(
+        ParameterError, match="job_sequencer: unknown parameter 'in_layer'; it is gone"
+    ):
         run(restore(*parts, overrides={'job_sequencer': {'in_layer': True}}))
     with pytest.raises(ParameterError, match='correction_server.*gain.*limit 1.2'):
         run(restore(*parts, overrides={'correction_server': {'gain': 3.0}}))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from waam_sim.arc import REFERENCE_CTWD
+from waam_sim.arc import CTWD, LIT, REFERENCE_CTWD
 from waam_sim.plant import OUTPUT_ARC, Plant
 
 STRUCK = 1.0  # s after a strike from which on the distance is judged: the torch is on its way to it until then
@@ -22,14 +22,12 @@ class ContactTrace:
 
     def on_exchange(self, samples: np.ndarray, plant: Plant) -> None:
         """samples (n,) of waam_process.plant_port.SAMPLE that the plant has just lived through."""
-        arc = plant.arc.state[0]
-        lit = bool(arc['lit'] > 0.0)
-        wanted = bool(samples['outputs'][-1] & OUTPUT_ARC)
-        if self._lit and not lit and wanted:
+        lit = plant.arc.value(LIT) > 0.0
+        if self._lit and not lit and samples['outputs'][-1] & OUTPUT_ARC:
             self.lost += 1
         if lit:
             self._since = self._since + 1e-3 * len(samples) if self._lit else 0.0
-            self._rows.append((self._since, float(arc['ctwd']) - REFERENCE_CTWD))
+            self._rows.append((self._since, plant.arc.value(CTWD) - REFERENCE_CTWD))
         self._lit = lit
 
     @property

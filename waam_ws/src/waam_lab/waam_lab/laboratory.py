@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import tempfile
@@ -49,7 +50,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
     plant = Plant(on_table(job, checked, known, physics).heights, physics, job.seed)
     cell = LabCell(known, plant, job.faults, trace, watch, job.machine)
     try:
-        with _folder(job, checked, known) as folder:
+        with _folder(job, checked, known) as folder, _few_objects():
             began, cpu = cell.now(), time.process_time()
             settings = settings_of(known.job_sequencer, True)
             settings = replace(settings, keep_learned=job.keep_learned)
@@ -110,6 +111,16 @@ def on_table(job: LabJob, checked: Checked, known: params.LabParams, physics: Pl
 
 
 @contextmanager
+def _few_objects() -> Iterator[None]:
+    """The collector of garbage looks at what the job makes, not at all that the process has."""
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+@contextmanager
 def _folder(job: LabJob, checked: Checked, known: params.LabParams) -> Iterator[JobFolder]:
     """The job's folder with its job.yaml; gone afterwards unless it is to be kept."""
     if job.keep:
@@ -118,7 +129,7 @@ def _folder(job: LabJob, checked: Checked, known: params.LabParams) -> Iterator[
     memory = MEMORY if os.access(MEMORY, os.W_OK) else None
     scratch = Path(tempfile.mkdtemp(prefix='waam_lab_', dir=memory))
     try:
-        yield _begin(scratch, job, checked, known)
+        yield replace(_begin(scratch, job, checked, known), passing=True)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 

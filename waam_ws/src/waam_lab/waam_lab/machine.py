@@ -90,10 +90,11 @@ class Machine:
 
     def step(self) -> None:
         """One exchange."""
-        data = self.bridge.poll(self.now)
+        now = self.now
+        data = self.bridge.poll(now)
         if data:
             self.controller.feed(data)
-            self.bridge.link.wrote(self.now)
+            self.bridge.link.wrote(now)
         self.controller.step(self._samples)
         self.time_us += self._step_us
         self._live()
@@ -122,9 +123,10 @@ class Machine:
         data = self._rest + self.controller.take()
         if not data:
             return
+        now = self.now
         *lines, self._rest = data.split(b'\n')
         for line in lines:
-            frame = self.bridge.line(line, self.now)
+            frame = self.bridge.line(line, now)
             if frame is not None:
                 self.on_frame(frame)
 

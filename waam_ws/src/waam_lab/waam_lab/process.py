@@ -10,6 +10,8 @@ from waam_adapt.hold.control import ProcessControl, Sample
 from waam_adapt.hold.params import HoldParams
 from waam_bridge import overrides
 from waam_bridge.frames import ARC_ESTABLISHED, Telemetry
+from waam_process.plant_port import SAMPLE
+from waam_sim.arc import CURRENT_NOW, LIT, VOLTAGE_NOW
 from waam_sim.plant import Plant
 
 from .machine import Machine
@@ -19,6 +21,7 @@ BEFORE = 30  # exchanges in which the path must be straight and no slower than S
 SLOWER = 0.6
 STRAIGHT = 0.99  # cosine
 COLUMNS = 7  # layer, way along x and y in m, s, A, V, width of the pool in m
+TABLE_X, TABLE_Y = ((SAMPLE.names or ()).index(n) for n in ('table_x', 'table_y'))
 POOL = 50  # exchanges: in 0.5 s the pool travels its own length, and what is shorter averages out in it
 
 
@@ -62,21 +65,21 @@ class ProcessTrace:
 
     def on_exchange(self, samples: np.ndarray, plant: Plant) -> None:
         """samples (n,) of waam_process.plant_port.SAMPLE that the plant has just lived through."""
-        arc = plant.arc.state[0]
-        lit = bool(arc['lit'] > 0.0)
+        arc = plant.arc
+        lit = arc.value(LIT) > 0.0
         if lit:
             if not self._lit:
                 self._arcs.append(array('d'))
-            first, last = samples[0], samples[-1]
+            first, last = samples.item(0), samples.item(-1)
             self._arcs[-1].extend(
                 (
                     self.layer,
-                    last['table_x'] - first['table_x'],
-                    last['table_y'] - first['table_y'],
+                    last[TABLE_X] - first[TABLE_X],
+                    last[TABLE_Y] - first[TABLE_Y],
                     1e-3 * (len(samples) - 1),
-                    arc['current'],
-                    arc['voltage'],
-                    plant.metal.state[0]['width'],
+                    arc.value(CURRENT_NOW),
+                    arc.value(VOLTAGE_NOW),
+                    plant.metal.state['width'].item(),
                 )
             )
         self._lit = lit

@@ -37,6 +37,7 @@ class Scanning:
         self._surfaces = Surfaces()
         self._last: tuple[str, int] = ('', -1)
         self._waiting: list[Profiles] = []
+        self._count = 0  # of profiles that wait
         self._batches = 0
 
     def on_frame(self, t: Telemetry) -> None:
@@ -47,7 +48,8 @@ class Scanning:
     def on_profiles(self, profiles: Profiles) -> None:
         """Profiles of the simulated scanner; fused BATCH at a time."""
         self._waiting.append(profiles)
-        if sum(len(p.time_us) for p in self._waiting) >= BATCH:
+        self._count += len(profiles.time_us)
+        if self._count >= BATCH:
             self._hand_over()
 
     def begin(self, job_id: str, layer: int, spec: GridSpec, laid: LaidBeads) -> int:
@@ -86,10 +88,14 @@ class Scanning:
         times = np.concatenate([p.time_us for p in self._waiting]).astype(np.int64)
         z = np.concatenate([p.z for p in self._waiting])
         light = np.concatenate([p.intensity for p in self._waiting])
-        self._waiting.clear()
+        self._forget()
         x = np.broadcast_to(self._lateral, z.shape)
         self._session.add(self._batches, ProfileBlock(times * 1000, x, z, light))
         self._batches += 1
+
+    def _forget(self) -> None:
+        self._waiting.clear()
+        self._count = 0
 
     def _fuse(self, session: Session) -> HeightMap:
         fused = session.close()

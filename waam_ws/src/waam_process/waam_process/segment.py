@@ -86,13 +86,11 @@ class Segment:
 
     def check(self) -> None:
         """Raises SegmentError when a number is not finite or a field contradicts another."""
-        for f in fields(self):
-            value = getattr(self, f.name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            if not all(math.isfinite(v) for v in numbers):
-                raise SegmentError(
-                    f'segment {self.index}: {f.name} is {value}, not a finite number'
-                )
+        total = 0.0  # not finite when one of them is not
+        for value in vars(self).values():
+            total += sum(value) if isinstance(value, tuple) else value
+        if not math.isfinite(total):
+            self._check_finite()
         if self.kind != Kind.DWELL and self.speed <= 0:
             raise SegmentError(f'segment {self.index}: speed is {self.speed} m/s, must be above 0')
         if self.dwell < 0:
@@ -111,6 +109,15 @@ class Segment:
             raise SegmentError(
                 f'segment {self.index}: tool_axis {self.tool_axis} is not a unit vector'
             )
+
+    def _check_finite(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            numbers = value if isinstance(value, tuple) else (value,)
+            if not all(math.isfinite(v) for v in numbers):
+                raise SegmentError(
+                    f'segment {self.index}: {f.name} is {value}, not a finite number'
+                )
 
 
 def check_chain(segments: list[Segment], tolerance: float = 1e-6) -> None:

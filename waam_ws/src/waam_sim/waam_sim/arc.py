@@ -96,6 +96,19 @@ _STATE = (
     'slot', 'wire', 'reading', 'lit', 'strike', 'starving', 'current', 'length', 'flow', 'voltage', 'voltage_read',
     'current_read', 'starts', 'failed', 'ctwd', 'tip', 'feed', 'fed', 'burnt',
 )  # fmt: skip
+READING, LIT, CURRENT_NOW, FLOW, VOLTAGE_NOW, VOLTAGE_READ, CURRENT_READ, CTWD = (
+    _STATE.index(n)
+    for n in (
+        'reading',
+        'lit',
+        'current',
+        'flow',
+        'voltage',
+        'voltage_read',
+        'current_read',
+        'ctwd',
+    )
+)
 
 
 @dataclass
@@ -108,6 +121,19 @@ class Arc:
     rng: (
         np.ndarray
     )  # (3,) random states: of the arc, of what wanders, of what drifts (that one stays)
+
+    def __post_init__(self) -> None:
+        self._values = self.state.view(np.float64)
+        self._quantum = float(self.params['wire_quantum'][0])
+
+    def value(self, number: int) -> float:
+        """One value of the state, by its place in it: LIT and others of this module."""
+        return self._values.item(number)
+
+    @property
+    def wire_reading(self) -> float:
+        """What the measuring wheel reports, m/s."""
+        return round(self.value(READING) / self._quantum) * self._quantum
 
     @classmethod
     def cold(cls, params: ArcParams, rng: np.ndarray) -> Arc:
@@ -153,12 +179,6 @@ def _change(p, s, rng, dt):
         s.tip = wander(s.tip, p.tip_wander_time, rng, dt)
     if p.feed_wander > 0.0:
         s.feed = wander(s.feed, p.feed_wander_time, rng, dt)
-
-
-@jit
-def wire_reading(p, s):
-    """What the measuring wheel reports, m/s."""
-    return round(s.reading / p.wire_quantum) * p.wire_quantum
 
 
 @jit

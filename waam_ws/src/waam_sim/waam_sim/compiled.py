@@ -9,6 +9,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import zlib
+from collections.abc import Callable
+from functools import cache
+from operator import is_
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +37,18 @@ def _sources() -> int:
 SOURCES = _sources()
 
 
+@cache
+def _floats(names: tuple[str, ...]) -> np.dtype:
+    """A record of float64. One object for equal names: numba compares the fields of types that are two objects at every
+    call of a compiled function, which takes longer than what most of them do."""
+    return np.dtype([(n, np.float64) for n in names])
+
+
 def record(values: Any) -> np.ndarray:
     """(1,) structured array with the numeric fields of a dataclass as float64, by name."""
-    names = [f.name for f in dataclasses.fields(values) if isinstance(f.default, int | float)]
-    out = np.zeros(1, np.dtype([(n, np.float64) for n in names]))
+    fields = dataclasses.fields(values)
+    names = tuple(f.name for f in fields if isinstance(f.default, int | float))
+    out = np.zeros(1, _floats(names))
     for n in names:
         out[n] = getattr(values, n)
     return out
@@ -45,7 +56,29 @@ def record(values: Any) -> np.ndarray:
 
 def state(*names: str) -> np.ndarray:
     """(1,) structured array of float64 zeros with these fields."""
-    return np.zeros(1, np.dtype([(n, np.float64) for n in names]))
+    return np.zeros(1, _floats(names))
+
+
+class Settled:
+    """A compiled function that is called again and again with the same arrays: numba looks at the types of its
+    arguments only when one of them is another array, or of another type, than in the call before. That look is half of
+    the time of a call."""
+
+    def __init__(self, function: Any) -> None:
+        self._function = function
+        self._arrays: tuple[np.ndarray, ...] = ()
+        self._kinds: tuple[type, ...] = ()
+        self._entry: Callable[..., Any] | None = None
+
+    def __call__(self, arrays: tuple[np.ndarray, ...], *others: Any) -> Any:
+        """others: what follows the arrays; an array among them always has the same dtype and layout."""
+        kinds = tuple(map(type, others))
+        if self._entry is None or kinds != self._kinds or not all(map(is_, arrays, self._arrays)):
+            types = tuple(numba.typeof(a) for a in (*arrays, *others))
+            self._function.compile(types)
+            self._arrays, self._kinds = arrays, kinds
+            self._entry = self._function.get_overload(types)
+        return self._entry(*arrays, *others)
 
 
 def random_state(seed: int, *stream: int) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 
 from waam_node.params import param
 
-from .compiled import SOURCES, bilinear, jit, normal, record, uniform
+from .compiled import SOURCES, Settled, bilinear, jit, normal, record, uniform
 from .placement import METAL, rise
 
 INFRARED_VM = 0.13  # V m
@@ -71,6 +71,7 @@ class Distance:
 
     def __post_init__(self) -> None:
         self._record = record(self.params)
+        self._spot_distance = Settled(spot_distance)
 
     @property
     def cycle(self) -> float:
@@ -93,10 +94,10 @@ class Distance:
         """Readings that came in `dt` s."""
         if self.params.kind == 'none':
             return 0
-        count = 0
+        count, cycle = 0, self.cycle
         self._due -= dt
         while self._due <= 1e-9:
-            self._due += self.cycle
+            self._due += cycle
             count += 1
         return count
 
@@ -110,10 +111,11 @@ class Distance:
         self.reading += count
         if wrong.stuck:
             return
-        x, y = self.spot(float(tip[0]), float(tip[1]))
-        far = spot_distance(
-            *surface, self._record, self.rng, x, y, float(tip[2]), lit, wrong.dropout
-        )
+        tip_x, tip_y, height = tip.tolist()
+        x, y = self.spot(tip_x, tip_y)
+        z, *grid, hot, kept, lp, ls = surface
+        arrays = (z, hot, kept, lp, ls, self._record, self.rng)
+        far = self._spot_distance(arrays, *grid, x, y, height, lit, wrong.dropout)
         if wrong.inverted:
             far = 2.0 * self.params.height - far
         said = self._answer(far + self._drift) * wrong.unit
@@ -153,7 +155,7 @@ Surface = tuple[np.ndarray, float, float, float, np.ndarray, np.ndarray, np.ndar
 def _make_spot(sources: int) -> Callable:
     @jit
     def spot_distance(
-        z, origin_x, origin_y, cell, hot, kept, lp, ls, dp, rng, x, y, height, lit, dropout
+        z, hot, kept, lp, ls, dp, rng, origin_x, origin_y, cell, x, y, height, lit, dropout
     ):
         """Distance from the sensor to the metal under its spot, m; NaN = no echo."""
         p = dp[0]

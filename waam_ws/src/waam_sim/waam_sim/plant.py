@@ -9,6 +9,7 @@ import dataclasses
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +17,8 @@ from waam_process.grid import HeightGrid
 from waam_process.plant_port import SAMPLE
 
 from . import part as parts
-from .arc import Arc, ArcParams, wire_reading
-from .compiled import random_state
+from .arc import CURRENT_READ, FLOW, LIT, VOLTAGE_READ, Arc, ArcParams
+from .compiled import Settled, random_state
 from .distance import NOTHING_WRONG, Distance, DistanceParams, Wrong
 from .disturbance import lattice
 from .faults import Faults
@@ -58,8 +59,7 @@ class PlantParams:
     work_zero: tuple[float, float, float] = (0.100, 0.080, 0.020)
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """What the controller's inputs see at the end of a step: bits, A, V, m/s; number and value of the newest reading of
     the distance sensor (mm, or counts of the infrared sensor, NaN = no echo); samples (n, 3) of the accelerometer in
     the step, m/s^2, none while the controller has it off."""
@@ -70,7 +70,7 @@ class Reading:
     wire_speed: float
     distance: float = math.nan
     distance_reading: int = 0
-    shaken: np.ndarray = field(default_factory=lambda: NO_SAMPLES)
+    shaken: np.ndarray = NO_SAMPLES
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,7 @@ class Plant:
     def __init__(self, part: HeightGrid, params: PlantParams | None = None, seed: int = 1) -> None:
         self.params = params or PlantParams()
         self._model = number(self.params.metal.model)
+        self._live = Settled(live)
         self.faults = Faults()
         self.scanning = self.sensing = self._on_robot = False
         self.time_us = 0
@@ -111,7 +112,7 @@ class Plant:
         self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
         self.distance = Distance(p.distance, random_state(seed, 4))
         self.gantry = Gantry(p.gantry, random_state(seed, 6), parts.volume(part))
-        self._scanned = self._was_scanning = False
+        self._was_scanning = False
         self._lattice = lattice(seed)
         middle = parts.centre(part)
         self.placed = Placement.flat(p.part, self.heat.spec, middle, random_state(seed, 5))
@@ -145,7 +146,7 @@ class Plant:
     @property
     def arc_on(self) -> bool:
         """Whether the arc burns."""
-        return bool(self.arc.state['lit'][0] > 0.0)
+        return self.arc.value(LIT) > 0.0
 
     def step(self, samples: np.ndarray, time_us: int) -> Reading:
         """Simulates samples (n,) of SAMPLE, 1 ms each, the last at time_us."""
@@ -162,49 +163,48 @@ class Plant:
             blocked, gas_out = faults.on('arc_loss', now), faults.on('gas_loss', now)
             slip, empty = faults.share('wire_slip'), faults.on('wire_end', now)
         self._note_scan()
-        self._before = self._last.copy()
-        live(
-            samples=samples, now=now, zero=self._zero, last=self._last, z=metal.z, solid=metal.solid,
-            touched=metal.touched, mp=metal.params, ms=metal.state, skin=heat.skin, bulk=heat.bulk,
-            thickness=heat.thickness, hp=heat.params, hs=heat.state, ap=arc.params, als=arc.state, line=arc.line,
-            rng=arc.rng, values=self._lattice, hot=placed.hot, kept=placed.kept, lp=placed.params, ls=placed.state,
-            vp=vary.params, vs=vary.state, key=vary.key, blocked=blocked, gas_out=gas_out, slip=slip, empty=empty,
-            model=self._model,
+        self._before[:] = self._last
+        arrays = (
+            self._zero, self._last, metal.z, metal.solid, metal.touched, metal.params, metal.state, heat.skin,
+            heat.bulk, heat.thickness, heat.params, heat.state, arc.params, arc.state, arc.line, arc.rng,
+            self._lattice, placed.hot, placed.kept, placed.params, placed.state, vary.params, vary.state, vary.key,
         )  # fmt: skip
+        samples = np.ascontiguousarray(samples, SAMPLE)
+        self._live(arrays, samples, now, blocked, gas_out, slip, empty, self._model)
         self.time_us = time_us
         self._measure_distance(len(samples) * SAMPLE_US * 1e-6)
-        s = arc.state[0]
-        inputs = INPUT_GAS_OK if s['flow'] >= 1.0 else 0
+        inputs = INPUT_GAS_OK if arc.value(FLOW) >= 1.0 else 0
         if faults.active and faults.on('drive_fault', now):
             inputs |= INPUT_DRIVE_FAULT
+        shaken = NO_SAMPLES
         if self.params.gantry.on:
             inputs |= INPUT_ACCELEROMETER
-        seen = self.accelerations()
+            seen = self.accelerations()
+            shaken = shaken if seen is None else seen.values
         return Reading(
             inputs,
-            float(s['current_read']),
-            float(s['voltage_read']),
-            float(wire_reading(arc.params[0], s)),
+            arc.value(CURRENT_READ),
+            arc.value(VOLTAGE_READ),
+            arc.wire_reading,
             self.distance.value,
             self.distance.reading,
-            NO_SAMPLES if seen is None else seen.values,
+            shaken,
         )
 
     def _note_scan(self) -> None:
         """A part that is moved after it was scanned is moved when the first scan is over. A layer begins after a
         scan."""
-        self._scanned = self._scanned or self.scanning
         if self._was_scanning and not self.scanning:
             self.variation.scanned()
-        self._was_scanning = self.scanning
-        if self._scanned and not self.scanning:
             self.placed.state['moved'] = 1.0
+        self._was_scanning = self.scanning
 
     def _measure_distance(self, dt: float) -> None:
         """Readings of the distance sensor in the `dt` s of a step; only the newest is kept."""
-        sensor, moved = self.distance, self._last - self._before
-        if not math.isnan(moved[0]):
-            sensor.turn(float(moved[0]), float(moved[1]))
+        sensor = self.distance
+        (x, y, _), (from_x, from_y, _) = self._last.tolist(), self._before.tolist()
+        if not math.isnan(x - from_x):
+            sensor.turn(x - from_x, y - from_y)
         if count := sensor.pass_time(dt):
             spec, placed = self.metal.spec, self.placed
             surface = (

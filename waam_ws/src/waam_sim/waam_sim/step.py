@@ -28,8 +28,8 @@ AHEAD = 8e-3  # where the temperature that the bead meets is taken, ahead of the
 def _make_live(sources: int) -> Callable:
     @jit
     def live(
-        samples, now, zero, last, z, solid, touched, mp, ms, skin, bulk, thickness, hp, hs, ap, als, line, rng,
-        values, hot, kept, lp, ls, vp, vs, key, blocked, gas_out, slip, empty, model,
+        zero, last, z, solid, touched, mp, ms, skin, bulk, thickness, hp, hs, ap, als, line, rng, values, hot, kept,
+        lp, ls, vp, vs, key, samples, now, blocked, gas_out, slip, empty, model,
     ):  # fmt: skip
         if not sources:
             return

@@ -41,10 +41,12 @@ def make_job_id(title: str, now: datetime | None = None) -> str:
 
 @dataclass(frozen=True)
 class JobFolder:
-    """One job's folder; `path` exists."""
+    """One job's folder; `path` exists. passing: it goes with the job, so nothing is written from which a crashed job
+    would go on: no checkpoints, no track."""
 
     path: Path
     job_id: str
+    passing: bool = False
 
     @classmethod
     def create(cls, jobs_dir: Path, title: str) -> JobFolder:
@@ -99,7 +101,7 @@ class JobFolder:
 
     def write_track(self, run: int, number: int, columns: dict[str, np.ndarray]) -> None:
         """A piece of the telemetry track, columns (n,) SI, to be joined at the end."""
-        if columns:
+        if columns and not self.passing:
             (self.path / job_folder.TRACK).mkdir(exist_ok=True)
             _replace_npz(self.path / job_folder.track_piece(run, number), columns)
 

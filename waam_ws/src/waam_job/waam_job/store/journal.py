@@ -224,22 +224,24 @@ class Journal:
     def checkpoint(self, bead: int, beads_done: int, index: int, laid: int) -> None:
         """Writes checkpoint.json: bead being laid (0 = none), beads done, newest index, deposit segments complete."""
         status, temperature = self.status, self.cell.heat().temperature
-        checkpoints.save(
-            self.folder.path,
-            Checkpoint(
-                job_id=self.folder.job_id,
-                run=self.run,
-                pass_number=status.pass_number,
-                layer=status.layer,
-                bead=bead,
-                beads_done=beads_done,
-                index=index,
-                laid=laid,
-                time=self.cell.now(),
-                temperature=round(temperature, 1) if math.isfinite(temperature) else None,
-            ),
-        )
         now = self.cell.now()
+        if not self.folder.passing:
+            checkpoints.save(
+                self.folder.path,
+                Checkpoint(
+                    job_id=self.folder.job_id,
+                    run=self.run,
+                    pass_number=status.pass_number,
+                    layer=status.layer,
+                    bead=bead,
+                    beads_done=beads_done,
+                    index=index,
+                    laid=laid,
+                    time=now,
+                    temperature=round(temperature, 1) if math.isfinite(temperature) else None,
+                ),
+            )
+            now = self.cell.now()
         if beads_done != self._tracked[0] or now - self._tracked[1] >= TRACK_PERIOD:
             self._tracked = beads_done, now
             self.track()

