@@ -13,12 +13,6 @@ last layer, in the scan. Corner: a square of CORNER at each corner, less the rim
 `shape.network_gain_pct`: RMS of jobs with law `unet` against `bead_solver` on the same seeds; the smaller one of
 the gains after layers 2 to 5 and at the end; 95 % intervals on stderr. `shape.fallback_share`: share of the layers of
 these jobs and of the six parts that the network did not answer.
-`shape.learned_gain_pct`: RMS at the end of jobs that start with what one job of the same cell, another part and other
-noise, has taught against the same jobs started fresh; gains after the first layers on stderr. `shape.learned_own_pct`:
-the same of jobs that start with what they have taught themselves, noise included: a bound for what can be handed on.
-`shape.last_layer_known_mm`: RMS of the jaw when the correction knows of the last layer what repeats with other noise
-(`lib/last_layer.py`), a bound for what a network or a former job can tell; seeds 101 and 102, judged with other noise
-than learned with. `shape.last_layer_solver_mm`: the same without a network.
 `shape.pitch_rms_mm`: mean RMS over all strategies with the pitch of the material table, against beads 0.73 of their
 width apart; it chooses a setting and so runs on seeds 101 to 105.
 
@@ -49,11 +43,8 @@ SEEDS = tuple(range(1, 21))
 FEW = (1, 2, 3, 4, 5)
 FIRST = (1, 2)  # of the block, whose jobs are long
 CORNER = 5e-3  # m
-# Of `learned`: the part that teaches, and how far its seed lies from that of the job that learns.
-TEACHER, OTHER_NOISE = 'pockets', 1000
 STRATEGIES = ('zigzag', 'contour', 'spiral', 'combined')
 CHOOSING = (101, 102, 103, 104, 105)
-TAUGHT = (101, 102)  # whose last layer is laid again and again
 PITCHES = (0.60, 0.73)  # of the bead width: the material table's, and that of version 0.1
 OLD = 'version 0.1, gentle, five seeds'
 OLD_TIME = 700.0  # s
@@ -188,40 +179,6 @@ def network() -> None:
     emit('shape.fallback_share', share, '', 'law unet, 2 of 6 layers', 1 / 3)
 
 
-def learned() -> None:
-    """Every seed has a folder of its own: the teacher leaves what it taught there, the second job starts with it. The
-    first job leaves what it taught in another one, and is run once more with that."""
-    from waam_lab import over_seeds, parts, run_many
-
-    chosen = seeds(SEEDS)
-    with tempfile.TemporaryDirectory() as place:
-
-        def kept(jobs: list, name: str, **options) -> list:
-            folders = [Path(place) / name / str(seed) for seed in chosen]
-            return [replace(j, learned=f, **options) for j, f in zip(jobs, folders, strict=True)]
-
-        plain = over_seeds(jaw_job(), chosen)
-        teacher = parts.job(Path(place), TEACHER, preset=preset())
-        others = over_seeds(teacher, [OTHER_NOISE + seed for seed in chosen])
-        done(run_many(kept(others, 'other', keep_learned=True), workers=workers()))
-        runs = {
-            'first job of its cell': kept(plain, 'own', keep_learned=True),
-            'second job': kept(plain, 'other'),
-            'the first job again, started with what it has taught': kept(plain, 'own'),
-        }
-        found = [done(run_many(jobs, workers=workers())) for jobs in runs.values()]
-    for name, results in zip(runs, found, strict=True):
-        told(f'jaw, {name}', results)
-    figures = [
-        np.array([[r.layer_rms[0], np.mean(r.layer_rms[1:5]), r.rms] for r in jobs])
-        for jobs in found
-    ]
-    names = ('layer 1', 'layers 2 to 5', 'end')
-    second, again = (paired_gains(figures[0], other, names)[-1] for other in figures[1:])
-    emit('shape.learned_gain_pct', second, '%', 'first job of a cell', 0.0)
-    emit('shape.learned_own_pct', again, '%', 'first job of a cell', 0.0)
-
-
 def paired_gains(without: np.ndarray, with_it: np.ndarray, names: tuple[str, ...]) -> list[float]:
     """Mean gains in % of the mean without, with their 95 % intervals on stderr. Arrays (jobs, names)."""
     gains = 100 * (without - with_it) / without.mean(axis=0)
@@ -257,21 +214,6 @@ def of_parts() -> None:
         told(name, found)
         means[name] = 1e3 * float(np.mean([r.rms for r in found]))
     emit('shape.parts_worst_mm', max(means.values()), 'mm', OLD + ', L, ring, cylinder', 0.37)
-
-
-def last_layer() -> None:
-    """One worker: 30 jobs a seed."""
-    from lib import last_layer as again
-
-    from waam_lab import over_seeds
-
-    found = [1e3 * again.rms_by_way(job) for job in over_seeds(jaw_job(), seeds(TAUGHT))]
-    for seed, row in zip(seeds(TAUGHT), found, strict=True):
-        ways = ', '.join(f'{n} {v:.4f}' for n, v in zip(again.WAYS, row, strict=True))
-        print(f'last layer, seed {seed}: {ways} mm', file=sys.stderr)
-    solver, net, known = (float(v) for v in np.mean(found, axis=0))
-    emit('shape.last_layer_known_mm', known, 'mm', 'law unet', net)
-    emit('shape.last_layer_solver_mm', solver, 'mm', 'law unet', net)
 
 
 def corners(height: np.ndarray, region: np.ndarray, cell: float) -> Iterator[float]:
@@ -317,10 +259,6 @@ FIGURES = {
     'shape.parts_worst_mm': of_parts,
     'shape.network_gain_pct': network,
     'shape.fallback_share': network,
-    'shape.learned_gain_pct': learned,
-    'shape.learned_own_pct': learned,
     'shape.corner_lag_mm': block,
     'shape.pitch_rms_mm': pitches,
-    'shape.last_layer_known_mm': last_layer,
-    'shape.last_layer_solver_mm': last_layer,
 }

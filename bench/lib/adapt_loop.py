@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waam_adapt.feed import feed_forward as ff
-from waam_adapt.laws.checks import MapOrigin
+from waam_adapt.laws.checks import MapOrigin, error_figures
 from waam_adapt.laws.corrector import CorrectionParams, Corrector
 from waam_adapt.types import RATIO_HIGH, RATIO_LOW, CorrectionInput, LastLayer
 from waam_process.heat import heat_factor
@@ -32,6 +32,8 @@ class Run:
     confidence: list[np.ndarray] = field(default_factory=list)
     missed: list[np.ndarray] = field(default_factory=list)
     fallbacks: int = 0
+    # for every layer but the last: whether the surface after it had an RMS inside of the stated 90 % interval
+    foretold: list[bool] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def run(
     plant: Plant, settings: Settings, layers: int, ramp: tuple[float, float] | None = None
 ) -> Run:
     """The correction chain of the cell around a plant. ramp: degC of the first and last layer."""
-    server, out, last = settings.corrector(), Run(), LastLayer()
+    server, out, last, told = settings.corrector(), Run(), LastLayer(), None
     for n in range(1, layers + 1):
         if ramp is not None:
             plant.temperature = ramp[0] + (ramp[1] - ramp[0]) * (n - 1) / (layers - 1)
@@ -72,6 +74,9 @@ def run(
         request = _request(plant, settings, n, z)
         origin = MapOrigin(0.0, 'bench', 'bench', n - 1, n - 1, True)
         answer = server.answer(n, request, origin, last)
+        if told is not None:
+            out.foretold.append(told.low <= error_figures(request)[0] <= told.high)
+        told = answer.outcome
         c = answer.correction
         path = ff.Path(**plant.path(n))
         heat = float(heat_factor(plant.temperature, plant.material)) if settings.thermal else 1.0

@@ -48,6 +48,7 @@ class CellPad(Pad):
     """A `Pad` whose metal is that of a simulated cell; its `physics` give the ground and the scanner alone."""
 
     cell: PlantParams = field(default_factory=PlantParams)
+    strip: float = 0.0  # m, breadth of a strip across the beads that no scan ever sees
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -63,6 +64,12 @@ class CellPad(Pad):
         )
         self.laid, self.time_us = 0, 1_000_000
         self._see()
+
+    def scan(self) -> np.ndarray:
+        """The surface as the scanner sees it, without the strip."""
+        z = super().scan()
+        z[:, np.abs(self.spec.x - 0.5 * self.length) < 0.5 * self.strip] = np.nan
+        return z
 
     def _at(self, z: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         s = self.spec

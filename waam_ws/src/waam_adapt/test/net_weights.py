@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from waam_adapt.beads import plan_geometry
+from waam_adapt.beads import features, plan_geometry
 from waam_adapt.laws import net, net_file
 
 WIDTHS = (4, 8, 8)
 
 
 def random_weights(
-    seed: int = 0, head: float = 0.1, channels: int = plan_geometry.CHANNELS
+    seed: int = 0, head: float = 0.1, channels: int = features.CHANNELS
 ) -> dict[str, np.ndarray]:
     """head: scale of the last layer; 0 = predicts nothing."""
     rng = np.random.default_rng(seed)
@@ -27,11 +27,15 @@ def random_weights(
     for name, scale, bias in (('head', head, 0.0), ('doubt', 0.0, -3.0)):
         out[f'{name}.weight'] = scale * rng.normal(0, 1, (1, a, 1, 1))
         out[f'{name}.bias'] = np.full(1, bias)
+    out['skip.weight'] = np.zeros((1, n, 1, 1))
     return {k: np.asarray(v, np.float32) for k, v in out.items()}
 
 
 def card(low: float = -1e9, high: float = 1e9) -> dict:
-    return {'seen': {name: [low, high] for name in plan_geometry.SUMMARIES}}
+    return {
+        'seen': {name: [low, high] for name in plan_geometry.SUMMARIES},
+        'weights': {'shape': 1.0, 'level': 1.0},
+    }
 
 
 def model(path: Path, seed: int = 0, head: float = 0.1, **changes) -> Path:

@@ -42,11 +42,11 @@ def test_origin(change, words):
 
 def test_partial_map_counts_only_the_footprint():
     z = np.zeros(SHAPE)
-    z[:, :10] = np.nan
+    z[:, : round(0.6 * SHAPE[1])] = np.nan
     reasons = reasons_against(GOOD, surface(z), LIMITS)
-    assert reasons == ('partial map: 80% of the footprint seen, limit 90%',)
+    assert reasons == ('partial map: 40% of the footprint seen, limit 50%',)
     planned = np.zeros(SHAPE)
-    planned[:, 12:] = 2e-3
+    planned[:, round(0.7 * SHAPE[1]) :] = 2e-3
     inside = CorrectionInput(z, np.zeros(SHAPE), planned, 5e-4, 6e-3, 0.3)
     assert reasons_against(GOOD, inside, LIMITS) == ()
 

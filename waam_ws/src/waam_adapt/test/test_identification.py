@@ -17,7 +17,6 @@ from waam_adapt.identify.evidence import (
     layer_evidence,
 )
 from waam_adapt.identify.identification import Identifier
-from waam_adapt.identify.shortfall import Shortfall
 from waam_adapt.types import CorrectionInput
 
 SHAPE, RES, WIDTH = (90, 120), 0.5e-3, 6e-3
@@ -114,8 +113,7 @@ def test_on_a_wall_more_metal_is_asked_for_than_is_missing():
     z = np.full(footprint.shape, 29 * 2e-3)
     target = np.where(footprint, 29 * 2e-3 + 1e-4, np.nan)
     request = CorrectionInput(z, target, np.where(footprint, 2e-3, 0.0), RES, WIDTH, 0.3)
-    flat = replace(who, shortfall=Shortfall())
-    asked = flat.prepare(request).error[footprint]
+    asked = who.prepare(request).error[footprint]
     slope = who.estimate.slope + who.estimate.slope_sigma
     assert asked == pytest.approx(1e-4 / slope)
     assert slope < 0.65
@@ -217,32 +215,6 @@ def test_whatever_is_measured_the_factor_stays_bounded(ratios):
         assert e.drift_alarm or 0.7 <= r <= 1.3
 
 
-def test_shortfall_is_learned_per_direction_and_one_that_does_not_come_back_fades():
-    """A hump where odd layers begin, a hollow everywhere at another place, a slip that happens once."""
-    s = Shortfall()
-    for n in range(1, 13):
-        missing = np.zeros(SHAPE)
-        missing[40:50, 40:50] = -0.2 if n % 2 else 0.0
-        missing[60:70, 90:100] = 0.1
-        missing[20:30, 80:90] = 0.3 if n == 1 else 0.0
-        s = s.learn(n, missing, 0.3, 0.01)
-    assert s.share(13)[45, 45] == pytest.approx(-0.2, abs=0.02)
-    assert s.share(14)[45, 45] == pytest.approx(0.0, abs=0.02)
-    assert s.share(13)[65, 95] == pytest.approx(0.1, abs=0.02) == s.share(14)[65, 95]
-    assert 0 < s.share(13)[25, 85] < 0.04
-    assert Shortfall().share(1) is None
-
-
-def test_shortfall_is_bounded_and_leaves_unknown_cells_alone():
-    missing = np.zeros(SHAPE)
-    missing[40:50, 40:50] = -20.0
-    missing[50:60, 50:60] = np.nan
-    share = Shortfall().learn(1, missing, 1.0, 0.01).share(1)
-    assert (share[41:49, 41:49] == -0.5).all()
-    assert (share[50:60, 50:60] == 0).all()
-    assert np.isfinite(share).all()
-
-
 def test_same_layer_twice_counts_once_and_another_job_starts_afresh():
     once, twice = Identifier(), Identifier()
     for who, repeats in ((once, 1), (twice, 3)):
@@ -252,12 +224,11 @@ def test_same_layer_twice_counts_once_and_another_job_starts_afresh():
                 if number > 1:
                     who.add(layer(seed=number))
     assert once.estimate == twice.estimate
-    assert once.estimate.updates == sum(once.shortfall.layers) == 2
-    assert np.array_equal(once.shortfall.share(4), twice.shortfall.share(4))
+    assert once.estimate.updates == 2
     once.start('other', 1)
-    assert (once.estimate, once.shortfall) == (Estimate(), Shortfall())
+    assert once.estimate == Estimate()
     twice.start('job', 1)  # the job began again
-    assert (twice.estimate, twice.shortfall) == (Estimate(), Shortfall())
+    assert twice.estimate == Estimate()
 
 
 def test_a_layer_that_cannot_be_seen_teaches_nothing():
@@ -266,7 +237,7 @@ def test_a_layer_that_cannot_be_seen_teaches_nothing():
     hidden = layer()
     hidden.after[:] = np.nan
     who.add(hidden)
-    assert (who.estimate, who.shortfall) == (Estimate(), Shortfall())
+    assert who.estimate == Estimate()
 
 
 def laid_pad(efficiency: np.ndarray, asked: np.ndarray | float = 1.0) -> Layer:

@@ -111,12 +111,12 @@ def test_nothing_is_known_far_from_the_footprint():
     assert (result.psi[:, 30:40] < -0.3).all()  # up to the very edge
 
 
-def test_a_wide_hole_is_left_alone_and_a_narrow_one_is_bridged():
+def test_a_wide_hole_holds_the_level_and_a_narrow_one_is_bridged():
     z = np.full(SHAPE, -0.3e-3)
     z[20:60, 50:90] = np.nan
     z[20:24, 20:24] = np.nan
     result = laws.DampedInverse().correct(given_surface(z))
-    assert result.psi[40, 70] == 0
+    assert result.psi[40, 70] == pytest.approx(result.psi[40, 20], rel=0.1)
     assert result.confidence[40, 70] == 0
     assert result.psi[22, 22] == pytest.approx(result.psi[40, 22], rel=0.02)
 

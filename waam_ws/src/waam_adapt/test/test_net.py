@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from growth_layers import request, weights_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from net_weights import random_weights
+from unet_layers import request, weights_file
 
 from waam_adapt import correct
-from waam_adapt.beads import plan_geometry
+from waam_adapt.beads import features, plan_geometry
 from waam_adapt.grids import Resampler
 from waam_adapt.laws import net, net_file
 from waam_adapt.laws.checks import safe_correct
@@ -65,7 +65,7 @@ def damaged(path, how):
             'shape': {'enc2a.weight': np.zeros((8, 3, 3, 3), np.float32)},
         }
         del w['meta']
-        net_file.save(path, w | other[how], {'seen': {}})
+        net_file.save(path, w | other[how], {'seen': {}, 'weights': {}})
     elif how == 'pickle':
         np.savez(path, meta=np.array([{'evil': 1}], dtype=object))
 
@@ -84,7 +84,7 @@ def test_without_a_sound_model_file_the_bead_solver_answers_and_says_so(tmp_path
     result = make_law('unet', model=str(path)).correct(request())
     assert result.fallback
     assert word in result.reasons[0]
-    assert 'the bead model answers without the network' in result.reasons[0]
+    assert 'the bead solver answers without the network' in result.reasons[0]
     assert result.model_hash == ''
     assert (result.psi == make_law('bead_solver').correct(request()).psi).all()
 
@@ -118,7 +118,7 @@ def test_a_network_that_gives_nan_is_caught(law):
 
 def test_tiles_join_without_a_seam():
     network = net.Network(random_weights(head=0.5), {}, '')
-    x = np.random.default_rng(3).normal(0, 1, (plan_geometry.CHANNELS, 230, 150)).astype(np.float32)
+    x = np.random.default_rng(3).normal(0, 1, (features.CHANNELS, 230, 150)).astype(np.float32)
     tiled, _ = network(x)
     whole = network._tile(np.pad(x, ((0, 0), (0, 2), (0, 2))))[0][:230, :150]
     assert np.abs(tiled - whole).max() < 1e-5 * np.abs(whole).max()

@@ -41,7 +41,7 @@ def correct(
     seen = convert.seen_width(request)
     answer = corrector.answer(request.layer, core, origin, last, learned, seen)
     msg = convert.correction_to_msg(
-        answer.correction, request, spec, answer.flow_factor, answer.width_ratio
+        answer.correction, request, spec, answer.flow_factor, answer.width_ratio, answer.outcome
     )
     msg.error_rms, msg.error_max = error_figures(core)
     estimate = convert.estimate_to_msg(answer.estimate, answer.width, request.job_id, request.layer)

@@ -11,19 +11,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .training.growth import Trainer
+    from .training.train import Trainer
 
 EPILOG = """\
 examples:
-  python3 -m waam_lab.growth_data jobs/layers --seeds 20000-20816
-                                                       layers of random parts on random cells (2 hours of one core)
-  waam train jobs/layers --out jobs/net                a network from them (half an hour of one core, 40 s of a GPU)
-      ... --steps 21000 --batch 16                     as the packaged one (5 minutes of a GPU)
+  python3 -m waam_lab.training_data jobs/layers --seeds 40000-40199
+                                                       layers of random parts on random cells (an hour of one core)
+  waam train jobs/layers --out jobs/net                a network from them (ten minutes of one core, seconds of a GPU)
       ... --resume                                     go on where it was stopped (Ctrl-C, power, ...)
-  python3 -m waam_lab.growth_data jobs/laid --seeds 30000-30119 --law unet --model jobs/net/unet.npz
-  waam train jobs/laid --residual --start jobs/net/unet.npz --out jobs/residual
-                                                       what the loop leaves with these weights is told by a regression
-                                                       in the file (seconds)
+  python3 -m waam_lab.training_data jobs/layers --seeds 50000-50099 --law unet --model jobs/net/unet.npz
+  waam train jobs/layers --start jobs/net/unet.npz --out jobs/second
+                                                       a second round: layers laid with the first network count as well
   torchrun --nproc-per-node 4 -m waam_bringup.cli train jobs/layers --out jobs/net
                                                        several processes, gradients averaged, each on a GPU of its own
                                                        where there are some
@@ -39,7 +37,7 @@ def register(commands: Any) -> None:
     p = commands.add_parser(
         'train',
         help='train the correction network on layers of the laboratory',
-        description='Train the U-Net of law unet on layers of python3 -m waam_lab.growth_data.',
+        description='Train the U-Net of law unet on layers of python3 -m waam_lab.training_data.',
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -48,7 +46,7 @@ def register(commands: Any) -> None:
 
 
 def _arguments(p: argparse.ArgumentParser) -> None:
-    p.add_argument('data', type=Path, metavar='DATA', help='folder of waam_lab.growth_data')
+    p.add_argument('data', type=Path, metavar='DATA', help='folder of waam_lab.training_data')
     p.add_argument('--out', type=Path, required=True, metavar='FOLDER')
     p.add_argument('--steps', type=int, help='steps in all (default 2500)')
     p.add_argument('--batch', type=int, default=8, help='layers per step and process (default 8)')
@@ -73,21 +71,13 @@ def _arguments(p: argparse.ArgumentParser) -> None:
         type=int,
         nargs=3,
         metavar='CHANNELS',
-        help='of the three levels of the network (default 16 28 48)',
-    )
-    p.add_argument(
-        '--residual',
-        action='store_true',
-        help='add to a network (--start, default: packaged) a regression on what the loop leaves, from layers of '
-        'python3 -m waam_lab.growth_data --law unet',
+        help='of the three levels of the network (default 12 20 32)',
     )
     p.add_argument('--start', type=Path, metavar='NPZ', help='weights to begin with')
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit status: 0, or 1 with the reason on stderr. Under `torchrun` the processes train one network together."""
-    if args.residual:
-        return _add_residual(args)
     try:
         import torch
     except ModuleNotFoundError:
@@ -112,48 +102,30 @@ def run(args: argparse.Namespace) -> int:
             torch.distributed.destroy_process_group()
 
 
-def _add_residual(args: argparse.Namespace) -> int:
-    """A regression, which needs no torch."""
-    from .laws import net_file
-    from .training import residual, samples
-
-    out = args.out / 'unet.npz'
-    try:
-        network = net_file.load(args.start or net_file.PACKAGED)
-        code, explained = residual.add(network, list(samples.load(args.data)), out)
-    except (ValueError, OSError) as e:
-        print(f'waam train: {e}', file=sys.stderr)
-        return 1
-    print(
-        f'{out}: tells {explained:.0%} of what the loop leaves of held-out layers; sha256 {code[:12]}'
-    )
-    return 0
-
-
 def _train(args: argparse.Namespace) -> int:
     from .laws import net_file
-    from .training import growth, loop, samples
+    from .training import loop, samples, train
 
     where = loop.device(args.device)
     layers = list(samples.load(args.data))
-    default = growth.Settings()
-    settings = growth.Settings(
+    default = train.Settings()
+    settings = train.Settings(
         steps=args.steps or default.steps, seed=args.seed, batch=args.batch, rate=args.rate or default.rate,
         widths=tuple(args.widths) if args.widths else default.widths,
         check_every=args.check_every or default.check_every,
     )  # fmt: skip
     start = net_file.load(args.start).weights if args.start else None
-    trainer = growth.Trainer(layers, settings, start, where)
+    trainer = train.Trainer(layers, settings, start, where)
     _begin(trainer, args)
     if trainer.rank == 0:
         print(f'{len(layers)} layers, {loop.processes()} process(es) on {where.type}')
     with _bar(trainer) as tick:
-        metrics = growth.train(trainer, args.out, tick)
+        metrics = train.train(trainer, args.out, tick)
     if trainer.rank == 0:
         out = args.out / 'unet.npz'
-        code = growth.export(trainer, layers, metrics, out)
+        code = train.export(trainer, layers, metrics, out)
         print(
-            f'{out}: explains {metrics["explained"]:.0%} of the variance of held-out layers; sha256 {code[:12]}; '
+            f'{out}: tells {metrics["explained"]:.0%} of what is left of held-out layers; sha256 {code[:12]}; '
             f'curves in {out.with_name("curves.png")}'
         )
     return 0

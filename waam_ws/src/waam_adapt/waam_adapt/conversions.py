@@ -38,6 +38,7 @@ from .types import Correction, CorrectionError, CorrectionInput, LastLayer
 
 if TYPE_CHECKING:
     from .identify.estimate import Estimate
+from .identify.outcome import Outcome
 
 
 def optional_map(name: str, values: array, spec: GridSpec) -> np.ndarray | None:
@@ -204,6 +205,7 @@ def correction_to_msg(
     spec: GridSpec,
     flow_factor: float,
     width_ratio: float = 0.0,
+    outcome: Outcome | None = None,
 ) -> CorrectionMap:
     """The answer to a request: maps (rows, cols) of `spec`, metres and ratios as in CorrectionMap."""
     msg = CorrectionMap(header=request.map.header, job_id=request.job_id, layer=request.layer)
@@ -215,6 +217,9 @@ def correction_to_msg(
     msg.law, msg.model_hash = result.law, result.model_hash
     msg.fallback, msg.reasons = result.fallback, list(result.reasons)
     msg.saturated_cells, msg.width_ratio = result.saturated_cells, float(width_ratio)
+    if outcome is not None:
+        msg.expected_rms = outcome.rms
+        msg.expected_rms_low, msg.expected_rms_high = outcome.low, outcome.high
     return msg
 
 

@@ -51,39 +51,30 @@ class BeadDeviation:
     scale: float = 1.0  # what the error of the request was divided by for that slope
     gain_factor: float = 1.0  # of the law's gain, by how the passes lie on those below
     fill: float = 1.0  # 0..1, share of what the end of a bead may be asked for beside others, by what came of it
+    layers: int = 0  # of this job that have taught this
+    scatter: float = 0.02  # standard deviation of a layer's efficiency about the process
+    response: float = 0.3  # 0..1, of growth near the ends of beads on what is asked for there
 
 
 @dataclass(frozen=True)
-class Predicted:
-    """What a growth network says of a layer before it is laid, on the grid a quarter of a bead wide.
+class Forecast:
+    """What a network says that the base law would leave of a layer, on the grid a quarter of a bead wide.
 
-    growth (rows, cols): share of the planned height that will grow beside what the bead model expects, mean 0; sigma
-    (rows, cols): its standard uncertainty. digest: of the network. doubt: why nothing is predicted (growth all 0), ''.
-    weight: 0..1, of the network in this job; already applied to all it says. NaN: nothing was weighed.
-    level: logarithm of the efficiency ratio that the geometry of this layer gives beside that of a job's others. left
-    (rows, cols): share of the planned height by which the loop would end too high on this surface, mean 0. headroom
-    (rows, cols): share of the planned height by which the layer is to stay low for the thinner one on it, mean 0.
+    shape (rows, cols): share of the planned height by which the layer would end too high, mean 0; sigma (rows, cols):
+    standard uncertainty of the outcome; level: the mean, as a share. digest: of the network. doubt: why nothing is told
+    (all 0), ''. weight: 0..1, of the shape in this job, NaN: not weighed yet; shape and level are weighed with it.
     """
 
-    growth: np.ndarray
+    shape: np.ndarray
     sigma: np.ndarray
+    level: float = 0.0
     digest: str = ''
     doubt: str = ''
     weight: float = math.nan
-    level: float = 0.0
-    left: np.ndarray | float = 0.0
-    headroom: np.ndarray | float = 0.0
 
-    def weighed(self, weight: float, left: float | None = None) -> Predicted:
-        """The same with another weight, 0..1; left: of what the loop leaves, None = the same."""
-        return replace(
-            self,
-            growth=weight * self.growth,
-            level=weight * self.level,
-            left=(weight if left is None else left) * self.left,
-            headroom=weight * self.headroom,
-            weight=weight,
-        )
+    def weighed(self, shape: float, level: float) -> Forecast:
+        """With the weights (0..1) of a job."""
+        return replace(self, shape=shape * self.shape, level=level * self.level, weight=shape)
 
 
 @dataclass(frozen=True)
@@ -99,22 +90,19 @@ class CorrectionInput:
     sigma: np.ndarray | None = None  # standard uncertainty of z
     direction: tuple[float, float] = (0.0, 0.0)  # (x, y) of the beads, (0, 0) = unknown
     # The rest is for learned laws; explicit laws do not read it.
-    # share of the planned metal that will be missing; in target
-    shortfall: np.ndarray | None = None
     # The beads from arc on to arc off in the order they are laid: arrays (n, 2) of x, y in m from the corner of
     # cell (0, 0); empty = unknown.
     paths: tuple[np.ndarray, ...] = ()
     temperature: float = math.nan  # of the layer below, degC, NaN = unknown
-    experience: int = 0  # layers of this direction of travel that the shortfall was learned from
     learned: BeadDeviation | None = None  # what the beads of this layer do unlike the nominal model
     heat_factor: float = 1.0  # of the wire feed by eq 2.19, that this layer will be laid with
-    # of the growth of this layer; None = the law asks its network itself
-    predicted: Predicted | None = None
+    # what the base law would leave of this layer; None = the law asks its network itself
+    forecast: Forecast | None = None
     ratio_high: float = 0.0  # largest relative layer height of a setpoint; 0 = the law's own limits
     next_thickness: float = 0.0  # m, median metal of the layer after this one; 0 = none, not known
 
     def __post_init__(self) -> None:
-        for name in ('target', 'planned', 'sigma', 'shortfall'):
+        for name in ('target', 'planned', 'sigma'):
             a = getattr(self, name)
             if a is not None and a.shape != self.z.shape:
                 raise CorrectionError(f'{name} has shape {a.shape}, the map {self.z.shape}')
@@ -153,21 +141,14 @@ class CorrectionInput:
         return self.ratio_high > 0
 
     def told(
-        self, predicted: Predicted | None = None, learned: BeadDeviation | None = None
+        self, forecast: Forecast | None = None, learned: BeadDeviation | None = None
     ) -> CorrectionInput:
         """The same with what is believed of the layer; maps and limits stay, so nothing is checked again."""
         other = copy.copy(self)
-        for name, value in (('predicted', predicted), ('learned', learned)):
+        for name, value in (('forecast', forecast), ('learned', learned)):
             if value is not None:
                 object.__setattr__(other, name, value)
         return other
-
-    def expecting(self, shortfall: np.ndarray | None, experience: int = 0) -> CorrectionInput:
-        """The same with the share of the planned metal (rows, cols) that will be missing again added to the target."""
-        if shortfall is None or shortfall.shape != self.z.shape:
-            return self
-        target = self.target + shortfall * np.nan_to_num(self.planned)
-        return replace(self, target=target, shortfall=shortfall, experience=experience)
 
     @property
     def error(self) -> np.ndarray:
@@ -247,3 +228,6 @@ class HeightRequest:
     ratio: np.ndarray  # wanted over planned layer height
     planned: np.ndarray  # m, continued outside the footprint
     confidence: np.ndarray  # 0..1
+    held: (
+        np.ndarray
+    )  # share of the planned height in ratio that holds the level where nothing was seen

@@ -287,6 +287,37 @@ def test_implausible_scan_is_repeated_then_the_correction_is_removed(make_cell, 
     assert reactions == ['scanned again', 'correction removed']
 
 
+def test_a_map_that_misses_a_part_is_taken_and_the_job_pauses_when_it_stays_so(
+    make_cell, make_runner
+):
+    cell = make_cell()
+    cell.scan_coverage = [1.0] + [0.8] * 60
+    runner, control, folder = make_runner(
+        cell, layer_height=1e-3, plan_settings=("finish_layers=0",)
+    )
+    paused, inner = [], cell.wait
+
+    def wait(seconds):
+        if control.paused:
+            paused.append(cell.statuses[-1].message)
+            control.resume()
+        inner(seconds)
+
+    cell.wait = wait
+    assert runner.run().state == State.DONE
+    told = [
+        a for a in cell.anomalies if a.class_name == 'scan' and 'not seen that was seen' in a.text
+    ]
+    assert {a.reaction for a in told} >= {
+        'scanned again',
+        'what was seen is corrected, the rest holds the level',
+    }
+    layers = report(folder)['closed_loop']['layers']
+    assert not any(x['fallback'] for x in layers)
+    assert len(paused) >= 1 and 'clean the window of the scanner' in paused[0]
+    assert len(layers) > 3
+
+
 @pytest.mark.parametrize('lost,believed', [(0.0, True), (0.3, False)])
 def test_the_scan_again_goes_the_other_way_and_must_see_as_much(
     make_cell, make_runner, lost, believed

@@ -283,6 +283,7 @@ def correction_from_msg(msg: CorrectionMap, learned: str = '') -> Correction:
         model_hash=msg.model_hash,
         learned=learned,
         width_ratio=msg.width_ratio,
+        expected_rms=(msg.expected_rms, msg.expected_rms_low, msg.expected_rms_high),
         handle=msg,
     )
 

@@ -262,10 +262,7 @@ class LabCell:
             answers.set_feed(self.params.feed_forward, message)
         except ValueError as e:
             raise JobError(Code.PLAN_FAILED, f'feed_forward/compute: {e}') from None
-        segments = [segment_from_msg(s) for s in message.segments]
-        if self._watch is not None:
-            self._watch.on_setpoints(segments)
-        return segments
+        return [segment_from_msg(s) for s in message.segments]
 
     # ---- what the job tells --------------------------------------------------------------------
 

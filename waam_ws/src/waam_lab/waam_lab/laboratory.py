@@ -40,7 +40,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
     """Runs a job. JobError: the goal is refused; ValueError: a parameter, fault or part is; both say what is wrong.
 
     trace: notes what was sent to the machine. watch: notes what the correction was asked and what grew, for
-    `waam_lab.growth_data`.
+    `waam_lab.training_data`.
     A job that fails on the way (a fault of the cell, a map that cannot be believed) is a result with verdict 'failed'.
     """
     known = params.make(job.overrides, preset=job.preset)

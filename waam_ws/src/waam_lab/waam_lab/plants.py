@@ -6,8 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from waam_sim.config import plant_params
 from waam_sim.metal_models import number
 from waam_sim.plant import PlantParams
+
+from .params import make
 
 # Where the random cells of a family begin: what is chosen or trained on the one is reported on the other.
 CHOOSING, REPORTING = 4701, 4702
@@ -49,6 +52,26 @@ _OWN = {
     },
 }  # fmt: skip
 _SCATTER = ('area_noise_fixed', 'area_noise_layer', 'width_noise')
+
+
+def training_plant(rng: np.random.Generator, preset: str) -> PlantParams:
+    """A cell of a random metal model about the cell of a preset, one in three with a drift of the efficiency. What is
+    trained on such cells is reported on `family_plant`, whose cells none of them is."""
+    usual = plant_params(make(preset=preset).cell)
+    model = str(rng.choice(list(_OWN)))
+    ranges = {**_COMMON, **_OWN[model], 'scatter': (0.7, 1.3)}
+    drawn = {name: float(rng.uniform(*limits)) for name, limits in ranges.items()}
+    scatter = drawn.pop('scatter')
+    noise = {name: scatter * getattr(usual.metal, name) for name in _SCATTER}
+    variation = usual.variation
+    if rng.random() < 1 / 3:
+        variation = replace(
+            variation,
+            efficiency_per_layer=float(rng.uniform(-0.012, 0.006)),
+            efficiency_walk=float(rng.uniform(0.0, 0.03)),
+        )
+    metal = replace(usual.metal, model=model, **noise, **drawn)
+    return replace(usual, metal=metal, variation=variation)
 
 
 def family_plant(model: str, cell: int, seeds: int = CHOOSING) -> PlantParams:

@@ -200,12 +200,18 @@ def correction(m: CorrectionMap) -> dict[str, Any]:
     """Psi as a picture from -1 to 1, and why the correction is what it is. ValueError when the map does not fit its
     grid."""
     spec = grid_from_msg(m.grid)
-    title = f'for layer {m.layer}, {m.law}' + (', fallback' if m.fallback else '')
+    title = f'for layer {m.layer}, {m.law}' + (', fallback' if m.fallback else '') + _expected(m)
     psi = pictures.encode_map(spec, map_from_msg(m.psi, spec), -1.0, 1.0, 1e4)
     return {
         'psi': psi | {'title': title}, 'reasons': list(m.reasons), 'fallback': m.fallback,
         'width_ratio': number(m.width_ratio),
     }  # fmt: skip
+
+
+def _expected(m: CorrectionMap) -> str:
+    """What the correction expects of the surface after its layer, in words; '' = it cannot say."""
+    rms, low, high = (1e3 * v for v in (m.expected_rms, m.expected_rms_low, m.expected_rms_high))
+    return f'; expected after it: RMS {rms:.2f} mm ({low:.2f} to {high:.2f})' if rms > 0 else ''
 
 
 def plan(m: LayerPlan) -> dict[str, Any]:

@@ -1,8 +1,7 @@
 """What the jobs of one cell have taught about its process, kept from job to job, for one material and regime.
 
-Only figures that hold for any part of the regime are kept, never a map by place: how much of the wire becomes height
-in the first layer, how layers scatter, how far the metal trails, what beads do near arc on and off, and how far a
-growth network is believed. `after` merges one more job; every figure stays inside of `LIMITS`.
+What is kept is how much of the wire becomes height in the first layer; everything else a job finds out as fast by
+itself. `after` merges one more job; every figure stays inside of `LIMITS`.
 
 Files are JSON with their own SHA-256. Pure: reading and writing is done by who calls.
 """
@@ -15,15 +14,14 @@ import math
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
-VERSION = 1
+VERSION = 2
+# Fields of version 1 that nothing is made of any more; such files are read without them.
+OF_VERSION_1 = ('layer_noise', 'lag', 'ends', 'network_weight', 'network')
 KIND = 'waam learned'
-# quarters of a bead width from arc on, and as many before arc off, that all beads are taken to lay alike
-END_PIECES = 8
 # Of one job about the next, with the same wire and with another lot: standard deviations of the efficiency.
 DRIFT, OTHER_LOT = 0.015, 0.04
 FORGETTING = 0.7  # of what former jobs weigh, per job; other lot: a third of it
 OTHER_LOT_FORGETTING = 0.25
-UNTRIED = 0.9  # weight of a growth network that no job has tried
 MOST_SIGMAS = 3.0  # a job further off counts as this far
 LEAST_SIGMA = 5e-3
 MOST_JOBS = 1_000_000
@@ -33,10 +31,6 @@ MOST_BYTES = 65536
 LIMITS: dict[str, tuple[float, float]] = {
     'efficiency': (0.7, 1.3),
     'efficiency_sigma': (LEAST_SIGMA, 0.3),
-    'layer_noise': (5e-3, 0.1),
-    'lag': (-0.5, 0.5),
-    'ends': (-1.0, 1.0),
-    'network_weight': (0.0, 1.0),
     'weight': (0.0, 1.0 / (1.0 - FORGETTING) + 1e-9),
 }
 
@@ -47,21 +41,16 @@ class LearnedError(ValueError):
 
 @dataclass(frozen=True)
 class Taught:
-    """What one job has shown. None: it did not show it. Units as in `Learned`."""
+    """What one job has shown. Units as in `Learned`."""
 
     efficiency: float
     efficiency_sigma: float
     layers: int
-    layer_noise: float | None = None
-    lag: float | None = None
-    ends: tuple[float, ...] | None = None
-    network_weight: float | None = None
-    network: str = ''
 
 
 @dataclass(frozen=True)
 class Learned:
-    """What the jobs so far have shown; the efficiency is that of the first layer, the rest that of the last one."""
+    """What the jobs so far have shown."""
 
     cell: str  # which cell, material and regime it belongs to
     material: str
@@ -71,13 +60,6 @@ class Learned:
     efficiency: float  # measured growth over what the material table expects
     efficiency_sigma: float  # its standard uncertainty, at the end of the last job
     weight: float  # of the jobs so far, in jobs: the newest one counts 1/weight
-    layer_noise: float  # standard deviation of a layer's efficiency about that of the process
-    lag: float  # of the metal along the travel, bead widths
-    # (16,) share of the planned height that beads lack: quarters of a bead width after arc on, then before arc off,
-    # the nearest one last
-    ends: tuple[float, ...]
-    network_weight: float  # 0..1, of the growth network
-    network: str  # hash of that network, '' = none was used
     wire_lot: str  # of the last job, '' = nobody said
     last_job: str
 
@@ -99,37 +81,19 @@ class Learned:
         return replace(self, efficiency_sigma=sigma, weight=weight, wire_lot=lot)
 
     def after(self, taught: Taught, job_id: str) -> Learned:
-        """With the job that started with this (`for_job`). The efficiency by a scalar Kalman filter, the rest as a mean
-        in which the jobs of before count `weight`. What lies beyond `LIMITS` counts as the limit."""
+        """With the job that started with this (`for_job`), by a scalar Kalman filter. What lies beyond `LIMITS` counts
+        as the limit."""
         prior, noise = self.efficiency_sigma**2, max(taught.efficiency_sigma, LEAST_SIGMA) ** 2
         most = MOST_SIGMAS * math.sqrt(prior + noise)
         gain = prior / (prior + noise)
         step = min(max(_limited('efficiency', taught.efficiency) - self.efficiency, -most), most)
-        weight = self.weight + 1.0
-
-        def mean(name: str, old: float, new: float | None) -> float:
-            return (
-                old if new is None else _limited(name, old + (_limited(name, new) - old) / weight)
-            )
-
-        new_ends = taught.ends or (None,) * len(self.ends)
-        same = taught.network == self.network
         return replace(
             self,
             jobs=min(self.jobs + 1, MOST_JOBS),
             layers=min(self.layers + taught.layers, MOST_JOBS),
             efficiency=_limited('efficiency', self.efficiency + gain * step),
             efficiency_sigma=_limited('efficiency_sigma', math.sqrt((1 - gain) * prior)),
-            weight=_limited('weight', weight),
-            layer_noise=mean('layer_noise', self.layer_noise, taught.layer_noise),
-            lag=mean('lag', self.lag, taught.lag),
-            ends=tuple(mean('ends', a, b) for a, b in zip(self.ends, new_ends, strict=True)),
-            network=taught.network,
-            network_weight=mean(
-                'network_weight',
-                self.network_weight if same else UNTRIED,
-                taught.network_weight,
-            ),
+            weight=_limited('weight', self.weight + 1.0),
             last_job=plain(job_id),
         )
 
@@ -148,8 +112,7 @@ def nothing(cell: str, material: str, regime: str) -> Learned:
     """Before the first job: what a wire and a cell are like of which nobody knows anything."""
     return Learned(
         cell=plain(cell), material=plain(material), regime=plain(regime), jobs=0, layers=0,
-        efficiency=1.0, efficiency_sigma=0.15, weight=0.0, layer_noise=0.02, lag=0.0,
-        ends=(0.0,) * (2 * END_PIECES), network_weight=UNTRIED, network='', wire_lot='', last_job='',
+        efficiency=1.0, efficiency_sigma=0.15, weight=0.0, wire_lot='', last_job='',
     )  # fmt: skip
 
 
@@ -174,10 +137,14 @@ def parse(text: str) -> Learned:
         raise LearnedError(f'not JSON ({e})') from None
     if not isinstance(data, dict) or data.get('kind') != KIND:
         raise LearnedError(f"not a file of what jobs have taught (kind is not '{KIND}')")
-    if data.get('version') != VERSION:
-        raise LearnedError(f'version is {data.get("version")!r}, this software reads {VERSION}')
+    if data.get('version') not in (1, VERSION):
+        raise LearnedError(
+            f'version is {data.get("version")!r}, this software reads 1 and {VERSION}'
+        )
     own = data.pop('sha256', None)
-    values = {k: v for k, v in data.items() if k not in ('kind', 'version')}
+    hashed = _sha256(data)
+    dropped = OF_VERSION_1 if data['version'] == 1 else ()
+    values = {k: v for k, v in data.items() if k not in ('kind', 'version', *dropped)}
     known = {f.name: f.type for f in fields(Learned)}
     for name in known:
         if name not in values:
@@ -186,7 +153,7 @@ def parse(text: str) -> Learned:
         if name not in known:
             raise LearnedError(f"unknown field '{name}'")
     found = Learned(**{name: _checked(name, str(known[name]), v) for name, v in values.items()})
-    if own != found.sha256:
+    if own != hashed:
         raise LearnedError('sha256 does not fit the content: the file is torn or was changed')
     return found
 
@@ -202,17 +169,13 @@ def _checked(name: str, kind: str, value: Any) -> Any:
                 f'{name} is {_short(value)}, must be a whole number 0 .. {MOST_JOBS}'
             )
         return value
-    if kind == 'float':
-        return _number(name, name, value)
-    if not isinstance(value, list) or len(value) != 2 * END_PIECES:
-        raise LearnedError(f'{name} must be a list of {2 * END_PIECES} numbers')
-    return tuple(_number(f'{name}[{i}]', name, v) for i, v in enumerate(value))
+    return _number(name, value)
 
 
-def _number(label: str, name: str, value: Any) -> float:
+def _number(name: str, value: Any) -> float:
     low, high = LIMITS[name]
     if type(value) not in (int, float) or not low <= value <= high:
-        raise LearnedError(f'{label} is {_short(value)}, must be a number {low:g} .. {high:g}')
+        raise LearnedError(f'{name} is {_short(value)}, must be a number {low:g} .. {high:g}')
     return float(value)
 
 

@@ -79,7 +79,7 @@ class FusionParams:
         0.5, 'plausible maps know at least this share of the grid', '', 0.0, 1.0
     )
     max_coverage_loss: float = param(
-        0.1, 'largest loss of coverage against the previous map', '', 0.0, 1.0
+        0.4, 'largest loss of coverage against the previous map', '', 0.0, 1.0
     )
     max_residual: float = param(0.2e-3, 'largest scatter of points in a cell', 'm', 1e-6, 1e-2)
     max_growth: float = param(6e-3, 'largest possible growth per layer', 'm', 1e-4, 0.1)

@@ -36,6 +36,9 @@ _CORRECTION = [
     ('K heat', 'heat_factor', 1, 3),
     ('K flow', 'flow_factor', 1, 3),
     ('K width', 'width_ratio', 1, 3),
+    ('expected RMS after it, mm', 'expected_rms', 1e3, 3),
+    ('90 % from', 'expected_rms_low', 1e3, 3),
+    ('to', 'expected_rms_high', 1e3, 3),
 ]
 
 

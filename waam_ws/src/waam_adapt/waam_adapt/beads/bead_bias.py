@@ -12,13 +12,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from waam_process.learned import END_PIECES
-
 from .. import filters
 from ..grids import CELLS_PER_BEAD
 from ..types import with_side
 from .model import BeadModel
 
+# quarters of a bead width from arc on, and as many before arc off, that all beads are taken to lay alike
+END_PIECES = 8
 LAG_SIGMA = 0.3  # bead widths, of the lag before any layer
 LAG_LIMITS = (-0.5, 0.5)  # bead widths; below zero: the melt trails the torch
 LAG_FORGETTING = 0.97  # per layer

@@ -48,14 +48,11 @@ def refine(
     known = footprint & np.isfinite(request.error)
     planned = np.where(footprint, request.planned, 1.0)
     error = request.error * learned.scale / planned
-    if request.shortfall is not None:
-        error -= request.shortfall  # the model has its own, `learned.missing`
     margin = MARGIN * request.bead_width / request.resolution
     error, weight = inner_mean(error, known, footprint, grid, margin)
     missing = learned.missing
-    if request.predicted is not None:
-        told = request.predicted
-        missing = missing - told.growth - told.left - told.headroom
+    if request.forecast is not None:
+        missing = missing - request.forecast.shape
     need = (gain * learned.gain_factor * error + missing) / learned.slope
     start = model.of_cells(ratio, request.resolution)
     asked = solve(

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..beads import solver
 from ..grids import CELLS_PER_BEAD, Resampler
-from ..types import Correction, CorrectionInput, split_ratio
+from ..types import RATIO_LOW, Correction, CorrectionInput, split_ratio
 from .explicit import DampedInverse
 
 
@@ -26,6 +28,6 @@ class BeadSolver:
         cell = request.bead_width / CELLS_PER_BEAD
         grid = Resampler.of(request.z.shape, request.resolution, cell)
         solved = solver.refine(request, plain.ratio, self.explicit.gain, grid)
-        ratio = 1 + plain.confidence * (solved - 1)
+        ratio = np.maximum(1 + plain.confidence * (solved - 1) + plain.held, RATIO_LOW)
         psi, residual = split_ratio(ratio, plain.planned, request.k_gain)
         return Correction(psi, plain.confidence, residual, self.name, request.k_gain)

@@ -1,4 +1,4 @@
-"""Reasons not to trust a height map or a law: stale, partial, implausible, not finite. Any reason removes the
+"""Reasons not to trust a height map or a law: stale, mostly unseen, implausible, not finite. Any reason removes the
 correction.
 """
 
@@ -18,7 +18,7 @@ class MapLimits:
     """
 
     max_age: float = 300.0
-    min_coverage: float = 0.9
+    min_coverage: float = 0.5
     max_sigma: float = 0.3e-3
     max_error: float = 5e-3
 

@@ -13,14 +13,15 @@ import numpy as np
 from waam_node.params import param
 from waam_process.learned import Learned
 
-from ..beads import plan_geometry
 from ..hold.width import SeenWidth, WidthEstimate, WidthIdentifier
 from ..identify.estimate import Estimate
 from ..identify.evidence import Layer
 from ..identify.experience import start_of, taught_by
-from ..identify.identification import Identifier
+from ..identify.forecast_weight import ForecastWeight
+from ..identify.identification import Identifier, Start
+from ..identify.outcome import Outcome
 from ..types import Correction, CorrectionInput, LastLayer
-from .checks import MapLimits, MapOrigin, reasons_against, safe_correct
+from .checks import MapLimits, MapOrigin, error_figures, reasons_against, safe_correct
 from .registry import BEAD_LAWS, GONE, LAWS, make_law
 from .unet_law import UNetLaw
 
@@ -50,16 +51,18 @@ class CorrectionParams:
         0.1, 'of the deconvolution of overlapping beads; larger = smoother', '', 1e-3, 10.0
     )
     max_age: float = param(300.0, 'oldest map that is used, ROS time', 's', 1.0)
-    min_coverage: float = param(0.9, 'share of the footprint that must be seen', '', 0.0, 1.0)
+    min_coverage: float = param(
+        0.5, 'share of the footprint that must be seen; the rest holds the level', '', 0.0, 1.0
+    )
     max_sigma: float = param(0.3e-3, 'largest median uncertainty of a map', 'm', 0.0)
     max_error: float = param(5e-3, 'largest believable median height error', 'm', 0.0)
     identify: bool = param(
-        True, 'learn the efficiency ratio and give it as flow_factor, and the shortfall'
+        True, 'learn the efficiency ratio and give it as flow_factor, and what beads lack'
     )
     forgetting: float = param(0.3, 'weight of older layers in the efficiency ratio', '', 0.1, 0.99)
     learning: float = param(
         0.3,
-        'weight of the newest layer in the shortfall that comes back in every layer; 0 = off',
+        'weight of the newest layer in what beads lack at the same place; 0 = off',
         '',
         0.0,
         1.0,
@@ -80,6 +83,7 @@ class Answer:
     learned: Learned | None = None
     width: WidthEstimate = WidthEstimate()  # measured over expected bead width
     width_ratio: float = 0.0  # of it, for the voltage; 0 = the voltage stays as programmed
+    outcome: Outcome | None = None  # RMS of the surface after the layer; None = nothing can be said
 
 
 class Corrector:
@@ -91,7 +95,7 @@ class Corrector:
         self.limits = MapLimits(p.max_age, p.min_coverage, p.max_sigma, p.max_error)
         self.identifier = Identifier(p.forgetting, p.learning, watch_beads=p.law in BEAD_LAWS)
         self.widths = WidthIdentifier()
-        self._temperature = math.nan  # degC, of the newest request
+        self.prepared: CorrectionInput | None = None  # the newest request, as the law saw it
 
     def answer(
         self,
@@ -106,10 +110,9 @@ class Corrector:
 
         learned: what the job starts with, the same for all of its layers. seen: bead width in the map.
         """
-        self._temperature = request.temperature
         reasons = reasons_against(origin, request, self.limits)
         width = self.widths.add(origin.expected_job_id, layer, SeenWidth() if reasons else seen)
-        self.identifier.start(origin.expected_job_id, layer, start_of(learned, self.network))
+        self.identifier.start(origin.expected_job_id, layer, self._start(learned))
         if not reasons and last.before is not None and last.growth is not None:
             self.identifier.add(
                 Layer(
@@ -120,12 +123,21 @@ class Corrector:
                     request.bead_width,
                 )
             )
-        if isinstance(self.law, UNetLaw) and not reasons:
-            request = request.told(self.law.predict(request))
         flow, expected = 1.0, request
         if self.params.identify:
-            flow = self.identifier.flow_factor(request)
             expected = self.identifier.prepare(request)
+            if isinstance(self.law, UNetLaw) and not reasons:
+                told = self.law.forecast(expected)
+                expected = expected.told(self.identifier.weigh(expected, told))
+            flow = self.identifier.flow_factor(request)
+        self.prepared = expected
+        outcome = None
+        if (
+            self.params.identify
+            and not reasons
+            and math.isfinite(error := error_figures(request)[0])
+        ):
+            outcome = self.identifier.outcome(error, expected)
         correction = safe_correct(self.law, expected, reasons)
         return Answer(
             correction,
@@ -134,26 +146,28 @@ class Corrector:
             self._after(learned, origin),
             width,
             width.ratio if self.params.hold_width and width.layers else 0.0,
+            outcome,
         )
 
     def prepare(self, request: CorrectionInput) -> None:
-        """Answers for a layer whose surface and temperature are not known yet and forgets the answer: what its plan
-        alone decides, and what the network says of it about as warm as the layer before, is kept by the functions that
-        compute it, so that `answer` need not. Answers are the same without it."""
+        """Computes what the plan of a layer alone decides, before its surface is known; it is kept by the functions
+        that compute it, so that `answer` need not. Answers are the same without it."""
         if isinstance(self.law, UNetLaw):
-            warm = [replace(request, temperature=t) for t in plan_geometry.alike(self._temperature)]
-            request = request.told([self.law.predict(r) for r in warm][0])
+            self.law.forecast(request)
         safe_correct(self.law, request, ())
 
-    @property
-    def network(self) -> str:
-        """Hash of the growth network, '' without one."""
-        found = self.law.network if isinstance(self.law, UNetLaw) else None
-        return found.digest if found else ''
+    def _start(self, learned: Learned | None) -> Start:
+        """What a job begins with."""
+        shape, level = self.law.first_weight if isinstance(self.law, UNetLaw) else (0.0, 0.0)
+        return replace(
+            start_of(learned),
+            shape_weight=ForecastWeight(shape),
+            level_weight=ForecastWeight(level),
+        )
 
     def _after(self, learned: Learned | None, origin: MapOrigin) -> Learned | None:
         """What was learned with what this job has shown so far."""
-        taught = taught_by(self.identifier, self.network) if self.params.identify else None
+        taught = taught_by(self.identifier) if self.params.identify else None
         if learned is None or taught is None:
             return learned
         return learned.after(taught, origin.expected_job_id)

@@ -41,7 +41,8 @@ class DampedInverse:
     the outermost bead is seen, not the level), continued outwards from the nearest of them, filtered by
     `filters.inverse_bead_filter`, and asked for in the share `gain`. The wanted relative layer height is limited to
     RATIO_LOW..RATIO_HIGH and split into speed and residual by `split_ratio`. Away from known cells of the footprint
-    confidence and correction fade to 0 at `reach` bead widths, so a small hole is bridged and a wide one is left alone.
+    confidence and shape fade to 0 at `reach` bead widths, so a small hole is bridged; a wide one gets what the layer
+    lacks in the middle of what was seen, so that it holds the level.
     """
 
     gain: float = 0.9
@@ -73,13 +74,19 @@ class DampedInverse:
             missing, request.resolution, request.bead_width, request.direction, self.regularisation
         )
         planned, _ = filters.extend(request.planned, request.footprint)
-        confidence = self._confidence(request, known, width)
-        ratio = np.clip(1 + self.gain * confidence * wanted / planned, RATIO_LOW, RATIO_HIGH)
-        return HeightRequest(ratio, planned, confidence)
+        seen, sure = self._seen(request, known, width)
+        confidence = seen * sure
+        level = float(np.median(request.error[trusted if trusted.any() else known]))
+        held = np.where(request.footprint, self.gain * (1 - seen) * level / planned, 0.0)
+        ratio = np.clip(1 + self.gain * confidence * wanted / planned + held, RATIO_LOW, RATIO_HIGH)
+        return HeightRequest(ratio, planned, confidence, held)
 
-    def _confidence(self, request: CorrectionInput, known: np.ndarray, width: float) -> np.ndarray:
-        """(rows, cols) 0..1 from uncertainty and distance of the nearest known cell; width of a bead in cells."""
+    def _seen(
+        self, request: CorrectionInput, known: np.ndarray, width: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(rows, cols) 0..1 from the distance of the nearest known cell, and from its uncertainty; width of a bead in
+        cells."""
         sigma = np.full(known.shape, np.nan) if request.sigma is None else request.sigma
         nearest, distance = filters.extend(sigma, known)
         fade = np.clip(2 * (1 - distance / (self.reach * width)), 0.0, 1.0)
-        return fade * filters.reliability(nearest, known.shape)
+        return fade, filters.reliability(nearest, known.shape)

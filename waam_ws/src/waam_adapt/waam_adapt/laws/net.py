@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 
 from .convolution import conv3x3
 
-HEAD_LIMIT = 0.6  # largest change of the relative layer height
+HEAD_LIMIT = 0.6  # share of the planned height that is told at most
 LOG_LIMITS = (-5.0, 1.0)  # of the predicted error in layer heights
 TILE, HALO = 128, 24  # cells; the halo is wider than what an output cell sees: no seams
 CONVS = (
@@ -36,8 +35,8 @@ class Network:
     digest: str  # sha256 of the file
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x (channels, rows, cols) float32 -> change of the relative layer height and log of the
-        error left, (rows, cols).
+        """x (channels, rows, cols) float32 -> share of the planned height by which the layer will end too high, and
+        log of its standard uncertainty, (rows, cols).
         """
         rows, cols = x.shape[1:]
         x = np.pad(x, ((0, 0), (0, -rows % 4), (0, -cols % 4)))
@@ -51,21 +50,14 @@ class Network:
                     out[r : r + TILE, c : c + TILE] = inner
         return change[:rows, :cols], doubt[:rows, :cols]
 
-    def unlike(self, names: Sequence[str], figures: np.ndarray) -> str:
-        """The first figure of an input that lies outside of what the training has seen, in words; '' = none."""
-        for name, value in zip(names, figures, strict=True):
-            low, high = self.card['seen'][name]
-            if not low <= value <= high:
-                return f'{name} {value:.3g}, seen {low:.3g} .. {high:.3g}'
-        return ''
-
     def _tile(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         one = self._conv('enc1b', self._conv('enc1a', x))
         two = self._conv('enc2b', self._conv('enc2a', halve(one)))
         three = self._conv('midb', self._conv('mida', halve(two)))
         two = self._conv('dec2b', self._conv('dec2a', np.concatenate([double(three), two])))
         one = self._conv('dec1b', self._conv('dec1a', np.concatenate([double(two), one])))
-        change = HEAD_LIMIT * np.tanh(self._point('head', one))
+        linear = np.tensordot(self.weights['skip.weight'][0, :, 0, 0], x, 1)
+        change = HEAD_LIMIT * np.tanh(self._point('head', one) + linear)
         return change, np.clip(self._point('doubt', one), *LOG_LIMITS)
 
     def _conv(self, name: str, x: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from waam_process.safe_files import parse_json, read_npz
 
-from ..beads import plan_geometry, plan_level, residual
+from ..beads import features
 from .net import CONVS, ModelError, Network, digest
 
 PACKAGED = Path(__file__).parents[1] / 'models' / 'unet.npz'
@@ -31,7 +31,7 @@ def save(path: Path, weights: dict[str, np.ndarray], card: dict[str, Any]) -> st
     return code
 
 
-def load(path: Path, channels: int = plan_geometry.CHANNELS) -> Network:
+def load(path: Path, channels: int = features.CHANNELS) -> Network:
     """channels: of the input. ModelError when the file is missing, cannot be read, misses a layer or does not have the
     hash that it names."""
     try:
@@ -57,7 +57,8 @@ def _weight(path: Path, name: str, values: np.ndarray) -> np.ndarray:
 
 def _check_layers(path: Path, weights: dict[str, np.ndarray], channels: int) -> None:
     """Channels must fit from layer to layer, else the first request would fail instead of the start."""
-    missing = [f'{n}.{k}' for n in CONVS for k in ('weight', 'bias') if f'{n}.{k}' not in weights]
+    names = [f'{n}.{k}' for n in CONVS for k in ('weight', 'bias')] + ['skip.weight']
+    missing = [name for name in names if name not in weights]
     if missing:
         raise ModelError(f'{path}: no {missing[0]} in it')
     a, b, c = (len(weights[f'{n}.bias']) for n in ('enc1a', 'enc2a', 'mida'))
@@ -78,10 +79,5 @@ def _check_layers(path: Path, weights: dict[str, np.ndarray], channels: int) -> 
         got = weights[f'{name}.weight'].shape
         if got != shape or weights[f'{name}.bias'].shape != shape[:1]:
             raise ModelError(f'{path}: {name} has shape {got}, not {shape}')
-    figures, own = len(plan_level.FIGURES), (plan_level.WEIGHTS, plan_level.BIAS)
-    told = [weights[n].shape for n in own if n in weights]
-    if told and told != [(figures,), (1,)]:
-        raise ModelError(f'{path}: {own[0]} and {own[1]} have shapes {told}, not {figures} and 1')
-    if residual.WEIGHTS in weights and weights[residual.WEIGHTS].shape != (residual.FIGURES,):
-        got = weights[residual.WEIGHTS].shape
-        raise ModelError(f'{path}: {residual.WEIGHTS} has shape {got}, not {residual.FIGURES}')
+    if (got := weights['skip.weight'].shape) != (1, channels, 1, 1):
+        raise ModelError(f'{path}: skip has shape {got}, not {(1, channels, 1, 1)}')

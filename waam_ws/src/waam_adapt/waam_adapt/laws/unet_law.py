@@ -1,9 +1,7 @@
-"""The law that solves for the beads with what a U-Net predicts of them.
+"""The bead solver with a U-Net: what the base law would leave of a layer is told before it is laid, and asked for less.
 
-The network sees the plan's geometry only (`beads.plan_geometry`) and says where a layer will grow more or less than the
-bead model expects: humps in turns, hollows beside them, links between rings, places that only one pass reaches. The
-solver lays less where more will grow. Nothing that the scan shows goes into the network, so it cannot chase noise. What
-the loop still leaves of such a surface is told by a regression beside it (`beads.residual`).
+The network sees the plan, the surface and what the job has shown (`features`). It was trained on layers that the loop
+itself has laid: there the setpoints follow from surface and plan, so that what it tells is the loop's own mistake.
 """
 
 from __future__ import annotations
@@ -17,32 +15,31 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from .. import filters
-from ..beads import headroom, plan_geometry, plan_level, residual
-from ..beads.model import inner_cells
+from ..beads import features, plan_geometry
 from ..grids import CELLS_PER_BEAD, Resampler
-from ..types import Correction, CorrectionInput, Predicted
+from ..types import Correction, CorrectionInput, Forecast
 from . import net, net_file
 from .bead_solver_law import BeadSolver
 from .explicit import DampedInverse
 
-NO_MODEL = 'none'  # in place of a file of weights: the bead model without a network
-DOUBT = 0.25  # share of the planned height: predicted error at which the confidence is a half
-# Share of the planned height that is predicted at most. Setpoints cannot fill a deeper hollow within a bead; a hump is
+NO_MODEL = 'none'  # in place of a file of weights: the base law without a network
+DOUBT = 0.25  # share of the planned height: expected error at which the confidence is a half
+# Share of the planned height that is acted on at most. Setpoints cannot fill a deeper hollow within a bead; a hump is
 # avoided by laying less. In walls narrower than a bead, a hump that one layer leaves stands in the hollow of the next
 # one, laid otherwise.
 HOLLOW, HUMP, IN_WALL = 0.15, 0.4, 0.05
-SMOOTH = 1.0  # cells: sigma of what is predicted; shorter waves setpoints cannot make
+MAX_LEVEL = 0.1
+SMOOTH = 1.5  # cells: sigma of what is acted on; shorter waves setpoints cannot make
 
 
 @dataclass(frozen=True)
 class UNetLaw:
-    """`bead_solver` with a U-Net. network None: `broken` says why, and every answer announces it; without
-    words (NO_MODEL) it is `bead_solver`.
+    """network None: `broken` says why, and every answer announces it; without words (NO_MODEL) it is the base law.
 
-    confidence of the result: that of the bead solver times 1/(1 + (sigma/DOUBT)^2), sigma predicted by the network.
+    confidence of the result: that of the base law times 1/(1 + (sigma/DOUBT)^2), sigma told by the network.
     """
 
-    solver: BeadSolver
+    base: BeadSolver
     network: net.Network | None
     broken: str = ''
     name: str = 'unet'
@@ -50,96 +47,96 @@ class UNetLaw:
     @classmethod
     def load(cls, path: str, explicit: DampedInverse) -> UNetLaw:
         """path '' = the packaged weights, NO_MODEL = none."""
-        solver = BeadSolver(explicit, cls.name)
+        base = BeadSolver(explicit, cls.name)
         if path == NO_MODEL:
-            return cls(solver, None)
+            return cls(base, None)
         try:
-            return cls(solver, _model(Path(path) if path else net_file.PACKAGED))
+            return cls(base, _model(Path(path) if path else net_file.PACKAGED))
         except net.ModelError as e:
-            return cls(solver, None, str(e))
+            return cls(base, None, str(e))
 
-    def predict(self, request: CorrectionInput) -> Predicted:
-        """What the layer will do beside the bead model; all 0, with the reason, where the network cannot say."""
-        cell = request.bead_width / CELLS_PER_BEAD
-        grid = Resampler.of(request.z.shape, request.resolution, cell)
-        nothing = Predicted(np.zeros(grid.shape), np.full(grid.shape, DOUBT))
+    @property
+    def first_weight(self) -> tuple[float, float]:
+        """Of shape and level in a job that has laid nothing yet: what the laboratory's worst family earned."""
+        if self.network is None:
+            return 0.0, 0.0
+        earned = self.network.card['weights']
+        return float(earned['shape']), float(earned['level'])
+
+    def forecast(self, request: CorrectionInput) -> Forecast:
+        """What the base law would leave of this layer; nothing, with the reason, where the network cannot say.
+        request: as identification prepares it."""
+        grid = Resampler.of(
+            request.z.shape, request.resolution, request.bead_width / CELLS_PER_BEAD
+        )
+        nothing = Forecast(np.zeros(grid.shape), np.full(grid.shape, DOUBT))
         if self.network is None or not request.paths or not request.footprint.any():
             return replace(nothing, doubt=self.broken)
-        x = plan_geometry.build(request, grid)
+        if request.of_other_planner:  # trained on plans of our own
+            return nothing
+        x = features.build(request, grid)
         if not x[0].any():
             return replace(nothing, doubt='the layer covers no cell of the bead model')
-        if odd := self.network.unlike(
-            plan_geometry.SUMMARIES, plan_geometry.summary(x, request.bead_width)
-        ):
+        if odd := features.unlike(x, request.bead_width, self.network.card['seen']):
             return replace(nothing, doubt=f'plan unlike the training: {odd}')
         box = plan_geometry.box(x)
-        shown = x[:, *box]
-        told, log_error = _answer(self.network, shown.tobytes(), shown.shape)
-        if not (np.isfinite(told).all() and np.isfinite(log_error).all()):
+        told, log_sigma = self.network(x[:, *box])
+        if not (np.isfinite(told).all() and np.isfinite(log_sigma).all()):
             return replace(nothing, doubt='the network gave an answer that is not finite')
-        growth, sigma = nothing.growth, nothing.sigma
-        growth[box], sigma[box] = told, np.exp(log_error.astype(float))
-        inner = inner_cells(request, grid)
-        # how high the map is on average is no part of it: that is told by the figures of the plan
-        growth = (growth - (growth * inner).sum() / max(inner.sum(), 1e-9)) * inner
-        spread = np.maximum(gaussian_filter(inner, SMOOTH), 1e-3)
-        growth = np.where(x[0] > 0, gaussian_filter(growth, SMOOTH) / spread, 0.0)
+        left, sigma = nothing.shape, nothing.sigma
+        left[box], sigma[box] = told, np.exp(log_sigma.astype(float))
         wide = filters.thickest(request.footprint) * request.resolution >= request.bead_width
-        hollow, hump = (HOLLOW, HUMP) if wide else (IN_WALL, IN_WALL)
-        growth, weights = np.clip(growth, -hollow, hump), self.network.weights
-        found = Predicted(growth, sigma, self.network.digest)
-        if not wide:  # walls rise otherwise: there the layers so far say more
-            return found
-        found = replace(found, level=plan_level.level(shown, weights))
-        if request.of_other_planner:  # what the loop leaves was learned on plans of our own
-            return found
-        surface = residual.surface(request, grid, x, growth)
-        left = residual.told(surface, weights)
-        return replace(found, left=left, headroom=headroom.under_thinner(request, growth, inner))
+        bounds = (-HOLLOW, HUMP) if wide else (-IN_WALL, IN_WALL)
+        shape, level = parted(left, features.counted(request, grid), bounds)
+        return Forecast(shape, sigma, level, self.network.digest)
 
     def correct(self, request: CorrectionInput) -> Correction:
-        """The solver's answer with what the network predicts; where it cannot, the reason and fallback."""
-        predicted = request.predicted or self.predict(request)
-        result = self.solver.correct(request.told(predicted))
+        """The base law's answer with the forecast of the request (`Corrector` weighs it); where there is none because
+        the network cannot say, the reason and fallback."""
+        forecast = request.forecast or self.forecast(request).weighed(*self.first_weight)
+        result = self.base.correct(request.told(forecast))
         if result.fallback:
             return result
-        if predicted.doubt:
-            reason = f'{self.name}: {predicted.doubt}; the bead model answers without the network'
+        if forecast.doubt:
+            reason = f'{self.name}: {forecast.doubt}; the bead solver answers without the network'
             return replace(result, fallback=True, reasons=(reason, *result.reasons))
-        if not predicted.digest:
+        if not forecast.digest:
             return result
         grid = Resampler.of(
             request.z.shape, request.resolution, request.bead_width / CELLS_PER_BEAD
         )
-        sure = np.clip(grid.fine(1 / (1 + (predicted.sigma / DOUBT) ** 2)), 0.0, 1.0)
+        sure = np.clip(grid.fine(1 / (1 + (forecast.sigma / DOUBT) ** 2)), 0.0, 1.0)
         return replace(
             result,
             confidence=result.confidence * sure,
-            model_hash=predicted.digest,
-            reasons=(*result.reasons, *self._remarks(predicted)),
+            model_hash=forecast.digest,
+            reasons=(*result.reasons, *self._remarks(forecast)),
         )
 
-    def _remarks(self, predicted: Predicted) -> tuple[str, ...]:
+    def _remarks(self, forecast: Forecast) -> tuple[str, ...]:
         """What the job has left the network to say, for report and record."""
-        if math.isnan(predicted.weight):
+        if math.isnan(forecast.weight):
             return ()
-        text = f'{self.name}: weight of the network {predicted.weight:.2f}'
-        level = math.expm1(predicted.level)
-        return (f'{text}, level of this layer {level:+.1%}' if level else text,)
+        text = f'{self.name}: weight of the network {forecast.weight:.2f}'
+        return (f'{text}, level of this layer {forecast.level:+.1%}' if forecast.level else text,)
 
 
-@lru_cache(maxsize=8)
-def _answer(
-    network: net.Network, shown: bytes, shape: tuple[int, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Of the network to an input (float32, of `shape`). The newest are kept, for those of an announced layer."""
-    found = network(np.frombuffer(shown, np.float32).reshape(shape))
-    for kept in found:
-        kept.flags.writeable = False
-    return found
+def parted(
+    left: np.ndarray, counted: np.ndarray, bounds: tuple[float, float]
+) -> tuple[np.ndarray, float]:
+    """What is left (rows, cols), parted into a smooth shape with mean 0 over the cells that count (rows, cols) and a
+    level, both within their limits."""
+    total = max(float(counted.sum()), 1e-9)
+    level = float((left * counted).sum()) / total
+    shape = (left - level) * (counted > 0)
+    spread = np.maximum(gaussian_filter((counted > 0).astype(float), SMOOTH), 1e-3)
+    shape = np.where(counted > 0, gaussian_filter(shape, SMOOTH) / spread, 0.0)
+    shape = shape - float((shape * counted).sum()) / total
+    shape = np.clip(shape, *bounds) * counted
+    return shape, min(max(level, -MAX_LEVEL), MAX_LEVEL)
 
 
 @lru_cache(maxsize=4)
 def _model(path: Path) -> net.Network:
     """Read once per process: the weights do not change under a running job."""
-    return net_file.load(path, plan_geometry.CHANNELS)
+    return net_file.load(path)

@@ -1,7 +1,7 @@
 """The correction network in torch, for training; `net` computes the same in numpy.
 
-A small U-Net: encoder and decoder with skips, 3x3 kernels, ReLU. It gives what a layer
-will grow beside the bead model, as a share of the planned height, and the logarithm of the error of that.
+A small U-Net: encoder and decoder with skips, 3x3 kernels, ReLU. It gives by which
+share of the planned height a layer will end too high, and the logarithm of the error of that.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from ..beads.plan_geometry import CHANNELS
+from ..beads.features import CHANNELS
 from ..laws.net import HEAD_LIMIT, LOG_LIMITS
 
 
 class UNet(nn.Module):
     """x (batch, channels, rows, cols), rows and cols divisible by 4 -> change (batch, rows, cols), log_error alike.
 
-    The head starts at zero: an untrained network adds nothing to the bead solver.
+    The head starts at zero: an untrained network tells nothing.
     """
 
     def __init__(
-        self, widths: tuple[int, int, int] = (16, 28, 48), channels: int = CHANNELS
+        self, widths: tuple[int, int, int] = (12, 20, 32), channels: int = CHANNELS
     ) -> None:
         super().__init__()
         a, b, c = widths
@@ -34,6 +34,8 @@ class UNet(nn.Module):
         self.dec1a, self.dec1b = _conv(b + a, a), _conv(a, a)
         self.head = nn.Conv2d(a, 1, 1)
         self.doubt = nn.Conv2d(a, 1, 1)
+        self.skip = nn.Conv2d(channels, 1, 1, bias=False)  # what is linear in the input
+        nn.init.zeros_(self.skip.weight)
         for layer, bias in ((self.head, 0.0), (self.doubt, -1.5)):
             nn.init.zeros_(layer.weight)
             assert layer.bias is not None  # made by default
@@ -48,7 +50,7 @@ class UNet(nn.Module):
         three = F.relu(self.midb(F.relu(self.mida(F.avg_pool2d(two, 2)))))
         two = F.relu(self.dec2b(F.relu(self.dec2a(torch.cat([_double(three), two], 1)))))
         one = F.relu(self.dec1b(F.relu(self.dec1a(torch.cat([_double(two), one], 1)))))
-        change = HEAD_LIMIT * torch.tanh(self.head(one)[:, 0])
+        change = HEAD_LIMIT * torch.tanh((self.head(one) + self.skip(x))[:, 0])
         # what the doubt learns must not bend the features that the correction needs
         return change, self.doubt(one.detach())[:, 0].clamp(*LOG_LIMITS)
 

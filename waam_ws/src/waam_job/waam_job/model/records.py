@@ -137,6 +137,9 @@ class LayerRecord:
     bead_width_u: float = math.nan
     bead_width_expected: float = math.nan
     width_ratio: float = 0.0
+    expected_rms: float = 0.0
+    expected_rms_low: float = 0.0
+    expected_rms_high: float = 0.0
 
     @classmethod
     def from_json(cls, data: dict) -> LayerRecord:
@@ -178,6 +181,10 @@ class LayerRecord:
         self.fallback = correction.fallback
         self.reasons += list(correction.reasons)
         self.width_ratio = correction.width_ratio if applied else 0.0
+        if applied:
+            self.expected_rms, self.expected_rms_low, self.expected_rms_high = (
+                correction.expected_rms
+            )
 
     def add_segments(self, segments: list[Segment]) -> None:
         """Counts what was limited and keeps the factors that were really used."""

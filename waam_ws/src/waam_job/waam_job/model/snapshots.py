@@ -104,6 +104,8 @@ class Correction:
     saturated_cells: int  # grid cells where psi is at its limit
     model_hash: str = ''  # of the weights, '' for explicit laws
     width_ratio: float = 0.0  # measured over expected bead width; 0 = the voltage is not moved
+    # m, of the surface after the layer: expected, and its 90 % interval; 0 = nothing can be said
+    expected_rms: tuple[float, float, float] = (0.0, 0.0, 0.0)
     learned: str = ''  # by former jobs and this one (waam_process.learned), '' = none
     handle: object = None
 

@@ -24,7 +24,8 @@ from ..model.records import State
 from .context import JobContext
 
 WHOLE = 'whole part scanned: '  # before the reason, in the report
-LOST = 0.1  # share of the grid that a scan again may lose; `max_coverage_loss` of scan_fusion
+LOST = 0.1  # share of the grid that a scan may lose beside the one before; more is scanned again
+PARTIAL_SCANS = 3  # in a row, after which the job pauses
 
 
 class PartScanner:
@@ -38,6 +39,8 @@ class PartScanner:
         self.spec = part_grid(self.bounds, self.settings.resolution, self.settings.margin)
         self._laid: tuple[int, LaidBeads] = (0, LaidBeads())
         self._kept_since = 0.0  # s, stamp of the last scan of the whole part; 0 = the last one was
+        self._coverage = 0.0  # share of the grid that the last whole map knew
+        self._partial = 0  # scans in a row that lost more than LOST of it
 
     def laid(self, layer: int, beads: LaidBeads) -> None:
         """The beads of `layer`, which the scan after it tells the width of."""
@@ -127,14 +130,40 @@ class PartScanner:
             if seen is not None:
                 scan = _as_seen_before(scan, seen)
             seen = np.isfinite(scan.map.z)
-            if scan.plausible:
-                self._kept_since = 0.0
+            if scan.plausible and not self._lost(scan):
+                self._kept_since, self._partial = 0.0, 0
+                self._coverage = scan.coverage
                 return scan
-            text = f'map after layer {layer}: {"; ".join(scan.reasons)}'
+            if scan.plausible and attempt == 2:
+                return self._taken_in_part(layer, scan)
+            text = f'map after layer {layer}: {"; ".join(scan.reasons) or self._lost(scan)}'
             reaction = 'scanned again' if attempt == 1 else 'correction removed'
             self.journal.note('WARNING', 'scan', text, reaction)
         if required:
             raise JobError(Code.SCAN_FAILED, f'the surface could not be measured: {text}')
+        return scan
+
+    def _lost(self, scan: Scan) -> str:
+        """What the scan did not see of the map before, in words; '' = no more than LOST."""
+        lost = self._coverage - scan.coverage
+        return f'{lost:.1%} of the grid was not seen that was seen before' if lost > LOST else ''
+
+    def _taken_in_part(self, layer: int, scan: Scan) -> Scan:
+        """A map that misses a part twice: what it shows is corrected, the rest holds the level. After PARTIAL_SCANS of
+        them the job pauses."""
+        self._kept_since = 0.0
+        self._partial += 1
+        text = f'map after layer {layer}: {self._lost(scan)}'
+        self.journal.note(
+            'WARNING', 'scan', text, 'what was seen is corrected, the rest holds the level'
+        )
+        if self._partial >= PARTIAL_SCANS and layer < self.program.total:
+            self._partial = 0
+            self.context.watch.hold(
+                f'{text}, and in {PARTIAL_SCANS} layers in a row: clean the window of the scanner and look for what '
+                'stands before it, then resume',
+                'scan',
+            )
         return scan
 
     def path(

@@ -14,7 +14,7 @@ class PlausibilityLimits:
     """From where on a map is not trusted."""
 
     min_coverage: float = 0.5  # known share of the cells
-    max_coverage_loss: float = 0.1  # against the previous map
+    max_coverage_loss: float = 0.4  # against the previous map
     max_residual: float = 0.2e-3  # m, scatter of points in a cell
     max_growth: float = 6e-3  # m per layer and cell
     max_shrink: float = 1e-3  # m per layer and cell

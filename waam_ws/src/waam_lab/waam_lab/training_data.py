@@ -1,10 +1,10 @@
-"""Layers of random parts on random cells, to train a growth network on.
+"""Layers of random parts on random cells of all metal models and presets, to train the U-Net on.
 
-    python3 -m waam_lab.growth_data FOLDER --seeds 2000-2199
+    python3 -m waam_lab.training_data FOLDER --seeds 2000-2199
 
 Writes one job_<seed>.npz per seed (waam_adapt.training.samples); seeds that are there already are left out, so it can
-be stopped and taken up again. Other processes and machines may help (--workers, --cluster). A job takes 2 to 8 s. `waam
-train --growth FOLDER` trains on them.
+be stopped and taken up again. Other processes and machines may help (--workers, --cluster). A job takes 2 to 20 s.
+`waam train FOLDER` trains on them.
 """
 
 from __future__ import annotations
@@ -25,13 +25,14 @@ from .cli_campaign import parse_seeds
 from .job import LabJob, build, restore
 from .laboratory import run
 from .parts import random_build, random_part, random_wall
-from .plants import random_plant
+from .plants import training_plant
 from .watch import LayerWatch
 
 PRELOAD = ('waam_lab.laboratory',)
 KINDS = {'part': 0.65, 'wall': 0.15, 'build': 0.2}
 # of restored parts; walls and builds are laid as the planner chooses
 STRATEGIES = {'solid': 0.55, 'contour': 0.13, 'zigzag': 0.14, 'spiral': 0.1, 'combined': 0.08}
+PRESETS = {'gentle': 0.25, 'recorded': 0.5, 'rough': 0.25}
 FINISH = 1e-3  # m, of the finishing layers of three jobs in four
 FINISHES = (0.8e-3, 1.6e-3)  # m, of the others
 Piece = tuple[Path, int, str, str]  # folder, seed, law and its weights
@@ -55,11 +56,13 @@ def random_job(folder: Path, seed: int, law: str = 'bead_solver', model: str = '
         worn.export(as_found)
     strategy = str(rng.choice(list(STRATEGIES), p=list(STRATEGIES.values())))
     finish = FINISH if rng.random() < 0.75 else float(rng.uniform(*FINISHES))
+    preset = str(rng.choice(list(PRESETS), p=list(PRESETS.values())))
     options: dict[str, Any] = {
         'seed': seed,
+        'preset': preset,
         'tolerance': 0.2e-3,
         'plan_settings': (f'finish_height={finish:.5f}',),
-        'plant': random_plant(rng),
+        'plant': training_plant(rng, preset),
         'overrides': {'correction_server': {'law': law, 'model': model}},
     }
     if worn is None:
@@ -72,8 +75,10 @@ def make(folder: Path, seed: int, law: str = 'bead_solver', model: str = '') -> 
     """Runs one job and writes its layers; returns how many."""
     watch = LayerWatch()
     with tempfile.TemporaryDirectory() as scratch:
-        run(random_job(Path(scratch), seed, law, model), watch=watch)
-    layers = watch.samples(seed)
+        job = random_job(Path(scratch), seed, law, model)
+        run(job, watch=watch)
+    family = job.plant.metal.model if job.plant is not None else ''
+    layers = watch.samples(seed, family)
     samples.save(folder, seed, layers)
     return len(layers)
 
@@ -81,7 +86,7 @@ def make(folder: Path, seed: int, law: str = 'bead_solver', model: str = '') -> 
 def main(argv: list[str] | None = None) -> int:
     """Exit status: 1 when a part could not be planned; the other seeds are made all the same."""
     p = argparse.ArgumentParser(
-        prog='python3 -m waam_lab.growth_data', description=(__doc__ or '').split('\n')[0]
+        prog='python3 -m waam_lab.training_data', description=(__doc__ or '').split('\n')[0]
     )
     p.add_argument('folder', type=Path)
     p.add_argument(
@@ -91,7 +96,7 @@ def main(argv: list[str] | None = None) -> int:
         '--law',
         choices=('bead_solver', 'unet'),
         default='bead_solver',
-        help='unet: layers for waam train --residual (default: bead_solver, for --growth)',
+        help='unet: for a further round, laid with the weights of the one before (default: bead_solver)',
     )
     p.add_argument('--model', default='', help='weights of law unet (default: the packaged ones)')
     add_options(p, 'a seed is the work of one')
@@ -101,7 +106,7 @@ def main(argv: list[str] | None = None) -> int:
     left = {s: (folder, s, args.law, model) for s in parse_seeds(args.seeds)}
     left = {s: piece for s, piece in left.items() if not (folder / f'job_{s}.npz').exists()}
     workers, failures = Workers(args.workers, args.cluster, PRELOAD), 0
-    with Advance(len(left), 'growth data') as bar:
+    with Advance(len(left), 'training data') as bar:
         try:
             for seed, made in spread(left, attempt, lost, workers):
                 failures += isinstance(made, str)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from net_weights import random_weights
+from net_weights import card, random_weights
 
 from waam_adapt.beads import plan_geometry
-from waam_adapt.beads.model import bead_model
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
 from waam_adapt.laws import net_file
 from waam_adapt.laws.checks import MapOrigin
@@ -44,11 +43,11 @@ def grid_of(r: CorrectionInput) -> Resampler:
     return Resampler.of(r.z.shape, r.resolution, r.bead_width / CELLS_PER_BEAD)
 
 
-def weights_file(path, scale=1.0, low=-1e9, high=1e9):
-    weights = random_weights(channels=plan_geometry.CHANNELS)
+def weights_file(path, scale=1.0, low=-1e9, high=1e9, level=1.0):
+    """level: weight of what it says of the level, in a job that has laid nothing."""
+    weights = random_weights(head=3.0)
     weights['enc1a.weight'] *= np.float32(scale)
-    seen = {name: [low, high] for name in plan_geometry.SUMMARIES}
-    net_file.save(path, weights, {'seen': seen})
+    net_file.save(path, weights, {**card(low, high), 'weights': {'shape': 1.0, 'level': level}})
     return path
 
 
@@ -72,14 +71,18 @@ def origin(layers: int) -> MapOrigin:
     return MapOrigin(0.0, 'job', 'job', layers, layers, True, ())
 
 
+def laid(r: CorrectionInput, too_high: np.ndarray) -> np.ndarray:
+    """(rows, cols) m: the surface after a layer that ended too high by a share (on the model's grid) of its height."""
+    fine = grid_of(r).fine(too_high)
+    return np.where(r.footprint, r.target + r.planned + H * fine, r.z)
+
+
 def layer_sample(seed: int, amplitude: float = 0.3) -> samples.Sample:
-    """A layer of a plant that grows higher where turns are."""
+    """A layer that ends too high where turns are."""
     r = request(paths=(zigzag() + 1e-3 * (seed % 3),))
     grid = grid_of(r)
-    model = bead_model(r.paths, grid.shape, WIDTH)
     turn = plan_geometry.build(r, grid)[plan_geometry.NAMES.index('turn')]
-    grown = model.growth(np.ones(len(model.points)), 0.0) + amplitude * np.minimum(turn, 1.0)
-    after = np.where(r.footprint, H * grid.fine(grown), 0.0)
-    found = samples.sample(r, np.where(r.footprint, H, 0.0), after, 0.0, seed)
+    after = laid(r, amplitude * np.minimum(turn, 1.0))
+    found = samples.sample(r, r, after, seed, ('portions', 'film')[seed % 2])
     assert found is not None
     return found

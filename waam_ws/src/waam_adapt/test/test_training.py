@@ -12,18 +12,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from growth_layers import grid_of, layer_sample, request
+from unet_layers import grid_of, layer_sample, request
 
 torch = pytest.importorskip('torch')
 from waam_adapt import cli  # noqa: E402
 from waam_adapt.beads import plan_geometry  # noqa: E402
-from waam_adapt.beads.plan_geometry import CHANNELS  # noqa: E402
+from waam_adapt.beads.features import CHANNELS  # noqa: E402
 from waam_adapt.laws import net_file  # noqa: E402
 from waam_adapt.laws.registry import make_law  # noqa: E402
-from waam_adapt.training import growth, loop, samples  # noqa: E402
+from waam_adapt.training import loop, samples, train  # noqa: E402
 from waam_adapt.training.unet import arrays  # noqa: E402
 
-SMALL = growth.Settings(steps=4, batch=2, widths=(4, 4, 4), check_every=2)
+SMALL = train.Settings(steps=4, batch=2, widths=(4, 4, 4), check_every=2)
 AVERAGES = """
 import sys, torch
 from torch import distributed
@@ -44,28 +44,28 @@ def layers() -> list[samples.Sample]:
 
 
 def test_a_training_that_was_stopped_gives_the_same_bits(layers, tmp_path):
-    whole = growth.Trainer(layers, SMALL)
-    growth.train(whole)
-    first = growth.Trainer(layers, SMALL)
+    whole = train.Trainer(layers, SMALL)
+    train.train(whole)
+    first = train.Trainer(layers, SMALL)
     first.step()
     first.step()
     first.check()
     first.save(tmp_path / 'checkpoint.npz')
-    second = growth.Trainer(layers, SMALL)
+    second = train.Trainer(layers, SMALL)
     second.resume(tmp_path / 'checkpoint.npz')
-    growth.train(second)
+    train.train(second)
     assert second.progress.loss == whole.progress.loss
     assert second.progress.checks == whole.progress.checks
     for name, values in arrays(whole.net).items():
         assert values.tobytes() == arrays(second.net)[name].tobytes(), name
     with pytest.raises(loop.TrainingError, match='widths = '):
-        growth.Trainer(layers, replace(SMALL, widths=(4, 4, 8))).resume(tmp_path / 'checkpoint.npz')
+        train.Trainer(layers, replace(SMALL, widths=(4, 4, 8))).resume(tmp_path / 'checkpoint.npz')
     with pytest.raises(loop.TrainingError, match='nothing to resume'):
         second.resume(tmp_path / 'none.npz')
 
 
 def test_every_layer_is_seen_once_before_any_is_seen_again(layers):
-    one = growth.Trainer(layers * 3, replace(SMALL, batch=1))
+    one = train.Trainer(layers * 3, replace(SMALL, batch=1))
     count = len(one.used)
     seen = [next(one._chosen(n)) for n in range(3 * count)]
     for turn in range(3):
@@ -74,9 +74,9 @@ def test_every_layer_is_seen_once_before_any_is_seen_again(layers):
 
 
 def test_weights_to_begin_with_are_taken(layers):
-    start = growth.Trainer(layers, SMALL)
+    start = train.Trainer(layers, SMALL)
     start.step()
-    again = growth.Trainer(layers, replace(SMALL, seed=7), arrays(start.net))
+    again = train.Trainer(layers, replace(SMALL, seed=7), arrays(start.net))
     for name, values in arrays(start.net).items():
         assert values.tobytes() == arrays(again.net)[name].tobytes(), name
 
@@ -105,25 +105,25 @@ def test_gradients_are_the_mean_of_all_processes(tmp_path):
 def test_training_finds_the_growth_in_turns_and_gives_the_same_bits_again(tmp_path):
     layers = [layer_sample(s) for s in range(1, 9)]
     torch.set_num_threads(1)
-    settings = growth.Settings(steps=60, batch=2, rate=8e-3, widths=(4, 8, 8))
-    trainer = growth.Trainer(layers, settings)
-    metrics = growth.train(trainer, tmp_path)
+    settings = train.Settings(steps=60, batch=2, rate=8e-3, widths=(4, 8, 8))
+    trainer = train.Trainer(layers, settings)
+    metrics = train.train(trainer, tmp_path)
     assert metrics['explained'] > 0.4
     short = replace(settings, steps=4)
-    again = [growth.Trainer(layers, short) for _ in range(2)]
+    again = [train.Trainer(layers, short) for _ in range(2)]
     for one in again:
-        growth.train(one)
+        train.train(one)
     weights = [arrays(one.net) for one in again]
     for name, values in weights[0].items():
         assert values.tobytes() == weights[1][name].tobytes()
-    growth.export(trainer, layers, metrics, tmp_path / 'g.npz')
+    train.export(trainer, layers, metrics, tmp_path / 'g.npz')
     law = make_law('unet', model=str(tmp_path / 'g.npz'))
     r = request()
-    found = law.predict(r)
+    found = law.forecast(r)
     assert found.doubt == ''
     turn = plan_geometry.build(r, grid_of(r))[plan_geometry.NAMES.index('turn')]
     inside = grid_of(r).mean(r.footprint.astype(float)) > 0.99
-    assert np.corrcoef(found.growth[inside], turn[inside])[0, 1] > 0.5
+    assert np.corrcoef(found.shape[inside], turn[inside])[0, 1] > 0.5
     assert 'seeds 1 to 8' in (tmp_path / 'g.md').read_text()
 
 
@@ -170,7 +170,7 @@ def test_two_processes_train_one_network(layers, tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout.count('2 process(es) on cpu') == 1
     assert net_file.load(tmp_path / 'net' / 'unet.npz', CHANNELS).card['training']['processes'] == 2
-    alone = growth.Trainer(layers[2:], replace(SMALL, steps=2))
-    growth.train(alone)
+    alone = train.Trainer(layers[2:], replace(SMALL, steps=2))
+    train.train(alone)
     weights = np.load(tmp_path / 'net' / 'unet.npz')
     assert not np.array_equal(weights['head.weight'], arrays(alone.net)['head.weight'])

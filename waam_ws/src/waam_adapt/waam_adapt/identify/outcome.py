@@ -1,0 +1,73 @@
+"""RMS error of the surface after the layer to come, with a 90 % interval. Pure.
+
+The basis is what is known before the layer: the error of the surface now, and what the network says of its own
+uncertainty. How the layers of this job came out beside their basis is followed by a scalar Kalman filter on the
+logarithm, which drifts; how they scatter about it is identified from the innovations (Mehra 1970). A loop that diverges
+is foretold larger and larger errors, and wider intervals.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+Z90 = 1.645  # of a normal distribution: 90 % lie within
+FIRST_SIGMA = 0.35  # of the bias, before any layer
+DRIFT = 0.15  # of the bias from layer to layer
+SCATTER, SCATTER_LAYERS = (
+    0.22,
+    3,
+)  # of a layer about the bias, and layers that this first belief counts for
+KEPT = 0.6  # share of the surface's error that a layer leaves where no network says otherwise
+ROUGHNESS = 0.07  # layer heights: RMS that a layer adds, the same
+MIN_RMS = 1e-6  # m
+MAX_INNOVATION = 1.5
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """m: expected RMS of the coming surface, and its 90 % interval."""
+
+    rms: float
+    low: float
+    high: float
+
+
+def basis(error_rms: float, height: float, network_rms: float = 0.0) -> float:
+    """m: RMS that is expected of any job. error_rms: of the surface now; height: of the layer; network_rms: what the
+    network says that the layer will leave, all in m, 0 = it says nothing."""
+    alone = math.hypot(KEPT * error_rms, ROUGHNESS * height)
+    return max(math.sqrt(alone * network_rms) if network_rms > 0 else alone, MIN_RMS)
+
+
+@dataclass(frozen=True)
+class OutcomeForecast:
+    """bias: logarithm of measured over basis in this job; variance: of it; scatter: of a layer about it."""
+
+    bias: float = 0.0
+    variance: float = FIRST_SIGMA**2
+    scatter: float = SCATTER
+    layers: int = 0
+
+    def expect(self, of: float) -> Outcome:
+        """of: the layer's `basis`, m."""
+        middle = of * math.exp(self.bias)
+        room = math.exp(Z90 * math.sqrt(self.variance + self.scatter**2))
+        return Outcome(middle, middle / room, middle * room)
+
+    def after(self, of: float, measured: float) -> OutcomeForecast:
+        """With one more layer: its basis and the RMS that it left, m."""
+        if not (of > 0 and math.isfinite(measured) and measured > 0):
+            return self
+        innovation = math.log(max(measured, MIN_RMS) / of) - self.bias
+        innovation = min(max(innovation, -MAX_INNOVATION), MAX_INNOVATION)
+        gain = self.variance / (self.variance + self.scatter**2)
+        seen = max(innovation**2 - self.variance, 0.0)
+        count = SCATTER_LAYERS + self.layers
+        return replace(
+            self,
+            bias=self.bias + gain * innovation,
+            variance=(1 - gain) * self.variance + DRIFT**2,
+            scatter=math.sqrt((count * self.scatter**2 + seen) / (count + 1)),
+            layers=min(self.layers + 1, 6),
+        )

@@ -1,0 +1,366 @@
+"""Training of the U-Net on layers of the laboratory (`samples`); deterministic by seed, resumable to the bit.
+
+The loss is the mean logarithm of the mean square of what the base law left of a layer and the network did not tell,
+mostly of its smoothed part, since setpoints cannot make shorter waves; and the Gaussian likelihood of what is left,
+for its uncertainty. Every eighth job is for validation.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.ndimage import gaussian_filter
+from torch.nn import functional as F
+
+from ..beads import features, plan_geometry
+from ..grids import CELLS_PER_BEAD
+from ..laws import net_file
+from ..laws.net import HEAD_LIMIT
+from ..laws.unet_law import SMOOTH
+from . import curves, loop
+from .card import card_text
+from .loop import TrainingError
+from .samples import Sample
+from .unet import UNet, arrays
+
+HELD_OUT = 8  # every eighth job is for validation
+FINE = 0.1  # weight of what is not smoothed
+LEVEL = 2.0  # weight of the square of a layer's mean beside that of its shape
+FLOOR = 1e-3  # of a layer's loss: noise below this is not fought
+SIGMA_FLOOR = 1e-4  # of the square that the uncertainty predicts
+DECAY = 0.01  # of the weights, per step and rate
+RIDGE = 3e-3  # of the regression that the training begins with, of the scale of every channel
+SHOWN = {  # of a validation, in the picture
+    'explained': 'variance of the shape explained',
+    'explained_level': 'variance of the level explained',
+}
+WIDTH_ROOM = 0.25  # of the bead width beyond those seen
+
+Layer = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
+Batch = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """batch: layers of a step and process; rate: largest learning rate of Adam; widths: channels of the three levels of
+    the U-Net; check_every: steps between validations."""
+
+    steps: int = 2500
+    seed: int = 1
+    batch: int = 8
+    rate: float = 2e-3
+    widths: tuple[int, int, int] = (12, 20, 32)
+    check_every: int = 250
+
+
+@dataclass
+class Progress:
+    """How far a training has come. loss: of every step; checks: what every validation said, with its step."""
+
+    step: int = 0
+    loss: list[float] = field(default_factory=list)
+    checks: list[dict[str, float]] = field(default_factory=list)
+
+
+class Trainer:
+    """One process of a training; under `torchrun` the processes average their gradients and take other layers of the
+    same order. start: weights to begin with; where: torch device of network and layers.
+
+    ValueError when the layers are of too few jobs.
+    """
+
+    def __init__(
+        self,
+        layers: Sequence[Sample],
+        settings: Settings,
+        start: Mapping[str, np.ndarray] | None = None,
+        where: torch.device | None = None,
+    ) -> None:
+        held = [s for s in layers if s.seed % HELD_OUT == 0]
+        used = [s for s in layers if s.seed % HELD_OUT]
+        if not held or not used:
+            raise ValueError(
+                f'{len(used)} layers to train on and {len(held)} to validate: too few jobs'
+            )
+        where = where or torch.device('cpu')
+        self.families = [s.family for s in held]
+        self.held, self.used = ([on(s, where) for s in part] for part in (held, used))
+        torch.manual_seed(settings.seed)
+        net = UNet(settings.widths)
+        torch.nn.init.normal_(net.head.weight, 0.0, 0.05)
+        if start is not None:
+            loop.put(net, start)
+        else:
+            first = torch.from_numpy(linear(used) / HEAD_LIMIT)
+            net.skip.weight.data = first.float().reshape(net.skip.weight.shape)
+        self.settings, self.net, self.progress = settings, net.to(where), Progress()
+        self.rank = loop.rank()
+        self.optimizer = torch.optim.AdamW(
+            self.net.parameters(), lr=settings.rate, weight_decay=DECAY
+        )
+
+    def step(self) -> float:
+        """One batch of layers, turned and mirrored at random; returns its loss."""
+        s, p = self.settings, self.progress
+        for group in self.optimizer.param_groups:
+            group['lr'] = s.rate * loop.schedule(p.step, s.steps)
+        rng = np.random.default_rng((s.seed, p.step, self.rank))
+        value = loss(self.net, batch([turned(self.used[i], rng) for i in self._chosen(p.step)]))
+        self.optimizer.zero_grad()
+        value.backward()
+        loop.average(self.net)
+        torch.nn.utils.clip_grad_norm_(self.net.parameters(), 1.0)
+        self.optimizer.step()
+        p.step += 1
+        p.loss.append(float(value.detach()))
+        return p.loss[-1]
+
+    def _chosen(self, step: int) -> Iterator[int]:
+        """Layers of this process: all are seen once, in another order every time, before any is seen again."""
+        first = (step * loop.processes() + self.rank) * self.settings.batch
+        for i in range(first, first + self.settings.batch):
+            turn, place = divmod(i, len(self.used))
+            yield _order(self.settings.seed, turn, len(self.used))[place]
+
+    @property
+    def due(self) -> bool:
+        """Whether this process validates now."""
+        s, n = self.settings, self.progress.step
+        return self.rank == 0 and (n % s.check_every == 0 or n == s.steps)
+
+    def check(self) -> dict[str, float]:
+        """A validation on the jobs that are held out, kept with its step."""
+        self.progress.checks.append(
+            {'step': self.progress.step, **validate(self.net, self.held, self.families)}
+        )
+        return self.progress.checks[-1]
+
+    def save(self, path: Path) -> None:
+        """All that `resume` needs, without pickle, complete or not at all."""
+        content: dict[str, Any] = {f'w.{k}': v for k, v in arrays(self.net).items()}
+        for i, p in enumerate(self.net.parameters()):
+            for name, value in self.optimizer.state.get(p, {}).items():
+                content[f'o.{i}.{name}'] = value.cpu().numpy()
+        text = json.dumps({'settings': asdict(self.settings), 'progress': asdict(self.progress)})
+        content['meta'] = np.frombuffer(text.encode(), np.uint8)
+        part = path.with_suffix('.part.npz')
+        np.savez(part, **content)
+        part.replace(path)
+
+    def resume(self, path: Path) -> None:
+        """Goes on where `save` was called. TrainingError when there is nothing, or when the settings differ in anything
+        but the number of steps."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                content = {k: file[k] for k in file.files}
+        except (OSError, ValueError) as e:
+            raise TrainingError(f'{path}: nothing to resume ({e})') from None
+        meta = json.loads(content['meta'].tobytes())
+        mine, theirs = json.loads(json.dumps(asdict(self.settings))), meta['settings']
+        for key in mine:
+            if key != 'steps' and mine[key] != theirs.get(key):
+                raise TrainingError(
+                    f'{path}: was begun with {key} = {theirs.get(key)}, not {mine[key]}'
+                )
+        loop.put(self.net, {k[2:]: v for k, v in content.items() if k.startswith('w.')})
+        for i, p in enumerate(self.net.parameters()):
+            names = [k for k in content if k.startswith(f'o.{i}.')]
+            state = {k.split('.', 2)[2]: torch.from_numpy(content[k]) for k in names}
+            # Adam counts its steps on the CPU
+            self.optimizer.state[p] = {
+                k: v if k == 'step' else v.to(p.device) for k, v in state.items()
+            }
+        self.progress = Progress(**meta['progress'])
+
+
+def train(
+    trainer: Trainer,
+    folder: Path | None = None,
+    tick: Callable[[Trainer], None] = lambda t: None,
+) -> dict[str, float]:
+    """Trains to the end of the settings; returns the last validation. folder: gets checkpoint.npz and curves.png with
+    every validation. tick: called after every step."""
+    p = trainer.progress
+    while p.step < trainer.settings.steps:
+        trainer.step()
+        if trainer.due:
+            trainer.check()
+            if folder is not None:
+                folder.mkdir(parents=True, exist_ok=True)
+                trainer.save(folder / 'checkpoint.npz')
+                curves.draw(p.loss, p.checks, SHOWN, folder / 'curves.png')
+        tick(trainer)
+    last = p.checks[-1] if p.checks else {}
+    return {k: v for k, v in last.items() if k != 'step'}
+
+
+@lru_cache(maxsize=2)
+def _order(seed: int, turn: int, count: int) -> list[int]:
+    return np.random.default_rng((seed, turn)).permutation(count).tolist()
+
+
+def linear(layers: Sequence[Sample]) -> np.ndarray:
+    """(CHANNELS,) weights of a ridge regression of the smoothed shape on the channels: what the training begins with.
+    Means over a layer are taken off."""
+    moments = np.zeros((features.CHANNELS + 1, features.CHANNELS + 1))
+    for s in layers:
+        known = s.weight > 0
+        w = s.weight[known].astype(float)
+        y = np.clip(s.y, -features.FAR, features.FAR)
+        y = gaussian_filter((y - np.average(y, weights=s.weight)) * s.weight, SMOOTH)
+        both = np.concatenate([s.x[:, known], y[None, known]]).astype(float)
+        both -= np.average(both, axis=1, weights=w)[:, None]
+        moments += (both * w) @ both.T
+    square, product = moments[:-1, :-1], moments[:-1, -1]
+    scale = np.sqrt(np.maximum(np.diag(square), 1e-9))
+    ridge = square / np.outer(scale, scale) + RIDGE * np.eye(len(scale))
+    found: np.ndarray = np.linalg.solve(ridge, product / scale) / scale
+    return found
+
+
+def on(sample: Sample, where: torch.device) -> Layer:
+    """x (CHANNELS, rows, cols), y and weight (rows, cols) of a layer on a device."""
+    x, y, w = (
+        torch.from_numpy(np.ascontiguousarray(a)).to(where)
+        for a in (sample.x, sample.y, sample.weight)
+    )
+    return x, y, w
+
+
+def turned(layer: Layer, rng: np.random.Generator) -> Layer:
+    """The layer turned and mirrored at random; the channels keep their values."""
+    x, y, w = layer
+    for axis in (-1, -2):
+        if rng.random() < 0.5:
+            x, y, w = (torch.flip(a, (axis,)) for a in (x, y, w))
+    if rng.random() < 0.5:
+        x, y, w = (a.transpose(-1, -2) for a in (x, y, w))
+    return x, y, w
+
+
+def batch(layers: Sequence[Layer]) -> Batch:
+    """x (n, CHANNELS, rows, cols), y and weight (n, rows, cols), filled up to a common size divisible by 4."""
+    rows, cols = (max(y.shape[i] for _, y, _ in layers) for i in (0, 1))
+    size = rows + -rows % 4, cols + -cols % 4
+
+    def filled(values: torch.Tensor) -> torch.Tensor:
+        return F.pad(values, (0, size[1] - values.shape[-1], 0, size[0] - values.shape[-2]))
+
+    x, y, w = (torch.stack([filled(a) for a in kind]) for kind in zip(*layers, strict=True))
+    return x, y, w
+
+
+def loss(net: UNet, data: Batch) -> torch.Tensor:
+    """See the head of this file; y counts up to features.FAR."""
+    x, y, weight = data
+    told, log_sigma = net(x)
+    whole = (y.clamp(-features.FAR, features.FAR) - told) * weight
+    rest, n = centred(whole, weight), weight.sum((1, 2))
+    smooth, level = smoothed(rest), whole.sum((1, 2)) / n
+    square = ((smooth**2).sum((1, 2)) + FINE * (rest**2).sum((1, 2))) / n + LEVEL * level**2
+    outcome = (smoothed(whole).detach() ** 2 + SIGMA_FLOOR) * torch.exp(-2 * log_sigma)
+    likelihood = ((0.5 * outcome + log_sigma) * weight).sum((1, 2)) / n
+    return torch.log(square + FLOOR).mean() + likelihood.mean()
+
+
+def centred(values: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+    """Less the weighted mean of every map, times the weight; values are 0 where the weight is."""
+    mean = (values * (weight > 0)).sum((1, 2), keepdim=True) / weight.sum((1, 2), keepdim=True)
+    return values - mean * weight
+
+
+def smoothed(values: torch.Tensor) -> torch.Tensor:
+    """(n, rows, cols) by a Gaussian of SMOOTH cells."""
+    reach = math.ceil(3 * SMOOTH)
+    kernel = torch.exp(-0.5 * (torch.arange(-reach, reach + 1, device=values.device) / SMOOTH) ** 2)
+    kernel = kernel / kernel.sum()
+    maps = F.conv2d(values[:, None], kernel[None, None, :, None], padding=(reach, 0))
+    return F.conv2d(maps, kernel[None, None, None], padding=(0, reach))[:, 0]
+
+
+@torch.no_grad()
+def validate(net: UNet, held: Sequence[Layer], families: Sequence[str]) -> dict[str, float]:
+    """explained, explained_level: share of the variance of the smoothed shape and of the levels that is told, of all
+    layers; sigma_ratio: RMS of the smoothed rest over what the uncertainty says; weight_shape, weight_level: slope of
+    what was left on what was told, 0 .. 1, in the worst family."""
+    sums: dict[str, np.ndarray] = {}
+    normal = cells = 0.0
+    for layer, family in zip(held, families, strict=True):
+        x, y, weight = batch([layer])
+        told, log_sigma = net(x)
+        y = y.clamp(-features.FAR, features.FAR) * weight
+        told, n = told * weight, float(weight.sum())
+        a, b = (smoothed(centred(v, weight)) for v in (told, y))
+        la, lb = float(told.sum()) / n, float(y.sum()) / n
+        found = [float((v * w).sum()) for v, w in ((a, a), (a, b), (b, b), (b - a, b - a))]
+        found += [la * la, la * lb, lb * lb, (lb - la) ** 2]
+        sums[family] = sums.get(family, np.zeros(8)) + np.array(found)
+        known = weight > 0.9
+        normal += float(((smoothed(y - told) / log_sigma.exp()) ** 2)[known].sum())
+        cells += float(known.sum())
+    total = np.sum(list(sums.values()), axis=0)
+    slopes = np.array([[s[1] / max(s[0], 1e-9), s[5] / max(s[4], 1e-9)] for s in sums.values()])
+    shape, level = np.clip(slopes.min(axis=0), 0.0, 1.0)
+    return {
+        'explained': float(1 - total[3] / total[2]),
+        'explained_level': float(1 - total[7] / max(total[6], 1e-12)),
+        'sigma_ratio': math.sqrt(normal / max(cells, 1.0)),
+        'weight_shape': float(shape),
+        'weight_level': float(level),
+    }
+
+
+def seen_ranges(layers: Sequence[Sample]) -> dict[str, tuple[float, float]]:
+    """Range of every figure of `plan_geometry.summary`, widened by a tenth of it; the bead width by WIDTH_ROOM."""
+    figures = np.array([s.figures for s in layers])
+    low, high = np.nanmin(figures, axis=0), np.nanmax(figures, axis=0)
+    room = 0.1 * (high - low) + 0.01
+    width = plan_geometry.SUMMARIES.index('width')
+    room[width] = WIDTH_ROOM * low[width]
+    return {
+        name: (round(float(a), 6), round(float(z), 6))
+        for name, a, z in zip(plan_geometry.SUMMARIES, low - room, high + room, strict=True)
+    }
+
+
+def export(
+    trainer: Trainer,
+    layers: Sequence[Sample],
+    metrics: dict[str, float],
+    path: Path,
+) -> str:
+    """Weights with their card, and the card for people as .md beside them. Returns the hash."""
+    net, settings = trainer.net, trainer.settings
+    seeds = sorted({s.seed for s in layers})
+    card: dict[str, Any] = {
+        'name': 'waam U-Net',
+        'purpose': 'what the base law would leave of a layer, from its plan, its surface and the layers of the job',
+        'parameters': sum(p.numel() for p in net.parameters()),
+        'cells_per_bead': CELLS_PER_BEAD,
+        'channels': list(features.NAMES),
+        'training': {
+            **asdict(settings),
+            'widths': list(settings.widths),
+            'processes': loop.processes(),
+        },
+        'data': {
+            'layers': len(layers),
+            'jobs': len(seeds),
+            'seeds': [seeds[0], seeds[-1]],
+            'families': sorted({s.family for s in layers}),
+        },
+        'weights': {k: metrics.get(f'weight_{k}', 0.0) for k in ('shape', 'level')},
+        'seen': {k: list(v) for k, v in seen_ranges(layers).items()},
+        'metrics': metrics,
+    }
+    code = net_file.save(path, arrays(net), card)
+    path.with_suffix('.md').write_text(card_text(card, code))
+    return code
