@@ -12,8 +12,8 @@ law.worst_over_explicit: mean RMS of the default law over that of the better of 
 law.worst_base_over_explicit: the same of the base law, bead_solver.
 law.gain_pct: by how much the default law (with its network) is better than the base law, mean over all combinations,
   paired by cell, inside; 95 % interval beside it.
-law.coverage: share of the layers of the default law whose RMS lies in the 90 % interval that was stated before them, all
-  combinations. Wanted: 0.8 to 0.97.
+law.coverage: share of the layers of the default law whose RMS lies in the 90 % interval that was stated before them,
+  all combinations. Wanted: 0.8 to 0.97.
 law.strip_cost_mm: by how much the RMS inside is larger where no scan sees a strip of 4 mm across the beads, mean over
   the families without drift. Wanted: at most 0.1.
 A table on stderr has one line per combination.

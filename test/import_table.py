@@ -101,7 +101,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_archive/waam_archive/remote.py': 'copies the archive from and to a store',
     'waam_archive/waam_archive/(arrow|export|kept_figures|retention|store|verify).py': 'the files of the archive',
     'waam_archive/waam_archive/(ingest|record_source).py': 'look for job folders and recordings',
-    'waam_lab/waam_lab/growth_data.py': 'writes layers to train on',
+    'waam_lab/waam_lab/training_data.py': 'writes layers to train on',
     'waam_lab/waam_lab/laboratory.py': 'job folders of a run, and how long it took',
     'waam_lab/waam_lab/params.py': 'reads the parameter files of the nodes',
     'waam_lab/waam_lab/parts.py': 'writes the meshes of its parts',
