@@ -31,10 +31,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_calibrate': {'waam_plan', 'waam_process', 'waam_robot'},
     'waam_adapt': {'waam_node', 'waam_process', 'waam_record'},
     'waam_archive': {'waam_node', 'waam_process', 'waam_record'},
+    'waam_train': {'waam_adapt'},
     'waam_job': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},
     'waam_lab': {
         'waam_adapt', 'waam_bridge', 'waam_job', 'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_robot',
-        'waam_robot_bridge', 'waam_scan', 'waam_sim', 'waam_view',
+        'waam_robot_bridge', 'waam_scan', 'waam_sim', 'waam_train', 'waam_view',
     },
     'waam_replay': {'waam_adapt', 'waam_node', 'waam_process', 'waam_record', 'waam_scan'},
     'waam_view': {'waam_node', 'waam_process', 'waam_record', 'waam_robot'},
@@ -58,8 +59,8 @@ NO_MESSAGES = {
 EDGES = re.compile(
     r"""
     (\w+_node|node_\w+|ros_\w+|conversions|answers|cli|cli_\w+)\.py$  # nodes, messages, commands
-    | /ros/ | /commands/ | /training/                           # rooms of nodes and of command lines
-    | ^(waam_node|waam_bringup)/                                # packages of plumbing
+    | /ros/ | /commands/                                        # rooms of nodes and of command lines
+    | ^(waam_node|waam_bringup|waam_train)/                     # packages of plumbing, and of the desk
     """,
     re.VERBOSE,
 )

@@ -15,7 +15,6 @@ from unet_layers import (
     H,
     grid_of,
     laid,
-    layer_sample,
     mirrored,
     origin,
     request,
@@ -34,7 +33,6 @@ from waam_adapt.laws.checks import MapOrigin
 from waam_adapt.laws.corrector import CorrectionParams, Corrector
 from waam_adapt.laws.registry import make_law
 from waam_adapt.laws.unet_law import UNetLaw
-from waam_adapt.training import samples
 from waam_adapt.types import BeadDeviation, Forecast, LastLayer
 
 
@@ -302,27 +300,3 @@ def test_a_law_without_a_network_tells_no_say():
     answer = c.answer(1, request(), origin(0), LastLayer())
     assert np.isnan(answer.estimate.network_weight)
     assert answer.correction.reasons == ()
-
-
-def test_a_sample_is_what_the_base_law_would_have_left():
-    r = request()
-    forecast = Forecast(np.full(grid_of(r).shape, 0.05), np.zeros(grid_of(r).shape), 0.02, 'abc')
-    plain = samples.sample(r, r, laid(r, np.full(grid_of(r).shape, 0.1)), 1)
-    with_it = samples.sample(r, r.told(forecast), laid(r, np.full(grid_of(r).shape, 0.03)), 1)
-    known = plain.weight > 0.9
-    assert plain.y[known] == pytest.approx(0.1, abs=1e-6)
-    assert with_it.y[known] == pytest.approx(0.1, abs=1e-6)
-    nothing_seen = np.full(SHAPE, np.nan)
-    assert samples.sample(r, r, nothing_seen, 1) is None
-
-
-def test_samples_come_back_from_their_files(tmp_path):
-    with pytest.raises(ValueError, match='no job_'):
-        list(samples.load(tmp_path))
-    layers = [layer_sample(4), layer_sample(5)]
-    samples.save(tmp_path, 4, layers)
-    for a, b in zip(layers, samples.load(tmp_path), strict=True):
-        assert np.abs(a.x - b.x).max() < 2e-3  # kept in half precision
-        assert (a.y == b.y).all()
-        assert (a.weight == b.weight).all()
-        assert (b.seed, b.family) == (4, layers[0].family)

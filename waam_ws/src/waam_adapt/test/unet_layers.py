@@ -1,4 +1,4 @@
-"""Layers to ask the growth network about, and files of weights that were never trained."""
+"""Layers to ask the U-Net about, and files of weights that were never trained."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 from net_weights import card, random_weights
 
-from waam_adapt.beads import plan_geometry
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
 from waam_adapt.laws import net_file
 from waam_adapt.laws.checks import MapOrigin
-from waam_adapt.training import samples
 from waam_adapt.types import CorrectionInput
 
 RES, WIDTH, H = 0.5e-3, 6e-3, 2e-3
@@ -75,14 +73,3 @@ def laid(r: CorrectionInput, too_high: np.ndarray) -> np.ndarray:
     """(rows, cols) m: the surface after a layer that ended too high by a share (on the model's grid) of its height."""
     fine = grid_of(r).fine(too_high)
     return np.where(r.footprint, r.target + r.planned + H * fine, r.z)
-
-
-def layer_sample(seed: int, amplitude: float = 0.3) -> samples.Sample:
-    """A layer that ends too high where turns are."""
-    r = request(paths=(zigzag() + 1e-3 * (seed % 3),))
-    grid = grid_of(r)
-    turn = plan_geometry.build(r, grid)[plan_geometry.NAMES.index('turn')]
-    after = laid(r, amplitude * np.minimum(turn, 1.0))
-    found = samples.sample(r, r, after, seed, ('portions', 'film')[seed % 2])
-    assert found is not None
-    return found

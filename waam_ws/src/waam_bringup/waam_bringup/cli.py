@@ -36,7 +36,7 @@ The firmware and this software do not replace the hardware safety chain
 """
 PACKAGES = (
     'waam_scan',
-    'waam_adapt',
+    'waam_train',
     'waam_lab',
     'waam_record',
     'waam_replay',

@@ -3,12 +3,12 @@
 import numpy as np
 
 from waam_adapt.beads import features
-from waam_adapt.training import samples
 from waam_lab import training_data
 from waam_lab.parts import random_build, random_part, random_wall
 from waam_lab.plants import training_plant
 from waam_lab.results import layer_means, layer_rms
 from waam_sim.metal_models import MODELS
+from waam_train import samples
 
 
 def test_random_parts_are_worn_solids_and_come_back_with_their_seed():

@@ -2,7 +2,7 @@
 
     python3 -m waam_lab.training_data FOLDER --seeds 2000-2199
 
-Writes one job_<seed>.npz per seed (waam_adapt.training.samples); seeds that are there already are left out, so it can
+Writes one job_<seed>.npz per seed (waam_train.samples); seeds that are there already are left out, so it can
 be stopped and taken up again. Other processes and machines may help (--workers, --cluster). A job takes 2 to 20 s.
 `waam train FOLDER` trains on them.
 """
@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from waam_adapt.training import samples
 from waam_node.advance import Advance
 from waam_node.spread import Workers, add_options, spread
+from waam_train import samples
 
 from .cli_campaign import parse_seeds
 from .job import LabJob, build, restore

@@ -9,11 +9,11 @@ import numpy as np
 
 from waam_adapt import conversions as convert
 from waam_adapt.laws.corrector import Corrector
-from waam_adapt.training import samples
 from waam_adapt.types import CorrectionInput
 from waam_msgs.msg import CorrectionMap
 from waam_msgs.srv import ComputeCorrection
 from waam_node.conversions import grid_from_msg
+from waam_train import samples
 
 
 class Watched(NamedTuple):

@@ -105,6 +105,7 @@ def test_how_it_was_laid_is_told_in_words(job, tmp_path):
     for x in layers:
         x |= {'law': 'unet', 'correction_applied': True, 'fallback': False}
     layers[0]['fallback'] = True
+    layers[0] |= {'expected_rms': 1.0, 'expected_rms_low': 1e-6, 'expected_rms_high': 2.0}
     layers[1] |= {'bead_width': 6.41e-3, 'bead_width_u': 0.07e-3, 'width_ratio': 1.05}
     passes = [{'pass_number': 1, 'schedule': '3 finishing layers of <1.00> mm'}]
     learned = {'jobs': 2, 'sha256': 'fedcba9876543210', 'sha256_after': 'abcdef0123456789'}
@@ -116,10 +117,11 @@ def test_how_it_was_laid_is_told_in_words(job, tmp_path):
     )
     assert 'Layer schedule: 3 finishing layers of &lt;1.00&gt; mm.' in section
     assert (
-        f'{len(layers)} of {len(layers)} layers: 1 by fallback, {len(layers) - 1} by growth net'
+        f'{len(layers)} of {len(layers)} layers: 1 by fallback, {len(layers) - 1} by unet'
         in section
     )
     assert 'weights 0123456789ab.' in section
+    assert 'in its 90 % interval after 1 of 1 layers' in section
     assert 'former jobs of this cell: 2 jobs (fedcba987654).' in section
     assert 'Kept for the next one: abcdef012345.' in section
     assert f'{layers[-1]["flow_factor"]:.3f} at the last' in section

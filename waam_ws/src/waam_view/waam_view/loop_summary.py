@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 from waam_process.loop_mode import LoopMode
@@ -17,7 +18,9 @@ def loop_summary(job: Job) -> str:
     laid = [x for x in job.layers if not x.get('final')]
     if not laid:
         return ''
-    said = [*_schedule(job), _corrections(job, laid), _flow(laid), _width(job), _former_jobs(job)]
+    said = [
+        *_schedule(job), _corrections(job, laid), _expected(job), _flow(laid), _width(job), _former_jobs(job),
+    ]  # fmt: skip
     items = ''.join(f'<li>{escape(text)}</li>' for text in said if text)
     return f'<h2>How it was laid</h2><ul>{items}</ul>'
 
@@ -49,6 +52,18 @@ def _corrections(job: Job, laid: list[dict]) -> str:
     return f'Corrections: {len(applied)} of {len(laid)} layers: {told}.{weights}'
 
 
+def _expected(job: Job) -> str:
+    """How often the surface had the RMS that was expected before its layer; '' where nothing was expected."""
+    inside = [
+        number(x.get('expected_rms_low')) <= rms <= number(x.get('expected_rms_high'))
+        for x, after in pairwise(job.layers)
+        if number(x.get('expected_rms')) > 0 and (rms := number(after.get('height_error_rms'))) > 0
+    ]
+    if not inside:
+        return ''
+    return f'Expected RMS: the surface lay in its 90 % interval after {sum(inside)} of {len(inside)} layers.'
+
+
 def _trace(job: Job) -> dict[str, Any]:
     """Of the run in a report of several, else of the report."""
     return job.run.get('trace') or job.report.get('trace') or {}
@@ -72,7 +87,7 @@ def _former_jobs(job: Job) -> str:
 
 def _flow(laid: list[dict]) -> str:
     """What the job learned of its metal."""
-    network = any(str(x.get('law', '')).startswith('growth') for x in laid)
+    network = any(x.get('law') in ('unet', 'growth_net') for x in laid)  # the latter before 0.3
     source = ', and from the network how layers differ' if network else ''
     flow = [number(x.get('flow_factor')) for x in laid]
     flow = [f for f in flow if f > 0]

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ..beads import features, plan_geometry
-from ..grids import CELLS_PER_BEAD, Resampler
-from ..types import CorrectionInput
+from waam_adapt.beads import features, plan_geometry
+from waam_adapt.grids import CELLS_PER_BEAD, Resampler
+from waam_adapt.types import CorrectionInput
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The growth network is trained by one process or several, on whatever device is there, and goes on where it was
+"""The U-Net is trained by one process or several, on whatever device is there, and goes on where it was
 stopped."""
 
 from __future__ import annotations
@@ -12,22 +12,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from unet_layers import grid_of, layer_sample, request
+from layers_to_learn import grid_of, layer_sample, request
 
 torch = pytest.importorskip('torch')
-from waam_adapt import cli  # noqa: E402
 from waam_adapt.beads import plan_geometry  # noqa: E402
 from waam_adapt.beads.features import CHANNELS  # noqa: E402
 from waam_adapt.laws import net_file  # noqa: E402
 from waam_adapt.laws.registry import make_law  # noqa: E402
-from waam_adapt.training import loop, samples, train  # noqa: E402
-from waam_adapt.training.unet import arrays  # noqa: E402
+from waam_train import cli, loop, samples, train  # noqa: E402
+from waam_train.unet import arrays  # noqa: E402
 
 SMALL = train.Settings(steps=4, batch=2, widths=(4, 4, 4), check_every=2)
 AVERAGES = """
 import sys, torch
 from torch import distributed
-from waam_adapt.training import loop
+from waam_train import loop
 rank, place = int(sys.argv[1]), sys.argv[2]
 distributed.init_process_group('gloo', init_method=f'file://{place}', rank=rank, world_size=2)
 net = torch.nn.Linear(1, 1)

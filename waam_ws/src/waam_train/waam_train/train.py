@@ -20,11 +20,12 @@ import torch
 from scipy.ndimage import gaussian_filter
 from torch.nn import functional as F
 
-from ..beads import features, plan_geometry
-from ..grids import CELLS_PER_BEAD
-from ..laws import net_file
-from ..laws.net import HEAD_LIMIT
-from ..laws.unet_law import SMOOTH
+from waam_adapt.beads import features, plan_geometry
+from waam_adapt.grids import CELLS_PER_BEAD
+from waam_adapt.laws import net_file
+from waam_adapt.laws.net import HEAD_LIMIT
+from waam_adapt.laws.unet_law import SMOOTH
+
 from . import curves, loop
 from .card import card_text
 from .loop import TrainingError

@@ -11,8 +11,8 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
-from ..beads.features import CHANNELS
-from ..laws.net import HEAD_LIMIT, LOG_LIMITS
+from waam_adapt.beads.features import CHANNELS
+from waam_adapt.laws.net import HEAD_LIMIT, LOG_LIMITS
 
 
 class UNet(nn.Module):

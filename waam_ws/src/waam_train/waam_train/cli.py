@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .training.train import Trainer
+    from .train import Trainer
 
 EPILOG = """\
 examples:
@@ -103,8 +103,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _train(args: argparse.Namespace) -> int:
-    from .laws import net_file
-    from .training import loop, samples, train
+    from waam_adapt.laws import net_file
+
+    from . import loop, samples, train
 
     where = loop.device(args.device)
     layers = list(samples.load(args.data))
@@ -133,7 +134,7 @@ def _train(args: argparse.Namespace) -> int:
 
 def _begin(trainer: Trainer, args: argparse.Namespace) -> None:
     """From the checkpoint with --resume; TrainingError where another training would be overwritten."""
-    from .training.loop import TrainingError
+    from .loop import TrainingError
 
     checkpoint = args.out / 'checkpoint.npz'
     if args.resume:

@@ -1,0 +1,16 @@
+from setuptools import find_packages, setup
+
+setup(
+    name='waam_train',
+    version='0.2.0',
+    packages=find_packages(exclude=['test']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/waam_train']),
+        ('share/waam_train', ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    maintainer='WAAM maintainers',
+    maintainer_email='maintainers@waam.invalid',
+    description='Training of the correction network',
+    license='Apache-2.0',
+)
