@@ -14,8 +14,8 @@ def jobs(tmp_path_factory):
     folder = tmp_path_factory.mktemp('width')
 
     def lay(held: bool):
-        overrides = {'cell': WIDE, 'correction_server': {'hold_width': held}}
-        made = {'layers': 2, 'bead_width': PLANNED, 'overrides': overrides}
+        overrides = {'cell': WIDE, 'correction_server': {'hold_width': held, 'law': 'bead_solver'}}
+        made = {'layers': 2, 'bead_width': PLANNED, 'overrides': overrides, 'preset': 'gentle'}
         return run(parts.job(folder, 'block', 101, **made))
 
     return lay(False), lay(True)
@@ -26,7 +26,8 @@ def test_the_scan_after_a_layer_measures_its_width(jobs):
         assert not r.failed, r.message
         row = r.reports[1]
         true = r.bead_widths[1]
-        assert row['bead_width'] == pytest.approx(true, abs=0.35e-3)
+        # `true` is the width of the pool; at the planned feed the metal lies 0.44 mm further out than that
+        assert row['bead_width'] - 0.44e-3 == pytest.approx(true, abs=0.2e-3)
         assert 0 < row['bead_width_u'] < 0.3e-3
         assert row['bead_width'] > 1.05 * row['bead_width_expected']
         assert r.reports[0]['bead_width'] is None  # before the first layer

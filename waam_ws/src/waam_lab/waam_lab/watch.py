@@ -30,7 +30,7 @@ class LayerWatch:
     """What the correction was asked before every layer, and the surface after the last one."""
 
     layers: list[Watched] = field(default_factory=list)
-    last: np.ndarray | None = None
+    last: np.ndarray | None = None  # after the newest layer
 
     def on_correction(
         self, request: ComputeCorrection.Request, answer: CorrectionMap, corrector: Corrector
@@ -41,6 +41,7 @@ class LayerWatch:
             request, grid_from_msg(request.map.grid), p.k_gain, p.k_gain_max
         )
         self.layers.append(Watched(core, corrector.prepared or core, answer.fallback))
+        self.last = None  # a job that ends before the next scan says nothing of this layer
 
     def on_scan(self, z: np.ndarray) -> None:
         """z: (rows, cols) m."""

@@ -149,7 +149,7 @@ def test_the_command_trains_exports_and_goes_on(layers, tmp_path, capsys):
     assert loaded.card['training']['steps'] == 2
     assert loaded.digest in out.with_suffix('.md').read_text()
     assert (tmp_path / 'net' / 'curves.png').read_bytes()[:4] == b'\x89PNG'
-    assert 'unet.npz: explains' in capsys.readouterr().out
+    assert 'unet.npz: tells' in capsys.readouterr().out
     assert run('--steps', '4') == 1
     assert '--resume' in capsys.readouterr().err
     assert run('--steps', '4', '--resume') == 0
