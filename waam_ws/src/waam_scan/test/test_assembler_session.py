@@ -246,7 +246,7 @@ def test_profiles_of_a_lifted_scanner_are_rejected_but_no_reason_to_doubt_the_ma
 
 def test_a_scan_may_end_beside_the_part_but_a_blind_scanner_is_noticed():
     """The last second without a return: right where nothing was seen before either, as beside a tall part."""
-    limits = PlausibilityLimits(min_coverage=0.0)
+    limits = PlausibilityLimits(min_coverage=0.0, max_coverage_loss=0.1)
     s = session(assembler())
     poses(s.assembler.track, 0, 5000)
     for k in range(40):
