@@ -22,7 +22,7 @@ LAYERS = [1, 2, 3]  # finishing layers of 1.0 mm fill the trough of 3.6 mm
 
 
 # of a job before with the same wire
-LEARNED = nothing('simulated', 'er70s-6', 'w600_h200').after(Taught(0.94, 0.02, 5, lag=-0.1), 'b')
+LEARNED = nothing('simulated', 'er70s-6', 'w600_h200').after(Taught(0.94, 0.02, 5), 'b')
 
 
 @pytest.fixture(scope='module')
@@ -63,8 +63,8 @@ def test_metal_went_where_it_was_missing(done):
 def test_it_starts_with_what_was_learned_and_adds_to_it(done, learned_file):
     """Replays below start with the same, not with the file of today."""
     first = run_of(done)['layers'][0]
-    # beside it the level that the network tells of the layer; a job that begins afresh is 6 % off
-    assert first['flow_factor'] == pytest.approx(1 / LEARNED.efficiency, rel=0.02)
+    # beside it the level that the network tells of the layer (3 %); a job that begins afresh is 6 % further off
+    assert first['flow_factor'] == pytest.approx(1 / LEARNED.efficiency, rel=0.045)
     told = json.loads((done / 'report.json').read_text())['trace']['learned']
     after = parse(learned_file.read_text())
     assert told['jobs'] == 1 and told['sha256'] == LEARNED.sha256
