@@ -127,6 +127,8 @@ def test_hollow_gets_a_slower_torch_and_the_answer_is_published(graph, correct):
     assert not answer.correction.fallback
     assert answer.correction.k_gain == pytest.approx(0.3)
     assert 0 < answer.correction.latency < waited
+    low, high = answer.correction.expected_rms_low, answer.correction.expected_rms_high
+    assert 1e-6 < low < answer.correction.expected_rms < high < 5e-3
     graph.wait(lambda: maps and estimates, what='latched answers')
     assert list(maps[-1].psi) == list(answer.correction.psi)
     assert estimates[-1].efficiency_ratio == 1.0

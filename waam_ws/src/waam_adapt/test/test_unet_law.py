@@ -130,7 +130,13 @@ def test_the_network_sees_the_surface_its_uncertainty_and_what_the_job_has_shown
     rough = replace(
         r, z=r.z - 0.3e-3 * r.footprint, sigma=np.full(SHAPE, 1e-4), learned=learned, next_thickness=H / 2
     )  # fmt: skip
-    x = dict(zip(features.NAMES, features.build(rough, grid_of(r)), strict=True))
+    x = dict(
+        zip(
+            features.NAMES,
+            features.build(rough, grid_of(r), features.counted(rough, grid_of(r))),
+            strict=True,
+        )
+    )
     inside = features.counted(r, grid_of(r)) > 0.99
     assert sum(x[n] for n in features.BANDS)[inside] == pytest.approx(0.3e-3 / H, abs=1e-6)
     assert x['uncertainty'][inside] == pytest.approx(1e-4 / H, abs=1e-6)
@@ -139,7 +145,13 @@ def test_the_network_sees_the_surface_its_uncertainty_and_what_the_job_has_shown
     same = [float(x[n][0, 0]) for n in ('layers', 'scatter', 'response', 'next')]
     assert same == pytest.approx([0.5, 0.4, 0.6, 0.5])
     unseen = replace(rough, z=np.where(np.arange(96) < 40, np.nan, rough.z))
-    hole = dict(zip(features.NAMES, features.build(unseen, grid_of(r)), strict=True))
+    hole = dict(
+        zip(
+            features.NAMES,
+            features.build(unseen, grid_of(r), features.counted(unseen, grid_of(r))),
+            strict=True,
+        )
+    )
     assert not any(hole[n][:, :12].any() for n in (*features.BANDS, 'seen'))
 
 
@@ -178,7 +190,9 @@ def test_less_is_laid_where_more_will_grow():
     r, law = request(), UNetLaw.load('none', make_law('damped_inverse'))
     shape = np.zeros(grid_of(r).shape)
     shape[14:18, 10:14] = 0.3
-    told = replace(r, forecast=Forecast(shape, np.zeros_like(shape), digest='abc'))
+    told = replace(
+        r, forecast=Forecast(shape, np.zeros_like(shape), np.ones_like(shape), digest='abc')
+    )
     hump, plain = law.correct(told), law.correct(r)
     place = np.s_[42:54, 30:42]
     assert (hump.psi - plain.psi)[place].mean() > 0.2  # faster: thinner

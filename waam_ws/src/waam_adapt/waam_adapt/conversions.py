@@ -38,7 +38,7 @@ from .types import Correction, CorrectionError, CorrectionInput, LastLayer
 
 if TYPE_CHECKING:
     from .identify.estimate import Estimate
-from .identify.outcome import Outcome
+    from .identify.outcome import Outcome
 
 
 def optional_map(name: str, values: array, spec: GridSpec) -> np.ndarray | None:

@@ -61,16 +61,26 @@ class Forecast:
     """What a network says that the base law would leave of a layer, on the grid a quarter of a bead wide.
 
     shape (rows, cols): share of the planned height by which the layer would end too high, mean 0; sigma (rows, cols):
-    standard uncertainty of the outcome; level: the mean, as a share. digest: of the network. doubt: why nothing is told
-    (all 0), ''. weight: 0..1, of the shape in this job, NaN: not weighed yet; shape and level are weighed with it.
+    standard uncertainty of the outcome; counted (rows, cols): how much a cell is judged, 0..1; level: the mean, as a
+    share. digest: of the network. doubt: why nothing is told (all 0), ''. weight: 0..1, of the shape in this job, NaN:
+    not weighed yet; shape and level are weighed with it.
     """
 
     shape: np.ndarray
     sigma: np.ndarray
+    counted: np.ndarray
     level: float = 0.0
     digest: str = ''
     doubt: str = ''
     weight: float = math.nan
+
+    @property
+    def rms(self) -> float:
+        """Share of the planned height that is expected to be left, RMS; 0 where nothing is told."""
+        total = float(self.counted.sum())
+        if not self.digest or total <= 0:
+            return 0.0
+        return math.sqrt(float((self.counted * self.sigma**2).sum()) / total)
 
     def weighed(self, shape: float, level: float) -> Forecast:
         """With the weights (0..1) of a job."""

@@ -209,6 +209,7 @@ class FakeCell:
             fallback=fallback,
             reasons=('map refused',) * fallback,
             saturated_cells=0,
+            expected_rms=(1e-4, 7e-5, 1.4e-4),
             handle='message',
             learned=self._learned(job_id, request),
         )

@@ -52,6 +52,9 @@ def test_closed_loop_beats_open_loop_and_the_folder_is_complete(make_cell, make_
         assert (folder.path / 'program.gcode').stat().st_size > 100
         pieces = list(np.load(folder.path / 'telemetry.npz')['t'])
         assert pieces == list(range(2, runner.context.cell.tracks_taken + 1))  # 1: before the job
+    laid = [r for r in report(folder)[loop_mode]['layers'] if not r['final']]
+    told = [[r[f'expected_rms{k}'] for k in ('', '_low', '_high')] for r in laid]
+    assert told == [pytest.approx([1e-4, 7e-5, 1.4e-4])] * len(laid)
     # two layers, no identification in this cell: what is left is the last layer's own shortfall
     assert figures['closed_loop'] < 0.75 * figures['open_loop']
 
@@ -115,6 +118,7 @@ def test_monitor_computes_but_does_not_apply(make_cell, make_runner):
     assert any(abs(r['psi_mean']) > 0.05 for r in layers)
     assert not any(r['correction_applied'] for r in layers)
     assert all(s.psi == 0 for s in runner.context.cell.executed)
+    assert not any(r['expected_rms'] for r in layers)  # of what was laid nothing was expected
 
 
 def test_segments_form_one_chain_over_the_whole_job(make_cell, make_runner):
@@ -316,6 +320,17 @@ def test_a_map_that_misses_a_part_is_taken_and_the_job_pauses_when_it_stays_so(
     assert not any(x['fallback'] for x in layers)
     assert len(paused) >= 1 and 'clean the window of the scanner' in paused[0]
     assert len(layers) > 3
+
+
+def test_a_map_that_misses_a_part_is_better_than_none(make_cell, make_runner):
+    """The scan again sees nothing at all: the one before it is taken."""
+    cell = make_cell()
+    cell.scan_coverage = [1.0, 0.8, 0.1] + [1.0] * 50
+    runner, _, folder = make_runner(cell)
+    assert runner.run().state == State.DONE
+    assert not any(x['fallback'] for x in report(folder)['closed_loop']['layers'])
+    reactions = [a.reaction for a in cell.anomalies if a.class_name == 'scan']
+    assert reactions == ['scanned again', 'what was seen is corrected, the rest holds the level']
 
 
 @pytest.mark.parametrize('lost,believed', [(0.0, True), (0.3, False)])

@@ -32,7 +32,7 @@ PRELOAD = ('waam_lab.laboratory',)
 KINDS = {'part': 0.65, 'wall': 0.15, 'build': 0.2}
 # of restored parts; walls and builds are laid as the planner chooses
 STRATEGIES = {'solid': 0.55, 'contour': 0.13, 'zigzag': 0.14, 'spiral': 0.1, 'combined': 0.08}
-PRESETS = {'gentle': 0.25, 'recorded': 0.5, 'rough': 0.25}
+PRESET_SHARES = {'gentle': 0.25, 'recorded': 0.5, 'rough': 0.25}
 FINISH = 1e-3  # m, of the finishing layers of three jobs in four
 FINISHES = (0.8e-3, 1.6e-3)  # m, of the others
 Piece = tuple[Path, int, str, str]  # folder, seed, law and its weights
@@ -56,7 +56,7 @@ def random_job(folder: Path, seed: int, law: str = 'bead_solver', model: str = '
         worn.export(as_found)
     strategy = str(rng.choice(list(STRATEGIES), p=list(STRATEGIES.values())))
     finish = FINISH if rng.random() < 0.75 else float(rng.uniform(*FINISHES))
-    preset = str(rng.choice(list(PRESETS), p=list(PRESETS.values())))
+    preset = str(rng.choice(list(PRESET_SHARES), p=list(PRESET_SHARES.values())))
     options: dict[str, Any] = {
         'seed': seed,
         'preset': preset,

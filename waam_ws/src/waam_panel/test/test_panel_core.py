@@ -478,3 +478,16 @@ def test_the_bead_width_of_the_newest_scan_that_shows_one_is_shown():
     said.layer, said.bead_width_sections = 3, 0
     state.apply('height', CONVERT['height'](said), 0.0, 0.0)
     assert state.sections['width'] == shown
+
+
+def test_the_correction_says_what_it_expects_of_the_surface_after_its_layer():
+    from waam_msgs.msg import CorrectionMap
+    from waam_node.conversions import floats, grid_to_msg
+    from waam_panel.conversions import correction
+
+    spec = GridSpec(0.0, 0.0, 1e-3, 3, 4)
+    m = CorrectionMap(grid=grid_to_msg(spec), layer=4, law='unet', psi=floats(np.zeros(spec.shape)))
+    assert correction(m)['psi']['title'] == 'for layer 4, unet'
+    m.expected_rms, m.expected_rms_low, m.expected_rms_high = 1.2e-4, 8e-5, 1.8e-4
+    title = correction(m)['psi']['title']
+    assert title == 'for layer 4, unet; expected after it: RMS 0.12 mm (0.08 to 0.18)'

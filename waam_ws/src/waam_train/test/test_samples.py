@@ -12,7 +12,8 @@ from waam_train import samples
 
 def test_a_sample_is_what_the_base_law_would_have_left():
     r = request()
-    forecast = Forecast(np.full(grid_of(r).shape, 0.05), np.zeros(grid_of(r).shape), 0.02, 'abc')
+    zero = np.zeros(grid_of(r).shape)
+    forecast = Forecast(zero + 0.05, zero, zero, 0.02, 'abc')
     plain = samples.sample(r, r, laid(r, np.full(grid_of(r).shape, 0.1)), 1)
     with_it = samples.sample(r, r.told(forecast), laid(r, np.full(grid_of(r).shape, 0.03)), 1)
     known = plain.weight > 0.9

@@ -50,13 +50,14 @@ def sample(
     left, known = features.known_mean(
         (after - request.target - planned) / features.middle(request), grid
     )
-    weight = np.where(known, features.counted(request, grid), 0.0)
+    counted = features.counted(request, grid)
+    weight = np.where(known, counted, 0.0)
     if np.count_nonzero(weight) < 50:
         return None
     if prepared.forecast is not None:
         left = left + prepared.forecast.shape + prepared.forecast.level
     y = np.where(weight > 0, left, 0.0)
-    x = features.build(prepared, grid)
+    x = features.build(prepared, grid, counted)
     figures = plan_geometry.summary(x[: plan_geometry.CHANNELS], width)
     box = plan_geometry.box(x)
     shown = [a[..., *box].astype(np.float32) for a in (x, y, weight)]

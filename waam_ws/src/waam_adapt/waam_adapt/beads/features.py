@@ -18,17 +18,12 @@ from ..types import BeadDeviation, CorrectionInput
 from . import plan_geometry
 from .model import inner_cells
 
-SCALES = (
-    0.7,
-    1.4,
-    2.8,
-    5.6,
-)  # cells: sigmas that part the bands of the error, the shortest waves first
+# cells: sigmas that part the bands of the error, the shortest waves first
+SCALES = (0.7, 1.4, 2.8, 5.6)
 SLOPES = (1.0, 2.0)  # cells: sigmas of the surface whose slope and curvature are looked at
 BANDS = tuple(f'band {k}' for k in range(len(SCALES) + 1))
-SHAPE = tuple(
-    f'{n} {k}' for k in range(len(SLOPES)) for n in ('slope', 'bend along', 'bend across')
-)
+BENDS = ('slope', 'bend along', 'bend across')
+SHAPE = tuple(f'{name} {k}' for k in range(len(SLOPES)) for name in BENDS)
 # bands of target - surface by wave length, which add up to it; its slope along the travel and its curvature along and
 # across it; what the beads of this job are known to lack here; and, the same all over a layer: layers seen, scatter of
 # a layer's efficiency, response of the ends of beads, thickness of the next layer
@@ -61,11 +56,11 @@ def counted(request: CorrectionInput, grid: Resampler) -> np.ndarray:
     return np.where(inner > COUNTED, inner, 0.0)
 
 
-def build(request: CorrectionInput, grid: Resampler) -> np.ndarray:
+def build(request: CorrectionInput, grid: Resampler, weight: np.ndarray) -> np.ndarray:
     """(CHANNELS, rows, cols) float32. The request must tell its paths, have a footprint, and be as identification
-    prepares it (`learned`)."""
+    prepares it (`learned`). weight (rows, cols): `counted` of the request."""
     plan = plan_geometry.build(request, grid)
-    inside = counted(request, grid) * (plan[0] > 0)
+    inside = weight * (plan[0] > 0)
     height, deviation = middle(request), request.learned or BeadDeviation(np.zeros(grid.shape))
     error, seen = known_mean(request.error * deviation.scale / height, grid)
     error = np.where(seen & (inside > 0), np.clip(error, -FAR, FAR), 0.0)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..beads import alignment
 from ..beads.bead_bias import BeadBias
-from ..beads.features import counted, known_mean, middle
+from ..beads.features import known_mean, middle
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
 from ..grids import CELLS_PER_BEAD, Resampler
 from ..types import BeadDeviation, CorrectionInput, Forecast, with_side
@@ -57,14 +57,13 @@ class Learned(Start):
 
 class _Asked(NamedTuple):
     """A layer as it was asked for: metal of the plan (rows, cols) m, its beads, the surface that it was to end with
-    (rows, cols) m, cells that are judged (on the model's grid), and what the network told, unweighed and weighed."""
+    (rows, cols) m, and what the network told, unweighed and weighed."""
 
     planned: np.ndarray
     paths: tuple[np.ndarray, ...]
     wanted: np.ndarray
-    counted: np.ndarray | None
-    told: Forecast | None
-    weighed: Forecast | None
+    told: Forecast | None = None
+    weighed: Forecast | None = None
     basis: float = 0.0  # m, of `outcome`
 
 
@@ -195,13 +194,13 @@ class Identifier:
     def _weigh_forecast(self, number: int, layer: Layer) -> None:
         """Shape and level of the forecast against what the base law would have left of the layer."""
         asked = self.asked.get(number)
-        if asked is None or asked.told is None or asked.weighed is None or asked.counted is None:
+        if asked is None or asked.told is None or asked.weighed is None:
             return
         told, weighed = asked.told, asked.weighed
         grid = Resampler.of(layer.before.shape, layer.resolution, layer.bead_width / CELLS_PER_BEAD)
         height = float(np.median(asked.planned[np.nan_to_num(asked.planned) > MIN_GROWTH]))
         left, known = known_mean((layer.after - asked.wanted) / height, grid)
-        use = np.where(known, asked.counted, 0.0)
+        use = np.where(known, told.counted, 0.0)
         if use.sum() <= 0:
             return
         self.shape_weight = self.shape_weight.after_shape(told.shape, left + weighed.shape, use)
@@ -217,7 +216,8 @@ class Identifier:
         if before is not None and before.basis > 0:
             self.outcomes = self.outcomes.after(before.basis, error_rms)
         height = middle(request)
-        of = basis(error_rms, height, height * _left_by(request))
+        told = request.forecast.rms if request.forecast is not None else 0.0
+        of = basis(error_rms, height, height * told)
         self.asked[self.layer] = self.asked[self.layer]._replace(basis=of)
         return self.outcomes.expect(of)
 
@@ -229,7 +229,7 @@ class Identifier:
         """
         wanted = request.target + np.nan_to_num(request.planned)
         self.asked = {n: a for n, a in self.asked.items() if n == self.layer - 1}
-        self.asked[self.layer] = _Asked(request.planned, request.paths, wanted, None, None, None)
+        self.asked[self.layer] = _Asked(request.planned, request.paths, wanted)
         self.by_pattern = request.of_other_planner
         model = self.model_of(request)
         slope = self.slope_of(model, self.estimate.slope_sigma)
@@ -239,20 +239,14 @@ class Identifier:
             return request
         return replace(request, target=request.z + request.error / slope)
 
-    def weigh(self, request: CorrectionInput, told: Forecast) -> Forecast:
+    def weigh(self, told: Forecast) -> Forecast:
         """The forecast of the layer that `prepare` was called for, as far as this job believes it; remembered, so that
         the next layer can judge it."""
         shape, of_level = self.shape_weight.weight, self.level_weight.weight
         weighed = told.weighed(shape, of_level)
-        if not told.digest:
-            return weighed
-        self.estimate = replace(self.estimate, network_weight=shape)
-        cell = request.bead_width / CELLS_PER_BEAD
-        grid = Resampler.of(request.z.shape, request.resolution, cell)
-        asked = self.asked[self.layer]
-        self.asked[self.layer] = asked._replace(
-            counted=counted(request, grid), told=told, weighed=weighed
-        )
+        if told.digest:
+            self.estimate = replace(self.estimate, network_weight=shape)
+            self.asked[self.layer] = self.asked[self.layer]._replace(told=told, weighed=weighed)
         return weighed
 
     def _beads_of(self, request: CorrectionInput, model: BeadModel, slope: float) -> BeadDeviation:
@@ -313,15 +307,3 @@ class Identifier:
         if model is not None and model.overlapped:
             return 1.0
         return min(1.0, self.estimate.slope + caution)
-
-
-def _left_by(request: CorrectionInput) -> float:
-    """Share of the planned height that the network says to be left, RMS over the cells that count; 0 where it says
-    nothing."""
-    told = request.forecast
-    if told is None or not told.digest:
-        return 0.0
-    cell = request.bead_width / CELLS_PER_BEAD
-    weight = counted(request, Resampler.of(request.z.shape, request.resolution, cell))
-    total = float(weight.sum())
-    return math.sqrt(float((weight * told.sigma**2).sum()) / total) if total > 0 else 0.0

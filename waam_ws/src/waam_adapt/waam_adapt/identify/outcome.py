@@ -14,10 +14,8 @@ from dataclasses import dataclass, replace
 Z90 = 1.645  # of a normal distribution: 90 % lie within
 FIRST_SIGMA = 0.35  # of the bias, before any layer
 DRIFT = 0.15  # of the bias from layer to layer
-SCATTER, SCATTER_LAYERS = (
-    0.22,
-    3,
-)  # of a layer about the bias, and layers that this first belief counts for
+SCATTER = 0.22  # of a layer about the bias, before any layer
+SCATTER_LAYERS = 3  # that this first belief counts for
 KEPT = 0.6  # share of the surface's error that a layer leaves where no network says otherwise
 ROUGHNESS = 0.07  # layer heights: RMS that a layer adds, the same
 MIN_RMS = 1e-6  # m

@@ -128,7 +128,7 @@ class Corrector:
             expected = self.identifier.prepare(request)
             if isinstance(self.law, UNetLaw) and not reasons:
                 told = self.law.forecast(expected)
-                expected = expected.told(self.identifier.weigh(expected, told))
+                expected = expected.told(self.identifier.weigh(told))
             flow = self.identifier.flow_factor(request)
         self.prepared = expected
         outcome = None
@@ -152,8 +152,6 @@ class Corrector:
     def prepare(self, request: CorrectionInput) -> None:
         """Computes what the plan of a layer alone decides, before its surface is known; it is kept by the functions
         that compute it, so that `answer` need not. Answers are the same without it."""
-        if isinstance(self.law, UNetLaw):
-            self.law.forecast(request)
         safe_correct(self.law, request, ())
 
     def _start(self, learned: Learned | None) -> Start:

@@ -69,12 +69,14 @@ class UNetLaw:
         grid = Resampler.of(
             request.z.shape, request.resolution, request.bead_width / CELLS_PER_BEAD
         )
-        nothing = Forecast(np.zeros(grid.shape), np.full(grid.shape, DOUBT))
+        zero = np.zeros(grid.shape)
+        nothing = Forecast(zero, np.full(grid.shape, DOUBT), zero)
         if self.network is None or not request.paths or not request.footprint.any():
             return replace(nothing, doubt=self.broken)
         if request.of_other_planner:  # trained on plans of our own
             return nothing
-        x = features.build(request, grid)
+        counted = features.counted(request, grid)
+        x = features.build(request, grid, counted)
         if not x[0].any():
             return replace(nothing, doubt='the layer covers no cell of the bead model')
         if odd := features.unlike(x, request.bead_width, self.network.card['seen']):
@@ -83,12 +85,12 @@ class UNetLaw:
         told, log_sigma = self.network(x[:, *box])
         if not (np.isfinite(told).all() and np.isfinite(log_sigma).all()):
             return replace(nothing, doubt='the network gave an answer that is not finite')
-        left, sigma = nothing.shape, nothing.sigma
+        left, sigma = zero, nothing.sigma
         left[box], sigma[box] = told, np.exp(log_sigma.astype(float))
         wide = filters.thickest(request.footprint) * request.resolution >= request.bead_width
         bounds = (-HOLLOW, HUMP) if wide else (-IN_WALL, IN_WALL)
-        shape, level = parted(left, features.counted(request, grid), bounds)
-        return Forecast(shape, sigma, level, self.network.digest)
+        shape, level = parted(left, counted, bounds)
+        return Forecast(shape, sigma, counted, level, self.network.digest)
 
     def correct(self, request: CorrectionInput) -> Correction:
         """The base law's answer with the forecast of the request (`Corrector` weighs it); where there is none because

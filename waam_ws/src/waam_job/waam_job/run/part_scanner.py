@@ -26,6 +26,7 @@ from .context import JobContext
 WHOLE = 'whole part scanned: '  # before the reason, in the report
 LOST = 0.1  # share of the grid that a scan may lose beside the one before; more is scanned again
 PARTIAL_SCANS = 3  # in a row, after which the job pauses
+PARTIAL = 'what was seen is corrected, the rest holds the level'
 
 
 class PartScanner:
@@ -124,6 +125,7 @@ class PartScanner:
         `required` and still implausible.
         """
         seen: np.ndarray | None = None
+        partial: Scan | None = None  # a plausible map that misses a part
         for attempt in (1, 2):
             self.journal.state(State.SCANNING, 'scanning' if attempt == 1 else 'scanning again')
             scan = self._once(layer, top, self.spec, backwards=attempt == 2)
@@ -134,11 +136,13 @@ class PartScanner:
                 self._kept_since, self._partial = 0.0, 0
                 self._coverage = scan.coverage
                 return scan
-            if scan.plausible and attempt == 2:
-                return self._taken_in_part(layer, scan)
+            if scan.plausible and (partial is None or scan.coverage > partial.coverage):
+                partial = scan
             text = f'map after layer {layer}: {"; ".join(scan.reasons) or self._lost(scan)}'
-            reaction = 'scanned again' if attempt == 1 else 'correction removed'
-            self.journal.note('WARNING', 'scan', text, reaction)
+            kept = 'correction removed' if partial is None else PARTIAL
+            self.journal.note('WARNING', 'scan', text, 'scanned again' if attempt == 1 else kept)
+        if partial is not None:
+            return self._taken_in_part(layer, partial)
         if required:
             raise JobError(Code.SCAN_FAILED, f'the surface could not be measured: {text}')
         return scan
@@ -154,9 +158,6 @@ class PartScanner:
         self._kept_since = 0.0
         self._partial += 1
         text = f'map after layer {layer}: {self._lost(scan)}'
-        self.journal.note(
-            'WARNING', 'scan', text, 'what was seen is corrected, the rest holds the level'
-        )
         if self._partial >= PARTIAL_SCANS and layer < self.program.total:
             self._partial = 0
             self.context.watch.hold(
