@@ -122,6 +122,8 @@ def test_how_it_was_laid_is_told_in_words(job, tmp_path):
     )
     assert 'weights 0123456789ab.' in section
     assert 'in its 90 % interval after 1 of 1 layers' in section
+    tables = write_report(tmp_path).read_text().split('<h2>Layers</h2>')[1]
+    assert '1000.00 (0.00 to 2000.00)' in tables and 'K width' in tables and 'bead width' in tables
     assert 'former jobs of this cell: 2 jobs (fedcba987654).' in section
     assert 'Kept for the next one: abcdef012345.' in section
     assert f'{layers[-1]["flow_factor"]:.3f} at the last' in section

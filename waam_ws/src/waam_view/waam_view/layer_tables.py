@@ -36,10 +36,15 @@ _CORRECTION = [
     ('K heat', 'heat_factor', 1, 3),
     ('K flow', 'flow_factor', 1, 3),
     ('K width', 'width_ratio', 1, 3),
-    ('expected RMS after it, mm', 'expected_rms', 1e3, 3),
-    ('90 % from', 'expected_rms_low', 1e3, 3),
-    ('to', 'expected_rms_high', 1e3, 3),
 ]
+
+
+# fields of columns that are left out where no layer has a value: most jobs show no free bead and hold no width
+_RARE = ('bead_width', 'bead_width_u', 'width_ratio')
+
+
+def _shown(columns: list[tuple], layers: list[dict]) -> list[tuple]:
+    return [c for c in columns if c[1] not in _RARE or any(number(x.get(c[1])) > 0 for x in layers)]
 
 
 def _cells(layer: dict, columns: list[tuple]) -> list[str]:
@@ -56,14 +61,16 @@ def layers_section(job: Job) -> str:
     faulty = {i for i, x in enumerate(laid) if x.get('faults')}
     head = ['layer', *(c[0] for c in _PROCESS)]
     out = ['<h2>Layers</h2>', table(head, process, {0}, faulty)]
+    geometry, correction = (_shown(c, job.layers) for c in (_GEOMETRY, _CORRECTION))
     rows, flagged = [], set()
     for i, layer in enumerate(job.layers):
-        rows.append(_surface_row(layer))
+        rows.append(_surface_row(layer, geometry, correction))
         if layer.get('fallback'):
             flagged.add(i)
     head = [
         'before',
-        *(c[0] for c in (*_GEOMETRY, *_CORRECTION)),
+        *(c[0] for c in (*geometry, *correction)),
+        'expected RMS after it, mm',
         'clamps s/f/v/ψ',
         'law',
         'remarks',
@@ -75,19 +82,24 @@ def layers_section(job: Job) -> str:
         '<p class=soft>Second table: the surface before each layer against its target, and the correction '
         'made from it; clamps: segments with limited speed, feed, voltage, ψ. Bead width: of the layer before, '
         'where its beads stand free, with its standard uncertainty u; K width: by which the voltage holds it, '
-        '0 = not held. Shaded: a fault was met, or the correction fell back.</p>'
+        '0 = not held; expected: with its 90 % interval. Shaded: a fault was met, or the correction fell back.</p>'
     )
     return '\n'.join(out)
 
 
-def _surface_row(layer: dict) -> list[str]:
+def _surface_row(layer: dict, geometry: list[tuple], correction: list[tuple]) -> list[str]:
     remarks = '; '.join(map(str, layer.get('reasons') or []))
     if layer.get('final'):
-        blank = ['–'] * (len(_CORRECTION) + 2)
-        return ['final', *_cells(layer, _GEOMETRY), *blank, remarks]
+        blank = ['–'] * (len(correction) + 3)
+        return ['final', *_cells(layer, geometry), *blank, remarks]
     kinds = ('speed', 'feed', 'voltage', 'psi')
     clamps = '/'.join(str(layer.get(f'clamps_{k}', 0)) for k in kinds)
     applied = '' if layer.get('correction_applied') else ' (not applied)'
     law = f'{str(layer.get("law") or "–").replace("_", " ")}{applied}'
-    numbers = _cells(layer, [*_GEOMETRY, *_CORRECTION])
-    return [f'layer {layer.get("layer")}', *numbers, clamps, law, remarks]
+    numbers = _cells(layer, [*geometry, *correction])
+    return [f'layer {layer.get("layer")}', *numbers, _expected(layer), clamps, law, remarks]
+
+
+def _expected(layer: dict) -> str:
+    rms, low, high = (1e3 * number(layer.get(f'expected_rms{k}')) for k in ('', '_low', '_high'))
+    return f'{rms:.2f} ({low:.2f} to {high:.2f})' if rms > 0 else '–'
