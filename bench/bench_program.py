@@ -9,8 +9,6 @@ the arcs are judged by an evaluation of their own, and the line says so. `WAAM_P
 program.rms_ratio: RMS height error of a block of PrusaSlicer (eight layers in 52 x 32 mm, concentric, nominal part
 48 x 28 mm: 2 mm of allowance on the sides), closed loop over open loop, mean of five seeds in the laboratory; baseline:
 asked for. `WAAM_BENCH_SEEDS=1,2` chooses the seeds; a seed takes about a minute of a core.
-program.bound_rms_ratio: the same with foresight: each job is run again on the same cell, twice, and every layer is told
-what the same layer lacked the time before; the best of the three over the open loop.
 """
 
 from __future__ import annotations
@@ -41,7 +39,6 @@ BLOCK = Path(__file__).with_name('programs') / 'prusaslicer_block.gcode'
 WANTED_UM, WANTED_RATIO = 1.0, 0.25
 RANDOM = 300
 SEEDS = (1, 2, 3, 4, 5)
-REPEATED = 2
 
 
 def random_program(rng: random.Random) -> str:
@@ -165,51 +162,7 @@ def ratio() -> None:
     emit_on_cell(name, float(after.mean() / before.mean()), '1', 'asked for', WANTED_RATIO)
 
 
-@contextmanager
-def told_before(told: dict[int, np.ndarray], lacked: dict[int, np.ndarray]) -> Iterator[None]:
-    """Layers expect the lacks of `told`, by layer, instead of those of their kind; `lacked` gets what they lacked."""
-    from waam_adapt.beads.bead_bias import BeadBias, _without_detail
-
-    here, remember = BeadBias._here, BeadBias._with_missing
-
-    def known(self, layer, shape):
-        return told[layer] if layer in told else here(self, layer, shape)
-
-    def noted(self, layer, lacks, seen, learning):
-        lacked[layer] = _without_detail(lacks * seen)  # no setpoint makes finer waves
-        return remember(self, layer, lacks, seen, learning)
-
-    BeadBias._here, BeadBias._with_missing = known, noted
-    try:
-        yield
-    finally:
-        BeadBias._here, BeadBias._with_missing = here, remember
-
-
-def bound() -> None:
-    """Every job again on the same cell, with what its layers lacked the time before; the best time counts."""
-    import numpy as np
-
-    from waam_lab import over_seeds, run
-
-    name, best = 'program.bound_rms_ratio', []
-    with block_job('closed_loop') as job:
-        for one in over_seeds(job, list(seeds(SEEDS))):
-            told, rms = {}, []
-            for _ in range(1 + REPEATED):
-                lacked: dict[int, np.ndarray] = {}
-                with told_before(told, lacked):
-                    rms.append(run(one).rms)
-                told = lacked
-            times = ' '.join(f'{v * 1e3:.3f}' for v in rms)
-            print(f'{name}: seed {one.seed}, one time after the other: {times} mm', file=sys.stderr)
-            best.append(min(rms))
-    before = block_rms('open_loop', name)
-    emit_on_cell(name, float(np.mean(best) / before.mean()), '1', 'asked for', WANTED_RATIO)
-
-
 FIGURES = {
     'program.path_um': path,
     'program.rms_ratio': ratio,
-    'program.bound_rms_ratio': bound,
 }

@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 
 from waam_adapt import filters
 from waam_adapt.beads import solver as bead_solver
-from waam_adapt.beads.bead_bias import DETAIL_FROM, BeadBias
+from waam_adapt.beads.bead_bias import BeadBias
 from waam_adapt.beads.model import bead_model, inner_mean
 from waam_adapt.feed import feed_forward as ff
 from waam_adapt.grids import CELLS_PER_BEAD, Resampler
@@ -377,24 +377,3 @@ def test_the_beads_are_solved_for_only_when_they_are_told():
     assert np.abs(ours.psi - plain.psi).max() > 0.05
     assert np.abs(ours.psi).max() <= 1
     assert ours.psi.tobytes() == law.correct(told).psi.tobytes()
-
-
-def test_what_is_asked_for_has_no_waves_finer_than_a_bead():
-    """A chequer of single cells cannot be laid; a slope can, and nothing is made up where nothing is known. Where beads
-    begin and end, what was seen is asked for as it is."""
-    y, x = np.indices(SIZE)
-    slope, chequer = 0.003 + 0.011 * x, np.where((x + y) % 2, 0.2, -0.2)
-    model = bead_model(zigzag(), SIZE, W)
-    request, who = pad(0.75e-3), Identifier(watch_beads=True)
-    who.start('job', 2)
-    who.beads = replace(BeadBias(), missing=(slope + chequer, None), layers=(1, 0))
-    found = who.prepare(request).learned.missing
-    assert found.shape == model.shape
-    inner = np.zeros(SIZE, bool)
-    inner[3:-3, 3:-3] = True
-    far = model.arc > DETAIL_FROM * W
-    assert (inner & far).sum() > 20
-    assert abs(found - slope)[inner & far].max() < 0.01
-    np.testing.assert_array_equal(found[~far], (slope + chequer)[~far])
-    who.beads = BeadBias()
-    assert not who.prepare(request).learned.missing.any()

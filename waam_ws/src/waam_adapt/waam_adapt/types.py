@@ -49,7 +49,6 @@ class BeadDeviation:
     lag: float = 0.0  # of the metal along the travel, m
     slope: float = 1.0  # of growth on metal
     scale: float = 1.0  # what the error of the request was divided by for that slope
-    gain_factor: float = 1.0  # of the law's gain, by how the passes lie on those below
     fill: float = 1.0  # 0..1, share of what the end of a bead may be asked for beside others, by what came of it
     layers: int = 0  # of this job that have taught this
     scatter: float = 0.02  # standard deviation of a layer's efficiency about the process

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from .. import filters
 from ..grids import CELLS_PER_BEAD
@@ -26,9 +25,6 @@ ALIKE = 4.0  # neighbouring cells whose noise is one
 INNER = 1.0  # bead widths from arc on and off, where the lag can be told from humps and craters
 INNER_SHARE = 1 / 3  # of the learning rate there, for little comes back; the rest is noise
 DRIFT, MAX_DRIFT = 0.15, 0.05  # weight of the newest layer in the surplus; most that is believed
-# Cells of the bead model: sigma of what is asked for of what a place lacks; bead widths from arc on and off, beside
-# which humps and craters are as fine as that.
-DETAIL, DETAIL_FROM = 1.0, 2.0
 MIN_CELLS = 50
 # Layer heights that a place may lack: the most, and what is believed where asking for more moved nothing. Metal that
 # is asked for at the end of a bead and arrives elsewhere is missing there for good: asked for again and again, it heaps
@@ -76,13 +72,6 @@ class BeadBias:
     def of(self, layer: int, model: BeadModel) -> np.ndarray:
         """What layer `layer` will lack: what all beads do at their ends, and what was seen at the place."""
         return self.ends[_end(model)] + self._here(layer, model.shape)
-
-    def wanted(self, layer: int, model: BeadModel) -> np.ndarray:
-        """The same, but inside the beads without waves finer than a bead in what was seen at the place: no setpoint
-        makes them, and a solver that is asked for them adds others."""
-        here = self._here(layer, model.shape)
-        inner = model.arc > DETAIL_FROM * model.width
-        return self.ends[_end(model)] + np.where(inner, _without_detail(here), here)
 
     def _here(self, layer: int, shape: tuple[int, int]) -> np.ndarray:
         """Before the direction was ever seen, half of what the other one did."""
@@ -218,10 +207,3 @@ def _without_level(lacks: np.ndarray, expected: np.ndarray, metal: np.ndarray) -
 def _end(model: BeadModel) -> np.ndarray:
     """(rows, cols) place of the cells in `BeadBias.ends`; 0: far from the ends."""
     return np.where(np.abs(model.end) <= END_PIECES, model.end, 0)
-
-
-def _without_detail(missing: np.ndarray) -> np.ndarray:
-    """(rows, cols) smoothed by DETAIL; 0 stays where nothing is known."""
-    known = missing != 0
-    share = gaussian_filter(known.astype(float), DETAIL)
-    return np.where(known, gaussian_filter(missing, DETAIL) / np.maximum(share, 1e-3), 0.0)

@@ -53,7 +53,7 @@ def refine(
     missing = learned.missing
     if request.forecast is not None:
         missing = missing - request.forecast.shape
-    need = (gain * learned.gain_factor * error + missing) / learned.slope
+    need = (gain * error + missing) / learned.slope
     start = model.of_cells(ratio, request.resolution)
     asked = solve(
         model, need, weight, start, learned.lag, ratio_high=request.ratio_high, fill=learned.fill

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..beads import alignment
 from ..beads.bead_bias import BeadBias
 from ..beads.features import known_mean, middle
 from ..beads.model import MARGIN, BeadModel, bead_model, inner_mean
@@ -252,25 +251,15 @@ class Identifier:
     def _beads_of(self, request: CorrectionInput, model: BeadModel, slope: float) -> BeadDeviation:
         beads = self.beads
         return BeadDeviation(
-            missing=beads.wanted(self.layer, model) - beads.surplus,
+            missing=beads.of(self.layer, model) - beads.surplus,
             lag=beads.lag * request.bead_width,
             slope=slope,
             scale=slope,
-            gain_factor=self._gain_factor(request, model),
             fill=beads.fill,
             layers=len(self.seen),
             scatter=self.estimate.layer_noise,
             response=beads.response,
         )
-
-    def _gain_factor(self, request: CorrectionInput, model: BeadModel) -> float:
-        """By how the passes lie on those below; 1 where there are none, in single beads, and in programs of others,
-        whose patterns change from layer to layer."""
-        asked = self.asked.get(self.layer - 1)
-        below = asked.paths if asked is not None else ()
-        if not below or not model.overlapped or request.of_other_planner:
-            return 1.0
-        return alignment.gain(alignment.offset(request.paths, below, request.bead_width))
 
     def flow_factor(self, request: CorrectionInput) -> float:
         """Of the layer that the request is for. What eq 2.19 will take off its feed is put back: how high the beads
