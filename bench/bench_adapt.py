@@ -55,10 +55,10 @@ def pad_runs(settings: Settings, physics: PadPhysics, what: str = '') -> list:
 
 
 def best(
-    law: str, physics: PadPhysics, gains: tuple[float, ...] = GAINS, **switches
+    law: str, physics: PadPhysics, gains: tuple[float, ...] = GAINS
 ) -> tuple[float, np.ndarray]:
     """The gain with the smallest mean RMS, and its figures."""
-    found = {g: pads(Settings(law, g, **switches), physics) for g in gains}
+    found = {g: pads(Settings(law, g), physics) for g in gains}
     gain = min(found, key=lambda g: found[g][:, 1].mean())
     return gain, found[gain]
 
@@ -132,10 +132,9 @@ def _late(r) -> float:
 def bench_transfer() -> None:
     rows, worst = [], (0.0, '')
     for name, plant in transfer_plants().items():
-        cover = {'min_coverage': 0.6} if plant.missing else {}
-        explicit = {law: best(law, plant, **cover) for law in EXPLICIT}
+        explicit = {law: best(law, plant) for law in EXPLICIT}
         law = min(explicit, key=lambda k: explicit[k][1][:, 1].mean())
-        top, ours = explicit[law][1], pads(Settings(LAW, **cover), plant)
+        top, ours = explicit[law][1], pads(Settings(LAW), plant)
         ratio = ours[:, 1].mean() / top[:, 1].mean()
         worst = max(worst, (ratio, name))
         rows.append(
@@ -155,11 +154,7 @@ def _confidence() -> None:
 
     rows = []
     for name, plant in {'as trained': PadPhysics(), **transfer_plants()}.items():
-        cover = 0.6 if plant.missing else 0.9
-        runs = [
-            run(Pad(s, plant), Settings(LAW, min_coverage=cover), PAD_LAYERS)
-            for s in list(SEEDS)[:3]
-        ]
+        runs = [run(Pad(s, plant), Settings(LAW), PAD_LAYERS) for s in list(SEEDS)[:3]]
         sure = np.concatenate([np.concatenate(r.confidence[10:]) for r in runs])
         off = np.concatenate([np.concatenate(r.missed[10:]) for r in runs])
         low, high = np.quantile(sure, [0.1, 0.9])

@@ -46,7 +46,6 @@ class Settings:
     identify: bool = True
     thermal: bool = True
     confidence: bool = True
-    min_coverage: float = 0.9
     model: str = ''
 
     def corrector(self) -> Corrector:
@@ -54,7 +53,7 @@ class Settings:
         server = Corrector(
             CorrectionParams(
                 law='zero' if plain else self.law, gain=self.gain, k_gain=self.k_gain, identify=self.identify,
-                min_coverage=self.min_coverage, model=self.model,
+                model=self.model,
             )
         )  # fmt: skip
         if plain:

@@ -186,6 +186,29 @@ def test_a_prepared_layer_is_answered_alike_without_computing_its_geometry_again
     assert prepared.psi.tobytes() == plain.psi.tobytes()
 
 
+def test_of_a_map_with_a_hole_the_server_corrects_what_was_seen_and_the_hole_holds_the_level():
+    r = request()
+    low = np.where(r.footprint, -0.3e-3, 0.0)
+    hole = np.zeros(SHAPE, bool)
+    hole[:, 40:56] = True  # a quarter of the layer
+    params, where = CorrectionParams(law='bead_solver'), origin(0)
+    whole, part = (
+        Corrector(params).answer(1, replace(r, z=z), where, LastLayer()).correction
+        for z in (low, np.where(hole, np.nan, low))
+    )
+    assert not part.fallback
+    raised = part.residual_height - H * (1 - 1 / part.speed_factor)
+    full = whole.residual_height - H * (1 - 1 / whole.speed_factor)
+    middle = np.s_[28:60, 46:50]
+    assert (
+        raised[middle].mean() == pytest.approx(full[middle].mean(), rel=0.15)
+        and full[middle].mean() > 0.2e-3
+    )
+    assert part.confidence[middle].max() < 0.05
+    few = replace(r, z=np.where(np.arange(96) < 70, np.nan, low))
+    assert Corrector(params).answer(1, few, where, LastLayer()).correction.fallback
+
+
 def test_less_is_laid_where_more_will_grow():
     r, law = request(), UNetLaw.load('none', make_law('damped_inverse'))
     shape = np.zeros(grid_of(r).shape)
