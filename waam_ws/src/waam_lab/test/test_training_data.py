@@ -1,6 +1,7 @@
 """Layers of random parts on random cells for the training of the U-Net."""
 
 import numpy as np
+import pytest
 
 from waam_adapt.beads import features
 from waam_lab import training_data
@@ -62,8 +63,9 @@ def test_cells_are_of_every_metal_and_as_rough_as_their_preset():
     assert 0.1 < np.mean(drifts) < 0.6
 
 
-def test_a_job_leaves_its_layers_and_what_the_base_law_missed(tmp_path, capsys):
-    words = [str(tmp_path), '--seeds', '2004-2004']
+@pytest.mark.parametrize('law', ['bead_solver', 'unet'])
+def test_a_job_leaves_its_layers_and_what_the_base_law_missed(law, tmp_path, capsys):
+    words = [str(tmp_path), '--seeds', '2004-2004', '--law', law]
     assert training_data.main(words) == 0
     layers = list(samples.load(tmp_path))
     assert '1/1 seed 2004' in capsys.readouterr().err

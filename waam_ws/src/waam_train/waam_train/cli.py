@@ -50,7 +50,6 @@ def _arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument('--out', type=Path, required=True, metavar='FOLDER')
     p.add_argument('--steps', type=int, help='steps in all (default 2500)')
     p.add_argument('--batch', type=int, default=8, help='layers per step and process (default 8)')
-    p.add_argument('--rate', type=float, help='largest learning rate (default 0.003)')
     p.add_argument('--seed', type=int, default=1)
     p.add_argument(
         '--check-every',
@@ -58,7 +57,6 @@ def _arguments(p: argparse.ArgumentParser) -> None:
         metavar='STEPS',
         help='validation and checkpoint (default 250)',
     )
-    p.add_argument('--threads', type=int, default=1, help='of torch in every process (default 1)')
     p.add_argument('--resume', action='store_true', help='go on from the checkpoint in --out')
     p.add_argument(
         '--device',
@@ -83,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     except ModuleNotFoundError:
         print('waam train needs torch: pip install -r requirements-train.txt', file=sys.stderr)
         return 1
-    torch.set_num_threads(args.threads)
+    torch.set_num_threads(1)  # the same sums on every machine; processes are for speed
     # as cuBLAS wants it, before its first use
     os.environ.setdefault('CUBLAS_WORKSPACE_CONFIG', ':4096:8')
     torch.use_deterministic_algorithms(True)
@@ -111,7 +109,7 @@ def _train(args: argparse.Namespace) -> int:
     layers = list(samples.load(args.data))
     default = train.Settings()
     settings = train.Settings(
-        steps=args.steps or default.steps, seed=args.seed, batch=args.batch, rate=args.rate or default.rate,
+        steps=args.steps or default.steps, seed=args.seed, batch=args.batch,
         widths=tuple(args.widths) if args.widths else default.widths,
         check_every=args.check_every or default.check_every,
     )  # fmt: skip
