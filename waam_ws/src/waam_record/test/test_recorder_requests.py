@@ -127,6 +127,25 @@ def test_requests_are_known_by_their_folder(graph, tmp_path):
     assert g.call(Record.Request.STOP).success
 
 
+def test_the_client_that_was_started_again_need_not_wait_for_the_end_of_the_one_before(
+    graph, tmp_path
+):
+    g = graph()
+
+    def start(folder: str, client: str) -> Record.Response:
+        told = [f'client={client}']
+        return g.call(Record.Request.START, directory=str(tmp_path / folder), custom_data=told)
+
+    assert start('one', 'job_sequencer@cell:1:aa').success
+    assert 'stop that first' in start('two', 'demo@cell:9:cc').message
+    assert 'stop that first' in start('two', 'job_sequencer@cell:1:aa').message
+    assert start('two', 'job_sequencer@cell:2:bb').success
+    g.spin_until(lambda: 'ended' in info(tmp_path / 'one').custom_data, 10)
+    assert 'was started again' in info(tmp_path / 'one').custom_data['ended']
+    assert check(tmp_path / 'one').sound
+    assert g.call(Record.Request.STOP, directory=str(tmp_path / 'two')).success
+
+
 def test_a_recording_ends_with_its_client(graph, tmp_path):
     g = graph(program=CLIENT_DIES + START)
     telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)

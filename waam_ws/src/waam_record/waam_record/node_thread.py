@@ -192,6 +192,9 @@ class RecordingThread:
         """Answers when the publishers known now are connected, so that nothing after the answer is missed. For the
         folder that is being recorded it answers again."""
         session = self._session
+        if session is not None and self._started_again(request, session):
+            self._end(f'{self._client} was started again')
+            session = None
         if session is None:
             self._current = request
             session = self._begin(request.directory, request.custom_data)
@@ -220,6 +223,14 @@ class RecordingThread:
             return True
 
         return ready
+
+    def _started_again(self, request: Request, session: Session) -> bool:
+        """Whether the request for another folder comes from the node that the session records for, as another process:
+        the one before has died, and nobody will ask for the end of its recording."""
+        asks = request.custom_data.get(CLIENT, '')
+        node, _, _ = self._client.partition('@')
+        other = not request.concerns(session.directory) and asks != self._client
+        return bool(node) and other and asks.partition('@')[0] == node
 
     def _stop(self, request: Request) -> Callable[[], bool] | None:
         """Answers when the files are closed and verified, or after `close_timeout` that they are not. One that is
