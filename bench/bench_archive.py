@@ -1,29 +1,21 @@
-"""The archive of jobs: how fast a recording is taken in and a trend over many jobs answered, and what kills do.
+"""The archive of jobs: how fast a recording is taken in and a trend over many jobs answered.
 
 archive.ingest_mb_per_s: an MCAP recording becomes a job, MB of the file per second (baseline: reading the recording
 alone, every message, in the same run; 120 s of job, 180 MB, the median of five);
 archive.query_ms: p99 of a trend over 10^4 jobs with 10^6 beads, of figures of the beads, asked by a program that holds
 the archive open (baseline: the mean current from reports and telemetry of the folders); archive.query_jobs_ms: the same
 of figures of the jobs (baseline: the RMS from the reports). Each figure is asked twenty times; baselines are medians of
-three, times jobs per folder.
-archive.query_first_ms: the first question of a program to an archive that somebody has asked since it was
-written (p99 of ten; baseline as of archive.query_ms); archive.query_changed_ms: to one that has taken in a job since;
-archive.query_cold_ms: to one that nobody has ever asked, when all files are read. The jobs are three of the laboratory,
-copied with an id, a time and an RMS of their own: 500 as folders that are taken in, the others as rows that go through
-the archive's own writer, because ten thousand folders take minutes to make;
-archive.lost: SIGKILL at 200 random moments of an ingest: jobs that were lost (no longer whole, or not there after the
-next ingest), and jobs that were there twice, together (baseline: 0, which is asked for).
+three, times jobs per folder. The jobs are three of the laboratory, copied with an id, a time and an RMS of their own:
+500 as folders that are taken in, the others as rows that go through the archive's own writer, because ten thousand
+folders take minutes to make.
 
-WAAM_BENCH_ARCHIVE_JOBS (10000), WAAM_BENCH_ARCHIVE_FOLDERS of them (500), WAAM_BENCH_ARCHIVE_KILLS (200)
-change them.
+WAAM_BENCH_ARCHIVE_JOBS (10000), WAAM_BENCH_ARCHIVE_FOLDERS of them (500) change them.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import random
-import shutil
 import sys
 import tempfile
 import time
@@ -38,7 +30,6 @@ from lib.seeds import seeds
 JOBS = int(os.environ.get('WAAM_BENCH_ARCHIVE_JOBS', '10000'))
 FOLDERS = min(JOBS, int(os.environ.get('WAAM_BENCH_ARCHIVE_FOLDERS', '500')))
 LAYERS = 9  # of a job of the laboratory: 108 beads
-KILLS = int(os.environ.get('WAAM_BENCH_ARCHIVE_KILLS', '200'))
 ASKED = ('rms', 'deposition', 'strikes', 'current', 'bead_energy')
 QUESTIONS = 100
 
@@ -113,21 +104,6 @@ def filled(place: Path, jobs: Path) -> None:
     print(f'{FOLDERS} folders taken in within {spent:.0f} s; {beads} beads', file=sys.stderr)
 
 
-def one_more(place: Path, jobs: Path, number: int) -> None:
-    """Takes one more job into the archive."""
-    from lib.archive_jobs import without_folders
-
-    from waam_archive.archive import Archive
-    from waam_archive.ingest import read, sources
-
-    (made,) = without_folders([read(next(iter(sources(jobs))))], 1, 100 + number)
-    made.job = f'more{number}'
-    made.rows = {t: [row | {'job': made.job} for row in rows] for t, rows in made.rows.items()}
-    with Archive(place).store.writing() as writer:
-        writer.add([made])
-        writer.merge()
-
-
 def query_time() -> None:
     from waam_archive.archive import Archive
     from waam_archive.metrics import METRICS
@@ -136,85 +112,25 @@ def query_time() -> None:
 
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
         jobs = Path(scratch) / 'jobs'
-        place = jobs / 'archive'
-        filled(place, jobs)
-        took: dict[str, list[float]] = {name: [] for name in ASKED}
-        opened: dict[str, list[float]] = {'cold': [], 'first': [], 'changed': []}
-        for n, m in enumerate(ASKED * 2):
-            shutil.rmtree(place / '.figures', ignore_errors=True)
-            for kind, times in opened.items():
-                if kind == 'changed':
-                    one_more(place, jobs, n)
-                times.append(timed(lambda m=m: values_of(Archive(place), m, Selection())))
-        for name, times in opened.items():
-            said = f'opened and asked, {name}: median {np.median(times) * 1e3:.0f} ms'
-            print(said, file=sys.stderr)
-        held = Archive(place)
+        filled(jobs / 'archive', jobs)
+        held, took = Archive(jobs / 'archive'), {}
         for name in ASKED:
             values_of(held, name, Selection())
-            for _ in range(QUESTIONS // len(ASKED)):
-                took[name].append(timed(lambda m=name: values_of(held, m, Selection())))
+            asked = range(QUESTIONS // len(ASKED))
+            took[name] = [timed(lambda m=name: values_of(held, m, Selection())) for _ in asked]
         plain = {
-            q: [timed(lambda q=q: q(jobs)) for _ in range(3)]
-            for q in (from_reports, from_telemetry)
+            of_beads: float(np.median([timed(lambda q=q: q(jobs)) for _ in range(3)]))
+            for of_beads, q in ((True, from_telemetry), (False, from_reports))
         }
-    slow = {q: float(np.median(t)) * 1e3 * JOBS / FOLDERS for q, t in plain.items()}
-    for name, times in took.items():
-        folders = slow[from_telemetry if METRICS[name].of_beads else from_reports]
-        p50, last = np.median(times) * 1e3, max(times) * 1e3
-        print(
-            f'{name}: p50 {p50:.1f} ms, max {last:.1f} ms; from folders {folders:.0f} ms, {folders / p50:.0f} times',
-            file=sys.stderr,
-        )
     said = f'the same from {FOLDERS} job folders, scaled to {JOBS}'
-    for figure, of_beads, source in (
-        ('archive.query_ms', True, from_telemetry),
-        ('archive.query_jobs_ms', False, from_reports),
-    ):
-        mine = [
-            t for name, times in took.items() if METRICS[name].of_beads == of_beads for t in times
-        ]
-        emit(figure, float(np.quantile(mine, 0.99)) * 1e3, 'ms', said, slow[source])
-    for figure, times in opened.items():
-        p99 = float(np.quantile(times, 0.99)) * 1e3
-        emit(f'archive.query_{figure}_ms', p99, 'ms', said, slow[from_telemetry])
-
-
-def lost() -> None:
-    import lib.archive_jobs  # noqa: F401 - puts the folder of the next two on the path
-
-    from waam_archive.archive import Archive
-    from waam_archive.ingest import ingest
-
-    from killing import counted, ingest_in_child, troubles  # isort: skip
-    from made_jobs import make_job  # isort: skip
-
-    rng = random.Random(seeds((1,))[0])
-    with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
-        jobs = Path(scratch) / 'jobs'
-        for n in range(1, 7):
-            make_job(jobs, n, layers=1)
-        spent = timed(lambda: ingest_in_child(Path(scratch) / 'whole', jobs, 60.0))
-        expected, wrong, killed = counted(Path(scratch) / 'whole'), 0, 0
-        for n in range(KILLS):
-            place = Path(scratch) / f'a{n}'
-            killed += ingest_in_child(place, jobs, rng.uniform(0.0, spent))
-            found = troubles(place, expected)
-            ingest(Archive(place).store, [jobs])
-            found += ['lost or doubled'] * (counted(place) != expected)
-            for line in found:
-                print(f'kill {n}: {line}', file=sys.stderr)
-            wrong += bool(found)
-        print(f'{killed} of {KILLS} were killed before their end', file=sys.stderr)
-    emit('archive.lost', wrong, 'kills with a job lost or doubled', 'asked for', 0)
+    for figure, of_beads in (('archive.query_ms', True), ('archive.query_jobs_ms', False)):
+        mine = np.concatenate([t for n, t in took.items() if METRICS[n].of_beads == of_beads])
+        folders = plain[of_beads] * 1e3 * JOBS / FOLDERS
+        emit(figure, float(np.quantile(mine, 0.99)) * 1e3, 'ms', said, folders)
 
 
 FIGURES = {
     'archive.ingest_mb_per_s': ingest_rate,
     'archive.query_ms': query_time,
     'archive.query_jobs_ms': query_time,
-    'archive.query_first_ms': query_time,
-    'archive.query_changed_ms': query_time,
-    'archive.query_cold_ms': query_time,
-    'archive.lost': lost,
 }

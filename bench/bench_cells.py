@@ -1,27 +1,18 @@
-"""Many cells: how fast the page of all cells is there, and what a second cell costs the loop of the first.
+"""Many cells: how fast the page of all cells is there.
 
 panel.first_paint_ms: the page /cells of a panel with 4 cells, 250 open items in the queue of each and 1000 job folders
 (no ROS; four panels in this process): from the request to the first paint in which the cards of all four cells stand,
 median of 9 loads in fresh browser profiles (baseline: the limit, 1000 ms). Needs playwright and Chromium.
-
-cells.loop_p99_growth_pct: growth of the 99th percentile of the loop's latency (bench_view.py) of one cell at work,
-when a second, idle cell is up beside it on the same network; runs alternate (baseline: the limit, 10 %). Each cell has
-half of the cores to itself, with and without the other one, as each has a computer of its own in a shop: the network is
-what they share. Meaningful on an idle machine only.
-
-WAAM_VIEW_BENCH_S, WAAM_VIEW_BENCH_RUNS as in bench_view.py: 7 minutes.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -125,50 +116,4 @@ def _load(browser, url: str) -> float:
         context.close()
 
 
-@contextmanager
-def on_cores(cores: list[int]) -> Iterator[None]:
-    """What is started here, threads and processes, keeps to these cores."""
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, cores)
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)
-
-
-def side_by_side() -> None:
-    """The loop of a cell at work, with and without an idle cell beside it."""
-    from bench_view import RUNS, SECONDS, START_S, measure
-
-    from waam_bringup.graph import Settings
-    from waam_bringup.operate import graph
-
-    cores = sorted(os.sched_getaffinity(0))
-    half = len(cores) // 2
-    if not half:
-        raise RuntimeError('two cells need two cores')
-    pooled: dict[bool, list[np.ndarray]] = {False: [], True: []}
-    for number in range(RUNS):
-        for beside in (False, True) if number % 2 == 0 else (True, False):
-            with ExitStack() as stack, within(2 * START_S + SECONDS, 'a run of two cells'):
-                folder = Path(
-                    stack.enter_context(tempfile.TemporaryDirectory(prefix='waam_cells_'))
-                )
-                if beside:
-                    idle = Settings(run=folder / 'second', seed=8, rate=1.0)
-                    with on_cores(cores[half:]):
-                        stack.enter_context(graph(idle, 97, 90.0))
-                with on_cores(cores[:half]):
-                    pooled[beside].append(measure(folder, True, 98))
-            shown = np.percentile(pooled[beside][-1] * 1e3, [50, 99])
-            kind = 'two cells' if beside else 'one cell'
-            print(
-                f'# {kind}: p50 {shown[0]:.2f} ms, p99 {shown[1]:.2f} ms',
-                file=sys.stderr,
-                flush=True,
-            )
-    one, two = (float(np.percentile(np.concatenate(pooled[k]) * 1e3, 99)) for k in (False, True))
-    emit('cells.loop_p99_growth_pct', 100 * (two / one - 1), '%', 'limit', 10.0)
-
-
-FIGURES = {'panel.first_paint_ms': first_paint, 'cells.loop_p99_growth_pct': side_by_side}
+FIGURES = {'panel.first_paint_ms': first_paint}

@@ -1,4 +1,4 @@
-"""The link between bridge and controller: speed beside Printrun's printcore, overrides, telemetry, clock, noise, kills.
+"""The link between bridge and controller: speed beside Printrun's printcore, overrides, telemetry, clock.
 
 link.segments_per_s: segments per second of wall time through bridge core, transport and a real pseudo-terminal into
     the virtual controller (`--rate 0`), executed; baseline: lines per second of printcore, same run
@@ -10,21 +10,8 @@ link.telemetry_1khz_lost: frames missing (sequence numbers) at 1 kHz while segme
     baseline: frames received. WAAM_BENCH_LINK_S seconds (60; 600 for a verdict)
 link.clock_residual_p99_ms: over the same time, how far the fitted line was from the fastest round trip of the next
     two seconds, before it was fitted anew. Limit: 0.2 ms
-link.third_outcomes: the noise campaign (waam_bridge/test/bridge_campaign.py: the real bridge core and the real C core
-    in one process, real bytes both ways); baseline: segments. WAAM_BENCH_NOISE segments (20000; 1000000 for a
-    verdict), of WAAM_BENCH_NOISE_SEED (11)
-arc.off_max_ms: age of the lease, in controller time, when the arc went off after kill -9 of the host or a pulled
-    terminal; the outputs of a killed controller die with it and count 0. Limit: 500 ms.
-    WAAM_BENCH_KILLS moments (9; 200 for a verdict). A scene that a busy computer has upset is set up anew, five
-    times at most; how often goes to stderr
-
-With WAAM_BENCH_SHAPER=1 noise and kills run with an input shaper in the controller (2HUMP_EI and MZV), with
-WAAM_BENCH_SCALE=1 with steps per mm that differ from axis to axis (319.873, 345.021, 640.5), with WAAM_BENCH_ACCEL=1
-with lower accelerations of X and Y (333.3 and 450 mm/s^2).
-
-Without Printrun the two baselines are null. With the defaults it takes about 3 minutes, with WAAM_BENCH_LINK_S=600 and
-WAAM_BENCH_KILLS=200 some 20; WAAM_BENCH_NOISE=1000000 takes an hour of its own. Each part says on stderr how long it
-took, and nothing waits without a limit. A controller ends with the part that it was started for.
+Without Printrun the two baselines are null. Nothing waits without a limit; a controller ends with the part that it was
+started for.
 """
 
 from __future__ import annotations
@@ -52,15 +39,8 @@ JOB = 20_000  # segments of the speed run
 PRINTCORE_JOB = 2_000  # it sends about 600 lines per second
 OVERRIDES = 400
 SWITCH_INTERVAL = 0.001  # s, as in the node
-UPSET_MOST = 5
 START = '0.5,0.5,199.5'  # mm, where the machine stands
 STEADY_S = float(os.environ.get('WAAM_BENCH_LINK_S', '60'))
-NOISE = int(os.environ.get('WAAM_BENCH_NOISE', '20000'))
-NOISE_SEED = int(os.environ.get('WAAM_BENCH_NOISE_SEED', '11'))
-SHAPED = os.environ.get('WAAM_BENCH_SHAPER', '') == '1'
-SCALED = os.environ.get('WAAM_BENCH_SCALE', '') == '1'
-SLOWED = os.environ.get('WAAM_BENCH_ACCEL', '') == '1'
-KILLS = int(os.environ.get('WAAM_BENCH_KILLS', '9'))
 
 
 @contextmanager
@@ -275,65 +255,10 @@ class Stalls:
         return self._worst * 1e3
 
 
-def settings() -> tuple[str, ...]:
-    """Of the controller, for noise and kills."""
-    from bridge_campaign import ACCEL, SCALE, SHAPER
-
-    return (SHAPER if SHAPED else ()) + (SCALE if SCALED else ()) + (ACCEL if SLOWED else ())
-
-
-def noise() -> None:
-    from bridge_campaign import Campaign
-    from rich.progress import Progress
-
-    with Progress(transient=True) as bar:
-        task = bar.add_task('noise campaign', total=NOISE)
-        campaign = Campaign(NOISE, seed=NOISE_SEED, settings=settings())
-        report = campaign.run(lambda done: bar.update(task, completed=done))
-    for text in report.third:
-        print(f'bench_link: third outcome: {text}', file=sys.stderr)
-    print(f'bench_link: {report}', file=sys.stderr)
-    emit('link.third_outcomes', len(report.third), '1', 'segments', float(report.segments))
-
-
-def kills() -> None:
-    with tempfile.TemporaryDirectory(prefix='waam_link_') as folder:
-        ages, upset = lease_ages(Path(folder))
-    print(f'bench_link: {len(ages)} kills, {upset} scenes upset', file=sys.stderr)
-    emit('arc.off_max_ms', max(ages), 'ms', 'limit', 500.0)
-
-
-def lease_ages(folder: Path) -> tuple[list[float], int]:
-    """Age of the lease in ms after each kill, and how many scenes a busy computer has upset."""
-    from bridge_harness import virtual_controller
-    from bridge_kill import KINDS, Scene
-    from rich.progress import track
-
-    ages: list[float] = []
-    upset = 0
-    scene = Scene(folder, virtual_controller(), seed=7, settings=settings())
-    try:
-        for n in track(range(KILLS), 'kills', transient=True):
-            try:
-                ages.append(scene.kill(KINDS[n % 3]))
-            except (AssertionError, OSError) as e:
-                upset += 1
-                print(f'bench_link: {KINDS[n % 3]}, moment {n}: {e}', file=sys.stderr)
-                if upset > UPSET_MOST or 'struck' in str(e):
-                    raise
-                scene.close()
-                scene = Scene(folder, virtual_controller(), seed=7 + n, settings=settings())
-    finally:
-        scene.close()
-    return ages, upset
-
-
 FIGURES = {
     'link.segments_per_s': speed,
     'link.host_us_per_segment': speed,
     'link.override_p99_ms': steady,
     'link.telemetry_1khz_lost': steady,
     'link.clock_residual_p99_ms': steady,
-    'link.third_outcomes': noise,
-    'arc.off_max_ms': kills,
 }

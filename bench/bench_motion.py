@@ -8,17 +8,6 @@ without a shaper, RMS over five moves, mean of five gantries (seeds 201-205): at
 the shaper 15 % off it, the worse side. Baseline: without a shaper, um.
 motion.corner_error_mm, motion.corner_error_fast_mm: distance of the commanded path from a right angle at 10 and 50 mm/s
 with that shaper, the worst of the five. Baseline: without a shaper.
-motion.bead_ripple_ratio: a bead along x and, round a right angle, along y at 10 mm/s on the simulated cell; RMS
-distance from the second leg of the line that the wire is laid on, from 1 to 6 mm behind the corner, with the shaper
-that was calibrated over that without, mean of five gantries (seeds 301-305). Baseline: without a shaper, um. The crown
-of the bead shows none of it: a pool of 6 mm averages waves of 0.3 mm.
-motion.idle_jerk_ratio: greatest jerk of an idle leg as plans have it over that of one move (trapezoid) with the same
-highest speed and acceleration, at the steps, smoothed over 20 ms: the worst of legs of 14, 50 and 100 mm. Baseline:
-trapezoid, m/s^3.
-motion.joined_jerk_ratio: the same of a way of 80 mm by the general law, whose ends are given (lib/joined.py): from 10
-mm/s without acceleration to a joint with acceleration, and from there to a speed that is kept. motion.joined_speed_pct:
-greatest difference between the speed at the steps (mean of 20 ms) and that of the law, over the greatest speed.
-Baseline: one speed per part of the way.
 """
 
 from __future__ import annotations
@@ -30,9 +19,7 @@ import numpy as np
 from lib.emit import emit
 from lib.paths import SOURCES
 
-FOUND, USED, LAID = range(101, 121), range(201, 206), range(301, 306)
-SMOOTHED = 20  # ms
-LEGS = (0.014, 0.05, 0.1)  # m, of idle moves
+FOUND, USED = range(101, 121), range(201, 206)
 
 
 def shaken():
@@ -166,115 +153,10 @@ def shaping() -> None:
         emit(f'motion.{name}', value, unit, said, base)
 
 
-def ripple_of(params, seed: int, settings: list[tuple[str, float]]) -> float:
-    """RMS distance (m) of the wire from the second leg of a bead with a corner, from 1 to 6 mm behind it."""
-    import steps_bead
-
-    from waam_sim.plant import PlantParams
-
-    corner, z = (0.045, 0.020), steps_bead.THICK
-    path = [(0.015, corner[1], z), (*corner, z), (corner[0], 0.045, z)]
-    with steps_bead.Layer(PlantParams(gantry=params), seed, 0.08) as layer:
-        layer.configure(settings)
-        at: list[tuple[float, float]] = []
-
-        def note(samples: np.ndarray, plant) -> None:
-            zero, swing = plant.params.work_zero, plant.gantry.deviation
-            x, y = (-float(samples[name][-1]) for name in ('table_x', 'table_y'))
-            if plant.arc_on:
-                at.append((x + swing[0] - zero[0], y + swing[1] - zero[1]))
-
-        layer.machine.on_exchange = note
-        layer.bead(path, [0.01, 0.01])
-    x, y = np.array(at).T
-    behind = (y > corner[1] + 1e-3) & (y < corner[1] + 6e-3)
-    return float(np.sqrt(np.mean((x[behind] - corner[0]) ** 2)))
-
-
-def ripple() -> None:
-    ratios, plain = [], []
-    for seed in LAID:
-        params = gantry(seed)
-        with shaken().Shaker(params, seed) as shaker:
-            settings = calibrated(shaker)[0].settings()
-        before, after = (ripple_of(params, seed, told) for told in ([], settings))
-        print(
-            f'motion: seed {seed}: bead {1e6 * before:.2f}, shaped {1e6 * after:.2f} um',
-            file=sys.stderr,
-        )
-        ratios.append(after / before)
-        plain.append(1e6 * before)
-    emit(
-        'motion.bead_ripple_ratio',
-        float(np.mean(ratios)),
-        '',
-        'no shaper, um',
-        float(np.mean(plain)),
-    )
-
-
-def jerk(place: np.ndarray) -> float:
-    """Greatest jerk (m/s^3) of places (n,) m, one per ms, in steps: each difference is smoothed."""
-    window = np.ones(SMOOTHED) / SMOOTHED
-    for _ in range(3):
-        place = np.convolve(np.diff(place) / 1e-3, window, mode='valid')
-    return float(abs(place).max())
-
-
-def idle_jerk(shaker, length: float, law: str) -> float:
-    """Greatest jerk (m/s^3) of an idle leg along x as the planner makes it."""
-    from waam_plan.plan import leg
-    from waam_plan.settings import PlanSettings
-
-    settings = PlanSettings(idle_law=law)
-    x, y, z = shaken().POINT
-    start, end = (x - length / 2, y, z), (x + length / 2, y, z)
-    shaker.go((start, settings.idle_speed))
-    path: list[np.ndarray] = []
-    shaker.machine.on_exchange = lambda samples, plant: path.append(-samples['table_x'])
-    shaker.go(*((s.end, s.speed) for s in leg(start, end, settings)))
-    return jerk(np.concatenate(path))
-
-
-def idle() -> None:
-    from waam_sim.gantry import GantryParams
-
-    found = {}
-    with shaken().Shaker(GantryParams()) as shaker:
-        for length in LEGS:
-            plain = idle_jerk(shaker, length, 'plain')
-            found[length] = idle_jerk(shaker, length, 'harmonic') / plain, plain
-    each = ', '.join(f'{1e3 * k:g} mm {v:.3f}' for k, (v, _) in found.items())
-    print(f'motion: idle legs: {each}', file=sys.stderr)
-    ratio, plain = max(found.values())
-    emit('motion.idle_jerk_ratio', ratio, '', 'trapezoid, m/s^3', plain)
-
-
-def joined() -> None:
-    from lib.joined import drive
-
-    with shaken().Shaker(gantry_at_rest()) as shaker:
-        found = {name: drive(shaker, name, shaken().POINT) for name in ('law', 'plain')}
-    law, plain = (jerk(found[name].place) for name in ('law', 'plain'))
-    emit('motion.joined_jerk_ratio', law / plain, '', 'one speed per part, m/s^3', plain)
-    off = {name: 100 * run.speed_error() for name, run in found.items()}
-    emit('motion.joined_speed_pct', off['law'], '%', 'one speed per part', off['plain'])
-
-
-def gantry_at_rest():
-    from waam_sim.gantry import GantryParams
-
-    return GantryParams()
-
-
 FIGURES = {
-    'motion.joined_jerk_ratio': joined,
-    'motion.joined_speed_pct': joined,
     'motion.calibration_hz_error_pct': frequency,
     'motion.vibration_ratio': shaping,
     'motion.vibration_ratio_off': shaping,
     'motion.corner_error_mm': shaping,
     'motion.corner_error_fast_mm': shaping,
-    'motion.bead_ripple_ratio': ripple,
-    'motion.idle_jerk_ratio': idle,
 }

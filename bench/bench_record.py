@@ -4,9 +4,6 @@ batches of profiles and one 1 MB map per second, each from a process of its own.
 record.lost: messages missing in the record (baseline: missing in the plain file);
 record.cpu_percent: of one core (baseline: the plain writer's);
 record.dispatch_p99_ms: publication to time stamp in the record, telemetry (baseline: the plain writer's);
-record.mb_per_s: what the writer thread puts on the disk when it never has to wait (baseline: mcap.writer alone);
-record.mb_per_s_bound: zstd and the disk alone, which nothing that writes this format can pass (baseline: the recorder);
-record.messages_per_s: the same for frames of telemetry alone (baseline: mcap.writer alone);
 record.recovered_gap_s: kill -9 while recording: what is missing at the end (baseline: 1 s, which is asked for).
 
 BENCH_RECORD_S: seconds of the first part, default 30 (600 for the long run). Everything is local to ROS domain 79.
@@ -172,68 +169,6 @@ def on_the_graph(scratch: Path) -> None:
     emit('record.dispatch_p99_ms', p99, 'ms', 'median of the same', float(np.median(delays)))
 
 
-def throughput(scratch: Path) -> None:
-    """From memory: the whole path of the recorder behind the subscriptions, and mcap alone."""
-    rng = np.random.default_rng(1)
-    big = (np.cumsum(rng.normal(size=250_000)) * 1e-4).astype(np.float32).tobytes()
-    small = rng.bytes(40) + bytes(120)
-    mixed = ([big] + [small] * 100) * 120
-    total = sum(map(len, mixed)) * 1e-6
-    ours, alone = _ours(scratch / 'mixed', mixed), _alone(scratch / 'mixed.mcap', mixed)
-    emit('record.mb_per_s', total / ours, 'MB/s', 'mcap.writer alone, not verified', total / alone)
-    bound = _bound(scratch / 'bound', b''.join(mixed))
-    emit('record.mb_per_s_bound', total / bound, 'MB/s', 'the recorder', total / ours)
-    many = [small] * 200_000
-    ours, alone = _ours(scratch / 'many', many), _alone(scratch / 'many.mcap', many)
-    emit('record.messages_per_s', len(many) / ours, '1/s', 'mcap.writer alone', len(many) / alone)
-
-
-def _ours(folder: Path, messages: list[bytes]) -> float:
-    """Seconds."""
-    from waam_record.bag_writer import BagWriter, Topic
-    from waam_record.recording import Limits, Recording
-
-    began = time.perf_counter()
-    recording = Recording(BagWriter(folder), Limits(queue_bytes=1 << 30))
-    topic = recording.add_topic(Topic('/x', 'std_msgs/msg/String', 'string data\n'))
-    for i, message in enumerate(messages):
-        recording.put(topic, i + 1, i + 1, i, message)
-    recording.stop({})
-    recording.wait(300)
-    return time.perf_counter() - began
-
-
-def _alone(file: Path, messages: list[bytes]) -> float:
-    """Seconds."""
-    from mcap.writer import CompressionType, Writer
-
-    began = time.perf_counter()
-    with open(file, 'wb') as stream:
-        writer = Writer(stream, compression=CompressionType.ZSTD)
-        writer.start(profile='ros2', library='plain')
-        schema = writer.register_schema('x', 'ros2msg', b'')
-        channel = writer.register_channel('/x', 'cdr', schema)
-        for i, message in enumerate(messages):
-            writer.add_message(channel, i, message, i)
-        writer.finish()
-        os.fsync(stream.fileno())
-    return time.perf_counter() - began
-
-
-def _bound(file: Path, data: bytes) -> float:
-    """Seconds that nobody can go below: the same bytes through zstd in pieces of a chunk, and to the disk."""
-    import zstandard
-
-    compressor = zstandard.ZstdCompressor()
-    began = time.perf_counter()
-    with open(file, 'wb') as stream:
-        for at in range(0, len(data), 1 << 20):
-            stream.write(compressor.compress(data[at : at + (1 << 20)]))
-        stream.flush()
-        os.fsync(stream.fileno())
-    return time.perf_counter() - began
-
-
 def killed(scratch: Path) -> None:
     """Wall time between the last message that was sent and the last that is recovered."""
     from waam_record.bag_copy import recover
@@ -278,14 +213,10 @@ def within_scratch(
 
 
 RECORD = within_scratch(SECONDS * 1.5 + 180, 'recording on the graph', on_the_graph)
-WRITE = within_scratch(180, 'writing as fast as possible', throughput)
 KILL = within_scratch(120, 'the killed recorder', killed)
 FIGURES = {
     'record.lost': RECORD,
     'record.cpu_percent': RECORD,
     'record.dispatch_p99_ms': RECORD,
-    'record.mb_per_s': WRITE,
-    'record.mb_per_s_bound': WRITE,
-    'record.messages_per_s': WRITE,
     'record.recovered_gap_s': KILL,
 }

@@ -5,20 +5,17 @@ scan.core_points_per_s: points per second on 2 cores into 512 x 512 cells of 0.2
   and with the points of every profile shuffled too. Baselines in the same run on the same order, one thread as they
   are: SciPy binned_statistic_2d (mean) and Open3D voxel down-sampling. Wall time on an idle machine; WAAM_BENCH_CPU=1
   takes 2 x points per CPU second instead (on a busy one), and the line says so.
-scan.memory_mb: peak memory of the process after 31 times the points, against after the first batch.
 scan.ros_points_per_s: the most points per second from a publisher process through ProfileBatch messages into the real
   node with nothing lost (baseline: the rate that was asked for); the line also tells what the node's process used of
   a core per point and how much memory it holds. WAAM_BENCH_ROS_S: seconds per rate (default 3).
 scan.profile_to_map_ms: last profile published to 512 x 512 map received, by another process, worst of the runs.
 scan.rms_mm: error of the map of a simulated scan (noise 0.03 mm, 1 % spikes, 5 % drop-outs, cells of 0.25 mm), against
   the plain mean and the exact median per cell.
-Table, only when asked for by name: scan.estimators compares ways to make one height of the points of a cell.
 """
 
 from __future__ import annotations
 
 import os
-import resource
 import time
 from collections.abc import Callable
 
@@ -131,33 +128,15 @@ def bench_core() -> None:
             )  # fmt: skip
 
 
-def bench_memory() -> None:
-    core('scanning', 1)
-    before = peak_mb()
-    core('scanning', 31)
-    after = peak_mb()
-    emit('scan.memory_mb', after, 'MB', 'peak of the process after one batch instead of 31', before)
-
-
-def peak_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
 def bench_accuracy() -> None:
     s = scan_surface.scan()
-    z, sigma, _ = scan_surface.ours(s)
+    z, sigma = scan_surface.ours(s)
     rms, bias = scan_surface.errors(z)
     true, good = scan_surface.truth()
     ratio = float(np.sqrt(np.nanmean(((z - true) / sigma)[good] ** 2)))
     note = f'bias {bias * 1e3:+.5f} mm, true error / stated uncertainty {ratio:.3f}'
-    for name, other in (
-        ('plain mean per cell', scan_surface.mean(s)[0]),
-        (
-            'exact median per cell',
-            scan_surface.of_all_points(s, lambda h: float(np.median(h)))[0],
-        ),
-    ):
-        baseline = scan_surface.errors(other)[0]
+    for name, estimate in (('plain mean per cell', np.mean), ('exact median per cell', np.median)):
+        baseline = scan_surface.errors(scan_surface.per_cell(s, estimate))[0]
         emit('scan.rms_mm', rms * 1e3, 'mm', f'{name}; {note}', baseline * 1e3)
 
 
@@ -189,15 +168,9 @@ def bench_ros() -> None:
         )  # fmt: skip
 
 
-def print_estimators() -> None:
-    print('\n'.join(scan_surface.table()))
-
-
-FIGURES = {  # memory first, because it looks at the peak of this process
-    'scan.memory_mb': bench_memory,
+FIGURES = {
     'scan.rms_mm': bench_accuracy,
     'scan.core_points_per_s': bench_core,
     'scan.ros_points_per_s': bench_ros,
     'scan.profile_to_map_ms': bench_ros,
 }
-TABLES = {'scan.estimators': print_estimators}

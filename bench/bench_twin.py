@@ -1,4 +1,4 @@
-"""`waam lab fit` on cells whose parameters are hidden from it, and on recordings of others.
+"""`waam lab fit` on cells whose parameters are hidden from it.
 
 twin.coverage: share of the true values inside the 90 % intervals, over ten hidden cells, of the parameters that differ
 between these cells and that the fit says it was told (baseline: 0.9, what the intervals promise); twin.coverage_all:
@@ -6,8 +6,6 @@ the same with those that it says it was not told;
 twin.forecast_error_pct: mean over the cells of the error of the RMS that the laboratory forecasts for the next job,
 another part, on the fitted cell, against the mean of four such jobs on the hidden one (baseline: forecast on the
 packaged cell);
-twin.misfit_current (A), twin.misfit_cooling, twin.misfit_layer_height (%): recordings of others (`../shared/data`;
-left out with a line on stderr where they are not): misfit on the fitted parameters (baseline: on the packaged ones).
 
 A hidden cell leaves two job folders; the fit sees nothing else. WAAM_BENCH_KEEP=FOLDER keeps records, fits and
 forecasts there, and a run that was ended goes on. WAAM_BENCH_CELLS (10) shrinks it; `0-4` takes a part of them.
@@ -25,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lib import twin_cells, twin_data
+from lib import twin_cells
 from lib.emit import emit
 
 RECORDS, NEXT, FORECASTS = 2, 4, 2
@@ -154,7 +152,4 @@ FIGURES = {
     'twin.coverage': cells_found,
     'twin.coverage_all': cells_found,
     'twin.forecast_error_pct': cells_found,
-    'twin.misfit_current': twin_data.report,
-    'twin.misfit_cooling': twin_data.report,
-    'twin.misfit_layer_height': twin_data.report,
 }

@@ -220,21 +220,16 @@ def run_case(folder: Path, name: str, seed: int, whole: float = math.nan) -> dic
     try:
         result = laboratory.run(job)
     except Exception as e:  # a traceback in the face of the operator is a fault of ours
-        return {
-            'what': name,
-            'seed': seed,
-            'ended': f'{type(e).__name__}: {e}',
-            'said': False,
-            'harmless': False,
-        }
+        return {'ended': f'{type(e).__name__}: {e}', 'right': False}
     finally:
         laboratory.LabCell = kept
     named = [a for a in result.anomalies if a['class'] in ABOUT]
     crashed = result.error_code == 100  # UNKNOWN: an error that nobody expected
+    said = (result.failed and not crashed) or bool(named)
+    harmless = bool(result.rms <= HARMLESS * whole)
     return {
-        'what': name, 'seed': seed, 'ended': result.verdict, 'message': result.message, 'layers': result.layers,
+        'ended': result.verdict, 'message': result.message, 'layers': result.layers,
         'rms_mm': round(result.rms * 1e3, 4) if math.isfinite(result.rms) else None,
-        'said': (result.failed and not crashed) or bool(named),
+        'said': said, 'harmless': harmless, 'right': said or harmless,
         'warnings': [f"{a['class']}: {a['text']}" for a in named][:4],
-        'harmless': bool(result.rms <= HARMLESS * whole),
     }  # fmt: skip

@@ -16,6 +16,7 @@ from waam_plan.lay.restore import plan_restoration
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan
 from waam_plan.robot.cell import RobotCell
+from waam_plan.robot.motion import TOLERANCE
 from waam_plan.robot.run import check
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
@@ -54,28 +55,25 @@ def _worn() -> Plan:
 
 @dataclass(frozen=True)
 class Found:
-    """um between the path of the robot and that of the plan, degrees between the torches; bytes of the files."""
+    """um between the path of the robot and that of the plan, degrees between the torches."""
 
     part: str
     post: str
     positioner: str
     path_um: float
     lean_deg: float
-    size: int
 
 
-def programs(corner: float, tolerance: float) -> Iterator[Found]:
-    """corner, tolerance: m"""
+def programs() -> Iterator[Found]:
+    """All parts, languages and positioners."""
     for name, plan in plans():
         x0, x1, y0, y1 = plan.spec.extent
         origin = (-(x0 + x1) / 2, -(y0 + y1) / 2, 0.0)
         for positioner in POSITIONERS:
-            cell = RobotCell(positioner=positioner, origin=origin, corner=corner)
+            cell = RobotCell(positioner=positioner, origin=origin)
             for post in POSTS:
                 write, read = language(post)
-                files = write(plan, cell=cell, tolerance=tolerance)
+                files = write(plan, cell=cell, tolerance=TOLERANCE)
                 found = check(plan, read(files, cell=cell), cell)
-                size = sum(map(len, files.values()))
-                yield Found(
-                    name, post, positioner, found.path * 1e6, float(np.degrees(found.lean)), size
-                )
+                lean = float(np.degrees(found.lean))
+                yield Found(name, post, positioner, found.path * 1e6, lean)
