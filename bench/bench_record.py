@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 from lib.emit import emit
 from lib.limit import within
+from lib.node import cpu_seconds
 
 SECONDS = float(os.environ.get('BENCH_RECORD_S', '30'))
 RATES = {'telemetry': 1000, 'profiles': 10, 'height_map': 1}
@@ -110,11 +111,6 @@ def until(condition: Callable[[], bool]) -> None:
     """Returns when it holds; `within` ends the wait."""
     while not condition():
         time.sleep(0.05)
-
-
-def cpu_seconds(pid: int) -> float:
-    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def counts(path: Path) -> tuple[int, list[float]]:

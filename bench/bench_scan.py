@@ -1,10 +1,8 @@
 """Scan fusion: speed of the core, speed through ROS, time to the map, accuracy.
 
 scan.core_points_per_s: points per second on 2 cores into 512 x 512 cells of 0.2 mm, poses, validity and the robust
-  estimator included, from four sensors of 3200 points at 16 kHz; points in scanning order, with the profiles shuffled,
-  and with the points of every profile shuffled too. Baselines in the same run on the same order, one thread as they
-  are: SciPy binned_statistic_2d (mean) and Open3D voxel down-sampling. Wall time on an idle machine; WAAM_BENCH_CPU=1
-  takes 2 x points per CPU second instead (on a busy one), and the line says so.
+  estimator included, from four sensors of 3200 points at 16 kHz in scanning order. Baselines in the same run on the
+  same points, one thread as they are: SciPy binned_statistic_2d (mean) and Open3D voxel down-sampling.
 scan.ros_points_per_s: the most points per second from a publisher process through ProfileBatch messages into the real
   node with nothing lost (baseline: the rate that was asked for); the line also tells what the node's process used of
   a core per point and how much memory it holds. WAAM_BENCH_ROS_S: seconds per rate (default 3).
@@ -34,7 +32,6 @@ GRID = GridSpec(0.0, 0.0, 0.2e-3, 512, 512)
 # per profile; profiles per batch; profiles per second of four sensors
 POINTS, BATCH, RATE = (3200, 2048, 64_000)
 SPEED = 0.1  # m/s, travel: the grid takes one second and 2e8 points
-CPU = os.environ.get('WAAM_BENCH_CPU') == '1'
 
 
 def batch(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -47,12 +44,6 @@ def batch(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return x, z.astype(np.float32)
 
 
-def shuffled(rng: np.random.Generator, *arrays: np.ndarray) -> list[np.ndarray]:
-    """The values of equal arrays in a common random order."""
-    places = rng.permutation(arrays[0].size)
-    return [a.ravel()[places].reshape(a.shape) for a in arrays]
-
-
 def pose_track(seconds: float) -> PoseTrack:
     """1 kHz of telemetry along x; after every second the travel turns back."""
     track = PoseTrack(200_000)
@@ -63,39 +54,28 @@ def pose_track(seconds: float) -> PoseTrack:
     return track
 
 
-def core(order: str, batches: int) -> tuple[float, float]:
-    """Points per second of wall time and per second of CPU time. order: scanning, profiles, points."""
-    rng = np.random.default_rng(0)
-    x, z = batch(rng)
-    if order == 'points':
-        x, z = shuffled(rng, x, z)
+def core(batches: int) -> float:
+    """Points per second."""
+    x, z = batch(np.random.default_rng(0))
     stamps = (np.arange(batches * BATCH) * (1e9 / RATE)).astype(np.int64)
-    if order != 'scanning':
-        rng.shuffle(stamps)
     track = pose_track(batches * BATCH / RATE)
     fusion = Fusion(GRID, Mounting(np.array([0.0, 0.0, 0.11])), threads=2)
     assembler = Assembler(fusion, track, max_waiting=10**6)
-    wall, cpu = time.perf_counter(), time.process_time()
+    began = time.perf_counter()
     for part in stamps.reshape(batches, BATCH):
         assembler.add(ProfileBlock(part, x, z))
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    took = time.perf_counter() - began
     assert assembler.counts.used == batches * BATCH, assembler.counts
-    return fusion.points / wall, fusion.points / cpu
+    return fusion.points / took
 
 
-def baselines(order: str) -> dict[str, float]:
-    """Points per second of what others offer, on one batch that is already in work coordinates and in that order."""
+def baselines() -> dict[str, float]:
+    """Points per second of what others offer, on one batch that is already in work coordinates."""
     import open3d
     from scipy.stats import binned_statistic_2d
 
-    rng = np.random.default_rng(0)
-    x, z = batch(rng)
-    travel = np.linspace(0.0, 0.1, BATCH)
-    if order != 'scanning':
-        rng.shuffle(travel)
-    px = np.repeat(travel, POINTS)
-    if order == 'points':
-        x, z = shuffled(rng, x, z)
+    x, z = batch(np.random.default_rng(0))
+    px = np.repeat(np.linspace(0.0, 0.1, BATCH), POINTS)
     py, pz = x.ravel().astype(float) + 51.2e-3, z.ravel().astype(float)
     good = np.isfinite(pz)
     px, py, pz = px[good], py[good], pz[good]
@@ -105,27 +85,19 @@ def baselines(order: str) -> dict[str, float]:
         'SciPy binned_statistic_2d mean': lambda: binned_statistic_2d(py, px, pz, 'mean', edges),
         'Open3D voxel down-sampling 0.2 mm': lambda: cloud.voxel_down_sample(0.2e-3),
     }
-    return {name: len(px) / _seconds(action) for name, action in actions.items()}
-
-
-def _seconds(action: Callable) -> float:
-    clock = time.process_time if CPU else time.perf_counter
-    started = clock()
-    action()
-    return clock() - started
+    found = {}
+    for name, action in actions.items():
+        began = time.perf_counter()
+        action()
+        found[name] = len(px) / (time.perf_counter() - began)
+    return found
 
 
 def bench_core() -> None:
-    core('scanning', 2)  # compiled
-    for order in ('scanning', 'profiles', 'points'):
-        wall, cpu = core(order, 31)
-        value = 2 * cpu if CPU else wall
-        how = '2 x per CPU second' if CPU else 'wall time'
-        for name, baseline in baselines(order).items():
-            emit(
-                'scan.core_points_per_s', value, 'points/s',
-                f'{name}; input: {order} order{" shuffled" * (order != "scanning")}; {how}', baseline,
-            )  # fmt: skip
+    core(2)  # compiled
+    value = core(31)
+    for name, baseline in baselines().items():
+        emit('scan.core_points_per_s', value, 'points/s', name, baseline)
 
 
 def bench_accuracy() -> None:
@@ -144,7 +116,7 @@ def bench_ros() -> None:
     from lib import scan_graph
 
     seconds = float(os.environ.get('WAAM_BENCH_ROS_S', '3'))
-    with scan_graph.Graph() as graph:
+    with scan_graph.Fusion() as graph:
         best, cause, latencies, held, cost = 0.0, '', [], [], 0.0
         for rate in (0.5e7, 1e7, 1.5e7, 2e7, 2.5e7, 3e7, 4e7, 6e7):
             run = graph.scan(rate, seconds)

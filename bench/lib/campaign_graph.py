@@ -23,6 +23,7 @@ from typing import Any
 
 from .job_part import SEED, goal, write_part
 from .live_graph import LiveGraph
+from .node import memory_mb
 from .preset import preset
 
 LEASE_MS = 500.0
@@ -296,7 +297,9 @@ def twenty_jobs(graph: Graph, jobs: int = 20) -> dict:
 def _size(pid: int) -> tuple[float, int, int]:
     """Resident MB, descriptors and threads of a process."""
     with suppress(OSError):
-        pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-        mb = pages * os.sysconf('SC_PAGE_SIZE') / 1e6
-        return mb, len(os.listdir(f'/proc/{pid}/fd')), len(os.listdir(f'/proc/{pid}/task'))
+        return (
+            memory_mb(pid),
+            len(os.listdir(f'/proc/{pid}/fd')),
+            len(os.listdir(f'/proc/{pid}/task')),
+        )
     return 0.0, 0, 0

@@ -1,6 +1,6 @@
 """Publishes telemetry and profile batches at a given rate: python scan_publisher.py POINTS_PER_S SECONDS.
 
-Prints `ready`, then when `scanner/enable` was called and all but the last batch is out {"until": ROS time of the end},
+Prints {} when it is ready, then when `scanner/enable` was called and all but the last batch is out {"until": ROS time of the end},
 then, after it was switched off and the last batch is out, what was sent.
 """
 
@@ -80,7 +80,7 @@ def main(rate: float, seconds: float) -> None:
 
     until(node.matched)
     time.sleep(0.5)
-    print('ready', flush=True)
+    print('{}', flush=True)
     until(lambda: node.on)
     lasts, period = BATCH * POINTS / rate, POINTS / rate
     count = max(2, round(seconds / lasts))
@@ -98,18 +98,8 @@ def main(rate: float, seconds: float) -> None:
     last = time.monotonic()
     node.send(count - 1, start + (count - 1) * lasts, period)
     reached = (count - 1) * BATCH * POINTS / took
-    print(
-        json.dumps(
-            {
-                'profiles': count * BATCH,
-                'points_per_profile': POINTS,
-                'points_per_s': reached,
-                'asked': rate,
-                'last': last,
-            }
-        ),
-        flush=True,
-    )
+    sent = {'profiles': count * BATCH, 'points_per_profile': POINTS, 'points_per_s': reached}
+    print(json.dumps({**sent, 'last': last}), flush=True)
     for _ in range(100):
         executor.spin_once(timeout_sec=0.02)
     rclpy.shutdown()
