@@ -127,7 +127,7 @@ def one_death(page, graph: LiveGraph, node: str, kill: bool) -> tuple[int, int]:
     begin(page)
     sections = sections_of(node)
     before, _ = looked_at(page, sections)
-    pid = graph._supervisor.children[node].pid
+    pid = graph.pid(node)
     if kill:
         graph.kill(node)
     else:

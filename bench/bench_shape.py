@@ -143,22 +143,10 @@ def unseen() -> None:
         emit(f'shape.unseen_{name}_mm', float(value[0]), 'mm', f'law {EXPLICIT}', float(value[1]))
 
 
+ON_JAW = (
+    'in_tolerance_share', 'rms_mean_mm', 'rms_worst_mm', 'rms_edges_mm', 'largest_mm', 'level_worst_mm', 'time_ratio',
+)  # fmt: skip
 FIGURES = {
-    'shape.in_tolerance_share': jaw,
-    'shape.rms_mean_mm': jaw,
-    'shape.rms_worst_mm': jaw,
-    'shape.rms_edges_mm': jaw,
-    'shape.largest_mm': jaw,
-    'shape.level_worst_mm': jaw,
-    'shape.time_ratio': jaw,
-    'shape.gentle_in_tolerance_share': jaw,
-    'shape.gentle_rms_mean_mm': jaw,
-    'shape.gentle_rms_worst_mm': jaw,
-    'shape.gentle_rms_edges_mm': jaw,
-    'shape.gentle_largest_mm': jaw,
-    'shape.gentle_level_worst_mm': jaw,
-    'shape.gentle_time_ratio': jaw,
-    'shape.parts_worst_mm': of_parts,
-    'shape.unseen_rms_mm': unseen,
-    'shape.unseen_worst_mm': unseen,
-}
+    **{f'shape.{on}{name}': jaw for on in ('', 'gentle_') for name in ON_JAW},
+    'shape.parts_worst_mm': of_parts, 'shape.unseen_rms_mm': unseen, 'shape.unseen_worst_mm': unseen,
+}  # fmt: skip

@@ -83,5 +83,5 @@ def measure(law: str, calls: int, announced: bool = True) -> dict[str, float]:
         return {
             'p50': float(np.quantile(trips, 0.5)), 'p99': float(np.quantile(trips, 0.99)),
             'max': max(trips), 'server_p99': float(np.quantile(inside, 0.99)),
-            'memory_mb': memory_mb(server.pid), 'fallbacks': fallbacks,
+            'memory_mb': memory_mb(server.process.pid), 'fallbacks': fallbacks,
         }  # fmt: skip

@@ -47,7 +47,7 @@ class NodeUnderTest:
         self._started: list[subprocess.Popen] = []
         given = [a for p in parameters for a in ('-p', p)]
         main = f'from {module} import main; main()'
-        self.pid = self.start('-c', main, '--ros-args', *given).pid
+        self.process = self.start('-c', main, '--ros-args', *given)
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self.client = rclpy.create_node('bench', context=self._context)
@@ -82,7 +82,7 @@ class NodeUnderTest:
         """TimeoutError when it does not become true, or when the node has ended."""
         end = time.monotonic() + seconds
         while not condition():
-            if time.monotonic() > end or self._started[0].poll() is not None:
+            if time.monotonic() > end or self.process.poll() is not None:
                 raise TimeoutError('the node does not answer')
             self._executor.spin_once(timeout_sec=0.01)
 

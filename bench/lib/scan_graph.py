@@ -48,7 +48,7 @@ class Fusion(NodeUnderTest):
         script = str(Path(__file__).with_name('scan_publisher.py'))
         publisher = self.start(script, str(rate), str(seconds))
         told(publisher)
-        cpu = cpu_seconds(self.pid)
+        cpu = cpu_seconds(self.process.pid)
         for _ in range(20):  # the scanner's service may not be found at once
             asked = BeginScan.Request(job_id='bench', grid=grid_to_msg(GRID))
             begun = self.call(self._begin, asked)
@@ -67,6 +67,6 @@ class Fusion(NodeUnderTest):
         if late:
             why = f'the publisher itself reached only {sent["points_per_s"]:.2e} points/s'
         latency = (self._maps[-1] - sent['last']) * 1e3 if self._maps else float('nan')
-        cost = (cpu_seconds(self.pid) - cpu) * 1e9 / (wanted * sent['points_per_profile'])
+        cost = (cpu_seconds(self.process.pid) - cpu) * 1e9 / (wanted * sent['points_per_profile'])
         lost = used != wanted or late
-        return Run(sent['points_per_s'], lost, why, latency, cost, memory_mb(self.pid))
+        return Run(sent['points_per_s'], lost, why, latency, cost, memory_mb(self.process.pid))

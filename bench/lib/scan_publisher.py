@@ -1,7 +1,7 @@
 """Publishes telemetry and profile batches at a given rate: python scan_publisher.py POINTS_PER_S SECONDS.
 
-Prints {} when it is ready, then when `scanner/enable` was called and all but the last batch is out {"until": ROS time of the end},
-then, after it was switched off and the last batch is out, what was sent.
+Prints {} when it is ready, then when `scanner/enable` was called and all but the last batch is out {"until": ROS time}
+of the end, then, after it was switched off and the last batch is out, what was sent.
 """
 
 from __future__ import annotations
