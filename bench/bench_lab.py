@@ -17,7 +17,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from lib import lab_before
+from lib import before
+from lib.before import BEFORE
 from lib.demo import demo
 from lib.jaw import jaw_job
 from lib.preset import emit_on_cell as emit
@@ -26,7 +27,6 @@ from lib.seeds import seeds
 
 GRAPH_RATE = 13.0  # s/s, `make demo` on two cores (README.md)
 SEEDS = (1, 2, 3, 7, 11)
-BEFORE = '986bae11'  # lab.speed_ratio
 PRESETS = ('gentle', 'recorded')
 TURNS = 3
 
@@ -47,11 +47,11 @@ def speed() -> None:
 def speed_ratio() -> None:
     """Both in turn, because what else the computer does changes what a second of its processor is worth."""
     rates: dict[str, list[float]] = {name: [] for name in (BEFORE, *PRESETS)}
-    with lab_before.tree(BEFORE) as environment:
+    with before.tree() as environment:
         for _ in range(TURNS):
-            rates[BEFORE].append(lab_before.speed(environment))
+            rates[BEFORE].append(before.speed(environment))
             for name in PRESETS:
-                rates[name].append(lab_before.speed({}, preset=name))
+                rates[name].append(before.speed({}, preset=name))
     for name, found in rates.items():
         print(f'{name}: {", ".join(f"{r:.1f}" for r in found)} s/s', file=sys.stderr)
     middle = {name: statistics.median(found) for name, found in rates.items()}

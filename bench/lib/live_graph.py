@@ -13,8 +13,8 @@ DEATHS = 14
 
 
 class LiveGraph:
-    """Start with `start`, end with `stop`. description: of graph.yaml, None = as it is; commands: by name of a node what
-    is started in place of its program."""
+    """Start with `start`, end with `stop`. description: of graph.yaml, None = as it is; commands: by name of a node
+    what is started in place of its program."""
 
     def __init__(
         self, settings, domain: int, timeout: float, description: dict | None = None,
