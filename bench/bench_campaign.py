@@ -72,7 +72,7 @@ def strangers() -> None:
     from lib.campaign_clock import jumps
     from lib.campaign_folder import full_shared_memory, second_up
 
-    wanted = {f'stranger: {n}': s.says(n) for n in s.names()}
+    wanted = {f'stranger: {n}': s.says(n) for n in s.SAYS}
     wanted |= {f'stranger: beats as {n}, which is killed': s.beats_of_the_dead(n) for n in BEATING}
     wanted[f'stranger: {s.PARTICIPANTS} participants'] = s.crowd
     wanted |= {f'clock: jumps by {jump / 3600:+.0f} h and back': jumps(jump) for jump in JUMPS}

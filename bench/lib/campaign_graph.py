@@ -40,8 +40,9 @@ DONE, FAILED = 'DONE', ('FAILED', 'INTERRUPTED', 'ABORTED')
 class Graph:
     """A graph that is kept from trial to trial as long as it lives."""
 
-    def __init__(self, scratch: Path) -> None:
+    def __init__(self, scratch: Path, rate: float = RATE, without: tuple[str, ...] = ()) -> None:
         self.scratch, self.run = scratch, scratch / 'run'
+        self.options = {'rate': rate, 'without': without, 'preset': preset()}
         self.part, self.worn = write_part(scratch / 'part')
         self._live: LiveGraph | None = None
 
@@ -53,7 +54,7 @@ class Graph:
             from waam_bringup.graph import Settings
             from waam_node.testing import fresh_domain
 
-            settings = Settings(run=self.run, seed=SEED, rate=RATE, preset=preset())
+            settings = Settings(run=self.run, seed=SEED, **self.options)
             self._live = LiveGraph(settings, fresh_domain(), UP_S)
             self._live.start()
             with GraphClient(self._live.domain) as client:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -22,14 +21,6 @@ def memory_mb(pid: int) -> float:
     """Resident memory of a process."""
     pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
     return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
-
-
-def told(process: subprocess.Popen) -> dict:
-    """Its next line of JSON; what the middleware prints is left out."""
-    for line in process.stdout:
-        if line.startswith('{'):
-            return json.loads(line)
-    raise RuntimeError(f'{process.args[1]} has ended')
 
 
 class NodeUnderTest:
