@@ -25,7 +25,6 @@ import numpy as np
 from lib.campaign_graph import trials
 from lib.emit import emit
 from lib.job_cuts import WAYS, cut, undisturbed
-from lib.resume_shifts import OVER, run_shifts
 
 WHOLE = 3  # undisturbed jobs: they differ, too
 
@@ -52,6 +51,8 @@ def cut_off() -> None:
 
 def shifts() -> None:
     """Goes on with jobs whose part was moved meanwhile."""
+    from lib.resume_shifts import OVER, run_shifts
+
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as folder:
         found = run_shifts(Path(folder), int(os.environ.get('WAAM_BENCH_SHIFTS', 200)))
     still = [d for d in found if not d['shift_mm']]

@@ -1,11 +1,11 @@
-"""The simulated robot cell for bench_robot.py: speed of the torch, kills. Machine time passes as fast as it can."""
+"""The simulated robot cell for bench_robot.py: speed of the torch. Machine time passes as fast as it can."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from waam_bridge import commands, program
-from waam_bridge.frames import ARC_ESTABLISHED, HOMED, IDLE
+from waam_bridge.frames import HOMED, IDLE
 from waam_bridge.params import BridgeParams
 from waam_lab.machine import Machine
 from waam_lab.robot.robot_machine import RobotMachine
@@ -18,7 +18,6 @@ SPEED = 10e-3  # m/s
 HEIGHT, ABOVE = 0.010, 0.030  # m: of the plate and of travel
 ZERO = (0.100, 0.080, 0.020)  # m, where the plate is clamped
 WIRE, VOLTS = 6 / 60, 22.0  # m/s, V
-NODE = 'node'
 WINDOW = 5  # exchanges of 10 ms
 
 
@@ -41,11 +40,6 @@ def _ask(made: Machine, command: commands.Command) -> None:
     code, text = made.command(command)
     if code:
         raise RuntimeError(f'command {command.code}: {text}')
-
-
-def arm(made: Machine, names: tuple[str, ...] = ()) -> None:
-    """The bench may use the arc while `names` answer."""
-    _ask(made, commands.Command(commands.ARM, text='bench', names=names))
 
 
 def lay(made: Machine, points: np.ndarray) -> None:
@@ -71,9 +65,6 @@ def _segment(index: int, kind: Kind, a: np.ndarray, b: np.ndarray, speed: float)
     source = {'arc': True, 'wire_feed_speed': WIRE, 'voltage': VOLTS} if arc else {}
     start, end = tuple(map(float, a)), tuple(map(float, b))
     return Segment(index, kind, start, end, speed, layer=1, bead=1, **source)
-
-
-# ---- parts
 
 
 def _closed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -111,7 +102,7 @@ def speed_off(kind: str, points: np.ndarray, seed: int) -> float:
         last, lit = samples[-1], 1.0 if plant.arc_on else np.nan
         tips.append(np.array([last['table_x'], last['table_y'], last['tool_z'], lit]))
 
-    arm(made)
+    _ask(made, commands.Command(commands.ARM, text='bench'))
     made.on_exchange = see
     lay(made, points)
     made.advance(0.1)
@@ -134,61 +125,3 @@ def _within(tips: np.ndarray) -> float:
     order = np.argsort(off[good])
     passed = np.cumsum(share[good][order])
     return float(off[good][order][np.searchsorted(passed, 0.99 * passed[-1])])
-
-
-# ---- kills
-
-
-KINDS = ('node', 'bridge', 'driver')
-
-
-def kill(what: str, after: float, seed: int) -> float:
-    """Lays a bead, ends `what` `after` s into it: s that the arc burns on."""
-    made = machine('robot', seed)
-    alive = True
-
-    def beat(frame):
-        if alive:
-            bridge = made.bridge
-            bridge.beat(NODE, frame.t_us, bridge.link.boot, made.now)
-
-    made.on_frame = beat
-    arm(made, (NODE,))
-    lay(made, _polygon([(15, 65), (145, 65), (145, 66), (15, 66)]))
-    if not made.until(lambda: made.bridge.flags & ARC_ESTABLISHED != 0, 60.0):
-        raise RuntimeError(f'no arc: {made.bridge.message}')
-    made.advance(after)
-    if not made.plant.arc_on:
-        raise RuntimeError('the arc is out before anything was killed')
-    began = made.time_us
-    alive = what != 'node'
-    made.bridge_dead = what == 'bridge'
-    made.robot.dead = what == 'driver'
-    out = made.until(lambda: not made.plant.arc_on, 2.0)
-    made.close()
-    return (made.time_us - began) * 1e-6 if out else 2.0
-
-
-# ---- calibrations
-
-
-def calibrations(numbers: tuple[int, ...]) -> dict[str, np.ndarray]:
-    """(seeds, 4): miss of tip or scanner along x, y, z over the half width of its 95 % interval, and its length in m,
-    for touches and profiles of simulated robots."""
-    from waam_calibrate import robot_evidence, robot_fit
-    from waam_lab.robot import references
-    from waam_robot.station import Station
-
-    robot, nominal = robot_evidence.Robot(), Station().on_flange(references.NOMINAL)
-    out: dict[str, list[list[float]]] = {'touches': [], 'profiles': []}
-    for seed in numbers:
-        made = references.touches(seed)
-        tool = robot_fit.tool(robot_evidence.touches(made.text, robot))
-        off = tool.tip - made.truth[:3, 3]
-        out['touches'].append([*(off / tool.interval), np.linalg.norm(off)])
-        made = references.profiles(seed)
-        seen = robot_evidence.profiles(made.text, robot)
-        eye = robot_fit.hand_eye(seen, references.RADIUS, nominal)
-        off = eye.scanner[:3, 3] - made.truth[:3, 3]
-        out['profiles'].append([*(off / eye.interval[:3]), np.linalg.norm(off)])
-    return {name: np.array(rows) for name, rows in out.items()}
