@@ -53,8 +53,10 @@ def in_the_laboratory() -> None:
 
 def strokes() -> None:
     """Nodes in turn, ways in turn."""
+    from waam_bringup.graph import Settings, processes
+
     with trials() as t:
-        present = set(_node_names())
+        present = {p.name for p in processes(Settings(run=Path('/nowhere')))}
         nodes = [n for n in NODES if n in present]
         for number in range(int(os.environ.get('WAAM_BENCH_STROKES', 2 * len(nodes)))):
             way = ('kill', 'suspend')[number // len(nodes) % 2]
@@ -126,20 +128,10 @@ def _wrong(rows: list[dict]) -> tuple[int, str, str]:
     return sum(not r['right'] for r in rows), 'trials', 'all trials'
 
 
-def _node_names() -> list[str]:
-    from waam_bringup.graph import Settings, processes
-
-    return [p.name for p in processes(Settings(run=Path('/nowhere')))]
-
-
 FIGURES = {
     'campaign.wrong_in_silence': in_the_laboratory,
-    'campaign.strokes_wrong': strokes,
-    'campaign.lease_worst_ms': strokes,
-    'campaign.strangers_wrong': strangers,
-    'campaign.jobs_wrong': many_jobs,
-    'campaign.grown_mb_most': many_jobs,
-    'campaign.grown_descriptors_most': many_jobs,
-    'campaign.grown_threads_most': many_jobs,
-}
+    **dict.fromkeys(('campaign.strokes_wrong', 'campaign.lease_worst_ms'), strokes),
+    'campaign.strangers_wrong': strangers, 'campaign.jobs_wrong': many_jobs,
+    **{f'campaign.grown_{what}_most': many_jobs for what in ('mb', 'descriptors', 'threads')},
+}  # fmt: skip
 TABLES = {'campaign.table': table}

@@ -50,13 +50,12 @@ def idle_cores(description: dict) -> float:
 
 
 def idle() -> None:
+    """With the whole table of processes as it is, and without that option."""
     from waam_bringup.graph import load
 
-    rests = load()
-    restless = copy.deepcopy(rests)
+    restless = copy.deepcopy(load())
     restless['virtual_controller']['arguments'].remove('--rest')
-    restless_cores = idle_cores(restless)
-    emit('graph.idle_cores', idle_cores(rests), 'cores', 'without --rest', restless_cores)
+    emit('graph.idle_cores', idle_cores(load()), 'cores', 'without --rest', idle_cores(restless))
 
 
 FIGURES = {'graph.idle_cores': idle}

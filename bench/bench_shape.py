@@ -39,13 +39,6 @@ OLD = 'version 0.1, gentle, five seeds'
 OLD_TIME = 700.0  # s
 
 
-def jaw_jobs(wanted: tuple[int, ...], **options) -> list:
-    """Results of the demo's jaw, one per seed; a job that fails stops the bench with its message."""
-    from waam_lab import over_seeds, run_many
-
-    return done(run_many(over_seeds(jaw_job(**options), wanted), workers=workers()))
-
-
 def workers() -> int:
     return int(os.environ.get('WAAM_BENCH_WORKERS', '2'))
 
@@ -56,15 +49,6 @@ def done(found: list) -> list:
         if result.failed:
             raise RuntimeError(f'seed {result.seed}: {result.message}')
     return found
-
-
-def part_jobs(name: str, wanted: tuple[int, ...], **options) -> list:
-    """Results of a part of waam_lab.parts, one per seed."""
-    from waam_lab import over_seeds, parts, run_many
-
-    with tempfile.TemporaryDirectory() as folder:
-        job = parts.job(Path(folder), name, tolerance=0.2e-3, preset=preset(), **options)
-        return done(run_many(over_seeds(job, wanted), workers=workers()))
 
 
 def told(name: str, found: list) -> None:
@@ -88,7 +72,9 @@ def jaw() -> None:
 
 def jaw_on(on: str, name: str) -> None:
     """name: what the names of the figures begin with."""
-    found = jaw_jobs(seeds(SEEDS), preset=on)
+    from waam_lab import over_seeds, run_many
+
+    found = done(run_many(over_seeds(jaw_job(preset=on), seeds(SEEDS)), workers=workers()))
     told(f'jaw, {on}', found)
     rms, edges, largest = (
         1e3 * np.array([getattr(r, k) for r in found]) for k in ('rms', 'rms_edges', 'largest')
@@ -109,11 +95,13 @@ def jaw_on(on: str, name: str) -> None:
 
 
 def of_parts() -> None:
-    from waam_lab import parts
+    from waam_lab import over_seeds, parts, run_many
 
     means = {}
     for name in parts.PARTS:
-        found = part_jobs(name, seeds(FEW))
+        with tempfile.TemporaryDirectory() as folder:
+            job = parts.job(Path(folder), name, tolerance=0.2e-3, preset=preset())
+            found = done(run_many(over_seeds(job, seeds(FEW)), workers=workers()))
         told(name, found)
         means[name] = 1e3 * float(np.mean([r.rms for r in found]))
     emit('shape.parts_worst_mm', max(means.values()), 'mm', OLD + ', L, ring, cylinder', 0.37)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from waam_process.grid import GridSpec
@@ -23,20 +21,10 @@ def surface(x, y):
     return beads + hollows + np.where(x > EDGE_X, 3e-3, 0.0)
 
 
-@dataclass(frozen=True)
-class Scan:
-    """tcp: (n, 3) m; x, z: (n, m) float32 m; cell: (n, m) flat cell number, -1 = none; height: (n, m) m, work frame."""
-
-    tcp: np.ndarray
-    x: np.ndarray
-    z: np.ndarray
-    cell: np.ndarray
-    height: np.ndarray
-
-
-def scan(seed: int = 0, pitch: float = 0.05e-3, points: int = 1600) -> Scan:
-    """One pass along x with a profile every `pitch` m: noise 0.03 mm, 1 % spikes of up to 5 mm, 5 % drop-outs."""
-    rng = np.random.default_rng(seed)
+def scan() -> tuple[np.ndarray, ...]:
+    """One pass along x with a profile every 0.05 mm: noise 0.03 mm, 1 % spikes of up to 5 mm, 5 % drop-outs. Tip
+    (n, 3), x and z of the profiles (n, m) float32, flat number of the cell (-1 = none) and height of the points, m."""
+    rng, pitch, points = np.random.default_rng(0), 0.05e-3, 1600
     n = int(62e-3 / pitch)
     tcp = np.zeros((n, 3))
     tcp[:, 0] = np.arange(n) * pitch - 61.013e-3
@@ -50,7 +38,7 @@ def scan(seed: int = 0, pitch: float = 0.05e-3, points: int = 1600) -> Scan:
     row, col = SPEC.cell(px, py)
     inside = SPEC.contains(px, py) & np.isfinite(h)
     cell = np.where(inside, row * SPEC.cols + col, -1)
-    return Scan(tcp, x, (h - 0.135).astype(np.float32), cell, h)
+    return tcp, x, (h - 0.135).astype(np.float32), cell.ravel(), h.ravel()
 
 
 def truth() -> tuple[np.ndarray, np.ndarray]:
@@ -61,17 +49,16 @@ def truth() -> tuple[np.ndarray, np.ndarray]:
     return surface(x, y), good
 
 
-def ours(s: Scan) -> tuple[np.ndarray, np.ndarray]:
+def ours(tcp: np.ndarray, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Heights and sigma (rows, cols) m."""
     fusion = Fusion(SPEC, Mounting(), FusionLimits(-20e-3, 20e-3))
-    fusion.add(s.tcp, s.x, s.z)
+    fusion.add(tcp, x, z)
     fused = fusion.result()
     return fused.z.astype(float), fused.sigma
 
 
-def per_cell(s: Scan, estimate) -> np.ndarray:
+def per_cell(cell: np.ndarray, height: np.ndarray, estimate) -> np.ndarray:
     """estimate(heights) of every cell, m."""
-    cell, height = s.cell.ravel(), s.height.ravel()
     order = np.argsort(cell, kind='stable')
     edges = np.searchsorted(cell[order], np.arange(SPEC.rows * SPEC.cols + 1))
     groups = (height[order[a:b]] for a, b in zip(edges, edges[1:], strict=False))
