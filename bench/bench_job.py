@@ -69,9 +69,6 @@ def shifts() -> None:
 
 
 FIGURES = {
-    'job.resume_rms_ratio_worst': cut_off,
-    'job.cuts_failed': cut_off,
-    'job.beads_wrong': cut_off,
-    'resume.shift_missed': shifts,
-    'resume.false_refusals': shifts,
+    **dict.fromkeys(('job.resume_rms_ratio_worst', 'job.cuts_failed', 'job.beads_wrong'), cut_off),
+    **dict.fromkeys(('resume.shift_missed', 'resume.false_refusals'), shifts),
 }

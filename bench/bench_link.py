@@ -177,9 +177,6 @@ def override_wait(light, permille: int, pause: float) -> float:
 
 
 FIGURES = {
-    'link.segments_per_s': speed,
-    'link.host_us_per_segment': speed,
-    'link.override_p99_ms': steady,
-    'link.telemetry_1khz_lost': steady,
-    'link.clock_residual_p99_ms': steady,
-}
+    'link.segments_per_s': speed, 'link.host_us_per_segment': speed, 'link.override_p99_ms': steady,
+    'link.telemetry_1khz_lost': steady, 'link.clock_residual_p99_ms': steady,
+}  # fmt: skip

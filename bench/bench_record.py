@@ -123,8 +123,6 @@ def killed() -> None:
 
 
 FIGURES = {
-    'record.lost': on_the_graph,
-    'record.cpu_percent': on_the_graph,
-    'record.dispatch_p99_ms': on_the_graph,
+    **{f'record.{name}': on_the_graph for name in ('lost', 'cpu_percent', 'dispatch_p99_ms')},
     'record.recovered_gap_s': killed,
 }

@@ -105,7 +105,7 @@ def truth() -> None:
 
 
 NAMES = (
-    'top_rms', 'section', 'width', 'middle', 'growth', 'correlation_length', 'scan_noise', 'scan_noise_step', 'scan_lost',
-    'current', 'current_1s', 'voltage', 'voltage_1s', 'arc_correlation', 'cooling', 'worst_ratio',
+    'top_rms', 'section', 'width', 'middle', 'growth', 'correlation_length', 'scan_noise', 'scan_noise_step',
+    'scan_lost', 'current', 'current_1s', 'voltage', 'voltage_1s', 'arc_correlation', 'cooling', 'worst_ratio',
 )  # fmt: skip
 FIGURES = {f'truth.{name}': truth for name in NAMES}
