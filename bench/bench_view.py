@@ -43,7 +43,7 @@ async def main(url):
     async with aiohttp.ClientSession() as s, s.ws_connect(url + 'stream', headers={'Origin': url.rstrip('/')}) as ws:
         seen = {}
         async for message in ws:
-            for name, version in message.json()['maps'].items():
+            for name, version in message.json().get('maps', {}).items():
                 if seen.get(name) != version:
                     seen[name] = version
                     async with s.get(f'{url}api/map/{name}') as answer:
@@ -116,14 +116,16 @@ class Observer:
 
 def measure(folder: Path, watched: bool) -> np.ndarray:
     """Delays (s) of all nodes that both kinds of run have, in SECONDS of jobs."""
-    from waam_bringup import run_state
+    from waam_bringup.operate import free_port
 
-    graph = Graph(folder, 1.0, () if watched else WATCHERS)
+    ports = {name: free_port() for name in ('panel_port', 'grpc_port', 'web_port')}
+    own = ports if watched else {'without': WATCHERS}
+    graph, job = Graph(folder, rate=1.0, **own), None
     try:
         domain = graph.live().domain
         with urgent():
             observer = Observer(domain, recorder=not watched)
-        words = [sys.executable, '-c', PAGE, run_state.load(graph.run).panel_url]
+        words = [sys.executable, '-c', PAGE, f'http://127.0.0.1:{ports["panel_port"]}/']
         page = subprocess.Popen(words) if watched else None
         try:
             end = None
@@ -144,6 +146,8 @@ def measure(folder: Path, watched: bool) -> np.ndarray:
             observer.close()
     finally:
         graph.down()
+        if job:
+            job.wait(30.0)  # its thread has heard that the graph is gone
     return np.concatenate([np.array(d) for d in delays.values()])
 
 

@@ -38,11 +38,11 @@ DONE, FAILED = 'DONE', ('FAILED', 'INTERRUPTED', 'ABORTED')
 
 
 class Graph:
-    """A graph that is kept from trial to trial as long as it lives."""
+    """A graph that is kept from trial to trial as long as it lives. options: of waam_bringup.graph.Settings."""
 
-    def __init__(self, scratch: Path, rate: float = RATE, without: tuple[str, ...] = ()) -> None:
+    def __init__(self, scratch: Path, **options: Any) -> None:
         self.scratch, self.run = scratch, scratch / 'run'
-        self.options = {'rate': rate, 'without': without, 'preset': preset()}
+        self.options = {'rate': RATE, 'preset': preset(), **options}
         self.part, self.worn = write_part(scratch / 'part')
         self._live: LiveGraph | None = None
 
