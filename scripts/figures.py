@@ -1,4 +1,4 @@
-"""Puts the JSON lines of benchmarks into the tables of docs/figures.md: value, unit and date of the rows of their names.
+"""Puts the JSON lines of benchmarks into the tables of docs/figures.md: value, unit and date of each row.
 
 python3 scripts/figures.py FILE.jsonl [--date '28 Nov']     (lines of `make bench`; what has no row is printed)
 """
@@ -31,7 +31,9 @@ def updated(page: str, lines: list[dict], date: str) -> tuple[str, list[str]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument('file', type=Path)
     parser.add_argument('--date', default=f'{datetime.date.today():%-d %b}')
     args = parser.parse_args()
