@@ -16,7 +16,13 @@ from waam_plan.settings import PlanSettings
 
 DOCS = ROOT / 'docs'
 PAGES = sorted(
-    [*DOCS.glob('*.md'), *DOCS.glob('releases/*.md'), ROOT / 'README.md', ROOT / 'CHANGELOG.md']
+    [
+        *DOCS.glob('*.md'),
+        *DOCS.glob('releases/*.md'),
+        *SRC.glob('*/doc/*.md'),
+        ROOT / 'README.md',
+        ROOT / 'CHANGELOG.md',
+    ]
 )
 READMES = sorted((ROOT / 'waam_ws' / 'src').glob('*/README.md'))
 PAST = {'CHANGELOG.md', 'upgrading.md', '0.3.0.md'}  # they name what is no longer there
